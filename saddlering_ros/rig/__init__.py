@@ -1,0 +1,57 @@
+"""What the rig is: geometry, loads, probes, contact parameters, and the files that hold them."""
+
+from saddlering_ros.rig.contact import (
+    PARAMETER_NAMES,
+    PARAMETER_UNITS,
+    TRUE_TO_SCALE,
+    ContactParameters,
+)
+from saddlering_ros.rig.description import (
+    Carriage,
+    Probes,
+    Rig,
+    RollerRow,
+    Trunnion,
+    check_bounds,
+    default_rig,
+    load_rig,
+    rig_from_parameters,
+    shipped_rig_file,
+)
+from saddlering_ros.rig.errors import RigError
+from saddlering_ros.rig.loads import ResolvedLoad, resolve_load
+from saddlering_ros.rig.parameter_file import (
+    ParameterSet,
+    ParameterSource,
+    parameters_from_mapping,
+    parameters_to_mapping,
+    read_parameters,
+    write_parameters,
+    write_text_atomically,
+)
+from saddlering_ros.rig.probes import (
+    CHANNELS,
+    Displacement,
+    displacement_to_probes,
+    gap_increment,
+    probes_to_displacement,
+)
+from saddlering_ros.rig.units import (
+    FULL_SCALE_LOAD,
+    TONNE,
+    line_contact_stiffness,
+    stiffness_per_metre,
+    stiffness_per_millimetre,
+)
+from saddlering_ros.rig.zeroing import ZeroReading, ZeroWindow, zero_of_record
+
+__all__ = [
+    'CHANNELS', 'FULL_SCALE_LOAD', 'PARAMETER_NAMES', 'PARAMETER_UNITS', 'TONNE', 'TRUE_TO_SCALE',
+    'Carriage', 'ContactParameters', 'Displacement', 'ParameterSet', 'ParameterSource', 'Probes',
+    'ResolvedLoad', 'Rig', 'RigError', 'RollerRow', 'Trunnion', 'ZeroReading', 'ZeroWindow',
+    'check_bounds', 'default_rig', 'displacement_to_probes', 'gap_increment',
+    'line_contact_stiffness', 'load_rig', 'parameters_from_mapping', 'parameters_to_mapping',
+    'probes_to_displacement', 'read_parameters', 'resolve_load', 'rig_from_parameters',
+    'shipped_rig_file', 'stiffness_per_metre', 'stiffness_per_millimetre', 'write_parameters',
+    'write_text_atomically', 'zero_of_record',
+]

@@ -1,0 +1,242 @@
+"""What the rig is: rollers, carriage, trunnion, probes, preload, read from a ROS 2 parameter file."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+from saddlering_ros.rig.contact import PARAMETER_NAMES
+from saddlering_ros.rig.errors import RigError
+from saddlering_ros.rig.ros_yaml import read_ros_parameters
+from saddlering_ros.rig.units import FULL_SCALE_LOAD
+
+
+@dataclass(frozen=True)
+class RollerRow:
+    """One row of equal rollers; the two axial rows share one description.
+
+    rollers: count; pitch_radius [m]; clearance: ring clearance, half at each side [m];
+    height: of the row over the reference point C [m] (middle row only).
+    """
+
+    rollers: int
+    pitch_radius: float
+    clearance: float
+    height: float = 0.0
+
+
+@dataclass(frozen=True)
+class Carriage:
+    """Slewing parts: mass [kg], inertia about C [kg m2], dead weight [N] acting at x = weight_x [m]."""
+
+    mass: float
+    inertia: float
+    weight: float
+    weight_x: float
+
+
+@dataclass(frozen=True)
+class Trunnion:
+    """Where the load acts on the upper ring, relative to C [m]."""
+
+    x: float
+    y: float
+
+
+@dataclass(frozen=True)
+class Probes:
+    """Four eddy-current probes: span of the axial pair, height of the radial pair [m], gap range [m]."""
+
+    axial_span: float
+    radial_height: float
+    polarity: tuple[float, float, float, float]
+    min_range: float
+    max_range: float
+
+
+def _default_bounds() -> dict[str, tuple[float, float]]:
+    return {
+        'K1': (2e7, 1e9), 'n1': (1.0, 1.5), 'D1': (1e4, 2e7),
+        'K2': (2e7, 1e9), 'n2': (1.0, 1.5), 'D2': (1e4, 2e7),
+    }
+
+
+@dataclass(frozen=True)
+class Rig:
+    """The whole rig; every default is a project assumption, not a measured dimension."""
+
+    axial_rows: RollerRow
+    middle_row: RollerRow
+    carriage: Carriage
+    trunnion: Trunnion
+    probes: Probes
+    preload: float
+    bounds: dict[str, tuple[float, float]] = field(default_factory=_default_bounds)
+    full_scale_load: float = FULL_SCALE_LOAD
+
+
+def default_rig() -> Rig:
+    """The rig of the published tests at the project's assumed dimensions."""
+    return Rig(
+        axial_rows=RollerRow(rollers=97, pitch_radius=0.600, clearance=40e-6),
+        middle_row=RollerRow(rollers=110, pitch_radius=0.600, clearance=40e-6, height=0.0),
+        carriage=Carriage(mass=4079.0, inertia=3000.0, weight=40e3, weight_x=0.0),
+        trunnion=Trunnion(x=0.15, y=1.00),
+        probes=Probes(axial_span=1.30, radial_height=0.0, polarity=(1.0, 1.0, 1.0, 1.0),
+                      min_range=0.0, max_range=2e-3),
+        preload=4903.325,
+    )
+
+
+class _Section:
+    """A mapping of the file with its dotted name, so that a message can say where."""
+
+    def __init__(self, values: Any, name: str, where: str) -> None:
+        if not isinstance(values, Mapping):
+            raise RigError(f'{where}: {name} is not a section: give it as "{name}:" with entries')
+        self._values = dict(values)
+        self._name = name
+        self._where = where
+
+    def section(self, key: str) -> _Section:
+        if key not in self._values:
+            raise RigError(f'{self._where}: {self._name}.{key} is missing: add this section')
+        return _Section(self._values.pop(key), f'{self._name}.{key}', self._where)
+
+    def optional_section(self, key: str) -> _Section:
+        return _Section(self._values.pop(key, {}), f'{self._name}.{key}', self._where)
+
+    def has(self, key: str) -> bool:
+        return key in self._values
+
+    def raw(self, key: str) -> Any:
+        return self._values.pop(key)
+
+    def number(self, key: str, low: float = -math.inf, high: float = math.inf,
+               default: float | None = None) -> float:
+        name = f'{self._name}.{key}'
+        if key not in self._values and default is not None:
+            return default
+        if key not in self._values:
+            raise RigError(f'{self._where}: {name} is missing: add this number')
+        value = self._values.pop(key)
+        if isinstance(value, bool) or not isinstance(value, (int, float)):
+            raise RigError(f'{self._where}: {name} is {value!r}: give a number')
+        if not math.isfinite(value) or not low <= value <= high:
+            raise RigError(
+                f'{self._where}: {name} is {value}: give a number from {low:g} to {high:g} (SI units)'
+            )
+        return float(value)
+
+    def count(self, key: str, low: int) -> int:
+        value = self.number(key, low, 10_000)
+        if value != int(value):
+            raise RigError(f'{self._where}: {self._name}.{key} is {value}: give a whole number')
+        return int(value)
+
+    def finish(self) -> None:
+        if self._values:
+            known = ', '.join(sorted(self._values))
+            raise RigError(f'{self._where}: {self._name} has unknown entries ({known}): '
+                           'remove them or correct their spelling')
+
+
+def _row(section: _Section, with_height: bool) -> RollerRow:
+    row = RollerRow(
+        rollers=section.count('rollers', 3),
+        pitch_radius=section.number('pitch_radius', 1e-3, 50.0),
+        clearance=section.number('clearance', -1e-3, 1e-2),
+        height=section.number('height', -5.0, 5.0, default=0.0) if with_height else 0.0,
+    )
+    section.finish()
+    return row
+
+
+def _polarity(section: _Section, where: str) -> tuple[float, float, float, float]:
+    values = section.raw('polarity') if section.has('polarity') else [1, 1, 1, 1]
+    is_list = isinstance(values, list) and len(values) == 4
+    if not is_list or any(isinstance(v, bool) or v not in (-1, 1) for v in values):
+        raise RigError(f'{where}: rig.probes.polarity is {values!r}: give four numbers, each 1 or -1')
+    first, second, third, fourth = (float(value) for value in values)
+    return first, second, third, fourth
+
+
+def _bounds(section: _Section, where: str) -> dict[str, tuple[float, float]]:
+    bounds = _default_bounds()
+    for name in PARAMETER_NAMES:
+        if not section.has(name):
+            continue
+        pair = section.raw(name)
+        is_pair = isinstance(pair, list) and len(pair) == 2
+        if not is_pair or any(isinstance(v, bool) or not isinstance(v, (int, float)) for v in pair):
+            raise RigError(f'{where}: bounds.{name} is {pair!r}: give [low, high]')
+        bounds[name] = (float(pair[0]), float(pair[1]))
+    section.finish()
+    return check_bounds(bounds, where)
+
+
+def check_bounds(bounds: Mapping[str, tuple[float, float]], where: str) -> dict[str, tuple[float, float]]:
+    """The same bounds if they can be used; RigError names the first that cannot."""
+    for name, (low, high) in bounds.items():
+        smallest = 0.0 if name.startswith('D') else 1e-9
+        if not (math.isfinite(low) and math.isfinite(high) and smallest <= low < high):
+            raise RigError(f'{where}: bounds.{name} is [{low:g}, {high:g}]: '
+                           'give [low, high] with 0 < low < high')
+    return dict(bounds)
+
+
+def rig_from_parameters(parameters: Mapping[str, Any], where: str) -> Rig:
+    """A Rig from the nested parameters of a rig file; `where` names the file in messages."""
+    if 'rig' not in parameters:
+        raise RigError(f'{where}: there is no rig section: see config/rig.yaml for the shape')
+    rig = _Section(parameters['rig'], 'rig', where)
+    bounds = _Section(parameters.get('bounds', {}), 'bounds', where)
+    carriage, trunnion, probes = (rig.section(name) for name in ('carriage', 'trunnion', 'probes'))
+    result = Rig(
+        axial_rows=_row(rig.section('axial_rows'), with_height=False),
+        middle_row=_row(rig.section('middle_row'), with_height=True),
+        carriage=Carriage(
+            mass=carriage.number('mass', 1e-3, 1e9), inertia=carriage.number('inertia', 1e-3, 1e9),
+            weight=carriage.number('weight', 0.0, 1e9),
+            weight_x=carriage.number('weight_x', -50.0, 50.0),
+        ),
+        trunnion=Trunnion(x=trunnion.number('x', -50.0, 50.0), y=trunnion.number('y', -50.0, 50.0)),
+        probes=Probes(
+            axial_span=probes.number('axial_span', 1e-2, 100.0),
+            radial_height=probes.number('radial_height', -5.0, 5.0),
+            polarity=_polarity(probes, where),
+            min_range=probes.number('min_range', 0.0, 1.0),
+            max_range=probes.number('max_range', 0.0, 1.0),
+        ),
+        preload=rig.number('preload', 0.0, 1e9),
+        full_scale_load=rig.number('full_scale_load', 1.0, 1e9, default=FULL_SCALE_LOAD),
+        bounds=_bounds(bounds, where),
+    )
+    if result.probes.max_range <= result.probes.min_range:
+        raise RigError(f'{where}: rig.probes.max_range is not above min_range: give the span in metres')
+    for section in (carriage, trunnion, probes, rig):
+        section.finish()
+    return result
+
+
+def load_rig(path: Path | str | None = None) -> Rig:
+    """The rig of a ROS 2 parameter file; None gives the shipped config/rig.yaml's values.
+
+    Raises RigError with one line when the file is missing, malformed, or holds values out of range.
+    """
+    if path is None:
+        return default_rig()
+    return rig_from_parameters(read_ros_parameters(Path(path), RigError), str(path))
+
+
+def shipped_rig_file() -> Path | None:
+    """config/rig.yaml of a source tree or an installation, where there is one."""
+    package = Path(str(resources.files('saddlering_ros')))
+    candidates = [package.parent / 'config' / 'rig.yaml']
+    candidates += [parent / 'share' / 'saddlering_ros' / 'config' / 'rig.yaml'
+                   for parent in package.parents]
+    return next((path for path in candidates if path.is_file()), None)

@@ -1,0 +1,180 @@
+"""Parameter files: what identification writes and what simulator, node and diagnosis read."""
+
+from __future__ import annotations
+
+import math
+import os
+import tempfile
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+from numpy.typing import NDArray
+
+from saddlering_ros.rig.contact import PARAMETER_NAMES, ContactParameters
+from saddlering_ros.rig.errors import RigError
+from saddlering_ros.rig.ros_yaml import read_ros_parameters
+from saddlering_ros.rig.units import stiffness_per_millimetre
+
+Effects = dict[str, dict[str, float]]
+"""Extensions of the model: effect id of the catalogue to its parameter values (SI units)."""
+
+
+@dataclass(frozen=True)
+class ParameterSource:
+    """Where parameters came from: method, bags, objective reached, covariance (6, 6), a note."""
+
+    method: str = 'given'
+    bags: tuple[str, ...] = ()
+    objective: float | None = None
+    covariance: NDArray[np.float64] | None = None
+    note: str = ''
+
+
+@dataclass(frozen=True)
+class ParameterSet:
+    """Everything the simulator needs beside the rig: contact law, extensions, and their source."""
+
+    contact: ContactParameters
+    effects: Effects = field(default_factory=dict)
+    source: ParameterSource = field(default_factory=ParameterSource)
+
+
+def read_parameters(path: Path | str) -> ParameterSet:
+    """Read a parameter file; RigError (one line) when something in it cannot be used."""
+    return parameters_from_mapping(read_ros_parameters(Path(path), RigError), str(path))
+
+
+def parameters_from_mapping(parameters: Mapping[str, Any], where: str) -> ParameterSet:
+    """A ParameterSet from nested parameters; `where` names the file in messages."""
+    contact = parameters.get('contact')
+    if not isinstance(contact, Mapping):
+        raise RigError(f'{where}: there is no contact section: give contact.{{K1,n1,D1,K2,n2,D2}}')
+    missing = [name for name in PARAMETER_NAMES if name not in contact]
+    if missing:
+        raise RigError(f'{where}: contact.{missing[0]} is missing: give all of K1,n1,D1,K2,n2,D2')
+    values = [_number(contact[name], f'contact.{name}', where) for name in PARAMETER_NAMES]
+    try:
+        law = ContactParameters(*values)
+    except RigError as problem:
+        raise RigError(f'{where}: {problem}') from problem
+    return ParameterSet(law, _effects(parameters.get('effects', {}), where),
+                        _source(parameters.get('source', {}), where))
+
+
+def _number(value: Any, name: str, where: str) -> float:
+    if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
+        raise RigError(f'{where}: {name} is {value!r}: give a finite number')
+    return float(value)
+
+
+def _effects(section: Any, where: str) -> Effects:
+    if section is None:
+        return {}
+    if not isinstance(section, Mapping):
+        raise RigError(f'{where}: effects is not a section: give effects.<id>.<parameter>')
+    result: Effects = {}
+    for effect, values in section.items():
+        if not isinstance(values, Mapping):
+            raise RigError(f'{where}: effects.{effect} is not a section: give its parameters')
+        result[str(effect)] = {
+            str(name): _number(value, f'effects.{effect}.{name}', where)
+            for name, value in values.items()
+        }
+    return result
+
+
+def _source(section: Any, where: str) -> ParameterSource:
+    if not isinstance(section, Mapping):
+        return ParameterSource(note=str(section) if section else '')
+    covariance = section.get('covariance')
+    if covariance is not None and not (isinstance(covariance, list) and len(covariance) in (0, 36)):
+        raise RigError(f'{where}: source.covariance has no 36 numbers: give it row by row or leave it out')
+    matrix = None
+    if covariance:
+        numbers = [_number(value, 'source.covariance', where) for value in covariance]
+        matrix = np.array(numbers, dtype=np.float64).reshape(6, 6)
+    objective = section.get('objective')
+    return ParameterSource(
+        method=str(section.get('method', 'given')),
+        bags=tuple(str(bag) for bag in section.get('bags') or () if bag != ''),
+        objective=None if objective is None else _number(objective, 'source.objective', where),
+        covariance=matrix, note=str(section.get('note', '')),
+    )
+
+
+def parameters_to_mapping(parameters: ParameterSet) -> dict[str, Any]:
+    """The nested dictionary that a parameter file holds below `ros__parameters`."""
+    contact = parameters.contact
+    source: dict[str, Any] = {'method': parameters.source.method}
+    if parameters.source.bags:
+        source['bags'] = list(parameters.source.bags)
+    if parameters.source.objective is not None:
+        source['objective'] = float(parameters.source.objective)
+    covariance = parameters.source.covariance
+    if covariance is not None and np.all(np.isfinite(covariance)):
+        source['covariance'] = [float(value) for value in np.ravel(covariance)]
+    source['note'] = parameters.source.note
+    source['K1_in_N_per_mm_n'] = stiffness_per_millimetre(contact.K1, contact.n1)
+    source['K2_in_N_per_mm_n'] = stiffness_per_millimetre(contact.K2, contact.n2)
+    result: dict[str, Any] = {
+        'contact': {name: float(getattr(contact, name)) for name in PARAMETER_NAMES},
+        'source': source,
+    }
+    if parameters.effects:
+        result['effects'] = {
+            effect: {name: float(value) for name, value in values.items()}
+            for effect, values in parameters.effects.items()
+        }
+    return result
+
+
+class _Dumper(yaml.SafeDumper):
+    """Writes floats so that ROS's parameter parser and YAML 1.1 both read them as floats."""
+
+
+def _represent_float(dumper: yaml.SafeDumper, value: float) -> yaml.ScalarNode:
+    text = repr(value)
+    if 'e' in text and '.' not in text:
+        mantissa, exponent = text.split('e')
+        text = f'{mantissa}.0e{exponent}'
+    if 'e' in text and 'e-' not in text and 'e+' not in text:
+        text = text.replace('e', 'e+')
+    return dumper.represent_scalar('tag:yaml.org,2002:float', text)
+
+
+_Dumper.add_representer(float, _represent_float)
+
+
+def write_parameters(path: Path | str, parameters: ParameterSet) -> None:
+    """Write a parameter file, whole or not at all (temporary file, then rename)."""
+    document = {'/**': {'ros__parameters': parameters_to_mapping(parameters)}}
+    text = yaml.dump(document, Dumper=_Dumper, sort_keys=False, default_flow_style=None, width=99)
+    write_text_atomically(Path(path), text)
+
+
+def write_text_atomically(path: Path, text: str) -> None:
+    """Put `text` at `path`, whole or not at all; RigError when the folder cannot be written."""
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f'.{path.name}.')
+    except OSError as problem:
+        raise RigError(f'{path}: cannot be written ({problem.strerror}): '
+                       'choose another place') from problem
+    try:
+        with os.fdopen(handle, 'w', encoding='utf-8') as stream:
+            stream.write(text)
+        umask = os.umask(0)
+        os.umask(umask)
+        os.chmod(temporary, 0o666 & ~umask)
+        os.replace(temporary, path)
+    except OSError as problem:
+        Path(temporary).unlink(missing_ok=True)
+        raise RigError(f'{path}: cannot be written ({problem.strerror}): '
+                       'choose another place') from problem
+    except BaseException:
+        Path(temporary).unlink(missing_ok=True)
+        raise

@@ -1,0 +1,35 @@
+"""Units that engineers at the rig read, and their factors to SI (SI is what the code uses inside)."""
+
+STANDARD_GRAVITY = 9.80665
+"""Standard acceleration of gravity [m/s2]."""
+
+TONNE = 1000.0 * STANDARD_GRAVITY
+"""One tonne-force [N], the step of the static test."""
+
+FULL_SCALE_LOAD = 25.0 * TONNE
+"""Full scale of the hydraulic cylinder [N]: 25 t."""
+
+MICROMETRE = 1e-6
+"""One micrometre [m]."""
+
+MILLIMETRE = 1e-3
+"""One millimetre [m]."""
+
+
+def stiffness_per_millimetre(stiffness: float, exponent: float) -> float:
+    """Contact stiffness in N/mm^n (what ADAMS users know) from N/m^n."""
+    return stiffness * MILLIMETRE**exponent
+
+
+def stiffness_per_metre(stiffness: float, exponent: float) -> float:
+    """Contact stiffness in N/m^n from N/mm^n."""
+    return stiffness / MILLIMETRE**exponent
+
+
+def line_contact_stiffness(length: float = 20.0) -> float:
+    """Palmgren's stiffness of one roller between two raceways [N/mm^(10/9)].
+
+    Source: Palmgren's line contact, delta = 3.84e-5 Q^0.9 / l^0.8 per contact (mm, N); a roller
+    has two contacts in series. `length` is the roller's effective length [mm].
+    """
+    return float((2.0 * 3.84e-5 / length**0.8) ** (-1.0 / 0.9))

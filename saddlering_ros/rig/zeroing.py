@@ -1,0 +1,104 @@
+"""The zero of a test: mean readings over the first steady stretch of the record near preload."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from saddlering_ros.rig.description import Rig
+
+WINDOW_SECONDS = 0.5
+"""Longest zero window [s]: long enough to average white noise, shorter than any hold."""
+
+STEADY_SHARE = 0.01
+"""The window ends when the load leaves its start by this share of full scale."""
+
+NEAR_PRELOAD_SHARE = 0.04
+"""A load within preload plus this share of full scale (1 t) counts as preload."""
+
+FEWEST_SAMPLES = 5
+"""A steady stretch with fewer samples is none."""
+
+
+@dataclass(frozen=True)
+class ZeroReading:
+    """Readings at zero: load [N], gaps (4,) [m], the rows [start, end) averaged, and whether near preload."""
+
+    load: float
+    gaps: tuple[float, ...]
+    start: int
+    end: int
+    near_preload: bool
+
+
+class ZeroWindow:
+    """Streaming zero: give it every sample in order until it returns a reading.
+
+    The window opens at a sample near preload (or, with `anywhere`, at any), and closes after
+    WINDOW_SECONDS or when the load leaves the window's first load by STEADY_SHARE of full scale.
+    The sample that closes the window is not part of it. Live nodes and offline commands use this
+    same object, so that their zeros are the same to the last bit.
+    """
+
+    def __init__(self, rig: Rig, *, anywhere: bool = False) -> None:
+        self._steady = STEADY_SHARE * rig.full_scale_load
+        self._highest = rig.preload + NEAR_PRELOAD_SHARE * rig.full_scale_load
+        self._anywhere = anywhere
+        self._count = 0
+        self._open()
+
+    def _open(self) -> None:
+        self._opened_at = 0.0
+        self._first_load = 0.0
+        self._start = 0
+        self._samples = 0
+        self._load_sum = 0.0
+        self._gap_sums: list[float] = []
+
+    def push(self, time: float, load: float, gaps: Sequence[float] = ()) -> ZeroReading | None:
+        """Add a sample: time [s], load [N], gaps [m] (none for a node that sees the load only)."""
+        index = self._count
+        self._count += 1
+        if self._samples and self._closes(time, load):
+            if self._samples >= FEWEST_SAMPLES:
+                return self._reading(index)
+            self._open()
+        if not self._anywhere and load > self._highest:
+            return None
+        if not self._samples:
+            self._opened_at, self._first_load, self._start = time, load, index
+            self._gap_sums = [0.0] * len(gaps)
+        self._samples += 1
+        self._load_sum += load
+        for i, gap in enumerate(gaps):
+            self._gap_sums[i] += gap
+        return None
+
+    def _closes(self, time: float, load: float) -> bool:
+        return (time - self._opened_at > WINDOW_SECONDS
+                or abs(load - self._first_load) > self._steady)
+
+    def _reading(self, end: int) -> ZeroReading:
+        load = self._load_sum / self._samples
+        return ZeroReading(load, tuple(total / self._samples for total in self._gap_sums),
+                           self._start, end, load <= self._highest)
+
+
+def zero_of_record(rig: Rig, time: NDArray[np.float64], load: NDArray[np.float64],
+                   gaps: NDArray[np.float64] | None = None) -> ZeroReading:
+    """The zero of a whole record: time (N,) [s], load (N,) [N], gaps (4, N) [m] or None.
+
+    Falls back to the first steady stretch at any load, and then to the first sample, when the
+    record has none near preload; `near_preload` tells.
+    """
+    rows = np.empty((len(time), 0)) if gaps is None else np.asarray(gaps, dtype=np.float64).T
+    for anywhere in (False, True):
+        window = ZeroWindow(rig, anywhere=anywhere)
+        for seconds, force, row in zip(time.tolist(), load.tolist(), rows.tolist(), strict=True):
+            reading = window.push(seconds, force, row)
+            if reading is not None:
+                return reading
+    return ZeroReading(float(load[0]), tuple(rows[0].tolist()), 0, 1, False)
