@@ -1,0 +1,230 @@
+"""Particle swarm optimisation as the paper sets it, over a box, for objectives that take the whole swarm.
+
+Kennedy and Eberhart's swarm with the inertia of Shi and Eberhart (1998) falling linearly:
+v <- w v + c1 r1 (own best - x) + c2 r2 (swarm's best - x), |v| <= v_max, x <- x + v. A particle
+that would leave the box is put on its wall and loses the velocity towards it.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from enum import Enum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from saddlering_ros.identification.errors import IdentificationError
+
+Array = NDArray[np.float64]
+BatchObjective = Callable[[Array], Array]
+
+
+class StopReason(Enum):
+    """Why a swarm came to rest."""
+
+    ITERATIONS = 'all iterations done'
+    ACCURACY = 'accuracy reached'
+    STAGNATION = 'no more progress'
+    CANCELLED = 'cancelled'
+
+
+@dataclass(frozen=True, slots=True)
+class SwarmSettings:
+    """Settings of the swarm; the defaults are the paper's.
+
+    velocity_limit is v_max as a fraction of each coordinate's range. The swarm stops early when
+    the best objective is at or under `accuracy`, or has gained less than `stagnation_tolerance`
+    (relative) over `stagnation` iterations; None switches that rule off.
+    """
+
+    particles: int = 20
+    iterations: int = 50
+    cognitive: float = 1.2
+    social: float = 1.7
+    inertia_start: float = 0.9
+    inertia_end: float = 0.4
+    velocity_limit: float = 0.2
+    accuracy: float | None = None
+    stagnation: int | None = None
+    stagnation_tolerance: float = 1e-9
+
+    def __post_init__(self) -> None:
+        if self.particles < 2 or self.iterations < 1:
+            raise IdentificationError(
+                f'swarm of {self.particles} particles and {self.iterations} iterations: '
+                'at least 2 particles and 1 iteration are needed'
+            )
+        numbers = (self.cognitive, self.social, self.inertia_start, self.inertia_end)
+        if not all(np.isfinite(number) and number >= 0.0 for number in numbers):
+            raise IdentificationError(
+                f'swarm coefficients c1, c2, w = {numbers}: give finite numbers, none negative'
+            )
+        if not 0.0 < self.velocity_limit <= 1.0:
+            raise IdentificationError(
+                f'swarm velocity limit {self.velocity_limit}: give a fraction of the range, 0 to 1'
+            )
+
+    def inertia(self, iteration: int) -> float:
+        """Inertia weight of an iteration (0-based), falling linearly over all iterations."""
+        share = iteration / max(1, self.iterations - 1)
+        return self.inertia_start + (self.inertia_end - self.inertia_start) * share
+
+
+@dataclass(frozen=True, slots=True)
+class SwarmProgress:
+    """State after one iteration; spread is the mean over coordinates of the particles' standard
+    deviation as a fraction of the range."""
+
+    iteration: int
+    iterations: int
+    best_objective: float
+    best_position: Array
+    spread: float
+    elapsed: float
+
+
+@dataclass(frozen=True, slots=True)
+class SwarmResult:
+    """What a swarm found: best position (D,), its objective and how it got there."""
+
+    position: Array
+    objective: float
+    evaluations: int
+    iterations: int
+    stopped: StopReason
+    history: Array = field(repr=False)
+
+
+class Swarm:
+    """A swarm in the box low..high, driven by turns of `ask` and `tell`."""
+
+    def __init__(self, low: Array, high: Array, settings: SwarmSettings, seed: int) -> None:
+        self._low = np.asarray(low, dtype=float)
+        self._high = np.asarray(high, dtype=float)
+        if self._low.shape != self._high.shape or not np.all(self._low < self._high):
+            raise IdentificationError(
+                f'swarm bounds {self._low.tolist()} to {self._high.tolist()}: '
+                'each lower bound must lie under its upper bound'
+            )
+        self._settings = settings
+        self._random = np.random.default_rng(seed)
+        shape = (settings.particles, self._low.size)
+        span = self._high - self._low
+        self._velocity_limit = settings.velocity_limit * span
+        self._position = self._low + span * self._random.random(shape)
+        self._velocity = self._velocity_limit * self._random.uniform(-1.0, 1.0, shape)
+        self._own_best = self._position.copy()
+        self._own_objective = np.full(settings.particles, np.inf)
+        self.iteration = 0
+
+    def ask(self) -> Array:
+        """Positions (particles, D) to evaluate."""
+        return self._position.copy()
+
+    def tell(self, objective: Array) -> None:
+        """Take the objective (particles,) of the asked positions and move the swarm."""
+        objective = np.asarray(objective, dtype=float)
+        if objective.shape != self._own_objective.shape:
+            raise ValueError(f'{objective.shape} objectives for {self._own_objective.shape}')
+        if np.isnan(objective).any():
+            where = self._position[int(np.argmax(np.isnan(objective)))]
+            raise IdentificationError(
+                f'the objective is not a number at {np.array2string(where, precision=4)}: '
+                'check the bags for missing values and the bounds for impossible ones'
+            )
+        better = objective < self._own_objective
+        self._own_best[better] = self._position[better]
+        self._own_objective[better] = objective[better]
+        self._move()
+        self.iteration += 1
+
+    def _move(self) -> None:
+        settings = self._settings
+        pull_own, pull_all = self._random.random((2, *self._position.shape))
+        velocity = (
+            settings.inertia(self.iteration) * self._velocity
+            + settings.cognitive * pull_own * (self._own_best - self._position)
+            + settings.social * pull_all * (self.best_position - self._position)
+        )
+        velocity = np.clip(velocity, -self._velocity_limit, self._velocity_limit)
+        moved = self._position + velocity
+        self._position = np.clip(moved, self._low, self._high)
+        self._velocity = np.where(moved == self._position, velocity, 0.0)
+
+    @property
+    def best_objective(self) -> float:
+        """Lowest objective told so far (inf before the first)."""
+        return float(self._own_objective.min())
+
+    @property
+    def best_position(self) -> Array:
+        """Position (D,) of the lowest objective told so far."""
+        return self._own_best[int(np.argmin(self._own_objective))].copy()
+
+    @property
+    def spread(self) -> float:
+        """Mean over coordinates of the particles' standard deviation over the range."""
+        return float(np.mean(self._position.std(axis=0) / (self._high - self._low)))
+
+
+def minimise(
+    objective: BatchObjective,
+    low: Array,
+    high: Array,
+    settings: SwarmSettings | None = None,
+    *,
+    seed: int = 0,
+    on_iteration: Callable[[SwarmProgress], None] | None = None,
+    is_cancelled: Callable[[], bool] | None = None,
+) -> SwarmResult:
+    """Minimise objective((particles, D)) -> (particles,) in the box; the same seed, the same run."""
+    settings = settings or SwarmSettings()
+    swarm = Swarm(low, high, settings, seed)
+    started = time.monotonic()
+    history: list[float] = []
+    stopped = StopReason.ITERATIONS
+    while swarm.iteration < settings.iterations:
+        if is_cancelled is not None and is_cancelled():
+            stopped = StopReason.CANCELLED
+            break
+        swarm.tell(objective(swarm.ask()))
+        history.append(swarm.best_objective)
+        if on_iteration is not None:
+            on_iteration(_progress(swarm, settings, started))
+        reason = _reason_to_stop(history, settings)
+        if reason is not None:
+            stopped = reason
+            break
+    return SwarmResult(
+        position=swarm.best_position,
+        objective=swarm.best_objective,
+        evaluations=swarm.iteration * settings.particles,
+        iterations=swarm.iteration,
+        stopped=stopped,
+        history=np.array(history),
+    )
+
+
+def _progress(swarm: Swarm, settings: SwarmSettings, started: float) -> SwarmProgress:
+    return SwarmProgress(
+        iteration=swarm.iteration,
+        iterations=settings.iterations,
+        best_objective=swarm.best_objective,
+        best_position=swarm.best_position,
+        spread=swarm.spread,
+        elapsed=time.monotonic() - started,
+    )
+
+
+def _reason_to_stop(history: list[float], settings: SwarmSettings) -> StopReason | None:
+    best = history[-1]
+    if settings.accuracy is not None and best <= settings.accuracy:
+        return StopReason.ACCURACY
+    if settings.stagnation is None or len(history) <= settings.stagnation:
+        return None
+    before = history[-1 - settings.stagnation]
+    if before - best <= settings.stagnation_tolerance * abs(before):
+        return StopReason.STAGNATION
+    return None
