@@ -1,0 +1,1 @@
+"""What the ring does: contact, equilibrium, dynamics; a readable reference and the fast kernels."""
