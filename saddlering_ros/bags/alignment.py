@@ -1,0 +1,401 @@
+"""Alignment of the probes on the load's stamps: one rule, a function for records and a class for streams.
+
+The rule. A probe's reading at a load stamp t is
+
+- the sample itself, where the probe has one stamped exactly t;
+- otherwise the straight line between the last sample before t and the first one after it;
+- nothing, where t lies outside the probe's own span, or where these two samples are further
+  apart than a gap: `GAP_PERIODS` times the median of the (up to) `GAP_HISTORY` intervals before
+  them and not less than `GAP_FLOOR_NS`. The first `GAP_LEAST_HISTORY` intervals are never gaps.
+
+The rule looks back only, so `align` (whole records) and `StreamAligner` (live samples) evaluate the
+same floating-point expressions on the same numbers, and their results are equal bit for bit
+for streams that arrive in stamp order. Stamps are int64 nanoseconds; seconds come from `seconds`.
+"""
+
+from __future__ import annotations
+
+from bisect import bisect_left
+from collections import deque
+from dataclasses import dataclass, fields
+from itertools import pairwise
+from math import isfinite, nan
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+GAP_PERIODS = 5
+GAP_HISTORY = 15
+GAP_LEAST_HISTORY = 3
+GAP_FLOOR_NS = 5_000_000
+JITTER_NS = 250_000_000
+"""A stamp further back than this behind its topic's newest one is a clock that jumped, not jitter."""
+
+PROBES = 4
+
+
+def seconds(stamp: int, epoch: int) -> float:
+    """Seconds from `epoch` to `stamp` (both ns); the scalar twin of `seconds_array`."""
+    return float(stamp - epoch) / 1e9
+
+
+def seconds_array(stamps: NDArray[np.int64], epoch: int) -> NDArray[np.float64]:
+    """Seconds from `epoch` to each of `stamps` (both ns); equal bit for bit to `seconds`."""
+    return (stamps - np.int64(epoch)).astype(np.float64) / 1e9
+
+
+def gap_limit(history: list[int]) -> int:
+    """Longest interval [ns] that is still interpolated, from the intervals [ns] before it.
+
+    Of an even number of intervals the lower median counts. Too short a history limits nothing.
+    """
+    if len(history) < GAP_LEAST_HISTORY:
+        return np.iinfo(np.int64).max
+    median = sorted(history)[(len(history) - 1) // 2]
+    return max(GAP_PERIODS * median, GAP_FLOOR_NS)
+
+
+def gap_mask(stamps: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """Which of the intervals between consecutive `stamps` (N,) are gaps: (N - 1,)."""
+    intervals = np.diff(stamps)
+    mask = np.zeros(len(intervals), dtype=bool)
+    for early in np.flatnonzero(intervals[:GAP_HISTORY] > GAP_FLOOR_NS).tolist():
+        mask[early] = intervals[early] > gap_limit(intervals[:early].tolist())
+    long = np.flatnonzero(intervals[GAP_HISTORY:] > GAP_FLOOR_NS)
+    window = np.arange(GAP_HISTORY)
+    for start in range(0, len(long), 65536):
+        index = long[start:start + 65536]
+        before = np.sort(intervals[index[:, None] + window], axis=1)
+        limit = np.maximum(GAP_PERIODS * before[:, (GAP_HISTORY - 1) // 2], GAP_FLOOR_NS)
+        mask[index + GAP_HISTORY] = intervals[index + GAP_HISTORY] > limit
+    return mask
+
+
+def align(
+    load_stamps: NDArray[np.int64],
+    stamps: NDArray[np.int64],
+    values: NDArray[np.float64],
+) -> NDArray[np.float64]:
+    """Values of a probe on the load's stamps (see the rule above); NaN where it has none.
+
+    `load_stamps` (N,) and `stamps` (M,) [ns] strictly increasing, `values` (M,); returns (N,).
+    """
+    aligned = np.full(len(load_stamps), nan)
+    if not len(stamps):
+        return aligned
+    before = np.searchsorted(stamps, load_stamps, side='right') - 1
+    inside = before >= 0
+    exact = inside & (stamps[before] == load_stamps)
+    aligned[exact] = values[before[exact]]
+    between = np.flatnonzero(inside & ~exact & (before < len(stamps) - 1))
+    low = before[between]
+    usable = ~gap_mask(stamps)[low]
+    between, low = between[usable], low[usable]
+    elapsed = (load_stamps[between] - stamps[low]).astype(np.float64)
+    interval = (stamps[low + 1] - stamps[low]).astype(np.float64)
+    aligned[between] = values[low] + (values[low + 1] - values[low]) * (elapsed / interval)
+    return aligned
+
+
+class AlignedRow(NamedTuple):
+    """One load sample and what the four probes read at its stamp.
+
+    `stamp` [ns]; `time` [s] since the first load stamp (after the last restart); `load` [N];
+    `gaps` (4) [m]; `restart` counts how often the load's stamps jumped back before this row.
+    """
+
+    stamp: int
+    time: float
+    load: float
+    gaps: tuple[float, float, float, float]
+    restart: int
+
+
+@dataclass
+class AlignmentCounters:
+    """What the aligner could not use since it was made, by reason; all zero on a healthy stream.
+
+    before_probes: load stamps older than a probe's first sample
+    in_gap:        load stamps inside a gap of a probe
+    timed_out:     load stamps given up since a probe fell silent (or more waited than allowed)
+    late_loads:    load samples that came after a row with a later stamp had gone out
+    duplicates:    samples with a stamp already taken, load and probes together
+    reordered:     samples that came late, and still in time to be put in order
+    not_finite:    NaN or infinite samples
+    overflow:      probe samples thrown away since no load came for them
+    load_jumps:    times the load's stamps jumped back (each one restarts the aligner)
+    probe_jumps:   times a probe's stamps jumped back
+    """
+
+    before_probes: int = 0
+    in_gap: int = 0
+    timed_out: int = 0
+    late_loads: int = 0
+    duplicates: int = 0
+    reordered: int = 0
+    not_finite: int = 0
+    overflow: int = 0
+    load_jumps: int = 0
+    probe_jumps: int = 0
+
+    @property
+    def dropped(self) -> int:
+        """Load stamps for which no row can be given."""
+        return self.before_probes + self.in_gap + self.timed_out + self.late_loads
+
+    def as_dict(self) -> dict[str, int]:
+        """Every counter by name, for diagnostics."""
+        return {field.name: getattr(self, field.name) for field in fields(self)}
+
+
+_WAIT = 0
+_SERVED = 1
+_BEFORE = 2
+_GAP = 3
+
+
+class _ProbeBuffer:
+    """The recent samples of one probe, in stamp order, and the place the load has reached."""
+
+    __slots__ = ('counters', 'cursor', 'jumped', 'limit', 'newest', 'stamps', 'value', 'values')
+
+    def __init__(self, counters: AlignmentCounters, limit: int) -> None:
+        self.counters = counters
+        self.limit = limit
+        self.stamps: list[int] = []
+        self.values: list[float] = []
+        self.cursor = 0
+        self.newest: int | None = None
+        self.jumped = False
+        self.value = nan
+
+    def clear(self) -> None:
+        self.stamps.clear()
+        self.values.clear()
+        self.cursor = 0
+
+    def push(self, stamp: int, value: float) -> None:
+        newest = self.newest
+        if newest is None or stamp > newest:
+            self.newest = stamp
+            self.stamps.append(stamp)
+            self.values.append(value)
+            if len(self.stamps) > self.limit:
+                self._overflow()
+        elif newest - stamp > JITTER_NS:
+            self.counters.probe_jumps += 1
+            self.jumped = True
+            self.clear()
+            self.newest = stamp
+            self.stamps.append(stamp)
+            self.values.append(value)
+        else:
+            self._insert(stamp, value)
+
+    def _insert(self, stamp: int, value: float) -> None:
+        place = bisect_left(self.stamps, stamp)
+        if place < len(self.stamps) and self.stamps[place] == stamp:
+            self.counters.duplicates += 1
+            return
+        self.counters.reordered += 1
+        self.stamps.insert(place, stamp)
+        self.values.insert(place, value)
+        if place <= self.cursor and len(self.stamps) > 1:
+            self.cursor += 1
+
+    def _overflow(self) -> None:
+        surplus = len(self.stamps) // 2
+        self.counters.overflow += max(0, surplus - self.cursor)
+        self._forget(surplus)
+
+    def _forget(self, count: int) -> None:
+        del self.stamps[:count]
+        del self.values[:count]
+        self.cursor = max(0, self.cursor - count)
+
+    def serve(self, stamp: int) -> int:
+        """Put the reading at `stamp` into `value`, or say why there is none (yet)."""
+        stamps, index = self.stamps, self.cursor
+        last = len(stamps) - 1
+        if last < 0:
+            return _WAIT
+        while index < last and stamps[index + 1] <= stamp:
+            index += 1
+        while index > 0 and stamps[index] > stamp:
+            index -= 1
+        self.cursor = index
+        before = stamps[index]
+        if before == stamp:
+            self.value = self.values[index]
+            return _SERVED
+        if before > stamp:
+            return _BEFORE
+        if index == last:
+            return _WAIT
+        interval = stamps[index + 1] - before
+        if interval > GAP_FLOOR_NS and interval > gap_limit(self._history()):
+            return _GAP
+        low = self.values[index]
+        weight = float(stamp - before) / float(interval)
+        self.value = low + (self.values[index + 1] - low) * weight
+        return _SERVED
+
+    def _history(self) -> list[int]:
+        recent = self.stamps[max(0, self.cursor - GAP_HISTORY):self.cursor + 1]
+        return [later - earlier for earlier, later in pairwise(recent)]
+
+    def trim(self) -> None:
+        """Forget what neither a later load stamp nor the gap rule can ask for."""
+        if self.cursor > 256:
+            self._forget(self.cursor - 2 * GAP_HISTORY)
+
+
+class StreamAligner:
+    """Rows aligned on the load's stamps from samples pushed one by one, in any interleaving.
+
+    A row comes out as soon as all four probes can say what they read at its load stamp, in the
+    order of the stamps. Late samples are put in order while that is possible. Load
+    stamps that can never be served are dropped and counted (`counters`). Load
+    stamps that jump back (by more than `JITTER_NS`) restart the aligner: what waits is
+    dropped, time counts from the new first stamp, and `restarts` goes up, which the
+    rows carry, so that a consumer can zero anew. Stamps that jump ahead need no restart: the gap rule
+    keeps anything from being interpolated across.
+
+    Memory is bounded: at most `max_pending` load samples spanning at most `max_wait` [s] wait for
+    probes, and at most `max_samples` samples of each probe wait for the load.
+    """
+
+    def __init__(
+        self, *, max_wait: float = 5.0, max_pending: int = 50_000, max_samples: int = 50_000,
+    ) -> None:
+        self.counters = AlignmentCounters()
+        self.restarts = 0
+        self._max_wait = round(max_wait * 1e9)
+        self._max_pending = max_pending
+        self._probes = [_ProbeBuffer(self.counters, max_samples) for _ in range(PROBES)]
+        self._pending: deque[tuple[int, float]] = deque()
+        self._epoch: int | None = None
+        self._newest: int | None = None
+        self._last_out: int | None = None
+
+    @property
+    def epoch(self) -> int | None:
+        """The load stamp [ns] from which the rows' time counts; None before the first one."""
+        return self._epoch
+
+    @property
+    def pending(self) -> int:
+        """Load samples that wait for probes."""
+        return len(self._pending)
+
+    def push_load(self, stamp: int, load: float) -> list[AlignedRow]:
+        """Take a load sample (ns, N); return the rows that became complete."""
+        if not isfinite(load):
+            self.counters.not_finite += 1
+            return []
+        newest = self._newest
+        if newest is None:
+            self._epoch = self._newest = stamp
+            self._pending.append((stamp, load))
+        elif stamp > newest:
+            self._newest = stamp
+            self._pending.append((stamp, load))
+        elif newest - stamp > JITTER_NS:
+            self._restart(stamp)
+            self._pending.append((stamp, load))
+        else:
+            self._insert_load(stamp, load)
+        return self._drain()
+
+    def push_gap(self, probe: int, stamp: int, gap: float) -> list[AlignedRow]:
+        """Take a sample (ns, m) of probe 0 to 3; return the rows that became complete."""
+        if not isfinite(gap):
+            self.counters.not_finite += 1
+            return []
+        self._probes[probe].push(stamp, gap)
+        return self._drain()
+
+    def flush(self) -> int:
+        """Give up the load samples that still wait (the stream has ended); return how many."""
+        waiting = len(self._pending)
+        self.counters.timed_out += waiting
+        self._pending.clear()
+        return waiting
+
+    def reset(self) -> None:
+        """Forget all samples and start anew, as after a jump; the counters go on."""
+        self.restarts += 1
+        self._pending.clear()
+        for probe in self._probes:
+            probe.clear()
+            probe.newest = None
+            probe.jumped = False
+        self._epoch = self._newest = self._last_out = None
+
+    def _restart(self, stamp: int) -> None:
+        self.counters.load_jumps += 1
+        self.restarts += 1
+        self.counters.timed_out += len(self._pending)
+        self._pending.clear()
+        for probe in self._probes:
+            if not probe.jumped:
+                probe.clear()  # what it holds is of the time before the jump
+            probe.jumped = False
+        self._epoch = self._newest = stamp
+        self._last_out = None
+
+    def _insert_load(self, stamp: int, load: float) -> None:
+        if self._last_out is not None and stamp <= self._last_out:
+            self.counters.late_loads += 1
+            return
+        place = bisect_left(self._pending, (stamp,))
+        if place < len(self._pending) and self._pending[place][0] == stamp:
+            self.counters.duplicates += 1
+            return
+        self.counters.reordered += 1
+        self._pending.insert(place, (stamp, load))
+
+    def _drain(self) -> list[AlignedRow]:
+        rows: list[AlignedRow] = []
+        pending = self._pending
+        while pending:
+            stamp, load = pending[0]
+            outcome = self._serve(stamp)
+            if outcome == _WAIT:
+                if not self._overdue(stamp):
+                    break
+                self.counters.timed_out += 1
+            elif outcome == _BEFORE:
+                self.counters.before_probes += 1
+            elif outcome == _GAP:
+                self.counters.in_gap += 1
+            else:
+                rows.append(self._row(stamp, load))
+            pending.popleft()
+            self._last_out = stamp
+        return rows
+
+    def _serve(self, stamp: int) -> int:
+        outcome = _SERVED
+        for probe in self._probes:
+            of_probe = probe.serve(stamp)
+            if of_probe > _SERVED:
+                return of_probe
+            if of_probe == _WAIT:
+                outcome = _WAIT
+        return outcome
+
+    def _overdue(self, stamp: int) -> bool:
+        newest = self._newest
+        assert newest is not None
+        return newest - stamp > self._max_wait or len(self._pending) > self._max_pending
+
+    def _row(self, stamp: int, load: float) -> AlignedRow:
+        assert self._epoch is not None
+        first, second, third, fourth = self._probes
+        gaps = (first.value, second.value, third.value, fourth.value)
+        for probe in self._probes:
+            probe.trim()
+            probe.jumped = False
+        return AlignedRow(stamp, seconds(stamp, self._epoch), load, gaps, self.restarts)

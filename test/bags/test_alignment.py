@@ -1,0 +1,241 @@
+"""What alignment on the load's stamps promises, for records and for streams."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from saddlering_ros.bags.alignment import (
+    JITTER_NS,
+    AlignedRow,
+    StreamAligner,
+    align,
+    gap_mask,
+    seconds,
+    seconds_array,
+)
+
+EPOCH = 1_700_000_000_000_000_000
+MILLISECOND = 1_000_000
+
+
+def stamps_of(intervals: list[int], start: int = EPOCH) -> np.ndarray:
+    return start + np.cumsum(np.array(intervals, dtype=np.int64))
+
+
+def regular(count: int, period: int = MILLISECOND, start: int = EPOCH) -> np.ndarray:
+    return start + period * np.arange(count, dtype=np.int64)
+
+
+def rows_of_stream(load_stamps, load, probe_stamps, gaps, order=None) -> list[AlignedRow]:
+    """Push everything in stamp order (or in the order given) and collect the rows."""
+    aligner = StreamAligner(max_wait=1e6)
+    samples = [(int(stamp), -1, float(value)) for stamp, value in zip(load_stamps, load)]
+    for probe in range(4):
+        samples += [
+            (int(stamp), probe, float(value))
+            for stamp, value in zip(probe_stamps[probe], gaps[probe])
+        ]
+    samples.sort()
+    rows = []
+    for place in range(len(samples)) if order is None else order(samples):
+        stamp, channel, value = samples[place]
+        if channel < 0:
+            rows += aligner.push_load(stamp, value)
+        else:
+            rows += aligner.push_gap(channel, stamp, value)
+    aligner.flush()
+    return rows
+
+
+intervals = st.lists(
+    st.one_of(st.integers(1, 3_000_000), st.integers(1, 300_000_000)), min_size=1, max_size=60)
+interval_lists = st.tuples(intervals, intervals, intervals, intervals, intervals)
+
+
+@settings(max_examples=150, deadline=None)
+@given(interval_lists, st.integers(0, 2 ** 32 - 1))
+def test_stream_equals_record_bit_for_bit(lists, seed):
+    random = np.random.default_rng(seed)
+    load_stamps, *probe_stamps = (stamps_of(of_channel) for of_channel in lists)
+    load = random.normal(size=len(load_stamps))
+    gaps = [random.normal(size=len(of_probe)) for of_probe in probe_stamps]
+    aligned = np.array([align(load_stamps, s, v) for s, v in zip(probe_stamps, gaps)])
+    complete = np.isfinite(aligned).all(axis=0)
+
+    rows = rows_of_stream(load_stamps, load, probe_stamps, gaps)
+
+    assert [row.stamp for row in rows] == load_stamps[complete].tolist()
+    assert [row.load for row in rows] == load[complete].tolist()
+    assert [list(row.gaps) for row in rows] == aligned[:, complete].T.tolist()
+    time = seconds_array(load_stamps, int(load_stamps[0]))
+    assert [row.time for row in rows] == time[complete].tolist()
+
+
+def test_interleaving_of_channels_does_not_matter():
+    random = np.random.default_rng(5)
+    load_stamps = regular(300)
+    probe_stamps = [regular(290, start=EPOCH + offset) for offset in (-37, 11, 400_000, 999_999)]
+    load, gaps = random.normal(size=300), random.normal(size=(4, 290))
+    in_order = rows_of_stream(load_stamps, load, probe_stamps, gaps)
+
+    def channel_blocks(samples):
+        """Each channel in its own order, in bursts of 20."""
+        bursts = {}
+        for place, (_, channel, _) in enumerate(samples):
+            bursts.setdefault(channel, []).append(place)
+        for start in range(0, 300, 20):
+            for channel in (2, -1, 0, 3, 1):
+                yield from bursts[channel][start:start + 20]
+
+    assert rows_of_stream(load_stamps, load, probe_stamps, gaps, channel_blocks) == in_order
+    assert len(in_order) > 280
+
+
+def test_seconds_of_scalars_and_arrays_agree():
+    random = np.random.default_rng(1)
+    stamps = EPOCH + random.integers(-10 ** 13, 10 ** 13, 1000)
+    assert [seconds(int(stamp), EPOCH) for stamp in stamps] == seconds_array(stamps, EPOCH).tolist()
+
+
+def test_a_straight_line_is_reproduced_between_samples():
+    probe = regular(50, 3 * MILLISECOND)
+    load = regular(120, MILLISECOND, EPOCH + 137)
+    expected = (load - EPOCH) * 1e-12
+    aligned = align(load, probe, (probe - EPOCH) * 1e-12)
+    inside = load <= probe[-1]
+    np.testing.assert_allclose(aligned[inside], expected[inside], rtol=1e-12)
+    assert np.isnan(aligned[~inside]).all()
+
+
+def test_nothing_is_read_outside_a_probes_span():
+    aligned = align(regular(10), regular(4, start=EPOCH + 3 * MILLISECOND), np.ones(4))
+    assert np.isfinite(aligned).tolist() == [False] * 3 + [True] * 4 + [False] * 3
+
+
+def test_a_stamp_met_exactly_gives_the_sample_itself():
+    values = np.array([0.1, 1e300, -1e300, 0.3])
+    assert align(regular(4), regular(4), values).tolist() == values.tolist()
+
+
+def test_gaps_are_not_bridged_and_their_edges_are_kept():
+    probe = np.delete(regular(100), np.arange(40, 60))
+    aligned = align(regular(100), probe, np.ones(80))
+    assert np.flatnonzero(np.isnan(aligned)).tolist() == list(range(40, 60))
+
+
+def test_a_few_lost_samples_are_no_gap():
+    probe = np.delete(regular(100), np.arange(40, 44))
+    assert np.isfinite(align(regular(100), probe, np.ones(96))).all()
+
+
+def test_a_slow_probe_has_no_gaps_by_being_slow():
+    assert not gap_mask(regular(100, 100 * MILLISECOND)).any()
+
+
+def test_a_probe_that_slows_down_has_gaps_until_the_median_follows():
+    stamps = np.concatenate([regular(50), regular(50, 100 * MILLISECOND, EPOCH + 10 ** 9)])
+    mask = gap_mask(stamps)
+    assert mask[49:57].all()
+    assert not mask[58:].any()
+
+
+@pytest.fixture
+def aligner() -> StreamAligner:
+    return StreamAligner()
+
+
+def push_all(aligner: StreamAligner, stamp: int, value: float = 1.0) -> list[AlignedRow]:
+    rows = aligner.push_load(stamp, value)
+    for probe in range(4):
+        rows += aligner.push_gap(probe, stamp, value)
+    return rows
+
+
+def test_a_jump_back_restarts_the_time_and_says_so(aligner):
+    before = [row for stamp in regular(10) for row in push_all(aligner, int(stamp))]
+    after = [
+        row for stamp in regular(10, start=EPOCH - 10 ** 10) for row in push_all(aligner, int(stamp))]
+    assert {row.restart for row in before} == {0}
+    assert {row.restart for row in after} == {1}
+    assert after[0].time == 0.0
+    assert len(after) == 10
+    assert aligner.counters.load_jumps == 1
+
+
+@pytest.mark.parametrize('load_first', [True, False])
+def test_no_row_mixes_samples_from_both_sides_of_a_jump(aligner, load_first):
+    for stamp in regular(1000):
+        push_all(aligner, int(stamp), 1.0)
+    rows = []
+    back = EPOCH + 500 * MILLISECOND
+    for stamp in regular(400, start=back):
+        channels = [lambda s: aligner.push_load(s, 2.0)]
+        channels += [lambda s, p=p: aligner.push_gap(p, s, 2.0) for p in range(4)]
+        for push in channels if load_first else reversed(channels):
+            rows += push(int(stamp))
+    assert [row.stamp for row in rows] == regular(400, start=back).tolist()
+    assert {(row.load, *row.gaps) for row in rows} == {(2.0,) * 5}
+
+
+def test_late_samples_within_jitter_are_put_in_order(aligner):
+    for stamp in (EPOCH, EPOCH + 2 * MILLISECOND, EPOCH + MILLISECOND, EPOCH + 3 * MILLISECOND):
+        aligner.push_load(stamp, float(stamp - EPOCH))
+    rows = []
+    for probe in range(4):
+        for stamp in (EPOCH, EPOCH + 3 * MILLISECOND):
+            rows += aligner.push_gap(probe, stamp, 0.0)
+    assert [row.load for row in rows] == [0.0, 1e6, 2e6, 3e6]
+    assert aligner.counters.reordered == 1
+
+
+def test_joining_late_drops_and_counts_what_no_probe_saw(aligner):
+    for stamp in regular(5):
+        aligner.push_load(int(stamp), 1.0)
+    rows = []
+    for probe in range(4):
+        rows += aligner.push_gap(probe, EPOCH + 3 * MILLISECOND, 0.5)
+    assert [row.stamp for row in rows] == [EPOCH + 3 * MILLISECOND]
+    assert aligner.counters.before_probes == 3
+    assert aligner.flush() == 1
+
+
+def test_a_silent_probe_costs_bounded_memory_and_is_counted():
+    aligner = StreamAligner(max_wait=0.5, max_samples=1000)
+    for stamp in regular(20_000):
+        aligner.push_load(int(stamp), 1.0)
+        for probe in range(3):
+            aligner.push_gap(probe, int(stamp), 1.0)
+    assert aligner.pending <= 502
+    assert aligner.counters.timed_out >= 19_000
+    assert all(len(probe.stamps) <= 1000 for probe in aligner._probes)
+
+
+def test_memory_stays_bounded_when_no_load_comes():
+    aligner = StreamAligner(max_samples=1000)
+    for stamp in regular(20_000):
+        aligner.push_gap(0, int(stamp), 1.0)
+    assert len(aligner._probes[0].stamps) <= 1000
+    assert aligner.counters.overflow > 0
+
+
+def test_memory_stays_bounded_on_a_long_healthy_stream(aligner):
+    rows = [row for stamp in regular(5000) for row in push_all(aligner, int(stamp))]
+    assert len(rows) == 5000
+    assert all(len(probe.stamps) < 400 for probe in aligner._probes)
+    assert aligner.counters.dropped == 0
+
+
+def test_nan_and_duplicates_are_dropped_and_counted(aligner):
+    push_all(aligner, EPOCH)
+    push_all(aligner, EPOCH)
+    aligner.push_load(EPOCH + 1, float('nan'))
+    aligner.push_gap(0, EPOCH + 1, float('inf'))
+    assert aligner.counters.duplicates + aligner.counters.late_loads == 5
+    assert aligner.counters.not_finite == 2
+
+
+def test_jitter_is_less_than_any_seek_that_must_restart():
+    assert JITTER_NS <= 10 ** 9
