@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from saddlering_ros.errors import SaddleringError
-from saddlering_ros.ring.extension import RingExtension
+from saddlering_ros.effects.extension import RingExtension
 
 
 class EffectError(SaddleringError):

@@ -1,0 +1,145 @@
+"""What can be added to the ring model: one frozen dataclass of physical knobs, all neutral by default.
+
+An effect of the catalogue (saddlering_ros/effects) is a mapping from its few parameters to these
+knobs. The order of the fields is the way of the signal: load path, ring, measurement.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Four = tuple[float, float, float, float]
+NO_PROBE: Four = (0.0, 0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True)
+class Hysteron:
+    """A rate-free friction element: z in [-1, 1] follows a coordinate, the force is `limit` times z.
+
+    limit: force (or angle, or moment) at full slip; presliding: travel over which it builds up;
+    sharpness: 0 exponential approach (Dahl, LuGre at low speed), 1 elastic-plastic (Jenkins), linear
+    mixture between; initial: z at the start of the record.
+    """
+
+    limit: float = 0.0
+    presliding: float = 1e-6
+    sharpness: float = 0.5
+    initial: float = 0.0
+
+
+@dataclass(frozen=True)
+class Wear:
+    """A worn arc of one row: rollers there carry a share `loss` less and/or stand `gap` [m] lower.
+
+    centre, half_width [rad] from the rear (x > 0); edge [rad]: width of the soft edges.
+    """
+
+    centre: float = 0.0
+    half_width: float = 0.5
+    loss: float = 0.0
+    gap: float = 0.0
+    edge: float = 0.1
+
+    def profile(self, angle: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Share of the full wear, 0 to 1, at roller angles [rad] (smooth edges, periodic)."""
+        off_centre = np.abs(np.angle(np.exp(1j * (angle - self.centre))))
+        return np.asarray(0.5 * (1.0 - np.tanh((off_centre - self.half_width) / self.edge)))
+
+    @property
+    def is_none(self) -> bool:
+        return self.loss == 0.0 and self.gap == 0.0
+
+
+@dataclass(frozen=True)
+class RowGeometry:
+    """How one row departs from equal rollers: wear, and for the middle row out-of-roundness.
+
+    stiffness: factor on K of the whole row; gap: extra gap of every roller [m];
+    oval_amplitude [m], oval_angle [rad]: gap + a cos(2 (phi - phi0)).
+    """
+
+    stiffness: float = 1.0
+    gap: float = 0.0
+    wear: Wear = field(default_factory=Wear)
+    oval_amplitude: float = 0.0
+    oval_angle: float = 0.0
+
+
+@dataclass(frozen=True)
+class RingExtension:
+    """All knobs; a default instance is the plain ring model.
+
+    Load path: P [N] at the ring from the measured P_m, elevation [rad], trunnion [m].
+    Ring: geometry of the rows, friction, series compliances, creep, settling, second mode.
+    Measurement: tuples of four are per probe 1..4.
+    """
+
+    # Load path
+    load_gain: float = 0.0              # P = P_m / (1 + g)
+    load_offset: float = 0.0            # P = P_m - P0 [N]
+    load_nonlinearity: float = 0.0      # P = P_m + 4 c P_m (P_fs - P_m) / P_fs
+    cylinder_friction: Hysteron = field(default_factory=lambda: Hysteron(presliding=2000.0))
+    elevation_error: float = 0.0        # [rad]
+    moment_arm: float = 0.0             # trunnion y_t + e [m]
+    bracket_play: Hysteron = field(default_factory=lambda: Hysteron(presliding=2000.0))  # limit [rad]
+    # Ring
+    upper_row: RowGeometry = field(default_factory=RowGeometry)
+    lower_row: RowGeometry = field(default_factory=RowGeometry)
+    middle_row: RowGeometry = field(default_factory=RowGeometry)
+    radial_friction: Hysteron = field(default_factory=lambda: Hysteron(presliding=2e-6))  # [N], [m]
+    tilt_friction: Hysteron = field(default_factory=lambda: Hysteron(presliding=3e-6))    # [N m], [rad]
+    damping_penetration_share: float = 0.0  # 0 constant D, 1 damping proportional to p^n
+    radial_compliance: float = 0.0      # delta_x += c F_x [m/N]
+    axial_compliance: float = 0.0       # delta_y += c F_y [m/N]
+    tilt_compliance: float = 0.0        # gamma += c M [rad/(N m)]
+    opening_compliance: float = 0.0     # gamma += c max(0, M - M0)
+    opening_moment: float = 0.0         # M0 [N m]
+    creep_radial: float = 0.0           # delta_x += c LP_T(delta_x)
+    creep_axial: float = 0.0            # delta_y, gamma += c LP_T(.)
+    creep_time: float = 10.0            # T [s]
+    settling_x: float = 0.0             # delta_x += s max P so far [m/N]
+    settling_y: float = 0.0
+    settling_tilt: float = 0.0          # [rad/N]
+    resonance_frequency: float = 0.0    # second mode [rad/s]; 0: none
+    resonance_damping: float = 0.05
+    # Measurement
+    ovalisation: float = 0.0            # d1 and d3 += c F_x [m/N]
+    probe_height: float = 0.0           # d1, -d3 += h gamma [m]
+    probe_bracket: Four = NO_PROBE      # d_i += b P [m/N]
+    probe_gain: Four = NO_PROBE         # d_i (1 + g)
+    probe_nonlinearity: Four = NO_PROBE  # d_i += q d_i^2 [1/m]
+    probe_drift: Four = NO_PROBE        # d_i += r t [m/s]
+    probe_lag: Four = NO_PROBE          # first-order low-pass, time constant [s]
+    pickup_cosine: Four = NO_PROBE      # d_i += a cos(w t) + b sin(w t) [m]
+    pickup_sine: Four = NO_PROBE
+    pickup_frequency: float = 50.0      # [Hz]
+    saturation_low: Four = (-1.0, -1.0, -1.0, -1.0)   # d_i clipped here [m]
+    saturation_high: Four = (1.0, 1.0, 1.0, 1.0)
+    clock_offset: float = 0.0           # probes' clock = load's clock + tau [s]
+    clock_skew: float = 0.0             # ... + skew * time [s/s]
+
+
+NO_EXTENSION = RingExtension()
+
+
+def with_probe(values: Four, probe: int, value: float) -> Four:
+    """The same tuple with `value` added at probe 1 to 4, or at all probes for 0."""
+    changed = [old + (value if probe in (0, index + 1) else 0.0) for index, old in enumerate(values)]
+    return changed[0], changed[1], changed[2], changed[3]
+
+
+def set_probe(values: Four, probe: int, value: float) -> Four:
+    """The same tuple with `value` set at probe 1 to 4, or at all probes for 0."""
+    changed = [value if probe in (0, index + 1) else old for index, old in enumerate(values)]
+    return changed[0], changed[1], changed[2], changed[3]
+
+
+def describe(extension: RingExtension) -> dict[str, Any]:
+    """The knobs that differ from neutral, by name."""
+    return {
+        name: value for name, value in vars(extension).items() if value != getattr(NO_EXTENSION, name)
+    }
