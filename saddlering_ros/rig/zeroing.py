@@ -58,6 +58,11 @@ class ZeroWindow:
         self._load_sum = 0.0
         self._gap_sums: list[float] = []
 
+    @property
+    def samples(self) -> int:
+        """How many of the last samples given the open window holds."""
+        return self._samples
+
     def push(self, time: float, load: float, gaps: Sequence[float] = ()) -> ZeroReading | None:
         """Add a sample: time [s], load [N], gaps [m] (none for a node that sees the load only)."""
         index = self._count

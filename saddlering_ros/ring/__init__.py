@@ -1,1 +1,18 @@
 """What the ring does: contact, equilibrium, dynamics; a readable reference and the fast kernels."""
+
+from saddlering_ros.ring.simulator import (
+    RingSimulator,
+    SimulatedRun,
+    SimulatedSample,
+    SimulationError,
+    dynamic_batch,
+    probe_batch,
+    simulate,
+    static_batch,
+    static_response,
+)
+
+__all__ = [
+    'RingSimulator', 'SimulatedRun', 'SimulatedSample', 'SimulationError', 'dynamic_batch',
+    'probe_batch', 'simulate', 'static_batch', 'static_response',
+]

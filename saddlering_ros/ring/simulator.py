@@ -1,0 +1,323 @@
+"""The ring simulator, streaming and in batches: load samples in, displacements and probe readings out."""
+
+from __future__ import annotations
+
+import os
+from collections import deque
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from saddlering_ros.effects import extension_of
+from saddlering_ros.errors import SaddleringError
+from saddlering_ros.rig import (
+    Displacement,
+    ParameterSet,
+    Rig,
+    ZeroReading,
+    ZeroWindow,
+    probes_to_displacement,
+    zero_of_record,
+)
+from saddlering_ros.ring import kernels
+from saddlering_ros.ring import layout as at
+from saddlering_ros.effects.extension import NO_EXTENSION, RingExtension
+from saddlering_ros.ring.model import build_model, rows_of, scalars_of, stack_rows, with_contact
+
+Floats = NDArray[np.float64]
+
+
+class SimulationError(SaddleringError):
+    """A record that cannot be simulated; one line: what, where, what to do."""
+
+
+@dataclass(frozen=True)
+class SimulatedSample:
+    """One simulated state: time [s], displacement (floats), probe increments (4,) [m]."""
+
+    time: float
+    displacement: Displacement
+    probes: Floats
+
+
+@dataclass(frozen=True)
+class SimulatedRun:
+    """A simulated record from its zero window on: M samples, the last M of the record's N mostly.
+
+    time (M,) [s]; displacement of (M,) arrays; probes (4, M) [m]; first: index in the record of
+    the first simulated sample; zero: where the zero was taken; trouble: steps that did not converge.
+    """
+
+    time: Floats
+    displacement: Displacement
+    probes: Floats
+    first: int
+    zero: ZeroReading
+    trouble: int
+
+
+class RingSimulator:
+    """One simulated state per load sample, in step with the loads; live and offline are this object.
+
+    rig, parameters with their effects, elevation [rad]; max_step [s] is the longest time step.
+    Samples wait until the zero window (rig.zeroing) closes, then come out at once; after that each
+    push answers its own sample, unless a negative clock offset makes it wait for later load.
+    """
+
+    def __init__(self, rig: Rig, parameters: ParameterSet, elevation: float,
+                 max_step: float = 1e-3) -> None:
+        self._rig = rig
+        extension = extension_of(parameters.effects)
+        model = build_model(rig, parameters.contact, elevation, extension)
+        self._m, self._rows, self._uniform = model.scalars, model.rows.arrays, model.rows.uniform
+        self._max_step = max_step
+        self._offset, self._skew = extension.clock_offset, extension.clock_skew
+        self._shifted = self._offset != 0.0 or self._skew != 0.0
+        self.reset()
+
+    def reset(self, *, zero_anywhere: bool = False) -> None:
+        """Forget everything; the next samples open a new zero window (at any load if asked)."""
+        self.iterations = 0
+        self.zero: ZeroReading | None = None
+        self._window = ZeroWindow(self._rig, anywhere=zero_anywhere)
+        self._waiting: list[tuple[float, float]] = []
+        self._state = np.zeros(at.STATE_SIZE)
+        self._past: deque[tuple[float, Floats]] = deque()
+        self._asked: deque[float] = deque()
+
+    @property
+    def trouble(self) -> int:
+        """Steps so far in which Newton did not converge."""
+        return int(self._state[at.TROUBLE])
+
+    def push(self, time: float, load: float) -> list[SimulatedSample]:
+        """Give one load sample, time [s] and load [N]; get the simulated samples that are due."""
+        if self.zero is not None:
+            return self._samples(np.array([time]), np.array([load]))
+        self._waiting.append((time, load))
+        reading = self._window.push(time, load)
+        if reading is None:
+            self._drop_before_window()
+            return []
+        return self._begin(reading, np.array(self._waiting))
+
+    def _drop_before_window(self) -> None:
+        """Keep no sample that cannot belong to the zero window any more (bounded memory)."""
+        keep = self._window.samples
+        if len(self._waiting) > keep:
+            del self._waiting[:len(self._waiting) - keep]
+
+    def _begin(self, reading: ZeroReading, waiting: Floats) -> list[SimulatedSample]:
+        self._waiting = []
+        self.zero = reading
+        rows = waiting[-(reading.end - reading.start) - 1:]
+        self._start(rows[0, 0], reading.load)
+        return self._samples(np.ascontiguousarray(rows[:, 0]), np.ascontiguousarray(rows[:, 1]))
+
+    def _start(self, time: float, load: float) -> None:
+        scratch = np.empty((6, self._rows.shape[2] + 8))
+        found = kernels.start(self._m, self._rows, self._uniform, self._state, time, load, scratch,
+                              scratch[2].view(np.int64))
+        if not found:
+            self._state[at.TROUBLE] += 1.0
+
+    def _advance(self, time: Floats, load: Floats) -> Floats:
+        motion, increments = np.empty((time.size, 3)), np.empty((time.size, 4))
+        self.iterations += kernels.advance(self._m, self._rows, self._uniform, self._state, time,
+                                           load, self._max_step, motion, increments)
+        return increments
+
+    def _samples(self, time: Floats, load: Floats) -> list[SimulatedSample]:
+        increments = self._advance(time, load)
+        if not self._shifted:
+            return [self._sample(t, d) for t, d in zip(time.tolist(), increments, strict=True)]
+        self._past.extend(zip(time.tolist(), increments, strict=True))
+        self._asked.extend(time.tolist())
+        return self._due()
+
+    def _due(self) -> list[SimulatedSample]:
+        """Samples whose probes' clock reading falls inside what has been simulated."""
+        due = []
+        begin, newest = self._state[at.START_TIME], self._past[-1][0]
+        while self._asked:
+            wanted = self._asked[0] - self._offset - self._skew * (self._asked[0] - begin)
+            if wanted > newest:
+                break
+            while len(self._past) > 1 and self._past[1][0] <= wanted:
+                self._past.popleft()
+            due.append(self._sample(self._asked.popleft(), self._between(wanted)))
+        return due
+
+    def _between(self, wanted: float) -> Floats:
+        before, old = self._past[0]
+        if wanted <= before or len(self._past) == 1:
+            return old
+        after, new = self._past[1]
+        return np.asarray(old + (new - old) * ((wanted - before) / (after - before)))
+
+    def _sample(self, time: float, increments: Floats) -> SimulatedSample:
+        return SimulatedSample(time, probes_to_displacement(self._rig.probes, increments), increments)
+
+    def run(self, time: Floats, load: Floats) -> SimulatedRun:
+        """A whole record at once from a fresh start: the same numbers as pushing its samples."""
+        self.reset()
+        reading = zero_of_record(self._rig, time, load)
+        self.zero = reading
+        self._start(float(time[reading.start]), reading.load)
+        rest = np.ascontiguousarray(time[reading.start:])
+        increments = self._advance(rest, np.ascontiguousarray(load[reading.start:]))
+        if self._shifted:
+            self._past.extend(zip(rest.tolist(), increments, strict=True))
+            self._asked.extend(rest.tolist())
+            due = self._due()
+            rest = np.array([sample.time for sample in due])
+            increments = np.array([sample.probes for sample in due]).reshape(-1, 4)
+        probes = np.ascontiguousarray(increments.T)
+        return SimulatedRun(rest, probes_to_displacement(self._rig.probes, probes), probes,
+                            reading.start, reading, self.trouble)
+
+
+def check_record(time: Floats, load: Floats) -> None:
+    """SimulationError unless time rises, everything is finite, and there is a sample."""
+    if time.ndim != 1 or time.shape != load.shape or time.size == 0:
+        raise SimulationError(f'time {time.shape} and load {load.shape} do not fit: give two equal rows')
+    if not (np.all(np.isfinite(time)) and np.all(np.isfinite(load))):
+        raise SimulationError('time or load is not finite (NaN or inf): clean the record first')
+    steps = np.diff(time)
+    if np.any(steps <= 0.0):
+        index = int(np.argmax(steps <= 0.0)) + 1
+        raise SimulationError(f'time does not rise at sample {index}: sort or cut the record')
+
+
+def simulate(rig: Rig, parameters: ParameterSet, elevation: float, time: ArrayLike, load: ArrayLike,
+             max_step: float = 1e-3) -> SimulatedRun:
+    """Simulate a whole record: time (N,) [s], load (N,) [N], elevation [rad]."""
+    seconds = np.ascontiguousarray(time, dtype=np.float64)
+    force = np.ascontiguousarray(load, dtype=np.float64)
+    check_record(seconds, force)
+    return RingSimulator(rig, parameters, elevation, max_step).run(seconds, force)
+
+
+def threads() -> int:
+    """How many kernels run side by side: SADDLERING_THREADS, else the processors of this process."""
+    asked = os.environ.get('SADDLERING_THREADS', '')
+    return max(1, int(asked)) if asked.isdigit() else len(os.sched_getaffinity(0))
+
+
+@lru_cache(maxsize=4)
+def _pool(process: int, workers: int) -> ThreadPoolExecutor:
+    # The process id is part of the key: a forked child must not use its parent's dead threads.
+    return ThreadPoolExecutor(workers, thread_name_prefix=f'ring-{process}')
+
+
+def _slices(count: int) -> list[slice]:
+    workers = min(threads(), count)
+    edges = np.linspace(0, count, workers + 1).astype(int)
+    return [slice(a, b) for a, b in zip(edges[:-1], edges[1:], strict=True) if b > a]
+
+
+def _in_parallel(task: object, count: int) -> None:
+    parts = _slices(count)
+    if len(parts) == 1:
+        task(parts[0])  # type: ignore[operator]
+        return
+    list(_pool(os.getpid(), threads()).map(task, parts))  # type: ignore[arg-type]
+
+
+def static_batch(rig: Rig, contacts: ArrayLike, elevation: float, loads: ArrayLike,
+                 extensions: Sequence[RingExtension] | None = None) -> Floats:
+    """Absolute equilibrium (B, 3, N) of each contact law (B, 6) at each load (N,) [N], in order.
+
+    Elastic contact only: no friction, creep or measurement part of an extension acts here.
+    Rows: delta_x, delta_y [m], gamma [rad]. NaN where no equilibrium was found.
+    """
+    m, rows, uniform = _batch(rig, contacts, elevation, extensions)
+    force = np.ascontiguousarray(loads, dtype=np.float64)
+    q = np.empty((m.shape[0], force.size, 3))
+
+    def solve(part: slice) -> None:
+        own = part if rows.shape[0] > 1 else slice(None)
+        failed = kernels.static_batch(m[part], rows[own], uniform[own], force, q[part])
+        if failed:
+            q[part] = np.where(np.isfinite(q[part]), q[part], np.nan)
+
+    _in_parallel(solve, m.shape[0])
+    return np.ascontiguousarray(q.transpose(0, 2, 1))
+
+
+def static_response(rig: Rig, contact: ArrayLike, elevation: float, loads: ArrayLike) -> Floats:
+    """Absolute equilibrium (3, N) of one contact law (6,) at loads (N,): delta_x, delta_y, gamma."""
+    return np.asarray(static_batch(rig, np.atleast_2d(np.asarray(contact)), elevation, loads)[0])
+
+
+def dynamic_batch(rig: Rig, contacts: ArrayLike, elevation: float, time: ArrayLike, load: ArrayLike,
+                  max_step: float = 1e-3) -> Floats:
+    """Absolute motion (B, 3, N) of each contact law (B, 6) over a record, at rest at load[0]."""
+    motion, _ = _simulate_batch(rig, contacts, elevation, time, load, None, None, max_step)
+    return np.ascontiguousarray(motion.transpose(0, 2, 1))
+
+
+def probe_batch(rig: Rig, candidates: Sequence[tuple[ArrayLike, RingExtension]], elevation: float,
+                time: ArrayLike, load: ArrayLike, zero_load: float | None = None,
+                max_step: float = 1e-3) -> Floats:
+    """Probe increments (B, 4, N) [m] of each (contact law (6,), extension) over a record.
+
+    The zero is the equilibrium at `zero_load` [N] (load[0] if None), where the record starts.
+    Where a clock offset asks for samples outside the record, its first or last value is held.
+    """
+    contacts = np.array([np.asarray(contact, dtype=np.float64) for contact, _ in candidates])
+    extensions = [extension for _, extension in candidates]
+    _, increments = _simulate_batch(rig, contacts, elevation, time, load, zero_load, extensions,
+                                    max_step)
+    seconds = np.asarray(time, dtype=np.float64)
+    for row, extension in zip(increments, extensions, strict=True):
+        if extension.clock_offset == 0.0 and extension.clock_skew == 0.0:
+            continue
+        wanted = seconds - extension.clock_offset - extension.clock_skew * (seconds - seconds[0])
+        for channel in range(4):
+            row[:, channel] = np.interp(wanted, seconds, row[:, channel])
+    return np.ascontiguousarray(increments.transpose(0, 2, 1))
+
+
+def _batch(rig: Rig, contacts: ArrayLike, elevation: float,
+           extensions: Sequence[RingExtension] | None) -> tuple[Floats, Floats, NDArray[np.bool_]]:
+    laws = np.atleast_2d(np.asarray(contacts, dtype=np.float64))
+    if laws.ndim != 2 or laws.shape[1] != 6:
+        raise SimulationError(f'contact laws have shape {laws.shape}: give (B, 6)')
+    if extensions is None or all(extension is extensions[0] for extension in extensions):
+        extension = extensions[0] if extensions else NO_EXTENSION
+        rows, uniform = stack_rows([rows_of(rig, extension)])
+        return with_contact(scalars_of(rig, elevation, extension), laws), rows, uniform
+    m = np.concatenate([
+        with_contact(scalars_of(rig, elevation, extension), law)
+        for law, extension in zip(laws, extensions, strict=True)
+    ])
+    rows, uniform = stack_rows([rows_of(rig, extension) for extension in extensions])
+    return m, rows, uniform
+
+
+def _simulate_batch(rig: Rig, contacts: ArrayLike, elevation: float, time: ArrayLike,
+                    load: ArrayLike, zero_load: float | None,
+                    extensions: Sequence[RingExtension] | None,
+                    max_step: float) -> tuple[Floats, Floats]:
+    m, rows, uniform = _batch(rig, contacts, elevation, extensions)
+    seconds = np.ascontiguousarray(time, dtype=np.float64)
+    force = np.ascontiguousarray(load, dtype=np.float64)
+    check_record(seconds, force)
+    zero = float(force[0]) if zero_load is None else zero_load
+    motion = np.empty((m.shape[0], seconds.size, 3))
+    increments = np.empty((m.shape[0], seconds.size, 4))
+
+    def run(part: slice) -> None:
+        own = part if rows.shape[0] > 1 else slice(None)
+        kernels.run_batch(m[part], rows[own], uniform[own], seconds, force, zero, max_step,
+                          motion[part], increments[part])
+
+    _in_parallel(run, m.shape[0])
+    return motion, increments
+
+
