@@ -1,0 +1,140 @@
+"""The `saddlering` command itself: finds the subcommands, runs one, turns errors into statuses.
+
+Exit status: 0 done; 2 unusable arguments or input; 1 a failure of our own; 130 interrupted.
+Whatever the status, stderr gets one line that says what and where.
+"""
+
+import argparse
+from collections.abc import Callable, Sequence
+import errno
+import importlib
+import os
+import pkgutil
+import signal
+import sys
+from types import ModuleType
+from typing import NoReturn
+
+from saddlering_ros import __version__, cli
+from saddlering_ros.errors import SaddleringError
+
+DONE = 0
+OUR_FAILURE = 1
+UNUSABLE = 2
+INTERRUPTED = 128 + signal.SIGINT
+READER_GONE = 128 + signal.SIGPIPE
+
+Run = Callable[[argparse.Namespace], int]
+
+UNUSABLE_FILE = frozenset({
+    errno.ENOENT, errno.EACCES, errno.EPERM, errno.EISDIR, errno.ENOTDIR, errno.EEXIST,
+    errno.EROFS, errno.ENAMETOOLONG, errno.ELOOP,
+})
+"""Operating system errors that mean the user named a file that cannot be used."""
+
+
+class OneLineParser(argparse.ArgumentParser):
+    """An argument parser whose complaint is one line."""
+
+    def error(self, message: str) -> NoReturn:
+        """Print what is wrong and how to get help; leave with status 2."""
+        self.exit(UNUSABLE, f'{self.prog}: {_one_line(message)}; see {self.prog} --help\n')
+
+
+def subcommand_modules() -> list[ModuleType]:
+    """Return the modules of this folder that define a subcommand, by name."""
+    names = sorted(module.name for module in pkgutil.iter_modules(cli.__path__))
+    modules = [
+        importlib.import_module(f'{cli.__name__}.{name}')
+        for name in names
+        if name != 'main' and not name.startswith('_')
+    ]
+    return [module for module in modules if hasattr(module, 'add_parser')]
+
+
+def build_parser() -> tuple[argparse.ArgumentParser, dict[str, Run]]:
+    """Return the parser, and what runs each subcommand it knows."""
+    parser = OneLineParser(
+        prog='saddlering',
+        description='Test rig, simulator and diagnosis of a saddle bearing.',
+    )
+    parser.add_argument('--version', action='version', version=f'saddlering {__version__}')
+    _add_traceback(parser, default=False)
+    subparsers = parser.add_subparsers(dest='command', metavar='COMMAND', required=True)
+    runs: dict[str, Run] = {}
+    for module in subcommand_modules():
+        known = set(subparsers.choices)
+        module.add_parser(subparsers)
+        for name in set(subparsers.choices) - known:
+            runs[name] = module.run
+            _add_traceback(subparsers.choices[name], default=argparse.SUPPRESS)
+    return parser, runs
+
+
+def run_reporting(run: Run, args: argparse.Namespace) -> int:
+    """Run one subcommand; return its exit status, having said in one line what went wrong."""
+    try:
+        status = run(args)
+        sys.stdout.flush()
+        return status
+    except SaddleringError as error:
+        return _complain(str(error), UNUSABLE, args)
+    except KeyboardInterrupt:
+        return INTERRUPTED
+    except BrokenPipeError:
+        # Nobody reads any more; what Python flushes at exit must not complain about it either.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return READER_GONE
+    except ModuleNotFoundError as error:
+        return _complain(
+            f'Python package {error.name} is not installed here; docs/install.md lists what is '
+            'needed', OUR_FAILURE, args)
+    except OSError as error:
+        if error.filename is not None and error.errno in UNUSABLE_FILE:
+            return _complain(f'{error.filename}: {error.strerror}', UNUSABLE, args)
+        return _complain_of_ourselves(error, args)
+    except Exception as error:
+        return _complain_of_ourselves(error, args)
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run `saddlering` with `argv` (default: the process's own); return the exit status."""
+    for name in ('SIGTERM', 'SIGHUP'):
+        signal.signal(getattr(signal, name), _leave)
+    try:
+        parser, runs = build_parser()
+        args = parser.parse_args(argv)
+        return run_reporting(runs[args.command], args)
+    except KeyboardInterrupt:
+        return INTERRUPTED
+
+
+def _add_traceback(parser: argparse.ArgumentParser, default: object) -> None:
+    parser.add_argument('--traceback', action='store_true', default=default,
+                        help='show where in the code an error came from')
+
+
+def _leave(number: int, _frame: object) -> NoReturn:
+    """Leave as an exception, so that everything open is closed and every child is ended."""
+    raise SystemExit(128 + number)
+
+
+def _one_line(message: str) -> str:
+    return ' '.join(message.split())
+
+
+def _complain(message: str, status: int, args: argparse.Namespace) -> int:
+    if args.traceback:
+        import traceback
+        traceback.print_exc()
+    print(f'saddlering {args.command}: {_one_line(message)}', file=sys.stderr)
+    return status
+
+
+def _complain_of_ourselves(error: Exception, args: argparse.Namespace) -> int:
+    hint = '' if args.traceback else ' (--traceback shows where)'
+    return _complain(f'failed: {type(error).__name__}: {error}{hint}', OUR_FAILURE, args)
+
+
+if __name__ == '__main__':
+    sys.exit(main())

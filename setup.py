@@ -1,0 +1,75 @@
+"""Build and install saddlering_ros, by colcon or by pip alike."""
+
+from pathlib import Path
+
+from setuptools import find_packages, setup
+
+PACKAGE = 'saddlering_ros'
+HERE = Path(__file__).resolve().parent
+
+NODES = (
+    'eddy_current',
+    'hydraulic_load',
+    'replay_clock',
+    'ring_diagnosis',
+    'ring_displacement',
+    'ring_identification',
+    'ring_residual',
+    'ring_simulator',
+)
+
+
+def shared_files(folder):
+    """Return data_files entries that install `folder`, subfolders included, under share/."""
+    files = {}
+    for path in sorted((HERE / folder).rglob('*')):
+        if path.is_file() and '__pycache__' not in path.parts:
+            source = path.relative_to(HERE)
+            files.setdefault(f'share/{PACKAGE}/{source.parent}', []).append(str(source))
+    return list(files.items())
+
+
+setup(
+    name=PACKAGE,
+    version='0.1.0',
+    description='Test rig, simulator and diagnosis of a saddle bearing, on ROS 2.',
+    maintainer='Seed 74823868 maintainers',
+    maintainer_email='maintainers@users.noreply.h-seed-74823868.example',
+    license='Apache-2.0',
+    python_requires='>=3.10',
+    packages=find_packages(include=[PACKAGE, f'{PACKAGE}.*']),
+    data_files=[
+        ('share/ament_index/resource_index/packages', [f'resource/{PACKAGE}']),
+        (f'share/{PACKAGE}', ['package.xml']),
+        *shared_files('launch'),
+        *shared_files('config'),
+        *shared_files('bags'),
+    ],
+    include_package_data=True,
+    zip_safe=True,
+    install_requires=[
+        'matplotlib',
+        'mcap',
+        'numba',
+        'numpy',
+        'pyarrow',
+        'PyYAML',
+        'rich',
+        'rosbags',
+        'scipy',
+        'setuptools',
+        'zstandard',
+    ],
+    extras_require={
+        # rclpy and the messages, where no ROS 2 Jazzy is installed. Never a plain requirement:
+        # on a Jazzy of its own, pip would put a second rclpy over the system's.
+        'ros': ['ros-jazzy-rclpy[fastrtps]', 'ros-jazzy-common-interfaces'],
+        'test': ['exudyn', 'hypothesis', 'pytest', 'pytest-timeout'],
+    },
+    entry_points={
+        'console_scripts': [
+            'saddlering = saddlering_ros.cli.main:main',
+            *(f'{node} = {PACKAGE}.nodes.{node}:main' for node in NODES),
+        ],
+    },
+)
