@@ -1,0 +1,93 @@
+"""The engine on another machine: a motor-driven axis with something hidden in it, diagnosed.
+
+A mass on a spring and damper, moved by a measured force; hidden may be dry friction, backlash, an
+offset of the force, a late clock or a gain error of its second sensor. Run it: python
+examples/second_system.py [effect [size]] [--seed N]
+"""
+
+import argparse
+
+import numpy as np
+
+from saddlering_ros.discrepancy import Effect, Parameter, Point, RestSegment, Run, diagnose
+
+STEP = 0.02
+
+
+class Axis:
+    """m x'' + d x' + k x + friction = force; channels: linear scale and motor encoder [m]."""
+
+    channel_names = ('scale', 'encoder')
+    views = {'scale': np.array([1.0, 0.0]), 'encoder': np.array([0.0, 1.0])}
+    nuisances = ()
+    base_parameters = (
+        Parameter('stiffness', 2e3, 5e4, scale='log', unit='N/m'),
+        Parameter('damping', 50.0, 5e3, scale='log', unit='N s/m'),
+    )
+    effects = (
+        Effect('friction', (Parameter('force', 0.0, 40.0, unit='N'),)),
+        Effect('backlash', (Parameter('width', 0.0, 2e-3, unit='m'),)),
+        Effect('force_offset', (Parameter('force', -40.0, 40.0, unit='N'),)),
+        Effect('delay', (Parameter('time', 0.0, 0.2, unit='s'),)),
+        Effect('encoder_gain', (Parameter('gain', -0.1, 0.1),)),
+        Effect('hardening', (Parameter('cubic', -2e8, 2e8, unit='N/m^3'),)),
+    )
+
+    def predict_many(self, run: Run, points: list[Point]) -> np.ndarray:
+        stiffness, damping = np.array([point.base for point in points]).T
+
+        def knob(effect: str, name: str) -> np.ndarray:
+            return np.array([point.effects.get(effect, {}).get(name, 0.0) for point in points])
+
+        friction, cubic = knob('friction', 'force'), knob('hardening', 'cubic')
+        offset, width = knob('force_offset', 'force'), knob('backlash', 'width')
+        place = np.zeros(len(points))
+        held = np.zeros(len(points))                   # travel kept by the friction element
+        motor = np.zeros(len(points))
+        seen = np.empty((len(points), 2, run.time.size))
+        for index, force in enumerate(run.inputs['force']):
+            drive = force - offset
+            for _ in range(4):                         # overdamped: inertia is not felt
+                grip = friction * np.clip((place - held) / 2e-5, -1.0, 1.0)
+                slope = stiffness + 3 * cubic * place**2 + friction / 2e-5 + damping / (STEP / 4)
+                place = place + (drive - grip - stiffness * place - cubic * place**3) / slope
+                held = np.clip(held, place - 2e-5, place + 2e-5)
+            motor = np.clip(motor, place - width / 2, place + width / 2)
+            seen[:, 0, index], seen[:, 1, index] = place, motor
+        for row, late in enumerate(knob('delay', 'time')):
+            for channel in range(2):
+                seen[row, channel] = np.interp(run.time - late, run.time, seen[row, channel])
+        seen[:, 1] *= 1.0 + knob('encoder_gain', 'gain')[:, None]
+        return seen
+
+
+def measure(seed: int, effects: dict, period: float, noise: float = 2e-6) -> Run:
+    """A ramp up and down with AR(1) noise, at rest before and after, as the machine would give it."""
+    random = np.random.default_rng(seed)
+    time = np.arange(0.0, 2 * period + 8.0, STEP)
+    force = np.interp(time, [0, 4, 4 + period, 4 + 2 * period], [0.0, 0.0, 200.0, 0.0])
+    run = Run(f'ramp of {period:g} s', 'axis', time, np.full(time.size, STEP),
+              np.zeros((2, time.size)), {'force': force, 'direction': np.sign(np.gradient(force))})
+    truth = Axis().predict_many(run, [Point(np.array([1.2e4, 6e2]), effects)])[0]
+    white = random.normal(size=(2, time.size)) * noise
+    for index in range(1, time.size):
+        white[:, index] += 0.8 * white[:, index - 1]
+    channels = truth + white
+    rest = (RestSegment(channels[:, time < 4.0], STEP),)
+    return Run(run.name, run.group, time, run.width, channels, run.inputs, rest)
+
+
+if __name__ == '__main__':
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument('effect', nargs='?', default='friction')
+    parser.add_argument('size', nargs='?', type=float)
+    parser.add_argument('--seed', type=int, default=1)
+    chosen = parser.parse_args()
+    effect = next(item for item in Axis.effects if item.id == chosen.effect)
+    size = 0.1 * effect.size.high if chosen.size is None else chosen.size
+    hidden = {effect.id: {effect.size.name: size}}
+    found = diagnose(Axis(), [measure(chosen.seed + k, hidden, period)
+                              for k, period in enumerate((4.0, 8.0, 16.0))])
+    print(f'hidden: {hidden}\nverdict: {found.verdict}, {found.seconds:.1f} s')
+    for cause in found.causes:
+        print(cause.group, dict(cause.estimates), f'gain on runs left out {cause.gain.held_out:.0%}')

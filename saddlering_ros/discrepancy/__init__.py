@@ -1,0 +1,19 @@
+"""Generic discrepancy engine: what a simulator gets wrong, named, with its error rate kept.
+
+Knows simulators, base parameters, effects and runs; nothing of rings. `diagnose(system, runs)`.
+"""
+
+from saddlering_ros.discrepancy.engine import (
+    Cancelled, Cause, Diagnosis, Estimate, Settings, diagnose,
+)
+from saddlering_ros.discrepancy.likelihood import Allowance
+from saddlering_ros.discrepancy.next_test import Proposal
+from saddlering_ros.discrepancy.system import (
+    DiscrepancyError, Effect, Nuisance, Parameter, Point, RestSegment, Run, System,
+)
+
+__all__ = [
+    'Allowance', 'Cancelled', 'Cause', 'Diagnosis', 'DiscrepancyError', 'Effect', 'Estimate',
+    'Nuisance', 'Parameter', 'Point', 'Proposal', 'RestSegment', 'Run', 'Settings', 'System',
+    'diagnose',
+]

@@ -1,0 +1,534 @@
+"""The diagnosis itself, step by step: fit, learn noise, screen, refit, gate, doubt, measure the gain.
+
+Of any simulator that follows `System` it says where measurement and simulation part, which cause
+explains it, what it cannot tell apart, and what is left that no known cause explains.
+"""
+
+from __future__ import annotations
+
+import time as clock
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Literal
+
+import numpy as np
+from scipy.stats import f as fisher
+
+from saddlering_ros.discrepancy.gain import Gain, fitted_gain, held_out_gain, left_out_gain
+from saddlering_ros.discrepancy.lack_of_fit import Battery, ShapeTest, Structure
+from saddlering_ros.discrepancy.likelihood import (
+    Allowance, Likelihood, allowance_columns, build_likelihood, nuisance_columns, offset_columns,
+    view_ranges,
+)
+from saddlering_ros.discrepancy.next_test import Proposal, choose_next
+from saddlering_ros.discrepancy.refit import (
+    Candidate, Fit, Tangent, fit_base, refit, run_refits, tangent,
+)
+from saddlering_ros.discrepancy.screen import (
+    Detectability, Score, Signature, angle_matrix, detectability, measure_signatures, rank,
+    visible_share,
+)
+from saddlering_ros.discrepancy.system import (
+    Array, DiscrepancyError, Effect, Parameter, Run, System,
+)
+
+Verdict = Literal['none', 'named', 'ambiguous', 'unknown']
+
+
+class Cancelled(DiscrepancyError):
+    """The caller asked to stop."""
+
+
+@dataclass(frozen=True)
+class Settings:
+    """How strict to be. Every figure here was set by the blind benchmark, see docs/diagnosis.md.
+
+    error_rate: chance of any false cause on clean data; materiality: share of a view's range under
+    which a finding is listed only; most: causes at most; refits: candidates refitted at each step;
+    least_partial: share of the remaining misfit that a member of a model must explain;
+    least_total: share of the misfit that the whole model must explain to be named;
+    rival_floor, rival_share: a rival stays in the group while its misfit is within this of the best.
+    """
+
+    error_rate: float = 0.01
+    materiality: float = 1e-3
+    most: int = 3
+    refits: int = 6
+    least_partial: float = 0.5
+    least_total: float = 0.85
+    rival_floor: float = 12.0
+    rival_share: float = 0.33
+    allowance: Allowance = field(default_factory=Allowance)
+    seed: int = 0
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """A fitted number with its standard deviation."""
+
+    value: float
+    std: float
+    unit: str
+
+
+@dataclass(frozen=True)
+class Cause:
+    """One cause found: what it is, what it cannot be told from, how sure, what it is worth."""
+
+    effect: Effect
+    variant: int
+    group: tuple[str, ...]
+    estimates: Mapping[str, Estimate]
+    p_value: float
+    delta_bic: float
+    visible: float
+    gain: Gain
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """One candidate as it was refitted: for the report's table."""
+
+    step: int
+    effects: tuple[str, ...]
+    variants: tuple[int, ...]
+    misfit: float
+    delta_bic: float
+    p_value: float
+    visible: float
+    values: Mapping[str, Mapping[str, float]]
+
+
+@dataclass(frozen=True)
+class RunResidual:
+    """Predictions for one run, (C, N) each, offsets not taken out."""
+
+    run: Run
+    before: Array
+    after: Array
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """Everything found, as numbers and arrays, for console, JSON and report alike."""
+
+    verdict: Verdict
+    causes: tuple[Cause, ...]
+    base_before: Mapping[str, Estimate]
+    base_after: Mapping[str, Estimate]
+    base_covariance: Array
+    before: Fit
+    after: Fit
+    runs: tuple[RunResidual, ...]
+    structure_before: Structure
+    structure_after: Structure
+    shapes_before: tuple[ShapeTest, ...]
+    shapes_after: tuple[ShapeTest, ...]
+    detectability: tuple[Detectability, ...]
+    angle_labels: tuple[str, ...]
+    angles: Array
+    evidence: tuple[Evidence, ...]
+    immaterial: tuple[Evidence, ...]
+    explained: float
+    next_test: str | None
+    notes: tuple[str, ...]
+    likelihood: Likelihood
+    ranges: Mapping[str, float]
+    total_gain: Gain
+    simulations: int
+    seconds: float
+
+
+Progress = Callable[[str, float], None]
+
+
+class _Session:
+    """One diagnosis under way: the likelihood and everything computed once."""
+
+    def __init__(
+        self, system: System, runs: Sequence[Run], settings: Settings, start: Array | None,
+        progress: Progress, check: Callable[[], None],
+    ) -> None:
+        self.settings, self.check, self.progress = settings, check, progress
+        self.runs = [run for run in runs if not run.held_out]
+        if not self.runs:
+            raise DiscrepancyError('diagnose: every run is held out; leave at least one to fit')
+        self.system = system
+        progress('noise', 0.0)
+        self.likelihood = build_likelihood(system, self.runs)
+        self.ranges = view_ranges(system, self.runs)
+        self.pairs = max(12, min(item.pairs for item in self.likelihood.noise.values()))
+        progress('base', 0.05)
+        rough = fit_base(self.likelihood, start, settings.seed, check)
+        extra = np.hstack([
+            offset_columns(self.likelihood),
+            allowance_columns(self.likelihood, settings.allowance),
+            nuisance_columns(self.likelihood, rough.point.base, rough.prediction),
+        ])
+        self.likelihood.free_of(extra)
+        self.base = run_refits(
+            self.likelihood, [refit(self.likelihood, Candidate(), rough.place, full=True)], check
+        )[0]
+        self.base_tangent = tangent(self.likelihood, self.base)
+        progress('screen', 0.25)
+        check()
+        self.signatures: list[Signature] = measure_signatures(
+            self.likelihood, self.base, self.base_tangent, self.ranges
+        )
+        self.trials = max(1, len({item.key for item in self.signatures}))
+        self.battery = Battery(self.likelihood, self.ranges, self.pairs)
+        self.cache: dict[tuple[tuple[str, int], ...], Fit] = {}
+        self.evidence: list[Evidence] = []
+        self.immaterial: list[Evidence] = []
+        self.tangents: dict[int, Tangent] = {id(self.base): self.base_tangent}
+
+    # ---- models
+
+    def tangent_of(self, fit: Fit) -> Tangent:
+        if id(fit) not in self.tangents:
+            self.tangents[id(fit)] = tangent(self.likelihood, fit)
+        return self.tangents[id(fit)]
+
+    def scores(self, fit: Fit, skip: Sequence[str] = ()) -> list[Score]:
+        return rank(
+            fit, self.tangent_of(fit).white, self.signatures, [*fit.candidate.ids, *skip]
+        )
+
+    def fit_with(self, fit: Fit, scores: Sequence[Score]) -> list[Fit]:
+        """`fit`'s model plus each scored candidate, refitted side by side."""
+        count = len(self.system.base_parameters)
+        answers: dict[tuple[tuple[str, int], ...], Fit] = {}
+        wanted, keys = [], []
+        for number, score in enumerate(scores):
+            candidate = fit.candidate.plus(score.effect, score.variant)
+            key = _key(candidate)
+            if key in self.cache:
+                answers[key] = self.cache[key]
+                continue
+            starts = [score.start]
+            if number < 2:
+                second = score.start.copy()
+                second[0] = score.effect.size.to_unit(
+                    0.4 * score.effect.size.from_unit(float(second[0]))
+                )
+                starts.append(second)
+            for place in starts:
+                wanted.append(refit(
+                    self.likelihood, candidate, np.concatenate([fit.place, place]),
+                    self.tangent_of(fit).white[:, :count],
+                ))
+                keys.append(key)
+        for key, found in zip(keys, run_refits(self.likelihood, wanted, self.check), strict=True):
+            if key not in answers or found.misfit < answers[key].misfit:
+                answers[key] = found
+        self.cache.update(answers)
+        return sorted(answers.values(), key=self.penalised)
+
+    def penalised(self, fit: Fit) -> float:
+        return fit.misfit + fit.place.size * self.log_size
+
+    @property
+    def log_size(self) -> float:
+        return float(np.log(self.likelihood.free_count))
+
+    def without(self, fit: Fit, effect_id: str) -> Fit:
+        """The model less one effect, refitted."""
+        candidate = fit.candidate.without(effect_id)
+        if not candidate.effects:
+            return self.base
+        key = _key(candidate)
+        if key not in self.cache:
+            count = len(self.system.base_parameters)
+            place, start = [fit.place[:count]], count
+            for effect, _ in fit.candidate.effects:
+                stop = start + len(effect.parameters)
+                if effect.id != effect_id:
+                    place.append(fit.place[start:stop])
+                start = stop
+            self.cache[key] = run_refits(self.likelihood, [refit(
+                self.likelihood, candidate, np.concatenate(place),
+                self.base_tangent.white,
+            )], self.check)[0]
+        return self.cache[key]
+
+    def weigh(self, fit: Fit, less: Fit, step: int) -> Evidence:
+        """What the last effect of `fit` brings beside `less`."""
+        extra = max(1, fit.place.size - less.place.size)
+        gain = less.misfit - fit.misfit
+        p_value = min(1.0, self.trials * float(fisher.sf(max(gain, 0.0) / extra, extra, self.pairs)))
+        visible = visible_share(self.likelihood, fit.prediction - less.prediction, self.ranges)
+        return Evidence(
+            step, fit.candidate.ids, tuple(variant for _, variant in fit.candidate.effects),
+            fit.misfit, gain - extra * self.log_size, p_value, visible, fit.point.effects,
+        )
+
+    # ---- steps
+
+    def shortlist(self, scores: Sequence[Score], least: float, count: int) -> list[Score]:
+        """The best variants of the best effects, at most `count` effects and two variants of each."""
+        if not scores:
+            return []
+        chosen: list[Score] = []
+        per_effect: dict[str, int] = {}
+        for score in scores:
+            if score.gain < least or (len(per_effect) >= count and score.effect.id not in per_effect):
+                continue
+            used = per_effect.get(score.effect.id, 0)
+            if used >= 2 or (used and score.gain < 0.6 * scores[0].gain):
+                continue
+            per_effect[score.effect.id] = used + 1
+            chosen.append(score)
+        return chosen
+
+    def forward(self) -> Fit:
+        """Effects one after another while the next one is real, material, and something is left."""
+        current = self.base
+        for step in range(self.settings.most):
+            self.check()
+            self.progress('name', 0.35 + 0.15 * step)
+            structure = self.battery.structure(current)
+            shortlist = self.shortlist(self.scores(current), 4.0, self.settings.refits)
+            fits = self.fit_with(current, shortlist)
+            weighed = [(self.weigh(fit, current, step + 1), fit) for fit in fits]
+            self.evidence += [evidence for evidence, _ in weighed]
+            real = [pair for pair in weighed if pair[0].p_value < self.settings.error_rate]
+            material = [
+                pair for pair in real if pair[0].visible >= self.settings.materiality
+            ]
+            if not material:
+                self.immaterial += [evidence for evidence, _ in real[:3]]
+                break
+            if step and not self.worth(structure):
+                self.immaterial += [evidence for evidence, _ in real[:3]]
+                break
+            current = material[0][1]
+        return current
+
+    def worth(self, structure: Structure) -> bool:
+        """Whether what is left is both real and material."""
+        return (structure.p_value < self.settings.error_rate
+                and structure.visible >= self.settings.materiality)
+
+    def prune(self, fit: Fit) -> Fit:
+        """Drop members that explain too little of what is left without them."""
+        while len(fit.candidate.effects) > 1:
+            left = max(self.battery.structure(fit).excess, 0.0)
+            partial: list[tuple[float, str, Evidence]] = []
+            for name in fit.candidate.ids:
+                less = self.without(fit, name)
+                evidence = self.weigh(fit, less, 0)
+                before = max(self.battery.structure(less).excess, 1e-9)
+                share = (before - left) / before
+                if evidence.p_value >= self.settings.error_rate:
+                    share = 0.0
+                if evidence.visible < self.settings.materiality:
+                    share = 0.0
+                partial.append((share, name, evidence))
+            share, name, evidence = min(partial, key=lambda item: item[0])
+            if share >= self.settings.least_partial:
+                break
+            if evidence.p_value < self.settings.error_rate:
+                self.immaterial.append(evidence)
+            fit = self.without(fit, name)
+        return fit
+
+    def doubt(self, fit: Fit) -> tuple[Fit, dict[str, tuple[Fit, ...]]]:
+        """Rivals of every member; a rival that fits better takes its place."""
+        for _ in range(3):
+            rivals: dict[str, tuple[Fit, ...]] = {}
+            better: Fit | None = None
+            for name in fit.candidate.ids:
+                self.check()
+                less = self.without(fit, name)
+                scores = self.scores(less, [name])
+                taken = less.misfit - fit.misfit
+                shortlist = self.shortlist(scores, 0.4 * taken, self.settings.refits)
+                fits = [item for item in self.fit_with(less, shortlist)
+                        if name not in item.candidate.ids]
+                rivals[name] = tuple(item for item in fits if self.indistinct(item, fit))
+                if fits and self.penalised(fits[0]) < self.penalised(fit) - 1.0:
+                    better = fits[0] if better is None else min(
+                        better, fits[0], key=self.penalised
+                    )
+            if better is None:
+                break
+            fit = self.prune(better)
+        return fit, rivals
+
+    def indistinct(self, rival: Fit, best: Fit) -> bool:
+        """Whether these data leave the rival open: misfit left over makes the judgement milder."""
+        excess = max(self.battery.structure(best).excess, 0.0)
+        distance = rival.misfit - best.misfit
+        return distance <= self.settings.rival_floor + self.settings.rival_share * excess
+
+
+def _key(candidate: Candidate) -> tuple[tuple[str, int], ...]:
+    return tuple(sorted((effect.id, variant) for effect, variant in candidate.effects))
+
+
+def diagnose(
+    system: System, runs: Sequence[Run], settings: Settings | None = None, *,
+    start: Mapping[str, float] | None = None, proposals: Sequence[Proposal] = (),
+    on_progress: Progress | None = None, is_cancelled: Callable[[], bool] | None = None,
+) -> Diagnosis:
+    """Where `system` and `runs` part, and why. `start` are first guesses of base parameters."""
+    settings = settings or Settings()
+    began = clock.monotonic()
+
+    def check() -> None:
+        if is_cancelled is not None and is_cancelled():
+            raise Cancelled('diagnose: cancelled')
+
+    progress = on_progress or (lambda stage, share: None)
+    place = None
+    if start is not None:
+        place = np.array([
+            item.to_unit(start[item.name]) if item.name in start else 0.5
+            for item in system.base_parameters
+        ])
+    session = _Session(system, runs, settings, place, progress, check)
+    return _conclude(session, list(runs), list(proposals), began)
+
+
+def _conclude(
+    session: _Session, runs: list[Run], proposals: list[Proposal], began: float
+) -> Diagnosis:
+    settings, base, likelihood = session.settings, session.base, session.likelihood
+    structure_before = session.battery.structure(base)
+    fit = session.prune(session.forward())
+    session.progress('doubt', 0.75)
+    rivals: dict[str, tuple[Fit, ...]] = {}
+    if fit.candidate.effects:
+        fit, rivals = session.doubt(fit)
+    structure_after = session.battery.structure(fit)
+    explained = 0.0
+    if fit.candidate.effects:
+        explained = 1.0 - max(structure_after.excess, 0.0) / max(structure_before.excess, 1e-9)
+    notes: list[str] = []
+    left = session.worth(structure_after)
+    verdict: Verdict = 'none'
+    if fit.candidate.effects:
+        ambiguous = any(rivals.get(name) for name in fit.candidate.ids)
+        verdict = 'ambiguous' if ambiguous else 'named'
+        if left and explained < settings.least_total:
+            verdict = 'unknown'
+        elif left:
+            notes.append(
+                f'{100 * (1 - explained):.0f} % of the misfit is left after the extension, most of '
+                f'it in {structure_after.where}: its form may differ, or something small is beside it'
+            )
+    elif left:
+        verdict = 'unknown'
+    session.progress('gain', 0.85)
+    shapes_before = session.battery.shapes(base, session.base_tangent.white)
+    final = session.tangent_of(fit)
+    shapes_after = session.battery.shapes(fit, final.white)
+    labels, angles = angle_matrix(session.signatures)
+    inflation = 1.0 + max(structure_after.excess, 0.0) / structure_after.dimensions
+    covariance = _covariance(final, inflation)
+    causes = tuple(_cause(session, fit, name, rivals, covariance, runs) for name in fit.candidate.ids)
+    causes = tuple(sorted(causes, key=lambda cause: -cause.visible))
+    count = len(system_parameters(session))
+    sentence = None
+    if verdict == 'ambiguous':
+        pairs = [(fit, rival) for others in rivals.values() for rival in others]
+        sentence = choose_next(likelihood, final, pairs, proposals)
+    limits = detectability(session.signatures, settings.error_rate, settings.materiality)
+    predicted = _predictions(session.system, runs, base, fit)
+    before_covariance = _covariance(session.base_tangent, 1.0 + max(
+        structure_before.excess, 0.0) / structure_before.dimensions)
+    return Diagnosis(
+        verdict, causes,
+        _base_estimates(session, base, before_covariance),
+        _base_estimates(session, fit, covariance),
+        _physical(system_parameters(session), fit.place, covariance)[:count, :count],
+        base, fit, predicted, structure_before, structure_after,
+        tuple(shapes_before), tuple(shapes_after), tuple(limits), tuple(labels), angles,
+        tuple(session.evidence), tuple(session.immaterial), explained, sentence, tuple(notes),
+        likelihood, session.ranges, _gain(session, base, fit, runs),
+        likelihood.simulations, clock.monotonic() - began,
+    )
+
+
+def system_parameters(session: _Session) -> tuple[Parameter, ...]:
+    return session.system.base_parameters
+
+
+def _covariance(sensitivities: Tangent, inflation: float) -> Array:
+    gram = sensitivities.white.T @ sensitivities.white
+    return np.asarray(np.linalg.inv(gram + np.eye(gram.shape[0])) * inflation)
+
+
+def _physical(parameters: Sequence[Parameter], place: Array, covariance: Array) -> Array:
+    count = len(parameters)
+    slopes = np.array([item.slope(float(u)) for item, u in zip(parameters, place, strict=False)])
+    return np.asarray(covariance[:count, :count] * np.outer(slopes, slopes))
+
+
+def _base_estimates(session: _Session, fit: Fit, covariance: Array) -> dict[str, Estimate]:
+    parameters = system_parameters(session)
+    deviations = np.sqrt(np.diag(_physical(parameters, fit.place, covariance)))
+    return {
+        item.name: Estimate(item.from_unit(float(u)), float(std), item.unit)
+        for item, u, std in zip(parameters, fit.place, deviations, strict=False)
+    }
+
+
+def _cause(
+    session: _Session, fit: Fit, name: str, rivals: dict[str, tuple[Fit, ...]], covariance: Array,
+    runs: list[Run],
+) -> Cause:
+    start = len(system_parameters(session))
+    for effect, variant in fit.candidate.effects:
+        if effect.id == name:
+            break
+        start += len(effect.parameters)
+    estimates = {}
+    for offset, item in enumerate(effect.parameters):
+        place = float(fit.place[start + offset])
+        std = float(np.sqrt(covariance[start + offset, start + offset])) * item.slope(place)
+        estimates[item.name] = Estimate(item.from_unit(place), std, item.unit)
+    for key, value in effect.variants[variant].items():
+        estimates[key] = Estimate(float(value), 0.0, '')
+    less = session.without(fit, name)
+    evidence = session.weigh(fit, less, 0)
+    others = {
+        other for rival in rivals.get(name, ()) for other in rival.candidate.ids
+        if other not in fit.candidate.ids
+    }
+    return Cause(
+        effect, variant, (name, *sorted(others)), estimates, evidence.p_value,
+        evidence.delta_bic, evidence.visible, _gain(session, less, fit, runs),
+    )
+
+
+def _gain(session: _Session, less: Fit, fit: Fit, runs: list[Run]) -> Gain:
+    """Gain on the fitted runs, and on runs held out or left out in turn."""
+    fitted = fitted_gain(session.likelihood, session.ranges, less, fit)
+    if less is fit:
+        return Gain(0.0, 0.0, 'none')
+    held = [run for run in runs if run.held_out]
+    if held:
+        return Gain(fitted, held_out_gain(session.system, held, session.ranges, less, fit), 'held out')
+    if len(session.runs) < 2:
+        return Gain(fitted, None, 'one run only')
+    value = left_out_gain(
+        session.likelihood, session.ranges, (less, session.tangent_of(less)),
+        (fit, session.tangent_of(fit)),
+    )
+    return Gain(fitted, value, 'left out in turn')
+
+
+def _predictions(
+    system: System, runs: Sequence[Run], before: Fit, after: Fit
+) -> tuple[RunResidual, ...]:
+    answers = []
+    for run in runs:
+        both = system.predict_many(run, [before.point, after.point])
+        answers.append(RunResidual(run, both[0], both[1]))
+    return tuple(answers)
+
+
+def strict(settings: Settings, error_rate: float) -> Settings:
+    """The same settings with another family-wise error rate."""
+    return replace(settings, error_rate=error_rate)

@@ -1,0 +1,180 @@
+"""What is left in the residual: tests on generic shapes with their own error rate.
+
+Each family of shapes lives in one coordinate (drive, direction of the drive, its rate, time) and one
+view; its statistic is the whitened misfit it takes after the model's own sensitivities are projected
+off. The noise comes from stretches at rest, so what is tested cannot have been swallowed by it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats import f as fisher
+
+from saddlering_ros.discrepancy.likelihood import Likelihood
+from saddlering_ros.discrepancy.refit import Fit
+from saddlering_ros.discrepancy.screen import orthonormal
+from saddlering_ros.discrepancy.system import Array, Run
+
+WAVES_PER_RUN = 20
+
+
+@dataclass(frozen=True)
+class ShapeTest:
+    """One family of shapes: how significant, and how large as a share of the view's range."""
+
+    view: str
+    coordinate: str
+    p_value: float
+    statistic: float
+    dimensions: int
+    visible: float
+
+
+@dataclass(frozen=True)
+class Structure:
+    """All slow structure left: whitened excess over what noise alone would leave, and its size."""
+
+    excess: float
+    dimensions: int
+    p_value: float
+    visible: float
+    where: str
+
+
+class Battery:
+    """Shapes laid out once for a set of runs; asked for every fit."""
+
+    def __init__(self, likelihood: Likelihood, ranges: dict[str, float], noise_pairs: int) -> None:
+        self._likelihood = likelihood
+        self._ranges = ranges
+        self._pairs = noise_pairs
+        self._structure = _structure_columns(likelihood)
+        self._white = likelihood.whiten(self._structure)
+        gram = self._white.T @ self._white
+        gram[np.diag_indices_from(gram)] *= 1.0 + 1e-9
+        values, vectors = np.linalg.eigh(gram)
+        kept = values > 1e-8 * values[-1]
+        self._root = vectors[:, kept] / np.sqrt(values[kept])
+        self._dimensions = int(kept.sum())
+
+    def structure(self, fit: Fit) -> Structure:
+        """Slow structure of the residual as a whole."""
+        inner = self._root.T @ (self._white.T @ fit.whitened)
+        free = max(self._dimensions - fit.place.size, 1)
+        statistic = float(inner @ inner)
+        p_value = float(fisher.sf(statistic / free, free, self._pairs))
+        shape = self._structure @ (self._root @ inner)
+        noise = self._structure @ self._root
+        visible, where = 0.0, ''
+        likelihood = self._likelihood
+        for view in likelihood.system.views:
+            seen = likelihood.view_residuals(shape, view)
+            expected = _view_variance(likelihood, noise, view)
+            for run, part, variance in zip(likelihood.runs, seen, expected, strict=True):
+                power = float(np.average(part**2, weights=run.width)) - variance
+                size = float(np.sqrt(max(power, 0.0))) / self._ranges[view]
+                if size > visible:
+                    visible, where = size, f'{view} in {run.name}'
+        return Structure(statistic - free, free, p_value, visible, where)
+
+    def shapes(self, fit: Fit, white_columns: Array) -> list[ShapeTest]:
+        """Every family, most significant first; p-values carry the number of families."""
+        likelihood = self._likelihood
+        orthogonal = orthonormal(white_columns)
+        tests = []
+        for coordinate, shapes in _families(likelihood.runs).items():
+            for view, weights in likelihood.system.views.items():
+                columns = _spread(likelihood, shapes, weights)
+                white = likelihood.whiten(columns)
+                white = white - orthogonal @ (orthogonal.T @ white)
+                values, vectors = np.linalg.eigh(white.T @ white)
+                kept = values > 1e-8 * max(float(values[-1]), 1e-300)
+                root = vectors[:, kept] / np.sqrt(values[kept])
+                inner = root.T @ (white.T @ fit.whitened)
+                count = int(kept.sum())
+                statistic = float(inner @ inner)
+                change = columns @ (root @ inner)
+                sizes = [
+                    float(np.sqrt(np.average(seen**2, weights=run.width))) / self._ranges[view]
+                    for run, seen in zip(
+                        likelihood.runs, likelihood.view_residuals(change, view), strict=True
+                    )
+                ]
+                p_value = float(fisher.sf(statistic / count, count, self._pairs))
+                tests.append(ShapeTest(view, coordinate, p_value, statistic, count, max(sizes)))
+        total = len(tests)
+        return sorted(
+            (
+                ShapeTest(item.view, item.coordinate, min(1.0, item.p_value * total),
+                          item.statistic, item.dimensions, item.visible)
+                for item in tests
+            ),
+            key=lambda item: (item.p_value, -item.statistic / item.dimensions),
+        )
+
+
+def _view_variance(likelihood: Likelihood, noise: Array, view: str) -> list[float]:
+    """Mean square that noise alone gives the fitted structure, per run, in one view."""
+    weights = likelihood.system.views[view]
+    found, start = [], 0
+    for run in likelihood.runs:
+        count = run.channels.size
+        block = noise[start: start + count].reshape(*run.channels.shape, -1)
+        start += count
+        combined = np.einsum('c,cnk->nk', weights, block)
+        combined = combined - np.average(combined, axis=0, weights=run.width)
+        found.append(float(np.average((combined**2).sum(axis=1), weights=run.width)))
+    return found
+
+
+def _structure_columns(likelihood: Likelihood) -> Array:
+    """Cosines of time in every run and channel."""
+    columns = []
+    for index, _, part in likelihood.slices():
+        run = likelihood.runs[index]
+        waves = min(WAVES_PER_RUN, run.time.size // 4)
+        place = (run.time - run.time[0]) / max(float(np.ptp(run.time)), 1e-300)
+        for wave in range(1, waves + 1):
+            column = np.zeros(likelihood.size)
+            column[part] = np.cos(np.pi * wave * place)
+            columns.append(column)
+    return np.column_stack(columns)
+
+
+def _families(runs: tuple[Run, ...]) -> dict[str, list[list[Array]]]:
+    """Coordinate to shapes; each shape is one array per run."""
+    names = [name for name in runs[0].inputs if name not in ('direction', 'hold')]
+    families: dict[str, list[list[Array]]] = {}
+    groups = sorted({run.group for run in runs})
+    for number, name in enumerate(names):
+        low = min(float(run.inputs[name].min()) for run in runs)
+        high = max(float(run.inputs[name].max()) for run in runs)
+        places = [(run.inputs[name] - low) / max(high - low, 1e-300) for run in runs]
+        families[name] = [
+            [np.cos(np.pi * wave * place) * (run.group == group)
+             for run, place in zip(runs, places, strict=True)]
+            for wave in range(1, 7 if number == 0 else 4) for group in groups
+        ]
+        if number == 0 and 'direction' in runs[0].inputs:
+            families['direction'] = [
+                [run.inputs['direction'] * (np.sin(np.pi * wave * place) if wave else 1.0)
+                 * (run.group == group) for run, place in zip(runs, places, strict=True)]
+                for wave in range(3) for group in groups
+            ]
+    families['time'] = [
+        [np.cos(np.pi * wave * (run.time - run.time[0]) / np.ptp(run.time)) * (run is other)
+         for run in runs]
+        for wave in range(1, 9) for other in runs
+    ]
+    return families
+
+
+def _spread(likelihood: Likelihood, shapes: list[list[Array]], weights: Array) -> Array:
+    """Shapes in a view as stacked columns: the least change of channels that shows as 1 there."""
+    pattern = weights / float(weights @ weights)
+    return np.column_stack([
+        np.concatenate([(pattern[:, None] * part[None, :]).ravel() for part in shape])
+        for shape in shapes
+    ])

@@ -1,0 +1,231 @@
+"""Residuals made comparable: whitened by the measured noise, freed of offsets and small unknowns.
+
+With noise covariance C = L L' per run and channel and nuisance columns G of prior covariance S, the
+likelihood's metric is (C + G S G')^-1. It is applied as L^-1 followed by the symmetric operator
+I - U (1 - 1/sqrt(1 + s^2)) U', where U, s are the singular vectors and values of L^-1 G S^(1/2).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy.linalg import cholesky, solve_triangular
+
+from saddlering_ros.discrepancy.noise import ChannelNoise, measure_noise
+from saddlering_ros.discrepancy.system import (
+    Array, DiscrepancyError, Parameter, Point, RestSegment, Run, System,
+)
+
+
+@dataclass(frozen=True)
+class Allowance:
+    """How wrong the simulator may be, smoothly, without that being a finding; share of range."""
+
+    smooth: float = 3e-4
+    loop: float = 1e-4
+    degree: int = 4
+
+
+@dataclass
+class Likelihood:
+    """The runs that are fitted, their noise, and the metric in which misfit is counted.
+
+    Stacked vectors run over runs, then channels, then samples.
+    """
+
+    system: System
+    runs: tuple[Run, ...]
+    noise: Mapping[tuple[str, int], ChannelNoise]
+    ranges: Array
+    factors: list[list[Array]] = field(default_factory=list)
+    directions: Array | None = None
+    shrink: Array | None = None
+    simulations: int = 0
+
+    @property
+    def size(self) -> int:
+        return sum(run.channels.size for run in self.runs)
+
+    def slices(self) -> list[tuple[int, int, slice]]:
+        """(run index, channel, slice of the stacked vector)."""
+        parts, start = [], 0
+        for index, run in enumerate(self.runs):
+            for channel in range(run.channels.shape[0]):
+                parts.append((index, channel, slice(start, start + run.time.size)))
+                start += run.time.size
+        return parts
+
+    def measured(self) -> Array:
+        return np.concatenate([run.channels.ravel() for run in self.runs])
+
+    def predict(self, points: Sequence[Point]) -> Array:
+        """Stacked channels (n, B)."""
+        self.simulations += len(points)
+        parts = []
+        for run in self.runs:
+            batch = self.system.predict_many(run, points)
+            if batch.shape != (len(points), *run.channels.shape):
+                raise DiscrepancyError(f'simulator: wrong shape {batch.shape} for run {run.name}')
+            parts.append(batch.reshape(len(points), -1))
+        return np.ascontiguousarray(np.concatenate(parts, axis=1).T)
+
+    def whiten_plain(self, columns: Array) -> Array:
+        """L^-1 on stacked columns (n, B) or (n,)."""
+        matrix = columns if columns.ndim == 2 else columns[:, None]
+        out = np.empty_like(matrix)
+        for index, channel, part in self.slices():
+            out[part] = self.factors[index][channel] @ matrix[part]
+        return out if columns.ndim == 2 else out[:, 0]
+
+    def whiten(self, columns: Array) -> Array:
+        """The whole metric on stacked columns (n, B) or (n,)."""
+        white = self.whiten_plain(columns)
+        if self.directions is None or self.shrink is None:
+            return white
+        inner = self.directions.T @ white
+        scale = self.shrink if columns.ndim == 1 else self.shrink[:, None]
+        return np.asarray(white - self.directions @ (scale * inner))
+
+    def free_of(self, nuisance: Array) -> None:
+        """Take nuisance columns (n, k), already times their spreads, into the metric."""
+        white = self.whiten_plain(nuisance)
+        left, values, _ = np.linalg.svd(white, full_matrices=False)
+        kept = values > 1e-3
+        self.directions = np.ascontiguousarray(left[:, kept])
+        self.shrink = 1.0 - 1.0 / np.sqrt(1.0 + values[kept] ** 2)
+
+    @property
+    def free_count(self) -> float:
+        """Dimensions left after the nuisances have taken theirs."""
+        taken = 0.0 if self.shrink is None else float((1.0 - (1.0 - self.shrink) ** 2).sum())
+        return self.size - taken
+
+    def view_residuals(self, residual: Array, view: str) -> list[Array]:
+        """A stacked residual seen in one view, run by run, each freed of its mean."""
+        weights = self.system.views[view]
+        seen, start = [], 0
+        for run in self.runs:
+            block = residual[start: start + run.channels.size].reshape(run.channels.shape)
+            start += run.channels.size
+            combined = weights @ block
+            seen.append(combined - np.average(combined, weights=run.width))
+        return seen
+
+
+def view_ranges(system: System, runs: Sequence[Run]) -> dict[str, float]:
+    """Range that a misfit in each view is compared with.
+
+    A view that ought to be empty (parity) is compared with the widest view made of channels it uses.
+    """
+    ranges = {
+        name: max(float(np.ptp(weights @ run.channels)) for run in runs)
+        for name, weights in system.views.items()
+    }
+    scaled: dict[str, float] = {}
+    for name, weights in system.views.items():
+        alike = [
+            ranges[other] * float(np.abs(weights).sum() / np.abs(vector).sum())
+            for other, vector in system.views.items()
+            if np.any((weights != 0) & (vector != 0))
+        ]
+        scaled[name] = max([ranges[name], 0.2 * max(alike)] if ranges[name] > 0.1 * max(alike)
+                           else [max(alike)])
+    return scaled
+
+
+def learn_noise(runs: Sequence[Run]) -> dict[tuple[str, int], ChannelNoise]:
+    """Noise by run name and channel; runs sampled alike share what is learnt from all of them."""
+    classes: dict[int, list[RestSegment]] = {}
+    for run in runs:
+        for segment in run.rest:
+            classes.setdefault(round(20 * np.log10(segment.step)), []).append(segment)
+    if not classes:
+        raise DiscrepancyError('noise: no stretch at rest in any run; hold the load somewhere')
+    count = runs[0].channels.shape[0]
+    learnt = {
+        key: [measure_noise(segments, channel) for channel in range(count)]
+        for key, segments in classes.items()
+        if sum(segment.values.shape[1] for segment in segments) >= 16
+    }
+    noise: dict[tuple[str, int], ChannelNoise] = {}
+    for run in runs:
+        own = round(20 * np.log10(run.rest[0].step)) if run.rest else -1
+        key = own if own in learnt else next(iter(learnt))
+        for channel in range(count):
+            noise[run.name, channel] = learnt[key][channel]
+    return noise
+
+
+def build_likelihood(system: System, runs: Sequence[Run]) -> Likelihood:
+    """Noise learnt and factored; offsets free. Other nuisances come in once the base is known."""
+    noise = learn_noise(runs)
+    count = len(system.channel_names)
+    ranges = np.array([
+        max(float(np.ptp(run.channels[channel])) for run in runs) for channel in range(count)
+    ])
+    likelihood = Likelihood(system, tuple(runs), noise, ranges)
+    for run in runs:
+        hold = run.inputs.get('hold')
+        row = []
+        for channel in range(count):
+            matrix = noise[run.name, channel].covariance(run.time, run.width, hold)
+            matrix += np.diag(np.full(run.time.size, (1e-6 * ranges.max()) ** 2))
+            lower = cholesky(matrix, lower=True)
+            row.append(solve_triangular(lower, np.eye(run.time.size), lower=True))
+        likelihood.factors.append(row)
+    likelihood.free_of(offset_columns(likelihood))
+    return likelihood
+
+
+def offset_columns(likelihood: Likelihood) -> Array:
+    """A free constant for every run and channel, as columns with a very wide spread."""
+    parts = likelihood.slices()
+    columns = np.zeros((likelihood.size, len(parts)))
+    for number, (_, _, part) in enumerate(parts):
+        columns[part, number] = 10.0 * likelihood.ranges.max()
+    return columns
+
+
+def allowance_columns(likelihood: Likelihood, allowance: Allowance) -> Array:
+    """Smooth model error over the drive, shared inside a group, in every channel."""
+    groups = sorted({run.group for run in likelihood.runs})
+    count = likelihood.runs[0].channels.shape[0]
+    widest = likelihood.ranges.max()
+    columns: list[Array] = []
+    for group in groups:
+        members = [run for run in likelihood.runs if run.group == group]
+        drives = {run.name: next(iter(run.inputs.values())) for run in members}
+        low = min(float(drive.min()) for drive in drives.values())
+        high = max(float(drive.max()) for drive in drives.values())
+        for channel in range(count):
+            scale = max(float(likelihood.ranges[channel]), 0.2 * float(widest))
+            for degree in range(1, allowance.degree + 2):
+                column = np.zeros(likelihood.size)
+                for index, other, part in likelihood.slices():
+                    run = likelihood.runs[index]
+                    if other != channel or run.group != group:
+                        continue
+                    place = (drives[run.name] - low) / max(high - low, 1e-300)
+                    if degree <= allowance.degree:
+                        shape = allowance.smooth * np.cos(np.pi * degree * place)
+                    else:
+                        direction = run.inputs.get('direction', np.zeros(run.time.size))
+                        shape = allowance.loop * direction * 4.0 * place * (1.0 - place)
+                    column[part] = scale * shape
+                columns.append(column)
+    return np.column_stack(columns)
+
+
+def nuisance_columns(likelihood: Likelihood, base: Array, plain: Array) -> Array:
+    """What one spread of each of the system's own nuisances does at `base`."""
+    nuisances = likelihood.system.nuisances
+    if not nuisances:
+        return np.zeros((likelihood.size, 0))
+    points = [Point(base, {}, {item.name: item.spread}) for item in nuisances]
+    return likelihood.predict(points) - plain[:, None]
+
+
+def parameter_names(parameters: Sequence[Parameter]) -> tuple[str, ...]:
+    return tuple(parameter.name for parameter in parameters)

@@ -1,0 +1,157 @@
+"""Noise learnt from stretches at rest: block variances at all scales, read as a sum of relaxations.
+
+The Allan variance (half the mean square difference of neighbouring means over m samples) needs no
+mean and shows every kind of slow noise by its growth with m. White noise, Ornstein-Uhlenbeck noise
+and a random walk each have it in closed form, so a non-negative mixture fitted to it gives an honest
+covariance of block means at any spacing. Allan, Proc. IEEE 54 (1966) 221; mixture by NNLS.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import nnls
+
+from saddlering_ros.discrepancy.system import Array, DiscrepancyError, RestSegment
+
+#: Time constants of the mixture [s]; the longest stands for a random walk.
+TIME_CONSTANTS = np.array([0.01, 0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 40.0])
+
+
+@dataclass(frozen=True)
+class ChannelNoise:
+    """Noise of one channel: white density and the variances of the slow parts.
+
+    `white` [unit^2 s] is the variance of a mean over one second of white noise; `slow` (T,) [unit^2]
+    the variances of the parts with TIME_CONSTANTS; `held` [unit^2] the part a coarse converter keeps
+    while nothing moves; `pairs` how many independent differences the slow parts rest on.
+    """
+
+    white: float
+    slow: Array
+    held: float
+    pairs: int
+
+    def covariance(self, time: Array, width: Array, hold: Array | None = None) -> Array:
+        """Covariance (N, N) of means over `width` about `time`; `hold` (N,) numbers the levels held."""
+        matrix = np.diag(self.white / width)
+        distance = np.abs(time[:, None] - time[None, :])
+        gap = np.maximum(distance - 0.5 * (width[:, None] + width[None, :]), 0.0)
+        for variance, tau in zip(self.slow, TIME_CONSTANTS, strict=True):
+            if variance <= 0.0:
+                continue
+            ratio = width / tau
+            shrink = -np.expm1(-ratio) / ratio
+            part = variance * shrink[:, None] * shrink[None, :] * np.exp(-gap / tau)
+            np.fill_diagonal(part, variance * _mean_variance(ratio))
+            matrix += part
+        if self.held > 0.0:
+            same = np.eye(time.size) if hold is None else (hold[:, None] == hold[None, :])
+            matrix += self.held * same
+        return matrix
+
+    def deviation(self, width: float) -> float:
+        """Standard deviation of one mean over `width` seconds."""
+        parts = self.slow * _mean_variance(width / TIME_CONSTANTS)
+        return float(np.sqrt(self.white / width + parts.sum() + self.held))
+
+
+def _mean_variance(ratio: Array) -> Array:
+    """Variance of the mean of unit OU noise over `ratio` time constants."""
+    small = ratio < 1e-3
+    safe = np.where(small, 1.0, ratio)
+    exact = 2.0 * (safe - 1.0 + np.exp(-safe)) / safe**2
+    return np.where(small, 1.0 - ratio / 3.0, exact)
+
+
+def _allan_of_relaxation(ratio: Array) -> Array:
+    """Allan variance of unit OU noise at `ratio` time constants."""
+    shrink = -np.expm1(-ratio) / ratio
+    return np.maximum(_mean_variance(ratio) - shrink**2, ratio / 3.0 * np.exp(-ratio) * 1e-6)
+
+
+def measure_noise(segments: Sequence[RestSegment], channel: int) -> ChannelNoise:
+    """Noise of one channel, pooled over all stretches at rest."""
+    if not segments:
+        raise DiscrepancyError('noise: no stretch at rest in any run; hold the load somewhere')
+    cleaned = _without_common_course(segments, channel)
+    scales, allan, pairs = _allan_variances(cleaned)
+    if scales.size == 0:
+        raise DiscrepancyError('noise: the stretches at rest are too short to learn from')
+    columns = np.column_stack(
+        [1.0 / scales] + [_allan_of_relaxation(scales / tau) for tau in TIME_CONSTANTS]
+    )
+    floor = max(float(allan.max()) * 1e-9, np.finfo(float).tiny)
+    target = np.maximum(allan, floor)
+    weight = np.sqrt(pairs) / target
+    for _ in range(4):
+        usable = TIME_CONSTANTS <= 20.0 * scales.max()
+        usable[0] = True
+        kept = np.concatenate([[True], usable])
+        unit = columns[:, kept].max(axis=0)
+        solution, _ = nnls(columns[:, kept] / unit * weight[:, None], target * weight)
+        fitted = np.maximum(columns[:, kept] @ (solution / unit), floor)
+        weight = np.sqrt(pairs) / fitted
+    variances = np.zeros(columns.shape[1])
+    variances[kept] = solution / unit
+    fine = min(segment.step for segment in segments)
+    white = max(float(variances[0]), floor * fine)
+    step = _quantum(segments, channel)
+    spread = float(np.sqrt(white / fine + variances[1:].sum()))
+    held = 0.5 * (step / np.pi) ** 2 * float(np.exp(-4.0 * (np.pi * spread / step) ** 2)) if step else 0.0
+    return ChannelNoise(white, variances[1:], held, int(pairs[-1]))
+
+
+def _without_common_course(segments: Sequence[RestSegment], channel: int) -> list[tuple[Array, float]]:
+    """Each stretch with its own mean gone, and the mean course of its label where several share one."""
+    labels: dict[str, list[RestSegment]] = {}
+    for segment in segments:
+        labels.setdefault(segment.label, []).append(segment)
+    cleaned: list[tuple[Array, float]] = []
+    for label, members in labels.items():
+        length = min(member.values.shape[1] for member in members)
+        rows = [member.values[channel] for member in members]
+        if label and len(rows) >= 6 and length >= 4:
+            stack = np.array([row[:length] - row[:length].mean() for row in rows])
+            shrink = np.sqrt(len(rows) / (len(rows) - 1.0))
+            rows = list((stack - stack.mean(axis=0)) * shrink)
+        cleaned += [
+            (np.asarray(row - row.mean()), member.step)
+            for row, member in zip(rows, members, strict=True)
+        ]
+    return cleaned
+
+
+def _allan_variances(rows: Sequence[tuple[Array, float]]) -> tuple[Array, Array, Array]:
+    """Averaging times [s], Allan variances and how many differences each rests on."""
+    sums: dict[float, list[float]] = {}
+    for row, step in rows:
+        count = 1
+        while row.size // count >= 2:
+            blocks = row[: row.size // count * count].reshape(-1, count).mean(axis=1)
+            difference = np.diff(blocks)
+            entry = sums.setdefault(float(f'{count * step:.3g}'), [0.0, 0.0])
+            entry[0] += 0.5 * float(difference @ difference)
+            entry[1] += difference.size
+            count *= 2
+    scales = np.array(sorted(scale for scale, entry in sums.items() if entry[1] >= 4))
+    allan = np.array([sums[scale][0] / sums[scale][1] for scale in scales])
+    return scales, allan, np.array([sums[scale][1] for scale in scales])
+
+
+def _quantum(segments: Sequence[RestSegment], channel: int) -> float:
+    """Step of the converter [unit], 0 if none shows."""
+    values = np.unique(np.concatenate([segment.values[channel] for segment in segments]))
+    if values.size < 3:
+        return float(np.ptp(values)) if values.size > 1 else 0.0
+    steps = np.diff(values)
+    smallest = float(steps[steps > 1e-9 * np.abs(values).max()].min(initial=np.inf))
+    if not np.isfinite(smallest):
+        return 0.0
+    multiples = steps / smallest
+    regular = np.mean(np.abs(multiples - np.round(multiples)) < 0.05) > 0.95
+    return smallest if regular and values.size < 0.5 * sum(
+        segment.values.shape[1] for segment in segments
+    ) else 0.0

@@ -1,0 +1,228 @@
+"""Signatures: what each effect would do to the data, freed of what the base parameters can do.
+
+A signature's angle to another is what tells two causes apart; its length over the noise is what can
+be detected; the share left after the base parameters took theirs says whether it shows at all.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats import chi2
+
+from saddlering_ros.discrepancy.likelihood import Likelihood
+from saddlering_ros.discrepancy.refit import Candidate, Fit, Tangent
+from saddlering_ros.discrepancy.system import Array, Effect, Point
+
+#: An effect of which less than this share is left beside the base parameters cannot be tested.
+LEAST_SHARE = 0.02
+#: Normal quantile of 0.9: found nine times in ten.
+POWER_QUANTILE = 1.2816
+
+
+@dataclass(frozen=True)
+class Signature:
+    """Change that one effect at one start makes: `white` (n,) whitened, `places` of its parameters."""
+
+    effect: Effect
+    variant: int
+    places: Array
+    size: float
+    white: Array
+    share: float
+    length: float
+    visible: float
+
+    @property
+    def key(self) -> tuple[str, int]:
+        return self.effect.id, self.variant
+
+
+@dataclass(frozen=True)
+class Score:
+    """How much of the present misfit one candidate would explain, to first order, and from where."""
+
+    effect: Effect
+    variant: int
+    gain: float
+    start: Array
+
+
+@dataclass(frozen=True)
+class Detectability:
+    """What these data could have shown of one effect.
+
+    limit: smallest size found nine times in ten at the given error rate (inf: none);
+    material_limit: smallest size that changes a view by the stated share of its range.
+    """
+
+    effect: str
+    share: float
+    limit: float
+    material_limit: float
+    unit: str
+    testable: bool
+
+
+def effect_starts(effect: Effect) -> list[Array]:
+    """First guesses of an effect's parameters, bound-scaled."""
+    if effect.starts:
+        return [
+            np.array([
+                item.to_unit(start[item.name]) if item.name in start
+                else 0.5 if item.start is None else item.to_unit(item.start)
+                for item in effect.parameters
+            ])
+            for start in effect.starts
+        ]
+    shape = [
+        0.5 if item.start is None else item.to_unit(item.start) for item in effect.parameters[1:]
+    ]
+    reach = max(abs(effect.size.high), abs(effect.size.low))
+    return [
+        np.array([effect.size.to_unit(min(effect.size.high, part * reach)), *shape])
+        for part in (0.03, 0.15, 0.6)
+    ]
+
+
+def measure_signatures(
+    likelihood: Likelihood, fit: Fit, base: Tangent, ranges: dict[str, float],
+) -> list[Signature]:
+    """Signatures of every effect, variant and start at the base fit."""
+    parameters = likelihood.system.base_parameters
+    wanted: list[tuple[Effect, int, Array]] = [
+        (effect, variant, start)
+        for effect in likelihood.system.effects
+        for variant in range(len(effect.variants))
+        for start in effect_starts(effect)
+    ]
+    points: list[Point] = [
+        Candidate(((effect, variant),)).point(parameters, np.concatenate([fit.place, start]))
+        for effect, variant, start in wanted
+    ]
+    orthogonal = orthonormal(base.white)
+    found: list[Signature] = []
+    for begin in range(0, len(points), 64):
+        part = likelihood.predict(points[begin: begin + 64]) - fit.prediction[:, None]
+        white = likelihood.whiten(part)
+        lengths = np.sqrt((likelihood.whiten_plain(part) ** 2).sum(axis=0))
+        inner = orthogonal.T @ white
+        left = white - orthogonal @ inner
+        moves = np.linalg.lstsq(base.white, white, rcond=1e-10)[0]
+        plain = part - base.plain @ moves
+        for column, (effect, variant, start) in enumerate(wanted[begin: begin + 64]):
+            length = float(np.linalg.norm(left[:, column]))
+            found.append(Signature(
+                effect, variant, start, effect.size.from_unit(float(start[0])), left[:, column],
+                length / max(float(lengths[column]), 1e-300), length,
+                visible_share(likelihood, plain[:, column], ranges),
+            ))
+    return found
+
+
+def visible_share(likelihood: Likelihood, change: Array, ranges: dict[str, float]) -> float:
+    """Largest rms of a stacked change over runs and views, as a share of the view's range."""
+    return max(
+        float(np.sqrt(np.average(seen**2, weights=run.width))) / ranges[view]
+        for view in likelihood.system.views
+        for run, seen in zip(
+            likelihood.runs, likelihood.view_residuals(change, view), strict=True
+        )
+    )
+
+
+def orthonormal(columns: Array) -> Array:
+    """Orthonormal basis of columns, by a Gram matrix with its weak directions left out."""
+    scale = np.sqrt((columns**2).sum(axis=0))
+    scaled = columns / np.where(scale > 0.0, scale, 1.0)
+    values, vectors = np.linalg.eigh(scaled.T @ scaled)
+    kept = values > 1e-10 * max(float(values[-1]), 1e-300)
+    return np.asarray(scaled @ (vectors[:, kept] / np.sqrt(values[kept])))
+
+
+def rank(
+    fit: Fit, white_columns: Array, signatures: Sequence[Signature], skip: Sequence[str] = (),
+) -> list[Score]:
+    """Candidates by how much of the fit's misfit their signature takes, best start of each first."""
+    orthogonal = orthonormal(white_columns)
+    best: dict[tuple[str, int], Score] = {}
+    usable = [item for item in signatures if item.effect.id not in skip and item.length > 1e-9]
+    if not usable:
+        return []
+    stack = np.column_stack([item.white for item in usable])
+    stack = stack - orthogonal @ (orthogonal.T @ stack)
+    lengths = (stack**2).sum(axis=0)
+    inner = -(stack.T @ fit.whitened)
+    for item, squared, product in zip(usable, lengths, inner, strict=True):
+        if squared <= 1e-12 * item.length**2 or item.size == 0.0:
+            continue
+        low, high = sorted((item.effect.size.low / item.size, item.effect.size.high / item.size))
+        factor = float(np.clip(product / squared, max(low, -5.0), min(high, 5.0)))
+        gain = float(2.0 * factor * product - factor**2 * squared)
+        start = item.places.copy()
+        start[0] = np.clip(item.effect.size.to_unit(item.size * factor), 1e-3, 1.0 - 1e-3)
+        if item.key not in best or gain > best[item.key].gain:
+            best[item.key] = Score(item.effect, item.variant, gain, start)
+    return sorted(best.values(), key=lambda score: -score.gain)
+
+
+def detectability(
+    signatures: Sequence[Signature], error_rate: float, materiality: float,
+) -> list[Detectability]:
+    """Detection limit, materiality limit and testable share of each effect, its best variant's."""
+    effects: dict[str, list[Signature]] = {}
+    for item in signatures:
+        effects.setdefault(item.effect.id, []).append(item)
+    trials = len({item.key for item in signatures})
+    needed = float(np.sqrt(chi2.isf(error_rate / max(trials, 1), 1))) + POWER_QUANTILE
+    answers = []
+    for name, members in effects.items():
+        size = members[0].effect.size
+        share = max(item.share for item in members)
+        limit = _size_at(members, [item.length for item in members], needed)
+        material = _size_at(members, [item.visible for item in members], materiality)
+        reach = max(abs(size.low), abs(size.high))
+        testable = share >= LEAST_SHARE and limit <= reach
+        answers.append(Detectability(name, share, limit, material, size.unit, testable))
+    return answers
+
+
+def _size_at(members: Sequence[Signature], heights: Sequence[float], wanted: float) -> float:
+    """Size at which a growing height reaches `wanted`: straight between the sizes tried, log-log."""
+    best = np.inf
+    for variant in {item.variant for item in members}:
+        own = sorted(
+            (abs(item.size), height)
+            for item, height in zip(members, heights, strict=True) if item.variant == variant
+        )
+        sizes = np.array([size for size, height in own if height > 0.0 and size > 0.0])
+        tall = np.array([height for size, height in own if height > 0.0 and size > 0.0])
+        if sizes.size == 0:
+            continue
+        above = np.flatnonzero(tall >= wanted)
+        first = int(above[0]) if above.size else sizes.size - 1
+        if first == 0 or not above.size:
+            best = min(best, float(sizes[first] * wanted / tall[first]))
+            continue
+        slope = np.log(wanted / tall[first - 1]) / np.log(tall[first] / tall[first - 1])
+        best = min(best, float(sizes[first - 1] * (sizes[first] / sizes[first - 1]) ** slope))
+    return best
+
+
+def angle_matrix(signatures: Sequence[Signature]) -> tuple[list[str], Array]:
+    """Labels (effect:variant) and absolute cosines between the signatures, longest start of each."""
+    chosen: dict[tuple[str, int], Signature] = {}
+    for item in signatures:
+        if item.key not in chosen or item.length > chosen[item.key].length:
+            chosen[item.key] = item
+    kept = [item for item in chosen.values() if item.length > 1e-9 and item.share >= LEAST_SHARE]
+    if not kept:
+        return [], np.zeros((0, 0))
+    stack = np.column_stack([item.white / item.length for item in kept])
+    labels = [
+        item.effect.id if len(item.effect.variants) == 1 else f'{item.effect.id}:{item.variant}'
+        for item in kept
+    ]
+    return labels, np.abs(stack.T @ stack)
