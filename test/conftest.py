@@ -58,7 +58,7 @@ def _own_ros_domain(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPa
 
 @pytest.fixture
 def ros_domain(monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
-    """Return the number of a ROS domain that is this test's alone; it stands in the environment."""
+    """Return the number of a ROS domain that is this test's alone; the environment has it."""
     lease = DomainLease()
     monkeypatch.setenv('ROS_DOMAIN_ID', str(lease.number))
     monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
