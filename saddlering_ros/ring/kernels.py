@@ -18,7 +18,7 @@ import numpy as np
 
 from saddlering_ros.ring import layout as at
 
-FAST = {'reassoc', 'contract', 'nsz', 'arcp'}
+FAST = {'reassoc', 'contract', 'nsz', 'arcp', 'nnan', 'ninf'}
 RAMP = 1e-6
 """Penetration over which the damper is faded in [m] (C1, so no force jump at touch-down)."""
 
@@ -36,99 +36,93 @@ SQRT_HALF_BITS = 0x3FE6A09E667F3BCD
 
 
 @nb.njit(cache=True, nogil=True, fastmath=FAST, error_model='numpy', inline='never')
-def power_into(base, exponent, out, work, bits, count):  # type: ignore[no-untyped-def]
-    """out[:count] = base[:count] ** exponent for positive normal numbers, to 2e-15 relative.
+def power_into(exponent, scratch, bits, count):  # type: ignore[no-untyped-def]
+    """scratch[1, :count] = scratch[0, :count] ** exponent for positive normal numbers, to 2e-15.
 
     log2 by the atanh series on the mantissa, exp2 by its Taylor series; written as loops that the
     compiler turns into vector code, four times faster than one libm call a roller. `bits` is the
-    int64 view of `work`.
+    int64 view of `scratch`, whose row 2 is used up.
     """
     for j in range(count):
-        work[j] = base[j]
-    for j in range(count):
-        pattern = bits[j]
+        pattern = bits[0, j]
         exponent2 = (pattern - SQRT_HALF_BITS) >> 52
-        out[j] = np.float64(exponent2)
-        bits[j] = pattern - (exponent2 << 52)
+        scratch[1, j] = np.float64(exponent2)
+        bits[2, j] = pattern - (exponent2 << 52)
     for j in range(count):
-        m = work[j]
+        m = scratch[2, j]
         s = (m - 1.0) / (m + 1.0)
         z = s * s
         series = (((((((((z / 21. + 1 / 19.) * z + 1 / 17.) * z + 1 / 15.) * z + 1 / 13.) * z
                       + 1 / 11.) * z + 1 / 9.) * z + 1 / 7.) * z + 1 / 5.) * z + 1 / 3.)
-        log2 = out[j] + (2.0 * s + 2.0 * s * z * series) * LOG2_E
+        log2 = scratch[1, j] + (2.0 * s + 2.0 * s * z * series) * LOG2_E
         y = exponent * log2
         k = math.floor(y + 0.5)
         f = (y - k) * LN_2
-        out[j] = 1. + f * (1. + f * (1 / 2. + f * (1 / 6. + f * (1 / 24. + f * (
+        scratch[1, j] = 1. + f * (1. + f * (1 / 2. + f * (1 / 6. + f * (1 / 24. + f * (
             1 / 120. + f * (1 / 720. + f * (1 / 5040. + f * (1 / 40320. + f * (
                 1 / 362880. + f * (1 / 3628800. + f * (1 / 39916800. + f / 479001600.)))))))))))
-        work[j] = k
+        scratch[2, j] = k
     for j in range(count):
-        bits[j] = (np.int64(work[j]) + 1023) << 52
+        bits[2, j] = (np.int64(scratch[2, j]) + 1023) << 52
     for j in range(count):
-        out[j] *= work[j]
+        scratch[1, j] *= scratch[2, j]
 
 
 @nb.njit(cache=True, nogil=True, fastmath=FAST, error_model='numpy', inline='never')
-def row_sums(cosine, weight, gap, rollers, uniform, a, b, da, db, kappa,
-             stiffness, exponent, damping, share, scratch, bits, sums):  # type: ignore[no-untyped-def]
+def row_sums(rows, row, rollers, uniform, a, b, da, db, kappa, stiffness, exponent, damping, share,
+             scratch, bits, sums):  # type: ignore[no-untyped-def]
     """Force sums of one row with penetration p = a + b cos - gap and rate dp/dt = da + db cos.
 
     sums: [sum F, sum F cos, sum F', sum F' cos, sum F' cos^2, energy] with F' the derivative of F
     by p when dp/dt moves with `kappa` times p; energy = sum K p^(n+1)/(n+1) (static part).
-    scratch: (6, >= rollers) floats, bits: int64 view of scratch[2].
+    rows (3, 3, J) as made by `model`; scratch (3, >= rollers) with its int64 view `bits`.
     """
     for k in range(6):
         sums[k] = 0.0
-    p, c, work, power, w = scratch[0], scratch[1], scratch[2], scratch[3], scratch[4]
-    count = 0
+    first, count = 0, 0
     if uniform:
-        edge = gap[0]
+        edge = rows[row, 2, 0]
         for j in range(rollers):
-            if a + b * cosine[j] > edge:
+            if a + b * rows[row, 0, j] > edge:
                 count += 1
         first = 0 if b >= 0.0 else rollers - count
-        for j in range(count):
-            c[j] = cosine[first + j]
-            w[j] = weight[first + j]
-            p[j] = a + b * cosine[first + j] - edge
     else:
+        last = -1
         for j in range(rollers):
-            penetration = a + b * cosine[j] - gap[j]
-            if penetration > 0.0:
-                p[count] = penetration
-                c[count] = cosine[j]
-                w[count] = weight[j]
-                count += 1
+            if a + b * rows[row, 0, j] > rows[row, 2, j]:
+                if last < 0:
+                    first = j
+                last = j
+        count = last - first + 1 if last >= 0 else 0
     if count == 0:
         return
     for j in range(count):
-        p[j] = max(p[j], 1e-30)
-    power_into(p, exponent, power, work, bits, count)
+        scratch[0, j] = max(a + b * rows[row, 0, first + j] - rows[row, 2, first + j], 1e-30)
+    power_into(exponent, scratch, bits, count)
     s0 = s1 = t0 = t1 = t2 = energy = 0.0
     reference = DAMPING_REFERENCE ** (-exponent)
     for j in range(count):
-        rate = da + db * c[j]
-        elastic = stiffness * power[j]
-        slope = exponent * elastic / p[j]
-        u = min(p[j] / RAMP, 1.0)
-        ramp = u * u * (3.0 - 2.0 * u)
-        ramp_slope = 6.0 * u * (1.0 - u) / RAMP
-        grown = power[j] * reference
-        d = damping * ((1.0 - share) * ramp + share * grown)
-        d_slope = damping * ((1.0 - share) * ramp_slope + share * exponent * grown / p[j])
+        c = rows[row, 0, first + j]
+        p = scratch[0, j]
+        inverse = 1.0 / p
+        rate = da + db * c
+        elastic = stiffness * scratch[1, j]
+        u = min(p * (1.0 / RAMP), 1.0)
+        grown = scratch[1, j] * reference
+        d = damping * ((1.0 - share) * (u * u * (3.0 - 2.0 * u)) + share * grown)
+        d_slope = damping * ((1.0 - share) * (6.0 / RAMP * u * (1.0 - u))
+                             + share * exponent * grown * inverse)
         force = elastic + d * rate
-        tangent = slope + d_slope * rate + kappa * d
-        carries = 1.0 if force > 0.0 else 0.0
-        force *= carries * w[j]
-        tangent *= carries * w[j]
+        tangent = exponent * elastic * inverse + d_slope * rate + kappa * d
+        carried = rows[row, 1, first + j] if force > 0.0 and p > 1e-29 else 0.0
+        force *= carried
+        tangent *= carried
         s0 += force
-        s1 += force * c[j]
+        s1 += force * c
         t0 += tangent
-        t1 += tangent * c[j]
-        t2 += tangent * c[j] * c[j]
-        energy += w[j] * elastic * p[j]
+        t1 += tangent * c
+        t2 += tangent * c * c
+        energy += carried * elastic * p
     sums[0] = s0
     sums[1] = s1
     sums[2] = t0
@@ -169,7 +163,7 @@ def ring_forces(m, rows, uniform, q, v, kappa, scratch, bits, sums, force, tange
             tangent[i, j] = 0.0
     share = m[at.DAMPING_SHARE]
     b = q[0] + height * q[2]
-    row_sums(rows[2, 0], rows[2, 1], rows[2, 2], count_middle, uniform[2], 0.0, b, 0.0,
+    row_sums(rows, 2, count_middle, uniform[2], 0.0, b, 0.0,
              v[0] + height * v[2], kappa, m[at.K2], m[at.N2], m[at.D2], share, scratch, bits, sums)
     force[0] = -sums[1]
     force[2] = -height * sums[1]
@@ -180,8 +174,7 @@ def ring_forces(m, rows, uniform, q, v, kappa, scratch, bits, sums, force, tange
     energy = sums[5]
     for row in range(2):
         sign = 1.0 if row == 0 else -1.0
-        row_sums(rows[row, 0], rows[row, 1], rows[row, 2], count_axial, uniform[row],
-                 sign * q[1], -sign * radius * q[2], sign * v[1], -sign * radius * v[2], kappa,
+        row_sums(rows, row, count_axial, uniform[row], sign * q[1], -sign * radius * q[2], sign * v[1], -sign * radius * v[2], kappa,
                  m[at.K1], m[at.N1], m[at.D1], share, scratch, bits, sums)
         force[1] -= sign * sums[0]
         force[2] += sign * radius * sums[1]
@@ -426,9 +419,7 @@ def implicit_step(m, rows, uniform, s, h, external, friction, work, scratch, bit
 
     Unknown is q; v and a follow from the difference formulas. friction: the state's hysterons.
     """
-    sums, q, v, force = work[0], work[1], work[2], work[3]
-    residual, step = work[4], work[5]
-    tangent = work[6:9, :3]
+    sums, q, v, force, residual, step, tangent = work
     h_old = s[at.STEP_OLD]
     ratio = h / h_old if h_old > 0.0 else 0.0
     if 0.0 < ratio <= 2.0:
@@ -505,9 +496,10 @@ def advance(m, rows, uniform, s, time, load, max_step, q_out, d_out):  # type: i
     number of Newton iterations; s[TROUBLE] counts steps that did not converge (state restarted at
     equilibrium there). Live and offline call this one function, for one sample or a million.
     """
-    scratch = np.empty((6, rows.shape[2] + 8))
-    bits = scratch[2].view(np.int64)
-    work = np.empty((9, 6))
+    scratch = np.empty((3, rows.shape[2]))
+    bits = scratch.view(np.int64)
+    work = (np.empty(6), np.empty(3), np.empty(3), np.empty(3), np.empty(3), np.empty(3),
+            np.empty((3, 3)))
     external, resolved, motion = np.empty(3), np.empty(3), np.empty(3)
     friction = m[at.RADIAL_LIMIT] != 0.0 or m[at.TILT_LIMIT] != 0.0
     iterations = 0
@@ -562,8 +554,8 @@ def run_batch(m, rows, uniform, time, load, zero_load, max_step, q_out, d_out): 
 
     rows (R, 3, 3, J), uniform (R, 3) with R = B or 1; q_out (B, N, 3), d_out (B, N, 4).
     """
-    scratch = np.empty((6, rows.shape[3] + 8))
-    bits = scratch[2].view(np.int64)
+    scratch = np.empty((3, rows.shape[3]))
+    bits = scratch.view(np.int64)
     s = np.zeros(at.STATE_SIZE)
     troubled = 0
     for b in range(m.shape[0]):
@@ -578,8 +570,8 @@ def run_batch(m, rows, uniform, time, load, zero_load, max_step, q_out, d_out): 
 @nb.njit(cache=True, nogil=True, error_model='numpy', inline='never')
 def static_batch(m, rows, uniform, load, q_out):  # type: ignore[no-untyped-def]
     """Equilibrium of each parameter set m (B, M) at each load (N,), in order; q_out (B, N, 3)."""
-    scratch = np.empty((6, rows.shape[3] + 8))
-    bits = scratch[2].view(np.int64)
+    scratch = np.empty((3, rows.shape[3]))
+    bits = scratch.view(np.int64)
     sums, external, resolved, q = np.empty(6), np.empty(3), np.empty(3), np.empty(3)
     failed = 0
     for b in range(m.shape[0]):

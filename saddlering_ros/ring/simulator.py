@@ -119,9 +119,9 @@ class RingSimulator:
         return self._samples(np.ascontiguousarray(rows[:, 0]), np.ascontiguousarray(rows[:, 1]))
 
     def _start(self, time: float, load: float) -> None:
-        scratch = np.empty((6, self._rows.shape[2] + 8))
+        scratch = np.empty((3, self._rows.shape[2]))
         found = kernels.start(self._m, self._rows, self._uniform, self._state, time, load, scratch,
-                              scratch[2].view(np.int64))
+                              scratch.view(np.int64))
         if not found:
             self._state[at.TROUBLE] += 1.0
 
