@@ -174,20 +174,25 @@ build_interfaces() {
   mark_done interfaces "$wanted"
 }
 
-# Editable: what stands in the working tree is what runs. ROS tools look for a package's programs
-# under lib/, people for commands under bin/: the one is a link to the other.
+# Editable: what stands in the working tree is what runs. An editable install leaves out what ROS
+# tools look for under lib/ and share/: links to the commands and to the working tree put it there.
 install_package() {
-  local wanted program
-  wanted=$(digest_of_files setup.py setup.cfg package.xml resource launch config requirements/*.in |
+  local wanted program shared
+  wanted=$(digest_of_files setup.py setup.cfg package.xml resource requirements/*.in |
     digest "$environment")
   done_already package "$wanted" && return
   echo 'set-up: installing saddlering_ros'
   quietly 'installing saddlering_ros' install --no-build-isolation --editable .
-  mkdir -p "$environment/lib/saddlering_ros"
+  mkdir -p "$environment"/{lib,share}/saddlering_ros
   for program in $("$python" -c 'from importlib.metadata import distribution
 for entry in distribution("saddlering_ros").entry_points: print(entry.name)'); do
-    ln -sf "../../bin/$program" "$environment/lib/saddlering_ros/$program"
+    ln -sfn "../../bin/$program" "$environment/lib/saddlering_ros/$program"
   done
+  for shared in package.xml config launch bags; do
+    ln -sfn "$here/$shared" "$environment/share/saddlering_ros/$shared"
+  done
+  ln -sfn "$here/resource/saddlering_ros" \
+    "$environment/share/ament_index/resource_index/packages/saddlering_ros"
   mark_done package "$wanted"
 }
 
