@@ -1,1 +1,13 @@
 """From test runs to contact parameters, how far they can be trusted, and how well they predict."""
+
+from saddlering_ros.identification.errors import IdentificationError
+from saddlering_ros.identification.identify import identify
+from saddlering_ros.identification.result import Identification
+from saddlering_ros.identification.settings import IdentificationSettings, Progress
+from saddlering_ros.identification.swarm import StopReason, SwarmSettings
+from saddlering_ros.identification.validation import validate, Validation
+
+__all__ = [
+    'Identification', 'IdentificationError', 'IdentificationSettings', 'Progress', 'StopReason',
+    'SwarmSettings', 'Validation', 'identify', 'validate',
+]

@@ -1,4 +1,4 @@
-"""Particle swarm optimisation as the paper sets it, over a box, for objectives that take the whole swarm.
+"""Particle swarm optimisation as the paper sets it, for objectives that take the whole swarm.
 
 Kennedy and Eberhart's swarm with the inertia of Shi and Eberhart (1998) falling linearly:
 v <- w v + c1 r1 (own best - x) + c2 r2 (swarm's best - x), |v| <= v_max, x <- x + v. A particle
@@ -7,10 +7,10 @@ that would leave the box is put on its wall and loses the velocity towards it.
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from enum import Enum
+import time
 
 import numpy as np
 from numpy.typing import NDArray
@@ -74,8 +74,10 @@ class SwarmSettings:
 
 @dataclass(frozen=True, slots=True)
 class SwarmProgress:
-    """State after one iteration; spread is the mean over coordinates of the particles' standard
-    deviation as a fraction of the range."""
+    """State after one iteration.
+
+    spread: mean over coordinates of the particles' standard deviation over the range.
+    """
 
     iteration: int
     iterations: int
@@ -179,7 +181,7 @@ def minimise(
     on_iteration: Callable[[SwarmProgress], None] | None = None,
     is_cancelled: Callable[[], bool] | None = None,
 ) -> SwarmResult:
-    """Minimise objective((particles, D)) -> (particles,) in the box; the same seed, the same run."""
+    """Minimise objective((particles, D)) -> (particles,) in the box, repeatably by its seed."""
     settings = settings or SwarmSettings()
     swarm = Swarm(low, high, settings, seed)
     started = time.monotonic()

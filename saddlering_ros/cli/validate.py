@@ -1,0 +1,53 @@
+"""`saddlering validate`: how well a parameter file predicts bags, as a table, JSON and plots."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+
+def add_parser(subparsers: Any) -> None:
+    """Declare the subcommand."""
+    parser = subparsers.add_parser('validate', help='compare a simulation with bags')
+    parser.add_argument('bags', nargs='+', metavar='BAG', help='runs to predict')
+    parser.add_argument('--params', type=Path, required=True, help='parameter file')
+    parser.add_argument('--rig', type=Path, help='rig file (default: the shipped rig)')
+    parser.add_argument('--json', metavar='FILE', help='write all figures as JSON; - for stdout')
+    parser.add_argument('--plots', type=Path, metavar='DIR',
+                        help='simulated and measured over load and time, one picture per run')
+    parser.add_argument('--elevation', type=float, metavar='DEG',
+                        help='elevation of all bags, over what they say')
+
+
+def run(args: argparse.Namespace) -> int:
+    """Validate and print, write or emit the figures."""
+    import json
+
+    import numpy as np
+
+    from saddlering_ros.bags import read_run
+    from saddlering_ros.identification import validate
+    from saddlering_ros.identification.summary import validation_text
+    from saddlering_ros.rig import load_rig, read_parameters, write_text_atomically
+
+    rig = load_rig(args.rig)
+    parameters = read_parameters(args.params)
+    elevation = None if args.elevation is None else float(np.radians(args.elevation))
+    runs = [read_run(bag, elevation=elevation) for bag in args.bags]
+    found = validate(runs, rig, parameters)
+    pictures = []
+    if args.plots is not None:
+        from saddlering_ros.identification.plots import save_plots
+
+        pictures = save_plots(found, args.plots)
+    document = json.dumps(found.to_json(), indent=2)
+    if args.json == '-':
+        print(document)
+        return 0
+    if args.json is not None:
+        write_text_atomically(Path(args.json), document + '\n')
+    print(validation_text(found))
+    for picture in pictures:
+        print(f'written: {picture}')
+    return 0

@@ -1,0 +1,332 @@
+"""Identification of the contact parameters from test runs: the default and the paper's method."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+import time
+
+import numpy as np
+from numpy.typing import NDArray
+
+from saddlering_ros.bags import TestRun
+from saddlering_ros.identification import swarm
+from saddlering_ros.identification.errors import IdentificationError
+from saddlering_ros.identification.objective import (
+    average_branches,
+    Objective,
+    PaperObjective,
+    WeightedObjective,
+)
+from saddlering_ros.identification.observation import Observation, observe
+from saddlering_ros.identification.refinement import Cancelled, jacobian, refine, Refinement
+from saddlering_ros.identification.result import Identification
+from saddlering_ros.identification.settings import (
+    Bounds,
+    IdentificationSettings,
+    IsCancelled,
+    OnProgress,
+    Progress,
+)
+from saddlering_ros.identification.space import SearchSpace
+from saddlering_ros.identification.uncertainty import (
+    assess,
+    Profile,
+    profile_likelihood,
+    stiffness_ellipse,
+    WIDTH_95,
+)
+from saddlering_ros.rig import (
+    ContactParameters,
+    PARAMETER_NAMES,
+    ParameterSet,
+    ParameterSource,
+    Rig,
+    TRUE_TO_SCALE,
+)
+
+Array = NDArray[np.float64]
+
+STATIC_NAMES = ('K1', 'n1', 'K2', 'n2')
+DAMPING_NAMES = ('D1', 'D2')
+
+
+@dataclass
+class _Search:
+    """One running identification: what it is given, and what it tells while it runs."""
+
+    rig: Rig
+    settings: IdentificationSettings
+    bounds: Bounds
+    on_progress: OnProgress | None
+    is_cancelled: IsCancelled | None
+    started: float = field(default_factory=time.monotonic)
+    evaluations: int = 0
+    notes: list[str] = field(default_factory=list)
+
+    @property
+    def cancelled(self) -> bool:
+        return self.is_cancelled is not None and self.is_cancelled()
+
+    def space(self, free: Sequence[str], held: ContactParameters, *, log: bool) -> SearchSpace:
+        """Search space of `free`; log scales for K and D, or for K only if that is asked for."""
+        names = ('K1', 'K2', 'D1', 'D2') if log else ()
+        if not log and self.settings.logarithmic_stiffness:
+            names = ('K1', 'K2')
+        return SearchSpace.of(self.bounds, free, held, names)
+
+    def run_swarm(
+        self, stage: str, objective: Objective, space: SearchSpace
+    ) -> tuple[ContactParameters, float]:
+        """Let the swarm search `space`; the best contact parameters and their objective."""
+        before = objective.evaluations
+
+        def told(progress: swarm.SwarmProgress) -> None:
+            if self.on_progress is None:
+                return
+            best = space.contacts(progress.best_position)[0]
+            self.on_progress(Progress(
+                stage, progress.iteration, progress.iterations, progress.best_objective,
+                tuple(float(value) for value in best), progress.spread,
+                time.monotonic() - self.started,
+            ))
+
+        found = swarm.minimise(
+            lambda points: objective(space.contacts(points)), space.low, space.high,
+            self.settings.swarm, seed=self.settings.seed, on_iteration=told,
+            is_cancelled=self.is_cancelled,
+        )
+        self.evaluations += objective.evaluations - before
+        self.notes.append(f'{stage}: {found.iterations} iterations, {found.stopped.value}')
+        contact = ContactParameters.from_array(space.contacts(found.position)[0])
+        return contact, found.objective
+
+
+def identify(
+    runs: Sequence[TestRun],
+    rig: Rig,
+    settings: IdentificationSettings | None = None,
+    *,
+    on_progress: OnProgress | None = None,
+    is_cancelled: IsCancelled | None = None,
+    profiles: bool = False,
+) -> Identification:
+    """Identify K1, n1, D1, K2, n2, D2 from static and dynamic runs of any elevations.
+
+    Raises IdentificationError (one line) when the runs, bounds or settings cannot be used. A
+    cancelled identification returns what it had, marked `cancelled`. profiles asks for the
+    profile likelihood of every free parameter.
+    """
+    settings = settings or IdentificationSettings()
+    bounds = settings.bounds_for(rig)
+    observations = observe(runs, rig, fit_rate=settings.fit_rate)
+    search = _Search(rig, settings, bounds, on_progress, is_cancelled)
+    method = _by_paper if settings.method == 'paper' else _by_default
+    found = method(search, observations)
+    return _judged(search, observations, found, profiles)
+
+
+@dataclass(frozen=True)
+class _Found:
+    """What a method ended with: the contact, its objective, which names were searched."""
+
+    contact: ContactParameters
+    objective: float
+    searched: tuple[str, ...]
+
+
+def _split(observations: Sequence[Observation]) -> tuple[list[Observation], list[Observation]]:
+    static = [one for one in observations if not one.dynamic]
+    return static, [one for one in observations if one.dynamic]
+
+
+def _start(bounds: Bounds) -> ContactParameters:
+    """The true-to-scale parameters, pulled into the bounds."""
+    low, high = np.array([bounds[name] for name in PARAMETER_NAMES]).T
+    return ContactParameters.from_array(np.clip(TRUE_TO_SCALE.to_array(), low, high))
+
+
+def _by_paper(search: _Search, observations: Sequence[Observation]) -> _Found:
+    """The published procedure: static records give K, n; with these fixed, dynamic ones give D."""
+    static, dynamic = _split(observations)
+    if not static:
+        raise IdentificationError(
+            "the paper's method reads K and n from a static run and none was given: "
+            'add a static bag or use the default method'
+        )
+    channels = search.settings.channels
+    averaged = [average_branches(one) for one in static]
+    contact, objective = search.run_swarm(
+        'static step', PaperObjective(search.rig, averaged, channels),
+        search.space(STATIC_NAMES, _start(search.bounds), log=False),
+    )
+    if not dynamic or search.cancelled:
+        return _Found(contact, objective, STATIC_NAMES)
+    contact, objective = search.run_swarm(
+        'dynamic step', PaperObjective(search.rig, dynamic, channels),
+        search.space(DAMPING_NAMES, contact, log=False),
+    )
+    return _Found(contact, objective, PARAMETER_NAMES)
+
+
+def _by_default(search: _Search, observations: Sequence[Observation]) -> _Found:
+    """Swarm for a start (statics first, if any), then joint least squares over all runs."""
+    static, dynamic = _split(observations)
+    channels = search.settings.channels
+    contact = _start(search.bounds)
+    best = np.inf
+    if static:
+        contact, best = search.run_swarm(
+            'static swarm', WeightedObjective(search.rig, static, channels),
+            search.space(STATIC_NAMES, contact, log=True),
+        )
+    if dynamic and not search.cancelled:
+        contact, best = search.run_swarm(
+            'dynamic swarm', WeightedObjective(search.rig, dynamic, channels),
+            search.space(DAMPING_NAMES if static else PARAMETER_NAMES, contact, log=True),
+        )
+    searched = PARAMETER_NAMES if dynamic else STATIC_NAMES
+    if search.cancelled:
+        return _Found(contact, best, searched)
+    return _refined(search, observations, contact, searched, best)
+
+
+def _refined(
+    search: _Search,
+    observations: Sequence[Observation],
+    contact: ContactParameters,
+    searched: tuple[str, ...],
+    best: float,
+) -> _Found:
+    """Joint least squares from the swarm's best and from the true-to-scale parameters."""
+    objective = WeightedObjective(search.rig, observations, search.settings.channels)
+    space = search.space(searched, _start(search.bounds), log=True)
+    bottoms: list[Refinement] = []
+    for start in (contact, _start(search.bounds)):
+        try:
+            bottoms.append(
+                refine(objective, space, space.coordinates(start.to_array()), search.is_cancelled)
+            )
+        except Cancelled:
+            break
+        _tell_refinement(search, bottoms)
+    search.evaluations += objective.evaluations
+    if not bottoms:
+        return _Found(contact, best, searched)
+    if len(bottoms) > 1 and abs(bottoms[0].chi_square - bottoms[1].chi_square) > 0.1:
+        search.notes.append(
+            'two starts ended in different optima (chi square '
+            f'{bottoms[0].chi_square:.6g} and {bottoms[1].chi_square:.6g}): the lower one is given'
+        )
+    lowest = min(bottoms, key=lambda bottom: bottom.chi_square)
+    return _Found(ContactParameters.from_array(lowest.contact), lowest.chi_square, searched)
+
+
+def _tell_refinement(search: _Search, bottoms: Sequence[Refinement]) -> None:
+    if search.on_progress is None:
+        return
+    lowest = min(bottoms, key=lambda bottom: bottom.chi_square)
+    search.on_progress(Progress(
+        'refinement', len(bottoms), 2, lowest.chi_square,
+        tuple(float(value) for value in lowest.contact), 0.0, time.monotonic() - search.started,
+    ))
+
+
+def _judged(
+    search: _Search, observations: Sequence[Observation], found: _Found, profiles: bool
+) -> Identification:
+    """Covariance and all that hangs on it, at what the method found."""
+    objective = WeightedObjective(search.rig, observations, search.settings.channels)
+    space = search.space(found.searched, found.contact, log=True)
+    best = _bottom_at(objective, space, found.contact)
+    trust = assess(objective, space, best, search.bounds)
+    contact = found.contact
+    cancelled = search.cancelled
+    drawn = {}
+    if profiles and not cancelled:
+        drawn = _profiles(objective, space, best, trust.coordinate_std, trust.reduced_chi_square)
+    bags = tuple(one.name for one in observations)
+    open_names = [name for name in PARAMETER_NAMES if not trust.pinned[name]]
+    status = _status(cancelled, trust.reduced_chi_square, open_names)
+    return Identification(
+        parameters=ParameterSet(contact, source=ParameterSource(
+            method=search.settings.method, bags=bags, objective=found.objective,
+            covariance=trust.covariance, note=_note(status, trust.reasons),
+        )),
+        method=search.settings.method,
+        objective=found.objective,
+        chi_square=best.chi_square,
+        degrees_of_freedom=objective.size - len(space.free),
+        covariance=trust.covariance,
+        correlation=trust.correlation,
+        std=trust.std,
+        intervals=trust.intervals,
+        pinned=trust.pinned,
+        reasons=trust.reasons,
+        at_bound={
+            name: name in space.names and bool(best.at_bound[space.names.index(name)])
+            for name in PARAMETER_NAMES
+        },
+        systematic=trust.systematic,
+        collinearity=trust.collinearity,
+        ellipses={
+            f'K{row},n{row}': stiffness_ellipse(contact.to_array(), trust.covariance, row)
+            for row in (1, 2)
+        },
+        evaluations=search.evaluations,
+        elapsed=time.monotonic() - search.started,
+        status=status,
+        cancelled=cancelled,
+        notes=tuple(search.notes),
+        profiles=drawn,
+    )
+
+
+def _bottom_at(
+    objective: WeightedObjective, space: SearchSpace, contact: ContactParameters
+) -> Refinement:
+    """A `Refinement` record for given contact parameters, without moving them."""
+    point = space.coordinates(contact.to_array())
+    near = 1e-4 * (space.high - space.low)
+    return Refinement(
+        point=point,
+        contact=contact.to_array(),
+        chi_square=float(objective(contact.to_array()[None, :])[0]),
+        jacobian=jacobian(objective, space, point),
+        at_bound=np.asarray((point - space.low < near) | (space.high - point < near)),
+    )
+
+
+def _profiles(
+    objective: WeightedObjective,
+    space: SearchSpace,
+    best: Refinement,
+    coordinate_std: Array,
+    reduced: float,
+) -> dict[str, Profile]:
+    profiles = {}
+    for name in space.names:
+        std = coordinate_std[PARAMETER_NAMES.index(name)]
+        profiles[name] = profile_likelihood(
+            objective, space, best, name, width=1.5 * WIDTH_95 * std, widening=max(1.0, reduced)
+        )
+    return profiles
+
+
+def _status(cancelled: bool, reduced: float, open_names: Sequence[str]) -> str:
+    if cancelled:
+        return 'cancelled: the best so far'
+    parts = []
+    if reduced > 2.0:
+        parts.append(
+            f'the model misses the runs by {np.sqrt(reduced):.1f} times their noise: '
+            'intervals are widened and may be biased (diagnose says by what)'
+        )
+    if open_names:
+        parts.append(f'not determined by these data: {", ".join(open_names)}')
+    return '; '.join(parts) or 'identified'
+
+
+def _note(status: str, reasons: dict[str, str]) -> str:
+    return '; '.join([status, *reasons.values()])
+

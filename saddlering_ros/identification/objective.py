@@ -1,0 +1,152 @@
+"""How far simulated runs lie from measured ones: weighted least squares, and the paper's J."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from saddlering_ros.identification.errors import IdentificationError
+from saddlering_ros.identification.observation import Observation
+from saddlering_ros.rig import PARAMETER_NAMES, Rig, TONNE
+from saddlering_ros.ring import dynamic_batch, static_batch
+
+Array = NDArray[np.float64]
+
+LONGEST_STEP = 5e-3
+"""Longest step [s] of the simulator inside a fit."""
+
+
+class Objective(Protocol):
+    """Something that judges contact parameters (B, 6), the smaller (B,) the better."""
+
+    evaluations: int
+
+    def __call__(self, contacts: Array) -> Array: ...
+
+
+def predict(rig: Rig, contacts: Array, observation: Observation) -> Array:
+    """Simulated increments since zero (B, 3, N) [m, m, rad] of a run at contacts (B, 6)."""
+    loads = np.append(observation.load, observation.zero_load)
+    if not observation.dynamic:
+        still = static_batch(rig, contacts, observation.elevation, loads)
+        return np.asarray(still[:, :, :-1] - still[:, :, -1:])
+    zero = static_batch(rig, contacts, observation.elevation, loads[-1:])
+    moving = dynamic_batch(
+        rig, contacts, observation.elevation, observation.time, observation.load,
+        min(LONGEST_STEP, observation.step),
+    )
+    return np.asarray(moving - zero)
+
+
+@dataclass
+class WeightedObjective:
+    """Chi square: residuals of the chosen channels, whitened by the noise of each run."""
+
+    rig: Rig
+    observations: Sequence[Observation]
+    channels: tuple[int, ...]
+    evaluations: int = 0
+
+    def residuals(self, contacts: Array) -> Array:
+        """Whitened residuals (B, R), simulated - measured, of contact parameters (B, 6)."""
+        self.evaluations += len(contacts)
+        parts = [
+            one.whiten(self._raw(contacts, one), self.channels) for one in self.observations
+        ]
+        residuals = np.concatenate(parts, axis=1)
+        if np.isnan(residuals).any():
+            worst = contacts[int(np.argmax(np.isnan(residuals).any(axis=1)))]
+            raise IdentificationError(_not_a_number(worst))
+        return residuals
+
+    def _raw(self, contacts: Array, one: Observation) -> Array:
+        channels = list(self.channels)
+        return np.asarray((predict(self.rig, contacts, one) - one.displacement)[:, channels])
+
+    def __call__(self, contacts: Array) -> Array:
+        """Chi square (B,)."""
+        return np.asarray(np.sum(self.residuals(contacts) ** 2, axis=1))
+
+    @property
+    def size(self) -> int:
+        """Number of residuals R."""
+        return sum(len(self.channels) * len(one.load) for one in self.observations)
+
+
+@dataclass
+class PaperObjective:
+    """J = J_dx / m_dx + J_gamma / m_gamma, averaged over runs; every sample counts the same.
+
+    J_c = (1/N) sum (simulated - measured)^2. The paper's m_c are not available to us: m_c is the
+    mean square of the measured channel here, which brings the channels to one level.
+    """
+
+    rig: Rig
+    observations: Sequence[Observation]
+    channels: tuple[int, ...]
+    evaluations: int = 0
+
+    def __call__(self, contacts: Array) -> Array:
+        """J (B,) of contact parameters (B, 6)."""
+        self.evaluations += len(contacts)
+        total = np.zeros(len(contacts))
+        for one in self.observations:
+            simulated = predict(self.rig, contacts, one)
+            for channel in self.channels:
+                measured = one.displacement[channel]
+                error = np.mean((simulated[:, channel] - measured) ** 2, axis=1)
+                total += error / np.mean(measured**2)
+        if np.isnan(total).any():
+            raise IdentificationError(_not_a_number(contacts[int(np.argmax(np.isnan(total)))]))
+        return np.asarray(total / len(self.observations))
+
+
+def _not_a_number(contact: Array) -> str:
+    values = ', '.join(
+        f'{name}={value:.4g}' for name, value in zip(PARAMETER_NAMES, contact, strict=True)
+    )
+    return (
+        f'the objective is not a number at {values}: '
+        'check the bags for missing values and the bounds for impossible ones'
+    )
+
+
+def average_branches(observation: Observation) -> Observation:
+    """The paper's static readings: mean of the loading and unloading reading of each load step.
+
+    Steps are told apart by rounding to half a tonne; a step read on one branch only is kept as it
+    is. The result's whitening is diagonal.
+    """
+    steps = np.round(observation.load / (0.5 * TONNE)).astype(int)
+    levels = np.unique(steps)
+    groups = [_both_branches(observation, np.flatnonzero(steps == level)) for level in levels]
+    weights = np.zeros((len(groups), len(steps)))
+    for row, group in enumerate(groups):
+        for members in group:
+            weights[row, members] = 1.0 / (len(group) * len(members))
+    variance = observation.standard_error**2 @ (weights.T**2)
+    error = np.sqrt(variance)
+    return Observation(
+        name=observation.name,
+        dynamic=False,
+        elevation=observation.elevation,
+        time=weights @ observation.time,
+        load=weights @ observation.load,
+        zero_load=observation.zero_load,
+        displacement=observation.displacement @ weights.T,
+        branch=np.zeros(len(groups)),
+        whitening=np.stack([np.diag(1.0 / row) for row in error]),
+        correlation=observation.correlation,
+        standard_error=error,
+    )
+
+
+def _both_branches(observation: Observation, members: NDArray[np.intp]) -> list[NDArray[np.intp]]:
+    """The step's readings split by branch, so that each branch weighs the same."""
+    up = members[observation.branch[members] >= 0]
+    down = members[observation.branch[members] < 0]
+    return [side for side in (up, down) if len(side)]

@@ -1,0 +1,317 @@
+"""What identification fits: plateau readings of static runs, block averages of dynamic ones.
+
+Both become an `Observation`: loads, displacement increments since zero, and how their errors
+hang together, so that everything after this module treats all runs alike.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import cholesky, solve_triangular, toeplitz
+
+from saddlering_ros.bags import BagError, displacement_of_run, MeasuredRun, plateaus, TestRun
+from saddlering_ros.identification.errors import IdentificationError
+from saddlering_ros.identification.noise import fit_noise, NoiseModel, SMALLEST_NOISE
+from saddlering_ros.rig import FULL_SCALE_LOAD, Rig, TONNE
+
+Array = NDArray[np.float64]
+
+CHANNEL_COUNT = 3
+"""delta_x, delta_y, gamma."""
+
+LEAST_LOAD = 5.0 * TONNE
+"""A run that never exceeds this load [N] has too little range to identify from."""
+
+MOST_SAMPLES = 1000
+"""Longest fit grid of one dynamic run; longer records get a coarser grid."""
+
+REST_BAND = 0.0025 * FULL_SCALE_LOAD
+REST_SECONDS = 0.25
+
+
+@dataclass(frozen=True)
+class Observation:
+    """One run, ready to be fitted.
+
+    time [s] and load [N] (N,); zero_load [N]; displacement (3, N) increments since zero
+    [m, m, rad]; branch (N,) +1 loading, -1 unloading, 0 neither; whitening (3, N, N) lower
+    triangular, turns each channel's errors into uncorrelated ones of unit variance;
+    correlation (3, 3) of these across channels; standard_error (3, N) of each reading.
+    """
+
+    name: str
+    dynamic: bool
+    elevation: float
+    time: Array
+    load: Array
+    zero_load: float
+    displacement: Array
+    branch: Array
+    whitening: Array
+    correlation: Array
+    standard_error: Array
+
+    @property
+    def step(self) -> float:
+        """Largest step [s] the simulator may take on this grid."""
+        return float(np.median(np.diff(self.time))) if len(self.time) > 1 else 1e-3
+
+    def whiten(self, residuals: Array, channels: Sequence[int]) -> Array:
+        """Uncorrelated residuals (B, C * N) of raw ones (B, C, N) for the given channels."""
+        rows = np.stack(
+            [
+                residuals[:, position] @ self.whitening[channel].T
+                for position, channel in enumerate(channels)
+            ],
+            axis=1,
+        )
+        lower = cholesky(self.correlation[np.ix_(channels, channels)], lower=True)
+        mixed = np.einsum('cd,bdn->bcn', np.linalg.inv(lower), rows)
+        return np.asarray(mixed.reshape(len(residuals), -1))
+
+
+@dataclass(frozen=True)
+class _Prepared:
+    """A run with its displacement and where it is at rest (start, stop index pairs)."""
+
+    run: TestRun
+    measured: MeasuredRun
+    displacement: Array
+    rests: list[tuple[int, int]]
+    branch: Array | None
+    interval: float
+
+
+def observe(
+    runs: Sequence[TestRun], rig: Rig, *, fit_rate: float | None
+) -> list[Observation]:
+    """Observations of runs; IdentificationError where a run cannot be used to identify.
+
+    The noise is estimated from all runs of one sampling rate together.
+    """
+    if not runs:
+        raise IdentificationError('no runs to identify from: give at least one bag')
+    prepared = [_prepare(run, rig) for run in runs]
+    return [
+        _observe_dynamic(one, prepared, fit_rate)
+        if one.branch is None
+        else _observe_static(one, prepared, fit_rate)
+        for one in prepared
+    ]
+
+
+def _prepare(run: TestRun, rig: Rig) -> _Prepared:
+    name = run_name(run)
+    check_run(run)
+    try:
+        measured = displacement_of_run(rig, run)
+    except BagError as problem:
+        raise IdentificationError(f'{name}: {problem}') from problem
+    motion = measured.displacement
+    displacement = np.stack([motion.delta_x, motion.delta_y, motion.gamma])
+    interval = float(np.median(np.diff(measured.time)))
+    if run.test == 'static':
+        found = plateaus(run)
+        rests = list(zip(found.start.tolist(), found.stop.tolist(), strict=True))
+        return _Prepared(
+            run, measured, displacement, rests, np.asarray(found.branch, dtype=float), interval
+        )
+    rests = stretches_at_rest(measured.time, measured.load)
+    zero = measured.zero
+    if not rests:
+        rests = [(zero.start, zero.end)]
+    return _Prepared(run, measured, displacement, rests, None, interval)
+
+
+def run_name(run: TestRun) -> str:
+    """How a run is called in messages: its path, or its name when it has none."""
+    return str(run.path) if getattr(run, 'path', None) else run.name
+
+
+def check_run(run: TestRun) -> None:
+    """IdentificationError when the run's range is too small to identify anything from."""
+    name = run_name(run)
+    top = float(np.nanmax(run.load)) if len(run.load) else 0.0
+    if not top > LEAST_LOAD:
+        raise IdentificationError(
+            f'{name}: the load never exceeds 5 t (highest {top / TONNE:.1f} t): '
+            'identification needs a run that loads the ring further'
+        )
+    if run.test == 'static':
+        _check_static(run, name)
+    elif float(np.nanmedian(run.load[-max(1, len(run.load) // 100) :])) > 0.5 * top:
+        raise IdentificationError(
+            f'{name}: there is no unloading branch (the record ends at '
+            f'{run.load[-1] / TONNE:.1f} t): record the test until the load is off again'
+        )
+
+
+def _check_static(run: TestRun, name: str) -> None:
+    try:
+        found = plateaus(run)
+    except BagError as problem:
+        raise IdentificationError(f'{name}: {problem}') from problem
+    levels = np.unique(np.round(found.load / (0.5 * TONNE)))
+    if len(levels) < 2:
+        raise IdentificationError(
+            f'{name}: a static run with one plateau only: '
+            'identification needs readings at several loads'
+        )
+    if not np.any(np.asarray(found.branch) < 0):
+        raise IdentificationError(
+            f'{name}: there is no unloading branch in this static run: '
+            'record the steps down to zero as well'
+        )
+
+
+def stretches_at_rest(time: Array, load: Array) -> list[tuple[int, int]]:
+    """Index pairs of stretches of at least REST_SECONDS whose mean load stays within REST_BAND."""
+    count = max(1, int(round(0.05 / max(float(np.median(np.diff(time))), 1e-6))))
+    blocks = len(load) // count
+    means = load[: blocks * count].reshape(blocks, count).mean(axis=1)
+    fewest = max(2, int(np.ceil(REST_SECONDS / (count * float(np.median(np.diff(time)))))))
+    stretches = []
+    start = 0
+    for block in range(1, blocks + 1):
+        if block < blocks and abs(means[block] - means[start]) <= REST_BAND:
+            continue
+        if block - start >= fewest:
+            stretches.append((start * count, block * count))
+        start = block
+    return stretches
+
+
+def _block_size(interval: float, samples: int, fit_rate: float | None) -> int:
+    size = 1 if fit_rate is None else max(1, int(round(1.0 / (fit_rate * interval))))
+    return max(size, int(np.ceil(samples / MOST_SAMPLES))) if fit_rate is not None else size
+
+
+def _block_means(values: Array, size: int) -> Array:
+    """Means (..., M) of successive blocks of `size` samples along the last axis."""
+    count = values.shape[-1] // size
+    kept = values[..., : count * size]
+    return np.asarray(kept.reshape(*values.shape[:-1], count, size).mean(axis=-1))
+
+
+def _noise_of(runs: Sequence[_Prepared], like: _Prepared, size: int) -> NoiseModel:
+    """Noise on the grid of `size` samples a block, from all runs sampled like this one."""
+    segments = []
+    lengths = []
+    for one in runs:
+        if abs(one.interval / like.interval - 1.0) > 0.05:
+            continue
+        slope = _load_slope(one)
+        for start, stop in one.rests:
+            moved = slope[:, None] * one.measured.load[start:stop]
+            motion = one.displacement[:, start:stop] - moved
+            motion = motion[:, np.all(np.isfinite(motion), axis=0)]
+            lengths.append(motion.shape[1])
+            if motion.shape[1] >= 4 * size:
+                segments.append(_block_means(motion, size))
+    if not segments:
+        raise IdentificationError(
+            f'{run_name(like.run)}: no stretch at rest of at least {4 * size} samples to read the '
+            f'noise from (longest {max(lengths, default=0)}): hold the load before the ramp'
+        )
+    return fit_noise(segments, [SMALLEST_NOISE] * CHANNEL_COUNT)
+
+
+def _load_slope(one: _Prepared) -> Array:
+    """Displacement per load (3,) over the whole run: what a little load movement does at rest."""
+    load = one.measured.load
+    good = np.all(np.isfinite(one.displacement), axis=0) & np.isfinite(load)
+    centred = load[good] - load[good].mean()
+    return np.asarray(one.displacement[:, good] @ centred / (centred @ centred))
+
+
+def _observe_static(
+    one: _Prepared, runs: Sequence[_Prepared], fit_rate: float | None
+) -> Observation:
+    size = _block_size(one.interval, 1, fit_rate or 50.0)
+    noise = _noise_of(runs, one, size)
+    measured = one.measured
+    spans = [slice(start, stop) for start, stop in one.rests]
+    displacement = np.stack(
+        [np.nanmean(one.displacement[:, span], axis=1) for span in spans], axis=1
+    )
+    counts = [max(1, (stop - start) // size) for start, stop in one.rests]
+    covariance = np.stack(
+        [
+            np.diag([channel.variance_of_mean(count) for count in counts])
+            for channel in noise.channels
+        ]
+    )
+    return _observation(
+        one, noise, covariance, _zero_blocks(one, size),
+        time=np.array([float(np.mean(measured.time[span])) for span in spans]),
+        load=np.array([float(np.nanmean(measured.load[span])) for span in spans]),
+        displacement=displacement,
+        branch=np.asarray(one.branch),
+    )
+
+
+def _observe_dynamic(
+    one: _Prepared, runs: Sequence[_Prepared], fit_rate: float | None
+) -> Observation:
+    measured = one.measured
+    good = np.all(np.isfinite(one.displacement), axis=0)
+    first, last = int(np.argmax(good)), len(good) - int(np.argmax(good[::-1]))
+    span = slice(first, last)
+    size = _block_size(one.interval, last - first, fit_rate)
+    noise = _noise_of(runs, one, size)
+    displacement = _block_means(one.displacement[:, span], size)
+    keep = np.all(np.isfinite(displacement), axis=0)
+    samples = displacement.shape[1]
+    covariance = np.stack(
+        [toeplitz(channel.autocovariance(samples)) for channel in noise.channels]
+    )
+    load = _block_means(measured.load[span], size)
+    return _observation(
+        one, noise, covariance[:, keep][:, :, keep], _zero_blocks(one, size),
+        time=_block_means(measured.time[span], size)[keep],
+        load=load[keep],
+        displacement=displacement[:, keep],
+        branch=np.sign(np.gradient(load))[keep],
+    )
+
+
+def _zero_blocks(one: _Prepared, size: int) -> int:
+    return max(1, (one.measured.zero.end - one.measured.zero.start) // size)
+
+
+def _observation(
+    one: _Prepared,
+    noise: NoiseModel,
+    covariance: Array,
+    zero_blocks: int,
+    *,
+    time: Array,
+    load: Array,
+    displacement: Array,
+    branch: Array,
+) -> Observation:
+    """Put the error of the zero, common to all readings of a run, into their covariance."""
+    whitening = np.empty_like(covariance)
+    error = np.empty(covariance.shape[:2])
+    for channel, process in enumerate(noise.channels):
+        full = covariance[channel] + process.variance_of_mean(zero_blocks)
+        error[channel] = np.sqrt(np.diag(full))
+        lower = cholesky(full, lower=True)
+        whitening[channel] = solve_triangular(lower, np.eye(len(full)), lower=True)
+    return Observation(
+        name=run_name(one.run),
+        dynamic=one.branch is None,
+        elevation=float(one.run.elevation),
+        time=time,
+        load=load,
+        zero_load=one.measured.zero.load,
+        displacement=displacement,
+        branch=branch,
+        whitening=whitening,
+        correlation=noise.correlation,
+        standard_error=error,
+    )

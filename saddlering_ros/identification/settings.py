@@ -1,0 +1,82 @@
+"""What a user chooses for an identification, and what is told while it runs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+
+from saddlering_ros.identification.errors import IdentificationError
+from saddlering_ros.identification.swarm import SwarmSettings
+from saddlering_ros.rig import check_bounds, PARAMETER_NAMES, Rig, RigError
+
+METHODS = ('default', 'paper')
+
+Bounds = dict[str, tuple[float, float]]
+
+
+@dataclass(frozen=True, slots=True)
+class IdentificationSettings:
+    """Choices of one identification.
+
+    method: 'default' (all channels, both branches, joint least squares) or 'paper' (two steps,
+    branches averaged, swarm alone). bounds override the rig's for the names they hold (SI).
+    logarithmic_stiffness lets the paper's swarm search K on a logarithmic scale; the default
+    method always does. use_delta_y None means: what the method does by itself (paper: left out).
+    fit_rate [Hz] is the grid dynamic records are block-averaged to (its bandwidth is 0.44 of it);
+    None keeps every sample.
+    """
+
+    method: str = 'default'
+    bounds: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    swarm: SwarmSettings = field(default_factory=SwarmSettings)
+    logarithmic_stiffness: bool = False
+    use_delta_y: bool | None = None
+    seed: int = 0
+    fit_rate: float | None = 50.0
+
+    def __post_init__(self) -> None:
+        if self.method not in METHODS:
+            raise IdentificationError(
+                f'method {self.method!r} is unknown: give one of {", ".join(METHODS)}'
+            )
+        unknown = sorted(set(self.bounds) - set(PARAMETER_NAMES))
+        if unknown:
+            raise IdentificationError(
+                f'bounds for {unknown[0]!r}: there is no such parameter, '
+                f'give {", ".join(PARAMETER_NAMES)}'
+            )
+        if self.fit_rate is not None and not self.fit_rate > 0.0:
+            raise IdentificationError(
+                f'fit rate {self.fit_rate} Hz: give a rate above zero, or none for every sample'
+            )
+
+    def bounds_for(self, rig: Rig) -> Bounds:
+        """Bounds of all six parameters; IdentificationError when one pair is reversed."""
+        bounds = {name: self.bounds.get(name, rig.bounds[name]) for name in PARAMETER_NAMES}
+        try:
+            return check_bounds(bounds, 'identification bounds')
+        except RigError as problem:
+            raise IdentificationError(str(problem)) from problem
+
+    @property
+    def channels(self) -> tuple[int, ...]:
+        """Indices of the channels (delta_x, delta_y, gamma) the objective looks at."""
+        use_delta_y = self.method == 'default' if self.use_delta_y is None else self.use_delta_y
+        return (0, 1, 2) if use_delta_y else (0, 2)
+
+
+@dataclass(frozen=True, slots=True)
+class Progress:
+    """One step of a running identification; best_parameters in the order of PARAMETER_NAMES."""
+
+    stage: str
+    iteration: int
+    iterations: int
+    best_objective: float
+    best_parameters: tuple[float, ...]
+    spread: float
+    elapsed: float
+
+
+OnProgress = Callable[[Progress], None]
+IsCancelled = Callable[[], bool]

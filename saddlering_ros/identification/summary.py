@@ -1,0 +1,142 @@
+"""An identification and a validation in plain text, as the commands print them."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from saddlering_ros.identification.result import Identification, line_contact_ratios
+from saddlering_ros.identification.validation import Validation
+from saddlering_ros.rig import PARAMETER_NAMES, PARAMETER_UNITS, stiffness_per_millimetre
+
+CORRELATION_THRESHOLD = 0.5
+
+VALIDATION_COLUMNS = (
+    ('rmse', 'rmse'), ('nrmse', 'nrmse %'), ('noise_floor', 'noise %'), ('maximum', 'max'),
+    ('bias', 'bias'), ('slope_ratio', 'slope'), ('loop_area', 'loop %'),
+    ('zero_return', 'return'), ('time_shift', 'shift ms'), ('iso18571', 'ISO'),
+    ('e_over_uval', 'E/u_val'),
+)
+
+SCALES = {
+    'nrmse': 100.0, 'noise_floor': 100.0, 'loop_area': 100.0, 'time_shift': 1e3,
+    'rmse': 1e6, 'maximum': 1e6, 'bias': 1e6, 'zero_return': 1e6,
+}
+
+
+def identification_text(found: Identification) -> str:
+    """Method, evaluations, chi square, values with errors, bounds, correlations, notes."""
+    source = found.parameters.source
+    lines = [
+        '[[Identification]]',
+        f'    method              = {found.method}',
+        f'    bags                = {", ".join(source.bags)}',
+        f'    status              = {found.status}',
+        f'    evaluations         = {found.evaluations} in {found.elapsed:.2f} s',
+        f'    objective           = {found.objective:.6g}',
+        f'    chi square          = {found.chi_square:.6g}',
+        f'    reduced chi square  = {found.reduced_chi_square:.4g}'
+        f' ({found.degrees_of_freedom} degrees of freedom)',
+        '[[Parameters]]',
+        *(_parameter_line(found, index, name) for index, name in enumerate(PARAMETER_NAMES)),
+        *_stiffness_lines(found),
+        *_systematic_lines(found),
+        *_correlation_lines(found),
+    ]
+    if found.profiles:
+        lines += ['[[Profile likelihood, 95 %]]', *_profile_lines(found)]
+    if found.notes:
+        lines += ['[[Notes]]', *(f'    {note}' for note in found.notes)]
+    return '\n'.join(lines)
+
+
+def _parameter_line(found: Identification, index: int, name: str) -> str:
+    value = getattr(found.parameters.contact, name)
+    unit = PARAMETER_UNITS[name]
+    unit = '' if unit == '1' else f' {unit}'
+    if not found.pinned[name]:
+        bound = ' (at boundary)' if found.at_bound[name] else ''
+        return (f'    {name}: not determined by these data (best known {value:.6g}{unit}){bound}: '
+                f'{found.reasons[name]}')
+    std = found.std[index]
+    share = 100.0 * std / abs(value)
+    low, high = found.intervals[name] or (np.nan, np.nan)
+    return (f'    {name}: {value:.6g} +/- {std:.3g}{unit} ({share:.2f} %), '
+            f'95 % {low:.6g} to {high:.6g}')
+
+
+def _stiffness_lines(found: Identification) -> list[str]:
+    contact = found.parameters.contact
+    ratios = line_contact_ratios(contact)
+    lines = ['[[Stiffness as ADAMS users know it]]']
+    for row, name in ((1, 'axial'), (2, 'middle')):
+        stiffness, exponent = getattr(contact, f'K{row}'), getattr(contact, f'n{row}')
+        lines.append(
+            f'    K{row} ({name} row{"s" if row == 1 else ""}): '
+            f'{stiffness_per_millimetre(stiffness, exponent):.5g} N/mm^{exponent:.4g}, '
+            f'{ratios[f"K{row}"]:.3f} of one roller in Palmgren line contact (at 0.1 mm)'
+        )
+    return lines
+
+
+def _systematic_lines(found: Identification) -> list[str]:
+    """The largest shift of each free parameter among the imperfections no fit can see."""
+    lines = ['[[What small imperfections of the rig would do]]']
+    for name, shift in found.systematic.items():
+        words = [
+            f'{parameter} {value:+.3f}' if parameter[0] == 'n'
+            else f'{parameter} {100.0 * np.expm1(np.clip(value, -9, 9)):+.1f} %'
+            for parameter, value in zip(PARAMETER_NAMES, shift, strict=True)
+            if np.isfinite(value) and abs(value) >= 5e-4
+        ]
+        lines.append(f'    {name}: {", ".join(words) or "nothing"}')
+    return lines
+
+
+def _correlation_lines(found: Identification) -> list[str]:
+    pairs = [
+        (first, second, float(found.correlation[i, j]))
+        for i, first in enumerate(PARAMETER_NAMES)
+        for j, second in enumerate(PARAMETER_NAMES)
+        if i < j and abs(found.correlation[i, j]) >= CORRELATION_THRESHOLD
+    ]
+    lines = [f'[[Correlations]] (below {CORRELATION_THRESHOLD} not shown)']
+    lines += [
+        f'    C({first}, {second}) = {value:+.4f}, '
+        f'collinearity {found.collinearity.get(f"{first},{second}", np.nan):.1f}'
+        for first, second, value in sorted(pairs, key=lambda pair: -abs(pair[2]))
+    ]
+    return lines
+
+
+def _profile_lines(found: Identification) -> list[str]:
+    lines = []
+    for name, profile in found.profiles.items():
+        low, high = ('open' if end is None else f'{end:.6g}' for end in profile.interval)
+        lines.append(f'    {name}: {low} to {high}')
+    return lines
+
+
+def validation_text(validation: Validation) -> str:
+    """A table: one line per run and channel; lengths in um, angles in urad."""
+    widths = [max(9, len(title)) for _, title in VALIDATION_COLUMNS]
+    head = f'{"channel":8s}  ' + '  '.join(
+        title.rjust(width) for (_, title), width in zip(VALIDATION_COLUMNS, widths, strict=True)
+    )
+    lines = []
+    for run in validation.runs:
+        lines += [f'{run.name}: {run.test}, {np.degrees(run.elevation):g} deg', f'  {head}']
+        for channel, figures in run.channels.items():
+            cells = [
+                _cell(getattr(figures, key), SCALES.get(key, 1.0)).rjust(width)
+                for (key, _), width in zip(VALIDATION_COLUMNS, widths, strict=True)
+            ]
+            lines.append(f'  {channel:8s}  ' + '  '.join(cells))
+        lines += [f'  note: {note}' for note in run.notes]
+    lines.append('rmse, max, bias, return in um or urad; loop % of load range times channel range')
+    return '\n'.join(lines)
+
+
+def _cell(value: float | None, scale: float) -> str:
+    if value is None or not np.isfinite(value):
+        return '-'
+    return f'{scale * value:.4g}'

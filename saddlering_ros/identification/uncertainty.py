@@ -1,0 +1,350 @@
+"""How far identified parameters can be trusted: covariance, what is open, profiles, ellipses.
+
+The residuals are whitened by the noise the runs show at rest, autocorrelation included, so that
+covariance = (J^T J)^-1 in the search coordinates (ln K, n, ln D); where the fit is worse than
+that noise it is widened by chi square per degree of freedom (Birge ratio), never narrowed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import chi2, norm
+
+from saddlering_ros.identification.objective import predict, WeightedObjective
+from saddlering_ros.identification.observation import Observation
+from saddlering_ros.identification.refinement import refine, Refinement
+from saddlering_ros.identification.space import SearchSpace
+from saddlering_ros.rig import FULL_SCALE_LOAD, PARAMETER_NAMES, Rig
+
+Array = NDArray[np.float64]
+
+WIDTH_95 = float(norm.ppf(0.975))
+
+PINNED_HALF_WIDTH = {
+    'K': float(np.log(1.5)), 'n': 0.5 * (10.0 / 9.0 - 1.0), 'D': float(np.log(2.0)),
+}
+"""Widest half 95 % interval, in (ln K, n, ln D), of a parameter that counts as determined.
+
+K within a factor 1.5; n tells line contact (10/9) from a straight spring (1); D within a factor 2.
+"""
+
+
+@dataclass(frozen=True)
+class Imperfection:
+    """Something every rig has to a small degree, and what it does to predicted increments."""
+
+    name: str
+    words: str
+    load: Callable[[Array], Array] = lambda load: load
+    rig: Callable[[Rig], Rig] = lambda rig: rig
+    elevation: float = 0.0
+    delay: float = 0.0
+
+    def on_load(self, one: Observation) -> Array:
+        """The load [N] of an observation as this imperfection would have it."""
+        if not one.dynamic or not self.delay:
+            return self.load(one.load)
+        return np.asarray(np.interp(one.time - self.delay, one.time, one.load))
+
+
+def _bent(load: Array) -> Array:
+    return load + 0.001 * 4.0 * load * (FULL_SCALE_LOAD - load) / FULL_SCALE_LOAD
+
+
+def _wider_axial(rig: Rig) -> Rig:
+    row = rig.axial_rows
+    return replace(rig, axial_rows=replace(row, clearance=row.clearance + 5e-6))
+
+
+def _wider_middle(rig: Rig) -> Rig:
+    row = rig.middle_row
+    return replace(rig, middle_row=replace(row, clearance=row.clearance + 5e-6))
+
+
+IMPERFECTIONS = (
+    Imperfection('load_nonlinearity', '0.1 % of full scale load nonlinearity', load=_bent),
+    Imperfection('axial_clearance', '5 um of axial clearance', rig=_wider_axial),
+    Imperfection('radial_clearance', '5 um of radial clearance', rig=_wider_middle),
+    Imperfection('elevation', '0.1 deg of elevation', elevation=float(np.radians(0.1))),
+    Imperfection('load_gain', '0.5 % of load gain', load=lambda load: 1.005 * load),
+    Imperfection('delay', '1 ms between the clocks of load and probes', delay=1e-3),
+)
+"""Small errors no fit can see from inside; what each would do to the parameters is reported."""
+
+
+@dataclass(frozen=True)
+class Uncertainty:
+    """Everything about the trust in one result; arrays over the six parameters, NaN where held.
+
+    std in the parameters' units; coordinate_std in (ln K, n, ln D); covariance (6, 6), correlation
+    (6, 6); intervals by name; systematic: imperfection -> shift (6,) in coordinates; pinned and
+    reasons by name; collinearity by subset of names ('K1,n1').
+    """
+
+    std: Array
+    coordinate_std: Array
+    covariance: Array
+    correlation: Array
+    intervals: dict[str, tuple[float, float] | None]
+    systematic: dict[str, Array]
+    pinned: dict[str, bool]
+    reasons: dict[str, str]
+    collinearity: dict[str, float]
+    reduced_chi_square: float
+
+
+def assess(
+    objective: WeightedObjective,
+    space: SearchSpace,
+    best: Refinement,
+    bounds: dict[str, tuple[float, float]],
+) -> Uncertainty:
+    """Judge a refined fit; `space` holds what was free."""
+    freedom = max(1, objective.size - len(space.free))
+    reduced = best.chi_square / freedom
+    widening = max(1.0, reduced)
+    inner = _inverse(best.jacobian) * widening
+    coordinate_std = _spread_over_six(np.sqrt(np.diag(inner)), space)
+    scale = space.scale(best.contact)
+    covariance = _with_bounds_alone(inner * np.outer(scale, scale), space, bounds)
+    std = np.sqrt(np.diag(covariance))
+    systematic = systematic_shifts(objective, space, best)
+    pinned, reasons = _judge(objective, space, best, coordinate_std, systematic)
+    return Uncertainty(
+        std=np.where([pinned[name] for name in PARAMETER_NAMES], std, np.nan),
+        coordinate_std=coordinate_std,
+        covariance=covariance,
+        correlation=np.asarray(covariance / np.outer(std, std)),
+        intervals=_intervals(space, best, coordinate_std, pinned),
+        systematic=systematic,
+        pinned=pinned,
+        reasons=reasons,
+        collinearity=collinearity(best.jacobian, space.names),
+        reduced_chi_square=float(reduced),
+    )
+
+
+def _inverse(jacobian: Array) -> Array:
+    """(J^T J)^-1 by columns of unit length; directions without effect get a huge variance."""
+    length = np.linalg.norm(jacobian, axis=0)
+    length = np.where(length > 0.0, length, 1e-12)
+    _, singular, rows = np.linalg.svd(jacobian / length, full_matrices=False)
+    singular = np.maximum(singular, 1e-9 * singular[0])
+    inner = (rows.T / singular**2) @ rows
+    return np.asarray(inner / np.outer(length, length))
+
+
+def _spread_over_six(values: Array, space: SearchSpace) -> Array:
+    six = np.full(len(PARAMETER_NAMES), np.nan)
+    six[space.free] = values
+    return six
+
+
+def _with_bounds_alone(
+    covariance: Array, space: SearchSpace, bounds: dict[str, tuple[float, float]]
+) -> Array:
+    """(6, 6) covariance; a parameter that was held has the variance its bounds alone give it."""
+    six = np.diag([(high - low) ** 2 / 12.0 for low, high in (bounds[n] for n in PARAMETER_NAMES)])
+    six[np.ix_(space.free, space.free)] = covariance
+    return np.asarray(six)
+
+
+def _intervals(
+    space: SearchSpace, best: Refinement, coordinate_std: Array, pinned: dict[str, bool]
+) -> dict[str, tuple[float, float] | None]:
+    intervals: dict[str, tuple[float, float] | None] = dict.fromkeys(PARAMETER_NAMES)
+    for position, index in enumerate(space.free):
+        name = PARAMETER_NAMES[index]
+        if not pinned[name]:
+            continue
+        half = WIDTH_95 * coordinate_std[index]
+        ends = best.point[position] + np.array([-half, half])
+        low, high = np.exp(ends) if space.logarithmic[index] else ends
+        intervals[name] = (float(low), float(high))
+    return intervals
+
+
+def systematic_shifts(
+    objective: WeightedObjective, space: SearchSpace, best: Refinement
+) -> dict[str, Array]:
+    """What each imperfection, unknown to the fit, would do to the parameters, (6,) coordinates."""
+    inverse = np.linalg.pinv(best.jacobian, rcond=1e-9)
+    base = objective.residuals(best.contact[None, :])[0]
+    shifts = {}
+    for imperfection in IMPERFECTIONS:
+        changed = _whitened(objective, best.contact, imperfection) - base
+        shifts[imperfection.name] = _spread_over_six(inverse @ changed, space)
+    return shifts
+
+
+def _whitened(objective: WeightedObjective, contact: Array, imperfection: Imperfection) -> Array:
+    rig = imperfection.rig(objective.rig)
+    parts = []
+    for one in objective.observations:
+        changed = replace(
+            one, load=imperfection.on_load(one), elevation=one.elevation + imperfection.elevation,
+            zero_load=float(imperfection.load(np.array(one.zero_load))),
+        )
+        raw = predict(rig, contact[None, :], changed) - one.displacement
+        parts.append(one.whiten(raw[:, list(objective.channels)], objective.channels)[0])
+    return np.concatenate(parts)
+
+
+def _judge(
+    objective: WeightedObjective,
+    space: SearchSpace,
+    best: Refinement,
+    coordinate_std: Array,
+    systematic: dict[str, Array],
+) -> tuple[dict[str, bool], dict[str, str]]:
+    pinned: dict[str, bool] = {}
+    reasons: dict[str, str] = {}
+    elevations = distinct_elevations(objective.observations)
+    for index, name in enumerate(PARAMETER_NAMES):
+        position = np.flatnonzero(space.free == index)
+        if not len(position):
+            reason = _why_held(name)
+        elif best.at_bound[position[0]]:
+            reason = f'{name} lies on its bound: what the data ask for may be outside'
+        else:
+            reason = _why_wide(name, index, coordinate_std[index], systematic, elevations)
+        pinned[name] = reason is None
+        if reason is not None:
+            reasons[name] = reason
+    return pinned, reasons
+
+
+def _why_held(name: str) -> str:
+    if name[0] == 'D':
+        return f'{name} needs a dynamic run: a static reading does not depend on it'
+    return f'{name} was held'
+
+
+def _why_wide(
+    name: str, index: int, std: float, systematic: dict[str, Array], elevations: int
+) -> str | None:
+    """Why a free parameter does not count as determined; None when it does."""
+    limit = PINNED_HALF_WIDTH[name[0]]
+    statistical = WIDTH_95 * std
+    if statistical > limit:
+        factor = f'a factor {np.exp(min(statistical, 50.0)):.3g}'
+        what = f'+/- {statistical:.2f}' if name[0] == 'n' else factor
+        advice = 'add a run at another elevation' if elevations < 2 else 'add more or longer runs'
+        if name[0] == 'D':
+            advice = 'add a faster dynamic run'
+        return f'{name} is open within {what} (95 %) on these data: {advice}'
+    worst = max(IMPERFECTIONS, key=lambda one: abs(systematic[one.name][index]))
+    shift = abs(float(systematic[worst.name][index]))
+    if name[0] == 'D' or shift + statistical <= limit:
+        return None
+    if elevations > 1:
+        return f'{worst.words} alone would move {name} by {_shift_words(name, shift)}'
+    return (
+        f'{name} from one elevation rests on the curvature alone: {worst.words} would move it by '
+        f'{_shift_words(name, shift)}; add a run at another elevation'
+    )
+
+
+def _shift_words(name: str, shift: float) -> str:
+    return f'{shift:.3f}' if name[0] == 'n' else f'{100.0 * np.expm1(min(shift, 50.0)):.0f} %'
+
+
+def distinct_elevations(observations: Sequence[Observation]) -> int:
+    """Number of elevations that differ by more than a degree."""
+    return len({round(float(np.degrees(one.elevation))) for one in observations})
+
+
+def collinearity(jacobian: Array, names: Sequence[str]) -> dict[str, float]:
+    """Collinearity index (Brun et al. 2001) of each pair and of all: 1/sqrt(smallest eigenvalue).
+
+    Columns scaled to unit length; 1 is orthogonal, above 10 to 15 means not separable in practice.
+    """
+    length = np.linalg.norm(jacobian, axis=0)
+    unit = jacobian / np.where(length > 0.0, length, 1.0)
+    subsets = [*combinations(range(len(names)), 2), tuple(range(len(names)))]
+    return {
+        ','.join(names[i] for i in subset): float(
+            1.0 / max(np.linalg.svd(unit[:, list(subset)], compute_uv=False)[-1], 1e-12)
+        )
+        for subset in dict.fromkeys(subsets)
+    }
+
+
+def stiffness_ellipse(
+    contact: Array, covariance: Array, row: int, level: float = 0.95, points: int = 73
+) -> Array:
+    """Joint confidence region of (K, n) of a row (1 or 2): points (2, points), K first.
+
+    An ellipse in (ln K, n), where K's uncertainty is symmetric.
+    """
+    first = PARAMETER_NAMES.index(f'K{row}')
+    second = PARAMETER_NAMES.index(f'n{row}')
+    scale = np.array([1.0 / contact[first], 1.0])
+    inner = covariance[np.ix_([first, second], [first, second])] * np.outer(scale, scale)
+    value, vector = np.linalg.eigh(inner)
+    angle = np.linspace(0.0, 2.0 * np.pi, points)
+    circle = np.sqrt(chi2.ppf(level, 2)) * np.stack([np.cos(angle), np.sin(angle)])
+    log_k, exponent = vector @ (np.sqrt(np.maximum(value, 0.0))[:, None] * circle)
+    return np.stack([contact[first] * np.exp(log_k), contact[second] + exponent])
+
+
+@dataclass(frozen=True)
+class Profile:
+    """Profile likelihood of one parameter: values (P,), rise of chi square (P,), 95 % interval.
+
+    An end of the interval is None where the rise stays under its limit up to the last value.
+    """
+
+    name: str
+    values: Array
+    rise: Array
+    interval: tuple[float | None, float | None]
+
+
+def profile_likelihood(
+    objective: WeightedObjective,
+    space: SearchSpace,
+    best: Refinement,
+    name: str,
+    *,
+    width: float,
+    widening: float = 1.0,
+    points: int = 9,
+) -> Profile:
+    """Rise of the best chi square as `name` is held at values within +/- width (coordinates)."""
+    position = space.names.index(name)
+    rest = np.arange(len(space.free)) != position
+    centre = best.point[position]
+    low, high = space.low[position], space.high[position]
+    held_at = np.clip(np.linspace(centre - width, centre + width, points), low, high)
+    rise = np.empty(points)
+    for side in (range(points // 2, points), range(points // 2, -1, -1)):
+        start = best.point[rest]
+        for place in side:
+            point = best.point.copy()
+            point[position] = held_at[place]
+            reduced = SearchSpace(
+                space.free[rest], space.logarithmic, space.low[rest], space.high[rest],
+                space.contacts(point)[0],
+            )
+            found = refine(objective, reduced, start)
+            start = found.point
+            rise[place] = max(0.0, (found.chi_square - best.chi_square) / widening)
+    values = np.exp(held_at) if space.logarithmic[space.free[position]] else held_at
+    return Profile(name, values, rise, _crossings(values, rise))
+
+
+def _crossings(values: Array, rise: Array) -> tuple[float | None, float | None]:
+    limit = np.sqrt(chi2.ppf(0.95, 1))
+    bottom = int(np.argmin(rise))
+    root = np.sqrt(rise)
+    below = root[: bottom + 1][::-1]
+    above = root[bottom:]
+    low = np.interp(limit, below, values[: bottom + 1][::-1]) if below[-1] > limit else None
+    high = np.interp(limit, above, values[bottom:]) if above[-1] > limit else None
+    return (None if low is None else float(low), None if high is None else float(high))

@@ -1,0 +1,348 @@
+"""How well given parameters predict given runs, channel by channel, with the noise beside it.
+
+A dynamic run is compared sample by sample; a static one at its plateaus (settled samples for
+rmse and noise floor, plateau means for the shape figures), since between them the load moves
+faster than anybody recorded it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, field
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from saddlering_ros.bags import BagError, displacement_of_run, MeasuredRun, plateaus, TestRun
+from saddlering_ros.identification.errors import IdentificationError
+from saddlering_ros.identification.noise import fit_channel
+from saddlering_ros.identification.observation import run_name, stretches_at_rest
+from saddlering_ros.identification.rating import rate
+from saddlering_ros.rig import CHANNELS, Displacement, PARAMETER_NAMES, ParameterSet, Rig
+from saddlering_ros.ring import simulate, static_batch
+
+Array = NDArray[np.float64]
+Spans = list[tuple[int, int]]
+
+UNITS = {'delta_x': 'm', 'delta_y': 'm', 'gamma': 'rad', 'parity': 'm'}
+
+
+@dataclass(frozen=True)
+class ChannelFigures:
+    """Figures of one channel of one run; simulated against measured, in the channel's unit.
+
+    range: highest less lowest reading measured (plateau means, or smoothed samples).
+    rmse: root mean square residual over the compared samples; nrmse and noise_floor: rms residual
+    and rms noise over the range. maximum: largest residual; bias: mean of measured - simulated;
+    slope_ratio: slope of measured over simulated; loop_area: measured less simulated area of the
+    loop over load, as a share of load range times channel range; zero_return: residual left at
+    the end; time_shift [s]: how much later the measurement is (None for a static run);
+    iso18571: overall rating 0..1; comparison_error E and validation uncertainty u_val after ASME
+    V&V 20 (noise and zero of the readings, covariance of the parameters), and E over u_val.
+    None stands where a figure has no meaning, for instance for the parity, which is not simulated.
+    """
+
+    unit: str
+    range: float
+    rmse: float
+    nrmse: float | None
+    noise_floor: float | None
+    maximum: float
+    bias: float
+    slope_ratio: float | None
+    loop_area: float | None
+    loop_area_measured: float | None
+    loop_area_simulated: float | None
+    zero_return: float
+    time_shift: float | None
+    iso18571: float | None
+    iso18571_parts: dict[str, float] | None
+    comparison_error: float
+    validation_uncertainty: float
+    e_over_uval: float | None
+
+
+@dataclass(frozen=True)
+class RunValidation:
+    """One run: its figures by channel, and the curves behind them.
+
+    time [s], load [N] (N,); measured and simulated (4, N) in the order of CHANNELS; compared
+    marks the samples that count; readings of a static run: load (M,), branch (M,), measured and
+    simulated (4, M).
+    """
+
+    name: str
+    test: str
+    elevation: float
+    channels: dict[str, ChannelFigures]
+    time: Array = field(repr=False)
+    load: Array = field(repr=False)
+    measured: Array = field(repr=False)
+    simulated: Array = field(repr=False)
+    compared: NDArray[np.bool_] = field(repr=False)
+    reading_load: Array = field(repr=False)
+    reading_branch: Array = field(repr=False)
+    reading_measured: Array = field(repr=False)
+    reading_simulated: Array = field(repr=False)
+    notes: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Validation:
+    """All runs of a validation."""
+
+    runs: tuple[RunValidation, ...]
+    parameters: ParameterSet
+
+    def to_json(self) -> dict[str, Any]:
+        """`runs` as diagnose --json has them, each channel with all its figures."""
+        contact = self.parameters.contact
+        return {
+            'runs': [_run_json(run) for run in self.runs],
+            'parameters': {name: float(getattr(contact, name)) for name in PARAMETER_NAMES},
+        }
+
+
+def _run_json(run: RunValidation) -> dict[str, Any]:
+    return {
+        'bag': run.name,
+        'elevation_deg': float(np.degrees(run.elevation)),
+        'test': run.test,
+        'channels': {
+            name: {key: _plain(value) for key, value in asdict(figures).items()}
+            for name, figures in run.channels.items()
+        },
+        'notes': list(run.notes),
+    }
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value
+
+
+def validate(runs: Sequence[TestRun], rig: Rig, parameters: ParameterSet) -> Validation:
+    """Compare simulation and measurement; IdentificationError where a run cannot be compared."""
+    if not runs:
+        raise IdentificationError('no runs to validate on: give at least one bag')
+    return Validation(tuple(validate_run(run, rig, parameters) for run in runs), parameters)
+
+
+def validate_run(run: TestRun, rig: Rig, parameters: ParameterSet) -> RunValidation:
+    """Compare one run."""
+    name = run_name(run)
+    try:
+        measured = displacement_of_run(rig, run)
+        found = plateaus(run) if run.test == 'static' else None
+    except BagError as problem:
+        raise IdentificationError(f'{name}: {problem}') from problem
+    actual = _stack(measured.displacement)
+    simulated = _simulated(rig, parameters, run, measured)
+    if found is None:
+        rests = stretches_at_rest(measured.time, measured.load)
+        rests = rests or [(measured.zero.start, measured.zero.end)]
+        readings: Spans = []
+        branch = np.zeros(0)
+        compared = np.all(np.isfinite(actual + simulated), axis=0)
+    else:
+        rests = readings = list(zip(found.start.tolist(), found.stop.tolist(), strict=True))
+        branch = np.asarray(found.branch, dtype=float)
+        compared = _inside(readings, len(measured.time))
+        compared &= np.all(np.isfinite(actual + simulated), axis=0)
+    if np.count_nonzero(compared) < 5:
+        raise IdentificationError(
+            f'{name}: fewer than 5 samples can be compared: check that load and probes overlap'
+        )
+    result = RunValidation(
+        name=name, test=run.test, elevation=float(run.elevation), channels={},
+        time=measured.time, load=measured.load, measured=actual, simulated=simulated,
+        compared=compared,
+        reading_load=_means(measured.load[None, :], readings)[0],
+        reading_branch=branch,
+        reading_measured=_means(actual, readings),
+        reading_simulated=_means(simulated, readings),
+        notes=() if measured.zero.near_preload else ('the record does not start near preload',),
+    )
+    input_variance = _input_variance(rig, parameters, result, measured.zero.load)
+    for position, channel in enumerate(CHANNELS):
+        result.channels[channel] = _figures(
+            result, position, rests, measured.zero.end - measured.zero.start,
+            input_variance[position],
+        )
+    return result
+
+
+def _stack(motion: Displacement) -> Array:
+    return np.stack([np.asarray(getattr(motion, name), dtype=float) for name in CHANNELS])
+
+
+def _simulated(rig: Rig, parameters: ParameterSet, run: TestRun, measured: MeasuredRun) -> Array:
+    """Simulated channels (4, N) at the measured times."""
+    out = simulate(rig, parameters, run.elevation, measured.time, measured.load)
+    values = _stack(out.displacement)
+    if values.shape[1] == len(measured.time) and np.array_equal(out.time, measured.time):
+        return values
+    return np.stack(
+        [np.interp(measured.time, out.time, row, left=np.nan, right=np.nan) for row in values]
+    )
+
+
+def _inside(spans: Spans, samples: int) -> NDArray[np.bool_]:
+    mask = np.zeros(samples, dtype=bool)
+    for start, stop in spans:
+        mask[start:stop] = True
+    return mask
+
+
+def _means(values: Array, spans: Spans) -> Array:
+    """Means (C, M) over spans of values (C, N)."""
+    if not spans:
+        return np.zeros((len(values), 0))
+    return np.stack([np.nanmean(values[:, start:stop], axis=1) for start, stop in spans], axis=1)
+
+
+def _input_variance(
+    rig: Rig, parameters: ParameterSet, run: RunValidation, zero_load: float
+) -> Array:
+    """Mean square uncertainty (4,) of the prediction from the parameters' covariance.
+
+    From static sensitivities at about 25 loads of the run; zero where no covariance is given.
+    """
+    covariance = parameters.source.covariance
+    variance = np.zeros(len(CHANNELS))
+    if covariance is None or not np.all(np.isfinite(covariance)):
+        return variance
+    contact = parameters.contact.to_array()
+    steps = np.diag(1e-4 * contact)
+    loads = np.quantile(run.load[run.compared], np.linspace(0.0, 1.0, 25))
+    still = static_batch(
+        rig, np.concatenate([contact + steps, contact - steps]), run.elevation,
+        np.append(loads, zero_load),
+    )
+    increments = still[:, :, :-1] - still[:, :, -1:]
+    slopes = (increments[:6] - increments[6:]) / (2.0 * np.diag(steps))[:, None, None]
+    pinned = [PARAMETER_NAMES.index(name) for name in ('K1', 'n1', 'K2', 'n2')]
+    inner = covariance[np.ix_(pinned, pinned)]
+    spread = np.einsum('icl,ij,jcl->cl', slopes[pinned], inner, slopes[pinned])
+    variance[:3] = np.mean(np.maximum(spread, 0.0), axis=1)
+    return variance
+
+
+def _figures(
+    run: RunValidation, position: int, rests: Spans, zero_samples: int, input_variance: float
+) -> ChannelFigures:
+    measured, simulated = run.measured[position], run.simulated[position]
+    residual = measured - simulated
+    compared = run.compared
+    static = run.reading_load.size > 0
+    if static:
+        shape_load, shape_measured = run.reading_load, run.reading_measured[position]
+        shape_simulated = run.reading_simulated[position]
+    else:
+        shape_load, shape_measured = run.load[compared], measured[compared]
+        shape_simulated = simulated[compared]
+    noise, mean_noise, zero_noise = _noise(residual, rests, zero_samples)
+    extent = _range(shape_measured, static)
+    rmse = float(np.sqrt(np.mean(residual[compared] ** 2)))
+    floor = math.hypot(noise, zero_noise)
+    reading_noise = math.hypot(mean_noise if static else noise, zero_noise)
+    error = float(np.sqrt(np.mean((shape_measured - shape_simulated) ** 2)))
+    uncertainty = math.hypot(reading_noise, math.sqrt(max(0.0, input_variance)))
+    is_simulated = CHANNELS[position] != 'parity'
+    areas = _loop_areas(shape_load, shape_measured, shape_simulated, extent)
+    rating = rate(shape_measured, shape_simulated) if is_simulated else None
+    return ChannelFigures(
+        unit=UNITS[CHANNELS[position]],
+        range=extent,
+        rmse=rmse,
+        nrmse=_ratio(rmse, extent),
+        noise_floor=_ratio(floor, extent),
+        maximum=float(np.max(np.abs(shape_measured - shape_simulated))),
+        bias=float(np.mean(residual[compared])),
+        slope_ratio=_slope_ratio(shape_measured, shape_simulated) if is_simulated else None,
+        loop_area=None if areas is None else areas[0] - areas[1],
+        loop_area_measured=None if areas is None else areas[0],
+        loop_area_simulated=None if areas is None else areas[1],
+        zero_return=_zero_return(run, residual, rests),
+        time_shift=None if static or not is_simulated else _time_shift(run, position),
+        iso18571=None if rating is None else rating.overall,
+        iso18571_parts=None if rating is None else asdict(rating),
+        comparison_error=error,
+        validation_uncertainty=uncertainty,
+        e_over_uval=_ratio(error, uncertainty),
+    )
+
+
+def _ratio(value: float, over: float) -> float | None:
+    return value / over if over > 0.0 else None
+
+
+def _noise(residual: Array, rests: Spans, zero_samples: int) -> tuple[float, float, float]:
+    """Noise of one sample, of a stretch's mean and of the zero, from the residual at rest."""
+    segments = [residual[start:stop] for start, stop in rests]
+    segments = [segment[np.isfinite(segment)] for segment in segments]
+    segments = [segment for segment in segments if len(segment) >= 4]
+    if not segments:
+        return 0.0, 0.0, 0.0
+    noise = fit_channel(segments)
+    of_means = np.mean([noise.variance_of_mean(len(segment)) for segment in segments])
+    of_zero = noise.variance_of_mean(max(1, zero_samples))
+    return noise.standard_deviation, float(np.sqrt(of_means)), float(np.sqrt(of_zero))
+
+
+def _range(values: Array, static: bool) -> float:
+    """Measured range; of a record of samples it is that of a running mean over 0.5 % of it."""
+    if not static and len(values) > 400:
+        width = len(values) // 200
+        values = np.convolve(values, np.ones(width) / width, mode='valid')
+    return float(np.max(values) - np.min(values))
+
+
+def _slope_ratio(measured: Array, simulated: Array) -> float | None:
+    centred = simulated - simulated.mean()
+    size = float(centred @ centred)
+    return float(centred @ measured) / size if size > 0.0 else None
+
+
+def _loop_areas(
+    load: Array, measured: Array, simulated: Array, extent: float
+) -> tuple[float, float] | None:
+    """Areas of both loops over load, positive when the unloading branch lies above."""
+    box = extent * float(np.max(load) - np.min(load))
+    if box <= 0.0:
+        return None
+    return _closed_area(load, measured) / box, _closed_area(load, simulated) / box
+
+
+def _closed_area(load: Array, values: Array) -> float:
+    steps = np.diff(load, append=load[0])
+    mean = 0.5 * (values + np.roll(values, -1))
+    return float(-np.sum(mean * steps))
+
+
+def _zero_return(run: RunValidation, residual: Array, rests: Spans) -> float:
+    """Residual where the record ends: over its last stretch at rest, or its last hundredth."""
+    count = max(1, len(residual) // 100)
+    start = max(rests[-1][0], len(residual) - 50 * count) if rests else len(residual) - count
+    stop = rests[-1][1] if rests else len(residual)
+    last = residual[start:stop]
+    if not np.any(np.isfinite(last)) or run.load[stop - 1] > 0.5 * np.max(run.load):
+        return float('nan')
+    return float(np.nanmean(last))
+
+
+def _time_shift(run: RunValidation, position: int) -> float | None:
+    """Least-squares delay [s] of the measurement against the simulation."""
+    compared = run.compared
+    time, simulated = run.time[compared], run.simulated[position][compared]
+    rate_of_change = np.gradient(simulated, time)
+    residual = run.measured[position][compared] - simulated
+    design = np.stack([-rate_of_change, simulated, np.ones_like(simulated)], axis=1)
+    size = np.linalg.norm(design, axis=0)
+    if np.any(size == 0.0):
+        return None
+    answer, *_ = np.linalg.lstsq(design / size, residual, rcond=None)
+    return float(answer[0] / size[0])

@@ -1,0 +1,60 @@
+"""Claims about the noise read from stretches at rest."""
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+from saddlering_ros.identification.noise import ChannelNoise, fit_channel, fit_noise
+
+SMALLEST = [1e-9, 1e-9, 1e-9]
+
+
+def segments(memory, count=50, length=200, seed=0, scale=3e-7):
+    """`count` stretches of AR(1) noise with standard deviation `scale`."""
+    random = np.random.default_rng(seed)
+    drive = random.normal(0.0, scale * np.sqrt(1.0 - memory**2), (count, length + 200))
+    return list(lfilter([1.0], [1.0, -memory], drive, axis=1)[:, 200:])
+
+
+@pytest.mark.parametrize('memory', [0.0, 0.5, 0.9])
+def test_standard_deviation_is_read_whatever_the_memory(memory):
+    assert fit_channel(segments(memory)).standard_deviation == pytest.approx(3e-7, rel=0.06)
+
+
+@pytest.mark.parametrize('memory', [0.0, 0.6, 0.9])
+def test_the_error_of_a_mean_is_the_scatter_of_means(memory):
+    parts = segments(memory, count=400, length=100)
+    scatter = np.std([part.mean() for part in parts])
+    stated = np.sqrt(fit_channel(parts).variance_of_mean(100))
+    assert stated == pytest.approx(scatter, rel=0.15)
+
+
+def test_white_noise_gets_no_memory():
+    assert len(fit_channel(segments(0.0)).coefficients) == 0
+
+
+def test_the_means_of_the_stretches_do_not_count():
+    parts = segments(0.3)
+    moved = [part + 1e-4 * number for number, part in enumerate(parts)]
+    assert fit_channel(moved).standard_deviation == pytest.approx(
+        fit_channel(parts).standard_deviation, rel=1e-6
+    )
+
+
+def test_a_record_without_noise_is_given_the_smallest():
+    assert fit_channel([np.zeros(50)] * 3).standard_deviation == pytest.approx(1e-9)
+
+
+def test_the_autocovariance_is_that_of_the_process():
+    noise = ChannelNoise(np.array([0.8]), 1.0 - 0.8**2)
+    assert noise.autocovariance(5) == pytest.approx(0.8 ** np.arange(5))
+
+
+def test_a_common_cause_shows_as_correlation_between_channels():
+    random = np.random.default_rng(1)
+    common = random.normal(0.0, 3e-7, (40, 1, 100))
+    own = random.normal(0.0, 3e-7, (40, 3, 100))
+    model = fit_noise(list(own + common), SMALLEST)
+    assert model.correlation[0, 2] == pytest.approx(0.5, abs=0.06)
+    independent = fit_noise(list(own), SMALLEST)
+    assert np.abs(independent.correlation - np.eye(3)).max() < 0.06
