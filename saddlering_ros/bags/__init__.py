@@ -1,1 +1,21 @@
 """Bags in and out: reading, alignment, plateaus, writing, and what is wrong with a bag."""
+
+from saddlering_ros.bags.alignment import (
+    align,
+    AlignedRow,
+    AlignmentCounters,
+    seconds,
+    seconds_array,
+    StreamAligner,
+)
+from saddlering_ros.bags.errors import BagError
+from saddlering_ros.bags.facts import FoundFacts, TestFacts
+from saddlering_ros.bags.reader import RawRecord, RawTopic, read_raw, read_run, TestRun
+from saddlering_ros.bags.topics import LOAD_TOPIC, PROBE_TOPICS, RIG_TOPICS
+from saddlering_ros.bags.writer import write_bag
+
+__all__ = [
+    'LOAD_TOPIC', 'PROBE_TOPICS', 'RIG_TOPICS', 'AlignedRow', 'AlignmentCounters', 'BagError',
+    'FoundFacts', 'RawRecord', 'RawTopic', 'StreamAligner', 'TestFacts', 'TestRun', 'align',
+    'read_raw', 'read_run', 'seconds', 'seconds_array', 'write_bag',
+]

@@ -1,4 +1,4 @@
-"""Alignment of the probes on the load's stamps: one rule, a function for records and a class for streams.
+"""Alignment of the probes on the load's stamps: one rule, for whole records and for streams.
 
 The rule. A probe's reading at a load stamp t is
 
@@ -8,8 +8,8 @@ The rule. A probe's reading at a load stamp t is
   apart than a gap: `GAP_PERIODS` times the median of the (up to) `GAP_HISTORY` intervals before
   them and not less than `GAP_FLOOR_NS`. The first `GAP_LEAST_HISTORY` intervals are never gaps.
 
-The rule looks back only, so `align` (whole records) and `StreamAligner` (live samples) evaluate the
-same floating-point expressions on the same numbers, and their results are equal bit for bit
+The rule looks back only, so `align` (whole records) and `StreamAligner` (live samples) evaluate
+the same floating-point expressions on the same numbers, and their results are equal bit for bit
 for streams that arrive in stamp order. Stamps are int64 nanoseconds; seconds come from `seconds`.
 """
 
@@ -30,7 +30,7 @@ GAP_HISTORY = 15
 GAP_LEAST_HISTORY = 3
 GAP_FLOOR_NS = 5_000_000
 JITTER_NS = 250_000_000
-"""A stamp further back than this behind its topic's newest one is a clock that jumped, not jitter."""
+"""A stamp further back than this behind its topic's newest one is a clock that jumped back."""
 
 PROBES = 4
 
@@ -42,7 +42,8 @@ def seconds(stamp: int, epoch: int) -> float:
 
 def seconds_array(stamps: NDArray[np.int64], epoch: int) -> NDArray[np.float64]:
     """Seconds from `epoch` to each of `stamps` (both ns); equal bit for bit to `seconds`."""
-    return (stamps - np.int64(epoch)).astype(np.float64) / 1e9
+    elapsed: NDArray[np.float64] = (stamps - np.int64(epoch)).astype(np.float64)
+    return elapsed / 1e9
 
 
 def gap_limit(history: list[int]) -> int:
@@ -259,8 +260,8 @@ class StreamAligner:
     stamps that can never be served are dropped and counted (`counters`). Load
     stamps that jump back (by more than `JITTER_NS`) restart the aligner: what waits is
     dropped, time counts from the new first stamp, and `restarts` goes up, which the
-    rows carry, so that a consumer can zero anew. Stamps that jump ahead need no restart: the gap rule
-    keeps anything from being interpolated across.
+    rows carry, so that a consumer can zero anew. Stamps that jump ahead need no restart: the gap
+    rule keeps anything from being interpolated across.
 
     Memory is bounded: at most `max_pending` load samples spanning at most `max_wait` [s] wait for
     probes, and at most `max_samples` samples of each probe wait for the load.

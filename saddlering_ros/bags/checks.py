@@ -1,0 +1,145 @@
+"""Readings that cannot be right, and those that are merely worth a note."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from saddlering_ros.bags.alignment import gap_mask
+from saddlering_ros.bags.errors import BagError
+from saddlering_ros.rig import FULL_SCALE_LOAD, TONNE
+
+MOST_ABSENT_UNMENTIONED = 0.005
+"""Share of load stamps without a reading (as at both ends of a record) not worth a note."""
+
+FEWEST_SAMPLES = 10
+"""Fewer samples of a topic are no test."""
+
+LARGEST_SPAN = 0.1
+"""A gap of this size [m] is beyond any eddy-current probe, so the unit must be another one."""
+
+FAR_OUTSIDE = 20.0
+"""A typical gap this many times the probe's span beyond it was not published in metres."""
+
+SMALLEST_TEST_LOAD = TONNE / 10.0
+"""A test whose largest load [N] stays below this was not published in newtons."""
+
+LARGEST_LOAD = 20.0 * FULL_SCALE_LOAD
+"""A load beyond this [N] was not published in newtons."""
+
+
+def check_values(where: str, stamps: NDArray[np.int64], values: NDArray[np.float64]) -> None:
+    """Raise BagError if any of `values` (N,) at `stamps` (N,) [ns] is NaN or infinite."""
+    bad = ~np.isfinite(values)
+    if not bad.any():
+        return
+    first = int(np.argmax(bad))
+    kinds = ' and '.join(
+        name for name, found in (('NaN', np.isnan(values)), ('infinite', np.isinf(values)))
+        if found.any())
+    raise BagError(
+        f'{where}: {int(bad.sum())} of {len(values)} readings are {kinds}, first at stamp '
+        f'{stamps[first]} ns ({(stamps[first] - stamps[0]) / 1e9:.3f} s into the record): check '
+        'the sensor and record again')
+
+
+def check_load_unit(where: str, load: NDArray[np.float64]) -> None:
+    """Raise BagError if the load (N,) cannot be newtons of a pushing cylinder."""
+    low, high = float(load.min()), float(load.max())
+    shown = f'the load runs from {low:.4g} to {high:.4g} N'
+    if -low > max(high, 0.01 * FULL_SCALE_LOAD):
+        raise BagError(f'{where}: {shown}, mostly negative: publish a pushing load as positive')
+    if high < SMALLEST_TEST_LOAD:
+        guess = 'tonnes' if high <= 1.5 * FULL_SCALE_LOAD / TONNE else 'kilonewtons'
+        raise BagError(f'{where}: {shown}, which looks like {guess}: publish newtons')
+    if high > LARGEST_LOAD:
+        raise BagError(f'{where}: {shown}, far beyond the cylinder: publish newtons')
+
+
+def check_probe_unit(
+    where: str, gaps: NDArray[np.float64], min_range: float, max_range: float,
+) -> None:
+    """Raise BagError if the gaps (N,) of a probe cannot be metres."""
+    typical = float(np.median(np.abs(gaps)))
+    if _is_span(min_range, max_range) and max_range < LARGEST_SPAN:
+        distance = max(min_range - typical, typical - max_range, 0.0)
+        limit = FAR_OUTSIDE * (max_range - min_range)
+        span = f"the probe's span of {min_range:g} to {max_range:g} m"
+        if distance > limit:
+            raise BagError(
+                f'{where}: readings around {typical:.4g} m are far outside {span}, '
+                f'which looks like {_guess_unit(typical, min_range, max_range)}: publish metres')
+        return
+    if typical > LARGEST_SPAN:
+        raise BagError(
+            f'{where}: readings around {typical:.4g} m are beyond any eddy-current probe, which '
+            f'looks like {_guess_unit(typical, 0.0, 0.01)}: publish range, min_range and '
+            'max_range in metres')
+
+
+def check_overlap(
+    where: str, load_stamps: NDArray[np.int64], topic: str, stamps: NDArray[np.int64],
+) -> None:
+    """Raise BagError if a probe and the load were not recorded at the same time."""
+    if stamps[0] <= load_stamps[-1] and load_stamps[0] <= stamps[-1]:
+        return
+    apart = (int(stamps[0]) - int(load_stamps[0])) / 1e9
+    raise BagError(
+        f'{where}: {topic} and the load do not overlap in time (their stamps begin '
+        f'{abs(apart):.6g} s apart): set both clocks alike, or start both recordings together')
+
+
+def notes_on_load(stamps: NDArray[np.int64]) -> list[str]:
+    """What is odd about the load's stamps."""
+    return _notes_on_gaps('load', stamps, gap_mask(stamps))
+
+
+def notes_on_probe(
+    topic: str,
+    stamps: NDArray[np.int64],
+    gaps: NDArray[np.float64],
+    min_range: float,
+    max_range: float,
+    is_gap: NDArray[np.bool_],
+    aligned: NDArray[np.float64],
+) -> list[str]:
+    """What is odd about a probe's readings; `aligned` (N,) are those on the load's stamps."""
+    notes = _notes_on_gaps(topic, stamps, is_gap)
+    absent = int(np.isnan(aligned).sum())
+    if absent > MOST_ABSENT_UNMENTIONED * len(aligned):
+        notes.append(f'{topic}: has no reading at {absent} of {len(aligned)} load stamps')
+    if _is_span(min_range, max_range):
+        at_limit = int(((gaps <= min_range) | (gaps >= max_range)).sum())
+        if at_limit:
+            notes.append(
+                f'{topic}: {at_limit} of {len(gaps)} readings are at or beyond the limits of its '
+                f'span ({min_range:g} to {max_range:g} m)')
+    else:
+        notes.append(f'{topic}: publishes no span (min_range, max_range)')
+    if (gaps == gaps[0]).all():
+        notes.append(f'{topic}: the reading never changes')
+    return notes
+
+
+def _notes_on_gaps(
+    topic: str, stamps: NDArray[np.int64], is_gap: NDArray[np.bool_],
+) -> list[str]:
+    count = int(is_gap.sum())
+    if not count:
+        return []
+    longest = int(np.diff(stamps)[is_gap].max()) / 1e9
+    return [f'{topic}: {count} gaps in the stamps, the longest {longest:.3f} s']
+
+
+def _is_span(low: float, high: float) -> bool:
+    return math.isfinite(low) and math.isfinite(high) and low < high
+
+
+def _guess_unit(typical: float, low: float, high: float) -> str:
+    for factor, name in ((1e-3, 'millimetres'), (25.4e-3, 'inches'), (1e-6, 'micrometres'),
+                         (1e-9, 'nanometres')):
+        if low <= typical * factor <= high:
+            return name
+    return 'another unit'

@@ -1,0 +1,193 @@
+"""A bag on disk: which MCAP files it has, in which order, and what its metadata.yaml says."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+import re
+import tempfile
+from typing import Any
+
+import yaml
+import zstandard
+
+from saddlering_ros.bags.errors import BagError
+
+METADATA = 'metadata.yaml'
+INFORMATION = 'rosbag2_bagfile_information'
+SUFFIXES = ('.mcap', '.mcap.zstd')
+
+
+@dataclass(frozen=True)
+class BagDirectory:
+    """The files of a bag, in order of recording, and what metadata.yaml says.
+
+    custom_data: text to text; message_count: of all files, None if not said; compression of each
+    message ('' or 'zstd'), as rosbag2's compression mode "message" leaves them.
+    """
+
+    path: Path
+    files: tuple[Path, ...]
+    custom_data: dict[str, str] = field(default_factory=dict)
+    message_count: int | None = None
+    message_compression: str = ''
+    has_metadata: bool = False
+
+    @property
+    def name(self) -> str:
+        """What to call the bag: its directory's or file's name without .mcap."""
+        name = self.path.resolve().name
+        for suffix in SUFFIXES[::-1]:
+            name = name.removesuffix(suffix)
+        return name
+
+
+def open_directory(path: Path | str) -> BagDirectory:
+    """The bag at `path`: a rosbag2 directory, its metadata.yaml, or a bare MCAP file."""
+    path = Path(path)
+    try:
+        if path.name == METADATA and path.is_file():
+            path = path.parent
+        if path.is_dir():
+            return _of_directory(path)
+        if not path.exists():
+            raise BagError(f'{path}: there is no such bag: check the path')
+    except OSError as problem:
+        raise BagError(
+            f'{path}: cannot be read ({problem.strerror}): check the path') from problem
+    if not path.name.endswith(SUFFIXES):
+        raise BagError(f'{path}: is not a bag: give a rosbag2 directory or an .mcap file')
+    return _of_file(path)
+
+
+@contextmanager
+def plain_file(path: Path) -> Iterator[Path]:
+    """The file without rosbag2's compression of whole files; a temporary copy if it has one."""
+    if not path.name.endswith('.zstd'):
+        yield path
+        return
+    with tempfile.TemporaryDirectory(prefix='saddlering-') as folder:
+        plain = Path(folder) / path.name.removesuffix('.zstd')
+        try:
+            with path.open('rb') as source, plain.open('wb') as target:
+                zstandard.ZstdDecompressor().copy_stream(source, target)
+        except zstandard.ZstdError as problem:
+            raise BagError(
+                f'{path}: its compressed data are damaged: copy the file again') from problem
+        except OSError as problem:
+            raise BagError(
+                f'{path}: cannot be decompressed ({problem.strerror}): check the file and the '
+                f'space in {tempfile.gettempdir()}') from problem
+        yield plain
+
+
+def _of_directory(path: Path) -> BagDirectory:
+    found = sorted(
+        (file for file in path.iterdir() if file.name.endswith(SUFFIXES) and file.is_file()),
+        key=_natural)
+    if not (path / METADATA).is_file():
+        if not found:
+            raise BagError(f'{path}: holds no .mcap file: give a bag recorded with storage mcap')
+        return BagDirectory(path, tuple(found))
+    information = read_metadata(path / METADATA)
+    storage = information.get('storage_identifier', 'mcap')
+    if storage != 'mcap':
+        raise BagError(
+            f'{path}: is recorded with storage {storage}: convert it with "ros2 bag convert" to '
+            'storage mcap')
+    files = [_locate(path, str(name)) for name in _list(information, 'relative_file_paths')]
+    return _with_information(path, tuple(files or found), information)
+
+
+def _of_file(path: Path) -> BagDirectory:
+    """A bare file; metadata.yaml beside it counts if it names the file."""
+    beside = path.parent / METADATA
+    if beside.is_file():
+        try:
+            information = read_metadata(beside)
+            named = {Path(str(name)).name for name in _list(information, 'relative_file_paths')}
+        except BagError:
+            return BagDirectory(path, (path,))
+        if path.name in named:
+            of_bag = _with_information(path, (path,), information)
+            if len(named) == 1:
+                return of_bag
+            return BagDirectory(path, (path,), of_bag.custom_data, None,
+                                of_bag.message_compression, True)
+    return BagDirectory(path, (path,))
+
+
+def _with_information(
+    path: Path, files: tuple[Path, ...], information: Mapping[str, Any],
+) -> BagDirectory:
+    if not files:
+        raise BagError(f'{path}: holds no .mcap file: give a bag recorded with storage mcap')
+    mode = str(information.get('compression_mode') or '').lower()
+    compression = str(information.get('compression_format') or '').lower()
+    if mode == 'message' and compression != 'zstd':
+        raise BagError(
+            f'{path}: messages are compressed with {compression!r}, which is not supported: '
+            'convert the bag with "ros2 bag convert"')
+    count = information.get('message_count')
+    return BagDirectory(
+        path, files, _texts(information.get('custom_data')),
+        count if isinstance(count, int) else None,
+        compression if mode == 'message' else '', True)
+
+
+def read_metadata(path: Path) -> dict[str, Any]:
+    """What a metadata.yaml says of its bag; BagError if it says nothing."""
+    try:
+        return parse_metadata(path.read_text(encoding='utf-8'), str(path))
+    except (OSError, UnicodeDecodeError) as problem:
+        raise BagError(f'{path}: cannot be read: copy the bag again') from problem
+
+
+def parse_metadata(text: str, where: str) -> dict[str, Any]:
+    """The part of a rosbag2 metadata text that describes the bag."""
+    try:
+        document = yaml.safe_load(text)
+    except (yaml.YAMLError, ValueError, RecursionError) as problem:
+        raise BagError(
+            f'{where}: is not YAML: copy the bag again, or remove this file') from problem
+    if isinstance(document, dict):
+        information = document.get(INFORMATION, document)
+        if isinstance(information, dict):
+            return information
+    raise BagError(f'{where}: does not describe a bag: copy the bag again, or remove this file')
+
+
+def custom_data_of(text: str) -> dict[str, str]:
+    """custom_data of a rosbag2 metadata text, empty if there is none or the text is unreadable."""
+    try:
+        return _texts(parse_metadata(text, 'metadata').get('custom_data'))
+    except BagError:
+        return {}
+
+
+def _locate(folder: Path, name: str) -> Path:
+    """A file of the bag, also where metadata.yaml names it with a folder that has since moved."""
+    for candidate in (folder / name, folder / Path(name).name):
+        if candidate.is_file():
+            return candidate
+    raise BagError(
+        f'{folder}: {METADATA} names {Path(name).name}, which is not there: copy the whole bag')
+
+
+def _list(information: Mapping[str, Any], key: str) -> list[Any]:
+    value = information.get(key)
+    return value if isinstance(value, list) else []
+
+
+def _texts(mapping: object) -> dict[str, str]:
+    if not isinstance(mapping, dict):
+        return {}
+    return {str(key): str(value) for key, value in mapping.items() if value is not None}
+
+
+def _natural(path: Path) -> list[tuple[int, str]]:
+    """Sort key that puts run_10 behind run_9."""
+    return [(int(part or 0), '') if part.isdigit() else (0, part)
+            for part in re.split(r'(\d+)', path.name)]

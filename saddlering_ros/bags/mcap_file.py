@@ -1,0 +1,433 @@
+"""An MCAP file as blocks of raw messages, read once from front to back, with every fault named.
+
+Source of the format: the MCAP specification (https://mcap.dev/spec). The file is mapped, not
+loaded; one decompressed chunk at a time is held. Inside a chunk the message
+index is used if the file has one and it accounts for every byte of the chunk; otherwise the
+records are walked. Checksums are checked wherever the writer gave any.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import suppress
+from dataclasses import dataclass, field
+import mmap
+from pathlib import Path
+import struct
+from typing import Any, NamedTuple
+import zlib
+
+import lz4.frame  # type: ignore[import-untyped]
+import numpy as np
+from numpy.typing import NDArray
+import zstandard
+
+from saddlering_ros.bags.errors import BagError
+
+MAGIC = b'\x89MCAP0\r\n'
+
+HEADER, FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK, MESSAGE_INDEX = range(1, 8)
+STATISTICS, METADATA, DATA_END = 0x0B, 0x0C, 0x0F
+
+RECORD_HEAD = 9
+"""Bytes before a record's content: opcode and length."""
+
+MESSAGE_HEAD = 22
+"""Bytes of a message record's content before the message itself."""
+
+LARGEST_CHUNK = 1 << 30
+"""A chunk that claims to be larger than this [bytes] is taken for damaged."""
+
+BLOCK_MESSAGES = 1 << 16
+"""Messages per block of a file without chunks."""
+
+_record_head = struct.Struct('<BQ')
+_message_head = struct.Struct('<BQHIQ')
+_chunk_head = struct.Struct('<QQQI')
+_INDEX_ENTRY = np.dtype([('log_time', '<u8'), ('offset', '<u8')])
+
+
+class DamageError(BagError):
+    """Damage found in an MCAP file at a byte; what came before it was readable."""
+
+
+class Channel(NamedTuple):
+    """A topic as the file declares it."""
+
+    topic: str
+    type: str
+    encoding: str
+    schema_encoding: str
+
+
+@dataclass(frozen=True)
+class Messages:
+    """Messages of one channel in a block: where each begins, its size, and its log time [ns]."""
+
+    starts: NDArray[np.int64]
+    sizes: NDArray[np.int64]
+    log_times: NDArray[np.int64]
+
+    def __len__(self) -> int:
+        return len(self.starts)
+
+
+@dataclass(frozen=True)
+class Block:
+    """A stretch of the file: its bytes, and the messages in it by channel id, in file order."""
+
+    data: NDArray[np.uint8]
+    messages: dict[int, Messages]
+
+
+@dataclass
+class McapFile:
+    """One MCAP file, called `name` in messages; `blocks` completes the other fields."""
+
+    path: Path
+    name: str = ''
+    channels: dict[int, Channel] = field(default_factory=dict)
+    metadata: dict[str, dict[str, str]] = field(default_factory=dict)
+    compressions: set[str] = field(default_factory=set)
+    message_count: int = 0
+    log_start: int | None = None
+    log_stop: int | None = None
+    _schemas: dict[int, tuple[str, str]] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        self.name = self.name or str(self.path)
+
+    def blocks(self) -> Iterator[Block]:
+        """Yield the messages, block by block; DamageError says where the file stops being readable."""
+        with _map(self.path, self.name) as buffer:
+            try:
+                yield from self._blocks(buffer)
+            except (struct.error, IndexError, UnicodeDecodeError) as problem:
+                raise DamageError(f'{self.name}: a record is damaged: copy the file again') from problem
+
+    # -- the file ------------------------------------------------------------------------------
+
+    def _blocks(self, buffer: mmap.mmap) -> Iterator[Block]:
+        size = len(buffer)
+        if buffer[:len(MAGIC)] != MAGIC:
+            raise DamageError(
+                f'{self.name}: is not an MCAP file: give a bag recorded with storage mcap')
+        loose = _Collector()
+        position = len(MAGIC)
+        while True:
+            opcode, start, stop = self._record(buffer, position, size)
+            if opcode == MESSAGE:
+                loose.add(buffer, position, stop, self)
+                if len(loose) >= BLOCK_MESSAGES:
+                    yield self._counted(loose.block(buffer))
+                    loose = _Collector()
+            elif opcode == CHUNK:
+                yield self._counted(self._chunk(buffer, start, stop, size))
+            elif opcode == DATA_END:
+                break
+            else:
+                self._declaration(opcode, buffer, start, stop)
+            position = stop
+        if len(loose):
+            yield self._counted(loose.block(buffer))
+        self._check_end(buffer, position, start, stop)
+
+    def _record(self, buffer: mmap.mmap, position: int, size: int) -> tuple[int, int, int]:
+        """Opcode, first and past-the-last byte of the content of the record at `position`."""
+        if position + RECORD_HEAD > size:
+            raise self._cut_off(size)
+        opcode, length = _record_head.unpack_from(buffer, position)
+        start = position + RECORD_HEAD
+        if start + length > size:
+            raise self._cut_off(size)
+        if opcode == 0:
+            raise self._damaged(position, 'a record')
+        return opcode, start, start + length
+
+    def _declaration(
+        self, opcode: int, buffer: bytes | mmap.mmap, start: int, stop: int,
+    ) -> None:
+        """Take in a schema, channel or metadata record; pass over any other."""
+        fields = _Fields(buffer, start, stop)
+        if opcode == SCHEMA:
+            number = fields.uint16()
+            name = fields.text()
+            self._schemas[number] = (name, fields.text())
+        elif opcode == CHANNEL:
+            number, schema = fields.uint16(), fields.uint16()
+            topic, encoding = fields.text(), fields.text()
+            name, schema_encoding = self._schemas.get(schema, ('', ''))
+            self.channels[number] = Channel(topic, name, encoding, schema_encoding)
+        elif opcode == METADATA:
+            name = fields.text()
+            self.metadata[name] = fields.text_map()
+
+    def _check_end(self, buffer: mmap.mmap, position: int, start: int, stop: int) -> None:
+        """Check what the end of the file says of the data before it."""
+        (crc,) = struct.unpack_from('<I', buffer, start)
+        if crc and crc != _checksum(buffer, position):
+            raise self._damaged(position, 'the data (their checksum differs)')
+        size = len(buffer)
+        while True:
+            opcode, start, after = self._record(buffer, stop, size)
+            if opcode == FOOTER:
+                break
+            if opcode == STATISTICS:
+                (count,) = struct.unpack_from('<Q', buffer, start)
+                if count != self.message_count:
+                    raise DamageError(
+                        f'{self.name}: {self.message_count} of {count} messages are readable, a '
+                        'record between them is damaged: copy the file again')
+            stop = after
+        if buffer[after:after + len(MAGIC)] != MAGIC:
+            raise self._cut_off(size)
+
+    def _counted(self, block: Block) -> Block:
+        for messages in block.messages.values():
+            self.message_count += len(messages)
+            if not len(messages):
+                continue
+            first, last = int(messages.log_times.min()), int(messages.log_times.max())
+            self.log_start = first if self.log_start is None else min(first, self.log_start)
+            self.log_stop = last if self.log_stop is None else max(last, self.log_stop)
+        return block
+
+    # -- a chunk -------------------------------------------------------------------------------
+
+    def _chunk(self, buffer: mmap.mmap, start: int, stop: int, size: int) -> Block:
+        _, _, uncompressed_size, crc = _chunk_head.unpack_from(buffer, start)
+        fields = _Fields(buffer, start + _chunk_head.size, stop)
+        compression = fields.text()
+        compressed_size = fields.uint64()
+        if fields.position + compressed_size > stop or uncompressed_size > LARGEST_CHUNK:
+            raise self._damaged(start, 'a chunk')
+        self.compressions.add(compression)
+        compressed = buffer[fields.position:fields.position + compressed_size]
+        data = self._decompress(compression, compressed, uncompressed_size, start)
+        if len(data) != uncompressed_size or (crc and crc != zlib.crc32(data)):
+            raise self._damaged(start, 'a chunk')
+        with suppress(struct.error, IndexError, UnicodeDecodeError):
+            return self._indexed(data, buffer, stop, size) or self._walked(data)
+        raise self._damaged(start, 'a chunk')
+
+    def _decompress(self, compression: str, data: bytes, size: int, position: int) -> bytes:
+        if compression == '':
+            return data
+        try:
+            if compression == 'zstd':
+                parameters = zstandard.get_frame_parameters(data)
+                if parameters.content_size not in (zstandard.CONTENTSIZE_UNKNOWN, size):
+                    raise self._damaged(position, 'a chunk')
+                return zstandard.ZstdDecompressor().decompress(data, max_output_size=size)
+            if compression == 'lz4':
+                frame = lz4.frame.LZ4FrameDecompressor()
+                return bytes(frame.decompress(data, max_length=size))
+        except (zstandard.ZstdError, RuntimeError, EOFError, MemoryError) as problem:
+            raise self._damaged(position, 'a chunk') from problem
+        raise BagError(
+            f'{self.name}: chunks are compressed with {compression!r}, which is not supported: '
+            'convert the bag to zstd, lz4 or no compression')
+
+    def _walked(self, data: bytes) -> Block:
+        """Find the messages of a chunk record by record."""
+        collector = _Collector()
+        position, size = 0, len(data)
+        while position < size:
+            opcode, length = _record_head.unpack_from(data, position)
+            stop = position + RECORD_HEAD + length
+            if stop > size:
+                raise IndexError
+            if opcode == MESSAGE:
+                collector.add(data, position, stop, self)
+            else:
+                self._declaration(opcode, data, position + RECORD_HEAD, stop)
+            position = stop
+        return collector.block(data)
+
+    def _indexed(self, data: bytes, buffer: mmap.mmap, position: int, size: int) -> Block | None:
+        """Find the messages of a chunk by its message index; None unless it accounts for all."""
+        index = self._message_index(buffer, position, size)
+        if not index:
+            return None
+        array = np.frombuffer(data, dtype=np.uint8)
+        entries = np.concatenate(list(index.values()))
+        offsets = entries['offset'].astype(np.int64)
+        if not len(offsets) or offsets.min() < 0 or (
+                offsets.max() + RECORD_HEAD + MESSAGE_HEAD > len(array)):
+            return None
+        order = np.argsort(offsets)
+        offsets = offsets[order]
+        sizes = take(array, offsets + 1, '<u8').astype(np.int64)
+        ends = offsets + RECORD_HEAD + sizes
+        counts = [len(of_channel) for of_channel in index.values()]
+        channels = np.repeat(list(index), counts)[order]
+        sound = (
+            (array[offsets] == MESSAGE).all()
+            and (take(array, offsets + RECORD_HEAD, '<u2') == channels).all()
+            and (sizes >= MESSAGE_HEAD).all() and (sizes <= len(array)).all()
+        )
+        if not sound or not self._declared_between(data, offsets, ends):
+            return None
+        if not set(index) <= set(self.channels):
+            return None
+        log_times = entries['log_time'].astype(np.int64)[order]
+        messages = {}
+        for channel in index:
+            mine = channels == channel
+            messages[channel] = Messages(
+                offsets[mine] + RECORD_HEAD + MESSAGE_HEAD, sizes[mine] - MESSAGE_HEAD,
+                log_times[mine])
+        return Block(array, messages)
+
+    def _message_index(
+        self, buffer: mmap.mmap, position: int, size: int,
+    ) -> dict[int, NDArray[np.void]]:
+        index: dict[int, NDArray[np.void]] = {}
+        while position + RECORD_HEAD <= size:
+            opcode, length = _record_head.unpack_from(buffer, position)
+            start = position + RECORD_HEAD
+            if opcode != MESSAGE_INDEX or length < 6 or start + length > size:
+                break
+            channel, of_entries = struct.unpack_from('<HI', buffer, start)
+            if of_entries != length - 6 or of_entries % _INDEX_ENTRY.itemsize or channel in index:
+                return {}
+            index[channel] = np.frombuffer(
+                buffer[start + 6:start + length], dtype=_INDEX_ENTRY)
+            position = start + length
+        return index
+
+    def _declared_between(
+        self, data: bytes, starts: NDArray[np.int64], ends: NDArray[np.int64],
+    ) -> bool:
+        """Take in the records between indexed messages; False if one is itself a message."""
+        edges = np.concatenate([[0], ends])
+        following = np.concatenate([starts, [len(data)]])
+        if (following < edges).any():
+            return False
+        for hole in np.flatnonzero(following > edges).tolist():
+            position, stop = int(edges[hole]), int(following[hole])
+            while position < stop:
+                opcode, length = _record_head.unpack_from(data, position)
+                after = position + RECORD_HEAD + length
+                if opcode == MESSAGE or after > stop:
+                    return False
+                self._declaration(opcode, data, position + RECORD_HEAD, after)
+                position = after
+        return True
+
+    # -- faults --------------------------------------------------------------------------------
+
+    def _cut_off(self, size: int) -> DamageError:
+        return DamageError(
+            f'{self.name}: the file is cut off at byte {size}: copy it again, or recover what '
+            'there is with "mcap recover"')
+
+    def _damaged(self, position: int, what: str) -> DamageError:
+        return DamageError(
+            f'{self.name}: {what} at byte {position} of {self.path.stat().st_size} is damaged: '
+            'copy the file again')
+
+
+def take(data: NDArray[np.uint8], starts: NDArray[np.int64], dtype: str) -> NDArray[Any]:
+    """The numbers of type `dtype` that begin at each of `starts` (N,) in `data`: (N,)."""
+    width = np.dtype(dtype).itemsize
+    numbers: NDArray[Any] = data[starts[:, None] + np.arange(width)].view(dtype).ravel()
+    return numbers
+
+
+class _Collector:
+    """Messages found one by one, gathered into a block."""
+
+    def __init__(self) -> None:
+        self._found: dict[int, list[tuple[int, int, int]]] = {}
+        self._count = 0
+
+    def __len__(self) -> int:
+        return self._count
+
+    def add(self, data: bytes | mmap.mmap, position: int, stop: int, file: McapFile) -> None:
+        _, length, channel, _, log_time = _message_head.unpack_from(data, position)
+        if length < MESSAGE_HEAD or channel not in file.channels:
+            raise IndexError
+        start = position + RECORD_HEAD + MESSAGE_HEAD
+        self._found.setdefault(channel, []).append((start, stop - start, log_time))
+        self._count += 1
+
+    def block(self, data: bytes | mmap.mmap) -> Block:
+        messages = {}
+        for channel, found in self._found.items():
+            table = np.array(found, dtype=np.uint64).astype(np.int64)
+            messages[channel] = Messages(*(table[:, column] for column in range(3)))
+        return Block(np.frombuffer(data, dtype=np.uint8), messages)
+
+
+class _Fields:
+    """The fields of a record, read one after the other."""
+
+    def __init__(self, data: bytes | mmap.mmap, start: int, stop: int) -> None:
+        self._data = data
+        self._stop = stop
+        self.position = start
+
+    def _advance(self, width: int) -> int:
+        position = self.position
+        if position + width > self._stop:
+            raise IndexError
+        self.position = position + width
+        return position
+
+    def uint16(self) -> int:
+        return int.from_bytes(self._data[self._advance(2):self.position], 'little')
+
+    def uint32(self) -> int:
+        return int.from_bytes(self._data[self._advance(4):self.position], 'little')
+
+    def uint64(self) -> int:
+        return int.from_bytes(self._data[self._advance(8):self.position], 'little')
+
+    def text(self) -> str:
+        width = self.uint32()
+        return self._data[self._advance(width):self.position].decode('utf-8')
+
+    def text_map(self) -> dict[str, str]:
+        width = self.uint32()
+        stop = self.position + width
+        if stop > self._stop:
+            raise IndexError
+        entries = {}
+        while self.position < stop:
+            key = self.text()
+            entries[key] = self.text()
+        return entries
+
+
+class _map:  # noqa: N801 (a context manager used like the function it wraps)
+    """The file's bytes, mapped; views that outlive the block keep the mapping alive."""
+
+    def __init__(self, path: Path, name: str) -> None:
+        self._path = path
+        self._name = name
+        self._mapping: mmap.mmap | None = None
+
+    def __enter__(self) -> mmap.mmap:
+        try:
+            with self._path.open('rb') as file:
+                self._mapping = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
+        except ValueError as problem:
+            raise DamageError(f'{self._name}: the file is empty: record or copy it again') from problem
+        except OSError as problem:
+            raise BagError(
+                f'{self._name}: cannot be read ({problem.strerror}): check the path') from problem
+        return self._mapping
+
+    def __exit__(self, *_: object) -> None:
+        with suppress(BufferError):
+            if self._mapping is not None:
+                self._mapping.close()
+
+
+def _checksum(buffer: mmap.mmap, stop: int) -> int:
+    crc = 0
+    for start in range(0, stop, 1 << 20):
+        crc = zlib.crc32(buffer[start:min(start + (1 << 20), stop)], crc)
+    return crc

@@ -1,0 +1,238 @@
+"""From a bag to the arrays of a test, with every input that cannot be used named in one line."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+import math
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from saddlering_ros.bags.alignment import align, gap_mask, seconds_array
+from saddlering_ros.bags.checks import (
+    check_load_unit,
+    check_overlap,
+    check_probe_unit,
+    check_values,
+    FEWEST_SAMPLES,
+    notes_on_load,
+    notes_on_probe,
+)
+from saddlering_ros.bags.errors import BagError
+from saddlering_ros.bags.facts import FoundFacts
+from saddlering_ros.bags.scan import Scan, scan, ScannedTopic
+from saddlering_ros.bags.stamps import put_in_order
+from saddlering_ros.bags.topics import LOAD_TOPIC, PROBE_TOPICS, RIG_TOPICS, TYPE_OF_TOPIC
+
+
+@dataclass(frozen=True)
+class RawTopic:
+    """One rig topic as recorded, in stamp order, each stamp once.
+
+    stamps (N,) int64 [ns] of the headers, strictly increasing; values (N,): force.x [N] of the
+    load, range [m] of a probe; min_range, max_range [m] as a probe publishes them (NaN for the
+    load).
+    """
+
+    topic: str
+    type: str
+    frame_id: str
+    stamps: NDArray[np.int64]
+    values: NDArray[np.float64]
+    min_range: float = math.nan
+    max_range: float = math.nan
+    notes: tuple[str, ...] = ()
+
+    def __len__(self) -> int:
+        return len(self.stamps)
+
+
+@dataclass(frozen=True)
+class RawRecord:
+    """The rig topics of a bag by name, and what the bag says of its test."""
+
+    path: Path
+    topics: dict[str, RawTopic]
+    facts: FoundFacts
+
+    def __getitem__(self, topic: str) -> RawTopic:
+        return self.topics[topic]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.topics)
+
+    def __len__(self) -> int:
+        return len(self.topics)
+
+    @property
+    def start(self) -> int:
+        """Earliest stamp of all topics [ns]."""
+        return min(int(topic.stamps[0]) for topic in self.topics.values())
+
+    @property
+    def stop(self) -> int:
+        """Latest stamp of all topics [ns]."""
+        return max(int(topic.stamps[-1]) for topic in self.topics.values())
+
+
+@dataclass(frozen=True)
+class TestRun:
+    """A test, aligned on the load's stamps.
+
+    test: 'static' or 'dynamic'; elevation [rad]; rig, run: free text; stamps (N,) int64 [ns] of
+    the load's headers; time (N,) [s] since the first of them; load (N,) [N]; gaps (4, N) [m] of
+    the probes on the load's stamps, NaN outside a probe's own span and inside its gaps; notes:
+    what is wrong with the bag without keeping it from being used.
+    """
+
+    __test__ = False
+
+    name: str
+    path: Path
+    test: str
+    elevation: float
+    rig: str
+    run: str
+    stamps: NDArray[np.int64]
+    time: NDArray[np.float64]
+    load: NDArray[np.float64]
+    gaps: NDArray[np.float64]
+    notes: list[str] = field(default_factory=list)
+
+    @property
+    def complete(self) -> NDArray[np.bool_]:
+        """Mask (N,) of the load stamps at which all four probes have a reading."""
+        return np.asarray(np.isfinite(self.gaps).all(axis=0))
+
+
+def read_raw(path: Path | str, topics: Sequence[str] | None = None) -> RawRecord:
+    """The rig topics of the bag at `path` as recorded; all five unless `topics` names some.
+
+    Readings are not judged (NaN stays NaN); stamps are (BagError if they go back).
+    """
+    wanted = RIG_TOPICS if topics is None else tuple(topics)
+    unknown = set(wanted) - set(RIG_TOPICS)
+    if unknown:
+        raise BagError(
+            f'{path}: {min(unknown)} is no topic of the rig: ask for some of '
+            f'{", ".join(RIG_TOPICS)}')
+    found = scan(path, wanted)
+    if found.damage is not None:
+        raise BagError(with_readable_part(found))
+    return RawRecord(found.path, {name: raw_topic(found, name) for name in wanted}, found.facts)
+
+
+def read_run(
+    path: Path | str, *, test: str | None = None, elevation: float | None = None,
+) -> TestRun:
+    """The test recorded in the bag at `path`, aligned on the load's stamps.
+
+    `test` and `elevation` [rad], where given, win over what the bag says. Raises BagError with
+    one line on anything that makes the bag unusable.
+    """
+    record = read_raw(path)
+    facts = usable_facts(record.path, record.facts, test, elevation)
+    return run_of_record(record, facts)
+
+
+def usable_facts(
+    path: Path, found: FoundFacts, test: str | None, elevation: float | None,
+) -> FoundFacts:
+    """What the bag and the command line say together; BagError if that is not enough."""
+    facts = found.overruled(test, None if elevation is None else math.degrees(elevation))
+    if facts.problems:
+        raise BagError(f'{path}: {facts.problems[0]}')
+    return facts
+
+
+def run_of_record(record: RawRecord, facts: FoundFacts) -> TestRun:
+    """Check the readings and put the probes on the load's stamps."""
+    where = str(record.path)
+    load, probes = record[LOAD_TOPIC], [record[topic] for topic in PROBE_TOPICS]
+    for raw in (load, *probes):
+        check_values(f'{where}: {raw.topic}', raw.stamps, raw.values)
+    check_load_unit(f'{where}: {load.topic}', load.values)
+    for raw in probes:
+        check_probe_unit(f'{where}: {raw.topic}', raw.values, raw.min_range, raw.max_range)
+        check_overlap(where, load.stamps, raw.topic, raw.stamps)
+    gaps = np.stack([align(load.stamps, raw.stamps, raw.values) for raw in probes])
+    notes = list(load.notes) + notes_on_load(load.stamps)
+    for raw, aligned in zip(probes, gaps, strict=True):
+        notes += raw.notes
+        notes += notes_on_probe(
+            raw.topic, raw.stamps, raw.values, raw.min_range, raw.max_range,
+            gap_mask(raw.stamps), aligned)
+    if np.isfinite(gaps).all(axis=0).sum() < FEWEST_SAMPLES:
+        raise BagError(
+            f'{where}: all four probes read together at fewer than {FEWEST_SAMPLES} load stamps: '
+            'start and stop all recordings together')
+    assert facts.test is not None and facts.elevation_deg is not None
+    name = Path(where).resolve().name.removesuffix('.zstd').removesuffix('.mcap')
+    return TestRun(
+        name=name, path=record.path, test=facts.test,
+        elevation=math.radians(facts.elevation_deg), rig=facts.rig, run=facts.run,
+        stamps=load.stamps, time=seconds_array(load.stamps, int(load.stamps[0])),
+        load=load.values, gaps=gaps, notes=notes)
+
+
+def raw_topic(found: Scan, name: str) -> RawTopic:
+    """One rig topic of a scanned bag in stamp order; BagError if it cannot be used."""
+    where = f'{found.path}: {name}'
+    topic = found.topics.get(name)
+    if topic is None:
+        have = ', '.join(sorted(found.topics)) or 'none'
+        raise BagError(f'{found.path}: has no topic {name} (it has: {have}): record it too')
+    if topic.fault:
+        raise BagError(f'{where}: {topic.fault}')
+    wrong = sorted(kind for kind in topic.types if kind != TYPE_OF_TOPIC[name])
+    if not topic.count and wrong:
+        raise BagError(f'{where}: its type is {wrong[0]} and should be {TYPE_OF_TOPIC[name]}: '
+                       'record the topic of the rig, or remap it')
+    if topic.count < FEWEST_SAMPLES:
+        raise BagError(
+            f'{where}: holds {topic.count} messages, too few for a test: check that its driver '
+            'ran, and record again')
+    stamps, values = topic.stamps, topic.values
+    order = put_in_order(where, stamps, topic.log_times, values)
+    stamps, values = stamps[order.keep], values[order.keep]
+    if len(stamps) < FEWEST_SAMPLES:
+        raise BagError(f'{where}: holds {len(stamps)} different stamps, too few for a test: '
+                       'let the driver stamp each sample')
+    notes = []
+    if order.reordered:
+        notes.append(f'{name}: {order.reordered} messages were stored late and put in order')
+    if order.duplicates:
+        notes.append(f'{name}: {order.duplicates} messages with a stamp already taken left out')
+    low, high = _span(topic, notes)
+    return RawTopic(name, TYPE_OF_TOPIC[name], topic.frame_id, stamps, values, low, high,
+                    tuple(notes))
+
+
+def with_readable_part(found: Scan) -> str:
+    """The damage of a bag in one line, with how much of the bag can still be read."""
+    said, _, advice = str(found.damage).rpartition(': ')
+    readable = readable_part(found)
+    return f'{said}; {readable}: {advice}'
+
+
+def readable_part(found: Scan) -> str:
+    """How much of a damaged bag can be read, in words."""
+    stamps = [topic.stamps for name, topic in found.topics.items() if name in RIG_TOPICS]
+    stamps = [of_topic for of_topic in stamps if len(of_topic)]
+    if not stamps:
+        return 'nothing before that is readable'
+    first = min(int(of_topic.min()) for of_topic in stamps)
+    last = max(int(of_topic.max()) for of_topic in stamps)
+    count = sum(len(of_topic) for of_topic in stamps)
+    return f'{count} messages over {(last - first) / 1e9:.3f} s before that are readable'
+
+
+def _span(topic: ScannedTopic, notes: list[str]) -> tuple[float, float]:
+    spans = topic.spans
+    if spans.shape[1] == 0 or not len(spans):
+        return math.nan, math.nan
+    if (spans != spans[0]).any() and np.isfinite(spans).all():
+        notes.append(f'{topic.topic}: min_range or max_range changes during the record')
+    return float(spans[0, 0]), float(spans[0, 1])

@@ -1,0 +1,209 @@
+"""One pass over a bag that gathers all there is to know and stops at nothing but damage."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Collection
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+import zstandard
+
+from saddlering_ros.bags.cdr import CdrError, decode, Readings
+from saddlering_ros.bags.directory import (
+    BagDirectory,
+    custom_data_of,
+    open_directory,
+    plain_file,
+)
+from saddlering_ros.bags.errors import BagError
+from saddlering_ros.bags.facts import find_facts, FoundFacts, RECORD
+from saddlering_ros.bags.mcap_file import Block, Channel, McapFile, Messages
+from saddlering_ros.bags.topics import RIG_TOPICS, TYPE_OF_TOPIC
+
+LARGEST_MESSAGE = 1 << 20
+"""A single compressed message of the rig that claims to be larger [bytes] is damaged."""
+
+
+@dataclass
+class ScannedTopic:
+    """All messages of one topic in file order (rig topics), or their number only (others).
+
+    stamps (N,) [ns], values (N,), log_times (N,) [ns], spans (N, 2) [m] or (N, 0); fault: why
+    the messages cannot be read, if so.
+    """
+
+    topic: str
+    types: set[str] = field(default_factory=set)
+    count: int = 0
+    fault: str = ''
+    frame_id: str = ''
+    _parts: list[tuple[Readings, NDArray[np.int64]]] = field(default_factory=list)
+
+    def add(self, readings: Readings, log_times: NDArray[np.int64]) -> None:
+        """Take in what a block says."""
+        self.frame_id = self.frame_id or readings.frame_id
+        self._parts.append((readings, log_times))
+
+    @property
+    def stamps(self) -> NDArray[np.int64]:
+        parts = [readings.stamps for readings, _ in self._parts]
+        return np.concatenate(parts) if parts else np.empty(0, np.int64)
+
+    @property
+    def values(self) -> NDArray[np.float64]:
+        parts = [readings.values for readings, _ in self._parts]
+        return np.concatenate(parts) if parts else np.empty(0)
+
+    @property
+    def spans(self) -> NDArray[np.float64]:
+        parts = [readings.spans for readings, _ in self._parts]
+        return np.concatenate(parts) if parts else np.empty((0, 2))
+
+    @property
+    def log_times(self) -> NDArray[np.int64]:
+        parts = [log_times for _, log_times in self._parts]
+        return np.concatenate(parts) if parts else np.empty(0, np.int64)
+
+
+@dataclass
+class Scan:
+    """What one pass over a bag found; `damage` is what ended the pass early, if anything did."""
+
+    directory: BagDirectory
+    topics: dict[str, ScannedTopic] = field(default_factory=dict)
+    facts: FoundFacts = field(default_factory=FoundFacts)
+    damage: BagError | None = None
+    compressions: set[str] = field(default_factory=set)
+    schema_encodings: set[str] = field(default_factory=set)
+    message_count: int = 0
+    size: int = 0
+    log_start: int | None = None
+    log_stop: int | None = None
+
+    @property
+    def path(self) -> Path:
+        return self.directory.path
+
+
+def scan(path: Path | str, topics: Collection[str] = RIG_TOPICS) -> Scan:
+    """Read the bag at `path`, decoding the rig's `topics` among all others.
+
+    Raises BagError only where there is no bag to read at all.
+    """
+    directory = open_directory(path)
+    result = Scan(directory)
+    records: dict[str, str] = {}
+    recorder: dict[str, str] = {}
+    try:
+        for file in directory.files:
+            _scan_file(result, file, topics, records, recorder)
+        _check_count(result)
+    except BagError as damage:
+        result.damage = damage
+    result.facts = find_facts(directory.custom_data, records, recorder)
+    return result
+
+
+def _scan_file(
+    result: Scan, path: Path, topics: Collection[str], records: dict[str, str],
+    recorder: dict[str, str],
+) -> None:
+    result.size += path.stat().st_size
+    with plain_file(path) as plain:
+        file = McapFile(plain, str(path))
+        try:
+            for block in file.blocks():
+                _take_block(result, file, block, topics)
+        finally:
+            records.update(file.metadata.get(RECORD, {}))
+            text = file.metadata.get('rosbag2', {}).get('serialized_metadata', '')
+            recorder.update(custom_data_of(text) if text else {})
+            _take_summary(result, file)
+
+
+def _take_summary(result: Scan, file: McapFile) -> None:
+    result.message_count += file.message_count
+    result.compressions |= file.compressions or {'none'}
+    for channel in file.channels.values():
+        topic = result.topics.setdefault(channel.topic, ScannedTopic(channel.topic))
+        topic.types.add(channel.type)
+        if channel.topic in RIG_TOPICS:
+            result.schema_encodings.add(channel.schema_encoding)
+    starts = [time for time in (result.log_start, file.log_start) if time is not None]
+    stops = [time for time in (result.log_stop, file.log_stop) if time is not None]
+    result.log_start, result.log_stop = min(starts, default=None), max(stops, default=None)
+
+
+def _take_block(result: Scan, file: McapFile, block: Block, topics: Collection[str]) -> None:
+    by_topic: dict[str, list[tuple[Channel, Messages]]] = defaultdict(list)
+    for number, messages in block.messages.items():
+        channel = file.channels[number]
+        by_topic[channel.topic].append((channel, messages))
+    for name, of_topic in by_topic.items():
+        topic = result.topics.setdefault(name, ScannedTopic(name))
+        for channel, messages in of_topic:
+            topic.types.add(channel.type)
+            topic.count += len(messages)
+            if name in topics and not topic.fault:
+                _take_messages(topic, channel, block, messages, result.directory)
+
+
+def _take_messages(
+    topic: ScannedTopic, channel: Channel, block: Block, messages: Messages,
+    directory: BagDirectory,
+) -> None:
+    expected = TYPE_OF_TOPIC.get(topic.topic)
+    if expected is None:
+        return
+    if _full_name(channel.type) != expected:
+        topic.fault = (f'its type is {channel.type or "not said"} and should be {expected}: '
+                       'record the topic of the rig, or remap it')
+        return
+    if channel.encoding != 'cdr':
+        topic.fault = (f'its messages are encoded as {channel.encoding!r}: record with ROS 2, '
+                       'which encodes as cdr')
+        return
+    data = block.data
+    try:
+        if directory.message_compression:
+            data, messages = _decompressed(data, messages)
+        topic.add(decode(data, messages, expected), messages.log_times)
+    except CdrError as problem:
+        topic.fault = f'{problem}: record or copy the bag again'
+
+
+def _full_name(name: str) -> str:
+    """Names of some recorders leave the middle part out."""
+    package, _, rest = name.partition('/')
+    return name if '/' in rest else f'{package}/msg/{rest}'
+
+
+def _decompressed(
+    data: NDArray[np.uint8], messages: Messages,
+) -> tuple[NDArray[np.uint8], Messages]:
+    """The same messages, each freed from its own zstd frame."""
+    decompressor = zstandard.ZstdDecompressor()
+    plain = []
+    for start, size in zip(messages.starts.tolist(), messages.sizes.tolist(), strict=True):
+        frame = data[start:start + size].tobytes()
+        try:
+            if zstandard.get_frame_parameters(frame).content_size == 0:
+                raise CdrError('a compressed message is damaged')
+            plain.append(decompressor.decompress(frame, max_output_size=LARGEST_MESSAGE))
+        except (zstandard.ZstdError, MemoryError) as problem:
+            raise CdrError('a compressed message is damaged') from problem
+    sizes = np.array([len(message) for message in plain], dtype=np.int64)
+    starts = np.concatenate([[0], np.cumsum(sizes)[:-1]]).astype(np.int64)
+    return (np.frombuffer(b''.join(plain), dtype=np.uint8),
+            Messages(starts, sizes, messages.log_times))
+
+
+def _check_count(result: Scan) -> None:
+    said = result.directory.message_count
+    if said is not None and said != result.message_count:
+        raise BagError(
+            f'{result.path}: metadata.yaml counts {said} messages and the files hold '
+            f'{result.message_count}: copy the whole bag again, or run "ros2 bag reindex"')

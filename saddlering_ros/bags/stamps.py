@@ -1,0 +1,120 @@
+"""Header stamps of one topic: put in order, or found to go back.
+
+The rule. A recorder may store messages in another order than they were made; a clock must not go
+back. Stamps are taken for reordered, and sorted, if they are in order to within jitter
+(`JITTER_NS`) either as the file holds the messages or by their log times, and if
+the messages that came late fill places nobody else has taken. They go back if both orders break
+by more than jitter, or if most late messages fall between or upon others, half a period or
+less away: two passes over the same stretch of time.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from saddlering_ros.bags.alignment import JITTER_NS
+from saddlering_ros.bags.errors import BagError
+
+MOST_DUPLICATES = 0.01
+"""Larger share of stamps taken twice by different readings: the clock stands still at times."""
+
+LONGEST_LEAP_NS = 3600 * 1_000_000_000
+"""Stamps that jump ahead further than this were set, not measured."""
+
+
+@dataclass(frozen=True)
+class StampOrder:
+    """Which messages to keep, in stamp order (indices), and what was done to get there."""
+
+    keep: NDArray[np.int64]
+    reordered: int
+    duplicates: int
+
+
+def put_in_order(
+    where: str,
+    stamps: NDArray[np.int64],
+    log_times: NDArray[np.int64],
+    values: NDArray[np.float64],
+) -> StampOrder:
+    """Order of the messages (N,) of a topic by stamp, without repeated ones; BagError if none."""
+    if len(stamps) > 1 and not stamps.any():
+        raise BagError(f'{where}: all stamps are zero: let the driver fill header.stamp')
+    lateness = _lateness(stamps)
+    late = lateness > 0
+    order = np.argsort(stamps, kind='stable')
+    if late.any():
+        _check_late(where, stamps, log_times, lateness, order)
+    ordered = stamps[order]
+    _check_leaps(where, ordered)
+    keep = _without_duplicates(where, ordered, values[order])
+    return StampOrder(order[keep], int(late.sum()), len(stamps) - int(keep.sum()))
+
+
+def _lateness(stamps: NDArray[np.int64]) -> NDArray[np.int64]:
+    """How far each stamp lies behind the newest before it [ns]; 0 for those in order."""
+    return np.maximum.accumulate(stamps) - stamps if len(stamps) else stamps
+
+
+def _check_late(
+    where: str, stamps: NDArray[np.int64], log_times: NDArray[np.int64],
+    lateness: NDArray[np.int64], order: NDArray[np.int64],
+) -> None:
+    by_log = np.argsort(log_times, kind='stable')
+    log_lateness = _lateness(stamps[by_log])
+    if lateness.max() > JITTER_NS and log_lateness.max() > JITTER_NS:
+        index = int(by_log[np.argmax(log_lateness > JITTER_NS)])
+        raise _going_back(where, stamps, index, int(log_lateness.max()))
+    ahead = np.diff(stamps)
+    if not (ahead > 0).any():
+        return
+    period = float(np.median(ahead[ahead > 0]))
+    if lateness.max() <= 3 * period:
+        return
+    intervals = np.diff(stamps[order]).astype(np.float64)
+    nearest = np.minimum(np.append(intervals, np.inf), np.append(np.inf, intervals[:]))
+    late = lateness[order] > 0
+    doubled = late & (nearest <= 0.55 * period)
+    if 2 * doubled.sum() > late.sum():
+        index = int(np.argmax(lateness > 0))
+        raise _going_back(where, stamps, index, int(lateness.max()))
+
+
+def _going_back(where: str, stamps: NDArray[np.int64], index: int, furthest: int) -> BagError:
+    after = (stamps[:index].max() - stamps[0]) / 1e9 if index else 0.0
+    return BagError(
+        f'{where}: stamps go back by {furthest / 1e9:.6g} s, first at message {index} '
+        f'({after:.3f} s into the record): the clock was set back, or the file holds two '
+        'recordings; record again with a steady clock')
+
+
+def _check_leaps(where: str, ordered: NDArray[np.int64]) -> None:
+    if len(ordered) < 2:
+        return
+    leaps = np.diff(ordered)
+    index = int(np.argmax(leaps))
+    if leaps[index] > LONGEST_LEAP_NS:
+        raise BagError(
+            f'{where}: stamps leap ahead by {leaps[index] / 1e9:.6g} s behind stamp '
+            f'{ordered[index]} ns: the clock was set, or a header.stamp was not filled; '
+            'record again')
+
+
+def _without_duplicates(
+    where: str, ordered: NDArray[np.int64], values: NDArray[np.float64],
+) -> NDArray[np.bool_]:
+    """Mask of the first message of each stamp; BagError if too many others contradict it."""
+    repeated = np.zeros(len(ordered), dtype=bool)
+    repeated[1:] = np.diff(ordered) == 0
+    contradicting = repeated.copy()
+    contradicting[1:] &= values[1:] != values[:-1]
+    if contradicting.sum() > max(1.0, MOST_DUPLICATES * len(ordered)):
+        first = int(np.argmax(contradicting))
+        raise BagError(
+            f'{where}: {int(contradicting.sum())} of {len(ordered)} messages carry a stamp that '
+            f'another one with a different reading has, first {ordered[first]} ns: the clock '
+            'stands still at times; record again with a stamp for each sample')
+    return ~repeated

@@ -1,0 +1,254 @@
+"""Bags as a recorder leaves them: rosbag2 directories with one zstd-chunked MCAP file.
+
+rosbags writes metadata.yaml (quality of service, type hashes, custom data); the MCAP file itself
+is written by the mcap package, since its files carry checksums and metadata records.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+import os
+from pathlib import Path
+import shutil
+import tempfile
+from typing import BinaryIO
+
+from mcap.writer import CompressionType
+from mcap.writer import Writer as McapWriter
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from rosbags.interfaces import (
+    Connection,
+    Qos,
+    QosDurability,
+    QosHistory,
+    QosLiveliness,
+    QosReliability,
+    QosTime,
+)
+from rosbags.rosbag2 import CompressionMode, StoragePlugin
+from rosbags.rosbag2 import Writer as Rosbag2Writer
+from rosbags.typesys import get_typestore, Stores
+
+from saddlering_ros.bags.errors import BagError
+from saddlering_ros.bags.facts import RECORD, TestFacts
+from saddlering_ros.bags.topics import (
+    FRAME_OF_TOPIC,
+    LOAD_TOPIC,
+    PROBE_TOPICS,
+    RIG_TOPICS,
+    TYPE_OF_TOPIC,
+)
+from saddlering_ros.rig import Probes
+
+CHUNK_SIZE = 1 << 20
+"""Bytes of messages per chunk before compression."""
+
+_FOREVER = QosTime(9223372036, 854775807)
+_RELIABLE = Qos(
+    QosHistory.KEEP_LAST, 1000, QosReliability.RELIABLE, QosDurability.VOLATILE,
+    _FOREVER, _FOREVER, QosLiveliness.AUTOMATIC, _FOREVER, False)
+
+_INFRARED = 1
+"""Radiation type of sensor_msgs/Range that comes nearest to an eddy current: the other is sound."""
+
+
+def write_bag(
+    path: Path | str,
+    facts: TestFacts,
+    load_stamps: ArrayLike,
+    load: ArrayLike,
+    probe_stamps: Sequence[ArrayLike],
+    gaps: Sequence[ArrayLike],
+    probes: Probes,
+    *,
+    log_delay: int = 0,
+    chunk_size: int = CHUNK_SIZE,
+    overwrite: bool = False,
+) -> Path:
+    """Write a rosbag2 directory at `path`, complete or not at all; return the path.
+
+    load_stamps (N,) int64 [ns], load (N,) [N]; probe_stamps and gaps: four arrays each, (M_i,)
+    int64 [ns] and (M_i,) [m] (kept as float32, the message's type). `log_delay` [ns] is put
+    between a stamp and its log time. An existing bag is replaced only if `overwrite` is
+    set, and anything else at `path` never.
+    """
+    path = Path(path)
+    channels = [_wrenches(load_stamps, load)]
+    for topic, stamps, gap in zip(PROBE_TOPICS, probe_stamps, gaps, strict=True):
+        channels.append(_ranges(topic, stamps, gap, probes))
+    _check_target(path, overwrite)
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        temporary = Path(tempfile.mkdtemp(prefix=f'.{path.name}.', dir=path.parent))
+    except OSError as problem:
+        raise BagError(
+            f'{path}: cannot be written ({problem.strerror}): choose another place') from problem
+    try:
+        _write_directory(temporary / path.name, facts, channels, log_delay, chunk_size)
+        _put_in_place(temporary / path.name, path, temporary)
+    except OSError as problem:
+        raise BagError(
+            f'{path}: cannot be written ({problem.strerror}): choose another place') from problem
+    finally:
+        shutil.rmtree(temporary, ignore_errors=True)
+    return path
+
+
+@dataclass(frozen=True)
+class _Channel:
+    """All messages of one topic: stamps (N,) [ns], and their CDR bytes, one row each (N, size)."""
+
+    topic: str
+    stamps: NDArray[np.int64]
+    messages: NDArray[np.uint8]
+
+
+def _wrenches(stamps: ArrayLike, load: ArrayLike) -> _Channel:
+    """WrenchStamped messages with force.x = load and nothing else."""
+    return _messages(LOAD_TOPIC, stamps, load, 8, [('force', '<f8', (6,))],
+                     lambda table, values: table['force'].__setitem__((slice(None), 0), values))
+
+
+def _ranges(topic: str, stamps: ArrayLike, gaps: ArrayLike, probes: Probes) -> _Channel:
+    """Range messages with range = gap and the probe's span."""
+    def fill(table: NDArray[np.void], values: NDArray[np.float64]) -> None:
+        table['radiation_type'] = _INFRARED
+        table['min_range'] = probes.min_range
+        table['max_range'] = probes.max_range
+        table['range'] = values
+
+    fields = [('radiation_type', 'u1'), ('pad', 'V'), ('field_of_view', '<f4'),
+              ('min_range', '<f4'), ('max_range', '<f4'), ('range', '<f4'), ('variance', '<f4')]
+    return _messages(topic, stamps, gaps, 4, fields, fill)
+
+
+def _messages(topic, stamps, values, alignment, fields, fill):  # type: ignore[no-untyped-def]
+    """CDR messages of `topic`: header, then `fields`, aligned to `alignment`, set by `fill`."""
+    stamps = np.asarray(stamps, dtype=np.int64)
+    values = np.asarray(values, dtype=np.float64)
+    if stamps.ndim != 1 or stamps.shape != values.shape:
+        raise BagError(f'{topic}: {stamps.shape} stamps and {values.shape} readings were given '
+                       'to write: give one array of each, of equal length')
+    frame = FRAME_OF_TOPIC[topic].encode() + b'\0'
+    end = 12 + len(frame)
+    body = _padded(end, fields, alignment)
+    table = np.zeros(len(stamps), dtype=np.dtype([
+        ('encapsulation', 'u1', (4,)), ('seconds', '<i4'), ('nanoseconds', '<u4'),
+        ('length', '<u4'), ('frame', f'S{len(frame)}'), *body]))
+    table['encapsulation'] = (0, 1, 0, 0)
+    table['seconds'], table['nanoseconds'] = np.divmod(stamps, 1_000_000_000)
+    table['length'], table['frame'] = len(frame), frame
+    fill(table, values)
+    return _Channel(topic, stamps, table.view(np.uint8).reshape(len(stamps), -1))
+
+
+def _padded(end, fields, alignment):  # type: ignore[no-untyped-def]
+    """The fields with the padding CDR puts before the first number behind byte `end`."""
+    if fields[0][1] == 'u1':
+        gap = -(end + 1) % alignment
+        return [fields[0], *([('pad', f'V{gap}')] if gap else []), *fields[2:]]
+    gap = -end % alignment
+    return [*([('pad', f'V{gap}')] if gap else []), *fields]
+
+
+def _write_directory(
+    path: Path, facts: TestFacts, channels: Sequence[_Channel], log_delay: int, chunk_size: int,
+) -> None:
+    typestore = get_typestore(Stores.ROS2_JAZZY)
+    writer = _Writer(path, facts.as_text(), chunk_size)
+    with writer:
+        connections = [
+            writer.add_connection(
+                channel.topic, TYPE_OF_TOPIC[channel.topic], typestore=typestore,
+                offered_qos_profiles=[_RELIABLE])
+            for channel in channels]
+        which = np.repeat(np.arange(len(channels)), [len(c.stamps) for c in channels])
+        index = np.concatenate([np.arange(len(channel.stamps)) for channel in channels])
+        stamps = np.concatenate([channel.stamps for channel in channels])
+        order = np.argsort(stamps, kind='stable')
+        for place in order.tolist():
+            channel = channels[which[place]]
+            writer.write(
+                connections[which[place]], int(stamps[place]) + log_delay,
+                channel.messages[index[place]].tobytes())
+
+
+class _Writer(Rosbag2Writer):
+    """rosbags' writer with MCAP files by the mcap package; they carry the facts of the test."""
+
+    def __init__(self, path: Path, facts: Mapping[str, str], chunk_size: int) -> None:
+        super().__init__(path, version=9, storage_plugin=StoragePlugin.MCAP)
+        for key, value in facts.items():
+            self.set_custom_data(key, value)
+
+        def storage(folder: Path, compression: CompressionMode) -> _McapStorage:
+            return _McapStorage(folder, facts, chunk_size)
+
+        self.STORAGE_PLUGINS = {StoragePlugin.MCAP: storage}  # type: ignore[misc,dict-item]
+
+
+class _McapStorage:
+    """One zstd-chunked MCAP file with checksums, as rosbags' writer wants its storages."""
+
+    def __init__(self, folder: Path, facts: Mapping[str, str], chunk_size: int) -> None:
+        self.path = folder / f'{folder.name}_0.mcap'
+        self._facts = dict(facts)
+        self._file: BinaryIO = self.path.open('xb')
+        self._writer = McapWriter(
+            self._file, chunk_size=chunk_size, compression=CompressionType.ZSTD,
+            enable_crcs=True)
+        self._writer.start(profile='ros2', library='saddlering_ros')
+        self._schemas: dict[str, int] = {}
+        self._channels: dict[int, int] = {}
+        self._sequences: dict[int, int] = {}
+
+    def add_msgtype(self, connection: Connection) -> None:
+        self._schemas[connection.msgtype] = self._writer.register_schema(
+            name=connection.msgtype, encoding='ros2msg', data=connection.msgdef.data.encode())
+
+    def add_connection(self, connection: Connection, offered_qos_profiles: str) -> None:
+        self._channels[connection.id] = self._writer.register_channel(
+            topic=connection.topic, message_encoding='cdr',
+            schema_id=self._schemas[connection.msgtype],
+            metadata={'offered_qos_profiles': offered_qos_profiles,
+                      'topic_type_hash': connection.digest})
+
+    def write(self, connection: Connection, timestamp: int, data: bytes | memoryview) -> None:
+        self._writer.add_message(
+            self._channels[connection.id], log_time=timestamp, publish_time=timestamp,
+            data=bytes(data))
+
+    def close(self, version: int, metadata: str) -> None:
+        self._writer.add_metadata(RECORD, self._facts)
+        self._writer.add_metadata('rosbag2', {'serialized_metadata': metadata})
+        self._writer.finish()
+        self._file.flush()
+        os.fsync(self._file.fileno())
+        self._file.close()
+
+    def abort(self) -> None:
+        with suppress(OSError):
+            self._file.close()
+
+
+def _check_target(path: Path, overwrite: bool) -> None:
+    if not path.exists():
+        return
+    if not overwrite:
+        raise BagError(f'{path}: exists already: choose another name, or remove it first')
+    is_bag = path.is_dir() and all(
+        file.name == 'metadata.yaml' or file.suffix == '.mcap' for file in path.iterdir())
+    if not is_bag:
+        raise BagError(f'{path}: exists and is no bag, it is not replaced: choose another name')
+
+
+def _put_in_place(written: Path, path: Path, temporary: Path) -> None:
+    if path.exists():
+        path.rename(temporary / 'replaced')
+    written.rename(path)
+
+
+__all__ = ['RIG_TOPICS', 'TestFacts', 'write_bag']
