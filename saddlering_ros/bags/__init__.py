@@ -10,12 +10,17 @@ from saddlering_ros.bags.alignment import (
 )
 from saddlering_ros.bags.errors import BagError
 from saddlering_ros.bags.facts import FoundFacts, TestFacts
+from saddlering_ros.bags.info import bag_info, BagInfo, TopicInfo
+from saddlering_ros.bags.measured import displacement_of_run, MeasuredRun
+from saddlering_ros.bags.plateaus import plateau_means, PlateauMeans, Plateaus, plateaus
 from saddlering_ros.bags.reader import RawRecord, RawTopic, read_raw, read_run, TestRun
 from saddlering_ros.bags.topics import LOAD_TOPIC, PROBE_TOPICS, RIG_TOPICS
 from saddlering_ros.bags.writer import write_bag
 
 __all__ = [
     'LOAD_TOPIC', 'PROBE_TOPICS', 'RIG_TOPICS', 'AlignedRow', 'AlignmentCounters', 'BagError',
-    'FoundFacts', 'RawRecord', 'RawTopic', 'StreamAligner', 'TestFacts', 'TestRun', 'align',
-    'read_raw', 'read_run', 'seconds', 'seconds_array', 'write_bag',
+    'BagInfo', 'FoundFacts', 'MeasuredRun', 'PlateauMeans', 'Plateaus', 'RawRecord', 'RawTopic',
+    'StreamAligner', 'TestFacts', 'TestRun', 'TopicInfo', 'align', 'bag_info',
+    'displacement_of_run', 'plateau_means', 'plateaus', 'read_raw', 'read_run', 'seconds',
+    'seconds_array', 'write_bag',
 ]

@@ -33,8 +33,9 @@ class TestFacts:
 
     def as_text(self) -> dict[str, str]:
         """The facts as a bag keeps them, text to text."""
+        elevation = repr(float(self.elevation_deg)).removesuffix('.0')
         return {
-            'test': self.test, 'elevation_deg': f'{float(self.elevation_deg)!r}'.removesuffix('.0'),
+            'test': self.test, 'elevation_deg': elevation,
             'rig': self.rig, 'run': self.run,
         }
 

@@ -98,12 +98,13 @@ class McapFile:
         self.name = self.name or str(self.path)
 
     def blocks(self) -> Iterator[Block]:
-        """Yield the messages, block by block; DamageError says where the file stops being readable."""
+        """Yield the messages, block by block; DamageError says where readable data end."""
         with _map(self.path, self.name) as buffer:
             try:
                 yield from self._blocks(buffer)
             except (struct.error, IndexError, UnicodeDecodeError) as problem:
-                raise DamageError(f'{self.name}: a record is damaged: copy the file again') from problem
+                raise DamageError(
+                    f'{self.name}: a record is damaged: copy the file again') from problem
 
     # -- the file ------------------------------------------------------------------------------
 
@@ -414,7 +415,8 @@ class _map:  # noqa: N801 (a context manager used like the function it wraps)
             with self._path.open('rb') as file:
                 self._mapping = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
         except ValueError as problem:
-            raise DamageError(f'{self._name}: the file is empty: record or copy it again') from problem
+            raise DamageError(
+                f'{self._name}: the file is empty: record or copy it again') from problem
         except OSError as problem:
             raise BagError(
                 f'{self._name}: cannot be read ({problem.strerror}): check the path') from problem

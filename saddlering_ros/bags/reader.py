@@ -168,7 +168,8 @@ def run_of_record(record: RawRecord, facts: FoundFacts) -> TestRun:
         raise BagError(
             f'{where}: all four probes read together at fewer than {FEWEST_SAMPLES} load stamps: '
             'start and stop all recordings together')
-    assert facts.test is not None and facts.elevation_deg is not None
+    assert facts.test is not None
+    assert facts.elevation_deg is not None
     name = Path(where).resolve().name.removesuffix('.zstd').removesuffix('.mcap')
     return TestRun(
         name=name, path=record.path, test=facts.test,

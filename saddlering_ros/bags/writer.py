@@ -6,7 +6,7 @@ is written by the mcap package, since its files carry checksums and metadata rec
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 import os
@@ -52,7 +52,7 @@ _RELIABLE = Qos(
     _FOREVER, _FOREVER, QosLiveliness.AUTOMATIC, _FOREVER, False)
 
 _INFRARED = 1
-"""Radiation type of sensor_msgs/Range that comes nearest to an eddy current: the other is sound."""
+"""Radiation type of sensor_msgs/Range; of its two, the other (ultrasound) is further off."""
 
 
 def write_bag(
@@ -108,8 +108,10 @@ class _Channel:
 
 def _wrenches(stamps: ArrayLike, load: ArrayLike) -> _Channel:
     """WrenchStamped messages with force.x = load and nothing else."""
-    return _messages(LOAD_TOPIC, stamps, load, 8, [('force', '<f8', (6,))],
-                     lambda table, values: table['force'].__setitem__((slice(None), 0), values))
+    def fill(table: NDArray[np.void], values: NDArray[np.float64]) -> None:
+        table['force'][:, 0] = values
+
+    return _messages(LOAD_TOPIC, stamps, load, ('pad', 8), [('force', '<f8', (6,))], fill)
 
 
 def _ranges(topic: str, stamps: ArrayLike, gaps: ArrayLike, probes: Probes) -> _Channel:
@@ -120,38 +122,42 @@ def _ranges(topic: str, stamps: ArrayLike, gaps: ArrayLike, probes: Probes) -> _
         table['max_range'] = probes.max_range
         table['range'] = values
 
-    fields = [('radiation_type', 'u1'), ('pad', 'V'), ('field_of_view', '<f4'),
-              ('min_range', '<f4'), ('max_range', '<f4'), ('range', '<f4'), ('variance', '<f4')]
-    return _messages(topic, stamps, gaps, 4, fields, fill)
+    names = ('field_of_view', 'min_range', 'max_range', 'range', 'variance')
+    return _messages(topic, stamps, gaps, ('radiation_type', 4),
+                     [(name, '<f4', ()) for name in names], fill)
 
 
-def _messages(topic, stamps, values, alignment, fields, fill):  # type: ignore[no-untyped-def]
-    """CDR messages of `topic`: header, then `fields`, aligned to `alignment`, set by `fill`."""
+_Field = tuple[str, str, tuple[int, ...]]
+_Fill = Callable[[NDArray[np.void], NDArray[np.float64]], None]
+
+
+def _messages(
+    topic: str, stamps: ArrayLike, values: ArrayLike, lead: tuple[str, int],
+    numbers: Sequence[_Field], fill: _Fill,
+) -> _Channel:
+    """CDR messages of `topic`: header, one leading byte or none, then `numbers`, set by `fill`.
+
+    `lead` names what stands before the numbers ('pad' for nothing) and gives their alignment.
+    """
     stamps = np.asarray(stamps, dtype=np.int64)
     values = np.asarray(values, dtype=np.float64)
     if stamps.ndim != 1 or stamps.shape != values.shape:
         raise BagError(f'{topic}: {stamps.shape} stamps and {values.shape} readings were given '
                        'to write: give one array of each, of equal length')
     frame = FRAME_OF_TOPIC[topic].encode() + b'\0'
+    name, alignment = lead
     end = 12 + len(frame)
-    body = _padded(end, fields, alignment)
+    before = [] if name == 'pad' else [(name, 'u1', ())]
+    padding = -(end + len(before)) % alignment
     table = np.zeros(len(stamps), dtype=np.dtype([
         ('encapsulation', 'u1', (4,)), ('seconds', '<i4'), ('nanoseconds', '<u4'),
-        ('length', '<u4'), ('frame', f'S{len(frame)}'), *body]))
+        ('length', '<u4'), ('frame', f'S{len(frame)}'), *before,
+        ('padding', 'u1', (padding,)), *numbers]))
     table['encapsulation'] = (0, 1, 0, 0)
     table['seconds'], table['nanoseconds'] = np.divmod(stamps, 1_000_000_000)
     table['length'], table['frame'] = len(frame), frame
     fill(table, values)
     return _Channel(topic, stamps, table.view(np.uint8).reshape(len(stamps), -1))
-
-
-def _padded(end, fields, alignment):  # type: ignore[no-untyped-def]
-    """The fields with the padding CDR puts before the first number behind byte `end`."""
-    if fields[0][1] == 'u1':
-        gap = -(end + 1) % alignment
-        return [fields[0], *([('pad', f'V{gap}')] if gap else []), *fields[2:]]
-    gap = -end % alignment
-    return [*([('pad', f'V{gap}')] if gap else []), *fields]
 
 
 def _write_directory(
@@ -187,7 +193,7 @@ class _Writer(Rosbag2Writer):
         def storage(folder: Path, compression: CompressionMode) -> _McapStorage:
             return _McapStorage(folder, facts, chunk_size)
 
-        self.STORAGE_PLUGINS = {StoragePlugin.MCAP: storage}  # type: ignore[misc,dict-item]
+        self.STORAGE_PLUGINS = {StoragePlugin.MCAP: storage}
 
 
 class _McapStorage:

@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-import numpy as np
-import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+import numpy as np
+import pytest
 
 from saddlering_ros.bags.alignment import (
-    JITTER_NS,
-    AlignedRow,
-    StreamAligner,
     align,
+    AlignedRow,
     gap_mask,
+    JITTER_NS,
     seconds,
     seconds_array,
+    StreamAligner,
 )
 
 EPOCH = 1_700_000_000_000_000_000
@@ -32,11 +32,11 @@ def regular(count: int, period: int = MILLISECOND, start: int = EPOCH) -> np.nda
 def rows_of_stream(load_stamps, load, probe_stamps, gaps, order=None) -> list[AlignedRow]:
     """Push everything in stamp order (or in the order given) and collect the rows."""
     aligner = StreamAligner(max_wait=1e6)
-    samples = [(int(stamp), -1, float(value)) for stamp, value in zip(load_stamps, load)]
+    samples = [(int(stamp), -1, float(value)) for stamp, value in zip(load_stamps, load, strict=True)]
     for probe in range(4):
         samples += [
             (int(stamp), probe, float(value))
-            for stamp, value in zip(probe_stamps[probe], gaps[probe])
+            for stamp, value in zip(probe_stamps[probe], gaps[probe], strict=True)
         ]
     samples.sort()
     rows = []
@@ -62,7 +62,8 @@ def test_stream_equals_record_bit_for_bit(lists, seed):
     load_stamps, *probe_stamps = (stamps_of(of_channel) for of_channel in lists)
     load = random.normal(size=len(load_stamps))
     gaps = [random.normal(size=len(of_probe)) for of_probe in probe_stamps]
-    aligned = np.array([align(load_stamps, s, v) for s, v in zip(probe_stamps, gaps)])
+    aligned = np.array([
+        align(load_stamps, s, v) for s, v in zip(probe_stamps, gaps, strict=True)])
     complete = np.isfinite(aligned).all(axis=0)
 
     rows = rows_of_stream(load_stamps, load, probe_stamps, gaps)
@@ -97,7 +98,8 @@ def test_interleaving_of_channels_does_not_matter():
 def test_seconds_of_scalars_and_arrays_agree():
     random = np.random.default_rng(1)
     stamps = EPOCH + random.integers(-10 ** 13, 10 ** 13, 1000)
-    assert [seconds(int(stamp), EPOCH) for stamp in stamps] == seconds_array(stamps, EPOCH).tolist()
+    one_by_one = [seconds(int(stamp), EPOCH) for stamp in stamps]
+    assert one_by_one == seconds_array(stamps, EPOCH).tolist()
 
 
 def test_a_straight_line_is_reproduced_between_samples():
@@ -155,9 +157,9 @@ def push_all(aligner: StreamAligner, stamp: int, value: float = 1.0) -> list[Ali
 
 
 def test_a_jump_back_restarts_the_time_and_says_so(aligner):
+    earlier = regular(10, start=EPOCH - 10 ** 10)
     before = [row for stamp in regular(10) for row in push_all(aligner, int(stamp))]
-    after = [
-        row for stamp in regular(10, start=EPOCH - 10 ** 10) for row in push_all(aligner, int(stamp))]
+    after = [row for stamp in earlier for row in push_all(aligner, int(stamp))]
     assert {row.restart for row in before} == {0}
     assert {row.restart for row in after} == {1}
     assert after[0].time == 0.0

@@ -1,0 +1,212 @@
+"""What is in a bag and what is wrong with it, found without stopping at the first fault."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass, field
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from saddlering_ros.bags.alignment import gap_mask
+from saddlering_ros.bags.checks import (
+    check_load_unit,
+    check_overlap,
+    check_probe_unit,
+    check_values,
+)
+from saddlering_ros.bags.errors import BagError
+from saddlering_ros.bags.facts import FoundFacts
+from saddlering_ros.bags.plateaus import plateaus
+from saddlering_ros.bags.reader import (
+    raw_topic,
+    RawRecord,
+    RawTopic,
+    run_of_record,
+    TestRun,
+    with_readable_part,
+)
+from saddlering_ros.bags.scan import Scan, scan
+from saddlering_ros.bags.topics import LOAD_TOPIC, PROBE_TOPICS, RIG_TOPICS
+
+
+@dataclass(frozen=True)
+class TopicInfo:
+    """One topic of a bag.
+
+    type and count of all topics; of the rig's also rate [Hz] (by the median period), start and
+    duration [s] relative to the earliest stamp, gaps in the stamps (count, longest [s]), and
+    the lowest and highest reading [SI].
+    """
+
+    topic: str
+    type: str
+    count: int
+    rate: float = math.nan
+    start: float = math.nan
+    duration: float = math.nan
+    gaps: int = 0
+    longest_gap: float = 0.0
+    lowest: float = math.nan
+    highest: float = math.nan
+    frame_id: str = ''
+
+
+@dataclass(frozen=True)
+class BagInfo:
+    """What is in a bag; problems keep it from being used, notes do not.
+
+    size [bytes]; compressions and schema encodings as the files say; duration [s] and start [ns]
+    by header stamps of the rig's topics (NaN and None if there are none); load_range [N];
+    plateaus: their number (None if not a static test); facts as found.
+    """
+
+    path: Path
+    name: str
+    files: int
+    size: int
+    message_count: int
+    compressions: tuple[str, ...]
+    schema_encodings: tuple[str, ...]
+    facts: FoundFacts
+    topics: tuple[TopicInfo, ...]
+    start: int | None
+    duration: float
+    load_range: tuple[float, float]
+    plateaus: int | None
+    problems: tuple[str, ...] = field(default=())
+    notes: tuple[str, ...] = field(default=())
+
+    @property
+    def usable(self) -> bool:
+        """Whether the bag can be read as a test."""
+        return not self.problems
+
+    def as_dict(self) -> dict[str, Any]:
+        """Everything as plain numbers and text, NaN as None, for JSON."""
+        mapping = asdict(self)
+        mapping['path'] = str(self.path)
+        mapping['usable'] = self.usable
+        plain: dict[str, Any] = _plain(mapping)
+        return plain
+
+
+def bag_info(
+    path: Path | str, *, test: str | None = None, elevation: float | None = None,
+) -> BagInfo:
+    """Look at the bag at `path`; BagError only if there is no bag at all.
+
+    `test` and `elevation` [rad] win over what the bag says, as in `read_run`.
+    """
+    found = scan(path)
+    degrees = None if elevation is None else math.degrees(elevation)
+    facts = found.facts.overruled(test, degrees)
+    problems, notes = [], []
+    if found.damage is not None:
+        problems.append(with_readable_part(found))
+    raw = {}
+    for name in RIG_TOPICS:
+        try:
+            raw[name] = raw_topic(found, name)
+        except BagError as fault:
+            problems.append(str(fault))
+    problems += [f'{found.path}: {problem}' for problem in facts.problems]
+    problems += _faults_of_readings(found.path, raw)
+    run = None
+    if not problems:
+        run = _try_run(RawRecord(found.path, raw, facts), facts, problems)
+    count = None
+    if run is not None:
+        notes += run.notes
+        count = _plateau_count(run, problems)
+    return _assemble(found, facts, raw, count, problems, notes)
+
+
+def _faults_of_readings(path: Path, raw: dict[str, RawTopic]) -> list[str]:
+    faults = []
+    for name, topic in raw.items():
+        where = f'{path}: {name}'
+        try:
+            check_values(where, topic.stamps, topic.values)
+            if name == LOAD_TOPIC:
+                check_load_unit(where, topic.values)
+            else:
+                check_probe_unit(where, topic.values, topic.min_range, topic.max_range)
+                if LOAD_TOPIC in raw:
+                    check_overlap(str(path), raw[LOAD_TOPIC].stamps, name, topic.stamps)
+        except BagError as fault:
+            faults.append(str(fault))
+    return faults
+
+
+def _try_run(record: RawRecord, facts: FoundFacts, problems: list[str]) -> TestRun | None:
+    try:
+        return run_of_record(record, facts)
+    except BagError as fault:
+        problems.append(str(fault))
+        return None
+
+
+def _plateau_count(run: TestRun, problems: list[str]) -> int | None:
+    if run.test != 'static':
+        return None
+    try:
+        return len(plateaus(run))
+    except BagError as fault:
+        problems.append(str(fault))
+        return 0
+
+
+def _assemble(
+    found: Scan, facts: FoundFacts, raw: dict[str, RawTopic], count: int | None,
+    problems: list[str], notes: list[str],
+) -> BagInfo:
+    start = min((int(topic.stamps[0]) for topic in raw.values()), default=None)
+    stop = max((int(topic.stamps[-1]) for topic in raw.values()), default=None)
+    duration = math.nan if start is None or stop is None else (stop - start) / 1e9
+    load = raw[LOAD_TOPIC].values if LOAD_TOPIC in raw else np.array([math.nan])
+    return BagInfo(
+        path=found.path, name=found.directory.name, files=len(found.directory.files),
+        size=found.size, message_count=found.message_count,
+        compressions=tuple(sorted(found.compressions)),
+        schema_encodings=tuple(sorted(found.schema_encodings)), facts=facts,
+        topics=_topics(found, raw, start), start=start, duration=duration,
+        load_range=(float(np.min(load)), float(np.max(load))), plateaus=count,
+        problems=tuple(problems), notes=tuple(notes))
+
+
+def _topics(found: Scan, raw: dict[str, RawTopic], start: int | None) -> tuple[TopicInfo, ...]:
+    """The rig's topics first, then all others by name."""
+    others = sorted(set(found.topics) - set(RIG_TOPICS))
+    infos = []
+    for name in (LOAD_TOPIC, *PROBE_TOPICS, *others):
+        scanned = found.topics.get(name)
+        if scanned is None:
+            continue
+        kind = ', '.join(sorted(scanned.types))
+        if name in raw and start is not None:
+            infos.append(_rig_topic(raw[name], kind, scanned.count, start))
+        else:
+            infos.append(TopicInfo(name, kind, scanned.count))
+    return tuple(infos)
+
+
+def _rig_topic(raw: RawTopic, kind: str, count: int, start: int) -> TopicInfo:
+    intervals = np.diff(raw.stamps)
+    gaps = intervals[gap_mask(raw.stamps)]
+    return TopicInfo(
+        raw.topic, kind, count, 1e9 / float(np.median(intervals)),
+        (int(raw.stamps[0]) - start) / 1e9, int(raw.stamps[-1] - raw.stamps[0]) / 1e9,
+        len(gaps), float(gaps.max()) / 1e9 if len(gaps) else 0.0,
+        float(raw.values.min()), float(raw.values.max()), raw.frame_id)
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _plain(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_plain(item) for item in value]
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value

@@ -1,0 +1,310 @@
+"""A static run cut into plateaus by its load, and the reading of each plateau.
+
+How it is cut: over a window of `WINDOWS` seconds before and after each sample the mean load is
+compared; where the two differ by little the load is held. Nothing is assumed of the
+step, the number of cycles, or how long a plateau lasts (but that it lasts several windows).
+
+How it is read: the first `SETTLING_SHARE` of a hold is left to settling; the reading is the mean
+of the rest. Its standard error counts neighbouring samples as the autocorrelation says they
+count, sd * sqrt(tau / n) with tau = 1 + 2 sum_k (1 - k/n) rho_k, summed as far as Sokal's window
+(K >= 5 tau) goes and corrected for the mean having been taken from the same samples.
+Source: A. Sokal, Monte Carlo Methods in Statistical Mechanics, 1996, section 3. The correlation
+is pooled over all plateaus of a run, each channel by itself, since one plateau is too short to
+tell it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from saddlering_ros.bags.errors import BagError
+
+if TYPE_CHECKING:
+    from saddlering_ros.bags.reader import TestRun
+
+WINDOWS = (0.5, 0.25, 0.1)
+"""Widths [s] of the comparison, widest first; the first one that finds enough plateaus is used."""
+
+STEADY_SHARE = 0.0015
+"""Means that differ by less than this share of the load's range belong to one hold."""
+
+NOISE_FACTOR = 5.0
+"""... or by less than this many standard errors of the difference."""
+
+LONGEST_INTERRUPTION = 1.0
+"""Two stretches at the same level not further apart than this [s] are one hold."""
+
+SETTLING_SHARE = 0.4
+"""Share of a hold that is left to settling."""
+
+SHORTEST_HOLD = 0.5
+"""A steady stretch shorter than this [s] is a turning point, not a plateau."""
+
+FEWEST_SAMPLES = 5
+FEWEST_PLATEAUS = 3
+SAME_LEVEL_SHARE = 0.35
+"""Plateaus whose loads differ by less than this share of a step are at the same level."""
+
+
+@dataclass(frozen=True)
+class Plateaus:
+    """The M plateaus of a static run in order of time; indices count the run's load samples.
+
+    load, load_std_error (M,) [N]; gaps, gaps_std_error (4, M) [m], NaN for a probe that was not
+    reading; time (M,) [s], mean over the part averaged; start, stop (M,): the part averaged
+    is [start, stop); hold_start, hold_stop (M,): the whole hold; branch (M,): +1 reached from
+    below and left upwards (or the end), -1 the other way, 0 at the first plateau and
+    at turning points (the top; the bottom between two cycles); level (M,): number of the load
+    level, 0 the lowest, equal on both branches; cycle (M,): 0 up to and with the first return.
+    """
+
+    load: NDArray[np.float64]
+    load_std_error: NDArray[np.float64]
+    gaps: NDArray[np.float64]
+    gaps_std_error: NDArray[np.float64]
+    time: NDArray[np.float64]
+    start: NDArray[np.int64]
+    stop: NDArray[np.int64]
+    hold_start: NDArray[np.int64]
+    hold_stop: NDArray[np.int64]
+    branch: NDArray[np.int64]
+    level: NDArray[np.int64]
+    cycle: NDArray[np.int64]
+
+    def __len__(self) -> int:
+        return len(self.load)
+
+
+@dataclass(frozen=True)
+class PlateauMeans:
+    """Means of some channels over plateaus: mean, std_error (..., M); samples (M,) averaged."""
+
+    mean: NDArray[np.float64]
+    std_error: NDArray[np.float64]
+    samples: NDArray[np.int64]
+
+
+def plateaus(run: TestRun) -> Plateaus:
+    """Cut `run` into plateaus; BagError if its load is not held at a few levels."""
+    holds = find_holds(run.time, run.load)
+    if len(holds) < FEWEST_PLATEAUS:
+        raise BagError(
+            f'{run.path}: the load is held at {len(holds)} levels, too few for a static test: '
+            'record steps that are held, or give --test dynamic')
+    start = np.array([_settled(run.time, *hold) for hold in holds], dtype=np.int64)
+    hold_start, hold_stop = np.array(holds, dtype=np.int64).T
+    load = plateau_means(start, hold_stop, run.load)
+    gaps = plateau_means(start, hold_stop, run.gaps)
+    level = _levels(load.mean)
+    branch, cycle = _branches(level)
+    time = plateau_means(start, hold_stop, run.time, errors=False).mean
+    return Plateaus(load.mean, load.std_error, gaps.mean, gaps.std_error, time, start, hold_stop,
+                    hold_start, hold_stop, branch, level, cycle)
+
+
+def plateau_means(
+    start: ArrayLike, stop: ArrayLike, values: ArrayLike, *, errors: bool = True,
+) -> PlateauMeans:
+    """Means of `values` (..., N) over the samples [start, stop) of each of M plateaus.
+
+    NaN samples are left out; a channel with fewer than FEWEST_SAMPLES others in a plateau has NaN
+    for its mean there.
+    """
+    values = np.asarray(values, dtype=np.float64)
+    spans = list(zip(np.asarray(start).tolist(), np.asarray(stop).tolist(), strict=True))
+    channels = values.reshape(-1, values.shape[-1])
+    mean = np.full((len(channels), len(spans)), np.nan)
+    std_error = np.full_like(mean, np.nan)
+    for number, channel in enumerate(channels):
+        parts = [channel[first:last] for first, last in spans]
+        parts = [part[np.isfinite(part)] for part in parts]
+        enough = [len(part) >= FEWEST_SAMPLES for part in parts]
+        for place, part in enumerate(parts):
+            if enough[place]:
+                mean[number, place] = part.mean()
+        if errors and any(enough):
+            found = _standard_errors([part for part in parts if len(part) >= FEWEST_SAMPLES])
+            std_error[number, enough] = found
+    shape = (*values.shape[:-1], len(spans))
+    samples = np.array([last - first for first, last in spans], dtype=np.int64)
+    return PlateauMeans(mean.reshape(shape), std_error.reshape(shape), samples)
+
+
+# -- cutting -----------------------------------------------------------------------------------
+
+
+def find_holds(time: NDArray[np.float64], load: NDArray[np.float64]) -> list[tuple[int, int]]:
+    """Stretches [start, stop) of samples over which the load is held, in order."""
+    span = _range(load)
+    if len(load) < 2 * FEWEST_SAMPLES or span <= 0.0:
+        return []
+    best: list[tuple[int, int]] = []
+    best_share = 0.0
+    for window in WINDOWS:
+        holds = _holds(time, load, window, span)
+        share = sum(time[stop - 1] - time[start] for start, stop in holds)
+        share /= time[-1] - time[0]
+        if len(holds) >= FEWEST_PLATEAUS and share >= 0.5:
+            return holds
+        if len(holds) >= FEWEST_PLATEAUS and share > best_share + 0.1:
+            best, best_share = holds, share
+    return best if best_share >= 0.2 else []
+
+
+def _range(load: NDArray[np.float64]) -> float:
+    low, high = np.percentile(load, [0.5, 99.5])
+    return float(high - low)
+
+
+def _holds(
+    time: NDArray[np.float64], load: NDArray[np.float64], window: float, span: float,
+) -> list[tuple[int, int]]:
+    period = float(np.median(np.diff(time)))
+    window = max(window, 4.0 * period)
+    noise = float(np.median(np.abs(np.diff(load)))) / 0.954
+    samples = window / period
+    tolerance = max(STEADY_SHARE * span, NOISE_FACTOR * noise * np.sqrt(2.0 / samples))
+    steady = np.abs(_change(time, load, window)) <= tolerance
+    shortest = max(SHORTEST_HOLD if window >= WINDOWS[0] else window, 3 * period)
+    stretches = [
+        (start, stop) for start, stop in _runs(steady)
+        if stop - start >= FEWEST_SAMPLES and time[stop - 1] - time[start] >= shortest / 2]
+    merged = _merged(stretches, time, load, 0.004 * span, noise)
+    return [(start, stop) for start, stop in merged
+            if time[stop - 1] - time[start] >= shortest]
+
+
+def _change(
+    time: NDArray[np.float64], load: NDArray[np.float64], window: float,
+) -> NDArray[np.float64]:
+    """Mean load over the window after each sample less that over the window before it."""
+    total = np.concatenate([[0.0], np.cumsum(load - load.mean())])
+    first = np.searchsorted(time, time - window, side='left')
+    last = np.searchsorted(time, time + window, side='right')
+    here = np.arange(len(time))
+    before = (total[here + 1] - total[first]) / (here + 1 - first)
+    after = (total[last] - total[here]) / (last - here)
+    return np.asarray(after - before)
+
+
+def _runs(mask: NDArray[np.bool_]) -> list[tuple[int, int]]:
+    """Stretches [start, stop) over which `mask` holds."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], mask.astype(np.int8), [0]])))
+    return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))
+
+
+def _merged(
+    stretches: list[tuple[int, int]], time: NDArray[np.float64], load: NDArray[np.float64],
+    tolerance: float, noise: float,
+) -> list[tuple[int, int]]:
+    """Join neighbours at the same level, as after a short disturbance of the load."""
+    joined: list[tuple[int, int]] = []
+    for start, stop in stretches:
+        if joined:
+            first, last = joined[-1]
+            close = time[start] - time[last - 1] <= LONGEST_INTERRUPTION
+            step = abs(float(np.median(load[first:last]) - np.median(load[start:stop])))
+            error = 1.25 * noise * np.sqrt(1.0 / (last - first) + 1.0 / (stop - start))
+            if close and step <= tolerance + NOISE_FACTOR * error:
+                joined[-1] = (first, stop)
+                continue
+        joined.append((start, stop))
+    return joined
+
+
+def _settled(time: NDArray[np.float64], start: int, stop: int) -> int:
+    """First sample of the hold [start, stop) behind the settling part."""
+    begin = time[start] + SETTLING_SHARE * (time[stop - 1] - time[start])
+    return min(start + int(np.searchsorted(time[start:stop], begin)), stop - FEWEST_SAMPLES)
+
+
+# -- sorting -----------------------------------------------------------------------------------
+
+
+def _levels(load: NDArray[np.float64]) -> NDArray[np.int64]:
+    """Number of each plateau's load level, 0 the lowest; the step is found from the loads."""
+    step = float(np.median(np.abs(np.diff(load))))
+    order = np.argsort(load, kind='stable')
+    level = np.zeros(len(load), dtype=np.int64)
+    number, members = 0, [float(load[order[0]])]
+    for place in order[1:].tolist():
+        if load[place] - np.mean(members) > SAME_LEVEL_SHARE * step:
+            number, members = number + 1, []
+        members.append(float(load[place]))
+        level[place] = number
+    return level
+
+
+def _branches(level: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Branch and cycle of each plateau, from the levels in order of time."""
+    moves = np.sign(np.diff(level))
+    arrived = np.concatenate([[0], moves])
+    for place in range(1, len(arrived)):
+        if arrived[place] == 0:
+            arrived[place] = arrived[place - 1]
+    leaving = np.concatenate([moves, [0]])
+    for place in range(len(leaving) - 2, -1, -1):
+        if leaving[place] == 0:
+            leaving[place] = leaving[place + 1]
+    turning = (arrived * leaving) < 0
+    branch = np.where(turning, 0, arrived).astype(np.int64)
+    bottoms = turning & (arrived < 0)
+    cycle = np.cumsum(np.concatenate([[False], bottoms[:-1]])).astype(np.int64)
+    return branch, cycle
+
+
+# -- errors ------------------------------------------------------------------------------------
+
+
+def _standard_errors(parts: list[NDArray[np.float64]]) -> NDArray[np.float64]:
+    """Standard error of the mean of each part, by the correlation pooled over all of them."""
+    longest = max(len(part) for part in parts)
+    sums = np.zeros(longest)
+    counts = np.zeros(longest)
+    for part in parts:
+        size = len(part)
+        sums[:size] += _autocovariance_sums(part - part.mean())
+        counts[:size] += size - np.arange(size)
+    covariance = sums / counts
+    if covariance[0] <= 0.0:
+        return np.zeros(len(parts))
+    typical = int(np.median([len(part) for part in parts]))
+    covariance = _corrected_for_mean(covariance, typical)
+    correlation = covariance / covariance[0]
+    errors = [np.sqrt(covariance[0] * _inflation(correlation, len(part)) / len(part))
+              for part in parts]
+    return np.array(errors)
+
+
+def _autocovariance_sums(deviation: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Sum of x_i x_(i+k) for k = 0, 1, ..., by Fourier transform."""
+    size = len(deviation)
+    spectrum = np.fft.rfft(deviation, 2 * size)
+    return np.asarray(np.fft.irfft(np.abs(spectrum) ** 2, 2 * size)[:size])
+
+
+def _corrected_for_mean(
+    covariance: NDArray[np.float64], size: int,
+) -> NDArray[np.float64]:
+    """Give back what taking the mean from the same samples took: the variance of that mean."""
+    corrected = covariance
+    for _ in range(20):
+        correlation = corrected / corrected[0]
+        of_mean = corrected[0] * min(_inflation(correlation, size) / size, 0.5)
+        corrected = covariance + of_mean
+    return corrected
+
+
+def _inflation(correlation: NDArray[np.float64], size: int) -> float:
+    """Tau of `size` samples with this `correlation` (k = 0, 1, ...), at least 1/size."""
+    lags = np.arange(1, min(size, len(correlation)))
+    terms = 1.0 + 2.0 * np.cumsum((1.0 - lags / size) * correlation[1:len(lags) + 1])
+    if not len(terms):
+        return 1.0
+    enough = lags >= 5.0 * np.maximum(terms, 0.2)
+    place = int(np.argmax(enough)) if enough.any() else len(terms) // 3
+    return float(max(terms[place], 1.0 / size))
