@@ -7,8 +7,16 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
-from saddlering_ros.errors import SaddleringError
 from saddlering_ros.effects.extension import RingExtension
+from saddlering_ros.errors import SaddleringError
+
+STAGES = ('load path', 'ring', 'measurement')
+"""The way of the signal, in order; an effect turns knobs of one stage only."""
+
+
+def unit_words(unit: str) -> str:
+    """' ' and the unit, or nothing for a plain number ('1')."""
+    return '' if unit == '1' else f' {unit}'
 
 
 class EffectError(SaddleringError):
@@ -19,8 +27,9 @@ class EffectError(SaddleringError):
 class EffectParameter:
     """One parameter: SI unit, bounds, `scale` (a size that a rig may well show), start value.
 
-    one_sided: the sign is fixed by physics (force, clearance widening may be two-sided). `amplitude`
-    marks the parameter that makes the effect vanish at 0; the others only shape it.
+    one_sided: the sign is fixed by physics. amplitude: marks the parameter that makes the effect
+    vanish when it is `neutral`; the others only shape it. The first parameter of an effect is one.
+    logarithmic: better searched on a log scale (low > 0), such as time constants.
     """
 
     name: str
@@ -32,43 +41,89 @@ class EffectParameter:
     words: str
     amplitude: bool = False
     one_sided: bool = False
+    neutral: float = 0.0
+    logarithmic: bool = False
 
 
 @dataclass(frozen=True)
 class Variant:
-    """A discrete choice inside one effect (which probe, which row): fixed values and a label."""
+    """A discrete choice inside one effect (which probe, which row): fixed values and a label.
+
+    channels: where this choice shows, if not in all channels of the effect.
+    """
 
     label: str
     values: Mapping[str, float]
+    channels: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Choice:
+    """A parameter that is not fitted but chosen: its values in order of the variants, in words."""
+
+    name: str
+    values: tuple[float, ...]
+    words: str
 
 
 class Effect(ABC):
     """One cause by which a measurement can part from the simulation; one subclass, one file.
 
     A subclass states the class attributes and `extend`; discovery finds it by walking the folder.
+    starts: first guesses worth trying where one is not enough (searched places, times); a name
+    left out takes its parameter's own start. The first variant holds where none is chosen.
     """
 
     id: ClassVar[str]
     title: ClassVar[str]
     words: ClassVar[str]
     settled_by: ClassVar[str]
-    stage: ClassVar[str]                      # 'load path', 'ring' or 'measurement'
+    stage: ClassVar[str]                      # one of STAGES
     channels: ClassVar[tuple[str, ...]]       # of delta_x, delta_y, gamma, parity
     parameters: ClassVar[tuple[EffectParameter, ...]]
     variants: ClassVar[tuple[Variant, ...]] = (Variant('', {}),)
+    choices: ClassVar[tuple[Choice, ...]] = ()
+    starts: ClassVar[tuple[Mapping[str, float], ...]] = ()
     dynamic_only: ClassVar[bool] = False
 
     @abstractmethod
     def extend(self, extension: RingExtension, values: Mapping[str, float]) -> RingExtension:
-        """The extension with this effect added; `values` holds every parameter and variant value."""
+        """The extension with this effect added; `values` holds every parameter and choice."""
+
+    def channels_of(self, variant: Variant) -> tuple[str, ...]:
+        """Channels in which the effect shows in one of its variants."""
+        return variant.channels or self.channels
 
     def complete(self, values: Mapping[str, float]) -> dict[str, float]:
-        """`values` with start values for what is missing; EffectError for unknown names."""
+        """`values` with start values for what is missing.
+
+        EffectError for a name that does not exist, a number out of bounds or a choice not offered.
+        """
         known = {parameter.name: parameter.start for parameter in self.parameters}
-        for name, value in self.variants[0].values.items():
-            known[name] = value
-        unknown = sorted(set(values) - set(known))
-        if unknown:
-            raise EffectError(f'effects.{self.id}.{unknown[0]} does not exist: '
-                              f'choose from {", ".join(known)}')
-        return {**known, **values}
+        known.update(self.variants[0].values)
+        for name in values:
+            if name not in known:
+                raise EffectError(f'effects.{self.id}.{name} does not exist: '
+                                  f'choose from {", ".join(known)}')
+        complete = {**known, **values}
+        self._check(complete)
+        return complete
+
+    def neutral_values(self, variant: Variant | None = None) -> dict[str, float]:
+        """Values by which the effect adds nothing: amplitudes neutral, the rest at their start."""
+        values = {p.name: p.neutral if p.amplitude else p.start for p in self.parameters}
+        return {**values, **(variant or self.variants[0]).values}
+
+    def _check(self, values: Mapping[str, float]) -> None:
+        for parameter in self.parameters:
+            value = values[parameter.name]
+            slack = 1e-9 * (parameter.high - parameter.low)
+            if not parameter.low - slack <= value <= parameter.high + slack:
+                raise EffectError(
+                    f'effects.{self.id}.{parameter.name} is {value:g}: give a number from '
+                    f'{parameter.low:g} to {parameter.high:g}{unit_words(parameter.unit)}')
+        for choice in self.choices:
+            if values[choice.name] not in choice.values:
+                offered = ', '.join(f'{value:g}' for value in choice.values)
+                raise EffectError(f'effects.{self.id}.{choice.name} is {values[choice.name]:g}: '
+                                  f'choose from {offered} ({choice.words})')

@@ -1,0 +1,38 @@
+"""Another clearance than assumed: mu1 + e, half of it at each side."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+from saddlering_ros.effects.base import Effect, EffectParameter
+from saddlering_ros.effects.extension import RingExtension
+
+
+class AxialClearance(Effect):
+    """Wrong axial clearance."""
+
+    id = 'axial_clearance'
+    title = 'Wrong axial clearance'
+    words = (
+        'The clearance of the axial rows is not the one in the rig file. Tilt and axial motion '
+        'begin with a dead zone and then run a nearly constant number of micrometres off, '
+        'because fewer or more rollers share the load.'
+    )
+    settled_by = (
+        'Pull-push through zero load: the jump between the two directions is the clearance.'
+    )
+    stage = 'ring'
+    channels = ('delta_y', 'gamma')
+    parameters = (
+        EffectParameter(
+            'change', 'm', -4e-5, 1e-4, 2e-5, 0.0,
+            'true clearance minus the clearance in the rig file', amplitude=True),
+    )
+
+    def extend(self, extension: RingExtension, values: Mapping[str, float]) -> RingExtension:
+        """Widen upper and lower row by half the change each."""
+        upper, lower = extension.upper_row, extension.lower_row
+        half = 0.5 * values['change']
+        return replace(extension, upper_row=replace(upper, gap=upper.gap + half),
+                       lower_row=replace(lower, gap=lower.gap + half))

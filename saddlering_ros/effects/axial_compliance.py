@@ -1,0 +1,37 @@
+"""A spring in series with the rollers: delta_y += c F_y."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+from saddlering_ros.effects.base import Effect, EffectParameter
+from saddlering_ros.effects.extension import RingExtension
+
+
+class AxialCompliance(Effect):
+    """Axial compliance in series."""
+
+    id = 'axial_compliance'
+    title = 'Axial compliance in series'
+    words = (
+        'Bolts or ring bodies give way axially in series with the rollers. The extra axial '
+        'motion is a straight line over the axial force, without loop and without damper; tilt '
+        'does not have it.'
+    )
+    settled_by = (
+        'Swapped probes 2 and 4 rule out the instruments; a second loading rate (x4) tells the '
+        'spring from K1.'
+    )
+    stage = 'ring'
+    channels = ('delta_y',)
+    parameters = (
+        EffectParameter(
+            'compliance', 'm/N', 0.0, 3e-10, 5e-11, 5e-11,
+            'motion per unit of force', amplitude=True, one_sided=True),
+    )
+
+    def extend(self, extension: RingExtension, values: Mapping[str, float]) -> RingExtension:
+        """Add to the axial compliance."""
+        return replace(
+            extension, axial_compliance=extension.axial_compliance + values['compliance'])

@@ -1,0 +1,42 @@
+"""A joint that opens: gamma += c max(0, M - M0)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+from saddlering_ros.effects.base import Effect, EffectParameter
+from saddlering_ros.effects.extension import RingExtension
+
+
+class BoltOpening(Effect):
+    """Opening bolted joint."""
+
+    id = 'bolt_opening'
+    title = 'Opening bolted joint'
+    words = (
+        'Beyond a certain tilting moment the bolted joint lifts off on one side and the ring '
+        'tilts more easily. Tilt has a kink at one moment, the same at every elevation, going up '
+        'and coming down.'
+    )
+    settled_by = (
+        'A run at another elevation: the kink stays at the same moment, not at the same load; '
+        'the ring slewed by 90 deg moves it to other bolts.'
+    )
+    stage = 'ring'
+    channels = ('gamma',)
+    parameters = (
+        EffectParameter(
+            'compliance', 'rad/(N m)', 0.0, 1e-9, 2e-10, 2e-10,
+            'extra tilt per unit of moment beyond the opening moment',
+            amplitude=True, one_sided=True),
+        EffectParameter(
+            'moment', 'N m', 20000.0, 250000.0, 100000.0, 100000.0,
+            'tilting moment at which the joint opens', one_sided=True),
+    )
+    starts = tuple({'moment': moment} for moment in (4e4, 7e4, 1e5, 1.4e5))
+
+    def extend(self, extension: RingExtension, values: Mapping[str, float]) -> RingExtension:
+        """Set the opening joint."""
+        return replace(extension, opening_compliance=values['compliance'],
+                       opening_moment=values['moment'])

@@ -1,0 +1,35 @@
+"""Play in the loading bracket: theta + e z, z a hysteron over the measured load."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+from saddlering_ros.effects.base import Effect, EffectParameter
+from saddlering_ros.effects.extension import RingExtension
+from saddlering_ros.effects.friction_shape import hysteron, loop_parameters
+
+
+class BracketPlay(Effect):
+    """Play in the loading bracket."""
+
+    id = 'bracket_play'
+    title = 'Play in the loading bracket'
+    words = (
+        'The bracket or trunnion shifts a little when the load turns round, so the load acts at '
+        'a slightly different angle going up than coming down. A small loop results, of opposite '
+        'sign in the radial and in the tilting channels.'
+    )
+    settled_by = 'An inclinometer on the bracket, read while loading and unloading.'
+    stage = 'load path'
+    channels = ('delta_x', 'delta_y', 'gamma')
+    parameters = (
+        EffectParameter(
+            'angle', 'rad', 0.0, 0.03, 0.003, 0.003,
+            'half the play: the angle gained while loading', amplitude=True, one_sided=True),
+        *loop_parameters('N', 100.0, 20e3, 2e3),
+    )
+
+    def extend(self, extension: RingExtension, values: Mapping[str, float]) -> RingExtension:
+        """Set the play of the bracket."""
+        return replace(extension, bracket_play=hysteron(values['angle'], values))

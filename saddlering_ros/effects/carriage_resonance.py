@@ -1,0 +1,48 @@
+"""A second mode in series: y'' + 2 z w y' + w^2 y = w^2 u."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+import math
+
+from saddlering_ros.effects.base import Effect, EffectParameter
+from saddlering_ros.effects.extension import RingExtension
+
+SHORTEST_PERIOD = 1e-4
+"""Below this period [s] the mode is as good as rigid."""
+
+
+class CarriageResonance(Effect):
+    """Resonance of the carriage."""
+
+    id = 'carriage_resonance'
+    title = 'Resonance of the carriage'
+    words = (
+        'The carriage or the frame swings on its own after each corner of the load. All '
+        'displacement channels ring at one frequency with falling height; a static run shows '
+        'nothing.'
+    )
+    settled_by = (
+        'A second loading rate (x4): the ringing grows with the rate and keeps its frequency.'
+    )
+    stage = 'ring'
+    channels = ('delta_x', 'delta_y', 'gamma')
+    parameters = (
+        EffectParameter(
+            'period', 's', 0.0, 1.0, 0.1, 0.1,
+            'period of the second mode (one over its frequency); 0: rigid',
+            amplitude=True, one_sided=True),
+        EffectParameter(
+            'damping', '1', 0.005, 0.7, 0.05, 0.05,
+            'damping ratio of the second mode', one_sided=True, logarithmic=True),
+    )
+    starts = tuple({'period': period} for period in (0.02, 0.05, 0.1, 0.2, 0.5))
+    dynamic_only = True
+
+    def extend(self, extension: RingExtension, values: Mapping[str, float]) -> RingExtension:
+        """Set the second mode."""
+        period = values['period']
+        frequency = 2.0 * math.pi / period if period > SHORTEST_PERIOD else 0.0
+        return replace(extension, resonance_frequency=frequency,
+                       resonance_damping=values['damping'])

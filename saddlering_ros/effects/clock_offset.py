@@ -1,0 +1,41 @@
+"""Two clocks: what probes saw at t carries the stamp t + tau + skew t."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+from saddlering_ros.effects.base import Effect, EffectParameter
+from saddlering_ros.effects.extension import RingExtension
+
+
+class ClockOffset(Effect):
+    """Clock offset between load and probes."""
+
+    id = 'clock_offset'
+    title = 'Clock offset between load and probes'
+    words = (
+        'Load and probes are stamped by two clocks that disagree, or run at different speed. All '
+        'probes are early or late by the same time, a pure shift without smoothing; a static run '
+        'hardly shows it.'
+    )
+    settled_by = (
+        'A second loading rate (x4): the shift stays the same in seconds; or one signal fed to '
+        'both recorders.'
+    )
+    stage = 'measurement'
+    channels = ('delta_x', 'delta_y', 'gamma')
+    parameters = (
+        EffectParameter(
+            'offset', 's', -0.5, 0.5, 0.02, 0.0,
+            'stamp of the probes minus true time; positive: probes late', amplitude=True),
+        EffectParameter(
+            'skew', '1', -0.001, 1e-3, 1e-4, 0.0,
+            'further offset per second of the run', amplitude=True),
+    )
+    dynamic_only = True
+
+    def extend(self, extension: RingExtension, values: Mapping[str, float]) -> RingExtension:
+        """Add to the offset and skew of the probes' clock."""
+        return replace(extension, clock_offset=extension.clock_offset + values['offset'],
+                       clock_skew=extension.clock_skew + values['skew'])

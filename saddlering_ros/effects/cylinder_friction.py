@@ -1,0 +1,38 @@
+"""Friction in the cylinder: P = P_m - F z, z a hysteron over the measured load."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+from saddlering_ros.effects.base import Effect, EffectParameter
+from saddlering_ros.effects.extension import RingExtension
+from saddlering_ros.effects.friction_shape import hysteron, loop_parameters
+
+
+class CylinderFriction(Effect):
+    """Friction in the hydraulic cylinder."""
+
+    id = 'cylinder_friction'
+    title = 'Friction in the hydraulic cylinder'
+    words = (
+        'Seals or the rod guide carry part of the force, so the ring gets less than measured '
+        'while loading and more while unloading. It opens a loop in all displacement channels, '
+        'of the same height in force units everywhere and at every elevation.'
+    )
+    settled_by = (
+        'A reference load: a load cell between cylinder and trunnion, read while loading and '
+        'unloading.'
+    )
+    stage = 'load path'
+    channels = ('delta_x', 'delta_y', 'gamma')
+    parameters = (
+        EffectParameter(
+            'force', 'N', 0.0, 30000.0, 3000.0, 3000.0,
+            'friction force once it has turned round', amplitude=True, one_sided=True),
+        *loop_parameters('N', 100.0, 20e3, 2e3),
+    )
+
+    def extend(self, extension: RingExtension, values: Mapping[str, float]) -> RingExtension:
+        """Set the friction of the cylinder."""
+        return replace(extension, cylinder_friction=hysteron(values['force'], values))

@@ -1,0 +1,54 @@
+"""Creep of the oil film: y += c LP_T(y), a Maxwell film in series."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+from saddlering_ros.effects.base import Choice, Effect, EffectParameter, Variant
+from saddlering_ros.effects.extension import RingExtension
+
+ALL_ROWS, RADIAL, AXIAL = 0.0, 1.0, 2.0
+
+
+class FilmCreep(Effect):
+    """Creep of the oil film."""
+
+    id = 'film_creep'
+    title = 'Creep of the oil film'
+    words = (
+        'The lubricant between rollers and raceways is pressed out slowly, so the ring goes on '
+        'moving while the load is held and comes back late. It shows as drift on the plateaus, '
+        'as a loop that depends on the loading rate and as a part that has not returned at the '
+        'end.'
+    )
+    settled_by = (
+        'A second loading rate (x4), and a repeat cycle with holds at zero and full load: creep '
+        'goes on during the holds and dies out.'
+    )
+    stage = 'ring'
+    channels = ('delta_x', 'delta_y', 'gamma')
+    parameters = (
+        EffectParameter(
+            'share', '1', 0.0, 1.0, 0.05, 0.05,
+            'creep after a long time as a share of the immediate motion',
+            amplitude=True, one_sided=True),
+        EffectParameter(
+            'time', 's', 0.1, 300.0, 10.0, 10.0,
+            'time constant of the creep', one_sided=True, logarithmic=True),
+    )
+    variants = (
+        Variant('all rows', {'rows': ALL_ROWS}),
+        Variant('middle row', {'rows': RADIAL}, ('delta_x',)),
+        Variant('axial rows', {'rows': AXIAL}, ('delta_y', 'gamma')),
+    )
+    choices = (
+        Choice('rows', (ALL_ROWS, RADIAL, AXIAL), '0 all rows, 1 middle row, 2 axial rows'),)
+    starts = tuple({'time': time} for time in (0.5, 5.0, 50.0))
+
+    def extend(self, extension: RingExtension, values: Mapping[str, float]) -> RingExtension:
+        """Set the creep of the rows chosen."""
+        radial = values['share'] if values['rows'] != AXIAL else extension.creep_radial
+        axial = values['share'] if values['rows'] != RADIAL else extension.creep_axial
+        return replace(extension, creep_radial=radial, creep_axial=axial,
+                       creep_time=values['time'])

@@ -1,0 +1,35 @@
+"""Wrong gain of the load measurement: P = P_m / (1 + g)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+from saddlering_ros.effects.base import Effect, EffectParameter
+from saddlering_ros.effects.extension import RingExtension
+
+
+class LoadGain(Effect):
+    """Load gain error."""
+
+    id = 'load_gain'
+    title = 'Load gain error'
+    words = (
+        'The load cell or pressure transducer reads a fixed share too much or too little. Every '
+        'displacement scales with it, so the stiffnesses and dampings absorb it completely: only '
+        'a load known by other means, or stiffnesses known beforehand, shows it.'
+    )
+    settled_by = (
+        'A reference load: a known weight or a calibrated load cell in line with the cylinder.'
+    )
+    stage = 'load path'
+    channels = ('delta_x', 'delta_y', 'gamma')
+    parameters = (
+        EffectParameter(
+            'gain', '1', -0.3, 0.3, 0.03, 0.0,
+            'share by which the measured load is too large', amplitude=True),
+    )
+
+    def extend(self, extension: RingExtension, values: Mapping[str, float]) -> RingExtension:
+        """Add to the load gain."""
+        return replace(extension, load_gain=extension.load_gain + values['gain'])

@@ -1,0 +1,34 @@
+"""Bent load characteristic: P = P_m + 4 c P_m (P_fs - P_m) / P_fs."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+from saddlering_ros.effects.base import Effect, EffectParameter
+from saddlering_ros.effects.extension import RingExtension
+
+
+class LoadNonlinearity(Effect):
+    """Bent load characteristic."""
+
+    id = 'load_nonlinearity'
+    title = 'Bent load characteristic'
+    words = (
+        'The load measurement is right at zero and at full scale but bends in between. The error '
+        'is a parabola over load, of equal size in force units in the radial and in the tilting '
+        'channels, up and down alike.'
+    )
+    settled_by = 'A reference load in several steps up to full scale.'
+    stage = 'load path'
+    channels = ('delta_x', 'delta_y', 'gamma')
+    parameters = (
+        EffectParameter(
+            'curvature', '1', -0.1, 0.1, 0.01, 0.0,
+            'largest error, at half load, as a share of full scale', amplitude=True),
+    )
+
+    def extend(self, extension: RingExtension, values: Mapping[str, float]) -> RingExtension:
+        """Add to the load curvature."""
+        return replace(
+            extension, load_nonlinearity=extension.load_nonlinearity + values['curvature'])

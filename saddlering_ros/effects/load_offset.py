@@ -1,0 +1,33 @@
+"""Wrong zero of the load measurement: P = P_m - P0."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+from saddlering_ros.effects.base import Effect, EffectParameter
+from saddlering_ros.effects.extension import RingExtension
+
+
+class LoadOffset(Effect):
+    """Load zero offset."""
+
+    id = 'load_offset'
+    title = 'Load zero offset'
+    words = (
+        'The load measurement does not read zero at zero load. The error is the same number of '
+        'newtons in every run, so it counts most at low load, where the ring is just closing its '
+        'gaps.'
+    )
+    settled_by = 'A zero-load record with the cylinder disconnected, or a reference load.'
+    stage = 'load path'
+    channels = ('delta_x', 'delta_y', 'gamma')
+    parameters = (
+        EffectParameter(
+            'offset', 'N', -15000.0, 15000.0, 2000.0, 0.0,
+            'reading of the load measurement at no load', amplitude=True),
+    )
+
+    def extend(self, extension: RingExtension, values: Mapping[str, float]) -> RingExtension:
+        """Add to the load offset."""
+        return replace(extension, load_offset=extension.load_offset + values['offset'])

@@ -1,0 +1,48 @@
+"""Pickup of a line frequency: d_i += a cos(w t) + b sin(w t)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+from saddlering_ros.effects.base import Effect, EffectParameter, Variant
+from saddlering_ros.effects.extension import RingExtension, with_probe
+from saddlering_ros.effects.probe_choice import ANY_PROBE, probe_of, probe_variants
+
+
+class MainsPickup(Effect):
+    """Mains pickup."""
+
+    id = 'mains_pickup'
+    title = 'Mains pickup'
+    words = (
+        'The probe cables pick up the mains, or a pump. A steady line at one frequency lies on '
+        'the readings, at zero load too; sampled slowly it appears at another, lower frequency. '
+        'A spectrum shows where to look.'
+    )
+    settled_by = 'A zero-load record at the highest sampling rate.'
+    stage = 'measurement'
+    channels = ('delta_x', 'delta_y', 'gamma', 'parity')
+    parameters = (
+        EffectParameter(
+            'cosine', 'm', -2e-5, 2e-5, 1e-6, 0.0,
+            'part in phase with a cosine from the start of the run', amplitude=True),
+        EffectParameter(
+            'sine', 'm', -2e-5, 2e-5, 1e-6, 0.0,
+            'part in phase with a sine from the start of the run', amplitude=True),
+        EffectParameter(
+            'frequency', 'Hz', 0.5, 500.0, 50.0, 50.0,
+            'true frequency of the line', one_sided=True, logarithmic=True),
+    )
+    variants = (
+        Variant('all probes', {'probe': 0.0}, ('delta_y', 'parity')), *probe_variants())
+    choices = (ANY_PROBE,)
+    starts = ({'frequency': 50.0}, {'frequency': 60.0})
+
+    def extend(self, extension: RingExtension, values: Mapping[str, float]) -> RingExtension:
+        """Add the line at the probe chosen."""
+        probe = probe_of(values)
+        return replace(
+            extension, pickup_frequency=values['frequency'],
+            pickup_cosine=with_probe(extension.pickup_cosine, probe, values['cosine']),
+            pickup_sine=with_probe(extension.pickup_sine, probe, values['sine']))

@@ -1,0 +1,35 @@
+"""Load applied higher or lower than assumed: y_t + e."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+from saddlering_ros.effects.base import Effect, EffectParameter
+from saddlering_ros.effects.extension import RingExtension
+
+
+class MomentArm(Effect):
+    """Wrong moment arm."""
+
+    id = 'moment_arm'
+    title = 'Wrong moment arm'
+    words = (
+        'The load acts higher or lower over the ring than the rig file says. Only the tilting '
+        'moment changes, so tilt and axial motion scale while the radial channel stays right.'
+    )
+    settled_by = (
+        'Measure the height of the loading axis over the ring, or hang a reference load from a '
+        'known arm.'
+    )
+    stage = 'load path'
+    channels = ('delta_y', 'gamma')
+    parameters = (
+        EffectParameter(
+            'offset', 'm', -0.3, 0.3, 0.03, 0.0,
+            'true height of the trunnion minus the height in the rig file', amplitude=True),
+    )
+
+    def extend(self, extension: RingExtension, values: Mapping[str, float]) -> RingExtension:
+        """Add to the height of the trunnion."""
+        return replace(extension, moment_arm=extension.moment_arm + values['offset'])

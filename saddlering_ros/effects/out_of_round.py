@@ -1,0 +1,39 @@
+"""A raceway out of round: radial gap + a cos(2 (phi - phi0))."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+import math
+
+from saddlering_ros.effects.base import Effect, EffectParameter
+from saddlering_ros.effects.extension import RingExtension
+
+
+class OutOfRound(Effect):
+    """Raceway out of round."""
+
+    id = 'out_of_round'
+    title = 'Raceway out of round'
+    words = (
+        'The radial raceway is slightly oval from the start, so the gap changes twice around the '
+        'ring. The radial channel shows much the same as with a wrong clearance: a dead zone and '
+        'then a nearly constant offset.'
+    )
+    settled_by = 'The ring slewed by 90 deg: an oval changes its sign, a clearance stays.'
+    stage = 'ring'
+    channels = ('delta_x',)
+    parameters = (
+        EffectParameter(
+            'amplitude', 'm', -3e-5, 3e-5, 8e-6, 0.0,
+            'largest change of the radial gap; positive: wider at phi0', amplitude=True),
+        EffectParameter(
+            'angle', 'rad', 0.0, math.pi / 4, 0.2, 0.0,
+            'phi0 of the widest gap, from the rear', one_sided=True),
+    )
+
+    def extend(self, extension: RingExtension, values: Mapping[str, float]) -> RingExtension:
+        """Make the middle row oval."""
+        row = replace(extension.middle_row, oval_amplitude=values['amplitude'],
+                      oval_angle=values['angle'])
+        return replace(extension, middle_row=row)

@@ -1,0 +1,40 @@
+"""A probe bracket that bends with load: d_i += b P."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+from saddlering_ros.effects.base import Effect, EffectParameter
+from saddlering_ros.effects.extension import RingExtension, with_probe
+from saddlering_ros.effects.probe_choice import ONE_PROBE, probe_of, probe_variants
+
+
+class ProbeBracket(Effect):
+    """Probe bracket bends with load."""
+
+    id = 'probe_bracket'
+    title = 'Probe bracket bends with load'
+    words = (
+        'The bracket of one probe moves with the load, by its own weakness or because its foot '
+        'moves. This one probe is off by a straight line over load, without loop, which splits '
+        'over two channels.'
+    )
+    settled_by = (
+        'Swapped probes: the error stays with the bracket; the ring slewed by 90 deg leaves it '
+        'too.'
+    )
+    stage = 'measurement'
+    channels = ('delta_x', 'delta_y', 'gamma', 'parity')
+    parameters = (
+        EffectParameter(
+            'compliance', 'm/N', -2e-10, 2e-10, 2e-11, 0.0,
+            'motion of the bracket per unit of load', amplitude=True),
+    )
+    variants = probe_variants()
+    choices = (ONE_PROBE,)
+
+    def extend(self, extension: RingExtension, values: Mapping[str, float]) -> RingExtension:
+        """Add to the probe chosen."""
+        changed = with_probe(extension.probe_bracket, probe_of(values), values['compliance'])
+        return replace(extension, probe_bracket=changed)

@@ -1,0 +1,36 @@
+"""Drift of one probe: d_i += r t."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+from saddlering_ros.effects.base import Effect, EffectParameter
+from saddlering_ros.effects.extension import RingExtension, with_probe
+from saddlering_ros.effects.probe_choice import ONE_PROBE, probe_of, probe_variants
+
+
+class ProbeDrift(Effect):
+    """Probe drift."""
+
+    id = 'probe_drift'
+    title = 'Probe drift'
+    words = (
+        'One probe creeps off with time, mostly by temperature. The error follows the clock and '
+        'not the load, goes on at rest, and leaves the loop open at zero.'
+    )
+    settled_by = 'A zero-load record as long as a test.'
+    stage = 'measurement'
+    channels = ('delta_x', 'delta_y', 'gamma', 'parity')
+    parameters = (
+        EffectParameter(
+            'rate', 'm/s', -5e-7, 5e-7, 2e-8, 0.0,
+            'drift per second', amplitude=True),
+    )
+    variants = probe_variants()
+    choices = (ONE_PROBE,)
+
+    def extend(self, extension: RingExtension, values: Mapping[str, float]) -> RingExtension:
+        """Add to the probe chosen."""
+        changed = with_probe(extension.probe_drift, probe_of(values), values['rate'])
+        return replace(extension, probe_drift=changed)

@@ -1,0 +1,37 @@
+"""Wrong gain of one probe: d_i (1 + g)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+from saddlering_ros.effects.base import Effect, EffectParameter
+from saddlering_ros.effects.extension import RingExtension, with_probe
+from saddlering_ros.effects.probe_choice import ONE_PROBE, probe_of, probe_variants
+
+
+class ProbeGain(Effect):
+    """Probe gain error."""
+
+    id = 'probe_gain'
+    title = 'Probe gain error'
+    words = (
+        'One probe reads a fixed share too much or too little, by its calibration or by the '
+        'metal it looks at. A radial probe (1, 3) shows it in the parity, an axial one (2, 4) in '
+        'the ratio of axial motion to tilt.'
+    )
+    settled_by = 'Swapped probes: the error goes with the probe.'
+    stage = 'measurement'
+    channels = ('delta_x', 'delta_y', 'gamma', 'parity')
+    parameters = (
+        EffectParameter(
+            'gain', '1', -0.3, 0.3, 0.03, 0.0,
+            'share by which the probe reads too much', amplitude=True),
+    )
+    variants = probe_variants()
+    choices = (ONE_PROBE,)
+
+    def extend(self, extension: RingExtension, values: Mapping[str, float]) -> RingExtension:
+        """Add to the probe chosen."""
+        changed = with_probe(extension.probe_gain, probe_of(values), values['gain'])
+        return replace(extension, probe_gain=changed)

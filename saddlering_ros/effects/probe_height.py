@@ -1,0 +1,36 @@
+"""Radial probes higher than assumed: d1 and -d3 see delta_x + (h_s + h) gamma."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+from saddlering_ros.effects.base import Effect, EffectParameter
+from saddlering_ros.effects.extension import RingExtension
+
+
+class ProbeHeight(Effect):
+    """Height of the radial probes."""
+
+    id = 'probe_height'
+    title = 'Height of the radial probes'
+    words = (
+        'The two radial probes sit higher or lower over the mid-plane of the ring than the rig '
+        'file says, so they see a part of the tilt. The radial channel is off by something '
+        'shaped like the tilt.'
+    )
+    settled_by = (
+        'Measure the height of probes 1 and 3 over the mid-plane; failing that, a run at another '
+        'elevation, where tilt and radial force stand in another ratio.'
+    )
+    stage = 'measurement'
+    channels = ('delta_x',)
+    parameters = (
+        EffectParameter(
+            'height', 'm', -0.2, 0.2, 0.02, 0.0,
+            'true height minus the height in the rig file', amplitude=True),
+    )
+
+    def extend(self, extension: RingExtension, values: Mapping[str, float]) -> RingExtension:
+        """Add to the height of the radial probes."""
+        return replace(extension, probe_height=extension.probe_height + values['height'])

@@ -1,0 +1,40 @@
+"""Bent characteristic of one probe: d_i += q d_i^2."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+from saddlering_ros.effects.base import Effect, EffectParameter
+from saddlering_ros.effects.extension import RingExtension, with_probe
+from saddlering_ros.effects.probe_choice import ONE_PROBE, probe_of, probe_variants
+
+
+class ProbeNonlinearity(Effect):
+    """Bent probe characteristic."""
+
+    id = 'probe_nonlinearity'
+    title = 'Bent probe characteristic'
+    words = (
+        'The characteristic of one probe is bent, as happens near the end of its span. The error '
+        'is a function of its reading, the same whatever load, rate or elevation brought it '
+        'there.'
+    )
+    settled_by = (
+        'Swapped probes: the error goes with the probe; or another gap at zero, which shifts it '
+        'along the characteristic.'
+    )
+    stage = 'measurement'
+    channels = ('delta_x', 'delta_y', 'gamma', 'parity')
+    parameters = (
+        EffectParameter(
+            'curvature', '1/m', -1000.0, 1000.0, 100.0, 0.0,
+            'curvature; 100 per metre is 1 % at 100 micrometres', amplitude=True),
+    )
+    variants = probe_variants()
+    choices = (ONE_PROBE,)
+
+    def extend(self, extension: RingExtension, values: Mapping[str, float]) -> RingExtension:
+        """Add to the probe chosen."""
+        changed = with_probe(extension.probe_nonlinearity, probe_of(values), values['curvature'])
+        return replace(extension, probe_nonlinearity=changed)

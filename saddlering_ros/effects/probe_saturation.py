@@ -1,0 +1,47 @@
+"""A probe at the end of its span: d_i clipped at a limit."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+from saddlering_ros.effects.base import Choice, Effect, EffectParameter
+from saddlering_ros.effects.extension import RingExtension, set_probe
+from saddlering_ros.effects.probe_choice import ONE_PROBE, probe_of, probe_variants
+
+
+class ProbeSaturation(Effect):
+    """Probe saturation."""
+
+    id = 'probe_saturation'
+    title = 'Probe saturation'
+    words = (
+        'One probe runs into the end of its span and stands still there while the ring moves on. '
+        'Its reading is cut off flat at one level, up and down alike, and right below it.'
+    )
+    settled_by = (
+        'The same test with the gap of that probe set wider or narrower at zero; swapped probes.'
+    )
+    stage = 'measurement'
+    channels = ('delta_x', 'delta_y', 'gamma', 'parity')
+    parameters = (
+        EffectParameter(
+            'limit', 'm', 2e-6, 1e-3, 8e-5, 8e-5,
+            'travel from zero at which the reading is cut off; large: never',
+            amplitude=True, one_sided=True, neutral=1e-3, logarithmic=True),
+    )
+    variants = (
+        *probe_variants({'side': 1.0}, ', increasing readings'),
+        *probe_variants({'side': -1.0}, ', decreasing readings'),
+    )
+    choices = (ONE_PROBE, Choice('side', (1.0, -1.0), '1 increasing readings, -1 decreasing ones'))
+    starts = tuple({'limit': limit} for limit in (2e-5, 4e-5, 8e-5, 1.2e-4, 1.6e-4, 2e-4))
+
+    def extend(self, extension: RingExtension, values: Mapping[str, float]) -> RingExtension:
+        """Clip the probe chosen on the side chosen."""
+        probe = probe_of(values)
+        if values['side'] > 0.0:
+            high = set_probe(extension.saturation_high, probe, values['limit'])
+            return replace(extension, saturation_high=high)
+        low = set_probe(extension.saturation_low, probe, -values['limit'])
+        return replace(extension, saturation_low=low)

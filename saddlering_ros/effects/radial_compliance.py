@@ -1,0 +1,34 @@
+"""A spring in series with the rollers: delta_x += c F_x."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+from saddlering_ros.effects.base import Effect, EffectParameter
+from saddlering_ros.effects.extension import RingExtension
+
+
+class RadialCompliance(Effect):
+    """Radial compliance in series."""
+
+    id = 'radial_compliance'
+    title = 'Radial compliance in series'
+    words = (
+        'Bolts, ring bodies or the carriage give way radially in series with the rollers. The '
+        'extra motion is a straight line over load, without loop and without damper, so the '
+        'radial stiffness absorbs nearly all of it.'
+    )
+    settled_by = 'A second loading rate (x4): the spring has no damper, the rollers have.'
+    stage = 'ring'
+    channels = ('delta_x',)
+    parameters = (
+        EffectParameter(
+            'compliance', 'm/N', 0.0, 4e-10, 6e-11, 6e-11,
+            'motion per unit of force', amplitude=True, one_sided=True),
+    )
+
+    def extend(self, extension: RingExtension, values: Mapping[str, float]) -> RingExtension:
+        """Add to the radial compliance."""
+        return replace(
+            extension, radial_compliance=extension.radial_compliance + values['compliance'])

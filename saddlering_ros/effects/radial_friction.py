@@ -1,0 +1,38 @@
+"""Dry friction against delta_x: a hysteron over delta_x takes up to its force."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+from saddlering_ros.effects.base import Effect, EffectParameter
+from saddlering_ros.effects.extension import RingExtension
+from saddlering_ros.effects.friction_shape import hysteron, loop_parameters
+
+
+class RadialFriction(Effect):
+    """Dry friction in the radial row."""
+
+    id = 'radial_friction'
+    title = 'Dry friction in the radial row'
+    words = (
+        'Cages, seals or skewed rollers resist radial motion by a nearly constant force that '
+        'turns round with the motion. The radial channel shows a loop that does not depend on '
+        'rate, with a flat spot after each reversal; tilt and axial motion show none.'
+    )
+    settled_by = (
+        'A second loading rate (x4), then a repeat cycle with holds at zero and full load: the '
+        'loop keeps its height and does not close during the holds.'
+    )
+    stage = 'ring'
+    channels = ('delta_x',)
+    parameters = (
+        EffectParameter(
+            'force', 'N', 0.0, 80000.0, 8000.0, 8000.0,
+            'friction force once it has turned round', amplitude=True, one_sided=True),
+        *loop_parameters('m', 2e-7, 3e-5, 2e-6),
+    )
+
+    def extend(self, extension: RingExtension, values: Mapping[str, float]) -> RingExtension:
+        """Set the friction against delta_x."""
+        return replace(extension, radial_friction=hysteron(values['force'], values))

@@ -1,0 +1,36 @@
+"""Ovalisation of the ring: d1 and d3 += c F_x, with the same sign."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+from saddlering_ros.effects.base import Effect, EffectParameter
+from saddlering_ros.effects.extension import RingExtension
+
+
+class RingOvalisation(Effect):
+    """Ovalisation of the ring."""
+
+    id = 'ring_ovalisation'
+    title = 'Ovalisation of the ring'
+    words = (
+        'The radial force squeezes the ring a little oval, so both radial probes move the same '
+        'way. It shows in the parity (d1 + d3)/2 only, which is zero for a rigid ring, straight '
+        'in load and without loop.'
+    )
+    settled_by = (
+        'Swapped probes 1 and 3: ovalisation stays in the parity, a gain error of one probe '
+        'changes its sign.'
+    )
+    stage = 'ring'
+    channels = ('parity',)
+    parameters = (
+        EffectParameter(
+            'compliance', 'm/N', -2e-10, 2e-10, 3e-11, 0.0,
+            'common radial motion per unit of radial force', amplitude=True),
+    )
+
+    def extend(self, extension: RingExtension, values: Mapping[str, float]) -> RingExtension:
+        """Add to the ovalisation."""
+        return replace(extension, ovalisation=extension.ovalisation + values['compliance'])

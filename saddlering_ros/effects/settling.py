@@ -1,0 +1,43 @@
+"""Settling under the highest load so far: y += s max P."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+from saddlering_ros.effects.base import Choice, Effect, EffectParameter, Variant
+from saddlering_ros.effects.extension import RingExtension
+
+KNOBS = ('settling_x', 'settling_y', 'settling_tilt')
+
+
+class Settling(Effect):
+    """Settling in the first cycle."""
+
+    id = 'settling'
+    title = 'Settling in the first cycle'
+    words = (
+        'Joints, shims or asperities settle for good under the highest load yet seen. The first '
+        'cycle ends away from zero, with a loop that is open at its lower end; a second cycle to '
+        'the same load shows nothing of it.'
+    )
+    settled_by = 'A repeat cycle with holds at zero and full load: settling is gone in it.'
+    stage = 'ring'
+    channels = ('delta_x', 'delta_y', 'gamma')
+    parameters = (
+        EffectParameter(
+            'settling', 'm/N', -3e-10, 3e-10, 4e-11, 0.0,
+            'motion left per unit of the highest load; for tilt that at 1 m from the axis',
+            amplitude=True),
+    )
+    variants = (
+        Variant('delta_x', {'coordinate': 0.0}, ('delta_x',)),
+        Variant('delta_y', {'coordinate': 1.0}, ('delta_y',)),
+        Variant('gamma', {'coordinate': 2.0}, ('gamma',)),
+    )
+    choices = (Choice('coordinate', (0.0, 1.0, 2.0), '0 delta_x, 1 delta_y, 2 gamma'),)
+
+    def extend(self, extension: RingExtension, values: Mapping[str, float]) -> RingExtension:
+        """Add to the settling of one coordinate."""
+        knob = KNOBS[round(values['coordinate'])]
+        return replace(extension, **{knob: getattr(extension, knob) + values['settling']})

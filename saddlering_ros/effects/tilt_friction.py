@@ -1,0 +1,38 @@
+"""Dry friction against gamma: a hysteron over gamma takes up to its moment."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+from saddlering_ros.effects.base import Effect, EffectParameter
+from saddlering_ros.effects.extension import RingExtension
+from saddlering_ros.effects.friction_shape import hysteron, loop_parameters
+
+
+class TiltFriction(Effect):
+    """Dry friction in the axial rows."""
+
+    id = 'tilt_friction'
+    title = 'Dry friction in the axial rows'
+    words = (
+        'Friction in the axial rows or their seals resists tilting by a nearly constant moment '
+        'that turns round with the motion. Tilt (and with it axial motion) shows a loop that '
+        'does not depend on rate and comes again in every cycle.'
+    )
+    settled_by = (
+        'A repeat cycle with holds at zero and full load: friction shows the same loop again, '
+        'settling does not, drift goes on during the holds.'
+    )
+    stage = 'ring'
+    channels = ('delta_y', 'gamma')
+    parameters = (
+        EffectParameter(
+            'moment', 'N m', 0.0, 60000.0, 6000.0, 6000.0,
+            'friction moment once it has turned round', amplitude=True, one_sided=True),
+        *loop_parameters('rad', 3e-7, 5e-5, 3e-6),
+    )
+
+    def extend(self, extension: RingExtension, values: Mapping[str, float]) -> RingExtension:
+        """Set the friction against gamma."""
+        return replace(extension, tilt_friction=hysteron(values['moment'], values))

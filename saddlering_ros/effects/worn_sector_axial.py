@@ -1,0 +1,59 @@
+"""A worn arc of the axial rows: rollers there are softer, or have a larger gap."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+import math
+
+from saddlering_ros.effects.base import Choice, Effect, EffectParameter, Variant
+from saddlering_ros.effects.extension import RingExtension
+from saddlering_ros.effects.worn_arc import KIND, KINDS, STARTS, worn_arc
+
+BOTH, UPPER, LOWER = 0.0, 1.0, 2.0
+ROWS = ((BOTH, 'both rows'), (UPPER, 'upper row'), (LOWER, 'lower row'))
+
+
+class WornSectorAxial(Effect):
+    """Worn sector of the axial rows."""
+
+    id = 'worn_sector_axial'
+    title = 'Worn sector of the axial rows'
+    words = (
+        'On one arc the axial rollers or their raceway are worn, so that they carry less or come '
+        'into contact later. Tilt and axial motion are softer when the arc lies in the load zone '
+        '(front for the upper row, rear for the lower one), and right elsewhere.'
+    )
+    settled_by = 'The ring slewed by 90 deg: the arc leaves the load zone.'
+    stage = 'ring'
+    channels = ('delta_y', 'gamma')
+    parameters = (
+        EffectParameter(
+            'wear', '1', 0.0, 1.0, 0.3, 0.3,
+            'share of stiffness lost on the arc, or its extra gap in units of 0.1 mm',
+            amplitude=True, one_sided=True),
+        EffectParameter(
+            'centre', 'rad', 0.0, math.pi, 0.5, 1.2,
+            'middle of the arc from the rear (x > 0); its mirror image acts alike',
+            one_sided=True),
+        EffectParameter(
+            'half_width', 'rad', 0.15, 1.5, 0.5, 0.6,
+            'half the length of the arc', one_sided=True),
+    )
+    variants = tuple(
+        Variant(f'{row_label}, {kind_label}', {'row': row, 'kind': kind})
+        for row, row_label in ROWS for kind, kind_label in KINDS
+    )
+    choices = (Choice('row', tuple(row for row, _ in ROWS), '0 both rows, 1 upper, 2 lower'), KIND)
+    starts = STARTS
+
+    def extend(self, extension: RingExtension, values: Mapping[str, float]) -> RingExtension:
+        """Wear one axial row, or both."""
+        wear = worn_arc(values)
+        row = values['row']
+        upper, lower = extension.upper_row, extension.lower_row
+        return replace(
+            extension,
+            upper_row=upper if row == LOWER else replace(upper, wear=wear),
+            lower_row=lower if row == UPPER else replace(lower, wear=wear),
+        )
