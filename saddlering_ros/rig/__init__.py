@@ -1,30 +1,30 @@
 """What the rig is: geometry, loads, probes, contact parameters, and the files that hold them."""
 
 from saddlering_ros.rig.contact import (
+    ContactParameters,
     PARAMETER_NAMES,
     PARAMETER_UNITS,
     TRUE_TO_SCALE,
-    ContactParameters,
 )
 from saddlering_ros.rig.description import (
     Carriage,
-    Probes,
-    Rig,
-    RollerRow,
-    Trunnion,
     check_bounds,
     default_rig,
     load_rig,
+    Probes,
+    Rig,
     rig_from_parameters,
+    RollerRow,
     shipped_rig_file,
+    Trunnion,
 )
 from saddlering_ros.rig.errors import RigError
-from saddlering_ros.rig.loads import ResolvedLoad, resolve_load
+from saddlering_ros.rig.loads import resolve_load, ResolvedLoad
 from saddlering_ros.rig.parameter_file import (
-    ParameterSet,
-    ParameterSource,
     parameters_from_mapping,
     parameters_to_mapping,
+    ParameterSet,
+    ParameterSource,
     read_parameters,
     write_parameters,
     write_text_atomically,
@@ -38,12 +38,12 @@ from saddlering_ros.rig.probes import (
 )
 from saddlering_ros.rig.units import (
     FULL_SCALE_LOAD,
-    TONNE,
     line_contact_stiffness,
     stiffness_per_metre,
     stiffness_per_millimetre,
+    TONNE,
 )
-from saddlering_ros.rig.zeroing import ZeroReading, ZeroWindow, zero_of_record
+from saddlering_ros.rig.zeroing import zero_of_record, ZeroReading, ZeroWindow
 
 __all__ = [
     'CHANNELS', 'FULL_SCALE_LOAD', 'PARAMETER_NAMES', 'PARAMETER_UNITS', 'TONNE', 'TRUE_TO_SCALE',

@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-import math
-import os
-import tempfile
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+import math
+import os
 from pathlib import Path
+import tempfile
 from typing import Any
 
 import numpy as np
-import yaml
 from numpy.typing import NDArray
+import yaml
 
-from saddlering_ros.rig.contact import PARAMETER_NAMES, ContactParameters
+from saddlering_ros.rig.contact import ContactParameters, PARAMETER_NAMES
 from saddlering_ros.rig.errors import RigError
 from saddlering_ros.rig.ros_yaml import read_ros_parameters
 from saddlering_ros.rig.units import stiffness_per_millimetre

@@ -1,13 +1,13 @@
 """What the ring does: contact, equilibrium, dynamics; a readable reference and the fast kernels."""
 
 from saddlering_ros.ring.simulator import (
+    dynamic_batch,
+    probe_batch,
     RingSimulator,
+    simulate,
     SimulatedRun,
     SimulatedSample,
     SimulationError,
-    dynamic_batch,
-    probe_batch,
-    simulate,
     static_batch,
     static_response,
 )

@@ -25,7 +25,7 @@ RAMP = 1e-6
 DAMPING_REFERENCE = 50e-6
 """Penetration at which penetration-proportional damping equals D [m]."""
 
-STEP_TOLERANCE = 3e-9
+STEP_TOLERANCE = 1e-9
 """A Newton update below this [m] is the last: the next would be below 1e-12 m (quadratic)."""
 
 LARGEST_ITERATIONS = 60
@@ -188,7 +188,7 @@ def ring_forces(m, rows, uniform, q, v, kappa, scratch, bits, sums, force, tange
 
 @nb.njit(cache=True, nogil=True, error_model='numpy')
 def solve3(a, r, out):  # type: ignore[no-untyped-def]
-    """out = a^-1 r for a symmetric positive definite 3 x 3 (Cholesky); False if it is not."""
+    """Out = a^-1 r for a symmetric positive definite 3 x 3 (Cholesky); False if it is not."""
     l00 = a[0, 0]
     if l00 <= 0.0:
         return False
@@ -262,7 +262,8 @@ def equilibrium(m, rows, uniform, external, q, scratch, bits, sums):  # type: ig
                 break
             factor *= 0.5
         if not accepted:
-            return -1
+            # Rounding ends the descent; what is left is compared with the load's own size.
+            return iteration if largest <= 1e-7 * scale else -1
         for i in range(3):
             q[i] = trial[i]
         energy = new_energy
@@ -308,7 +309,7 @@ def low_pass(state, old, new, dt, time_constant):  # type: ignore[no-untyped-def
 
 @nb.njit(cache=True, nogil=True, error_model='numpy')
 def series_motion(m, s, resolved, load, motion):  # type: ignore[no-untyped-def]
-    """motion (3,): contact motion plus series compliances, settling (before creep and resonance)."""
+    """Motion (3,): contact motion plus series compliances, settling (before creep and resonance)."""
     highest = s[at.HIGHEST_LOAD]
     motion[0] = (s[at.Q] + m[at.RADIAL_COMPLIANCE] * resolved[0] + m[at.SETTLING_X] * highest)
     motion[1] = (s[at.Q + 1] + m[at.AXIAL_COMPLIANCE] * resolved[1] + m[at.SETTLING_Y] * highest)
@@ -432,8 +433,7 @@ def implicit_step(m, rows, uniform, s, h, external, friction, work, scratch, bit
     for i in range(3):
         q[i] = s[at.Q + i]
         if 0.0 < ratio <= 2.0:
-            q[i] += longest_extrapolation * (s[at.V + i]
-                                             + 0.5 * longest_extrapolation * s[at.A + i])
+            q[i] += longest_extrapolation * s[at.V + i]
     radius = m[at.RADIUS]
     previous = 1e300
     damp = 1.0
@@ -471,11 +471,9 @@ def implicit_step(m, rows, uniform, s, h, external, friction, work, scratch, bit
         if size < STEP_TOLERANCE and limit == 1.0:
             for i in range(3):
                 v_new = c0 * q[i] + c1 * s[at.Q + i] + c2 * s[at.Q_OLD + i]
-                a_new = c0 * v_new + c1 * s[at.V + i] + c2 * s[at.V_OLD + i]
                 step[i] = q[i] - s[at.Q + i]
                 s[at.Q_OLD + i], s[at.Q + i] = s[at.Q + i], q[i]
                 s[at.V_OLD + i], s[at.V + i] = s[at.V + i], v_new
-                s[at.A + i] = a_new
             s[at.STEP_OLD] = h
             if friction:
                 s[at.RADIAL_Z], s[at.RADIAL_Z + 1], _, _ = hysteron(
@@ -485,6 +483,30 @@ def implicit_step(m, rows, uniform, s, h, external, friction, work, scratch, bit
                     s[at.TILT_Z], s[at.TILT_Z + 1], step[2],
                     m[at.TILT_PRESLIDING], m[at.TILT_SHARPNESS])
             return iteration + 1
+    return -1
+
+
+@nb.njit(cache=True, nogil=True, error_model='numpy')
+def robust_step(m, rows, uniform, s, h, external, friction, work, scratch, bits):  # type: ignore[no-untyped-def]
+    """One implicit step; where Newton fails on a kink, the same step in 4, 16 ... 4096 parts."""
+    used = implicit_step(m, rows, uniform, s, h, external, friction, work, scratch, bits)
+    if used >= 0:
+        return used
+    before = s.copy()
+    pieces = 1
+    while pieces < 4096:
+        pieces *= 4
+        used = 0
+        for _ in range(pieces):
+            more = implicit_step(m, rows, uniform, s, h / pieces, external, friction, work, scratch,
+                                 bits)
+            if more < 0:
+                used = -1
+                break
+            used += more
+        if used >= 0:
+            return used
+        s[:] = before
     return -1
 
 
@@ -526,12 +548,12 @@ def advance(m, rows, uniform, s, time, load, max_step, q_out, d_out):  # type: i
                 s[at.MEASURED_LOAD] = measured
                 s[at.HIGHEST_LOAD] = max(s[at.HIGHEST_LOAD], measured)
                 true_load = load_at_ring(m, measured, z_cylinder, z_bracket, external, resolved)
-                used = implicit_step(m, rows, uniform, s, h, external, friction, work, scratch, bits)
+                used = robust_step(m, rows, uniform, s, h, external, friction, work, scratch, bits)
                 if used < 0:
                     s[at.TROUBLE] += 1.0
                     s[at.STEP_OLD] = 0.0
                     for i in range(3):
-                        s[at.V + i] = s[at.V_OLD + i] = s[at.A + i] = 0.0
+                        s[at.V + i] = s[at.V_OLD + i] = 0.0
                     for i in range(3):
                         motion[i] = s[at.Q + i]
                     if equilibrium(m, rows, uniform, external, motion, scratch, bits, work[0]) >= 0:

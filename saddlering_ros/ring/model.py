@@ -9,9 +9,9 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from saddlering_ros.effects.extension import Hysteron, NO_EXTENSION, RingExtension, RowGeometry
 from saddlering_ros.rig import ContactParameters, Rig, RollerRow
 from saddlering_ros.ring import layout as at
-from saddlering_ros.effects.extension import NO_EXTENSION, Hysteron, RingExtension, RowGeometry
 
 Floats = NDArray[np.float64]
 

@@ -2,30 +2,30 @@
 
 from __future__ import annotations
 
-import os
 from collections import deque
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import lru_cache
+import os
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from saddlering_ros.effects import extension_of
+from saddlering_ros.effects.extension import NO_EXTENSION, RingExtension
 from saddlering_ros.errors import SaddleringError
 from saddlering_ros.rig import (
     Displacement,
     ParameterSet,
+    probes_to_displacement,
     Rig,
+    zero_of_record,
     ZeroReading,
     ZeroWindow,
-    probes_to_displacement,
-    zero_of_record,
 )
 from saddlering_ros.ring import kernels
 from saddlering_ros.ring import layout as at
-from saddlering_ros.effects.extension import NO_EXTENSION, RingExtension
 from saddlering_ros.ring.model import build_model, rows_of, scalars_of, stack_rows, with_contact
 
 Floats = NDArray[np.float64]

@@ -1,0 +1,147 @@
+"""Claims about the fast simulator: it agrees with the reference, and live equals offline."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from saddlering_ros.effects import catalogue, NO_EXTENSION
+from saddlering_ros.rig import (
+    ContactParameters,
+    default_rig,
+    FULL_SCALE_LOAD,
+    PARAMETER_NAMES,
+    ParameterSet,
+    TONNE,
+    TRUE_TO_SCALE,
+)
+from saddlering_ros.ring import (
+    dynamic_batch,
+    probe_batch,
+    reference,
+    RingSimulator,
+    simulate,
+    SimulationError,
+    static_batch,
+)
+
+RIG = default_rig()
+STATIC_LOADS = np.concatenate([np.arange(1, 26), np.arange(24, 0, -1)]) * TONNE
+
+
+def draw_contacts(count: int, seed: int) -> np.ndarray:
+    """Contact laws (count, 6) over the whole identification box, K and D uniform in logarithm."""
+    random = np.random.default_rng(seed)
+    low, high = np.array([RIG.bounds[name] for name in PARAMETER_NAMES]).T
+    logarithmic = np.array([name[0] != 'n' for name in PARAMETER_NAMES])
+    u = random.random((count, 6))
+    return np.where(logarithmic, low * (high / low) ** u, low + (high - low) * u)
+
+
+def dynamic_record(seconds: float = 2.0, rate: float = 1000.0) -> tuple[np.ndarray, np.ndarray]:
+    time = np.arange(0.0, seconds, 1.0 / rate)
+    load = np.interp(time, [0, 0.2, 0.5 * seconds, seconds - 0.2, seconds],
+                     [RIG.preload, RIG.preload, FULL_SCALE_LOAD, RIG.preload, RIG.preload])
+    return time, load + np.random.default_rng(3).normal(0.0, 50.0, time.size)
+
+
+@pytest.mark.parametrize('degrees', [50.0, 70.0])
+def test_static_displacements_agree_with_the_304_roller_sum_over_the_box(degrees: float) -> None:
+    contacts = draw_contacts(40, seed=1)
+    loads = STATIC_LOADS[::6]
+    fast = static_batch(RIG, contacts, np.deg2rad(degrees), loads)
+    for contact, motion in zip(contacts, fast, strict=True):
+        law = ContactParameters.from_array(contact)
+        for load, q in zip(loads, motion.T, strict=True):
+            plain = reference.static_equilibrium(RIG, law, load, np.deg2rad(degrees), start=q)
+            assert q == pytest.approx(plain, abs=1e-10)
+
+
+def test_dynamic_displacements_agree_with_the_304_roller_sum_over_the_box() -> None:
+    time, load = dynamic_record(0.8)
+    contacts = draw_contacts(12, seed=2)
+    fast = dynamic_batch(RIG, contacts, np.deg2rad(50.0), time, load)
+    for contact, motion in zip(contacts, fast, strict=True):
+        law = ContactParameters.from_array(contact)
+        plain = reference.simulate_dynamic(RIG, law, np.deg2rad(50.0), time, load)
+        assert motion == pytest.approx(plain, abs=1e-9)
+
+
+def test_a_middle_row_off_the_mid_plane_couples_tilt_and_radial_motion_as_in_the_reference() -> None:
+    from dataclasses import replace
+    rig = replace(RIG, middle_row=replace(RIG.middle_row, height=0.08))
+    time, load = dynamic_record(0.4)
+    fast = dynamic_batch(rig, TRUE_TO_SCALE.to_array()[None], np.deg2rad(50.0), time, load)[0]
+    plain = reference.simulate_dynamic(rig, TRUE_TO_SCALE, np.deg2rad(50.0), time, load)
+    assert fast == pytest.approx(plain, abs=1e-9)
+
+
+def test_pushing_samples_one_by_one_gives_the_whole_records_numbers_to_the_last_bit() -> None:
+    time, load = dynamic_record()
+    effects = {name: {p.name: (p.scale if p.amplitude else p.start) for p in effect.parameters}
+               for name, effect in catalogue().items() if name in
+               ('radial_friction', 'film_creep', 'probe_lag', 'settling', 'clock_offset')}
+    for chosen in ({}, effects):
+        parameters = ParameterSet(TRUE_TO_SCALE, chosen)
+        whole = simulate(RIG, parameters, np.deg2rad(50.0), time, load)
+        live = RingSimulator(RIG, parameters, np.deg2rad(50.0))
+        samples = [out for t, p in zip(time, load, strict=True) for out in live.push(t, p)]
+        assert len(samples) == whole.time.size > 0
+        assert np.array_equal(np.array([sample.probes for sample in samples]).T, whole.probes)
+        assert [sample.displacement.gamma for sample in samples] == list(whole.displacement.gamma)
+
+
+def test_a_negative_clock_offset_waits_for_the_load_it_needs() -> None:
+    time, load = dynamic_record()
+    parameters = ParameterSet(TRUE_TO_SCALE, {'clock_offset': {'offset': -0.0125}})
+    live = RingSimulator(RIG, parameters, np.deg2rad(50.0))
+    samples = [out for t, p in zip(time, load, strict=True) for out in live.push(t, p)]
+    assert samples[-1].time == pytest.approx(time[-1] - 0.0125, abs=2e-3)
+    plain = simulate(RIG, ParameterSet(TRUE_TO_SCALE), np.deg2rad(50.0), time, load)
+    late = np.interp(np.array([s.time for s in samples]) + 0.0125, plain.time, plain.probes[0])
+    assert np.array([s.probes[0] for s in samples]) == pytest.approx(late, abs=1e-12)
+
+
+def test_reset_forgets_the_past_completely() -> None:
+    time, load = dynamic_record(0.8)
+    simulator = RingSimulator(RIG, ParameterSet(TRUE_TO_SCALE), np.deg2rad(50.0))
+    first = [out for t, p in zip(time, load, strict=True) for out in simulator.push(t, p)]
+    simulator.reset()
+    again = [out for t, p in zip(time, load, strict=True) for out in simulator.push(t, p)]
+    assert [sample.probes.tolist() for sample in first] == [s.probes.tolist() for s in again]
+
+
+def test_a_batch_gives_each_member_the_numbers_it_gets_alone() -> None:
+    time, load = dynamic_record(0.6)
+    contacts = draw_contacts(5, seed=4)
+    together = probe_batch(RIG, [(c, NO_EXTENSION) for c in contacts], 0.9, time, load)
+    for contact, increments in zip(contacts, together, strict=True):
+        alone = probe_batch(RIG, [(contact, NO_EXTENSION)], 0.9, time, load)[0]
+        assert np.array_equal(alone, increments)
+
+
+def test_a_long_gap_between_samples_is_stepped_through_not_jumped() -> None:
+    time, load = dynamic_record()
+    keep = (time < 0.5) | (time > 0.6)
+    full = simulate(RIG, ParameterSet(TRUE_TO_SCALE), 0.9, time, load)
+    cut = simulate(RIG, ParameterSet(TRUE_TO_SCALE), 0.9, time[keep], load[keep])
+    assert cut.trouble == 0
+    assert cut.displacement.delta_x[-1] == pytest.approx(full.displacement.delta_x[-1], abs=1e-9)
+
+
+def test_no_step_fails_over_the_box_even_with_coarse_noisy_samples() -> None:
+    time, load = dynamic_record(4.0, rate=20.0)
+    for contact in draw_contacts(25, seed=5):
+        law = ParameterSet(ContactParameters.from_array(contact))
+        assert simulate(RIG, law, 0.9, time, load, max_step=0.1).trouble == 0
+
+
+@pytest.mark.parametrize('time,load,words', [
+    ([0.0, 1.0], [1.0, np.nan], 'not finite'),
+    ([0.0, 1.0, 0.5], [1.0, 1.0, 1.0], 'does not rise at sample 2'),
+    ([], [], 'do not fit'),
+])
+def test_a_record_that_cannot_be_simulated_is_refused_in_one_line(
+        time: list[float], load: list[float], words: str) -> None:
+    with pytest.raises(SimulationError, match=words):
+        simulate(RIG, ParameterSet(TRUE_TO_SCALE), 0.9, time, load)
