@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 import math
 from pathlib import Path
 
@@ -134,7 +134,8 @@ def read_run(
     """
     record = read_raw(path)
     facts = usable_facts(record.path, record.facts, test, elevation)
-    return run_of_record(record, facts)
+    run = run_of_record(record, facts)
+    return run if elevation is None else replace(run, elevation=float(elevation))
 
 
 def usable_facts(

@@ -32,7 +32,9 @@ def regular(count: int, period: int = MILLISECOND, start: int = EPOCH) -> np.nda
 def rows_of_stream(load_stamps, load, probe_stamps, gaps, order=None) -> list[AlignedRow]:
     """Push everything in stamp order (or in the order given) and collect the rows."""
     aligner = StreamAligner(max_wait=1e6)
-    samples = [(int(stamp), -1, float(value)) for stamp, value in zip(load_stamps, load, strict=True)]
+    samples = [
+        (int(stamp), -1, float(value))
+        for stamp, value in zip(load_stamps, load, strict=True)]
     for probe in range(4):
         samples += [
             (int(stamp), probe, float(value))

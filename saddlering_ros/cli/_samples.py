@@ -1,0 +1,134 @@
+"""What `displacement` and `simulate` share: their options, and how they show and keep samples."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any, TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from saddlering_ros.bags import TestRun
+    from saddlering_ros.bags.samples import DisplacementSamples
+    from saddlering_ros.rig import ZeroReading
+
+PER_MILLION = 1e6
+UNITS = {'delta_x': 'um', 'delta_y': 'um', 'gamma': 'urad', 'parity': 'um'}
+
+
+def add_bag_options(parser: argparse.ArgumentParser) -> None:
+    """Options that say how to read the bag."""
+    parser.add_argument('bag', metavar='BAG', help='rosbag2 directory or .mcap file')
+    parser.add_argument('--rig', type=Path, help='rig file (default: the shipped rig)')
+    add_fact_options(parser)
+
+
+def add_fact_options(parser: argparse.ArgumentParser) -> None:
+    """Options that win over what the bag says of its test."""
+    parser.add_argument('--test', choices=('static', 'dynamic'),
+                        help='kind of test, over what the bag says')
+    parser.add_argument('--elevation', type=float, metavar='DEG',
+                        help='elevation, over what the bag says')
+
+
+def add_output_options(parser: argparse.ArgumentParser) -> None:
+    """Options that say where the samples go."""
+    parser.add_argument('--out', metavar='FILE',
+                        help='write the samples here (.csv or .parquet); - for CSV on stdout')
+    parser.add_argument('--json', metavar='FILE', help='write a summary as JSON; - for stdout')
+
+
+def check_outputs(args: argparse.Namespace) -> None:
+    """Refuse outputs that cannot be, before any work is done."""
+    from saddlering_ros.bags import BagError
+    from saddlering_ros.bags.samples import check_table_path
+
+    if args.out == '-' and args.json == '-':
+        raise BagError('--out - and --json -: only one of them can have stdout')
+    if args.out is not None and args.out != '-':
+        check_table_path(Path(args.out))
+
+
+def radians(degrees: float | None) -> float | None:
+    """Degrees as typed, in radians."""
+    import math
+
+    return None if degrees is None else math.radians(degrees)
+
+
+def deliver(
+    args: argparse.Namespace, run: TestRun, samples: DisplacementSamples, zero: ZeroReading,
+    what: str, notes: list[str],
+) -> None:
+    """Write what was asked for; without --out or --json on stdout, print a summary."""
+    import json
+    import sys
+
+    from saddlering_ros.bags.samples import csv_lines, write_samples
+    from saddlering_ros.rig import write_text_atomically
+
+    document = json.dumps(_summary(run, samples, zero, notes), indent=2)
+    if args.out is not None and args.out != '-':
+        write_samples(Path(args.out), samples)
+    if args.json is not None and args.json != '-':
+        write_text_atomically(Path(args.json), document + '\n')
+    if args.json == '-':
+        print(document)
+    elif args.out == '-':
+        sys.stdout.writelines(csv_lines(samples))
+    else:
+        _print_summary(args, run, samples, zero, what, notes)
+
+
+def _summary(
+    run: TestRun, samples: DisplacementSamples, zero: ZeroReading, notes: list[str],
+) -> dict[str, Any]:
+    import math
+
+    columns = samples.columns()
+    channels = {
+        name: {'min': float(columns[name].min()), 'max': float(columns[name].max()),
+               'last': float(columns[name][-1])}
+        for name in UNITS} if len(samples) else {}
+    return {
+        'bag': str(run.path), 'test': run.test, 'elevation_deg': math.degrees(run.elevation),
+        'samples': len(samples), 'load_samples': len(run.stamps),
+        'duration': float(run.time[-1]), 'load_max': float(run.load.max()),
+        'zero': {'load': zero.load, 'near_preload': zero.near_preload},
+        'channels': channels, 'notes': notes}
+
+
+def _print_summary(
+    args: argparse.Namespace, run: TestRun, samples: DisplacementSamples, zero: ZeroReading,
+    what: str, notes: list[str],
+) -> None:
+    import math
+
+    from rich import box
+    from rich.table import Table
+
+    from saddlering_ros.cli._console import stdout_console
+    from saddlering_ros.rig import TONNE
+
+    console = stdout_console()
+    console.print(
+        f'{run.name}: {run.test} test at {math.degrees(run.elevation):g} deg, {what} at '
+        f'{len(samples)} of {len(run.stamps)} load stamps over {run.time[-1]:.3f} s')
+    console.print(f'zero at {zero.load / TONNE:.3f} t'
+                  f'{"" if zero.near_preload else " (not near the preload)"}')
+    table = Table(box=box.SIMPLE_HEAD)
+    table.add_column('channel')
+    for title in ('lowest', 'highest', 'at peak load', 'last'):
+        table.add_column(title, justify='right')
+    table.add_column('unit')
+    columns = samples.columns()
+    peak = int(columns['load'].argmax()) if len(samples) else 0
+    for name, unit in UNITS.items():
+        if len(samples):
+            values = columns[name] * PER_MILLION
+            shown = (values.min(), values.max(), values[peak], values[-1])
+            table.add_row(name, *(f'{value:.2f}' for value in shown), unit)
+    console.print(table)
+    for note in notes:
+        console.print(f'note: {note}', highlight=False)
+    if args.out is not None:
+        console.print(f'written: {args.out}', highlight=False)

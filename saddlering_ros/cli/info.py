@@ -1,0 +1,121 @@
+"""`saddlering info`: what is in a bag, and what is wrong with it."""
+
+from __future__ import annotations
+
+import argparse
+from typing import Any, TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from saddlering_ros.bags import BagInfo, TopicInfo
+
+
+def add_parser(subparsers: Any) -> None:
+    """Declare the subcommand."""
+    from saddlering_ros.cli._samples import add_fact_options
+
+    parser = subparsers.add_parser('info', help='what is in a bag, and what is wrong with it')
+    parser.add_argument('bags', nargs='+', metavar='BAG', help='rosbag2 directory or .mcap file')
+    add_fact_options(parser)
+    parser.add_argument('--json', metavar='FILE', help='write all of it as JSON; - for stdout')
+
+
+def run(args: argparse.Namespace) -> int:
+    """Show every bag; status 2 if one of them cannot be used."""
+    import json
+    from pathlib import Path
+    import sys
+
+    from saddlering_ros.bags import bag_info, BagError
+    from saddlering_ros.cli._samples import radians
+    from saddlering_ros.rig import write_text_atomically
+
+    problems = []
+    documents = []
+    for bag in args.bags:
+        try:
+            info = bag_info(bag, test=args.test, elevation=radians(args.elevation))
+        except BagError as problem:
+            problems.append(str(problem))
+            documents.append({'path': bag, 'usable': False, 'problems': [str(problem)]})
+            continue
+        problems += info.problems[:1]
+        documents.append(info.as_dict())
+        if args.json != '-':
+            _print_info(info)
+    document = json.dumps(documents, indent=2)
+    if args.json == '-':
+        print(document)
+    elif args.json is not None:
+        write_text_atomically(Path(args.json), document + '\n')
+    if not problems:
+        return 0
+    sys.stdout.flush()
+    more = f' (and {len(problems) - 1} more unusable bags)' if len(problems) > 1 else ''
+    print(f'saddlering info: {problems[0]}{more}', file=sys.stderr)
+    return 2
+
+
+def _print_info(info: BagInfo) -> None:
+    from rich import box
+    from rich.table import Table
+    from rich.text import Text
+
+    from saddlering_ros.cli._console import stdout_console
+
+    console = stdout_console()
+    console.print(Text(str(info.path), style='bold'))
+    facts = Table(box=None, show_header=False, padding=(0, 2))
+    for name, value in _facts(info):
+        facts.add_row(name, value)
+    console.print(facts)
+    topics = Table(box=box.SIMPLE_HEAD)
+    for title in ('topic', 'type'):
+        topics.add_column(title, overflow='fold')
+    for title in ('messages', 'rate', 'from', 'to', 'gaps', 'lowest', 'highest'):
+        topics.add_column(title, justify='right')
+    for topic in info.topics:
+        topics.add_row(*_topic_row(topic))
+    console.print(topics)
+    for problem in info.problems:
+        console.print(Text(f'  wrong: {problem}', style='red'))
+    for note in info.notes:
+        console.print(Text(f'  note: {note}', style='yellow'))
+    if not info.problems:
+        console.print(Text('  usable', style='green'))
+    console.print()
+
+
+def _facts(info: BagInfo) -> list[tuple[str, str]]:
+    import math
+
+    from saddlering_ros.rig import TONNE
+
+    found = info.facts
+    elevation = 'not said' if found.elevation_deg is None else f'{found.elevation_deg:g} deg'
+    low, high = info.load_range
+    rows = [('test', found.test or 'not said'), ('elevation', elevation)]
+    rows += [(name, value) for name, value in (('rig', found.rig), ('run', found.run)) if value]
+    files = '1 file' if info.files == 1 else f'{info.files} files'
+    rows.append(('storage', f'{files}, {info.size / 1e6:.2f} MB, {info.message_count} messages, '
+                 f'compression {", ".join(info.compressions) or "unknown"}'))
+    if not math.isnan(info.duration):
+        rows.append(('duration', f'{info.duration:.3f} s'))
+    if not math.isnan(high):
+        rows.append(('load', f'{low / TONNE:.3f} to {high / TONNE:.3f} t'))
+    if info.plateaus is not None:
+        rows.append(('plateaus', str(info.plateaus)))
+    return rows
+
+
+def _topic_row(topic: TopicInfo) -> tuple[str, ...]:
+    import math
+
+    if math.isnan(topic.rate):
+        return (topic.topic, topic.type, str(topic.count), *[''] * 6)
+    gaps = f'{topic.gaps} (<= {topic.longest_gap:.3f} s)' if topic.gaps else '0'
+    if topic.type.startswith('geometry_msgs'):
+        values = [f'{value:.0f} N' for value in (topic.lowest, topic.highest)]
+    else:
+        values = [f'{value * 1e6:.2f} um' for value in (topic.lowest, topic.highest)]
+    return (topic.topic, topic.type, str(topic.count), f'{topic.rate:.1f} Hz',
+            f'{topic.start:.3f} s', f'{topic.start + topic.duration:.3f} s', gaps, *values)
