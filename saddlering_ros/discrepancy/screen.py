@@ -115,7 +115,8 @@ def measure_signatures(
         for column, (effect, variant, start) in enumerate(wanted[begin: begin + 64]):
             length = float(np.linalg.norm(left[:, column]))
             found.append(Signature(
-                effect, variant, start, effect.size.from_unit(float(start[0])), left[:, column],
+                effect, variant, start,
+                effect.size.from_unit(float(start[0])) - effect.neutral, left[:, column],
                 length / max(float(lengths[column]), 1e-300), length,
                 visible_share(likelihood, plain[:, column], ranges),
             ))
@@ -158,11 +159,15 @@ def rank(
     for item, squared, product in zip(usable, lengths, inner, strict=True):
         if squared <= 1e-12 * item.length**2 or item.size == 0.0:
             continue
-        low, high = sorted((item.effect.size.low / item.size, item.effect.size.high / item.size))
+        neutral = item.effect.neutral
+        low, high = sorted((
+            (item.effect.size.low - neutral) / item.size,
+            (item.effect.size.high - neutral) / item.size,
+        ))
         factor = float(np.clip(product / squared, max(low, -5.0), min(high, 5.0)))
         gain = float(2.0 * factor * product - factor**2 * squared)
         start = item.places.copy()
-        start[0] = np.clip(item.effect.size.to_unit(item.size * factor), 1e-3, 1.0 - 1e-3)
+        start[0] = np.clip(item.effect.size.to_unit(neutral + item.size * factor), 1e-3, 1.0 - 1e-3)
         if item.key not in best or gain > best[item.key].gain:
             best[item.key] = Score(item.effect, item.variant, gain, start)
     return sorted(best.values(), key=lambda score: -score.gain)
@@ -183,7 +188,8 @@ def detectability(
         share = max(item.share for item in members)
         limit = _size_at(members, [item.length for item in members], needed)
         material = _size_at(members, [item.visible for item in members], materiality)
-        reach = max(abs(size.low), abs(size.high))
+        neutral = members[0].effect.neutral
+        reach = max(abs(size.low - neutral), abs(size.high - neutral))
         testable = share >= LEAST_SHARE and limit <= reach
         answers.append(Detectability(name, share, limit, material, size.unit, testable))
     return answers

@@ -63,7 +63,7 @@ class Parameter:
 
 @dataclass(frozen=True)
 class Effect:
-    """One possible cause: its first parameter is its size, zero (or nearly so) meaning absent.
+    """One possible cause: its first parameter is its size, `neutral` of it meaning absent.
 
     `variants` are discrete choices inside one cause, such as which of four sensors; each is a set of
     fixed values passed on with the fitted ones. `starts` are first guesses tried by the screening;
@@ -76,6 +76,7 @@ class Effect:
     starts: tuple[Mapping[str, float], ...] = ()
     title: str = ''
     settled_by: str = ''
+    neutral: float = 0.0
 
     @property
     def size(self) -> Parameter:
@@ -83,7 +84,7 @@ class Effect:
 
     @property
     def one_sided(self) -> bool:
-        return self.size.low >= 0.0
+        return self.size.low >= self.neutral or self.size.high <= self.neutral
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,86 @@
+"""`saddlering diagnose`: what the simulation gets wrong in bags, and why."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+
+def add_parser(subparsers: Any) -> None:
+    """Declare the subcommand."""
+    parser = subparsers.add_parser('diagnose', help='show and name what the simulation gets wrong')
+    parser.add_argument('bags', nargs='+', metavar='BAG', help='runs to explain')
+    parser.add_argument('--hold-out', nargs='+', default=[], metavar='BAG',
+                        help='runs kept sealed, on which the gain is measured')
+    parser.add_argument('--rig', type=Path, help='rig file (default: the shipped rig)')
+    parser.add_argument('--params', type=Path, help='parameter file to start from')
+    parser.add_argument('--json', metavar='FILE', help='write the verdict as JSON; - for stdout')
+    parser.add_argument('--report', type=Path, metavar='FILE.html', help='write a report')
+    parser.add_argument('--out', type=Path, help='write the extended parameter file here')
+    parser.add_argument('--seed', type=int, default=0, help='seed of the base fit (default 0)')
+
+
+def run(args: argparse.Namespace) -> int:
+    """Diagnose and print, write or emit the verdict."""
+    import os
+
+    # Many small products: BLAS threads only get in each other's way (and in the simulator's).
+    for name in ('OPENBLAS_NUM_THREADS', 'OMP_NUM_THREADS', 'MKL_NUM_THREADS'):
+        os.environ.setdefault(name, '1')
+    import json
+
+    from saddlering_ros.diagnosis import diagnose_bags
+    from saddlering_ros.diagnosis.summary import verdict_text
+    from saddlering_ros.rig import load_rig, read_parameters, write_parameters
+    from saddlering_ros.rig import write_text_atomically
+
+    rig = load_rig(args.rig)
+    parameters = None if args.params is None else read_parameters(args.params)
+    with _Bar() as bar:
+        verdict = diagnose_bags(
+            args.bags, args.hold_out, rig, parameters, on_progress=bar.show, seed=args.seed
+        )
+    if args.out is not None:
+        write_parameters(args.out, verdict.extended_parameters())
+    if args.report is not None:
+        from saddlering_ros.report import write_diagnosis_report
+
+        write_diagnosis_report(verdict, args.report)
+    document = json.dumps(verdict.to_json(), indent=2)
+    if args.json == '-':
+        print(document)
+        return 0
+    if args.json is not None:
+        write_text_atomically(Path(args.json), document + '\n')
+    print(verdict_text(verdict))
+    for path in (args.out, args.report):
+        if path is not None:
+            print(f'written: {path}')
+    return 0
+
+
+class _Bar:
+    """A progress bar on stderr, if that is a terminal; otherwise nothing at all."""
+
+    def __enter__(self) -> _Bar:
+        import sys
+
+        self._progress: Any = None
+        if sys.stderr.isatty():
+            from rich.console import Console
+            from rich.progress import Progress
+
+            self._progress = Progress(console=Console(stderr=True), transient=True)
+            self._progress.start()
+            self._task = self._progress.add_task('diagnose', total=1.0)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._progress is not None:
+            self._progress.stop()
+
+    def show(self, stage: str, share: float) -> None:
+        """Show how far the diagnosis is."""
+        if self._progress is not None:
+            self._progress.update(self._task, completed=share, description=stage)

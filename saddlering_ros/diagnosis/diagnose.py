@@ -1,0 +1,297 @@
+"""Bags in, verdict out: records, ring system, engine, and the JSON that interfaces.md promises."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from saddlering_ros.bags import TestRun, read_run
+from saddlering_ros.diagnosis.proposals import GENERAL_ADVICE, propose
+from saddlering_ros.diagnosis.records import (
+    Array, build_record, check_set, DiagnosisError, Record,
+)
+from saddlering_ros.diagnosis.ring_system import RingSystem
+from saddlering_ros.discrepancy import Cause, diagnose, Diagnosis, Settings
+from saddlering_ros.discrepancy.engine import Evidence
+from saddlering_ros.discrepancy.lack_of_fit import ShapeTest
+from saddlering_ros.rig import (
+    CHANNELS, ContactParameters, ParameterSet, ParameterSource, probes_to_displacement, Rig,
+)
+
+__all__ = ['DiagnosisError', 'Verdict', 'diagnose_bags', 'diagnose_runs']
+
+
+@dataclass(frozen=True)
+class ChannelFigures:
+    """One channel of one run: rms misfit over the channel's measured range, and the noise's."""
+
+    nrmse_before: float
+    nrmse_after: float
+    noise_floor: float
+
+
+@dataclass(frozen=True)
+class RunFigures:
+    """One run with its channels, and its arrays: displacement (4, N) in the order of CHANNELS."""
+
+    record: Record
+    channels: Mapping[str, ChannelFigures]
+    measured: Array
+    before: Array
+    after: Array
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """The verdict on a set of bags: the engine's diagnosis with what the ring adds to it."""
+
+    diagnosis: Diagnosis
+    runs: tuple[RunFigures, ...]
+    notes: tuple[str, ...]
+    next_test: str | None
+    rig: Rig
+    seed: int
+
+    @property
+    def verdict(self) -> str:
+        return self.diagnosis.verdict
+
+    def extended_parameters(self) -> ParameterSet:
+        """Contact parameters after the diagnosis, with the effects found."""
+        found = self.diagnosis
+        values = np.array([estimate.value for estimate in found.base_after.values()])
+        effects = {
+            cause.effect.id: {name: item.value for name, item in cause.estimates.items()}
+            for cause in found.causes
+        } if found.verdict in ('named', 'ambiguous') else {}
+        bags = tuple(str(figures.record.test_run.path) for figures in self.runs
+                     if not figures.record.run.held_out)
+        source = ParameterSource(
+            method='diagnose', bags=bags, objective=float(found.after.misfit),
+            covariance=found.base_covariance, note=f'verdict {found.verdict}, seed {self.seed}',
+        )
+        return ParameterSet(ContactParameters.from_array(values), effects, source)
+
+    def to_json(self) -> dict[str, Any]:
+        """The contract of interfaces.md, with additions beside it."""
+        found = self.diagnosis
+        after: dict[str, float] = {}
+        for name, estimate in found.base_after.items():
+            after[name], after[f'{name}_std'] = estimate.value, estimate.std
+        document = {
+            'verdict': found.verdict,
+            'causes': self._causes(),
+            'runs': [_run_json(figures) for figures in self.runs],
+            'parameters': {
+                'before': {name: item.value for name, item in found.base_before.items()},
+                'after': after,
+            },
+            'next_test': self.next_test,
+            'detection_limits': [
+                {'effect': item.effect, 'limit': item.limit, 'material_limit': item.material_limit,
+                 'unit': item.unit, 'share': item.share, 'testable': item.testable}
+                for item in found.detectability
+            ],
+            'immaterial': [_evidence_json(item) for item in found.immaterial],
+            'unexplained': [_shape_json(item) for item in found.shapes_after[:8]],
+            'gain': {'fit': found.total_gain.fit, 'held_out': found.total_gain.held_out,
+                     'how': found.total_gain.how},
+            'notes': list(self.notes),
+            'seed': self.seed,
+            'seconds': found.seconds,
+        }
+        answer: dict[str, Any] = _finite(document)
+        return answer
+
+    def _causes(self) -> list[dict[str, Any]]:
+        found = self.diagnosis
+        if found.verdict == 'none':
+            return []
+        causes = [_cause_json(cause) for cause in found.causes]
+        if found.verdict != 'unknown':
+            return causes
+        shapes = [shape for shape in found.shapes_after if shape.p_value < 0.01
+                  and shape.visible >= 1e-3]
+        described = [
+            {'shape': describe(shape), **_shape_json(shape)} for shape in shapes[:4]
+        ]
+        return [*described, *({**cause, 'partial': True} for cause in causes)]
+
+
+def diagnose_bags(
+    bags: Sequence[Path | str], hold_out: Sequence[Path | str] = (), rig: Rig | None = None,
+    parameters: ParameterSet | None = None, on_progress: Callable[[str, float], None] | None = None,
+    is_cancelled: Callable[[], bool] | None = None, seed: int = 0,
+) -> Verdict:
+    """What the simulation gets wrong in `bags`, judged on `hold_out` where given."""
+    if not bags:
+        raise DiagnosisError('no bags to diagnose: give at least one')
+    return diagnose_runs(
+        [read_run(bag) for bag in bags], [read_run(bag) for bag in hold_out], rig, parameters,
+        on_progress, is_cancelled, seed,
+    )
+
+
+def diagnose_runs(
+    runs: Sequence[TestRun], hold_out: Sequence[TestRun] = (), rig: Rig | None = None,
+    parameters: ParameterSet | None = None, on_progress: Callable[[str, float], None] | None = None,
+    is_cancelled: Callable[[], bool] | None = None, seed: int = 0,
+    settings: Settings | None = None,
+) -> Verdict:
+    """The same for runs that have been read."""
+    from saddlering_ros.rig import default_rig
+
+    rig = rig or default_rig()
+    if not runs:
+        raise DiagnosisError('no runs to diagnose: give at least one')
+    records = [build_record(rig, run, held_out=False) for run in runs]
+    records += [build_record(rig, run, held_out=True) for run in hold_out]
+    records = _named_apart(records)
+    start = None
+    if parameters is not None:
+        start = dict(zip(ContactParameters.__dataclass_fields__, parameters.contact.to_array(),
+                         strict=True))
+    system = RingSystem(rig)
+    found = diagnose(
+        system, [record.run for record in records], settings or Settings(seed=seed), start=start,
+        proposals=propose(rig, [record.run for record in records if not record.run.held_out]),
+        on_progress=on_progress, is_cancelled=is_cancelled,
+    )
+    figures = tuple(
+        _figures(rig, found, record, residual.before, residual.after)
+        for record, residual in zip(records, found.runs, strict=True)
+    )
+    notes = [*check_set(records), *found.notes]
+    notes += [f'{record.run.name}: {note}' for record in records for note in record.test_run.notes]
+    sentence = found.next_test
+    if found.verdict == 'unknown':
+        sentence = _advice(found)
+    return Verdict(found, figures, tuple(notes), sentence, rig, seed)
+
+
+def _named_apart(records: list[Record]) -> list[Record]:
+    """Records whose runs have different names."""
+    from dataclasses import replace
+
+    seen: dict[str, int] = {}
+    answer = []
+    for record in records:
+        count = seen.get(record.run.name, 0)
+        seen[record.run.name] = count + 1
+        if count:
+            run = replace(record.run, name=f'{record.run.name} ({count + 1})')
+            record = replace(record, run=run)
+        answer.append(record)
+    return answer
+
+
+def _figures(
+    rig: Rig, found: Diagnosis, record: Record, before: Array, after: Array
+) -> RunFigures:
+    run = record.run
+    seen = [_displacement(rig, item) for item in (run.channels, before, after)]
+    channels = {}
+    for index, name in enumerate(CHANNELS):
+        measured, first, last = (item[index] for item in seen)
+        span = max(float(np.ptp(measured)), 1e-12)
+        weights = found.likelihood.system.views[name]
+        noise = _noise_floor(found, run.name, run.width, weights)
+        channels[name] = ChannelFigures(
+            _rms(first - measured) / span, _rms(last - measured) / span, noise / span
+        )
+    return RunFigures(record, channels, *seen)
+
+
+def _noise_floor(found: Diagnosis, name: str, width: Array, weights: Array) -> float:
+    """Rms noise of a view at the run's block widths, the zero's own noise with it."""
+    known = found.likelihood.noise
+    fitted = name if (name, 0) in known else next(iter(known))[0]
+    typical = float(np.median(width))
+    power = sum(
+        float(weight) ** 2 * (known[fitted, channel].deviation(typical) ** 2
+                              + known[fitted, channel].deviation(0.5) ** 2)
+        for channel, weight in enumerate(weights)
+    )
+    return math.sqrt(power)
+
+
+def _displacement(rig: Rig, increments: Array) -> NDArray[np.float64]:
+    motion = probes_to_displacement(rig.probes, increments)
+    return np.stack([np.asarray(getattr(motion, name)) for name in CHANNELS])
+
+
+def _rms(values: Array) -> float:
+    return float(np.sqrt(np.mean(values**2)))
+
+
+def _run_json(figures: RunFigures) -> dict[str, Any]:
+    record = figures.record
+    return {
+        'bag': str(record.test_run.path),
+        'elevation_deg': float(np.degrees(record.test_run.elevation)),
+        'test': record.test_run.test,
+        'held_out': record.run.held_out,
+        'channels': {name: vars(item) for name, item in figures.channels.items()},
+    }
+
+
+def _cause_json(cause: Cause) -> dict[str, Any]:
+    return {
+        'effect': cause.effect.id,
+        'group': list(cause.group),
+        'parameters': {
+            name: {'value': item.value, 'std': item.std, 'unit': item.unit}
+            for name, item in cause.estimates.items()
+        },
+        'evidence': {'p_value': cause.p_value, 'delta_bic': cause.delta_bic},
+        'gain': {'fit': cause.gain.fit, 'held_out': cause.gain.held_out},
+        'share_of_range': cause.visible,
+        'title': cause.effect.title,
+    }
+
+
+def _evidence_json(item: Evidence) -> dict[str, Any]:
+    return {'effects': list(item.effects), 'p_value': item.p_value, 'share_of_range': item.visible}
+
+
+def _shape_json(item: ShapeTest) -> dict[str, Any]:
+    return {'channel': item.view, 'coordinate': item.coordinate, 'p_value': item.p_value,
+            'share_of_range': item.visible}
+
+
+def describe(shape: ShapeTest) -> str:
+    """One sentence on a shape that is left."""
+    words = {
+        'load': 'follows the load', 'direction': 'changes sign with the direction of the load',
+        'rate': 'follows the rate of the load', 'time': 'follows time',
+    }
+    return (f'{shape.view}: {words.get(shape.coordinate, shape.coordinate)}, rms '
+            f'{100 * shape.visible:.2f} % of range')
+
+
+def _advice(found: Diagnosis) -> str:
+    for shape in found.shapes_after:
+        if shape.visible >= 1e-3:
+            return GENERAL_ADVICE.get(shape.coordinate, GENERAL_ADVICE['load'])
+    return GENERAL_ADVICE['load']
+
+
+def _finite(value: Any) -> Any:
+    """The same document with numbers JSON knows: infinite and undefined become null."""
+    if isinstance(value, dict):
+        return {key: _finite(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_finite(item) for item in value]
+    if isinstance(value, (bool, np.bool_)):
+        return bool(value)
+    if isinstance(value, (float, np.floating)):
+        return float(value) if math.isfinite(value) else None
+    if isinstance(value, np.integer):
+        return int(value)
+    return value

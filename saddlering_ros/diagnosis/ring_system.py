@@ -1,0 +1,143 @@
+"""The ring as the engine sees it: contact parameters, catalogue of effects, roller scatter."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from saddlering_ros import effects as catalogue_of_effects
+from saddlering_ros.diagnosis.records import LoadGrid
+from saddlering_ros.discrepancy import Effect, Nuisance, Parameter, Point, Run
+from saddlering_ros.effects.extension import NO_EXTENSION, RingExtension, RowGeometry, Wear
+from saddlering_ros.rig import PARAMETER_NAMES, PARAMETER_UNITS, TRUE_TO_SCALE, Rig
+from saddlering_ros.ring.simulator import probe_batch
+
+Array = NDArray[np.float64]
+
+GAP_SCATTER = 1e-6
+"""Spread of single rollers' gaps [m] that counts as a sound ring."""
+STIFFNESS_SCATTER = 0.02
+"""Spread of single rollers' stiffness, as a share."""
+SECTORS = 6
+ROWS = ('upper_row', 'lower_row', 'middle_row')
+
+
+@dataclass(frozen=True)
+class RingSystem:
+    """The engine's `System` for one rig."""
+
+    rig: Rig
+    skip: frozenset[str] = frozenset({'mains_pickup'})
+
+    channel_names: tuple[str, ...] = ('d1', 'd2', 'd3', 'd4')
+
+    @cached_property
+    def base_parameters(self) -> tuple[Parameter, ...]:
+        starts = dict(zip(PARAMETER_NAMES, TRUE_TO_SCALE.to_array(), strict=True))
+        units = PARAMETER_UNITS if isinstance(PARAMETER_UNITS, Mapping) else dict(
+            zip(PARAMETER_NAMES, PARAMETER_UNITS, strict=True)
+        )
+        return tuple(
+            Parameter(
+                name, *self.rig.bounds[name], start=float(starts[name]),
+                scale='linear' if name.startswith('n') else 'log', unit=units[name],
+            )
+            for name in PARAMETER_NAMES
+        )
+
+    @cached_property
+    def effects(self) -> tuple[Effect, ...]:
+        return tuple(
+            engine_effect(effect) for name, effect in catalogue_of_effects.catalogue().items()
+            if name not in self.skip
+        )
+
+    @cached_property
+    def nuisances(self) -> tuple[Nuisance, ...]:
+        mirrored = np.sqrt(2.0 * self.rig.axial_rows.rollers / (2 * (SECTORS - 1)))
+        share = mirrored / (self.rig.axial_rows.rollers / (2 * (SECTORS - 1)))
+        return tuple(
+            Nuisance(f'{row}.{kind}.{sector}', spread * share)
+            for row in ROWS for kind, spread in (('gap', GAP_SCATTER), ('loss', STIFFNESS_SCATTER))
+            for sector in range(SECTORS)
+        )
+
+    @cached_property
+    def views(self) -> Mapping[str, Array]:
+        span = self.rig.probes.axial_span
+        return {
+            'delta_x': np.array([0.5, 0.0, -0.5, 0.0]),
+            'delta_y': np.array([0.0, 0.5, 0.0, 0.5]),
+            'gamma': np.array([0.0, 1.0, 0.0, -1.0]) / span,
+            'parity': np.array([0.5, 0.0, 0.5, 0.0]),
+        }
+
+    def predict_many(self, run: Run, points: Sequence[Point]) -> Array:
+        grid: LoadGrid = run.payload
+        candidates = [(point.base, self.extension(point)) for point in points]
+        simulated = probe_batch(
+            self.rig, candidates, grid.elevation, grid.time, grid.load, grid.zero_load,
+            max_step=grid.max_step,
+        )
+        means = grid.block_means(np.nan_to_num(simulated, nan=1e-3, posinf=1e-3, neginf=-1e-3))
+        return np.clip(means, -1e-2, 1e-2)
+
+    def extension(self, point: Point) -> RingExtension:
+        """Knobs of a point: its effects, and its nuisances as small worn sectors."""
+        extension = NO_EXTENSION
+        if point.effects:
+            extension = catalogue_of_effects.extension_of(point.effects)
+        for name, value in point.nuisances.items():
+            row, kind, sector = name.split('.')
+            half = 0.5 * np.pi / (SECTORS - 1)
+            wear = Wear(centre=int(sector) * 2.0 * half, half_width=half, edge=0.05,
+                        **{kind: value})
+            geometry: RowGeometry = getattr(extension, row)
+            extension = replace(extension, **{row: replace(geometry, wear=wear)})
+        return extension
+
+
+def engine_effect(effect: catalogue_of_effects.Effect) -> Effect:
+    """A ring effect in the engine's words; its amplitude comes first."""
+    ordered = sorted(effect.parameters, key=lambda item: not item.amplitude)
+    parameters = tuple(
+        Parameter(
+            item.name, item.low, item.high, start=item.start, unit=item.unit,
+            scale='log' if item.logarithmic else 'linear',
+            step=2e-3 if item.logarithmic else float(
+                np.clip(0.03 * abs(item.scale) / (item.high - item.low), 1e-6, 0.02)
+            ),
+        )
+        for item in ordered
+    )
+    return Effect(
+        effect.id, parameters, tuple(dict(variant.values) for variant in effect.variants),
+        _starts(ordered), effect.title, effect.settled_by, ordered[0].neutral,
+    )
+
+
+def _starts(ordered: list[catalogue_of_effects.EffectParameter]) -> tuple[dict[str, float], ...]:
+    """Three sizes at the usual shape, and the usual size at other shapes."""
+    size = ordered[0]
+    if size.neutral == 0.0:
+        sizes = [factor * size.scale for factor in (0.2, 1.0, 3.0)]
+    else:
+        sizes = [factor * size.scale for factor in (0.5, 1.0, 1.5)]
+    sizes = [float(np.clip(value, size.low, size.high)) for value in sizes]
+    usual = {item.name: item.start for item in ordered[1:]}
+    starts = [{size.name: value, **usual} for value in sizes]
+    for item in ordered[1:]:
+        if item.amplitude:
+            starts.append({size.name: 0.2 * sizes[1], **usual, item.name: item.scale})
+            continue
+        for share in (0.1, 0.35, 0.65, 0.9):
+            if item.logarithmic:
+                other = item.low * (item.high / item.low) ** share
+            else:
+                other = item.low + share * (item.high - item.low)
+            starts.append({size.name: sizes[1], **usual, item.name: other})
+    return tuple(starts)
