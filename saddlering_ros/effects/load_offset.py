@@ -24,7 +24,7 @@ class LoadOffset(Effect):
     channels = ('delta_x', 'delta_y', 'gamma')
     parameters = (
         EffectParameter(
-            'offset', 'N', -15000.0, 15000.0, 2000.0, 0.0,
+            'offset', 'N', -15000.0, 8000.0, 2000.0, 0.0,
             'reading of the load measurement at no load', amplitude=True),
     )
 

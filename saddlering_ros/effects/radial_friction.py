@@ -28,7 +28,7 @@ class RadialFriction(Effect):
     channels = ('delta_x',)
     parameters = (
         EffectParameter(
-            'force', 'N', 0.0, 80000.0, 8000.0, 8000.0,
+            'force', 'N', 0.0, 80000.0, 5000.0, 5000.0,
             'friction force once it has turned round', amplitude=True, one_sided=True),
         *loop_parameters('m', 2e-7, 3e-5, 2e-6),
     )

@@ -28,7 +28,7 @@ class TiltFriction(Effect):
     channels = ('delta_y', 'gamma')
     parameters = (
         EffectParameter(
-            'moment', 'N m', 0.0, 60000.0, 6000.0, 6000.0,
+            'moment', 'N m', 0.0, 60000.0, 3000.0, 3000.0,
             'friction moment once it has turned round', amplitude=True, one_sided=True),
         *loop_parameters('rad', 3e-7, 5e-5, 3e-6),
     )
