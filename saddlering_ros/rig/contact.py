@@ -12,7 +12,7 @@ from saddlering_ros.rig.errors import RigError
 
 @dataclass(frozen=True)
 class ContactParameters:
-    """Force law of the contact units, F = max(0, K p^n + s(p) D dp/dt), rows 1 (axial), 2 (middle).
+    """Force law of the contact units, F = max(0, K p^n + s(p) D dp/dt); 1: axial, 2: middle row.
 
     K [N/m^n], n [-], D [N s/m]; the names are the published model's.
     """

@@ -1,4 +1,4 @@
-"""What the rig is: rollers, carriage, trunnion, probes, preload, read from a ROS 2 parameter file."""
+"""What the rig is: rollers, carriage, trunnion, probes, preload; read from a parameter file."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class RollerRow:
 
 @dataclass(frozen=True)
 class Carriage:
-    """Slewing parts: mass [kg], inertia about C [kg m2], dead weight [N] acting at x = weight_x [m]."""
+    """Slewing parts: mass [kg], inertia about C [kg m2], dead weight [N] at x = weight_x [m]."""
 
     mass: float
     inertia: float
@@ -49,7 +49,7 @@ class Trunnion:
 
 @dataclass(frozen=True)
 class Probes:
-    """Four eddy-current probes: span of the axial pair, height of the radial pair [m], gap range [m]."""
+    """Four eddy-current probes: span of the axial, height of the radial pair, gap range; all [m]."""
 
     axial_span: float
     radial_height: float
@@ -58,7 +58,11 @@ class Probes:
     max_range: float
 
 
-def _default_bounds() -> dict[str, tuple[float, float]]:
+Pair = tuple[float, float]
+"""A low and a high bound."""
+
+
+def _default_bounds() -> dict[str, Pair]:
     return {
         'K1': (2e7, 1e9), 'n1': (1.0, 1.5), 'D1': (1e4, 2e7),
         'K2': (2e7, 1e9), 'n2': (1.0, 1.5), 'D2': (1e4, 2e7),
@@ -75,7 +79,7 @@ class Rig:
     trunnion: Trunnion
     probes: Probes
     preload: float
-    bounds: dict[str, tuple[float, float]] = field(default_factory=_default_bounds)
+    bounds: dict[str, Pair] = field(default_factory=_default_bounds)
     full_scale_load: float = FULL_SCALE_LOAD
 
 
@@ -90,6 +94,10 @@ def default_rig() -> Rig:
                       min_range=0.0, max_range=2e-3),
         preload=4903.325,
     )
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, (int, float)) and not isinstance(value, bool)
 
 
 class _Section:
@@ -124,11 +132,12 @@ class _Section:
         if key not in self._values:
             raise RigError(f'{self._where}: {name} is missing: add this number')
         value = self._values.pop(key)
-        if isinstance(value, bool) or not isinstance(value, (int, float)):
+        if not _is_number(value):
             raise RigError(f'{self._where}: {name} is {value!r}: give a number')
         if not math.isfinite(value) or not low <= value <= high:
             raise RigError(
-                f'{self._where}: {name} is {value}: give a number from {low:g} to {high:g} (SI units)'
+                f'{self._where}: {name} is {value}: '
+                f'give a number from {low:g} to {high:g} (SI units)'
             )
         return float(value)
 
@@ -160,26 +169,26 @@ def _polarity(section: _Section, where: str) -> tuple[float, float, float, float
     values = section.raw('polarity') if section.has('polarity') else [1, 1, 1, 1]
     is_list = isinstance(values, list) and len(values) == 4
     if not is_list or any(isinstance(v, bool) or v not in (-1, 1) for v in values):
-        raise RigError(f'{where}: rig.probes.polarity is {values!r}: give four numbers, each 1 or -1')
+        raise RigError(f'{where}: rig.probes.polarity is {values!r}: '
+                       'give four numbers, each 1 or -1')
     first, second, third, fourth = (float(value) for value in values)
     return first, second, third, fourth
 
 
-def _bounds(section: _Section, where: str) -> dict[str, tuple[float, float]]:
+def _bounds(section: _Section, where: str) -> dict[str, Pair]:
     bounds = _default_bounds()
     for name in PARAMETER_NAMES:
         if not section.has(name):
             continue
         pair = section.raw(name)
-        is_pair = isinstance(pair, list) and len(pair) == 2
-        if not is_pair or any(isinstance(v, bool) or not isinstance(v, (int, float)) for v in pair):
+        if not (isinstance(pair, list) and len(pair) == 2 and all(map(_is_number, pair))):
             raise RigError(f'{where}: bounds.{name} is {pair!r}: give [low, high]')
         bounds[name] = (float(pair[0]), float(pair[1]))
     section.finish()
     return check_bounds(bounds, where)
 
 
-def check_bounds(bounds: Mapping[str, tuple[float, float]], where: str) -> dict[str, tuple[float, float]]:
+def check_bounds(bounds: Mapping[str, Pair], where: str) -> dict[str, Pair]:
     """The same bounds if they can be used; RigError names the first that cannot."""
     for name, (low, high) in bounds.items():
         smallest = 0.0 if name.startswith('D') else 1e-9
@@ -204,7 +213,9 @@ def rig_from_parameters(parameters: Mapping[str, Any], where: str) -> Rig:
             weight=carriage.number('weight', 0.0, 1e9),
             weight_x=carriage.number('weight_x', -50.0, 50.0),
         ),
-        trunnion=Trunnion(x=trunnion.number('x', -50.0, 50.0), y=trunnion.number('y', -50.0, 50.0)),
+        trunnion=Trunnion(
+            x=trunnion.number('x', -50.0, 50.0), y=trunnion.number('y', -50.0, 50.0),
+        ),
         probes=Probes(
             axial_span=probes.number('axial_span', 1e-2, 100.0),
             radial_height=probes.number('radial_height', -5.0, 5.0),
@@ -217,7 +228,8 @@ def rig_from_parameters(parameters: Mapping[str, Any], where: str) -> Rig:
         bounds=_bounds(bounds, where),
     )
     if result.probes.max_range <= result.probes.min_range:
-        raise RigError(f'{where}: rig.probes.max_range is not above min_range: give the span in metres')
+        raise RigError(f'{where}: rig.probes.max_range is not above min_range: '
+                       'give the span in metres')
     for section in (carriage, trunnion, probes, rig):
         section.finish()
     return result
@@ -226,7 +238,7 @@ def rig_from_parameters(parameters: Mapping[str, Any], where: str) -> Rig:
 def load_rig(path: Path | str | None = None) -> Rig:
     """The rig of a ROS 2 parameter file; None gives the shipped config/rig.yaml's values.
 
-    Raises RigError with one line when the file is missing, malformed, or holds values out of range.
+    Raises RigError with one line when the file is missing, malformed, or out of range.
     """
     if path is None:
         return default_rig()

@@ -91,8 +91,10 @@ def _source(section: Any, where: str) -> ParameterSource:
     if not isinstance(section, Mapping):
         return ParameterSource(note=str(section) if section else '')
     covariance = section.get('covariance')
-    if covariance is not None and not (isinstance(covariance, list) and len(covariance) in (0, 36)):
-        raise RigError(f'{where}: source.covariance has no 36 numbers: give it row by row or leave it out')
+    is_whole = isinstance(covariance, list) and len(covariance) in (0, 36)
+    if covariance is not None and not is_whole:
+        raise RigError(f'{where}: source.covariance has no 36 numbers: '
+                       'give it row by row or leave it out')
     matrix = None
     if covariance:
         numbers = [_number(value, 'source.covariance', where) for value in covariance]

@@ -13,7 +13,7 @@ from saddlering_ros.rig.description import Probes
 
 @dataclass(frozen=True)
 class Displacement:
-    """Motion of C: delta_x, delta_y [m], gamma [rad], and the probes' parity [m]; arrays or floats."""
+    """Motion of C: delta_x, delta_y [m], gamma [rad], the probes' parity [m]; arrays or floats."""
 
     delta_x: Any
     delta_y: Any

@@ -28,7 +28,8 @@ def read_ros_parameters(path: Path, error: type[SaddleringError]) -> dict[str, A
         line = f', line {mark.line + 1}' if mark is not None else ''
         raise error(f'{path}{line}: is not YAML: correct the file') from problem
     if not isinstance(document, Mapping):
-        raise error(f'{path}: is not a ROS 2 parameter file: start it with "/**: ros__parameters:"')
+        raise error(f'{path}: is not a ROS 2 parameter file: '
+                    'start it with "/**: ros__parameters:"')
     for node in document.values():
         if isinstance(node, Mapping) and isinstance(node.get('ros__parameters'), Mapping):
             return unfold(node['ros__parameters'])
@@ -36,7 +37,7 @@ def read_ros_parameters(path: Path, error: type[SaddleringError]) -> dict[str, A
 
 
 def unfold(parameters: Mapping[str, Any]) -> dict[str, Any]:
-    """Dotted keys (`rig.preload`) made into nested dictionaries; numbers written 1e8 made floats."""
+    """Dotted keys (`rig.preload`) made nested dictionaries; numbers written 1e8 made floats."""
     result: dict[str, Any] = {}
     for key, value in parameters.items():
         *parents, last = str(key).split('.')

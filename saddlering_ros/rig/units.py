@@ -1,4 +1,4 @@
-"""Units that engineers at the rig read, and their factors to SI (SI is what the code uses inside)."""
+"""Units that engineers at the rig read, and their factors to SI (inside, all code is in SI)."""
 
 STANDARD_GRAVITY = 9.80665
 """Standard acceleration of gravity [m/s2]."""
@@ -18,12 +18,12 @@ MILLIMETRE = 1e-3
 
 def stiffness_per_millimetre(stiffness: float, exponent: float) -> float:
     """Contact stiffness in N/mm^n (what ADAMS users know) from N/m^n."""
-    return stiffness * MILLIMETRE**exponent
+    return float(stiffness * MILLIMETRE**exponent)
 
 
 def stiffness_per_metre(stiffness: float, exponent: float) -> float:
     """Contact stiffness in N/m^n from N/mm^n."""
-    return stiffness / MILLIMETRE**exponent
+    return float(stiffness / MILLIMETRE**exponent)
 
 
 def line_contact_stiffness(length: float = 20.0) -> float:

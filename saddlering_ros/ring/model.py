@@ -20,8 +20,8 @@ Floats = NDArray[np.float64]
 class Rows:
     """Rollers of upper, lower and middle row as the kernels want them.
 
-    arrays (3, 3, J): per row its cosines (falling), weights (rollers at that cosine times stiffness
-    factor) and gaps [m]; uniform (3,): whether all gaps of a row are equal.
+    arrays (3, 3, J): per row its cosines (falling), weights (rollers at that cosine times the
+    factor on stiffness) and gaps [m]; uniform (3,): whether all gaps of a row are equal.
     """
 
     arrays: Floats
@@ -39,7 +39,7 @@ class RingModel:
 
 def roller_angles(row: RollerRow) -> Floats:
     """phi_i = 2 pi i / N, shape (N,), from the rear (x > 0)."""
-    return np.arange(row.rollers) * (2.0 * np.pi / row.rollers)
+    return np.arange(row.rollers, dtype=np.float64) * (2.0 * np.pi / row.rollers)
 
 
 def _row(row: RollerRow, geometry: RowGeometry) -> tuple[Floats, Floats, Floats, bool]:

@@ -1,4 +1,4 @@
-"""The ring model to be read: plain sums over 304 rollers, equilibrium, implicit dynamics, Jacobian.
+"""The ring model to be read: plain sums over 304 rollers, equilibrium, dynamics, Jacobian.
 
 Nothing here is fast and nothing is clever. The compiled kernels are tested against this file, and
 this file against closed forms, scipy's Radau and a multibody program. Source of the equations:
@@ -52,7 +52,7 @@ def unit_tangent(penetration: Floats, rate: Floats, stiffness: float, exponent: 
 
 @dataclass(frozen=True)
 class ContactRow:
-    """One row of units: p = direction . q - gap, direction (N, 3) for q = (delta_x, delta_y, gamma)."""
+    """One row: p = direction . q - gap; direction (N, 3), q = (delta_x, delta_y, gamma)."""
 
     direction: Floats
     gap: float
@@ -65,7 +65,8 @@ def _angles(row: RollerRow) -> Floats:
     return 2.0 * np.pi * np.arange(row.rollers) / row.rollers
 
 
-def contact_rows(rig: Rig, contact: ContactParameters) -> tuple[ContactRow, ContactRow, ContactRow]:
+def contact_rows(rig: Rig,
+                 contact: ContactParameters) -> tuple[ContactRow, ContactRow, ContactRow]:
     """Upper, lower and middle row. A unit pushes the upper ring along minus its direction."""
     cosine = np.cos(_angles(rig.axial_rows))
     zero, one = np.zeros_like(cosine), np.ones_like(cosine)
@@ -88,7 +89,8 @@ def contact_force(rows: tuple[ContactRow, ...], q: Floats, rate: Floats) -> Floa
     return total
 
 
-def contact_jacobian(rows: tuple[ContactRow, ...], q: Floats, rate: Floats) -> tuple[Floats, Floats]:
+def contact_jacobian(rows: tuple[ContactRow, ...], q: Floats,
+                     rate: Floats) -> tuple[Floats, Floats]:
     """Exact derivatives of `contact_force` by q and by its rate, each (3, 3)."""
     by_q, by_rate = np.zeros((3, 3)), np.zeros((3, 3))
     for row in rows:
@@ -132,16 +134,17 @@ def static_equilibrium(rig: Rig, contact: ContactParameters, load: float, elevat
                  method='hybr', options={'xtol': 1e-14})
     left = np.max(np.abs(external + contact_force(rows, found.x * scale, still)))
     if left > 1e-6 * (np.max(np.abs(external)) + 1.0):
-        raise SimulationError(f'no equilibrium at load {load:g} N: check load, rig and contact law')
-    return np.asarray(found.x * scale)
+        raise SimulationError(f'no equilibrium at load {load:g} N: '
+                              'check load, rig and contact law')
+    return np.asarray(found.x * scale, dtype=np.float64)
 
 
 def simulate_dynamic(rig: Rig, contact: ContactParameters, elevation: float, time: ArrayLike,
                      load: ArrayLike) -> Floats:
     """Q (3, N) at the samples of time (N,), load (N,), from rest at load[0]; one step a sample.
 
-    BDF2 (backward Euler for the first step) with Newton on the exact Jacobian. No gap of the load's
-    stamps is subdivided: give the mesh that is wanted.
+    BDF2 (backward Euler for the first step) with Newton on the exact Jacobian. No step between
+    stamps is divided: give the mesh that is wanted.
     """
     seconds, force = np.asarray(time, dtype=np.float64), np.asarray(load, dtype=np.float64)
     rows = contact_rows(rig, contact)
@@ -163,7 +166,7 @@ def simulate_dynamic(rig: Rig, contact: ContactParameters, elevation: float, tim
         q.append(q_new)
         v.append(c0 * q_new + q_past)
         h_old = h
-    return np.array(q).T
+    return np.array(q, dtype=np.float64).T
 
 
 def _implicit_step(rows: tuple[ContactRow, ...], mass: Floats, external: Floats, c0: float,

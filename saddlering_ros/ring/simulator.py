@@ -1,4 +1,4 @@
-"""The ring simulator, streaming and in batches: load samples in, displacements and probe readings out."""
+"""The ring simulator, streaming and in batches: loads in, displacements and probe readings out."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import pairwise
 import os
 
 import numpy as np
@@ -49,7 +50,7 @@ class SimulatedRun:
     """A simulated record from its zero window on: M samples, the last M of the record's N mostly.
 
     time (M,) [s]; displacement of (M,) arrays; probes (4, M) [m]; first: index in the record of
-    the first simulated sample; zero: where the zero was taken; trouble: steps that did not converge.
+    the first simulated sample; zero: where it was taken; trouble: steps that did not converge.
     """
 
     time: Floats
@@ -61,7 +62,7 @@ class SimulatedRun:
 
 
 class RingSimulator:
-    """One simulated state per load sample, in step with the loads; live and offline are this object.
+    """One simulated state per load sample, in step with it; live and offline are this object.
 
     rig, parameters with their effects, elevation [rad]; max_step [s] is the longest time step.
     Samples wait until the zero window (rig.zeroing) closes, then come out at once; after that each
@@ -160,7 +161,8 @@ class RingSimulator:
         return np.asarray(old + (new - old) * ((wanted - before) / (after - before)))
 
     def _sample(self, time: float, increments: Floats) -> SimulatedSample:
-        return SimulatedSample(time, probes_to_displacement(self._rig.probes, increments), increments)
+        displacement = probes_to_displacement(self._rig.probes, increments)
+        return SimulatedSample(time, displacement, increments)
 
     def run(self, time: Floats, load: Floats) -> SimulatedRun:
         """A whole record at once from a fresh start: the same numbers as pushing its samples."""
@@ -184,7 +186,8 @@ class RingSimulator:
 def check_record(time: Floats, load: Floats) -> None:
     """SimulationError unless time rises, everything is finite, and there is a sample."""
     if time.ndim != 1 or time.shape != load.shape or time.size == 0:
-        raise SimulationError(f'time {time.shape} and load {load.shape} do not fit: give two equal rows')
+        raise SimulationError(f'time {time.shape} and load {load.shape} do not fit: '
+                              'give two equal rows')
     if not (np.all(np.isfinite(time)) and np.all(np.isfinite(load))):
         raise SimulationError('time or load is not finite (NaN or inf): clean the record first')
     steps = np.diff(time)
@@ -193,8 +196,8 @@ def check_record(time: Floats, load: Floats) -> None:
         raise SimulationError(f'time does not rise at sample {index}: sort or cut the record')
 
 
-def simulate(rig: Rig, parameters: ParameterSet, elevation: float, time: ArrayLike, load: ArrayLike,
-             max_step: float = 1e-3) -> SimulatedRun:
+def simulate(rig: Rig, parameters: ParameterSet, elevation: float, time: ArrayLike,
+             load: ArrayLike, max_step: float = 1e-3) -> SimulatedRun:
     """Simulate a whole record: time (N,) [s], load (N,) [N], elevation [rad]."""
     seconds = np.ascontiguousarray(time, dtype=np.float64)
     force = np.ascontiguousarray(load, dtype=np.float64)
@@ -203,7 +206,7 @@ def simulate(rig: Rig, parameters: ParameterSet, elevation: float, time: ArrayLi
 
 
 def threads() -> int:
-    """How many kernels run side by side: SADDLERING_THREADS, else the processors of this process."""
+    """How many kernels run at once: SADDLERING_THREADS, else the processors of this process."""
     asked = os.environ.get('SADDLERING_THREADS', '')
     return max(1, int(asked)) if asked.isdigit() else len(os.sched_getaffinity(0))
 
@@ -217,7 +220,7 @@ def _pool(process: int, workers: int) -> ThreadPoolExecutor:
 def _slices(count: int) -> list[slice]:
     workers = min(threads(), count)
     edges = np.linspace(0, count, workers + 1).astype(int)
-    return [slice(a, b) for a, b in zip(edges[:-1], edges[1:], strict=True) if b > a]
+    return [slice(a, b) for a, b in pairwise(edges) if b > a]
 
 
 def _in_parallel(task: object, count: int) -> None:
@@ -250,12 +253,12 @@ def static_batch(rig: Rig, contacts: ArrayLike, elevation: float, loads: ArrayLi
 
 
 def static_response(rig: Rig, contact: ArrayLike, elevation: float, loads: ArrayLike) -> Floats:
-    """Absolute equilibrium (3, N) of one contact law (6,) at loads (N,): delta_x, delta_y, gamma."""
+    """Absolute equilibrium (3, N) of one contact law (6,) at loads (N,)."""
     return np.asarray(static_batch(rig, np.atleast_2d(np.asarray(contact)), elevation, loads)[0])
 
 
-def dynamic_batch(rig: Rig, contacts: ArrayLike, elevation: float, time: ArrayLike, load: ArrayLike,
-                  max_step: float = 1e-3) -> Floats:
+def dynamic_batch(rig: Rig, contacts: ArrayLike, elevation: float, time: ArrayLike,
+                  load: ArrayLike, max_step: float = 1e-3) -> Floats:
     """Absolute motion (B, 3, N) of each contact law (B, 6) over a record, at rest at load[0]."""
     motion, _ = _simulate_batch(rig, contacts, elevation, time, load, None, None, max_step)
     return np.ascontiguousarray(motion.transpose(0, 2, 1))

@@ -1,4 +1,4 @@
-"""Claims about the readable reference: closed forms, energy, reaction, order, an independent solver."""
+"""Claims about the readable reference: closed forms, energy, reaction, order, another solver."""
 
 from __future__ import annotations
 

@@ -67,7 +67,7 @@ def test_dynamic_displacements_agree_with_the_304_roller_sum_over_the_box() -> N
         assert motion == pytest.approx(plain, abs=1e-9)
 
 
-def test_a_middle_row_off_the_mid_plane_couples_tilt_and_radial_motion_as_in_the_reference() -> None:
+def test_a_middle_row_off_the_mid_plane_couples_tilt_and_radial_motion() -> None:
     from dataclasses import replace
     rig = replace(RIG, middle_row=replace(RIG.middle_row, height=0.08))
     time, load = dynamic_record(0.4)
@@ -136,7 +136,7 @@ def test_no_step_fails_over_the_box_even_with_coarse_noisy_samples() -> None:
         assert simulate(RIG, law, 0.9, time, load, max_step=0.1).trouble == 0
 
 
-@pytest.mark.parametrize('time,load,words', [
+@pytest.mark.parametrize(('time', 'load', 'words'), [
     ([0.0, 1.0], [1.0, np.nan], 'not finite'),
     ([0.0, 1.0, 0.5], [1.0, 1.0, 1.0], 'does not rise at sample 2'),
     ([], [], 'do not fit'),
