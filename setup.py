@@ -29,6 +29,11 @@ def shared_files(folder):
     return list(files.items())
 
 
+def required(name):
+    """Return the lines of one requirements file."""
+    return (HERE / 'requirements' / f'{name}.in').read_text().split()
+
+
 setup(
     name=PACKAGE,
     version='0.1.0',
@@ -47,24 +52,12 @@ setup(
     ],
     include_package_data=True,
     zip_safe=True,
-    install_requires=[
-        'matplotlib',
-        'mcap',
-        'numba',
-        'numpy',
-        'pyarrow',
-        'PyYAML',
-        'rich',
-        'rosbags',
-        'scipy',
-        'setuptools',
-        'zstandard',
-    ],
+    install_requires=['setuptools', *required('run')],
     extras_require={
         # rclpy and the messages, where no ROS 2 Jazzy is installed. Never a plain requirement:
         # on a Jazzy of its own, pip would put a second rclpy over the system's.
-        'ros': ['ros-jazzy-rclpy[fastrtps]', 'ros-jazzy-common-interfaces'],
-        'test': ['exudyn', 'hypothesis', 'pytest', 'pytest-timeout'],
+        'ros': required('ros'),
+        'test': required('test'),
     },
     entry_points={
         'console_scripts': [

@@ -131,6 +131,7 @@ make_environment() {
   [ "$ros" = wheels ] || options=(--system-site-packages)
   quietly 'making the environment' "$base_python" -m venv ${options[@]+"${options[@]}"} "$environment"
   mark_done ros "$ros"
+  mark_done python "$base_python"
   mark_done environment "$wanted"
 }
 

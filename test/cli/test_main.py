@@ -1,0 +1,166 @@
+"""Claims about the `saddlering` command itself: statuses, one line on stderr, nothing else."""
+
+import argparse
+import os
+from pathlib import Path
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+
+from saddlering_ros.cli import main as command
+from saddlering_ros.errors import SaddleringError
+
+ROOT = Path(__file__).resolve().parents[2]
+
+ARGUMENTS = argparse.Namespace(command='try', traceback=False)
+
+
+def raising(error):
+    def run(_args):
+        raise error
+    return run
+
+
+def report(error, **arguments):
+    return command.run_reporting(raising(error),
+                                 argparse.Namespace(**{**vars(ARGUMENTS), **arguments}))
+
+
+def saddlering(*arguments, **options):
+    return subprocess.run(
+        [sys.executable, '-m', 'saddlering_ros.cli.main', *arguments], text=True,
+        capture_output=True, cwd=ROOT, timeout=60, check=False, **options)
+
+
+def test_a_done_command_returns_its_own_status():
+    assert command.run_reporting(lambda _args: 0, ARGUMENTS) == 0
+
+
+def test_unusable_input_is_one_line_and_status_2(capsys):
+    assert report(SaddleringError('a.mcap: no samples; record it again')) == 2
+    assert capsys.readouterr() == ('', 'saddlering try: a.mcap: no samples; record it again\n')
+
+
+def test_a_message_of_several_lines_becomes_one(capsys):
+    report(SaddleringError('a.yaml: bad\n  line 3\n'))
+    assert capsys.readouterr().err == 'saddlering try: a.yaml: bad line 3\n'
+
+
+def test_a_defect_is_one_line_status_1_and_says_how_to_see_more(capsys):
+    assert report(ZeroDivisionError('division by zero')) == 1
+    err = capsys.readouterr().err
+    assert err.count('\n') == 1
+    assert 'ZeroDivisionError: division by zero' in err
+    assert '--traceback' in err
+
+
+def test_traceback_shows_where(capsys):
+    report(ZeroDivisionError('division by zero'), traceback=True)
+    assert 'Traceback' in capsys.readouterr().err
+
+
+def test_a_package_that_is_not_installed_is_named(capsys):
+    assert report(ModuleNotFoundError("No module named 'rclpy'", name='rclpy')) == 1
+    assert 'Python package rclpy is not installed' in capsys.readouterr().err
+
+
+@pytest.mark.parametrize('error', [FileNotFoundError, PermissionError, IsADirectoryError])
+def test_a_file_that_cannot_be_used_is_unusable_input(capsys, tmp_path, error):
+    place = tmp_path if error is IsADirectoryError else tmp_path / 'absent'
+    if error is PermissionError:
+        assert report(PermissionError(13, 'Permission denied', str(place))) == 2
+    else:
+        assert command.run_reporting(lambda _args: len(place.read_text()), ARGUMENTS) == 2
+    assert capsys.readouterr().err.startswith(f'saddlering try: {place}: ')
+
+
+def test_an_interrupt_is_quiet_and_status_130(capsys):
+    assert report(KeyboardInterrupt()) == 130
+    assert capsys.readouterr() == ('', '')
+
+
+def test_no_command_is_one_line_and_status_2():
+    done = saddlering()
+    assert (done.returncode, done.stdout) == (2, '')
+    assert done.stderr == (
+        'saddlering: the following arguments are required: COMMAND; see saddlering --help\n')
+
+
+def test_an_unknown_command_is_one_line_and_status_2():
+    done = saddlering('identfy')
+    assert (done.returncode, done.stdout, done.stderr.count('\n')) == (2, '', 1)
+    assert 'identfy' in done.stderr
+
+
+def test_version_is_printed():
+    done = saddlering('--version')
+    assert (done.returncode, done.stderr) == (0, '')
+    assert done.stdout.startswith('saddlering 0.')
+
+
+def test_every_command_of_the_contract_is_there():
+    _, runs = command.build_parser()
+    assert set(runs) >= {'info', 'displacement', 'simulate', 'identify', 'validate', 'diagnose',
+                         'generate', 'demo'}
+
+
+def test_every_command_explains_itself():
+    parser, runs = command.build_parser()
+    for name in runs:
+        with pytest.raises(SystemExit) as left:
+            parser.parse_args([name, '--help'])
+        assert left.value.code == 0
+
+
+def test_asking_for_help_loads_nothing_heavy():
+    code = ('import sys; from saddlering_ros.cli.main import build_parser; build_parser(); '
+            'print(*sorted({"rclpy", "numba", "scipy", "matplotlib", "pyarrow", "mcap"} '
+            '& set(sys.modules)))')
+    done = subprocess.run([sys.executable, '-c', code], text=True, capture_output=True, cwd=ROOT,
+                          timeout=60, check=True)
+    assert done.stdout == '\n'
+
+
+def test_a_reader_who_leaves_is_no_error():
+    code = ('import sys, argparse; from saddlering_ros.cli.main import run_reporting\n'
+            'def run(_args):\n'
+            '    while True: print("line " * 1000)\n'
+            'sys.exit(run_reporting(run, argparse.Namespace(command="try", traceback=False)))')
+    child = subprocess.Popen([sys.executable, '-c', code], stdout=subprocess.PIPE,
+                             stderr=subprocess.PIPE, text=True, cwd=ROOT)
+    assert child.stdout is not None
+    assert child.stderr is not None
+    child.stdout.readline()
+    child.stdout.close()
+    assert child.stderr.read() == ''
+    child.stderr.close()
+    assert child.wait(30) == 141
+
+
+@pytest.mark.parametrize(('number', 'status'), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_a_signal_closes_what_is_open(tmp_path, number, status):
+    code = (
+        'import pathlib, sys, time, types\n'
+        'from saddlering_ros.cli import main as command\n'
+        'def run(_args):\n'
+        '    try:\n'
+        f'        pathlib.Path({str(tmp_path / "running")!r}).touch()\n'
+        '        time.sleep(30)\n'
+        '    finally:\n'
+        f'        pathlib.Path({str(tmp_path / "closed")!r}).touch()\n'
+        'def add_parser(subparsers): subparsers.add_parser("try")\n'
+        'only = types.SimpleNamespace(add_parser=add_parser, run=run)\n'
+        'command.subcommand_modules = lambda: [only]\n'
+        'sys.exit(command.main(["try"]))\n')
+    child = subprocess.Popen([sys.executable, '-c', code], stderr=subprocess.PIPE, text=True,
+                             cwd=ROOT)
+    while not (tmp_path / 'running').exists():
+        assert child.poll() is None
+        time.sleep(0.01)
+    os.kill(child.pid, number)
+    _, err = child.communicate(timeout=30)
+    assert (child.returncode, err) == (status, '')
+    assert (tmp_path / 'closed').exists()

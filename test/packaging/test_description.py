@@ -1,0 +1,168 @@
+"""Claims about what describes the package: package.xml, setup.py, lock files, launch file."""
+
+import ast
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+import re
+import runpy
+import sys
+import xml.etree.ElementTree as ElementTree
+
+import pytest
+
+import saddlering_ros
+
+ROOT = Path(__file__).resolve().parents[2]
+
+NODES = {
+    'hydraulic_load', 'eddy_current', 'replay_clock', 'ring_displacement', 'ring_simulator',
+    'ring_residual', 'ring_identification', 'ring_diagnosis',
+}
+
+
+def setup_arguments() -> dict[str, object]:
+    """The keyword arguments that setup.py hands to setup()."""
+    handed: dict[str, object] = {}
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr('setuptools.setup', lambda **arguments: handed.update(arguments))
+        runpy.run_path(str(ROOT / 'setup.py'))
+    return handed
+
+
+@pytest.fixture(scope='module')
+def arguments() -> dict[str, object]:
+    pytest.importorskip('setuptools')
+    return setup_arguments()
+
+
+def manifest(folder: str = '.') -> ElementTree.Element:
+    return ElementTree.parse(ROOT / folder / 'package.xml').getroot()
+
+
+def text(element: ElementTree.Element, name: str) -> str:
+    found = element.find(name)
+    assert found is not None
+    return found.text or ''
+
+
+@pytest.mark.parametrize('field', ['name', 'version', 'license', 'maintainer_email'])
+def test_setup_py_and_package_xml_agree(arguments, field):
+    root = manifest()
+    maintainer = root.find('maintainer')
+    assert maintainer is not None
+    said = maintainer.get('email') if field == 'maintainer_email' else text(root, field)
+    assert arguments[field] == said
+
+
+def test_every_place_says_the_same_version():
+    assert text(manifest(), 'version') == saddlering_ros.__version__
+    assert text(manifest('saddlering_interfaces'), 'version') == saddlering_ros.__version__
+
+
+@pytest.mark.parametrize('folder', ['.', 'saddlering_interfaces'])
+def test_manifests_are_of_format_3(folder):
+    assert manifest(folder).get('format') == '3'
+
+
+def test_build_types_are_what_colcon_needs():
+    assert text(manifest(), 'export/build_type') == 'ament_python'
+    assert text(manifest('saddlering_interfaces'), 'export/build_type') == 'ament_cmake'
+
+
+def test_every_node_has_an_executable(arguments):
+    scripts = dict(re.split(r'\s*=\s*', line) for line in
+                   arguments['entry_points']['console_scripts'])
+    expected = {node: f'saddlering_ros.nodes.{node}:main' for node in NODES}
+    assert scripts == {**expected, 'saddlering': 'saddlering_ros.cli.main:main'}
+
+
+@pytest.mark.parametrize('node', sorted(NODES))
+def test_every_executable_has_a_main(node):
+    source = (ROOT / 'saddlering_ros' / 'nodes' / f'{node}.py').read_text()
+    functions = {item.name for item in ast.parse(source).body if isinstance(item, ast.FunctionDef)}
+    assert 'main' in functions
+
+
+@pytest.mark.parametrize('folder', ['launch', 'config', 'bags'])
+def test_every_shared_file_is_installed(arguments, folder):
+    installed = {name for _, names in arguments['data_files'] for name in names}
+    there = {str(path.relative_to(ROOT)) for path in (ROOT / folder).rglob('*')
+             if path.is_file() and '__pycache__' not in path.parts}
+    assert there
+    assert there <= installed
+
+
+def test_ros_is_an_extra_and_never_required(arguments):
+    assert not [name for name in arguments['install_requires'] if name.startswith('ros-')]
+    assert any(name.startswith('ros-jazzy-rclpy') for name in arguments['extras_require']['ros'])
+
+
+def test_what_the_package_imports_is_declared(arguments):
+    declared = {name.lower() for name in arguments['install_requires']}
+    modules = {'yaml': 'pyyaml'}
+    from_ros = {depend.text for depend in manifest().iter('exec_depend')}
+    imported = {name for path in (ROOT / 'saddlering_ros').rglob('*.py')
+                for name in top_level_imports(path)}
+    unknown = {name for name in imported if modules.get(name, name) not in declared | from_ros}
+    assert unknown <= {'saddlering_ros', 'ament_index_python'}
+
+
+def top_level_imports(path: Path) -> set[str]:
+    """Names of the third-party packages that a module imports, anywhere in it."""
+    names: set[str] = set()
+    for item in ast.walk(ast.parse(path.read_text())):
+        if isinstance(item, ast.Import):
+            names |= {alias.name for alias in item.names}
+        elif isinstance(item, ast.ImportFrom) and not item.level and item.module:
+            names.add(item.module)
+    tops = {name.split('.')[0] for name in names}
+    return tops - set(sys.stdlib_module_names)
+
+
+@pytest.mark.parametrize('python', ['3.10', '3.11', '3.12', '3.13'])
+@pytest.mark.parametrize('kind', ['wheels', 'test'])
+def test_every_python_has_exact_pins(python, kind):
+    lines = (ROOT / 'requirements' / 'lock' / f'{python}-{kind}.txt').read_text().splitlines()
+    pins = [line for line in lines if not line.startswith('#')]
+    assert pins
+    assert all(re.fullmatch(r'[\w.-]+==[\w.]+', pin) for pin in pins)
+
+
+@pytest.mark.parametrize('python', ['3.10', '3.11', '3.12', '3.13'])
+def test_pins_hold_what_the_package_requires(arguments, python):
+    lock = (ROOT / 'requirements' / 'lock' / f'{python}-wheels.txt').read_text().lower()
+    pinned = {line.split('==')[0] for line in lock.splitlines()}
+    assert {name.lower() for name in arguments['install_requires']} <= pinned
+
+
+def test_the_launch_file_starts_every_node():
+    launch_ros = pytest.importorskip('launch_ros', reason='launch is not published as a wheel')
+    from launch.launch_description_sources import PythonLaunchDescriptionSource
+
+    from launch import LaunchContext
+    source = PythonLaunchDescriptionSource(str(ROOT / 'launch' / 'rig.launch.py'))
+    context = LaunchContext()
+    waiting = list(source.get_launch_description(context).entities)
+    started = []
+    while waiting:
+        entity = waiting.pop()
+        if isinstance(entity, launch_ros.actions.Node):
+            started.append(entity.node_executable)
+            continue
+        waiting += entity.visit(context) or []
+    assert sorted(started) == sorted(NODES)
+
+
+def test_the_launch_file_names_every_node():
+    source = (ROOT / 'launch' / 'rig.launch.py').read_text()
+    items = ast.walk(ast.parse(source))
+    strings = {item.value for item in items if isinstance(item, ast.Constant)}
+    assert strings >= NODES
+
+
+def test_the_messages_are_those_of_this_version():
+    pytest.importorskip('saddlering_interfaces')
+    try:
+        assert version('saddlering_interfaces') == saddlering_ros.__version__
+    except PackageNotFoundError:
+        pytest.skip('installed without metadata')

@@ -1,0 +1,101 @@
+"""Claims about tools/set_up.sh where it must stop: one line that names what to install."""
+
+import os
+from pathlib import Path
+import shutil
+import subprocess
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+@pytest.fixture
+def project(tmp_path):
+    """A copy of what set-up reads, without an environment."""
+    for name in ('tools', 'requirements', 'saddlering_interfaces'):
+        shutil.copytree(ROOT / name, tmp_path / name)
+    return tmp_path
+
+
+def programs(folder, **fakes):
+    """A bin/ folder with the plain tools of this machine, and `fakes`: name to script."""
+    folder.mkdir()
+    tools = {'bash', 'basename', 'cat', 'cut', 'dirname', 'env', 'sha256sum', 'uname'}
+    for name in tools - set(fakes):
+        where = shutil.which(name)
+        assert where is not None
+        (folder / name).symlink_to(where)
+    for name, script in fakes.items():
+        (folder / name).write_text(f'#!/bin/sh\n{script}\n')
+        (folder / name).chmod(0o755)
+    return str(folder)
+
+
+def set_up(project, path, **environment):
+    return subprocess.run(
+        [shutil.which('bash') or 'bash', 'tools/set_up.sh'], cwd=project, text=True,
+        capture_output=True, env={'PATH': path, 'HOME': str(project), **environment}, timeout=60,
+        check=False)
+
+
+def test_no_python_names_the_package(project):
+    done = set_up(project, programs(project / 'bin'))
+    assert done.returncode == 1
+    assert 'apt install python3' in done.stderr
+    assert done.stderr.count('\n') == 1
+
+
+def test_a_python_too_old_names_the_version(project):
+    path = programs(project / 'bin', python3='echo 3.9')
+    done = set_up(project, path, PYTHON='python3')
+    assert done.returncode == 1
+    assert 'is Python 3.9; 3.10 to 3.13 is needed' in done.stderr
+    assert done.stderr.count('\n') == 1
+
+
+def test_an_old_python3_beside_a_usable_one_is_passed_over(project):
+    path = programs(project / 'bin', python3='echo 3.9',
+                    **{'python3.11': 'case "$*" in *version_info*) echo 3.11;; *) exit 1;; esac'})
+    assert 'python3.11 cannot make environments' in set_up(project, path).stderr
+
+
+def test_no_venv_names_the_package(project):
+    script = 'case "$*" in *version_info*) echo 3.12;; *ensurepip*) exit 1;; esac'
+    done = set_up(project, programs(project / 'bin', python3=script))
+    assert done.returncode == 1
+    assert 'apt install python3-venv' in done.stderr
+    assert done.stderr.count('\n') == 1
+
+
+@pytest.mark.parametrize(('compilers', 'missing'), [((), 'C'), (('gcc',), 'C++')])
+def test_no_compiler_names_the_package(project, compilers, missing):
+    script = 'case "$*" in *version_info*) echo 3.12;; esac'
+    fakes = dict.fromkeys(compilers, 'exit 0')
+    done = set_up(project, programs(project / 'bin', python3=script, **fakes))
+    assert done.returncode == 1
+    assert f'no {missing} compiler: sudo apt install' in done.stderr
+    assert done.stderr.count('\n') == 1
+
+
+def test_no_python_headers_names_the_package(project):
+    script = 'case "$*" in *version_info*) echo 3.12;; *sysconfig*) echo /nowhere;; esac'
+    fakes = {'python3': script, 'gcc': 'exit 0', 'g++': 'exit 0'}
+    done = set_up(project, programs(project / 'bin', **fakes))
+    assert done.returncode == 1
+    assert 'apt install python3-dev' in done.stderr
+
+
+def test_a_machine_without_wheels_is_told_to_source_a_ros(project):
+    folder = programs(project / 'bin', python3='echo 3.12', uname='echo aarch64')
+    assert 'source a ROS 2 Jazzy first' in set_up(project, folder).stderr
+
+
+@pytest.mark.skipif(not (ROOT / '.venv' / 'stamps' / 'package').is_file(),
+                    reason='this is not an environment that set-up made')
+def test_a_second_set_up_finds_nothing_to_do():
+    environment = {**os.environ, 'PIP_NO_INDEX': '1'}
+    recorded = (ROOT / '.venv' / 'stamps' / 'python').read_text().strip()
+    done = subprocess.run(['tools/set_up.sh'], cwd=ROOT, env={**environment, 'PYTHON': recorded},
+                          text=True, capture_output=True, timeout=60, check=False)
+    assert (done.returncode, done.stdout, done.stderr) == (0, '', '')
