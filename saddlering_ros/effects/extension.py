@@ -1,4 +1,4 @@
-"""What can be added to the ring model: one frozen dataclass of physical knobs, all neutral by default.
+"""What can be added to the ring model: one frozen dataclass of knobs, all neutral by default.
 
 An effect of the catalogue (saddlering_ros/effects) is a mapping from its few parameters to these
 knobs. The order of the fields is the way of the signal: load path, ring, measurement.
@@ -18,11 +18,11 @@ NO_PROBE: Four = (0.0, 0.0, 0.0, 0.0)
 
 @dataclass(frozen=True)
 class Hysteron:
-    """A rate-free friction element: z in [-1, 1] follows a coordinate, the force is `limit` times z.
+    """A rate-free friction element: z in [-1, 1] follows a coordinate, the force is limit times z.
 
     limit: force (or angle, or moment) at full slip; presliding: travel over which it builds up;
-    sharpness: 0 exponential approach (Dahl, LuGre at low speed), 1 elastic-plastic (Jenkins), linear
-    mixture between; initial: z at the start of the record.
+    sharpness: 0 exponential approach (Dahl, LuGre at low speed), 1 elastic-plastic (Jenkins),
+    linear mixture between; initial: z at the start of the record.
     """
 
     limit: float = 0.0
@@ -85,13 +85,15 @@ class RingExtension:
     cylinder_friction: Hysteron = field(default_factory=lambda: Hysteron(presliding=2000.0))
     elevation_error: float = 0.0        # [rad]
     moment_arm: float = 0.0             # trunnion y_t + e [m]
-    bracket_play: Hysteron = field(default_factory=lambda: Hysteron(presliding=2000.0))  # limit [rad]
+    # Limit in [rad], presliding in [N]
+    bracket_play: Hysteron = field(default_factory=lambda: Hysteron(presliding=2000.0))
     # Ring
     upper_row: RowGeometry = field(default_factory=RowGeometry)
     lower_row: RowGeometry = field(default_factory=RowGeometry)
     middle_row: RowGeometry = field(default_factory=RowGeometry)
-    radial_friction: Hysteron = field(default_factory=lambda: Hysteron(presliding=2e-6))  # [N], [m]
-    tilt_friction: Hysteron = field(default_factory=lambda: Hysteron(presliding=3e-6))    # [N m], [rad]
+    # Limits of the next two in [N] and [N m], presliding in [m] and [rad]
+    radial_friction: Hysteron = field(default_factory=lambda: Hysteron(presliding=2e-6))
+    tilt_friction: Hysteron = field(default_factory=lambda: Hysteron(presliding=3e-6))
     damping_penetration_share: float = 0.0  # 0 constant D, 1 damping proportional to p^n
     radial_compliance: float = 0.0      # delta_x += c F_x [m/N]
     axial_compliance: float = 0.0       # delta_y += c F_y [m/N]
@@ -128,7 +130,8 @@ NO_EXTENSION = RingExtension()
 
 def with_probe(values: Four, probe: int, value: float) -> Four:
     """The same tuple with `value` added at probe 1 to 4, or at all probes for 0."""
-    changed = [old + (value if probe in (0, index + 1) else 0.0) for index, old in enumerate(values)]
+    changed = [old + (value if probe in (0, number) else 0.0)
+               for number, old in enumerate(values, start=1)]
     return changed[0], changed[1], changed[2], changed[3]
 
 
@@ -141,5 +144,6 @@ def set_probe(values: Four, probe: int, value: float) -> Four:
 def describe(extension: RingExtension) -> dict[str, Any]:
     """The knobs that differ from neutral, by name."""
     return {
-        name: value for name, value in vars(extension).items() if value != getattr(NO_EXTENSION, name)
+        name: value for name, value in vars(extension).items()
+        if value != getattr(NO_EXTENSION, name)
     }

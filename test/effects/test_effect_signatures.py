@@ -1,0 +1,327 @@
+"""Claims about what each effect does to a simulated record: where it shows, and in what shape."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import lru_cache
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+import pytest
+
+from saddlering_ros.effects import catalogue, Effect, extension_of, NO_EXTENSION, Variant
+from saddlering_ros.rig import (
+    CHANNELS,
+    default_rig,
+    FULL_SCALE_LOAD,
+    PARAMETER_NAMES,
+    ParameterSet,
+    probes_to_displacement,
+    TONNE,
+    TRUE_TO_SCALE,
+)
+from saddlering_ros.ring import probe_batch, RingSimulator, simulate
+
+Floats = NDArray[np.float64]
+
+RIG = default_rig()
+CONTACT = TRUE_TO_SCALE.to_array()
+DEGREE = np.pi / 180.0
+PUSHED, PULLED = 50.0 * DEGREE, 230.0 * DEGREE
+RATE = 100.0
+
+STEPS = np.concatenate([np.arange(0.5, 25.1, 3.5), np.arange(21.5, 0.0, -3.5)]) * TONNE
+
+
+def stairs(levels: Floats, hold: float = 0.5, rise: float = 0.1) -> tuple[Floats, Floats]:
+    """A record (time, load) that holds each level and rises to the next."""
+    corners, loads = [0.0, hold], [levels[0], levels[0]]
+    for level in levels[1:]:
+        corners += [corners[-1] + rise, corners[-1] + rise + hold]
+        loads += [level, level]
+    time = np.arange(0.0, corners[-1], 1.0 / RATE)
+    return time, np.interp(time, corners, loads)
+
+
+def ramp(rise: float = 0.6) -> tuple[Floats, Floats]:
+    """A record (time, load) from preload to full scale and back within `rise` seconds each."""
+    corners = np.cumsum([0.0, 0.5, rise, 0.5, rise, 0.8])
+    loads = np.array([RIG.preload, RIG.preload, FULL_SCALE_LOAD, FULL_SCALE_LOAD, RIG.preload,
+                      RIG.preload])
+    time = np.arange(0.0, corners[-1], 1.0 / RATE)
+    return time, np.interp(time, corners, loads)
+
+
+def channels(probes: Floats) -> Floats:
+    """Channels (4, N) in the order of CHANNELS from probe increments (4, N)."""
+    displacement = probes_to_displacement(RIG.probes, probes)
+    return np.array([getattr(displacement, name) for name in CHANNELS])
+
+
+def simulated(effects: Mapping[str, Mapping[str, float]], record: tuple[Floats, Floats],
+              elevation: float = PUSHED, contact: Floats = CONTACT) -> dict[str, Floats]:
+    """Channels by name of one record under effects."""
+    candidates = [(contact, extension_of(effects))]
+    probes = probe_batch(RIG, candidates, elevation, *record, max_step=5e-3)[0]
+    return dict(zip(CHANNELS, channels(probes), strict=True))
+
+
+def guesses(one: Effect, variant: Variant) -> list[dict[str, float]]:
+    """The effect at its typical size, from each of its first guesses."""
+    typical = {p.name: p.scale for p in one.parameters if p.amplitude}
+    return [{**one.neutral_values(variant), **typical, **start} for start in one.starts or ({},)]
+
+
+CASES = [(one, variant) for one in catalogue().values() for variant in one.variants]
+NAMES = [f'{one.id}-{variant.label}' for one, variant in CASES]
+
+
+@lru_cache(maxsize=1)
+def all_changes() -> tuple[Floats, Floats, Floats]:
+    """Largest change (cases, 4) by each case when neutral, typical and at the ends of its bounds.
+
+    In shares of the channel's range (parity: of delta_x), over a static and a dynamic record of
+    the ring pushed, and a static one of the ring pulled (other rollers, other ends of the probes).
+    """
+    extensions, places = [NO_EXTENSION], []
+    for number, (one, variant) in enumerate(CASES):
+        neutral = one.neutral_values(variant)
+        ends = [
+            {**neutral, **{p.name: getattr(p, end) for p in one.parameters if p.amplitude}}
+            for end in ('low', 'high')
+        ]
+        for kind, group in enumerate(([neutral], guesses(one, variant), ends)):
+            for values in group:
+                extensions.append(one.extend(NO_EXTENSION, one.complete(values)))
+                places.append((kind, number))
+    changes = np.zeros((3, len(CASES), len(CHANNELS)))
+    static = stairs(STEPS, hold=0.1, rise=0.2)
+    for elevation, record in ((PUSHED, static), (PUSHED, ramp()), (PULLED, static)):
+        probes = probe_batch(RIG, [(CONTACT, extension) for extension in extensions],
+                             elevation, *record)
+        plain = channels(probes[0])
+        extent = np.ptp(plain, axis=1)
+        extent[CHANNELS.index('parity')] = extent[CHANNELS.index('delta_x')]
+        for (kind, number), changed in zip(places, probes[1:], strict=True):
+            size = np.abs(channels(changed) - plain).max(axis=1) / extent
+            changes[kind, number] = np.maximum(changes[kind, number], size)
+    return changes[0], changes[1], changes[2]
+
+
+@pytest.mark.parametrize('case', range(len(CASES)), ids=NAMES)
+def test_a_neutral_effect_changes_nothing(case: int) -> None:
+    neutral, _, _ = all_changes()
+    assert np.all(neutral[case] == 0.0)
+
+
+@pytest.mark.parametrize('case', range(len(CASES)), ids=NAMES)
+def test_an_effect_shows_in_the_channels_it_states_and_in_no_other(case: int) -> None:
+    _, typical, _ = all_changes()
+    one, variant = CASES[case]
+    for name, change in zip(CHANNELS, typical[case], strict=True):
+        if name in one.channels_of(variant):
+            assert change > 1e-4, f'{name} does not show it'
+        else:
+            assert change < 1e-6, f'{name} shows it'
+
+
+@pytest.mark.parametrize('case', range(len(CASES)), ids=NAMES)
+def test_the_simulation_stays_sane_up_to_the_bounds(case: int) -> None:
+    _, _, extreme = all_changes()
+    assert np.all(np.isfinite(extreme[case]))
+    assert np.all(extreme[case] < 10.0)
+
+
+def branches(channel: Floats, load: Floats) -> tuple[Floats, Floats]:
+    """A channel at common loads going up and coming down, (25,) each."""
+    top = int(np.argmax(load))
+    wanted = np.linspace(0.1, 0.9, 25) * FULL_SCALE_LOAD
+    return (np.interp(wanted, load[:top + 1], channel[:top + 1]),
+            np.interp(wanted, load[:top - 1:-1], channel[:top - 1:-1]))
+
+
+def loop(channel: Floats, load: Floats) -> float:
+    """Mean height of the loop, down minus up, as a share of the channel's range."""
+    up, down = branches(channel, load)
+    return float(np.mean(down - up) / np.ptp(channel))
+
+
+def slow_cycle(seconds: float = 20.0) -> tuple[Floats, Floats]:
+    time = np.arange(0.0, seconds, seconds / 600.0)
+    return time, np.interp(time, [0.0, 0.5 * seconds, seconds],
+                           [RIG.preload, FULL_SCALE_LOAD, RIG.preload])
+
+
+def test_radial_friction_opens_the_same_loop_at_any_slow_rate() -> None:
+    friction = {'radial_friction': {'force': 8e3}}
+    heights = []
+    for seconds in (40.0, 160.0):
+        time, load = slow_cycle(seconds)
+        with_it, without = (simulated(f, (time, load))['delta_x'] for f in (friction, {}))
+        heights.append(loop(with_it, load) - loop(without, load))
+    assert heights[0] > 0.01
+    assert heights[1] == pytest.approx(heights[0], rel=0.02)
+
+
+def test_film_creep_opens_a_loop_that_depends_on_the_rate() -> None:
+    creep = {'film_creep': {'share': 0.1, 'time': 5.0}}
+    heights = []
+    for seconds in (20.0, 400.0):
+        time, load = slow_cycle(seconds)
+        with_it, without = (simulated(f, (time, load))['delta_x'] for f in (creep, {}))
+        heights.append(loop(with_it, load) - loop(without, load))
+    assert heights[0] > 3.0 * abs(heights[1])
+
+
+def test_cylinder_friction_is_a_lower_load_going_up_and_a_higher_one_coming_down() -> None:
+    time, load = slow_cycle()
+    friction = {'cylinder_friction': {'force': 3e3, 'presliding': 500.0}}
+    changed, plain = simulated(friction, (time, load)), simulated({}, (time, load))
+    for name in ('delta_x', 'gamma'):
+        up, down = branches(changed[name] - plain[name], load)
+        assert np.all(up < 0.0)
+        assert np.all(down > 0.0)
+
+
+def test_settling_is_gone_in_a_second_cycle() -> None:
+    one_cycle = np.array([RIG.preload, FULL_SCALE_LOAD, RIG.preload])
+    record = stairs(np.concatenate([one_cycle, one_cycle[1:]]))
+    values = {'settling': {'coordinate': 2.0, 'settling': 4e-11}}
+    change = simulated(values, record)['gamma'] - simulated({}, record)['gamma']
+    after_first = record[0] > 1.2
+    assert change[-1] == pytest.approx(4e-11 * (FULL_SCALE_LOAD - RIG.preload), rel=1e-6)
+    assert np.ptp(change[after_first]) < 1e-6 * change[-1]
+
+
+def test_a_bolted_joint_opens_at_one_moment_whatever_the_elevation() -> None:
+    values = {'bolt_opening': {'compliance': 2e-10, 'moment': 8e4}}
+    for elevation in (50.0 * DEGREE, 70.0 * DEGREE):
+        time, load = slow_cycle()
+        change = (simulated(values, (time, load), elevation)['gamma']
+                  - simulated({}, (time, load), elevation)['gamma'])
+        arm = RIG.trunnion.y * np.cos(elevation) + RIG.trunnion.x * np.sin(elevation)
+        moment = load * arm
+        assert np.all(np.abs(change[moment < 8e4]) < 1e-12)
+        expected = 2e-10 * (moment - 8e4)[moment > 8e4]
+        assert change[moment > 8e4] == pytest.approx(expected, rel=1e-3, abs=1e-9)
+
+
+@pytest.mark.parametrize(('effect_id', 'channel', 'drive'), [
+    ('radial_compliance', 'delta_x', np.cos(PUSHED)),
+    ('axial_compliance', 'delta_y', -np.sin(PUSHED)),
+    ('tilt_compliance', 'gamma',
+     RIG.trunnion.y * np.cos(PUSHED) + RIG.trunnion.x * np.sin(PUSHED)),
+    ('ring_ovalisation', 'parity', np.cos(PUSHED)),
+])
+def test_a_series_spring_adds_a_straight_line_without_a_loop(
+        effect_id: str, channel: str, drive: float) -> None:
+    time, load = ramp()
+    change = (simulated({effect_id: {'compliance': 5e-11}}, (time, load))[channel]
+              - simulated({}, (time, load))[channel])
+    assert change == pytest.approx(5e-11 * drive * (load - load[0]), rel=1e-3, abs=1e-10)
+
+
+def test_a_load_gain_is_a_scaling_of_stiffness_and_damping() -> None:
+    record = ramp()
+    scaled = np.array([
+        value * 1.03 if name[0] in 'KD' else value
+        for name, value in zip(PARAMETER_NAMES, CONTACT, strict=True)
+    ])
+    by_gain = simulated({'load_gain': {'gain': 0.03}}, record)['delta_x']
+    by_contact = simulated({}, record, contact=scaled)['delta_x']
+    assert np.abs(by_gain - by_contact).max() < 1e-4 * np.ptp(by_gain)
+
+
+def test_one_degree_of_elevation_takes_two_percent_from_the_radial_force() -> None:
+    """2.1 % of the force at 50 degrees, which to the power 0.9 is 1.9 % of the displacement."""
+    record = slow_cycle()
+    changed = simulated({'elevation_error': {'angle': DEGREE}}, record)['delta_x']
+    turned = simulated({}, record, PUSHED + DEGREE)['delta_x']
+    assert changed == pytest.approx(turned, abs=1e-15)
+    plain = simulated({}, record)['delta_x']
+    assert np.ptp(changed) / np.ptp(plain) - 1.0 == pytest.approx(-0.019, abs=0.002)
+
+
+def test_a_clock_offset_shifts_all_probes_alike() -> None:
+    time, load = ramp()
+    late = simulated({'clock_offset': {'offset': 0.02}}, (time, load))
+    plain = simulated({}, (time, load))
+    for name in ('delta_x', 'delta_y', 'gamma'):
+        shifted = np.interp(time - 0.02, time, plain[name])
+        assert late[name] == pytest.approx(shifted, abs=1e-12)
+
+
+def test_a_lagging_probe_follows_a_ramp_one_time_constant_late() -> None:
+    record = slow_cycle(4.0)
+    late = simulated({'probe_lag': {'time': 0.05}}, record)['delta_x']
+    plain = simulated({}, record)['delta_x']
+    before_top = (record[0] > 1.0) & (record[0] < 1.9)
+    expected = np.interp(record[0] - 0.05, record[0], plain)
+    assert late[before_top] == pytest.approx(expected[before_top], abs=2e-8)
+
+
+def test_drift_goes_on_at_rest() -> None:
+    time = np.arange(0.0, 10.0, 0.1)
+    values = {'probe_drift': {'probe': 1.0, 'rate': 1e-8}}
+    rest = simulated(values, (time, np.full(time.size, RIG.preload)))
+    assert rest['delta_x'] == pytest.approx(0.5e-8 * time, abs=1e-13)
+
+
+def test_a_saturated_probe_stands_still_and_is_right_below_its_limit() -> None:
+    values = {'probe_saturation': {'probe': 1.0, 'side': 1.0, 'limit': 6e-5}}
+    changed, plain = simulated(values, slow_cycle()), simulated({}, slow_cycle())
+    first = changed['delta_x'] + changed['parity']
+    assert first == pytest.approx(np.minimum(plain['delta_x'], 6e-5), abs=1e-15)
+
+
+def test_ringing_after_a_corner_has_the_period_of_the_resonance() -> None:
+    time, load = ramp(rise=0.2)
+    values = {'carriage_resonance': {'period': 0.08, 'damping': 0.02}}
+    change = simulated(values, (time, load))['delta_x'] - simulated({}, (time, load))['delta_x']
+    held = (time > 0.75) & (time < 1.15)
+    ringing = change[held] - np.polyval(np.polyfit(time[held], change[held], 1), time[held])
+    ups = [a for a, b in pairwise(range(ringing.size)) if ringing[a] < 0.0 <= ringing[b]]
+    assert np.diff(ups).mean() / RATE == pytest.approx(0.08, rel=0.05)
+
+
+def test_growing_damping_is_gone_once_the_load_has_been_held() -> None:
+    levels = np.array([RIG.preload, 0.5 * FULL_SCALE_LOAD, FULL_SCALE_LOAD])
+    change = [
+        np.abs(simulated({'damping_law': {'share': 1.0}}, record)['delta_x']
+               - simulated({}, record)['delta_x'])
+        for record in (ramp(), stairs(levels, hold=2.0))
+    ]
+    assert change[1][-1] < 1e-4 * change[0].max()
+
+
+def test_a_worn_arc_matters_only_in_the_load_zone() -> None:
+    record = slow_cycle()
+    plain = np.ptp(simulated({}, record)['delta_x'])
+    rear, front = (
+        np.ptp(simulated({'worn_sector_radial': {'wear': 0.3, 'centre': centre}},
+                         record)['delta_x'])
+        for centre in (0.0, np.pi)
+    )
+    assert rear > 1.02 * plain
+    assert front == pytest.approx(plain, rel=1e-6)
+
+
+def test_a_gain_of_one_radial_probe_shows_half_in_the_parity() -> None:
+    record = slow_cycle()
+    plain = simulated({}, record)
+    one = simulated({'probe_gain': {'probe': 1.0, 'gain': 0.02}}, record)
+    assert one['parity'] == pytest.approx(0.01 * plain['delta_x'], abs=1e-15)
+
+
+def test_live_and_offline_give_the_same_numbers_under_many_effects() -> None:
+    effects = {
+        'radial_friction': {'force': 5e3}, 'film_creep': {'share': 0.05, 'time': 1.0},
+        'probe_lag': {'time': 0.02}, 'clock_offset': {'offset': 0.013},
+    }
+    time, load = ramp()
+    parameters = ParameterSet(TRUE_TO_SCALE, effects)
+    offline = simulate(RIG, parameters, PUSHED, time, load)
+    live = RingSimulator(RIG, parameters, PUSHED)
+    samples = [sample for t, p in zip(time, load, strict=True) for sample in live.push(t, p)]
+    assert np.array_equal(np.array([sample.probes for sample in samples]).T, offline.probes)
