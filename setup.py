@@ -51,7 +51,7 @@ setup(
         *shared_files('bags'),
     ],
     include_package_data=True,
-    zip_safe=True,
+    zip_safe=False,
     install_requires=['setuptools', *required('run')],
     extras_require={
         # rclpy and the messages, where no ROS 2 Jazzy is installed. Never a plain requirement:
