@@ -1,7 +1,7 @@
 """From test runs to contact parameters, how far they can be trusted, and how well they predict."""
 
 from saddlering_ros.identification.errors import IdentificationError
-from saddlering_ros.identification.identify import identify
+from saddlering_ros.identification.methods import identify
 from saddlering_ros.identification.result import Identification
 from saddlering_ros.identification.settings import IdentificationSettings, Progress
 from saddlering_ros.identification.swarm import StopReason, SwarmSettings

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
@@ -11,13 +11,17 @@ from numpy.typing import NDArray
 
 from saddlering_ros.identification.errors import IdentificationError
 from saddlering_ros.identification.observation import Observation
+from saddlering_ros.identification.whitening import Whitening
 from saddlering_ros.rig import PARAMETER_NAMES, Rig, TONNE
 from saddlering_ros.ring import dynamic_batch, static_batch
 
 Array = NDArray[np.float64]
 
-LONGEST_STEP = 5e-3
+LONGEST_STEP = 2e-3
 """Longest step [s] of the simulator inside a fit."""
+
+COARSE_STEP = 20e-3
+"""The same where a run is simulated on its fit grid."""
 
 
 class Objective(Protocol):
@@ -30,16 +34,17 @@ class Objective(Protocol):
 
 def predict(rig: Rig, contacts: Array, observation: Observation) -> Array:
     """Simulated increments since zero (B, 3, N) [m, m, rad] of a run at contacts (B, 6)."""
-    loads = np.append(observation.load, observation.zero_load)
+    loads = np.append(observation.zero_load, observation.load)
     if not observation.dynamic:
         still = static_batch(rig, contacts, observation.elevation, loads)
-        return np.asarray(still[:, :, :-1] - still[:, :, -1:])
-    zero = static_batch(rig, contacts, observation.elevation, loads[-1:])
+        return np.asarray(still[:, :, 1:] - still[:, :, :1])
+    zero = static_batch(rig, contacts, observation.elevation, loads[:1])
     moving = dynamic_batch(
-        rig, contacts, observation.elevation, observation.time, observation.load,
-        min(LONGEST_STEP, observation.step),
+        rig, contacts, observation.elevation, observation.fine_time, observation.fine_load,
+        LONGEST_STEP if observation.per_block > 1 else COARSE_STEP,
     )
-    return np.asarray(moving - zero)
+    blocks = moving.reshape(*moving.shape[:2], -1, observation.per_block).mean(axis=-1)
+    return np.asarray(blocks - zero)
 
 
 @dataclass
@@ -119,29 +124,27 @@ def average_branches(observation: Observation) -> Observation:
     """The paper's static readings: mean of the loading and unloading reading of each load step.
 
     Steps are told apart by rounding to half a tonne; a step read on one branch only is kept as it
-    is. The result's whitening is diagonal.
+    is. The result's readings count as independent.
     """
     steps = np.round(observation.load / (0.5 * TONNE)).astype(int)
     levels = np.unique(steps)
     groups = [_both_branches(observation, np.flatnonzero(steps == level)) for level in levels]
-    weights = np.zeros((len(groups), len(steps)))
+    weights = np.zeros((len(groups), len(steps)))  # readings averaged into each step
     for row, group in enumerate(groups):
         for members in group:
             weights[row, members] = 1.0 / (len(group) * len(members))
     variance = observation.standard_error**2 @ (weights.T**2)
-    error = np.sqrt(variance)
-    return Observation(
-        name=observation.name,
-        dynamic=False,
-        elevation=observation.elevation,
-        time=weights @ observation.time,
-        load=weights @ observation.load,
-        zero_load=observation.zero_load,
+    time, load = weights @ observation.time, weights @ observation.load
+    return replace(
+        observation,
+        time=time,
+        load=load,
         displacement=observation.displacement @ weights.T,
         branch=np.zeros(len(groups)),
-        whitening=np.stack([np.diag(1.0 / row) for row in error]),
-        correlation=observation.correlation,
-        standard_error=error,
+        whitening=tuple(Whitening.of_independent(row, 0.0) for row in variance),
+        standard_error=np.sqrt(variance),
+        fine_time=time,
+        fine_load=load,
     )
 
 

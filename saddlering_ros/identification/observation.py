@@ -7,15 +7,16 @@ hang together, so that everything after this module treats all runs alike.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import cholesky, solve_triangular, toeplitz
+from scipy.linalg import cholesky
 
 from saddlering_ros.bags import BagError, displacement_of_run, MeasuredRun, plateaus, TestRun
 from saddlering_ros.identification.errors import IdentificationError
 from saddlering_ros.identification.noise import fit_noise, NoiseModel, SMALLEST_NOISE
+from saddlering_ros.identification.whitening import Whitening
 from saddlering_ros.rig import FULL_SCALE_LOAD, Rig, TONNE
 
 Array = NDArray[np.float64]
@@ -29,8 +30,13 @@ LEAST_LOAD = 5.0 * TONNE
 MOST_SAMPLES = 1000
 """Longest fit grid of one dynamic run; longer records get a coarser grid."""
 
+SIMULATION_RATE = 250.0
+"""Rate [Hz] of the loads a dynamic run is simulated with in a fit; faster records are averaged."""
+
 REST_BAND = 0.0025 * FULL_SCALE_LOAD
 REST_SECONDS = 0.25
+SETTLING_SECONDS = 0.3
+"""What counts as a stretch at rest in a dynamic run, and how long it settles after a movement."""
 
 
 @dataclass(frozen=True)
@@ -38,9 +44,10 @@ class Observation:
     """One run, ready to be fitted.
 
     time [s] and load [N] (N,); zero_load [N]; displacement (3, N) increments since zero
-    [m, m, rad]; branch (N,) +1 loading, -1 unloading, 0 neither; whitening (3, N, N) lower
-    triangular, turns each channel's errors into uncorrelated ones of unit variance;
-    correlation (3, 3) of these across channels; standard_error (3, N) of each reading.
+    [m, m, rad]; branch (N,) +1 loading, -1 unloading, 0 neither; whitening turns each channel's
+    errors into uncorrelated ones of unit variance; correlation (3, 3) of these across channels;
+    standard_error (3, N) of each reading. A dynamic run is simulated on its finer grid,
+    fine_time and fine_load (N * per_block,), and averaged over blocks of per_block.
     """
 
     name: str
@@ -51,20 +58,24 @@ class Observation:
     zero_load: float
     displacement: Array
     branch: Array
-    whitening: Array
+    whitening: tuple[Whitening, ...]
     correlation: Array
     standard_error: Array
+    fine_time: Array
+    fine_load: Array
+    per_block: int = 1
 
-    @property
-    def step(self) -> float:
-        """Largest step [s] the simulator may take on this grid."""
-        return float(np.median(np.diff(self.time))) if len(self.time) > 1 else 1e-3
+    def coarse(self) -> Observation:
+        """The same run simulated on the fit grid itself: for a swarm, which needs no more."""
+        if not self.dynamic:
+            return self
+        return replace(self, fine_time=self.time, fine_load=self.load, per_block=1)
 
     def whiten(self, residuals: Array, channels: Sequence[int]) -> Array:
         """Uncorrelated residuals (B, C * N) of raw ones (B, C, N) for the given channels."""
         rows = np.stack(
             [
-                residuals[:, position] @ self.whitening[channel].T
+                self.whitening[channel].apply(residuals[:, position])
                 for position, channel in enumerate(channels)
             ],
             axis=1,
@@ -120,11 +131,22 @@ def _prepare(run: TestRun, rig: Rig) -> _Prepared:
         return _Prepared(
             run, measured, displacement, rests, np.asarray(found.branch, dtype=float), interval
         )
-    rests = stretches_at_rest(measured.time, measured.load)
-    zero = measured.zero
-    if not rests:
-        rests = [(zero.start, zero.end)]
+    rests = _calm_stretches(measured)
     return _Prepared(run, measured, displacement, rests, None, interval)
+
+
+def _calm_stretches(measured: MeasuredRun) -> list[tuple[int, int]]:
+    """Stretches at rest of a dynamic run to read the noise from.
+
+    That before the first movement alone if it is long enough: after a movement the ring may still
+    be creeping back long after the load has come to rest.
+    """
+    rests = stretches_at_rest(measured.time, measured.load)
+    if not rests:
+        return [(measured.zero.start, measured.zero.end)]
+    first, last = rests[0]
+    long_enough = measured.time[last - 1] - measured.time[first] >= 2.0 * REST_SECONDS
+    return rests[:1] if long_enough and first == 0 else rests
 
 
 def run_name(run: TestRun) -> str:
@@ -174,20 +196,28 @@ def stretches_at_rest(time: Array, load: Array) -> list[tuple[int, int]]:
     blocks = len(load) // count
     means = load[: blocks * count].reshape(blocks, count).mean(axis=1)
     fewest = max(2, int(np.ceil(REST_SECONDS / (count * float(np.median(np.diff(time)))))))
+    settling = int(np.ceil(SETTLING_SECONDS / (count * float(np.median(np.diff(time))))))
     stretches = []
     start = 0
     for block in range(1, blocks + 1):
         if block < blocks and abs(means[block] - means[start]) <= REST_BAND:
             continue
-        if block - start >= fewest:
-            stretches.append((start * count, block * count))
+        begin = start + (settling if start else 0)
+        end = block - 1 if block < blocks else block
+        if end - begin >= fewest:
+            stretches.append((begin * count, end * count))
         start = block
     return stretches
 
 
-def _block_size(interval: float, samples: int, fit_rate: float | None) -> int:
-    size = 1 if fit_rate is None else max(1, int(round(1.0 / (fit_rate * interval))))
-    return max(size, int(np.ceil(samples / MOST_SAMPLES))) if fit_rate is not None else size
+def _block_sizes(interval: float, samples: int, fit_rate: float | None) -> tuple[int, int]:
+    """Samples in a block of the fit grid, and into how many simulated steps it is cut."""
+    if fit_rate is None:
+        return 1, 1
+    size = max(1, int(round(1.0 / (fit_rate * interval))), int(np.ceil(samples / MOST_SAMPLES)))
+    fine = max(1, int(round(1.0 / (SIMULATION_RATE * interval))))
+    per_block = max(1, int(round(size / fine)))
+    return per_block * max(1, size // per_block), per_block
 
 
 def _block_means(values: Array, size: int) -> Array:
@@ -231,7 +261,7 @@ def _load_slope(one: _Prepared) -> Array:
 def _observe_static(
     one: _Prepared, runs: Sequence[_Prepared], fit_rate: float | None
 ) -> Observation:
-    size = _block_size(one.interval, 1, fit_rate or 50.0)
+    size, _ = _block_sizes(one.interval, 1, fit_rate or 50.0)
     noise = _noise_of(runs, one, size)
     measured = one.measured
     spans = [slice(start, stop) for start, stop in one.rests]
@@ -239,18 +269,22 @@ def _observe_static(
         [np.nanmean(one.displacement[:, span], axis=1) for span in spans], axis=1
     )
     counts = [max(1, (stop - start) // size) for start, stop in one.rests]
-    covariance = np.stack(
-        [
-            np.diag([channel.variance_of_mean(count) for count in counts])
-            for channel in noise.channels
-        ]
-    )
-    return _observation(
-        one, noise, covariance, _zero_blocks(one, size),
-        time=np.array([float(np.mean(measured.time[span])) for span in spans]),
-        load=np.array([float(np.nanmean(measured.load[span])) for span in spans]),
-        displacement=displacement,
-        branch=np.asarray(one.branch),
+    load = np.array([float(np.nanmean(measured.load[span])) for span in spans])
+    time = np.array([float(np.mean(measured.time[span])) for span in spans])
+    blocks = _zero_blocks(one, size)
+    whitening = []
+    error = []
+    for channel in noise.channels:
+        own = np.array([channel.variance_of_mean(count) for count in counts])
+        common = channel.variance_of_mean(blocks)
+        whitening.append(Whitening.of_independent(own, common))
+        error.append(np.sqrt(own + common))
+    return Observation(
+        name=run_name(one.run), dynamic=False, elevation=float(one.run.elevation),
+        time=time, load=load, zero_load=measured.zero.load,
+        displacement=displacement, branch=np.asarray(one.branch),
+        whitening=tuple(whitening), correlation=noise.correlation,
+        standard_error=np.stack(error), fine_time=time, fine_load=load,
     )
 
 
@@ -261,57 +295,42 @@ def _observe_dynamic(
     good = np.all(np.isfinite(one.displacement), axis=0)
     first, last = int(np.argmax(good)), len(good) - int(np.argmax(good[::-1]))
     span = slice(first, last)
-    size = _block_size(one.interval, last - first, fit_rate)
+    size, per_block = _block_sizes(one.interval, last - first, fit_rate)
     noise = _noise_of(runs, one, size)
-    displacement = _block_means(one.displacement[:, span], size)
-    keep = np.all(np.isfinite(displacement), axis=0)
+    time, load = measured.time[span], measured.load[span]
+    displacement = _filled(_block_means(one.displacement[:, span], size))
     samples = displacement.shape[1]
-    covariance = np.stack(
-        [toeplitz(channel.autocovariance(samples)) for channel in noise.channels]
+    blocks = _zero_blocks(one, size)
+    common = [channel.variance_of_mean(blocks) for channel in noise.channels]
+    error = [
+        np.full(samples, np.hypot(channel.standard_deviation, np.sqrt(zero)))
+        for channel, zero in zip(noise.channels, common, strict=True)
+    ]
+    fine = samples * per_block
+    mean_load = _block_means(load, size)
+    return Observation(
+        name=run_name(one.run), dynamic=True, elevation=float(one.run.elevation),
+        time=_block_means(time, size), load=mean_load, zero_load=measured.zero.load,
+        displacement=displacement, branch=np.sign(np.gradient(mean_load)),
+        whitening=tuple(
+            Whitening.of_process(channel, samples, zero)
+            for channel, zero in zip(noise.channels, common, strict=True)
+        ),
+        correlation=noise.correlation, standard_error=np.stack(error),
+        fine_time=_block_means(time, size // per_block)[:fine],
+        fine_load=_block_means(load, size // per_block)[:fine],
+        per_block=per_block,
     )
-    load = _block_means(measured.load[span], size)
-    return _observation(
-        one, noise, covariance[:, keep][:, :, keep], _zero_blocks(one, size),
-        time=_block_means(measured.time[span], size)[keep],
-        load=load[keep],
-        displacement=displacement[:, keep],
-        branch=np.sign(np.gradient(load))[keep],
+
+
+def _filled(values: Array) -> Array:
+    """Rows (3, N) with missing values (a probe's short gap) replaced by a straight line."""
+    grid = np.arange(values.shape[1])
+    good = np.isfinite(values)
+    return np.stack(
+        [np.interp(grid, grid[seen], row[seen]) for row, seen in zip(values, good, strict=True)]
     )
 
 
 def _zero_blocks(one: _Prepared, size: int) -> int:
     return max(1, (one.measured.zero.end - one.measured.zero.start) // size)
-
-
-def _observation(
-    one: _Prepared,
-    noise: NoiseModel,
-    covariance: Array,
-    zero_blocks: int,
-    *,
-    time: Array,
-    load: Array,
-    displacement: Array,
-    branch: Array,
-) -> Observation:
-    """Put the error of the zero, common to all readings of a run, into their covariance."""
-    whitening = np.empty_like(covariance)
-    error = np.empty(covariance.shape[:2])
-    for channel, process in enumerate(noise.channels):
-        full = covariance[channel] + process.variance_of_mean(zero_blocks)
-        error[channel] = np.sqrt(np.diag(full))
-        lower = cholesky(full, lower=True)
-        whitening[channel] = solve_triangular(lower, np.eye(len(full)), lower=True)
-    return Observation(
-        name=run_name(one.run),
-        dynamic=one.branch is None,
-        elevation=float(one.run.elevation),
-        time=time,
-        load=load,
-        zero_load=one.measured.zero.load,
-        displacement=displacement,
-        branch=branch,
-        whitening=whitening,
-        correlation=noise.correlation,
-        standard_error=error,
-    )

@@ -182,7 +182,8 @@ def _by_default(search: _Search, observations: Sequence[Observation]) -> _Found:
         )
     if dynamic and not search.cancelled:
         contact, best = search.run_swarm(
-            'dynamic swarm', WeightedObjective(search.rig, dynamic, channels),
+            'dynamic swarm',
+            WeightedObjective(search.rig, [one.coarse() for one in dynamic], channels),
             search.space(DAMPING_NAMES if static else PARAMETER_NAMES, contact, log=True),
         )
     searched = PARAMETER_NAMES if dynamic else STATIC_NAMES
