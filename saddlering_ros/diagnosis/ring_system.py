@@ -22,7 +22,7 @@ GAP_SCATTER = 1e-6
 """Spread of single rollers' gaps [m] that counts as a sound ring."""
 STIFFNESS_SCATTER = 0.02
 """Spread of single rollers' stiffness, as a share."""
-SECTORS = 6
+SECTORS = 4
 ROWS = ('upper_row', 'lower_row', 'middle_row')
 
 
@@ -116,28 +116,26 @@ def engine_effect(effect: catalogue_of_effects.Effect) -> Effect:
     )
     return Effect(
         effect.id, parameters, tuple(dict(variant.values) for variant in effect.variants),
-        _starts(ordered), effect.title, effect.settled_by, ordered[0].neutral,
+        _starts(effect), effect.title, effect.settled_by, ordered[0].neutral,
     )
 
 
-def _starts(ordered: list[catalogue_of_effects.EffectParameter]) -> tuple[dict[str, float], ...]:
-    """Three sizes at the usual shape, and the usual size at other shapes."""
-    size = ordered[0]
-    if size.neutral == 0.0:
-        sizes = [factor * size.scale for factor in (0.2, 1.0, 3.0)]
-    else:
-        sizes = [factor * size.scale for factor in (0.5, 1.0, 1.5)]
-    sizes = [float(np.clip(value, size.low, size.high)) for value in sizes]
-    usual = {item.name: item.start for item in ordered[1:]}
+def _starts(effect: catalogue_of_effects.Effect) -> tuple[dict[str, float], ...]:
+    """Three sizes at the usual shape, and the usual size at the other shapes worth trying."""
+    size, *shapes = sorted(effect.parameters, key=lambda item: not item.amplitude)
+    factors = (0.2, 1.0, 3.0) if size.neutral == 0.0 else (0.5, 1.0, 1.5)
+    sizes = [float(np.clip(factor * size.scale, size.low, size.high)) for factor in factors]
+    usual = {item.name: item.start for item in shapes}
     starts = [{size.name: value, **usual} for value in sizes]
-    for item in ordered[1:]:
+    for other in effect.starts:
+        if any(other.get(item.name, item.start) != item.start for item in shapes):
+            starts.append({**usual, size.name: sizes[1], **other})
+    for item in shapes:
         if item.amplitude:
             starts.append({size.name: 0.2 * sizes[1], **usual, item.name: item.scale})
-            continue
-        for share in (0.1, 0.35, 0.65, 0.9):
-            if item.logarithmic:
-                other = item.low * (item.high / item.low) ** share
-            else:
-                other = item.low + share * (item.high - item.low)
-            starts.append({size.name: sizes[1], **usual, item.name: other})
+        elif item.logarithmic and not effect.starts:
+            starts += [
+                {size.name: sizes[1], **usual, item.name: item.low * (item.high / item.low) ** share}
+                for share in (0.15, 0.85)
+            ]
     return tuple(starts)

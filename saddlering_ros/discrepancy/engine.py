@@ -26,7 +26,7 @@ from saddlering_ros.discrepancy.refit import (
 )
 from saddlering_ros.discrepancy.screen import (
     Detectability, Score, Signature, angle_matrix, detectability, measure_signatures, rank,
-    visible_share,
+    visible_gain,
 )
 from saddlering_ros.discrepancy.system import (
     Array, DiscrepancyError, Effect, Parameter, Run, System,
@@ -157,9 +157,10 @@ class _Session:
         progress('noise', 0.0)
         self.likelihood = build_likelihood(system, self.runs)
         self.ranges = view_ranges(system, self.runs)
-        self.pairs = max(12, min(item.pairs for item in self.likelihood.noise.values()))
         progress('base', 0.05)
         rough = fit_base(self.likelihood, start, settings.seed, check)
+        self.likelihood.relearn(rough.prediction)
+        self.pairs = max(12, min(item.pairs for item in self.likelihood.noise.values()))
         extra = np.hstack([
             offset_columns(self.likelihood),
             allowance_columns(self.likelihood, settings.allowance),
@@ -256,7 +257,7 @@ class _Session:
         extra = max(1, fit.place.size - less.place.size)
         gain = less.misfit - fit.misfit
         p_value = min(1.0, self.trials * float(fisher.sf(max(gain, 0.0) / extra, extra, self.pairs)))
-        visible = visible_share(self.likelihood, fit.prediction - less.prediction, self.ranges)
+        visible = visible_gain(self.likelihood, less.prediction, fit.prediction, self.ranges)
         return Evidence(
             step, fit.candidate.ids, tuple(variant for _, variant in fit.candidate.effects),
             fit.misfit, gain - extra * self.log_size, p_value, visible, fit.point.effects,

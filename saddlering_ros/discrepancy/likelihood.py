@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy.linalg import cholesky, solve_triangular
 
-from saddlering_ros.discrepancy.noise import ChannelNoise, measure_noise
+from saddlering_ros.discrepancy.noise import ChannelNoise, HeldSeries, measure_noise
 from saddlering_ros.discrepancy.system import (
     Array, DiscrepancyError, Parameter, Point, RestSegment, Run, System,
 )
@@ -43,6 +43,30 @@ class Likelihood:
     directions: Array | None = None
     shrink: Array | None = None
     simulations: int = 0
+
+    def factor(self) -> None:
+        """Inverse Cholesky factors of the noise covariance of every run and channel."""
+        self.factors = []
+        for run in self.runs:
+            hold = run.inputs.get('hold')
+            row = []
+            for channel in range(run.channels.shape[0]):
+                matrix = self.noise[run.name, channel].covariance(run.time, run.width, hold)
+                matrix += np.diag(np.full(run.time.size, (1e-6 * self.ranges.max()) ** 2))
+                lower = cholesky(matrix, lower=True)
+                row.append(solve_triangular(lower, np.eye(run.time.size), lower=True))
+            self.factors.append(row)
+
+    def relearn(self, prediction: Array) -> None:
+        """Noise learnt again now that a residual tells how it wanders from hold to hold."""
+        residual = prediction - self.measured()
+        blocks, start = [], 0
+        for run in self.runs:
+            blocks.append(residual[start: start + run.channels.size].reshape(run.channels.shape))
+            start += run.channels.size
+        self.noise = learn_noise(self.runs, blocks)
+        self.directions = self.shrink = None
+        self.factor()
 
     @property
     def size(self) -> int:
@@ -135,46 +159,68 @@ def view_ranges(system: System, runs: Sequence[Run]) -> dict[str, float]:
     return scaled
 
 
-def learn_noise(runs: Sequence[Run]) -> dict[tuple[str, int], ChannelNoise]:
-    """Noise by run name and channel; runs sampled alike share what is learnt from all of them."""
+def learn_noise(
+    runs: Sequence[Run], residuals: Sequence[Array] | None = None
+) -> dict[tuple[str, int], ChannelNoise]:
+    """Noise by run name and channel; runs sampled alike share what is learnt from all of them.
+
+    `residuals` (C, N) per run, once there are some, tell the noise from hold to hold.
+    """
     classes: dict[int, list[RestSegment]] = {}
-    for run in runs:
+    series: dict[int, list[HeldSeries]] = {}
+    for number, run in enumerate(runs):
         for segment in run.rest:
-            classes.setdefault(round(20 * np.log10(segment.step)), []).append(segment)
+            classes.setdefault(_sampling(run), []).append(segment)
+        held = None if residuals is None else _held_series(run, residuals[number])
+        if held is not None:
+            series.setdefault(_sampling(run), []).append(held)
     if not classes:
         raise DiscrepancyError('noise: no stretch at rest in any run; hold the load somewhere')
     count = runs[0].channels.shape[0]
     learnt = {
-        key: [measure_noise(segments, channel) for channel in range(count)]
+        key: measure_noise(segments, count, series.get(key, ()))
         for key, segments in classes.items()
         if sum(segment.values.shape[1] for segment in segments) >= 16
     }
+    if not learnt:
+        raise DiscrepancyError('noise: the stretches at rest are too short to learn from')
     noise: dict[tuple[str, int], ChannelNoise] = {}
     for run in runs:
-        own = round(20 * np.log10(run.rest[0].step)) if run.rest else -1
+        own = _sampling(run)
         key = own if own in learnt else next(iter(learnt))
         for channel in range(count):
             noise[run.name, channel] = learnt[key][channel]
     return noise
 
 
+def _sampling(run: Run) -> int:
+    """Class of sampling rates a run belongs to; -1 for one without rest."""
+    return round(20 * np.log10(run.rest[0].step)) if run.rest else -1
+
+
+def _held_series(run: Run, residual: Array) -> HeldSeries | None:
+    """Means of a residual over consecutive holds, if the run is made of holds."""
+    hold = run.inputs.get('hold')
+    if hold is None:
+        return None
+    levels, place = np.unique(hold, return_inverse=True)
+    if levels.size < 8 or levels.size > 0.6 * hold.size:
+        return None
+    weight = np.bincount(place, run.width)
+    time = np.bincount(place, run.width * run.time) / weight
+    order = np.argsort(time)
+    means = np.array([np.bincount(place, run.width * row) / weight for row in residual])
+    return HeldSeries(means[:, order], time[order], weight[order])
+
+
 def build_likelihood(system: System, runs: Sequence[Run]) -> Likelihood:
     """Noise learnt and factored; offsets free. Other nuisances come in once the base is known."""
-    noise = learn_noise(runs)
     count = len(system.channel_names)
     ranges = np.array([
         max(float(np.ptp(run.channels[channel])) for run in runs) for channel in range(count)
     ])
-    likelihood = Likelihood(system, tuple(runs), noise, ranges)
-    for run in runs:
-        hold = run.inputs.get('hold')
-        row = []
-        for channel in range(count):
-            matrix = noise[run.name, channel].covariance(run.time, run.width, hold)
-            matrix += np.diag(np.full(run.time.size, (1e-6 * ranges.max()) ** 2))
-            lower = cholesky(matrix, lower=True)
-            row.append(solve_triangular(lower, np.eye(run.time.size), lower=True))
-        likelihood.factors.append(row)
+    likelihood = Likelihood(system, tuple(runs), learn_noise(runs), ranges)
+    likelihood.factor()
     likelihood.free_of(offset_columns(likelihood))
     return likelihood
 

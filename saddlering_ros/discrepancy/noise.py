@@ -72,36 +72,116 @@ def _allan_of_relaxation(ratio: Array) -> Array:
     return np.maximum(_mean_variance(ratio) - shrink**2, ratio / 3.0 * np.exp(-ratio) * 1e-6)
 
 
-def measure_noise(segments: Sequence[RestSegment], channel: int) -> ChannelNoise:
-    """Noise of one channel, pooled over all stretches at rest."""
+@dataclass(frozen=True)
+class HeldSeries:
+    """Residual means (C, H) of consecutive holds at `time` (H,), each over `width` (H,) seconds.
+
+    A simulator's smooth error all but vanishes in second differences, noise between holds stays.
+    """
+
+    means: Array
+    time: Array
+    width: Array
+
+
+@dataclass(frozen=True)
+class _Statistics:
+    """Variances seen (S,), what each mixture part would give them (S, 1 + T), and their weights."""
+
+    seen: Array
+    columns: Array
+    pairs: Array
+
+
+def measure_noise(
+    segments: Sequence[RestSegment], count: int, series: Sequence[HeldSeries] = (),
+) -> list[ChannelNoise]:
+    """Noise of each of `count` channels, pooled over all stretches at rest.
+
+    The channels share the shape of the slow part (they are instruments of one kind, and one alone
+    tells too little of slow noise), not its size nor the white part.
+    """
     if not segments:
         raise DiscrepancyError('noise: no stretch at rest in any run; hold the load somewhere')
-    cleaned = _without_common_course(segments, channel)
-    scales, allan, pairs = _allan_variances(cleaned)
-    if scales.size == 0:
-        raise DiscrepancyError('noise: the stretches at rest are too short to learn from')
-    columns = np.column_stack(
-        [1.0 / scales] + [_allan_of_relaxation(scales / tau) for tau in TIME_CONSTANTS]
+    statistics = [_statistics(segments, channel, series) for channel in range(count)]
+    solved = [_mixture(item.columns, item.seen, item.pairs) for item in statistics]
+    totals = [max(float(item.seen.max()), np.finfo(float).tiny) for item in statistics]
+    # One shape: each channel's statistics over its own size, all in one mixture.
+    pooled = _mixture(
+        np.vstack([item.columns for item in statistics]),
+        np.concatenate([item.seen / total for item, total in zip(statistics, totals, strict=True)]),
+        np.concatenate([item.pairs for item in statistics]),
     )
-    floor = max(float(allan.max()) * 1e-9, np.finfo(float).tiny)
-    target = np.maximum(allan, floor)
+    answers = []
+    for channel, item in enumerate(statistics):
+        shape = pooled[1:]
+        if shape.sum() > 0.0:
+            columns = np.column_stack([item.columns[:, 0], item.columns[:, 1:] @ shape])
+            white, size = _mixture(columns, item.seen, item.pairs)
+            slow = size * shape
+        else:
+            white, slow = solved[channel][0], np.zeros(TIME_CONSTANTS.size)
+        fine = min(segment.step for segment in segments)
+        white = max(float(white), 1e-9 * totals[channel] * fine)
+        step = _quantum(segments, channel)
+        spread = float(np.sqrt(white / fine + slow.sum()))
+        held = 0.0
+        if step:
+            held = 0.5 * (step / np.pi) ** 2 * float(np.exp(-4.0 * (np.pi * spread / step) ** 2))
+        answers.append(ChannelNoise(white, slow, held, len(segments)))
+    return answers
+
+
+def _mixture(columns: Array, seen: Array, pairs: Array) -> Array:
+    """Non-negative parts whose statistics come closest to those seen, in relative terms."""
+    floor = max(float(seen.max()) * 1e-9, np.finfo(float).tiny)
+    target = np.maximum(seen, floor)
+    unit = np.maximum(columns.max(axis=0), np.finfo(float).tiny)
     weight = np.sqrt(pairs) / target
     for _ in range(4):
-        usable = TIME_CONSTANTS <= 20.0 * scales.max()
-        usable[0] = True
-        kept = np.concatenate([[True], usable])
-        unit = columns[:, kept].max(axis=0)
-        solution, _ = nnls(columns[:, kept] / unit * weight[:, None], target * weight)
-        fitted = np.maximum(columns[:, kept] @ (solution / unit), floor)
-        weight = np.sqrt(pairs) / fitted
-    variances = np.zeros(columns.shape[1])
-    variances[kept] = solution / unit
-    fine = min(segment.step for segment in segments)
-    white = max(float(variances[0]), floor * fine)
-    step = _quantum(segments, channel)
-    spread = float(np.sqrt(white / fine + variances[1:].sum()))
-    held = 0.5 * (step / np.pi) ** 2 * float(np.exp(-4.0 * (np.pi * spread / step) ** 2)) if step else 0.0
-    return ChannelNoise(white, variances[1:], held, int(pairs[-1]))
+        solution, _ = nnls(columns / unit * weight[:, None], target * weight)
+        fitted = np.maximum(columns @ (solution / unit), floor)
+        weight = np.sqrt(pairs) / np.maximum(fitted, 0.2 * target)
+    return np.asarray(solution / unit)
+
+
+def _statistics(
+    segments: Sequence[RestSegment], channel: int, series: Sequence[HeldSeries]
+) -> _Statistics:
+    """Allan variances at rest, and second differences from hold to hold."""
+    scales, seen, pairs = _allan_variances(_without_common_course(segments, channel))
+    if scales.size == 0:
+        raise DiscrepancyError('noise: the stretches at rest are too short to learn from')
+    columns = [np.column_stack(
+        [1.0 / scales] + [_allan_of_relaxation(scales / tau) for tau in TIME_CONSTANTS]
+    )]
+    differences, widths, spacings = [], [], []
+    for item in series:
+        spacing = np.diff(item.time)
+        usual = float(np.median(spacing))
+        even = (spacing[1:] < 1.5 * usual) & (spacing[:-1] < 1.5 * usual)
+        differences.append(np.diff(item.means[channel], 2)[even])
+        widths.append(float(np.median(item.width)))
+        spacings.append(usual)
+    joined = np.concatenate(differences) if differences else np.zeros(0)
+    if joined.size >= 12:
+        width, spacing = float(np.mean(widths)), float(np.mean(spacings))
+        columns.append(np.array([[6.0 / width] + [
+            _second_difference(width / tau, spacing / tau) for tau in TIME_CONSTANTS
+        ]]))
+        robust = (np.median(np.abs(joined)) / 0.6745) ** 2
+        seen = np.append(seen, robust)
+        pairs = np.append(pairs, joined.size / 3.0)
+    return _Statistics(seen, np.vstack(columns), pairs)
+
+
+def _second_difference(width: float, spacing: float) -> float:
+    """Variance of second differences of means of unit OU noise; both in time constants."""
+    shrink = float((-np.expm1(-width) / width) ** 2)
+    near = shrink * float(np.exp(-max(spacing - width, 0.0)))
+    far = shrink * float(np.exp(-max(2.0 * spacing - width, 0.0)))
+    own = float(_mean_variance(np.array([width]))[0])
+    return max(6.0 * own - 8.0 * near + 2.0 * far, 1e-12)
 
 
 def _without_common_course(segments: Sequence[RestSegment], channel: int) -> list[tuple[Array, float]]:
