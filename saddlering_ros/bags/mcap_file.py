@@ -116,7 +116,12 @@ class McapFile:
         loose = _Collector()
         position = len(MAGIC)
         while True:
-            opcode, start, stop = self._record(buffer, position, size)
+            try:
+                opcode, start, stop = self._record(buffer, position, size)
+            except DamageError:
+                if len(loose):
+                    yield self._counted(loose.block(buffer))
+                raise
             if opcode == MESSAGE:
                 loose.add(buffer, position, stop, self)
                 if len(loose) >= BLOCK_MESSAGES:

@@ -183,6 +183,8 @@ def raw_topic(found: Scan, name: str) -> RawTopic:
     """One rig topic of a scanned bag in stamp order; BagError if it cannot be used."""
     where = f'{found.path}: {name}'
     topic = found.topics.get(name)
+    if not found.message_count:
+        raise BagError(f'{found.path}: holds no messages: check that the rig ran and record again')
     if topic is None:
         have = ', '.join(sorted(found.topics)) or 'none'
         raise BagError(f'{found.path}: has no topic {name} (it has: {have}): record it too')

@@ -4,8 +4,9 @@ The rule. A recorder may store messages in another order than they were made; a 
 back. Stamps are taken for reordered, and sorted, if they are in order to within jitter
 (`JITTER_NS`) either as the file holds the messages or by their log times, and if
 the messages that came late fill places nobody else has taken. They go back if both orders break
-by more than jitter, or if most late messages fall between or upon others, half a period or
-less away: two passes over the same stretch of time.
+by more than jitter; or if most late messages fall between or upon others, half a period or
+less away: two passes over the same stretch of time; or if messages stored later lie more than
+`LARGEST_HOLE_NS` before all that was stored earlier: a recorder that reorders leaves no hole.
 """
 
 from __future__ import annotations
@@ -20,6 +21,13 @@ from saddlering_ros.bags.errors import BagError
 
 MOST_DUPLICATES = 0.01
 """Larger share of stamps taken twice by different readings: the clock stands still at times."""
+
+LARGEST_HOLE_NS = 1_000_000_000
+
+MOST_BREAKS = 0.05
+"""Larger share of messages stored before an earlier one: the file's order is shuffled."""
+
+_FAR = np.iinfo(np.int64).max
 
 LONGEST_LEAP_NS = 3600 * 1_000_000_000
 """Stamps that jump ahead further than this were set, not measured."""
@@ -68,19 +76,30 @@ def _check_late(
     if lateness.max() > JITTER_NS and log_lateness.max() > JITTER_NS:
         index = int(by_log[np.argmax(log_lateness > JITTER_NS)])
         raise _going_back(where, stamps, index, int(log_lateness.max()))
-    ahead = np.diff(stamps)
-    if not (ahead > 0).any():
-        return
-    period = float(np.median(ahead[ahead > 0]))
+    intervals = np.diff(stamps[order])
+    period = _period(stamps, intervals)
     if lateness.max() <= 3 * period:
         return
-    intervals = np.diff(stamps[order]).astype(np.float64)
-    nearest = np.minimum(np.append(intervals, np.inf), np.append(np.inf, intervals[:]))
+    nearest = np.minimum(np.append(intervals, _FAR), np.append(_FAR, intervals))
     late = lateness[order] > 0
     doubled = late & (nearest <= 0.55 * period)
-    if 2 * doubled.sum() > late.sum():
+    apart = (intervals > LARGEST_HOLE_NS) & (np.diff(order) < 0)
+    if 2 * doubled.sum() > late.sum() or apart.any():
         index = int(np.argmax(lateness > 0))
         raise _going_back(where, stamps, index, int(lateness.max()))
+
+
+def _period(stamps: NDArray[np.int64], intervals: NDArray[np.int64]) -> float:
+    """Typical time between samples [ns], from the order in which more of it can be seen.
+
+    Sorted `intervals` tell it where the file's order is shuffled through and through. Where it
+    breaks but now and then, the file's own do, since two passes over one stretch of time would
+    halve the sorted ones.
+    """
+    steps = np.diff(stamps)
+    shuffled = (steps < 0).sum() > MOST_BREAKS * len(steps)
+    seen = intervals if shuffled else steps
+    return float(np.median(seen[seen > 0])) if (seen > 0).any() else 0.0
 
 
 def _going_back(where: str, stamps: NDArray[np.int64], index: int, furthest: int) -> BagError:

@@ -1,0 +1,366 @@
+"""Every bag that cannot be used is refused in one line that says what, where and what to do."""
+
+from __future__ import annotations
+
+import zlib
+
+from mcap.writer import CompressionType
+import numpy as np
+import pytest
+import yaml
+
+from saddlering_ros.bags import bag_info, BagError, LOAD_TOPIC, PROBE_TOPICS, read_run, TestRun
+from saddlering_ros.bags.topics import TYPE_OF_TOPIC
+from saddlering_ros.rig import TONNE
+
+PROBE = PROBE_TOPICS[2]
+
+
+def refusal(path, **options) -> str:
+    """The line with which the bag is refused; `info` must say the same without stopping."""
+    with pytest.raises(BagError) as caught:
+        read_run(path, **options)
+    line = str(caught.value)
+    assert '\n' not in line
+    assert str(path) in line
+    try:
+        problems = bag_info(path, **options).problems
+    except BagError as problem:
+        problems = [str(problem)]
+    assert line in problems
+    return line
+
+
+def test_a_missing_path(tmp_path):
+    assert 'no such bag' in refusal(tmp_path / 'nowhere')
+
+
+def test_something_that_is_no_bag(tmp_path):
+    (tmp_path / 'notes.txt').write_text('not a bag')
+    assert 'is not a bag' in refusal(tmp_path / 'notes.txt')
+
+
+def test_an_mcap_file_that_is_none(tmp_path):
+    (tmp_path / 'fake.mcap').write_text('not a bag, but called one')
+    assert 'not an MCAP file' in refusal(tmp_path / 'fake.mcap')
+
+
+def test_an_empty_directory(tmp_path):
+    assert 'no .mcap file' in refusal(tmp_path)
+
+
+def test_an_empty_file(tmp_path):
+    (tmp_path / 'empty.mcap').touch()
+    assert 'empty' in refusal(tmp_path / 'empty.mcap')
+
+
+def test_a_bag_without_messages(tmp_path, recording, raw):
+    for topic in recording.stamps:
+        recording = recording.changed(topic, np.empty(0, np.int64), np.empty(0))
+    assert 'holds no messages' in refusal(raw(tmp_path / 'bag.mcap', recording))
+
+
+def test_a_bag_without_anything(tmp_path, recording, raw):
+    for topic in list(recording.stamps):
+        recording = recording.without(topic)
+    assert 'holds no messages' in refusal(raw(tmp_path / 'bag.mcap', recording))
+
+
+def test_a_few_samples(tmp_path, recording, raw):
+    few = recording.changed(PROBE, recording.stamps[PROBE][:4], recording.values[PROBE][:4])
+    line = refusal(raw(tmp_path / 'bag.mcap', few))
+    assert PROBE in line
+    assert 'holds 4 messages' in line
+
+
+@pytest.mark.parametrize('topic', [LOAD_TOPIC, PROBE])
+def test_a_missing_topic(tmp_path, recording, raw, topic):
+    line = refusal(raw(tmp_path / 'bag.mcap', recording.without(topic)))
+    assert f'no topic {topic}' in line
+    assert PROBE_TOPICS[0] in line
+
+
+@pytest.mark.parametrize('topic', [LOAD_TOPIC, PROBE])
+def test_a_wrong_message_type(tmp_path, recording, raw, topic):
+    types = TYPE_OF_TOPIC | {topic: 'std_msgs/msg/Float64'}
+    line = refusal(raw(tmp_path / 'bag.mcap', recording, types=types))
+    assert topic in line
+    assert 'std_msgs/msg/Float64' in line
+    assert TYPE_OF_TOPIC[topic] in line
+
+
+def test_another_encoding(tmp_path, recording, raw):
+    assert 'json' in refusal(raw(tmp_path / 'bag.mcap', recording, message_encoding='json'))
+
+
+def test_bytes_that_are_no_message(tmp_path, recording, raw):
+    line = refusal(raw(tmp_path / 'bag.mcap', recording, message=lambda *_: b'\0\1\0\0junk'))
+    assert 'shorter' in line
+
+
+@pytest.mark.parametrize('value', [np.nan, np.inf, -np.inf])
+@pytest.mark.parametrize('topic', [LOAD_TOPIC, PROBE])
+def test_readings_that_are_no_numbers(tmp_path, recording, raw, topic, value):
+    values = recording.values[topic].copy()
+    values[[100, 101, 500]] = value
+    line = refusal(raw(tmp_path / 'bag.mcap', recording.changed(topic, values=values)))
+    assert topic in line
+    assert '3 of 1000' in line
+    assert str(recording.stamps[topic][100]) in line
+
+
+@pytest.mark.parametrize('topic', [LOAD_TOPIC, PROBE])
+@pytest.mark.parametrize('log', ['header', 'received'])
+@pytest.mark.parametrize('by', [20_000_000, 100_000_000, 500_000_000, 30_000_000_000])
+def test_stamps_that_go_back(tmp_path, recording, raw, topic, log, by):
+    """The clock is set back in mid-run; log times follow it, or go on as the recorder's do."""
+    stamps = recording.stamps[topic].copy()
+    stamps[600:] -= by
+    received = recording.stamps[topic]
+    bag = raw(
+        tmp_path / 'bag.mcap', recording.changed(topic, stamps),
+        order=lambda s: received[s[2]] if s[0] == topic else s[1],
+        log_time=lambda t, s, i: s if log == 'header' or t != topic else int(received[i]))
+    line = refusal(bag)
+    assert topic in line
+    assert 'stamps go back' in line
+
+
+def test_a_recording_played_twice_into_one_bag(tmp_path, recording, raw):
+    for topic in recording.stamps:
+        recording = recording.changed(
+            topic, np.tile(recording.stamps[topic], 2), np.tile(recording.values[topic], 2))
+    bag = raw(tmp_path / 'bag.mcap', recording, order=lambda s: s[2],
+              log_time=lambda topic, stamp, index: index)
+    assert 'stamps go back' in refusal(bag)
+
+
+def test_stamps_that_run_backwards(tmp_path, recording, raw):
+    bag = raw(tmp_path / 'bag.mcap', recording.changed(PROBE, recording.stamps[PROBE][::-1]),
+              order=lambda s: s[2], log_time=lambda topic, stamp, index: index)
+    assert 'stamps go back' in refusal(bag)
+
+
+def test_one_stamp_not_filled(tmp_path, recording, raw):
+    stamps = recording.stamps[PROBE].copy()
+    stamps[0] = 0
+    assert 'leap ahead' in refusal(raw(tmp_path / 'bag.mcap', recording.changed(PROBE, stamps)))
+
+
+def test_no_stamp_filled(tmp_path, recording, raw):
+    stamps = np.zeros_like(recording.stamps[PROBE])
+    line = refusal(raw(tmp_path / 'bag.mcap', recording.changed(PROBE, stamps)))
+    assert 'all stamps are zero' in line
+
+
+def test_a_clock_that_stands_still(tmp_path, recording, raw):
+    stamps = recording.stamps[PROBE] // 50_000_000 * 50_000_000
+    line = refusal(raw(tmp_path / 'bag.mcap', recording.changed(PROBE, stamps)))
+    assert 'stands still' in line
+
+
+def test_probe_and_load_that_do_not_overlap(tmp_path, recording, raw):
+    later = recording.changed(PROBE, recording.stamps[PROBE] + 60_000_000_000)
+    line = refusal(raw(tmp_path / 'bag.mcap', later))
+    assert PROBE in line
+    assert 'overlap' in line
+
+
+@pytest.mark.parametrize(('factor', 'unit'), [(1e3, 'millimetres'), (1e6, 'micrometres')])
+def test_gaps_in_another_unit(tmp_path, recording, raw, factor, unit):
+    scaled = recording.changed(PROBE, values=recording.values[PROBE] * factor)
+    line = refusal(raw(tmp_path / 'bag.mcap', scaled))
+    assert PROBE in line
+    assert unit in line
+
+
+def test_gaps_and_span_in_another_unit(tmp_path, recording, raw, message):
+    def in_millimetres(topic, stamp, value):
+        if topic == LOAD_TOPIC:
+            return message(topic, stamp, value)
+        return message(topic, stamp, value * 1e3, span=(0.0, 2.0))
+
+    line = refusal(raw(tmp_path / 'bag.mcap', recording, message=in_millimetres))
+    assert 'millimetres' in line
+
+
+@pytest.mark.parametrize(('factor', 'unit'), [(1 / TONNE, 'tonnes'), (1e-3, 'kilonewtons')])
+def test_a_load_in_another_unit(tmp_path, recording, raw, factor, unit):
+    scaled = recording.changed(LOAD_TOPIC, values=recording.values[LOAD_TOPIC] * factor)
+    line = refusal(raw(tmp_path / 'bag.mcap', scaled))
+    assert LOAD_TOPIC in line
+    assert unit in line
+
+
+def test_a_load_of_the_other_sign(tmp_path, recording, raw):
+    pulled = recording.changed(LOAD_TOPIC, values=-recording.values[LOAD_TOPIC])
+    assert 'negative' in refusal(raw(tmp_path / 'bag.mcap', pulled))
+
+
+@pytest.mark.parametrize(('key', 'option'), [
+    ('elevation_deg', '--elevation'), ('test', '--test')])
+def test_a_fact_that_is_absent(tmp_path, recording, raw, key, option):
+    del recording.facts[key]
+    bag = raw(tmp_path / 'bag.mcap', recording)
+    assert option in refusal(bag)
+    given = {'elevation': 0.5} if key == 'elevation_deg' else {'test': 'dynamic'}
+    assert read_run(bag, **given).test == 'dynamic'
+
+
+@pytest.mark.parametrize('value', ['steep', 'nan', '500', '-45'])
+def test_an_elevation_that_is_none(tmp_path, recording, raw, value):
+    recording.facts['elevation_deg'] = value
+    bag = raw(tmp_path / 'bag.mcap', recording)
+    assert value in refusal(bag)
+    assert read_run(bag, elevation=0.5).elevation == 0.5
+
+
+def test_an_unknown_kind_of_test(tmp_path, recording, raw):
+    recording.facts['test'] = 'creep'
+    assert "'creep'" in refusal(raw(tmp_path / 'bag.mcap', recording))
+
+
+@pytest.mark.parametrize(('key', 'other'), [
+    ('test', 'static'), ('elevation_deg', '70'), ('rig', 'another'), ('run', 'another')])
+def test_facts_that_disagree(tmp_path, recording, key, other):
+    bag = recording.write(tmp_path / 'bag')
+    document = yaml.safe_load((bag / 'metadata.yaml').read_text())
+    document['rosbag2_bagfile_information']['custom_data'][key] = other
+    (bag / 'metadata.yaml').write_text(yaml.safe_dump(document))
+    line = refusal(bag)
+    assert other in line
+    assert 'metadata.yaml' in line
+
+
+def test_the_command_line_settles_a_disagreement(tmp_path, recording):
+    bag = recording.write(tmp_path / 'bag')
+    text = (bag / 'metadata.yaml').read_text().replace("elevation_deg: '50'",
+                                                       "elevation_deg: '70'")
+    (bag / 'metadata.yaml').write_text(text)
+    assert 'elevation_deg' in refusal(bag)
+    assert read_run(bag, elevation=0.9).elevation == 0.9
+
+
+def test_the_same_elevation_in_other_digits_is_no_disagreement(tmp_path, recording):
+    bag = recording.write(tmp_path / 'bag')
+    text = (bag / 'metadata.yaml').read_text()
+    assert "elevation_deg: '50'" in text
+    (bag / 'metadata.yaml').write_text(text.replace("'50'", "'50.0'"))
+    assert read_run(bag).test == 'dynamic'
+
+
+def test_metadata_that_are_no_yaml(tmp_path, recording):
+    bag = recording.write(tmp_path / 'bag')
+    (bag / 'metadata.yaml').write_text('{]')
+    assert 'not YAML' in refusal_of_file(bag)
+
+
+def test_a_file_of_the_bag_that_is_not_there(tmp_path, recording):
+    bag = recording.write(tmp_path / 'bag')
+    (bag / 'bag_0.mcap').rename(tmp_path / 'elsewhere.mcap')
+    assert 'bag_0.mcap' in refusal(bag)
+
+
+def test_a_bag_in_another_storage(tmp_path, recording):
+    bag = recording.write(tmp_path / 'bag')
+    text = (bag / 'metadata.yaml').read_text()
+    (bag / 'metadata.yaml').write_text(
+        text.replace('storage_identifier: mcap', 'storage_identifier: sqlite3'))
+    assert 'ros2 bag convert' in refusal(bag)
+
+
+def refusal_of_file(path) -> str:
+    with pytest.raises(BagError) as caught:
+        read_run(path)
+    return str(caught.value)
+
+
+@pytest.mark.parametrize('share', [0.3, 0.7, 0.95])
+@pytest.mark.parametrize('chunked', [True, False])
+def test_a_truncated_file_says_how_much_is_readable(tmp_path, recording, raw, share, chunked):
+    whole = raw(tmp_path / 'whole.mcap', recording, chunked=chunked).read_bytes()
+    bag = tmp_path / 'bag.mcap'
+    bag.write_bytes(whole[:int(share * len(whole))])
+    line = refusal(bag)
+    assert 'cut off' in line
+    assert 's before that are readable' in line
+
+
+def test_a_truncated_directory_bag(tmp_path, recording):
+    bag = recording.write(tmp_path / 'bag', chunk_size=10_000)
+    file = bag / 'bag_0.mcap'
+    file.write_bytes(file.read_bytes()[:-3000])
+    assert 'cut off' in refusal(bag)
+
+
+def run_or_line(path) -> TestRun | str:
+    """The run in a bag, or the line that refuses it; `info` must manage either way."""
+    try:
+        run = read_run(path)
+    except BagError as problem:
+        line = str(problem)
+        assert '\n' not in line
+        assert not bag_info(path).usable
+        return line
+    return run
+
+
+@pytest.mark.parametrize('compression', list(CompressionType))
+@pytest.mark.parametrize('chunked', [True, False])
+@pytest.mark.parametrize('kind', ['cut', 'flip', 'zero', 'insert'])
+def test_damage_anywhere_is_refused_or_harmless(
+        tmp_path, recording, raw, compression, chunked, kind):
+    """With checksums, whatever is wrong with the bytes: a line, or the data as they were."""
+    if not chunked and compression != CompressionType.NONE:
+        pytest.skip('compression is of chunks')
+    whole = raw(tmp_path / 'whole.mcap', recording, compression=compression, chunked=chunked,
+                data_crcs=not chunked)
+    sound, data = read_run(whole), whole.read_bytes()
+    random = np.random.default_rng(zlib.crc32(f'{compression}{chunked}{kind}'.encode()))
+    refused = 0
+    for place in random.integers(0, len(data), 25).tolist():
+        damaged = bytearray(data)
+        if kind == 'cut':
+            del damaged[place:]
+        elif kind == 'flip':
+            damaged[place] ^= 1 << int(random.integers(8))
+        elif kind == 'zero':
+            damaged[place:place + 64] = bytes(len(damaged[place:place + 64]))
+        else:
+            damaged[place:place] = bytes(random.integers(0, 256, 5, dtype=np.uint8))
+        bag = tmp_path / 'damaged.mcap'
+        bag.write_bytes(damaged)
+        run = run_or_line(bag)
+        if isinstance(run, str):
+            refused += 1
+        else:
+            np.testing.assert_array_equal(run.load, sound.load)
+            np.testing.assert_array_equal(run.gaps, sound.gaps)
+    assert refused > 5
+
+
+def test_damage_without_checksums_ends_in_a_line_too(tmp_path, recording, raw):
+    """Changed numbers cannot be noticed then, but nothing may fall over."""
+    whole = raw(tmp_path / 'whole.mcap', recording, compression=CompressionType.NONE,
+                crcs=False, chunk_size=1500)
+    data = whole.read_bytes()
+    random = np.random.default_rng(3)
+    for place in random.integers(0, len(data), 60).tolist():
+        damaged = bytearray(data)
+        damaged[place] = int(random.integers(256))
+        bag = tmp_path / 'damaged.mcap'
+        bag.write_bytes(damaged)
+        run_or_line(bag)
+
+
+def test_info_goes_on_behind_the_first_fault(tmp_path, recording, raw):
+    values = recording.values[PROBE].copy()
+    values[3] = np.nan
+    del recording.facts['test']
+    bag = raw(tmp_path / 'bag.mcap',
+              recording.changed(PROBE, values=values).without(LOAD_TOPIC), extra=5)
+    info = bag_info(bag)
+    said = ' '.join(info.problems)
+    assert all(word in said for word in (LOAD_TOPIC, 'NaN', '--test'))
+    assert not info.usable
+    assert {topic.topic for topic in info.topics} == {*PROBE_TOPICS, '/chatter'}
