@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 import time
 
 import numpy as np
@@ -68,6 +68,14 @@ class _Search:
     def cancelled(self) -> bool:
         return self.is_cancelled is not None and self.is_cancelled()
 
+    @property
+    def swarm_settings(self) -> swarm.SwarmSettings:
+        """The user's settings; before least squares a swarm may stop once it gains little."""
+        chosen = self.settings.swarm
+        if self.settings.method == 'paper' or chosen.stagnation is not None:
+            return chosen
+        return replace(chosen, stagnation=8, stagnation_tolerance=0.02)
+
     def space(self, free: Sequence[str], held: ContactParameters, *, log: bool) -> SearchSpace:
         """Search space of `free`; log scales for K and D, or for K only if that is asked for."""
         names = ('K1', 'K2', 'D1', 'D2') if log else ()
@@ -93,7 +101,7 @@ class _Search:
 
         found = swarm.minimise(
             lambda points: objective(space.contacts(points)), space.low, space.high,
-            self.settings.swarm, seed=self.settings.seed, on_iteration=told,
+            self.swarm_settings, seed=self.settings.seed, on_iteration=told,
             is_cancelled=self.is_cancelled,
         )
         self.evaluations += objective.evaluations - before
@@ -163,7 +171,7 @@ def _by_paper(search: _Search, observations: Sequence[Observation]) -> _Found:
     if not dynamic or search.cancelled:
         return _Found(contact, objective, STATIC_NAMES)
     contact, objective = search.run_swarm(
-        'dynamic step', PaperObjective(search.rig, dynamic, channels),
+        'dynamic step', PaperObjective(search.rig, [one.coarse() for one in dynamic], channels),
         search.space(DAMPING_NAMES, contact, log=False),
     )
     return _Found(contact, objective, PARAMETER_NAMES)
@@ -199,37 +207,50 @@ def _refined(
     searched: tuple[str, ...],
     best: float,
 ) -> _Found:
-    """Joint least squares from the swarm's best and from the true-to-scale parameters."""
-    objective = WeightedObjective(search.rig, observations, search.settings.channels)
+    """Joint least squares from two starts on the coarse grid, from the better one on the fine.
+
+    The starts are the swarm's best and the true-to-scale parameters; where they end in different
+    places, a note says so.
+    """
+    channels = search.settings.channels
+    coarse = WeightedObjective(search.rig, [one.coarse() for one in observations], channels)
+    fine = WeightedObjective(search.rig, observations, channels)
     space = search.space(searched, _start(search.bounds), log=True)
-    bottoms: list[Refinement] = []
-    for start in (contact, _start(search.bounds)):
-        try:
-            bottoms.append(
-                refine(objective, space, space.coordinates(start.to_array()), search.is_cancelled)
-            )
-        except Cancelled:
-            break
-        _tell_refinement(search, bottoms)
-    search.evaluations += objective.evaluations
-    if not bottoms:
-        return _Found(contact, best, searched)
-    if len(bottoms) > 1 and abs(bottoms[0].chi_square - bottoms[1].chi_square) > 0.1:
+    found = _Found(contact, best, searched)
+    try:
+        starts = [space.coordinates(one.to_array()) for one in (contact, _start(search.bounds))]
+        bottoms = []
+        for number, start in enumerate(starts, start=1):
+            bottoms.append(refine(coarse, space, start, search.is_cancelled))
+            _tell_refinement(search, number, bottoms[-1])
+        lowest = min(bottoms, key=lambda bottom: bottom.chi_square)
+        found = _Found(ContactParameters.from_array(lowest.contact), lowest.chi_square, searched)
+        _note_different_optima(search, bottoms)
+        if any(one.per_block > 1 for one in observations):
+            lowest = refine(fine, space, lowest.point, search.is_cancelled)
+        _tell_refinement(search, 3, lowest)
+        found = _Found(ContactParameters.from_array(lowest.contact), lowest.chi_square, searched)
+    except Cancelled:
+        pass
+    search.evaluations += coarse.evaluations + fine.evaluations
+    return found
+
+
+def _note_different_optima(search: _Search, bottoms: Sequence[Refinement]) -> None:
+    first, second = (bottom.chi_square for bottom in bottoms)
+    if abs(first - second) > max(0.1, 1e-6 * first):
         search.notes.append(
-            'two starts ended in different optima (chi square '
-            f'{bottoms[0].chi_square:.6g} and {bottoms[1].chi_square:.6g}): the lower one is given'
+            f'two starts ended in different optima (chi square {first:.6g} and {second:.6g}): '
+            'the lower one is given'
         )
-    lowest = min(bottoms, key=lambda bottom: bottom.chi_square)
-    return _Found(ContactParameters.from_array(lowest.contact), lowest.chi_square, searched)
 
 
-def _tell_refinement(search: _Search, bottoms: Sequence[Refinement]) -> None:
+def _tell_refinement(search: _Search, step: int, bottom: Refinement) -> None:
     if search.on_progress is None:
         return
-    lowest = min(bottoms, key=lambda bottom: bottom.chi_square)
     search.on_progress(Progress(
-        'refinement', len(bottoms), 2, lowest.chi_square,
-        tuple(float(value) for value in lowest.contact), 0.0, time.monotonic() - search.started,
+        'refinement', step, 3, bottom.chi_square,
+        tuple(float(value) for value in bottom.contact), 0.0, time.monotonic() - search.started,
     ))
 
 

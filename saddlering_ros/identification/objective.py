@@ -20,7 +20,7 @@ Array = NDArray[np.float64]
 LONGEST_STEP = 2e-3
 """Longest step [s] of the simulator inside a fit."""
 
-COARSE_STEP = 20e-3
+COARSE_STEP = 5e-3
 """The same where a run is simulated on its fit grid."""
 
 

@@ -157,6 +157,10 @@ def run_name(run: TestRun) -> str:
 def check_run(run: TestRun) -> None:
     """IdentificationError when the run's range is too small to identify anything from."""
     name = run_name(run)
+    if not np.isfinite(run.elevation):
+        raise IdentificationError(f'{name}: its elevation is {run.elevation}: give it in degrees')
+    if not np.all(np.isfinite(run.load)):
+        raise IdentificationError(f'{name}: its load is not finite everywhere: cut the record')
     top = float(np.nanmax(run.load)) if len(run.load) else 0.0
     if not top > LEAST_LOAD:
         raise IdentificationError(

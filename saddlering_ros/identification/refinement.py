@@ -62,7 +62,7 @@ def refine(
         np.clip(start, space.low + margin, space.high - margin),
         jac=lambda point: jacobian(objective, space, point),
         bounds=(space.low, space.high),
-        x_scale='jac', ftol=1e-13, xtol=1e-11, gtol=1e-13, max_nfev=60,
+        x_scale='jac', ftol=1e-10, xtol=1e-9, gtol=1e-10, max_nfev=60,
     )
     point = np.asarray(solution.x)
     near = 1e-4 * (space.high - space.low)

@@ -1,4 +1,4 @@
-"""Test runs made from the simulator plus noise, small enough for tests, with a truth to compare."""
+"""Test runs made by the simulator plus noise, small enough for tests, with a known truth."""
 
 from __future__ import annotations
 
@@ -69,7 +69,8 @@ def record(
     increments = np.zeros((4, len(time)))
     increments[:, run.first :] = displacement_to_probes(rig.probes, run.displacement)
     polarity = np.asarray(rig.probes.polarity)[:, None]
-    gaps = GAP_AT_ZERO + polarity * increments + correlated(random, noise, memory, increments.shape)
+    gaps = GAP_AT_ZERO + polarity * increments
+    gaps += correlated(random, noise, memory, increments.shape)
     name = name or f'{test}_{elevation:g}'
     return TestRun(
         name=name, path=Path(name), test=test, elevation=elevation * DEGREES, rig='test', run='1',
@@ -92,5 +93,6 @@ def drawn_contact(random, rig=RIG):
     values = {}
     for name, (low, high) in rig.bounds.items():
         share = random.uniform(0.1, 0.9)
-        values[name] = low + share * (high - low) if name[0] == 'n' else low * (high / low) ** share
+        even = low + share * (high - low)
+        values[name] = even if name[0] == 'n' else low * (high / low) ** share
     return ContactParameters(**values)

@@ -1,0 +1,277 @@
+"""Claims about identification from whole runs: both methods, what is not pinned, bad input."""
+
+from dataclasses import replace
+import json
+import pickle
+
+import numpy as np
+import pytest
+from records import DEGREES, drawn_contact, dynamic_run, record, RIG, staircase, static_run
+
+from saddlering_ros.identification import (
+    IdentificationError,
+    IdentificationSettings,
+    identify,
+    SwarmSettings,
+)
+from saddlering_ros.identification.objective import (
+    average_branches,
+    PaperObjective,
+    predict,
+    WeightedObjective,
+)
+from saddlering_ros.identification.observation import observe
+from saddlering_ros.identification.summary import identification_text
+from saddlering_ros.rig import PARAMETER_NAMES, TONNE, TRUE_TO_SCALE
+
+SHORT_SWARM = SwarmSettings(particles=10, iterations=10)
+
+
+@pytest.fixture(scope='module')
+def four_runs():
+    """Static and dynamic runs at 50 and 70 degrees of the true-to-scale ring."""
+    return [
+        static_run(50.0, memory=0.5, seed=1), dynamic_run(50.0, seconds=4.0, memory=0.5, seed=2),
+        static_run(70.0, memory=0.5, seed=3), dynamic_run(70.0, seconds=4.0, memory=0.5, seed=4),
+    ]
+
+
+@pytest.fixture(scope='module')
+def found(four_runs):
+    return identify(four_runs, RIG, IdentificationSettings(seed=5))
+
+
+def test_the_truth_lies_within_four_standard_errors(found):
+    off = (found.parameters.contact.to_array() - TRUE_TO_SCALE.to_array()) / found.std
+    assert np.all(np.abs(off) < 4.0)
+
+
+def test_every_parameter_is_pinned_by_both_tests_at_two_elevations(found):
+    assert all(found.pinned.values())
+    assert found.status == 'identified'
+
+
+def test_the_fit_is_as_good_as_the_noise(found):
+    assert found.reduced_chi_square == pytest.approx(1.0, abs=0.25)
+
+
+def test_stiffness_and_exponent_are_reported_as_one(found):
+    for row, first, second in ((1, 0, 1), (2, 3, 4)):
+        assert found.correlation[first, second] > 0.95
+        assert found.collinearity[f'K{row},n{row}'] > 10.0
+        assert found.ellipses[f'K{row},n{row}'].shape[0] == 2
+
+
+def test_another_seed_ends_at_the_same_bottom(four_runs, found):
+    other = identify(four_runs, RIG, IdentificationSettings(seed=99, swarm=SHORT_SWARM))
+    assert other.objective == pytest.approx(found.objective, rel=1e-7)
+
+
+def test_the_result_is_plain_json_and_plain_text(found):
+    document = json.loads(json.dumps(found.to_json(), allow_nan=False))
+    assert set(document['parameters']) == set(PARAMETER_NAMES)
+    text = identification_text(found)
+    assert 'reduced chi square' in text
+    assert 'Palmgren' in text
+
+
+def test_the_result_can_be_sent_between_processes(found):
+    again = pickle.loads(pickle.dumps(found))
+    assert again.parameters.contact == found.parameters.contact
+
+
+def test_a_static_run_does_not_pin_damping_nor_one_elevation_the_exponent(four_runs):
+    static_only = identify(four_runs[:1], RIG, IdentificationSettings(swarm=SHORT_SWARM))
+    assert [name for name, is_pinned in static_only.pinned.items() if not is_pinned] == [
+        'K1', 'n1', 'D1', 'n2', 'D2'
+    ]
+    document = static_only.to_json()
+    assert document['parameters']['D1']['std'] is None
+    assert document['parameters']['n1']['interval'] is None
+    assert 'dynamic run' in static_only.reasons['D1']
+    assert 'another elevation' in static_only.reasons['n1']
+    assert 'not determined by these data' in identification_text(static_only)
+
+
+def test_dynamic_runs_alone_identify_too(four_runs):
+    dynamic = identify(four_runs[1::2], RIG, IdentificationSettings(seed=3))
+    off = dynamic.parameters.contact.to_array() / TRUE_TO_SCALE.to_array() - 1.0
+    assert np.all(np.abs(off) < 0.05)
+
+
+def test_any_corner_of_the_box_is_recovered():
+    random = np.random.default_rng(11)
+    contact = drawn_contact(random)
+    runs = [
+        record('static', staircase(hold=5.0), elevation=50.0, contact=contact, seed=1),
+        dynamic_run(70.0, seconds=4.0, contact=contact, seed=2),
+    ]
+    result = identify(runs, RIG, IdentificationSettings(seed=1))
+    simulated = predict(RIG, result.parameters.contact.to_array()[None], observe(
+        runs, RIG, fit_rate=50.0)[0])[0]
+    true = predict(RIG, contact.to_array()[None], observe(runs, RIG, fit_rate=50.0)[0])[0]
+    assert np.abs(simulated - true).max() < 1e-7
+
+
+def test_the_papers_method_takes_two_steps_of_its_own_size(four_runs):
+    stages = []
+    result = identify(
+        four_runs[:2], RIG, IdentificationSettings(method='paper'),
+        on_progress=lambda progress: stages.append((progress.stage, progress.iteration)),
+    )
+    assert result.evaluations == 2 * 20 * 50
+    assert stages[0] == ('static step', 1)
+    assert stages[-1] == ('dynamic step', 50)
+    assert result.objective < 0.02
+
+
+def test_the_papers_objective_leaves_delta_y_out_unless_asked(four_runs):
+    assert IdentificationSettings(method='paper').channels == (0, 2)
+    assert IdentificationSettings(method='paper', use_delta_y=True).channels == (0, 1, 2)
+    assert IdentificationSettings().channels == (0, 1, 2)
+
+
+def test_branches_are_averaged_for_the_paper_only(four_runs):
+    both = observe(four_runs[:1], RIG, fit_rate=50.0)[0]
+    averaged = average_branches(both)
+    assert len(both.load) == 51
+    assert len(averaged.load) == 26
+    up = both.displacement[0, 10]
+    down = both.displacement[0, 40]
+    assert averaged.displacement[0, 10] == pytest.approx((up + down) / 2.0)
+
+
+def test_the_papers_objective_is_the_normalised_mean_square(four_runs):
+    one = observe(four_runs[:1], RIG, fit_rate=50.0)[0]
+    contact = TRUE_TO_SCALE.to_array()[None]
+    simulated = predict(RIG, contact, one)[0]
+    by_hand = sum(
+        np.mean((simulated[c] - one.displacement[c]) ** 2) / np.mean(one.displacement[c] ** 2)
+        for c in (0, 2)
+    )
+    assert PaperObjective(RIG, [one], (0, 2))(contact)[0] == pytest.approx(by_hand)
+
+
+def test_residuals_of_the_truth_are_white(four_runs):
+    observations = observe(four_runs, RIG, fit_rate=50.0)
+    residuals = WeightedObjective(RIG, observations, (0, 1, 2)).residuals(
+        TRUE_TO_SCALE.to_array()[None]
+    )[0]
+    assert residuals.std() == pytest.approx(1.0, abs=0.1)
+    assert abs(np.corrcoef(residuals[:-1], residuals[1:])[0, 1]) < 0.1
+
+
+def test_cancelling_returns_what_there_is(four_runs):
+    seen = []
+    result = identify(
+        four_runs, RIG, on_progress=seen.append, is_cancelled=lambda: len(seen) >= 3
+    )
+    assert result.cancelled
+    assert len(seen) == 3
+    assert np.all(np.isfinite(result.parameters.contact.to_array()))
+
+
+def test_profiles_agree_with_the_covariance_on_a_good_fit():
+    runs = [static_run(50.0, seed=1), static_run(70.0, seed=2)]
+    result = identify(runs, RIG, IdentificationSettings(swarm=SHORT_SWARM), profiles=True)
+    profile = result.profiles['n2']
+    assert profile.interval[0] == pytest.approx(result.intervals['n2'][0], rel=2e-3)
+    assert profile.interval[1] == pytest.approx(result.intervals['n2'][1], rel=2e-3)
+
+
+def test_a_bound_in_the_way_is_named(four_runs):
+    settings = IdentificationSettings(bounds={'D1': (5e6, 2e7)}, swarm=SHORT_SWARM)
+    result = identify(four_runs[:2], RIG, settings)
+    assert result.at_bound['D1']
+    assert not result.pinned['D1']
+    assert 'bound' in result.reasons['D1']
+
+
+def test_a_rig_unlike_the_model_widens_the_intervals(four_runs, found):
+    middle = replace(RIG.middle_row, clearance=200e-6)
+    wrong = identify(
+        four_runs, replace(RIG, middle_row=middle), IdentificationSettings(swarm=SHORT_SWARM)
+    )
+    assert wrong.reduced_chi_square > 2.0
+    assert 'widened' in wrong.status
+    assert wrong.covariance[3, 3] > found.covariance[3, 3]
+
+
+def one_line(caught):
+    assert '\n' not in str(caught.value)
+
+
+def test_a_load_never_above_five_tonnes_is_refused():
+    with pytest.raises(IdentificationError, match='never exceeds 5 t') as caught:
+        identify([static_run(50.0, top=4)], RIG)
+    one_line(caught)
+
+
+def test_one_plateau_only_is_refused():
+    time = np.arange(0.0, 20.0, 0.01)
+    profile = (time, np.full(time.size, 10.0 * TONNE))
+    with pytest.raises(IdentificationError, match=r'too few|one plateau') as caught:
+        identify([record('static', profile)], RIG)
+    one_line(caught)
+
+
+@pytest.mark.parametrize('test', ['static', 'dynamic'])
+def test_a_run_without_unloading_branch_is_refused(test):
+    whole = static_run(50.0) if test == 'static' else dynamic_run(50.0)
+    top = int(np.argmax(whole.load))
+    if test == 'static':
+        top += 300
+    half = replace(
+        whole, time=whole.time[:top], load=whole.load[:top], stamps=whole.stamps[:top],
+        gaps=whole.gaps[:, :top],
+    )
+    with pytest.raises(IdentificationError, match='no unloading branch') as caught:
+        identify([half], RIG)
+    one_line(caught)
+
+
+def test_reversed_bounds_are_refused(four_runs):
+    with pytest.raises(IdentificationError) as caught:
+        identify(four_runs, RIG, IdentificationSettings(bounds={'K1': (1e9, 2e7)}))
+    assert 'K1' in str(caught.value)
+    one_line(caught)
+
+
+def test_the_papers_method_without_a_static_run_is_refused(four_runs):
+    with pytest.raises(IdentificationError, match='static'):
+        identify(four_runs[1:2], RIG, IdentificationSettings(method='paper'))
+
+
+@pytest.mark.parametrize('method', ['default', 'paper'])
+def test_an_objective_that_is_not_a_number_is_refused(four_runs, method, monkeypatch):
+    def broken(rig, contacts, observation):
+        return np.full((len(contacts), 3, len(observation.load)), np.nan)
+
+    monkeypatch.setattr('saddlering_ros.identification.objective.predict', broken)
+    with pytest.raises(IdentificationError, match='not a number') as caught:
+        identify(four_runs, RIG, IdentificationSettings(method=method))
+    one_line(caught)
+
+
+def test_an_elevation_that_is_not_a_number_is_refused(four_runs):
+    with pytest.raises(IdentificationError, match='elevation') as caught:
+        identify([replace(four_runs[0], elevation=np.nan)], RIG)
+    one_line(caught)
+
+
+@pytest.mark.parametrize(
+    'wrong', [{'method': 'best'}, {'bounds': {'K3': (1.0, 2.0)}}, {'fit_rate': 0.0}]
+)
+def test_settings_that_mean_nothing_are_refused(wrong):
+    with pytest.raises(IdentificationError):
+        IdentificationSettings(**wrong)
+
+
+def test_no_runs_are_refused():
+    with pytest.raises(IdentificationError, match='no runs'):
+        identify([], RIG)
+
+
+def test_elevations_reach_the_observations(four_runs):
+    observations = observe(four_runs, RIG, fit_rate=50.0)
+    assert [one.elevation / DEGREES for one in observations] == pytest.approx([50, 50, 70, 70])

@@ -1,0 +1,118 @@
+"""Claims about the figures of a validation, one flaw at a time."""
+
+from dataclasses import replace
+import json
+
+import numpy as np
+import pytest
+from records import dynamic_run, RIG, static_run
+
+from saddlering_ros.identification import IdentificationError, validate
+from saddlering_ros.identification.plots import save_plots
+from saddlering_ros.identification.summary import validation_text
+from saddlering_ros.rig import ParameterSet, TRUE_TO_SCALE
+
+TRUTH = ParameterSet(TRUE_TO_SCALE)
+
+
+@pytest.fixture(scope='module')
+def runs():
+    return [static_run(70.0, seed=1), dynamic_run(70.0, seconds=4.0, seed=2)]
+
+
+@pytest.fixture(scope='module')
+def clean(runs):
+    return validate(runs, RIG, TRUTH)
+
+
+def figures(run, channel='delta_x'):
+    return validate([run], RIG, TRUTH).runs[0].channels[channel]
+
+
+def with_gaps(run, change):
+    """The same run with change(gaps (4, N), time, load) as its gaps."""
+    return replace(run, gaps=change(run.gaps.copy(), run.time, run.load))
+
+
+@pytest.mark.parametrize('number', [0, 1])
+@pytest.mark.parametrize('channel', ['delta_x', 'delta_y', 'gamma'])
+def test_with_the_true_parameters_only_noise_is_left(clean, number, channel):
+    one = clean.runs[number].channels[channel]
+    assert one.nrmse <= 1.1 * one.noise_floor
+    assert one.slope_ratio == pytest.approx(1.0, abs=0.01)
+    assert one.iso18571 > 0.94
+    assert one.e_over_uval < 2.0
+
+
+def test_the_noise_floor_is_the_noise_over_the_range(clean):
+    one = clean.runs[1].channels['delta_x']
+    assert one.noise_floor * one.range == pytest.approx(3e-7 / np.sqrt(2.0), rel=0.15)
+
+
+def test_a_gain_of_the_probes_shows_in_the_slope(runs):
+    def stretch(gaps, time, load):
+        return 1e-3 + 1.05 * (gaps - 1e-3)
+
+    assert figures(with_gaps(runs[1], stretch)).slope_ratio == pytest.approx(1.05, abs=0.005)
+
+
+def test_a_late_probe_clock_shows_in_the_time_shift(runs):
+    def late(gaps, time, load):
+        return np.stack([np.interp(time - 0.02, time, row) for row in gaps])
+
+    assert figures(with_gaps(runs[1], late)).time_shift == pytest.approx(0.02, abs=0.002)
+    assert abs(figures(runs[1]).time_shift) < 0.002
+
+
+def test_a_static_run_has_no_time_shift(clean):
+    assert clean.runs[0].channels['delta_x'].time_shift is None
+
+
+def test_a_residual_on_unloading_shows_as_loop_and_zero_return(runs):
+    top = runs[0].time[int(np.argmax(runs[0].load))]
+
+    def stay_behind(gaps, time, load):
+        gaps[0] += np.where(time > top, 5e-6, 0.0)
+        gaps[2] -= np.where(time > top, 5e-6, 0.0)
+        return gaps
+
+    one = figures(with_gaps(runs[0], stay_behind))
+    assert one.zero_return == pytest.approx(5e-6, rel=0.1)
+    assert one.loop_area == pytest.approx(5e-6 / one.range, rel=0.15)
+    assert one.loop_area_simulated == pytest.approx(0.0, abs=0.005)
+
+
+def test_wrong_parameters_stand_far_above_the_noise(runs):
+    stiff = ParameterSet(replace(TRUE_TO_SCALE, K1=2e8, K2=2e8))
+    one = validate(runs[:1], RIG, stiff).runs[0].channels['gamma']
+    assert one.nrmse > 10.0 * one.noise_floor
+    assert one.e_over_uval > 10.0
+
+
+def test_the_json_has_every_figure_of_every_channel(clean):
+    document = json.loads(json.dumps(clean.to_json(), allow_nan=False))
+    run = document['runs'][1]
+    assert run['elevation_deg'] == pytest.approx(70.0)
+    assert run['test'] == 'dynamic'
+    for channel in ('delta_x', 'delta_y', 'gamma', 'parity'):
+        assert {
+            'rmse', 'nrmse', 'noise_floor', 'maximum', 'bias', 'slope_ratio', 'loop_area',
+            'zero_return', 'time_shift', 'iso18571', 'e_over_uval',
+        } <= set(run['channels'][channel])
+
+
+def test_the_table_has_a_line_per_run_and_channel(clean):
+    text = validation_text(clean)
+    assert text.count('gamma') == 2
+    assert text.count('delta_x') == 2
+
+
+def test_pictures_are_written_per_run(clean, tmp_path):
+    pictures = save_plots(clean, tmp_path / 'plots')
+    assert len(pictures) == 2
+    assert all(picture.stat().st_size > 10_000 for picture in pictures)
+
+
+def test_no_runs_are_refused():
+    with pytest.raises(IdentificationError, match='no runs'):
+        validate([], RIG, TRUTH)
