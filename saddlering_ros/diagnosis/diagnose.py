@@ -100,6 +100,11 @@ class Verdict:
             ],
             'immaterial': [_evidence_json(item) for item in found.immaterial],
             'unexplained': [_shape_json(item) for item in found.shapes_after[:8]],
+            'candidates': [_candidate_json(item) for item in found.evidence],
+            'shapes': {'before': [_shape_json(item) for item in found.shapes_before],
+                       'after': [_shape_json(item) for item in found.shapes_after]},
+            'signature_angles': {'labels': list(found.angle_labels),
+                                 'cosines': np.round(found.angles, 3).tolist()},
             'gain': {'fit': found.total_gain.fit, 'held_out': found.total_gain.held_out,
                      'how': found.total_gain.how},
             'notes': list(self.notes),
@@ -258,6 +263,12 @@ def _cause_json(cause: Cause) -> dict[str, Any]:
 
 def _evidence_json(item: Evidence) -> dict[str, Any]:
     return {'effects': list(item.effects), 'p_value': item.p_value, 'share_of_range': item.visible}
+
+
+def _candidate_json(item: Evidence) -> dict[str, Any]:
+    return {**_evidence_json(item), 'step': item.step, 'delta_bic': item.delta_bic,
+            'misfit': item.misfit,
+            'parameters': {effect: dict(values) for effect, values in item.values.items()}}
 
 
 def _shape_json(item: ShapeTest) -> dict[str, Any]:
