@@ -1,0 +1,175 @@
+"""`saddlering generate`: a bag as the test rig would record it, with any effect wanted hidden in it."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any, TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from saddlering_ros.rig import ContactParameters, Rig
+    from saddlering_ros.virtual_rig import Schedule, TestPlan
+
+
+def add_parser(subparsers: Any) -> None:
+    """Declare the subcommand."""
+    parser = subparsers.add_parser(
+        'generate', help='make a bag with the virtual rig',
+        description='Carry out a test on the virtual rig and record it as a bag.')
+    parser.add_argument('out', metavar='OUT', type=Path, nargs='?', help='bag to write')
+    parser.add_argument('--test', choices=('static', 'dynamic'), help='kind of test')
+    parser.add_argument('--elevation', type=float, metavar='DEG', help='elevation of the barrel')
+    parser.add_argument(
+        '--effect', action='append', default=[], metavar='NAME[.PARAM]=VALUE',
+        help='an effect to be hidden in the bag (SI units; may be repeated); NAME alone takes a '
+             'typical size; see --list-effects')
+    parser.add_argument('--form', action='append', default=[], metavar='NAME=FORM',
+                        help='physical form of an effect, where it has several')
+    parser.add_argument('--list-effects', action='store_true',
+                        help='list all effects, their parameters and forms')
+    parser.add_argument('--seed', type=int, default=0,
+                        help='seed of noise, jitter and offsets (default 0)')
+    parser.add_argument('--rig-seed', type=int, default=1,
+                        help='which rollers the rig has; the same number is the same rig (default 1)')
+    parser.add_argument('--rig', type=Path, help='rig file (default: the shipped rig)')
+    parser.add_argument('--params', type=Path, help='parameter file with the true contact law')
+    parser.add_argument('--set', action='append', default=[], metavar='NAME=VALUE',
+                        help='one contact parameter, K1 n1 D1 K2 n2 D2, in SI units')
+    parser.add_argument('--noise', type=float, default=0.3, metavar='UM',
+                        help='rms noise of the probes in micrometres (default 0.3)')
+    parser.add_argument('--load-noise', type=float, default=50.0, metavar='N',
+                        help='rms white noise of the load cell (default 50)')
+    parser.add_argument('--gap-scatter', type=float, default=0.7, metavar='UM',
+                        help='rms difference of the rollers\' gaps in micrometres (default 0.7)')
+    parser.add_argument('--stiffness-scatter', type=float, default=2.0, metavar='PERCENT',
+                        help='rms difference of the rollers\' stiffness (default 2)')
+    parser.add_argument('--rate', type=float, metavar='HZ',
+                        help='sample rate (default 50 static, 1000 dynamic)')
+    parser.add_argument('--probe-rate', type=float, metavar='HZ',
+                        help='sample rate of the probes (default: that of the load)')
+    parser.add_argument('--duration', type=float, metavar='S',
+                        help='length of a dynamic test at normal speed (default 10)')
+    parser.add_argument('--speed', type=float, metavar='FACTOR',
+                        help='dynamic ramp so many times faster (default 1)')
+    parser.add_argument('--hold', type=float, metavar='S',
+                        help='time per static step (default 5), or at the peak (default 0)')
+    parser.add_argument('--load-step', type=float, metavar='TONNES',
+                        help='step of a static test (default 1)')
+    parser.add_argument('--peak', type=float, metavar='TONNES', help='highest load (default 25)')
+    parser.add_argument('--lowest', type=float, metavar='TONNES',
+                        help='load at both ends (default: the preload of the rig file)')
+    parser.add_argument('--cycles', type=int, default=1, help='how often up and down (default 1)')
+    parser.add_argument('--run-name', default='', help='free text for the bag')
+    parser.add_argument('--overwrite', action='store_true', help='replace an existing bag')
+
+
+def run(args: argparse.Namespace) -> int:
+    """Generate one bag and say what is in it."""
+    from saddlering_ros.virtual_rig import record_test, VirtualRigError, write_record
+
+    if args.list_effects:
+        print(effects_text())
+        return 0
+    if args.out is None or args.test is None or args.elevation is None:
+        raise VirtualRigError('what to generate is not said: give OUT --test static|dynamic '
+                              '--elevation DEG, or --list-effects')
+    plan = _plan(args)
+    if args.out.exists() and not args.overwrite:
+        raise VirtualRigError(f'{args.out}: exists already: give --overwrite, or another name')
+    record = record_test(plan)
+    write_record(args.out, record, plan.physical.rig, overwrite=args.overwrite)
+    print(f'{args.out}: {args.test}, {args.elevation:g} deg, {plan.schedule.duration:.1f} s, '
+          f'{len(record.load)} load samples')
+    return 0
+
+
+def _plan(args: argparse.Namespace) -> TestPlan:
+    import math
+
+    from saddlering_ros.rig import load_rig
+    from saddlering_ros.virtual_rig import (
+        Instruments,
+        parse_requests,
+        PhysicalRig,
+        Scatter,
+        TestPlan,
+        VirtualRigError,
+    )
+
+    if not -10.0 <= args.elevation <= 90.0:
+        raise VirtualRigError(f'elevation is {args.elevation:g}: give degrees from -10 to 90')
+    noises = {'noise': args.noise, 'load-noise': args.load_noise, 'gap-scatter': args.gap_scatter,
+              'stiffness-scatter': args.stiffness_scatter}
+    for name, value in noises.items():
+        if not 0.0 <= value < 1e4:
+            raise VirtualRigError(f'--{name} is {value:g}: give a number from 0 up')
+    if args.seed < 0 or args.rig_seed < 0:
+        raise VirtualRigError('a seed is below zero: give a whole number from 0 up')
+    rig = load_rig(args.rig)
+    physical = PhysicalRig(
+        rig, _contact(args), math.radians(args.elevation), parse_requests(args.effect, args.form),
+        Scatter(args.gap_scatter * 1e-6, args.stiffness_scatter / 100.0), args.rig_seed)
+    instruments = Instruments(noise=args.noise * 1e-6, load_noise=args.load_noise)
+    return TestPlan(
+        physical, _schedule(args, rig), args.seed, instruments, args.rate, args.probe_rate,
+        rig_name=str(args.rig) if args.rig else 'virtual rig', run_name=args.run_name)
+
+
+def _schedule(args: argparse.Namespace, rig: Rig) -> Schedule:
+    from saddlering_ros.rig import TONNE
+    from saddlering_ros.virtual_rig import dynamic_schedule, static_schedule, VirtualRigError
+
+    static = args.test == 'static'
+    for name in ('duration', 'speed') if static else ('load_step',):
+        if getattr(args, name) is not None:
+            raise VirtualRigError(f'--{name.replace("_", "-")} is for '
+                                  f'{"dynamic" if static else "static"} tests: leave it out')
+    given: dict[str, Any] = {'cycles': args.cycles}
+    for name, key, unit in (('peak', 'peak', TONNE), ('lowest', 'lowest', TONNE),
+                            ('load_step', 'step', TONNE), ('hold', 'hold', 1.0),
+                            ('duration', 'duration', 1.0), ('speed', 'speed', 1.0)):
+        if getattr(args, name) is not None:
+            given[key] = getattr(args, name) * unit
+    return static_schedule(rig, **given) if static else dynamic_schedule(rig, **given)
+
+
+def _contact(args: argparse.Namespace) -> ContactParameters:
+    from dataclasses import asdict
+
+    from saddlering_ros.rig import (
+        ContactParameters,
+        PARAMETER_NAMES,
+        read_parameters,
+        TRUE_TO_SCALE,
+    )
+    from saddlering_ros.virtual_rig import VirtualRigError
+
+    contact = TRUE_TO_SCALE if args.params is None else read_parameters(args.params).contact
+    values = asdict(contact)
+    for text in args.set:
+        name, _, number = text.partition('=')
+        if name not in PARAMETER_NAMES:
+            raise VirtualRigError(f'--set {text!r}: there is no parameter {name!r}: give one of '
+                                  f'{", ".join(PARAMETER_NAMES)}')
+        try:
+            values[name] = float(number)
+        except ValueError as problem:
+            raise VirtualRigError(f'--set {text!r} cannot be read: write NAME=NUMBER') from problem
+    return ContactParameters(**values)
+
+
+def effects_text() -> str:
+    """All effects with their parameters (main one first), plausible sizes, and forms."""
+    from saddlering_ros.virtual_rig import EFFECTS
+
+    lines = []
+    for name, effect in sorted(EFFECTS.items()):
+        words = (effect.act.__doc__ or '').strip()
+        lines.append(f'{name}: {words}')
+        for parameter in effect.parameters:
+            sign = '+-' if parameter.signed else ''
+            lines.append(f'    {parameter.name} [{parameter.unit}] {sign}{parameter.low:g} to '
+                         f'{parameter.high:g}, typical {parameter.typical:g}')
+        if len(effect.forms) > 1:
+            lines.append(f'    forms: {", ".join(effect.forms)}')
+    return '\n'.join(lines)

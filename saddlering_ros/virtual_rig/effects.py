@@ -1,0 +1,154 @@
+"""What an effect of the virtual rig is, the requests for effects, and the table of all of them.
+
+The forms are our own reading of the catalogue's words, kept apart from saddlering_ros.effects, so
+that the diagnosis is never examined by the very formulas it uses.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+import difflib
+import math
+from typing import Any
+
+from saddlering_ros.virtual_rig.errors import VirtualRigError
+
+STAGES = ('load', 'rollers', 'friction', 'motion', 'probes', 'recording')
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One number of an effect, in SI units; plausible sizes run from low to high, `typical` between.
+
+    signed: drawn with either sign; choices: the only values allowed; positive: below or at zero
+    makes no sense.
+    """
+
+    name: str
+    unit: str
+    low: float
+    high: float
+    typical: float
+    signed: bool = False
+    choices: tuple[float, ...] = ()
+    positive: bool = False
+
+
+@dataclass(frozen=True)
+class RigEffect:
+    """An effect: id, where it acts, channels it shows in, parameters (main one first), forms.
+
+    act(target, values, form) changes the target of its stage in place; the first form is the default.
+    dynamic_only: a static test shows nothing of it.
+    """
+
+    id: str
+    stage: str
+    channels: tuple[str, ...]
+    parameters: tuple[Parameter, ...]
+    act: Callable[[Any, Mapping[str, float], str], None]
+    forms: tuple[str, ...] = ('default',)
+    dynamic_only: bool = False
+
+    @property
+    def in_catalogue(self) -> bool:
+        """Whether a diagnosis can be asked to name it."""
+        return not self.id.startswith('out:')
+
+
+@dataclass(frozen=True)
+class EffectRequest:
+    """One effect as asked for: its parameters, complete, and its form."""
+
+    effect: RigEffect
+    values: Mapping[str, float] = field(default_factory=dict)
+    form: str = 'default'
+
+
+EFFECTS: dict[str, RigEffect] = {}
+"""Every effect by its id; ids that start with 'out:' are in no catalogue."""
+
+
+def effect(
+    name: str, stage: str, channels: Sequence[str], parameters: Iterable[Parameter],
+    forms: Sequence[str] = ('default',), *, dynamic_only: bool = False,
+) -> Callable[[Callable[[Any, Mapping[str, float], str], None]],
+              Callable[[Any, Mapping[str, float], str], None]]:
+    """Enter the function below into the table of effects."""
+    def enter(act: Callable[[Any, Mapping[str, float], str], None]) -> Callable[
+            [Any, Mapping[str, float], str], None]:
+        EFFECTS[name] = RigEffect(name, stage, tuple(channels), tuple(parameters), act,
+                                  tuple(forms), dynamic_only)
+        return act
+    return enter
+
+
+def request(name: str, values: Mapping[str, float] | None = None,
+            form: str | None = None) -> EffectRequest:
+    """A complete request; parameters not given take their typical size.
+
+    Raises VirtualRigError, naming what exists, for an unknown effect, parameter or form.
+    """
+    found = find_effect(name)
+    complete = {parameter.name: parameter.typical for parameter in found.parameters}
+    for key, value in (values or {}).items():
+        complete[key] = _checked(found, key, value)
+    if form is None:
+        form = found.forms[0]
+    if form not in found.forms:
+        raise VirtualRigError(f'form {form!r} of {name} does not exist: give one of '
+                              f'{", ".join(found.forms)}')
+    return EffectRequest(found, complete, form)
+
+
+def find_effect(name: str) -> RigEffect:
+    """The effect of this id; VirtualRigError lists the ids if there is none."""
+    if name in EFFECTS:
+        return EFFECTS[name]
+    near = difflib.get_close_matches(name, EFFECTS, 1)
+    hint = f'did you mean {near[0]}? ' if near else ''
+    raise VirtualRigError(f'effect {name!r} does not exist: {hint}there are '
+                          f'{", ".join(sorted(EFFECTS))}')
+
+
+def _checked(found: RigEffect, key: str, value: float) -> float:
+    parameter = next((item for item in found.parameters if item.name == key), None)
+    if parameter is None:
+        names = ', '.join(item.name for item in found.parameters)
+        raise VirtualRigError(f'{found.id} has no parameter {key!r}: it has {names}')
+    if not math.isfinite(value):
+        raise VirtualRigError(f'{found.id}.{key} is {value}: give a finite number')
+    if parameter.choices and value not in parameter.choices:
+        allowed = ', '.join(f'{choice:g}' for choice in parameter.choices)
+        raise VirtualRigError(f'{found.id}.{key} is {value:g}: give one of {allowed}')
+    if parameter.positive and value <= 0.0:
+        raise VirtualRigError(f'{found.id}.{key} is {value:g} {parameter.unit}: '
+                              'give a number above zero')
+    return float(value)
+
+
+def parse_requests(texts: Iterable[str], forms: Iterable[str] = ()) -> tuple[EffectRequest, ...]:
+    """Requests from texts: NAME, NAME=VALUE (main parameter), NAME.PARAM=VALUE; forms: NAME=FORM."""
+    values: dict[str, dict[str, float]] = {}
+    for text in texts:
+        left, equals, right = text.partition('=')
+        name, _, key = left.strip().partition('.')
+        parameters = values.setdefault(find_effect(name).id, {})
+        if not equals and not key:
+            continue
+        main = EFFECTS[name].parameters[0].name
+        try:
+            parameters[key or main] = float(right)
+        except ValueError as problem:
+            raise VirtualRigError(f'effect {text!r} cannot be read: write NAME=NUMBER or '
+                                  'NAME.PARAMETER=NUMBER, in SI units') from problem
+    chosen: dict[str, str] = {}
+    for text in forms:
+        name, equals, form = text.partition('=')
+        if not equals and len(values) == 1:
+            name, form = next(iter(values)), text
+        if name not in values:
+            raise VirtualRigError(f'form {text!r}: write NAME=FORM for an effect given by --effect')
+        chosen[name] = form
+    return tuple(request(name, given, chosen.get(name)) for name, given in values.items())

@@ -1,0 +1,321 @@
+"""Effects in the ring: rollers and raceways, friction against its motion, give and creep of its joints."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from saddlering_ros.rig import Rig
+from saddlering_ros.virtual_rig import integrator as at
+from saddlering_ros.virtual_rig.effects import effect, Parameter
+from saddlering_ros.virtual_rig.effects_load import hysteresis, INITIAL, X_AND_T
+from saddlering_ros.virtual_rig.friction import LAWS
+from saddlering_ros.virtual_rig.rollers import Rollers
+from saddlering_ros.virtual_rig.schedule import low_pass
+
+Floats = NDArray[np.float64]
+T = ('delta_y', 'gamma')
+X = ('delta_x',)
+SLIDING = ('jenkins', 'dahl', 'lugre', 'bouc_wen')
+
+
+@dataclass
+class FrictionElements:
+    """Rows of the friction table (F_... of integrator) and the states z they start from."""
+
+    rows: list[Floats]
+    initial: list[float]
+
+    def add(self, direction: tuple[float, float, float], limit: float, presliding: float,
+            form: str, initial: float) -> None:
+        row = np.zeros(at.FRICTION_COLUMNS)
+        row[:3] = direction
+        row[at.F_LIMIT], row[at.F_PRESLIDING] = limit, presliding
+        row[at.F_LAW] = LAWS[form]
+        row[at.F_STRIBECK] = presliding * 20.0
+        row[at.F_VISCOUS] = 0.02 * limit / (20.0 * presliding)
+        self.rows.append(row)
+        self.initial.append(initial)
+
+
+@dataclass
+class Motion:
+    """Motion on the grid of the integrator, (N,) each, and the forces that the joints pass on.
+
+    x, y [m], tilt [rad]: of the point that the probes see; force_x, force_y [N], moment [N m]: what
+    the ring's joints carry; load [N]: what arrives at the ring.
+    """
+
+    time: Floats
+    x: Floats
+    y: Floats
+    tilt: Floats
+    force_x: Floats
+    force_y: Floats
+    moment: Floats
+    load: Floats
+
+    @property
+    def step(self) -> float:
+        return float(self.time[1] - self.time[0])
+
+
+# -- rollers and raceways ----------------------------------------------------------------------
+
+
+def _clearance(rollers: Rollers, rows: tuple[str, ...], change: float, form: str) -> None:
+    """Half the change at each side; 'spread': rollers differ, from no change to twice the mean."""
+    for row in rows:
+        part = rollers.of(row)
+        share = np.ones(len(part))
+        if form == 'spread':
+            share = rollers.random.permutation(np.linspace(0.0, 2.0, len(part)))
+        part[:, at.GAP] += 0.5 * change * share
+
+
+@effect('radial_clearance', 'rollers', X,
+        [Parameter('change', 'm', 5e-6, 40e-6, 20e-6, signed=True)], ('uniform', 'spread'))
+def radial_clearance(rollers: Rollers, values: Mapping[str, float], form: str) -> None:
+    """The middle row has another clearance than the rig file says."""
+    _clearance(rollers, ('middle',), values['change'], form)
+
+
+@effect('axial_clearance', 'rollers', T,
+        [Parameter('change', 'm', 5e-6, 40e-6, 20e-6, signed=True)], ('uniform', 'spread'))
+def axial_clearance(rollers: Rollers, values: Mapping[str, float], form: str) -> None:
+    """The axial rows have another clearance than the rig file says."""
+    _clearance(rollers, ('upper', 'lower'), values['change'], form)
+
+
+@effect('unequal_rows', 'rollers', T, [Parameter('excess', '1', 0.05, 0.5, 0.2, signed=True)])
+def unequal_rows(rollers: Rollers, values: Mapping[str, float], form: str) -> None:
+    """The lower row is stiffer than the upper row."""
+    rollers.of('lower')[:, at.STIFFNESS] *= 1.0 + values['excess']
+
+
+WEAR_FORMS = ('hard', 'cosine', 'hard_gap', 'cosine_gap')
+WEAR = (
+    Parameter('wear', '1', 0.1, 0.6, 0.3), Parameter('centre', 'rad', 0.0, math.pi, 0.5),
+    Parameter('half_width', 'rad', 0.3, 0.9, 0.5, positive=True),
+)
+WORN_GAP = 1e-4
+"""Extra gap [m] at a wear of 1."""
+
+
+def _wear(rollers: Rollers, row: str, values: Mapping[str, float], form: str) -> None:
+    """Rollers on the arc are softer, or stand lower; hard or cosine-shaped edges."""
+    part, angle = rollers.of(row), rollers.angles(row)
+    off = np.abs(np.angle(np.exp(1j * (angle - values['centre'])))) / values['half_width']
+    if form.startswith('hard'):
+        shape = (off <= 1.0).astype(np.float64)
+    else:
+        shape = np.where(off < 2.0, 0.5 + 0.5 * np.cos(0.5 * np.pi * np.minimum(off, 2.0)), 0.0)
+    if form.endswith('gap'):
+        part[:, at.GAP] += WORN_GAP * values['wear'] * shape
+    else:
+        part[:, at.STIFFNESS] *= np.maximum(1.0 - values['wear'] * shape, 0.0)
+
+
+@effect('worn_sector_axial', 'rollers', T,
+        [*WEAR, Parameter('row', '1', 0.0, 2.0, 0.0, choices=(0.0, 1.0, 2.0))], WEAR_FORMS)
+def worn_sector_axial(rollers: Rollers, values: Mapping[str, float], form: str) -> None:
+    """An arc of the axial raceways is worn: row 0 both, 1 upper, 2 lower."""
+    for number, row in ((1.0, 'upper'), (2.0, 'lower')):
+        if values['row'] in (0.0, number):
+            _wear(rollers, row, values, form)
+
+
+@effect('worn_sector_radial', 'rollers', X, WEAR, WEAR_FORMS)
+def worn_sector_radial(rollers: Rollers, values: Mapping[str, float], form: str) -> None:
+    """An arc of the radial raceway is worn."""
+    _wear(rollers, 'middle', values, form)
+
+
+@effect('out_of_round', 'rollers', X,
+        [Parameter('amplitude', 'm', 3e-6, 20e-6, 8e-6, signed=True),
+         Parameter('angle', 'rad', 0.0, math.pi / 4, 0.2)])
+def out_of_round(rollers: Rollers, values: Mapping[str, float], form: str) -> None:
+    """The radial raceway is oval."""
+    angle = rollers.angles('middle') - values['angle']
+    rollers.of('middle')[:, at.GAP] += values['amplitude'] * np.cos(2.0 * angle)
+
+
+@effect('damping_law', 'rollers', X_AND_T, [Parameter('share', '1', 0.3, 1.0, 0.7)],
+        ('hunt_crossley', 'linear', 'exponent_1_5', 'threshold'), dynamic_only=True)
+def damping_law(rollers: Rollers, values: Mapping[str, float], form: str) -> None:
+    """Damping grows with penetration: as p^n, p, p^1.5, or sets in above 15 um."""
+    table = rollers.table
+    table[:, at.DAMPING_SHARE] = values['share']
+    power = {'linear': 1.0, 'exponent_1_5': 1.5}
+    table[:, at.DAMPING_EXPONENT] = power.get(form, 0.0) or table[:, at.EXPONENT]
+    if form == 'threshold':
+        table[:, at.DAMPING_THRESHOLD] = 15e-6
+
+
+@effect('out:softening', 'rollers', X_AND_T,
+        [Parameter('per_metre', '1/m', 1000.0, 8000.0, 4000.0, positive=True)])
+def softening(rollers: Rollers, values: Mapping[str, float], form: str) -> None:
+    """Rollers yield as they are pressed: F = K p^n / (1 + s p)."""
+    rollers.table[:, at.SOFTENING] = values['per_metre']
+
+
+# -- friction ----------------------------------------------------------------------------------
+
+
+@effect('radial_friction', 'friction', X,
+        [Parameter('force', 'N', 1000.0, 15000.0, 5000.0),
+         Parameter('presliding', 'm', 1e-6, 6e-6, 2e-6, positive=True), INITIAL], SLIDING)
+def radial_friction(elements: FrictionElements, values: Mapping[str, float], form: str) -> None:
+    """Dry friction against radial motion."""
+    elements.add((1.0, 0.0, 0.0), values['force'], values['presliding'], form, values['initial'])
+
+
+@effect('tilt_friction', 'friction', T,
+        [Parameter('moment', 'N m', 500.0, 10000.0, 3000.0),
+         Parameter('presliding', 'rad', 1e-6, 8e-6, 3e-6, positive=True), INITIAL], SLIDING)
+def tilt_friction(elements: FrictionElements, values: Mapping[str, float], form: str) -> None:
+    """Dry friction against tilting."""
+    elements.add((0.0, 0.0, 1.0), values['moment'], values['presliding'], form, values['initial'])
+
+
+@effect('out:axial_friction', 'friction', T,
+        [Parameter('force', 'N', 5000.0, 30000.0, 15000.0),
+         Parameter('presliding', 'm', 1e-6, 4e-6, 2e-6, positive=True), INITIAL], SLIDING)
+def axial_friction(elements: FrictionElements, values: Mapping[str, float], form: str) -> None:
+    """Dry friction against axial motion."""
+    elements.add((0.0, 1.0, 0.0), values['force'], values['presliding'], form, values['initial'])
+
+
+# -- joints, film and carriage -----------------------------------------------------------------
+
+
+@effect('radial_compliance', 'motion', X, [Parameter('compliance', 'm/N', 1e-11, 2e-10, 6e-11)])
+def radial_compliance(motion: Motion, values: Mapping[str, float], form: str) -> None:
+    """The joint gives under the radial force it passes on."""
+    motion.x += values['compliance'] * motion.force_x
+
+
+@effect('axial_compliance', 'motion', ('delta_y',),
+        [Parameter('compliance', 'm/N', 1e-11, 2e-10, 5e-11)])
+def axial_compliance(motion: Motion, values: Mapping[str, float], form: str) -> None:
+    """The joint gives under the axial force it passes on."""
+    motion.y += values['compliance'] * motion.force_y
+
+
+@effect('tilt_compliance', 'motion', ('gamma',),
+        [Parameter('compliance', 'rad/(N m)', 2e-11, 3e-10, 1e-10)])
+def tilt_compliance(motion: Motion, values: Mapping[str, float], form: str) -> None:
+    """The joint gives under the moment it passes on."""
+    motion.tilt += values['compliance'] * motion.moment
+
+
+@effect('bolt_opening', 'motion', ('gamma',),
+        [Parameter('compliance', 'rad/(N m)', 5e-11, 5e-10, 2e-10),
+         Parameter('moment', 'N m', 5e4, 1.4e5, 9e4, positive=True)], ('sharp', 'smooth'))
+def bolt_opening(motion: Motion, values: Mapping[str, float], form: str) -> None:
+    """The bolted joint opens beyond one moment; smooth: bolt after bolt over a tenth of it."""
+    beyond = motion.moment - values['moment']
+    width = 0.1 * values['moment']
+    opened = (np.maximum(beyond, 0.0) if form == 'sharp'
+              else width * np.logaddexp(0.0, beyond / width))
+    motion.tilt += values['compliance'] * opened
+
+
+@effect('film_creep', 'motion', X_AND_T,
+        [Parameter('share', '1', 0.02, 0.15, 0.05),
+         Parameter('time', 's', 2.0, 30.0, 8.0, positive=True),
+         Parameter('rows', '1', 0.0, 2.0, 0.0, choices=(0.0, 1.0, 2.0))],
+        ('one_time', 'two_times'))
+def film_creep(motion: Motion, values: Mapping[str, float], form: str) -> None:
+    """The film yields with time: rows 0 all, 1 middle, 2 axial; two_times: T/6 and T share it."""
+    parts = [(1.0, values['time'])]
+    if form == 'two_times':
+        parts = [(0.4, values['time'] / 6.0), (0.6, values['time'])]
+    names = {0.0: ('x', 'y', 'tilt'), 1.0: ('x',), 2.0: ('y', 'tilt')}[values['rows']]
+    for name in names:
+        motion_of = getattr(motion, name)
+        creep = sum(share * low_pass(motion_of, motion.step, time) for share, time in parts)
+        setattr(motion, name, motion_of + values['share'] * creep)
+
+
+@effect('settling', 'motion', X_AND_T,
+        [Parameter('settling', 'm/N', 1e-11, 1e-10, 4e-11, signed=True),
+         Parameter('coordinate', '1', 0.0, 2.0, 2.0, choices=(0.0, 1.0, 2.0))],
+        ('max_load', 'late'))
+def settling(motion: Motion, values: Mapping[str, float], form: str) -> None:
+    """Joints settle for good under the highest load yet; late: only above a fifth of it, steeper."""
+    highest = np.maximum.accumulate(motion.load)
+    highest = highest - highest[0]
+    if form == 'late':
+        highest = 1.25 * np.maximum(highest - 0.2 * highest[-1], 0.0)
+    name = ('x', 'y', 'tilt')[int(values['coordinate'])]
+    setattr(motion, name, getattr(motion, name) + values['settling'] * highest)
+
+
+@effect('carriage_resonance', 'motion', X_AND_T,
+        [Parameter('period', 's', 0.05, 0.4, 0.15, positive=True),
+         Parameter('damping', '1', 0.02, 0.2, 0.05, positive=True)], dynamic_only=True)
+def carriage_resonance(motion: Motion, values: Mapping[str, float], form: str) -> None:
+    """The carriage swings on the ring as a second mode."""
+    frequency = 2.0 * math.pi / values['period']
+    for name in ('x', 'y', 'tilt'):
+        swung = second_mode(getattr(motion, name), motion.step, frequency, values['damping'])
+        setattr(motion, name, swung)
+
+
+def second_mode(values: Floats, step: float, frequency: float, damping: float) -> Floats:
+    """y'' + 2 z w y' + w^2 y = w^2 u from rest, exact for u that runs straight between instants."""
+    from scipy.linalg import expm
+    from scipy.signal import lfilter
+
+    block = np.zeros((4, 4))
+    block[0, 1], block[1, 0], block[1, 1] = 1.0, -frequency**2, -2.0 * damping * frequency
+    block[1, 2], block[2, 3] = frequency**2, 1.0
+    flow = expm(block * step)
+    state, held, slope = flow[:2, :2], flow[:2, 2], flow[:2, 3] / step
+    first, second = held - slope, slope
+    trace, determinant = float(np.trace(state)), float(np.linalg.det(state))
+    cross = np.array([[-state[1, 1], state[0, 1]]])
+    numerator = [second[0], first[0] + float(cross[0] @ second), float(cross[0] @ first)]
+    moved = lfilter(numerator, [1.0, -trace, determinant], values - values[0])
+    return np.asarray(moved + values[0])
+
+
+# -- in no catalogue ---------------------------------------------------------------------------
+
+
+@effect('out:tilt_backlash', 'motion', ('gamma',),
+        [Parameter('angle', 'rad', 2e-6, 20e-6, 8e-6),
+         Parameter('load', 'N', 4e4, 1.5e5, 8e4, positive=True)])
+def tilt_backlash(motion: Motion, values: Mapping[str, float], form: str) -> None:
+    """On unloading, the tilt falls back by a step at one load; it is taken up again on loading."""
+    z = hysteresis(LAWS['jenkins'], motion.load, 0.05 * values['load'], 1.0)
+    below = 0.5 - 0.5 * np.tanh((motion.load - values['load']) / (0.04 * values['load']))
+    motion.tilt -= values['angle'] * below * (0.5 - 0.5 * z)
+
+
+@effect('out:waviness', 'motion', X,
+        [Parameter('height', 'm', 0.7e-6, 5e-6, 2e-6),
+         Parameter('spacing', 'N', 3e4, 9e4, 6e4, positive=True)])
+def waviness(motion: Motion, values: Mapping[str, float], form: str) -> None:
+    """The raceway is wavy: the radial motion swings over the load."""
+    motion.x += values['height'] * np.sin(2.0 * np.pi * motion.load / values['spacing'])
+
+
+@effect('out:sqrt_lift', 'motion', ('delta_y',),
+        [Parameter('lift', 'm/N^0.5', 0.5e-8, 5e-8, 2e-8, signed=True)])
+def sqrt_lift(motion: Motion, values: Mapping[str, float], form: str) -> None:
+    """The ring lifts by the square root of the load."""
+    motion.y += values['lift'] * np.sqrt(np.maximum(motion.load, 0.0))
+
+
+@effect('out:snap', 'motion', X,
+        [Parameter('height', 'm', 1e-6, 8e-6, 4e-6, signed=True),
+         Parameter('load', 'N', 6e4, 1.8e5, 1.2e5, positive=True)])
+def snap(motion: Motion, values: Mapping[str, float], form: str) -> None:
+    """A seat snaps over at one load, both ways."""
+    motion.x += values['height'] * 0.5 * (1.0 + np.tanh((motion.load - values['load']) / 3e3))

@@ -1,0 +1,7 @@
+"""What can be wrong with a request to the virtual rig."""
+
+from saddlering_ros.errors import SaddleringError
+
+
+class VirtualRigError(SaddleringError):
+    """A test that cannot be generated as asked; one line: what, where, what to do."""

@@ -1,0 +1,326 @@
+"""Motion of the ring on its rollers, integrated by Radau IIA of third order over plain roller sums.
+
+Radau IIA with two stages (Hairer and Wanner, Solving Ordinary Differential Equations II, section
+IV.5) is L-stable and stiffly accurate. The stage positions are found by Newton's method on the
+exact tangent; a step that does not converge is halved.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from saddlering_ros.virtual_rig.friction import follow, LUGRE
+
+Floats = NDArray[np.float64]
+
+# Columns of the roller table.
+(BY_X, BY_Y, BY_TILT, GAP, STIFFNESS, EXPONENT, DAMPING, DAMPING_SHARE, DAMPING_EXPONENT,
+ DAMPING_THRESHOLD, SOFTENING) = range(11)
+ROLLER_COLUMNS = 11
+
+# Columns of the friction table.
+F_X, F_Y, F_TILT, F_LIMIT, F_PRESLIDING, F_LAW, F_STRIBECK, F_VISCOUS = range(8)
+FRICTION_COLUMNS = 8
+
+TOUCH_DOWN = 1e-6
+"""Penetration [m] over which the damper is faded in."""
+
+DAMPING_REFERENCE = 50e-6
+"""Penetration [m] at which growing damping equals the constant D."""
+
+RESIDUAL = 1e-4
+"""Newton stops when no force or moment is left over by more than this [N, N m]."""
+
+MOST_NEWTON, MOST_HALVINGS = 30, 12
+
+# Inverse of the Radau IIA matrix, times the step; stage times are h/3 and h.
+I00, I01, I10, I11 = 1.5, 0.5, -4.5, 2.5
+S00, S01, S10, S11 = 0.0, 2.0, -18.0, 4.0
+
+
+@numba.njit(cache=True)
+def _damping(roller: Floats, p: float) -> tuple[float, float]:
+    """D at penetration p and its slope."""
+    share = roller[DAMPING_SHARE]
+    constant = roller[DAMPING]
+    if share == 0.0:
+        return constant, 0.0
+    threshold = roller[DAMPING_THRESHOLD]
+    if threshold > 0.0:
+        ramp = min(max((p - threshold) / (0.2 * threshold) + 0.5, 0.0), 1.0)
+        inside = 0.0 < ramp < 1.0
+        slope = 6.0 * ramp * (1.0 - ramp) / (0.2 * threshold) if inside else 0.0
+        smooth = ramp * ramp * (3.0 - 2.0 * ramp)
+        return constant * (1.0 - share + share * smooth), constant * share * slope
+    power = roller[DAMPING_EXPONENT]
+    grown = (p / DAMPING_REFERENCE) ** power
+    return constant * (1.0 - share + share * grown), constant * share * power * grown / p
+
+
+@numba.njit(cache=True)
+def roller_force(roller: Floats, p: float, rate: float) -> tuple[float, float, float]:
+    """Force of one roller [N] at penetration p > 0 and its derivatives by p and by dp/dt."""
+    exponent = roller[EXPONENT]
+    elastic = roller[STIFFNESS] * p ** exponent
+    slope = elastic * exponent / p
+    softening = roller[SOFTENING]
+    if softening != 0.0:
+        weaker = 1.0 / (1.0 + softening * p)
+        slope = slope * weaker - elastic * softening * weaker * weaker
+        elastic *= weaker
+    damping, damping_slope = _damping(roller, p)
+    fade, fade_slope = 1.0, 0.0
+    if p < TOUCH_DOWN:
+        u = p / TOUCH_DOWN
+        fade = u * u * (3.0 - 2.0 * u)
+        fade_slope = 6.0 * u * (1.0 - u) / TOUCH_DOWN
+    force = elastic + fade * damping * rate
+    if force <= 0.0:
+        return 0.0, 0.0, 0.0
+    by_p = slope + (fade_slope * damping + fade * damping_slope) * rate
+    return force, by_p, fade * damping
+
+
+@numba.njit(cache=True)
+def contact(rollers: Floats, q: Floats, v: Floats, force: Floats, by_q: Floats,
+            by_v: Floats) -> None:
+    """Force of all rollers on the upper ring (3,), and minus its derivatives (3, 3), in place."""
+    force[:] = 0.0
+    by_q[:] = 0.0
+    by_v[:] = 0.0
+    for index in range(rollers.shape[0]):
+        roller = rollers[index]
+        bx, by, bt = roller[BY_X], roller[BY_Y], roller[BY_TILT]
+        p = bx * q[0] + by * q[1] + bt * q[2] - roller[GAP]
+        if p <= 0.0:
+            continue
+        rate = bx * v[0] + by * v[1] + bt * v[2]
+        pressed, by_p, by_rate = roller_force(roller, p, rate)
+        if pressed == 0.0:
+            continue
+        for row in range(3):
+            across = roller[row]
+            if across == 0.0:
+                continue
+            force[row] -= across * pressed
+            for column in range(3):
+                by_q[row, column] += across * by_p * roller[column]
+                by_v[row, column] += across * by_rate * roller[column]
+
+
+@numba.njit(cache=True)
+def _add_friction(friction: Floats, z: Floats, moved: Floats, v: Floats, seconds: float,
+                  force: Floats, by_q: Floats, by_v: Floats) -> None:
+    """Add the friction elements' forces after moving by `moved` (3,) from where z holds."""
+    for element in range(friction.shape[0]):
+        row = friction[element]
+        travel = row[0] * moved[0] + row[1] * moved[1] + row[2] * moved[2]
+        law = int(row[F_LAW])
+        state, slope = follow(law, z[element], travel, row[F_PRESLIDING], seconds,
+                              row[F_STRIBECK])
+        limit = row[F_LIMIT]
+        viscous = row[F_VISCOUS] if law == LUGRE else 0.0
+        speed = row[0] * v[0] + row[1] * v[1] + row[2] * v[2]
+        total = limit * state + viscous * speed
+        for i in range(3):
+            force[i] -= row[i] * total
+            for j in range(3):
+                by_q[i, j] += row[i] * limit * slope * row[j]
+                by_v[i, j] += row[i] * viscous * row[j]
+
+
+@numba.njit(cache=True)
+def _solve(matrix: Floats, right: Floats) -> None:
+    """Solve matrix x = right in place by elimination with row pivots."""
+    size = right.shape[0]
+    for column in range(size):
+        pivot = column
+        for row in range(column + 1, size):
+            if abs(matrix[row, column]) > abs(matrix[pivot, column]):
+                pivot = row
+        if pivot != column:
+            for k in range(size):
+                matrix[column, k], matrix[pivot, k] = matrix[pivot, k], matrix[column, k]
+            right[column], right[pivot] = right[pivot], right[column]
+        for row in range(column + 1, size):
+            factor = matrix[row, column] / matrix[column, column]
+            if factor == 0.0:
+                continue
+            for k in range(column, size):
+                matrix[row, k] -= factor * matrix[column, k]
+            right[row] -= factor * right[column]
+    for row in range(size - 1, -1, -1):
+        total = right[row]
+        for k in range(row + 1, size):
+            total -= matrix[row, k] * right[k]
+        right[row] = total / matrix[row, row]
+
+
+@numba.njit(cache=True)
+def _stage_residual(
+    rollers: Floats, friction: Floats, z: Floats, mass: Floats, q: Floats, v: Floats, h: float,
+    load: Floats, stages: Floats, residual: Floats, matrix: Floats, scratch: Floats,
+) -> float:
+    """Residual (6,) of both stages at positions `stages` (2, 3), its matrix (6, 6), its largest."""
+    rate = np.empty((2, 3))
+    for i in range(3):
+        first, second = stages[0, i] - q[i], stages[1, i] - q[i]
+        rate[0, i] = (I00 * first + I01 * second) / h
+        rate[1, i] = (I10 * first + I11 * second) / h
+    force, by_q, by_v = scratch[0], scratch[1:4], scratch[4:7]
+    largest = 0.0
+    moved = np.empty(3)
+    for stage in range(2):
+        contact(rollers, stages[stage], rate[stage], force, by_q, by_v)
+        for i in range(3):
+            moved[i] = stages[stage, i] - q[i]
+        seconds = h / 3.0 if stage == 0 else h
+        _add_friction(friction, z, moved, rate[stage], seconds, force, by_q, by_v)
+        a, b = (I00, I01) if stage == 0 else (I10, I11)
+        c, d = (S00, S01) if stage == 0 else (S10, S11)
+        for i in range(3):
+            acceleration = (a * (rate[0, i] - v[i]) + b * (rate[1, i] - v[i])) / h
+            left = mass[i] * acceleration - force[i] - load[stage, i]
+            residual[3 * stage + i] = left
+            largest = max(largest, abs(left))
+            for j in range(3):
+                own = mass[i] / (h * h) if i == j else 0.0
+                first = c * own + a / h * by_v[i, j]
+                second = d * own + b / h * by_v[i, j]
+                if stage == 0:
+                    first += by_q[i, j]
+                else:
+                    second += by_q[i, j]
+                matrix[3 * stage + i, j] = first
+                matrix[3 * stage + i, 3 + j] = second
+    return largest
+
+
+@numba.njit(cache=True)
+def _try_step(rollers: Floats, friction: Floats, z: Floats, mass: Floats, q: Floats, v: Floats,
+              h: float, load: Floats, stages: Floats) -> bool:
+    """Find the two stage positions (2, 3), starting from those given."""
+    residual, trial_residual = np.empty(6), np.empty(6)
+    matrix, trial_matrix = np.empty((6, 6)), np.empty((6, 6))
+    scratch = np.empty((7, 3))
+    trial = np.empty((2, 3))
+    error = _stage_residual(rollers, friction, z, mass, q, v, h, load, stages, residual, matrix,
+                            scratch)
+    for _ in range(MOST_NEWTON):
+        if error < RESIDUAL:
+            return True
+        _solve(matrix, residual)
+        largest = 0.0
+        for k in range(6):
+            largest = max(largest, abs(residual[k]))
+        if not largest < 1.0:
+            return False
+        share = 1.0
+        trial_error = math.inf
+        for _ in range(8):
+            for stage in range(2):
+                for i in range(3):
+                    trial[stage, i] = stages[stage, i] - share * residual[3 * stage + i]
+            trial_error = _stage_residual(rollers, friction, z, mass, q, v, h, load, trial,
+                                          trial_residual, trial_matrix, scratch)
+            if trial_error < error or largest * share < 1e-14:
+                break
+            share *= 0.5
+        stages[:] = trial
+        residual[:] = trial_residual
+        matrix[:] = trial_matrix
+        error = trial_error
+        if largest < 1e-13:
+            return True
+    return False
+
+
+@numba.njit(cache=True)
+def _advance(rollers: Floats, friction: Floats, z: Floats, mass: Floats, q: Floats, v: Floats,
+             seconds: float, before: Floats, middle: Floats, after: Floats) -> int:
+    """Advance q, v, z in place by `seconds` under loads (3,) at its start, its third and its end."""
+    left, halvings, trouble = 1.0, 0, 0
+    load = np.empty((2, 3))
+    stages = np.empty((2, 3))
+    while left > 1e-12:
+        share = min(left, 0.5 ** halvings)
+        h = share * seconds
+        done = 1.0 - left
+        for i in range(3):
+            load[0, i] = _between(before[i], middle[i], after[i], done + share / 3.0)
+            load[1, i] = _between(before[i], middle[i], after[i], done + share)
+            stages[0, i] = q[i] + v[i] * h / 3.0
+            stages[1, i] = q[i] + v[i] * h
+        good = _try_step(rollers, friction, z, mass, q, v, h, load, stages)
+        if not good and halvings < MOST_HALVINGS:
+            halvings += 1
+            continue
+        if not good:
+            trouble += 1
+        for element in range(friction.shape[0]):
+            row = friction[element]
+            travel = 0.0
+            for i in range(3):
+                travel += row[i] * (stages[1, i] - q[i])
+            z[element] = follow(int(row[F_LAW]), z[element], travel, row[F_PRESLIDING], h,
+                                row[F_STRIBECK])[0]
+        for i in range(3):
+            first, second = stages[0, i] - q[i], stages[1, i] - q[i]
+            v[i] = (I10 * first + I11 * second) / h
+            q[i] = stages[1, i]
+        left -= share
+    return trouble
+
+
+@numba.njit(cache=True)
+def _between(before: float, middle: float, after: float, share: float) -> float:
+    """The parabola through values at 0, 1/3 and 1, at `share`."""
+    first = (middle - before) * 3.0
+    second = (after - middle) * 1.5
+    return before + share * (first + (share - 1.0 / 3.0) * (second - first))
+
+
+@numba.njit(cache=True)
+def settle(rollers: Floats, friction: Floats, z: Floats, mass: Floats, load: Floats,
+           start: Floats) -> tuple[Floats, int]:
+    """Rest position (3,) under a constant load (3,), friction held at z; steps grow to minutes."""
+    q, v = start.copy(), np.zeros(3)
+    held = load.copy()
+    for element in range(friction.shape[0]):
+        for i in range(3):
+            held[i] -= friction[element, i] * friction[element, F_LIMIT] * z[element]
+    none = friction[:0]
+    trouble = 0
+    h = 1e-4
+    for _ in range(60):
+        trouble += _advance(rollers, none, z, mass, q, v, h, held, held, held)
+        h = min(h * 1.4, 100.0)
+    return q, trouble
+
+
+@numba.njit(cache=True)
+def integrate(rollers: Floats, friction: Floats, z: Floats, mass: Floats, start: Floats,
+              step: float, loads: Floats) -> tuple[Floats, Floats, Floats, int]:
+    """Motion under loads (3 N + 1, 3) given at thirds of N equal steps, from rest at `start`.
+
+    Returns positions, rates and the rollers' force on the upper ring, (N + 1, 3) each, and how many
+    steps did not converge.
+    """
+    steps = (loads.shape[0] - 1) // 3
+    positions, rates, forces = (np.empty((steps + 1, 3)), np.empty((steps + 1, 3)),
+                                np.empty((steps + 1, 3)))
+    q, v, z = start.copy(), np.zeros(3), z.copy()
+    by_q, by_v = np.empty((3, 3)), np.empty((3, 3))
+    trouble = 0
+    for n in range(steps + 1):
+        if n > 0:
+            trouble += _advance(rollers, friction, z, mass, q, v, step, loads[3 * n - 3],
+                                loads[3 * n - 2], loads[3 * n])
+        positions[n] = q
+        rates[n] = v
+        contact(rollers, q, v, forces[n], by_q, by_v)
+    return positions, rates, forces, trouble

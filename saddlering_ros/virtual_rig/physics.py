@@ -1,0 +1,128 @@
+"""What happens in the virtual rig during one test: load, rollers, friction, joints, what probes see."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from saddlering_ros.rig import ContactParameters, Rig
+from saddlering_ros.virtual_rig import integrator as at
+from saddlering_ros.virtual_rig.effects import EffectRequest
+from saddlering_ros.virtual_rig.effects_load import LoadPath
+from saddlering_ros.virtual_rig.effects_probes import ProbeMotion
+from saddlering_ros.virtual_rig.effects_ring import FrictionElements, Motion
+from saddlering_ros.virtual_rig.errors import VirtualRigError
+from saddlering_ros.virtual_rig.rollers import make_rollers, Scatter
+
+Floats = NDArray[np.float64]
+
+HELD_SHARE = 0.5
+"""Friction at the start takes at most this share of the force that acts on its element."""
+
+
+@dataclass(frozen=True)
+class PhysicalRig:
+    """One particular rig: its description, true contact law, scatter and number, and its faults."""
+
+    rig: Rig
+    contact: ContactParameters
+    elevation: float
+    effects: tuple[EffectRequest, ...] = ()
+    scatter: Scatter = field(default_factory=Scatter)
+    number: int = 1
+
+    def requests(self, stage: str) -> list[EffectRequest]:
+        """The effects that act at this stage."""
+        return [request for request in self.effects if request.effect.stage == stage]
+
+
+@dataclass(frozen=True)
+class PhysicalRun:
+    """What happened, before any instrument: time (N,) [s], load the cell means (N,) [N].
+
+    motion: of C, absolute; increments (4, N) [m]: what the probes see since the start.
+    """
+
+    time: Floats
+    load: Floats
+    motion: Motion
+    increments: Floats
+
+
+def run_test(physical: PhysicalRig, load: Floats, step: float, seed: int = 0) -> PhysicalRun:
+    """Let the rig go through `load` [N], given at thirds of equal steps, (3 N + 1,), `step` [s].
+
+    It starts at rest under load[0]. VirtualRigError if the motion cannot be followed.
+    """
+    path = _load_path(physical, load, step)
+    forces = _forces(physical.rig, path)
+    rollers = make_rollers(physical.rig, physical.contact, physical.scatter, physical.number)
+    _act(physical, 'rollers', rollers)
+    elements = FrictionElements([], [])
+    _act(physical, 'friction', elements)
+    friction = np.array(elements.rows).reshape(-1, at.FRICTION_COLUMNS)
+    z = _held(friction, np.array(elements.initial), forces[0])
+    mass = np.array([physical.rig.carriage.mass] * 2 + [physical.rig.carriage.inertia])
+    start = _touching(physical.rig, forces[0])
+    rest, trouble = at.settle(rollers.table, friction, z, mass, forces[0], start)
+    if trouble:
+        raise VirtualRigError('the ring finds no rest at the start of the test: give a preload '
+                              'above zero, or effects of smaller size')
+    positions, _, _, trouble = at.integrate(rollers.table, friction, z, mass, rest, step, forces)
+    if trouble > len(positions) // 1000 or not np.all(np.isfinite(positions)):
+        raise VirtualRigError(f'the motion cannot be followed in {trouble} of {len(positions)} '
+                              'steps: give effects of smaller size')
+    every = slice(None, None, 3)
+    force_x, force_y, moment = forces[every].T
+    motion = Motion(path.time[every], *positions.T.copy(), force_x.copy(), force_y.copy(),
+                    moment.copy(), path.arriving[every].copy())
+    _act(physical, 'motion', motion)
+    seen = ProbeMotion(motion, _increments(physical.rig, motion), seed)
+    _act(physical, 'probes', seen)
+    return PhysicalRun(motion.time, path.measured[every].copy(), motion, seen.increments)
+
+
+def _act(physical: PhysicalRig, stage: str, target: object) -> None:
+    for request in physical.requests(stage):
+        request.effect.act(target, request.values, request.form)
+
+
+def _load_path(physical: PhysicalRig, load: Floats, step: float) -> LoadPath:
+    count = len(load)
+    path = LoadPath(
+        physical.rig, step / 3.0 * np.arange(count), load, load.copy(),
+        np.full(count, physical.elevation), np.full(count, physical.rig.trunnion.y))
+    _act(physical, 'load', path)
+    return path
+
+
+def _forces(rig: Rig, path: LoadPath) -> Floats:
+    """Force and moment at C with the dead weight, (N, 3)."""
+    cosine, sine = np.cos(path.elevation), np.sin(path.elevation)
+    arm = path.trunnion_y * cosine + rig.trunnion.x * sine
+    weight = rig.carriage.weight
+    return np.stack([path.arriving * cosine, -path.arriving * sine - weight,
+                     path.arriving * arm + weight * rig.carriage.weight_x], axis=1)
+
+
+def _touching(rig: Rig, force: Floats) -> Floats:
+    """A position with the gaps closed on the side that the force presses on."""
+    return np.array([np.copysign(0.5 * rig.middle_row.clearance, force[0]),
+                     np.copysign(0.5 * rig.axial_rows.clearance, force[1]), 0.0])
+
+
+def _held(friction: Floats, initial: Floats, force: Floats) -> Floats:
+    """States z at the start; friction cannot push the ring, so it takes a share of the load at most."""
+    acting = friction[:, :3] @ force
+    most = HELD_SHARE * np.abs(acting) / np.maximum(friction[:, at.F_LIMIT], 1e-12)
+    return np.asarray(np.clip(initial, -most, most))
+
+
+def _increments(rig: Rig, motion: Motion) -> Floats:
+    radial = motion.x + motion.tilt * rig.probes.radial_height
+    half = 0.5 * rig.probes.axial_span
+    seen = np.stack([radial, motion.y + half * motion.tilt, -radial,
+                     motion.y - half * motion.tilt])
+    return np.asarray(seen - seen[:, :1])
