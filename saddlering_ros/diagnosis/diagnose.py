@@ -103,8 +103,7 @@ class Verdict:
             'candidates': [_candidate_json(item) for item in found.evidence],
             'shapes': {'before': [_shape_json(item) for item in found.shapes_before],
                        'after': [_shape_json(item) for item in found.shapes_after]},
-            'signature_angles': {'labels': list(found.angle_labels),
-                                 'cosines': np.round(found.angles, 3).tolist()},
+            'signature_cosines': _cosines(found),
             'gain': {'fit': found.total_gain.fit, 'held_out': found.total_gain.held_out,
                      'how': found.total_gain.how},
             'notes': list(self.notes),
@@ -263,6 +262,20 @@ def _cause_json(cause: Cause) -> dict[str, Any]:
 
 def _evidence_json(item: Evidence) -> dict[str, Any]:
     return {'effects': list(item.effects), 'p_value': item.p_value, 'share_of_range': item.visible}
+
+
+LEAST_COSINE = 0.3
+"""Signatures further apart than this are left out of the verdict's JSON."""
+
+
+def _cosines(found: Diagnosis) -> dict[str, dict[str, float]]:
+    """Every signature with those that look like it: 1 means that these data cannot tell them."""
+    return {
+        label: {other: round(float(value), 3)
+                for other, value in zip(found.angle_labels, row, strict=True)
+                if other != label and value >= LEAST_COSINE}
+        for label, row in zip(found.angle_labels, found.angles, strict=True)
+    }
 
 
 def _candidate_json(item: Evidence) -> dict[str, Any]:
