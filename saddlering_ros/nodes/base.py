@@ -1,0 +1,194 @@
+"""What all streaming nodes share: lifecycle, parameters, diagnostics, progress, zeroing in step."""
+
+from __future__ import annotations
+
+import time
+from typing import Any, ClassVar
+
+from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
+from saddlering_interfaces.msg import ReplayProgress
+
+from saddlering_ros.errors import SaddleringError
+from saddlering_ros.nodes.diagnostics import Task, to_message
+from saddlering_ros.nodes.errors import NodeError
+from saddlering_ros.nodes.flow import Inflow, Outflow, RELIABILITIES
+from saddlering_ros.nodes.parameters import declare, Parameter
+from saddlering_ros.nodes.progress import progress_of, PROGRESS_QOS, PROGRESS_TOPIC
+
+HEARTBEAT = 0.2
+"""An idle node repeats its progress, and looks at its publishers, this often [s]."""
+
+PROGRESS_PERIOD = 0.001
+DIAGNOSTICS_PERIOD = 1.0
+
+AUTOSTART = Parameter('autostart', True, 'configure and activate at once; false: leave both to '
+                      '`ros2 lifecycle set`')
+INPUT_RELIABILITY = Parameter(
+    'input_reliability', 'auto', 'QoS asked of publishers; auto: reliable while all of them are, '
+    'else best effort', choices=RELIABILITIES)
+MAX_GAP = Parameter('max_gap', 10.0, 'stamps that jump ahead by more [s] start everything anew',
+                    low=0.1, high=3600.0)
+
+
+class StreamingNode(LifecycleNode):
+    """A node that works streams off in batches; `spin_streaming` runs it.
+
+    A subclass gives PARAMETERS, `configure` (make the core; raise SaddleringError for what cannot
+    be used), `connect` (make the flows), `deal` (one batch) and its diagnostics tasks.
+    """
+
+    PARAMETERS: ClassVar[tuple[Parameter, ...]] = ()
+
+    def __init__(self, name: str, **options: Any) -> None:
+        super().__init__(name, **options)
+        self.settings = declare(self, (AUTOSTART, *self.PARAMETERS))
+        self.tasks: list[Task] = []
+        self.problem: SaddleringError | None = None
+        self.inputs: list[Inflow] = []
+        self.outputs: list[Outflow] = []
+        self.active = False
+        self.done = False
+        self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
+        self._progress = self.create_publisher(ReplayProgress, PROGRESS_TOPIC, PROGRESS_QOS)
+        self._told = self._beat = 0.0
+        self._untold = False
+        self._diagnosed = time.monotonic()
+
+    # --- for subclasses ---------------------------------------------------------------------------
+
+    def configure(self) -> None:
+        """Read the settings and make the core."""
+
+    def connect(self) -> None:
+        """Fill `inputs` and `outputs`."""
+
+    def deal(self) -> None:
+        """Take what the inflows hold, work it off, send what comes of it."""
+
+    def idle(self) -> None:
+        """Nothing has come for a while."""
+
+    def at_intervals(self, now: float) -> float:
+        """What the clock on the wall makes due; how long until it wants to be asked again [s]."""
+        return 1.0
+
+    def replayed_until(self) -> int:
+        """For nodes that replay a bag: the time [ns] up to which everything is published."""
+        return 0
+
+    def progress_inputs(self) -> list[Inflow]:
+        """The inflows a replay in lockstep waits for."""
+        return self.inputs
+
+    # --- lifecycle ----------------------------------------------------------------------------------
+
+    def start(self) -> None:
+        """Configure and activate, if `autostart` says so; raises what keeps the node from it."""
+        if not self.settings['autostart']:
+            return
+        self.trigger_configure()
+        if self.problem is not None:
+            raise self.problem
+        self.trigger_activate()
+        if self.problem is not None:
+            raise self.problem
+
+    def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Make the core from the parameters."""
+        return self._attempt(self.configure, state, super().on_configure)
+
+    def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Subscribe and publish."""
+        result = self._attempt(self.connect, state, super().on_activate)
+        self.active = result == TransitionCallbackReturn.SUCCESS
+        return result
+
+    def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Stop subscribing and publishing; the core keeps its state."""
+        self._disconnect()
+        return super().on_deactivate(state)
+
+    def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Forget the core."""
+        self.tasks = []
+        return super().on_cleanup(state)
+
+    def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Leave the process as well."""
+        self._disconnect()
+        self.done = True
+        return super().on_shutdown(state)
+
+    def _attempt(self, step: Any, state: LifecycleState, upwards: Any) -> TransitionCallbackReturn:
+        self.problem = None
+        try:
+            step()
+        except SaddleringError as problem:
+            self.problem = problem
+            self.get_logger().error(str(problem))
+            self._disconnect()
+            return TransitionCallbackReturn.FAILURE
+        result: TransitionCallbackReturn = upwards(state)
+        return result
+
+    def _disconnect(self) -> None:
+        self.active = False
+        for flow in (*self.inputs, *self.outputs):
+            flow.close()
+        self.inputs, self.outputs = [], []
+
+    # --- the loop -----------------------------------------------------------------------------------
+
+    def inflows(self) -> list[Inflow]:
+        """The subscriptions to wait for."""
+        return self.inputs
+
+    def finished(self) -> bool:
+        """Whether the node wants to leave."""
+        return self.done
+
+    def work(self) -> None:
+        """Deal with what has arrived."""
+        if self.active:
+            self.deal()
+            self._untold = True
+            self._tell(time.monotonic(), PROGRESS_PERIOD)
+
+    def tick(self, now: float) -> float:
+        """Progress, diagnostics and what the subclass has to do by the clock on the wall."""
+        if self._untold:
+            self._tell(now, PROGRESS_PERIOD)
+        if now - self._beat >= HEARTBEAT:
+            self._beat = now
+            if self.active:
+                for flow in self.inputs:
+                    flow.review()
+            self._tell(now, 0.0)
+        if now - self._diagnosed >= DIAGNOSTICS_PERIOD:
+            self._diagnose(now)
+        wait = self.at_intervals(now) if self.active else 1.0
+        return min(wait, PROGRESS_PERIOD) if self._untold else wait
+
+    def _tell(self, now: float, period: float) -> None:
+        if not self.active or now - self._told < period:
+            return
+        self._told, self._untold = now, False
+        if self._progress.get_subscription_count():
+            self._progress.publish(progress_of(
+                self.get_name(), self.progress_inputs(), self.outputs, self.replayed_until()))
+
+    def _diagnose(self, now: float) -> None:
+        elapsed, self._diagnosed = now - self._diagnosed, now
+        message = to_message(
+            self.get_name(), [(task.name, task.report(elapsed)) for task in self.tasks])
+        message.header.stamp = self.get_clock().now().to_msg()
+        self._diagnostics.publish(message)
+
+
+def path_setting(node: StreamingNode, name: str) -> str:
+    """A path that must be given; NodeError if it is not."""
+    value = node.settings.text(name)
+    if not value:
+        raise NodeError(f'{node.get_name()}: parameter {name} is empty: give -p {name}:=PATH')
+    return value

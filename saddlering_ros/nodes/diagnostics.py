@@ -1,0 +1,207 @@
+"""What a node says of its health: small tasks, each watching one thing, with its own bounds and words."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field
+import math
+from typing import Protocol
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+import numpy as np
+from numpy.typing import NDArray
+
+OK, WARN, ERROR, STALE = 0, 1, 2, 3
+
+
+@dataclass(frozen=True)
+class Finding:
+    """What a task found: level (OK, WARN, ERROR, STALE), words, figures."""
+
+    level: int
+    words: str
+    figures: dict[str, str] = field(default_factory=dict)
+
+
+class Task(Protocol):
+    """One thing watched; `report` is asked once a second and starts the next period."""
+
+    name: str
+
+    def report(self, elapsed: float) -> Finding:
+        """What was found during the last `elapsed` seconds."""
+
+
+class StreamTask:
+    """Rate and gaps of one topic, by its stamps; silence is STALE.
+
+    A gap is an interval over `gap_periods` times the median interval of the batch's history and
+    over `floor` seconds; a step back over `floor` is a jump, a smaller one a message late.
+    """
+
+    def __init__(self, topic: str, *, lowest_rate: float = 0.0, gap_periods: float = 5.0,
+                 floor: float = 0.005) -> None:
+        self.name = f'stream {topic}'
+        self.lowest_rate, self.gap_periods, self.floor = lowest_rate, gap_periods, floor
+        self.total = self.gaps = self.late = 0
+        self.longest_gap = 0.0
+        self._median = math.nan
+        self._last: int | None = None
+        self._clear()
+
+    def _clear(self) -> None:
+        self._count = self._new_gaps = self._new_late = 0
+        self._first_stamp: int | None = None
+
+    def push(self, stamps: NDArray[np.int64]) -> None:
+        """Take the stamps [ns] of a batch, in the order of arrival."""
+        if not len(stamps):
+            return
+        self._count += len(stamps)
+        self.total += len(stamps)
+        if self._first_stamp is None:
+            self._first_stamp = int(stamps[0])
+        chain = stamps if self._last is None else np.concatenate(([self._last], stamps))
+        steps = np.diff(chain) / 1e9
+        self._last = int(stamps[-1])
+        self._new_late += int((steps < 0.0).sum())
+        forward = steps[steps > 0.0]
+        if not len(forward):
+            return
+        if not math.isnan(self._median):
+            limit = max(self.gap_periods * self._median, self.floor)
+            long = forward[forward > limit]
+            self._new_gaps += len(long)
+            if len(long):
+                self.longest_gap = max(self.longest_gap, float(long.max()))
+        middle = float(np.median(forward))
+        self._median = middle if math.isnan(self._median) else 0.9 * self._median + 0.1 * middle
+
+    def report(self, elapsed: float) -> Finding:
+        """Rate (by arrival), period (by stamps), gaps and late messages of the period."""
+        rate = self._count / elapsed if elapsed > 0.0 else 0.0
+        self.gaps += self._new_gaps
+        self.late += self._new_late
+        figures = {
+            'rate [1/s]': f'{rate:.1f}', 'period by stamps [ms]': f'{self._median * 1e3:.4g}',
+            'messages': str(self.total), 'gaps': str(self.gaps), 'late': str(self.late),
+            'longest gap [s]': f'{self.longest_gap:.4g}'}
+        level, words = OK, f'{rate:.0f} messages a second'
+        if self._count == 0:
+            level, words = STALE, 'no messages' if self.total else 'nothing received yet'
+        elif self._new_gaps:
+            level, words = WARN, f'{self._new_gaps} gaps in the stamps, longest {self.longest_gap:.3g} s'
+        elif self._new_late:
+            level, words = WARN, f'{self._new_late} messages out of order or stamps that jumped back'
+        elif rate < self.lowest_rate:
+            level, words = WARN, f'{rate:.1f} messages a second, at least {self.lowest_rate:g} wanted'
+        self._clear()
+        return Finding(level, words, figures)
+
+
+class SaturationTask:
+    """Probe readings at or beyond the ends of the probe's range."""
+
+    def __init__(self, topic: str, low: float, high: float) -> None:
+        self.name = f'saturation {topic}'
+        self.low, self.high = low, high
+        self.total = self._new = 0
+        self._margin = math.inf
+
+    def push(self, values: NDArray[np.float64]) -> None:
+        """Take the gaps [m] of a batch."""
+        if not len(values):
+            return
+        edge = 0.002 * (self.high - self.low)
+        self._margin = min(self._margin, float(np.min(values)) - self.low,
+                           self.high - float(np.max(values)))
+        outside = (values <= self.low + edge) | (values >= self.high - edge) | ~np.isfinite(values)
+        self._new += int(outside.sum())
+
+    def report(self, elapsed: float) -> Finding:
+        """How many readings of the period were saturated, and how near the ends they came."""
+        self.total += self._new
+        figures = {'saturated': str(self.total), 'nearest to an end [mm]': f'{self._margin * 1e3:.4g}'}
+        count, self._new, self._margin = self._new, 0, math.inf
+        if count:
+            return Finding(ERROR, f'{count} readings at an end of the probe\'s range: '
+                           'check the probe\'s position', figures)
+        return Finding(OK, 'inside its range', figures)
+
+
+class ParityTask:
+    """Mean parity of the radial probes against what their noise explains."""
+
+    name = 'parity'
+
+    def __init__(self, noise: float, sigmas: float = 5.0) -> None:
+        self._limit = sigmas * noise
+        self._sum = self._peak = 0.0
+        self._count = 0
+
+    def push(self, parity: NDArray[np.float64]) -> None:
+        """Take the parities [m] of a batch."""
+        if len(parity):
+            self._sum += float(np.sum(parity))
+            self._count += len(parity)
+            self._peak = max(self._peak, float(np.max(np.abs(parity))))
+
+    def report(self, elapsed: float) -> Finding:
+        """Mean and peak of the period."""
+        if not self._count:
+            return Finding(OK, 'no displacement yet')
+        mean = self._sum / self._count
+        figures = {'mean [um]': f'{mean * 1e6:.3f}', 'peak [um]': f'{self._peak * 1e6:.3f}',
+                   'limit of the mean [um]': f'{self._limit * 1e6:.3f}'}
+        self._sum = self._peak = 0.0
+        self._count = 0
+        if abs(mean) > self._limit:
+            return Finding(WARN, f'{mean * 1e6:.1f} um, beyond noise: probes 1 and 3 do not see the '
+                           'same rigid ring', figures)
+        return Finding(OK, 'zero within noise', figures)
+
+
+class FunctionTask:
+    """A task whose finding a function gives."""
+
+    def __init__(self, name: str, find: Callable[[], Finding]) -> None:
+        self.name = name
+        self._find = find
+
+    def report(self, elapsed: float) -> Finding:
+        """What the function says."""
+        return self._find()
+
+
+class Events:
+    """Counted mishaps by name; a count that grew during the period is a warning."""
+
+    name = 'events'
+
+    def __init__(self, source: Callable[[], dict[str, int]], harmless: Iterable[str] = ()) -> None:
+        self._source = source
+        self._harmless = frozenset(harmless)
+        self._before: dict[str, int] = {}
+
+    def report(self, elapsed: float) -> Finding:
+        """Which counts grew."""
+        counts = self._source()
+        grown = {name: count - self._before.get(name, 0) for name, count in counts.items()
+                 if count > self._before.get(name, 0) and name not in self._harmless}
+        self._before = dict(counts)
+        figures = {name: str(count) for name, count in counts.items()}
+        if grown:
+            words = ', '.join(f'{count} {name.replace("_", " ")}' for name, count in grown.items())
+            return Finding(WARN, words, figures)
+        return Finding(OK, 'nothing lost, late or dropped', figures)
+
+
+def to_message(node_name: str, findings: Iterable[tuple[str, Finding]]) -> DiagnosticArray:
+    """The findings of a node's tasks as /diagnostics wants them (no header stamp yet)."""
+    message = DiagnosticArray()
+    for name, finding in findings:
+        message.status.append(DiagnosticStatus(
+            level=bytes([finding.level]), name=f'{node_name}: {name}', message=finding.words,
+            hardware_id='saddlering',
+            values=[KeyValue(key=key, value=value) for key, value in finding.figures.items()]))
+    return message

@@ -1,0 +1,128 @@
+"""Measured ring displacement from a stream of raw samples: align, zero, convert; no ROS in it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from saddlering_ros.bags import AlignedRow, StreamAligner
+from saddlering_ros.nodes.wire import Displacements, join, no_displacements, Samples, SECOND
+from saddlering_ros.rig import (
+    gap_increment,
+    probes_to_displacement,
+    Rig,
+    ZeroReading,
+    ZeroWindow,
+)
+
+
+class DisplacementStream:
+    """The displacement at each load stamp, from batches of samples in any interleaving.
+
+    It is what `displacement_of_run` computes for a bag, bit for bit, on rows that come in as they
+    happen. Rows wait until a zero is found; then they come out at once. Load stamps that jump back, or
+    ahead by more than `max_gap` [s], start everything anew, the zero included.
+    """
+
+    def __init__(self, rig: Rig, *, max_gap: float = 10.0) -> None:
+        self._rig = rig
+        self._max_gap = round(max_gap * SECOND)
+        self.aligner = StreamAligner()
+        self.jumps_ahead = 0
+        self.rows = 0
+        self.newest_stamp = 0
+        self.load = float('nan')
+        self._restart = 0
+        self._asked_after: int | None = None
+        self._begin(anywhere=False)
+
+    def _begin(self, *, anywhere: bool) -> None:
+        self.zero: ZeroReading | None = None
+        self.zero_stamp = 0
+        self._window = ZeroWindow(self._rig, anywhere=anywhere)
+        self._waiting: list[AlignedRow] = []
+
+    def reset(self) -> None:
+        """Forget all samples and the zero."""
+        self.aligner.reset()
+        self.newest_stamp = 0
+        self._asked_after = None
+        self._begin(anywhere=False)
+
+    def zero_after(self, stamp: int) -> None:
+        """Take a new zero from the first steady stretch after `stamp` [ns], at whatever load."""
+        self._asked_after = stamp
+
+    @property
+    def waiting_for_zero(self) -> bool:
+        """Whether displacements are held back until a zero is found."""
+        return self.zero is None
+
+    def push(self, load: Samples, gaps: Sequence[Samples]) -> Displacements:
+        """Take a batch of the load and of each of the four probes; return what is due."""
+        rows: list[AlignedRow] = []
+        push_load, push_gap = self.aligner.push_load, self.aligner.push_gap
+        for stamp, value in zip(load.stamps.tolist(), load.values.tolist(), strict=True):
+            rows += push_load(stamp, value)
+        for probe, samples in enumerate(gaps):
+            for stamp, value in zip(samples.stamps.tolist(), samples.values.tolist(),
+                                    strict=True):
+                rows += push_gap(probe, stamp, value)
+        return self._displacements(rows)
+
+    def _displacements(self, rows: list[AlignedRow]) -> Displacements:
+        if not rows:
+            return no_displacements()
+        self.rows += len(rows)
+        batches: list[Displacements] = []
+        ready: list[AlignedRow] = []
+        for row in rows:
+            if self._breaks(row):
+                batches += self._convert(ready)
+                ready = []
+            self.newest_stamp = row.stamp
+            if self.zero is not None:
+                ready.append(row)
+            else:
+                ready += self._wait(row)
+        self.load = rows[-1].load
+        return join(batches + self._convert(ready))
+
+    def _breaks(self, row: AlignedRow) -> bool:
+        """Whether a new zero is to be found from `row` on; if so, begin to look for it."""
+        ahead = self.newest_stamp and row.stamp - self.newest_stamp > self._max_gap
+        if row.restart != self._restart or ahead:
+            self.jumps_ahead += bool(ahead)
+            self._restart = row.restart
+            self._begin(anywhere=False)
+            return True
+        if self._asked_after is not None and row.stamp > self._asked_after:
+            self._asked_after = None
+            self._begin(anywhere=True)
+            return True
+        return False
+
+    def _wait(self, row: AlignedRow) -> list[AlignedRow]:
+        """Offer `row` to the zero window; every row that waited, once a zero is found."""
+        self._waiting.append(row)
+        reading = self._window.push(row.time, row.load, row.gaps)
+        if reading is None:
+            keep = self._window.samples
+            del self._waiting[:max(0, len(self._waiting) - keep)]
+            return []
+        due = self._waiting[-(reading.end - reading.start) - 1:]
+        self.zero, self.zero_stamp, self._waiting = reading, due[0].stamp, []
+        return due
+
+    def _convert(self, rows: list[AlignedRow]) -> list[Displacements]:
+        if not rows or self.zero is None:
+            return []
+        gaps = np.array([row.gaps for row in rows]).T
+        increments = gap_increment(self._rig.probes, gaps, np.array(self.zero.gaps))
+        found = probes_to_displacement(self._rig.probes, increments)
+        stamps = np.array([row.stamp for row in rows], dtype=np.int64)
+        return [Displacements(
+            stamps, np.stack([found.delta_x, found.delta_y, found.gamma, found.parity]),
+            np.full(len(rows), self.zero_stamp, dtype=np.int64),
+            np.full(len(rows), self.zero.load))]

@@ -1,0 +1,36 @@
+"""Node eddy_current: replays the four probes from a bag; a DAQ driver takes its place on a rig."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+import sys
+
+from sensor_msgs.msg import Range
+
+from saddlering_ros.bags import PROBE_TOPICS
+from saddlering_ros.nodes import wire
+from saddlering_ros.nodes.replay import ReplayNode
+from saddlering_ros.nodes.run import run_streaming
+
+
+class EddyCurrentNode(ReplayNode):
+    """Publishes /rig/eddy_current_1 to /rig/eddy_current_4."""
+
+    TOPICS = PROBE_TOPICS
+    MESSAGE = Range
+
+    def __init__(self) -> None:
+        super().__init__('eddy_current')
+
+    def encode(self, samples: wire.Samples, frame_id: str) -> list[bytes]:
+        """Range messages."""
+        return wire.encode_gaps(samples, frame_id)
+
+
+def main(args: Sequence[str] | None = None) -> None:
+    """Run the node."""
+    sys.exit(run_streaming(EddyCurrentNode, args))
+
+
+if __name__ == '__main__':
+    main()

@@ -1,0 +1,138 @@
+"""What flows into and out of a node: subscriptions drained per wake-up, publishers that count."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from rclpy.callback_groups import CallbackGroup
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+
+from saddlering_ros.nodes.errors import NodeError
+
+DEPTH = 5000
+"""Messages that may wait at either end of a topic: five seconds at 1 kHz."""
+
+RELIABILITIES = ('auto', 'reliable', 'best_effort')
+
+
+def stream_qos(reliable: bool = True, depth: int = DEPTH) -> QoSProfile:
+    """The QoS of a measured or simulated stream: deep, so that a busy reader loses nothing."""
+    kind = ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT
+    return QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=depth, reliability=kind,
+                      durability=DurabilityPolicy.VOLATILE)
+
+
+class _Drained(CallbackGroup):
+    """A group no executor ever serves: `Inflow.take` empties its subscriptions instead."""
+
+    def can_execute(self, entity: Any) -> bool:
+        return False
+
+    def beginning_execution(self, entity: Any) -> bool:
+        return False
+
+    def ending_execution(self, entity: Any) -> None:
+        return None
+
+
+class Inflow:
+    """One topic a node reads, as raw CDR bytes, taken in batches.
+
+    A reader that asks for reliable delivery gets nothing from a best-effort publisher, which
+    is what hardware drivers often are; one that asks for best effort loses messages of a replay.
+    With reliability 'auto' it is therefore reliable while every publisher is, and best effort
+    otherwise; `review` looks at the publishers there are and switches over.
+    """
+
+    def __init__(self, node: Node, topic: str, message_type: Any, *, reliability: str = 'auto',
+                 depth: int = DEPTH) -> None:
+        if reliability not in RELIABILITIES:
+            raise NodeError(f'reliability is {reliability!r}: give one of '
+                            f'{", ".join(RELIABILITIES)}')
+        self._node, self._type, self._depth = node, message_type, depth
+        self._automatic = reliability == 'auto'
+        self._group = _Drained()
+        self.topic = node.resolve_topic_name(topic)
+        self.reliable = reliability != 'best_effort'
+        self.received = 0
+        self.last_stamp = 0
+        self._open()
+
+    def _open(self) -> None:
+        self.subscription = self._node.create_subscription(
+            self._type, self.topic, _never_called, stream_qos(self.reliable, self._depth),
+            callback_group=self._group, raw=True)
+        self.handle = self.subscription.handle
+
+    def review(self) -> bool:
+        """Fit the reliability to the publishers there are; True when the subscription changed."""
+        if not self._automatic:
+            return False
+        kinds = {info.qos_profile.reliability
+                 for info in self._node.get_publishers_info_by_topic(self.topic)}
+        if not kinds:
+            return False
+        reliable = ReliabilityPolicy.BEST_EFFORT not in kinds
+        if reliable == self.reliable:
+            return False
+        self._node.get_logger().info(
+            f'{self.topic}: {"all publishers are reliable" if reliable else "best-effort publisher"}'
+            f', subscribing {"reliably" if reliable else "with best effort"}')
+        self.reliable = reliable
+        self.close()
+        self._open()
+        return True
+
+    def take(self) -> list[bytes]:
+        """Everything that has arrived since the last call."""
+        messages: list[bytes] = []
+        handle, kind = self.handle, self._type
+        while True:
+            taken = handle.take_message(kind, True)
+            if taken is None:
+                self.received += len(messages)
+                return messages
+            messages.append(taken[0])
+
+    def publishers(self) -> int:
+        """How many publishers it is matched with."""
+        return int(self.subscription.get_publisher_count())
+
+    def close(self) -> None:
+        """Unsubscribe."""
+        self._node.destroy_subscription(self.subscription)
+
+
+class Outflow:
+    """One topic a node writes; counts what it sends, and takes serialized messages."""
+
+    def __init__(self, node: Node, topic: str, message_type: Any, qos: QoSProfile | None = None,
+                 ) -> None:
+        self._node = node
+        self.publisher = node.create_publisher(message_type, topic, qos or stream_qos())
+        self.topic = node.resolve_topic_name(topic)
+        self.published = 0
+        self.last_stamp = 0
+        self._send = self.publisher.handle.publish_raw
+
+    def send(self, messages: list[bytes], last_stamp: int) -> None:
+        """Publish serialized messages in order; `last_stamp` [ns] is that of the last one."""
+        send = self._send
+        for message in messages:
+            send(message)
+        if messages:
+            self.published += len(messages)
+            self.last_stamp = last_stamp
+
+    def subscriptions(self) -> int:
+        """How many subscriptions it is matched with."""
+        return int(self.publisher.get_subscription_count())
+
+    def close(self) -> None:
+        """Stop publishing."""
+        self._node.destroy_publisher(self.publisher)
+
+
+def _never_called(message: bytes) -> None:
+    raise AssertionError('drained subscriptions have no callback')

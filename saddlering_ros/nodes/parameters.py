@@ -1,0 +1,203 @@
+"""Node parameters declared once: type, default, range and words, for ROS, the checks and the docs."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+import math
+from typing import Any
+
+from rcl_interfaces.msg import (
+    FloatingPointRange,
+    IntegerRange,
+    ParameterDescriptor,
+    SetParametersResult,
+)
+from rclpy.exceptions import (
+    InvalidParameterTypeException,
+    InvalidParameterValueException,
+)
+from rclpy.node import Node
+from rclpy.parameter import Parameter as RosParameter
+
+from saddlering_ros.nodes.errors import NodeError
+from saddlering_ros.rig import default_rig, Rig, rig_from_parameters
+
+Value = bool | int | float | str | list[str] | list[float]
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One parameter of a node.
+
+    low, high: range of a number, both included; choices: what a text may be; changeable: may be
+    set while the node runs (else it is read only).
+    """
+
+    name: str
+    default: Value
+    words: str
+    low: float = -math.inf
+    high: float = math.inf
+    choices: tuple[str, ...] = ()
+    changeable: bool = False
+
+    def descriptor(self) -> ParameterDescriptor:
+        """What `ros2 param describe` shows."""
+        descriptor = ParameterDescriptor(
+            name=self.name, description=self.words, read_only=not self.changeable)
+        if self.choices:
+            descriptor.additional_constraints = f'one of: {", ".join(self.choices)}'
+        if isinstance(self.default, float) and math.isfinite(self.low) and math.isfinite(self.high):
+            descriptor.floating_point_range = [
+                FloatingPointRange(from_value=self.low, to_value=self.high)]
+        elif isinstance(self.default, int) and not isinstance(self.default, bool):
+            descriptor.integer_range = [
+                IntegerRange(from_value=int(self.low), to_value=int(self.high))]
+        return descriptor
+
+    def refusal(self, value: Any) -> str:
+        """Why `value` cannot be taken, in one line; empty if it can."""
+        if self.choices and value not in self.choices:
+            return f'{self.name} is {value!r}: give one of {", ".join(self.choices)}'
+        if isinstance(self.default, float) and not math.isfinite(value):
+            return f'{self.name} is {value}: give a finite number'
+        if isinstance(value, (int, float)) and not isinstance(value, bool) \
+                and not self.low <= value <= self.high:
+            return f'{self.name} is {value:g}: give a number from {self.low:g} to {self.high:g}'
+        return ''
+
+
+class Settings(dict[str, Any]):
+    """The values of a node's parameters by name; kept up to date when one is set."""
+
+    def text(self, name: str) -> str:
+        """A text, stripped."""
+        return str(self[name]).strip()
+
+
+def declare(node: Node, parameters: Sequence[Parameter]) -> Settings:
+    """Declare `parameters` on `node`; NodeError names the first that was given a bad value."""
+    settings = Settings()
+    for parameter in parameters:
+        settings[parameter.name] = _declare_one(node, parameter)
+    by_name = {parameter.name: parameter for parameter in parameters}
+
+    def judge(changes: list[RosParameter]) -> SetParametersResult:
+        for change in changes:
+            known = by_name.get(change.name)
+            reason = known.refusal(change.value) if known is not None else ''
+            if reason:
+                return SetParametersResult(successful=False, reason=reason)
+        return SetParametersResult(successful=True)
+
+    def keep(changes: list[RosParameter]) -> None:
+        for change in changes:
+            if change.name in by_name:
+                settings[change.name] = change.value
+
+    node.add_on_set_parameters_callback(judge)
+    node.add_post_set_parameters_callback(keep)
+    return settings
+
+
+def _declare_one(node: Node, parameter: Parameter) -> Any:
+    override = _override(node, parameter)
+    if override is not None:
+        reason = parameter.refusal(override)
+        if reason:
+            raise NodeError(f'{node.get_name()}: parameter {reason}')
+    try:
+        return node.declare_parameter(
+            parameter.name, parameter.default, parameter.descriptor()).value
+    except InvalidParameterTypeException as problem:
+        raise NodeError(
+            f'{node.get_name()}: parameter {parameter.name} is {override!r}: give a '
+            f'{_kind(parameter.default)}') from problem
+    except InvalidParameterValueException as problem:
+        raise NodeError(f'{node.get_name()}: parameter {problem}') from problem
+
+
+def _override(node: Node, parameter: Parameter) -> Any:
+    """The value given on the command line or in a file; a whole number where a float is due is one."""
+    overrides: dict[str, RosParameter] = node._parameter_overrides
+    given = overrides.get(parameter.name)
+    if given is None:
+        return None
+    if isinstance(parameter.default, float) and given.type_ == RosParameter.Type.INTEGER:
+        overrides[parameter.name] = RosParameter(parameter.name, value=float(given.value))
+        return float(given.value)
+    kind = type(parameter.default)
+    return given.value if isinstance(given.value, kind) else None
+
+
+def _kind(default: Value) -> str:
+    names = {bool: 'true or false', int: 'whole number', float: 'number', str: 'text',
+             list: 'list'}
+    return names[type(default)]
+
+
+def table(parameters: Sequence[Parameter]) -> str:
+    """The parameters as a Markdown table, for the docs page of a node."""
+    lines = ['| parameter | default | range | meaning |', '|---|---|---|---|']
+    for parameter in parameters:
+        limits = ', '.join(f'`{choice}`' for choice in parameter.choices)
+        if math.isfinite(parameter.low) and math.isfinite(parameter.high):
+            limits = f'{parameter.low:g} to {parameter.high:g}'
+        default = f'`{parameter.default!r}`' if parameter.default != '' else 'none'
+        when = ' (changeable)' if parameter.changeable else ''
+        lines.append(f'| `{parameter.name}`{when} | {default} | {limits} | {parameter.words} |')
+    return '\n'.join(lines)
+
+
+def _rig_values(rig: Rig) -> dict[str, Any]:
+    """The rig's own parameters (config/rig.yaml) by dotted name."""
+    rows, middle, body = rig.axial_rows, rig.middle_row, rig.carriage
+    values: dict[str, Any] = {
+        'rig.axial_rows.rollers': rows.rollers,
+        'rig.axial_rows.pitch_radius': rows.pitch_radius,
+        'rig.axial_rows.clearance': rows.clearance,
+        'rig.middle_row.rollers': middle.rollers,
+        'rig.middle_row.pitch_radius': middle.pitch_radius,
+        'rig.middle_row.clearance': middle.clearance,
+        'rig.middle_row.height': middle.height,
+        'rig.carriage.mass': body.mass, 'rig.carriage.inertia': body.inertia,
+        'rig.carriage.weight': body.weight, 'rig.carriage.weight_x': body.weight_x,
+        'rig.trunnion.x': rig.trunnion.x, 'rig.trunnion.y': rig.trunnion.y,
+        'rig.probes.axial_span': rig.probes.axial_span,
+        'rig.probes.radial_height': rig.probes.radial_height,
+        'rig.probes.polarity': [int(sign) for sign in rig.probes.polarity],
+        'rig.probes.min_range': rig.probes.min_range,
+        'rig.probes.max_range': rig.probes.max_range,
+        'rig.preload': rig.preload, 'rig.full_scale_load': rig.full_scale_load,
+    }
+    values.update({f'bounds.{name}': list(pair) for name, pair in rig.bounds.items()})
+    return values
+
+
+def declare_rig(node: Node) -> Rig:
+    """The rig from the node's parameters `rig.*` and `bounds.*`: what config/rig.yaml gives it.
+
+    Every value has the default of the shipped file. Raises RigError with one line on a bad one.
+    """
+    nested: dict[str, Any] = {}
+    for name, default in _rig_values(default_rig()).items():
+        descriptor = ParameterDescriptor(
+            name=name, description='of the rig, SI units; see config/rig.yaml', read_only=True,
+            dynamic_typing=True)
+        value = node.declare_parameter(name, default, descriptor).value
+        _put(nested, name.split('.'), value if isinstance(value, (int, float, str)) else
+             list(value))
+    return rig_from_parameters(nested, f'parameters of {node.get_name()}')
+
+
+def _put(nested: dict[str, Any], path: Sequence[str], value: Any) -> None:
+    for part in path[:-1]:
+        nested = nested.setdefault(part, {})
+    nested[path[-1]] = value
+
+
+def plain(values: Mapping[str, Any]) -> dict[str, str]:
+    """Values as texts, for diagnostics."""
+    return {key: f'{value:.6g}' if isinstance(value, float) else str(value)
+            for key, value in values.items()}

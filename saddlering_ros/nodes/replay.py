@@ -1,0 +1,128 @@
+"""Replay of raw topics from a bag: what hydraulic_load and eddy_current share."""
+
+from __future__ import annotations
+
+import time
+from typing import Any, ClassVar
+
+import numpy as np
+from rosgraph_msgs.msg import Clock
+
+from saddlering_ros.bags import RawTopic, read_raw
+from saddlering_ros.bags.checks import check_values
+from saddlering_ros.bags.reader import usable_facts
+from saddlering_ros.nodes import wire
+from saddlering_ros.nodes.base import path_setting, StreamingNode
+from saddlering_ros.nodes.diagnostics import ERROR, Finding, FunctionTask, OK, WARN
+from saddlering_ros.nodes.flow import Inflow, Outflow
+from saddlering_ros.nodes.parameters import Parameter
+
+JUMP = 2 * wire.SECOND
+"""A clock that goes on by more than this was moved by hand: what lies between is not published."""
+
+BAG = Parameter('bag', '', 'the bag to replay: a rosbag2 directory or an .mcap file')
+
+
+def bag_elevation(path: str) -> float:
+    """The elevation [rad] of a bag's test; BagError if the bag does not say it."""
+    from saddlering_ros.bags import LOAD_TOPIC
+    record = read_raw(path, [LOAD_TOPIC])
+    facts = usable_facts(record.path, record.facts, None, None)
+    assert facts.elevation_deg is not None
+    return float(np.radians(facts.elevation_deg))
+
+
+class Track:
+    """One topic of the bag and the place the replay has reached in it."""
+
+    def __init__(self, raw: RawTopic) -> None:
+        self.raw = raw
+        self.place = 0
+
+    def move_to(self, now: int) -> None:
+        """Go on from `now` [ns], publishing nothing of what lies before."""
+        self.place = int(np.searchsorted(self.raw.stamps, now, side='right'))
+
+    def due(self, now: int) -> wire.Samples:
+        """The samples up to `now` [ns] that were not given out yet."""
+        start = self.place
+        self.move_to(now)
+        return wire.Samples(self.raw.stamps[start:self.place], self.raw.values[start:self.place],
+                            self.raw.min_range, self.raw.max_range)
+
+    def at_end(self) -> bool:
+        """Whether everything has been given out."""
+        return self.place >= len(self.raw.stamps)
+
+
+class ReplayNode(StreamingNode):
+    """Publishes topics of a bag as /clock reaches their stamps."""
+
+    PARAMETERS = (BAG,)
+    TOPICS: ClassVar[tuple[str, ...]] = ()
+    MESSAGE: ClassVar[Any] = None
+
+    def configure(self) -> None:
+        """Read the bag."""
+        bag = path_setting(self, 'bag')
+        record = read_raw(bag, self.TOPICS)
+        for topic in self.TOPICS:
+            check_values(f'{record.path}: {topic}', record[topic].stamps, record[topic].values)
+        self._tracks = [Track(record[topic]) for topic in self.TOPICS]
+        self._now = 0
+        self._heard = time.monotonic()
+        self._jumps = self._dropped = 0
+        self.tasks = [FunctionTask('replay', self._finding)]
+
+    def connect(self) -> None:
+        """Listen to the clock; publish the topics."""
+        self._clock_flow = Inflow(self, '/clock', Clock, depth=100)
+        self.inputs = [self._clock_flow]
+        self.outputs = [Outflow(self, topic, self.MESSAGE) for topic in self.TOPICS]
+
+    def encode(self, samples: wire.Samples, frame_id: str) -> list[bytes]:
+        """The messages of a batch."""
+        raise NotImplementedError
+
+    def deal(self) -> None:
+        """Follow the clock."""
+        messages = self._clock_flow.take()
+        if not messages:
+            return
+        self._heard = time.monotonic()
+        for message in messages:
+            self._follow(wire.decode_clock(message))
+
+    def _follow(self, now: int) -> None:
+        if self._now == 0 or now < self._now or now - self._now > JUMP:
+            self._jumps += self._now != 0
+            for track in self._tracks:
+                track.move_to(now)
+            self._now = now
+            return
+        self._now = now
+        for track, flow in zip(self._tracks, self.outputs, strict=True):
+            samples = track.due(now)
+            if len(samples):
+                flow.send(self.encode(samples, track.raw.frame_id), int(samples.stamps[-1]))
+
+    def replayed_until(self) -> int:
+        """The clock's time; 1 ns before there is any."""
+        return self._now or 1
+
+    def progress_inputs(self) -> list[Inflow]:
+        """The clock is no stream one can be behind on."""
+        return []
+
+    def _finding(self) -> Finding:
+        sent = {flow.topic: str(flow.published) for flow in self.outputs}
+        figures = {**sent, 'jumps of the clock': str(self._jumps)}
+        if not self._now:
+            return Finding(WARN, 'no /clock yet: start replay_clock, or ros2 bag play --clock',
+                           figures)
+        if all(track.at_end() for track in self._tracks):
+            return Finding(OK, 'everything is published', figures)
+        silent = time.monotonic() - self._heard
+        if silent > 2.0:
+            return Finding(ERROR, f'/clock has been silent for {silent:.0f} s', figures)
+        return Finding(OK, 'follows the clock', figures)

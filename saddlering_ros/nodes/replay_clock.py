@@ -1,0 +1,312 @@
+"""Node replay_clock: the time of a replay; in lockstep it goes on only when every node has caught up."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+import sys
+import time
+
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.serialization import deserialize_message
+from rosgraph_msgs.msg import Clock
+from saddlering_interfaces.msg import ReplayProgress, ReplayState
+from saddlering_interfaces.srv import Seek, SetRate, Step
+from std_srvs.srv import Trigger
+
+from saddlering_ros.bags import read_raw
+from saddlering_ros.nodes.base import path_setting, StreamingNode
+from saddlering_ros.nodes.diagnostics import ERROR, Finding, FunctionTask, OK, WARN
+from saddlering_ros.nodes.flow import Inflow, Outflow
+from saddlering_ros.nodes.parameters import Parameter
+from saddlering_ros.nodes.progress import Muster, PROGRESS_TOPIC, STATE_TOPIC, to_time
+from saddlering_ros.nodes.replay import BAG
+from saddlering_ros.nodes.run import run_streaming
+from saddlering_ros.nodes.wire import SECOND
+
+PARTICIPANTS = ['hydraulic_load', 'eddy_current', 'ring_displacement', 'ring_simulator',
+                'ring_residual']
+CLOCK_QOS = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
+STATE_QOS = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE,
+                       durability=DurabilityPolicy.TRANSIENT_LOCAL)
+REPEAT = 0.05
+"""A standing clock says its time again this often [s]: for late joiners, and should one get lost."""
+
+LONGEST_STRIDE = SECOND // 2
+"""In real time the clock never skips more than this; after a pause of the machine it runs behind."""
+
+LINGER = 0.5
+
+WORDS = {ReplayState.WAITING: 'waiting', ReplayState.PLAYING: 'playing',
+         ReplayState.PAUSED: 'paused', ReplayState.FINISHED: 'at its end'}
+
+
+class ReplayClockNode(StreamingNode):
+    """Publishes /clock over the time of a bag."""
+
+    PARAMETERS = (
+        BAG,
+        Parameter('rate', 1.0, 'speed: 1 is real time; 0: as fast as the nodes follow (in lockstep '
+                  'only)', low=0.0, high=100.0),
+        Parameter('lockstep', False, 'let time go on only when all participants have dealt with '
+                  'everything before'),
+        Parameter('participants', PARTICIPANTS, 'nodes to wait for, before the first message and '
+                  'in lockstep'),
+        Parameter('window', 0.1, 'bag time per step in lockstep [s]', low=0.001, high=1.0),
+        Parameter('clock_rate', 100.0, 'steps a second in real time', low=1.0, high=1000.0),
+        Parameter('timeout', 5.0, 'a node that does not catch up for this long [s] is reported, and '
+                  'no longer waited for until it does', low=0.1, high=3600.0),
+        Parameter('start_paused', False, 'wait for ~/play'),
+        Parameter('exit_at_end', False, 'leave when the bag is at its end'),
+    )
+
+    def __init__(self) -> None:
+        super().__init__('replay_clock')
+        self.create_service(Trigger, '~/play', self._on_play)
+        self.create_service(Trigger, '~/pause', self._on_pause)
+        self.create_service(SetRate, '~/set_rate', self._on_set_rate)
+        self.create_service(Seek, '~/seek', self._on_seek)
+        self.create_service(Step, '~/step', self._on_step)
+        self._state_publisher = self.create_publisher(ReplayState, STATE_TOPIC, STATE_QOS)
+
+    def configure(self) -> None:
+        """Read from when to when the bag goes."""
+        record = read_raw(path_setting(self, 'bag'))
+        self._start, self._end = record.start - 1, record.stop
+        self._time = self._start
+        self._rate = self.settings['rate']
+        self._lockstep = self.settings['lockstep']
+        self._window = max(1, round(self.settings['window'] * SECOND))
+        self._muster = Muster([name for name in self.settings['participants'] if name])
+        self._state = ReplayState.WAITING
+        self._after_waiting = (ReplayState.PAUSED if self.settings['start_paused']
+                               else ReplayState.PLAYING)
+        self._stop_at: int | None = None
+        self._waiting_for: list[str] = []
+        self._began = self._advanced = self._said = time.monotonic()
+        self._said_state = 0.0
+        self._timeouts = 0
+        self._speed = 0.0
+        self._speed_from = (time.monotonic(), self._time)
+        self.tasks = [FunctionTask('replay', self._finding)]
+
+    def connect(self) -> None:
+        """Publish the clock; hear how far the others are."""
+        self._heard = Inflow(self, PROGRESS_TOPIC, ReplayProgress, reliability='reliable', depth=1000)
+        self.inputs = [self._heard]
+        self.outputs = [Outflow(self, '/clock', Clock, CLOCK_QOS)]
+
+    def deal(self) -> None:
+        """Hear the others, and go on at once if that lets time go on."""
+        now = time.monotonic()
+        for raw in self._heard.take():
+            self._muster.hear(deserialize_message(raw, ReplayProgress), now)
+        self.at_intervals(now)
+
+    def at_intervals(self, now: float) -> float:
+        """Let time go on if it may."""
+        if self._state == ReplayState.WAITING:
+            self._wait(now)
+        elif self._state == ReplayState.PLAYING:
+            self._play(now)
+        if now - self._said >= REPEAT:
+            self._say_time(now)
+        if now - self._said_state >= 1.0:
+            self._say_state(now)
+        if self._state == ReplayState.FINISHED and self.settings['exit_at_end']:
+            self.done = now - self._advanced > LINGER
+        if self._state != ReplayState.PLAYING:
+            return REPEAT
+        return 0.002 if self._lockstep else 1.0 / self.settings['clock_rate']
+
+    # --- time ---------------------------------------------------------------------------------------
+
+    def _wait(self, now: float) -> None:
+        self._waiting_for = self._muster.absent()
+        if not self._waiting_for:
+            self._enter(self._after_waiting, now)
+        elif not self._lockstep and now - self._began > self.settings['timeout']:
+            self.get_logger().warning(f'starts without {"; ".join(self._waiting_for)}')
+            self._enter(self._after_waiting, now)
+
+    def _play(self, now: float) -> None:
+        if self._lockstep:
+            self._play_in_step(now)
+            return
+        stride = round((now - self._advanced) * self._rate * SECOND)
+        if now - self._advanced >= 0.99 / self.settings['clock_rate']:
+            self._advance(min(stride, LONGEST_STRIDE), now)
+
+    def _play_in_step(self, now: float) -> None:
+        muster = self._muster
+        behind = muster.behind(self._time)
+        self._waiting_for = behind
+        if behind and now - self._advanced > self.settings['timeout']:
+            self._give_up_on(behind)
+            return
+        if behind:
+            return
+        self._readmit()
+        if self._rate and now - self._advanced < self._window / (self._rate * SECOND):
+            return
+        self._advance(self._window, now)
+
+    def _give_up_on(self, behind: list[str]) -> None:
+        self._timeouts += 1
+        self.get_logger().error(
+            f'no longer waits for {"; ".join(behind)} (after {self.settings["timeout"]:g} s)')
+        self._muster.excused |= {reason.partition(':')[0] for reason in behind}
+
+    def _readmit(self) -> None:
+        """Wait again for nodes that had fallen behind, once they are in step."""
+        if not self._muster.excused:
+            return
+        excused, self._muster.excused = self._muster.excused, set()
+        behind = {reason.partition(':')[0] for reason in self._muster.behind(self._time)}
+        silent = {name for name in excused
+                  if time.monotonic() - self._muster.heard.get(name, 0.0) > 1.0}
+        self._muster.excused = excused & (behind | silent)
+
+    def _advance(self, stride: int, now: float) -> None:
+        if self._time >= self._end:
+            self._enter(ReplayState.FINISHED, now)
+            return
+        self._time = min(self._time + stride, self._end)
+        if self._stop_at is not None and self._time >= self._stop_at:
+            self._time = min(self._stop_at, self._end)
+            self._stop_at = None
+            self._enter(ReplayState.PAUSED, now)
+        self._advanced = now
+        self._say_time(now)
+
+    def _enter(self, state: int, now: float) -> None:
+        self._state = state
+        self._advanced = now
+        if state != ReplayState.WAITING:
+            self._waiting_for = []
+        self.get_logger().info(f'replay is {WORDS[state]}, at '
+                               f'{(self._time - self._start) / 1e9:.3f} s')
+        self._say_state(now)
+
+    def _say_time(self, now: float) -> None:
+        self._said = now
+        message = b'\x00\x01\x00\x00' + (self._time // SECOND).to_bytes(4, 'little', signed=True) \
+            + (self._time % SECOND).to_bytes(4, 'little')
+        if self.outputs:
+            self.outputs[0].send([message], self._time)
+
+    def _say_state(self, now: float) -> None:
+        before, place = self._speed_from
+        if now - before > 0.5:
+            self._speed = (self._time - place) / 1e9 / (now - before)
+            self._speed_from = (now, self._time)
+        self._said_state = now
+        self._state_publisher.publish(ReplayState(
+            state=self._state, now=to_time(self._time), start=to_time(self._start),
+            end=to_time(self._end), rate=self._rate, speed=max(0.0, self._speed),
+            waiting_for=self._waiting_for))
+
+    # --- services -----------------------------------------------------------------------------------
+
+    def _on_play(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        response.success = self.active
+        if self._refuse_inactive(response):
+            return response
+        self._stop_at = None
+        if self._state == ReplayState.WAITING:
+            self._after_waiting = ReplayState.PLAYING
+            response.message = 'plays when everyone is there'
+        elif self._time >= self._end:
+            response.success = False
+            response.message = 'the bag is at its end: seek first'
+        else:
+            self._enter(ReplayState.PLAYING, time.monotonic())
+            response.message = 'plays'
+        return response
+
+    def _on_pause(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        response.success = self.active
+        if self._refuse_inactive(response):
+            return response
+        if self._state == ReplayState.WAITING:
+            self._after_waiting = ReplayState.PAUSED
+        elif self._state == ReplayState.PLAYING:
+            self._enter(ReplayState.PAUSED, time.monotonic())
+        response.message = f'{WORDS[self._state]}, at {(self._time - self._start) / 1e9:.3f} s'
+        return response
+
+    def _on_set_rate(self, request: SetRate.Request, response: SetRate.Response,
+                     ) -> SetRate.Response:
+        response.success = self.active
+        if self._refuse_inactive(response):
+            return response
+        if not 0.0 <= request.rate <= 100.0 or (request.rate == 0.0 and not self._lockstep):
+            response.success = False
+            response.message = (f'rate is {request.rate:g}: give a number above 0 and up to 100'
+                                + (', or 0 for no limit' if self._lockstep else ''))
+            return response
+        self._rate = request.rate
+        response.message = f'rate is {request.rate:g}'
+        return response
+
+    def _on_seek(self, request: Seek.Request, response: Seek.Response) -> Seek.Response:
+        response.success = self.active
+        if self._refuse_inactive(response):
+            return response
+        length = (self._end - self._start) / 1e9
+        if not 0.0 <= request.offset <= length:
+            response.success = False
+            response.message = f'offset is {request.offset:g} s: give 0 to {length:.3f}'
+            return response
+        self._time = self._start + round(request.offset * SECOND)
+        now = time.monotonic()
+        if self._state == ReplayState.FINISHED:
+            self._enter(ReplayState.PAUSED, now)
+        self._advanced = now
+        self._speed_from = (now, self._time)
+        self._say_time(now)
+        response.message = f'{WORDS[self._state]}, at {request.offset:.3f} s'
+        return response
+
+    def _on_step(self, request: Step.Request, response: Step.Response) -> Step.Response:
+        response.success = self.active
+        if self._refuse_inactive(response):
+            return response
+        if self._state != ReplayState.PAUSED or self._time >= self._end:
+            response.success = False
+            response.message = f'the replay is {WORDS[self._state]}: pause first'
+            return response
+        if not 0.0 <= request.duration < 1e6:
+            response.success = False
+            response.message = f'duration is {request.duration:g} s: give 0 or more'
+            return response
+        self._stop_at = self._time + (round(request.duration * SECOND) or self._window)
+        self._enter(ReplayState.PLAYING, time.monotonic())
+        response.message = f'goes on to {(self._stop_at - self._start) / 1e9:.3f} s'
+        return response
+
+    def _refuse_inactive(self, response: Trigger.Response | Seek.Response) -> bool:
+        if not self.active:
+            response.message = 'is not active: ros2 lifecycle set /replay_clock activate'
+        return not self.active
+
+    def _finding(self) -> Finding:
+        figures = {'time [s]': f'{(self._time - self._start) / 1e9:.3f}',
+                   'length [s]': f'{(self._end - self._start) / 1e9:.3f}',
+                   'rate': f'{self._rate:g}', 'speed': f'{max(0.0, self._speed):.2f}',
+                   'time-outs': str(self._timeouts)}
+        if self._muster.excused and self._lockstep:
+            return Finding(ERROR, f'goes on without {", ".join(sorted(self._muster.excused))}, which '
+                           'fell behind', figures)
+        late = time.monotonic() - self._advanced > 1.0
+        if self._waiting_for and (late or self._state == ReplayState.WAITING):
+            return Finding(WARN, f'waits for {"; ".join(self._waiting_for)}', figures)
+        return Finding(OK, WORDS[self._state], figures)
+
+
+def main(args: Sequence[str] | None = None) -> None:
+    """Run the node."""
+    sys.exit(run_streaming(ReplayClockNode, args))
+
+
+if __name__ == '__main__':
+    main()

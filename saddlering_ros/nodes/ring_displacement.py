@@ -1,0 +1,128 @@
+"""Node ring_displacement: four probes and the load in, the measured displacement of the ring out."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+import sys
+
+from geometry_msgs.msg import WrenchStamped
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from saddlering_interfaces.msg import RingDisplacement
+from sensor_msgs.msg import Range
+from std_msgs.msg import Header
+from std_srvs.srv import Trigger
+
+from saddlering_ros.bags import LOAD_TOPIC, PROBE_TOPICS
+from saddlering_ros.nodes import wire
+from saddlering_ros.nodes.base import INPUT_RELIABILITY, MAX_GAP, StreamingNode
+from saddlering_ros.nodes.diagnostics import (
+    Events,
+    Finding,
+    FunctionTask,
+    OK,
+    ParityTask,
+    SaturationTask,
+    StreamTask,
+    WARN,
+)
+from saddlering_ros.nodes.displacement_stream import DisplacementStream
+from saddlering_ros.nodes.flow import Inflow, Outflow
+from saddlering_ros.nodes.parameters import declare_rig, Parameter
+from saddlering_ros.nodes.progress import to_time
+from saddlering_ros.nodes.run import run_streaming
+from saddlering_ros.rig import TONNE
+
+ZERO_TOPIC = '/ring/zero'
+ZERO_QOS = QoSProfile(depth=10, durability=DurabilityPolicy.VOLATILE)
+
+
+class RingDisplacementNode(StreamingNode):
+    """Aligns the probes on the load's stamps, zeroes them at preload, publishes /ring/displacement."""
+
+    PARAMETERS = (
+        INPUT_RELIABILITY, MAX_GAP,
+        Parameter('frame_id', 'ring', 'frame of the displacement: reference point C of the ring'),
+        Parameter('parity_noise', 0.3e-6, 'noise of the parity [m]; a mean beyond five times this '
+                  'is reported', low=1e-9, high=1e-3, changeable=True),
+        Parameter('lowest_rate', 0.0, 'messages a second and topic below which diagnostics warn',
+                  low=0.0, high=1e5),
+    )
+
+    def __init__(self) -> None:
+        super().__init__('ring_displacement')
+        self._rig = declare_rig(self)
+        self.create_service(Trigger, '~/zero', self._on_zero)
+        self._zero = self.create_publisher(Header, ZERO_TOPIC, ZERO_QOS)
+
+    def configure(self) -> None:
+        """Make the stream and what watches it."""
+        probes = self._rig.probes
+        self._stream = DisplacementStream(self._rig, max_gap=self.settings['max_gap'])
+        lowest = self.settings['lowest_rate']
+        self._streams = [StreamTask(topic, lowest_rate=lowest)
+                         for topic in (LOAD_TOPIC, *PROBE_TOPICS)]
+        self._saturation = [SaturationTask(topic, probes.min_range, probes.max_range)
+                            for topic in PROBE_TOPICS]
+        self._parity = ParityTask(self.settings['parity_noise'])
+        self.tasks = [
+            FunctionTask('zero', self._zero_finding), *self._streams, *self._saturation,
+            self._parity, Events(self._events, harmless=('reordered',))]
+
+    def connect(self) -> None:
+        """Subscribe to load and probes; publish the displacement."""
+        wanted = self.settings['input_reliability']
+        self.inputs = [Inflow(self, LOAD_TOPIC, WrenchStamped, reliability=wanted)]
+        self.inputs += [Inflow(self, topic, Range, reliability=wanted) for topic in PROBE_TOPICS]
+        self.outputs = [Outflow(self, '/ring/displacement', RingDisplacement)]
+
+    def deal(self) -> None:
+        """One batch: samples in, displacements out."""
+        load = wire.decode_loads(self.inputs[0].take())
+        gaps = [wire.decode_gaps(flow.take()) for flow in self.inputs[1:]]
+        for flow, task, samples in zip(self.inputs, self._streams, (load, *gaps), strict=True):
+            if len(samples):
+                flow.last_stamp = int(samples.stamps[-1])
+                task.push(samples.stamps)
+        for watch, samples in zip(self._saturation, gaps, strict=True):
+            watch.push(samples.values)
+        found = self._stream.push(load, gaps)
+        if len(found):
+            self._parity.push(found.channels[3])
+            self.outputs[0].send(wire.encode_displacements(found, self.settings['frame_id']),
+                                 int(found.stamps[-1]))
+
+    def _on_zero(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        if not self.active or not self._stream.newest_stamp:
+            response.success = False
+            response.message = 'no aligned samples yet: nothing to zero'
+            return response
+        stamp = self._stream.newest_stamp
+        self._stream.zero_after(stamp)
+        self._zero.publish(Header(stamp=to_time(stamp), frame_id=self.settings['frame_id']))
+        response.success = True
+        response.message = (f'zero is taken from the first steady stretch after {stamp / 1e9:.3f} s, '
+                            f'at {self._stream.load / TONNE:.2f} t; the simulator follows')
+        return response
+
+    def _zero_finding(self) -> Finding:
+        stream = self._stream
+        if stream.zero is not None:
+            return Finding(OK, f'zero at {stream.zero.load / TONNE:.3f} t',
+                           {'zero stamp': str(stream.zero_stamp),
+                            'zero load [N]': f'{stream.zero.load:.1f}'})
+        if not stream.newest_stamp:
+            return Finding(OK, 'waiting for samples')
+        return Finding(WARN, f'waiting for preload (load is {stream.load / TONNE:.2f} t): '
+                       'go to preload, or call ~/zero')
+
+    def _events(self) -> dict[str, int]:
+        return {**self._stream.aligner.counters.as_dict(), 'jumps_ahead': self._stream.jumps_ahead}
+
+
+def main(args: Sequence[str] | None = None) -> None:
+    """Run the node."""
+    sys.exit(run_streaming(RingDisplacementNode, args))
+
+
+if __name__ == '__main__':
+    main()

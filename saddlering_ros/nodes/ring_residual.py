@@ -1,0 +1,92 @@
+"""Node ring_residual: measured minus simulated displacement, of equal stamps and equal zeros only."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+import sys
+
+import numpy as np
+from saddlering_interfaces.msg import RingDisplacement
+
+from saddlering_ros.nodes import wire
+from saddlering_ros.nodes.base import INPUT_RELIABILITY, StreamingNode
+from saddlering_ros.nodes.diagnostics import Events, Finding, FunctionTask, OK, StreamTask, WARN
+from saddlering_ros.nodes.flow import Inflow, Outflow
+from saddlering_ros.nodes.parameters import declare_rig, Parameter
+from saddlering_ros.nodes.residual_stream import ResidualStream
+from saddlering_ros.nodes.run import run_streaming
+from saddlering_ros.rig import CHANNELS
+
+MEASURED_TOPIC = '/ring/displacement'
+SIMULATED_TOPIC = '/ring/simulated_displacement'
+
+
+class RingResidualNode(StreamingNode):
+    """Joins both displacements by stamp and publishes /ring/residual."""
+
+    PARAMETERS = (
+        INPUT_RELIABILITY,
+        Parameter('frame_id', 'ring', 'frame of the residual: reference point C of the ring'),
+    )
+
+    def __init__(self) -> None:
+        super().__init__('ring_residual')
+        self._rig = declare_rig(self)
+
+    def configure(self) -> None:
+        """Make the join and what watches it."""
+        self._stream = ResidualStream(self._rig.full_scale_load)
+        self._streams = [StreamTask(MEASURED_TOPIC), StreamTask(SIMULATED_TOPIC)]
+        self._sums = np.zeros(4)
+        self._count = 0
+        self.tasks = [*self._streams, FunctionTask('zero', self._zero_finding),
+                      FunctionTask('residual', self._residual_finding),
+                      Events(lambda: self._stream.counters.as_dict())]
+
+    def connect(self) -> None:
+        """Subscribe to both displacements; publish their difference."""
+        wanted = self.settings['input_reliability']
+        self.inputs = [Inflow(self, topic, RingDisplacement, reliability=wanted)
+                       for topic in (MEASURED_TOPIC, SIMULATED_TOPIC)]
+        self.outputs = [Outflow(self, '/ring/residual', RingDisplacement)]
+
+    def deal(self) -> None:
+        """One batch of either, residuals out."""
+        measured, simulated = (wire.decode_displacements(flow.take()) for flow in self.inputs)
+        for flow, task, batch in zip(self.inputs, self._streams, (measured, simulated), strict=True):
+            if len(batch):
+                flow.last_stamp = int(batch.stamps[-1])
+                task.push(batch.stamps)
+        residual = self._stream.push(measured, simulated)
+        if len(residual):
+            self._sums += (residual.channels ** 2).sum(axis=1)
+            self._count += len(residual)
+            self.outputs[0].send(wire.encode_displacements(residual, self.settings['frame_id']),
+                                 int(residual.stamps[-1]))
+
+    def _zero_finding(self) -> Finding:
+        measured, simulated = self._stream.waiting
+        figures = {'measured waiting': str(measured), 'simulated waiting': str(simulated)}
+        if not self._stream.zeros_agree:
+            return Finding(WARN, 'measured and simulated count from different zeros and are not '
+                           'subtracted: call /ring_displacement/zero', figures)
+        return Finding(OK, 'measured and simulated count from the same zero', figures)
+
+    def _residual_finding(self) -> Finding:
+        if not self._count:
+            return Finding(OK, 'no residual yet')
+        rms = np.sqrt(self._sums / self._count)
+        figures = {f'rms {name} [{"urad" if name == "gamma" else "um"}]': f'{value * 1e6:.3f}'
+                   for name, value in zip(CHANNELS, rms.tolist(), strict=True)}
+        self._sums = np.zeros(4)
+        count, self._count = self._count, 0
+        return Finding(OK, f'{count} residuals', figures)
+
+
+def main(args: Sequence[str] | None = None) -> None:
+    """Run the node."""
+    sys.exit(run_streaming(RingResidualNode, args))
+
+
+if __name__ == '__main__':
+    main()

@@ -1,0 +1,206 @@
+"""Node ring_simulator: the load in, the simulated displacement of the ring out, stamp by stamp."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+import math
+import sys
+import time
+
+from geometry_msgs.msg import WrenchStamped
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from saddlering_interfaces.msg import RingDisplacement, RingParameters
+from std_msgs.msg import Header
+from std_srvs.srv import Trigger
+
+from saddlering_ros.bags import LOAD_TOPIC
+from saddlering_ros.errors import SaddleringError
+from saddlering_ros.nodes import wire
+from saddlering_ros.nodes.base import INPUT_RELIABILITY, MAX_GAP, StreamingNode
+from saddlering_ros.nodes.conversions import parameters_from_message, parameters_to_message
+from saddlering_ros.nodes.diagnostics import ERROR, Events, Finding, FunctionTask, OK, StreamTask, WARN
+from saddlering_ros.nodes.flow import Inflow, Outflow
+from saddlering_ros.nodes.parameters import declare_rig, Parameter
+from saddlering_ros.nodes.progress import to_stamp, to_time
+from saddlering_ros.nodes.ring_displacement import ZERO_QOS, ZERO_TOPIC
+from saddlering_ros.nodes.run import run_streaming
+from saddlering_ros.nodes.simulation_stream import SimulationStream
+from saddlering_ros.rig import ParameterSet, ParameterSource, read_parameters, TONNE, TRUE_TO_SCALE
+
+PARAMETERS_TOPIC = '/ring/parameters'
+LATCHED = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE,
+                     durability=DurabilityPolicy.TRANSIENT_LOCAL)
+FLUSH_AFTER = 0.02
+"""Samples held back are simulated when nothing has come for this long [s]."""
+
+
+class RingSimulatorNode(StreamingNode):
+    """One simulated state per load sample on /ring/simulated_displacement, same stamp."""
+
+    PARAMETERS = (
+        INPUT_RELIABILITY, MAX_GAP,
+        Parameter('parameters_file', '', 'contact parameters and effects, as `saddlering identify '
+                  '--out` writes them; none: the true-to-scale values'),
+        Parameter('follow_parameters', False, 'take parameters from /ring/parameters when others '
+                  'come there (the simulation then starts anew)'),
+        Parameter('follow_zero', True, 'zero anew when ring_displacement is asked to'),
+        Parameter('bag', '', 'a bag whose elevation is taken; none: elevation_deg counts'),
+        Parameter('elevation_deg', 50.0, 'elevation of the load [deg]', low=-10.0, high=90.0),
+        Parameter('max_step', 1e-3, 'longest time step of the integration [s]', low=1e-6, high=0.1),
+        Parameter('frame_id', 'ring', 'frame of the displacement: reference point C of the ring'),
+    )
+
+    def __init__(self) -> None:
+        super().__init__('ring_simulator')
+        self._rig = declare_rig(self)
+        self._arrived = 0.0
+        self._refused = ''
+        self.create_service(Trigger, '~/restart', self._on_restart)
+        self.create_service(Trigger, '~/zero', self._on_zero)
+        if self.settings['follow_zero']:
+            self.create_subscription(Header, ZERO_TOPIC, self._on_zero_message, ZERO_QOS)
+        self._in_force: ParameterSet | None = None
+        if self.settings['follow_parameters']:
+            self.create_subscription(RingParameters, PARAMETERS_TOPIC, self._on_parameters, LATCHED)
+
+    def configure(self) -> None:
+        """Read parameters and elevation; compile and make the simulation."""
+        path = self.settings.text('parameters_file')
+        self._in_force = read_parameters(path) if path else ParameterSet(
+            TRUE_TO_SCALE, source=ParameterSource(method='default', note='true to scale'))
+        self._elevation = self._read_elevation()
+        self._make(self._in_force)
+        self._warm_up()
+        self._stream_task = StreamTask(LOAD_TOPIC)
+        self._trouble = 0
+        self.tasks = [
+            FunctionTask('zero', self._zero_finding), self._stream_task,
+            FunctionTask('solver', self._solver_finding),
+            FunctionTask('parameters', self._parameters_finding),
+            Events(lambda: self._stream.counters.as_dict(), harmless=('reordered',))]
+
+    def connect(self) -> None:
+        """Subscribe to the load; publish the simulated displacement."""
+        self.inputs = [Inflow(self, LOAD_TOPIC, WrenchStamped,
+                              reliability=self.settings['input_reliability'])]
+        self.outputs = [Outflow(self, '/ring/simulated_displacement', RingDisplacement)]
+
+    def _read_elevation(self) -> float:
+        bag = self.settings.text('bag')
+        if not bag:
+            return math.radians(self.settings['elevation_deg'])
+        from saddlering_ros.nodes.replay import bag_elevation
+        return bag_elevation(bag)
+
+    def _make(self, parameters: ParameterSet) -> None:
+        self._stream = SimulationStream(
+            self._rig, parameters, self._elevation, max_step=self.settings['max_step'],
+            max_gap=self.settings['max_gap'])
+
+    def _warm_up(self) -> None:
+        """Load the compiled kernels before the first sample asks for them."""
+        from saddlering_ros.ring import simulate
+        times = [0.001 * step for step in range(10)]
+        simulate(self._rig, self._in_force or ParameterSet(TRUE_TO_SCALE), self._elevation, times,
+                 [self._rig.preload] * 10)
+
+    def deal(self) -> None:
+        """One batch: loads in, states out."""
+        load = wire.decode_loads(self.inputs[0].take())
+        if not len(load):
+            return
+        self._arrived = time.monotonic()
+        self.inputs[0].last_stamp = int(load.stamps[-1])
+        self._stream_task.push(load.stamps)
+        self._send(self._stream.push(load))
+
+    def at_intervals(self, now: float) -> float:
+        """Simulate what was held back for late samples, once nothing more comes."""
+        if not self._stream.held:
+            return 1.0
+        if now - self._arrived >= FLUSH_AFTER:
+            self._send(self._stream.flush())
+            self._untold = True
+        return FLUSH_AFTER / 2
+
+    def _send(self, states: wire.Displacements) -> None:
+        if len(states):
+            self.outputs[0].send(wire.encode_displacements(states, self.settings['frame_id']),
+                                 int(states.stamps[-1]))
+
+    def _on_restart(self, request: Trigger.Request, response: Trigger.Response,
+                    ) -> Trigger.Response:
+        response.success = self.active
+        response.message = 'starts anew at the next preload' if self.active else 'is not active'
+        if self.active:
+            self._stream.restart()
+        return response
+
+    def _on_zero(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        response.success = self.active and bool(self._stream.newest_stamp)
+        response.message = 'no load yet: nothing to zero'
+        if response.success:
+            self._stream.zero_after(self._stream.newest_stamp)
+            response.message = ('starts anew, zeroed at the first steady stretch from '
+                                f'{self._stream.load / TONNE:.2f} t')
+        return response
+
+    def _on_zero_message(self, message: Header) -> None:
+        if self.active:
+            self._stream.zero_after(to_stamp(message.stamp))
+
+    def _on_parameters(self, message: RingParameters) -> None:
+        if not self.active:
+            return
+        try:
+            parameters = parameters_from_message(message)
+            stream = self._stream
+            self._make(parameters)
+        except SaddleringError as problem:
+            self._refused = str(problem)
+            self.get_logger().error(f'{PARAMETERS_TOPIC}: refused: {problem}')
+            return
+        self._in_force, self._refused = parameters, ''
+        self._stream.hold = stream.hold
+        self.get_logger().info(f'parameters from {PARAMETERS_TOPIC}: {message.source}')
+
+    def _zero_finding(self) -> Finding:
+        zero = self._stream.simulator.zero
+        if zero is not None:
+            return Finding(OK, f'zero at {zero.load / TONNE:.3f} t',
+                           {'zero stamp': str(self._stream.zero_stamp),
+                            'zero load [N]': f'{zero.load:.1f}'})
+        if not self._stream.newest_stamp:
+            return Finding(OK, 'waiting for samples')
+        return Finding(WARN, f'waiting for preload (load is {self._stream.load / TONNE:.2f} t): '
+                       'go to preload, or call ~/zero')
+
+    def _solver_finding(self) -> Finding:
+        simulator = self._stream.simulator
+        new, self._trouble = simulator.trouble - self._trouble, simulator.trouble
+        figures = {'iterations': str(simulator.iterations), 'not converged': str(simulator.trouble)}
+        if new > 0:
+            return Finding(ERROR, f'{new} steps did not converge: check load and parameters', figures)
+        return Finding(OK, 'converges', figures)
+
+    def _parameters_finding(self) -> Finding:
+        assert self._in_force is not None
+        message = parameters_to_message(self._in_force, to_time(0))
+        figures = {name: f'{getattr(message, name):.6g}'
+                   for name in ('k1', 'n1', 'd1', 'k2', 'n2', 'd2')}
+        figures.update(zip(message.effect_parameter_names,
+                           (f'{value:.6g}' for value in message.effect_parameter_values),
+                           strict=True))
+        figures['elevation [deg]'] = f'{math.degrees(self._elevation):.3f}'
+        if self._refused:
+            return Finding(WARN, f'refused: {self._refused}', figures)
+        return Finding(OK, message.source, figures)
+
+
+def main(args: Sequence[str] | None = None) -> None:
+    """Run the node."""
+    sys.exit(run_streaming(RingSimulatorNode, args))
+
+
+if __name__ == '__main__':
+    main()

@@ -1,0 +1,78 @@
+"""From a command line to a running node: start, spin, end cleanly on SIGINT and SIGTERM, exit status."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+import contextlib
+import signal
+import sys
+from typing import Any
+
+import rclpy
+from rclpy.executors import ExternalShutdownException
+from rclpy.node import Node
+from rclpy.signals import SignalHandlerOptions
+
+from saddlering_ros.errors import SaddleringError
+from saddlering_ros.nodes.base import StreamingNode
+from saddlering_ros.nodes.lifeline import follow_lifeline
+from saddlering_ros.nodes.shared_memory import sweep
+from saddlering_ros.nodes.spin import spin_streaming
+
+UNUSABLE = 2
+
+
+def run_streaming(make: Callable[[], StreamingNode], args: Sequence[str] | None = None) -> int:
+    """Run a streaming node until it is done or told to stop; returns the exit status."""
+    def spin(node: StreamingNode) -> None:
+        node.start()
+        spin_streaming(node, node)
+    return run(make, spin, args)
+
+
+def run(make: Callable[[], Any], spin: Callable[[Any], None],
+        args: Sequence[str] | None = None) -> int:
+    """Make a node, spin it, and clean up; one line and status 2 for what its user can put right."""
+    follow_lifeline()
+    sweep()
+    node: Node | None = None
+    try:
+        rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.ALL)
+        node = make()
+        spin(node)
+        return 0
+    except SaddleringError as problem:
+        print(_one_line(str(problem)), file=sys.stderr)
+        return UNUSABLE
+    except (KeyboardInterrupt, ExternalShutdownException):
+        return 0
+    except Exception as problem:
+        if rclpy.ok() and node is not None or not _is_usage(problem):
+            raise
+        print(_one_line(str(problem)), file=sys.stderr)
+        return UNUSABLE
+    finally:
+        _clean_up(node)
+
+
+def _clean_up(node: Node | None) -> None:
+    """Destroy the node and the context; a second Ctrl-C must not interrupt this."""
+    for number in (signal.SIGINT, signal.SIGTERM):
+        with contextlib.suppress(ValueError):
+            signal.signal(number, signal.SIG_IGN)
+    if node is not None:
+        with contextlib.suppress(Exception):
+            node.destroy_node()
+    with contextlib.suppress(Exception):
+        rclpy.try_shutdown()
+
+
+def _is_usage(problem: Exception) -> bool:
+    """Whether rclpy refused the command line (unknown --ros-args, a parameter file it cannot read)."""
+    return type(problem).__name__ in (
+        'RCLError', 'UnknownROSArgsError', 'InvalidNodeNameException', 'RCLInvalidROSArgsError',
+        'InvalidNamespaceException')
+
+
+def _one_line(text: str) -> str:
+    return ' '.join(text.split())

@@ -1,0 +1,172 @@
+"""Simulated ring displacement from a stream of load samples: order, restart, stamp; no ROS in it."""
+
+from __future__ import annotations
+
+from bisect import bisect_left
+from collections import deque
+from dataclasses import dataclass, fields
+from math import isfinite
+
+import numpy as np
+
+from saddlering_ros.bags import seconds
+from saddlering_ros.bags.alignment import JITTER_NS
+from saddlering_ros.nodes.wire import Displacements, no_displacements, Samples, SECOND
+from saddlering_ros.rig import CHANNELS, ParameterSet, Rig
+from saddlering_ros.ring import RingSimulator, SimulatedSample
+
+LONGEST_HOLD_NS = 50_000_000
+"""No load sample is held back longer than this to let an earlier one overtake it."""
+
+
+@dataclass
+class SimulationCounters:
+    """What could not be simulated, by reason; all zero on a healthy stream.
+
+    late: samples stamped before one already simulated; duplicates: stamps seen twice; reordered:
+    samples put in order in time; not_finite; jumps: restarts after stamps that jumped.
+    """
+
+    late: int = 0
+    duplicates: int = 0
+    reordered: int = 0
+    not_finite: int = 0
+    jumps: int = 0
+
+    def as_dict(self) -> dict[str, int]:
+        """Every counter by name."""
+        return {field.name: getattr(self, field.name) for field in fields(self)}
+
+
+class SimulationStream:
+    """One simulated state per load sample, with the sample's stamp.
+
+    Samples that overtake each other inside a batch are put in order. Once one has come too late,
+    samples are held back for twice its delay (at most LONGEST_HOLD_NS), so that the next late ones
+    are in time. Stamps that jump back, or ahead by more than `max_gap` [s], restart the simulation.
+    """
+
+    def __init__(self, rig: Rig, parameters: ParameterSet, elevation: float, *,
+                 max_step: float = 1e-3, max_gap: float = 10.0) -> None:
+        self._max_gap = round(max_gap * SECOND)
+        self.simulator = RingSimulator(rig, parameters, elevation, max_step)
+        self.counters = SimulationCounters()
+        self.hold = 0
+        self.load = float('nan')
+        self._asked_after: int | None = None
+        self._forget()
+
+    def _forget(self) -> None:
+        self._epoch: int | None = None
+        self._held: list[tuple[int, float]] = []
+        self._last = 0
+        self._newest = 0
+        self._pushed: deque[tuple[float, int]] = deque()
+        self.zero_stamp = 0
+
+    def restart(self, *, zero_anywhere: bool = False) -> None:
+        """Start anew; the next samples near preload (or at any load) make the zero."""
+        self.simulator.reset(zero_anywhere=zero_anywhere)
+        self._asked_after = None
+        self._forget()
+
+    def zero_after(self, stamp: int) -> None:
+        """Restart with the first steady stretch after `stamp` [ns], at whatever load."""
+        self._asked_after = stamp
+
+    @property
+    def newest_stamp(self) -> int:
+        """Stamp of the last sample simulated [ns]."""
+        return self._last
+
+    @property
+    def waiting_for_zero(self) -> bool:
+        """Whether states are held back until a zero is found."""
+        return self.simulator.zero is None
+
+    @property
+    def held(self) -> int:
+        """Samples held back in case an earlier one still comes."""
+        return len(self._held)
+
+    def push(self, load: Samples) -> Displacements:
+        """Take a batch of load samples; return the states that are due."""
+        for stamp, value in zip(load.stamps.tolist(), load.values.tolist(), strict=True):
+            self._insert(stamp, value)
+        return self._release(self._newest - self.hold)
+
+    def flush(self) -> Displacements:
+        """Simulate what is held back: no sample has come for a while."""
+        return self._release(self._newest)
+
+    def _insert(self, stamp: int, load: float) -> None:
+        if not isfinite(load):
+            self.counters.not_finite += 1
+            return
+        if self._jumped(stamp):
+            self.counters.jumps += 1
+            self.restart()
+        if stamp <= self._last:
+            self._too_late(stamp)
+            return
+        self._newest = max(self._newest, stamp)
+        held = self._held
+        if not held or stamp > held[-1][0]:
+            held.append((stamp, load))
+            return
+        place = bisect_left(held, (stamp,))
+        if held[place][0] == stamp:
+            self.counters.duplicates += 1
+            return
+        self.counters.reordered += 1
+        held.insert(place, (stamp, load))
+
+    def _jumped(self, stamp: int) -> bool:
+        newest = self._newest
+        return newest != 0 and (newest - stamp > JITTER_NS or stamp - newest > self._max_gap)
+
+    def _too_late(self, stamp: int) -> None:
+        if stamp == self._last:
+            self.counters.duplicates += 1
+            return
+        self.counters.late += 1
+        self.hold = min(max(self.hold, 2 * (self._newest - stamp)), LONGEST_HOLD_NS)
+
+    def _release(self, until: int) -> Displacements:
+        count = bisect_left(self._held, (until + 1,))
+        due, self._held = self._held[:count], self._held[count:]
+        states: list[SimulatedSample] = []
+        stamps: list[int] = []
+        for stamp, load in due:
+            if self._asked_after is not None and stamp > self._asked_after:
+                held, newest = self._held, self._newest
+                self.restart(zero_anywhere=True)
+                self._held, self._newest = held, newest
+            if self._epoch is None:
+                self._epoch = stamp
+            time = seconds(stamp, self._epoch)
+            self._pushed.append((time, stamp))
+            self._last, self.load = stamp, load
+            new = self.simulator.push(time, load)
+            states += new
+            stamps += self._stamps_of(new)
+        return self._batch(states, stamps)
+
+    def _stamps_of(self, states: list[SimulatedSample]) -> list[int]:
+        stamps = []
+        for state in states:
+            while self._pushed[0][0] != state.time:
+                self._pushed.popleft()
+            stamps.append(self._pushed.popleft()[1])
+            self.zero_stamp = self.zero_stamp or stamps[0]
+        return stamps
+
+    def _batch(self, states: list[SimulatedSample], stamps: list[int]) -> Displacements:
+        zero = self.simulator.zero
+        if not states or zero is None:
+            return no_displacements()
+        channels = np.array([[getattr(state.displacement, name) for name in CHANNELS]
+                             for state in states]).T
+        return Displacements(np.array(stamps, dtype=np.int64), np.ascontiguousarray(channels),
+                             np.full(len(stamps), self.zero_stamp, dtype=np.int64),
+                             np.full(len(stamps), zero.load))

@@ -1,0 +1,107 @@
+"""The loop of a streaming node: wait for data, work it off in batches, serve the rest in between."""
+
+from __future__ import annotations
+
+from contextlib import ExitStack
+import time
+from typing import Protocol
+
+from rclpy.context import Context
+from rclpy.executors import ShutdownException, SingleThreadedExecutor, TimeoutException
+from rclpy.impl.implementation_singleton import rclpy_implementation
+from rclpy.node import Node
+
+from saddlering_ros.nodes.flow import Inflow
+
+IDLE_WAIT = 0.01
+"""Longest wait for data [s]; also how long a service call may wait while data flows."""
+
+COALESCE = 0.001
+"""Shortest time from one batch to the next [s]: at 1 kHz messages are then worked off by fives and
+tens, each wake-up costing as much as several messages, for a millisecond of delay."""
+
+
+class Streaming(Protocol):
+    """What the loop asks of a node."""
+
+    def inflows(self) -> list[Inflow]:
+        """The subscriptions to wait for (they may change from call to call)."""
+
+    def work(self) -> None:
+        """Take what has arrived and deal with it."""
+
+    def tick(self, now: float) -> float:
+        """What is due by the monotonic clock at `now` [s]; returns how long it may wait next [s]."""
+
+    def finished(self) -> bool:
+        """Whether the node wants to leave."""
+
+
+class DataWait:
+    """Waits for any of some subscriptions, without the cost of an executor."""
+
+    def __init__(self, context: Context) -> None:
+        self._context = context
+        self._size = -1
+        self._set = None
+
+    def wait(self, inflows: list[Inflow], seconds: float) -> bool:
+        """Wait until one of `inflows` has data, at most `seconds`; whether one has."""
+        if not inflows:
+            time.sleep(seconds)
+            return False
+        if self._size != len(inflows):
+            self._size = len(inflows)
+            with self._context.handle:
+                self._set = rclpy_implementation.WaitSet(
+                    self._size, 0, 0, 0, 0, 0, self._context.handle)
+        ready = self._set
+        assert ready is not None
+        with ExitStack() as held:
+            ready.clear_entities()
+            for inflow in inflows:
+                held.enter_context(inflow.handle)
+                ready.add_subscription(inflow.handle)
+            ready.wait(max(0, int(seconds * 1e9)))
+            return bool(ready.get_ready_entities('subscription'))
+
+
+def spin_streaming(node: Node, streaming: Streaming) -> None:
+    """Run `streaming` until it is finished or its context is shut down.
+
+    Everything but the drained subscriptions (services, parameters, lifecycle, timers) is served
+    by an ordinary executor every IDLE_WAIT.
+    """
+    executor = SingleThreadedExecutor(context=node.context)
+    executor.add_node(node)
+    data = DataWait(node.context)
+    served = 0.0
+    limit = 0.0
+    try:
+        while node.context.ok() and not streaming.finished():
+            ready = data.wait(streaming.inflows(), limit)
+            woke = time.monotonic()
+            if ready:
+                streaming.work()
+            if woke - served >= IDLE_WAIT:
+                _serve(executor)
+                served = time.monotonic()
+            limit = min(IDLE_WAIT, streaming.tick(time.monotonic()))
+            if ready:
+                rest = COALESCE - (time.monotonic() - woke)
+                if rest > 0.0:
+                    time.sleep(rest)
+    finally:
+        executor.remove_node(node)
+        executor.shutdown(timeout_sec=0.0)
+
+
+def _serve(executor: SingleThreadedExecutor) -> None:
+    """Run the callbacks that are due, a bounded number of them."""
+    for _ in range(16):
+        try:
+            handler, _entity, _node = executor.wait_for_ready_callbacks(timeout_sec=0.0)
+        except (TimeoutException, ShutdownException):
+            return
+        handler()
+        handler.result()
