@@ -214,6 +214,8 @@ main() {
   fi
 }
 
+trap 'echo; echo "set-up: interrupted; the next run goes on from here" >&2; exit 130' INT TERM
+
 # One set-up at a time; a second one waits, then finds everything done.
 exec 9< "${BASH_SOURCE[0]}"
 if command -v flock > /dev/null; then flock 9; fi
