@@ -12,6 +12,8 @@ if TYPE_CHECKING:
 
 def add_parser(subparsers: Any) -> None:
     """Declare the subcommand."""
+    from saddlering_ros.cli._samples import add_fact_options
+
     parser = subparsers.add_parser('identify', help='find the contact parameters from bags')
     parser.add_argument('bags', nargs='+', metavar='BAG', help='runs to fit, static and dynamic')
     parser.add_argument('--rig', type=Path, help='rig file (default: the shipped rig)')
@@ -29,17 +31,15 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument('--use-delta-y', action='store_true',
                         help="use delta_y in the paper's method too")
     parser.add_argument('--profiles', action='store_true', help='profile likelihoods as well')
-    parser.add_argument('--elevation', type=float, metavar='DEG',
-                        help='elevation of all bags, over what they say')
+    add_fact_options(parser)
 
 
 def run(args: argparse.Namespace) -> int:
     """Identify and print, write or emit the result."""
     import json
 
-    import numpy as np
-
     from saddlering_ros.bags import read_run
+    from saddlering_ros.cli._samples import radians
     from saddlering_ros.identification import identify
     from saddlering_ros.identification.summary import identification_text
     from saddlering_ros.rig import load_rig, write_parameters, write_text_atomically
@@ -47,8 +47,8 @@ def run(args: argparse.Namespace) -> int:
     settings = _settings(args)
     rig = load_rig(args.rig)
     settings.bounds_for(rig)
-    elevation = None if args.elevation is None else float(np.radians(args.elevation))
-    runs = [read_run(bag, elevation=elevation) for bag in args.bags]
+    elevation = radians(args.elevation)
+    runs = [read_run(bag, test=args.test, elevation=elevation) for bag in args.bags]
     with _Bar() as bar:
         found = identify(runs, rig, settings, on_progress=bar.show, profiles=args.profiles)
     if args.out is not None:

@@ -9,6 +9,8 @@ from typing import Any
 
 def add_parser(subparsers: Any) -> None:
     """Declare the subcommand."""
+    from saddlering_ros.cli._samples import add_fact_options
+
     parser = subparsers.add_parser('validate', help='compare a simulation with bags')
     parser.add_argument('bags', nargs='+', metavar='BAG', help='runs to predict')
     parser.add_argument('--params', type=Path, required=True, help='parameter file')
@@ -16,25 +18,23 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument('--json', metavar='FILE', help='write all figures as JSON; - for stdout')
     parser.add_argument('--plots', type=Path, metavar='DIR',
                         help='simulated and measured over load and time, one picture per run')
-    parser.add_argument('--elevation', type=float, metavar='DEG',
-                        help='elevation of all bags, over what they say')
+    add_fact_options(parser)
 
 
 def run(args: argparse.Namespace) -> int:
     """Validate and print, write or emit the figures."""
     import json
 
-    import numpy as np
-
     from saddlering_ros.bags import read_run
+    from saddlering_ros.cli._samples import radians
     from saddlering_ros.identification import validate
     from saddlering_ros.identification.summary import validation_text
     from saddlering_ros.rig import load_rig, read_parameters, write_text_atomically
 
     rig = load_rig(args.rig)
     parameters = read_parameters(args.params)
-    elevation = None if args.elevation is None else float(np.radians(args.elevation))
-    runs = [read_run(bag, elevation=elevation) for bag in args.bags]
+    elevation = radians(args.elevation)
+    runs = [read_run(bag, test=args.test, elevation=elevation) for bag in args.bags]
     found = validate(runs, rig, parameters)
     pictures = []
     if args.plots is not None:

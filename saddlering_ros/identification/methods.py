@@ -78,7 +78,7 @@ class _Search:
 
     def space(self, free: Sequence[str], held: ContactParameters, *, log: bool) -> SearchSpace:
         """Search space of `free`; log scales for K and D, or for K only if that is asked for."""
-        names = ('K1', 'K2', 'D1', 'D2') if log else ()
+        names: tuple[str, ...] = ('K1', 'K2', 'D1', 'D2') if log else ()
         if not log and self.settings.logarithmic_stiffness:
             names = ('K1', 'K2')
         return SearchSpace.of(self.bounds, free, held, names)

@@ -93,7 +93,7 @@ def _best_shift(reference: Array, signal: Array) -> int:
 
 def _magnitude(reference: Array, signal: Array) -> float:
     window = max(1, int(WARPING_WINDOW * len(reference)))
-    distance = _warping_distance(reference, signal, window)
+    distance = float(_warping_distance(reference, signal, window))
     return _score(distance / float(np.sum(np.abs(reference))), LARGEST_MAGNITUDE_ERROR)
 
 
@@ -114,7 +114,7 @@ def _warping_distance(reference: Array, signal: Array, window: int) -> float:
                 a, b = i, j - 1
             cost[i, j] = cost[a, b] + error * error
             distance[i, j] = distance[a, b] + error
-    return distance[count, count]
+    return float(distance[count, count])
 
 
 def _slope(reference: Array, signal: Array) -> float:

@@ -63,7 +63,7 @@ class SearchSpace:
         values = np.asarray(contact, dtype=float)[self.free]
         log = self.logarithmic[self.free]
         values = np.where(log, np.log(np.maximum(values, 1e-9)), values)
-        return np.clip(values, self.low, self.high)
+        return np.asarray(np.clip(values, self.low, self.high))
 
     def scale(self, contact: Array) -> Array:
         """Derivative d value / d coordinate (F,) at contact parameters (6,)."""

@@ -123,7 +123,7 @@ class Swarm:
 
     def ask(self) -> Array:
         """Positions (particles, D) to evaluate."""
-        return self._position.copy()
+        return np.array(self._position)
 
     def tell(self, objective: Array) -> None:
         """Take the objective (particles,) of the asked positions and move the swarm."""
@@ -163,7 +163,7 @@ class Swarm:
     @property
     def best_position(self) -> Array:
         """Position (D,) of the lowest objective told so far."""
-        return self._own_best[int(np.argmin(self._own_objective))].copy()
+        return np.array(self._own_best[int(np.argmin(self._own_objective))])
 
     @property
     def spread(self) -> float:

@@ -210,7 +210,7 @@ def _judge(
     for index, name in enumerate(PARAMETER_NAMES):
         position = np.flatnonzero(space.free == index)
         if not len(position):
-            reason = _why_held(name)
+            reason: str | None = _why_held(name)
         elif best.at_bound[position[0]]:
             reason = f'{name} lies on its bound: what the data ask for may be outside'
         else:

@@ -4,9 +4,17 @@ from dataclasses import replace
 import json
 import pickle
 
+from identification_records import (
+    DEGREES,
+    drawn_contact,
+    dynamic_run,
+    record,
+    RIG,
+    staircase,
+    static_run,
+)
 import numpy as np
 import pytest
-from records import DEGREES, drawn_contact, dynamic_run, record, RIG, staircase, static_run
 
 from saddlering_ros.identification import (
     IdentificationError,

@@ -3,9 +3,9 @@
 from dataclasses import replace
 import json
 
+from identification_records import dynamic_run, RIG, static_run
 import numpy as np
 import pytest
-from records import dynamic_run, RIG, static_run
 
 from saddlering_ros.identification import IdentificationError, validate
 from saddlering_ros.identification.plots import save_plots

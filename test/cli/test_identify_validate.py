@@ -1,0 +1,100 @@
+"""Claims about `saddlering identify` and `saddlering validate` on bags."""
+
+import json
+from pathlib import Path
+import sys
+
+import numpy as np
+import pytest
+
+sys.path.append(str(Path(__file__).parent.parent / 'identification'))
+from identification_records import dynamic_run, RIG, static_run
+
+from saddlering_ros.bags import TestFacts, write_bag
+from saddlering_ros.cli.main import main
+from saddlering_ros.rig import read_parameters, TRUE_TO_SCALE
+
+QUICK = ('--particles', '10', '--iterations', '10')
+
+
+def write(folder, run):
+    facts = TestFacts(run.test, float(np.degrees(run.elevation)), run='1')
+    return str(write_bag(
+        folder / run.name, facts, run.stamps, run.load, [run.stamps] * 4, list(run.gaps),
+        RIG.probes,
+    ))
+
+
+@pytest.fixture(scope='module')
+def bags(tmp_path_factory):
+    folder = tmp_path_factory.mktemp('bags')
+    runs = [static_run(50.0, seed=1), dynamic_run(50.0, seconds=4.0, seed=2),
+            static_run(70.0, seed=3)]
+    return [write(folder, run) for run in runs]
+
+
+@pytest.fixture(scope='module')
+def parameter_file(bags, tmp_path_factory):
+    path = tmp_path_factory.mktemp('found') / 'params.yaml'
+    assert main(['identify', *bags, '--out', str(path), *QUICK]) == 0
+    return path
+
+
+def test_identify_writes_a_file_with_what_it_found(parameter_file, bags):
+    parameters = read_parameters(parameter_file)
+    found = parameters.contact.to_array()
+    assert found == pytest.approx(TRUE_TO_SCALE.to_array(), rel=0.05)
+    assert parameters.source.method == 'default'
+    assert parameters.source.bags == tuple(bags)
+    assert parameters.source.covariance.shape == (6, 6)
+
+
+def test_identify_prints_a_report_and_no_progress_into_a_pipe(bags, capsys):
+    assert main(['identify', *bags, *QUICK]) == 0
+    printed = capsys.readouterr()
+    assert 'reduced chi square' in printed.out
+    assert 'N/mm^' in printed.out
+    assert printed.err == ''
+
+
+def test_identify_json_on_stdout_is_json_alone(bags, capsys):
+    assert main(['identify', bags[0], '--json', '-', *QUICK]) == 0
+    document = json.loads(capsys.readouterr().out)
+    assert document['parameters']['D1']['std'] is None
+    assert document['parameters']['D1']['pinned'] is False
+
+
+def test_validate_prints_a_table_writes_json_and_pictures(
+    bags, parameter_file, tmp_path, capsys
+):
+    out = tmp_path / 'validation.json'
+    command = ['validate', bags[2], '--params', str(parameter_file), '--json', str(out),
+               '--plots', str(tmp_path / 'plots')]
+    assert main(command) == 0
+    assert 'delta_x' in capsys.readouterr().out
+    run = json.loads(out.read_text())['runs'][0]
+    assert run['channels']['delta_x']['nrmse'] < 0.02
+    assert len(list((tmp_path / 'plots').glob('*.png'))) == 1
+
+
+@pytest.mark.parametrize(
+    ('wrong', 'words'),
+    [
+        (['--bounds', 'K1=1e9:1e7'], 'K1'),
+        (['--bounds', 'K1=soft'], 'NAME=LOW:HIGH'),
+        (['--bounds', 'Q=1:2'], 'no such parameter'),
+        (['--particles', '1'], 'particles'),
+    ],
+)
+def test_what_cannot_be_meant_is_said_in_one_line(bags, wrong, words, capsys):
+    assert main(['identify', bags[0], *wrong]) == 2
+    error = capsys.readouterr().err
+    assert error.count('\n') == 1
+    assert words in error
+
+
+def test_a_run_of_too_little_range_is_said_in_one_line(tmp_path, capsys):
+    assert main(['identify', write(tmp_path, static_run(50.0, top=4))]) == 2
+    error = capsys.readouterr().err
+    assert error.count('\n') == 1
+    assert 'never exceeds 5 t' in error
