@@ -335,10 +335,15 @@ class McapFile:
 
 
 def take(data: NDArray[np.uint8], starts: NDArray[np.int64], dtype: str) -> NDArray[Any]:
-    """The numbers of type `dtype` that begin at each of `starts` (N,) in `data`: (N,)."""
-    width = np.dtype(dtype).itemsize
-    numbers: NDArray[Any] = data[starts[:, None] + np.arange(width)].view(dtype).ravel()
-    return numbers
+    """The numbers of type `dtype` that begin at each of `starts` (N,) in `data`: (N,).
+
+    Taken from a view of `data` in which a number begins at every byte; IndexError if one of them
+    would end behind the data.
+    """
+    kind = np.dtype(dtype)
+    everywhere: NDArray[Any] = np.ndarray(
+        (max(len(data) - kind.itemsize + 1, 0),), kind, data, strides=(1,))
+    return everywhere[starts]
 
 
 class _Collector:
