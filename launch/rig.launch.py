@@ -1,17 +1,18 @@
 """Start every node of the suite, on one rig description.
 
-    ros2 launch saddlering_ros rig.launch.py                       on a rig, or beside ros2 bag play
-    ros2 launch saddlering_ros rig.launch.py bag:=PATH             replay a bag
+    ros2 launch saddlering_ros rig.launch.py elevation:=50      on a rig, or beside ros2 bag play
+    ros2 launch saddlering_ros rig.launch.py bag:=PATH          replay a bag
 
-Without a bag the replay nodes wait, and whatever publishes the topics of the rig drives the rest:
-a driver of the hardware, or `ros2 bag play PATH --clock` with use_sim_time:=true.
+Without a bag the three replay nodes wait unconfigured, and whatever publishes the topics of the rig
+drives the rest: a driver of the hardware, or `ros2 bag play PATH --clock` with use_sim_time:=true.
 """
 
+from pathlib import Path
+
 from launch import LaunchDescription
-from launch.actions import DeclareLaunchArgument
-from launch.substitutions import LaunchConfiguration, PathJoinSubstitution, PythonExpression
+from launch.actions import DeclareLaunchArgument, OpaqueFunction
+from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
 from launch_ros.actions import Node
-from launch_ros.parameter_descriptions import ParameterValue
 from launch_ros.substitutions import FindPackageShare
 
 PACKAGE = 'saddlering_ros'
@@ -22,35 +23,67 @@ SERVERS = ('ring_identification', 'ring_diagnosis')
 
 
 def generate_launch_description():
-    """Return the nodes, and the arguments that set them up."""
-    bag = LaunchConfiguration('bag')
-    rig = LaunchConfiguration('rig')
-    sim_time = {'use_sim_time': ParameterValue(LaunchConfiguration('use_sim_time'), value_type=bool)}
-    facts = {
-        'bag': ParameterValue(bag, value_type=str),
-        'elevation_deg': ParameterValue(LaunchConfiguration('elevation'), value_type=float),
-        'parameters_file': ParameterValue(LaunchConfiguration('parameters'), value_type=str),
-    }
-
-    def node(executable, *parameters):
-        return Node(package=PACKAGE, executable=executable, name=executable, output='screen',
-                    parameters=[rig, *parameters])
-
+    """Return the arguments, and what starts the nodes from them."""
+    rig = PathJoinSubstitution([FindPackageShare(PACKAGE), 'config', 'rig.yaml'])
     return LaunchDescription([
         DeclareLaunchArgument('bag', default_value='', description='bag to replay; empty: none'),
         DeclareLaunchArgument(
-            'elevation', default_value='nan',
-            description='elevation of the test in degrees; nan: as the bag says'),
-        DeclareLaunchArgument(
-            'rig', description='rig description',
-            default_value=PathJoinSubstitution([FindPackageShare(PACKAGE), 'config', 'rig.yaml'])),
+            'elevation', default_value='',
+            description='elevation of the load in degrees; empty: as the bag says'),
+        DeclareLaunchArgument('rig', default_value=rig, description='rig description'),
         DeclareLaunchArgument(
             'parameters', default_value='',
             description='contact parameters to simulate with; empty: true to scale'),
+        DeclareLaunchArgument('rate', default_value='1.0', description='speed of the replay'),
         DeclareLaunchArgument(
-            'use_sim_time', description='follow /clock',
-            default_value=PythonExpression(["'", bag, "' != ''"])),
-        *[node(name, facts) for name in REPLAY_NODES],
-        *[node(name, facts, sim_time) for name in RIG_NODES],
-        *[node(name) for name in SERVERS],
+            'lockstep', default_value='false', choices=['true', 'false'],
+            description='replay waits for the nodes; with rate:=0 it runs as fast as they follow'),
+        DeclareLaunchArgument(
+            'use_sim_time', default_value='', choices=['', 'true', 'false'],
+            description='follow /clock; empty: when a bag is replayed'),
+        OpaqueFunction(function=start_nodes),
     ])
+
+
+def start_nodes(context):
+    """Return the nodes, each with what it needs of the arguments."""
+    given = {name: LaunchConfiguration(name).perform(context) for name in (
+        'bag', 'elevation', 'rig', 'parameters', 'rate', 'lockstep', 'use_sim_time')}
+    bag, rig, contact = (as_path(given[name]) for name in ('bag', 'rig', 'parameters'))
+    sim_time = {'use_sim_time': given['use_sim_time'] == 'true' or (
+        not given['use_sim_time'] and bool(bag))}
+
+    replay = {'bag': bag, 'autostart': bool(bag)}
+    clock = {'rate': number('rate', given), 'lockstep': given['lockstep'] == 'true'}
+    simulation = {'parameters_file': contact}
+    if given['elevation']:
+        simulation['elevation_deg'] = number('elevation', given)
+    elif bag:
+        simulation['bag'] = bag
+
+    parameters = {
+        'replay_clock': [replay, clock],
+        'hydraulic_load': [replay],
+        'eddy_current': [replay],
+        'ring_displacement': [sim_time],
+        'ring_simulator': [sim_time, simulation],
+        'ring_residual': [sim_time],
+    }
+    return [
+        Node(package=PACKAGE, executable=name, name=name, output='screen',
+             parameters=[rig, *parameters.get(name, [])])
+        for name in (*RIG_NODES, *SERVERS, *REPLAY_NODES)
+    ]
+
+
+def as_path(text):
+    """Return the absolute path that `text` names, or '' for none."""
+    return str(Path(text).expanduser().absolute()) if text else ''
+
+
+def number(name, given):
+    """Return an argument as a float; the launch stops at one that is none."""
+    try:
+        return float(given[name])
+    except ValueError:
+        raise RuntimeError(f'{name}:={given[name]}: give a number') from None
