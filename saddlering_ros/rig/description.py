@@ -49,7 +49,7 @@ class Trunnion:
 
 @dataclass(frozen=True)
 class Probes:
-    """Four eddy-current probes: span of the axial, height of the radial pair, gap range; all [m]."""
+    """Four eddy-current probes: span of the axial, height of the radial pair, gap range [m]."""
 
     axial_span: float
     radial_height: float

@@ -25,7 +25,7 @@ FEWEST_SAMPLES = 5
 
 @dataclass(frozen=True)
 class ZeroReading:
-    """Readings at zero: load [N], gaps (4,) [m], rows [start, end) averaged; whether at preload."""
+    """Readings at zero: load [N], gaps (4,) [m]; rows [start, end) averaged; if near preload."""
 
     load: float
     gaps: tuple[float, ...]

@@ -1,19 +1,23 @@
 """Compiled sums over rollers, equilibrium and time stepping, as plain functions of float arrays.
 
-The equations are those of ring-model.md (docs/ring-model.md here) and of `reference.py`, which
-sums the same 304 rollers in readable numpy. What makes this file fast: rollers are sorted by their
-cosine, so that those in contact are an interval; powers come from a vectorised log2/exp2 on that
-interval only; BDF2 needs one implicit solve a step; a good predictor needs one Newton step mostly.
+The equations are those of docs/ring-model.md and of `reference.py`, which sums the same 304
+rollers in readable numpy. What makes this file fast: rollers are sorted by their cosine, so that
+those in contact are an interval; their powers, forces and tangents are one loop that the compiler
+turns into vector code; BDF2 needs one implicit solve a step; the last step's stiffness and damping
+predict the next so well that mostly one Newton iteration is left to do.
 
-Everything here works on a `layout` of flat arrays made by `model.py`; see there for the meaning of
-each index. All functions release the GIL.
+Everything here works on flat arrays made by `model.py`; `layout.py` has the meaning of each place.
+All functions release the GIL.
 """
 
 from __future__ import annotations
 
 import math
+from typing import Any
 
+from llvmlite import ir
 import numba as nb
+from numba.extending import intrinsic
 import numpy as np
 
 from saddlering_ros.ring import layout as at
@@ -30,109 +34,134 @@ STEP_TOLERANCE = 1e-9
 
 LARGEST_ITERATIONS = 60
 
-LOG2_E = 1.4426950408889634
-LN_2 = 0.6931471805599453
+LARGEST_PREDICTION = 5e-6
+"""A predicted move beyond this [m] is not trusted: the step starts from the old rate instead."""
+
 SQRT_HALF_BITS = 0x3FE6A09E667F3BCD
+INTEGER_FLOAT = 6755399441055744.0
+"""1.5 * 2^52: a small whole number added to it stands in its lowest bits."""
+
+INTEGER_FLOAT_BITS = 0x4338000000000000
 
 
-@nb.njit(cache=True, nogil=True, fastmath=FAST, error_model='numpy', inline='never')
-def power_into(exponent, scratch, bits, count):  # type: ignore[no-untyped-def]
-    """scratch[1, :count] = scratch[0, :count] ** exponent for positive normal numbers, to 2e-15.
+@intrinsic
+def bits_of(typing_context: Any, number: Any) -> Any:
+    """The 64 bits of a float as an integer."""
+    def build(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        return builder.bitcast(arguments[0], ir.IntType(64))
+    return nb.types.int64(nb.types.float64), build
 
-    log2 by the atanh series on the mantissa, exp2 by its Taylor series; written as loops that the
-    compiler turns into vector code, four times faster than one libm call a roller. `bits` is the
-    int64 view of `scratch`, whose row 2 is used up.
+
+@intrinsic
+def float_of(typing_context: Any, bits: Any) -> Any:
+    """The float that an integer's 64 bits stand for."""
+    def build(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        return builder.bitcast(arguments[0], ir.DoubleType())
+    return nb.types.float64(nb.types.int64), build
+
+
+@nb.njit(cache=True, nogil=True, fastmath=FAST, error_model='numpy', inline='always')
+def power(p: Any, exponent: Any) -> Any:
+    """P ** exponent for a positive normal number p, relative error below 1e-13.
+
+    log2 by its atanh series on the mantissa, exp2 by a polynomial, both fitted at Chebyshev
+    points (relative error 3e-14 and 2e-14); no branch and no call, so that a loop over it becomes
+    vector code on any x86-64 or ARM.
     """
-    for j in range(count):
-        pattern = bits[0, j]
-        exponent2 = (pattern - SQRT_HALF_BITS) >> 52
-        scratch[1, j] = np.float64(exponent2)
-        bits[2, j] = pattern - (exponent2 << 52)
-    for j in range(count):
-        m = scratch[2, j]
-        s = (m - 1.0) / (m + 1.0)
-        z = s * s
-        series = (((((((((z / 21. + 1 / 19.) * z + 1 / 17.) * z + 1 / 15.) * z + 1 / 13.) * z
-                      + 1 / 11.) * z + 1 / 9.) * z + 1 / 7.) * z + 1 / 5.) * z + 1 / 3.)
-        log2 = scratch[1, j] + (2.0 * s + 2.0 * s * z * series) * LOG2_E
-        y = exponent * log2
-        k = math.floor(y + 0.5)
-        f = (y - k) * LN_2
-        scratch[1, j] = 1. + f * (1. + f * (1 / 2. + f * (1 / 6. + f * (1 / 24. + f * (
-            1 / 120. + f * (1 / 720. + f * (1 / 5040. + f * (1 / 40320. + f * (
-                1 / 362880. + f * (1 / 3628800. + f * (1 / 39916800. + f / 479001600.)))))))))))
-        scratch[2, j] = k
-    for j in range(count):
-        bits[2, j] = (np.int64(scratch[2, j]) + 1023) << 52
-    for j in range(count):
-        scratch[1, j] *= scratch[2, j]
+    pattern = bits_of(p)
+    whole = (pattern - SQRT_HALF_BITS) >> 52
+    m = float_of(pattern - (whole << 52))
+    s = (m - 1.0) / (m + 1.0)
+    z = s * s
+    log2 = (float_of(whole + INTEGER_FLOAT_BITS) - INTEGER_FLOAT) + s * (
+        2.8853900817778504 + z * (0.9617966941123595 + z * (0.5770779426302618 + z * (
+            0.41220922733052445 + z * (0.3199066608891474 + z * 0.28288718263073565)))))
+    y = exponent * log2
+    k = math.floor(y + 0.5)
+    f = y - k
+    scale = float_of((bits_of(k + INTEGER_FLOAT) - INTEGER_FLOAT_BITS + 1023) << 52)
+    return scale * (1.0 + f * (0.6931471805599462 + f * (0.2402265069564034 + f * (
+        0.05550410866465167 + f * (0.009618129193934313 + f * (0.0013333558200794592 + f * (
+            0.0001540343375125101 + f * (1.5252672924850737e-05 + f * (
+                1.325964524488711e-06 + f * 1.0205905413765595e-07)))))))))
 
 
-@nb.njit(cache=True, nogil=True, fastmath=FAST, error_model='numpy', inline='never')
-def row_sums(rows, row, rollers, uniform, a, b, da, db, kappa, stiffness, exponent, damping, share,
-             scratch, bits, sums):  # type: ignore[no-untyped-def]
+@nb.njit(cache=True, nogil=True, fastmath=FAST, error_model='numpy')
+def in_contact(rows: Any, base: Any, stride: Any, rollers: Any, uniform: Any, a: Any,
+               b: Any) -> Any:
+    """First roller of a row and their number between which all rollers in contact lie."""
+    zero, one, two = np.uint64(0), np.uint64(1), np.uint64(2)
+    gaps = base + two * stride
+    count = zero
+    if uniform:
+        edge = rows[gaps] - a
+        if abs(b) <= edge:
+            return zero, zero
+        for j in range(rollers):
+            count += one if b * rows[base + j] > edge else zero
+        return (zero if b >= 0.0 else rollers - count), count
+    first = rollers
+    last = zero
+    for j in range(rollers):
+        if a + b * rows[base + j] > rows[gaps + j]:
+            if first == rollers:
+                first = j
+            last = j + one
+    if last == zero:
+        return zero, zero
+    return first, last - first
+
+
+@nb.njit(cache=True, nogil=True, fastmath=FAST, error_model='numpy')
+def row_sums(rows: Any, row: Any, rollers: Any, uniform: Any, a: Any, b: Any, da: Any, db: Any,
+             stiffness: Any, exponent: Any, damping: Any, share: Any) -> Any:
     """Force sums of one row with penetration p = a + b cos - gap and rate dp/dt = da + db cos.
 
-    sums: [sum F, sum F cos, sum F', sum F' cos, sum F' cos^2, energy] with F' the derivative of F
-    by p when dp/dt moves with `kappa` times p; energy = sum K p^(n+1)/(n+1) (static part).
-    rows (3, 3, J) as made by `model`; scratch (3, >= rollers) with its int64 view `bits`.
+    Returns sum F, sum F cos; stiffness sums k, k cos, k cos^2 with k = dF/dp; damping sums d,
+    d cos, d cos^2 with d = dF/d(dp/dt); energy = sum K p^(n+1)/(n+1) (static part). rows: flat, by
+    `model`; every row is padded with rollers that carry nothing, so that the loop may run over
+    whole vectors.
     """
-    for k in range(6):
-        sums[k] = 0.0
-    first, count = 0, 0
-    if uniform:
-        edge = rows[row, 2, 0]
-        for j in range(rollers):
-            if a + b * rows[row, 0, j] > edge:
-                count += 1
-        first = 0 if b >= 0.0 else rollers - count
-    else:
-        last = -1
-        for j in range(rollers):
-            if a + b * rows[row, 0, j] > rows[row, 2, j]:
-                if last < 0:
-                    first = j
-                last = j
-        count = last - first + 1 if last >= 0 else 0
-    if count == 0:
-        return
+    stride = np.uint64(rows.size) // np.uint64(9)
+    base = np.uint64(row) * np.uint64(3) * stride
+    first, count = in_contact(rows, base, stride, rollers, uniform, a, b)
+    s0 = s1 = k0 = k1 = k2 = d0 = d1 = d2 = energy = 0.0
+    if count == np.uint64(0):
+        return s0, s1, k0, k1, k2, d0, d1, d2, energy
+    count = (count + np.uint64(7)) & ~np.uint64(7)
+    cosines = base + first
+    weights, gaps = cosines + stride, cosines + np.uint64(2) * stride
+    constant = damping * (1.0 - share)
+    grown = damping * share * DAMPING_REFERENCE ** (-exponent)
     for j in range(count):
-        scratch[0, j] = max(a + b * rows[row, 0, first + j] - rows[row, 2, first + j], 1e-30)
-    power_into(exponent, scratch, bits, count)
-    s0 = s1 = t0 = t1 = t2 = energy = 0.0
-    reference = DAMPING_REFERENCE ** (-exponent)
-    for j in range(count):
-        c = rows[row, 0, first + j]
-        p = scratch[0, j]
-        inverse = 1.0 / p
+        c = rows[cosines + j]
+        p = max(a + b * c - rows[gaps + j], 1e-30)
         rate = da + db * c
-        elastic = stiffness * scratch[1, j]
+        relative = power(p, exponent - 1.0)
+        elastic = stiffness * relative * p
         u = min(p * (1.0 / RAMP), 1.0)
-        grown = scratch[1, j] * reference
-        d = damping * ((1.0 - share) * (u * u * (3.0 - 2.0 * u)) + share * grown)
-        d_slope = damping * ((1.0 - share) * (6.0 / RAMP * u * (1.0 - u))
-                             + share * exponent * grown * inverse)
+        d = constant * (u * u * (3.0 - 2.0 * u)) + grown * relative * p
+        d_slope = constant * (6.0 / RAMP) * (u - u * u) + grown * exponent * relative
         force = elastic + d * rate
-        tangent = exponent * elastic * inverse + d_slope * rate + kappa * d
-        carried = rows[row, 1, first + j] if force > 0.0 and p > 1e-29 else 0.0
-        force *= carried
-        tangent *= carried
+        k = exponent * stiffness * relative + d_slope * rate
+        carries = rows[weights + j] if (force > 0.0) & (p > 1e-29) else 0.0
+        force *= carries
+        k *= carries
+        d *= carries
         s0 += force
         s1 += force * c
-        t0 += tangent
-        t1 += tangent * c
-        t2 += tangent * c * c
-        energy += carried * elastic * p
-    sums[0] = s0
-    sums[1] = s1
-    sums[2] = t0
-    sums[3] = t1
-    sums[4] = t2
-    sums[5] = energy / (exponent + 1.0)
+        k0 += k
+        k1 += k * c
+        k2 += k * c * c
+        d0 += d
+        d1 += d * c
+        d2 += d * c * c
+        energy += carries * elastic * p
+    return s0, s1, k0, k1, k2, d0, d1, d2, energy / (exponent + 1.0)
 
 
 @nb.njit(cache=True, nogil=True, error_model='numpy')
-def hysteron(z_smooth, z_sharp, travel, presliding, sharpness):  # type: ignore[no-untyped-def]
+def hysteron(z_smooth: Any, z_sharp: Any, travel: Any, presliding: Any, sharpness: Any) -> Any:
     """Rate-free friction after `travel`: (z_smooth, z_sharp, z, dz/dtravel).
 
     z_smooth follows Dahl's dz/dx = (1 - sgn(dx) z)/presliding, solved exactly over the step;
@@ -149,152 +178,129 @@ def hysteron(z_smooth, z_sharp, travel, presliding, sharpness):  # type: ignore[
             sharpness * sharp_slope + (1.0 - sharpness) * smooth_slope)
 
 
-@nb.njit(cache=True, nogil=True, error_model='numpy', inline='never')
-def ring_forces(m, rows, uniform, q, v, kappa, scratch, bits, sums, force, tangent):  # type: ignore[no-untyped-def]
-    """Contact forces on the upper ring, force (3,) and -d force/dq `tangent` (3, 3); returns energy.
+@nb.njit(cache=True, nogil=True, error_model='numpy')
+def ring_forces(m: Any, rows: Any, uniform: Any, q0: Any, q1: Any, q2: Any, v0: Any, v1: Any,
+                v2: Any, w: Any) -> Any:
+    """Contact forces on the upper ring at motion q and its rate v; returns the elastic energy.
 
-    q = (delta_x, delta_y, gamma), v its rate, kappa = dv/dq of the implicit step (0: static).
+    Fills w: FORCE (3,), STIFFNESS and DAMPING, -dF/dq and -dF/dv, each as its entries 00, 02, 11,
+    12, 22 (01 is zero: nothing couples delta_x to delta_y).
     """
     radius, height = m[at.RADIUS], m[at.MIDDLE_HEIGHT]
-    count_axial, count_middle = int(m[at.AXIAL_ROLLERS]), int(m[at.MIDDLE_ROLLERS])
-    for i in range(3):
-        force[i] = 0.0
-        for j in range(3):
-            tangent[i, j] = 0.0
+    axial, middle = np.uint64(m[at.AXIAL_ROLLERS]), np.uint64(m[at.MIDDLE_ROLLERS])
     share = m[at.DAMPING_SHARE]
-    b = q[0] + height * q[2]
-    row_sums(rows, 2, count_middle, uniform[2], 0.0, b, 0.0,
-             v[0] + height * v[2], kappa, m[at.K2], m[at.N2], m[at.D2], share, scratch, bits, sums)
-    force[0] = -sums[1]
-    force[2] = -height * sums[1]
-    tangent[0, 0] = sums[4]
-    tangent[0, 2] = height * sums[4]
-    tangent[2, 0] = height * sums[4]
-    tangent[2, 2] = height * height * sums[4]
-    energy = sums[5]
-    for row in range(2):
-        sign = 1.0 if row == 0 else -1.0
-        row_sums(rows, row, count_axial, uniform[row], sign * q[1], -sign * radius * q[2], sign * v[1], -sign * radius * v[2], kappa,
-                 m[at.K1], m[at.N1], m[at.D1], share, scratch, bits, sums)
-        force[1] -= sign * sums[0]
-        force[2] += sign * radius * sums[1]
-        tangent[1, 1] += sums[2]
-        tangent[1, 2] -= radius * sums[3]
-        tangent[2, 1] -= radius * sums[3]
-        tangent[2, 2] += radius * radius * sums[4]
-        energy += sums[5]
-    return energy
+    _, s1, _, _, k2, _, _, d2, energy = row_sums(
+        rows, 2, middle, uniform[2], 0.0, q0 + height * q2, 0.0, v0 + height * v2,
+        m[at.K2], m[at.N2], m[at.D2], share)
+    up0, up1, ku0, ku1, ku2, du0, du1, du2, up_energy = row_sums(
+        rows, 0, axial, uniform[0], q1, -radius * q2, v1, -radius * v2,
+        m[at.K1], m[at.N1], m[at.D1], share)
+    low0, low1, kl0, kl1, kl2, dl0, dl1, dl2, low_energy = row_sums(
+        rows, 1, axial, uniform[1], -q1, radius * q2, -v1, radius * v2,
+        m[at.K1], m[at.N1], m[at.D1], share)
+    w[at.FORCE] = -s1
+    w[at.FORCE + 1] = low0 - up0
+    w[at.FORCE + 2] = radius * (up1 - low1) - height * s1
+    w[at.STIFFNESS] = k2
+    w[at.STIFFNESS + 1] = height * k2
+    w[at.STIFFNESS + 2] = ku0 + kl0
+    w[at.STIFFNESS + 3] = -radius * (ku1 + kl1)
+    w[at.STIFFNESS + 4] = radius * radius * (ku2 + kl2) + height * height * k2
+    w[at.DAMPING] = d2
+    w[at.DAMPING + 1] = height * d2
+    w[at.DAMPING + 2] = du0 + dl0
+    w[at.DAMPING + 3] = -radius * (du1 + dl1)
+    w[at.DAMPING + 4] = radius * radius * (du2 + dl2) + height * height * d2
+    return energy + up_energy + low_energy
 
 
 @nb.njit(cache=True, nogil=True, error_model='numpy')
-def solve3(a, r, out):  # type: ignore[no-untyped-def]
-    """Out = a^-1 r for a symmetric positive definite 3 x 3 (Cholesky); False if it is not."""
-    l00 = a[0, 0]
-    if l00 <= 0.0:
-        return False
-    l00 = math.sqrt(l00)
-    l10, l20 = a[1, 0] / l00, a[2, 0] / l00
-    d = a[1, 1] - l10 * l10
-    if d <= 0.0:
-        return False
-    l11 = math.sqrt(d)
-    l21 = (a[2, 1] - l20 * l10) / l11
-    d = a[2, 2] - l20 * l20 - l21 * l21
-    if d <= 0.0:
-        return False
-    l22 = math.sqrt(d)
-    y0 = r[0] / l00
-    y1 = (r[1] - l10 * y0) / l11
-    y2 = (r[2] - l20 * y0 - l21 * y1) / l22
-    out[2] = y2 / l22
-    out[1] = (y1 - l21 * out[2]) / l11
-    out[0] = (y0 - l10 * out[1] - l20 * out[2]) / l00
-    return True
+def solve3(a00: Any, a02: Any, a11: Any, a12: Any, a22: Any, r0: Any, r1: Any, r2: Any) -> Any:
+    """(found, x0, x1, x2) of a x = r, a symmetric with a01 = 0; not found unless a is definite."""
+    if a00 <= 0.0 or a11 <= 0.0:
+        return False, 0.0, 0.0, 0.0
+    i00, i11 = 1.0 / a00, 1.0 / a11
+    schur = a22 - a02 * a02 * i00 - a12 * a12 * i11
+    if not schur > 0.0:
+        return False, 0.0, 0.0, 0.0
+    x2 = (r2 - a02 * i00 * r0 - a12 * i11 * r1) / schur
+    return True, (r0 - a02 * x2) * i00, (r1 - a12 * x2) * i11, x2
 
 
 @nb.njit(cache=True, nogil=True, error_model='numpy')
-def equilibrium(m, rows, uniform, external, q, scratch, bits, sums):  # type: ignore[no-untyped-def]
-    """Static equilibrium under `external` (3,), starting from and returned in q; iterations or -1.
+def equilibrium(m: Any, rows: Any, uniform: Any, w: Any, x: Any, y: Any, tilt: Any) -> Any:
+    """(iterations or -1, q) of static equilibrium under w[EXTERNAL], starting at (x, y, tilt).
 
     The elastic energy is convex, so Newton with a backtracking on total energy converges from
-    anywhere. Directions without stiffness (a free play) are held by a small spring about the start.
+    anywhere. Directions without stiffness (a free play) are held by a small spring there.
     """
-    force, step, residual = np.empty(3), np.empty(3), np.empty(3)
-    tangent = np.empty((3, 3))
-    still, trial = np.zeros(3), np.empty(3)
     radius = m[at.RADIUS]
-    energy = ring_forces(m, rows, uniform, q, still, 0.0, scratch, bits, sums, force, tangent)
-    scale = abs(external[0]) + abs(external[1]) + abs(external[2]) / radius + 1.0
+    e0, e1, e2 = w[at.EXTERNAL], w[at.EXTERNAL + 1], w[at.EXTERNAL + 2]
+    energy = ring_forces(m, rows, uniform, x, y, tilt, 0.0, 0.0, 0.0, w)
+    scale = abs(e0) + abs(e1) + abs(e2) / radius + 1.0
     for iteration in range(200):
-        largest = 0.0
-        for i in range(3):
-            residual[i] = external[i] + force[i]
-            arm = radius if i == 2 else 1.0
-            largest = max(largest, abs(residual[i]) / arm)
+        r0, r1, r2 = e0 + w[at.FORCE], e1 + w[at.FORCE + 1], e2 + w[at.FORCE + 2]
+        largest = max(abs(r0), abs(r1), abs(r2) / radius)
         if largest <= 1e-11 * scale:
-            return iteration
+            return iteration, x, y, tilt
         soft = 1e-9 * m[at.K1] if iteration < 100 else 1e-6 * m[at.K1]
-        tangent[0, 0] += soft
-        tangent[1, 1] += soft
-        tangent[2, 2] += soft * radius * radius
-        if not solve3(tangent, residual, step):
-            return -1
-        longest = max(abs(step[0]), abs(step[1]), abs(step[2]) * radius)
+        found, step0, step1, step2 = solve3(
+            w[at.STIFFNESS] + soft, w[at.STIFFNESS + 1], w[at.STIFFNESS + 2] + soft,
+            w[at.STIFFNESS + 3], w[at.STIFFNESS + 4] + soft * radius * radius, r0, r1, r2)
+        if not found:
+            return -1, x, y, tilt
+        longest = max(abs(step0), abs(step1), abs(step2) * radius)
         shrink = min(1.0, 2e-4 / longest) if longest > 0.0 else 1.0
-        work = 0.0
-        for i in range(3):
-            step[i] *= shrink
-            work += residual[i] * step[i]
+        step0, step1, step2 = step0 * shrink, step1 * shrink, step2 * shrink
+        work = r0 * step0 + r1 * step1 + r2 * step2
         accepted = False
-        factor = 1.0
+        factor, new_energy = 1.0, energy
         for _ in range(40):
-            gain = 0.0
-            for i in range(3):
-                trial[i] = q[i] + factor * step[i]
-                gain += external[i] * factor * step[i]
-            new_energy = ring_forces(m, rows, uniform, trial, still, 0.0, scratch, bits, sums,
-                                     force, tangent)
-            slope = 0.0
-            for i in range(3):
-                slope += (external[i] + force[i]) * step[i]
+            new_energy = ring_forces(m, rows, uniform, x + factor * step0, y + factor * step1,
+                                     tilt + factor * step2, 0.0, 0.0, 0.0, w)
+            gain = factor * (e0 * step0 + e1 * step1 + e2 * step2)
+            slope = ((e0 + w[at.FORCE]) * step0 + (e1 + w[at.FORCE + 1]) * step1
+                     + (e2 + w[at.FORCE + 2]) * step2)
             if slope >= -0.5 * work or new_energy - energy <= gain - 1e-4 * factor * work:
                 accepted = True
                 break
             factor *= 0.5
         if not accepted:
             # Rounding ends the descent; what is left is compared with the load's own size.
-            return iteration if largest <= 1e-7 * scale else -1
-        for i in range(3):
-            q[i] = trial[i]
+            return (iteration if largest <= 1e-7 * scale else -1), x, y, tilt
+        x, y, tilt = x + factor * step0, y + factor * step1, tilt + factor * step2
         energy = new_energy
         if factor * longest * shrink < 1e-15:
-            return iteration + 1
-    return -1
+            return iteration + 1, x, y, tilt
+    return -1, x, y, tilt
 
 
 @nb.njit(cache=True, nogil=True, error_model='numpy')
-def load_at_ring(m, measured, z_cylinder, z_bracket, external, resolved):  # type: ignore[no-untyped-def]
-    """From the measured load [N] to `external` (3,) with dead weight and `resolved` (3,) without.
+def load_at_ring(m: Any, measured: Any, z_cylinder: Any, z_bracket: Any, w: Any) -> Any:
+    """From the measured load [N] to w[EXTERNAL] (3,) with dead weight and w[RESOLVED] without.
 
-    resolved: F_x, F_y, M of the load alone, which series compliances answer to. Returns P.
+    Resolved: F_x, F_y, M of the load alone, which series compliances answer to. Returns P.
     """
     full_scale = m[at.FULL_SCALE]
     load = measured / (1.0 + m[at.LOAD_GAIN]) - m[at.LOAD_OFFSET]
     load += 4.0 * m[at.LOAD_CURVE] * measured * (full_scale - measured) / full_scale
     load -= m[at.CYLINDER_LIMIT] * z_cylinder
-    elevation = m[at.ELEVATION] + m[at.ELEVATION_ERROR] + m[at.BRACKET_LIMIT] * z_bracket
-    cosine, sine = math.cos(elevation), math.sin(elevation)
-    resolved[0] = load * cosine
-    resolved[1] = -load * sine
-    resolved[2] = load * ((m[at.TRUNNION_Y] + m[at.MOMENT_ARM]) * cosine + m[at.TRUNNION_X] * sine)
-    external[0] = resolved[0]
-    external[1] = resolved[1] - m[at.WEIGHT]
-    external[2] = resolved[2] + m[at.WEIGHT] * m[at.WEIGHT_X]
+    cosine, sine = m[at.COSINE], m[at.SINE]
+    if m[at.BRACKET_LIMIT] != 0.0:
+        elevation = m[at.ELEVATION] + m[at.ELEVATION_ERROR] + m[at.BRACKET_LIMIT] * z_bracket
+        cosine, sine = math.cos(elevation), math.sin(elevation)
+    w[at.RESOLVED] = load * cosine
+    w[at.RESOLVED + 1] = -load * sine
+    w[at.RESOLVED + 2] = load * ((m[at.TRUNNION_Y] + m[at.MOMENT_ARM]) * cosine
+                                 + m[at.TRUNNION_X] * sine)
+    w[at.EXTERNAL] = w[at.RESOLVED]
+    w[at.EXTERNAL + 1] = w[at.RESOLVED + 1] - m[at.WEIGHT]
+    w[at.EXTERNAL + 2] = w[at.RESOLVED + 2] + m[at.WEIGHT] * m[at.WEIGHT_X]
     return load
 
 
 @nb.njit(cache=True, nogil=True, error_model='numpy')
-def low_pass(state, old, new, dt, time_constant):  # type: ignore[no-untyped-def]
+def low_pass(state: Any, old: Any, new: Any, dt: Any, time_constant: Any) -> Any:
     """First-order low-pass over dt, exact for an input that is linear from `old` to `new`."""
     if time_constant <= 0.0:
         return new
@@ -308,25 +314,29 @@ def low_pass(state, old, new, dt, time_constant):  # type: ignore[no-untyped-def
 
 
 @nb.njit(cache=True, nogil=True, error_model='numpy')
-def series_motion(m, s, resolved, load, motion):  # type: ignore[no-untyped-def]
-    """Motion (3,): contact motion plus series compliances, settling (before creep and resonance)."""
+def series_motion(m: Any, s: Any, w: Any) -> Any:
+    """w[MOTION] (3,): contact motion, series compliances, settling (before creep and resonance)."""
     highest = s[at.HIGHEST_LOAD]
-    motion[0] = (s[at.Q] + m[at.RADIAL_COMPLIANCE] * resolved[0] + m[at.SETTLING_X] * highest)
-    motion[1] = (s[at.Q + 1] + m[at.AXIAL_COMPLIANCE] * resolved[1] + m[at.SETTLING_Y] * highest)
-    motion[2] = (s[at.Q + 2] + m[at.TILT_COMPLIANCE] * resolved[2] + m[at.SETTLING_TILT] * highest
-                 + m[at.OPENING_COMPLIANCE] * max(0.0, resolved[2] - m[at.OPENING_MOMENT]))
+    moment = w[at.RESOLVED + 2]
+    w[at.MOTION] = (s[at.Q] + m[at.RADIAL_COMPLIANCE] * w[at.RESOLVED]
+                    + m[at.SETTLING_X] * highest)
+    w[at.MOTION + 1] = (s[at.Q + 1] + m[at.AXIAL_COMPLIANCE] * w[at.RESOLVED + 1]
+                        + m[at.SETTLING_Y] * highest)
+    w[at.MOTION + 2] = (s[at.Q + 2] + m[at.TILT_COMPLIANCE] * moment
+                        + m[at.SETTLING_TILT] * highest
+                        + m[at.OPENING_COMPLIANCE] * max(0.0, moment - m[at.OPENING_MOMENT]))
 
 
 @nb.njit(cache=True, nogil=True, error_model='numpy')
-def advance_series(m, s, motion, dt):  # type: ignore[no-untyped-def]
-    """Creep and second mode on `motion` (3,) over dt; their states are in s; motion is replaced."""
+def advance_series(m: Any, s: Any, w: Any, dt: Any) -> Any:
+    """Creep and second mode on w[MOTION] over dt, replaced; their states are in s."""
     for i in range(3):
         amount = m[at.CREEP_RADIAL] if i == 0 else m[at.CREEP_AXIAL]
         if amount != 0.0:
-            s[at.CREEP + i] = low_pass(s[at.CREEP + i], s[at.CREEP_INPUT + i], motion[i], dt,
-                                       m[at.CREEP_TIME])
-            s[at.CREEP_INPUT + i] = motion[i]
-            motion[i] += amount * s[at.CREEP + i]
+            s[at.CREEP + i] = low_pass(s[at.CREEP + i], s[at.CREEP_INPUT + i], w[at.MOTION + i],
+                                       dt, m[at.CREEP_TIME])
+            s[at.CREEP_INPUT + i] = w[at.MOTION + i]
+            w[at.MOTION + i] += amount * s[at.CREEP + i]
     frequency = m[at.RESONANCE_FREQUENCY]
     if frequency <= 0.0:
         return
@@ -335,7 +345,7 @@ def advance_series(m, s, motion, dt):  # type: ignore[no-untyped-def]
     decay = math.exp(-zeta * frequency * dt)
     cosine, sine = math.cos(damped * dt), math.sin(damped * dt)
     for i in range(3):
-        old, new = s[at.RESONANCE_INPUT + i], motion[i]
+        old, new = s[at.RESONANCE_INPUT + i], w[at.MOTION + i]
         slope = (new - old) / dt if dt > 0.0 else 0.0
         lag = 2.0 * zeta / frequency * slope     # a ramp is followed this far behind
         x = s[at.RESONANCE + i] - (old - lag)
@@ -346,26 +356,27 @@ def advance_series(m, s, motion, dt):  # type: ignore[no-untyped-def]
         s[at.RESONANCE + i] = x_new + new - lag
         s[at.RESONANCE_RATE + i] = rate_new + slope
         s[at.RESONANCE_INPUT + i] = new
-        motion[i] = s[at.RESONANCE + i]
+        w[at.MOTION + i] = s[at.RESONANCE + i]
 
 
 @nb.njit(cache=True, nogil=True, error_model='numpy')
-def read_probes(m, s, motion, resolved, load, time, dt, out):  # type: ignore[no-untyped-def]
-    """Probe increments out (4,) [m] from the ring's motion, with what the measurement adds."""
+def read_probes(m: Any, s: Any, w: Any, load: Any, time: Any, dt: Any, out: Any,
+                n: Any) -> Any:
+    """Probe increments out[n] (4,) [m] from w[MOTION], with what the measurement adds."""
     half_span = 0.5 * m[at.AXIAL_SPAN]
-    x = motion[0] - s[at.ZERO]
-    y = motion[1] - s[at.ZERO + 1]
-    tilt = motion[2] - s[at.ZERO + 2]
+    x = w[at.MOTION] - s[at.ZERO]
+    y = w[at.MOTION + 1] - s[at.ZERO + 1]
+    tilt = w[at.MOTION + 2] - s[at.ZERO + 2]
     radial = x + (m[at.RADIAL_HEIGHT] + m[at.PROBE_HEIGHT]) * tilt
-    oval = m[at.OVALISATION] * (resolved[0] - s[at.ZERO_FORCE_X])
-    out[0] = radial + oval
-    out[1] = y + tilt * half_span
-    out[2] = -radial + oval
-    out[3] = y - tilt * half_span
+    oval = m[at.OVALISATION] * (w[at.RESOLVED] - s[at.ZERO_FORCE_X])
+    out[n, 0] = radial + oval
+    out[n, 1] = y + tilt * half_span
+    out[n, 2] = -radial + oval
+    out[n, 3] = y - tilt * half_span
     elapsed = time - s[at.START_TIME]
     angle = 2.0 * math.pi * m[at.PICKUP_FREQUENCY] * elapsed
     for i in range(4):
-        d = out[i] + m[at.BRACKET + i] * (load - s[at.ZERO_LOAD])
+        d = out[n, i] + m[at.BRACKET + i] * (load - s[at.ZERO_LOAD])
         d = d * (1.0 + m[at.GAIN + i]) + m[at.CURVE + i] * d * d
         lag = m[at.LAG + i]
         if lag > 0.0:
@@ -376,13 +387,13 @@ def read_probes(m, s, motion, resolved, load, time, dt, out):  # type: ignore[no
         if m[at.PICKUP_COSINE + i] != 0.0 or m[at.PICKUP_SINE + i] != 0.0:
             d += (m[at.PICKUP_COSINE + i] * math.cos(angle)
                   + m[at.PICKUP_SINE + i] * math.sin(angle))
-        out[i] = min(max(d, m[at.CLIP_LOW + i]), m[at.CLIP_HIGH + i])
+        out[n, i] = min(max(d, m[at.CLIP_LOW + i]), m[at.CLIP_HIGH + i])
 
 
 @nb.njit(cache=True, nogil=True, error_model='numpy')
-def start(m, rows, uniform, s, time, load, scratch, bits):  # type: ignore[no-untyped-def]
-    """State s at rest under the measured `load` at `time`, zero taken there; False if no equilibrium."""
-    sums, external, resolved = np.empty(6), np.empty(3), np.empty(3)
+def start(m: Any, rows: Any, uniform: Any, s: Any, time: Any, load: Any) -> Any:
+    """State s at rest under the measured `load` at `time`, zero taken there; False if none."""
+    w = np.zeros(at.WORK_SIZE)
     for i in range(s.size):
         s[i] = 0.0
     s[at.CYLINDER_Z] = s[at.CYLINDER_Z + 1] = m[at.CYLINDER_INITIAL]
@@ -391,105 +402,152 @@ def start(m, rows, uniform, s, time, load, scratch, bits):  # type: ignore[no-un
     s[at.TILT_Z] = s[at.TILT_Z + 1] = m[at.TILT_INITIAL]
     s[at.MEASURED_LOAD] = load
     s[at.HIGHEST_LOAD] = load
-    true_load = load_at_ring(m, load, m[at.CYLINDER_INITIAL], m[at.BRACKET_INITIAL], external, resolved)
-    external[0] -= m[at.RADIAL_LIMIT] * m[at.RADIAL_INITIAL]
-    external[2] -= m[at.TILT_LIMIT] * m[at.TILT_INITIAL]
-    q = np.empty(3)
-    q[0] = math.copysign(0.5 * m[at.MIDDLE_CLEARANCE] + 1e-5, external[0])
-    q[1] = math.copysign(0.5 * m[at.AXIAL_CLEARANCE] + 1e-5, external[1])
-    q[2] = 0.0
-    found = equilibrium(m, rows, uniform, external, q, scratch, bits, sums)
-    motion = np.empty(3)
+    true_load = load_at_ring(m, load, m[at.CYLINDER_INITIAL], m[at.BRACKET_INITIAL], w)
+    w[at.EXTERNAL] -= m[at.RADIAL_LIMIT] * m[at.RADIAL_INITIAL]
+    w[at.EXTERNAL + 2] -= m[at.TILT_LIMIT] * m[at.TILT_INITIAL]
+    found, s[at.Q], s[at.Q + 1], s[at.Q + 2] = equilibrium(
+        m, rows, uniform, w, math.copysign(0.5 * m[at.MIDDLE_CLEARANCE] + 1e-5, w[at.EXTERNAL]),
+        math.copysign(0.5 * m[at.AXIAL_CLEARANCE] + 1e-5, w[at.EXTERNAL + 1]), 0.0)
     for i in range(3):
-        s[at.Q + i] = s[at.Q_OLD + i] = q[i]
-    series_motion(m, s, resolved, true_load, motion)
+        s[at.Q_OLD + i] = s[at.Q + i]
+    series_motion(m, s, w)
     for i in range(3):
-        s[at.CREEP + i] = s[at.CREEP_INPUT + i] = motion[i]
-        motion[i] += (m[at.CREEP_RADIAL] if i == 0 else m[at.CREEP_AXIAL]) * motion[i]
-        s[at.RESONANCE + i] = s[at.RESONANCE_INPUT + i] = motion[i]
-        s[at.ZERO + i] = motion[i]
-    s[at.ZERO_FORCE_X] = resolved[0]
+        s[at.CREEP + i] = s[at.CREEP_INPUT + i] = w[at.MOTION + i]
+        w[at.MOTION + i] *= 1.0 + (m[at.CREEP_RADIAL] if i == 0 else m[at.CREEP_AXIAL])
+        s[at.RESONANCE + i] = s[at.RESONANCE_INPUT + i] = w[at.MOTION + i]
+        s[at.ZERO + i] = w[at.MOTION + i]
+    s[at.ZERO_FORCE_X] = w[at.RESOLVED]
     s[at.ZERO_LOAD] = true_load
     s[at.START_TIME] = s[at.TIME] = time
     return found >= 0
 
 
 @nb.njit(cache=True, nogil=True, error_model='numpy')
-def implicit_step(m, rows, uniform, s, h, external, friction, work, scratch, bits):  # type: ignore[no-untyped-def]
+def predict(m: Any, s: Any, c0: Any, past: Any, w: Any) -> Any:
+    """Move (3,) from the last state by its own stiffness and damping: no force is evaluated.
+
+    Solves m a + K (q - q_old) + D (v - v_old) = external + F_old for the step's difference
+    formulas v = c0 q + ..., a = c0 v + ...; (False, 0, 0, 0) if that cannot be trusted.
+    """
+    c1, c2 = past
+    mass, inertia = m[at.MASS], m[at.INERTIA]
+    b0 = c0 * s[at.Q] + c1 * s[at.Q] + c2 * s[at.Q_OLD]
+    b1 = c0 * s[at.Q + 1] + c1 * s[at.Q + 1] + c2 * s[at.Q_OLD + 1]
+    b2 = c0 * s[at.Q + 2] + c1 * s[at.Q + 2] + c2 * s[at.Q_OLD + 2]
+    a0 = c0 * b0 + c1 * s[at.V] + c2 * s[at.V_OLD]
+    a1 = c0 * b1 + c1 * s[at.V + 1] + c2 * s[at.V_OLD + 1]
+    a2 = c0 * b2 + c1 * s[at.V + 2] + c2 * s[at.V_OLD + 2]
+    j0, j1, j2 = b0 - s[at.V], b1 - s[at.V + 1], b2 - s[at.V + 2]
+    k, d = at.LAST_STIFFNESS, at.LAST_DAMPING
+    r0 = w[at.EXTERNAL] + s[at.LAST_FORCE] - mass * a0 - s[d] * j0 - s[d + 1] * j2
+    r1 = w[at.EXTERNAL + 1] + s[at.LAST_FORCE + 1] - mass * a1 - s[d + 2] * j1 - s[d + 3] * j2
+    r2 = (w[at.EXTERNAL + 2] + s[at.LAST_FORCE + 2] - inertia * a2
+          - s[d + 1] * j0 - s[d + 3] * j1 - s[d + 4] * j2)
+    square = c0 * c0
+    found, x, y, tilt = solve3(
+        s[k] + c0 * s[d] + mass * square, s[k + 1] + c0 * s[d + 1],
+        s[k + 2] + c0 * s[d + 2] + mass * square, s[k + 3] + c0 * s[d + 3],
+        s[k + 4] + c0 * s[d + 4] + inertia * square, r0, r1, r2)
+    size = max(abs(x), abs(y), abs(tilt) * m[at.RADIUS])
+    return found and size < LARGEST_PREDICTION, x, y, tilt
+
+
+@nb.njit(cache=True, nogil=True, error_model='numpy')
+def keep_step(m: Any, s: Any, h: Any, c0: Any, p: Any, past: Any, q: Any, friction: Any,
+              w: Any) -> Any:
+    """The solved step becomes the state; its forces and slopes are kept for `predict`."""
+    if friction:
+        s[at.RADIAL_Z], s[at.RADIAL_Z + 1], _, _ = hysteron(
+            s[at.RADIAL_Z], s[at.RADIAL_Z + 1], q[0] - s[at.Q],
+            m[at.RADIAL_PRESLIDING], m[at.RADIAL_SHARPNESS])
+        s[at.TILT_Z], s[at.TILT_Z + 1], _, _ = hysteron(
+            s[at.TILT_Z], s[at.TILT_Z + 1], q[2] - s[at.Q + 2],
+            m[at.TILT_PRESLIDING], m[at.TILT_SHARPNESS])
+    for i in range(3):
+        v = c0 * q[i] + p[i]
+        inertia = m[at.INERTIA] if i == 2 else m[at.MASS]
+        s[at.LAST_FORCE + i] = inertia * (c0 * v + past[i]) - w[at.EXTERNAL + i]
+        s[at.Q_OLD + i], s[at.Q + i] = s[at.Q + i], q[i]
+        s[at.V_OLD + i], s[at.V + i] = s[at.V + i], v
+    for i in range(5):
+        s[at.LAST_STIFFNESS + i] = w[at.STIFFNESS + i]
+        s[at.LAST_DAMPING + i] = w[at.DAMPING + i]
+    s[at.STEP_OLD] = h
+
+
+@nb.njit(cache=True, nogil=True, error_model='numpy')
+def implicit_step(m: Any, rows: Any, uniform: Any, s: Any, h: Any, friction: Any, w: Any) -> Any:
     """One BDF2 step of h seconds (backward Euler after a start or a jump in h); iterations or -1.
 
     Unknown is q; v and a follow from the difference formulas. friction: the state's hysterons.
     """
-    sums, q, v, force, residual, step, tangent = work
     h_old = s[at.STEP_OLD]
     ratio = h / h_old if h_old > 0.0 else 0.0
-    if 0.0 < ratio <= 2.0:
+    second_order = 0.0 < ratio <= 2.0
+    if second_order:
         c0 = (1.0 + 2.0 * ratio) / (1.0 + ratio) / h
         c1 = -(1.0 + ratio) / h
         c2 = ratio * ratio / (1.0 + ratio) / h
     else:
         c0, c1, c2 = 1.0 / h, -1.0 / h, 0.0
-    longest_extrapolation = min(h, 0.01)
-    for i in range(3):
-        q[i] = s[at.Q + i]
-        if 0.0 < ratio <= 2.0:
-            q[i] += longest_extrapolation * s[at.V + i]
-    radius = m[at.RADIUS]
+    mass, inertia, radius = m[at.MASS], m[at.INERTIA], m[at.RADIUS]
+    p0 = c1 * s[at.Q] + c2 * s[at.Q_OLD]
+    p1 = c1 * s[at.Q + 1] + c2 * s[at.Q_OLD + 1]
+    p2 = c1 * s[at.Q + 2] + c2 * s[at.Q_OLD + 2]
+    past0 = c1 * s[at.V] + c2 * s[at.V_OLD]
+    past1 = c1 * s[at.V + 1] + c2 * s[at.V_OLD + 1]
+    past2 = c1 * s[at.V + 2] + c2 * s[at.V_OLD + 2]
+    trusted, move0, move1, move2 = False, 0.0, 0.0, 0.0
+    if second_order and not friction:
+        trusted, move0, move1, move2 = predict(m, s, c0, (c1, c2), w)
+    if second_order and not trusted:
+        ahead = min(h, 0.01)
+        move0, move1, move2 = ahead * s[at.V], ahead * s[at.V + 1], ahead * s[at.V + 2]
+    q0, q1, q2 = s[at.Q] + move0, s[at.Q + 1] + move1, s[at.Q + 2] + move2
     previous = 1e300
     damp = 1.0
+    square = c0 * c0
     for iteration in range(LARGEST_ITERATIONS):
-        for i in range(3):
-            v[i] = c0 * q[i] + c1 * s[at.Q + i] + c2 * s[at.Q_OLD + i]
-        ring_forces(m, rows, uniform, q, v, c0, scratch, bits, sums, force, tangent)
-        for i in range(3):
-            inertia = m[at.INERTIA] if i == 2 else m[at.MASS]
-            a = c0 * v[i] + c1 * s[at.V + i] + c2 * s[at.V_OLD + i]
-            residual[i] = external[i] + force[i] - inertia * a
-            tangent[i, i] += inertia * c0 * c0
+        v0, v1, v2 = c0 * q0 + p0, c0 * q1 + p1, c0 * q2 + p2
+        ring_forces(m, rows, uniform, q0, q1, q2, v0, v1, v2, w)
+        r0 = w[at.EXTERNAL] + w[at.FORCE] - mass * (c0 * v0 + past0)
+        r1 = w[at.EXTERNAL + 1] + w[at.FORCE + 1] - mass * (c0 * v1 + past1)
+        r2 = w[at.EXTERNAL + 2] + w[at.FORCE + 2] - inertia * (c0 * v2 + past2)
+        rubbing0 = rubbing2 = 0.0
         if friction:
-            if m[at.RADIAL_LIMIT] != 0.0:
-                _, _, z, slope = hysteron(s[at.RADIAL_Z], s[at.RADIAL_Z + 1], q[0] - s[at.Q],
-                                          m[at.RADIAL_PRESLIDING], m[at.RADIAL_SHARPNESS])
-                residual[0] -= m[at.RADIAL_LIMIT] * z
-                tangent[0, 0] += m[at.RADIAL_LIMIT] * slope
-            if m[at.TILT_LIMIT] != 0.0:
-                _, _, z, slope = hysteron(s[at.TILT_Z], s[at.TILT_Z + 1], q[2] - s[at.Q + 2],
-                                          m[at.TILT_PRESLIDING], m[at.TILT_SHARPNESS])
-                residual[2] -= m[at.TILT_LIMIT] * z
-                tangent[2, 2] += m[at.TILT_LIMIT] * slope
-        if not solve3(tangent, residual, step):
+            _, _, z, slope = hysteron(s[at.RADIAL_Z], s[at.RADIAL_Z + 1], q0 - s[at.Q],
+                                      m[at.RADIAL_PRESLIDING], m[at.RADIAL_SHARPNESS])
+            r0 -= m[at.RADIAL_LIMIT] * z
+            rubbing0 = m[at.RADIAL_LIMIT] * slope
+            _, _, z, slope = hysteron(s[at.TILT_Z], s[at.TILT_Z + 1], q2 - s[at.Q + 2],
+                                      m[at.TILT_PRESLIDING], m[at.TILT_SHARPNESS])
+            r2 -= m[at.TILT_LIMIT] * z
+            rubbing2 = m[at.TILT_LIMIT] * slope
+        k, d = at.STIFFNESS, at.DAMPING
+        found, step0, step1, step2 = solve3(
+            w[k] + c0 * w[d] + mass * square + rubbing0, w[k + 1] + c0 * w[d + 1],
+            w[k + 2] + c0 * w[d + 2] + mass * square, w[k + 3] + c0 * w[d + 3],
+            w[k + 4] + c0 * w[d + 4] + inertia * square + rubbing2, r0, r1, r2)
+        if not found:
             return -1
-        size = max(abs(step[0]), abs(step[1]), abs(step[2]) * radius)
+        size = max(abs(step0), abs(step1), abs(step2) * radius)
         if not size < 1e300:
             return -1
         # Newton can cycle over a kink when a step is long: halve until it shrinks.
         damp = max(0.1, 0.5 * damp) if size > 0.9 * previous else min(1.0, 2.0 * damp)
         limit = min(damp, 1e-4 / size) if size > 1e-4 else damp
-        for i in range(3):
-            q[i] += limit * step[i]
+        q0, q1, q2 = q0 + limit * step0, q1 + limit * step1, q2 + limit * step2
         previous = size
         if size < STEP_TOLERANCE and limit == 1.0:
-            for i in range(3):
-                v_new = c0 * q[i] + c1 * s[at.Q + i] + c2 * s[at.Q_OLD + i]
-                step[i] = q[i] - s[at.Q + i]
-                s[at.Q_OLD + i], s[at.Q + i] = s[at.Q + i], q[i]
-                s[at.V_OLD + i], s[at.V + i] = s[at.V + i], v_new
-            s[at.STEP_OLD] = h
-            if friction:
-                s[at.RADIAL_Z], s[at.RADIAL_Z + 1], _, _ = hysteron(
-                    s[at.RADIAL_Z], s[at.RADIAL_Z + 1], step[0],
-                    m[at.RADIAL_PRESLIDING], m[at.RADIAL_SHARPNESS])
-                s[at.TILT_Z], s[at.TILT_Z + 1], _, _ = hysteron(
-                    s[at.TILT_Z], s[at.TILT_Z + 1], step[2],
-                    m[at.TILT_PRESLIDING], m[at.TILT_SHARPNESS])
+            keep_step(m, s, h, c0, (p0, p1, p2), (past0, past1, past2), (q0, q1, q2), friction, w)
             return iteration + 1
     return -1
 
 
 @nb.njit(cache=True, nogil=True, error_model='numpy')
-def robust_step(m, rows, uniform, s, h, external, friction, work, scratch, bits):  # type: ignore[no-untyped-def]
+def robust_step(m: Any, rows: Any, uniform: Any, s: Any, h: Any, friction: Any, w: Any) -> Any:
     """One implicit step; where Newton fails on a kink, the same step in 4, 16 ... 4096 parts."""
-    used = implicit_step(m, rows, uniform, s, h, external, friction, work, scratch, bits)
+    used = implicit_step(m, rows, uniform, s, h, friction, w)
     if used >= 0:
         return used
     before = s.copy()
@@ -498,8 +556,7 @@ def robust_step(m, rows, uniform, s, h, external, friction, work, scratch, bits)
         pieces *= 4
         used = 0
         for _ in range(pieces):
-            more = implicit_step(m, rows, uniform, s, h / pieces, external, friction, work, scratch,
-                                 bits)
+            more = implicit_step(m, rows, uniform, s, h / pieces, friction, w)
             if more < 0:
                 used = -1
                 break
@@ -510,26 +567,50 @@ def robust_step(m, rows, uniform, s, h, external, friction, work, scratch, bits)
     return -1
 
 
-@nb.njit(cache=True, nogil=True, error_model='numpy', inline='never')
-def advance(m, rows, uniform, s, time, load, max_step, q_out, d_out):  # type: ignore[no-untyped-def]
-    """Carry state s over the samples time (N,), load (N,); q_out (N, 3) and d_out (N, 4) are filled.
+@nb.njit(cache=True, nogil=True, error_model='numpy')
+def restart_at_rest(m: Any, rows: Any, uniform: Any, s: Any, w: Any) -> Any:
+    """Count a step that did not converge and go on from equilibrium under w[EXTERNAL]."""
+    s[at.TROUBLE] += 1.0
+    s[at.STEP_OLD] = 0.0
+    found, x, y, tilt = equilibrium(m, rows, uniform, w, s[at.Q], s[at.Q + 1], s[at.Q + 2])
+    if found >= 0:
+        s[at.Q], s[at.Q + 1], s[at.Q + 2] = x, y, tilt
+    for i in range(3):
+        s[at.V + i] = s[at.V_OLD + i] = 0.0
+        s[at.Q_OLD + i] = s[at.Q + i]
+
+
+@nb.njit(cache=True, nogil=True, error_model='numpy')
+def take_load(m: Any, s: Any, measured: Any, w: Any) -> Any:
+    """Move the measured load [N] on to its next value; the load path's friction follows it."""
+    change = measured - s[at.MEASURED_LOAD]
+    z_cylinder = z_bracket = 0.0
+    if m[at.CYLINDER_LIMIT] != 0.0:
+        s[at.CYLINDER_Z], s[at.CYLINDER_Z + 1], z_cylinder, _ = hysteron(
+            s[at.CYLINDER_Z], s[at.CYLINDER_Z + 1], change,
+            m[at.CYLINDER_PRESLIDING], m[at.CYLINDER_SHARPNESS])
+    if m[at.BRACKET_LIMIT] != 0.0:
+        s[at.BRACKET_Z], s[at.BRACKET_Z + 1], z_bracket, _ = hysteron(
+            s[at.BRACKET_Z], s[at.BRACKET_Z + 1], change,
+            m[at.BRACKET_PRESLIDING], m[at.BRACKET_SHARPNESS])
+    s[at.MEASURED_LOAD] = measured
+    s[at.HIGHEST_LOAD] = max(s[at.HIGHEST_LOAD], measured)
+    return load_at_ring(m, measured, z_cylinder, z_bracket, w)
+
+
+@nb.njit(cache=True, nogil=True, error_model='numpy')
+def advance(m: Any, rows: Any, uniform: Any, s: Any, time: Any, load: Any, max_step: Any,
+            q_out: Any, d_out: Any) -> Any:
+    """Carry state s over the samples time (N,), load (N,); q_out (N, 3) and d_out (N, 4) filled.
 
     A sample at or before the state's time is answered from the state without stepping. Returns the
     number of Newton iterations; s[TROUBLE] counts steps that did not converge (state restarted at
     equilibrium there). Live and offline call this one function, for one sample or a million.
     """
-    scratch = np.empty((3, rows.shape[2]))
-    bits = scratch.view(np.int64)
-    work = (np.empty(6), np.empty(3), np.empty(3), np.empty(3), np.empty(3), np.empty(3),
-            np.empty((3, 3)))
-    external, resolved, motion = np.empty(3), np.empty(3), np.empty(3)
+    w = np.zeros(at.WORK_SIZE)
     friction = m[at.RADIAL_LIMIT] != 0.0 or m[at.TILT_LIMIT] != 0.0
     iterations = 0
-    true_load = load_at_ring(m, s[at.MEASURED_LOAD],
-                             m[at.CYLINDER_SHARPNESS] * s[at.CYLINDER_Z + 1]
-                             + (1.0 - m[at.CYLINDER_SHARPNESS]) * s[at.CYLINDER_Z],
-                             m[at.BRACKET_SHARPNESS] * s[at.BRACKET_Z + 1]
-                             + (1.0 - m[at.BRACKET_SHARPNESS]) * s[at.BRACKET_Z], external, resolved)
+    true_load = take_load(m, s, s[at.MEASURED_LOAD], w)
     for n in range(time.size):
         total = time[n] - s[at.TIME]
         if total > 0.0:
@@ -537,75 +618,72 @@ def advance(m, rows, uniform, s, time, load, max_step, q_out, d_out):  # type: i
             h = total / substeps
             load_old = s[at.MEASURED_LOAD]
             for k in range(1, substeps + 1):
-                measured = load[n] if k == substeps else load_old + (load[n] - load_old) * k / substeps
-                change = measured - s[at.MEASURED_LOAD]
-                s[at.CYLINDER_Z], s[at.CYLINDER_Z + 1], z_cylinder, _ = hysteron(
-                    s[at.CYLINDER_Z], s[at.CYLINDER_Z + 1], change,
-                    m[at.CYLINDER_PRESLIDING], m[at.CYLINDER_SHARPNESS])
-                s[at.BRACKET_Z], s[at.BRACKET_Z + 1], z_bracket, _ = hysteron(
-                    s[at.BRACKET_Z], s[at.BRACKET_Z + 1], change,
-                    m[at.BRACKET_PRESLIDING], m[at.BRACKET_SHARPNESS])
-                s[at.MEASURED_LOAD] = measured
-                s[at.HIGHEST_LOAD] = max(s[at.HIGHEST_LOAD], measured)
-                true_load = load_at_ring(m, measured, z_cylinder, z_bracket, external, resolved)
-                used = robust_step(m, rows, uniform, s, h, external, friction, work, scratch, bits)
+                measured = load[n]
+                if k < substeps:
+                    measured = load_old + (load[n] - load_old) * k / substeps
+                true_load = take_load(m, s, measured, w)
+                used = robust_step(m, rows, uniform, s, h, friction, w)
                 if used < 0:
-                    s[at.TROUBLE] += 1.0
-                    s[at.STEP_OLD] = 0.0
-                    for i in range(3):
-                        s[at.V + i] = s[at.V_OLD + i] = 0.0
-                    for i in range(3):
-                        motion[i] = s[at.Q + i]
-                    if equilibrium(m, rows, uniform, external, motion, scratch, bits, work[0]) >= 0:
-                        for i in range(3):
-                            s[at.Q_OLD + i] = s[at.Q + i] = motion[i]
-                else:
-                    iterations += used
+                    restart_at_rest(m, rows, uniform, s, w)
+                iterations += max(used, 0)
             s[at.TIME] = time[n]
-        series_motion(m, s, resolved, true_load, motion)
-        advance_series(m, s, motion, max(total, 0.0))
-        read_probes(m, s, motion, resolved, true_load, time[n], max(total, 0.0), d_out[n])
+        series_motion(m, s, w)
+        advance_series(m, s, w, max(total, 0.0))
+        read_probes(m, s, w, true_load, time[n], max(total, 0.0), d_out, n)
         for i in range(3):
             q_out[n, i] = s[at.Q + i]
     return iterations
 
 
-@nb.njit(cache=True, nogil=True, error_model='numpy', inline='never')
-def run_batch(m, rows, uniform, time, load, zero_load, max_step, q_out, d_out):  # type: ignore[no-untyped-def]
+@nb.njit(cache=True, nogil=True, error_model='numpy')
+def run_batch(m: Any, rows: Any, uniform: Any, time: Any, load: Any, zero_load: Any,
+              max_step: Any, q_out: Any, d_out: Any) -> Any:
     """Simulate each parameter set of m (B, M) over one record; returns sets that had trouble.
 
-    rows (R, 3, 3, J), uniform (R, 3) with R = B or 1; q_out (B, N, 3), d_out (B, N, 4).
+    rows (R, 9 J), uniform (R, 3) with R = B or 1; q_out (B, N, 3), d_out (B, N, 4).
     """
-    scratch = np.empty((3, rows.shape[3]))
-    bits = scratch.view(np.int64)
     s = np.zeros(at.STATE_SIZE)
     troubled = 0
     for b in range(m.shape[0]):
         r = b if rows.shape[0] > 1 else 0
-        found = start(m[b], rows[r], uniform[r], s, time[0], zero_load, scratch, bits)
+        found = start(m[b], rows[r], uniform[r], s, time[0], zero_load)
         advance(m[b], rows[r], uniform[r], s, time, load, max_step, q_out[b], d_out[b])
         if not found or s[at.TROUBLE] > 0.0:
             troubled += 1
     return troubled
 
 
-@nb.njit(cache=True, nogil=True, error_model='numpy', inline='never')
-def static_batch(m, rows, uniform, load, q_out):  # type: ignore[no-untyped-def]
+@nb.njit(cache=True, nogil=True, error_model='numpy')
+def static_run(m: Any, rows: Any, uniform: Any, load: Any, w: Any, q_out: Any) -> Any:
+    """Equilibrium at each load (N,); each starts where the last slope and curve point to."""
+    failed = 0
+    x = y = tilt = 0.0
+    for n in range(load.size):
+        old0, old1, old2 = w[at.EXTERNAL], w[at.EXTERNAL + 1], w[at.EXTERNAL + 2]
+        load_at_ring(m, load[n], 0.0, 0.0, w)
+        if n == 0:
+            x = math.copysign(0.5 * m[at.MIDDLE_CLEARANCE] + 1e-5, w[at.EXTERNAL])
+            y = math.copysign(0.5 * m[at.AXIAL_CLEARANCE] + 1e-5, w[at.EXTERNAL + 1])
+        else:
+            k, radius = at.STIFFNESS, m[at.RADIUS]
+            found, step0, step1, step2 = solve3(
+                w[k], w[k + 1], w[k + 2], w[k + 3], w[k + 4], w[at.EXTERNAL] - old0,
+                w[at.EXTERNAL + 1] - old1, w[at.EXTERNAL + 2] - old2)
+            if found and max(abs(step0), abs(step1), abs(step2) * radius) < 2e-5:
+                x, y, tilt = x + step0, y + step1, tilt + step2
+        used, x, y, tilt = equilibrium(m, rows, uniform, w, x, y, tilt)
+        if used < 0:
+            failed += 1
+        q_out[n, 0], q_out[n, 1], q_out[n, 2] = x, y, tilt
+    return failed
+
+
+@nb.njit(cache=True, nogil=True, error_model='numpy')
+def static_batch(m: Any, rows: Any, uniform: Any, load: Any, q_out: Any) -> Any:
     """Equilibrium of each parameter set m (B, M) at each load (N,), in order; q_out (B, N, 3)."""
-    scratch = np.empty((3, rows.shape[3]))
-    bits = scratch.view(np.int64)
-    sums, external, resolved, q = np.empty(6), np.empty(3), np.empty(3), np.empty(3)
+    w = np.zeros(at.WORK_SIZE)
     failed = 0
     for b in range(m.shape[0]):
         r = b if rows.shape[0] > 1 else 0
-        for n in range(load.size):
-            load_at_ring(m[b], load[n], 0.0, 0.0, external, resolved)
-            if n == 0:
-                q[0] = math.copysign(0.5 * m[b, at.MIDDLE_CLEARANCE] + 1e-5, external[0])
-                q[1] = math.copysign(0.5 * m[b, at.AXIAL_CLEARANCE] + 1e-5, external[1])
-                q[2] = 0.0
-            if equilibrium(m[b], rows[r], uniform[r], external, q, scratch, bits, sums) < 0:
-                failed += 1
-            for i in range(3):
-                q_out[b, n, i] = q[i]
+        failed += static_run(m[b], rows[r], uniform[r], load, w, q_out[b])
     return failed

@@ -1,4 +1,4 @@
-"""Places of scalars in the flat arrays that the kernels work on: model (M,) and state (S,)."""
+"""Places of scalars in the flat arrays that the kernels work on: model (M,), state (S,), work."""
 
 # Model: rig, contact law and extension
 RADIUS = 0
@@ -73,7 +73,10 @@ PICKUP_COSINE = 82
 PICKUP_SINE = 86
 CLIP_LOW = 90
 CLIP_HIGH = 94
-MODEL_SIZE = 98
+# Cosine and sine of the elevation as it is without bracket play
+COSINE = 98
+SINE = 99
+MODEL_SIZE = 100
 
 # State of a running simulation
 TIME = 0
@@ -100,4 +103,17 @@ RESONANCE_RATE = 40
 RESONANCE_INPUT = 43
 LAGGED = 46
 LAG_INPUT = 50
-STATE_SIZE = 54
+# Forces and slopes of the last step: 3, and entries 00, 02, 11, 12, 22 of two matrices
+LAST_FORCE = 54
+LAST_STIFFNESS = 57
+LAST_DAMPING = 62
+STATE_SIZE = 67
+
+# Work of one kernel call, not kept between calls
+FORCE = 0
+STIFFNESS = 3
+DAMPING = 8
+EXTERNAL = 13
+RESOLVED = 16
+MOTION = 19
+WORK_SIZE = 22

@@ -15,6 +15,12 @@ from saddlering_ros.ring import layout as at
 
 Floats = NDArray[np.float64]
 
+VECTOR = 8
+"""Rollers of a row are worked on in groups of so many."""
+
+FAR_OFF = 1.0
+"""Gap [m] of a place in a row that holds no roller."""
+
 
 @dataclass(frozen=True)
 class Rows:
@@ -27,6 +33,11 @@ class Rows:
     arrays: Floats
     uniform: NDArray[np.bool_]
     counts: tuple[int, int, int]
+
+    @property
+    def flat(self) -> Floats:
+        """The kernels' own copy of `arrays`, shape (9 J,)."""
+        return self.arrays.reshape(-1).copy()
 
 
 @dataclass(frozen=True)
@@ -59,15 +70,24 @@ def _row(row: RollerRow, geometry: RowGeometry) -> tuple[Floats, Floats, Floats,
     return cosine[order], weight[order], gap[order], False
 
 
+def _padded(rows: Sequence[Floats], room: int = 0) -> Floats:
+    """Rows (3, J_i) in one array (3, 3, J); what is filled up stands far off and carries nothing.
+
+    The kernels go on to the next multiple of VECTOR rollers: J leaves room for that.
+    """
+    longest = max(room, *(row.shape[1] for row in rows))
+    arrays = np.zeros((len(rows), 3, (longest // VECTOR + 2) * VECTOR))
+    arrays[:, 2] = FAR_OFF
+    for place, row in zip(arrays, rows, strict=True):
+        place[:, :row.shape[1]] = row
+    return arrays
+
+
 @lru_cache(maxsize=512)
 def _rows_cached(axial: RollerRow, middle: RollerRow, upper: RowGeometry, lower: RowGeometry,
                  centre: RowGeometry) -> Rows:
     parts = [_row(axial, upper), _row(axial, lower), _row(middle, centre)]
-    longest = max(part[0].size for part in parts)
-    arrays = np.zeros((3, 3, longest))
-    for place, part in zip(arrays, parts, strict=True):
-        for values, line in zip(part[:3], place, strict=True):
-            line[:values.size] = values
+    arrays = _padded([np.stack(part[:3]) for part in parts])
     arrays.flags.writeable = False
     uniform = np.array([part[3] for part in parts])
     counts = (parts[0][0].size, parts[1][0].size, parts[2][0].size)
@@ -83,12 +103,7 @@ def rows_of(rig: Rig, extension: RingExtension = NO_EXTENSION) -> Rows:
     # The kernels know one count for both axial rows: spread the row that was merged.
     wide = [_spread(rig.axial_rows, geometry)
             for geometry in (extension.upper_row, extension.lower_row)]
-    middle = rows.arrays[2]
-    longest = max(wide[0].shape[1], middle.shape[1])
-    arrays = np.zeros((3, 3, longest))
-    for place, part in zip(arrays, [*wide, middle], strict=True):
-        place[:, :part.shape[1]] = part
-    return Rows(arrays, np.array([False, False, rows.uniform[2]]),
+    return Rows(_padded([*wide, rows.arrays[2]]), np.array([False, False, rows.uniform[2]]),
                 (rig.axial_rows.rollers, rig.axial_rows.rollers, rows.counts[2]))
 
 
@@ -119,6 +134,8 @@ def scalars_of(rig: Rig, elevation: float, extension: RingExtension = NO_EXTENSI
     m[at.WEIGHT], m[at.WEIGHT_X] = rig.carriage.weight, rig.carriage.weight_x
     m[at.TRUNNION_X], m[at.TRUNNION_Y] = rig.trunnion.x, rig.trunnion.y
     m[at.ELEVATION], m[at.FULL_SCALE] = elevation, rig.full_scale_load
+    m[at.COSINE] = np.cos(elevation + extension.elevation_error)
+    m[at.SINE] = np.sin(elevation + extension.elevation_error)
     m[at.AXIAL_SPAN], m[at.RADIAL_HEIGHT] = rig.probes.axial_span, rig.probes.radial_height
     m[at.LOAD_GAIN], m[at.LOAD_OFFSET] = extension.load_gain, extension.load_offset
     m[at.LOAD_CURVE] = extension.load_nonlinearity
@@ -170,11 +187,9 @@ def build_model(rig: Rig, contact: ContactParameters, elevation: float,
 
 
 def stack_rows(rows: Sequence[Rows]) -> tuple[Floats, NDArray[np.bool_]]:
-    """Rows of a batch as arrays (R, 3, 3, J) and uniform (R, 3); R = 1 where all are the same."""
+    """Rows of a batch, flat: (R, 9 J) and uniform (R, 3); R = 1 where all are the same."""
     if all(row is rows[0] for row in rows):
-        return rows[0].arrays[None], rows[0].uniform[None]
+        return rows[0].flat[None], rows[0].uniform[None]
     longest = max(row.arrays.shape[2] for row in rows)
-    arrays = np.zeros((len(rows), 3, 3, longest))
-    for place, row in zip(arrays, rows, strict=True):
-        place[:, :, :row.arrays.shape[2]] = row.arrays
-    return arrays, np.array([row.uniform for row in rows])
+    arrays = [_padded(row.arrays, longest - VECTOR).reshape(-1) for row in rows]
+    return np.stack(arrays), np.array([row.uniform for row in rows])

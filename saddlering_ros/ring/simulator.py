@@ -74,7 +74,7 @@ class RingSimulator:
         self._rig = rig
         extension = extension_of(parameters.effects)
         model = build_model(rig, parameters.contact, elevation, extension)
-        self._m, self._rows, self._uniform = model.scalars, model.rows.arrays, model.rows.uniform
+        self._m, self._rows, self._uniform = model.scalars, model.rows.flat, model.rows.uniform
         self._max_step = max_step
         self._offset, self._skew = extension.clock_offset, extension.clock_skew
         self._shifted = self._offset != 0.0 or self._skew != 0.0
@@ -120,10 +120,7 @@ class RingSimulator:
         return self._samples(np.ascontiguousarray(rows[:, 0]), np.ascontiguousarray(rows[:, 1]))
 
     def _start(self, time: float, load: float) -> None:
-        scratch = np.empty((3, self._rows.shape[2]))
-        found = kernels.start(self._m, self._rows, self._uniform, self._state, time, load, scratch,
-                              scratch.view(np.int64))
-        if not found:
+        if not kernels.start(self._m, self._rows, self._uniform, self._state, time, load):
             self._state[at.TROUBLE] += 1.0
 
     def _advance(self, time: Floats, load: Floats) -> Floats:
