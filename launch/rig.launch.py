@@ -3,7 +3,7 @@
     ros2 launch saddlering_ros rig.launch.py elevation:=50      on a rig, or beside ros2 bag play
     ros2 launch saddlering_ros rig.launch.py bag:=PATH          replay a bag
 
-Without a bag the three replay nodes wait unconfigured, and whatever publishes the topics of the rig
+Without a bag the three replay nodes wait unconfigured; whatever publishes the topics of the rig
 drives the rest: a driver of the hardware, or `ros2 bag play PATH --clock` with use_sim_time:=true.
 """
 
