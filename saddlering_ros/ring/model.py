@@ -70,12 +70,12 @@ def _row(row: RollerRow, geometry: RowGeometry) -> tuple[Floats, Floats, Floats,
     return cosine[order], weight[order], gap[order], False
 
 
-def _padded(rows: Sequence[Floats], room: int = 0) -> Floats:
+def _padded(rows: Sequence[Floats]) -> Floats:
     """Rows (3, J_i) in one array (3, 3, J); what is filled up stands far off and carries nothing.
 
     The kernels go on to the next multiple of VECTOR rollers: J leaves room for that.
     """
-    longest = max(room, *(row.shape[1] for row in rows))
+    longest = max(row.shape[1] for row in rows)
     arrays = np.zeros((len(rows), 3, (longest // VECTOR + 2) * VECTOR))
     arrays[:, 2] = FAR_OFF
     for place, row in zip(arrays, rows, strict=True):
@@ -191,5 +191,8 @@ def stack_rows(rows: Sequence[Rows]) -> tuple[Floats, NDArray[np.bool_]]:
     if all(row is rows[0] for row in rows):
         return rows[0].flat[None], rows[0].uniform[None]
     longest = max(row.arrays.shape[2] for row in rows)
-    arrays = [_padded(row.arrays, longest - VECTOR).reshape(-1) for row in rows]
-    return np.stack(arrays), np.array([row.uniform for row in rows])
+    arrays = np.zeros((len(rows), 3, 3, longest))
+    arrays[:, :, 2] = FAR_OFF
+    for place, row in zip(arrays, rows, strict=True):
+        place[:, :, :row.arrays.shape[2]] = row.arrays
+    return arrays.reshape(len(rows), -1), np.array([row.uniform for row in rows])

@@ -120,6 +120,16 @@ def test_a_batch_gives_each_member_the_numbers_it_gets_alone() -> None:
         assert np.array_equal(alone, increments)
 
 
+def test_a_batch_may_mix_equal_rows_with_worn_ones() -> None:
+    time, load = dynamic_record(0.6)
+    worn = catalogue()['worn_sector_radial']
+    extension = worn.extend(NO_EXTENSION, worn.complete({'wear': 0.3}))
+    mixed = [(TRUE_TO_SCALE.to_array(), NO_EXTENSION), (TRUE_TO_SCALE.to_array(), extension)]
+    together = probe_batch(RIG, mixed, 0.9, time, load)
+    for member, increments in zip(mixed, together, strict=True):
+        assert np.array_equal(probe_batch(RIG, [member], 0.9, time, load)[0], increments)
+
+
 def test_a_long_gap_between_samples_is_stepped_through_not_jumped() -> None:
     time, load = dynamic_record()
     keep = (time < 0.5) | (time > 0.6)
