@@ -14,7 +14,7 @@ import sys
 import tempfile
 import time
 from types import TracebackType
-from typing import Any, IO, Self
+from typing import Any, IO
 
 from saddlering_ros.nodes.errors import NodeError
 from saddlering_ros.nodes.lifeline import LIFELINE
@@ -121,7 +121,7 @@ class NodeGroup:
     extra_environment: Mapping[str, str] | None = None
     processes: dict[str, NodeProcess] = field(default_factory=dict)
 
-    def __enter__(self) -> Self:
+    def __enter__(self) -> NodeGroup:
         self._domain = None if self.domain_id is not None else Domain.take()
         if self._domain is not None:
             self.domain_id = self._domain.number
