@@ -166,3 +166,17 @@ def test_the_messages_are_those_of_this_version():
         assert version('saddlering_interfaces') == saddlering_ros.__version__
     except PackageNotFoundError:
         pytest.skip('installed without metadata')
+
+
+NEWER_THAN_3_10 = re.compile(
+    r'from typing import .*\b(Self|assert_never|override|Unpack|Never|LiteralString)\b'
+    r'|from enum import .*StrEnum|from datetime import .*UTC|import tomllib|except\*'
+    r'|itertools\.batched|import .*\bbatched\b')
+
+
+@pytest.mark.parametrize('path', sorted(ROOT.glob('saddlering_ros/**/*.py')),
+                         ids=lambda path: str(path.relative_to(ROOT)))
+def test_every_module_is_python_3_10(path):
+    source = path.read_text()
+    ast.parse(source, feature_version=(3, 10))
+    assert not NEWER_THAN_3_10.search(source)
