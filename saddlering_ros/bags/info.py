@@ -173,7 +173,7 @@ def _assemble(
         schema_encodings=tuple(sorted(found.schema_encodings)), facts=facts,
         topics=_topics(found, raw, start), start=start, duration=duration,
         load_range=(float(np.min(load)), float(np.max(load))), plateaus=count,
-        problems=tuple(problems), notes=tuple(notes))
+        problems=tuple(dict.fromkeys(problems)), notes=tuple(notes))
 
 
 def _topics(found: Scan, raw: dict[str, RawTopic], start: int | None) -> tuple[TopicInfo, ...]:

@@ -10,7 +10,8 @@ count, sd * sqrt(tau / n) with tau = 1 + 2 sum_k (1 - k/n) rho_k, summed as far 
 (K >= 5 tau) goes and corrected for the mean having been taken from the same samples.
 Source: A. Sokal, Monte Carlo Methods in Statistical Mechanics, 1996, section 3. The correlation
 is pooled over all plateaus of a run, each channel by itself, since one plateau is too short to
-tell it.
+tell it. Where it lasts too long even so, a model of it (white noise and one relaxation) is
+fitted. Noise that is slower than a plateau cannot be seen within it and is not in the error.
 """
 
 from __future__ import annotations
@@ -37,6 +38,9 @@ NOISE_FACTOR = 5.0
 
 LONGEST_INTERRUPTION = 1.0
 """Two stretches at the same level not further apart than this [s] are one hold."""
+
+EDGE = 0.1
+"""The end of a hold is looked for with means over this long [s]."""
 
 SETTLING_SHARE = 0.4
 """Share of a hold that is left to settling."""
@@ -174,8 +178,39 @@ def _holds(
         (start, stop) for start, stop in _runs(steady)
         if stop - start >= FEWEST_SAMPLES and time[stop - 1] - time[start] >= shortest / 2]
     merged = _merged(stretches, time, load, 0.004 * span, noise)
-    return [(start, stop) for start, stop in merged
-            if time[stop - 1] - time[start] >= shortest]
+    holds = [(start, stop) for start, stop in merged if time[stop - 1] - time[start] >= shortest]
+    return _extended(holds, load, _edge(period, window, span, noise), tolerance, noise)
+
+
+def _edge(period: float, window: float, span: float, noise: float) -> int:
+    """Samples whose mean tells the load well enough to see a hold end, at most a window."""
+    wanted = max(EDGE / period, (NOISE_FACTOR * noise / (4.0 * STEADY_SHARE * span)) ** 2)
+    return max(1, round(min(wanted, window / period)))
+
+
+def _extended(
+    holds: list[tuple[int, int]], load: NDArray[np.float64], edge: int, tolerance: float,
+    noise: float,
+) -> list[tuple[int, int]]:
+    """Give each hold back what the window took at its ends: samples still at its level.
+
+    A hold ends where the mean of `edge` samples leaves its level; these samples and as many
+    before them are not part of it.
+    """
+    total = np.concatenate([[0.0], np.cumsum(load)])
+    means = (total[edge:] - total[:-edge]) / edge
+    limit = max(tolerance, NOISE_FACTOR * noise / np.sqrt(edge))
+    limits = [0, *(start for start, _ in holds[1:]), len(load)]
+    extended: list[tuple[int, int]] = []
+    for number, (start, stop) in enumerate(holds):
+        away = np.abs(means - np.median(load[start:stop])) > limit
+        low = extended[-1][1] if extended else 0
+        before = np.flatnonzero(away[low:max(start - edge + 1, low)])
+        first = low + int(before[-1]) + edge if len(before) else low
+        after = np.flatnonzero(away[stop:limits[number + 1]])
+        last = stop + int(after[0]) - edge if len(after) else limits[number + 1]
+        extended.append((min(first, start), max(last, stop)))
+    return extended
 
 
 def _change(
@@ -273,9 +308,11 @@ def _standard_errors(parts: list[NDArray[np.float64]]) -> NDArray[np.float64]:
     if covariance[0] <= 0.0:
         return np.zeros(len(parts))
     typical = int(np.median([len(part) for part in parts]))
-    covariance = _corrected_for_mean(covariance, typical)
-    correlation = covariance / covariance[0]
-    errors = [np.sqrt(covariance[0] * _inflation(correlation, len(part)) / len(part))
+    corrected = _corrected_for_mean(covariance, typical)
+    window = _window(corrected / corrected[0], typical)
+    if window is None or 4 * window > typical:
+        corrected = _modelled(covariance[:typical], counts[:typical], longest)
+    errors = [np.sqrt(corrected[0] * _inflation(corrected / corrected[0], len(part)) / len(part))
               for part in parts]
     return np.array(errors)
 
@@ -299,12 +336,69 @@ def _corrected_for_mean(
     return corrected
 
 
-def _inflation(correlation: NDArray[np.float64], size: int) -> float:
-    """Tau of `size` samples with this `correlation` (k = 0, 1, ...), at least 1/size."""
+def _modelled(
+    covariance: NDArray[np.float64], counts: NDArray[np.float64], length: int,
+) -> NDArray[np.float64]:
+    """Autocovariance (length,) of white noise and one relaxation, fitted to an estimate (n,).
+
+    For correlation so long that a plateau shows but part of it: the estimate is compared with
+    what such noise would give after the mean of n samples was taken from it, exactly. The
+    relaxation is taken to last n/2 samples at most, since a longer one looks the same.
+    """
+    from scipy.optimize import nnls  # here, since most runs need none of scipy
+
+    size = len(covariance)
+    lags = np.arange(size)
+    used = slice(0, max(size // 2, 3))
+    weight = np.sqrt(counts[used])
+    white = np.zeros(size)
+    white[0] = 1.0
+    best, misfit = covariance, np.inf
+    for relaxation in np.geomspace(0.5, max(size / 2.0, 1.0), 40):
+        slow = np.exp(-lags / relaxation)
+        seen = np.stack([_after_mean(white), _after_mean(slow)])[:, used] * weight
+        amounts, residual = nnls(seen.T, covariance[used] * weight)
+        if residual < misfit:
+            misfit = residual
+            best = amounts[1] * np.exp(-np.arange(length) / relaxation)
+            best[0] += amounts[0]
+    return best
+
+
+def _after_mean(covariance: NDArray[np.float64]) -> NDArray[np.float64]:
+    """What an autocovariance (n,) becomes once the mean of the n samples is taken from them.
+
+    mean over i of E (x_i - m)(x_(i+k) - m) = C_k + var(m) - mean over i of the covariances of
+    m with x_i and with x_(i+k).
+    """
+    size = len(covariance)
+    total = np.cumsum(covariance)
+    with_mean = (total + total[::-1] - covariance[0]) / size
+    heads = np.cumsum(with_mean)[::-1]
+    return np.asarray(
+        covariance + with_mean.mean() - 2.0 * heads / np.arange(size, 0, -1))
+
+
+def _window(correlation: NDArray[np.float64], size: int) -> int | None:
+    """Sokal's window: the first lag K with K >= 5 tau(K); None if there is none."""
+    lags, terms = _partial_inflation(correlation, size)
+    enough = lags >= 5.0 * np.maximum(terms, 0.2)
+    return int(lags[np.argmax(enough)]) if enough.any() else None
+
+
+def _partial_inflation(
+    correlation: NDArray[np.float64], size: int,
+) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
     lags = np.arange(1, min(size, len(correlation)))
     terms = 1.0 + 2.0 * np.cumsum((1.0 - lags / size) * correlation[1:len(lags) + 1])
+    return lags, terms
+
+
+def _inflation(correlation: NDArray[np.float64], size: int) -> float:
+    """Factor tau for `size` samples with this `correlation` (k = 0, 1, ...), at least 1/size."""
+    _, terms = _partial_inflation(correlation, size)
     if not len(terms):
         return 1.0
-    enough = lags >= 5.0 * np.maximum(terms, 0.2)
-    place = int(np.argmax(enough)) if enough.any() else len(terms) // 3
+    window = _window(correlation, size)
+    place = len(terms) - 1 if window is None else window - 1
     return float(max(terms[place], 1.0 / size))

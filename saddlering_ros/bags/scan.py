@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Collection
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -31,8 +31,8 @@ LARGEST_MESSAGE = 1 << 20
 class ScannedTopic:
     """All messages of one topic in file order (rig topics), or their number only (others).
 
-    stamps (N,) [ns], values (N,), log_times (N,) [ns], spans (N, 2) [m] or (N, 0); fault: why
-    the messages cannot be read, if so.
+    stamps (N,) [ns], values (N,), log_times (N,) [ns], spans (K, 2) [m] as they change, or
+    (K, 0); fault: why the messages cannot be read, if so.
     """
 
     topic: str
@@ -45,6 +45,8 @@ class ScannedTopic:
     def add(self, readings: Readings, log_times: NDArray[np.int64]) -> None:
         """Take in what a block says."""
         self.frame_id = self.frame_id or readings.frame_id
+        if len(readings.spans) and (readings.spans == readings.spans[0]).all():
+            readings = replace(readings, spans=readings.spans[:1].copy())
         self._parts.append((readings, log_times))
 
     @property

@@ -1,0 +1,155 @@
+"""Bags we write are complete, small, sound, and readable by everybody."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from mcap.reader import make_reader
+import numpy as np
+import pytest
+from rosbags.highlevel import AnyReader
+import yaml
+
+from saddlering_ros.bags import BagError, LOAD_TOPIC, PROBE_TOPICS, RIG_TOPICS, TestFacts
+from saddlering_ros.bags import writer as writer_module
+
+FACTS = {'test': 'dynamic', 'elevation_deg': '50', 'rig': 'a rig', 'run': 'a run'}
+
+
+@pytest.fixture
+def bag(tmp_path, recording) -> Path:
+    return recording.write(tmp_path / 'bag')
+
+
+def information(bag: Path) -> dict:
+    document = yaml.safe_load((bag / 'metadata.yaml').read_text())
+    return document['rosbag2_bagfile_information']
+
+
+def test_the_facts_stand_in_both_places(bag):
+    assert information(bag)['custom_data'] == FACTS
+    with (bag / 'bag_0.mcap').open('rb') as file:
+        records = {record.name: record.metadata for record in make_reader(file).iter_metadata()}
+    assert records['saddlering.test'] == FACTS
+
+
+def test_the_mcap_package_reads_it_with_all_checksums(bag, recording):
+    with (bag / 'bag_0.mcap').open('rb') as file:
+        reader = make_reader(file, validate_crcs=True)
+        summary = reader.get_summary()
+        count = sum(1 for _ in reader.iter_messages())
+    assert count == summary.statistics.message_count == 5000
+    assert {channel.topic for channel in summary.channels.values()} == set(RIG_TOPICS)
+    assert summary.chunk_indexes[0].compression == 'zstd'
+    assert all('offered_qos_profiles' in channel.metadata
+               for channel in summary.channels.values())
+
+
+def test_rosbags_reads_the_messages_we_meant(bag, recording):
+    found = {topic: ([], []) for topic in RIG_TOPICS}
+    with AnyReader([bag]) as reader:
+        for connection, _, data in reader.messages():
+            message = reader.deserialize(data, connection.msgtype)
+            stamps, values = found[connection.topic]
+            stamps.append(message.header.stamp.sec * 10 ** 9 + message.header.stamp.nanosec)
+            if connection.topic == LOAD_TOPIC:
+                values.append(message.wrench.force.x)
+                assert message.header.frame_id == 'hydraulic_cylinder'
+                assert message.wrench.torque.z == message.wrench.force.y == 0.0
+            else:
+                values.append(message.range)
+                assert message.max_range == pytest.approx(2e-3)
+                assert message.header.frame_id == connection.topic.rpartition('/')[2]
+    for topic, (stamps, values) in found.items():
+        np.testing.assert_array_equal(stamps, recording.stamps[topic])
+        np.testing.assert_array_equal(values, recording.values[topic])
+
+
+def test_metadata_yaml_describes_the_bag(bag):
+    found = information(bag)
+    assert found['message_count'] == 5000
+    assert found['relative_file_paths'] == ['bag_0.mcap']
+    topics = {entry['topic_metadata']['name']: entry['topic_metadata']
+              for entry in found['topics_with_message_count']}
+    assert set(topics) == set(RIG_TOPICS)
+    assert all(topic['offered_qos_profiles'] for topic in topics.values())
+    assert all(topic['type_description_hash'].startswith('RIHS01_') for topic in topics.values())
+
+
+def test_ten_seconds_at_one_kilohertz_fit_in_two_megabytes(tmp_path):
+    random = np.random.default_rng(0)
+    count = 10_000
+    stamps = 1_700_000_000_000_000_000 + np.arange(count) * 1_000_000
+    jittered = [stamps + random.integers(0, 50_000, count) for _ in range(5)]
+    load = 1e5 + 100.0 * random.normal(size=count)
+    quantum = 2e-3 / 2 ** 16
+    gaps = [np.round((1e-3 + 3e-7 * random.normal(size=count)) / quantum) * quantum
+            for _ in range(4)]
+    probes = writer_module.Probes(1.3, 0.0, (1.0, 1.0, 1.0, 1.0), 0.0, 2e-3)
+    bag = writer_module.write_bag(
+        tmp_path / 'bag', TestFacts('dynamic', 50.0), jittered[0], load, jittered[1:], gaps,
+        probes)
+    assert sum(file.stat().st_size for file in bag.iterdir()) <= 2_000_000
+
+
+def test_equal_input_gives_equal_bytes(tmp_path, recording):
+    first, second = (recording.write(tmp_path / place / 'bag') for place in 'ab')
+    for file in first.iterdir():
+        assert file.read_bytes() == (second / file.name).read_bytes()
+
+
+def test_an_existing_bag_is_replaced_only_when_asked(tmp_path, recording, bag):
+    with pytest.raises(BagError, match='exists already'):
+        recording.write(bag)
+    recording.write(bag, overwrite=True)
+    assert {file.name for file in tmp_path.iterdir()} == {'bag'}
+
+
+def test_what_is_no_bag_is_never_replaced(tmp_path, recording):
+    (tmp_path / 'work').mkdir()
+    (tmp_path / 'work' / 'thesis.txt').write_text('ten years')
+    with pytest.raises(BagError, match='is no bag'):
+        recording.write(tmp_path / 'work', overwrite=True)
+    assert (tmp_path / 'work' / 'thesis.txt').read_text() == 'ten years'
+
+
+@pytest.mark.parametrize('interruption', [KeyboardInterrupt, OSError])
+def test_an_interruption_leaves_nothing_half_written(
+        tmp_path, recording, monkeypatch, interruption):
+    written = 0
+
+    def fail(*_, **__):
+        nonlocal written
+        written += 1
+        if written > 700:
+            raise interruption(28, 'No space left on device')
+
+    monkeypatch.setattr(writer_module.McapWriter, 'add_message', fail)
+    with pytest.raises((BagError, KeyboardInterrupt)):
+        recording.write(tmp_path / 'bag')
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_an_interruption_keeps_the_old_bag(tmp_path, recording, bag, monkeypatch):
+    before = (bag / 'bag_0.mcap').read_bytes()
+
+    def fail(*_, **__):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(writer_module.McapWriter, 'finish', fail)
+    with pytest.raises(KeyboardInterrupt):
+        recording.write(bag, overwrite=True)
+    assert (bag / 'bag_0.mcap').read_bytes() == before
+    assert {file.name for file in tmp_path.iterdir()} == {'bag'}
+
+
+def test_arrays_that_do_not_fit_are_refused(tmp_path, recording):
+    with pytest.raises(BagError, match=PROBE_TOPICS[0]):
+        recording.changed(PROBE_TOPICS[0], recording.stamps[PROBE_TOPICS[0]][1:]).write(
+            tmp_path / 'bag')
+
+
+@pytest.mark.parametrize('facts', [('creep', 50.0), ('static', 120.0), ('static', float('nan'))])
+def test_facts_no_test_has_are_refused(facts):
+    with pytest.raises(BagError):
+        TestFacts(*facts)

@@ -1,0 +1,215 @@
+"""What `saddlering info`, `displacement` and `simulate` promise at the command line."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+from pyarrow import parquet
+import pytest
+
+from saddlering_ros.bags import (
+    displacement_of_run,
+    LOAD_TOPIC,
+    PROBE_TOPICS,
+    read_run,
+    StreamAligner,
+    TestFacts,
+    write_bag,
+)
+from saddlering_ros.cli.main import main
+from saddlering_ros.rig import (
+    default_rig,
+    gap_increment,
+    ParameterSet,
+    ParameterSource,
+    probes_to_displacement,
+    read_parameters,
+    TONNE,
+    TRUE_TO_SCALE,
+    write_parameters,
+    ZeroWindow,
+)
+from saddlering_ros.ring import RingSimulator, simulate
+
+EPOCH = 1_700_000_000_000_000_000
+HEADER = 'stamp_ns,time,load,delta_x,delta_y,gamma,parity'
+
+
+@pytest.fixture
+def bag(tmp_path) -> Path:
+    """A dynamic test of two seconds at 500 Hz."""
+    random = np.random.default_rng(0)
+    time = np.arange(1000) * 2_000_000
+    shape = np.clip(1.2 - np.abs(np.linspace(-1.8, 1.8, 1000)), 0.0, 1.0)
+    load = (0.5 + 24.5 * shape) * TONNE + 50.0 * random.normal(size=1000)
+    stamps = [EPOCH + time - 700_000 + 300_000 * number for number in range(4)]
+    gaps = [1e-3 + sign * 4e-10 * load + 3e-7 * random.normal(size=1000)
+            for sign in (1, 1, -1, -1)]
+    return write_bag(tmp_path / 'bag', TestFacts('dynamic', 50.0, 'a rig', 'a run'), EPOCH + time,
+                     load, stamps, gaps, default_rig().probes)
+
+
+@pytest.fixture
+def parameters(tmp_path) -> Path:
+    path = tmp_path / 'parameters.yaml'
+    write_parameters(path, ParameterSet(
+        TRUE_TO_SCALE, {}, ParameterSource('assumed', (), None, None, '')))
+    return path
+
+
+def table(path: Path) -> dict[str, np.ndarray]:
+    """The columns of a CSV file, stamps as integers."""
+    header, *lines = path.read_text().splitlines()
+    rows = [line.split(',') for line in lines]
+    names = header.split(',')
+    return {name: np.array([int(row[place]) if name == 'stamp_ns' else float(row[place])
+                            for row in rows]) for place, name in enumerate(names)}
+
+
+def test_displacement_writes_what_the_probes_measured_to_the_last_bit(bag, tmp_path, capsys):
+    assert main(['displacement', str(bag), '--out', str(tmp_path / 'd.csv')]) == 0
+    assert (tmp_path / 'd.csv').read_text().startswith(HEADER + '\n')
+    measured = displacement_of_run(default_rig(), read_run(bag))
+    kept = measured.complete
+    columns = table(tmp_path / 'd.csv')
+    np.testing.assert_array_equal(columns['stamp_ns'], measured.stamps[kept])
+    for name in ('delta_x', 'delta_y', 'gamma', 'parity'):
+        np.testing.assert_array_equal(columns[name], getattr(measured.displacement, name)[kept])
+    assert 'delta_x' in capsys.readouterr().out
+
+
+def test_displacement_equals_the_stream_bit_for_bit(bag, tmp_path):
+    """The same aligner and zero as the live node, fed message by message."""
+    from saddlering_ros.bags import read_raw
+
+    assert main(['displacement', str(bag), '--out', str(tmp_path / 'd.csv')]) == 0
+    raw, rig = read_raw(bag), default_rig()
+    messages = sorted(
+        (int(stamp), channel, float(value))
+        for channel, topic in enumerate((LOAD_TOPIC, *PROBE_TOPICS))
+        for stamp, value in zip(raw[topic].stamps, raw[topic].values, strict=True))
+    aligner, window, zero = StreamAligner(), ZeroWindow(rig), None
+    rows = []
+    for stamp, channel, value in messages:
+        due = aligner.push_gap(channel - 1, stamp, value) if channel else \
+            aligner.push_load(stamp, value)
+        for row in due:
+            rows.append(row)
+            zero = zero or window.push(row.time, row.load, row.gaps)
+    columns = table(tmp_path / 'd.csv')
+    assert columns['stamp_ns'].tolist() == [row.stamp for row in rows]
+    assert columns['time'].tolist() == [row.time for row in rows]
+    for place, row in enumerate(rows):
+        increments = gap_increment(rig.probes, np.array(row.gaps), np.array(zero.gaps))
+        live = probes_to_displacement(rig.probes, increments)
+        for name in ('delta_x', 'delta_y', 'gamma', 'parity'):
+            assert columns[name][place] == getattr(live, name)
+
+
+def test_simulate_writes_what_the_model_gives_to_the_last_bit(bag, parameters, tmp_path):
+    out = tmp_path / 's.csv'
+    assert main(['simulate', str(bag), '--params', str(parameters), '--out', str(out)]) == 0
+    run, rig = read_run(bag), default_rig()
+    given = read_parameters(parameters)
+    simulated = simulate(rig, given, run.elevation, run.time, run.load)
+    columns = table(out)
+    for name in ('delta_x', 'delta_y', 'gamma', 'parity'):
+        np.testing.assert_array_equal(columns[name], getattr(simulated.displacement, name))
+    simulator = RingSimulator(rig, given, run.elevation)
+    live = [sample for time, load in zip(run.time.tolist(), run.load.tolist(), strict=True)
+            for sample in simulator.push(time, load)]
+    assert columns['gamma'].tolist() == [float(sample.displacement.gamma) for sample in live]
+    assert columns['time'].tolist() == [sample.time for sample in live]
+    assert set(columns['stamp_ns']) <= set(run.stamps)
+
+
+def test_parquet_holds_the_same_as_csv(bag, tmp_path):
+    for name in ('d.csv', 'd.parquet'):
+        assert main(['displacement', str(bag), '--out', str(tmp_path / name)]) == 0
+    columns = table(tmp_path / 'd.csv')
+    read = parquet.read_table(tmp_path / 'd.parquet')
+    assert ','.join(read.column_names) == HEADER
+    for name, values in columns.items():
+        np.testing.assert_array_equal(read[name].to_numpy(), values)
+
+
+def test_csv_goes_to_stdout_alone_on_request(bag, capsys):
+    assert main(['displacement', str(bag), '--out', '-']) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[0] == HEADER
+    assert all(line.count(',') == 6 for line in lines)
+
+
+@pytest.mark.parametrize('command', ['displacement', 'simulate', 'info'])
+def test_json_goes_to_stdout_alone(bag, parameters, capsys, command):
+    options = ['--params', str(parameters)] if command == 'simulate' else []
+    assert main([command, str(bag), *options, '--json', '-']) == 0
+    document = json.loads(capsys.readouterr().out)
+    assert (document[0] if command == 'info' else document)
+
+
+def test_elevation_given_wins(bag, parameters, capsys):
+    common = ['simulate', str(bag), '--params', str(parameters), '--json', '-']
+    found = []
+    for options in ([], ['--elevation', '70']):
+        assert main([*common, *options]) == 0
+        found.append(json.loads(capsys.readouterr().out))
+    assert [document['elevation_deg'] for document in found] == pytest.approx([50.0, 70.0])
+    assert found[0]['channels'] != found[1]['channels']
+
+
+@pytest.mark.parametrize('arguments', [
+    ['displacement', 'BAG', '--out', 'table.xlsx'],
+    ['displacement', 'BAG', '--out', '-', '--json', '-'],
+    ['displacement', 'BAG', '--rig', 'nowhere.yaml'],
+    ['displacement', 'BAG', '--elevation', '200'],
+    ['simulate', 'BAG', '--params', 'nowhere.yaml'],
+    ['displacement', 'nowhere'],
+    ['simulate', 'nowhere', '--params', 'PARAMETERS'],
+    ['info', 'nowhere'],
+])
+def test_unusable_arguments_get_one_line_and_status_2(bag, parameters, capsys, arguments):
+    names = {'BAG': str(bag), 'PARAMETERS': str(parameters)}
+    assert main([names.get(argument, argument) for argument in arguments]) == 2
+    said = capsys.readouterr()
+    assert said.out == ''
+    assert len(said.err.splitlines()) == 1
+    assert said.err.startswith(f'saddlering {arguments[0]}: ')
+
+
+def test_a_damaged_bag_leaves_no_output(bag, parameters, tmp_path, capsys):
+    file = bag / 'bag_0.mcap'
+    file.write_bytes(file.read_bytes()[:20_000])
+    before = set(tmp_path.iterdir())
+    for command in (['displacement'], ['simulate', '--params', str(parameters)]):
+        assert main([*command, str(bag), '--out', str(tmp_path / 'out.csv')]) == 2
+    assert set(tmp_path.iterdir()) == before
+    assert 'cut off' in capsys.readouterr().err
+
+
+def test_info_shows_every_bag_and_ends_with_status_2_if_one_is_bad(bag, tmp_path, capsys):
+    broken = tmp_path / 'broken.mcap'
+    broken.write_bytes((bag / 'bag_0.mcap').read_bytes()[:30_000])
+    assert main(['info', str(broken), str(bag)]) == 2
+    said = capsys.readouterr()
+    assert 'cut off' in said.out
+    assert 'usable' in said.out
+    assert all(topic in said.out for topic in (LOAD_TOPIC, *PROBE_TOPICS))
+    assert len(said.err.splitlines()) == 1
+    assert main(['info', str(bag)]) == 0
+
+
+def test_info_as_json_has_no_nan(bag, tmp_path, capsys):
+    (tmp_path / 'broken.mcap').write_bytes(b'junk')
+    assert main(['info', str(bag), str(tmp_path / 'broken.mcap'), '--json', '-']) == 2
+
+    def refuse(name):
+        raise AssertionError(name)
+
+    good, bad = json.loads(capsys.readouterr().out, parse_constant=refuse)
+    assert good['usable']
+    assert good['facts']['elevation_deg'] == 50.0
+    assert not bad['usable']
+    assert bad['problems']
