@@ -1,4 +1,4 @@
-"""`saddlering generate`: a bag as the test rig would record it, with any effect wanted hidden in it."""
+"""`saddlering generate`: a bag as a test rig would record it, with any effect hidden in it."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument('--seed', type=int, default=0,
                         help='seed of noise, jitter and offsets (default 0)')
     parser.add_argument('--rig-seed', type=int, default=1,
-                        help='which rollers the rig has; the same number is the same rig (default 1)')
+                        help='which rollers the rig has; same number, same rig (default 1)')
     parser.add_argument('--rig', type=Path, help='rig file (default: the shipped rig)')
     parser.add_argument('--params', type=Path, help='parameter file with the true contact law')
     parser.add_argument('--set', action='append', default=[], metavar='NAME=VALUE',
@@ -40,9 +40,9 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument('--load-noise', type=float, default=50.0, metavar='N',
                         help='rms white noise of the load cell (default 50)')
     parser.add_argument('--gap-scatter', type=float, default=0.7, metavar='UM',
-                        help='rms difference of the rollers\' gaps in micrometres (default 0.7)')
+                        help="rms difference of the rollers' gaps in micrometres (default 0.7)")
     parser.add_argument('--stiffness-scatter', type=float, default=2.0, metavar='PERCENT',
-                        help='rms difference of the rollers\' stiffness (default 2)')
+                        help="rms difference of the rollers' stiffness (default 2)")
     parser.add_argument('--rate', type=float, metavar='HZ',
                         help='sample rate (default 50 static, 1000 dynamic)')
     parser.add_argument('--probe-rate', type=float, metavar='HZ',

@@ -19,7 +19,7 @@ STAGES = ('load', 'rollers', 'friction', 'motion', 'probes', 'recording')
 
 @dataclass(frozen=True)
 class Parameter:
-    """One number of an effect, in SI units; plausible sizes run from low to high, `typical` between.
+    """One number of an effect, in SI units; plausible sizes run from low to high.
 
     signed: drawn with either sign; choices: the only values allowed; positive: below or at zero
     makes no sense.
@@ -39,7 +39,7 @@ class Parameter:
 class RigEffect:
     """An effect: id, where it acts, channels it shows in, parameters (main one first), forms.
 
-    act(target, values, form) changes the target of its stage in place; the first form is the default.
+    act(target, values, form) changes the target of its stage in place; the first form is default.
     dynamic_only: a static test shows nothing of it.
     """
 
@@ -129,7 +129,7 @@ def _checked(found: RigEffect, key: str, value: float) -> float:
 
 
 def parse_requests(texts: Iterable[str], forms: Iterable[str] = ()) -> tuple[EffectRequest, ...]:
-    """Requests from texts: NAME, NAME=VALUE (main parameter), NAME.PARAM=VALUE; forms: NAME=FORM."""
+    """Requests from NAME, NAME=VALUE (main parameter) or NAME.PARAM=VALUE; forms: NAME=FORM."""
     values: dict[str, dict[str, float]] = {}
     for text in texts:
         left, equals, right = text.partition('=')
@@ -149,6 +149,6 @@ def parse_requests(texts: Iterable[str], forms: Iterable[str] = ()) -> tuple[Eff
         if not equals and len(values) == 1:
             name, form = next(iter(values)), text
         if name not in values:
-            raise VirtualRigError(f'form {text!r}: write NAME=FORM for an effect given by --effect')
+            raise VirtualRigError(f'form {text!r}: write NAME=FORM, NAME one of the effects')
         chosen[name] = form
     return tuple(request(name, given, chosen.get(name)) for name, given in values.items())

@@ -50,7 +50,7 @@ class Recording:
     cut_offs: list[dict[str, float]] = field(default_factory=list)
 
     def disturb(self, probe: int, time: Floats, increment: Floats) -> Floats:
-        """What the amplifier of probe 1 to 4 makes of its increment (N,) [m] at `time` (N,) [s]."""
+        """What the amplifier of probe 1 to 4 makes of increment (N,) [m] at `time` (N,) [s]."""
         for line in self.pickups:
             if line['probe'] in (0.0, probe):
                 phase = 2.0 * np.pi * line['frequency'] * time

@@ -1,4 +1,4 @@
-"""Effects in the ring: rollers and raceways, friction against its motion, give and creep of its joints."""
+"""Effects in the ring: rollers and raceways, friction against motion, give and creep of joints."""
 
 from __future__ import annotations
 
@@ -9,7 +9,6 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from saddlering_ros.rig import Rig
 from saddlering_ros.virtual_rig import integrator as at
 from saddlering_ros.virtual_rig.effects import effect, Parameter
 from saddlering_ros.virtual_rig.effects_load import hysteresis, INITIAL, X_AND_T
@@ -46,8 +45,8 @@ class FrictionElements:
 class Motion:
     """Motion on the grid of the integrator, (N,) each, and the forces that the joints pass on.
 
-    x, y [m], tilt [rad]: of the point that the probes see; force_x, force_y [N], moment [N m]: what
-    the ring's joints carry; load [N]: what arrives at the ring.
+    x, y [m], tilt [rad]: of the point that the probes see; force_x, force_y [N], moment [N m]:
+    what the ring's joints carry, dead weight included; load [N]: what arrives at the ring.
     """
 
     time: Floats
@@ -247,7 +246,7 @@ def film_creep(motion: Motion, values: Mapping[str, float], form: str) -> None:
          Parameter('coordinate', '1', 0.0, 2.0, 2.0, choices=(0.0, 1.0, 2.0))],
         ('max_load', 'late'))
 def settling(motion: Motion, values: Mapping[str, float], form: str) -> None:
-    """Joints settle for good under the highest load yet; late: only above a fifth of it, steeper."""
+    """Joints settle for good under the highest load yet; late: only above a fifth of the peak."""
     highest = np.maximum.accumulate(motion.load)
     highest = highest - highest[0]
     if form == 'late':
@@ -268,7 +267,7 @@ def carriage_resonance(motion: Motion, values: Mapping[str, float], form: str) -
 
 
 def second_mode(values: Floats, step: float, frequency: float, damping: float) -> Floats:
-    """y'' + 2 z w y' + w^2 y = w^2 u from rest, exact for u that runs straight between instants."""
+    """Solve y'' + 2 z w y' + w^2 y = w^2 u from rest, exact for u straight between instants."""
     from scipy.linalg import expm
     from scipy.signal import lfilter
 

@@ -1,4 +1,4 @@
-"""Dry friction laws, each as an exact update over a short travel: z follows a coordinate, |z| <= 1.
+"""Dry friction laws as exact updates over a short travel: z follows a coordinate, |z| <= 1.
 
 The force is the limit times z. Sources: Jenkins: A. Jenkins 1962 (elastic-plastic spring); Dahl:
 P. Dahl 1968, dz/dx = (1 - sgn(dx) z) / travel; LuGre: C. Canudas de Wit et al. 1995, with a
@@ -23,7 +23,7 @@ STRIBECK_EXCESS = 0.25
 @numba.njit(cache=True)
 def follow(law: int, z: float, travel: float, presliding: float, seconds: float,
            stribeck_speed: float) -> tuple[float, float]:
-    """z after moving by `travel` in `seconds`, and its derivative by travel.
+    """State z after moving by `travel` in `seconds`, and its derivative by travel.
 
     travel and presliding share one unit [m, rad or N]; stribeck_speed is that unit per second.
     """
@@ -35,7 +35,8 @@ def follow(law: int, z: float, travel: float, presliding: float, seconds: float,
             return -1.0, 0.0
         return moved, 1.0 / presliding
     if law == BOUC_WEN:
-        return _bouc_wen(z, travel / presliding, presliding)
+        after, slope = _bouc_wen(z, travel / presliding, presliding)
+        return after, slope
     level = 1.0
     if law == LUGRE and seconds > 0.0:
         speed = travel / seconds / stribeck_speed

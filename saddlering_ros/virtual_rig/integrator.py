@@ -1,4 +1,4 @@
-"""Motion of the ring on its rollers, integrated by Radau IIA of third order over plain roller sums.
+"""Motion of the ring on its rollers: Radau IIA of third order over plain sums of all rollers.
 
 Radau IIA with two stages (Hairer and Wanner, Solving Ordinary Differential Equations II, section
 IV.5) is L-stable and stiffly accurate. The stage positions are found by Newton's method on the
@@ -165,7 +165,7 @@ def _stage_residual(
     rollers: Floats, friction: Floats, z: Floats, mass: Floats, q: Floats, v: Floats, h: float,
     load: Floats, stages: Floats, residual: Floats, matrix: Floats, scratch: Floats,
 ) -> float:
-    """Residual (6,) of both stages at positions `stages` (2, 3), its matrix (6, 6), its largest."""
+    """Residual (6,) of both stages at positions `stages` (2, 3), its matrix, its largest."""
     rate = np.empty((2, 3))
     for i in range(3):
         first, second = stages[0, i] - q[i], stages[1, i] - q[i]
@@ -242,7 +242,7 @@ def _try_step(rollers: Floats, friction: Floats, z: Floats, mass: Floats, q: Flo
 @numba.njit(cache=True)
 def _advance(rollers: Floats, friction: Floats, z: Floats, mass: Floats, q: Floats, v: Floats,
              seconds: float, before: Floats, middle: Floats, after: Floats) -> int:
-    """Advance q, v, z in place by `seconds` under loads (3,) at its start, its third and its end."""
+    """Advance q, v, z in place by `seconds`, loads (3,) given at its start, third and end."""
     left, halvings, trouble = 1.0, 0, 0
     load = np.empty((2, 3))
     stages = np.empty((2, 3))
@@ -307,8 +307,8 @@ def integrate(rollers: Floats, friction: Floats, z: Floats, mass: Floats, start:
               step: float, loads: Floats) -> tuple[Floats, Floats, Floats, int]:
     """Motion under loads (3 N + 1, 3) given at thirds of N equal steps, from rest at `start`.
 
-    Returns positions, rates and the rollers' force on the upper ring, (N + 1, 3) each, and how many
-    steps did not converge.
+    Returns positions, rates and the rollers' force on the upper ring, (N + 1, 3) each, and how
+    many steps did not converge.
     """
     steps = (loads.shape[0] - 1) // 3
     positions, rates, forces = (np.empty((steps + 1, 3)), np.empty((steps + 1, 3)),

@@ -1,4 +1,4 @@
-"""What happens in the virtual rig during one test: load, rollers, friction, joints, what probes see."""
+"""What happens in the virtual rig during a test: load, rollers, friction, joints, probes' view."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ HELD_SHARE = 0.5
 
 @dataclass(frozen=True)
 class PhysicalRig:
-    """One particular rig: its description, true contact law, scatter and number, and its faults."""
+    """One particular rig: description, true contact law, scatter and number, and its faults."""
 
     rig: Rig
     contact: ContactParameters
@@ -76,8 +76,9 @@ def run_test(physical: PhysicalRig, load: Floats, step: float, seed: int = 0) ->
                               'steps: give effects of smaller size')
     every = slice(None, None, 3)
     force_x, force_y, moment = forces[every].T
-    motion = Motion(path.time[every], *positions.T.copy(), force_x.copy(), force_y.copy(),
-                    moment.copy(), path.arriving[every].copy())
+    x, y, tilt = positions.T.copy()
+    motion = Motion(path.time[every], x, y, tilt, force_x.copy(), force_y.copy(), moment.copy(),
+                    path.arriving[every].copy())
     _act(physical, 'motion', motion)
     seen = ProbeMotion(motion, _increments(physical.rig, motion), seed)
     _act(physical, 'probes', seen)
@@ -92,8 +93,9 @@ def _act(physical: PhysicalRig, stage: str, target: object) -> None:
 def _load_path(physical: PhysicalRig, load: Floats, step: float) -> LoadPath:
     count = len(load)
     path = LoadPath(
-        physical.rig, step / 3.0 * np.arange(count), load, load.copy(),
-        np.full(count, physical.elevation), np.full(count, physical.rig.trunnion.y))
+        physical.rig, step / 3.0 * np.arange(count, dtype=np.float64), load, load.copy(),
+        np.full(count, physical.elevation, dtype=np.float64),
+        np.full(count, physical.rig.trunnion.y, dtype=np.float64))
     _act(physical, 'load', path)
     return path
 
@@ -114,7 +116,7 @@ def _touching(rig: Rig, force: Floats) -> Floats:
 
 
 def _held(friction: Floats, initial: Floats, force: Floats) -> Floats:
-    """States z at the start; friction cannot push the ring, so it takes a share of the load at most."""
+    """States z at the start; friction cannot push the ring: it takes half its load at most."""
     acting = friction[:, :3] @ force
     most = HELD_SHARE * np.abs(acting) / np.maximum(friction[:, at.F_LIMIT], 1e-12)
     return np.asarray(np.clip(initial, -most, most))

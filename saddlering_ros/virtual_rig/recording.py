@@ -36,9 +36,10 @@ STEPS = {'static': 0.01, 'dynamic': 0.001}
 class Instruments:
     """How good the instruments are.
 
-    noise: rms of a probe's total noise [m], of which `slow_share` (rms) wanders with `slow_time` [s];
-    load_noise: rms of the cell's white noise [N], its slow part is a third of it; jitter: rms of
-    stamps as a share of the sampling period; gap: at zero [m]; gap_scatter: of the probes' gaps [m].
+    noise: rms of a probe's total noise [m], of which `slow_share` (rms) wanders within
+    `slow_time` [s]; load_noise: rms of the cell's white noise [N], its slow part is a third of it;
+    jitter: rms of stamps as a share of the sampling period; gap: at zero [m]; gap_scatter: rms
+    difference of the probes' gaps [m].
     """
 
     noise: float = 0.3e-6
@@ -53,7 +54,7 @@ class Instruments:
 
 @dataclass(frozen=True)
 class TestPlan:
-    """A test to be generated: the rig, what is done to it, how it is recorded, and the seed of chance."""
+    """A test to be generated: the rig, what is done to it, how it is recorded, seed of chance."""
 
     __test__ = False
 
@@ -91,7 +92,7 @@ class TestPlan:
 
 @dataclass(frozen=True)
 class TestRecord:
-    """What the recorder got: stamps int64 [ns] and readings of the load [N] and of the four gaps [m]."""
+    """What the recorder got: stamps int64 [ns], readings of the load [N] and of the gaps [m]."""
 
     __test__ = False
 
@@ -149,7 +150,7 @@ def write_record(path: Path | str, record: TestRecord, rig: Rig, *,
 
 def _instants(first: float, last: float, rate: float, jitter: float,
               random: np.random.Generator) -> Floats:
-    """When samples are taken [s]: a phase of its own, then `rate` with jitter, to the microsecond."""
+    """When samples are taken [s]: a phase of its own, then `rate` with jitter, in microseconds."""
     period = 1.0 / rate
     phase = random.uniform(0.05, 0.95) * period
     count = max(int((last - first - phase) * rate), 2)

@@ -1,4 +1,4 @@
-"""What the hydraulic cylinder is told to do: static steps and dynamic ramps as a controller makes them."""
+"""What the hydraulic cylinder does: static steps and dynamic ramps as a controller makes them."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from saddlering_ros.virtual_rig.errors import VirtualRigError
 
 Floats = NDArray[np.float64]
 
-CONTROLLER_LAG = {'static': 0.15, 'dynamic': 0.04}
+CONTROLLER_LAG = {'static': 0.15, 'dynamic': 0.03}
 """Time constant [s] of each of the controller's two lags; they round corners and settle steps."""
 
 LEAK_SHARE, LEAK_TIME = 4e-4, 4.0
@@ -24,7 +24,7 @@ LEAK_SHARE, LEAK_TIME = 4e-4, 4.0
 class Schedule:
     """A test: kind, peak, lowest load and step [N], hold, ramp and rest times [s], cycles.
 
-    static: hold at `lowest`, then one hold per step up to `peak` and back, each reached by a ramp of
+    static: hold at `lowest`, then one hold per step up to `peak` and back, reached by ramps of
     `ramp` seconds. dynamic: rest, ramp up, ramp down, rest; `ramp` is one way, `hold` the stay at
     the peak. rest: before the first and after the last move. step_error: rms by which held
     loads miss their target [N].
@@ -55,8 +55,8 @@ class Schedule:
         if self.cycles < 1:
             raise VirtualRigError(f'cycles is {self.cycles}: give 1 or more')
         if self.duration > 7200.0:
-            raise VirtualRigError(f'the test would last {self.duration:.0f} s: give shorter holds, '
-                                  'larger steps or fewer cycles (two hours at most)')
+            raise VirtualRigError(f'the test would last {self.duration:.0f} s: give shorter '
+                                  'holds, larger steps or fewer cycles (two hours at most)')
 
     def corners(self) -> tuple[Floats, Floats]:
         """Times [s] and loads [N] between which the set point is straight."""
@@ -90,9 +90,10 @@ class Schedule:
         return (up + down) * self.cycles
 
 
-def static_schedule(rig: Rig, *, hold: float = 5.0, step: float = TONNE, peak: float | None = None,
-                    cycles: int = 1, lowest: float | None = None) -> Schedule:
-    """0 to 25 t and back in steps of 1 t; the lowest load is the preload, where the test starts."""
+def static_schedule(rig: Rig, *, hold: float = 5.0, step: float = TONNE,
+                    peak: float | None = None, cycles: int = 1,
+                    lowest: float | None = None) -> Schedule:
+    """0 to 25 t and back in steps of 1 t; it starts and ends at the preload."""
     return Schedule('static', FULL_SCALE_LOAD if peak is None else peak,
                     rig.preload if lowest is None else lowest, step, hold, 1.0, hold + 2.0, cycles,
                     100.0)
@@ -101,14 +102,15 @@ def static_schedule(rig: Rig, *, hold: float = 5.0, step: float = TONNE, peak: f
 def dynamic_schedule(rig: Rig, *, duration: float = 10.0, speed: float = 1.0,
                      peak: float | None = None, cycles: int = 1, hold: float = 0.0,
                      lowest: float | None = None) -> Schedule:
-    """A ramp to 25 t and back, `duration` [s] with rests of an eighth each; `speed` shortens the ramp."""
+    """A ramp to 25 t and back, `duration` [s] with rests of an eighth; `speed` cuts the ramp."""
     if not 0.0 < duration <= 7200.0 or not 0.0 < speed <= 1000.0:
         raise VirtualRigError(f'a ramp test of {duration:g} s at {speed:g} times the speed: '
                               'give numbers above zero')
     rest = max(duration / 8.0, 1.0)
     ramp = max(duration - 2.0 * rest, 0.2 * duration) / 2.0 / speed
     return Schedule('dynamic', FULL_SCALE_LOAD if peak is None else peak,
-                    rig.preload if lowest is None else lowest, TONNE, hold, ramp, rest, cycles, 0.0)
+                    rig.preload if lowest is None else lowest, TONNE, hold, ramp, rest, cycles,
+                    0.0)
 
 
 def controlled_load(schedule: Schedule, spacing: float, count: int,
@@ -119,7 +121,7 @@ def controlled_load(schedule: Schedule, spacing: float, count: int,
         held = np.repeat(random.normal(0.0, schedule.step_error, (len(time) + 1) // 2), 2)
         target = np.where(target > schedule.lowest, target + held[:len(time)], target)
     instants = spacing * np.arange(count)
-    load = np.interp(instants, time, target)
+    load: Floats = np.interp(instants, time, target)
     load = _lagged(load - load[0], spacing, LEAK_TIME, LEAK_SHARE) + load[0]
     lag = CONTROLLER_LAG[schedule.test]
     for _ in range(2):
@@ -128,7 +130,7 @@ def controlled_load(schedule: Schedule, spacing: float, count: int,
 
 
 def low_pass(values: Floats, spacing: float, time_constant: float) -> Floats:
-    """First-order low-pass, exact for values that run straight between instants; starts at rest."""
+    """First-order low-pass, exact for values straight between instants; starts at rest."""
     if time_constant <= 0.0:
         return values
     ratio = spacing / time_constant
@@ -140,4 +142,4 @@ def low_pass(values: Floats, spacing: float, time_constant: float) -> Floats:
 
 
 def _lagged(values: Floats, spacing: float, time_constant: float, share: float) -> Floats:
-    return values - share * low_pass(values, spacing, time_constant)
+    return np.asarray(values - share * low_pass(values, spacing, time_constant))
