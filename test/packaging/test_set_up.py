@@ -91,7 +91,7 @@ def test_a_machine_without_wheels_is_told_to_source_a_ros(project):
     assert 'source a ROS 2 Jazzy first' in set_up(project, folder).stderr
 
 
-@pytest.mark.skipif(not (ROOT / '.venv' / 'stamps' / 'package').is_file(),
+@pytest.mark.skipif(not (ROOT / '.venv' / 'stamps' / 'python').is_file(),
                     reason='this is not an environment that set-up made')
 def test_a_second_set_up_finds_nothing_to_do():
     environment = {**os.environ, 'PIP_NO_INDEX': '1'}
