@@ -7,8 +7,8 @@ from typing import Any, ClassVar
 
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
-from saddlering_interfaces.msg import ReplayProgress
 
+from saddlering_interfaces.msg import ReplayProgress
 from saddlering_ros.errors import SaddleringError
 from saddlering_ros.nodes.diagnostics import Task, to_message
 from saddlering_ros.nodes.errors import NodeError
@@ -55,7 +55,11 @@ class StreamingNode(LifecycleNode):
         self._untold = False
         self._diagnosed = time.monotonic()
 
-    # --- for subclasses ---------------------------------------------------------------------------
+    # --- for subclasses ---
+
+    def startable(self) -> bool:
+        """Whether the settings are enough to start by itself; says why not."""
+        return True
 
     def configure(self) -> None:
         """Read the settings and make the core."""
@@ -81,11 +85,11 @@ class StreamingNode(LifecycleNode):
         """The inflows a replay in lockstep waits for."""
         return self.inputs
 
-    # --- lifecycle ----------------------------------------------------------------------------------
+    # --- lifecycle ---
 
     def start(self) -> None:
         """Configure and activate, if `autostart` says so; raises what keeps the node from it."""
-        if not self.settings['autostart']:
+        if not self.settings['autostart'] or not self.startable():
             return
         self.trigger_configure()
         if self.problem is not None:
@@ -134,11 +138,13 @@ class StreamingNode(LifecycleNode):
 
     def _disconnect(self) -> None:
         self.active = False
-        for flow in (*self.inputs, *self.outputs):
-            flow.close()
+        for inflow in self.inputs:
+            inflow.close()
+        for outflow in self.outputs:
+            outflow.close()
         self.inputs, self.outputs = [], []
 
-    # --- the loop -----------------------------------------------------------------------------------
+    # --- the loop ---
 
     def inflows(self) -> list[Inflow]:
         """The subscriptions to wait for."""

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from builtin_interfaces.msg import Time
 import numpy as np
-from saddlering_interfaces.msg import RingParameters
 
+from saddlering_interfaces.msg import RingParameters
 from saddlering_ros.nodes.errors import NodeError
 from saddlering_ros.rig import ContactParameters, ParameterSet, ParameterSource
 from saddlering_ros.rig.parameter_file import Effects

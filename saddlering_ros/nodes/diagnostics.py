@@ -124,8 +124,8 @@ class SaturationTask:
         figures = {'saturated': str(self.total), 'nearest to an end [mm]': f'{self._margin * 1e3:.4g}'}
         count, self._new, self._margin = self._new, 0, math.inf
         if count:
-            return Finding(ERROR, f'{count} readings at an end of the probe\'s range: '
-                           'check the probe\'s position', figures)
+            return Finding(ERROR, f"{count} readings at an end of the probe's range: "
+                           "check the probe's position", figures)
         return Finding(OK, 'inside its range', figures)
 
 

@@ -31,7 +31,7 @@ class Parameter:
     """One parameter of a node.
 
     low, high: range of a number, both included; choices: what a text may be; changeable: may be
-    set while the node runs (else it is read only).
+    set while the node runs (else it is read only); nan_allowed: NaN stands for `not given`.
     """
 
     name: str
@@ -41,6 +41,7 @@ class Parameter:
     high: float = math.inf
     choices: tuple[str, ...] = ()
     changeable: bool = False
+    nan_allowed: bool = False
 
     def descriptor(self) -> ParameterDescriptor:
         """What `ros2 param describe` shows."""
@@ -48,7 +49,8 @@ class Parameter:
             name=self.name, description=self.words, read_only=not self.changeable)
         if self.choices:
             descriptor.additional_constraints = f'one of: {", ".join(self.choices)}'
-        if isinstance(self.default, float) and math.isfinite(self.low) and math.isfinite(self.high):
+        bounded = math.isfinite(self.low) and math.isfinite(self.high) and not self.nan_allowed
+        if isinstance(self.default, float) and bounded:
             descriptor.floating_point_range = [
                 FloatingPointRange(from_value=self.low, to_value=self.high)]
         elif isinstance(self.default, int) and not isinstance(self.default, bool):
@@ -60,6 +62,8 @@ class Parameter:
         """Why `value` cannot be taken, in one line; empty if it can."""
         if self.choices and value not in self.choices:
             return f'{self.name} is {value!r}: give one of {", ".join(self.choices)}'
+        if self.nan_allowed and isinstance(value, float) and math.isnan(value):
+            return ''
         if isinstance(self.default, float) and not math.isfinite(value):
             return f'{self.name} is {value}: give a finite number'
         if isinstance(value, (int, float)) and not isinstance(value, bool) \

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from builtin_interfaces.msg import Time
 from rclpy.qos import QoSProfile, ReliabilityPolicy
-from saddlering_interfaces.msg import ReplayProgress
 
+from saddlering_interfaces.msg import ReplayProgress
 from saddlering_ros.nodes.flow import Inflow, Outflow
 from saddlering_ros.nodes.wire import SECOND
 

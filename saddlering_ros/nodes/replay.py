@@ -20,7 +20,8 @@ from saddlering_ros.nodes.parameters import Parameter
 JUMP = 2 * wire.SECOND
 """A clock that goes on by more than this was moved by hand: what lies between is not published."""
 
-BAG = Parameter('bag', '', 'the bag to replay: a rosbag2 directory or an .mcap file')
+BAG = Parameter('bag', '', 'the bag to replay: a rosbag2 directory or an .mcap file; none: wait',
+                changeable=True)
 
 
 def bag_elevation(path: str) -> float:
@@ -61,6 +62,14 @@ class ReplayNode(StreamingNode):
     PARAMETERS = (BAG,)
     TOPICS: ClassVar[tuple[str, ...]] = ()
     MESSAGE: ClassVar[Any] = None
+
+    def startable(self) -> bool:
+        """Without a bag it waits: a driver of the hardware, or ros2 bag play, may do its work."""
+        if not self.settings.text('bag'):
+            self.get_logger().info('no bag given: replays nothing. To replay one: ros2 param set '
+                                   f'/{self.get_name()} bag PATH, then ros2 lifecycle set')
+            return False
+        return True
 
     def configure(self) -> None:
         """Read the bag."""

@@ -9,10 +9,10 @@ import time
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.serialization import deserialize_message
 from rosgraph_msgs.msg import Clock
-from saddlering_interfaces.msg import ReplayProgress, ReplayState
-from saddlering_interfaces.srv import Seek, SetRate, Step
 from std_srvs.srv import Trigger
 
+from saddlering_interfaces.msg import ReplayProgress, ReplayState
+from saddlering_interfaces.srv import Seek, SetRate, Step
 from saddlering_ros.bags import read_raw
 from saddlering_ros.nodes.base import path_setting, StreamingNode
 from saddlering_ros.nodes.diagnostics import ERROR, Finding, FunctionTask, OK, WARN
@@ -68,6 +68,14 @@ class ReplayClockNode(StreamingNode):
         self.create_service(Step, '~/step', self._on_step)
         self._state_publisher = self.create_publisher(ReplayState, STATE_TOPIC, STATE_QOS)
 
+    def startable(self) -> bool:
+        """Without a bag it waits: a driver of the hardware, or ros2 bag play, may do its work."""
+        if not self.settings.text('bag'):
+            self.get_logger().info('no bag given: replays nothing. To replay one: ros2 param set '
+                                   f'/{self.get_name()} bag PATH, then ros2 lifecycle set')
+            return False
+        return True
+
     def configure(self) -> None:
         """Read from when to when the bag goes."""
         record = read_raw(path_setting(self, 'bag'))
@@ -118,7 +126,7 @@ class ReplayClockNode(StreamingNode):
             return REPEAT
         return 0.002 if self._lockstep else 1.0 / self.settings['clock_rate']
 
-    # --- time ---------------------------------------------------------------------------------------
+    # --- time ---
 
     def _wait(self, now: float) -> None:
         self._waiting_for = self._muster.absent()
@@ -205,7 +213,7 @@ class ReplayClockNode(StreamingNode):
             end=to_time(self._end), rate=self._rate, speed=max(0.0, self._speed),
             waiting_for=self._waiting_for))
 
-    # --- services -----------------------------------------------------------------------------------
+    # --- services ---
 
     def _on_play(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         response.success = self.active

@@ -7,11 +7,11 @@ import sys
 
 from geometry_msgs.msg import WrenchStamped
 from rclpy.qos import DurabilityPolicy, QoSProfile
-from saddlering_interfaces.msg import RingDisplacement
 from sensor_msgs.msg import Range
 from std_msgs.msg import Header
 from std_srvs.srv import Trigger
 
+from saddlering_interfaces.msg import RingDisplacement
 from saddlering_ros.bags import LOAD_TOPIC, PROBE_TOPICS
 from saddlering_ros.nodes import wire
 from saddlering_ros.nodes.base import INPUT_RELIABILITY, MAX_GAP, StreamingNode

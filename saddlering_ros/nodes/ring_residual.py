@@ -6,8 +6,8 @@ from collections.abc import Sequence
 import sys
 
 import numpy as np
-from saddlering_interfaces.msg import RingDisplacement
 
+from saddlering_interfaces.msg import RingDisplacement
 from saddlering_ros.nodes import wire
 from saddlering_ros.nodes.base import INPUT_RELIABILITY, StreamingNode
 from saddlering_ros.nodes.diagnostics import Events, Finding, FunctionTask, OK, StreamTask, WARN

@@ -9,16 +9,24 @@ import time
 
 from geometry_msgs.msg import WrenchStamped
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
-from saddlering_interfaces.msg import RingDisplacement, RingParameters
 from std_msgs.msg import Header
 from std_srvs.srv import Trigger
 
+from saddlering_interfaces.msg import RingDisplacement, RingParameters
 from saddlering_ros.bags import LOAD_TOPIC
 from saddlering_ros.errors import SaddleringError
 from saddlering_ros.nodes import wire
 from saddlering_ros.nodes.base import INPUT_RELIABILITY, MAX_GAP, StreamingNode
 from saddlering_ros.nodes.conversions import parameters_from_message, parameters_to_message
-from saddlering_ros.nodes.diagnostics import ERROR, Events, Finding, FunctionTask, OK, StreamTask, WARN
+from saddlering_ros.nodes.diagnostics import (
+    ERROR,
+    Events,
+    Finding,
+    FunctionTask,
+    OK,
+    StreamTask,
+    WARN,
+)
 from saddlering_ros.nodes.flow import Inflow, Outflow
 from saddlering_ros.nodes.parameters import declare_rig, Parameter
 from saddlering_ros.nodes.progress import to_stamp, to_time
@@ -30,6 +38,7 @@ from saddlering_ros.rig import ParameterSet, ParameterSource, read_parameters, T
 PARAMETERS_TOPIC = '/ring/parameters'
 LATCHED = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE,
                      durability=DurabilityPolicy.TRANSIENT_LOCAL)
+ASSUMED_ELEVATION_DEG = 50.0
 FLUSH_AFTER = 0.02
 """Samples held back are simulated when nothing has come for this long [s]."""
 
@@ -44,8 +53,9 @@ class RingSimulatorNode(StreamingNode):
         Parameter('follow_parameters', False, 'take parameters from /ring/parameters when others '
                   'come there (the simulation then starts anew)'),
         Parameter('follow_zero', True, 'zero anew when ring_displacement is asked to'),
-        Parameter('bag', '', 'a bag whose elevation is taken; none: elevation_deg counts'),
-        Parameter('elevation_deg', 50.0, 'elevation of the load [deg]', low=-10.0, high=90.0),
+        Parameter('bag', '', 'a bag whose elevation is taken, unless elevation_deg is given'),
+        Parameter('elevation_deg', math.nan, 'elevation of the load [deg]; nan: as the bag says, '
+                  'or 50 without a bag', low=-10.0, high=90.0, nan_allowed=True),
         Parameter('max_step', 1e-3, 'longest time step of the integration [s]', low=1e-6, high=0.1),
         Parameter('frame_id', 'ring', 'frame of the displacement: reference point C of the ring'),
     )
@@ -86,9 +96,13 @@ class RingSimulatorNode(StreamingNode):
         self.outputs = [Outflow(self, '/ring/simulated_displacement', RingDisplacement)]
 
     def _read_elevation(self) -> float:
-        bag = self.settings.text('bag')
+        bag, given = self.settings.text('bag'), self.settings['elevation_deg']
+        if not math.isnan(given):
+            return math.radians(given)
         if not bag:
-            return math.radians(self.settings['elevation_deg'])
+            self.get_logger().warning(f'no elevation_deg and no bag: {ASSUMED_ELEVATION_DEG:g} deg '
+                                      'is assumed')
+            return math.radians(ASSUMED_ELEVATION_DEG)
         from saddlering_ros.nodes.replay import bag_elevation
         return bag_elevation(bag)
 

@@ -31,13 +31,17 @@ def run_streaming(make: Callable[[], StreamingNode], args: Sequence[str] | None 
 
 
 def run(make: Callable[[], Any], spin: Callable[[Any], None],
-        args: Sequence[str] | None = None) -> int:
-    """Make a node, spin it, and clean up; one line and status 2 for what its user can put right."""
+        args: Sequence[str] | None = None, *, own_signals: bool = False) -> int:
+    """Make a node, spin it, clean up; one line and status 2 for what its user can put right.
+
+    With `own_signals`, `spin` itself sees to SIGINT and SIGTERM.
+    """
     follow_lifeline()
     sweep()
     node: Node | None = None
     try:
-        rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.ALL)
+        rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO if own_signals
+                   else SignalHandlerOptions.ALL)
         node = make()
         spin(node)
         return 0
@@ -47,7 +51,7 @@ def run(make: Callable[[], Any], spin: Callable[[Any], None],
     except (KeyboardInterrupt, ExternalShutdownException):
         return 0
     except Exception as problem:
-        if rclpy.ok() and node is not None or not _is_usage(problem):
+        if (rclpy.ok() and node is not None) or not _is_usage(problem):
             raise
         print(_one_line(str(problem)), file=sys.stderr)
         return UNUSABLE

@@ -1,10 +1,10 @@
-"""The loop of a streaming node: wait for data, work it off in batches, serve the rest in between."""
+"""The loop of a streaming node: wait for data, work off a batch, serve the rest in between."""
 
 from __future__ import annotations
 
 from contextlib import ExitStack
 import time
-from typing import Protocol
+from typing import Any, Protocol
 
 from rclpy.context import Context
 from rclpy.executors import ShutdownException, SingleThreadedExecutor, TimeoutException
@@ -31,7 +31,7 @@ class Streaming(Protocol):
         """Take what has arrived and deal with it."""
 
     def tick(self, now: float) -> float:
-        """What is due by the monotonic clock at `now` [s]; returns how long it may wait next [s]."""
+        """What is due at `now` (monotonic) [s]; returns how long it may wait next [s]."""
 
     def finished(self) -> bool:
         """Whether the node wants to leave."""
@@ -43,7 +43,7 @@ class DataWait:
     def __init__(self, context: Context) -> None:
         self._context = context
         self._size = -1
-        self._set = None
+        self._set: Any = None
 
     def wait(self, inflows: list[Inflow], seconds: float) -> bool:
         """Wait until one of `inflows` has data, at most `seconds`; whether one has."""
@@ -56,7 +56,6 @@ class DataWait:
                 self._set = rclpy_implementation.WaitSet(
                     self._size, 0, 0, 0, 0, 0, self._context.handle)
         ready = self._set
-        assert ready is not None
         with ExitStack() as held:
             ready.clear_entities()
             for inflow in inflows:

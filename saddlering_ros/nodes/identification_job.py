@@ -1,0 +1,44 @@
+"""One identification as a job of a worker process: plain data in, plain data out, no ROS in it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+import json
+from typing import Any
+
+from saddlering_ros.bags import read_run
+from saddlering_ros.identification import identify, IdentificationSettings, Progress, validate
+from saddlering_ros.rig import ParameterSet, Rig
+
+
+@dataclass(frozen=True)
+class IdentificationRequest:
+    """What to identify: bags by path, those kept back, the rig, and the settings."""
+
+    bags: tuple[str, ...]
+    validation_bags: tuple[str, ...]
+    rig: Rig
+    settings: IdentificationSettings
+
+
+@dataclass(frozen=True)
+class IdentificationAnswer:
+    """What was found; validation and report as JSON texts."""
+
+    parameters: ParameterSet
+    objective: float
+    words: str
+    validation_json: str
+    report_json: str
+
+
+def run(request: IdentificationRequest, on_progress: Callable[[Progress], None],
+        ) -> IdentificationAnswer:
+    """Identify, and judge the result on the bags kept back (on all bags if there are none)."""
+    runs = [read_run(bag) for bag in request.bags]
+    kept_back = [read_run(bag) for bag in request.validation_bags]
+    found = identify(runs, request.rig, request.settings, on_progress=on_progress)
+    judged: Any = validate(kept_back or runs, request.rig, found.parameters).to_json()
+    return IdentificationAnswer(found.parameters, found.objective, found.status,
+                                json.dumps(judged['runs']), json.dumps(found.to_json()))

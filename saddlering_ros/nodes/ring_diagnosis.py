@@ -1,0 +1,49 @@
+"""Node ring_diagnosis: the action /diagnose_ring, what the simulation gets wrong in recorded bags."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+import sys
+from typing import Any
+
+from saddlering_interfaces.action import DiagnoseRing
+
+from saddlering_ros.nodes.diagnosis_job import DiagnosisAnswer, DiagnosisRequest
+from saddlering_ros.nodes.errors import NodeError
+from saddlering_ros.nodes.servers import ActionNode, serve
+
+
+class RingDiagnosisNode(ActionNode):
+    """Serves /diagnose_ring."""
+
+    ACTION = DiagnoseRing
+    NAME = '/diagnose_ring'
+    JOB = 'saddlering_ros.nodes.diagnosis_job'
+
+    def __init__(self) -> None:
+        super().__init__('ring_diagnosis')
+
+    def request(self, goal: DiagnoseRing.Goal) -> DiagnosisRequest:
+        """What the job gets."""
+        if not goal.bags:
+            raise NodeError('the goal names no bags: give at least one')
+        return DiagnosisRequest(self.bags(goal.bags), self.bags(goal.hold_out), self.rig,
+                                self.parameters_path(goal.parameters_file), int(goal.seed))
+
+    def feedback(self, progress: tuple[str, float], elapsed: float) -> DiagnoseRing.Feedback:
+        """How far the diagnosis is."""
+        stage, share = progress
+        return DiagnoseRing.Feedback(stage=stage, progress=float(share), elapsed=elapsed)
+
+    def fill(self, result: Any, answer: DiagnosisAnswer) -> None:
+        """The verdict."""
+        result.verdict, result.verdict_json = answer.verdict, answer.verdict_json
+
+
+def main(args: Sequence[str] | None = None) -> None:
+    """Run the node."""
+    sys.exit(serve(RingDiagnosisNode, args))
+
+
+if __name__ == '__main__':
+    main()

@@ -1,0 +1,89 @@
+"""Node ring_identification: the action /identify_ring, contact parameters from recorded bags."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+import math
+import sys
+from typing import Any
+
+from saddlering_interfaces.action import IdentifyRing
+
+from saddlering_ros.identification import IdentificationSettings, Progress, SwarmSettings
+from saddlering_ros.nodes.errors import NodeError
+from saddlering_ros.nodes.identification_job import IdentificationAnswer, IdentificationRequest
+from saddlering_ros.nodes.servers import ActionNode, serve
+from saddlering_ros.rig import PARAMETER_NAMES
+
+SWARM_FIELDS = {
+    'particles': 'particles', 'iterations': 'iterations', 'c1': 'cognitive', 'c2': 'social',
+    'inertia_start': 'inertia_start', 'inertia_end': 'inertia_end'}
+"""Fields of the goal, and the settings of the swarm they are."""
+
+
+class RingIdentificationNode(ActionNode):
+    """Serves /identify_ring."""
+
+    ACTION = IdentifyRing
+    NAME = '/identify_ring'
+    JOB = 'saddlering_ros.nodes.identification_job'
+
+    def __init__(self) -> None:
+        super().__init__('ring_identification')
+
+    def request(self, goal: IdentifyRing.Goal) -> IdentificationRequest:
+        """What the job gets."""
+        if not goal.bags:
+            raise NodeError('the goal names no bags: give at least one')
+        settings = settings_of(goal)
+        settings.bounds_for(self.rig)
+        return IdentificationRequest(self.bags(goal.bags), self.bags(goal.validation_bags),
+                                     self.rig, settings)
+
+    def feedback(self, progress: Progress, elapsed: float) -> IdentifyRing.Feedback:
+        """One iteration of the swarm or of the refinement."""
+        return IdentifyRing.Feedback(
+            stage=progress.stage, iteration=progress.iteration, iterations=progress.iterations,
+            best_objective=float(progress.best_objective),
+            best_parameters=[float(value) for value in progress.best_parameters],
+            spread=float(progress.spread), elapsed=elapsed)
+
+    def fill(self, result: Any, answer: IdentificationAnswer) -> None:
+        """The numbers."""
+        result.objective = float(answer.objective)
+        result.validation_json, result.report_json = answer.validation_json, answer.report_json
+
+
+def settings_of(goal: IdentifyRing.Goal) -> IdentificationSettings:
+    """The settings a goal asks for; SaddleringError for one that cannot be used."""
+    chosen: dict[str, Any] = {}
+    for field, setting in SWARM_FIELDS.items():
+        value = getattr(goal, field)
+        if not math.isfinite(value) or value < 0:
+            raise NodeError(f'{field} is {value}: give a number above 0, or 0 for the default')
+        if value:
+            chosen[setting] = value
+    return IdentificationSettings(
+        method=goal.method or 'default', bounds=_bounds(goal), swarm=SwarmSettings(**chosen),
+        logarithmic_stiffness=goal.logarithmic_stiffness,
+        use_delta_y=True if goal.use_delta_y else None, seed=goal.seed)
+
+
+def _bounds(goal: IdentifyRing.Goal) -> dict[str, tuple[float, float]]:
+    low, high = list(goal.lower_bounds), list(goal.upper_bounds)
+    if not low and not high:
+        return {}
+    if len(low) != len(PARAMETER_NAMES) or len(high) != len(PARAMETER_NAMES):
+        raise NodeError(f'bounds have {len(low)} and {len(high)} numbers: give six each, in the '
+                        f'order {", ".join(PARAMETER_NAMES)}, or none')
+    pairs = zip(low, high, strict=True)
+    return dict(zip(PARAMETER_NAMES, pairs, strict=True))
+
+
+def main(args: Sequence[str] | None = None) -> None:
+    """Run the node."""
+    sys.exit(serve(RingIdentificationNode, args))
+
+
+if __name__ == '__main__':
+    main()

@@ -1,0 +1,247 @@
+"""What both action servers share: one goal at a time, bags from one folder, work in a process."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+import signal
+import threading
+import time
+from typing import Any, ClassVar
+
+from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.action import ActionServer, CancelResponse, GoalResponse
+from rclpy.action.server import ServerGoalHandle
+from rclpy.clock import Clock, ClockType
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.task import Future
+from saddlering_interfaces.msg import RingParameters
+
+from saddlering_ros.errors import SaddleringError
+from saddlering_ros.nodes.conversions import parameters_to_message
+from saddlering_ros.nodes.diagnostics import ERROR, Finding, OK, to_message
+from saddlering_ros.nodes.errors import NodeError
+from saddlering_ros.nodes.parameters import declare, declare_rig, Parameter
+from saddlering_ros.nodes.run import run
+from saddlering_ros.nodes.worker import CANCELED, DONE, FAILED, Outcome, REFUSED, Worker
+from saddlering_ros.paths import share_directory
+from saddlering_ros.rig import ParameterSet, Rig
+
+LATCHED = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE,
+                     durability=DurabilityPolicy.TRANSIENT_LOCAL)
+SHUTTING_DOWN = 'the server is shutting down'
+
+
+class ActionNode(Node):
+    """An action server whose work is done by a worker process.
+
+    One goal at a time: a goal that comes while another runs is rejected (the client cancels
+    the first, or waits). A goal that cannot be used is accepted and aborted at once with
+    status REFUSED and the reason, since a rejection can carry none. Every accepted
+    goal ends: succeeded, canceled, or aborted with status REFUSED or FAILED.
+    """
+
+    ACTION: ClassVar[Any]
+    NAME: ClassVar[str]
+    JOB: ClassVar[str]
+
+    PARAMETERS: ClassVar[tuple[Parameter, ...]] = (
+        Parameter('bag_root', '', 'folder that holds every bag a goal may name (links are '
+                  'followed before this is checked); none: the bags shipped with the package'),
+        Parameter('parameters_root', '', 'folder that holds every parameter file a goal may name; '
+                  'none: bag_root'),
+    )
+
+    def __init__(self, name: str) -> None:
+        super().__init__(name)
+        self.settings = declare(self, self.PARAMETERS)
+        self.rig: Rig = declare_rig(self)
+        self.bag_root = self._root('bag_root', share_directory() / 'bags')
+        self.parameters_root = self._root('parameters_root', self.bag_root)
+        self.stopping = False
+        self._busy = threading.Lock()
+        self._stage, self._last = 'idle', 'no goal yet'
+        self._level = OK
+        self._worker = Worker(self.JOB)
+        self._done = self.create_guard_condition(lambda: None)
+        self._found = self.create_publisher(RingParameters, '/ring/parameters', LATCHED)
+        self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
+        self.create_timer(1.0, self._diagnose, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        self._server = ActionServer(
+            self, self.ACTION, self.NAME, execute_callback=self._execute,
+            goal_callback=self._on_goal, cancel_callback=self._on_cancel)
+
+    # --- for subclasses ---
+
+    def request(self, goal: Any) -> Any:
+        """What the job gets; SaddleringError for a goal that cannot be used."""
+        raise NotImplementedError
+
+    def feedback(self, progress: Any, elapsed: float) -> Any:
+        """A feedback message from what the job reports."""
+        raise NotImplementedError
+
+    def fill(self, result: Any, answer: Any) -> None:
+        """Put the job's answer into the result."""
+        raise NotImplementedError
+
+    # --- bags ---
+
+    def _root(self, name: str, default: Path) -> Path:
+        given = self.settings.text(name)
+        root = Path(given).expanduser() if given else default
+        if given and not root.is_dir():
+            raise NodeError(f'{self.get_name()}: parameter {name} is {given}: '
+                            'give a folder that exists')
+        return root.resolve()
+
+    def bags(self, names: Sequence[str]) -> tuple[str, ...]:
+        """The bags of a goal as paths below bag_root."""
+        return tuple(str(below(self.bag_root, name, 'bag')) for name in names)
+
+    def parameters_path(self, name: str) -> str:
+        """A parameter file of a goal as a path below parameters_root; '' stays ''."""
+        return str(below(self.parameters_root, name, 'parameter file')) if name else ''
+
+    # --- the life of a goal ---
+
+    def _on_goal(self, goal: Any) -> GoalResponse:
+        if self._busy.locked() or self.stopping:
+            self.get_logger().warning(
+                f'goal rejected: another one is running ({self._stage}); cancel it or wait')
+            return GoalResponse.REJECT
+        self._busy.acquire()
+        return GoalResponse.ACCEPT
+
+    def _on_cancel(self, goal_handle: ServerGoalHandle) -> CancelResponse:
+        return CancelResponse.ACCEPT
+
+    async def _execute(self, goal_handle: ServerGoalHandle) -> Any:
+        result = self.ACTION.Result()
+        try:
+            outcome = await self._outcome(goal_handle)
+            self._end(goal_handle, outcome, result)
+        except Exception as problem:
+            self.get_logger().error(f'failed: {problem}')
+            result.status, result.message = result.FAILED, str(problem)
+            goal_handle.abort()
+        finally:
+            self._stage = 'idle'
+            self._busy.release()
+        return result
+
+    async def _outcome(self, goal_handle: ServerGoalHandle) -> Outcome:
+        try:
+            request = self.request(goal_handle.request)
+        except SaddleringError as problem:
+            return Outcome(REFUSED, None, str(problem))
+        future: Future = Future()
+        self._stage = 'starting'
+        threading.Thread(target=self._work, args=(goal_handle, request, future),
+                         daemon=True).start()
+        outcome: Outcome = await future
+        return outcome
+
+    def _work(self, goal_handle: ServerGoalHandle, request: Any, future: Future) -> None:
+        """In a thread: drive the worker process, pass its progress on, watch for a cancel."""
+        started = time.monotonic()
+
+        def on_progress(progress: Any) -> None:
+            message = self.feedback(progress, time.monotonic() - started)
+            self._stage = message.stage
+            goal_handle.publish_feedback(message)
+
+        def stop() -> str:
+            if self.stopping:
+                return SHUTTING_DOWN
+            return 'canceled' if goal_handle.is_cancel_requested else ''
+
+        try:
+            outcome = self._worker.run(request, on_progress, stop)
+        except Exception as problem:
+            outcome = Outcome(FAILED, None, f'{type(problem).__name__}: {problem}')
+        future.set_result(outcome)
+        self._done.trigger()
+        if not self.stopping:
+            self._worker.start()
+
+    def _end(self, goal_handle: ServerGoalHandle, outcome: Outcome, result: Any) -> None:
+        """Bring the goal to its end, and say why."""
+        result.message = outcome.words
+        self._level = OK
+        if outcome.kind == DONE:
+            self.fill(result, outcome.answer)
+            result.status = result.SUCCEEDED
+            result.message = outcome.answer.words
+            goal_handle.succeed()
+            self._publish(outcome.answer.parameters, result)
+        elif outcome.kind == CANCELED and goal_handle.is_cancel_requested:
+            result.status = result.CANCELED
+            goal_handle.canceled()
+        else:
+            result.status = result.REFUSED if outcome.kind == REFUSED else result.FAILED
+            self._level = OK if outcome.kind == REFUSED else ERROR
+            goal_handle.abort()
+        self._last = f'{outcome.kind}: {result.message}'
+        self.get_logger().info(f'goal {self._last}')
+
+    def _publish(self, parameters: ParameterSet, result: Any) -> None:
+        message = parameters_to_message(parameters, self.get_clock().now().to_msg())
+        result.parameters = message
+        self._found.publish(message)
+
+    def _diagnose(self) -> None:
+        finding = Finding(self._level, self._stage, {'last goal': self._last})
+        message = to_message(self.get_name(), [(self.NAME, finding)])
+        message.header.stamp = self.get_clock().now().to_msg()
+        self._diagnostics.publish(message)
+
+    def destroy_node(self) -> None:
+        """End the worker process too."""
+        self._worker.close()
+        self._server.destroy()
+        super().destroy_node()
+
+    def idle(self) -> bool:
+        """Whether no goal is running."""
+        return not self._busy.locked()
+
+
+def below(root: Path, name: str, what: str) -> Path:
+    """The file or folder `name` (relative to `root`, or absolute), which must lie below `root`.
+
+    Links and `..` are resolved first. NodeError with one line if it does not, or is not there.
+    """
+    path = Path(name)
+    try:
+        real = (path if path.is_absolute() else root / path).resolve()
+    except (OSError, RuntimeError, ValueError) as problem:
+        raise NodeError(f'{what} {name!r}: cannot be resolved: give a path below {root}') from problem
+    if not name or not real.is_relative_to(root):
+        raise NodeError(f'{what} {name!r} is not below {root}: put it there, or set the root')
+    if not real.exists():
+        raise NodeError(f'{what} {name!r} is not in {root}: check the name')
+    return real
+
+
+def serve(make: Any, args: Sequence[str] | None = None) -> int:
+    """Run an action server until SIGINT or SIGTERM; a goal that runs then is aborted first."""
+    told = threading.Event()
+
+    def spin(node: ActionNode) -> None:
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, lambda *_: told.set())
+        executor = SingleThreadedExecutor()
+        executor.add_node(node)
+        while not told.is_set() and node.context.ok():
+            executor.spin_once(timeout_sec=0.1)
+        node.stopping = True
+        deadline = time.monotonic() + 1.0
+        while not node.idle() and time.monotonic() < deadline:
+            executor.spin_once(timeout_sec=0.02)
+        executor.spin_once(timeout_sec=0.02)
+        executor.shutdown(timeout_sec=0.0)
+
+    return run(make, spin, args, own_signals=True)

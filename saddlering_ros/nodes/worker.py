@@ -1,0 +1,140 @@
+"""Heavy work in a process of its own, so that a node's callbacks go on; killed to cancel it.
+
+    python -m saddlering_ros.nodes.worker FD MODULE      (started by `Worker`, never by hand)
+
+MODULE has `run(request, on_progress) -> answer`; request, progress and answer are plain data.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+import contextlib
+from dataclasses import dataclass
+import importlib
+from multiprocessing.connection import Connection
+import os
+import socket
+import subprocess
+import sys
+from typing import Any
+
+from saddlering_ros.errors import SaddleringError
+from saddlering_ros.nodes.lifeline import follow_lifeline, LIFELINE
+
+POLL = 0.02
+"""How often a running job is asked whether it shall be cancelled [s]."""
+
+NICENESS = 5
+"""The nodes that follow the rig go first."""
+
+DONE, REFUSED, FAILED, CANCELED = 'done', 'refused', 'failed', 'canceled'
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """How a job ended: DONE with its answer, or REFUSED, FAILED, CANCELED with words."""
+
+    kind: str
+    answer: Any = None
+    words: str = ''
+
+
+class Worker:
+    """One worker process, kept ready: its modules are loaded before the first job comes."""
+
+    def __init__(self, module: str) -> None:
+        self._module = module
+        self._process: subprocess.Popen[bytes] | None = None
+        self._pipe: Connection | None = None
+        self._life: int | None = None
+        self.start()
+
+    def start(self) -> None:
+        """Start the process, unless it runs."""
+        if self._process is not None and self._process.poll() is None:
+            return
+        self.close()
+        ours, theirs = socket.socketpair()
+        read_end, self._life = os.pipe()
+        threads = {f'{name}_NUM_THREADS': '1' for name in ('OMP', 'OPENBLAS', 'MKL')}
+        self._process = subprocess.Popen(
+            [sys.executable, '-m', __name__, str(theirs.fileno()), self._module],
+            stdin=subprocess.DEVNULL, pass_fds=(theirs.fileno(), read_end),
+            start_new_session=True, env={**threads, **os.environ, LIFELINE: str(read_end)})
+        os.close(read_end)
+        theirs.close()
+        self._pipe = Connection(ours.detach())
+
+    def run(self, request: Any, on_progress: Callable[[Any], None],
+            stop: Callable[[], str]) -> Outcome:
+        """Do one job; `stop` says (in words) why it shall end before its time, or ''.
+
+        Blocks until the job has ended; call it from a thread. A job that is stopped is killed at
+        once, whatever it is computing, and a new process made ready.
+        """
+        self.start()
+        assert self._pipe is not None
+        try:
+            self._pipe.send(request)
+            while True:
+                if self._pipe.poll(POLL):
+                    kind, value = self._pipe.recv()
+                    if kind != 'progress':
+                        return Outcome(kind, value) if kind == DONE else Outcome(kind, None, value)
+                    on_progress(value)
+                reason = stop()
+                if reason:
+                    self.kill()
+                    return Outcome(CANCELED, None, reason)
+        except (EOFError, OSError):
+            status = self.kill()
+            return Outcome(FAILED, None, f'the worker process ended with status {status}')
+
+    def kill(self) -> int:
+        """End the process at once; its exit status."""
+        if self._process is None:
+            return 0
+        self._process.kill()
+        return self._process.wait()
+
+    def close(self) -> None:
+        """End the process and let go of what it held."""
+        self.kill()
+        if self._pipe is not None:
+            self._pipe.close()
+        if self._life is not None:
+            os.close(self._life)
+        self._process = self._pipe = self._life = None
+
+
+def serve(pipe: Connection, module: str) -> None:
+    """Do jobs until the other end is gone."""
+    run = importlib.import_module(module).run
+    while True:
+        try:
+            request = pipe.recv()
+        except EOFError:
+            return
+        pipe.send(_attempt(run, request, pipe))
+
+
+def _attempt(run: Callable[..., Any], request: Any, pipe: Connection) -> tuple[str, Any]:
+    try:
+        return DONE, run(request, lambda progress: pipe.send(('progress', progress)))
+    except SaddleringError as problem:
+        return REFUSED, ' '.join(str(problem).split())
+    except Exception as problem:
+        return FAILED, f'{type(problem).__name__}: {" ".join(str(problem).split())}'
+
+
+def main() -> None:
+    """Serve the process that started this one."""
+    follow_lifeline()
+    with contextlib.suppress(OSError):
+        os.nice(NICENESS)
+    number, module = sys.argv[1:]
+    serve(Connection(int(number)), module)
+
+
+if __name__ == '__main__':
+    main()

@@ -1,0 +1,140 @@
+"""A client of running nodes: hears everything they say, calls their services, publishes by hand."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+import contextlib
+import threading
+import time
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import WrenchStamped
+import numpy as np
+import rclpy
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.serialization import deserialize_message
+from saddlering_interfaces.msg import RingDisplacement
+from sensor_msgs.msg import Range
+
+from saddlering_ros.bags import LOAD_TOPIC, PROBE_TOPICS
+from saddlering_ros.nodes import wire
+from saddlering_ros.nodes.flow import Inflow, Outflow, stream_qos
+
+OUTPUTS = ('/ring/displacement', '/ring/simulated_displacement', '/ring/residual')
+
+
+def wait_until(condition: Callable[[], bool], seconds: float = 20.0, what: str = '') -> None:
+    """Poll `condition`; fail with `what` if it does not come true."""
+    deadline = time.monotonic() + seconds
+    while not condition():
+        if time.monotonic() > deadline:
+            raise AssertionError(f'not within {seconds:g} s: {what or condition}')
+        time.sleep(0.01)
+
+
+class Client:
+    """A node of the test process in a context of its own, served by a thread."""
+
+    def __init__(self, domain: int) -> None:
+        self.context = rclpy.Context()
+        rclpy.init(context=self.context, domain_id=domain)
+        self.node = rclpy.create_node('test_client', context=self.context)
+        self.executor = SingleThreadedExecutor(context=self.context)
+        self.executor.add_node(self.node)
+        self.lock = threading.RLock()
+        self.inflows = {topic: Inflow(self.node, topic, RingDisplacement) for topic in OUTPUTS}
+        self.raw: dict[str, list[bytes]] = {topic: [] for topic in OUTPUTS}
+        self.diagnostics: dict[str, tuple[int, str]] = {}
+        self._diagnostics = Inflow(self.node, '/diagnostics', DiagnosticArray)
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._serve, daemon=True)
+        self._thread.start()
+
+    def _serve(self) -> None:
+        while not self._stop.is_set():
+            with self.lock:
+                self.executor.spin_once(timeout_sec=0.0)
+                for topic, inflow in self.inflows.items():
+                    self.raw[topic] += inflow.take()
+                for message in self._diagnostics.take():
+                    for status in deserialize_message(message, DiagnosticArray).status:
+                        self.diagnostics[status.name] = (status.level[0], status.message)
+            time.sleep(0.002)
+
+    def heard(self, topic: str) -> wire.Displacements:
+        """All displacements heard on `topic` so far."""
+        with self.lock:
+            return wire.decode_displacements(list(self.raw[topic]))
+
+    def forget(self) -> None:
+        """Forget what was heard."""
+        with self.lock:
+            for messages in self.raw.values():
+                messages.clear()
+            self.diagnostics.clear()
+
+    def matched(self, topics: tuple[str, ...] = OUTPUTS) -> bool:
+        """Whether someone publishes each of `topics` to this client."""
+        return all(self.inflows[topic].publishers() for topic in topics)
+
+    def call(self, kind: Any, name: str, request: Any = None, seconds: float = 20.0) -> Any:
+        """Call a service and return its response."""
+        with self.lock:
+            client = self.node.create_client(kind, name)
+        wait_until(client.service_is_ready, seconds, f'{name} is there')
+        with self.lock:
+            future = client.call_async(request or kind.Request())
+        wait_until(future.done, seconds, f'{name} answers')
+        return future.result()
+
+    def close(self) -> None:
+        self._stop.set()
+        self._thread.join()
+        self.executor.shutdown(timeout_sec=0.0)
+        self.node.destroy_node()
+        rclpy.shutdown(context=self.context)
+
+
+@contextlib.contextmanager
+def client(domain: int) -> Iterator[Client]:
+    one = Client(domain)
+    try:
+        yield one
+    finally:
+        one.close()
+
+
+class Driver:
+    """Publishes the five raw topics as a hardware driver would."""
+
+    def __init__(self, one: Client, reliable: bool = True) -> None:
+        qos = stream_qos(reliable)
+        self.load = Outflow(one.node, LOAD_TOPIC, WrenchStamped, qos)
+        self.probes = [Outflow(one.node, topic, Range, qos) for topic in PROBE_TOPICS]
+
+    def matched(self, readers_of_load: int, readers_of_probes: int = 1) -> bool:
+        return (self.load.subscriptions() >= readers_of_load
+                and all(probe.subscriptions() >= readers_of_probes for probe in self.probes))
+
+    def send_load(self, stamps: np.ndarray, load: np.ndarray) -> None:
+        if len(stamps):
+            self.load.send(wire.encode_loads(wire.Samples(stamps, load), 'hydraulic_cylinder'),
+                           int(stamps[-1]))
+
+    def send_gap(self, probe: int, stamps: np.ndarray, gaps: np.ndarray) -> None:
+        if len(stamps):
+            samples = wire.Samples(stamps, gaps, 0.0, 2e-3)
+            self.probes[probe].send(wire.encode_gaps(samples, f'eddy_current_{probe + 1}'),
+                                    int(stamps[-1]))
+
+    def send(self, record: Any, rows: Any = slice(None), pace: int = 50) -> None:
+        """Send rows of a record (see conftest) in portions of `pace`, load and probes together."""
+        stamps, load = record.stamps[rows], record.load[rows]
+        for start in range(0, len(stamps), pace):
+            part = slice(start, start + pace)
+            self.send_load(stamps[part], load[part])
+            for probe in range(4):
+                self.send_gap(probe, record.probe_stamps[probe][rows][part],
+                              record.gaps[probe][rows][part])
+            time.sleep(0.01)

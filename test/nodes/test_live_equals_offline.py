@@ -1,0 +1,51 @@
+"""Over real DDS, between real processes: what nodes publish is what the commands compute."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from std_srvs.srv import Trigger
+
+from saddlering_ros.bags import read_run
+from saddlering_ros.bags.measured import displacement_of_run
+from saddlering_ros.nodes.launcher import start_nodes
+from saddlering_ros.rig import CHANNELS, default_rig, ParameterSet, TRUE_TO_SCALE
+from saddlering_ros.ring import simulate
+from rosnet import client, wait_until
+
+pytestmark = pytest.mark.ros
+
+
+def test_displacement_simulation_and_residual_equal_the_offline_ones_bit_for_bit(
+        bag: Path, ros_domain: int, tmp_path: Path) -> None:
+    with client(ros_domain) as heard, start_nodes(
+            bag, domain_id=ros_domain, log_folder=tmp_path / 'log', start_paused=True) as group:
+        wait_until(heard.matched, what='everyone publishes')
+        assert heard.call(Trigger, '/replay_clock/play').success
+        assert group.wait('replay_clock', 60.0) == 0
+        run, rig = read_run(bag), default_rig()
+        count = int(run.complete.sum())
+        wait_until(lambda: len(heard.heard('/ring/residual')) >= count - 1, what='all residuals')
+        measured, simulated, residual = (
+            heard.heard(topic) for topic in
+            ('/ring/displacement', '/ring/simulated_displacement', '/ring/residual'))
+
+    offline = displacement_of_run(rig, run)
+    rows = offline.complete
+    expected = np.stack([getattr(offline.displacement, name) for name in CHANNELS])[:, rows]
+    assert np.array_equal(measured.stamps, run.stamps[rows])
+    assert np.array_equal(measured.channels, expected)
+    assert set(measured.zero_loads.tolist()) == {offline.zero.load}
+
+    computed = simulate(rig, ParameterSet(TRUE_TO_SCALE), run.elevation, run.time, run.load)
+    expected = np.stack([getattr(computed.displacement, name) for name in CHANNELS])
+    assert np.array_equal(simulated.stamps, run.stamps[computed.first:])
+    assert np.array_equal(simulated.channels, expected)
+    assert set(simulated.zero_loads.tolist()) == {computed.zero.load}
+
+    both, ours, theirs = np.intersect1d(measured.stamps, simulated.stamps, return_indices=True)
+    assert np.array_equal(residual.stamps, both)
+    assert np.array_equal(residual.channels,
+                          measured.channels[:, ours] - simulated.channels[:, theirs])
