@@ -37,6 +37,9 @@ LARGEST_ITERATIONS = 60
 LARGEST_PREDICTION = 5e-6
 """A predicted move beyond this [m] is not trusted: the step starts from the old rate instead."""
 
+LEAST_FORCE = 1e-15
+"""A unit that carries less [N] is open; so is one at the floor under p (finite log2)."""
+
 SQRT_HALF_BITS = 0x3FE6A09E667F3BCD
 INTEGER_FLOAT = 6755399441055744.0
 """1.5 * 2^52: a small whole number added to it stands in its lowest bits."""
@@ -77,7 +80,7 @@ def power(p: Any, exponent: Any) -> Any:
         2.8853900817778504 + z * (0.9617966941123595 + z * (0.5770779426302618 + z * (
             0.41220922733052445 + z * (0.3199066608891474 + z * 0.28288718263073565)))))
     y = exponent * log2
-    k = math.floor(y + 0.5)
+    k = np.rint(y)
     f = y - k
     scale = float_of((bits_of(k + INTEGER_FLOAT) - INTEGER_FLOAT_BITS + 1023) << 52)
     return scale * (1.0 + f * (0.6931471805599462 + f * (0.2402265069564034 + f * (
@@ -132,7 +135,7 @@ def row_sums(rows: Any, row: Any, rollers: Any, uniform: Any, a: Any, b: Any, da
     cosines = base + first
     weights, gaps = cosines + stride, cosines + np.uint64(2) * stride
     constant = damping * (1.0 - share)
-    grown = damping * share * DAMPING_REFERENCE ** (-exponent)
+    grown = damping * share * DAMPING_REFERENCE ** (-exponent) if share != 0.0 else 0.0
     for j in range(count):
         c = rows[cosines + j]
         p = max(a + b * c - rows[gaps + j], 1e-30)
@@ -144,7 +147,7 @@ def row_sums(rows: Any, row: Any, rollers: Any, uniform: Any, a: Any, b: Any, da
         d_slope = constant * (6.0 / RAMP) * (u - u * u) + grown * exponent * relative
         force = elastic + d * rate
         k = exponent * stiffness * relative + d_slope * rate
-        carries = rows[weights + j] if (force > 0.0) & (p > 1e-29) else 0.0
+        carries = rows[weights + j] if force > LEAST_FORCE else 0.0
         force *= carries
         k *= carries
         d *= carries
@@ -315,7 +318,7 @@ def low_pass(state: Any, old: Any, new: Any, dt: Any, time_constant: Any) -> Any
 
 @nb.njit(cache=True, nogil=True, error_model='numpy')
 def series_motion(m: Any, s: Any, w: Any) -> Any:
-    """w[MOTION] (3,): contact motion, series compliances, settling (before creep and resonance)."""
+    """w[MOTION] (3,): contact motion, series compliances, settling; then come creep, resonance."""
     highest = s[at.HIGHEST_LOAD]
     moment = w[at.RESOLVED + 2]
     w[at.MOTION] = (s[at.Q] + m[at.RADIAL_COMPLIANCE] * w[at.RESOLVED]

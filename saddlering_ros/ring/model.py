@@ -37,7 +37,7 @@ class Rows:
     @property
     def flat(self) -> Floats:
         """The kernels' own copy of `arrays`, shape (9 J,)."""
-        return self.arrays.reshape(-1).copy()
+        return np.array(self.arrays.reshape(-1), dtype=np.float64)
 
 
 @dataclass(frozen=True)

@@ -166,7 +166,7 @@ def simulate_dynamic(rig: Rig, contact: ContactParameters, elevation: float, tim
         q.append(q_new)
         v.append(c0 * q_new + q_past)
         h_old = h
-    return np.array(q, dtype=np.float64).T
+    return np.asarray(np.array(q).T, dtype=np.float64)
 
 
 def _implicit_step(rows: tuple[ContactRow, ...], mass: Floats, external: Floats, c0: float,
