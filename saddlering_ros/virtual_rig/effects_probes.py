@@ -137,7 +137,7 @@ def mains_pickup(recording: Recording, values: Mapping[str, float], form: str) -
 
 
 @effect('probe_saturation', 'recording', ALL_CHANNELS,
-        [Parameter('limit', 'm', 40e-6, 150e-6, 80e-6, positive=True), ONE_PROBE,
+        [Parameter('limit', 'm', 30e-6, 90e-6, 60e-6, positive=True), ONE_PROBE,
          Parameter('side', '1', -1.0, 1.0, 1.0, choices=(1.0, -1.0))])
 def probe_saturation(recording: Recording, values: Mapping[str, float], form: str) -> None:
     """One probe's reading, with its noise, is cut off at one side."""

@@ -77,14 +77,14 @@ def _clearance(rollers: Rollers, rows: tuple[str, ...], change: float, form: str
 
 
 @effect('radial_clearance', 'rollers', X,
-        [Parameter('change', 'm', 5e-6, 40e-6, 20e-6, signed=True)], ('uniform', 'spread'))
+        [Parameter('change', 'm', 5e-6, 30e-6, 15e-6, signed=True)], ('uniform', 'spread'))
 def radial_clearance(rollers: Rollers, values: Mapping[str, float], form: str) -> None:
     """The middle row has another clearance than the rig file says."""
     _clearance(rollers, ('middle',), values['change'], form)
 
 
 @effect('axial_clearance', 'rollers', T,
-        [Parameter('change', 'm', 5e-6, 40e-6, 20e-6, signed=True)], ('uniform', 'spread'))
+        [Parameter('change', 'm', 5e-6, 30e-6, 15e-6, signed=True)], ('uniform', 'spread'))
 def axial_clearance(rollers: Rollers, values: Mapping[str, float], form: str) -> None:
     """The axial rows have another clearance than the rig file says."""
     _clearance(rollers, ('upper', 'lower'), values['change'], form)
