@@ -1,0 +1,100 @@
+"""Claims about the zero of a test: which stretch is averaged, live and offline alike."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from saddlering_ros.rig import default_rig, TONNE, zero_of_record, ZeroWindow
+from saddlering_ros.rig.zeroing import FEWEST_SAMPLES
+
+RIG = default_rig()
+
+
+def steady(seconds: float, load: float, rate: float = 100.0,
+           start: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
+    time = start + np.arange(round(seconds * rate)) / rate
+    return time, np.full(time.size, load)
+
+
+def test_the_window_closes_half_a_second_after_it_opened() -> None:
+    time, load = steady(2.0, RIG.preload)
+    reading = zero_of_record(RIG, time, load)
+    assert (reading.start, reading.end) == (0, 51)
+    assert reading.load == pytest.approx(RIG.preload)
+
+
+def test_the_window_closes_when_the_load_leaves_its_start_by_one_percent_of_full_scale() -> None:
+    time = np.arange(100) * 0.01
+    load = RIG.preload + np.where(time < 0.195, 0.0, 0.011 * RIG.full_scale_load)
+    reading = zero_of_record(RIG, time, load)
+    assert (reading.start, reading.end) == (0, 20)
+    assert reading.load == pytest.approx(RIG.preload)
+
+
+def test_a_load_that_moves_by_less_does_not_close_it() -> None:
+    time = np.arange(100) * 0.01
+    load = RIG.preload + np.where(time < 0.195, 0.0, 0.009 * RIG.full_scale_load)
+    assert zero_of_record(RIG, time, load).end == 51
+
+
+def test_readings_are_means_over_the_window_and_nothing_else() -> None:
+    time, load = steady(1.0, RIG.preload)
+    gaps = np.random.default_rng(1).normal(1e-3, 1e-6, (4, time.size))
+    reading = zero_of_record(RIG, time, load, gaps)
+    assert reading.gaps == pytest.approx(gaps[:, :51].mean(axis=1), rel=1e-14)
+
+
+def test_loads_above_preload_are_passed_over_until_one_near_preload_comes() -> None:
+    high_time, high_load = steady(1.0, 5.0 * TONNE)
+    low_time, low_load = steady(1.0, RIG.preload, start=1.0)
+    reading = zero_of_record(RIG, np.append(high_time, low_time), np.append(high_load, low_load))
+    assert (reading.start, reading.near_preload) == (100, True)
+
+
+def test_a_record_that_never_sees_preload_is_zeroed_where_it_is_steady_first_and_says_so() -> None:
+    time = np.arange(300) * 0.01
+    load = 5.0 * TONNE + np.where(time < 1.0, 20.0 * TONNE * (1.0 - time), 0.0)
+    reading = zero_of_record(RIG, time, load)
+    assert not reading.near_preload
+    assert load[reading.start:reading.end] == pytest.approx(reading.load, abs=0.25 * TONNE)
+
+
+def test_a_stretch_of_too_few_samples_is_none_and_the_next_one_counts() -> None:
+    low = RIG.preload - 0.015 * RIG.full_scale_load
+    load = np.array([low] * (FEWEST_SAMPLES - 1) + [RIG.preload] * 80)
+    reading = zero_of_record(RIG, np.arange(load.size) * 0.01, load)
+    assert reading.start == FEWEST_SAMPLES - 1
+    assert reading.load == pytest.approx(RIG.preload)
+
+
+def test_a_record_without_any_steady_stretch_is_zeroed_at_its_first_sample() -> None:
+    time = np.arange(20) * 0.01
+    reading = zero_of_record(RIG, time, RIG.preload + 3.0 * TONNE * np.arange(20))
+    assert (reading.start, reading.end, reading.load) == (0, 1, RIG.preload)
+    assert not reading.near_preload
+
+
+def test_a_record_that_ends_inside_its_first_window_is_zeroed_at_its_first_sample() -> None:
+    time, load = steady(0.3, RIG.preload)
+    assert zero_of_record(RIG, time, load).end == 1
+
+
+def test_pushing_samples_one_by_one_gives_the_records_zero_to_the_last_bit() -> None:
+    random = np.random.default_rng(2)
+    time, load = steady(1.0, RIG.preload)
+    load = load + random.normal(0.0, 50.0, load.size)
+    gaps = random.normal(1e-3, 1e-6, (4, time.size))
+    window = ZeroWindow(RIG)
+    live = [window.push(t, p, tuple(g)) for t, p, g in zip(time, load, gaps.T, strict=True)]
+    reading = next(item for item in live if item is not None)
+    assert reading == zero_of_record(RIG, time, load, gaps)
+    assert live.index(reading) == reading.end
+
+
+def test_a_window_asked_to_open_anywhere_opens_at_a_high_load() -> None:
+    window = ZeroWindow(RIG, anywhere=True)
+    time, load = steady(1.0, 20.0 * TONNE)
+    readings = [window.push(t, p) for t, p in zip(time, load, strict=True)]
+    reading = next(item for item in readings if item is not None)
+    assert (reading.start, reading.near_preload) == (0, False)
