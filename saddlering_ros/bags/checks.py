@@ -53,7 +53,8 @@ def check_load_unit(where: str, load: NDArray[np.float64]) -> None:
         raise BagError(f'{where}: {shown}, mostly negative: publish a pushing load as positive')
     if high < SMALLEST_TEST_LOAD:
         guess = 'tonnes' if high <= 1.5 * FULL_SCALE_LOAD / TONNE else 'kilonewtons'
-        raise BagError(f'{where}: {shown}, which looks like {guess}: publish newtons')
+        raise BagError(f'{where}: {shown}, which looks like {guess}: publish newtons, or '
+                       'load the ring')
     if high > LARGEST_LOAD:
         raise BagError(f'{where}: {shown}, far beyond the cylinder: publish newtons')
 

@@ -115,7 +115,7 @@ def bag_info(
     problems += _faults_of_readings(found.path, raw)
     run = None
     if not problems:
-        run = _try_run(RawRecord(found.path, raw, facts), facts, problems)
+        run = _try_run(RawRecord(found.path, raw, facts, found.notes), facts, problems)
     count = None
     if run is not None:
         notes += run.notes

@@ -56,6 +56,7 @@ class RawRecord:
     path: Path
     topics: dict[str, RawTopic]
     facts: FoundFacts
+    notes: tuple[str, ...] = ()
 
     def __getitem__(self, topic: str) -> RawTopic:
         return self.topics[topic]
@@ -121,7 +122,8 @@ def read_raw(path: Path | str, topics: Sequence[str] | None = None) -> RawRecord
     found = scan(path, wanted)
     if found.damage is not None:
         raise BagError(with_readable_part(found))
-    return RawRecord(found.path, {name: raw_topic(found, name) for name in wanted}, found.facts)
+    return RawRecord(found.path, {name: raw_topic(found, name) for name in wanted}, found.facts,
+                     found.notes)
 
 
 def read_run(
@@ -159,7 +161,7 @@ def run_of_record(record: RawRecord, facts: FoundFacts) -> TestRun:
         check_probe_unit(f'{where}: {raw.topic}', raw.values, raw.min_range, raw.max_range)
         check_overlap(where, load.stamps, raw.topic, raw.stamps)
     gaps = np.stack([align(load.stamps, raw.stamps, raw.values) for raw in probes])
-    notes = list(load.notes) + notes_on_load(load.stamps)
+    notes = [*record.notes, *load.notes, *notes_on_load(load.stamps)]
     for raw, aligned in zip(probes, gaps, strict=True):
         notes += raw.notes
         notes += notes_on_probe(

@@ -89,6 +89,15 @@ class Scan:
     def path(self) -> Path:
         return self.directory.path
 
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What is odd about the bag as a whole without keeping it from being used."""
+        said = self.directory.message_count
+        if said is None or said == self.message_count:
+            return ()
+        return (f'metadata.yaml counts {said} messages and the files hold {self.message_count}: '
+                '"ros2 bag reindex" puts it right',)
+
 
 def scan(path: Path | str, topics: Collection[str] = RIG_TOPICS) -> Scan:
     """Read the bag at `path`, decoding the rig's `topics` among all others.
@@ -102,7 +111,6 @@ def scan(path: Path | str, topics: Collection[str] = RIG_TOPICS) -> Scan:
     try:
         for file in directory.files:
             _scan_file(result, file, topics, records, recorder)
-        _check_count(result)
     except BagError as damage:
         result.damage = damage
     result.facts = find_facts(directory.custom_data, records, recorder)
@@ -203,9 +211,3 @@ def _decompressed(
             Messages(starts, sizes, messages.log_times))
 
 
-def _check_count(result: Scan) -> None:
-    said = result.directory.message_count
-    if said is not None and said != result.message_count:
-        raise BagError(
-            f'{result.path}: metadata.yaml counts {said} messages and the files hold '
-            f'{result.message_count}: copy the whole bag again, or run "ros2 bag reindex"')

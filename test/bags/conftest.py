@@ -84,8 +84,8 @@ def cdr(topic: str, stamp: int, value: float, *, big: bool = False, version: int
 def write_raw(
     path: Path, recording: Recording, *, compression=CompressionType.ZSTD, chunked=True,
     chunk_size=16_384, index_types=IndexType.ALL, log_time=None, order=None, types=None,
-    encoding='ros2msg', message_encoding='cdr', extra=0, facts=True, message=cdr, crcs=True,
-    data_crcs=False,
+    encoding='ros2msg', message_encoding='cdr', extra=0, extra_size=2, facts=True,
+    message=cdr, crcs=True, data_crcs=False,
 ) -> Path:
     """A bare MCAP file by the mcap package, in the order and with the log times given.
 
@@ -113,7 +113,8 @@ def write_raw(
             data = message(topic, stamp, float(recording.values[topic][index]))
             writer.add_message(channels[topic], time, data, time, number)
             if extra and number % extra == 0:
-                writer.add_message(channels['/chatter'], time, b'\0\1\0\0\2\0\0\0x\0', time)
+                text = struct.pack('<4sI', b'\0\1\0\0', extra_size) + bytes(extra_size)
+                writer.add_message(channels['/chatter'], time, text, time)
         if facts:
             writer.add_metadata('saddlering.test', recording.facts)
         writer.finish()
@@ -123,6 +124,12 @@ def write_raw(
 @pytest.fixture
 def recording() -> Recording:
     return dynamic_recording()
+
+
+@pytest.fixture
+def short() -> Recording:
+    """As `recording`, a third as long."""
+    return dynamic_recording(300)
 
 
 @pytest.fixture

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from itertools import pairwise
 import shutil
+import tracemalloc
 
 from mcap.writer import CompressionType, IndexType
 import numpy as np
@@ -241,6 +242,26 @@ def test_the_command_line_wins_over_the_bag(tmp_path, recording):
     run = read_run(recording.write(tmp_path / 'bag'), test='static', elevation=1.2)
     assert run.test == 'static'
     assert run.elevation == 1.2
+
+
+def test_a_count_that_metadata_got_wrong_is_noted(tmp_path, recording, expected):
+    bag = recording.write(tmp_path / 'bag')
+    document = yaml.safe_load((bag / 'metadata.yaml').read_text())
+    document['rosbag2_bagfile_information']['message_count'] = 4711
+    (bag / 'metadata.yaml').write_text(yaml.safe_dump(document))
+    run = read_run(bag)
+    assert_same(run, expected)
+    assert ['4711' in note for note in run.notes] == [True]
+
+
+def test_memory_follows_the_arrays_asked_for_not_the_bag(tmp_path, recording, raw):
+    """Thirty megabytes of somebody else's topic pass by without being kept."""
+    bag = raw(tmp_path / 'bag.mcap', recording, extra=50, extra_size=300_000)
+    tracemalloc.start()
+    read_run(bag)
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert peak < 4_000_000
 
 
 def test_reading_leaves_the_bag_as_it_was(tmp_path, recording):
