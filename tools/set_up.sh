@@ -6,7 +6,8 @@
 #
 # Every step leaves a stamp when it is finished, holding a digest of all it depends on. A step whose
 # stamp still holds is skipped, so a second run does nothing, and a run that was cut short goes on
-# where it stopped. PYTHON=/path/to/python3 chooses the Python.
+# where it stopped. PYTHON=/path/to/python3 chooses the Python,
+# and the choice is remembered.
 set -euo pipefail
 
 here=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd -P)
@@ -31,6 +32,13 @@ usable_version() {
   case $1 in 3.10 | 3.11 | 3.12 | 3.13) return 0 ;; *) return 1 ;; esac
 }
 
+# The Python of an earlier set-up, so that PYTHON need not be given again; but a Jazzy sourced since
+# then has a Python of its own.
+remembered_python() {
+  if [ "${ROS_DISTRO:-}" = jazzy ] && [ "$(cat "$stamps/ros" 2>/dev/null)" != jazzy ]; then return; fi
+  cat "$stamps/python" 2>/dev/null || true
+}
+
 find_python() {
   local candidate
   if [ -n "${PYTHON:-}" ]; then
@@ -40,7 +48,7 @@ find_python() {
       fail "PYTHON=$PYTHON is Python ${base_version:-unknown}; 3.10 to 3.13 is needed"
     return
   fi
-  for candidate in python3 python3.12 python3.11 python3.13 python3.10; do
+  for candidate in $(remembered_python) python3 python3.12 python3.11 python3.13 python3.10; do
     base_python=$(command -v "$candidate") || continue
     base_version=$(version_of "$base_python")
     if usable_version "$base_version"; then return; fi
