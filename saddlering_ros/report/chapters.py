@@ -1,0 +1,327 @@
+"""Chapters of a report, each made from a verdict's JSON or from the curves of the runs."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from saddlering_ros.effects import catalogue
+from saddlering_ros.report import figures, html
+from saddlering_ros.report.curves import RunCurves
+from saddlering_ros.report.html import Cell, code, number
+from saddlering_ros.report.quantities import percent, probability, quantity
+from saddlering_ros.report.wording import (
+    Document,
+    effects_of,
+    gain_sentence,
+    headline,
+    shape_words,
+    signature_words,
+    title_of,
+    variant_words,
+    WORDS,
+)
+from saddlering_ros.rig import CHANNELS, PARAMETER_NAMES, PARAMETER_UNITS, stiffness_per_millimetre
+
+MATERIAL = 1e-3
+"""Share of a channel's range under which a misfit does not matter."""
+
+CANDIDATES_SHOWN = 12
+ASSUMPTION = ('Every dimension of the rig is an assumption of this project, so the parameters are '
+              "equivalent ones: they reproduce the ring's response, not a single roller's.")
+
+
+def verdict_banner(document: Document) -> str:
+    """The verdict first, in words; then what is worth, and the next test."""
+    verdict = document['verdict']
+    parts = [
+        html.paragraph(f'Verdict: {verdict} – {WORDS[verdict]}', 'soft'),
+        html.paragraph(headline(document), 'headline'),
+        html.paragraph(gain_sentence(document)),
+    ]
+    if document.get('next_test'):
+        parts.append(html.paragraph(f'Next test: {document["next_test"]}', 'next'))
+    return f'<div class="verdict {verdict}">' + '\n'.join(parts) + '</div>'
+
+
+def causes(document: Document) -> str:
+    """Each cause with its numbers, its look-alikes and what would settle it."""
+    parts = [_cause(cause) for cause in effects_of(document)]
+    shapes = [shape_words(cause) for cause in document['causes'] if 'coordinate' in cause]
+    if shapes:
+        parts.insert(0, html.paragraph('What is left has this shape:') + html.bullets(shapes))
+    return html.section('Causes', *parts)
+
+
+def _cause(cause: Mapping[str, Any]) -> str:
+    effect_id = cause['effect']
+    known = catalogue().get(effect_id)
+    rows: list[list[str | Cell]] = [
+        [name, number(quantity(item['value'], item['unit'], item['std'])), words]
+        for name, item, words in _cause_parameters(cause)
+    ]
+    others = [name for name in cause['group'] if name != effect_id]
+    evidence, gain = cause['evidence'], cause['gain']
+    partial = ' – explains part of the misfit only' if cause.get('partial') else ''
+    return '\n'.join([
+        f'<h3>{html.escape(title_of(effect_id))} <code>{html.escape(effect_id)}</code>'
+        f'{html.escape(partial)}</h3>',
+        html.paragraph('' if known is None else known.words),
+        html.table(['parameter', number('value ± standard deviation'), ''], rows),
+        html.table(
+            ['', number('')],
+            [['gain on the runs fitted', number(percent(gain['fit']))],
+             ['gain on runs kept apart', number(percent(gain['held_out']))],
+             ["largest share of a channel's range", number(percent(cause['share_of_range']))],
+             ['probability of as much by chance', number(probability(evidence['p_value']))],
+             ['evidence (ΔBIC)', number(f'{evidence["delta_bic"]:.3g}')]]),
+        html.paragraph('These data cannot tell it from: ' + ', '.join(
+            f'{title_of(name)} ({name})' for name in others) + '.' if others else ''),
+        html.paragraph('' if known is None else f'What would settle it: {known.settled_by}',
+                       'note'),
+    ])
+
+
+def _cause_parameters(cause: Mapping[str, Any]) -> list[tuple[str, Mapping[str, Any], str]]:
+    known = catalogue().get(cause['effect'])
+    words = {} if known is None else {item.name: item.words for item in known.parameters}
+    rows = []
+    for name, item in cause['parameters'].items():
+        is_choice = not item['std'] and not item['unit']
+        said = variant_words(cause['effect'], {name: item['value']}) if is_choice else ''
+        rows.append((name, item, words.get(name, said)))
+    return rows
+
+
+def misfit(document: Document) -> str:
+    """Runs and channels before and after against the noise floor: figure and table."""
+    runs = document['runs']
+    rows: list[list[str | Cell]] = []
+    for run in runs:
+        for name, item in run['channels'].items():
+            rows.append([
+                _short(run['bag']), run['test'], number(f'{run["elevation_deg"]:g}°'),
+                'kept back' if run['held_out'] else 'fitted', code(name),
+                number(percent(item['nrmse_before']), _mark(item['nrmse_before'], item)),
+                number(percent(item['nrmse_after']), _mark(item['nrmse_after'], item)),
+                number(percent(item['noise_floor'])),
+            ])
+    return html.section(
+        'Where simulation and measurement part',
+        html.picture(figures.misfit(runs), 'Rms misfit of each channel in each run: contact law '
+                     'alone, extended model, and what noise alone leaves.'),
+        html.folded('The same in numbers', html.table(
+            ['run', 'test', number('elevation'), 'role', 'channel', number('contact law alone'),
+             number('extended model'), number('noise floor')], rows,
+            "Rms misfit over the channel's range in that run. Parity is zero for a rigid ring: "
+            'its range is noise, so its shares are large. Red: more than twice the noise '
+            'floor and more than 0.1 % of range.')),
+    )
+
+
+def _mark(value: float | None, item: Mapping[str, float | None]) -> str:
+    floor = item['noise_floor']
+    if value is None or floor is None:
+        return ''
+    return 'bad' if value > max(2.0 * floor, MATERIAL) else 'good'
+
+
+def parameters(document: Document, before: str = 'before', after: str = 'after') -> str:
+    """Contact parameters before and after, the bias that the missing cause had put on them."""
+    first, last = document['parameters']['before'], document['parameters']['after']
+    rows: list[list[str | Cell]] = []
+    for name in PARAMETER_NAMES:
+        if name not in first or name not in last:
+            continue
+        std = last.get(f'{name}_std')
+        rows.append([
+            code(name), number(_contact(name, first[name], None)),
+            number(_contact(name, last[name], std)), number(_moved(first[name], last[name])),
+            number('–' if not std else f'{abs(first[name] - last[name]) / std:.1f}'),
+        ])
+    for name, exponent in (('K1', 'n1'), ('K2', 'n2')):
+        if name in first and name in last:
+            rows.append([f'{name} in N/mm^n'] + [
+                number(f'{stiffness_per_millimetre(item[name], item[exponent]):.4g}')
+                for item in (first, last)] + [number(''), number('')])
+    return html.section(
+        'Contact parameters',
+        html.table(['parameter', number(before), number(f'{after} ± standard deviation'),
+                    number('bias removed'), number('bias / std')], rows),
+        html.paragraph(ASSUMPTION + ' K and n of a row are strongly correlated: read them '
+                       'together.', 'note'),
+    )
+
+
+def _moved(first: float, last: float) -> str:
+    """How far a value was off: in percent, or as a factor where it is more than half."""
+    ratio = first / last
+    return f'{100.0 * (ratio - 1.0):+.2g} %' if 0.5 < ratio < 1.5 else f'× {ratio:.2g}'
+
+
+def _contact(name: str, value: float, std: float | None) -> str:
+    unit = PARAMETER_UNITS[name]
+    return quantity(value, '' if unit == '1' else unit, std)
+
+
+def paper_split(curves: Sequence[RunCurves]) -> str:
+    """Measured and simulated as the published tests show them: one figure per kind of test."""
+    parts = []
+    for test, words in (('static', 'over load'), ('dynamic', 'over time')):
+        runs = _one_per_elevation([run for run in curves if run.test == test])
+        if runs:
+            parts.append(html.picture(
+                figures.comparison(runs), f'{test.capitalize()} tests {words}: δx and γ, measured '
+                'and simulated; below each, measured less simulated, with a band of twice the '
+                'noise floor.'))
+    return html.section('Simulation and measurement', *parts)
+
+
+def _one_per_elevation(runs: Sequence[RunCurves]) -> list[RunCurves]:
+    """At most three runs: the first at each elevation, fitted ones before those kept back."""
+    chosen: dict[float, RunCurves] = {}
+    for run in sorted(runs, key=lambda item: item.held_out):
+        chosen.setdefault(round(run.elevation_deg, 1), run)
+    return list(chosen.values())[:3]
+
+
+def residuals(curves: Sequence[RunCurves]) -> str:
+    """One figure per run: misfit of every channel over load, branch, time, rate and frequency."""
+    parts = [
+        html.folded(run.label, html.picture(
+            figures.residuals(run), 'Measured less simulated. Columns: over load (triangles up: '
+            'load rising); mean and half-difference of both branches; over time; '
+            + ('' if run.test == 'static' else 'over load rate; ') + 'amplitude spectrum.'))
+        for run in curves
+    ]
+    return html.section('Misfit, run by run', html.paragraph(
+        'A half-difference that stays away from zero is a loop (friction, creep, delay); a mean '
+        'that curves is stiffness, clearance or load path.', 'soft'), *parts)
+
+
+def shape_tests(document: Document) -> str:
+    """Tests on what is left: channel by coordinate, before and after."""
+    shapes = document.get('shapes') or {}
+    if not shapes:
+        return ''
+    before = {(item['channel'], item['coordinate']): item for item in shapes['before']}
+    after = {(item['channel'], item['coordinate']): item for item in shapes['after']}
+    coordinates = sorted({coordinate for _, coordinate in before})
+    rows: list[list[str | Cell]] = []
+    for channel in CHANNELS:
+        pairs = [(before.get((channel, name)), after.get((channel, name)))
+                 for name in coordinates]
+        rows.append([code(channel), *(_shape_cell(*pair) for pair in pairs)])
+    return html.section(
+        'Does the misfit depend on anything?',
+        html.table(['channel', *(number(f'on {name}') for name in coordinates)], rows,
+                   'Rms of the part of the misfit that follows each coordinate, as a share of '
+                   'range, and its p-value (noise taken as correlated, as measured at rest); '
+                   'before → after the extension. Red: still p < 0.01 and over 0.1 % of range.'),
+    )
+
+
+def _shape_cell(before: Mapping[str, Any] | None, after: Mapping[str, Any] | None) -> Cell:
+    if before is None or after is None:
+        return number('–')
+    is_left = after['p_value'] is not None and after['p_value'] < 0.01
+    shares = ' → '.join(percent(item['share_of_range']) for item in (before, after))
+    chances = ' → '.join(probability(item['p_value']) for item in (before, after))
+    return Cell(f'{html.escape(shares)}<br><span class="soft">p {html.escape(chances)}</span>',
+                is_number=True, is_html=True,
+                mark='bad' if is_left and after['share_of_range'] >= MATERIAL else '')
+
+
+def candidates(document: Document) -> str:
+    """Every candidate that was fitted, with its evidence; and what was real but too small."""
+    found = document.get('candidates') or []
+    parts = []
+    for step in sorted({item['step'] for item in found}):
+        members = sorted((item for item in found if item['step'] == step),
+                         key=lambda item: -(item['delta_bic'] or 0.0))
+        parts.append(html.heading('First cause' if step == 1 else f'Cause number {step}'))
+        parts.append(html.table(
+            ['model', 'fitted', number('evidence (ΔBIC)'), number('p'), number('share of range')],
+            [_candidate(item) for item in members[:CANDIDATES_SHOWN]]))
+    if parts:
+        parts.insert(0, html.paragraph(
+            'Each candidate was refitted with the contact parameters free, on all fitted runs and '
+            'all four probes. ΔBIC above 10 is strong evidence against the model without it.',
+            'soft'))
+    small = document.get('immaterial') or []
+    parts.append(html.heading('Real, but too small to matter') if small else '')
+    parts.append(html.bullets([
+        f'{" + ".join(item["effects"])}: {percent(item["share_of_range"])} of range, '
+        f'p {probability(item["p_value"])}' for item in small]))
+    return html.section('Evidence', *parts)
+
+
+def _candidate(item: Mapping[str, Any]) -> list[str | Cell]:
+    last = item['effects'][-1]
+    values = item['parameters'].get(last, {})
+    return [
+        Cell(' + '.join(f'<code>{html.escape(name)}</code>' for name in item['effects']),
+             is_html=True),
+        _fitted_words(last, values), number(f'{item["delta_bic"]:.4g}'),
+        number(probability(item['p_value'])), number(percent(item['share_of_range'])),
+    ]
+
+
+def _fitted_words(effect_id: str, values: Mapping[str, float]) -> str:
+    known = catalogue().get(effect_id)
+    units = {} if known is None else {item.name: item.unit for item in known.parameters}
+    parts = [f'{name} {quantity(value, units[name])}' for name, value in values.items()
+             if name in units]
+    choices = {name: value for name, value in values.items() if name not in units}
+    if choices:
+        parts.append(variant_words(effect_id, choices))
+    return ', '.join(parts)
+
+
+def detection_limits(document: Document) -> str:
+    """The smallest size of every effect that these data could have shown."""
+    rows: list[list[str | Cell]] = []
+    for item in document.get('detection_limits') or []:
+        rows.append([
+            title_of(item['effect']), code(item['effect']),
+            number(quantity(item['limit'], item['unit']) if item['testable'] else 'cannot be seen',
+                   '' if item['testable'] else 'bad'),
+            number(quantity(item['material_limit'], item['unit'])),
+            number(percent(item['share'])),
+        ])
+    return html.section('What these data could have shown', html.folded(
+        'Detection limit of every cause in the catalogue',
+        html.table(
+            ['cause', 'id', number('found 9 times in 10 from'), number('matters from'),
+             number('left beside the contact law')], rows,
+            'Size of the cause\'s first parameter. "Matters": changes a channel by 0.1 % of its '
+            'range. The last column is the share of its signature that contact parameters '
+            'cannot imitate.'))) if rows else ''
+
+
+def look_alikes(document: Document) -> str:
+    """Heat map of signatures that look alike."""
+    cosines = document.get('signature_cosines') or {}
+    if len(cosines) < 2:
+        return ''
+    named = {
+        signature_words(label): {signature_words(other): value for other, value in row.items()}
+        for label, row in cosines.items()
+    }
+    return html.section('Which causes look alike in these data', html.picture(
+        figures.look_alikes(named), 'Angle between the changes that two causes make, once contact '
+        'parameters have taken what they can imitate. Dark squares off the diagonal are '
+        'causes these data cannot tell apart; below 0.3 is left white.'))
+
+
+def notes(document: Document) -> str:
+    """What the data do not allow, and how the diagnosis was run."""
+    lines = list(document.get('notes') or [])
+    seconds = document.get('seconds')
+    if seconds is not None:
+        lines.append(f'The diagnosis took {seconds:.0f} s; seed {document.get("seed")}.')
+    return html.section('Notes', html.bullets(lines))
+
+
+def _short(bag: str) -> str:
+    return str(bag).rstrip('/').rsplit('/', 1)[-1]

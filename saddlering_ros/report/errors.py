@@ -1,0 +1,7 @@
+"""What can go wrong with a report."""
+
+from saddlering_ros.errors import SaddleringError
+
+
+class ReportError(SaddleringError):
+    """A report that cannot be drawn or written."""

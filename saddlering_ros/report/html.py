@@ -1,0 +1,173 @@
+"""One HTML page in one file: text, tables, figures as inlined pictures, nothing fetched."""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Sequence
+from dataclasses import dataclass
+import html
+import io
+
+from matplotlib.figure import Figure
+from PIL import Image
+
+RESOLUTION = 100
+"""Pixels per inch of a picture."""
+
+COLOURS = 128
+"""Colours of a picture: a third of the bytes, and nothing to be seen of it."""
+
+CSS = """
+:root { --ink: #1f2933; --soft: #52606d; --line: #dde3e9; --back: #f5f7fa; }
+* { box-sizing: border-box; }
+body { font: 15px/1.5 system-ui, "Segoe UI", Roboto, "DejaVu Sans", sans-serif; color: var(--ink);
+  background: var(--back); margin: 0; }
+main { max-width: 1180px; margin: 0 auto; padding: 24px 20px 60px; }
+section, .verdict { background: #fff; border: 1px solid var(--line); border-radius: 10px;
+  padding: 18px 24px; margin: 18px 0; }
+h1 { font-size: 24px; margin: 4px 0 2px; }
+h2 { font-size: 19px; margin: 2px 0 10px; }
+h3 { font-size: 16px; margin: 18px 0 6px; }
+p { margin: 6px 0; max-width: 85ch; }
+.soft, figcaption, .note { color: var(--soft); }
+figcaption, .note { font-size: 13.5px; max-width: 110ch; }
+.verdict { border-left: 8px solid #7b8794; }
+.verdict.none { border-left-color: #2f8f4e; }
+.verdict.named { border-left-color: #1f6fb2; }
+.verdict.ambiguous { border-left-color: #d9930d; }
+.verdict.unknown { border-left-color: #d1495b; }
+.verdict .headline { font-size: 20px; font-weight: 600; max-width: 70ch; }
+.next { background: #eef5fc; border-radius: 6px; padding: 8px 12px; margin-top: 10px; }
+figure { margin: 12px 0; }
+figure img { max-width: 100%; height: auto; display: block; }
+.scroll { overflow-x: auto; }
+table { border-collapse: collapse; font-size: 13.5px; margin: 8px 0; }
+caption { text-align: left; color: var(--soft); padding-bottom: 4px; }
+th, td { padding: 4px 12px 4px 0; border-bottom: 1px solid var(--line); text-align: left;
+  vertical-align: top; }
+th { font-weight: 600; white-space: nowrap; }
+td.n, th.n { text-align: right; font-variant-numeric: tabular-nums; white-space: nowrap; }
+td.good { color: #1c7a3e; font-weight: 600; }
+td.bad { color: #b5303f; font-weight: 600; }
+code { font: 13px ui-monospace, "DejaVu Sans Mono", monospace; background: #eef1f4;
+  padding: 1px 4px; border-radius: 4px; }
+summary { cursor: pointer; font-weight: 600; padding: 4px 0; }
+.tiles { display: flex; flex-wrap: wrap; gap: 12px; margin: 12px 0 4px; }
+.tile { background: var(--back); border-radius: 8px; padding: 8px 14px; min-width: 150px; }
+.tile b { display: block; font-size: 19px; }
+.tile span { color: var(--soft); font-size: 13px; }
+@media print { body { background: #fff; } section, .verdict { break-inside: avoid; } }
+"""
+
+
+@dataclass(frozen=True)
+class Cell:
+    """One cell of a table: text, or HTML as it is; number aligns right, mark colours it."""
+
+    text: str
+    is_number: bool = False
+    mark: str = ''
+    is_html: bool = False
+
+
+def escape(text: str) -> str:
+    """Text as HTML shows it."""
+    return html.escape(text)
+
+
+def number(text: str, mark: str = '') -> Cell:
+    """A cell that holds a number."""
+    return Cell(text, is_number=True, mark=mark)
+
+
+def code(text: str) -> Cell:
+    """A cell that holds an identifier."""
+    return Cell(f'<code>{escape(text)}</code>', is_html=True)
+
+
+def page(title: str, parts: Sequence[str]) -> str:
+    """The whole document."""
+    return (
+        '<!doctype html>\n<html lang="en"><head><meta charset="utf-8">'
+        '<meta name="viewport" content="width=device-width, initial-scale=1">'
+        f'<title>{escape(title)}</title><style>{CSS}</style></head>\n<body><main>\n'
+        + '\n'.join(part for part in parts if part) + '\n</main></body></html>\n'
+    )
+
+
+def section(title: str, *parts: str) -> str:
+    """A framed chapter; nothing at all if it has no parts."""
+    inside = '\n'.join(part for part in parts if part)
+    return f'<section><h2>{escape(title)}</h2>\n{inside}\n</section>' if inside else ''
+
+
+def heading(text: str) -> str:
+    """A heading inside a section."""
+    return f'<h3>{escape(text)}</h3>'
+
+
+def paragraph(text: str, kind: str = '') -> str:
+    """A paragraph of plain text."""
+    return f'<p{_class(kind)}>{escape(text)}</p>'
+
+
+def bullets(lines: Sequence[str]) -> str:
+    """A list of plain lines; nothing for none."""
+    if not lines:
+        return ''
+    return '<ul>' + ''.join(f'<li>{escape(line)}</li>' for line in lines) + '</ul>'
+
+
+def folded(title: str, *parts: str) -> str:
+    """A chapter that opens at a click."""
+    inside = '\n'.join(part for part in parts if part)
+    return f'<details><summary>{escape(title)}</summary>\n{inside}\n</details>' if inside else ''
+
+
+def tiles(items: Sequence[tuple[str, str]]) -> str:
+    """A row of big figures, each with what it is."""
+    shown = ''.join(f'<div class="tile"><b>{escape(value)}</b><span>{escape(words)}</span></div>'
+                    for value, words in items)
+    return f'<div class="tiles">{shown}</div>'
+
+
+def table(
+    head: Sequence[str | Cell], rows: Sequence[Sequence[str | Cell]], caption: str = ''
+) -> str:
+    """A table; nothing for no rows."""
+    if not rows:
+        return ''
+    title = f'<caption>{escape(caption)}</caption>' if caption else ''
+    top = ''.join(_cell(item, 'th') for item in head)
+    body = ''.join('<tr>' + ''.join(_cell(item, 'td') for item in row) + '</tr>' for row in rows)
+    return (f'<div class="scroll"><table>{title}<thead><tr>{top}</tr></thead>'
+            f'<tbody>{body}</tbody></table></div>')
+
+
+def picture(figure: Figure, caption: str) -> str:
+    """A figure inlined, with its caption."""
+    data = base64.b64encode(png(figure)).decode()
+    return (f'<figure><img alt="{escape(caption)}" src="data:image/png;base64,{data}">'
+            f'<figcaption>{escape(caption)}</figcaption></figure>')
+
+
+def png(figure: Figure) -> bytes:
+    """A figure as a PNG file's bytes."""
+    buffer = io.BytesIO()
+    figure.savefig(buffer, format='rgba', dpi=RESOLUTION)
+    width, height = (int(side * RESOLUTION) for side in figure.get_size_inches())
+    seen = Image.frombytes('RGBA', (width, height), buffer.getvalue()).convert('RGB')
+    buffer = io.BytesIO()
+    seen.quantize(COLOURS, method=Image.Quantize.FASTOCTREE).save(buffer, 'PNG', optimize=False)
+    return buffer.getvalue()
+
+
+def _cell(item: str | Cell, tag: str) -> str:
+    cell = item if isinstance(item, Cell) else Cell(item)
+    kinds = ' '.join(kind for kind in ('n' if cell.is_number else '', cell.mark) if kind)
+    text = cell.text if cell.is_html else escape(cell.text)
+    return f'<{tag}{_class(kinds)}>{text}</{tag}>'
+
+
+def _class(kind: str) -> str:
+    return f' class="{kind}"' if kind else ''

@@ -1,0 +1,79 @@
+"""Numbers as a person reads them: prefixes, as many digits as the error leaves, percentages."""
+
+from __future__ import annotations
+
+import math
+
+PREFIXES = ((1e6, 'M'), (1e3, 'k'), (1.0, ''), (1e-3, 'm'), (1e-6, 'µ'), (1e-9, 'n'))
+PREFIXED = frozenset({'N', 'm', 'rad', 's', 'Hz', 'm/s'})
+PLAIN = frozenset({'', '1'})
+
+LEAST_SHARE = 1e-5
+"""Smaller shares are not told apart."""
+
+
+def quantity(value: float | None, unit: str = '', std: float | None = None) -> str:
+    """'9.04 ± 0.03 kN'; a value without error (None or 0) has three digits, none is a dash."""
+    if value is None or not math.isfinite(value):
+        return '–'
+    factor, shown = _scale(value, std, unit)
+    text = _with_error(value / factor, None if not std else std / factor)
+    return f'{text} {shown}'.strip()
+
+
+def percent(share: float | None, digits: int = 2) -> str:
+    """A share as percent with so many significant digits."""
+    if share is None or not math.isfinite(share):
+        return '–'
+    if 0.0 < abs(share) < LEAST_SHARE:
+        return f'< {100.0 * LEAST_SHARE:g} %'
+    return f'{significant(100.0 * share, digits)} %'
+
+
+def probability(value: float | None) -> str:
+    """A p-value: two digits, or that it is too small to matter how small."""
+    if value is None or not math.isfinite(value):
+        return '–'
+    if value < 1e-12:
+        return '< 10⁻¹²'
+    return f'{value:.2f}' if value >= 0.01 else f'{value:.0e}'
+
+
+def significant(value: float, digits: int) -> str:
+    """A number in plain notation with so many significant digits."""
+    if value == 0.0:
+        return '0'
+    places = max(0, digits - 1 - math.floor(math.log10(abs(value))))
+    return f'{value:.{places}f}'
+
+
+def _scale(value: float, std: float | None, unit: str) -> tuple[float, str]:
+    if unit in PLAIN:
+        return 1.0, ''
+    if unit == 'rad' and abs(value) >= math.radians(0.1):
+        return math.radians(1.0), '°'
+    if unit not in PREFIXED:
+        return 1.0, unit
+    size = max(abs(value), abs(std or 0.0))
+    for factor, prefix in PREFIXES:
+        if size >= factor * (1.0 - 1e-12):
+            return factor, prefix + unit
+    factor, prefix = PREFIXES[-1]
+    return (factor, prefix + unit) if size > 0.0 else (1.0, unit)
+
+
+def _with_error(value: float, std: float | None) -> str:
+    size = max(abs(value), abs(std or 0.0))
+    exponent = 0
+    if size >= 1e4 or 0.0 < size < 1e-2:
+        exponent = math.floor(math.log10(size))
+    value, std = value / 10.0**exponent, None if std is None else std / 10.0**exponent
+    if std is None:
+        text = significant(value, 3)
+    else:
+        places = min(6, max(0, 1 - math.floor(math.log10(std))))
+        text = f'{value:.{places}f} ± {std:.{places}f}'
+    if exponent == 0:
+        return text
+    power = str(exponent).translate(str.maketrans('-0123456789', '⁻⁰¹²³⁴⁵⁶⁷⁸⁹'))
+    return f'{text} × 10{power}' if std is None else f'({text}) × 10{power}'
