@@ -1,8 +1,12 @@
-"""Noise of the three displacement channels from stretches at rest, as an autoregressive process.
+"""Noise of the displacement channels, read from stretches at rest, slow wander included.
 
-Each channel at rest, less what the load's own movement explains, is an AR(p) process (p <= 6 by
-BIC, Yule-Walker equations); the innovations of the channels share one correlation matrix. The
-means taken from short stretches hide part of the slow noise: their variance is put back.
+A channel at rest, less what the load's own movement explains, is taken as a sum of processes
+with exponential autocorrelation, r(t) = sum a_j exp(-t / tau_j), a_j >= 0, tau_j from nought
+(white) to seconds. The a_j are fitted to the Allan variance, half the mean square difference of
+the means of neighbouring blocks, over block lengths from one sample to half a stretch: it does
+not care that the mean of a short stretch is unknown, and long blocks average the white part away
+and show the slow part that makes the error of a mean.
+Source: D. W. Allan, Statistics of atomic frequency standards, Proc. IEEE 54 (1966) 221.
 """
 
 from __future__ import annotations
@@ -12,155 +16,183 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import solve_toeplitz
-from scipy.signal import lfilter
+from scipy.optimize import nnls
 
 Array = NDArray[np.float64]
 
-LONGEST_MEMORY = 6
-"""Highest order of the autoregression, in samples of the grid."""
+FAST_TIMES = (0.01, 0.03, 0.1, 0.3)
+SLOW_TIMES = (1.0, 2.0, 4.0, 8.0)
+"""Time constants [s] a noise may have beside white."""
+
+MODEL_ERROR = 0.02
+SHORT_MODEL_ERROR = 0.2
+"""Relative error of the model itself; readings interpolated between stamps share neighbours."""
 
 SMALLEST_NOISE = 1e-9
-"""Noise assumed where a record shows less [m, or rad at a metre]: one nanometre."""
+"""Noise assumed where a record shows less [m, or rad]: one nanometre."""
 
 
 @dataclass(frozen=True)
 class ChannelNoise:
-    """One channel's AR process: coefficients (p,) and innovation variance."""
+    """One channel on a grid of `interval` [s]: white variance, and variances of times [s]."""
 
-    coefficients: Array
-    innovation_variance: float
+    interval: float
+    white: float
+    times: Array
+    variances: Array
 
     def autocovariance(self, lags: int) -> Array:
-        """Autocovariance at lags 0..lags-1, shape (lags,)."""
-        order = len(self.coefficients)
-        first = _starting_autocovariance(self.coefficients, self.innovation_variance)
-        covariance = np.zeros(max(lags, order + 1))
-        covariance[: order + 1] = first
-        for lag in range(order + 1, len(covariance)):
-            covariance[lag] = self.coefficients @ covariance[lag - order : lag][::-1]
-        return covariance[:lags]
+        """Autocovariance at lags 0..lags-1 of the grid, shape (lags,)."""
+        covariance = self.at(self.interval * np.arange(lags))
+        covariance[0] += self.white
+        return covariance
+
+    def at(self, separation: Array) -> Array:
+        """Covariance of the coloured part at separations [s]."""
+        decay = np.exp(-np.asarray(separation)[..., None] / self.times)
+        return np.asarray(decay @ self.variances)
 
     def variance_of_mean(self, samples: int) -> float:
         """Variance of the mean of `samples` successive grid values."""
-        return _variance_of_mean(self.autocovariance(max(1, samples)), max(1, samples))
+        count = max(1, samples)
+        weights = 2.0 * (1.0 - np.arange(count) / count)
+        weights[0] = 1.0
+        return float(weights @ self.autocovariance(count) / count)
+
+    def covariance_of_means(self, centres: Array, samples: Sequence[int]) -> Array:
+        """Covariance (M, M) of means of `samples` grid values about the times `centres` [s]."""
+        covariance = self.at(np.abs(centres[:, None] - centres[None, :]))
+        variances = [self.variance_of_mean(count) for count in samples]
+        scale = np.sqrt(variances / np.maximum(np.diag(covariance), max(variances)))
+        covariance = covariance * np.outer(scale, scale)
+        np.fill_diagonal(covariance, variances)
+        return np.asarray(covariance)
 
     @property
     def standard_deviation(self) -> float:
         """Standard deviation of one grid value."""
-        return float(np.sqrt(self.autocovariance(1)[0]))
+        return float(np.sqrt(self.white + self.variances.sum()))
 
 
 @dataclass(frozen=True)
 class NoiseModel:
-    """Noise of delta_x, delta_y, gamma on a grid: one process each, correlation of innovations."""
+    """Noise of delta_x, delta_y, gamma on a grid: a process each, correlation of the channels."""
 
     channels: tuple[ChannelNoise, ...]
     correlation: Array
-    samples: int
-
-    def pick(self, channels: Sequence[int]) -> NoiseModel:
-        """The same noise for some of the channels."""
-        index = list(channels)
-        return NoiseModel(
-            tuple(self.channels[channel] for channel in index),
-            self.correlation[np.ix_(index, index)],
-            self.samples,
-        )
 
 
-def _starting_autocovariance(coefficients: Array, innovation_variance: float) -> Array:
-    """Autocovariance at lags 0..p of an AR process, from the Yule-Walker equations."""
-    order = len(coefficients)
-    if order == 0:
-        return np.array([innovation_variance])
-    system = np.eye(order + 1)
-    for row in range(order + 1):
-        for lag in range(1, order + 1):
-            system[row, abs(row - lag)] -= coefficients[lag - 1]
-    right = np.zeros(order + 1)
-    right[0] = innovation_variance
-    return np.asarray(np.linalg.solve(system, right))
+def fit_channel(segments: Sequence[Array], interval: float) -> ChannelNoise:
+    """Noise of one channel from segments (n_i,) at rest, sampled every `interval` [s]."""
+    return fit_noise([segment[None, :] for segment in segments], interval).channels[0]
 
 
-def _variance_of_mean(autocovariance: Array, samples: int) -> float:
-    weights = 1.0 - np.arange(samples) / samples
-    covariance = autocovariance[:samples]
-    return float((covariance[0] + 2.0 * np.sum(weights[1:] * covariance[1:])) / samples)
+def fit_noise(
+    segments: Sequence[Array], interval: float, slow: NoiseModel | None = None
+) -> NoiseModel:
+    """Noise model from segments (C, n_i) at rest, sampled every `interval` [s].
 
-
-def _pooled_autocovariance(segments: Sequence[Array], lags: int) -> Array:
-    """Autocovariance of mean-free segments, pooled, at lags 0..lags-1."""
-    total = np.zeros(lags)
-    count = np.zeros(lags)
-    for segment in segments:
-        values = segment - segment.mean()
-        for lag in range(min(lags, len(values))):
-            total[lag] += values[: len(values) - lag] @ values[lag:]
-            count[lag] += len(values) - lag
-    return np.asarray(total / np.maximum(count, 1.0))
-
-
-def fit_channel(segments: Sequence[Array], smallest: float = SMALLEST_NOISE) -> ChannelNoise:
-    """AR process of one channel from segments (n_i,) at rest; order by BIC."""
-    samples = sum(len(segment) for segment in segments)
-    longest = int(min(LONGEST_MEMORY, samples // 25, max(len(s) for s in segments) // 4))
-    raw = _pooled_autocovariance(segments, longest + 1)
-    noise = _best_order(raw, samples, smallest)
-    for _ in range(3):  # the segments' means took this much of the slow noise with them
-        lost = np.mean([noise.variance_of_mean(len(segment)) for segment in segments])
-        noise = _best_order(raw + min(float(lost), 0.5 * raw[0]), samples, smallest)
-    return noise
-
-
-def _best_order(autocovariance: Array, samples: int, smallest: float) -> ChannelNoise:
-    floor = smallest**2
-    if autocovariance[0] <= floor:
-        return ChannelNoise(np.zeros(0), floor)
-    best = ChannelNoise(np.zeros(0), float(autocovariance[0]))
-    best_score = samples * np.log(autocovariance[0])
-    for order in range(1, len(autocovariance)):
-        coefficients = solve_toeplitz(autocovariance[:order], autocovariance[1 : order + 1])
-        variance = float(autocovariance[0] - coefficients @ autocovariance[1 : order + 1])
-        if variance <= 1e-6 * autocovariance[0] or not _is_stable(coefficients):
-            break
-        score = samples * np.log(variance) + order * np.log(samples)
-        if score < best_score:
-            best, best_score = ChannelNoise(np.asarray(coefficients), variance), score
-    return best
-
-
-def _is_stable(coefficients: Array) -> bool:
-    roots = np.roots(np.concatenate([[1.0], -coefficients]))
-    return bool(np.all(np.abs(roots) < 0.999))
-
-
-def fit_noise(segments: Sequence[Array], smallest: Sequence[float]) -> NoiseModel:
-    """Noise model from segments (C, n_i) at rest; `smallest` (C,) is the least noise of each."""
+    All channels share the time constants and their proportions, being read by probes of one kind;
+    each has its own size. slow: noise of the same channels read from longer stretches; its slow
+    part is taken over.
+    """
+    longest = max(segment.shape[1] for segment in segments)
+    sizes = np.unique(np.geomspace(1, max(1, longest // 2), 14).astype(np.int64))
+    measured, pairs = _allan_variance(segments, sizes)
+    sizes, measured, pairs = sizes[pairs > 0], measured[:, pairs > 0], pairs[pairs > 0]
+    known_times = np.array(SLOW_TIMES if slow is not None else ())
+    known = np.zeros((len(measured), len(known_times)))
+    if slow is not None:
+        known = np.array([_slow_part(channel) for channel in slow.channels])
+        measured = measured - known @ _of_unit(sizes, interval, known_times).T
+        measured = np.maximum(measured, 0.0)
+    candidates = FAST_TIMES + (SLOW_TIMES if slow is None else ())
+    free = np.array([t for t in candidates if interval < t <= 1.5 * interval * longest])
+    design = np.column_stack([1.0 / sizes, _of_unit(sizes, interval, free)])
+    scale = np.maximum(_size_of(measured, sizes, pairs), SMALLEST_NOISE**2)
+    amounts = _fitted(design, np.mean(measured / scale[:, None], axis=0), sizes,
+                      len(scale) * pairs / sizes)
     channels = tuple(
-        fit_channel([segment[channel] for segment in segments], smallest[channel])
-        for channel in range(len(smallest))
+        ChannelNoise(
+            interval, max(float(size * amounts[0]), SMALLEST_NOISE**2),
+            np.concatenate([free, known_times]), np.concatenate([size * amounts[1:], taken]),
+        )
+        for size, taken in zip(scale, known, strict=True)
     )
-    innovations = np.concatenate(
-        [_innovations(segment, channels) for segment in segments], axis=1
-    )
-    scale = np.sqrt(np.mean(innovations**2, axis=1))
-    standard = innovations / np.where(scale > 0.0, scale, 1.0)[:, None]
+    return NoiseModel(channels, _correlation(segments))
+
+
+def _slow_part(channel: ChannelNoise) -> Array:
+    return np.array([channel.variances[channel.times == time].sum() for time in SLOW_TIMES])
+
+
+def _size_of(measured: Array, sizes: NDArray[np.int64], pairs: Array) -> Array:
+    """Level of each channel's Allan variance (C,), from all block sizes by what they weigh."""
+    weight = pairs / sizes
+    return np.asarray((measured * sizes) @ weight / weight.sum())
+
+
+def _fitted(
+    design: Array, measured: Array, sizes: NDArray[np.int64], freedom: Array
+) -> Array:
+    """Amounts >= 0 with design @ amounts = measured, each row weighted by its relative error.
+
+    That is of the model, not of the measured value, which may be small by chance alone: hence the
+    repeated fits, from white noise on.
+    """
+    own = np.where(sizes < 4, SHORT_MODEL_ERROR, MODEL_ERROR)
+    error = np.sqrt(1.0 / np.maximum(freedom, 0.5) + own**2)
+    expected = measured[0] * design[:, 0]
+    amounts = np.zeros(design.shape[1])
+    for _ in range(6):
+        weight = 1.0 / (error * np.maximum(expected, 1e-300))
+        amounts, _ = nnls(design * weight[:, None], measured * weight)
+        expected = np.maximum(design @ amounts, 0.1 * measured[0] * design[:, 0])
+    return np.asarray(amounts)
+
+
+def _allan_variance(
+    segments: Sequence[Array], sizes: NDArray[np.int64]
+) -> tuple[Array, Array]:
+    """Overlapping Allan variance (C, L) at block sizes, and how many pairs it is from (L,)."""
+    total, pairs = np.zeros((len(segments[0]), len(sizes))), np.zeros(len(sizes))
+    for segment in segments:
+        centred = segment - segment.mean(axis=1, keepdims=True)
+        sums = np.concatenate([np.zeros((len(segment), 1)), np.cumsum(centred, axis=1)], axis=1)
+        for place, size in enumerate(sizes):
+            if 2 * size > segment.shape[1]:
+                break
+            means = (sums[:, size:] - sums[:, :-size]) / size
+            difference = means[:, size:] - means[:, :-size]
+            total[:, place] += 0.5 * np.sum(difference**2, axis=1)
+            pairs[place] += difference.shape[1]
+    return total / np.maximum(pairs, 1.0), pairs
+
+
+def _of_unit(sizes: NDArray[np.int64], interval: float, times: Array) -> Array:
+    """Allan variance (L, J) at block sizes of unit variance with time constants [s].
+
+    2 (v(m) - v(2 m)) with v(m) the variance of a mean of m.
+    """
+    table = np.empty((len(sizes), len(times)))
+    for column, time in enumerate(times):
+        one = ChannelNoise(interval, 0.0, np.array([time]), np.ones(1))
+        for row, size in enumerate(sizes):
+            table[row, column] = 2.0 * (
+                one.variance_of_mean(int(size)) - one.variance_of_mean(2 * int(size))
+            )
+    return table
+
+
+def _correlation(segments: Sequence[Array]) -> Array:
+    """Correlation of the channels' steps; what is not significant is nought."""
+    steps = np.concatenate([np.diff(segment, axis=1) for segment in segments], axis=1)
+    scale = np.sqrt(np.mean(steps**2, axis=1))
+    standard = steps / np.where(scale > 0.0, scale, 1.0)[:, None]
     correlation = standard @ standard.T / max(1, standard.shape[1])
-    correlation[np.diag_indices_from(correlation)] = 1.0
-    noticeable = np.abs(correlation) > 3.0 / np.sqrt(max(1, standard.shape[1]))
+    noticeable = np.abs(correlation) > 4.0 / np.sqrt(max(1, standard.shape[1]))
     correlation = np.where(noticeable, np.clip(correlation, -0.95, 0.95), 0.0)
-    correlation[np.diag_indices_from(correlation)] = 1.0
+    np.fill_diagonal(correlation, 1.0)
     if np.linalg.eigvalsh(correlation)[0] < 1e-3:
-        correlation = np.eye(len(correlation))
-    return NoiseModel(channels, correlation, sum(segment.shape[1] for segment in segments))
-
-
-def _innovations(segment: Array, channels: Sequence[ChannelNoise]) -> Array:
-    values = segment - segment.mean(axis=1, keepdims=True)
-    return np.stack(
-        [
-            lfilter(np.concatenate([[1.0], -noise.coefficients]), [1.0], row)
-            for noise, row in zip(channels, values, strict=True)
-        ]
-    )
+        return np.eye(len(correlation))
+    return np.asarray(correlation)

@@ -141,7 +141,7 @@ def average_branches(observation: Observation) -> Observation:
         load=load,
         displacement=observation.displacement @ weights.T,
         branch=np.zeros(len(groups)),
-        whitening=tuple(Whitening.of_independent(row, 0.0) for row in variance),
+        whitening=tuple(Whitening.of_covariance(np.diag(row)) for row in variance),
         standard_error=np.sqrt(variance),
         fine_time=time,
         fine_load=load,

@@ -15,7 +15,7 @@ from scipy.linalg import cholesky
 
 from saddlering_ros.bags import BagError, displacement_of_run, MeasuredRun, plateaus, TestRun
 from saddlering_ros.identification.errors import IdentificationError
-from saddlering_ros.identification.noise import fit_noise, NoiseModel, SMALLEST_NOISE
+from saddlering_ros.identification.noise import fit_noise, NoiseModel
 from saddlering_ros.identification.whitening import Whitening
 from saddlering_ros.rig import FULL_SCALE_LOAD, Rig, TONNE
 
@@ -232,26 +232,36 @@ def _block_means(values: Array, size: int) -> Array:
 
 
 def _noise_of(runs: Sequence[_Prepared], like: _Prepared, size: int) -> NoiseModel:
-    """Noise on the grid of `size` samples a block, from all runs sampled like this one."""
-    segments = []
-    lengths = []
-    for one in runs:
-        if abs(one.interval / like.interval - 1.0) > 0.05:
-            continue
-        slope = _load_slope(one)
-        for start, stop in one.rests:
-            moved = slope[:, None] * one.measured.load[start:stop]
-            motion = one.displacement[:, start:stop] - moved
-            motion = motion[:, np.all(np.isfinite(motion), axis=0)]
-            lengths.append(motion.shape[1])
-            if motion.shape[1] >= 4 * size:
-                segments.append(_block_means(motion, size))
+    """Noise on the grid of `size` samples a block, from all runs sampled like this one.
+
+    A dynamic run's rests are too short to show the slow part: that is taken from static runs.
+    """
+    alike = [one for one in runs if abs(one.interval / like.interval - 1.0) <= 0.05]
+    segments = [part for one in alike for part in _rest_blocks(one, size)]
     if not segments:
         raise IdentificationError(
             f'{run_name(like.run)}: no stretch at rest of at least {4 * size} samples to read the '
-            f'noise from (longest {max(lengths, default=0)}): hold the load before the ramp'
+            'noise from: hold the load before the ramp'
         )
-    return fit_noise(segments, [SMALLEST_NOISE] * CHANNEL_COUNT)
+    slow = None
+    held = [one for one in runs if one.branch is not None]
+    if held and not any(one.branch is not None for one in alike):
+        count = max(1, int(round(size * like.interval / held[0].interval)))
+        still = [part for one in held for part in _rest_blocks(one, count)]
+        slow = fit_noise(still, count * held[0].interval) if still else None
+    return fit_noise(segments, size * like.interval, slow)
+
+
+def _rest_blocks(one: _Prepared, size: int) -> list[Array]:
+    """Block means (3, n) of a run's stretches at rest, less what the load's movement explains."""
+    slope = _load_slope(one)
+    segments = []
+    for start, stop in one.rests:
+        motion = one.displacement[:, start:stop] - slope[:, None] * one.measured.load[start:stop]
+        motion = motion[:, np.all(np.isfinite(motion), axis=0)]
+        if motion.shape[1] >= 4 * size:
+            segments.append(_block_means(motion, size))
+    return segments
 
 
 def _load_slope(one: _Prepared) -> Array:
@@ -279,10 +289,10 @@ def _observe_static(
     whitening = []
     error = []
     for channel in noise.channels:
-        own = np.array([channel.variance_of_mean(count) for count in counts])
+        own = channel.covariance_of_means(time, counts)
         common = channel.variance_of_mean(blocks)
-        whitening.append(Whitening.of_independent(own, common))
-        error.append(np.sqrt(own + common))
+        whitening.append(Whitening.of_covariance(own, common))
+        error.append(np.sqrt(np.diag(own) + common))
     return Observation(
         name=run_name(one.run), dynamic=False, elevation=float(one.run.elevation),
         time=time, load=load, zero_load=measured.zero.load,

@@ -244,7 +244,9 @@ def _figures(
     else:
         shape_load, shape_measured = run.load[compared], measured[compared]
         shape_simulated = simulated[compared]
-    noise, mean_noise, zero_noise = _noise(residual, rests, zero_samples)
+    noise, mean_noise, zero_noise = _noise(
+        residual, rests, zero_samples, float(np.median(np.diff(run.time)))
+    )
     extent = _range(shape_measured, static)
     rmse = float(np.sqrt(np.mean(residual[compared] ** 2)))
     floor = math.hypot(noise, zero_noise)
@@ -280,14 +282,16 @@ def _ratio(value: float, over: float) -> float | None:
     return value / over if over > 0.0 else None
 
 
-def _noise(residual: Array, rests: Spans, zero_samples: int) -> tuple[float, float, float]:
+def _noise(
+    residual: Array, rests: Spans, zero_samples: int, interval: float
+) -> tuple[float, float, float]:
     """Noise of one sample, of a stretch's mean and of the zero, from the residual at rest."""
     segments = [residual[start:stop] for start, stop in rests]
     segments = [segment[np.isfinite(segment)] for segment in segments]
     segments = [segment for segment in segments if len(segment) >= 4]
     if not segments:
         return 0.0, 0.0, 0.0
-    noise = fit_channel(segments)
+    noise = fit_channel(segments, interval)
     of_means = np.mean([noise.variance_of_mean(len(segment)) for segment in segments])
     of_zero = noise.variance_of_mean(max(1, zero_samples))
     return noise.standard_deviation, float(np.sqrt(of_means)), float(np.sqrt(of_zero))

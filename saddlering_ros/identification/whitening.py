@@ -1,7 +1,7 @@
 """Turning the correlated errors of a run's readings into uncorrelated ones, in linear time.
 
-The errors of one channel are an autoregressive process (or independent readings) plus one error
-common to all, that of the zero: covariance R + s^2 1 1^T. With W R W^T = I and u = W 1 the
+The errors of one channel are a stationary process (or readings of known covariance) plus one
+error common to all, that of the zero: covariance R + s^2 1 1^T. With W R W^T = I and u = W 1 the
 common part is removed by I - b u u^T / |u|^2, b = 1 - 1 / sqrt(1 + s^2 |u|^2).
 """
 
@@ -11,12 +11,15 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import cholesky, solve_triangular, toeplitz
+from scipy.linalg import cholesky, solve_toeplitz, solve_triangular, toeplitz
 from scipy.signal import lfilter
 
 from saddlering_ros.identification.noise import ChannelNoise
 
 Array = NDArray[np.float64]
+
+LONGEST_MEMORY = 100
+"""Values a process is predicted from; two seconds of the usual fit grid."""
 
 
 @dataclass(frozen=True)
@@ -35,20 +38,26 @@ class Whitening:
 
     @classmethod
     def of_process(cls, noise: ChannelNoise, samples: int, common: float) -> Whitening:
-        """For `samples` successive values of a process, with a common error of that variance."""
-        order = min(len(noise.coefficients), samples)
-        head = np.zeros((order, order))
+        """For `samples` successive values of a process, with a common error of that variance.
+
+        The process is predicted from its last LONGEST_MEMORY values (Yule-Walker equations).
+        """
+        order = min(LONGEST_MEMORY if noise.variances.any() else 0, samples - 1)
+        covariance = noise.autocovariance(order + 1)
+        coefficients = np.zeros(order)
         if order:
-            lower = cholesky(toeplitz(noise.autocovariance(order)), lower=True)
-            head = solve_triangular(lower, np.eye(order), lower=True)
-        scale = np.full(samples, 1.0 / np.sqrt(noise.innovation_variance))
-        return cls._with_common(noise.coefficients, head, scale, common)
+            coefficients = np.asarray(solve_toeplitz(covariance[:order], covariance[1:]))
+        innovation = float(covariance[0] - coefficients @ covariance[1:])
+        scale = np.full(samples, 1.0 / np.sqrt(innovation))
+        head = _inverse_root(toeplitz(covariance[:order])) if order else np.zeros((0, 0))
+        return cls._with_common(coefficients, head, scale, common)
 
     @classmethod
-    def of_independent(cls, variance: Array, common: float) -> Whitening:
-        """For independent readings with variances (N,), with a common error of that variance."""
-        nothing = np.zeros(0)
-        return cls._with_common(nothing, np.zeros((0, 0)), 1.0 / np.sqrt(variance), common)
+    def of_covariance(cls, covariance: Array, common: float = 0.0) -> Whitening:
+        """For readings with a covariance (N, N), with a common error of that variance."""
+        count = len(covariance)
+        head = _inverse_root(covariance)
+        return cls._with_common(np.zeros(0), head, np.ones(count), common)
 
     @classmethod
     def _with_common(
@@ -64,7 +73,9 @@ class Whitening:
     def apply(self, values: Array) -> Array:
         """Whitened rows (B, N) of values (B, N)."""
         order = len(self.head)
-        if order:
+        if order == values.shape[-1]:
+            white = values @ self.head.T
+        elif order:
             white = lfilter(np.concatenate([[1.0], -self.coefficients]), [1.0], values, axis=-1)
             white = white * self.scale
             white[:, :order] = values[:, :order] @ self.head.T
@@ -73,3 +84,8 @@ class Whitening:
         if self.share:
             white -= self.share * (white @ self.direction)[:, None] * self.direction
         return np.asarray(white)
+
+
+def _inverse_root(covariance: Array) -> Array:
+    lower = cholesky(covariance, lower=True)
+    return np.asarray(solve_triangular(lower, np.eye(len(lower)), lower=True))

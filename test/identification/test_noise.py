@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from saddlering_ros.identification.noise import ChannelNoise, fit_channel, fit_noise
+from saddlering_ros.identification.noise import ChannelNoise, fit_channel, fit_noise, NoiseModel
 
-SMALLEST = [1e-9, 1e-9, 1e-9]
+STEP = 0.02
 
 
 def segments(memory, count=50, length=200, seed=0, scale=3e-7):
@@ -18,43 +18,61 @@ def segments(memory, count=50, length=200, seed=0, scale=3e-7):
 
 @pytest.mark.parametrize('memory', [0.0, 0.5, 0.9])
 def test_standard_deviation_is_read_whatever_the_memory(memory):
-    assert fit_channel(segments(memory)).standard_deviation == pytest.approx(3e-7, rel=0.06)
+    assert fit_channel(segments(memory), STEP).standard_deviation == pytest.approx(3e-7, rel=0.06)
 
 
 @pytest.mark.parametrize('memory', [0.0, 0.6, 0.9])
 def test_the_error_of_a_mean_is_the_scatter_of_means(memory):
     parts = segments(memory, count=400, length=100)
     scatter = np.std([part.mean() for part in parts])
-    stated = np.sqrt(fit_channel(parts).variance_of_mean(100))
+    stated = np.sqrt(fit_channel(parts, STEP).variance_of_mean(100))
     assert stated == pytest.approx(scatter, rel=0.15)
 
 
-def test_white_noise_gets_no_memory():
-    assert len(fit_channel(segments(0.0)).coefficients) == 0
+def test_white_noise_is_white_mostly():
+    noise = fit_channel(segments(0.0), STEP)
+    assert noise.white > 0.95 * noise.standard_deviation**2
+
+
+def test_a_slow_wander_counts_in_the_error_of_a_mean_though_stretches_are_short():
+    slow = np.exp(-STEP / 4.0)
+    fast = segments(0.0, count=60, length=200, scale=3e-7)
+    wander = segments(slow, count=60, length=200, seed=1, scale=1e-7)
+    noise = fit_channel([a + b for a, b in zip(fast, wander, strict=True)], STEP)
+    assert np.sqrt(noise.variance_of_mean(200)) == pytest.approx(0.8e-7, rel=0.35)
+
+
+def test_what_longer_stretches_know_of_the_slow_part_is_taken_over():
+    slow = NoiseModel((ChannelNoise(STEP, 1e-14, np.array([4.0]), np.array([4e-14])),), np.eye(1))
+    short = [segment[None] for segment in segments(0.0, count=1, length=30)]
+    noise = fit_noise(short, STEP, slow).channels[0]
+    assert noise.at(np.array([0.0]))[0] == pytest.approx(4e-14, rel=0.2)
 
 
 def test_the_means_of_the_stretches_do_not_count():
     parts = segments(0.3)
     moved = [part + 1e-4 * number for number, part in enumerate(parts)]
-    assert fit_channel(moved).standard_deviation == pytest.approx(
-        fit_channel(parts).standard_deviation, rel=1e-6
+    assert fit_channel(moved, STEP).standard_deviation == pytest.approx(
+        fit_channel(parts, STEP).standard_deviation, rel=1e-6
     )
 
 
 def test_a_record_without_noise_is_given_the_smallest():
-    assert fit_channel([np.zeros(50)] * 3).standard_deviation == pytest.approx(1e-9)
+    assert fit_channel([np.zeros(50)] * 3, STEP).standard_deviation == pytest.approx(1e-9)
 
 
 def test_the_autocovariance_is_that_of_the_process():
-    noise = ChannelNoise(np.array([0.8]), 1.0 - 0.8**2)
-    assert noise.autocovariance(5) == pytest.approx(0.8 ** np.arange(5))
+    noise = ChannelNoise(STEP, 2.0, np.array([0.1]), np.array([1.0]))
+    assert noise.autocovariance(4) == pytest.approx(
+        [3.0, *np.exp(-STEP * np.arange(1, 4) / 0.1)]
+    )
 
 
 def test_a_common_cause_shows_as_correlation_between_channels():
     random = np.random.default_rng(1)
     common = random.normal(0.0, 3e-7, (40, 1, 100))
     own = random.normal(0.0, 3e-7, (40, 3, 100))
-    model = fit_noise(list(own + common), SMALLEST)
+    model = fit_noise(list(own + common), STEP)
     assert model.correlation[0, 2] == pytest.approx(0.5, abs=0.06)
-    independent = fit_noise(list(own), SMALLEST)
+    independent = fit_noise(list(own), STEP)
     assert np.abs(independent.correlation - np.eye(3)).max() < 0.06

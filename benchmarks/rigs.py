@@ -1,0 +1,90 @@
+"""Virtual rigs for the identification benchmarks: drawn parameters and runs of them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from saddlering_ros.bags import TestRun
+from saddlering_ros.rig import (
+    ContactParameters,
+    default_rig,
+    Displacement,
+    displacement_to_probes,
+    FULL_SCALE_LOAD,
+    Rig,
+)
+from saddlering_ros.ring import static_response
+from saddlering_ros.virtual_rig import (
+    dynamic_schedule,
+    Instruments,
+    PhysicalRig,
+    record_test,
+    Scatter,
+    static_schedule,
+    TestPlan,
+)
+
+RIG = default_rig()
+NO_SCATTER = Scatter(gap=0.0, stiffness=0.0)
+
+
+LARGEST_READING = 0.8e-3
+"""Probe reading [m] that a drawn rig may reach; the probes' span ends at 1 mm."""
+
+
+def drawn_contact(random: np.random.Generator, rig: Rig = RIG) -> ContactParameters:
+    """A contact law from the whole box of bounds that the probes can follow at both elevations.
+
+    K and D are drawn even in the logarithm, n even. The softest corner of the box moves the ring
+    by more than the probes' span and is drawn again.
+    """
+    while True:
+        contact = _drawn(random, rig)
+        readings = [
+            np.abs(_probe_readings(rig, contact, elevation)).max() for elevation in (50.0, 70.0)
+        ]
+        if max(readings) < LARGEST_READING:
+            return contact
+
+
+def _probe_readings(rig: Rig, contact: ContactParameters, elevation_deg: float):
+    loads = np.array([rig.preload, FULL_SCALE_LOAD])
+    q = static_response(rig, contact.to_array(), np.radians(elevation_deg), loads)
+    moved = q[:, 1] - q[:, 0]
+    return displacement_to_probes(rig.probes, Displacement(moved[0], moved[1], moved[2], 0.0))
+
+
+def _drawn(random: np.random.Generator, rig: Rig) -> ContactParameters:
+    values = {}
+    for name, (low, high) in rig.bounds.items():
+        share = random.uniform(0.05, 0.95)
+        even = low + share * (high - low)
+        values[name] = even if name[0] == 'n' else low * (high / low) ** share
+    return ContactParameters(**values)
+
+
+def virtual_run(
+    test: str, elevation_deg: float, contact: ContactParameters, *, seed: int,
+    noise: float = 0.3e-6, scatter: Scatter = NO_SCATTER, rate: float | None = None,
+    speed: float = 1.0, rig: Rig = RIG,
+) -> TestRun:
+    """One test on the virtual rig, as `bags` would align it; noise is the rms of a probe [m]."""
+    physical = PhysicalRig(rig, contact, float(np.radians(elevation_deg)), scatter=scatter)
+    schedule = static_schedule(rig) if test == 'static' else dynamic_schedule(rig, speed=speed)
+    record = record_test(
+        TestPlan(physical, schedule, seed=seed, instruments=Instruments(noise=noise), rate=rate)
+    )
+    stamps = record.load_stamps
+    time = (stamps - stamps[0]) * 1e-9
+    gaps = np.stack([
+        np.interp(time, (own - stamps[0]) * 1e-9, gap, left=np.nan, right=np.nan)
+        for own, gap in zip(record.probe_stamps, record.gaps, strict=True)
+    ])
+    name = f'{test}_{elevation_deg:g}_{seed}'
+    return TestRun(
+        name=name, path=Path(name), test=test, elevation=float(np.radians(elevation_deg)),
+        rig='virtual', run=str(seed), stamps=stamps, time=time, load=record.load, gaps=gaps,
+        notes=[],
+    )
