@@ -131,7 +131,7 @@ def _notes_on_gaps(
     if not count:
         return []
     longest = int(np.diff(stamps)[is_gap].max()) / 1e9
-    return [f'{topic}: {count} gaps in the stamps, the longest {longest:.3f} s']
+    return [f'{topic}: {count} gap{"s" * (count > 1)} in the stamps, the longest {longest:.3f} s']
 
 
 def _is_span(low: float, high: float) -> bool:

@@ -7,3 +7,7 @@ from saddlering_ros.errors import SaddleringError
 
 class BagError(SaddleringError):
     """A bag that cannot be used; one line: what, where, what to do."""
+
+    def __init__(self, message: str) -> None:
+        # Names read from a damaged file may hold anything.
+        super().__init__(message.replace('\r', ' ').replace('\n', ' '))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 from hypothesis import given, settings
 from hypothesis import strategies as st
 import numpy as np
@@ -75,6 +77,31 @@ def test_stream_equals_record_bit_for_bit(lists, seed):
     assert [list(row.gaps) for row in rows] == aligned[:, complete].T.tolist()
     time = seconds_array(load_stamps, int(load_stamps[0]))
     assert [row.time for row in rows] == time[complete].tolist()
+
+
+anything = st.lists(st.tuples(
+    st.integers(0, 4), st.integers(-10 ** 9, 10 ** 9) | st.integers(0, 40),
+    st.floats(allow_nan=True, allow_infinity=True)), max_size=200)
+
+
+@settings(max_examples=150, deadline=None)
+@given(anything, st.integers(1, 10 ** 9))
+def test_whatever_arrives_rows_stay_in_order_finite_and_counted(samples, unit):
+    aligner = StreamAligner(max_wait=2.0, max_pending=50, max_samples=40)
+    rows, loads, stamp = [], 0, EPOCH
+    for channel, step, value in samples:
+        stamp += step * (unit if abs(step) <= 40 else 1)
+        if channel:
+            rows += aligner.push_gap(channel - 1, stamp, value)
+        else:
+            loads += 1
+            rows += aligner.push_load(stamp, value)
+        assert aligner.pending <= 51
+    aligner.flush()
+    for before, after in pairwise(rows):
+        assert (before.restart, before.stamp) < (after.restart, after.stamp)
+    assert all(row.time >= 0.0 or aligner.counters.reordered for row in rows)
+    assert len(rows) + aligner.counters.dropped <= loads
 
 
 def test_interleaving_of_channels_does_not_matter():

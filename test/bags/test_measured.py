@@ -1,0 +1,65 @@
+"""The displacement a run measured: known motion comes back, zeroed near the preload."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from saddlering_ros.bags import displacement_of_run, LOAD_TOPIC, PROBE_TOPICS, read_run
+from saddlering_ros.rig import default_rig, Displacement, displacement_to_probes
+
+RIG = default_rig()
+
+
+@pytest.fixture
+def moved(recording):
+    """A recording whose probes follow a known motion without noise, stamped with the load."""
+    load = recording.values[LOAD_TOPIC]
+    zero = np.zeros_like(load)
+    motion = Displacement(5e-10 * load, -1e-10 * load, 1e-9 * load, zero)
+    increments = displacement_to_probes(RIG.probes, motion)
+    for topic, polarity, increment in zip(
+            PROBE_TOPICS, RIG.probes.polarity, increments, strict=True):
+        recording = recording.changed(
+            topic, recording.stamps[LOAD_TOPIC], 1e-3 + polarity * increment)
+    return recording, motion
+
+
+def test_a_known_motion_is_measured(tmp_path, moved):
+    recording, motion = moved
+    run = read_run(recording.write(tmp_path / 'bag'))
+    measured = displacement_of_run(RIG, run)
+    at_zero = slice(measured.zero.start, measured.zero.end)
+    for name in ('delta_x', 'delta_y', 'gamma', 'parity'):
+        true = getattr(motion, name)
+        np.testing.assert_allclose(
+            getattr(measured.displacement, name), true - true[at_zero].mean(), atol=1e-9)
+    assert measured.complete.all()
+
+
+def test_zero_is_taken_near_the_preload_and_counted_in_load_samples(tmp_path, moved):
+    recording, _ = moved
+    late = PROBE_TOPICS[3]
+    recording = recording.changed(
+        late, recording.stamps[late][20:], recording.values[late][20:])
+    run = read_run(recording.write(tmp_path / 'bag'))
+    measured = displacement_of_run(RIG, run)
+    assert measured.zero.near_preload
+    assert measured.zero.start == 20
+    window = slice(measured.zero.start, measured.zero.end)
+    np.testing.assert_allclose(measured.zero.gaps, run.gaps[:, window].mean(axis=1), rtol=1e-12)
+    assert measured.zero.load == pytest.approx(run.load[window].mean())
+
+
+def test_where_a_probe_is_silent_nothing_is_measured(tmp_path, moved):
+    recording, _ = moved
+    kept = np.delete(np.arange(1000), np.arange(500, 600))
+    silent = PROBE_TOPICS[0]
+    recording = recording.changed(
+        silent, recording.stamps[silent][kept], recording.values[silent][kept])
+    run = read_run(recording.write(tmp_path / 'bag'))
+    measured = displacement_of_run(RIG, run)
+    assert np.flatnonzero(~measured.complete).tolist() == list(range(500, 600))
+    assert np.isnan(measured.displacement.delta_x[500:600]).all()
+    assert np.isfinite(measured.displacement.delta_y).all()
+    assert any('1 gap in' in note for note in run.notes)
