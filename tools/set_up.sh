@@ -205,6 +205,16 @@ for entry in distribution("saddlering_ros").entry_points: print(entry.name)'); d
   mark_done package "$wanted"
 }
 
+# Once, so that no node and no command spends its first seconds compiling.
+compile_kernels() {
+  local wanted
+  wanted=$({ digest_of_files saddlering_ros/ring; cat "$stamps/packages"; } | digest kernels)
+  done_already kernels "$wanted" && return
+  echo 'set-up: compiling the ring simulator'
+  quietly 'compiling the ring simulator' "$python" -m saddlering_ros.ring.warm
+  mark_done kernels "$wanted"
+}
+
 main() {
   find_python
   find_ros
@@ -217,6 +227,7 @@ main() {
   install_locked packages "$base_version-$ros" 'installing the pinned packages'
   build_interfaces
   install_package
+  compile_kernels
   if [ "${1:-}" = test ]; then
     install_locked test_packages "$base_version-test" 'installing what the tests need'
   fi

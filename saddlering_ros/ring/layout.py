@@ -1,4 +1,8 @@
-"""Places of scalars in the flat arrays that the kernels work on: model (M,), state (S,), work."""
+"""Places of scalars in the flat arrays that the kernels work on: model (M,), state (S,), work.
+
+numba keeps compiled kernels by the contents of kernels.py alone, with these numbers in them: after
+a change here, change LAYOUT in kernels.py too (a test holds the two together).
+"""
 
 # Model: rig, contact law and extension
 RADIUS = 0

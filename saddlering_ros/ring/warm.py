@@ -1,0 +1,38 @@
+"""Compile the kernels once and keep them: python -m saddlering_ros.ring.warm.
+
+Set-up runs this, so that no node and no command spends its first seconds compiling.
+"""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+
+from saddlering_ros.rig import default_rig, ParameterSet, TRUE_TO_SCALE
+from saddlering_ros.ring.caching import CACHE
+from saddlering_ros.ring.simulator import dynamic_batch, simulate, static_response
+
+
+def warm() -> float:
+    """Call every kernel that the package calls, once; returns the seconds it took."""
+    rig, elevation = default_rig(), np.deg2rad(50.0)
+    began = time.perf_counter()
+    seconds = np.arange(60) * 0.01
+    load = np.full(seconds.size, rig.preload)
+    contact = TRUE_TO_SCALE.to_array()
+    static_response(rig, contact, elevation, load[:2])
+    dynamic_batch(rig, contact[None], elevation, seconds, load)
+    simulate(rig, ParameterSet(TRUE_TO_SCALE), elevation, seconds, load)
+    return time.perf_counter() - began
+
+
+def main() -> None:
+    """Warm the cache and say what was done."""
+    seconds = warm()
+    kept = 'kept' if CACHE else 'not kept: no folder to write to, set NUMBA_CACHE_DIR'
+    print(f'ring kernels ready in {seconds:.1f} s ({kept})')
+
+
+if __name__ == '__main__':
+    main()
