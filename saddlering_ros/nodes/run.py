@@ -51,7 +51,9 @@ def run(make: Callable[[], Any], spin: Callable[[Any], None],
     except (KeyboardInterrupt, ExternalShutdownException):
         return 0
     except Exception as problem:
-        if (rclpy.ok() and node is not None) or not _is_usage(problem):
+        if node is not None and not node.context.ok():
+            return 0  # told to stop in the middle of something
+        if node is not None or not _is_usage(problem):
             raise
         print(_one_line(str(problem)), file=sys.stderr)
         return UNUSABLE

@@ -72,6 +72,7 @@ class ActionNode(Node):
         self._server = ActionServer(
             self, self.ACTION, self.NAME, execute_callback=self._execute,
             goal_callback=self._on_goal, cancel_callback=self._on_cancel)
+        self.get_logger().info(f'serves {self.NAME}; bags from {self.bag_root}')
 
     # --- for subclasses ---
 

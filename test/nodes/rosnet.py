@@ -14,12 +14,13 @@ import numpy as np
 import rclpy
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.serialization import deserialize_message
-from saddlering_interfaces.msg import RingDisplacement
+from saddlering_interfaces.msg import ReplayProgress, RingDisplacement
 from sensor_msgs.msg import Range
 
 from saddlering_ros.bags import LOAD_TOPIC, PROBE_TOPICS
 from saddlering_ros.nodes import wire
 from saddlering_ros.nodes.flow import Inflow, Outflow, stream_qos
+from saddlering_ros.nodes.progress import PROGRESS_TOPIC
 
 OUTPUTS = ('/ring/displacement', '/ring/simulated_displacement', '/ring/residual')
 
@@ -46,6 +47,8 @@ class Client:
         self.inflows = {topic: Inflow(self.node, topic, RingDisplacement) for topic in OUTPUTS}
         self.raw: dict[str, list[bytes]] = {topic: [] for topic in OUTPUTS}
         self.diagnostics: dict[str, tuple[int, str]] = {}
+        self.progress: dict[str, ReplayProgress] = {}
+        self._progress = Inflow(self.node, PROGRESS_TOPIC, ReplayProgress)
         self._diagnostics = Inflow(self.node, '/diagnostics', DiagnosticArray)
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._serve, daemon=True)
@@ -57,6 +60,9 @@ class Client:
                 self.executor.spin_once(timeout_sec=0.0)
                 for topic, inflow in self.inflows.items():
                     self.raw[topic] += inflow.take()
+                for message in self._progress.take():
+                    said = deserialize_message(message, ReplayProgress)
+                    self.progress[said.node] = said
                 for message in self._diagnostics.take():
                     for status in deserialize_message(message, DiagnosticArray).status:
                         self.diagnostics[status.name] = (status.level[0], status.message)
@@ -77,6 +83,14 @@ class Client:
     def matched(self, topics: tuple[str, ...] = OUTPUTS) -> bool:
         """Whether someone publishes each of `topics` to this client."""
         return all(self.inflows[topic].publishers() for topic in topics)
+
+    def ring_nodes_matched(self) -> bool:
+        """Whether displacement and simulator are matched with residual and this client."""
+        said = self.progress
+        names = ('ring_displacement', 'ring_simulator', 'ring_residual')
+        return (self.matched() and all(name in said for name in names)
+                and all(said[name].subscriptions[0] >= 2 for name in names[:2])
+                and min(said['ring_residual'].publishers) >= 1)
 
     def call(self, kind: Any, name: str, request: Any = None, seconds: float = 20.0) -> Any:
         """Call a service and return its response."""

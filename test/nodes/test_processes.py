@@ -1,0 +1,161 @@
+"""Starting, stopping and surviving: statuses, one-line refusals, signals, kill -9, lifecycle."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+import signal
+import subprocess
+import sys
+import time
+
+from lifecycle_msgs.msg import Transition
+from lifecycle_msgs.srv import ChangeState, GetState
+import pytest
+from rcl_interfaces.msg import Parameter as ParameterMessage
+from rcl_interfaces.msg import ParameterType, ParameterValue
+from rcl_interfaces.srv import SetParameters
+
+from rosnet import Client, wait_until
+from saddlering_ros.nodes.launcher import NodeGroup, ros_arguments, start_nodes
+from saddlering_ros.nodes.shared_memory import sweep
+
+pytestmark = pytest.mark.ros
+
+
+def run_node(name: str, parameters: dict[str, object]) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, '-m', f'saddlering_ros.nodes.{name}', *ros_arguments(parameters)],
+        capture_output=True, text=True, timeout=60, check=False)
+
+
+@pytest.mark.parametrize(('name', 'parameters', 'words'), [
+    ('hydraulic_load', {'bag': '/nowhere/bag'}, '/nowhere/bag'),
+    ('ring_simulator', {'elevation_deg': 120.0}, 'elevation_deg is 120: give a number from -10'),
+    ('ring_displacement', {'input_reliability': 'perhaps'}, 'give one of auto, reliable'),
+    ('ring_displacement', {'rig.probes.axial_span': -1.0}, 'rig.probes.axial_span'),
+    ('ring_simulator', {'parameters_file': '/nowhere/p.yaml'}, '/nowhere/p.yaml'),
+])
+def test_what_cannot_be_used_is_refused_in_one_line_with_status_2(
+        name: str, parameters: dict[str, object], words: str) -> None:
+    ended = run_node(name, parameters)
+    assert ended.returncode == 2
+    said = [line for line in ended.stderr.splitlines() if not line.startswith('[')]
+    assert len(said) == 1
+    assert words in said[0]
+
+
+def children_of(pid: int) -> list[int]:
+    found = subprocess.run(['ps', '--ppid', str(pid), '-o', 'pid='], capture_output=True,
+                           text=True, check=False)
+    return [int(number) for number in found.stdout.split()]
+
+
+def alive(pid: int) -> bool:
+    try:
+        return Path(f'/proc/{pid}/stat').read_text().rpartition(')')[2].split()[0] != 'Z'
+    except OSError:
+        return False
+
+
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_ends_every_node_with_status_0(
+        number: signal.Signals, bag: Path, ros_domain: int, tmp_path: Path) -> None:
+    with start_nodes(bag, domain_id=ros_domain, log_folder=tmp_path / 'log', exit_at_end=False,
+                     nodes=('ring_displacement', 'ring_simulator', 'ring_identification'),
+                     ) as group:
+        wait_until(lambda: 'playing' in group.processes['replay_clock'].said(), 40.0)
+        wait_until(lambda: 'serves' in group.processes['ring_identification'].said(), 40.0)
+        time.sleep(0.3)
+        for node in group.processes.values():
+            os.kill(node.process.pid, number)
+        wait_until(lambda: not any(node.running for node in group.processes.values()), 10.0)
+        assert {name: node.process.returncode for name, node in group.processes.items()} == \
+            dict.fromkeys(group.processes, 0)
+
+
+def test_nodes_leave_when_whoever_started_them_is_killed(
+        bag: Path, ros_domain: int, tmp_path: Path) -> None:
+    code = ('import sys, time\n'
+            'from pathlib import Path\n'
+            'from saddlering_ros.nodes.launcher import start_nodes\n'
+            f'with start_nodes({str(bag)!r}, domain_id={ros_domain}, exit_at_end=False,\n'
+            f'                 log_folder=Path({str(tmp_path / "log")!r})):\n'
+            '    print("started", flush=True)\n'
+            '    time.sleep(60)\n')
+    parent = subprocess.Popen([sys.executable, '-c', code], stdout=subprocess.PIPE, text=True)
+    assert parent.stdout is not None
+    assert parent.stdout.readline() == 'started\n'
+    nodes = children_of(parent.pid)
+    assert len(nodes) == 6
+    parent.kill()
+    parent.wait()
+    wait_until(lambda: not any(alive(pid) for pid in nodes), 15.0, 'no node is left')
+
+
+def test_after_kill_9_of_all_nodes_the_next_start_replays_the_bag(
+        bag: Path, ros_domain: int, tmp_path: Path) -> None:
+    with start_nodes(bag, domain_id=ros_domain, log_folder=tmp_path / 'a',
+                     exit_at_end=False) as group:
+        wait_until(lambda: 'playing' in group.processes['replay_clock'].said(), 40.0)
+        for node in group.processes.values():
+            node.process.kill()
+    with start_nodes(bag, domain_id=ros_domain, log_folder=tmp_path / 'b') as group:
+        assert group.wait('replay_clock', 60.0) == 0
+
+
+def test_shared_memory_of_the_dead_is_swept_and_of_the_living_kept(tmp_path: Path) -> None:
+    import fcntl
+    for name in ('dead', 'living', 'port7400'):
+        (tmp_path / f'fastrtps_{name}').touch()
+        (tmp_path / f'fastrtps_{name}_el').touch()
+        os.utime(tmp_path / f'fastrtps_{name}_el', (0, 0))
+    with (tmp_path / 'fastrtps_living_el').open() as held:
+        fcntl.flock(held, fcntl.LOCK_EX)
+        assert sweep(tmp_path) == 1
+    left = sorted(path.name for path in tmp_path.iterdir())
+    assert left == ['fastrtps_living', 'fastrtps_living_el', 'fastrtps_port7400',
+                    'fastrtps_port7400_el']
+
+
+def change(heard: Client, node: str, transition: int) -> bool:
+    request = ChangeState.Request(transition=Transition(id=transition))
+    return bool(heard.call(ChangeState, f'/{node}/change_state', request).success)
+
+
+def state(heard: Client, node: str) -> str:
+    return str(heard.call(GetState, f'/{node}/get_state').current_state.label)
+
+
+def test_a_node_can_be_led_through_its_lifecycle(
+        group: NodeGroup, heard: Client, bag: Path) -> None:
+    group.start('ring_displacement', {'autostart': False})
+    group.start('hydraulic_load')
+    assert state(heard, 'ring_displacement') == 'unconfigured'
+    topic = '/ring/displacement'
+    for transition, expected in [(Transition.TRANSITION_CONFIGURE, 'inactive'),
+                                 (Transition.TRANSITION_ACTIVATE, 'active'),
+                                 (Transition.TRANSITION_DEACTIVATE, 'inactive'),
+                                 (Transition.TRANSITION_ACTIVATE, 'active')]:
+        assert change(heard, 'ring_displacement', transition)
+        assert state(heard, 'ring_displacement') == expected
+        wait_until(lambda on=expected == 'active': heard.matched((topic,)) == on, what=expected)
+
+    # A replay node without a bag waits; it cannot be configured until it has one.
+    assert not change(heard, 'hydraulic_load', Transition.TRANSITION_CONFIGURE)
+    assert state(heard, 'hydraulic_load') == 'unconfigured'
+    value = ParameterValue(type=ParameterType.PARAMETER_STRING, string_value=str(bag))
+    request = SetParameters.Request(parameters=[ParameterMessage(name='bag', value=value)])
+    assert heard.call(SetParameters, '/hydraulic_load/set_parameters',
+                      request).results[0].successful
+    assert change(heard, 'hydraulic_load', Transition.TRANSITION_CONFIGURE)
+    assert change(heard, 'hydraulic_load', Transition.TRANSITION_ACTIVATE)
+
+    # Settings out of range or fixed are refused with the reason.
+    for name, number, words in [('parity_noise', 5.0, 'parity_noise'),
+                                ('max_gap', 3.0, 'read-only')]:
+        value = ParameterValue(type=ParameterType.PARAMETER_DOUBLE, double_value=number)
+        request = SetParameters.Request(parameters=[ParameterMessage(name=name, value=value)])
+        result = heard.call(SetParameters, '/ring_displacement/set_parameters', request).results[0]
+        assert not result.successful
+        assert words in result.reason

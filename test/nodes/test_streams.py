@@ -1,0 +1,178 @@
+"""The cores of the streaming nodes on disturbed streams: late, lost, out of order, jumping."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from saddlering_ros.nodes import wire
+from saddlering_ros.nodes.displacement_stream import DisplacementStream
+from saddlering_ros.nodes.residual_stream import ResidualStream
+from saddlering_ros.nodes.simulation_stream import SimulationStream
+from saddlering_ros.rig import default_rig, FULL_SCALE_LOAD, ParameterSet, TRUE_TO_SCALE
+
+RIG = default_rig()
+NONE = wire.Samples(np.empty(0, np.int64), np.empty(0))
+
+
+def samples(stamps: np.ndarray, values: np.ndarray) -> wire.Samples:
+    return wire.Samples(np.asarray(stamps, np.int64), np.asarray(values, float))
+
+
+def measure(record, rows=slice(None), stream=None, pace=40, keep=None):
+    """Push rows of a record by portions; `keep` picks rows per channel (load, 4 probes)."""
+    stream = stream or DisplacementStream(RIG)
+    masks = keep if keep is not None else np.ones((5, len(record.stamps)), bool)
+    index = np.arange(len(record.stamps))[rows]
+    batches = []
+    for start in range(0, len(index), pace):
+        part = index[start:start + pace]
+        load = part[masks[0][part]]
+        gaps = [part[masks[1 + probe][part]] for probe in range(4)]
+        batches.append(stream.push(
+            samples(record.stamps[load], record.load[load]),
+            [samples(record.probe_stamps[probe][rows_], record.gaps[probe][rows_])
+             for probe, rows_ in enumerate(gaps)]))
+    return stream, wire.join([batch for batch in batches if len(batch)])
+
+
+def simulation(**options) -> SimulationStream:
+    return SimulationStream(RIG, ParameterSet(TRUE_TO_SCALE), np.radians(50.0), **options)
+
+
+def values_at(batch: wire.Displacements) -> dict[int, tuple[float, ...]]:
+    return dict(zip(batch.stamps.tolist(), map(tuple, batch.channels.T.tolist()), strict=True))
+
+
+def test_the_size_of_batches_changes_nothing(record) -> None:
+    _, whole = measure(record, pace=100_000)
+    for pace in (1, 7, 333):
+        _, parts = measure(record, pace=pace)
+        assert np.array_equal(parts.stamps, whole.stamps)
+        assert np.array_equal(parts.channels, whole.channels)
+        assert np.array_equal(parts.zero_loads, whole.zero_loads)
+
+
+def test_joining_under_load_gives_nothing_until_preload_comes(record) -> None:
+    middle = len(record.stamps) // 2
+    stream, found = measure(record, slice(middle, None))
+    last_zero = record.stamps[-1] - 0.5e9
+    assert stream.zero is None or found.stamps[0] > last_zero
+    later = record.later(60.0)
+    _, found = measure(later, stream=DisplacementStream(RIG))
+    assert len(found)
+
+
+def test_zero_on_request_is_taken_at_any_load_and_nothing_is_lost(record) -> None:
+    middle = len(record.stamps) // 2
+    stream, before = measure(record, slice(0, middle))
+    held = np.full(600, record.load[middle - 1])
+    stamps = record.stamps[middle - 1] + 2_000_000 * np.arange(1, 601)
+    stream.zero_after(stream.newest_stamp)
+    after = stream.push(samples(stamps, held), [
+        samples(stamps + 1000, np.full(600, record.gaps[probe][middle - 1]))
+        for probe in range(4)])
+    assert abs(after.zero_loads[-1] - held[0]) < 1.0
+    assert np.abs(after.channels[:3, -1]).max() < 1e-6
+    assert set(stamps[:-1].tolist()) <= set(after.stamps.tolist())
+
+
+def test_lost_samples_cost_their_rows_and_change_no_other_by_more_than_interpolation(record) -> None:
+    keep = np.random.default_rng(3).random((5, len(record.stamps))) > 0.02
+    keep[:, :450] = True  # the zero window is the same
+    _, whole = measure(record)
+    stream, lossy = measure(record, keep=keep)
+    assert set(lossy.stamps.tolist()) <= set(record.stamps[keep[0]].tolist())
+    assert stream.aligner.counters.dropped < 20
+    _, ours, theirs = np.intersect1d(lossy.stamps, whole.stamps, return_indices=True)
+    assert np.abs(lossy.channels[:, ours] - whole.channels[:, theirs]).max() < 5e-6
+
+
+def test_probes_out_of_order_change_nothing_if_they_are_there_before_the_load(record) -> None:
+    order = np.arange(len(record.stamps)).reshape(-1, 2)[:, ::-1].ravel()
+    _, whole = measure(record)
+    stream = DisplacementStream(RIG)
+    stream.push(NONE, [samples(record.probe_stamps[probe][order], record.gaps[probe][order])
+                       for probe in range(4)])
+    found = stream.push(samples(record.stamps, record.load), [NONE] * 4)
+    assert stream.aligner.counters.reordered == 4 * len(order) // 2
+    assert np.array_equal(found.stamps, whole.stamps)
+    assert np.array_equal(found.channels, whole.channels)
+
+
+@pytest.mark.parametrize('shift', [-100.0, 3600.0])
+def test_a_stamp_jump_zeroes_anew_and_mixes_nothing(record, shift: float) -> None:
+    stream, before = measure(record, slice(0, 1200))
+    again = record.later(shift)
+    _, fresh = measure(again)
+    _, after = measure(again, stream=stream)
+    assert np.array_equal(after.stamps, fresh.stamps)
+    assert np.array_equal(after.channels, fresh.channels)
+    assert set(after.zero_stamps.tolist()) == {int(fresh.zero_stamps[0])}
+    jumps = stream.aligner.counters.load_jumps + stream.jumps_ahead
+    assert jumps == 1
+
+
+@pytest.mark.parametrize('shift', [-100.0, 3600.0])
+def test_the_simulation_restarts_at_a_stamp_jump(record, shift: float) -> None:
+    load = record.load
+    stream = simulation()
+    stream.push(samples(record.stamps[:1200], load[:1200]))
+    again = stream.push(samples(record.later(shift).stamps, load))
+    fresh = simulation().push(samples(record.later(shift).stamps, load))
+    assert np.array_equal(again.stamps, fresh.stamps)
+    assert np.array_equal(again.channels, fresh.channels)
+    assert stream.counters.jumps == 1
+
+
+def test_loads_that_overtake_each_other_are_simulated_in_order_after_the_first_late_one(record,
+                                                                                        ) -> None:
+    fresh = simulation().push(samples(record.stamps, record.load))
+    order = np.arange(len(record.stamps)).reshape(-1, 2)[:, ::-1].ravel()
+    stream = simulation()
+    batches = [stream.push(samples(record.stamps[[row]], record.load[[row]])) for row in order]
+    batches.append(stream.flush())
+    found = wire.join([batch for batch in batches if len(batch)])
+    assert stream.counters.late == 1
+    assert len(found) == len(fresh) - 1
+    assert (np.diff(found.stamps) > 0).all()
+
+
+def test_a_zero_asked_for_restarts_the_simulation_at_that_load(record) -> None:
+    stream = simulation()
+    stream.push(samples(record.stamps[:1000], record.load[:1000]))
+    stream.zero_after(int(record.stamps[999]))
+    stamps = record.stamps[999] + 2_000_000 * np.arange(1, 400)
+    states = stream.push(samples(stamps, np.full(399, 150e3)))
+    assert abs(states.zero_loads[0] - 150e3) < 1.0
+    assert np.abs(states.channels).max() < 1e-9
+    assert np.array_equal(states.stamps, stamps)
+
+
+def pair(stamps, value: float, zero: int = 5, zero_load: float = 100.0) -> wire.Displacements:
+    stamps = np.asarray(stamps, np.int64)
+    return wire.Displacements(stamps, np.full((4, len(stamps)), value) + stamps * 1e-12,
+                              np.full(len(stamps), zero, np.int64), np.full(len(stamps), zero_load))
+
+
+def test_only_equal_stamps_are_subtracted_whatever_the_order_of_arrival() -> None:
+    rng = np.random.default_rng(1)
+    join = ResidualStream(FULL_SCALE_LOAD)
+    stamps = np.arange(1, 2001) * 1_000_000
+    ours, theirs = stamps[rng.random(2000) > 0.1], stamps[rng.random(2000) > 0.1]
+    found = []
+    for start in range(0, 2000, 100):
+        found.append(join.push(pair(ours[start:start + 100], 3.0),
+                               pair(rng.permutation(theirs[start:start + 100]), 1.0)))
+    together = wire.join([batch for batch in found if len(batch)])
+    assert sorted(together.stamps.tolist()) == np.intersect1d(ours, theirs).tolist()
+    assert np.allclose(together.channels, 2.0, rtol=0.0, atol=1e-12)
+
+
+@pytest.mark.parametrize('other', [{'zero': 5 + 600_000_000}, {'zero_load': 5000.0}])
+def test_displacements_from_different_zeros_are_not_subtracted(other) -> None:
+    join = ResidualStream(FULL_SCALE_LOAD)
+    stamps = np.arange(1, 11) * 1_000_000
+    assert len(join.push(pair(stamps, 3.0), pair(stamps, 1.0, **other))) == 0
+    assert join.counters.zero_differs == 10
+    assert not join.zeros_agree

@@ -1,0 +1,84 @@
+"""Batches of CDR bytes say what the message classes say."""
+
+from __future__ import annotations
+
+from builtin_interfaces.msg import Time
+from geometry_msgs.msg import WrenchStamped
+import numpy as np
+import pytest
+from rclpy.serialization import deserialize_message, serialize_message
+from saddlering_interfaces.msg import RingDisplacement
+from sensor_msgs.msg import Range
+
+from saddlering_ros.nodes import wire
+
+STAMPS = np.array([1_700_000_000_123_456_789, 1_700_000_001_999_999_999, -5], dtype=np.int64)
+VALUES = np.array([1.25e5, -3.5, 0.1])
+FRAMES = ['', 'a', 'hydraulic_cylinder', 'eddy_current_1', 'x' * 97]
+
+
+def stamp_of(time: Time) -> int:
+    return time.sec * 10**9 + time.nanosec
+
+
+@pytest.mark.parametrize('frame', FRAMES)
+def test_loads_are_read_by_ros_as_written(frame: str) -> None:
+    for raw, stamp, value in zip(wire.encode_loads(wire.Samples(STAMPS, VALUES), frame), STAMPS,
+                                 VALUES, strict=True):
+        message = deserialize_message(raw, WrenchStamped)
+        assert message.header.frame_id == frame
+        assert stamp_of(message.header.stamp) == stamp
+        assert message.wrench.force.x == value
+        assert (message.wrench.force.y, message.wrench.torque.z) == (0.0, 0.0)
+
+
+@pytest.mark.parametrize('frame', FRAMES)
+def test_gaps_are_read_by_ros_as_written_and_back(frame: str) -> None:
+    samples = wire.Samples(STAMPS, VALUES.astype(np.float32).astype(float), 0.0, 2.0)
+    messages = wire.encode_gaps(samples, frame)
+    for raw, stamp, value in zip(messages, STAMPS, samples.values, strict=True):
+        message = deserialize_message(raw, Range)
+        assert (message.header.frame_id, message.range) == (frame, value)
+        assert stamp_of(message.header.stamp) == stamp
+        assert (message.min_range, message.max_range) == (0.0, 2.0)
+    again = wire.decode_gaps(messages)
+    assert np.array_equal(again.stamps, STAMPS)
+    assert np.array_equal(again.values, samples.values)
+    assert (again.low, again.high) == (0.0, 2.0)
+
+
+@pytest.mark.parametrize('frame', FRAMES)
+def test_displacements_are_the_same_bytes_a_message_has(frame: str) -> None:
+    batch = wire.Displacements(STAMPS, np.arange(12.0).reshape(4, 3) / 7.0, STAMPS[::-1], VALUES)
+    messages = wire.encode_displacements(batch, frame)
+    for index, raw in enumerate(messages):
+        message = deserialize_message(raw, RingDisplacement)
+        assert message.header.frame_id == frame
+        assert stamp_of(message.zero_stamp) == batch.zero_stamps[index]
+        assert message.zero_load == batch.zero_loads[index]
+        given = (message.delta_x, message.delta_y, message.gamma, message.parity)
+        assert given == tuple(batch.channels[:, index])
+    again = wire.decode_displacements([serialize_message(deserialize_message(raw, RingDisplacement))
+                                       for raw in messages])
+    assert np.array_equal(again.channels, batch.channels)
+    assert np.array_equal(again.zero_stamps, batch.zero_stamps)
+
+
+def test_messages_of_different_frames_are_read_in_their_order() -> None:
+    messages = []
+    for index in range(30):
+        one = WrenchStamped()
+        one.header.frame_id = FRAMES[index % 5]
+        one.header.stamp.nanosec = index
+        one.wrench.force.x = float(index)
+        messages.append(serialize_message(one))
+    samples = wire.decode_loads(messages)
+    assert samples.stamps.tolist() == list(range(30))
+    assert samples.values.tolist() == list(range(30))
+
+
+@pytest.mark.parametrize('raw', [b'', b'\x00\x01\x00\x00', b'\x00\x01\x00\x00' + b'\xff' * 40,
+                                 b'\x00\x00\x00\x00' + bytes(60)])
+def test_bytes_of_something_else_are_refused(raw: bytes) -> None:
+    with pytest.raises(wire.WireError):
+        wire.decode_loads([raw])
