@@ -1,0 +1,136 @@
+"""Both action servers: refusal with a reason, one goal at a time, feedback, cancel, result."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+import time
+from typing import Any
+
+from action_msgs.msg import GoalStatus
+import pytest
+from rclpy.action import ActionClient
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from saddlering_interfaces.action import DiagnoseRing, IdentifyRing
+from saddlering_interfaces.msg import RingParameters
+
+from rosnet import Client, wait_until
+from saddlering_ros.nodes.errors import NodeError
+from saddlering_ros.nodes.launcher import NodeGroup
+from saddlering_ros.nodes.servers import below
+
+pytestmark = pytest.mark.ros
+LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+
+
+class Goals:
+    """Sends goals and waits for what comes of them."""
+
+    def __init__(self, heard: Client, action: Any, name: str) -> None:
+        self.heard, self.action = heard, action
+        with heard.lock:
+            self.client = ActionClient(heard.node, action, name)
+        wait_until(self.client.server_is_ready, 40.0, name)
+        self.feedback: list[Any] = []
+
+    def _wait(self, future: Any, seconds: float = 60.0) -> Any:
+        wait_until(future.done, seconds, 'an answer')
+        return future.result()
+
+    def send(self, **goal: Any) -> Any:
+        with self.heard.lock:
+            future = self.client.send_goal_async(
+                self.action.Goal(**goal),
+                feedback_callback=lambda message: self.feedback.append(message.feedback))
+        return self._wait(future)
+
+    def result(self, handle: Any) -> Any:
+        with self.heard.lock:
+            future = handle.get_result_async()
+        return self._wait(future)
+
+    def cancel(self, handle: Any) -> None:
+        with self.heard.lock:
+            future = handle.cancel_goal_async()
+        assert self._wait(future).goals_canceling
+
+
+def test_identification_refuses_cancels_and_publishes_what_it_found(
+        bag: Path, bag_root: Path, group: NodeGroup, heard: Client, tmp_path: Path) -> None:
+    group.start('ring_identification', {'bag_root': str(bag_root)})
+    found: list[RingParameters] = []
+    with heard.lock:
+        heard.node.create_subscription(RingParameters, '/ring/parameters', found.append, LATCHED)
+    goals = Goals(heard, IdentifyRing, '/identify_ring')
+
+    # What cannot be used is aborted at once, with the reason.
+    for goal, words in [
+            ({'bags': []}, 'names no bags'),
+            ({'bags': ['/etc/passwd']}, 'is not below'),
+            ({'bags': ['../elsewhere']}, 'is not below'),
+            ({'bags': ['none']}, 'check the name'),
+            ({'bags': ['run'], 'method': 'guess'}, "'guess'"),
+            ({'bags': ['run'], 'lower_bounds': [1.0], 'upper_bounds': [2.0]}, 'give six each'),
+            ({'bags': ['run'], 'lower_bounds': [9e9] * 6, 'upper_bounds': [1.0] * 6}, 'bounds'),
+            ({'bags': ['run'], 'method': 'paper'}, 'static')]:
+        answer = goals.result(goals.send(**goal))
+        assert answer.status == GoalStatus.STATUS_ABORTED
+        assert answer.result.status == IdentifyRing.Result.REFUSED
+        assert words in answer.result.message
+        assert '\n' not in answer.result.message
+
+    # A goal that runs is canceled; one that comes meanwhile is rejected.
+    long = goals.send(bags=['run'], particles=400, iterations=2000, seed=1)
+    wait_until(lambda: bool(goals.feedback), 60.0, 'feedback')
+    assert goals.feedback[0].stage
+    assert not goals.send(bags=['run']).accepted
+    asked = time.monotonic()
+    goals.cancel(long)
+    answer = goals.result(long)
+    assert time.monotonic() - asked < 2.0  # benchmarks/ros_load.py measures it
+    assert answer.status == GoalStatus.STATUS_CANCELED
+    assert answer.result.status == IdentifyRing.Result.CANCELED
+    assert not found
+
+    # And the next one succeeds.
+    goals.feedback.clear()
+    answer = goals.result(goals.send(bags=['run'], particles=8, iterations=5, seed=1))
+    assert answer.status == GoalStatus.STATUS_SUCCEEDED, answer.result.message
+    result = answer.result
+    assert result.status == IdentifyRing.Result.SUCCEEDED
+    assert json.loads(result.report_json)['parameters']['K1']['value'] == result.parameters.k1
+    assert {'channels', 'bag'} <= json.loads(result.validation_json)[0].keys()
+    assert len(goals.feedback) > 2
+    wait_until(lambda: bool(found), what='/ring/parameters')
+    assert found[-1] == result.parameters
+
+
+def test_a_goal_that_runs_when_the_server_is_told_to_stop_still_ends(
+        bag: Path, bag_root: Path, group: NodeGroup, heard: Client) -> None:
+    node = group.start('ring_diagnosis', {'bag_root': str(bag_root)})
+    goals = Goals(heard, DiagnoseRing, '/diagnose_ring')
+    handle = goals.send(bags=['run'])
+    assert handle.accepted
+    with heard.lock:
+        future = handle.get_result_async()
+    time.sleep(0.5)
+    node.process.terminate()
+    wait_until(future.done, 20.0, 'the goal ends')
+    assert future.result().result.status == DiagnoseRing.Result.FAILED
+    assert 'shutting down' in future.result().result.message
+    assert node.process.wait(10.0) == 0
+
+
+def test_bags_are_found_below_the_root_only(tmp_path: Path) -> None:
+    root, outside = tmp_path / 'root', tmp_path / 'outside'
+    (root / 'a').mkdir(parents=True)
+    outside.mkdir()
+    (root / 'link').symlink_to(outside)
+    (root / 'inner').symlink_to(root / 'a')
+    real = root.resolve()
+    assert below(real, 'a', 'bag') == real / 'a'
+    assert below(real, str(root / 'a'), 'bag') == real / 'a'
+    assert below(real, 'inner', 'bag') == real / 'a'
+    for name in ('link', '../outside', str(outside), '', 'a/../../outside', '\0'):
+        with pytest.raises(NodeError):
+            below(real, name, 'bag')

@@ -1,0 +1,101 @@
+"""Replay by hand: play, pause, step, seek, rate; and what happens when a node falls out."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from saddlering_interfaces.msg import ReplayProgress, ReplayState
+from saddlering_interfaces.srv import Seek, SetRate, Step
+from std_srvs.srv import Trigger
+
+from rosnet import Client, wait_until
+from saddlering_ros.nodes.launcher import start_nodes
+from saddlering_ros.nodes.progress import Muster, to_time
+
+pytestmark = pytest.mark.ros
+LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+
+
+def test_a_replay_can_be_paused_stepped_sought_and_outlives_a_node(
+        bag: Path, record, ros_domain: int, heard: Client, tmp_path: Path) -> None:
+    states: list[ReplayState] = []
+    with heard.lock:
+        heard.node.create_subscription(ReplayState, '/replay/state', states.append, LATCHED)
+    with start_nodes(bag, domain_id=ros_domain, log_folder=tmp_path / 'log', start_paused=True,
+                     exit_at_end=False, nodes=('ring_displacement',),
+                     parameters={'replay_clock': {'timeout': 1.0}}) as group:
+        topic = '/ring/displacement'
+        wait_until(lambda: heard.matched((topic,)) and bool(states)
+                   and states[-1].state == ReplayState.PAUSED, 40.0, 'everyone is there')
+        assert not heard.heard(topic).stamps.size
+
+        # One second of bag time, no more: the rows up to there, but for the last one or two.
+        assert heard.call(Step, '/replay_clock/step', Step.Request(duration=1.0)).success
+        wait_until(lambda: len(heard.heard(topic)) >= 498, what='one second of rows')
+        assert heard.heard(topic).stamps[-1] <= record.stamps[0] + 10**9
+        assert not heard.call(Seek, '/replay_clock/seek', Seek.Request(offset=99.0)).success
+        assert not heard.call(SetRate, '/replay_clock/set_rate', SetRate.Request(rate=-1.0)).success
+        assert heard.call(SetRate, '/replay_clock/set_rate', SetRate.Request(rate=2.0)).success
+
+        # Back to the start: the same rows again, zeroed anew.
+        before = heard.heard(topic)
+        heard.forget()
+        assert heard.call(Seek, '/replay_clock/seek', Seek.Request(offset=0.0)).success
+        assert heard.call(SetRate, '/replay_clock/set_rate', SetRate.Request(rate=0.0)).success
+        assert heard.call(Trigger, '/replay_clock/play').success
+        wait_until(lambda: states[-1].state == ReplayState.FINISHED, 30.0, 'the end')
+        wait_until(lambda: len(heard.heard(topic)) >= 1999, what='all rows')
+        again = heard.heard(topic)
+        assert again.stamps[0] <= before.stamps[0] + 2_000_000
+        assert again.stamps[-1] >= record.stamps[-2]
+
+        # A node is killed: the replay says so, and goes on without it.
+        assert not heard.call(Trigger, '/replay_clock/play').success
+        assert heard.call(Seek, '/replay_clock/seek', Seek.Request(offset=0.0)).success
+        group.processes['ring_displacement'].process.kill()
+        states.clear()
+        assert heard.call(Trigger, '/replay_clock/play').success
+        wait_until(lambda: bool(states) and states[-1].state == ReplayState.FINISHED, 30.0, 'end')
+        assert 'no longer waits for ring_displacement' in group.processes['replay_clock'].said()
+
+
+def said(node: str, *, until: int = 0, inputs=(), outputs=()) -> ReplayProgress:
+    message = ReplayProgress(node=node, replayed_until=to_time(until))
+    for topic, stamp, count in inputs:
+        message.inputs.append(topic)
+        message.input_stamps.append(to_time(stamp))
+        message.publishers.append(count)
+        message.received.append(0)
+    for topic, stamp, count in outputs:
+        message.outputs.append(topic)
+        message.output_stamps.append(to_time(stamp))
+        message.subscriptions.append(count)
+        message.published.append(0)
+    return message
+
+
+def test_a_replay_starts_when_all_are_heard_of_and_matched_both_ways() -> None:
+    muster = Muster(['source', 'reader'])
+    assert len(muster.absent()) == 2
+    muster.hear(said('source', until=1, outputs=[('/t', 0, 0)]), 0.0)
+    muster.hear(said('reader', inputs=[('/t', 0, 1)]), 0.0)
+    assert muster.absent() == ['source: /t is matched with 0 of 1 readers']
+    muster.hear(said('source', until=1, outputs=[('/t', 0, 1)]), 0.0)
+    muster.hear(said('reader', inputs=[('/t', 0, 0)]), 0.0)
+    assert muster.absent() == ['reader: is not matched with the publisher of /t']
+    muster.hear(said('reader', inputs=[('/t', 0, 1)]), 0.0)
+    assert muster.absent() == []
+
+
+def test_time_goes_on_only_when_all_that_was_published_is_dealt_with() -> None:
+    muster = Muster(['source', 'reader'])
+    muster.hear(said('source', until=90, outputs=[('/t', 88, 1)]), 0.0)
+    muster.hear(said('reader', inputs=[('/t', 77, 1)]), 0.0)
+    assert [reason.partition(':')[0] for reason in muster.behind(100)] == ['source', 'reader']
+    muster.hear(said('source', until=100, outputs=[('/t', 99, 1)]), 0.0)
+    muster.hear(said('reader', inputs=[('/t', 88, 1)]), 0.0)
+    assert [reason.partition(':')[0] for reason in muster.behind(100)] == ['reader']
+    muster.hear(said('reader', inputs=[('/t', 99, 1)]), 0.0)
+    assert muster.behind(100) == []
