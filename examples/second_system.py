@@ -19,7 +19,6 @@ class Axis:
 
     channel_names = ('scale', 'encoder')
     views = {'scale': np.array([1.0, 0.0]), 'encoder': np.array([0.0, 1.0])}
-    nuisances = ()
     base_parameters = (
         Parameter('stiffness', 2e3, 5e4, scale='log', unit='N/m'),
         Parameter('damping', 50.0, 5e3, scale='log', unit='N s/m'),
@@ -32,6 +31,9 @@ class Axis:
         Effect('encoder_gain', (Parameter('gain', -0.1, 0.1),)),
         Effect('hardening', (Parameter('cubic', -2e8, 2e8, unit='N/m^3'),)),
     )
+
+    def disturbances(self, runs: list[Run], base: np.ndarray) -> list[np.ndarray]:
+        return [np.zeros((2, run.time.size, 0)) for run in runs]
 
     def predict_many(self, run: Run, points: list[Point]) -> np.ndarray:
         stiffness, damping = np.array([point.base for point in points]).T

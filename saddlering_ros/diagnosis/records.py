@@ -135,9 +135,12 @@ def _dynamic(
     centre = np.array([time[a:b].mean() for a, b in zip(starts, stops, strict=True)])
     values = np.array([probes[:, a:b].mean(axis=1) for a, b in zip(starts, stops, strict=True)]).T
     width = (stops - starts) * step
-    rest, hold = [], np.arange(centre.size, dtype=float)
-    for begin, end in _rests(rig, time, load):
-        rest.append(RestSegment(probes[:, begin:end], step))
+    hold = np.arange(centre.size, dtype=float)
+    rests = _rests(rig, time, load)
+    # After a ramp the ring still creeps home, which is no noise: use what was before it, if any.
+    quiet = [(begin, end) for begin, end in rests if begin == 0] or rests
+    rest = [RestSegment(probes[:, begin:end], step) for begin, end in quiet]
+    for begin, end in rests:
         hold[(centre >= time[begin]) & (centre <= time[end - 1])] = -float(begin) - 1.0
     grid = LoadGrid(
         test_run.elevation, grid_time, grid_load, measured.zero.load,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -11,19 +11,13 @@ from numpy.typing import NDArray
 
 from saddlering_ros import effects as catalogue_of_effects
 from saddlering_ros.diagnosis.records import LoadGrid
-from saddlering_ros.discrepancy import Effect, Nuisance, Parameter, Point, Run
-from saddlering_ros.effects.extension import NO_EXTENSION, RingExtension, RowGeometry, Wear
+from saddlering_ros.diagnosis.scatter import compressed, scatter_columns
+from saddlering_ros.discrepancy import Effect, Parameter, Point, Run
+from saddlering_ros.effects.extension import NO_EXTENSION, RingExtension
 from saddlering_ros.rig import PARAMETER_NAMES, PARAMETER_UNITS, TRUE_TO_SCALE, Rig
 from saddlering_ros.ring.simulator import probe_batch
 
 Array = NDArray[np.float64]
-
-GAP_SCATTER = 1e-6
-"""Spread of single rollers' gaps [m] that counts as a sound ring."""
-STIFFNESS_SCATTER = 0.02
-"""Spread of single rollers' stiffness, as a share."""
-SECTORS = 4
-ROWS = ('upper_row', 'lower_row', 'middle_row')
 
 
 @dataclass(frozen=True)
@@ -57,16 +51,6 @@ class RingSystem:
         )
 
     @cached_property
-    def nuisances(self) -> tuple[Nuisance, ...]:
-        mirrored = np.sqrt(2.0 * self.rig.axial_rows.rollers / (2 * (SECTORS - 1)))
-        share = mirrored / (self.rig.axial_rows.rollers / (2 * (SECTORS - 1)))
-        return tuple(
-            Nuisance(f'{row}.{kind}.{sector}', spread * share)
-            for row in ROWS for kind, spread in (('gap', GAP_SCATTER), ('loss', STIFFNESS_SCATTER))
-            for sector in range(SECTORS)
-        )
-
-    @cached_property
     def views(self) -> Mapping[str, Array]:
         span = self.rig.probes.axial_span
         return {
@@ -86,19 +70,25 @@ class RingSystem:
         means = grid.block_means(np.nan_to_num(simulated, nan=1e-3, posinf=1e-3, neginf=-1e-3))
         return np.clip(means, -1e-2, 1e-2)
 
+    def disturbances(self, runs: Sequence[Run], base: Array) -> list[Array]:
+        """Unequal rollers of a sound ring."""
+        parts = [
+            scatter_columns(self.rig, base, run.payload.elevation, next(iter(run.inputs.values())))
+            for run in runs
+        ]
+        joined = compressed(np.concatenate([part.reshape(-1, part.shape[-1]) for part in parts]))
+        answer, start = [], 0
+        for run in runs:
+            block = joined[start: start + run.channels.size]
+            answer.append(block.reshape(*run.channels.shape, -1))
+            start += run.channels.size
+        return answer
+
     def extension(self, point: Point) -> RingExtension:
-        """Knobs of a point: its effects, and its nuisances as small worn sectors."""
-        extension = NO_EXTENSION
-        if point.effects:
-            extension = catalogue_of_effects.extension_of(point.effects)
-        for name, value in point.nuisances.items():
-            row, kind, sector = name.split('.')
-            half = 0.5 * np.pi / (SECTORS - 1)
-            wear = Wear(centre=int(sector) * 2.0 * half, half_width=half, edge=0.05,
-                        **{kind: value})
-            geometry: RowGeometry = getattr(extension, row)
-            extension = replace(extension, **{row: replace(geometry, wear=wear)})
-        return extension
+        """Knobs that the effects of a point turn."""
+        if not point.effects:
+            return NO_EXTENSION
+        return catalogue_of_effects.extension_of(point.effects)
 
 
 def engine_effect(effect: catalogue_of_effects.Effect) -> Effect:

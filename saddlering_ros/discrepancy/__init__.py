@@ -9,11 +9,11 @@ from saddlering_ros.discrepancy.engine import (
 from saddlering_ros.discrepancy.likelihood import Allowance
 from saddlering_ros.discrepancy.next_test import Proposal
 from saddlering_ros.discrepancy.system import (
-    DiscrepancyError, Effect, Nuisance, Parameter, Point, RestSegment, Run, System,
+    DiscrepancyError, Effect, Parameter, Point, RestSegment, Run, System,
 )
 
 __all__ = [
     'Allowance', 'Cancelled', 'Cause', 'Diagnosis', 'DiscrepancyError', 'Effect', 'Estimate',
-    'Nuisance', 'Parameter', 'Point', 'Proposal', 'RestSegment', 'Run', 'Settings', 'System',
+    'Parameter', 'Point', 'Proposal', 'RestSegment', 'Run', 'Settings', 'System',
     'diagnose',
 ]

@@ -17,7 +17,7 @@ from scipy.stats import f as fisher
 from saddlering_ros.discrepancy.gain import Gain, fitted_gain, held_out_gain, left_out_gain
 from saddlering_ros.discrepancy.lack_of_fit import Battery, ShapeTest, Structure
 from saddlering_ros.discrepancy.likelihood import (
-    Allowance, Likelihood, allowance_columns, build_likelihood, nuisance_columns, offset_columns,
+    Allowance, Likelihood, allowance_columns, build_likelihood, disturbance_columns, offset_columns,
     view_ranges,
 )
 from saddlering_ros.discrepancy.next_test import Proposal, choose_next
@@ -164,7 +164,7 @@ class _Session:
         extra = np.hstack([
             offset_columns(self.likelihood),
             allowance_columns(self.likelihood, settings.allowance),
-            nuisance_columns(self.likelihood, rough.point.base, rough.prediction),
+            disturbance_columns(self.likelihood, rough.point.base),
         ])
         self.likelihood.free_of(extra)
         self.base = run_refits(

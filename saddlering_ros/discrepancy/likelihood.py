@@ -15,7 +15,7 @@ from scipy.linalg import cholesky, solve_triangular
 
 from saddlering_ros.discrepancy.noise import ChannelNoise, HeldSeries, measure_noise
 from saddlering_ros.discrepancy.system import (
-    Array, DiscrepancyError, Parameter, Point, RestSegment, Run, System,
+    Array, DiscrepancyError, Point, RestSegment, Run, System,
 )
 
 
@@ -40,22 +40,27 @@ class Likelihood:
     noise: Mapping[tuple[str, int], ChannelNoise]
     ranges: Array
     factors: list[list[Array]] = field(default_factory=list)
+    roots: list[list[Array]] = field(default_factory=list)
+    absorb: Array | None = None
     directions: Array | None = None
     shrink: Array | None = None
     simulations: int = 0
 
     def factor(self) -> None:
         """Inverse Cholesky factors of the noise covariance of every run and channel."""
-        self.factors = []
+        self.factors, self.roots = [], []
         for run in self.runs:
             hold = run.inputs.get('hold')
-            row = []
+            row: list[Array] = []
+            roots: list[Array] = []
             for channel in range(run.channels.shape[0]):
                 matrix = self.noise[run.name, channel].covariance(run.time, run.width, hold)
                 matrix += np.diag(np.full(run.time.size, (1e-6 * self.ranges.max()) ** 2))
                 lower = cholesky(matrix, lower=True)
+                roots.append(lower)
                 row.append(solve_triangular(lower, np.eye(run.time.size), lower=True))
             self.factors.append(row)
+            self.roots.append(roots)
 
     def relearn(self, prediction: Array) -> None:
         """Noise learnt again now that a residual tells how it wanders from hold to hold."""
@@ -119,6 +124,18 @@ class Likelihood:
         kept = values > 1e-3
         self.directions = np.ascontiguousarray(left[:, kept])
         self.shrink = 1.0 - 1.0 / np.sqrt(1.0 + values[kept] ** 2)
+        self.absorb = 1.0 - 1.0 / (1.0 + values[kept] ** 2)
+
+    def without_nuisances(self, residual: Array) -> Array:
+        """A stacked plain residual less what the nuisances most likely make of it."""
+        if self.directions is None or self.absorb is None:
+            return residual
+        white = self.whiten_plain(residual)
+        white = white - self.directions @ (self.absorb * (self.directions.T @ white))
+        out = np.empty_like(white)
+        for index, channel, part in self.slices():
+            out[part] = self.roots[index][channel] @ white[part]
+        return out
 
     @property
     def free_count(self) -> float:
@@ -264,14 +281,7 @@ def allowance_columns(likelihood: Likelihood, allowance: Allowance) -> Array:
     return np.column_stack(columns)
 
 
-def nuisance_columns(likelihood: Likelihood, base: Array, plain: Array) -> Array:
-    """What one spread of each of the system's own nuisances does at `base`."""
-    nuisances = likelihood.system.nuisances
-    if not nuisances:
-        return np.zeros((likelihood.size, 0))
-    points = [Point(base, {}, {item.name: item.spread}) for item in nuisances]
-    return likelihood.predict(points) - plain[:, None]
-
-
-def parameter_names(parameters: Sequence[Parameter]) -> tuple[str, ...]:
-    return tuple(parameter.name for parameter in parameters)
+def disturbance_columns(likelihood: Likelihood, base: Array) -> Array:
+    """The system's own small unknowns as stacked columns (n, k)."""
+    parts = likelihood.system.disturbances(likelihood.runs, base)
+    return np.concatenate([part.reshape(-1, part.shape[-1]) for part in parts])

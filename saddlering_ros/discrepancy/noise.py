@@ -98,11 +98,16 @@ def measure_noise(
 ) -> list[ChannelNoise]:
     """Noise of each of `count` channels, pooled over all stretches at rest.
 
+    Labelled stretches, whose common course can be taken out, are preferred where there are many.
+
     The channels share the shape of the slow part (they are instruments of one kind, and one alone
     tells too little of slow noise), not its size nor the white part.
     """
     if not segments:
         raise DiscrepancyError('noise: no stretch at rest in any run; hold the load somewhere')
+    labelled = [segment for segment in segments if segment.label]
+    if len(labelled) >= 20:
+        segments = labelled
     statistics = [_statistics(segments, channel, series) for channel in range(count)]
     solved = [_mixture(item.columns, item.seen, item.pairs) for item in statistics]
     totals = [max(float(item.seen.max()), np.finfo(float).tiny) for item in statistics]

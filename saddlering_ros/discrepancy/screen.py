@@ -139,9 +139,13 @@ def visible_gain(
 ) -> float:
     """Largest fall of the rms residual over runs and views between two predictions (n,).
 
-    Taken in quadrature, as a share of the view's range: what the data themselves got better by.
+    Taken in quadrature, as a share of the view's range, after the nuisances took what they can of
+    either: what is beyond a sound system's own small errors.
     """
     measured = likelihood.measured()
+    less, more = (
+        measured + likelihood.without_nuisances(item - measured) for item in (less, more)
+    )
     best = 0.0
     for view in likelihood.system.views:
         seen = zip(

@@ -88,20 +88,11 @@ class Effect:
 
 
 @dataclass(frozen=True)
-class Nuisance:
-    """A small unknown of the system that is no cause: Gaussian about zero with this spread."""
-
-    name: str
-    spread: float
-
-
-@dataclass(frozen=True)
 class Point:
-    """What one simulation is run with: base values in order, effects by id, nuisances by name."""
+    """What one simulation is run with: base values in order, and effects by id."""
 
     base: Array
     effects: EffectValues = field(default_factory=dict)
-    nuisances: Mapping[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -158,13 +149,18 @@ class System(Protocol):
     def effects(self) -> tuple[Effect, ...]: ...
 
     @property
-    def nuisances(self) -> tuple[Nuisance, ...]: ...
-
-    @property
     def views(self) -> Mapping[str, Array]:
         """Combinations of channels a person looks at: name to weights (C,)."""
         ...
 
     def predict_many(self, run: Run, points: Sequence[Point]) -> Array:
         """Channels (B, C, N) of `run` for every point; a constant per channel is of no account."""
+        ...
+
+    def disturbances(self, runs: Sequence[Run], base: Array) -> Sequence[Array]:
+        """What is wrong with any such system and no cause: per run columns (C, N, k), k the same.
+
+        Each column is one standard deviation of one small unknown at base values `base`, shared
+        by all runs; k = 0 for a simulator that is right but for its causes.
+        """
         ...
