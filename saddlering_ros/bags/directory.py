@@ -57,7 +57,7 @@ def open_directory(path: Path | str) -> BagDirectory:
     except OSError as problem:
         raise BagError(
             f'{path}: cannot be read ({problem.strerror}): check the path') from problem
-    if not path.name.endswith(SUFFIXES):
+    if not path.is_file() or not path.name.endswith(SUFFIXES):
         raise BagError(f'{path}: is not a bag: give a rosbag2 directory or an .mcap file')
     return _of_file(path)
 

@@ -111,7 +111,7 @@ def test_readings_that_are_no_numbers(tmp_path, recording, raw, topic, value):
 
 @pytest.mark.parametrize('topic', [LOAD_TOPIC, PROBE])
 @pytest.mark.parametrize('log', ['header', 'received'])
-@pytest.mark.parametrize('by', [20_000_000, 100_000_000, 500_000_000, 30_000_000_000])
+@pytest.mark.parametrize('by', [5_000_000, 20_000_000, 100_000_000, 500_000_000, 30_000_000_000])
 def test_stamps_that_go_back(tmp_path, recording, raw, topic, log, by):
     """The clock is set back in mid-run; log times follow it, or go on as the recorder's do."""
     stamps = recording.stamps[topic].copy()
@@ -124,6 +124,22 @@ def test_stamps_that_go_back(tmp_path, recording, raw, topic, log, by):
     line = refusal(bag)
     assert topic in line
     assert 'stamps go back' in line
+
+
+def test_one_stamp_that_goes_back(tmp_path, recording, raw):
+    stamps = recording.stamps[PROBE].copy()
+    stamps[500] -= 20_000_000
+    received = recording.stamps[PROBE]
+    bag = raw(tmp_path / 'bag.mcap', recording.changed(PROBE, stamps),
+              order=lambda s: received[s[2]] if s[0] == PROBE else s[1])
+    assert 'stamps go back by 0.018 s, first at message 500' in refusal(bag)
+
+
+def test_neighbours_that_swapped_places_are_no_clock_set_back(tmp_path, recording, raw):
+    stamps = recording.stamps[PROBE]
+    bag = raw(tmp_path / 'bag.mcap', recording,
+              order=lambda s: stamps[s[2] ^ 1] if s[0] == PROBE and 100 < s[2] < 200 else s[1])
+    np.testing.assert_array_equal(read_run(bag).stamps, recording.stamps[LOAD_TOPIC])
 
 
 def test_a_recording_played_twice_into_one_bag(tmp_path, recording, raw):
