@@ -1,17 +1,18 @@
 # Everything below works in a fresh clone; each first makes .venv, or finds it made.
 #   make demo PYTHON=/path/to/python3   chooses the Python (3.10 to 3.13)
-#   make demo DEMO_ARGS='--out here'    hands arguments on; the same for TEST_ARGS and so on
+#   make demo DEMO_ARGS='--out here'    hands arguments on; so do TEST_ARGS and BENCH_ARGS
 export PYTHON
 
 RUN := tools/run.sh
 
-.PHONY: help setup setup-test demo test bench bench-blind lint lock clean
+.PHONY: help setup setup-test demo test bench bench-identification bench-blind lint lock clean
 
 help:
 	@echo 'make setup        .venv with ROS 2 Jazzy, our messages and this package'
 	@echo 'make demo         from a recorded bag to identified parameters and a report in out/'
 	@echo 'make test         the whole test suite'
-	@echo 'make bench        messages per second, loss and latency; the speed of the simulator'
+	@echo 'make bench        speed of simulator, bags and nodes: messages per second, loss, latency'
+	@echo 'make bench-identification   recovery, uncertainty, peers; BENCH_ARGS=--quick for a taste'
 	@echo 'make bench-blind  diagnosis of bags whose cause it is not told'
 	@echo 'make lint         ruff and mypy'
 	@echo 'make lock         requirements/lock/ anew from requirements/*.in'
@@ -30,7 +31,15 @@ test: setup-test
 	@$(RUN) python -m pytest $(TEST_ARGS)
 
 bench: setup-test
-	@$(RUN) python benchmarks/run.py $(BENCH_ARGS)
+	@$(RUN) python benchmarks/simulator.py
+	@$(RUN) python benchmarks/bag_reading.py
+	@$(RUN) python benchmarks/ros_load.py
+
+bench-identification: setup-test
+	@$(RUN) python benchmarks/identification.py $(BENCH_ARGS)
+	@$(RUN) python benchmarks/recovery.py $(BENCH_ARGS)
+	@$(RUN) python benchmarks/uncertainty.py $(BENCH_ARGS)
+	@$(RUN) python benchmarks/peers.py $(BENCH_ARGS)
 
 bench-blind: setup-test
 	@$(RUN) python benchmarks/blind.py $(BENCH_ARGS)
