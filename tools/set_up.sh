@@ -6,8 +6,7 @@
 #
 # Every step leaves a stamp when it is finished, holding a digest of all it depends on. A step whose
 # stamp still holds is skipped, so a second run does nothing, and a run that was cut short goes on
-# where it stopped. PYTHON=/path/to/python3 chooses the Python,
-# and the choice is remembered.
+# where it stopped. PYTHON=/path/to/python3 chooses the Python and is remembered.
 set -euo pipefail
 
 here=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd -P)
