@@ -90,7 +90,7 @@ class RecordSettings:
 class DrawSettings:
     """What may be drawn: effects (none: all of the kind), part of their sizes, noise [m].
 
-    sizes: low and high end on a scale from 0 (smallest plausible size) to 1 (largest), logarithmic.
+    sizes: low and high end on a logarithmic scale from 0, smallest plausible size, to 1, largest.
     fixed: parameters not left to chance, per effect; forms likewise.
     """
 

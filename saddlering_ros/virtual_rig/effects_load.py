@@ -15,7 +15,7 @@ from saddlering_ros.virtual_rig.friction import follow, LAWS
 
 Floats = NDArray[np.float64]
 
-INITIAL = Parameter('initial', '1', -0.5, 0.9, 0.3)
+INITIAL = Parameter('initial', '1', -0.3, 0.3, 0.0)
 RATE_FREE = ('jenkins', 'dahl', 'bouc_wen')
 X_AND_T = ('delta_x', 'delta_y', 'gamma')
 

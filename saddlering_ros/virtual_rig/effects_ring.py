@@ -106,7 +106,7 @@ WORN_GAP = 1e-4
 
 
 def _wear(rollers: Rollers, row: str, values: Mapping[str, float], form: str) -> None:
-    """Rollers on the arc are softer, or stand lower; hard or cosine-shaped edges."""
+    """Rollers on the arc carry less, or stand lower; hard or cosine-shaped edges."""
     part, angle = rollers.of(row), rollers.angles(row)
     off = np.abs(np.angle(np.exp(1j * (angle - values['centre'])))) / values['half_width']
     if form.startswith('hard'):
@@ -116,7 +116,9 @@ def _wear(rollers: Rollers, row: str, values: Mapping[str, float], form: str) ->
     if form.endswith('gap'):
         part[:, at.GAP] += WORN_GAP * values['wear'] * shape
     else:
-        part[:, at.STIFFNESS] *= np.maximum(1.0 - values['wear'] * shape, 0.0)
+        carried = np.maximum(1.0 - values['wear'] * shape, 0.0)
+        part[:, at.STIFFNESS] *= carried
+        part[:, at.DAMPING] *= carried
 
 
 @effect('worn_sector_axial', 'rollers', T,
