@@ -99,7 +99,7 @@ class McapFile:
 
     def blocks(self) -> Iterator[Block]:
         """Yield the messages, block by block; DamageError says where readable data end."""
-        with _map(self.path, self.name) as buffer:
+        with _Mapping(self.path, self.name) as buffer:
             try:
                 yield from self._blocks(buffer)
             except (struct.error, IndexError, UnicodeDecodeError) as problem:
@@ -412,7 +412,7 @@ class _Fields:
         return entries
 
 
-class _map:  # noqa: N801 (a context manager used like the function it wraps)
+class _Mapping:
     """The file's bytes, mapped; views that outlive the block keep the mapping alive."""
 
     def __init__(self, path: Path, name: str) -> None:

@@ -38,7 +38,6 @@ from saddlering_ros.bags.topics import (
     FRAME_OF_TOPIC,
     LOAD_TOPIC,
     PROBE_TOPICS,
-    RIG_TOPICS,
     TYPE_OF_TOPIC,
 )
 from saddlering_ros.rig import Probes
@@ -257,4 +256,3 @@ def _put_in_place(written: Path, path: Path, temporary: Path) -> None:
     written.rename(path)
 
 
-__all__ = ['RIG_TOPICS', 'TestFacts', 'write_bag']
