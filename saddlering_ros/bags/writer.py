@@ -254,5 +254,3 @@ def _put_in_place(written: Path, path: Path, temporary: Path) -> None:
     if path.exists():
         path.rename(temporary / 'replaced')
     written.rename(path)
-
-
