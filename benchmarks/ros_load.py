@@ -1,0 +1,303 @@
+"""Load on the nodes: rates, loss and latency at 1 kHz per topic, speed in lockstep, time to cancel.
+
+    python benchmarks/ros_load.py [--seconds 20] [--json FILE]
+
+Everything runs between real processes over DDS on this machine, in a ROS domain of its own. Latency is
+from the stamp a driver process gives a load sample to the arrival of its residual in this process: four
+hops. Beside it, what a plain rclpy node makes of the same five topics: ordinary subscriptions,
+SingleThreadedExecutor.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import json
+import os
+from pathlib import Path
+import subprocess
+import sys
+import tempfile
+import time
+from typing import Any
+
+import numpy as np
+import rclpy
+from rclpy.node import Node
+from saddlering_interfaces.msg import ReplayProgress, RingDisplacement
+from rclpy.serialization import deserialize_message
+
+from saddlering_ros.bags import LOAD_TOPIC, PROBE_TOPICS, TestFacts, write_bag
+from saddlering_ros.nodes import wire
+from saddlering_ros.nodes.flow import Inflow, Outflow
+from saddlering_ros.nodes.launcher import NodeGroup, RING_NODES, start_nodes
+from saddlering_ros.nodes.progress import PROGRESS_TOPIC
+from saddlering_ros.nodes.spin import DataWait
+from saddlering_ros.rig import default_rig, ParameterSet, TRUE_TO_SCALE
+from saddlering_ros.ring import simulate
+
+RATE = 1000.0
+
+
+def course(seconds: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Time (N,) [s], load (N,) [N] and gaps (4, N) [m] of a dynamic run at 1 kHz."""
+    rig = default_rig()
+    times = np.arange(round(seconds * RATE)) / RATE
+    ramp = seconds / 2 - 1.0
+    share = np.clip(np.minimum((times - 1.0) / ramp, (seconds - 1.0 - times) / ramp), 0.0, 1.0)
+    load = rig.preload + 235e3 * share
+    found = simulate(rig, ParameterSet(TRUE_TO_SCALE), np.radians(50.0), times, load)
+    return times, load, np.float64(np.float32(1e-3 + found.probes))
+
+
+def drive(seconds: float) -> None:
+    """A driver: five topics, each sample stamped and published on its own when its time comes."""
+    from geometry_msgs.msg import WrenchStamped
+    from sensor_msgs.msg import Range
+    times, load, gaps = course(seconds)
+    rclpy.init()
+    node = rclpy.create_node('driver')
+    flows = [Outflow(node, LOAD_TOPIC, WrenchStamped)]
+    flows += [Outflow(node, topic, Range) for topic in PROBE_TOPICS]
+    sys.stdin.readline()
+    start = time.time_ns() + 200_000_000
+    stamps = start + np.round(times * 1e9).astype(np.int64)
+    messages = [wire.encode_loads(wire.Samples(stamps, load), 'hydraulic_cylinder')]
+    messages += [wire.encode_gaps(wire.Samples(stamps, gap, 0.0, 2e-3), f'eddy_current_{index}')
+                 for index, gap in enumerate(gaps, 1)]
+    late = 0
+    for index, stamp in enumerate(stamps.tolist()):
+        wait = stamp - time.time_ns()
+        late = max(late, -wait)
+        if wait > 0:
+            time.sleep(wait / 1e9)
+        for flow, series in zip(flows, messages, strict=True):
+            flow.send([series[index]], stamp)
+    print(late / 1e6, flush=True)
+    time.sleep(1.0)
+
+
+def plain(seconds: float) -> None:
+    """What a plain node receives of the five topics: counts and latency of the load's callback."""
+    from geometry_msgs.msg import WrenchStamped
+    from rclpy.qos import QoSProfile
+    from sensor_msgs.msg import Range
+    rclpy.init()
+    node = Node('plain')
+    delays: list[float] = []
+    counts = dict.fromkeys((LOAD_TOPIC, *PROBE_TOPICS), 0)
+
+    def on_load(message: WrenchStamped) -> None:
+        stamp = message.header.stamp
+        delays.append(time.time() - stamp.sec - stamp.nanosec / 1e9)
+        counts[LOAD_TOPIC] += 1
+
+    def on_gap(topic: str) -> Any:
+        def count(message: Range) -> None:
+            counts[topic] += 1
+        return count
+
+    qos = QoSProfile(depth=1000)
+    node.create_subscription(WrenchStamped, LOAD_TOPIC, on_load, qos)
+    for topic in PROBE_TOPICS:
+        node.create_subscription(Range, topic, on_gap(topic), qos)
+    print('ready', flush=True)
+    end = time.monotonic() + seconds + 25.0
+    while time.monotonic() < end and sum(counts.values()) < 5 * round(seconds * RATE):
+        rclpy.spin_once(node, timeout_sec=1.0)
+    print(json.dumps({'received': sum(counts.values()), 'delays': delays,
+                      'cpu': time.process_time()}), flush=True)
+
+
+def cpu_of(pid: int) -> float:
+    """Processor time a process has used [s]."""
+    fields = Path(f'/proc/{pid}/stat').read_text().rpartition(')')[2].split()
+    return (int(fields[11]) + int(fields[12])) / os.sysconf('SC_CLK_TCK')
+
+
+@contextlib.contextmanager
+def listener(domain: int) -> Any:
+    """A node of this process, and the inflows of residual and progress."""
+    context = rclpy.Context()
+    rclpy.init(context=context, domain_id=domain)
+    node = Node('listener', context=context)
+    try:
+        yield (node, Inflow(node, '/ring/residual', RingDisplacement),
+               Inflow(node, PROGRESS_TOPIC, ReplayProgress))
+    finally:
+        node.destroy_node()
+        rclpy.shutdown(context=context)
+
+
+def wait_matched(progress: Inflow, seconds: float = 60.0) -> None:
+    """Until every ring node is matched with all its neighbours."""
+    said: dict[str, Any] = {}
+    deadline = time.monotonic() + seconds
+    while time.monotonic() < deadline:
+        for raw in progress.take():
+            message = deserialize_message(raw, ReplayProgress)
+            said[message.node] = message
+        if set(RING_NODES) <= said.keys() and all(
+                min(said[name].publishers) >= 1 and min(said[name].subscriptions) >= 1
+                for name in RING_NODES):
+            return
+        time.sleep(0.05)
+    raise SystemExit('the nodes did not find each other')
+
+
+def in_real_time(seconds: float) -> dict[str, Any]:
+    """Five topics at 1 kHz from a driver, all nodes running."""
+    with NodeGroup() as group, listener(group.domain_id) as (node, residual, progress):
+        for name in RING_NODES:
+            group.start(name)
+        driver = subprocess.Popen(
+            [sys.executable, __file__, '--role', 'drive', '--seconds', str(seconds)],
+            env=group.environment, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+        wait_matched(progress)
+        before = {name: cpu_of(one.process.pid) for name, one in group.processes.items()}
+        assert driver.stdin is not None and driver.stdout is not None
+        began = time.monotonic()
+        driver.stdin.write('go\n')
+        driver.stdin.flush()
+        stamps, arrivals = receive(node, [residual], round(seconds * RATE), seconds + 20.0)
+        took = time.monotonic() - began
+        used = {name: (cpu_of(one.process.pid) - before[name]) / took
+                for name, one in group.processes.items()}
+        late = float(driver.stdout.readline())
+        driver.wait()
+    settled = stamps > stamps[0] + 1e9  # the zero window's rows wait for it by design
+    delays = (arrivals - stamps)[settled] / 1e6
+    sent = 5 * round(seconds * RATE)
+    return {'raw messages a second': sent / seconds, 'residuals': len(stamps),
+            'residuals lost': round(seconds * RATE) - len(stamps),
+            'latency p50 [ms]': float(np.percentile(delays, 50)),
+            'latency p99 [ms]': float(np.percentile(delays, 99)),
+            'driver late by at most [ms]': late,
+            **{f'cpu of {name} [%]': 100.0 * value for name, value in used.items()}}
+
+
+def receive(node: Node, inflows: list[Inflow], count: int, seconds: float,
+            ) -> tuple[np.ndarray, np.ndarray]:
+    """Stamps and arrival times [ns] of residuals."""
+    data = DataWait(node.context)
+    stamps: list[np.ndarray] = []
+    arrivals: list[np.ndarray] = []
+    deadline = time.monotonic() + seconds
+    while sum(map(len, stamps)) < count and time.monotonic() < deadline:
+        data.wait(inflows, 0.1)
+        messages = inflows[0].take()
+        if messages:
+            now = time.time_ns()
+            stamps.append(wire.decode_displacements(messages).stamps)
+            arrivals.append(np.full(len(messages), now))
+        time.sleep(0.0005)
+    return np.concatenate(stamps), np.concatenate(arrivals)
+
+
+def with_plain_rclpy(seconds: float) -> dict[str, Any]:
+    """The same driver and one plain node, nothing else running."""
+    with NodeGroup() as group:
+        reader = subprocess.Popen(
+            [sys.executable, __file__, '--role', 'plain', '--seconds', str(seconds)],
+            env=group.environment, stdout=subprocess.PIPE, text=True)
+        driver = subprocess.Popen(
+            [sys.executable, __file__, '--role', 'drive', '--seconds', str(seconds)],
+            env=group.environment, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+        assert reader.stdout is not None and driver.stdin is not None
+        reader.stdout.readline()
+        time.sleep(3.0)
+        driver.stdin.write('go\n')
+        driver.stdin.flush()
+        said = json.loads(reader.stdout.readline())
+        driver.wait()
+        reader.wait()
+    delays = np.array(said['delays']) * 1e3
+    sent = 5 * round(seconds * RATE)
+    return {'raw messages received': said['received'], 'lost': sent - said['received'],
+            'callback latency p50 [ms]': float(np.percentile(delays, 50)),
+            'callback latency p99 [ms]': float(np.percentile(delays, 99)),
+            'cpu [%] (receives only, computes nothing)': 100.0 * said['cpu'] / seconds}
+
+
+def in_lockstep(seconds: float) -> dict[str, Any]:
+    """A bag of five topics at 1 kHz through all nodes as fast as they follow."""
+    times, load, gaps = course(seconds)
+    stamps = 1_700_000_000_000_000_000 + np.round(times * 1e9).astype(np.int64)
+    with tempfile.TemporaryDirectory() as folder:
+        bag = write_bag(Path(folder) / 'bag', TestFacts('dynamic', 50.0), stamps, load,
+                        [stamps + 100_000 * probe for probe in range(4)], list(gaps),
+                        default_rig().probes)
+        with start_nodes(bag) as group, listener(group.domain_id) as (node, residual, progress):
+            wait_matched(progress)
+            found, arrivals = receive(node, [residual], round(seconds * RATE) - 1, 120.0)
+            group.wait('replay_clock', 60.0)
+    took = (arrivals[-1] - arrivals[0]) / 1e9
+    span = (found[-1] - found[np.searchsorted(arrivals, arrivals[0], side='right') - 1]) / 1e9
+    return {'residuals': len(found), 'residuals lost': round(seconds * RATE) - 1 - len(found),
+            'times real time': span / took, 'raw messages a second': 5 * RATE * span / took}
+
+
+def to_cancel() -> dict[str, Any]:
+    """From asking for the cancel of a running identification to its result."""
+    from rclpy.action import ActionClient
+    from saddlering_interfaces.action import IdentifyRing
+    times, load, gaps = course(10.0)
+    stamps = 1_700_000_000_000_000_000 + np.round(times * 1e9).astype(np.int64)
+    noise = np.random.default_rng(0).normal(0.0, 3e-7, gaps.shape)
+    with tempfile.TemporaryDirectory() as folder, NodeGroup() as group:
+        write_bag(Path(folder) / 'bag', TestFacts('dynamic', 50.0), stamps, load, [stamps] * 4,
+                  list(np.float64(np.float32(gaps + noise))), default_rig().probes)
+        group.start('ring_identification', {'bag_root': folder})
+        context = rclpy.Context()
+        rclpy.init(context=context, domain_id=group.domain_id)
+        node = Node('canceler', context=context)
+        from rclpy.executors import SingleThreadedExecutor
+        executor = SingleThreadedExecutor(context=context)
+        executor.add_node(node)
+        client = ActionClient(node, IdentifyRing, '/identify_ring')
+        client.wait_for_server(60.0)
+        seconds = []
+        for seed in range(5):
+            running: list[Any] = []
+            goal = IdentifyRing.Goal(bags=['bag'], particles=400, iterations=2000, seed=seed)
+            sent = client.send_goal_async(goal, feedback_callback=running.append)
+            executor.spin_until_future_complete(sent, 30.0)
+            while not running:
+                executor.spin_once(0.1)
+            asked = time.monotonic()
+            sent.result().cancel_goal_async()
+            ended = sent.result().get_result_async()
+            executor.spin_until_future_complete(ended, 30.0)
+            seconds.append(time.monotonic() - asked)
+        node.destroy_node()
+        rclpy.shutdown(context=context)
+    return {'cancel of an identification, median [ms]': 1e3 * float(np.median(seconds)),
+            'slowest of 5 [ms]': 1e3 * max(seconds)}
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument('--seconds', type=float, default=20.0)
+    parser.add_argument('--json', type=Path)
+    parser.add_argument('--role', choices=('drive', 'plain'), help=argparse.SUPPRESS)
+    args = parser.parse_args()
+    if args.role:
+        {'drive': drive, 'plain': plain}[args.role](args.seconds)
+        return
+    figures = {}
+    print(f'{os.cpu_count()} cores, load average before: {os.getloadavg()[0]:.1f}')
+    for title, measure in [
+            ('real time, five topics at 1 kHz, all nodes', lambda: in_real_time(args.seconds)),
+            ('the same topics, plain rclpy node', lambda: with_plain_rclpy(args.seconds)),
+            ('lockstep', lambda: in_lockstep(args.seconds)), ('cancel', to_cancel)]:
+        figures[title] = measure()
+        print(f'\n{title}')
+        for name, value in figures[title].items():
+            print(f'  {name:45} {value:12.2f}' if isinstance(value, float)
+                  else f'  {name:45} {value:12d}', flush=True)
+    if args.json:
+        args.json.write_text(json.dumps(figures, indent=2) + '\n')
+
+
+if __name__ == '__main__':
+    main()
