@@ -1,0 +1,47 @@
+"""The reference of the nodes' parameters in docs/nodes.md, written from their declarations.
+
+    python -m saddlering_ros.nodes.reference docs/nodes.md       rewrites what stands below the marker
+"""
+
+from __future__ import annotations
+
+import importlib
+from pathlib import Path
+import sys
+
+from saddlering_ros.nodes.base import AUTOSTART, StreamingNode
+from saddlering_ros.nodes.parameters import Parameter, table
+
+MARKER = '<!-- from here on written by python -m saddlering_ros.nodes.reference -->\n'
+
+CLASSES = {
+    'replay_clock': 'ReplayClockNode', 'hydraulic_load': 'HydraulicLoadNode',
+    'eddy_current': 'EddyCurrentNode', 'ring_displacement': 'RingDisplacementNode',
+    'ring_simulator': 'RingSimulatorNode', 'ring_residual': 'RingResidualNode',
+    'ring_identification': 'RingIdentificationNode', 'ring_diagnosis': 'RingDiagnosisNode',
+}
+
+
+def parameters_of(node: str) -> tuple[Parameter, ...]:
+    """All parameters of a node but those of the rig."""
+    kind = getattr(importlib.import_module(f'saddlering_ros.nodes.{node}'), CLASSES[node])
+    own: tuple[Parameter, ...] = kind.PARAMETERS
+    return (AUTOSTART, *own) if issubclass(kind, StreamingNode) else own
+
+
+def reference() -> str:
+    """Everything below the marker."""
+    parts = [MARKER, '## Parameters\n']
+    parts += [f'### {node}\n\n{table(parameters_of(node))}\n' for node in CLASSES]
+    return '\n'.join(parts)
+
+
+def main() -> None:
+    """Rewrite the page given."""
+    page = Path(sys.argv[1])
+    head = page.read_text().partition(MARKER)[0]
+    page.write_text(head + reference())
+
+
+if __name__ == '__main__':
+    main()
