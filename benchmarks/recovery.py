@@ -42,7 +42,10 @@ def main() -> None:
     parser.add_argument('--scatter', action='store_true', help='rollers differ as made ones do')
     args = parser.parse_args()
     scatter = Scatter() if args.scatter else NO_SCATTER
-    table = [ratios(number, scatter) for number in range(5 if args.quick else args.rigs)]
+    table: list[dict[tuple[str, str], float]] = []
+    for number in range(5 if args.quick else args.rigs):
+        table.append(ratios(number, scatter))
+        print(f'rig {number}: largest ratio {max(table[-1].values()):.3f}', flush=True)
     print(f'nrmse over noise floor at 70 deg, {len(table)} rigs')
     print(f'{"run":8s} {"channel":8s} {"median":>8s} {"95 %":>8s} {"worst":>8s} {"<= 1.1":>8s}')
     for key in table[0]:

@@ -18,7 +18,7 @@ from saddlering_ros.identification.objective import (
     PaperObjective,
     WeightedObjective,
 )
-from saddlering_ros.identification.observation import Observation, observe
+from saddlering_ros.identification.observation import Observation, observe, warnings_of
 from saddlering_ros.identification.refinement import Cancelled, jacobian, refine, Refinement
 from saddlering_ros.identification.result import Identification
 from saddlering_ros.identification.settings import (
@@ -129,6 +129,7 @@ def identify(
     bounds = settings.bounds_for(rig)
     observations = observe(runs, rig, fit_rate=settings.fit_rate)
     search = _Search(rig, settings, bounds, on_progress, is_cancelled)
+    search.notes += [warning for run in runs for warning in warnings_of(run, rig)]
     method = _by_paper if settings.method == 'paper' else _by_default
     found = method(search, observations)
     return _judged(search, observations, found, profiles)

@@ -43,7 +43,7 @@ class ChannelNoise:
 
     def autocovariance(self, lags: int) -> Array:
         """Autocovariance at lags 0..lags-1 of the grid, shape (lags,)."""
-        covariance = self.at(self.interval * np.arange(lags))
+        covariance = self.at(np.asarray(self.interval * np.arange(lags), dtype=np.float64))
         covariance[0] += self.white
         return covariance
 

@@ -68,6 +68,13 @@ class WeightedObjective:
             raise IdentificationError(_not_a_number(worst))
         return residuals
 
+    def mean_squares(self, contact: Array) -> list[float]:
+        """Mean square of the whitened residuals of each run at a contact law (6,)."""
+        return [
+            float(np.mean(one.whiten(self._raw(contact[None, :], one), self.channels) ** 2))
+            for one in self.observations
+        ]
+
     def _raw(self, contacts: Array, one: Observation) -> Array:
         channels = list(self.channels)
         return np.asarray((predict(self.rig, contacts, one) - one.displacement)[:, channels])

@@ -154,6 +154,25 @@ def run_name(run: TestRun) -> str:
     return str(run.path) if getattr(run, 'path', None) else run.name
 
 
+def warnings_of(run: TestRun, rig: Rig) -> list[str]:
+    """What makes a run's result doubtful without forbidding it, one line each."""
+    name = run_name(run)
+    warnings = []
+    margin = 1e-4 * (rig.probes.max_range - rig.probes.min_range)
+    low, high = rig.probes.min_range + margin, rig.probes.max_range - margin
+    for probe, gaps in enumerate(run.gaps, start=1):
+        seen = gaps[np.isfinite(gaps)]
+        share = float(np.mean((seen <= low) | (seen >= high))) if len(seen) else 0.0
+        if share > 0.001:
+            warnings.append(
+                f'{name}: probe {probe} is at a limit of its span in {100.0 * share:.1f} % of the '
+                'record: what is identified from it is biased'
+            )
+    if not displacement_of_run(rig, run).zero.near_preload:
+        warnings.append(f'{name}: it does not start near the preload, its zero is taken higher')
+    return warnings
+
+
 def check_run(run: TestRun) -> None:
     """IdentificationError when the run's range is too small to identify anything from."""
     name = run_name(run)

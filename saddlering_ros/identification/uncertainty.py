@@ -1,8 +1,8 @@
 """How far identified parameters can be trusted: covariance, what is open, profiles, ellipses.
 
 The residuals are whitened by the noise the runs show at rest, autocorrelation included, so that
-covariance = (J^T J)^-1 in the search coordinates (ln K, n, ln D); where the fit is worse than
-that noise it is widened by chi square per degree of freedom (Birge ratio), never narrowed.
+covariance = (J^T J)^-1 in the search coordinates (ln K, n, ln D). Where the run that fits worst
+fits worse than that noise, it is widened by that run's mean square residual (Birge ratio).
 """
 
 from __future__ import annotations
@@ -108,7 +108,7 @@ def assess(
     """Judge a refined fit; `space` holds what was free."""
     freedom = max(1, objective.size - len(space.free))
     reduced = best.chi_square / freedom
-    widening = max(1.0, reduced)
+    widening = max(1.0, reduced, *objective.mean_squares(best.contact))
     inner = _inverse(best.jacobian) * widening
     coordinate_std = _spread_over_six(np.sqrt(np.diag(inner)), space)
     scale = space.scale(best.contact)

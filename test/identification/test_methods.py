@@ -275,6 +275,13 @@ def test_settings_that_mean_nothing_are_refused(wrong):
         IdentificationSettings(**wrong)
 
 
+def test_a_probe_at_the_end_of_its_span_is_noted(four_runs):
+    clipped = replace(four_runs[0], gaps=np.minimum(four_runs[0].gaps, 1.05e-3))
+    rig = replace(RIG, probes=replace(RIG.probes, max_range=1.05e-3))
+    found = identify([clipped], rig, IdentificationSettings(swarm=SHORT_SWARM))
+    assert any('limit of its span' in note for note in found.notes)
+
+
 def test_no_runs_are_refused():
     with pytest.raises(IdentificationError, match='no runs'):
         identify([], RIG)
