@@ -43,7 +43,8 @@ def test_a_pure_axial_load_is_shared_equally_by_one_row():
     rig = rig_without_clearance()
     q, _ = rest(rig, [0.0, -200e3, 0.0])
     each = 200e3 / rig.axial_rows.rollers
-    assert q[1] == pytest.approx(-((each / TRUE_TO_SCALE.K1) ** (1.0 / TRUE_TO_SCALE.n1)), rel=1e-9)
+    pressed = (each / TRUE_TO_SCALE.K1) ** (1.0 / TRUE_TO_SCALE.n1)
+    assert q[1] == pytest.approx(-pressed, rel=1e-9)
 
 
 def test_a_pure_radial_load_gives_the_highest_roller_four_times_the_mean():

@@ -1,0 +1,109 @@
+"""Blind tests: draws repeat per seed, the seal holds, and nothing of the truth is in the bags."""
+
+import json
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from saddlering_ros.bags import read_run
+from saddlering_ros.virtual_rig import EFFECTS, VirtualRigError
+from saddlering_ros.virtual_rig.blind import open_seal, SEALED
+from saddlering_ros.virtual_rig.campaign import (
+    CLEAN,
+    draw_truth,
+    DrawSettings,
+    KINDS,
+    OUTSIDE,
+    PAIR,
+    RecordSettings,
+    SINGLE,
+    write_campaign,
+)
+
+SMALL = ['--runs', 'dynamic_50', '--duration', '2.5', '--dynamic-rate', '100']
+
+
+def examine(out, *more):
+    command = [sys.executable, '-m', 'saddlering_ros.virtual_rig.blind', '--out', str(out), *SMALL]
+    return subprocess.run([*command, *more], capture_output=True, text=True, check=False)
+
+
+@pytest.fixture(name='blind', scope='module')
+def blind_fixture(tmp_path_factory):
+    out = tmp_path_factory.mktemp('blind')
+    done = examine(out, '--seed', '5')
+    assert done.returncode == 0, done.stderr
+    return out, json.loads(done.stdout)
+
+
+def test_the_examiner_prints_bags_and_seal_and_not_the_truth(blind):
+    _, said = blind
+    assert set(said) == {'seed', 'bags', 'seal'}
+    assert read_run(said['bags'][0]).test == 'dynamic'
+
+
+def test_the_seal_opens_with_its_digest_only(blind):
+    out, said = blind
+    truth = open_seal(out / SEALED, said['seal'])
+    assert truth['effects'][0]['effect'] in EFFECTS
+    with pytest.raises(VirtualRigError, match='broken'):
+        open_seal(out / SEALED, '0' * 64)
+
+
+def test_neither_bags_nor_sealed_file_name_the_effect(blind):
+    out, said = blind
+    name = open_seal(out / SEALED, said['seal'])['effects'][0]['effect'].encode()
+    for file in out.rglob('*'):
+        assert not file.is_file() or name not in file.read_bytes()
+
+
+def test_an_unknown_effect_is_refused_in_one_line(tmp_path):
+    done = examine(tmp_path / 'none', '--seed', '5', '--effect', 'rust')
+    assert done.returncode == 2
+    assert len(done.stderr.strip().splitlines()) == 1
+    assert not (tmp_path / 'none').exists()
+
+
+@pytest.mark.parametrize('kind', KINDS)
+def test_a_draw_repeats_with_its_seed(kind):
+    assert draw_truth(11, kind).to_json() == draw_truth(11, kind).to_json()
+    assert draw_truth(11, kind).to_json() != draw_truth(12, kind).to_json()
+
+
+def test_draws_are_of_the_kind_asked_for():
+    for seed in range(30):
+        assert draw_truth(seed, CLEAN).effects == ()
+        single, = draw_truth(seed, SINGLE).effects
+        outside, = draw_truth(seed, OUTSIDE).effects
+        first, second = draw_truth(seed, PAIR).effects
+        assert single.effect.in_catalogue
+        assert not outside.effect.in_catalogue
+        assert first.effect.id != second.effect.id
+
+
+def test_draws_reach_every_effect_and_form():
+    seen = {(item.effect.id, item.form)
+            for seed in range(1500) for item in draw_truth(seed, SINGLE).effects}
+    expected = {(effect.id, form) for effect in EFFECTS.values() if effect.in_catalogue
+                for form in effect.forms}
+    assert seen == expected
+
+
+def test_sizes_stay_in_the_part_of_the_range_asked_for():
+    settings = DrawSettings(effects=('radial_friction',), sizes=(0.9, 1.0))
+    main = EFFECTS['radial_friction'].parameters[0]
+    for seed in range(20):
+        size = draw_truth(seed, SINGLE, settings).effects[0].values['force']
+        assert main.low * (main.high / main.low) ** 0.9 <= size <= main.high
+
+
+def test_all_runs_of_a_campaign_are_of_one_rig(tmp_path):
+    truth = draw_truth(4, CLEAN)
+    record = RecordSettings(duration=2.5, dynamic_rate=100.0)
+    one, other = write_campaign(truth, tmp_path, ['dynamic_50', 'dynamic_70'], record)
+    first, second = read_run(one), read_run(other)
+    assert np.degrees([first.elevation, second.elevation]) == pytest.approx([50.0, 70.0])
+    assert first.rig == second.rig
+    assert not np.array_equal(first.gaps[0, :50], second.gaps[0, :50])

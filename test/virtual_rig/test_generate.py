@@ -1,0 +1,55 @@
+"""`saddlering generate`: a bag comes out whole, and bad arguments get one line and status 2."""
+
+import pytest
+
+from saddlering_ros.bags import read_run
+from saddlering_ros.cli.main import main
+
+QUICK = ['--test', 'dynamic', '--elevation', '50', '--duration', '2.5', '--rate', '100']
+
+
+def test_a_bag_with_an_effect_can_be_read_again(tmp_path, capsys):
+    out = tmp_path / 'run'
+    assert main(['generate', str(out), *QUICK, '--effect', 'probe_gain=0.05',
+                 '--effect', 'probe_gain.probe=3', '--set', 'K1=1.5e8', '--seed', '4']) == 0
+    assert 'run' in capsys.readouterr().out
+    assert read_run(out).test == 'dynamic'
+
+
+def test_an_existing_bag_is_kept_unless_told_otherwise(tmp_path, capsys):
+    out = tmp_path / 'run'
+    assert main(['generate', str(out), *QUICK]) == 0
+    before = read_run(out).load
+    assert main(['generate', str(out), *QUICK, '--seed', '1']) == 2
+    assert '--overwrite' in capsys.readouterr().err
+    assert (read_run(out).load == before).all()
+    assert main(['generate', str(out), *QUICK, '--seed', '1', '--overwrite']) == 0
+    assert not (read_run(out).load[:50] == before[:50]).all()
+
+
+@pytest.mark.parametrize(('arguments', 'said'), [
+    (['--effect', 'rust=1'], 'radial_friction'),
+    (['--effect', 'film_creep.tau=1'], 'share, time, rows'),
+    (['--set', 'K9=1'], 'K1, n1, D1, K2, n2, D2'),
+    (['--set', 'K1=hard'], 'NAME=NUMBER'),
+    (['--elevation', '120'], '-10 to 90'),
+    (['--noise', '-1'], 'from 0 up'),
+    (['--hold', 'nan'], 'hold'),
+    (['--load-step', '2'], 'static'),
+    (['--rate', '0'], 'rate'),
+    (['--seed', '-3'], 'seed'),
+    (['--rig', 'missing.yaml'], 'missing.yaml'),
+])
+def test_bad_arguments_get_one_line_and_leave_nothing(tmp_path, capsys, arguments, said):
+    assert main(['generate', str(tmp_path / 'run'), *QUICK, *arguments]) == 2
+    complaint = capsys.readouterr().err
+    assert said in complaint
+    assert len(complaint.strip().splitlines()) == 1
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_the_list_of_effects_names_parameters_units_and_forms(capsys):
+    assert main(['generate', '--list-effects']) == 0
+    listed = capsys.readouterr().out
+    assert 'presliding [m]' in listed
+    assert 'lugre' in listed
