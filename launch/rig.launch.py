@@ -34,6 +34,13 @@ def generate_launch_description():
         DeclareLaunchArgument(
             'parameters', default_value='',
             description='contact parameters to simulate with; empty: true to scale'),
+        DeclareLaunchArgument(
+            'bag_root', default_value='',
+            description='folder of the bags that goals may name; empty: that of the bag replayed, '
+                        'or the shipped ones'),
+        DeclareLaunchArgument(
+            'parameters_root', default_value='',
+            description='folder of the parameter files that goals may name; empty: bag_root'),
         DeclareLaunchArgument('rate', default_value='1.0', description='speed of the replay'),
         DeclareLaunchArgument(
             'lockstep', default_value='false', choices=['true', 'false'],
@@ -48,7 +55,8 @@ def generate_launch_description():
 def start_nodes(context):
     """Return the nodes, each with what it needs of the arguments."""
     given = {name: LaunchConfiguration(name).perform(context) for name in (
-        'bag', 'elevation', 'rig', 'parameters', 'rate', 'lockstep', 'use_sim_time')}
+        'bag', 'elevation', 'rig', 'parameters', 'bag_root', 'parameters_root', 'rate', 'lockstep',
+        'use_sim_time')}
     bag, rig, contact = (as_path(given[name]) for name in ('bag', 'rig', 'parameters'))
     sim_time = {'use_sim_time': given['use_sim_time'] == 'true' or (
         not given['use_sim_time'] and bool(bag))}
@@ -61,7 +69,14 @@ def start_nodes(context):
     elif bag:
         simulation['bag'] = bag
 
+    roots = {
+        'bag_root': as_path(given['bag_root']) or (str(Path(bag).parent) if bag else ''),
+        'parameters_root': as_path(given['parameters_root']),
+    }
+
     parameters = {
+        'ring_identification': [roots],
+        'ring_diagnosis': [roots],
         'replay_clock': [replay, clock],
         'hydraulic_load': [replay],
         'eddy_current': [replay],
