@@ -1,10 +1,10 @@
-"""Load on the nodes: rates, loss and latency at 1 kHz per topic, speed in lockstep, time to cancel.
+"""Load on the nodes: loss and latency at 1 kHz per topic, speed in lockstep, time to cancel.
 
     python benchmarks/ros_load.py [--seconds 20] [--json FILE]
 
-Everything runs between real processes over DDS on this machine, in a ROS domain of its own. Latency is
-from the stamp a driver process gives a load sample to the arrival of its residual in this process: four
-hops. Beside it, what a plain rclpy node makes of the same five topics: ordinary subscriptions,
+Everything runs between real processes over DDS on this machine, in a ROS domain of its own.
+Latency is from the stamp a driver process gives a load sample to the arrival of its residual in
+this process: three hops. Beside it, what a plain rclpy node makes of the same five topics: ordinary subscriptions,
 SingleThreadedExecutor.
 """
 
@@ -24,9 +24,9 @@ from typing import Any
 import numpy as np
 import rclpy
 from rclpy.node import Node
-from saddlering_interfaces.msg import ReplayProgress, RingDisplacement
 from rclpy.serialization import deserialize_message
 
+from saddlering_interfaces.msg import ReplayProgress, RingDisplacement
 from saddlering_ros.bags import LOAD_TOPIC, PROBE_TOPICS, TestFacts, write_bag
 from saddlering_ros.nodes import wire
 from saddlering_ros.nodes.flow import Inflow, Outflow
@@ -155,7 +155,8 @@ def in_real_time(seconds: float) -> dict[str, Any]:
             env=group.environment, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
         wait_matched(progress)
         before = {name: cpu_of(one.process.pid) for name, one in group.processes.items()}
-        assert driver.stdin is not None and driver.stdout is not None
+        assert driver.stdin is not None
+        assert driver.stdout is not None
         began = time.monotonic()
         driver.stdin.write('go\n')
         driver.stdin.flush()
@@ -203,7 +204,8 @@ def with_plain_rclpy(seconds: float) -> dict[str, Any]:
         driver = subprocess.Popen(
             [sys.executable, __file__, '--role', 'drive', '--seconds', str(seconds)],
             env=group.environment, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
-        assert reader.stdout is not None and driver.stdin is not None
+        assert reader.stdout is not None
+        assert driver.stdin is not None
         reader.stdout.readline()
         time.sleep(3.0)
         driver.stdin.write('go\n')
@@ -240,6 +242,7 @@ def in_lockstep(seconds: float) -> dict[str, Any]:
 def to_cancel() -> dict[str, Any]:
     """From asking for the cancel of a running identification to its result."""
     from rclpy.action import ActionClient
+
     from saddlering_interfaces.action import IdentifyRing
     times, load, gaps = course(10.0)
     stamps = 1_700_000_000_000_000_000 + np.round(times * 1e9).astype(np.int64)

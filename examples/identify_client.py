@@ -8,6 +8,7 @@ import sys
 import rclpy
 from rclpy.action import ActionClient
 from rclpy.signals import SignalHandlerOptions
+
 from saddlering_interfaces.action import IdentifyRing
 
 

@@ -7,6 +7,7 @@ import rclpy
 from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
+
 from saddlering_interfaces.msg import RingDisplacement
 
 
@@ -15,7 +16,8 @@ class ResidualListener(Node):
         super().__init__('residual_listener')
         self.latest: RingDisplacement | None = None
         self.count = 0
-        self.create_subscription(RingDisplacement, '/ring/residual', self.hear, QoSProfile(depth=1000))
+        self.create_subscription(RingDisplacement, '/ring/residual', self.hear,
+                                 QoSProfile(depth=1000))
         self.create_timer(1.0, self.tell)
 
     def hear(self, message: RingDisplacement) -> None:

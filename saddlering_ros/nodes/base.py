@@ -1,4 +1,4 @@
-"""What all streaming nodes share: lifecycle, parameters, diagnostics, progress, zeroing in step."""
+"""What all streaming nodes share: lifecycle, parameters, diagnostics, progress in a replay."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ from saddlering_ros.nodes.errors import NodeError
 from saddlering_ros.nodes.flow import Inflow, Outflow, RELIABILITIES
 from saddlering_ros.nodes.parameters import declare, Parameter
 from saddlering_ros.nodes.progress import progress_of, PROGRESS_QOS, PROGRESS_TOPIC
+from saddlering_ros.nodes.wire import WireError
 
 HEARTBEAT = 0.2
 """An idle node repeats its progress, and looks at its publishers, this often [s]."""
@@ -157,7 +158,11 @@ class StreamingNode(LifecycleNode):
     def work(self) -> None:
         """Deal with what has arrived."""
         if self.active:
-            self.deal()
+            try:
+                self.deal()
+            except WireError as problem:
+                self.get_logger().error(f'messages dropped that are not what they should be: '
+                                        f'{problem}', throttle_duration_sec=1.0)
             self._untold = True
             self._tell(time.monotonic(), PROGRESS_PERIOD)
 

@@ -37,7 +37,8 @@ def parameters_from_message(message: RingParameters) -> ParameterSet:
         raise NodeError('/ring/parameters: a contact parameter is not finite: publish six numbers')
     covariance = np.array(message.covariance, dtype=np.float64)
     if covariance.size not in (0, 36):
-        raise NodeError(f'/ring/parameters: covariance has {covariance.size} numbers: give 36 or none')
+        raise NodeError(f'/ring/parameters: covariance has {covariance.size} numbers: '
+                        'give 36 or none')
     source = ParameterSource(
         method='message', note=str(message.source),
         covariance=covariance.reshape(6, 6) if covariance.size else None)
@@ -47,8 +48,8 @@ def parameters_from_message(message: RingParameters) -> ParameterSet:
 def _effects(message: RingParameters) -> Effects:
     names, values = message.effect_parameter_names, message.effect_parameter_values
     if len(names) != len(values):
-        raise NodeError(f'/ring/parameters: {len(names)} effect parameters have {len(values)} values: '
-                        'give one each')
+        raise NodeError(f'/ring/parameters: {len(names)} effect parameters have {len(values)} '
+                        'values: give one each')
     effects: Effects = {}
     for name, value in zip(names, values, strict=True):
         effect, dot, parameter = name.partition('.')

@@ -1,4 +1,4 @@
-"""What a node says of its health: small tasks, each watching one thing, with its own bounds and words."""
+"""What a node says of its health: small tasks, each watching one thing, with its own words."""
 
 from __future__ import annotations
 
@@ -90,11 +90,14 @@ class StreamTask:
         if self._count == 0:
             level, words = STALE, 'no messages' if self.total else 'nothing received yet'
         elif self._new_gaps:
-            level, words = WARN, f'{self._new_gaps} gaps in the stamps, longest {self.longest_gap:.3g} s'
+            level = WARN
+            words = f'{self._new_gaps} gaps in the stamps, longest {self.longest_gap:.3g} s'
         elif self._new_late:
-            level, words = WARN, f'{self._new_late} messages out of order or stamps that jumped back'
+            level = WARN
+            words = f'{self._new_late} messages out of order or stamps that jumped back'
         elif rate < self.lowest_rate:
-            level, words = WARN, f'{rate:.1f} messages a second, at least {self.lowest_rate:g} wanted'
+            level = WARN
+            words = f'{rate:.1f} messages a second, at least {self.lowest_rate:g} wanted'
         self._clear()
         return Finding(level, words, figures)
 
@@ -121,7 +124,8 @@ class SaturationTask:
     def report(self, elapsed: float) -> Finding:
         """How many readings of the period were saturated, and how near the ends they came."""
         self.total += self._new
-        figures = {'saturated': str(self.total), 'nearest to an end [mm]': f'{self._margin * 1e3:.4g}'}
+        figures = {'saturated': str(self.total),
+                   'nearest to an end [mm]': f'{self._margin * 1e3:.4g}'}
         count, self._new, self._margin = self._new, 0, math.inf
         if count:
             return Finding(ERROR, f"{count} readings at an end of the probe's range: "
@@ -156,8 +160,8 @@ class ParityTask:
         self._sum = self._peak = 0.0
         self._count = 0
         if abs(mean) > self._limit:
-            return Finding(WARN, f'{mean * 1e6:.1f} um, beyond noise: probes 1 and 3 do not see the '
-                           'same rigid ring', figures)
+            return Finding(WARN, f'{mean * 1e6:.1f} um, beyond noise: probes 1 and 3 do not see '
+                           'the same rigid ring', figures)
         return Finding(OK, 'zero within noise', figures)
 
 

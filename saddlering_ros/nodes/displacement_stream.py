@@ -21,8 +21,8 @@ class DisplacementStream:
     """The displacement at each load stamp, from batches of samples in any interleaving.
 
     It is what `displacement_of_run` computes for a bag, bit for bit, on rows that come in as they
-    happen. Rows wait until a zero is found; then they come out at once. Load stamps that jump back, or
-    ahead by more than `max_gap` [s], start everything anew, the zero included.
+    happen. Rows wait until a zero is found; then they come out at once. Load stamps that jump
+    back, or ahead by more than `max_gap` [s], start everything anew, the zero included.
     """
 
     def __init__(self, rig: Rig, *, max_gap: float = 10.0) -> None:

@@ -1,4 +1,4 @@
-"""Node eddy_current: replays the four probes from a bag; a DAQ driver takes its place on a rig."""
+"""Node eddy_current: replays the four probes from a bag, in place of a driver."""
 
 from __future__ import annotations
 

@@ -77,8 +77,9 @@ class Inflow:
         if reliable == self.reliable:
             return False
         self._node.get_logger().info(
-            f'{self.topic}: {"all publishers are reliable" if reliable else "best-effort publisher"}'
-            f', subscribing {"reliably" if reliable else "with best effort"}')
+            f'{self.topic}: '
+            + ('all publishers are reliable, subscribing reliably' if reliable else
+               'a publisher offers best effort only, subscribing with best effort'))
         self.reliable = reliable
         self.close()
         self._open()

@@ -1,4 +1,4 @@
-"""Node hydraulic_load: replays the cylinder's load from a bag; a DAQ driver takes its place on a rig."""
+"""Node hydraulic_load: replays the cylinder's load from a bag, in place of a driver."""
 
 from __future__ import annotations
 

@@ -8,7 +8,7 @@ import json
 from typing import Any
 
 from saddlering_ros.bags import read_run
-from saddlering_ros.identification import identify, IdentificationSettings, Progress, validate
+from saddlering_ros.identification import IdentificationSettings, identify, Progress, validate
 from saddlering_ros.rig import ParameterSet, Rig
 
 

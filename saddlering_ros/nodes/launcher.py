@@ -30,7 +30,7 @@ Values = Mapping[str, Any]
 
 
 class Domain:
-    """A ROS domain of one's own on this machine, held by a file lock for as long as it is needed."""
+    """A ROS domain of one's own on this machine, held by a file lock while it is needed."""
 
     def __init__(self, number: int, lock: IO[str]) -> None:
         self.number = number
@@ -49,8 +49,8 @@ class Domain:
                 fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
                 return cls(number, lock)
             lock.close()
-        raise NodeError(f'all ROS domains from {DOMAINS[0]} to {DOMAINS[-1]} are taken ({folder}): '
-                        'end another replay first')
+        raise NodeError(f'all ROS domains from {DOMAINS[0]} to {DOMAINS[-1]} are taken '
+                        f'({folder}): end another replay first')
 
     def release(self) -> None:
         """Let others have it."""
@@ -112,8 +112,8 @@ class NodeProcess:
 class NodeGroup:
     """Node processes in a ROS domain of their own; a context manager that leaves none behind.
 
-    Every process also ends when the one that started it does, killed or not: each holds the reading end of
-    a pipe whose writing end is here.
+    Every process also ends when the one that started it does, killed or not: each holds the
+    reading end of a pipe whose writing end is here.
     """
 
     domain_id: int | None = None
@@ -184,7 +184,8 @@ class NodeGroup:
         for node in self.processes.values():
             status = node.process.poll()
             if status:
-                raise NodeError(f'{node.name} ended with status {status}: {last_line(node.said())}')
+                raise NodeError(f'{node.name} ended with status {status}: '
+                                f'{last_line(node.said())}')
 
     def stop(self) -> None:
         """End all nodes: SIGINT, SIGTERM after a while, SIGKILL after another."""

@@ -1,4 +1,4 @@
-"""Node parameters declared once: type, default, range and words, for ROS, the checks and the docs."""
+"""Node parameters declared once: default, range and words, for ROS, the checks and the docs."""
 
 from __future__ import annotations
 
@@ -123,7 +123,7 @@ def _declare_one(node: Node, parameter: Parameter) -> Any:
 
 
 def _override(node: Node, parameter: Parameter) -> Any:
-    """The value given on the command line or in a file; a whole number where a float is due is one."""
+    """The value given at the start, if any; a whole number where a float is due is one."""
     overrides: dict[str, RosParameter] = node._parameter_overrides
     given = overrides.get(parameter.name)
     if given is None:

@@ -1,6 +1,6 @@
 """The reference of the nodes' parameters in docs/nodes.md, written from their declarations.
 
-    python -m saddlering_ros.nodes.reference docs/nodes.md       rewrites what stands below the marker
+python -m saddlering_ros.nodes.reference docs/nodes.md       rewrites what stands below the marker
 """
 
 from __future__ import annotations

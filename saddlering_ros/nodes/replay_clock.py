@@ -1,4 +1,4 @@
-"""Node replay_clock: the time of a replay; in lockstep it goes on only when every node has caught up."""
+"""Node replay_clock: the time of a replay; in lockstep it waits for every node to catch up."""
 
 from __future__ import annotations
 
@@ -29,10 +29,10 @@ CLOCK_QOS = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
 STATE_QOS = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE,
                        durability=DurabilityPolicy.TRANSIENT_LOCAL)
 REPEAT = 0.05
-"""A standing clock says its time again this often [s]: for late joiners, and should one get lost."""
+"""A standing clock says its time again this often [s]: for late joiners, and if one got lost."""
 
 LONGEST_STRIDE = SECOND // 2
-"""In real time the clock never skips more than this; after a pause of the machine it runs behind."""
+"""In real time the clock never skips more than this; after a pause of the machine it is late."""
 
 LINGER = 0.5
 
@@ -45,16 +45,16 @@ class ReplayClockNode(StreamingNode):
 
     PARAMETERS = (
         BAG,
-        Parameter('rate', 1.0, 'speed: 1 is real time; 0: as fast as the nodes follow (in lockstep '
-                  'only)', low=0.0, high=100.0),
+        Parameter('rate', 1.0, 'speed: 1 is real time; 0: as fast as the nodes follow (in '
+                  'lockstep only)', low=0.0, high=100.0),
         Parameter('lockstep', False, 'let time go on only when all participants have dealt with '
                   'everything before'),
         Parameter('participants', PARTICIPANTS, 'nodes to wait for, before the first message and '
                   'in lockstep'),
         Parameter('window', 0.1, 'bag time per step in lockstep [s]', low=0.001, high=1.0),
         Parameter('clock_rate', 100.0, 'steps a second in real time', low=1.0, high=1000.0),
-        Parameter('timeout', 5.0, 'a node that does not catch up for this long [s] is reported, and '
-                  'no longer waited for until it does', low=0.1, high=3600.0),
+        Parameter('timeout', 5.0, 'a node that does not catch up for this long [s] is reported, '
+                  'and no longer waited for until it does', low=0.1, high=3600.0),
         Parameter('start_paused', False, 'wait for ~/play'),
         Parameter('exit_at_end', False, 'leave when the bag is at its end'),
     )
@@ -99,7 +99,8 @@ class ReplayClockNode(StreamingNode):
 
     def connect(self) -> None:
         """Publish the clock; hear how far the others are."""
-        self._heard = Inflow(self, PROGRESS_TOPIC, ReplayProgress, reliability='reliable', depth=1000)
+        self._heard = Inflow(self, PROGRESS_TOPIC, ReplayProgress, reliability='reliable',
+                             depth=1000)
         self.inputs = [self._heard]
         self.outputs = [Outflow(self, '/clock', Clock, CLOCK_QOS)]
 
@@ -303,8 +304,8 @@ class ReplayClockNode(StreamingNode):
                    'rate': f'{self._rate:g}', 'speed': f'{max(0.0, self._speed):.2f}',
                    'time-outs': str(self._timeouts)}
         if self._muster.excused and self._lockstep:
-            return Finding(ERROR, f'goes on without {", ".join(sorted(self._muster.excused))}, which '
-                           'fell behind', figures)
+            names = ', '.join(sorted(self._muster.excused))
+            return Finding(ERROR, f'goes on without {names}, which fell behind', figures)
         late = time.monotonic() - self._advanced > 1.0
         if self._waiting_for and (late or self._state == ReplayState.WAITING):
             return Finding(WARN, f'waits for {"; ".join(self._waiting_for)}', figures)

@@ -18,8 +18,10 @@ MOST_WAITING = 100_000
 
 @dataclass
 class JoinCounters:
-    """measured_alone, simulated_alone: samples without a partner of their stamp; zero_differs:
-    pairs not subtracted since they count from different zeros; jumps: stamps that jumped back.
+    """What was not subtracted, by reason.
+
+    measured_alone, simulated_alone: samples without a partner of their stamp; zero_differs:
+    pairs that count from different zeros; jumps: stamps that jumped back.
     """
 
     measured_alone: int = 0
@@ -46,7 +48,8 @@ class _Side:
         jumped = self.newest - int(batch.stamps[0]) > JITTER_NS
         if jumped:
             self.waiting = no_displacements()
-        self.newest = int(batch.stamps[-1]) if jumped else max(self.newest, int(batch.stamps.max()))
+        newest = int(batch.stamps.max())
+        self.newest = newest if jumped else max(self.newest, newest)
         together = join([self.waiting, batch]) if len(self.waiting) else batch
         if len(together) > 1 and (np.diff(together.stamps) <= 0).any():
             _, first = np.unique(together.stamps, return_index=True)
@@ -73,8 +76,8 @@ def pick(batch: Displacements, rows: np.ndarray) -> Displacements:
 class ResidualStream:
     """Residuals from batches of measured and simulated displacements.
 
-    Only samples of equal stamp are subtracted, and only when both count from the same zero: stamps of
-    the zeros within the zero window's length, their loads within its steadiness.
+    Only samples of equal stamp are subtracted, and only when both count from the same zero: the
+    zeros' stamps within the zero window's length, their loads within its steadiness.
     """
 
     def __init__(self, full_scale_load: float) -> None:

@@ -1,4 +1,4 @@
-"""Node ring_diagnosis: the action /diagnose_ring, what the simulation gets wrong in recorded bags."""
+"""Node ring_diagnosis: the action /diagnose_ring, what the simulation gets wrong in bags."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ import sys
 from typing import Any
 
 from saddlering_interfaces.action import DiagnoseRing
-
 from saddlering_ros.nodes.diagnosis_job import DiagnosisAnswer, DiagnosisRequest
 from saddlering_ros.nodes.errors import NodeError
 from saddlering_ros.nodes.servers import ActionNode, serve

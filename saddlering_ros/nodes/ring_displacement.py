@@ -1,4 +1,4 @@
-"""Node ring_displacement: four probes and the load in, the measured displacement of the ring out."""
+"""Node ring_displacement: four probes and the load in, the measured displacement out."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ ZERO_QOS = QoSProfile(depth=10, durability=DurabilityPolicy.VOLATILE)
 
 
 class RingDisplacementNode(StreamingNode):
-    """Aligns the probes on the load's stamps, zeroes them at preload, publishes /ring/displacement."""
+    """Aligns the probes on the load's stamps, zeroes them, publishes /ring/displacement."""
 
     PARAMETERS = (
         INPUT_RELIABILITY, MAX_GAP,
@@ -100,8 +100,9 @@ class RingDisplacementNode(StreamingNode):
         self._stream.zero_after(stamp)
         self._zero.publish(Header(stamp=to_time(stamp), frame_id=self.settings['frame_id']))
         response.success = True
-        response.message = (f'zero is taken from the first steady stretch after {stamp / 1e9:.3f} s, '
-                            f'at {self._stream.load / TONNE:.2f} t; the simulator follows')
+        response.message = ('zero is taken from the first steady stretch after '
+                            f'{stamp / 1e9:.3f} s, at {self._stream.load / TONNE:.2f} t; '
+                            'the simulator follows')
         return response
 
     def _zero_finding(self) -> Finding:

@@ -8,7 +8,6 @@ import sys
 from typing import Any
 
 from saddlering_interfaces.action import IdentifyRing
-
 from saddlering_ros.identification import IdentificationSettings, Progress, SwarmSettings
 from saddlering_ros.nodes.errors import NodeError
 from saddlering_ros.nodes.identification_job import IdentificationAnswer, IdentificationRequest

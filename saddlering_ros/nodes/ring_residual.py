@@ -1,4 +1,4 @@
-"""Node ring_residual: measured minus simulated displacement, of equal stamps and equal zeros only."""
+"""Node ring_residual: measured minus simulated displacement, of equal stamps and zeros only."""
 
 from __future__ import annotations
 
@@ -53,7 +53,8 @@ class RingResidualNode(StreamingNode):
     def deal(self) -> None:
         """One batch of either, residuals out."""
         measured, simulated = (wire.decode_displacements(flow.take()) for flow in self.inputs)
-        for flow, task, batch in zip(self.inputs, self._streams, (measured, simulated), strict=True):
+        batches = (measured, simulated)
+        for flow, task, batch in zip(self.inputs, self._streams, batches, strict=True):
             if len(batch):
                 flow.last_stamp = int(batch.stamps[-1])
                 task.push(batch.stamps)

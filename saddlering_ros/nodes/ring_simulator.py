@@ -56,7 +56,8 @@ class RingSimulatorNode(StreamingNode):
         Parameter('bag', '', 'a bag whose elevation is taken, unless elevation_deg is given'),
         Parameter('elevation_deg', math.nan, 'elevation of the load [deg]; nan: as the bag says, '
                   'or 50 without a bag', low=-10.0, high=90.0, nan_allowed=True),
-        Parameter('max_step', 1e-3, 'longest time step of the integration [s]', low=1e-6, high=0.1),
+        Parameter('max_step', 1e-3, 'longest time step of the integration [s]', low=1e-6,
+                  high=0.1),
         Parameter('frame_id', 'ring', 'frame of the displacement: reference point C of the ring'),
     )
 
@@ -65,13 +66,15 @@ class RingSimulatorNode(StreamingNode):
         self._rig = declare_rig(self)
         self._arrived = 0.0
         self._refused = ''
+        self._parameters_stamp = 0
         self.create_service(Trigger, '~/restart', self._on_restart)
         self.create_service(Trigger, '~/zero', self._on_zero)
         if self.settings['follow_zero']:
             self.create_subscription(Header, ZERO_TOPIC, self._on_zero_message, ZERO_QOS)
         self._in_force: ParameterSet | None = None
         if self.settings['follow_parameters']:
-            self.create_subscription(RingParameters, PARAMETERS_TOPIC, self._on_parameters, LATCHED)
+            self.create_subscription(RingParameters, PARAMETERS_TOPIC, self._on_parameters,
+                                     LATCHED)
 
     def configure(self) -> None:
         """Read parameters and elevation; compile and make the simulation."""
@@ -100,8 +103,8 @@ class RingSimulatorNode(StreamingNode):
         if not math.isnan(given):
             return math.radians(given)
         if not bag:
-            self.get_logger().warning(f'no elevation_deg and no bag: {ASSUMED_ELEVATION_DEG:g} deg '
-                                      'is assumed')
+            self.get_logger().warning(
+                f'no elevation_deg and no bag: {ASSUMED_ELEVATION_DEG:g} deg is assumed')
             return math.radians(ASSUMED_ELEVATION_DEG)
         from saddlering_ros.nodes.replay import bag_elevation
         return bag_elevation(bag)
@@ -164,8 +167,10 @@ class RingSimulatorNode(StreamingNode):
             self._stream.zero_after(to_stamp(message.stamp))
 
     def _on_parameters(self, message: RingParameters) -> None:
-        if not self.active:
-            return
+        stamp = to_stamp(message.header.stamp)
+        if not self.active or stamp < self._parameters_stamp:
+            return  # two servers publish here, each keeping its last for late joiners
+        self._parameters_stamp = stamp
         try:
             parameters = parameters_from_message(message)
             stream = self._stream
@@ -192,9 +197,11 @@ class RingSimulatorNode(StreamingNode):
     def _solver_finding(self) -> Finding:
         simulator = self._stream.simulator
         new, self._trouble = simulator.trouble - self._trouble, simulator.trouble
-        figures = {'iterations': str(simulator.iterations), 'not converged': str(simulator.trouble)}
+        figures = {'iterations': str(simulator.iterations),
+                   'not converged': str(simulator.trouble)}
         if new > 0:
-            return Finding(ERROR, f'{new} steps did not converge: check load and parameters', figures)
+            return Finding(ERROR, f'{new} steps did not converge: check load and parameters',
+                           figures)
         return Finding(OK, 'converges', figures)
 
     def _parameters_finding(self) -> Finding:

@@ -1,4 +1,4 @@
-"""From a command line to a running node: start, spin, end cleanly on SIGINT and SIGTERM, exit status."""
+"""From a command line to a running node and its exit status, ended cleanly by a signal."""
 
 from __future__ import annotations
 
@@ -74,7 +74,7 @@ def _clean_up(node: Node | None) -> None:
 
 
 def _is_usage(problem: Exception) -> bool:
-    """Whether rclpy refused the command line (unknown --ros-args, a parameter file it cannot read)."""
+    """Whether rclpy refused the command line (--ros-args, a parameter file it cannot read)."""
     return type(problem).__name__ in (
         'RCLError', 'UnknownROSArgsError', 'InvalidNodeNameException', 'RCLInvalidROSArgsError',
         'InvalidNamespaceException')

@@ -17,8 +17,8 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.task import Future
-from saddlering_interfaces.msg import RingParameters
 
+from saddlering_interfaces.msg import RingParameters
 from saddlering_ros.errors import SaddleringError
 from saddlering_ros.nodes.conversions import parameters_to_message
 from saddlering_ros.nodes.diagnostics import ERROR, Finding, OK, to_message
@@ -219,7 +219,8 @@ def below(root: Path, name: str, what: str) -> Path:
     try:
         real = (path if path.is_absolute() else root / path).resolve()
     except (OSError, RuntimeError, ValueError) as problem:
-        raise NodeError(f'{what} {name!r}: cannot be resolved: give a path below {root}') from problem
+        raise NodeError(
+            f'{what} {name!r}: cannot be resolved: give a path below {root}') from problem
     if not name or not real.is_relative_to(root):
         raise NodeError(f'{what} {name!r} is not below {root}: put it there, or set the root')
     if not real.exists():

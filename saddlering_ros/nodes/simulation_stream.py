@@ -1,4 +1,4 @@
-"""Simulated ring displacement from a stream of load samples: order, restart, stamp; no ROS in it."""
+"""Simulated ring displacement from a stream of load samples; no ROS in it."""
 
 from __future__ import annotations
 
@@ -42,8 +42,9 @@ class SimulationStream:
     """One simulated state per load sample, with the sample's stamp.
 
     Samples that overtake each other inside a batch are put in order. Once one has come too late,
-    samples are held back for twice its delay (at most LONGEST_HOLD_NS), so that the next late ones
-    are in time. Stamps that jump back, or ahead by more than `max_gap` [s], restart the simulation.
+    samples are held back for twice its delay (at most LONGEST_HOLD_NS), so that the next late
+    ones are in time. Stamps that jump back, or ahead by more than `max_gap` [s], restart the
+    simulation.
     """
 
     def __init__(self, rig: Rig, parameters: ParameterSet, elevation: float, *,

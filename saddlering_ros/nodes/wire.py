@@ -29,7 +29,7 @@ class WireError(ValueError):
 
 @dataclass(frozen=True)
 class Samples:
-    """Readings of one topic: stamps (N,) [ns], values (N,), low and high end of its range (or NaN)."""
+    """Readings of one topic: stamps (N,) [ns], values (N,), the ends of its range (or NaN)."""
 
     stamps: Stamps
     values: Floats

@@ -1,4 +1,4 @@
-"""A client of running nodes: hears everything they say, calls their services, publishes by hand."""
+"""A client of running nodes: hears what they say, calls their services, publishes by hand."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ import numpy as np
 import rclpy
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.serialization import deserialize_message
-from saddlering_interfaces.msg import ReplayProgress, RingDisplacement
 from sensor_msgs.msg import Range
 
+from saddlering_interfaces.msg import ReplayProgress, RingDisplacement
 from saddlering_ros.bags import LOAD_TOPIC, PROBE_TOPICS
 from saddlering_ros.nodes import wire
 from saddlering_ros.nodes.flow import Inflow, Outflow, stream_qos

@@ -11,10 +11,10 @@ from action_msgs.msg import GoalStatus
 import pytest
 from rclpy.action import ActionClient
 from rclpy.qos import DurabilityPolicy, QoSProfile
+from rosnet import Client, wait_until
+
 from saddlering_interfaces.action import DiagnoseRing, IdentifyRing
 from saddlering_interfaces.msg import RingParameters
-
-from rosnet import Client, wait_until
 from saddlering_ros.nodes.errors import NodeError
 from saddlering_ros.nodes.launcher import NodeGroup
 from saddlering_ros.nodes.servers import below

@@ -1,4 +1,4 @@
-"""The nodes behind a driver instead of a replay: best effort, joining late, loss, jumps, zeroing."""
+"""The nodes behind a driver instead of a replay: best effort, late, loss, jumps, zeroing."""
 
 from __future__ import annotations
 
@@ -7,9 +7,9 @@ import time
 
 import numpy as np
 import pytest
+from rosnet import Client, Driver, OUTPUTS, wait_until
 from std_srvs.srv import Trigger
 
-from rosnet import Client, Driver, OUTPUTS, wait_until
 from saddlering_ros.nodes import wire
 from saddlering_ros.nodes.displacement_stream import DisplacementStream
 from saddlering_ros.nodes.launcher import NodeGroup, RING_NODES

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from rosnet import client, wait_until
 from std_srvs.srv import Trigger
 
 from saddlering_ros.bags import read_run
@@ -13,7 +14,6 @@ from saddlering_ros.bags.measured import displacement_of_run
 from saddlering_ros.nodes.launcher import start_nodes
 from saddlering_ros.rig import CHANNELS, default_rig, ParameterSet, TRUE_TO_SCALE
 from saddlering_ros.ring import simulate
-from rosnet import client, wait_until
 
 pytestmark = pytest.mark.ros
 

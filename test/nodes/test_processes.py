@@ -15,8 +15,8 @@ import pytest
 from rcl_interfaces.msg import Parameter as ParameterMessage
 from rcl_interfaces.msg import ParameterType, ParameterValue
 from rcl_interfaces.srv import SetParameters
-
 from rosnet import Client, wait_until
+
 from saddlering_ros.nodes.launcher import NodeGroup, ros_arguments, start_nodes
 from saddlering_ros.nodes.shared_memory import sweep
 

@@ -6,11 +6,11 @@ from pathlib import Path
 
 import pytest
 from rclpy.qos import DurabilityPolicy, QoSProfile
-from saddlering_interfaces.msg import ReplayProgress, ReplayState
-from saddlering_interfaces.srv import Seek, SetRate, Step
+from rosnet import Client, wait_until
 from std_srvs.srv import Trigger
 
-from rosnet import Client, wait_until
+from saddlering_interfaces.msg import ReplayProgress, ReplayState
+from saddlering_interfaces.srv import Seek, SetRate, Step
 from saddlering_ros.nodes.launcher import start_nodes
 from saddlering_ros.nodes.progress import Muster, to_time
 
@@ -36,7 +36,8 @@ def test_a_replay_can_be_paused_stepped_sought_and_outlives_a_node(
         wait_until(lambda: len(heard.heard(topic)) >= 498, what='one second of rows')
         assert heard.heard(topic).stamps[-1] <= record.stamps[0] + 10**9
         assert not heard.call(Seek, '/replay_clock/seek', Seek.Request(offset=99.0)).success
-        assert not heard.call(SetRate, '/replay_clock/set_rate', SetRate.Request(rate=-1.0)).success
+        below_zero = SetRate.Request(rate=-1.0)
+        assert not heard.call(SetRate, '/replay_clock/set_rate', below_zero).success
         assert heard.call(SetRate, '/replay_clock/set_rate', SetRate.Request(rate=2.0)).success
 
         # Back to the start: the same rows again, zeroed anew.

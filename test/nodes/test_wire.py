@@ -7,9 +7,9 @@ from geometry_msgs.msg import WrenchStamped
 import numpy as np
 import pytest
 from rclpy.serialization import deserialize_message, serialize_message
-from saddlering_interfaces.msg import RingDisplacement
 from sensor_msgs.msg import Range
 
+from saddlering_interfaces.msg import RingDisplacement
 from saddlering_ros.nodes import wire
 
 STAMPS = np.array([1_700_000_000_123_456_789, 1_700_000_001_999_999_999, -5], dtype=np.int64)
@@ -58,8 +58,8 @@ def test_displacements_are_the_same_bytes_a_message_has(frame: str) -> None:
         assert message.zero_load == batch.zero_loads[index]
         given = (message.delta_x, message.delta_y, message.gamma, message.parity)
         assert given == tuple(batch.channels[:, index])
-    again = wire.decode_displacements([serialize_message(deserialize_message(raw, RingDisplacement))
-                                       for raw in messages])
+    again = wire.decode_displacements([
+        serialize_message(deserialize_message(raw, RingDisplacement)) for raw in messages])
     assert np.array_equal(again.channels, batch.channels)
     assert np.array_equal(again.zero_stamps, batch.zero_stamps)
 
