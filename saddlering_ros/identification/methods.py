@@ -258,7 +258,9 @@ def _tell_refinement(search: _Search, step: int, bottom: Refinement) -> None:
 def _judged(
     search: _Search, observations: Sequence[Observation], found: _Found, profiles: bool
 ) -> Identification:
-    """Covariance and all that hangs on it, at what the method found."""
+    """Covariance and all that hangs on it, at what the method found; in haste when cancelled."""
+    if search.cancelled:
+        observations = [one.coarse() for one in observations]
     objective = WeightedObjective(search.rig, observations, search.settings.channels)
     space = search.space(found.searched, found.contact, log=True)
     best = _bottom_at(objective, space, found.contact)
