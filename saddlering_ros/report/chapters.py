@@ -108,8 +108,8 @@ def misfit(document: Document) -> str:
             ])
     return html.section(
         'Where simulation and measurement part',
-        html.picture(figures.misfit(runs), 'Rms misfit of each channel in each run: contact law '
-                     'alone, extended model, and what noise alone leaves.'),
+        html.picture(figures.misfit(runs), 'misfit', 'Rms misfit of each '
+                     'channel in each run: contact law alone, extended model, and what noise alone leaves.'),
         html.folded('The same in numbers', html.table(
             ['run', 'test', number('elevation'), 'role', 'channel', number('contact law alone'),
              number('extended model'), number('noise floor')], rows,
@@ -171,8 +171,8 @@ def paper_split(curves: Sequence[RunCurves]) -> str:
         runs = _one_per_elevation([run for run in curves if run.test == test])
         if runs:
             parts.append(html.picture(
-                figures.comparison(runs), f'{test.capitalize()} tests {words}: δx and γ, measured '
-                'and simulated; below each, measured less simulated, with a band of twice the '
+                figures.comparison(runs), f'comparison_{test}',
+                f'{test.capitalize()} tests {words}: δx and γ, measured and simulated; below each, measured less simulated, with a band of twice the '
                 'noise floor.'))
     return html.section('Simulation and measurement', *parts)
 
@@ -189,8 +189,8 @@ def residuals(curves: Sequence[RunCurves]) -> str:
     """One figure per run: misfit of every channel over load, branch, time, rate and frequency."""
     parts = [
         html.folded(run.label, html.picture(
-            figures.residuals(run), 'Measured less simulated. Columns: over load (triangles up: '
-            'load rising); mean and half-difference of both branches; over time; '
+            figures.residuals(run), f'misfit_{run.name}', 'Measured less simulated. Columns: '
+            'over load (triangles up: load rising); mean and half-difference of both branches; over time; '
             + ('' if run.test == 'static' else 'over load rate; ') + 'amplitude spectrum.'))
         for run in curves
     ]
@@ -309,8 +309,8 @@ def look_alikes(document: Document) -> str:
         for label, row in cosines.items()
     }
     return html.section('Which causes look alike in these data', html.picture(
-        figures.look_alikes(named), 'Angle between the changes that two causes make, once contact '
-        'parameters have taken what they can imitate. Dark squares off the diagonal are '
+        figures.look_alikes(named), 'look_alikes', 'Angle between the changes that two causes '
+        'make, once contact parameters have taken what they can imitate. Dark squares off the diagonal are '
         'causes these data cannot tell apart; below 0.3 is left white.'))
 
 

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 import html
 import io
+import re
 
 from matplotlib.figure import Figure
 from PIL import Image
@@ -144,11 +145,18 @@ def table(
             f'<tbody>{body}</tbody></table></div>')
 
 
-def picture(figure: Figure, caption: str) -> str:
-    """A figure inlined, with its caption."""
+def picture(figure: Figure, name: str, caption: str) -> str:
+    """A figure inlined, with its caption; `name` is what it would be called as a file."""
     data = base64.b64encode(png(figure)).decode()
-    return (f'<figure><img alt="{escape(caption)}" src="data:image/png;base64,{data}">'
+    return (f'<figure><img id="{escape(name)}" alt="{escape(caption)}" '
+            f'src="data:image/png;base64,{data}">'
             f'<figcaption>{escape(caption)}</figcaption></figure>')
+
+
+def pictures_of(document: str) -> dict[str, bytes]:
+    """The PNG pictures inlined in a page, by name."""
+    found = re.findall(r'<img id="([^"]+)"[^>]*base64,([^"]+)"', document)
+    return {name: base64.b64decode(data) for name, data in found}
 
 
 def png(figure: Figure) -> bytes:

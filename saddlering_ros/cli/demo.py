@@ -1,0 +1,71 @@
+"""`saddlering demo`: the whole story on live nodes, from recorded bags to a named cause."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any, TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from saddlering_ros.demo.story import Outcome
+
+
+def add_parser(subparsers: Any) -> None:
+    """Declare the subcommand."""
+    parser = subparsers.add_parser(
+        'demo', help='the whole story with live nodes, from bags to a report in out/')
+    parser.add_argument('--out', type=Path, default=Path('out'), metavar='DIR',
+                        help='folder for report, pictures, numbers, parameters (default: out)')
+    parser.add_argument('--bags', type=Path, metavar='DIR',
+                        help='folder of bags at two elevations (default: the shipped ones)')
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run the demo, write its folder, print a summary."""
+    import os
+
+    # Many small products: threads of BLAS only get in the nodes' way.
+    for name in ('OPENBLAS_NUM_THREADS', 'OMP_NUM_THREADS', 'MKL_NUM_THREADS'):
+        os.environ.setdefault(name, '1')
+    from saddlering_ros.demo.console import Console
+    from saddlering_ros.demo.output import check_folder, write_all
+    from saddlering_ros.demo.plan import plan
+    from saddlering_ros.demo.story import STEPS, tell
+    from saddlering_ros.paths import share_directory
+
+    check_folder(args.out)
+    chosen = plan(args.bags or share_directory() / 'bags')
+    with Console(STEPS) as console:
+        outcome = tell(chosen, console)
+        console.say(f'      writing {args.out}/')
+        files = write_all(outcome, args.out)
+        seconds = console.seconds
+    print(summary(outcome))
+    print(f'\n{seconds:.0f} s. Open {args.out / "report.html"} '
+          f'({len(files)} files in {args.out}/)')
+    return 0
+
+
+def summary(outcome: Outcome) -> str:
+    """What was found, in a screen's worth of plain lines."""
+    from saddlering_ros.demo import figures
+    from saddlering_ros.report.quantities import percent
+    from saddlering_ros.report.wording import effects_of, gain_sentence, headline, parameter_words
+
+    verdict = outcome.verdict
+    lines = ['', f'Verdict: {verdict["verdict"]}. {headline(verdict)}']
+    lines += [f'  {cause["effect"]}: {parameter_words(cause)}' for cause in effects_of(verdict)]
+    lines += [gain_sentence(verdict), '', "Misfit in % of the channel's range:",
+              f'  {"run":24s} {"channel":8s} {"identified":>11s} {"extended":>9s} {"noise":>7s}']
+    for entry in figures.misfit_table(outcome.curves):
+        for name in figures.JUDGED:
+            item = entry['channels'][name]
+            lines.append(f'  {entry["bag"]:24s} {name:8s} {100 * item["nrmse_before"]:11.2f} '
+                         f'{100 * item["nrmse_after"]:9.2f} {100 * item["noise_floor"]:7.2f}')
+    second = outcome.verified[0].elevation_deg
+    before, after = (figures.overall(outcome.verified, extended=item) for item in (False, True))
+    lines += ['', f'Gain measured live at {second:g} deg, kept back until then: misfit '
+              f'{percent(before)} -> {percent(after)}, {percent(outcome.gain)} less.']
+    if verdict.get('next_test'):
+        lines.append(f'Next test: {verdict["next_test"]}')
+    return '\n'.join(line for line in lines if line is not None)

@@ -1,0 +1,7 @@
+"""What can go wrong with the demo."""
+
+from saddlering_ros.errors import SaddleringError
+
+
+class DemoError(SaddleringError):
+    """Bags the demo cannot use, or nodes that do not do their part."""

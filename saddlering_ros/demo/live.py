@@ -1,0 +1,278 @@
+"""Nodes in processes of their own, replays one after another, and both actions for a client."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+import contextlib
+from functools import partial
+import os
+from pathlib import Path
+import signal
+import threading
+import time
+from types import TracebackType
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticArray
+from lifecycle_msgs.msg import Transition
+from lifecycle_msgs.srv import ChangeState
+from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
+from rcl_interfaces.srv import SetParameters
+import rclpy
+from rclpy.action import ActionClient
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from rclpy.signals import SignalHandlerOptions
+
+from saddlering_interfaces.action import DiagnoseRing, IdentifyRing
+from saddlering_interfaces.msg import ReplayState
+from saddlering_ros.demo.errors import DemoError
+from saddlering_ros.demo.recorder import NAME as RECORDER
+from saddlering_ros.demo.recorder import Recorder, Recording
+from saddlering_ros.nodes.launcher import last_line, NodeGroup, RING_NODES
+from saddlering_ros.nodes.progress import STATE_TOPIC, to_stamp
+from saddlering_ros.nodes.spin import spin_streaming
+
+SWITCHED = ('hydraulic_load', 'eddy_current', 'replay_clock')
+"""Nodes that are given the next bag, the clock last: it starts the replay."""
+
+PATIENCE = 60.0
+"""The longest wait for a node to come up or answer [s]."""
+
+WINDOW = 0.5
+"""Bag time per step of the clock [s]: long, since nothing here has to react within a step."""
+
+Show = Callable[[float, str], None]
+
+
+class LiveRig:
+    """All eight nodes, and an ordinary client beside them; leaves nothing behind."""
+
+    def __init__(self, bag_root: Path, parameters_root: Path, elevation_deg: float) -> None:
+        self._group = NodeGroup()
+        self._bag_root, self._parameters_root = bag_root, parameters_root
+        self._elevation = elevation_deg
+        self._stack = contextlib.ExitStack()
+        self._state: ReplayState | None = None
+        self._simulator: dict[str, str] = {}
+        self._replayed: set[str] = set()
+
+    def __enter__(self) -> LiveRig:
+        with contextlib.ExitStack() as stack:
+            stack.enter_context(self._group)
+            self._start()
+            stack.callback(self._leave_ros)
+            self._join_ros()
+            self._stack = stack.pop_all()
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, problem: BaseException | None,
+                 trace: TracebackType | None) -> None:
+        self._stack.__exit__(kind, problem, trace)
+
+    @property
+    def domain(self) -> int:
+        """The ROS domain everything happens in."""
+        assert self._group.domain_id is not None
+        return self._group.domain_id
+
+    @property
+    def nodes(self) -> int:
+        """How many nodes run."""
+        return len(self._group.processes)
+
+    # --- starting and leaving ---
+
+    def _start(self) -> None:
+        roots = {'bag_root': str(self._bag_root)}
+        self._group.start('ring_displacement')
+        self._start_simulator(None)
+        self._group.start('ring_residual')
+        for name in SWITCHED:
+            self._group.start(name, self._clock_settings() if name == 'replay_clock' else None)
+        self._group.start('ring_identification', roots)
+        self._group.start('ring_diagnosis',
+                          {**roots, 'parameters_root': str(self._parameters_root)})
+
+    def _clock_settings(self) -> dict[str, Any]:
+        return {'lockstep': True, 'rate': 0.0, 'window': WINDOW,
+                'participants': ['hydraulic_load', 'eddy_current', *RING_NODES, RECORDER]}
+
+    def _start_simulator(self, parameters_file: Path | None) -> None:
+        settings: dict[str, Any] = {'elevation_deg': self._elevation, 'follow_parameters': True}
+        if parameters_file is not None:
+            settings['parameters_file'] = str(parameters_file)
+        self._group.start('ring_simulator', settings)
+
+    def _join_ros(self) -> None:
+        os.environ.update(self._group.environment)
+        rclpy.init(args=[], domain_id=self.domain, signal_handler_options=SignalHandlerOptions.NO)
+        self._node = rclpy.create_node('demo')
+        self._executor = SingleThreadedExecutor()
+        self._executor.add_node(self._node)
+        latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+        self._node.create_subscription(ReplayState, STATE_TOPIC, self._on_state, latched)
+        self._node.create_subscription(DiagnosticArray, '/diagnostics', self._on_diagnostics, 50)
+        self._actions = {
+            'identify': ActionClient(self._node, IdentifyRing, '/identify_ring'),
+            'diagnose': ActionClient(self._node, DiagnoseRing, '/diagnose_ring'),
+        }
+        self._recorder = Recorder()
+        self._recorder.start()
+        self._spinning = threading.Thread(
+            target=spin_streaming, args=(self._recorder, self._recorder), daemon=True)
+        self._spinning.start()
+
+    def _leave_ros(self) -> None:
+        if hasattr(self, '_spinning'):
+            self._recorder.done = True
+            self._spinning.join(2.0)
+        with contextlib.suppress(Exception):
+            rclpy.try_shutdown()
+
+    def _on_state(self, message: ReplayState) -> None:
+        self._state = message
+
+    def _on_diagnostics(self, message: DiagnosticArray) -> None:
+        for status in message.status:
+            if status.name == 'ring_simulator: parameters':
+                self._simulator = {item.key: item.value for item in status.values}
+
+    # --- waiting ---
+
+    def wait_for_nodes(self) -> None:
+        """Wait until every node is up and answers."""
+        for name in (*SWITCHED, 'ring_simulator'):
+            self._client(ChangeState, f'/{name}/change_state')
+        for name, action in self._actions.items():
+            self._until(action.server_is_ready, f'the action {name} is not served')
+
+    def _until(self, is_done: Callable[[], bool], complaint: str,
+               patience: float = PATIENCE) -> None:
+        """Spin until `is_done`; DemoError if it takes too long, NodeError if a node ends."""
+        deadline = time.monotonic() + patience
+        while not is_done():
+            self._executor.spin_once(timeout_sec=0.05)
+            self._group.check()
+            if time.monotonic() > deadline:
+                said = [f'{node.name}: {last_line(node.said())}'
+                        for node in self._group.processes.values() if node.said().strip()]
+                raise DemoError(f'{complaint} after {patience:g} s ({"; ".join(said)})')
+
+    def _client(self, kind: Any, name: str) -> Any:
+        client = self._node.create_client(kind, name)
+        self._until(client.service_is_ready, f'{name} is not there')
+        return client
+
+    def _call(self, kind: Any, name: str, request: Any) -> Any:
+        client = self._client(kind, name)
+        future = client.call_async(request)
+        self._until(future.done, f'{name} does not answer')
+        self._node.destroy_client(client)
+        return future.result()
+
+    # --- replays ---
+
+    def replay(self, bag: Path, show: Show) -> Recording:
+        """Replay a bag in lockstep to its end; what was published of the ring meanwhile."""
+        self._recorder.cut()
+        self._state = None
+        values = {'bag': str(bag)}
+        for name in SWITCHED:
+            self._switch(name, values)
+        self._until(lambda: 0.0 <= self._share()[0] < 1.0,
+                    f'the replay of {bag.name} does not start')
+        share, words = self._share()
+        while share < 1.0:
+            self._until(partial(self._has_moved, share), f'the replay of {bag.name} is stuck')
+            share, words = self._share()
+            show(share, words)
+        return self._recorder.cut()
+
+    def _has_moved(self, share: float) -> bool:
+        return self._share()[0] != share
+
+    def _share(self) -> tuple[float, str]:
+        """How far the replay is (-1: nothing heard of it, 1: at its end), and how fast."""
+        state = self._state
+        if state is None:
+            return -1.0, ''
+        if state.state == ReplayState.FINISHED:
+            return 1.0, ''
+        start, end = to_stamp(state.start), to_stamp(state.end)
+        share = (to_stamp(state.now) - start) / max(end - start, 1)
+        return min(share, 0.999), f'{state.speed:.0f} times real time' if state.speed else ''
+
+    def _switch(self, name: str, values: dict[str, str]) -> None:
+        """Give a replay node its next bag, through its lifecycle."""
+        if name in self._replayed:
+            self._transit(name, Transition.TRANSITION_DEACTIVATE)
+            self._transit(name, Transition.TRANSITION_CLEANUP)
+        self._replayed.add(name)
+        parameters = [
+            Parameter(name=key, value=ParameterValue(
+                type=ParameterType.PARAMETER_STRING, string_value=value))
+            for key, value in values.items()
+        ]
+        answer = self._call(SetParameters, f'/{name}/set_parameters',
+                            SetParameters.Request(parameters=parameters))
+        refused = [item.reason for item in answer.results if not item.successful]
+        if refused:
+            raise DemoError(f'{name}: {refused[0]}')
+        self._transit(name, Transition.TRANSITION_CONFIGURE)
+        self._transit(name, Transition.TRANSITION_ACTIVATE)
+
+    def _transit(self, name: str, transition: int) -> None:
+        request = ChangeState.Request(transition=Transition(id=transition))
+        if not self._call(ChangeState, f'/{name}/change_state', request).success:
+            said = last_line(self._group.processes[name].said())
+            raise DemoError(f'{name}: refuses lifecycle transition {transition}: {said}')
+
+    # --- the simulator ---
+
+    def restart_simulator(self, elevation_deg: float, parameters_file: Path) -> None:
+        """The simulator anew at another elevation, with given parameters."""
+        process = self._group.processes['ring_simulator'].process
+        process.send_signal(signal.SIGINT)
+        self._until(lambda: process.poll() is not None, 'ring_simulator does not leave')
+        self._elevation, self._simulator = elevation_deg, {}
+        self._start_simulator(parameters_file)
+        self._until(lambda: bool(self._simulator), 'ring_simulator does not come up again')
+
+    def wait_for_parameters(self, stiffness: float, effects: int) -> None:
+        """Wait until the simulator says that it simulates with these: K1, and so many effects."""
+        def follows() -> bool:
+            named = {key.partition('.')[0] for key in self._simulator if '.' in key}
+            return self._simulator.get('k1') == f'{stiffness:.6g}' and len(named) == effects
+
+        self._until(follows, 'ring_simulator does not follow /ring/parameters', 10.0)
+
+    # --- actions ---
+
+    def identify(self, bags: list[str], validation: list[str],
+                 show: Callable[[IdentifyRing.Feedback], None]) -> IdentifyRing.Result:
+        """Call /identify_ring."""
+        return self._act('identify', IdentifyRing.Goal(bags=bags, validation_bags=validation),
+                         show)
+
+    def diagnose(self, bags: list[str], hold_out: list[str], parameters_file: Path,
+                 show: Callable[[DiagnoseRing.Feedback], None]) -> DiagnoseRing.Result:
+        """Call /diagnose_ring."""
+        goal = DiagnoseRing.Goal(bags=bags, hold_out=hold_out,
+                                 parameters_file=str(parameters_file))
+        return self._act('diagnose', goal, show)
+
+    def _act(self, name: str, goal: Any, show: Callable[[Any], None]) -> Any:
+        sent = self._actions[name].send_goal_async(
+            goal, feedback_callback=lambda message: show(message.feedback))
+        self._until(sent.done, f'the action {name} does not answer')
+        handle = sent.result()
+        if not handle.accepted:
+            raise DemoError(f'the action {name} refuses the goal: another one is running')
+        future = handle.get_result_async()
+        self._until(future.done, f'the action {name} does not end', 600.0)
+        result = future.result().result
+        if result.status != result.SUCCEEDED:
+            raise DemoError(f'the action {name} failed: {result.message}')
+        return result
+

@@ -1,0 +1,86 @@
+"""What the demo leaves: report, pictures, numbers and parameter files, all of them or none."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+import json
+import os
+from pathlib import Path
+import shutil
+import signal
+import tempfile
+import threading
+from typing import Any
+
+from saddlering_ros.demo import figures
+from saddlering_ros.demo.errors import DemoError
+from saddlering_ros.demo.page import demo_page
+from saddlering_ros.demo.story import Outcome
+from saddlering_ros.report.html import pictures_of
+from saddlering_ros.rig import write_parameters
+
+
+def check_folder(folder: Path) -> None:
+    """DemoError if nothing could be written there; asked before the work, not after it."""
+    if folder.exists() and not folder.is_dir():
+        raise DemoError(f'{folder}: is not a folder: choose another place (--out)')
+    there = next(path for path in (folder, *folder.absolute().parents) if path.exists())
+    if not os.access(there, os.W_OK | os.X_OK):
+        raise DemoError(f'{there}: cannot be written to: choose another place (--out)')
+
+
+def write_all(outcome: Outcome, folder: Path) -> list[Path]:
+    """Write everything beside `folder` first, then move it in, at one go; the paths."""
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    staging = Path(tempfile.mkdtemp(prefix=f'.{folder.name}.', dir=folder.parent))
+    try:
+        page = demo_page(outcome)
+        (staging / 'report.html').write_text(page, encoding='utf-8')
+        for name, data in pictures_of(page).items():
+            (staging / f'{name}.png').write_bytes(data)
+        numbers = json.dumps(numbers_of(outcome), indent=2)
+        (staging / 'numbers.json').write_text(numbers + '\n', encoding='utf-8')
+        write_parameters(staging / 'parameters_identified.yaml', outcome.identified)
+        write_parameters(staging / 'parameters_extended.yaml', outcome.extended)
+        files = sorted(staging.iterdir())
+        with _uninterrupted():
+            folder.mkdir(exist_ok=True)
+            for file in files:
+                file.replace(folder / file.name)
+        return [folder / file.name for file in files]
+    except OSError as problem:
+        raise DemoError(f'{folder}: cannot be written ({problem.strerror}): choose another place '
+                        '(--out)') from problem
+    finally:
+        shutil.rmtree(staging, ignore_errors=True)
+
+
+def numbers_of(outcome: Outcome) -> dict[str, Any]:
+    """All numbers of the demo, for a program."""
+    return {
+        'bags': {'identify': [run.path.name for run in outcome.plan.identify],
+                 'verify': [run.path.name for run in outcome.plan.verify]},
+        'identification': outcome.identification,
+        'verdict': outcome.verdict,
+        'live': {
+            'replays': [vars(item) for item in outcome.replays],
+            'runs': figures.misfit_table(outcome.curves),
+            'gain': outcome.gain,
+        },
+        'seconds': outcome.seconds,
+    }
+
+
+@contextmanager
+def _uninterrupted() -> Iterator[None]:
+    """Ctrl-C waits until the files are in place."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    signals = {signal.SIGINT, signal.SIGTERM, signal.SIGHUP}
+    signal.pthread_sigmask(signal.SIG_BLOCK, signals)
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, signals)

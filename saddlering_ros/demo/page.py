@@ -1,0 +1,86 @@
+"""The demo's report: the verdict first, then the story, then everything a diagnosis shows."""
+
+from __future__ import annotations
+
+from saddlering_ros.demo import figures
+from saddlering_ros.demo.story import Outcome
+from saddlering_ros.report import chapters, html
+from saddlering_ros.report.html import Cell, number
+from saddlering_ros.report.quantities import percent, quantity
+from saddlering_ros.rig import PARAMETER_NAMES
+
+
+def demo_page(outcome: Outcome) -> str:
+    """The whole page."""
+    document = {**outcome.verdict, 'runs': figures.misfit_table(outcome.curves)}
+    return html.page('saddlering demo', [
+        '<h1>From recorded bags to a named cause</h1>',
+        html.paragraph(_lead(outcome), 'soft'),
+        chapters.verdict_banner(outcome.verdict),
+        _tiles(outcome),
+        chapters.paper_split(outcome.curves),
+        chapters.misfit(document),
+        chapters.causes(outcome.verdict),
+        _identification(outcome),
+        chapters.parameters(outcome.verdict, 'without the cause', 'with it'),
+        chapters.residuals(outcome.curves),
+        chapters.shape_tests(outcome.verdict),
+        chapters.candidates(outcome.verdict),
+        chapters.look_alikes(outcome.verdict),
+        chapters.detection_limits(outcome.verdict),
+        _replays(outcome),
+        chapters.notes(outcome.verdict),
+    ])
+
+
+def _lead(outcome: Outcome) -> str:
+    first, second = outcome.plan.identify, outcome.plan.verify
+    return (f'{", ".join(run.path.name for run in first)} identify; '
+            f'{", ".join(run.path.name for run in second)} verify and were kept back. All of it '
+            'was replayed to live ROS 2 nodes; both actions were called by an ordinary client.')
+
+
+def _tiles(outcome: Outcome) -> str:
+    before, after = (figures.overall(outcome.verified, extended=item) for item in (False, True))
+    messages = sum(item.messages for item in outcome.replays)
+    return html.tiles([
+        (percent(before), 'misfit of the runs kept back, contact law alone'),
+        (percent(after), 'with the extended model, replayed again'),
+        (percent(outcome.gain), 'gain measured live'),
+        (f'{messages:,}'.replace(',', ' '), 'messages of the ring heard, nothing lost'
+         if not _missing(outcome) else f'messages heard, {_missing(outcome)} missing'),
+        (f'{outcome.seconds:.0f} s', 'for the whole story'),
+    ])
+
+
+def _missing(outcome: Outcome) -> int:
+    """Loads without their three displacements are the zero window's; anything else is missing."""
+    lengths = {run.path.name: len(run.time) for run in outcome.plan.runs}
+    return sum(max(0, 4 * lengths[item.bag] - item.messages) for item in outcome.replays)
+
+
+def _identification(outcome: Outcome) -> str:
+    found = outcome.identification
+    rows: list[list[str | Cell]] = []
+    for name in PARAMETER_NAMES:
+        item = found['parameters'][name]
+        unit = '' if item['unit'] == '1' else item['unit']
+        rows.append([html.code(name), number(quantity(item['value'], unit, item['std'])),
+                     item['reason'] or ('at its bound' if item['at_bound'] else '')])
+    return html.section(
+        'Identification',
+        html.paragraph(f'{found["evaluations"]} simulations in {found["elapsed"]:.1f} s; '
+                       f'{found["status"]}.'),
+        html.table(['parameter', number('value ± standard deviation'), ''], rows,
+                   'What /identify_ring returned, before anything was known of a missing cause: '
+                   'the contact parameters then carry its bias.'))
+
+
+def _replays(outcome: Outcome) -> str:
+    rows: list[list[str | Cell]] = [[
+        item.bag, item.parameters, number(str(item.messages)), number(f'{item.seconds:.1f}'),
+        number(f'{item.speed:.0f}')] for item in outcome.replays]
+    return html.section('Replays', html.table(
+        ['bag', 'simulated with', number('messages heard'), number('seconds'),
+         number('times real time')], rows,
+        'In lockstep: time goes on only when every node has dealt with everything before.'))

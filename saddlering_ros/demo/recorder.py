@@ -1,0 +1,84 @@
+"""A node that keeps what is published of the ring while a bag is replayed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+import threading
+
+from geometry_msgs.msg import WrenchStamped
+import numpy as np
+from numpy.typing import NDArray
+
+from saddlering_interfaces.msg import RingDisplacement
+from saddlering_ros.bags import LOAD_TOPIC
+from saddlering_ros.nodes import wire
+from saddlering_ros.nodes.base import StreamingNode
+from saddlering_ros.nodes.flow import Inflow
+
+NAME = 'demo_recorder'
+DISPLACEMENTS = ('/ring/displacement', '/ring/simulated_displacement', '/ring/residual')
+
+
+@dataclass(frozen=True)
+class Recording:
+    """What was heard during one replay: of each topic the batch, and how many loads."""
+
+    measured: wire.Displacements
+    simulated: wire.Displacements
+    residual: wire.Displacements
+    loads: int
+
+    @property
+    def messages(self) -> int:
+        """Messages heard."""
+        return len(self.measured) + len(self.simulated) + len(self.residual) + self.loads
+
+    def at(self, stamps: NDArray[np.int64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Measured and simulated channels (4, N) at `stamps` [ns], NaN where none came."""
+        return _placed(self.measured, stamps), _placed(self.simulated, stamps)
+
+
+class Recorder(StreamingNode):
+    """Keeps displacements and loads; the clock in lockstep waits for it too."""
+
+    def __init__(self) -> None:
+        super().__init__(NAME)
+        self._lock = threading.Lock()
+        self._clear()
+
+    def connect(self) -> None:
+        """Subscribe to the load and to everything about the ring."""
+        self.inputs = [Inflow(self, topic, RingDisplacement) for topic in DISPLACEMENTS]
+        self.inputs.append(Inflow(self, LOAD_TOPIC, WrenchStamped))
+
+    def deal(self) -> None:
+        """Keep one batch."""
+        with self._lock:
+            for topic, flow in zip(DISPLACEMENTS, self.inputs, strict=False):
+                batch = wire.decode_displacements(flow.take())
+                if len(batch):
+                    flow.last_stamp = int(batch.stamps[-1])
+                    self._kept[topic].append(batch)
+            load = wire.decode_loads(self.inputs[-1].take())
+            if len(load):
+                self.inputs[-1].last_stamp = int(load.stamps[-1])
+                self._loads += len(load)
+
+    def cut(self) -> Recording:
+        """What was kept since the last cut."""
+        with self._lock:
+            kept, loads = self._kept, self._loads
+            self._clear()
+        measured, simulated, residual = (wire.join(kept[topic]) for topic in DISPLACEMENTS)
+        return Recording(measured, simulated, residual, loads)
+
+    def _clear(self) -> None:
+        self._kept: dict[str, list[wire.Displacements]] = {topic: [] for topic in DISPLACEMENTS}
+        self._loads = 0
+
+
+def _placed(batch: wire.Displacements, stamps: NDArray[np.int64]) -> NDArray[np.float64]:
+    placed = np.full((4, len(stamps)), np.nan)
+    _, here, there = np.intersect1d(stamps, batch.stamps, return_indices=True)
+    placed[:, here] = batch.channels[:, there]
+    return placed

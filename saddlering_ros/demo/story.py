@@ -1,0 +1,202 @@
+"""The whole story, step by step, as a test engineer would go through it by hand."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+import json
+from pathlib import Path
+import tempfile
+import time
+from typing import Any
+
+from saddlering_interfaces.action import DiagnoseRing, IdentifyRing
+from saddlering_ros.bags import TestRun
+from saddlering_ros.demo import figures
+from saddlering_ros.demo.console import Console
+from saddlering_ros.demo.live import LiveRig
+from saddlering_ros.demo.plan import elevation_of, Plan
+from saddlering_ros.demo.recorder import Recording
+from saddlering_ros.nodes.conversions import parameters_from_message
+from saddlering_ros.report.curves import RunCurves
+from saddlering_ros.report.quantities import percent
+from saddlering_ros.report.wording import effects_of, headline
+from saddlering_ros.rig import default_rig, ParameterSet, Rig, write_parameters
+
+STEPS = 8
+
+
+@dataclass(frozen=True)
+class Replayed:
+    """One replay: which bag, simulated with what, what was heard [messages], how fast."""
+
+    bag: str
+    parameters: str
+    messages: int
+    seconds: float
+    speed: float
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """Everything the demo found."""
+
+    plan: Plan
+    rig: Rig
+    identified: ParameterSet
+    identification: dict[str, Any]
+    extended: ParameterSet
+    verdict: dict[str, Any]
+    curves: tuple[RunCurves, ...]
+    replays: tuple[Replayed, ...]
+    seconds: float
+
+    @property
+    def verified(self) -> list[RunCurves]:
+        """The runs kept back."""
+        return [run for run in self.curves if run.held_out]
+
+    @property
+    def gain(self) -> float:
+        """Share by which the misfit of the runs kept back fell when they were replayed again."""
+        before = figures.overall(self.verified, extended=False)
+        return 1.0 - figures.overall(self.verified, extended=True) / max(before, 1e-300)
+
+
+def tell(plan: Plan, console: Console) -> Outcome:
+    """Run the demo on live nodes; everything it started is gone when this returns or raises."""
+    with tempfile.TemporaryDirectory(prefix='saddlering_demo_') as scratch:
+        return _Story(plan, console, Path(scratch)).run()
+
+
+class _Story:
+    """The steps, and what each leaves for the next."""
+
+    def __init__(self, plan: Plan, console: Console, scratch: Path) -> None:
+        self.plan, self.console, self.scratch = plan, console, scratch
+        self.rig = default_rig()
+        self.replays: list[Replayed] = []
+        self.first, self.second = (elevation_of(runs[0]) for runs in (plan.identify, plan.verify))
+
+    def run(self) -> Outcome:
+        """All steps."""
+        self.console.step('starting eight nodes, each in its own process')
+        with LiveRig(self.plan.folder, self.scratch, self.first) as live:
+            live.wait_for_nodes()
+            self.console.say(f'      {live.nodes} nodes are up in ROS domain {live.domain}: '
+                             f'ROS_DOMAIN_ID={live.domain} ros2 topic list shows them')
+            return self._with(live)
+
+    def _with(self, live: LiveRig) -> Outcome:
+        self.console.step(f'replaying the {self.first:g}° tests in lockstep, simulated with '
+                          'true-to-scale parameters')
+        first = {run.path.name: self._replay(live, run, 'true to scale')
+                 for run in self.plan.identify}
+        self.console.step(f'/identify_ring: contact parameters from {self.first:g}°')
+        identified, identification = self._identify(live)
+        before_file = self.scratch / 'identified.yaml'
+        write_parameters(before_file, identified)
+        live.wait_for_parameters(identified.contact.K1, 0)
+        self.console.say('      the simulator follows /ring/parameters')
+        self.console.step(f'replaying the {self.second:g}° tests, simulated with them')
+        live.restart_simulator(self.second, before_file)
+        before = {run.path.name: self._replay(live, run, 'identified')
+                  for run in self.plan.verify}
+        self._compare(before)
+        self.console.step(f'/diagnose_ring: what is missing ({self.second:g}° kept back)')
+        extended, verdict = self._diagnose(live, before_file)
+        self.console.say(f'      {headline(verdict)}')
+        live.wait_for_parameters(extended.contact.K1, len(extended.effects))
+        self.console.step(f'replaying the {self.second:g}° tests again, with the extended model')
+        after = {run.path.name: self._replay(live, run, 'extended') for run in self.plan.verify}
+        self.console.step('ending the nodes, comparing')
+        curves = [self._offline_curves(run, first, identified, extended, verdict)
+                  for run in self.plan.identify]
+        curves += [self._live_curves(run, before, after, verdict) for run in self.plan.verify]
+        return Outcome(self.plan, self.rig, identified, identification, extended, verdict,
+                       tuple(curves), tuple(self.replays), self.console.seconds)
+
+    # --- steps ---
+
+    def _replay(self, live: LiveRig, run: TestRun, words: str) -> Recording:
+        name, began = run.path.name, time.monotonic()
+        recording = live.replay(run.path, lambda share, speed: self.console.show(
+            share, f'{name}  {speed}'))
+        seconds = time.monotonic() - began
+        speed = float(run.time[-1]) / seconds
+        self.replays.append(Replayed(name, words, recording.messages, seconds, speed))
+        self.console.say(f'      {name}: {recording.messages} messages, {speed:.0f} times real '
+                         f'time{_lost(recording)}')
+        return recording
+
+    def _identify(self, live: LiveRig) -> tuple[ParameterSet, dict[str, Any]]:
+        def show(feedback: IdentifyRing.Feedback) -> None:
+            share = feedback.iteration / max(feedback.iterations, 1)
+            self.console.stage(feedback.stage, share, f'best {feedback.best_objective:.4g}')
+
+        result = live.identify(_names(self.plan.identify), _names(self.plan.verify), show)
+        report = json.loads(result.report_json)
+        report['validation'] = json.loads(result.validation_json)
+        self.console.say(f'      {report["evaluations"]} simulations in {report["elapsed"]:.1f} s')
+        return self._sourced(result.parameters, 'identify'), report
+
+    def _diagnose(self, live: LiveRig, file: Path) -> tuple[ParameterSet, dict[str, Any]]:
+        def show(feedback: DiagnoseRing.Feedback) -> None:
+            self.console.stage(feedback.stage, feedback.progress, '')
+
+        result = live.diagnose(_names(self.plan.identify), _names(self.plan.verify), file, show)
+        return self._sourced(result.parameters, 'diagnose'), json.loads(result.verdict_json)
+
+    def _sourced(self, message: Any, method: str) -> ParameterSet:
+        parameters = parameters_from_message(message)
+        source = replace(parameters.source, method=method,
+                         bags=tuple(_names(self.plan.identify)))
+        return replace(parameters, source=source)
+
+    # --- comparisons ---
+
+    def _compare(self, recordings: dict[str, Recording]) -> None:
+        for run in self.plan.verify:
+            measured, simulated = recordings[run.path.name].at(run.stamps)
+            seen = figures.curves(run, measured, simulated, simulated, None, held_out=True)
+            parts = [f'{name} {percent(figures.misfit(seen, name, extended=False))}'
+                     for name in figures.JUDGED]
+            self.console.say(f'      {run.path.name} is missed by {", ".join(parts)} of range')
+
+    def _live_curves(
+        self, run: TestRun, before: dict[str, Recording], after: dict[str, Recording],
+        verdict: dict[str, Any],
+    ) -> RunCurves:
+        name = run.path.name
+        measured, first = before[name].at(run.stamps)
+        _, last = after[name].at(run.stamps)
+        return figures.curves(run, measured, first, last, _entry(verdict, run), held_out=True)
+
+    def _offline_curves(
+        self, run: TestRun, first: dict[str, Recording], identified: ParameterSet,
+        extended: ParameterSet, verdict: dict[str, Any],
+    ) -> RunCurves:
+        """Measured live, simulated here with both parameter sets: the same code as the node's."""
+        measured, _ = first[run.path.name].at(run.stamps)
+        before, after = (figures.offline(run, self.rig, item) for item in (identified, extended))
+        return figures.curves(run, measured, before, after, _entry(verdict, run), held_out=False)
+
+
+def _names(runs: tuple[TestRun, ...]) -> list[str]:
+    return [run.path.name for run in runs]
+
+
+def _entry(verdict: dict[str, Any], run: TestRun) -> dict[str, Any] | None:
+    """The run's part of the verdict."""
+    found = [item for item in verdict['runs'] if Path(item['bag']).name == run.path.name]
+    return found[0] if found else None
+
+
+def _lost(recording: Recording) -> str:
+    """What did not arrive, in words; normally nothing."""
+    lost = len(recording.measured) - len(recording.simulated)
+    return '' if lost == 0 else f', {abs(lost)} without their counterpart'
+
+
+def causes_text(verdict: dict[str, Any]) -> str:
+    """The causes' ids in one line."""
+    return ', '.join(cause['effect'] for cause in effects_of(verdict)) or 'none'
