@@ -23,6 +23,12 @@ import numpy as np
 from saddlering_ros.ring import layout as at
 from saddlering_ros.ring.caching import CACHE
 
+OUTER = {'cache': CACHE, 'nogil': True, 'error_model': 'numpy'}
+"""Options of kernels that allocate or are called from Python."""
+
+INNER = {**OUTER, '_nrt': False}
+"""Options of the rest: they borrow their arrays, so none is counted (an atomic each otherwise)."""
+
 FAST = {'reassoc', 'contract', 'nsz', 'arcp', 'nnan', 'ninf'}
 RAMP = 1e-6
 """Penetration over which the damper is faded in [m] (C1, so no force jump at touch-down)."""
@@ -35,7 +41,7 @@ STEP_TOLERANCE = 1e-9
 
 LARGEST_ITERATIONS = 60
 
-LAYOUT = '2c56927654fc'
+LAYOUT = '82c962af818d'
 """Digest of `layout`: a change there must change this file, by which numba keeps kernels."""
 
 LARGEST_PREDICTION = 5e-6
@@ -67,7 +73,7 @@ def float_of(typing_context: Any, bits: Any) -> Any:
     return nb.types.float64(nb.types.int64), build
 
 
-@nb.njit(cache=CACHE, nogil=True, fastmath=FAST, error_model='numpy', inline='always')
+@nb.njit(fastmath=FAST, inline='always', **INNER)
 def power(p: Any, exponent: Any) -> Any:
     """P ** exponent for a positive normal number p, relative error below 1e-13.
 
@@ -93,7 +99,7 @@ def power(p: Any, exponent: Any) -> Any:
                 1.325964524488711e-06 + f * 1.0205905413765595e-07)))))))))
 
 
-@nb.njit(cache=CACHE, nogil=True, fastmath=FAST, error_model='numpy')
+@nb.njit(fastmath=FAST, **INNER)
 def in_contact(rows: Any, base: Any, stride: Any, rollers: Any, uniform: Any, a: Any,
                b: Any) -> Any:
     """First roller of a row and their number between which all rollers in contact lie."""
@@ -119,7 +125,7 @@ def in_contact(rows: Any, base: Any, stride: Any, rollers: Any, uniform: Any, a:
     return first, last - first
 
 
-@nb.njit(cache=CACHE, nogil=True, fastmath=FAST, error_model='numpy')
+@nb.njit(fastmath=FAST, **INNER)
 def row_sums(rows: Any, row: Any, rollers: Any, uniform: Any, a: Any, b: Any, da: Any, db: Any,
              stiffness: Any, exponent: Any, damping: Any, share: Any) -> Any:
     """Force sums of one row with penetration p = a + b cos - gap and rate dp/dt = da + db cos.
@@ -167,7 +173,7 @@ def row_sums(rows: Any, row: Any, rollers: Any, uniform: Any, a: Any, b: Any, da
     return s0, s1, k0, k1, k2, d0, d1, d2, energy / (exponent + 1.0)
 
 
-@nb.njit(cache=CACHE, nogil=True, error_model='numpy')
+@nb.njit(**INNER)
 def hysteron(z_smooth: Any, z_sharp: Any, travel: Any, presliding: Any, sharpness: Any) -> Any:
     """Rate-free friction after `travel`: (z_smooth, z_sharp, z, dz/dtravel).
 
@@ -185,7 +191,7 @@ def hysteron(z_smooth: Any, z_sharp: Any, travel: Any, presliding: Any, sharpnes
             sharpness * sharp_slope + (1.0 - sharpness) * smooth_slope)
 
 
-@nb.njit(cache=CACHE, nogil=True, error_model='numpy')
+@nb.njit(**INNER)
 def ring_forces(m: Any, rows: Any, uniform: Any, q0: Any, q1: Any, q2: Any, v0: Any, v1: Any,
                 v2: Any, w: Any) -> Any:
     """Contact forces on the upper ring at motion q and its rate v; returns the elastic energy.
@@ -221,7 +227,7 @@ def ring_forces(m: Any, rows: Any, uniform: Any, q0: Any, q1: Any, q2: Any, v0: 
     return energy + up_energy + low_energy
 
 
-@nb.njit(cache=CACHE, nogil=True, error_model='numpy')
+@nb.njit(**INNER)
 def solve3(a00: Any, a02: Any, a11: Any, a12: Any, a22: Any, r0: Any, r1: Any, r2: Any) -> Any:
     """(found, x0, x1, x2) of a x = r, a symmetric with a01 = 0; not found unless a is definite."""
     if a00 <= 0.0 or a11 <= 0.0:
@@ -234,7 +240,7 @@ def solve3(a00: Any, a02: Any, a11: Any, a12: Any, a22: Any, r0: Any, r1: Any, r
     return True, (r0 - a02 * x2) * i00, (r1 - a12 * x2) * i11, x2
 
 
-@nb.njit(cache=CACHE, nogil=True, error_model='numpy')
+@nb.njit(**INNER)
 def equilibrium(m: Any, rows: Any, uniform: Any, w: Any, x: Any, y: Any, tilt: Any) -> Any:
     """(iterations or -1, q) of static equilibrium under w[EXTERNAL], starting at (x, y, tilt).
 
@@ -282,7 +288,7 @@ def equilibrium(m: Any, rows: Any, uniform: Any, w: Any, x: Any, y: Any, tilt: A
     return -1, x, y, tilt
 
 
-@nb.njit(cache=CACHE, nogil=True, error_model='numpy')
+@nb.njit(**INNER)
 def load_at_ring(m: Any, measured: Any, z_cylinder: Any, z_bracket: Any, w: Any) -> Any:
     """From the measured load [N] to w[EXTERNAL] (3,) with dead weight and w[RESOLVED] without.
 
@@ -306,7 +312,7 @@ def load_at_ring(m: Any, measured: Any, z_cylinder: Any, z_bracket: Any, w: Any)
     return load
 
 
-@nb.njit(cache=CACHE, nogil=True, error_model='numpy')
+@nb.njit(**INNER)
 def low_pass(state: Any, old: Any, new: Any, dt: Any, time_constant: Any) -> Any:
     """First-order low-pass over dt, exact for an input that is linear from `old` to `new`."""
     if time_constant <= 0.0:
@@ -320,7 +326,7 @@ def low_pass(state: Any, old: Any, new: Any, dt: Any, time_constant: Any) -> Any
     return state * decay + old * (1.0 - decay - mean_weight) + new * mean_weight
 
 
-@nb.njit(cache=CACHE, nogil=True, error_model='numpy')
+@nb.njit(**INNER)
 def series_motion(m: Any, s: Any, w: Any) -> Any:
     """w[MOTION] (3,): contact motion, series compliances, settling; then come creep, resonance."""
     highest = s[at.HIGHEST_LOAD]
@@ -334,7 +340,7 @@ def series_motion(m: Any, s: Any, w: Any) -> Any:
                         + m[at.OPENING_COMPLIANCE] * max(0.0, moment - m[at.OPENING_MOMENT]))
 
 
-@nb.njit(cache=CACHE, nogil=True, error_model='numpy')
+@nb.njit(**INNER)
 def advance_series(m: Any, s: Any, w: Any, dt: Any) -> Any:
     """Creep and second mode on w[MOTION] over dt, replaced; their states are in s."""
     for i in range(3):
@@ -366,7 +372,7 @@ def advance_series(m: Any, s: Any, w: Any, dt: Any) -> Any:
         w[at.MOTION + i] = s[at.RESONANCE + i]
 
 
-@nb.njit(cache=CACHE, nogil=True, error_model='numpy')
+@nb.njit(**INNER)
 def read_probes(m: Any, s: Any, w: Any, load: Any, time: Any, dt: Any, out: Any,
                 n: Any) -> Any:
     """Probe increments out[n] (4,) [m] from w[MOTION], with what the measurement adds."""
@@ -397,7 +403,7 @@ def read_probes(m: Any, s: Any, w: Any, load: Any, time: Any, dt: Any, out: Any,
         out[n, i] = min(max(d, m[at.CLIP_LOW + i]), m[at.CLIP_HIGH + i])
 
 
-@nb.njit(cache=CACHE, nogil=True, error_model='numpy')
+@nb.njit(**OUTER)
 def start(m: Any, rows: Any, uniform: Any, s: Any, time: Any, load: Any) -> Any:
     """State s at rest under the measured `load` at `time`, zero taken there; False if none."""
     w = np.zeros(at.WORK_SIZE)
@@ -429,7 +435,7 @@ def start(m: Any, rows: Any, uniform: Any, s: Any, time: Any, load: Any) -> Any:
     return found >= 0
 
 
-@nb.njit(cache=CACHE, nogil=True, error_model='numpy')
+@nb.njit(**INNER)
 def predict(m: Any, s: Any, c0: Any, past: Any, w: Any) -> Any:
     """Move (3,) from the last state by its own stiffness and damping: no force is evaluated.
 
@@ -459,7 +465,7 @@ def predict(m: Any, s: Any, c0: Any, past: Any, w: Any) -> Any:
     return found and size < LARGEST_PREDICTION, x, y, tilt
 
 
-@nb.njit(cache=CACHE, nogil=True, error_model='numpy')
+@nb.njit(**INNER)
 def keep_step(m: Any, s: Any, h: Any, c0: Any, p: Any, past: Any, q: Any, friction: Any,
               w: Any) -> Any:
     """The solved step becomes the state; its forces and slopes are kept for `predict`."""
@@ -482,7 +488,7 @@ def keep_step(m: Any, s: Any, h: Any, c0: Any, p: Any, past: Any, q: Any, fricti
     s[at.STEP_OLD] = h
 
 
-@nb.njit(cache=CACHE, nogil=True, error_model='numpy')
+@nb.njit(**INNER)
 def implicit_step(m: Any, rows: Any, uniform: Any, s: Any, h: Any, friction: Any, w: Any) -> Any:
     """One BDF2 step of h seconds (backward Euler after a start or a jump in h); iterations or -1.
 
@@ -551,13 +557,14 @@ def implicit_step(m: Any, rows: Any, uniform: Any, s: Any, h: Any, friction: Any
     return -1
 
 
-@nb.njit(cache=CACHE, nogil=True, error_model='numpy')
+@nb.njit(**INNER)
 def robust_step(m: Any, rows: Any, uniform: Any, s: Any, h: Any, friction: Any, w: Any) -> Any:
     """One implicit step; where Newton fails on a kink, the same step in 4, 16 ... 4096 parts."""
     used = implicit_step(m, rows, uniform, s, h, friction, w)
     if used >= 0:
         return used
-    before = s.copy()
+    for i in range(at.STATE_SIZE):
+        w[at.BACKUP + i] = s[i]
     pieces = 1
     while pieces < 4096:
         pieces *= 4
@@ -570,11 +577,12 @@ def robust_step(m: Any, rows: Any, uniform: Any, s: Any, h: Any, friction: Any, 
             used += more
         if used >= 0:
             return used
-        s[:] = before
+        for i in range(at.STATE_SIZE):
+            s[i] = w[at.BACKUP + i]
     return -1
 
 
-@nb.njit(cache=CACHE, nogil=True, error_model='numpy')
+@nb.njit(**INNER)
 def restart_at_rest(m: Any, rows: Any, uniform: Any, s: Any, w: Any) -> Any:
     """Count a step that did not converge and go on from equilibrium under w[EXTERNAL]."""
     s[at.TROUBLE] += 1.0
@@ -587,7 +595,7 @@ def restart_at_rest(m: Any, rows: Any, uniform: Any, s: Any, w: Any) -> Any:
         s[at.Q_OLD + i] = s[at.Q + i]
 
 
-@nb.njit(cache=CACHE, nogil=True, error_model='numpy')
+@nb.njit(**INNER)
 def take_load(m: Any, s: Any, measured: Any, w: Any) -> Any:
     """Move the measured load [N] on to its next value; the load path's friction follows it."""
     change = measured - s[at.MEASURED_LOAD]
@@ -605,7 +613,7 @@ def take_load(m: Any, s: Any, measured: Any, w: Any) -> Any:
     return load_at_ring(m, measured, z_cylinder, z_bracket, w)
 
 
-@nb.njit(cache=CACHE, nogil=True, error_model='numpy')
+@nb.njit(**OUTER)
 def advance(m: Any, rows: Any, uniform: Any, s: Any, time: Any, load: Any, max_step: Any,
             q_out: Any, d_out: Any) -> Any:
     """Carry state s over the samples time (N,), load (N,); q_out (N, 3) and d_out (N, 4) filled.
@@ -642,7 +650,7 @@ def advance(m: Any, rows: Any, uniform: Any, s: Any, time: Any, load: Any, max_s
     return iterations
 
 
-@nb.njit(cache=CACHE, nogil=True, error_model='numpy')
+@nb.njit(**OUTER)
 def run_batch(m: Any, rows: Any, uniform: Any, time: Any, load: Any, zero_load: Any,
               max_step: Any, q_out: Any, d_out: Any) -> Any:
     """Simulate each parameter set of m (B, M) over one record; returns sets that had trouble.
@@ -660,7 +668,7 @@ def run_batch(m: Any, rows: Any, uniform: Any, time: Any, load: Any, zero_load: 
     return troubled
 
 
-@nb.njit(cache=CACHE, nogil=True, error_model='numpy')
+@nb.njit(**INNER)
 def static_run(m: Any, rows: Any, uniform: Any, load: Any, w: Any, q_out: Any) -> Any:
     """Equilibrium at each load (N,); each starts where the last slope and curve point to."""
     failed = 0
@@ -685,7 +693,7 @@ def static_run(m: Any, rows: Any, uniform: Any, load: Any, w: Any, q_out: Any) -
     return failed
 
 
-@nb.njit(cache=CACHE, nogil=True, error_model='numpy')
+@nb.njit(**OUTER)
 def static_batch(m: Any, rows: Any, uniform: Any, load: Any, q_out: Any) -> Any:
     """Equilibrium of each parameter set m (B, M) at each load (N,), in order; q_out (B, N, 3)."""
     w = np.zeros(at.WORK_SIZE)

@@ -42,7 +42,7 @@ def test_places_of_the_layout_do_not_overlap_their_arrays_ends() -> None:
     assert layout.SINE + 1 == layout.MODEL_SIZE
     assert layout.LAG_INPUT + 4 == layout.LAST_FORCE
     assert layout.LAST_DAMPING + 5 == layout.STATE_SIZE
-    assert layout.MOTION + 3 == layout.WORK_SIZE
+    assert layout.MOTION + 3 == layout.BACKUP
 
 
 def _can_cache(**environment: str) -> str:

@@ -1,0 +1,240 @@
+"""How fast the ring simulator is: beside peers, how its cost grows, how far it is from a floor.
+
+    python benchmarks/simulator.py [--quick]
+
+Times are CPU seconds of one thread (the least of several runs, so that other programs on the
+machine matter little), except where two threads run: those are seconds by the clock.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable
+from dataclasses import replace
+import os
+import time
+
+import numba as nb
+import numpy as np
+from scipy.integrate import solve_ivp
+
+from saddlering_ros.rig import default_rig, FULL_SCALE_LOAD, Rig, TONNE, TRUE_TO_SCALE
+from saddlering_ros.ring import dynamic_batch, kernels, layout, reference, static_batch
+from saddlering_ros.ring.model import build_model
+
+ELEVATION = float(np.deg2rad(50.0))
+PLATEAUS = np.concatenate([np.arange(26), np.arange(24, -1, -1)]) * TONNE
+CONTACT = TRUE_TO_SCALE.to_array()
+RIG = default_rig()
+
+
+def least(task: Callable[[], object], runs: int,
+          clock: Callable[[], float] = time.thread_time) -> float:
+    """Seconds of the fastest of `runs` calls, the first (compiling) not counted."""
+    task()
+    spent = []
+    for _ in range(runs):
+        began = clock()
+        task()
+        spent.append(clock() - began)
+    return min(spent)
+
+
+def dynamic_record(seconds: float = 10.0, rate: float = 1000.0) -> tuple[np.ndarray, np.ndarray]:
+    """Ramp 0.5 t to 25 t and back with a noisy load cell: time [s], load [N]."""
+    time_s = np.arange(round(seconds * rate) + 1) / rate
+    load = np.interp(time_s / seconds, [0.0, 0.1, 0.5, 0.9, 1.0],
+                     [RIG.preload, RIG.preload, FULL_SCALE_LOAD, RIG.preload, RIG.preload])
+    return time_s, load + np.random.default_rng(0).normal(0.0, 50.0, time_s.size)
+
+
+def static_task(rig: Rig = RIG, particles: int = 1) -> Callable[[], object]:
+    contacts = np.repeat(CONTACT[None], particles, axis=0)
+    return lambda: static_batch(rig, contacts, ELEVATION, PLATEAUS)
+
+
+def dynamic_task(rig: Rig = RIG, particles: int = 1,
+                 seconds: float = 10.0) -> Callable[[], object]:
+    contacts = np.repeat(CONTACT[None], particles, axis=0)
+    time_s, load = dynamic_record(seconds)
+    return lambda: dynamic_batch(rig, contacts, ELEVATION, time_s, load)
+
+
+def row(words: str, seconds: float, than: float | None = None, note: str = '') -> None:
+    ratio = '' if than is None else f'{seconds / than:10.3g} x'
+    print(f'| {words:<58} | {seconds * 1e3:12.3f} ms | {ratio:>12} | {note} |')
+
+
+def header(title: str) -> None:
+    print(f'\n{title}\n')
+    print(f'| {"what":<58} | {"CPU time":>15} | {"to ours":>12} | note |')
+    print(f'|{"-" * 60}|{"-" * 16}:|{"-" * 13}:|---|')
+
+
+def peers(quick: bool) -> tuple[float, float]:
+    """Ours, the plain reference and scipy on the vectorised 304-roller model, one parameter set."""
+    header('Static run, 51 plateaus')
+    static = least(static_task(), 50)
+    row('static_batch', static, static)
+
+    def plain_static() -> None:
+        q = None
+        for load in PLATEAUS:
+            q = reference.static_equilibrium(RIG, TRUE_TO_SCALE, load, ELEVATION, start=q)
+
+    row('numpy over 304 rollers, scipy.optimize.root', least(plain_static, 1 if quick else 3),
+        static)
+    header('Dynamic run, 10 s at 1 kHz')
+    dynamic = least(dynamic_task(), 20)
+    row('dynamic_batch', dynamic, dynamic)
+    seconds = 0.2 if quick else 1.0
+    time_s, load = dynamic_record()
+    part = time_s <= seconds
+    scale = (time_s.size - 1) / (np.count_nonzero(part) - 1)
+    spent = least(lambda: reference.simulate_dynamic(RIG, TRUE_TO_SCALE, ELEVATION, time_s[part],
+                                                     load[part]), 1)
+    row('numpy over 304 rollers, same steps', spent * scale, dynamic,
+        f'{seconds:g} s timed, times {scale:.0f}')
+    smooth = np.interp(time_s / 10.0, [0.0, 0.1, 0.5, 0.9, 1.0],
+                       [RIG.preload, RIG.preload, FULL_SCALE_LOAD, RIG.preload, RIG.preload])
+    for words, force in (('noisy load', load), ('load without noise', smooth)):
+        spent, calls = scipy_run(time_s, force, seconds)
+        row(f'numpy over 304 rollers, solve_ivp BDF, {words}', spent * 10.0 / seconds, dynamic,
+            f'{seconds:g} s timed, times {10.0 / seconds:.0f}; {calls} calls')
+    return static, dynamic
+
+
+def scipy_run(time_s: np.ndarray, load: np.ndarray, seconds: float) -> tuple[float, int]:
+    """CPU seconds and calls of solve_ivp over a stretch of the record in which the load rises."""
+    start = 2.0
+    first = float(np.interp(start, time_s, load))
+    q = reference.static_equilibrium(RIG, TRUE_TO_SCALE, first, ELEVATION)
+    rate = reference.rate_of_state(RIG, TRUE_TO_SCALE, ELEVATION,
+                                   lambda t: float(np.interp(t, time_s, load)))
+    began = time.thread_time()
+    found = solve_ivp(rate, (start, start + seconds), np.concatenate([q, np.zeros(3)]),
+                      method='BDF', t_eval=np.arange(start, start + seconds, 1e-3), max_step=1e-2,
+                      rtol=1e-6, atol=[1e-9] * 3 + [1e-6] * 3)
+    assert found.success
+    return time.thread_time() - began, int(found.nfev)
+
+
+def growth(quick: bool) -> None:
+    """Cost with samples, rollers, particles and threads."""
+    header('Dynamic run: how cost grows (ratio is to the first line)')
+    runs = 5 if quick else 15
+    base = least(dynamic_task(), runs)
+    row('10 s at 1 kHz, 304 rollers, 1 particle', base, base)
+    for seconds in (1.0, 100.0):
+        row(f'{seconds:g} s at 1 kHz', least(dynamic_task(seconds=seconds), 3), base)
+    for factor in (2, 4):
+        wide = replace(
+            RIG, axial_rows=replace(RIG.axial_rows, rollers=97 * factor),
+            middle_row=replace(RIG.middle_row, rollers=110 * factor))
+        row(f'10 s at 1 kHz, {304 * factor} rollers', least(dynamic_task(wide), runs), base)
+    for particles, threads in ((20, 1), (20, 2), (100, 2)):
+        os.environ['SADDLERING_THREADS'] = str(threads)
+        spent = least(dynamic_task(particles=particles), 3, time.perf_counter)
+        row(f'10 s at 1 kHz, {particles} particles, {threads} thread(s), by the clock', spent,
+            base)
+        spent = least(static_task(particles=particles), 10, time.perf_counter)
+        row(f'static run, {particles} particles, {threads} thread(s), by the clock', spent)
+    os.environ['SADDLERING_THREADS'] = '1'
+
+
+OPERATIONS = 81
+"""Vector instructions a group of eight rollers takes (kernels.row_sums on AVX-512: powers 36,
+force and slopes 30, sums 15), counted in the compiled loop."""
+
+
+@nb.njit(fastmath=True)
+def multiply_add(numbers: np.ndarray, times: int) -> float:
+    """Chains of multiply-adds that do not wait for each other: the core's arithmetic peak."""
+    total = 0.0
+    for _ in range(times):
+        for j in range(numbers.size):
+            x = numbers[j]
+            numbers[j] = x * 0.999999 + 1e-7
+    for j in range(numbers.size):
+        total += numbers[j]
+    return total
+
+
+@nb.njit(fastmath=kernels.FAST, error_model='numpy')
+def all_powers(base: np.ndarray, exponent: float, times: int) -> float:
+    total = 0.0
+    for _ in range(times):
+        for j in range(base.size):
+            total += kernels.power(base[j], exponent)
+    return total
+
+
+@nb.njit
+def library_powers(base: np.ndarray, exponent: float, times: int) -> float:
+    total = 0.0
+    for _ in range(times):
+        for j in range(base.size):
+            total += base[j] ** exponent
+    return total
+
+
+def floor(dynamic: float, static: float) -> None:
+    """What the powers of the rollers in contact cost at least on this core, beside the whole."""
+    model = build_model(RIG, TRUE_TO_SCALE, ELEVATION)
+    time_s, load = dynamic_record()
+    path = dynamic_batch(RIG, CONTACT[None], ELEVATION, time_s, load)[0]
+    evaluations, rollers = contact_count(model, path)
+    base = np.linspace(1e-6, 2e-4, 1024)
+    times = 2000
+    each = least(lambda: all_powers(base, 1 / 9, times), 5) / (times * base.size)
+    library = least(lambda: library_powers(base, 1 / 9, times), 3) / (times * base.size)
+    numbers = np.ones(1024)
+    peak = least(lambda: multiply_add(numbers, times), 5) / (times * numbers.size)
+    print('\nFloor: what the arithmetic costs at least on this core\n')
+    print(f'rollers in contact, mean over the dynamic run   {rollers:8.1f} of 162 (mirror twins '
+          'share one)')
+    print(f'force evaluations a sample (Newton iterations)  {evaluations:8.3f}')
+    print(f'one power, our vector code                      {each * 1e9:8.2f} ns')
+    print(f'one power, libm                                 {library * 1e9:8.2f} ns')
+    print(f'one multiply-add, load and store, vectorised    {peak * 1e9:8.3f} ns')
+    powers = rollers * evaluations * (time_s.size - 1) * each
+    whole = rollers * evaluations * (time_s.size - 1) * OPERATIONS * peak
+    print(f'dynamic run: powers alone  {powers * 1e3:6.2f} ms, {OPERATIONS} operations a roller '
+          f'{whole * 1e3:6.2f} ms, reached {dynamic * 1e3:6.2f} ms '
+          f'({dynamic / whole:.1f} times the floor)')
+    print(f'static run: reached {static * 1e3:6.3f} ms, {static / PLATEAUS.size * 1e6:.2f} us a '
+          'plateau')
+
+
+def contact_count(model: object, path: np.ndarray) -> tuple[float, float]:
+    """Newton iterations a sample and rollers in contact at a time, means over a run."""
+    arrays, counts = model.rows.arrays, model.rows.counts
+    radius = RIG.axial_rows.pitch_radius
+    total = 0
+    for n in range(0, path.shape[1], 100):
+        x, y, tilt = path[:, n]
+        for index, (a, b) in enumerate(((y, -radius * tilt), (-y, radius * tilt), (0.0, x))):
+            cosine, _, gap = arrays[index][:, :counts[index]]
+            total += int(np.count_nonzero(a + b * cosine > gap))
+    time_s, load = dynamic_record()
+    state = np.zeros(layout.STATE_SIZE)
+    rows, uniform = model.rows.flat, model.rows.uniform
+    kernels.start(model.scalars, rows, uniform, state, 0.0, load[0])
+    used = kernels.advance(model.scalars, rows, uniform, state, time_s, load, 1e-3,
+                           np.empty((time_s.size, 3)), np.empty((time_s.size, 4)))
+    return used / (time_s.size - 1), total / len(range(0, path.shape[1], 100))
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__.partition('\n')[0])
+    parser.add_argument('--quick', action='store_true', help='shorter stretches of the slow peers')
+    args = parser.parse_args()
+    os.environ['SADDLERING_THREADS'] = '1'
+    static, dynamic = peers(args.quick)
+    growth(args.quick)
+    floor(dynamic, static)
+    return 0
+
+
+if __name__ == '__main__':
+    raise SystemExit(main())
