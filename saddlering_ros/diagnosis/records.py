@@ -22,9 +22,9 @@ LONGEST_BLOCK = 2.5
 DYNAMIC_BLOCKS = 600
 """At most so many block means for a dynamic run."""
 SHORTEST_BLOCK = 0.02
-SUBGRID = 4
+SUBGRID = 10
 """Simulated load samples per block of a dynamic run."""
-DYNAMIC_STEP = 2.5e-3
+DYNAMIC_STEP = 2e-3
 REST_BAND = 0.004
 """A load that stays within this share of full scale is at rest."""
 SHORTEST_REST = 0.3

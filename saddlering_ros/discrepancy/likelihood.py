@@ -8,23 +8,31 @@ I - U (1 - 1/sqrt(1 + s^2)) U', where U, s are the singular vectors and values o
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.linalg import cholesky, solve_triangular
 
-from saddlering_ros.discrepancy.noise import ChannelNoise, HeldSeries, measure_noise
+from saddlering_ros.discrepancy.noise import ChannelNoise, HeldSeries, measure_noise, TIME_CONSTANTS
 from saddlering_ros.discrepancy.system import (
     Array, DiscrepancyError, Point, RestSegment, Run, System,
 )
 
 
+RATE_SHAPES = 4
+"""Shapes over the drive of the error that goes with its rate."""
+
+
 @dataclass(frozen=True)
 class Allowance:
-    """How wrong the simulator may be, smoothly, without that being a finding; share of range."""
+    """How wrong the simulator may be, smoothly, without that being a finding; share of range.
+
+    smooth: over the drive; loop: with its direction; rate: at the fastest change of the drive.
+    """
 
     smooth: float = 3e-4
     loop: float = 1e-4
+    rate: float = 1.5e-3
     degree: int = 4
 
 
@@ -201,6 +209,13 @@ def learn_noise(
     }
     if not learnt:
         raise DiscrepancyError('noise: the stretches at rest are too short to learn from')
+    # Slow noise is a matter of the instrument, not of the rate: take it from who saw most of it.
+    richest = max(learnt, key=lambda key: learnt[key][0].pairs)
+    for key in learnt:
+        learnt[key] = [
+            replace(own, slow=np.maximum(own.slow, np.where(TIME_CONSTANTS >= 0.3, best.slow, 0.0)))
+            for own, best in zip(learnt[key], learnt[richest], strict=True)
+        ]
     noise: dict[tuple[str, int], ChannelNoise] = {}
     for run in runs:
         own = _sampling(run)
@@ -256,6 +271,8 @@ def allowance_columns(likelihood: Likelihood, allowance: Allowance) -> Array:
     groups = sorted({run.group for run in likelihood.runs})
     count = likelihood.runs[0].channels.shape[0]
     widest = likelihood.ranges.max()
+    rates = [run.inputs['rate'] for run in likelihood.runs if 'rate' in run.inputs]
+    fastest = max([1e-300, *(float(np.abs(rate).max()) for rate in rates)])
     columns: list[Array] = []
     for group in groups:
         members = [run for run in likelihood.runs if run.group == group]
@@ -264,7 +281,7 @@ def allowance_columns(likelihood: Likelihood, allowance: Allowance) -> Array:
         high = max(float(drive.max()) for drive in drives.values())
         for channel in range(count):
             scale = max(float(likelihood.ranges[channel]), 0.2 * float(widest))
-            for degree in range(1, allowance.degree + 2):
+            for degree in range(1, allowance.degree + 2 + RATE_SHAPES):
                 column = np.zeros(likelihood.size)
                 for index, other, part in likelihood.slices():
                     run = likelihood.runs[index]
@@ -273,6 +290,10 @@ def allowance_columns(likelihood: Likelihood, allowance: Allowance) -> Array:
                     place = (drives[run.name] - low) / max(high - low, 1e-300)
                     if degree <= allowance.degree:
                         shape = allowance.smooth * np.cos(np.pi * degree * place)
+                    elif degree > allowance.degree + 1:
+                        wave = degree - allowance.degree - 2
+                        speed = run.inputs.get('rate', np.zeros(run.time.size)) / fastest
+                        shape = allowance.rate * speed * np.cos(np.pi * wave * place)
                     else:
                         direction = run.inputs.get('direction', np.zeros(run.time.size))
                         shape = allowance.loop * direction * 4.0 * place * (1.0 - place)
