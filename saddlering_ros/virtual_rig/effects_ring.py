@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from saddlering_ros.virtual_rig import integrator as at
 from saddlering_ros.virtual_rig.effects import effect, Parameter
 from saddlering_ros.virtual_rig.effects_load import hysteresis, INITIAL, X_AND_T
+from saddlering_ros.virtual_rig.filters import low_pass, second_mode
 from saddlering_ros.virtual_rig.friction import LAWS
 from saddlering_ros.virtual_rig.rollers import Rollers
-from saddlering_ros.virtual_rig.schedule import low_pass
 
 Floats = NDArray[np.float64]
 T = ('delta_y', 'gamma')
@@ -266,24 +266,6 @@ def carriage_resonance(motion: Motion, values: Mapping[str, float], form: str) -
     for name in ('x', 'y', 'tilt'):
         swung = second_mode(getattr(motion, name), motion.step, frequency, values['damping'])
         setattr(motion, name, swung)
-
-
-def second_mode(values: Floats, step: float, frequency: float, damping: float) -> Floats:
-    """Solve y'' + 2 z w y' + w^2 y = w^2 u from rest, exact for u straight between instants."""
-    from scipy.linalg import expm
-    from scipy.signal import lfilter
-
-    block = np.zeros((4, 4))
-    block[0, 1], block[1, 0], block[1, 1] = 1.0, -frequency**2, -2.0 * damping * frequency
-    block[1, 2], block[2, 3] = frequency**2, 1.0
-    flow = expm(block * step)
-    state, held, slope = flow[:2, :2], flow[:2, 2], flow[:2, 3] / step
-    first, second = held - slope, slope
-    trace, determinant = float(np.trace(state)), float(np.linalg.det(state))
-    cross = np.array([[-state[1, 1], state[0, 1]]])
-    numerator = [second[0], first[0] + float(cross[0] @ second), float(cross[0] @ first)]
-    moved = lfilter(numerator, [1.0, -trace, determinant], values - values[0])
-    return np.asarray(moved + values[0])
 
 
 # -- in no catalogue ---------------------------------------------------------------------------

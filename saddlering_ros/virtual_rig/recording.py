@@ -8,12 +8,12 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import lfilter
 
 from saddlering_ros.bags import TestFacts, write_bag
 from saddlering_ros.rig import Rig
 from saddlering_ros.virtual_rig.effects_probes import Recording
 from saddlering_ros.virtual_rig.errors import VirtualRigError
+from saddlering_ros.virtual_rig.filters import slow_noise
 from saddlering_ros.virtual_rig.physics import PhysicalRig, PhysicalRun, run_test
 from saddlering_ros.virtual_rig.schedule import controlled_load, Schedule
 
@@ -163,14 +163,13 @@ def _stamps(begin: int, seconds: Floats) -> Stamps:
     return np.asarray(begin * 1_000_000_000 + np.rint(seconds * 1e9).astype(np.int64))
 
 
-def slow_noise(times: Floats, rms: float, time_constant: float,
-               random: np.random.Generator) -> Floats:
-    """Ornstein-Uhlenbeck noise (N,) at nearly equal times [s]."""
-    period = (times[-1] - times[0]) / max(len(times) - 1, 1)
-    keep = math.exp(-period / time_constant)
-    kicks = random.normal(size=len(times)) * rms * math.sqrt(1.0 - keep * keep)
-    kicks[0] = rms * random.normal()
-    return np.asarray(lfilter([1.0], [1.0, -keep], kicks))
+def _wander(times: Floats, rms: float, time_constant: float,
+            random: np.random.Generator) -> Floats:
+    """Slow noise (N,) at nearly equal times [s]."""
+    spacing = (times[-1] - times[0]) / max(len(times) - 1, 1)
+    kicks = random.normal(size=len(times))
+    kicks[0] = random.normal()
+    return slow_noise(kicks, spacing, rms, time_constant)
 
 
 def _gaps(plan: TestPlan, run: PhysicalRun, recording: Recording, probe: int, times: Floats,
@@ -181,7 +180,7 @@ def _gaps(plan: TestPlan, run: PhysicalRun, recording: Recording, probe: int, ti
     white = instruments.noise * math.sqrt(max(1.0 - instruments.slow_share**2, 0.0))
     offset = instruments.gap_scatter * random.normal()
     noise = white * random.normal(size=len(times))
-    noise += slow_noise(times, slow, instruments.slow_time, random)
+    noise += _wander(times, slow, instruments.slow_time, random)
     increment = _between(run.time, run.increments[probe], times) + noise
     increment = recording.disturb(probe + 1, times, increment)
     gap = instruments.gap + offset + probes.polarity[probe] * increment
@@ -196,7 +195,7 @@ def _load_reading(plan: TestPlan, run: PhysicalRun, recording: Recording, times:
     """Readings of the load cell [N]."""
     noise = plan.instruments.load_noise
     reading = _between(run.time, run.load, times) + noise * random.normal(size=len(times))
-    reading += slow_noise(times, noise / 3.0, plan.instruments.slow_time, random)
+    reading += _wander(times, noise / 3.0, plan.instruments.slow_time, random)
     reading = np.minimum(reading, recording.load_limit)
     if plan.instruments.quantised:
         level = 2.0 * CELL_SPAN / LEVELS

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import lfilter
 
 from saddlering_ros.rig import FULL_SCALE_LOAD, Rig, TONNE
 from saddlering_ros.virtual_rig.errors import VirtualRigError
+from saddlering_ros.virtual_rig.filters import low_pass
 
 Floats = NDArray[np.float64]
 
@@ -127,18 +127,6 @@ def controlled_load(schedule: Schedule, spacing: float, count: int,
     for _ in range(2):
         load = low_pass(load, spacing, lag)
     return load
-
-
-def low_pass(values: Floats, spacing: float, time_constant: float) -> Floats:
-    """First-order low-pass, exact for values straight between instants; starts at rest."""
-    if time_constant <= 0.0:
-        return values
-    ratio = spacing / time_constant
-    keep = np.exp(-ratio)
-    mean = -np.expm1(-ratio) / ratio
-    output, _ = lfilter([1.0 - mean, mean - keep], [1.0, -keep], values - values[0],
-                        zi=np.zeros(1))
-    return np.asarray(output + values[0])
 
 
 def _lagged(values: Floats, spacing: float, time_constant: float, share: float) -> Floats:
