@@ -89,7 +89,8 @@ class Muster:
         last = {}
         for said in present:
             for topic, time in zip(said.outputs, said.output_stamps, strict=True):
-                last[topic] = to_stamp(time)
+                if to_stamp(time):
+                    last[topic] = to_stamp(time)
         for said in present:
             reason = self._lag(said, until, last)
             if reason:
