@@ -8,6 +8,7 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from saddlering_ros.bags import plateaus, TestRun
 from saddlering_ros.demo.plan import elevation_of
@@ -28,28 +29,34 @@ class Means:
     start, stop (N,) count the run's load samples; direction (N,) +1 load rises, -1 it falls.
     """
 
-    start: Array
-    stop: Array
+    start: NDArray[np.int64]
+    stop: NDArray[np.int64]
     direction: Array
 
     def of(self, values: Array) -> Array:
-        """Means (..., N) of values (..., samples), NaN left out."""
-        parts = [np.nanmean(values[..., int(a):int(b)], axis=-1)
-                 for a, b in zip(self.start, self.stop, strict=True)]
-        return np.stack(parts, axis=-1)
+        """Means (..., N) of values (..., samples), NaN samples left out."""
+        return np.stack([_mean(values[..., a:b])
+                         for a, b in zip(self.start, self.stop, strict=True)], axis=-1)
+
+
+def _mean(values: Array) -> Array:
+    """Mean over the last axis of what is finite; NaN where nothing is."""
+    good = np.isfinite(values)
+    count = good.sum(axis=-1)
+    total = np.where(good, values, 0.0).sum(axis=-1)
+    return np.asarray(np.where(count > 0, total / np.maximum(count, 1), np.nan))
 
 
 def means_of(run: TestRun) -> Means:
     """Plateaus of a static run, equal blocks of a dynamic one."""
     if run.test == 'static':
         found = plateaus(run)
-        return Means(found.start.astype(float), found.stop.astype(float),
-                     _carried(found.branch.astype(float)))
+        return Means(found.start, found.stop, _carried(found.branch.astype(float)))
     edges = np.linspace(0, len(run.time), min(BLOCKS, len(run.time) // 4) + 1).astype(int)
     load = np.array([run.load[a:b].mean() for a, b in pairwise(edges.tolist())])
     top = int(np.argmax(load))
     direction = np.where(np.arange(load.size) <= top, 1.0, -1.0)
-    return Means(edges[:-1].astype(float), edges[1:].astype(float), direction)
+    return Means(edges[:-1], edges[1:], direction)
 
 
 def _carried(branch: Array) -> Array:

@@ -43,20 +43,15 @@ def _lead(outcome: Outcome) -> str:
 def _tiles(outcome: Outcome) -> str:
     before, after = (figures.overall(outcome.verified, extended=item) for item in (False, True))
     messages = sum(item.messages for item in outcome.replays)
+    lost = sum(item.lost for item in outcome.replays)
     return html.tiles([
         (percent(before), 'misfit of the runs kept back, contact law alone'),
         (percent(after), 'with the extended model, replayed again'),
         (percent(outcome.gain), 'gain measured live'),
-        (f'{messages:,}'.replace(',', ' '), 'messages of the ring heard, nothing lost'
-         if not _missing(outcome) else f'messages heard, {_missing(outcome)} missing'),
+        (f'{messages:,}'.replace(',', ' '), 'messages heard live, '
+         + (f'{lost} lost' if lost else 'none lost')),
         (f'{outcome.seconds:.0f} s', 'for the whole story'),
     ])
-
-
-def _missing(outcome: Outcome) -> int:
-    """Loads without their three displacements are the zero window's; anything else is missing."""
-    lengths = {run.path.name: len(run.time) for run in outcome.plan.runs}
-    return sum(max(0, 4 * lengths[item.bag] - item.messages) for item in outcome.replays)
 
 
 def _identification(outcome: Outcome) -> str:
@@ -79,7 +74,7 @@ def _identification(outcome: Outcome) -> str:
 def _replays(outcome: Outcome) -> str:
     rows: list[list[str | Cell]] = [[
         item.bag, item.parameters, number(str(item.messages)), number(f'{item.seconds:.1f}'),
-        number(f'{item.speed:.0f}')] for item in outcome.replays]
+        number(f'{item.speed:.2g}')] for item in outcome.replays]
     return html.section('Replays', html.table(
         ['bag', 'simulated with', number('messages heard'), number('seconds'),
          number('times real time')], rows,

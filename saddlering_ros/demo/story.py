@@ -27,11 +27,12 @@ STEPS = 8
 
 @dataclass(frozen=True)
 class Replayed:
-    """One replay: which bag, simulated with what, what was heard [messages], how fast."""
+    """One replay: which bag, simulated with what, messages heard, loads lost."""
 
     bag: str
     parameters: str
     messages: int
+    lost: int
     seconds: float
     speed: float
 
@@ -123,9 +124,10 @@ class _Story:
             share, f'{name}  {speed}'))
         seconds = time.monotonic() - began
         speed = float(run.time[-1]) / seconds
-        self.replays.append(Replayed(name, words, recording.messages, seconds, speed))
-        self.console.say(f'      {name}: {recording.messages} messages, {speed:.0f} times real '
-                         f'time{_lost(recording)}')
+        self.replays.append(Replayed(
+            name, words, recording.messages, len(run.time) - recording.loads, seconds, speed))
+        self.console.say(f'      {name}: {recording.messages} messages, {speed:.2g} times real '
+                         f'time{_lost(recording, run)}')
         return recording
 
     def _identify(self, live: LiveRig) -> tuple[ParameterSet, dict[str, Any]]:
@@ -191,10 +193,10 @@ def _entry(verdict: dict[str, Any], run: TestRun) -> dict[str, Any] | None:
     return found[0] if found else None
 
 
-def _lost(recording: Recording) -> str:
+def _lost(recording: Recording, run: TestRun) -> str:
     """What did not arrive, in words; normally nothing."""
-    lost = len(recording.measured) - len(recording.simulated)
-    return '' if lost == 0 else f', {abs(lost)} without their counterpart'
+    lost = len(run.time) - recording.loads
+    return '' if lost == 0 else f', {lost} loads lost'
 
 
 def causes_text(verdict: dict[str, Any]) -> str:

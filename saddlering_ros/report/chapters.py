@@ -108,8 +108,9 @@ def misfit(document: Document) -> str:
             ])
     return html.section(
         'Where simulation and measurement part',
-        html.picture(figures.misfit(runs), 'misfit', 'Rms misfit of each '
-                     'channel in each run: contact law alone, extended model, and what noise alone leaves.'),
+        html.picture(
+            figures.misfit(runs), 'misfit', 'Rms misfit of each channel in each run: contact law '
+            'alone, extended model, and what noise alone leaves.'),
         html.folded('The same in numbers', html.table(
             ['run', 'test', number('elevation'), 'role', 'channel', number('contact law alone'),
              number('extended model'), number('noise floor')], rows,
@@ -172,8 +173,8 @@ def paper_split(curves: Sequence[RunCurves]) -> str:
         if runs:
             parts.append(html.picture(
                 figures.comparison(runs), f'comparison_{test}',
-                f'{test.capitalize()} tests {words}: δx and γ, measured and simulated; below each, measured less simulated, with a band of twice the '
-                'noise floor.'))
+                f'{test.capitalize()} tests {words}: δx and γ, measured and simulated; below '
+                'each, measured less simulated, with a band of twice the noise floor.'))
     return html.section('Simulation and measurement', *parts)
 
 
@@ -190,7 +191,8 @@ def residuals(curves: Sequence[RunCurves]) -> str:
     parts = [
         html.folded(run.label, html.picture(
             figures.residuals(run), f'misfit_{run.name}', 'Measured less simulated. Columns: '
-            'over load (triangles up: load rising); mean and half-difference of both branches; over time; '
+            'over load (triangles up: load rising); mean and half-difference of both '
+            'branches; over time; '
             + ('' if run.test == 'static' else 'over load rate; ') + 'amplitude spectrum.'))
         for run in curves
     ]
@@ -310,8 +312,8 @@ def look_alikes(document: Document) -> str:
     }
     return html.section('Which causes look alike in these data', html.picture(
         figures.look_alikes(named), 'look_alikes', 'Angle between the changes that two causes '
-        'make, once contact parameters have taken what they can imitate. Dark squares off the diagonal are '
-        'causes these data cannot tell apart; below 0.3 is left white.'))
+        'make, once contact parameters have taken what they can imitate. Dark squares '
+        'off the diagonal are causes these data cannot tell apart; below 0.3 is left white.'))
 
 
 def notes(document: Document) -> str:
