@@ -138,9 +138,8 @@ def test_pins_hold_what_the_package_requires(arguments, python):
 
 def test_the_launch_file_starts_every_node():
     launch_ros = pytest.importorskip('launch_ros', reason='launch is not published as a wheel')
-    from launch.launch_description_sources import PythonLaunchDescriptionSource
-
     from launch import LaunchContext
+    from launch.launch_description_sources import PythonLaunchDescriptionSource
     source = PythonLaunchDescriptionSource(str(ROOT / 'launch' / 'rig.launch.py'))
     context = LaunchContext()
     waiting = list(source.get_launch_description(context).entities)
