@@ -4,8 +4,8 @@
 
 Everything runs between real processes over DDS on this machine, in a ROS domain of its own.
 Latency is from the stamp a driver process gives a load sample to the arrival of its residual in
-this process: three hops. Beside it, what a plain rclpy node makes of the same five topics: ordinary subscriptions,
-SingleThreadedExecutor.
+this process: three hops. Beside it, what a plain rclpy node makes of the same five topics:
+ordinary subscriptions, SingleThreadedExecutor.
 """
 
 from __future__ import annotations

@@ -44,6 +44,8 @@ class Domain:
         first = os.getpid() % len(DOMAINS)
         for offset in range(len(DOMAINS)):
             number = DOMAINS[(first + offset) % len(DOMAINS)]
+            if in_use(number):
+                continue
             lock = (folder / str(number)).open('w')
             with contextlib.suppress(OSError):
                 fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -55,6 +57,15 @@ class Domain:
     def release(self) -> None:
         """Let others have it."""
         self._lock.close()
+
+
+def in_use(domain: int) -> bool:
+    """Whether some ROS program on this machine listens to the discovery of `domain`."""
+    port = f':{7400 + 250 * domain:04X}'
+    with contextlib.suppress(OSError):
+        lines = Path('/proc/net/udp').read_text().splitlines()[1:]
+        return any(line.split()[1].endswith(port) for line in lines)
+    return False
 
 
 def environment(domain_id: int, extra: Mapping[str, str] | None = None) -> dict[str, str]:

@@ -133,9 +133,14 @@ class ReplayClockNode(StreamingNode):
         self._waiting_for = self._muster.absent()
         if not self._waiting_for:
             self._enter(self._after_waiting, now)
-        elif not self._lockstep and now - self._began > self.settings['timeout']:
-            self.get_logger().warning(f'starts without {"; ".join(self._waiting_for)}')
-            self._enter(self._after_waiting, now)
+        elif now - self._began > self.settings['timeout']:
+            words = '; '.join(self._waiting_for)
+            if self._lockstep:
+                self._began = now
+                self.get_logger().warning(f'still waits for {words}')
+            else:
+                self.get_logger().warning(f'starts without {words}')
+                self._enter(self._after_waiting, now)
 
     def _play(self, now: float) -> None:
         if self._lockstep:

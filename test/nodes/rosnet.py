@@ -25,7 +25,7 @@ from saddlering_ros.nodes.progress import PROGRESS_TOPIC
 OUTPUTS = ('/ring/displacement', '/ring/simulated_displacement', '/ring/residual')
 
 
-def wait_until(condition: Callable[[], bool], seconds: float = 20.0, what: str = '') -> None:
+def wait_until(condition: Callable[[], bool], seconds: float = 60.0, what: str = '') -> None:
     """Poll `condition`; fail with `what` if it does not come true."""
     deadline = time.monotonic() + seconds
     while not condition():
@@ -92,7 +92,7 @@ class Client:
                 and all(said[name].subscriptions[0] >= 2 for name in names[:2])
                 and min(said['ring_residual'].publishers) >= 1)
 
-    def call(self, kind: Any, name: str, request: Any = None, seconds: float = 20.0) -> Any:
+    def call(self, kind: Any, name: str, request: Any = None, seconds: float = 60.0) -> Any:
         """Call a service and return its response."""
         with self.lock:
             client = self.node.create_client(kind, name)

@@ -21,10 +21,10 @@ pytestmark = pytest.mark.ros
 def start(group: NodeGroup, heard: Client, driver: Driver) -> None:
     for name in RING_NODES:
         group.start(name)
-    wait_until(lambda: driver.matched(2) and heard.ring_nodes_matched(), 30.0, 'all are matched')
+    wait_until(lambda: driver.matched(2) and heard.ring_nodes_matched(), 80.0, 'all are matched')
 
 
-def settle(heard: Client, seconds: float = 0.4) -> None:
+def settle(heard: Client, seconds: float = 1.5) -> None:
     """Wait until no more residuals come."""
     count = -1
     while count != len(heard.raw['/ring/residual']):

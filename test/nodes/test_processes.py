@@ -64,12 +64,12 @@ def test_a_signal_ends_every_node_with_status_0(
     with start_nodes(bag, domain_id=ros_domain, log_folder=tmp_path / 'log', exit_at_end=False,
                      nodes=('ring_displacement', 'ring_simulator', 'ring_identification'),
                      ) as group:
-        wait_until(lambda: 'playing' in group.processes['replay_clock'].said(), 40.0)
-        wait_until(lambda: 'serves' in group.processes['ring_identification'].said(), 40.0)
+        wait_until(lambda: 'playing' in group.processes['replay_clock'].said(), 80.0)
+        wait_until(lambda: 'serves' in group.processes['ring_identification'].said(), 80.0)
         time.sleep(0.3)
         for node in group.processes.values():
             os.kill(node.process.pid, number)
-        wait_until(lambda: not any(node.running for node in group.processes.values()), 10.0)
+        wait_until(lambda: not any(node.running for node in group.processes.values()), 30.0)
         assert {name: node.process.returncode for name, node in group.processes.items()} == \
             dict.fromkeys(group.processes, 0)
 
@@ -97,7 +97,7 @@ def test_after_kill_9_of_all_nodes_the_next_start_replays_the_bag(
         bag: Path, ros_domain: int, tmp_path: Path) -> None:
     with start_nodes(bag, domain_id=ros_domain, log_folder=tmp_path / 'a',
                      exit_at_end=False) as group:
-        wait_until(lambda: 'playing' in group.processes['replay_clock'].said(), 40.0)
+        wait_until(lambda: 'playing' in group.processes['replay_clock'].said(), 80.0)
         for node in group.processes.values():
             node.process.kill()
     with start_nodes(bag, domain_id=ros_domain, log_folder=tmp_path / 'b') as group:

@@ -150,8 +150,9 @@ def test_a_zero_asked_for_restarts_the_simulation_at_that_load(record) -> None:
 
 def pair(stamps, value: float, zero: int = 5, zero_load: float = 100.0) -> wire.Displacements:
     stamps = np.asarray(stamps, np.int64)
-    return wire.Displacements(stamps, np.full((4, len(stamps)), value) + stamps * 1e-12,
-                              np.full(len(stamps), zero, np.int64), np.full(len(stamps), zero_load))
+    channels = np.full((4, len(stamps)), value) + stamps * 1e-12
+    return wire.Displacements(stamps, channels, np.full(len(stamps), zero, np.int64),
+                              np.full(len(stamps), zero_load))
 
 
 def test_only_equal_stamps_are_subtracted_whatever_the_order_of_arrival() -> None:
