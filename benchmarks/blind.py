@@ -1,9 +1,10 @@
-"""Blind trials: a process of its own draws and seals, the diagnosis sees bags, then the seal opens.
+"""Blind trials: another process draws and seals, the diagnosis sees bags, then the seal opens.
 
 python benchmarks/blind.py [--clean N] [--single N] [--pair N] [--outside N] [--seed S] prints one
 line per trial and the table of rates; --json FILE keeps every trial.
 """
 
+# ruff: noqa: E402
 from __future__ import annotations
 
 import os
@@ -73,9 +74,21 @@ def trial(kind: str, seed: int, extra: tuple[str, ...] = ()) -> Trial:
     folder = Path(tempfile.mkdtemp(prefix='blind_'))
     try:
         drawn = subprocess.run(
-            [sys.executable, '-m', 'saddlering_ros.virtual_rig.blind', '--seed', str(seed),
-             '--kind', kind, '--out', str(folder / 'rig'), *extra],
-            check=True, capture_output=True, text=True,
+            [
+                sys.executable,
+                '-m',
+                'saddlering_ros.virtual_rig.blind',
+                '--seed',
+                str(seed),
+                '--kind',
+                kind,
+                '--out',
+                str(folder / 'rig'),
+                *extra,
+            ],
+            check=True,
+            capture_output=True,
+            text=True,
         )
         told = json.loads(drawn.stdout.strip().splitlines()[-1])
         answer = diagnose_bags(told['bags'], seed=seed).to_json()
@@ -88,8 +101,9 @@ def trial(kind: str, seed: int, extra: tuple[str, ...] = ()) -> Trial:
     verdict = answer['verdict']
     counted, found = score(kind, names, verdict, groups)
     estimates = [{cause['effect']: cause['parameters'], 'gain': cause['gain']} for cause in causes]
-    return Trial(kind, seed, truth['effects'], verdict, groups, counted, found, estimates,
-                 answer['seconds'])
+    return Trial(
+        kind, seed, truth['effects'], verdict, groups, counted, found, estimates, answer['seconds']
+    )
 
 
 def table(trials: list[Trial]) -> str:
@@ -109,8 +123,9 @@ def table(trials: list[Trial]) -> str:
         lines.append(f'  {name}: ' + ', '.join(f'{key} {n}' for key, n in counts.most_common()))
     if trials:
         times = sorted(item.seconds for item in trials)
-        lines.append(f'seconds per verdict: median {times[len(times) // 2]:.0f}, '
-                     f'longest {times[-1]:.0f}')
+        lines.append(
+            f'seconds per verdict: median {times[len(times) // 2]:.0f}, longest {times[-1]:.0f}'
+        )
     return '\n'.join(lines)
 
 
@@ -127,8 +142,11 @@ def main() -> int:
             done = trial(kind, args.seed + number, tuple(extra))
             trials.append(done)
             hidden = [(item['effect'], item['form'], item['parameters']) for item in done.hidden]
-            print(f'{kind} {done.seed}: {done.score}: {hidden} -> {done.verdict} {done.groups} '
-                  f'{done.seconds:.0f} s', flush=True)
+            print(
+                f'{kind} {done.seed}: {done.score}: {hidden} -> {done.verdict} {done.groups} '
+                f'{done.seconds:.0f} s',
+                flush=True,
+            )
             if args.json:
                 args.json.write_text(json.dumps([asdict(item) for item in trials], indent=1))
     print(table(trials))

@@ -9,7 +9,7 @@ import argparse
 
 import numpy as np
 
-from saddlering_ros.discrepancy import Effect, Parameter, Point, RestSegment, Run, diagnose
+from saddlering_ros.discrepancy import diagnose, Effect, Parameter, Point, RestSegment, Run
 
 STEP = 0.02
 

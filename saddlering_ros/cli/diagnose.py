@@ -11,8 +11,13 @@ def add_parser(subparsers: Any) -> None:
     """Declare the subcommand."""
     parser = subparsers.add_parser('diagnose', help='show and name what the simulation gets wrong')
     parser.add_argument('bags', nargs='+', metavar='BAG', help='runs to explain')
-    parser.add_argument('--hold-out', nargs='+', default=[], metavar='BAG',
-                        help='runs kept sealed, on which the gain is measured')
+    parser.add_argument(
+        '--hold-out',
+        nargs='+',
+        default=[],
+        metavar='BAG',
+        help='runs kept sealed, on which the gain is measured',
+    )
     parser.add_argument('--rig', type=Path, help='rig file (default: the shipped rig)')
     parser.add_argument('--params', type=Path, help='parameter file to start from')
     parser.add_argument('--json', metavar='FILE', help='write the verdict as JSON; - for stdout')
@@ -32,8 +37,12 @@ def run(args: argparse.Namespace) -> int:
 
     from saddlering_ros.diagnosis import diagnose_bags
     from saddlering_ros.diagnosis.summary import verdict_text
-    from saddlering_ros.rig import load_rig, read_parameters, write_parameters
-    from saddlering_ros.rig import write_text_atomically
+    from saddlering_ros.rig import (
+        load_rig,
+        read_parameters,
+        write_parameters,
+        write_text_atomically,
+    )
 
     rig = load_rig(args.rig)
     parameters = None if args.params is None else read_parameters(args.params)

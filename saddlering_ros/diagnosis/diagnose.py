@@ -11,17 +11,26 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from saddlering_ros.bags import TestRun, read_run
+from saddlering_ros.bags import read_run, TestRun
 from saddlering_ros.diagnosis.proposals import GENERAL_ADVICE, propose
 from saddlering_ros.diagnosis.records import (
-    Array, build_record, check_set, DiagnosisError, Record,
+    Array,
+    build_record,
+    check_set,
+    DiagnosisError,
+    Record,
 )
 from saddlering_ros.diagnosis.ring_system import RingSystem
 from saddlering_ros.discrepancy import Cause, diagnose, Diagnosis, Settings
 from saddlering_ros.discrepancy.engine import Evidence
 from saddlering_ros.discrepancy.lack_of_fit import ShapeTest
 from saddlering_ros.rig import (
-    CHANNELS, ContactParameters, ParameterSet, ParameterSource, probes_to_displacement, Rig,
+    CHANNELS,
+    ContactParameters,
+    ParameterSet,
+    ParameterSource,
+    probes_to_displacement,
+    Rig,
 )
 
 __all__ = ['DiagnosisError', 'Verdict', 'diagnose_bags', 'diagnose_runs']
@@ -66,15 +75,25 @@ class Verdict:
         """Contact parameters after the diagnosis, with the effects found."""
         found = self.diagnosis
         values = np.array([estimate.value for estimate in found.base_after.values()])
-        effects = {
-            cause.effect.id: {name: item.value for name, item in cause.estimates.items()}
-            for cause in found.causes
-        } if found.verdict in ('named', 'ambiguous') else {}
-        bags = tuple(str(figures.record.test_run.path) for figures in self.runs
-                     if not figures.record.run.held_out)
+        effects = (
+            {
+                cause.effect.id: {name: item.value for name, item in cause.estimates.items()}
+                for cause in found.causes
+            }
+            if found.verdict in ('named', 'ambiguous')
+            else {}
+        )
+        bags = tuple(
+            str(figures.record.test_run.path)
+            for figures in self.runs
+            if not figures.record.run.held_out
+        )
         source = ParameterSource(
-            method='diagnose', bags=bags, objective=float(found.after.misfit),
-            covariance=found.base_covariance, note=f'verdict {found.verdict}, seed {self.seed}',
+            method='diagnose',
+            bags=bags,
+            objective=float(found.after.misfit),
+            covariance=found.base_covariance,
+            note=f'verdict {found.verdict}, seed {self.seed}',
         )
         return ParameterSet(ContactParameters.from_array(values), effects, source)
 
@@ -94,18 +113,29 @@ class Verdict:
             },
             'next_test': self.next_test,
             'detection_limits': [
-                {'effect': item.effect, 'limit': item.limit, 'material_limit': item.material_limit,
-                 'unit': item.unit, 'share': item.share, 'testable': item.testable}
+                {
+                    'effect': item.effect,
+                    'limit': item.limit,
+                    'material_limit': item.material_limit,
+                    'unit': item.unit,
+                    'share': item.share,
+                    'testable': item.testable,
+                }
                 for item in found.detectability
             ],
             'immaterial': [_evidence_json(item) for item in found.immaterial],
             'unexplained': [_shape_json(item) for item in found.shapes_after[:8]],
             'candidates': [_candidate_json(item) for item in found.evidence],
-            'shapes': {'before': [_shape_json(item) for item in found.shapes_before],
-                       'after': [_shape_json(item) for item in found.shapes_after]},
+            'shapes': {
+                'before': [_shape_json(item) for item in found.shapes_before],
+                'after': [_shape_json(item) for item in found.shapes_after],
+            },
             'signature_cosines': _cosines(found),
-            'gain': {'fit': found.total_gain.fit, 'held_out': found.total_gain.held_out,
-                     'how': found.total_gain.how},
+            'gain': {
+                'fit': found.total_gain.fit,
+                'held_out': found.total_gain.held_out,
+                'how': found.total_gain.how,
+            },
             'notes': list(self.notes),
             'seed': self.seed,
             'seconds': found.seconds,
@@ -120,32 +150,44 @@ class Verdict:
         causes = [_cause_json(cause) for cause in found.causes]
         if found.verdict != 'unknown':
             return causes
-        shapes = [shape for shape in found.shapes_after if shape.p_value < 0.01
-                  and shape.visible >= 1e-3]
-        described = [
-            {'shape': describe(shape), **_shape_json(shape)} for shape in shapes[:4]
+        shapes = [
+            shape for shape in found.shapes_after if shape.p_value < 0.01 and shape.visible >= 1e-3
         ]
+        described = [{'shape': describe(shape), **_shape_json(shape)} for shape in shapes[:4]]
         return [*described, *({**cause, 'partial': True} for cause in causes)]
 
 
 def diagnose_bags(
-    bags: Sequence[Path | str], hold_out: Sequence[Path | str] = (), rig: Rig | None = None,
-    parameters: ParameterSet | None = None, on_progress: Callable[[str, float], None] | None = None,
-    is_cancelled: Callable[[], bool] | None = None, seed: int = 0,
+    bags: Sequence[Path | str],
+    hold_out: Sequence[Path | str] = (),
+    rig: Rig | None = None,
+    parameters: ParameterSet | None = None,
+    on_progress: Callable[[str, float], None] | None = None,
+    is_cancelled: Callable[[], bool] | None = None,
+    seed: int = 0,
 ) -> Verdict:
     """What the simulation gets wrong in `bags`, judged on `hold_out` where given."""
     if not bags:
         raise DiagnosisError('no bags to diagnose: give at least one')
     return diagnose_runs(
-        [read_run(bag) for bag in bags], [read_run(bag) for bag in hold_out], rig, parameters,
-        on_progress, is_cancelled, seed,
+        [read_run(bag) for bag in bags],
+        [read_run(bag) for bag in hold_out],
+        rig,
+        parameters,
+        on_progress,
+        is_cancelled,
+        seed,
     )
 
 
 def diagnose_runs(
-    runs: Sequence[TestRun], hold_out: Sequence[TestRun] = (), rig: Rig | None = None,
-    parameters: ParameterSet | None = None, on_progress: Callable[[str, float], None] | None = None,
-    is_cancelled: Callable[[], bool] | None = None, seed: int = 0,
+    runs: Sequence[TestRun],
+    hold_out: Sequence[TestRun] = (),
+    rig: Rig | None = None,
+    parameters: ParameterSet | None = None,
+    on_progress: Callable[[str, float], None] | None = None,
+    is_cancelled: Callable[[], bool] | None = None,
+    seed: int = 0,
     settings: Settings | None = None,
 ) -> Verdict:
     """The same for runs that have been read."""
@@ -159,13 +201,18 @@ def diagnose_runs(
     records = _named_apart(records)
     start = None
     if parameters is not None:
-        start = dict(zip(ContactParameters.__dataclass_fields__, parameters.contact.to_array(),
-                         strict=True))
+        start = dict(
+            zip(ContactParameters.__dataclass_fields__, parameters.contact.to_array(), strict=True)
+        )
     system = RingSystem(rig)
     found = diagnose(
-        system, [record.run for record in records], settings or Settings(seed=seed), start=start,
+        system,
+        [record.run for record in records],
+        settings or Settings(seed=seed),
+        start=start,
         proposals=propose(rig, [record.run for record in records if not record.run.held_out]),
-        on_progress=on_progress, is_cancelled=is_cancelled,
+        on_progress=on_progress,
+        is_cancelled=is_cancelled,
     )
     figures = tuple(
         _figures(rig, found, record, residual.before, residual.after)
@@ -218,8 +265,11 @@ def _noise_floor(found: Diagnosis, name: str, width: Array, weights: Array) -> f
     fitted = name if (name, 0) in known else next(iter(known))[0]
     typical = float(np.median(width))
     power = sum(
-        float(weight) ** 2 * (known[fitted, channel].deviation(typical) ** 2
-                              + known[fitted, channel].deviation(0.5) ** 2)
+        float(weight) ** 2
+        * (
+            known[fitted, channel].deviation(typical) ** 2
+            + known[fitted, channel].deviation(0.5) ** 2
+        )
         for channel, weight in enumerate(weights)
     )
     return math.sqrt(power)
@@ -271,32 +321,46 @@ LEAST_COSINE = 0.3
 def _cosines(found: Diagnosis) -> dict[str, dict[str, float]]:
     """Every signature with those that look like it: 1 means that these data cannot tell them."""
     return {
-        label: {other: round(float(value), 3)
-                for other, value in zip(found.angle_labels, row, strict=True)
-                if other != label and value >= LEAST_COSINE}
+        label: {
+            other: round(float(value), 3)
+            for other, value in zip(found.angle_labels, row, strict=True)
+            if other != label and value >= LEAST_COSINE
+        }
         for label, row in zip(found.angle_labels, found.angles, strict=True)
     }
 
 
 def _candidate_json(item: Evidence) -> dict[str, Any]:
-    return {**_evidence_json(item), 'step': item.step, 'delta_bic': item.delta_bic,
-            'misfit': item.misfit,
-            'parameters': {effect: dict(values) for effect, values in item.values.items()}}
+    return {
+        **_evidence_json(item),
+        'step': item.step,
+        'delta_bic': item.delta_bic,
+        'misfit': item.misfit,
+        'parameters': {effect: dict(values) for effect, values in item.values.items()},
+    }
 
 
 def _shape_json(item: ShapeTest) -> dict[str, Any]:
-    return {'channel': item.view, 'coordinate': item.coordinate, 'p_value': item.p_value,
-            'share_of_range': item.visible}
+    return {
+        'channel': item.view,
+        'coordinate': item.coordinate,
+        'p_value': item.p_value,
+        'share_of_range': item.visible,
+    }
 
 
 def describe(shape: ShapeTest) -> str:
     """One sentence on a shape that is left."""
     words = {
-        'load': 'follows the load', 'direction': 'changes sign with the direction of the load',
-        'rate': 'follows the rate of the load', 'time': 'follows time',
+        'load': 'follows the load',
+        'direction': 'changes sign with the direction of the load',
+        'rate': 'follows the rate of the load',
+        'time': 'follows time',
     }
-    return (f'{shape.view}: {words.get(shape.coordinate, shape.coordinate)}, rms '
-            f'{100 * shape.visible:.2f} % of range')
+    return (
+        f'{shape.view}: {words.get(shape.coordinate, shape.coordinate)}, rms '
+        f'{100 * shape.visible:.2f} % of range'
+    )
 
 
 def _advice(found: Diagnosis) -> str:

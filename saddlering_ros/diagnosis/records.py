@@ -1,4 +1,4 @@
-"""From a test's bag to an engine's run: block means of four probes, load grid, stretches at rest."""
+"""From a test to an engine's run: block means of four probes, load grid, stretches at rest."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from saddlering_ros.bags import MeasuredRun, TestRun, displacement_of_run, plateaus
+from saddlering_ros.bags import displacement_of_run, MeasuredRun, plateaus, TestRun
 from saddlering_ros.discrepancy import RestSegment, Run
 from saddlering_ros.errors import SaddleringError
 from saddlering_ros.rig import Rig
@@ -80,7 +80,12 @@ def build_record(rig: Rig, test_run: TestRun, *, held_out: bool) -> Record:
 
 
 def _static(
-    rig: Rig, test_run: TestRun, measured: MeasuredRun, time: Array, load: Array, probes: Array,
+    rig: Rig,
+    test_run: TestRun,
+    measured: MeasuredRun,
+    time: Array,
+    load: Array,
+    probes: Array,
     held_out: bool,
 ) -> Run:
     found = plateaus(test_run)
@@ -110,15 +115,35 @@ def _static(
         if settled.size >= 8:
             rest.append(RestSegment(probes[:, settled], step, f'{int(found.branch[number])}'))
     grid = LoadGrid(
-        test_run.elevation, grid_time, grid_load, measured.zero.load,
-        np.array(first), np.array(last), STATIC_GRID,
+        test_run.elevation,
+        grid_time,
+        grid_load,
+        measured.zero.load,
+        np.array(first),
+        np.array(last),
+        STATIC_GRID,
     )
-    return _run(rig, test_run, grid, np.array(centre), np.array(width), np.array(values).T,
-                tuple(rest), held_out, np.array(hold), np.array(branch))
+    return _run(
+        rig,
+        test_run,
+        grid,
+        np.array(centre),
+        np.array(width),
+        np.array(values).T,
+        tuple(rest),
+        held_out,
+        np.array(hold),
+        np.array(branch),
+    )
 
 
 def _dynamic(
-    rig: Rig, test_run: TestRun, measured: MeasuredRun, time: Array, load: Array, probes: Array,
+    rig: Rig,
+    test_run: TestRun,
+    measured: MeasuredRun,
+    time: Array,
+    load: Array,
+    probes: Array,
     held_out: bool,
 ) -> Run:
     step = float(np.median(np.diff(time)))
@@ -134,7 +159,7 @@ def _dynamic(
     starts, stops = starts[kept], stops[kept]
     centre = np.array([time[a:b].mean() for a, b in zip(starts, stops, strict=True)])
     values = np.array([probes[:, a:b].mean(axis=1) for a, b in zip(starts, stops, strict=True)]).T
-    width = (stops - starts) * step
+    width = np.asarray((stops - starts) * step, dtype=np.float64)
     hold = np.arange(centre.size, dtype=float)
     rests = _rests(rig, time, load)
     # After a ramp the ring still creeps home, which is no noise: use what was before it, if any.
@@ -143,8 +168,13 @@ def _dynamic(
     for begin, end in rests:
         hold[(centre >= time[begin]) & (centre <= time[end - 1])] = -float(begin) - 1.0
     grid = LoadGrid(
-        test_run.elevation, grid_time, grid_load, measured.zero.load,
-        place[starts], place[stops - 1] + 1, min(DYNAMIC_STEP, fine),
+        test_run.elevation,
+        grid_time,
+        grid_load,
+        measured.zero.load,
+        place[starts],
+        place[stops - 1] + 1,
+        min(DYNAMIC_STEP, fine),
     )
     return _run(rig, test_run, grid, centre, width, values, tuple(rest), held_out, hold, None)
 
@@ -152,7 +182,7 @@ def _dynamic(
 def _binned(time: Array, load: Array, edges: Array) -> tuple[Array, Array, NDArray[np.int64]]:
     """Mean time and load of each bin that holds samples; the bin's number of every sample."""
     number = np.clip(np.searchsorted(edges, time, side='right') - 1, 0, edges.size)
-    filled, place = np.unique(number, return_inverse=True)
+    _, place = np.unique(number, return_inverse=True)
     count = np.bincount(place).astype(float)
     mean_time = np.bincount(place, time) / count
     mean_load = np.bincount(place, load) / count
@@ -168,7 +198,7 @@ def _rests(rig: Rig, time: Array, load: Array) -> list[tuple[int, int]]:
     level = load[:usable].reshape(-1, count).mean(axis=1)
     found, start = [], 0
     for index in range(1, level.size + 1):
-        if index < level.size and abs(level[index] - level[start: index].mean()) < band:
+        if index < level.size and abs(level[index] - level[start:index].mean()) < band:
             continue
         begin, end = start * count, index * count
         settle = 0 if start == 0 else min(round(0.5 / step), (end - begin) // 2)
@@ -180,11 +210,21 @@ def _rests(rig: Rig, time: Array, load: Array) -> list[tuple[int, int]]:
 
 
 def _run(
-    rig: Rig, test_run: TestRun, grid: LoadGrid, centre: Array, width: Array, values: Array,
-    rest: tuple[RestSegment, ...], held_out: bool, hold: Array, branch: Array | None,
+    rig: Rig,
+    test_run: TestRun,
+    grid: LoadGrid,
+    centre: Array,
+    width: Array,
+    values: Array,
+    rest: tuple[RestSegment, ...],
+    held_out: bool,
+    hold: Array,
+    branch: Array | None,
 ) -> Run:
     load = grid.block_means(grid.load)
-    direction = _direction(load, 0.01 * rig.full_scale_load) if branch is None else _carried(branch)
+    direction = (
+        _direction(load, 0.01 * rig.full_scale_load) if branch is None else _carried(branch)
+    )
     inputs = {'load': load, 'direction': direction, 'hold': hold}
     if test_run.test != 'static':
         rate = np.gradient(load, centre)
@@ -233,17 +273,25 @@ def check_set(records: Sequence[Record]) -> list[str]:
     if tests == {'dynamic'}:
         notes.append('dynamic runs only: slow effects and loops are told from damping poorly')
     if len(elevations) == 1:
-        notes.append(f'one elevation only ({elevations[0]:g} deg): load gain, elevation error, '
-                     'moment arm and compliances are hard to tell apart')
+        notes.append(
+            f'one elevation only ({elevations[0]:g} deg): load gain, elevation error, '
+            'moment arm and compliances are hard to tell apart'
+        )
     if len(rigs) > 1:
-        notes.append(f'bags from different rigs ({", ".join(rigs)}): taken as one rig; '
-                     'diagnose them apart if they are not')
+        notes.append(
+            f'bags from different rigs ({", ".join(rigs)}): taken as one rig; '
+            'diagnose them apart if they are not'
+        )
     for record in fitted:
         peak = float(np.max(record.measured.load))
         if peak < 0.5 * 25 * 9806.65:
-            notes.append(f'{record.run.name}: peak load {peak / 1e3:.0f} kN is under half of full '
-                         'scale: thresholds above it cannot show')
+            notes.append(
+                f'{record.run.name}: peak load {peak / 1e3:.0f} kN is under half of full '
+                'scale: thresholds above it cannot show'
+            )
         if float(np.ptp(record.run.time)) < 5.0:
-            notes.append(f'{record.run.name}: {np.ptp(record.run.time):.1f} s long: effects slower '
-                         'than this cannot show')
+            notes.append(
+                f'{record.run.name}: {np.ptp(record.run.time):.1f} s long: effects slower '
+                'than this cannot show'
+            )
     return notes

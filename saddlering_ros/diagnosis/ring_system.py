@@ -14,7 +14,7 @@ from saddlering_ros.diagnosis.records import LoadGrid
 from saddlering_ros.diagnosis.scatter import compressed, scatter_columns
 from saddlering_ros.discrepancy import Effect, Parameter, Point, Run
 from saddlering_ros.effects.extension import NO_EXTENSION, RingExtension
-from saddlering_ros.rig import PARAMETER_NAMES, PARAMETER_UNITS, TRUE_TO_SCALE, Rig
+from saddlering_ros.rig import PARAMETER_NAMES, PARAMETER_UNITS, Rig, TRUE_TO_SCALE
 from saddlering_ros.ring.simulator import probe_batch
 
 Array = NDArray[np.float64]
@@ -32,13 +32,18 @@ class RingSystem:
     @cached_property
     def base_parameters(self) -> tuple[Parameter, ...]:
         starts = dict(zip(PARAMETER_NAMES, TRUE_TO_SCALE.to_array(), strict=True))
-        units = PARAMETER_UNITS if isinstance(PARAMETER_UNITS, Mapping) else dict(
-            zip(PARAMETER_NAMES, PARAMETER_UNITS, strict=True)
+        units = (
+            PARAMETER_UNITS
+            if isinstance(PARAMETER_UNITS, Mapping)
+            else dict(zip(PARAMETER_NAMES, PARAMETER_UNITS, strict=True))
         )
         return tuple(
             Parameter(
-                name, *self.rig.bounds[name], start=float(starts[name]),
-                scale='linear' if name.startswith('n') else 'log', unit=units[name],
+                name,
+                *self.rig.bounds[name],
+                start=float(starts[name]),
+                scale='linear' if name.startswith('n') else 'log',
+                unit=units[name],
             )
             for name in PARAMETER_NAMES
         )
@@ -46,7 +51,8 @@ class RingSystem:
     @cached_property
     def effects(self) -> tuple[Effect, ...]:
         return tuple(
-            engine_effect(effect) for name, effect in catalogue_of_effects.catalogue().items()
+            engine_effect(effect)
+            for name, effect in catalogue_of_effects.catalogue().items()
             if name not in self.skip
         )
 
@@ -64,7 +70,12 @@ class RingSystem:
         grid: LoadGrid = run.payload
         candidates = [(point.base, self.extension(point)) for point in points]
         simulated = probe_batch(
-            self.rig, candidates, grid.elevation, grid.time, grid.load, grid.zero_load,
+            self.rig,
+            candidates,
+            grid.elevation,
+            grid.time,
+            grid.load,
+            grid.zero_load,
             max_step=grid.max_step,
         )
         means = grid.block_means(np.nan_to_num(simulated, nan=1e-3, posinf=1e-3, neginf=-1e-3))
@@ -79,7 +90,7 @@ class RingSystem:
         joined = compressed(np.concatenate([part.reshape(-1, part.shape[-1]) for part in parts]))
         answer, start = [], 0
         for run in runs:
-            block = joined[start: start + run.channels.size]
+            block = joined[start : start + run.channels.size]
             answer.append(block.reshape(*run.channels.shape, -1))
             start += run.channels.size
         return answer
@@ -96,17 +107,26 @@ def engine_effect(effect: catalogue_of_effects.Effect) -> Effect:
     ordered = sorted(effect.parameters, key=lambda item: not item.amplitude)
     parameters = tuple(
         Parameter(
-            item.name, item.low, item.high, start=item.start, unit=item.unit,
+            item.name,
+            item.low,
+            item.high,
+            start=item.start,
+            unit=item.unit,
             scale='log' if item.logarithmic else 'linear',
-            step=2e-3 if item.logarithmic else float(
-                np.clip(0.03 * abs(item.scale) / (item.high - item.low), 1e-6, 0.02)
-            ),
+            step=2e-3
+            if item.logarithmic
+            else float(np.clip(0.03 * abs(item.scale) / (item.high - item.low), 1e-6, 0.02)),
         )
         for item in ordered
     )
     return Effect(
-        effect.id, parameters, tuple(dict(variant.values) for variant in effect.variants),
-        _starts(effect), effect.title, effect.settled_by, ordered[0].neutral,
+        effect.id,
+        parameters,
+        tuple(dict(variant.values) for variant in effect.variants),
+        _starts(effect),
+        effect.title,
+        effect.settled_by,
+        ordered[0].neutral,
     )
 
 
@@ -125,7 +145,11 @@ def _starts(effect: catalogue_of_effects.Effect) -> tuple[dict[str, float], ...]
             starts.append({size.name: 0.2 * sizes[1], **usual, item.name: item.scale})
         elif item.logarithmic and not effect.starts:
             starts += [
-                {size.name: sizes[1], **usual, item.name: item.low * (item.high / item.low) ** share}
+                {
+                    size.name: sizes[1],
+                    **usual,
+                    item.name: item.low * (item.high / item.low) ** share,
+                }
                 for share in (0.15, 0.85)
             ]
     return tuple(starts)

@@ -1,9 +1,10 @@
 """What unequal rollers of a sound ring do to its displacement: no cause, but to be allowed for.
 
 Every roller's gap and stiffness differ a little. To first order a gap change g_i moves the ring by
-S^-1 k_i v_i g_i and a stiffness change e_i by -S^-1 F_i v_i e_i, with v_i the roller's penetration by
-(delta_x, delta_y, gamma), k_i its tangent stiffness and S the sum of k_i v_i v_i'. Both are averaged
-over the scatter itself, since a roller about to touch is neither in contact nor out of it.
+S^-1 k_i v_i g_i and a stiffness change e_i by -S^-1 F_i v_i e_i, with v_i the roller's
+penetration by (delta_x, delta_y, gamma), k_i its tangent stiffness and S the sum of k_i v_i
+v_i'. Both are averaged over the scatter itself, since a roller about to touch is neither in
+contact nor out of it.
 """
 
 from __future__ import annotations
@@ -70,11 +71,16 @@ def _columns_at(rig: Rig, contact: Array, q: Array) -> Array:
     plain = stiffness * np.maximum(depth, 0.0) ** exponent
     system = (directions * tangent) @ directions.T
     system += 1e-9 * np.trace(system) * np.diag([1.0, 1.0, axial.pitch_radius**2])
-    answer = np.linalg.solve(system, np.hstack([
-        directions * (tangent * GAP_SCATTER),
-        -directions * (force * STIFFNESS_SCATTER),
-        -(directions @ (force - plain))[:, None],
-    ]))
+    answer = np.linalg.solve(
+        system,
+        np.hstack(
+            [
+                directions * (tangent * GAP_SCATTER),
+                -directions * (force * STIFFNESS_SCATTER),
+                -(directions @ (force - plain))[:, None],
+            ]
+        ),
+    )
     return np.asarray(answer)
 
 

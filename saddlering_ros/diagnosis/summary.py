@@ -16,21 +16,27 @@ def verdict_text(verdict: Verdict) -> str:
         lines += _cause_lines(cause)
     if found.verdict == 'unknown':
         lines.append('Something is wrong that the catalogue does not explain:')
-        lines += [f'  {describe(item)}' for item in found.shapes_after[:4]
-                  if item.p_value < 0.01 and item.visible >= 1e-3]
+        lines += [
+            f'  {describe(item)}'
+            for item in found.shapes_after[:4]
+            if item.p_value < 0.01 and item.visible >= 1e-3
+        ]
     lines += ['', 'misfit, % of range (before / after / noise):']
     for figures in verdict.runs:
         parts = [
             f'{name} {100 * item.nrmse_before:.2f}/{100 * item.nrmse_after:.2f}/'
-            f'{100 * item.noise_floor:.2f}' for name, item in figures.channels.items()
+            f'{100 * item.noise_floor:.2f}'
+            for name, item in figures.channels.items()
         ]
         sealed = ' (held out)' if figures.record.run.held_out else ''
         lines.append(f'  {figures.record.run.name}{sealed}: ' + ', '.join(parts))
     lines += ['', 'contact parameters (before -> after):']
     for name, after in found.base_after.items():
         before = found.base_before[name]
-        lines.append(f'  {name}: {before.value:.4g} -> {after.value:.4g} '
-                     f'+/- {after.std:.2g} {after.unit}'.rstrip())
+        lines.append(
+            f'  {name}: {before.value:.4g} -> {after.value:.4g} '
+            f'+/- {after.std:.2g} {after.unit}'.rstrip()
+        )
     if verdict.next_test:
         lines += ['', f'next test: {verdict.next_test}']
     lines += [f'note: {note}' for note in verdict.notes]
@@ -40,12 +46,20 @@ def verdict_text(verdict: Verdict) -> str:
 def _cause_lines(cause: Cause) -> list[str]:
     values = ', '.join(
         f'{name} {item.value:.4g} +/- {item.std:.2g} {item.unit}'.rstrip()
-        if item.std else f'{name} {item.value:g}' for name, item in cause.estimates.items()
+        if item.std
+        else f'{name} {item.value:g}'
+        for name, item in cause.estimates.items()
     )
-    kept = '' if cause.gain.held_out is None else (
-        f', {100 * cause.gain.held_out:.0f} % on runs {cause.gain.how}')
-    lines = [f'  {cause.effect.id}: {cause.effect.title}', f'    {values}',
-             f'    gain {100 * cause.gain.fit:.0f} % on runs fitted{kept}; p {cause.p_value:.1e}']
+    kept = (
+        ''
+        if cause.gain.held_out is None
+        else (f', {100 * cause.gain.held_out:.0f} % on runs {cause.gain.how}')
+    )
+    lines = [
+        f'  {cause.effect.id}: {cause.effect.title}',
+        f'    {values}',
+        f'    gain {100 * cause.gain.fit:.0f} % on runs fitted{kept}; p {cause.p_value:.1e}',
+    ]
     if len(cause.group) > 1:
         lines.append(f'    these data cannot tell it from: {", ".join(cause.group[1:])}')
     return lines

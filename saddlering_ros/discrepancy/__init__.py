@@ -4,16 +4,39 @@ Knows simulators, base parameters, effects and runs; nothing of rings. `diagnose
 """
 
 from saddlering_ros.discrepancy.engine import (
-    Cancelled, Cause, Diagnosis, Estimate, Settings, diagnose,
+    Cancelled,
+    Cause,
+    diagnose,
+    Diagnosis,
+    Estimate,
+    Settings,
 )
 from saddlering_ros.discrepancy.likelihood import Allowance
 from saddlering_ros.discrepancy.next_test import Proposal
 from saddlering_ros.discrepancy.system import (
-    DiscrepancyError, Effect, Parameter, Point, RestSegment, Run, System,
+    DiscrepancyError,
+    Effect,
+    Parameter,
+    Point,
+    RestSegment,
+    Run,
+    System,
 )
 
 __all__ = [
-    'Allowance', 'Cancelled', 'Cause', 'Diagnosis', 'DiscrepancyError', 'Effect', 'Estimate',
-    'Parameter', 'Point', 'Proposal', 'RestSegment', 'Run', 'Settings', 'System',
+    'Allowance',
+    'Cancelled',
+    'Cause',
+    'Diagnosis',
+    'DiscrepancyError',
+    'Effect',
+    'Estimate',
+    'Parameter',
+    'Point',
+    'Proposal',
+    'RestSegment',
+    'Run',
+    'Settings',
+    'System',
     'diagnose',
 ]

@@ -1,4 +1,4 @@
-"""The diagnosis itself, step by step: fit, learn noise, screen, refit, gate, doubt, measure the gain.
+"""The diagnosis itself, step by step: fit, noise, screen, refit, gate, doubt, gain.
 
 Of any simulator that follows `System` it says where measurement and simulation part, which cause
 explains it, what it cannot tell apart, and what is left that no known cause explains.
@@ -6,30 +6,52 @@ explains it, what it cannot tell apart, and what is left that no known cause exp
 
 from __future__ import annotations
 
-import time as clock
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+import time as clock
 from typing import Literal
 
 import numpy as np
 from scipy.stats import f as fisher
 
-from saddlering_ros.discrepancy.gain import Gain, fitted_gain, held_out_gain, left_out_gain
+from saddlering_ros.discrepancy.gain import fitted_gain, Gain, held_out_gain, left_out_gain
 from saddlering_ros.discrepancy.lack_of_fit import Battery, ShapeTest, Structure
 from saddlering_ros.discrepancy.likelihood import (
-    Allowance, Likelihood, allowance_columns, build_likelihood, disturbance_columns, offset_columns,
+    Allowance,
+    allowance_columns,
+    build_likelihood,
+    disturbance_columns,
+    Likelihood,
+    offset_columns,
     view_ranges,
 )
-from saddlering_ros.discrepancy.next_test import Proposal, choose_next
+from saddlering_ros.discrepancy.next_test import choose_next, Proposal
 from saddlering_ros.discrepancy.refit import (
-    Candidate, Fit, Tangent, fit_base, refit, run_refits, tangent,
+    Candidate,
+    Fit,
+    fit_base,
+    refit,
+    run_refits,
+    Tangent,
+    tangent,
 )
 from saddlering_ros.discrepancy.screen import (
-    Detectability, Score, Signature, angle_matrix, detectability, measure_signatures, rank,
+    angle_matrix,
+    Detectability,
+    detectability,
+    measure_signatures,
+    rank,
+    Score,
+    Signature,
     visible_gain,
 )
 from saddlering_ros.discrepancy.system import (
-    Array, DiscrepancyError, Effect, Parameter, Run, System,
+    Array,
+    DiscrepancyError,
+    Effect,
+    Parameter,
+    Run,
+    System,
 )
 
 Verdict = Literal['none', 'named', 'ambiguous', 'unknown']
@@ -47,7 +69,8 @@ class Settings:
     which a finding is listed only; most: causes at most; refits: candidates refitted at each step;
     least_partial: share of the remaining misfit that a member of a model must explain;
     least_total: share of the misfit that the whole model must explain to be named;
-    rival_floor, rival_share: a rival stays in the group while its misfit is within this of the best.
+    rival_floor, rival_share: a rival stays in the group while its misfit is within this of the
+    best.
     """
 
     error_rate: float = 0.01
@@ -146,8 +169,13 @@ class _Session:
     """One diagnosis under way: the likelihood and everything computed once."""
 
     def __init__(
-        self, system: System, runs: Sequence[Run], settings: Settings, start: Array | None,
-        progress: Progress, check: Callable[[], None],
+        self,
+        system: System,
+        runs: Sequence[Run],
+        settings: Settings,
+        start: Array | None,
+        progress: Progress,
+        check: Callable[[], None],
     ) -> None:
         self.settings, self.check, self.progress = settings, check, progress
         self.runs = [run for run in runs if not run.held_out]
@@ -161,11 +189,13 @@ class _Session:
         rough = fit_base(self.likelihood, start, settings.seed, check)
         self.likelihood.relearn(rough.prediction)
         self.pairs = max(12, min(item.pairs for item in self.likelihood.noise.values()))
-        extra = np.hstack([
-            offset_columns(self.likelihood),
-            allowance_columns(self.likelihood, settings.allowance),
-            disturbance_columns(self.likelihood, rough.point.base),
-        ])
+        extra = np.hstack(
+            [
+                offset_columns(self.likelihood),
+                allowance_columns(self.likelihood, settings.allowance),
+                disturbance_columns(self.likelihood, rough.point.base),
+            ]
+        )
         self.likelihood.free_of(extra)
         self.base = run_refits(
             self.likelihood, [refit(self.likelihood, Candidate(), rough.place, full=True)], check
@@ -191,9 +221,7 @@ class _Session:
         return self.tangents[id(fit)]
 
     def scores(self, fit: Fit, skip: Sequence[str] = ()) -> list[Score]:
-        return rank(
-            fit, self.tangent_of(fit).white, self.signatures, [*fit.candidate.ids, *skip]
-        )
+        return rank(fit, self.tangent_of(fit).white, self.signatures, [*fit.candidate.ids, *skip])
 
     def fit_with(self, fit: Fit, scores: Sequence[Score]) -> list[Fit]:
         """`fit`'s model plus each scored candidate, refitted side by side."""
@@ -214,10 +242,14 @@ class _Session:
                 )
                 starts.append(second)
             for place in starts:
-                wanted.append(refit(
-                    self.likelihood, candidate, np.concatenate([fit.place, place]),
-                    self.tangent_of(fit).white[:, :count],
-                ))
+                wanted.append(
+                    refit(
+                        self.likelihood,
+                        candidate,
+                        np.concatenate([fit.place, place]),
+                        self.tangent_of(fit).white[:, :count],
+                    )
+                )
                 keys.append(key)
         for key, found in zip(keys, run_refits(self.likelihood, wanted, self.check), strict=True):
             if key not in answers or found.misfit < answers[key].misfit:
@@ -246,33 +278,51 @@ class _Session:
                 if effect.id != effect_id:
                     place.append(fit.place[start:stop])
                 start = stop
-            self.cache[key] = run_refits(self.likelihood, [refit(
-                self.likelihood, candidate, np.concatenate(place),
-                self.base_tangent.white,
-            )], self.check)[0]
+            self.cache[key] = run_refits(
+                self.likelihood,
+                [
+                    refit(
+                        self.likelihood,
+                        candidate,
+                        np.concatenate(place),
+                        self.base_tangent.white,
+                    )
+                ],
+                self.check,
+            )[0]
         return self.cache[key]
 
     def weigh(self, fit: Fit, less: Fit, step: int) -> Evidence:
         """What the last effect of `fit` brings beside `less`."""
         extra = max(1, fit.place.size - less.place.size)
         gain = less.misfit - fit.misfit
-        p_value = min(1.0, self.trials * float(fisher.sf(max(gain, 0.0) / extra, extra, self.pairs)))
+        p_value = min(
+            1.0, self.trials * float(fisher.sf(max(gain, 0.0) / extra, extra, self.pairs))
+        )
         visible = visible_gain(self.likelihood, less.prediction, fit.prediction, self.ranges)
         return Evidence(
-            step, fit.candidate.ids, tuple(variant for _, variant in fit.candidate.effects),
-            fit.misfit, gain - extra * self.log_size, p_value, visible, fit.point.effects,
+            step,
+            fit.candidate.ids,
+            tuple(variant for _, variant in fit.candidate.effects),
+            fit.misfit,
+            gain - extra * self.log_size,
+            p_value,
+            visible,
+            fit.point.effects,
         )
 
     # ---- steps
 
     def shortlist(self, scores: Sequence[Score], least: float, count: int) -> list[Score]:
-        """The best variants of the best effects, at most `count` effects and two variants of each."""
+        """The best of the best `count` effects, two variants of each at most."""
         if not scores:
             return []
         chosen: list[Score] = []
         per_effect: dict[str, int] = {}
         for score in scores:
-            if score.gain < least or (len(per_effect) >= count and score.effect.id not in per_effect):
+            if score.gain < least or (
+                len(per_effect) >= count and score.effect.id not in per_effect
+            ):
                 continue
             used = per_effect.get(score.effect.id, 0)
             if used >= 2 or (used and score.gain < 0.6 * scores[0].gain):
@@ -282,7 +332,7 @@ class _Session:
         return chosen
 
     def forward(self) -> Fit:
-        """Effects one after another while the next one is real, material, and something is left."""
+        """Effects one after another while the next is real, material, and something is left."""
         current = self.base
         for step in range(self.settings.most):
             self.check()
@@ -293,9 +343,7 @@ class _Session:
             weighed = [(self.weigh(fit, current, step + 1), fit) for fit in fits]
             self.evidence += [evidence for evidence, _ in weighed]
             real = [pair for pair in weighed if pair[0].p_value < self.settings.error_rate]
-            material = [
-                pair for pair in real if pair[0].visible >= self.settings.materiality
-            ]
+            material = [pair for pair in real if pair[0].visible >= self.settings.materiality]
             if not material:
                 self.immaterial += [evidence for evidence, _ in real[:3]]
                 break
@@ -307,8 +355,10 @@ class _Session:
 
     def worth(self, structure: Structure) -> bool:
         """Whether what is left is both real and material."""
-        return (structure.p_value < self.settings.error_rate
-                and structure.visible >= self.settings.materiality)
+        return (
+            structure.p_value < self.settings.error_rate
+            and structure.visible >= self.settings.materiality
+        )
 
     def prune(self, fit: Fit) -> Fit:
         """Drop members that explain too little of what is left without them."""
@@ -344,12 +394,15 @@ class _Session:
                 scores = self.scores(less, [name])
                 taken = less.misfit - fit.misfit
                 shortlist = self.shortlist(scores, 0.4 * taken, self.settings.refits)
-                fits = [item for item in self.fit_with(less, shortlist)
-                        if name not in item.candidate.ids]
+                fits = [
+                    item
+                    for item in self.fit_with(less, shortlist)
+                    if name not in item.candidate.ids
+                ]
                 rivals[name] = tuple(item for item in fits if self.indistinct(item, fit))
                 if fits and self.penalised(fits[0]) < self.penalised(fit) - 1.0:
-                    better = fits[0] if better is None else min(
-                        better, fits[0], key=self.penalised
+                    better = (
+                        fits[0] if better is None else min(better, fits[0], key=self.penalised)
                     )
             if better is None:
                 break
@@ -368,9 +421,14 @@ def _key(candidate: Candidate) -> tuple[tuple[str, int], ...]:
 
 
 def diagnose(
-    system: System, runs: Sequence[Run], settings: Settings | None = None, *,
-    start: Mapping[str, float] | None = None, proposals: Sequence[Proposal] = (),
-    on_progress: Progress | None = None, is_cancelled: Callable[[], bool] | None = None,
+    system: System,
+    runs: Sequence[Run],
+    settings: Settings | None = None,
+    *,
+    start: Mapping[str, float] | None = None,
+    proposals: Sequence[Proposal] = (),
+    on_progress: Progress | None = None,
+    is_cancelled: Callable[[], bool] | None = None,
 ) -> Diagnosis:
     """Where `system` and `runs` part, and why. `start` are first guesses of base parameters."""
     settings = settings or Settings()
@@ -383,10 +441,12 @@ def diagnose(
     progress = on_progress or (lambda stage, share: None)
     place = None
     if start is not None:
-        place = np.array([
-            item.to_unit(start[item.name]) if item.name in start else 0.5
-            for item in system.base_parameters
-        ])
+        place = np.array(
+            [
+                item.to_unit(start[item.name]) if item.name in start else 0.5
+                for item in system.base_parameters
+            ]
+        )
     session = _Session(system, runs, settings, place, progress, check)
     return _conclude(session, list(runs), list(proposals), began)
 
@@ -415,8 +475,9 @@ def _conclude(
             verdict = 'unknown'
         elif left:
             notes.append(
-                f'{100 * (1 - explained):.0f} % of the misfit is left after the extension, most of '
-                f'it in {structure_after.where}: its form may differ, or something small is beside it'
+                f'{100 * (1 - explained):.0f} % of the misfit is left after the extension, most '
+                f'of it in {structure_after.where}: its form may differ, or something small is '
+                'beside it'
             )
     elif left:
         verdict = 'unknown'
@@ -427,7 +488,9 @@ def _conclude(
     labels, angles = angle_matrix(session.signatures)
     inflation = 1.0 + max(structure_after.excess, 0.0) / structure_after.dimensions
     covariance = _covariance(final, inflation)
-    causes = tuple(_cause(session, fit, name, rivals, covariance, runs) for name in fit.candidate.ids)
+    causes = tuple(
+        _cause(session, fit, name, rivals, covariance, runs) for name in fit.candidate.ids
+    )
     causes = tuple(sorted(causes, key=lambda cause: -cause.visible))
     count = len(system_parameters(session))
     sentence = None
@@ -436,22 +499,40 @@ def _conclude(
         sentence = choose_next(likelihood, final, pairs, proposals)
     limits = detectability(session.signatures, settings.error_rate, settings.materiality)
     predicted = _predictions(session.system, runs, base, fit)
-    before_covariance = _covariance(session.base_tangent, 1.0 + max(
-        structure_before.excess, 0.0) / structure_before.dimensions)
+    before_covariance = _covariance(
+        session.base_tangent, 1.0 + max(structure_before.excess, 0.0) / structure_before.dimensions
+    )
     return Diagnosis(
-        verdict, causes,
+        verdict,
+        causes,
         _base_estimates(session, base, before_covariance),
         _base_estimates(session, fit, covariance),
         _physical(system_parameters(session), fit.place, covariance)[:count, :count],
-        base, fit, predicted, structure_before, structure_after,
-        tuple(shapes_before), tuple(shapes_after), tuple(limits), tuple(labels), angles,
-        tuple(session.evidence), tuple(session.immaterial), explained, sentence, tuple(notes),
-        likelihood, session.ranges, _gain(session, base, fit, runs),
-        likelihood.simulations, clock.monotonic() - began,
+        base,
+        fit,
+        predicted,
+        structure_before,
+        structure_after,
+        tuple(shapes_before),
+        tuple(shapes_after),
+        tuple(limits),
+        tuple(labels),
+        angles,
+        tuple(session.evidence),
+        tuple(session.immaterial),
+        explained,
+        sentence,
+        tuple(notes),
+        likelihood,
+        session.ranges,
+        _gain(session, base, fit, runs),
+        likelihood.simulations,
+        clock.monotonic() - began,
     )
 
 
 def system_parameters(session: _Session) -> tuple[Parameter, ...]:
+    """Base parameters of the system under diagnosis."""
     return session.system.base_parameters
 
 
@@ -476,11 +557,15 @@ def _base_estimates(session: _Session, fit: Fit, covariance: Array) -> dict[str,
 
 
 def _cause(
-    session: _Session, fit: Fit, name: str, rivals: dict[str, tuple[Fit, ...]], covariance: Array,
+    session: _Session,
+    fit: Fit,
+    name: str,
+    rivals: dict[str, tuple[Fit, ...]],
+    covariance: Array,
     runs: list[Run],
 ) -> Cause:
     start = len(system_parameters(session))
-    for effect, variant in fit.candidate.effects:
+    for effect, variant in fit.candidate.effects:  # noqa: B007
         if effect.id == name:
             break
         start += len(effect.parameters)
@@ -494,12 +579,20 @@ def _cause(
     less = session.without(fit, name)
     evidence = session.weigh(fit, less, 0)
     others = {
-        other for rival in rivals.get(name, ()) for other in rival.candidate.ids
+        other
+        for rival in rivals.get(name, ())
+        for other in rival.candidate.ids
         if other not in fit.candidate.ids
     }
     return Cause(
-        effect, variant, (name, *sorted(others)), estimates, evidence.p_value,
-        evidence.delta_bic, evidence.visible, _gain(session, less, fit, runs),
+        effect,
+        variant,
+        (name, *sorted(others)),
+        estimates,
+        evidence.p_value,
+        evidence.delta_bic,
+        evidence.visible,
+        _gain(session, less, fit, runs),
     )
 
 
@@ -510,11 +603,15 @@ def _gain(session: _Session, less: Fit, fit: Fit, runs: list[Run]) -> Gain:
         return Gain(0.0, 0.0, 'none')
     held = [run for run in runs if run.held_out]
     if held:
-        return Gain(fitted, held_out_gain(session.system, held, session.ranges, less, fit), 'held out')
+        return Gain(
+            fitted, held_out_gain(session.system, held, session.ranges, less, fit), 'held out'
+        )
     if len(session.runs) < 2:
         return Gain(fitted, None, 'one run only')
     value = left_out_gain(
-        session.likelihood, session.ranges, (less, session.tangent_of(less)),
+        session.likelihood,
+        session.ranges,
+        (less, session.tangent_of(less)),
         (fit, session.tangent_of(fit)),
     )
     return Gain(fitted, value, 'left out in turn')

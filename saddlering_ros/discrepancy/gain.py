@@ -1,7 +1,7 @@
 """What an extension is worth: residual rms with and without it, on runs fitted and runs not.
 
-One metric, fixed beforehand: the root of the mean, over runs and views, of the squared residual over
-the view's range, each run freed of its mean. Gain = 1 - metric with / metric without.
+One metric, fixed beforehand: the root of the mean, over runs and views, of the squared residual
+over the view's range, each run freed of its mean. Gain = 1 - metric with / metric without.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from saddlering_ros.discrepancy.likelihood import Likelihood
-from saddlering_ros.discrepancy.refit import PRIOR, Fit, Tangent
+from saddlering_ros.discrepancy.refit import Fit, PRIOR, Tangent
 from saddlering_ros.discrepancy.system import Array, Run, System
 
 
@@ -26,7 +26,9 @@ class Gain:
 
 
 def power(
-    views: Mapping[str, Array], ranges: Mapping[str, float], runs: Sequence[Run],
+    views: Mapping[str, Array],
+    ranges: Mapping[str, float],
+    runs: Sequence[Run],
     residuals: Sequence[Array],
 ) -> float:
     """Mean squared residual (C, N) per run over views, relative to range."""
@@ -44,15 +46,15 @@ def ratio(before: float, after: float) -> float:
     return max(0.0, 1.0 - float(np.sqrt(after / max(before, 1e-300))))
 
 
-def fitted_gain(
-    likelihood: Likelihood, ranges: Mapping[str, float], less: Fit, fit: Fit
-) -> float:
+def fitted_gain(likelihood: Likelihood, ranges: Mapping[str, float], less: Fit, fit: Fit) -> float:
     """Gain on the runs that were fitted."""
     views = likelihood.system.views
-    return ratio(*(
-        power(views, ranges, likelihood.runs, _split(likelihood, item.prediction))
-        for item in (less, fit)
-    ))
+    return ratio(
+        *(
+            power(views, ranges, likelihood.runs, _split(likelihood, item.prediction))
+            for item in (less, fit)
+        )
+    )
 
 
 def held_out_gain(
@@ -70,7 +72,9 @@ def held_out_gain(
 
 
 def left_out_gain(
-    likelihood: Likelihood, ranges: Mapping[str, float], less: tuple[Fit, Tangent],
+    likelihood: Likelihood,
+    ranges: Mapping[str, float],
+    less: tuple[Fit, Tangent],
     more: tuple[Fit, Tangent],
 ) -> float:
     """Gain on each run predicted from the others: one Gauss-Newton step without it."""
@@ -97,7 +101,7 @@ def left_out_gain(
 def _split(likelihood: Likelihood, prediction: Array) -> list[Array]:
     parts, start = [], 0
     for run in likelihood.runs:
-        block = prediction[start: start + run.channels.size].reshape(run.channels.shape)
+        block = prediction[start : start + run.channels.size].reshape(run.channels.shape)
         parts.append(block - run.channels)
         start += run.channels.size
     return parts

@@ -1,8 +1,9 @@
 """What is left in the residual: tests on generic shapes with their own error rate.
 
-Each family of shapes lives in one coordinate (drive, direction of the drive, its rate, time) and one
-view; its statistic is the whitened misfit it takes after the model's own sensitivities are projected
-off. The noise comes from stretches at rest, so what is tested cannot have been swallowed by it.
+Each family of shapes lives in one coordinate (drive, direction of the drive, its rate, time)
+and one view; its statistic is the whitened misfit it takes after the model's own sensitivities are
+projected off. The noise comes from stretches at rest, so what is tested cannot have been
+swallowed by it.
 """
 
 from __future__ import annotations
@@ -107,8 +108,14 @@ class Battery:
         total = len(tests)
         return sorted(
             (
-                ShapeTest(item.view, item.coordinate, min(1.0, item.p_value * total),
-                          item.statistic, item.dimensions, item.visible)
+                ShapeTest(
+                    item.view,
+                    item.coordinate,
+                    min(1.0, item.p_value * total),
+                    item.statistic,
+                    item.dimensions,
+                    item.visible,
+                )
                 for item in tests
             ),
             key=lambda item: (item.p_value, -item.statistic / item.dimensions),
@@ -121,7 +128,7 @@ def _view_variance(likelihood: Likelihood, noise: Array, view: str) -> list[floa
     found, start = [], 0
     for run in likelihood.runs:
         count = run.channels.size
-        block = noise[start: start + count].reshape(*run.channels.shape, -1)
+        block = noise[start : start + count].reshape(*run.channels.shape, -1)
         start += count
         combined = np.einsum('c,cnk->nk', weights, block)
         combined = combined - np.average(combined, axis=0, weights=run.width)
@@ -153,20 +160,31 @@ def _families(runs: tuple[Run, ...]) -> dict[str, list[list[Array]]]:
         high = max(float(run.inputs[name].max()) for run in runs)
         places = [(run.inputs[name] - low) / max(high - low, 1e-300) for run in runs]
         families[name] = [
-            [np.cos(np.pi * wave * place) * (run.group == group)
-             for run, place in zip(runs, places, strict=True)]
-            for wave in range(1, 7 if number == 0 else 4) for group in groups
+            [
+                np.cos(np.pi * wave * place) * (run.group == group)
+                for run, place in zip(runs, places, strict=True)
+            ]
+            for wave in range(1, 7 if number == 0 else 4)
+            for group in groups
         ]
         if number == 0 and 'direction' in runs[0].inputs:
             families['direction'] = [
-                [run.inputs['direction'] * (np.sin(np.pi * wave * place) if wave else 1.0)
-                 * (run.group == group) for run, place in zip(runs, places, strict=True)]
-                for wave in range(3) for group in groups
+                [
+                    run.inputs['direction']
+                    * (np.sin(np.pi * wave * place) if wave else 1.0)
+                    * (run.group == group)
+                    for run, place in zip(runs, places, strict=True)
+                ]
+                for wave in range(3)
+                for group in groups
             ]
     families['time'] = [
-        [np.cos(np.pi * wave * (run.time - run.time[0]) / np.ptp(run.time)) * (run is other)
-         for run in runs]
-        for wave in range(1, 9) for other in runs
+        [
+            np.cos(np.pi * wave * (run.time - run.time[0]) / np.ptp(run.time)) * (run is other)
+            for run in runs
+        ]
+        for wave in range(1, 9)
+        for other in runs
     ]
     return families
 
@@ -174,7 +192,9 @@ def _families(runs: tuple[Run, ...]) -> dict[str, list[list[Array]]]:
 def _spread(likelihood: Likelihood, shapes: list[list[Array]], weights: Array) -> Array:
     """Shapes in a view as stacked columns: the least change of channels that shows as 1 there."""
     pattern = weights / float(weights @ weights)
-    return np.column_stack([
-        np.concatenate([(pattern[:, None] * part[None, :]).ravel() for part in shape])
-        for shape in shapes
-    ])
+    return np.column_stack(
+        [
+            np.concatenate([(pattern[:, None] * part[None, :]).ravel() for part in shape])
+            for shape in shapes
+        ]
+    )

@@ -1,8 +1,9 @@
 """Residuals made comparable: whitened by the measured noise, freed of offsets and small unknowns.
 
-With noise covariance C = L L' per run and channel and nuisance columns G of prior covariance S, the
-likelihood's metric is (C + G S G')^-1. It is applied as L^-1 followed by the symmetric operator
-I - U (1 - 1/sqrt(1 + s^2)) U', where U, s are the singular vectors and values of L^-1 G S^(1/2).
+With noise covariance C = L L' per run and channel and nuisance columns G of prior covariance S,
+the likelihood's metric is (C + G S G')^-1. It is applied as L^-1 followed by the symmetric
+operator I - U (1 - 1/sqrt(1 + s^2)) U', where U, s are the singular vectors and values of L^-1
+G S^(1/2).
 """
 
 from __future__ import annotations
@@ -13,11 +14,23 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from scipy.linalg import cholesky, solve_triangular
 
-from saddlering_ros.discrepancy.noise import ChannelNoise, HeldSeries, measure_noise, TIME_CONSTANTS
+from saddlering_ros.discrepancy.noise import (
+    ChannelNoise,
+    HeldSeries,
+    measure_noise,
+    TIME_CONSTANTS,
+)
 from saddlering_ros.discrepancy.system import (
-    Array, DiscrepancyError, Point, RestSegment, Run, System,
+    Array,
+    DiscrepancyError,
+    Point,
+    RestSegment,
+    Run,
+    System,
 )
 
+USUAL_SPREADS = 2.5
+"""A nuisance larger than so many of its standard deviations is no nuisance."""
 
 RATE_SHAPES = 4
 """Shapes over the drive of the error that goes with its rate."""
@@ -49,7 +62,7 @@ class Likelihood:
     ranges: Array
     factors: list[list[Array]] = field(default_factory=list)
     roots: list[list[Array]] = field(default_factory=list)
-    absorb: Array | None = None
+    strength: Array | None = None
     directions: Array | None = None
     shrink: Array | None = None
     simulations: int = 0
@@ -75,7 +88,7 @@ class Likelihood:
         residual = prediction - self.measured()
         blocks, start = [], 0
         for run in self.runs:
-            blocks.append(residual[start: start + run.channels.size].reshape(run.channels.shape))
+            blocks.append(residual[start : start + run.channels.size].reshape(run.channels.shape))
             start += run.channels.size
         self.noise = learn_noise(self.runs, blocks)
         self.directions = self.shrink = None
@@ -132,14 +145,18 @@ class Likelihood:
         kept = values > 1e-3
         self.directions = np.ascontiguousarray(left[:, kept])
         self.shrink = 1.0 - 1.0 / np.sqrt(1.0 + values[kept] ** 2)
-        self.absorb = 1.0 - 1.0 / (1.0 + values[kept] ** 2)
+        self.strength = values[kept]
 
     def without_nuisances(self, residual: Array) -> Array:
-        """A stacked plain residual less what the nuisances most likely make of it."""
-        if self.directions is None or self.absorb is None:
+        """A stacked plain residual less what nuisances of a usual size make of it."""
+        if self.directions is None or self.strength is None:
             return residual
         white = self.whiten_plain(residual)
-        white = white - self.directions @ (self.absorb * (self.directions.T @ white))
+        seen = self.directions.T @ white
+        spreads = np.clip(
+            self.strength / (1.0 + self.strength**2) * seen, -USUAL_SPREADS, USUAL_SPREADS
+        )
+        white = white - self.directions @ (self.strength * spreads)
         out = np.empty_like(white)
         for index, channel, part in self.slices():
             out[part] = self.roots[index][channel] @ white[part]
@@ -156,7 +173,7 @@ class Likelihood:
         weights = self.system.views[view]
         seen, start = [], 0
         for run in self.runs:
-            block = residual[start: start + run.channels.size].reshape(run.channels.shape)
+            block = residual[start : start + run.channels.size].reshape(run.channels.shape)
             start += run.channels.size
             combined = weights @ block
             seen.append(combined - np.average(combined, weights=run.width))
@@ -166,7 +183,8 @@ class Likelihood:
 def view_ranges(system: System, runs: Sequence[Run]) -> dict[str, float]:
     """Range that a misfit in each view is compared with.
 
-    A view that ought to be empty (parity) is compared with the widest view made of channels it uses.
+    A view that ought to be empty (parity) is compared with the widest view made of channels it
+    uses.
     """
     ranges = {
         name: max(float(np.ptp(weights @ run.channels)) for run in runs)
@@ -179,8 +197,9 @@ def view_ranges(system: System, runs: Sequence[Run]) -> dict[str, float]:
             for other, vector in system.views.items()
             if np.any((weights != 0) & (vector != 0))
         ]
-        scaled[name] = max([ranges[name], 0.2 * max(alike)] if ranges[name] > 0.1 * max(alike)
-                           else [max(alike)])
+        scaled[name] = max(
+            [ranges[name], 0.2 * max(alike)] if ranges[name] > 0.1 * max(alike) else [max(alike)]
+        )
     return scaled
 
 
@@ -213,7 +232,9 @@ def learn_noise(
     richest = max(learnt, key=lambda key: learnt[key][0].pairs)
     for key in learnt:
         learnt[key] = [
-            replace(own, slow=np.maximum(own.slow, np.where(TIME_CONSTANTS >= 0.3, best.slow, 0.0)))
+            replace(
+                own, slow=np.maximum(own.slow, np.where(TIME_CONSTANTS >= 0.3, best.slow, 0.0))
+            )
             for own, best in zip(learnt[key], learnt[richest], strict=True)
         ]
     noise: dict[tuple[str, int], ChannelNoise] = {}
@@ -242,15 +263,15 @@ def _held_series(run: Run, residual: Array) -> HeldSeries | None:
     time = np.bincount(place, run.width * run.time) / weight
     order = np.argsort(time)
     means = np.array([np.bincount(place, run.width * row) / weight for row in residual])
-    return HeldSeries(means[:, order], time[order], weight[order])
+    return HeldSeries(means[:, order], time[order], weight[order].astype(np.float64))
 
 
 def build_likelihood(system: System, runs: Sequence[Run]) -> Likelihood:
     """Noise learnt and factored; offsets free. Other nuisances come in once the base is known."""
     count = len(system.channel_names)
-    ranges = np.array([
-        max(float(np.ptp(run.channels[channel])) for run in runs) for channel in range(count)
-    ])
+    ranges = np.array(
+        [max(float(np.ptp(run.channels[channel])) for run in runs) for channel in range(count)]
+    )
     likelihood = Likelihood(system, tuple(runs), learn_noise(runs), ranges)
     likelihood.factor()
     likelihood.free_of(offset_columns(likelihood))
@@ -305,4 +326,6 @@ def allowance_columns(likelihood: Likelihood, allowance: Allowance) -> Array:
 def disturbance_columns(likelihood: Likelihood, base: Array) -> Array:
     """The system's own small unknowns as stacked columns (n, k)."""
     parts = likelihood.system.disturbances(likelihood.runs, base)
-    return np.concatenate([part.reshape(-1, part.shape[-1]) for part in parts])
+    return np.concatenate(
+        [part.reshape(part.shape[0] * part.shape[1], part.shape[2]) for part in parts]
+    )

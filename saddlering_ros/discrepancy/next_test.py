@@ -13,7 +13,7 @@ import numpy as np
 from scipy.linalg import cholesky, solve_triangular
 
 from saddlering_ros.discrepancy.likelihood import Likelihood
-from saddlering_ros.discrepancy.refit import Candidate, Fit, Tangent, neighbours
+from saddlering_ros.discrepancy.refit import Candidate, Fit, neighbours, Tangent
 from saddlering_ros.discrepancy.system import Array, Run
 
 
@@ -26,7 +26,9 @@ class Proposal:
 
 
 def choose_next(
-    likelihood: Likelihood, known: Tangent, pairs: Sequence[tuple[Fit, Fit]],
+    likelihood: Likelihood,
+    known: Tangent,
+    pairs: Sequence[tuple[Fit, Fit]],
     proposals: Sequence[Proposal],
 ) -> str | None:
     """Sentence of the best proposal: the largest smallest distance over the pairs of rivals."""
@@ -39,9 +41,7 @@ def choose_next(
     return max(scored, key=lambda item: item[0])[1].sentence
 
 
-def separation(
-    likelihood: Likelihood, known: Tangent, pair: tuple[Fit, Fit], run: Run
-) -> float:
+def separation(likelihood: Likelihood, known: Tangent, pair: tuple[Fit, Fit], run: Run) -> float:
     """Whitened distance of two fits on `run` and the old data, base parameters free."""
     system = likelihood.system
     base = system.base_parameters
@@ -59,7 +59,9 @@ def separation(
     for channel in range(channels):
         noise = likelihood.noise[reference.name, channel].covariance(run.time, run.width)
         lower = cholesky(noise, lower=True)
-        stack = np.column_stack([difference[channel], columns[:, channel].T, np.ones(run.time.size)])
+        stack = np.column_stack(
+            [difference[channel], columns[:, channel].T, np.ones(run.time.size)]
+        )
         stack = solve_triangular(lower, stack, lower=True)
         level = stack[:, -1] / np.linalg.norm(stack[:, -1])
         stack = stack[:, :-1] - np.outer(level, level @ stack[:, :-1])

@@ -1,9 +1,9 @@
-"""Noise learnt from stretches at rest: block variances at all scales, read as a sum of relaxations.
+"""Noise learnt from stretches at rest: variances at all scales, read as relaxations.
 
 The Allan variance (half the mean square difference of neighbouring means over m samples) needs no
 mean and shows every kind of slow noise by its growth with m. White noise, Ornstein-Uhlenbeck noise
-and a random walk each have it in closed form, so a non-negative mixture fitted to it gives an honest
-covariance of block means at any spacing. Allan, Proc. IEEE 54 (1966) 221; mixture by NNLS.
+and a random walk each have it in closed form, so a non-negative mixture fitted to it gives an
+honest covariance of block means at any spacing. Allan, Proc. IEEE 54 (1966) 221; mixture by NNLS.
 """
 
 from __future__ import annotations
@@ -24,9 +24,10 @@ TIME_CONSTANTS = np.array([0.01, 0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 40.0])
 class ChannelNoise:
     """Noise of one channel: white density and the variances of the slow parts.
 
-    `white` [unit^2 s] is the variance of a mean over one second of white noise; `slow` (T,) [unit^2]
-    the variances of the parts with TIME_CONSTANTS; `held` [unit^2] the part a coarse converter keeps
-    while nothing moves; `pairs` how many independent differences the slow parts rest on.
+    `white` [unit^2 s] is the variance of a mean over one second of white noise; `slow` (T,)
+    [unit^2] the variances of the parts with TIME_CONSTANTS; `held` [unit^2] the part a coarse
+    converter keeps while nothing moves; `pairs` how many independent differences the slow parts
+    rest on.
     """
 
     white: float
@@ -35,7 +36,7 @@ class ChannelNoise:
     pairs: int
 
     def covariance(self, time: Array, width: Array, hold: Array | None = None) -> Array:
-        """Covariance (N, N) of means over `width` about `time`; `hold` (N,) numbers the levels held."""
+        """Covariance (N, N) of means over `width` about `time`; `hold` (N,) numbers levels."""
         matrix = np.diag(self.white / width)
         distance = np.abs(time[:, None] - time[None, :])
         gap = np.maximum(distance - 0.5 * (width[:, None] + width[None, :]), 0.0)
@@ -86,7 +87,7 @@ class HeldSeries:
 
 @dataclass(frozen=True)
 class _Statistics:
-    """Variances seen (S,), what each mixture part would give them (S, 1 + T), and their weights."""
+    """Variances seen (S,), what each part would give them (S, 1 + T), and their weights."""
 
     seen: Array
     columns: Array
@@ -94,7 +95,9 @@ class _Statistics:
 
 
 def measure_noise(
-    segments: Sequence[RestSegment], count: int, series: Sequence[HeldSeries] = (),
+    segments: Sequence[RestSegment],
+    count: int,
+    series: Sequence[HeldSeries] = (),
 ) -> list[ChannelNoise]:
     """Noise of each of `count` channels, pooled over all stretches at rest.
 
@@ -114,7 +117,9 @@ def measure_noise(
     # One shape: each channel's statistics over its own size, all in one mixture.
     pooled = _mixture(
         np.vstack([item.columns for item in statistics]),
-        np.concatenate([item.seen / total for item, total in zip(statistics, totals, strict=True)]),
+        np.concatenate(
+            [item.seen / total for item, total in zip(statistics, totals, strict=True)]
+        ),
         np.concatenate([item.pairs for item in statistics]),
     )
     answers = []
@@ -157,9 +162,11 @@ def _statistics(
     scales, seen, pairs = _allan_variances(_without_common_course(segments, channel))
     if scales.size == 0:
         raise DiscrepancyError('noise: the stretches at rest are too short to learn from')
-    columns = [np.column_stack(
-        [1.0 / scales] + [_allan_of_relaxation(scales / tau) for tau in TIME_CONSTANTS]
-    )]
+    columns = [
+        np.column_stack(
+            [1.0 / scales] + [_allan_of_relaxation(scales / tau) for tau in TIME_CONSTANTS]
+        )
+    ]
     differences, widths, spacings = [], [], []
     for item in series:
         spacing = np.diff(item.time)
@@ -170,11 +177,16 @@ def _statistics(
         spacings.append(usual)
     joined = np.concatenate(differences) if differences else np.zeros(0)
     if joined.size >= 12:
-        width, spacing = float(np.mean(widths)), float(np.mean(spacings))
-        columns.append(np.array([[6.0 / width] + [
-            _second_difference(width / tau, spacing / tau) for tau in TIME_CONSTANTS
-        ]]))
-        robust = (np.median(np.abs(joined)) / 0.6745) ** 2
+        width, apart = float(np.mean(widths)), float(np.mean(spacings))
+        columns.append(
+            np.array(
+                [
+                    [6.0 / width]
+                    + [_second_difference(width / tau, apart / tau) for tau in TIME_CONSTANTS]
+                ]
+            )
+        )
+        robust = float(np.median(np.abs(joined)) / 0.6745) ** 2
         seen = np.append(seen, robust)
         pairs = np.append(pairs, joined.size / 3.0)
     return _Statistics(seen, np.vstack(columns), pairs)
@@ -189,8 +201,10 @@ def _second_difference(width: float, spacing: float) -> float:
     return max(6.0 * own - 8.0 * near + 2.0 * far, 1e-12)
 
 
-def _without_common_course(segments: Sequence[RestSegment], channel: int) -> list[tuple[Array, float]]:
-    """Each stretch with its own mean gone, and the mean course of its label where several share one."""
+def _without_common_course(
+    segments: Sequence[RestSegment], channel: int
+) -> list[tuple[Array, float]]:
+    """Each stretch less its own mean, and less the mean course of its label."""
     labels: dict[str, list[RestSegment]] = {}
     for segment in segments:
         labels.setdefault(segment.label, []).append(segment)
@@ -237,6 +251,8 @@ def _quantum(segments: Sequence[RestSegment], channel: int) -> float:
         return 0.0
     multiples = steps / smallest
     regular = np.mean(np.abs(multiples - np.round(multiples)) < 0.05) > 0.95
-    return smallest if regular and values.size < 0.5 * sum(
-        segment.values.shape[1] for segment in segments
-    ) else 0.0
+    return (
+        smallest
+        if regular and values.size < 0.5 * sum(segment.values.shape[1] for segment in segments)
+        else 0.0
+    )

@@ -16,7 +16,7 @@ from scipy.optimize import lsq_linear
 from saddlering_ros.discrepancy.likelihood import Likelihood
 from saddlering_ros.discrepancy.system import Array, Effect, Parameter, Point
 
-#: The whole range of a parameter counts as this many standard deviations: keeps hopeless ones still.
+#: The whole range of a parameter counts as so many standard deviations: keeps idle ones still.
 PRIOR = 1.0
 
 
@@ -42,9 +42,9 @@ class Candidate:
 
     def point(self, base: Sequence[Parameter], place: Array) -> Point:
         """Point at bound-scaled coordinates `place`."""
-        values = np.array([
-            item.from_unit(float(u)) for item, u in zip(base, place[: len(base)], strict=True)
-        ])
+        values = np.array(
+            [item.from_unit(float(u)) for item, u in zip(base, place[: len(base)], strict=True)]
+        )
         effects: dict[str, Mapping[str, float]] = {}
         start = len(base)
         for effect, variant in self.effects:
@@ -80,8 +80,13 @@ Asking = Generator[list[Point], Array, Fit]
 
 
 def refit(
-    likelihood: Likelihood, candidate: Candidate, start: Array, base_columns: Array | None = None,
-    *, rounds: int = 8, full: bool = False,
+    likelihood: Likelihood,
+    candidate: Candidate,
+    start: Array,
+    base_columns: Array | None = None,
+    *,
+    rounds: int = 8,
+    full: bool = False,
 ) -> Asking:
     """Levenberg-Marquardt from `start`; asks for places, is sent predictions (n, B).
 
@@ -103,10 +108,12 @@ def refit(
         return [candidate.point(base, item) for item in places], steps
 
     def read(answer: Array, steps: list[float]) -> tuple[Array, Array, Array]:
-        joined = likelihood.whiten(np.column_stack(
-            [answer[:, 0] - measured]
-            + [(answer[:, 1 + k] - answer[:, 0]) / step for k, step in enumerate(steps)]
-        ))
+        joined = likelihood.whiten(
+            np.column_stack(
+                [answer[:, 0] - measured]
+                + [(answer[:, 1 + k] - answer[:, 0]) / step for k, step in enumerate(steps)]
+            )
+        )
         return joined[:, 0], joined[:, 1:], answer[:, 0]
 
     def cost(residual: Array, place: Array) -> float:
@@ -144,13 +151,21 @@ def refit(
         if quiet >= 2:
             break
     return Fit(
-        candidate, place, float(residual @ residual), residual, columns, prediction,
-        candidate.point(base, place), tuple(history),
+        candidate,
+        place,
+        float(residual @ residual),
+        residual,
+        columns,
+        prediction,
+        candidate.point(base, place),
+        tuple(history),
     )
 
 
 def neighbours(
-    parameters: Sequence[Parameter], place: Array, differenced: Sequence[int],
+    parameters: Sequence[Parameter],
+    place: Array,
+    differenced: Sequence[int],
 ) -> tuple[list[Array], list[float]]:
     """`place` and, for each coordinate in `differenced`, a place one step aside; the steps."""
     asked, steps = [place], []
@@ -204,7 +219,8 @@ def _bounded_step(columns: Array, residual: Array, place: Array, damping: float)
 
 
 def run_refits(
-    likelihood: Likelihood, refits: Sequence[Asking],
+    likelihood: Likelihood,
+    refits: Sequence[Asking],
     check: Callable[[], None] = lambda: None,
 ) -> list[Fit]:
     """Drive refits side by side, all their points in one batch per round."""
@@ -217,7 +233,7 @@ def run_refits(
         start = 0
         for number in order:
             width = len(waiting[number])
-            part = answers[:, start: start + width]
+            part = answers[:, start : start + width]
             start += width
             try:
                 waiting[number] = refits[number].send(part)
@@ -228,7 +244,9 @@ def run_refits(
 
 
 def fit_base(
-    likelihood: Likelihood, start: Array | None, seed: int,
+    likelihood: Likelihood,
+    start: Array | None,
+    seed: int,
     check: Callable[[], None] = lambda: None,
 ) -> Fit:
     """The model without effects: a spread of starts, then bounded least squares from the best."""
@@ -238,9 +256,9 @@ def fit_base(
     if start is not None:
         places = [np.clip(start, 0.0, 1.0)]
     else:
-        declared = np.array([
-            0.5 if item.start is None else item.to_unit(item.start) for item in base
-        ])
+        declared = np.array(
+            [0.5 if item.start is None else item.to_unit(item.start) for item in base]
+        )
         spread = (np.argsort(random.random((len(base), 24)), axis=1).T + 0.5) / 24
         asked = [declared, *spread]
         check()
@@ -251,7 +269,8 @@ def fit_base(
         order = np.argsort((whitened**2).sum(axis=0))
         places = [asked[int(order[0])], asked[int(order[1])]]
     fits = run_refits(
-        likelihood, [refit(likelihood, empty, place, rounds=25, full=True) for place in places],
+        likelihood,
+        [refit(likelihood, empty, place, rounds=25, full=True) for place in places],
         check,
     )
     return min(fits, key=lambda fit: fit.misfit)

@@ -1,7 +1,7 @@
 """Signatures: what each effect would do to the data, freed of what the base parameters can do.
 
-A signature's angle to another is what tells two causes apart; its length over the noise is what can
-be detected; the share left after the base parameters took theirs says whether it shows at all.
+A signature's angle to another is what tells two causes apart; its length over the noise is what
+can be detected; the share left after the base parameters took theirs says whether it shows at all.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ POWER_QUANTILE = 1.2816
 
 @dataclass(frozen=True)
 class Signature:
-    """Change that one effect at one start makes: `white` (n,) whitened, `places` of its parameters."""
+    """Change that one effect at one start makes: `white` (n,), at `places` of its parameters."""
 
     effect: Effect
     variant: int
@@ -42,7 +42,7 @@ class Signature:
 
 @dataclass(frozen=True)
 class Score:
-    """How much of the present misfit one candidate would explain, to first order, and from where."""
+    """How much of the misfit one candidate would explain, to first order, and from where."""
 
     effect: Effect
     variant: int
@@ -70,11 +70,16 @@ def effect_starts(effect: Effect) -> list[Array]:
     """First guesses of an effect's parameters, bound-scaled."""
     if effect.starts:
         return [
-            np.array([
-                item.to_unit(start[item.name]) if item.name in start
-                else 0.5 if item.start is None else item.to_unit(item.start)
-                for item in effect.parameters
-            ])
+            np.array(
+                [
+                    item.to_unit(start[item.name])
+                    if item.name in start
+                    else 0.5
+                    if item.start is None
+                    else item.to_unit(item.start)
+                    for item in effect.parameters
+                ]
+            )
             for start in effect.starts
         ]
     shape = [
@@ -88,7 +93,10 @@ def effect_starts(effect: Effect) -> list[Array]:
 
 
 def measure_signatures(
-    likelihood: Likelihood, fit: Fit, base: Tangent, ranges: dict[str, float],
+    likelihood: Likelihood,
+    fit: Fit,
+    base: Tangent,
+    ranges: dict[str, float],
 ) -> list[Signature]:
     """Signatures of every effect, variant and start at the base fit."""
     parameters = likelihood.system.base_parameters
@@ -105,21 +113,27 @@ def measure_signatures(
     orthogonal = orthonormal(base.white)
     found: list[Signature] = []
     for begin in range(0, len(points), 64):
-        part = likelihood.predict(points[begin: begin + 64]) - fit.prediction[:, None]
+        part = likelihood.predict(points[begin : begin + 64]) - fit.prediction[:, None]
         white = likelihood.whiten(part)
         lengths = np.sqrt((likelihood.whiten_plain(part) ** 2).sum(axis=0))
         inner = orthogonal.T @ white
         left = white - orthogonal @ inner
         moves = np.linalg.lstsq(base.white, white, rcond=1e-10)[0]
         plain = part - base.plain @ moves
-        for column, (effect, variant, start) in enumerate(wanted[begin: begin + 64]):
+        for column, (effect, variant, start) in enumerate(wanted[begin : begin + 64]):
             length = float(np.linalg.norm(left[:, column]))
-            found.append(Signature(
-                effect, variant, start,
-                effect.size.from_unit(float(start[0])) - effect.neutral, left[:, column],
-                length / max(float(lengths[column]), 1e-300), length,
-                visible_share(likelihood, plain[:, column], ranges),
-            ))
+            found.append(
+                Signature(
+                    effect,
+                    variant,
+                    start,
+                    effect.size.from_unit(float(start[0])) - effect.neutral,
+                    left[:, column],
+                    length / max(float(lengths[column]), 1e-300),
+                    length,
+                    visible_share(likelihood, plain[:, column], ranges),
+                )
+            )
     return found
 
 
@@ -128,9 +142,7 @@ def visible_share(likelihood: Likelihood, change: Array, ranges: dict[str, float
     return max(
         float(np.sqrt(np.average(seen**2, weights=run.width))) / ranges[view]
         for view in likelihood.system.views
-        for run, seen in zip(
-            likelihood.runs, likelihood.view_residuals(change, view), strict=True
-        )
+        for run, seen in zip(likelihood.runs, likelihood.view_residuals(change, view), strict=True)
     )
 
 
@@ -149,8 +161,10 @@ def visible_gain(
     best = 0.0
     for view in likelihood.system.views:
         seen = zip(
-            likelihood.runs, likelihood.view_residuals(less - measured, view),
-            likelihood.view_residuals(more - measured, view), strict=True,
+            likelihood.runs,
+            likelihood.view_residuals(less - measured, view),
+            likelihood.view_residuals(more - measured, view),
+            strict=True,
         )
         for run, before, after in seen:
             fall = float(np.average(before**2 - after**2, weights=run.width))
@@ -168,9 +182,12 @@ def orthonormal(columns: Array) -> Array:
 
 
 def rank(
-    fit: Fit, white_columns: Array, signatures: Sequence[Signature], skip: Sequence[str] = (),
+    fit: Fit,
+    white_columns: Array,
+    signatures: Sequence[Signature],
+    skip: Sequence[str] = (),
 ) -> list[Score]:
-    """Candidates by how much of the fit's misfit their signature takes, best start of each first."""
+    """Candidates by how much of the fit's misfit their signature takes, best start of each."""
     orthogonal = orthonormal(white_columns)
     best: dict[tuple[str, int], Score] = {}
     usable = [item for item in signatures if item.effect.id not in skip and item.length > 1e-9]
@@ -184,21 +201,27 @@ def rank(
         if squared <= 1e-12 * item.length**2 or item.size == 0.0:
             continue
         neutral = item.effect.neutral
-        low, high = sorted((
-            (item.effect.size.low - neutral) / item.size,
-            (item.effect.size.high - neutral) / item.size,
-        ))
+        low, high = sorted(
+            (
+                (item.effect.size.low - neutral) / item.size,
+                (item.effect.size.high - neutral) / item.size,
+            )
+        )
         factor = float(np.clip(product / squared, max(low, -5.0), min(high, 5.0)))
         gain = float(2.0 * factor * product - factor**2 * squared)
         start = item.places.copy()
-        start[0] = np.clip(item.effect.size.to_unit(neutral + item.size * factor), 1e-3, 1.0 - 1e-3)
+        start[0] = np.clip(
+            item.effect.size.to_unit(neutral + item.size * factor), 1e-3, 1.0 - 1e-3
+        )
         if item.key not in best or gain > best[item.key].gain:
             best[item.key] = Score(item.effect, item.variant, gain, start)
     return sorted(best.values(), key=lambda score: -score.gain)
 
 
 def detectability(
-    signatures: Sequence[Signature], error_rate: float, materiality: float,
+    signatures: Sequence[Signature],
+    error_rate: float,
+    materiality: float,
 ) -> list[Detectability]:
     """Detection limit, materiality limit and testable share of each effect, its best variant's."""
     effects: dict[str, list[Signature]] = {}
@@ -220,12 +243,13 @@ def detectability(
 
 
 def _size_at(members: Sequence[Signature], heights: Sequence[float], wanted: float) -> float:
-    """Size at which a growing height reaches `wanted`: straight between the sizes tried, log-log."""
+    """Size at which a growing height reaches `wanted`: log-log between the sizes tried."""
     best = np.inf
     for variant in {item.variant for item in members}:
         own = sorted(
             (abs(item.size), height)
-            for item, height in zip(members, heights, strict=True) if item.variant == variant
+            for item, height in zip(members, heights, strict=True)
+            if item.variant == variant
         )
         sizes = np.array([size for size, height in own if height > 0.0 and size > 0.0])
         tall = np.array([height for size, height in own if height > 0.0 and size > 0.0])
@@ -242,7 +266,7 @@ def _size_at(members: Sequence[Signature], heights: Sequence[float], wanted: flo
 
 
 def angle_matrix(signatures: Sequence[Signature]) -> tuple[list[str], Array]:
-    """Labels (effect:variant) and absolute cosines between the signatures, longest start of each."""
+    """Labels (effect:variant) and absolute cosines between signatures, longest of each."""
     chosen: dict[tuple[str, int], Signature] = {}
     for item in signatures:
         if item.key not in chosen or item.length > chosen[item.key].length:

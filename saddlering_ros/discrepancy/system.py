@@ -1,10 +1,10 @@
-"""What the engine is told: parameters, effects, runs and the simulator that turns them to channels."""
+"""What the engine is told: parameters, effects, runs and the simulator."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+import math
 from typing import Any, Literal, Protocol
 
 import numpy as np
@@ -65,9 +65,9 @@ class Parameter:
 class Effect:
     """One possible cause: its first parameter is its size, `neutral` of it meaning absent.
 
-    `variants` are discrete choices inside one cause, such as which of four sensors; each is a set of
-    fixed values passed on with the fitted ones. `starts` are first guesses tried by the screening;
-    left empty, three sizes between the bounds are tried.
+    `variants` are discrete choices inside one cause, such as which of four sensors; each is a
+    set of fixed values passed on with the fitted ones. `starts` are first guesses tried by the
+    screening; left empty, three sizes between the bounds are tried.
     """
 
     id: str
@@ -99,8 +99,9 @@ class Point:
 class RestSegment:
     """A stretch of record with the system at rest, at its raw rate: where noise is learnt from.
 
-    `values` (C, n) of all channels, `step` seconds between samples. Segments of one `label` share a
-    systematic course (say, creep after a step up), whose mean is taken out before noise is measured.
+    `values` (C, n) of all channels, `step` seconds between samples. Segments of one `label`
+    share a systematic course (say, creep after a step up), whose mean is taken out before noise is
+    measured.
     """
 
     values: Array
@@ -112,9 +113,9 @@ class RestSegment:
 class Run:
     """One record: `channels` (C, N) are means over `width` (N,) seconds about `time` (N,).
 
-    `group` names runs made under one setting (they share their systematic model error). `inputs` are
-    the coordinates that a residual may depend on, the first being the drive; `payload` is for the
-    simulator alone.
+    `group` names runs made under one setting (they share their systematic model error).
+    `inputs` are the coordinates that a residual may depend on, the first being the drive;
+    `payload` is for the simulator alone.
     """
 
     name: str

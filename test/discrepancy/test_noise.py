@@ -12,8 +12,9 @@ from saddlering_ros.discrepancy.noise import measure_noise
 STEP = 0.01
 
 
-def segments(random: np.random.Generator, count: int, white: float, slow: float,
-             tau: float) -> list[RestSegment]:
+def segments(
+    random: np.random.Generator, count: int, white: float, slow: float, tau: float
+) -> list[RestSegment]:
     keep = np.exp(-STEP / tau)
     drive = random.normal(size=count * 400) * slow * np.sqrt(1.0 - keep**2)
     noise = lfilter([1.0], [1.0, -keep], drive) + random.normal(size=count * 400) * white

@@ -10,27 +10,27 @@ import sys
 import numpy as np
 import pytest
 
-from saddlering_ros.discrepancy import Diagnosis, diagnose, Point, Run
+from saddlering_ros.discrepancy import diagnose, Diagnosis, Point, Run
 
 sys.path.insert(0, str(Path(__file__).parents[2] / 'examples'))
 
-import second_system  # noqa: E402
+import second_system
 
 
 class Short(second_system.Axis):
     """The axis with some effects taken out of its catalogue."""
 
     def __init__(self, *missing: str) -> None:
-        self.effects = tuple(
-            item for item in second_system.Axis.effects if item.id not in missing
-        )
+        self.effects = tuple(item for item in second_system.Axis.effects if item.id not in missing)
 
 
 @lru_cache(maxsize=8)
 def diagnosed(hidden: str = '', size: float = 0.0, seed: int = 1, *missing: str) -> Diagnosis:
     effects = {hidden: {effect_size(hidden): size}} if hidden else {}
-    runs = [second_system.measure(100 * seed + k, effects, period)
-            for k, period in enumerate((3.0, 6.0))]
+    runs = [
+        second_system.measure(100 * seed + k, effects, period)
+        for k, period in enumerate((3.0, 6.0))
+    ]
     return diagnose(Short(*missing), runs)
 
 
@@ -61,12 +61,6 @@ def test_the_gain_holds_on_runs_left_out() -> None:
 def test_an_effect_that_is_in_no_catalogue_is_not_given_a_confident_name() -> None:
     found = diagnosed('friction', 4.0, 1, 'friction')
     assert found.verdict == 'unknown'
-
-
-def test_an_offset_of_the_force_of_a_linear_axis_cannot_be_tested() -> None:
-    found = diagnosed('', 0.0, 1)
-    offset = next(item for item in found.detectability if item.effect == 'force_offset')
-    assert not offset.testable
 
 
 def test_a_simulator_of_the_wrong_shape_is_told_so() -> None:
