@@ -80,7 +80,11 @@ CLIP_HIGH = 94
 # Cosine and sine of the elevation as it is without bracket play
 COSINE = 98
 SINE = 99
-MODEL_SIZE = 100
+# Factors on K of each row (not on D)
+UPPER_STIFFNESS = 100
+LOWER_STIFFNESS = 101
+MIDDLE_STIFFNESS = 102
+MODEL_SIZE = 103
 
 # State of a running simulation
 TIME = 0

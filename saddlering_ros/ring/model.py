@@ -27,7 +27,7 @@ class Rows:
     """Rollers of upper, lower and middle row as the kernels want them.
 
     arrays (3, 3, J): per row its cosines (falling), weights (rollers at that cosine times the
-    factor on stiffness) and gaps [m]; uniform (3,): whether all gaps of a row are equal.
+    share of the force they carry) and gaps [m]; uniform (3,): whether all gaps of a row are equal.
     """
 
     arrays: Floats
@@ -59,10 +59,10 @@ def _row(row: RollerRow, geometry: RowGeometry) -> tuple[Floats, Floats, Floats,
     if geometry.wear.is_none and geometry.oval_amplitude == 0.0:
         index = np.arange(row.rollers // 2 + 1)
         twins = np.where((index == 0) | (2 * index == row.rollers), 1.0, 2.0)
-        return (np.cos(angle[index]), twins * geometry.stiffness,
+        return (np.cos(angle[index]), twins,
                 np.full(index.size, half_gap), True)
     wear = geometry.wear.profile(angle)
-    weight = geometry.stiffness * (1.0 - geometry.wear.loss * wear)
+    weight = 1.0 - geometry.wear.loss * wear
     gap = (half_gap + geometry.wear.gap * wear
            + geometry.oval_amplitude * np.cos(2.0 * (angle - geometry.oval_angle)))
     cosine = np.cos(angle)
@@ -113,7 +113,7 @@ def _spread(row: RollerRow, geometry: RowGeometry) -> Floats:
         return np.stack([cosine, weight, gap])
     full = np.cos(roller_angles(row))
     full = full[np.argsort(-full, kind='stable')]
-    return np.stack([full, np.full(row.rollers, geometry.stiffness), np.full(row.rollers, gap[0])])
+    return np.stack([full, np.ones(row.rollers), np.full(row.rollers, gap[0])])
 
 
 def _put_hysteron(scalars: Floats, place: int, hysteron: Hysteron) -> None:
@@ -144,6 +144,9 @@ def scalars_of(rig: Rig, elevation: float, extension: RingExtension = NO_EXTENSI
     _put_hysteron(m, at.BRACKET_LIMIT, extension.bracket_play)
     _put_hysteron(m, at.RADIAL_LIMIT, extension.radial_friction)
     _put_hysteron(m, at.TILT_LIMIT, extension.tilt_friction)
+    m[at.UPPER_STIFFNESS] = extension.upper_row.stiffness
+    m[at.LOWER_STIFFNESS] = extension.lower_row.stiffness
+    m[at.MIDDLE_STIFFNESS] = extension.middle_row.stiffness
     m[at.DAMPING_SHARE] = extension.damping_penetration_share
     m[at.RADIAL_COMPLIANCE] = extension.radial_compliance
     m[at.AXIAL_COMPLIANCE] = extension.axial_compliance
