@@ -39,8 +39,10 @@ SWITCHED = ('hydraulic_load', 'eddy_current', 'replay_clock')
 PATIENCE = 60.0
 """The longest wait for a node to come up or answer [s]."""
 
-WINDOW = 0.5
-"""Bag time per step of the clock [s]: long, since nothing here has to react within a step."""
+SAMPLES_PER_STEP = 50
+"""Loads per step of the clock: many, but few enough for the buffers between the nodes."""
+
+LONGEST_STEP = 1.0
 
 Show = Callable[[float, str], None]
 
@@ -95,7 +97,7 @@ class LiveRig:
                           {**roots, 'parameters_root': str(self._parameters_root)})
 
     def _clock_settings(self) -> dict[str, Any]:
-        return {'lockstep': True, 'rate': 0.0, 'window': WINDOW,
+        return {'lockstep': True, 'rate': 0.0,
                 'participants': ['hydraulic_load', 'eddy_current', *RING_NODES, RECORDER]}
 
     def _start_simulator(self, parameters_file: Path | None) -> None:
@@ -173,13 +175,14 @@ class LiveRig:
 
     # --- replays ---
 
-    def replay(self, bag: Path, show: Show) -> Recording:
-        """Replay a bag in lockstep to its end; what was published of the ring meanwhile."""
+    def replay(self, bag: Path, interval: float, show: Show) -> Recording:
+        """Replay a bag with a load every `interval` [s] in lockstep; what was published."""
         self._recorder.cut()
         self._state = None
-        values = {'bag': str(bag)}
+        window = min(LONGEST_STEP, max(0.02, SAMPLES_PER_STEP * interval))
         for name in SWITCHED:
-            self._switch(name, values)
+            extra = {'window': window} if name == 'replay_clock' else {}
+            self._switch(name, {'bag': str(bag), **extra})
         self._until(lambda: 0.0 <= self._share()[0] < 1.0,
                     f'the replay of {bag.name} does not start')
         share, words = self._share()
@@ -203,16 +206,14 @@ class LiveRig:
         share = (to_stamp(state.now) - start) / max(end - start, 1)
         return min(share, 0.999), f'{state.speed:.0f} times real time' if state.speed else ''
 
-    def _switch(self, name: str, values: dict[str, str]) -> None:
+    def _switch(self, name: str, values: dict[str, str | float]) -> None:
         """Give a replay node its next bag, through its lifecycle."""
         if name in self._replayed:
             self._transit(name, Transition.TRANSITION_DEACTIVATE)
             self._transit(name, Transition.TRANSITION_CLEANUP)
         self._replayed.add(name)
         parameters = [
-            Parameter(name=key, value=ParameterValue(
-                type=ParameterType.PARAMETER_STRING, string_value=value))
-            for key, value in values.items()
+            Parameter(name=key, value=_parameter_value(value)) for key, value in values.items()
         ]
         answer = self._call(SetParameters, f'/{name}/set_parameters',
                             SetParameters.Request(parameters=parameters))
@@ -276,3 +277,9 @@ class LiveRig:
             raise DemoError(f'the action {name} failed: {result.message}')
         return result
 
+
+
+def _parameter_value(value: str | float) -> ParameterValue:
+    if isinstance(value, str):
+        return ParameterValue(type=ParameterType.PARAMETER_STRING, string_value=value)
+    return ParameterValue(type=ParameterType.PARAMETER_DOUBLE, double_value=value)

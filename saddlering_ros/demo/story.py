@@ -9,6 +9,8 @@ import tempfile
 import time
 from typing import Any
 
+import numpy as np
+
 from saddlering_interfaces.action import DiagnoseRing, IdentifyRing
 from saddlering_ros.bags import TestRun
 from saddlering_ros.demo import figures
@@ -120,7 +122,8 @@ class _Story:
 
     def _replay(self, live: LiveRig, run: TestRun, words: str) -> Recording:
         name, began = run.path.name, time.monotonic()
-        recording = live.replay(run.path, lambda share, speed: self.console.show(
+        interval = float(np.median(np.diff(run.time)))
+        recording = live.replay(run.path, interval, lambda share, speed: self.console.show(
             share, f'{name}  {speed}'))
         seconds = time.monotonic() - began
         speed = float(run.time[-1]) / seconds

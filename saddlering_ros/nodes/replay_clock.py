@@ -51,7 +51,8 @@ class ReplayClockNode(StreamingNode):
                   'everything before'),
         Parameter('participants', PARTICIPANTS, 'nodes to wait for, before the first message and '
                   'in lockstep'),
-        Parameter('window', 0.1, 'bag time per step in lockstep [s]', low=0.001, high=1.0),
+        Parameter('window', 0.1, 'bag time per step in lockstep [s]', low=0.001, high=1.0,
+                  changeable=True),
         Parameter('clock_rate', 100.0, 'steps a second in real time', low=1.0, high=1000.0),
         Parameter('timeout', 5.0, 'a node that does not catch up for this long [s] is reported, '
                   'and no longer waited for until it does', low=0.1, high=3600.0),

@@ -1,0 +1,85 @@
+"""Claims about `saddlering demo` that need no replay; the whole story is marked slow."""
+
+import json
+import os
+from pathlib import Path
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+
+from saddlering_ros.cli.main import main
+from saddlering_ros.paths import share_directory
+
+BAGS = share_directory() / 'bags'
+
+
+def start(*arguments, **options):
+    command = [sys.executable, '-m', 'saddlering_ros.cli.main', 'demo', *map(str, arguments)]
+    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
+                            **options)
+
+
+def children_of(number):
+    """Processes whose session was started by `number`, or that are its children, by /proc."""
+    found = []
+    for entry in Path('/proc').iterdir():
+        try:
+            parent = int((entry / 'stat').read_text().rpartition(')')[2].split()[1])
+        except (OSError, ValueError, IndexError):
+            continue
+        if parent == number:
+            found.append(int(entry.name))
+    return found
+
+
+@pytest.mark.parametrize(('make', 'said'), [
+    (lambda folder: folder / 'none', 'no such folder'),
+    (lambda folder: folder, 'holds no bags'),
+])
+def test_a_folder_without_bags_is_one_line_and_status_2(tmp_path, capsys, make, said):
+    status = main(['demo', '--bags', str(make(tmp_path)), '--out', str(tmp_path / 'out')])
+    assert status == 2
+    line = capsys.readouterr().err
+    assert said in line
+    assert line.count('\n') == 1
+    assert not (tmp_path / 'out').exists()
+
+
+def test_an_out_that_is_a_file_is_refused_before_any_work(tmp_path, capsys):
+    (tmp_path / 'out').write_text('mine')
+    assert main(['demo', '--out', str(tmp_path / 'out')]) == 2
+    assert 'is not a folder' in capsys.readouterr().err
+    assert (tmp_path / 'out').read_text() == 'mine'
+
+
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+def test_an_interrupted_demo_leaves_no_process_and_no_file(tmp_path, number):
+    demo = start('--out', tmp_path / 'out', cwd=tmp_path)
+    deadline = time.monotonic() + 60.0
+    while len(children_of(demo.pid)) < 8 and time.monotonic() < deadline:
+        time.sleep(0.05)
+    nodes = children_of(demo.pid)
+    assert len(nodes) >= 8
+    time.sleep(2.0)
+    demo.send_signal(number)
+    demo.communicate(timeout=60.0)
+    assert demo.returncode == 128 + number
+    assert not [pid for pid in nodes if Path(f'/proc/{pid}').exists()]
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.slow
+def test_the_demo_finds_a_cause_live_and_halves_the_misfit_of_the_runs_kept_back(tmp_path):
+    demo = start('--out', tmp_path / 'out', env={**os.environ, 'ROS_LOG_DIR': str(tmp_path)})
+    said, _ = demo.communicate(timeout=540.0)
+    assert demo.returncode == 0, said
+    numbers = json.loads((tmp_path / 'out' / 'numbers.json').read_text())
+    assert numbers['verdict']['verdict'] in ('named', 'ambiguous')
+    assert numbers['live']['gain'] > 0.5
+    assert all(replay['lost'] == 0 for replay in numbers['live']['replays'])
+    names = {path.name for path in (tmp_path / 'out').iterdir()}
+    assert {'report.html', 'numbers.json', 'parameters_identified.yaml',
+            'parameters_extended.yaml', 'comparison_static.png'} <= names

@@ -1,0 +1,37 @@
+"""Claims about numbers as a person reads them."""
+
+import math
+
+import pytest
+
+from saddlering_ros.report.quantities import percent, probability, quantity
+
+
+@pytest.mark.parametrize(('value', 'unit', 'std', 'shown'), [
+    (9037.0, 'N', 35.0, '9.037 ± 0.035 kN'),
+    (1.9855e-6, 'm', 3.5e-8, '1.986 ± 0.035 µm'),
+    (1.1111, '1', 0.0013, '1.1111 ± 0.0013'),
+    (1.29e8, 'N/m^n', 1.6e6, '(1.290 ± 0.016) × 10⁸ N/m^n'),
+    (0.004, 's', None, '4.00 ms'),
+    (0.5, '', None, '0.500'),
+    (math.radians(2.0), 'rad', None, '2.00 °'),
+    (0.0, 'N', None, '0 N'),
+])
+def test_a_quantity_has_a_prefix_and_the_digits_its_error_leaves(value, unit, std, shown):
+    assert quantity(value, unit, std) == shown
+
+
+@pytest.mark.parametrize('value', [None, math.nan, math.inf])
+def test_what_is_no_number_is_a_dash(value):
+    assert quantity(value, 'm') == percent(value) == probability(value) == '–'
+
+
+def test_a_percentage_keeps_two_digits_and_does_not_pretend_below_a_thousandth():
+    assert percent(0.0614) == '6.1 %'
+    assert percent(0.00123) == '0.12 %'
+    assert percent(1e-9) == '< 0.001 %'
+
+
+def test_a_probability_too_small_to_matter_is_only_called_small():
+    assert probability(1e-300) == '< 10⁻¹²'
+    assert probability(0.5) == '0.50'
