@@ -37,7 +37,7 @@ def run(args: argparse.Namespace) -> int:
     chosen = plan(args.bags or share_directory() / 'bags')
     with Console(STEPS) as console:
         outcome = tell(chosen, console)
-        console.say(f'      writing {args.out}/')
+        console.step(f'writing {args.out}/')
         files = write_all(outcome, args.out)
         seconds = console.seconds
     print(summary(outcome))

@@ -54,7 +54,8 @@ code { font: 13px ui-monospace, "DejaVu Sans Mono", monospace; background: #eef1
   padding: 1px 4px; border-radius: 4px; }
 summary { cursor: pointer; font-weight: 600; padding: 4px 0; }
 .tiles { display: flex; flex-wrap: wrap; gap: 12px; margin: 12px 0 4px; }
-.tile { background: #fff; border: 1px solid var(--line); border-radius: 8px; padding: 8px 14px; min-width: 150px; flex: 1; }
+.tile { background: #fff; border: 1px solid var(--line); border-radius: 8px; padding: 8px 14px;
+  min-width: 150px; flex: 1; }
 .tile b { display: block; font-size: 19px; }
 .tile span { color: var(--soft); font-size: 13px; }
 @media print { body { background: #fff; } section, .verdict { break-inside: avoid; } }
