@@ -1,8 +1,8 @@
 """All benchmarks one after the other, each in a process of its own: what `make bench` runs.
 
 python benchmarks/run.py [--full] [NAME ...] runs the short form of each (minutes), or with --full
-the campaigns whose tables stand in docs/ (hours on two cores). A benchmark that fails does not stop
-the next; the status tells at the end.
+the campaigns whose tables stand in docs/ (hours on two cores). One that fails does not stop the
+next; the status tells at the end.
 """
 
 from __future__ import annotations
