@@ -47,6 +47,7 @@ class Client:
         self.inflows = {topic: Inflow(self.node, topic, RingDisplacement) for topic in OUTPUTS}
         self.raw: dict[str, list[bytes]] = {topic: [] for topic in OUTPUTS}
         self.diagnostics: dict[str, tuple[int, str]] = {}
+        self.warnings: list[str] = []
         self.progress: dict[str, ReplayProgress] = {}
         self._progress = Inflow(self.node, PROGRESS_TOPIC, ReplayProgress)
         self._diagnostics = Inflow(self.node, '/diagnostics', DiagnosticArray)
@@ -66,6 +67,8 @@ class Client:
                 for message in self._diagnostics.take():
                     for status in deserialize_message(message, DiagnosticArray).status:
                         self.diagnostics[status.name] = (status.level[0], status.message)
+                        if status.level[0]:
+                            self.warnings.append(f'{status.name}: {status.message}')
             time.sleep(0.002)
 
     def heard(self, topic: str) -> wire.Displacements:
