@@ -415,6 +415,21 @@ class _Session:
         distance = rival.misfit - best.misfit
         return distance <= self.settings.rival_floor + self.settings.rival_share * excess
 
+    def parameters_alone(self, fits: Sequence[Fit]) -> list[Fit]:
+        """The same models fitted with no other freedom than the runs' offsets.
+
+        Naming shares a misfit between parameters and nuisances; a parameter file has parameters
+        only. What is published, predicted and measured as gain is therefore this fit. The metric
+        stays without nuisances from here on.
+        """
+        self.likelihood.free_of(offset_columns(self.likelihood))
+        self.tangents.clear()
+        return run_refits(
+            self.likelihood,
+            [refit(self.likelihood, fit.candidate, fit.place, full=True) for fit in fits],
+            self.check,
+        )
+
 
 def _key(candidate: Candidate) -> tuple[tuple[str, int], ...]:
     return tuple(sorted((effect.id, variant) for effect, variant in candidate.effects))
@@ -488,20 +503,25 @@ def _conclude(
     labels, angles = angle_matrix(session.signatures)
     inflation = 1.0 + max(structure_after.excess, 0.0) / structure_after.dimensions
     covariance = _covariance(final, inflation)
-    causes = tuple(
-        _cause(session, fit, name, rivals, covariance, runs) for name in fit.candidate.ids
-    )
-    causes = tuple(sorted(causes, key=lambda cause: -cause.visible))
+    lesses = {name: session.without(fit, name) for name in fit.candidate.ids}
+    weights = {name: session.weigh(fit, less, 0) for name, less in lesses.items()}
     count = len(system_parameters(session))
     sentence = None
     if verdict == 'ambiguous':
         pairs = [(fit, rival) for others in rivals.values() for rival in others]
         sentence = choose_next(likelihood, final, pairs, proposals)
     limits = detectability(session.signatures, settings.error_rate, settings.materiality)
-    predicted = _predictions(session.system, runs, base, fit)
     before_covariance = _covariance(
         session.base_tangent, 1.0 + max(structure_before.excess, 0.0) / structure_before.dimensions
     )
+    base, fit, *others = session.parameters_alone([base, fit, *lesses.values()])
+    lesses = dict(zip(lesses, others, strict=True))
+    causes = tuple(
+        _cause(session, fit, lesses[name], weights[name], rivals.get(name, ()), covariance, runs)
+        for name in lesses
+    )
+    causes = tuple(sorted(causes, key=lambda cause: -cause.visible))
+    predicted = _predictions(session.system, runs, base, fit)
     return Diagnosis(
         verdict,
         causes,
@@ -559,11 +579,13 @@ def _base_estimates(session: _Session, fit: Fit, covariance: Array) -> dict[str,
 def _cause(
     session: _Session,
     fit: Fit,
-    name: str,
-    rivals: dict[str, tuple[Fit, ...]],
+    less: Fit,
+    evidence: Evidence,
+    rivals: tuple[Fit, ...],
     covariance: Array,
     runs: list[Run],
 ) -> Cause:
+    name = next(item for item in fit.candidate.ids if item not in less.candidate.ids)
     start = len(system_parameters(session))
     for effect, variant in fit.candidate.effects:  # noqa: B007
         if effect.id == name:
@@ -576,11 +598,9 @@ def _cause(
         estimates[item.name] = Estimate(item.from_unit(place), std, item.unit)
     for key, value in effect.variants[variant].items():
         estimates[key] = Estimate(float(value), 0.0, '')
-    less = session.without(fit, name)
-    evidence = session.weigh(fit, less, 0)
     others = {
         other
-        for rival in rivals.get(name, ())
+        for rival in rivals
         for other in rival.candidate.ids
         if other not in fit.candidate.ids
     }
