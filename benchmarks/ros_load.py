@@ -265,11 +265,13 @@ def to_cancel() -> dict[str, Any]:
             goal = IdentifyRing.Goal(bags=['bag'], particles=400, iterations=2000, seed=seed)
             sent = client.send_goal_async(goal, feedback_callback=running.append)
             executor.spin_until_future_complete(sent, 30.0)
+            ended = sent.result().get_result_async()
             while not running:
                 executor.spin_once(0.1)
+                if ended.done():
+                    raise SystemExit(f'the goal ended: {ended.result().result.message}')
             asked = time.monotonic()
             sent.result().cancel_goal_async()
-            ended = sent.result().get_result_async()
             executor.spin_until_future_complete(ended, 30.0)
             seconds.append(time.monotonic() - asked)
         node.destroy_node()

@@ -16,6 +16,7 @@ import os
 import socket
 import subprocess
 import sys
+import threading
 from typing import Any
 
 from saddlering_ros.errors import SaddleringError
@@ -47,10 +48,15 @@ class Worker:
         self._process: subprocess.Popen[bytes] | None = None
         self._pipe: Connection | None = None
         self._life: int | None = None
+        self._starting = threading.Lock()
         self.start()
 
     def start(self) -> None:
-        """Start the process, unless it runs."""
+        """Start the process, unless it runs. May be called from several threads."""
+        with self._starting:
+            self._start()
+
+    def _start(self) -> None:
         if self._process is not None and self._process.poll() is None:
             return
         self.close()
