@@ -6,6 +6,7 @@ examples/second_system.py [effect [size]] [--seed N]
 """
 
 import argparse
+from types import MappingProxyType
 
 import numpy as np
 
@@ -18,7 +19,7 @@ class Axis:
     """m x'' + d x' + k x + friction = force; channels: linear scale and motor encoder [m]."""
 
     channel_names = ('scale', 'encoder')
-    views = {'scale': np.array([1.0, 0.0]), 'encoder': np.array([0.0, 1.0])}
+    views = MappingProxyType({'scale': np.array([1.0, 0.0]), 'encoder': np.array([0.0, 1.0])})
     base_parameters = (
         Parameter('stiffness', 2e3, 5e4, scale='log', unit='N/m'),
         Parameter('damping', 50.0, 5e3, scale='log', unit='N s/m'),
@@ -64,7 +65,7 @@ class Axis:
 
 
 def measure(seed: int, effects: dict, period: float, noise: float = 2e-6) -> Run:
-    """A ramp up and down with AR(1) noise, at rest before and after, as the machine would give it."""
+    """A ramp up and down with AR(1) noise, at rest before and after, as a machine gives it."""
     random = np.random.default_rng(seed)
     time = np.arange(0.0, 2 * period + 8.0, STEP)
     force = np.interp(time, [0, 4, 4 + period, 4 + 2 * period], [0.0, 0.0, 200.0, 0.0])
@@ -92,4 +93,4 @@ if __name__ == '__main__':
                               for k, period in enumerate((4.0, 8.0, 16.0))])
     print(f'hidden: {hidden}\nverdict: {found.verdict}, {found.seconds:.1f} s')
     for cause in found.causes:
-        print(cause.group, dict(cause.estimates), f'gain on runs left out {cause.gain.held_out:.0%}')
+        print(cause.group, dict(cause.estimates), f'gain left out {cause.gain.held_out:.0%}')

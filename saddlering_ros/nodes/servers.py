@@ -222,7 +222,9 @@ def below(root: Path, name: str, what: str) -> Path:
         raise NodeError(
             f'{what} {name!r}: cannot be resolved: give a path below {root}') from problem
     if not name or not real.is_relative_to(root):
-        raise NodeError(f'{what} {name!r} is not below {root}: put it there, or set the root')
+        parameter = 'bag_root' if what == 'bag' else 'parameters_root'
+        raise NodeError(f'{what} {name!r} is not below {root}: put it there, or set the '
+                        f"node's parameter {parameter}")
     if not real.exists():
         raise NodeError(f'{what} {name!r} is not in {root}: check the name')
     return real
