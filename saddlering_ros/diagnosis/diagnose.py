@@ -21,7 +21,7 @@ from saddlering_ros.diagnosis.records import (
     Record,
 )
 from saddlering_ros.diagnosis.ring_system import RingSystem
-from saddlering_ros.discrepancy import Cause, diagnose, Diagnosis, Settings
+from saddlering_ros.discrepancy import Cause, diagnose, Diagnosis, Run, Settings
 from saddlering_ros.discrepancy.engine import Evidence
 from saddlering_ros.discrepancy.lack_of_fit import ShapeTest
 from saddlering_ros.rig import (
@@ -252,27 +252,41 @@ def _figures(
         measured, first, last = (item[index] for item in seen)
         span = max(float(np.ptp(measured)), 1e-12)
         weights = found.likelihood.system.views[name]
-        noise = _noise_floor(found, run.name, run.width, weights)
+        noise = _noise_floor(found, run, weights)
         channels[name] = ChannelFigures(
             _rms(first - measured) / span, _rms(last - measured) / span, noise / span
         )
     return RunFigures(record, channels, *seen)
 
 
-def _noise_floor(found: Diagnosis, name: str, width: Array, weights: Array) -> float:
-    """Rms noise of a view at the run's block widths, the zero's own noise with it."""
+ZERO_SPAN = 0.5
+"""Length of record [s] whose mean is a run's zero."""
+
+
+def _noise_floor(found: Diagnosis, run: Run, weights: Array) -> float:
+    """Rms noise of a view over the run's block means, the zero's own noise with it."""
     known = found.likelihood.noise
-    fitted = name if (name, 0) in known else next(iter(known))[0]
-    typical = float(np.median(width))
+    fitted = run.name if (run.name, 0) in known else _alike(found, run)
+    start = float(run.time[0])
     power = sum(
         float(weight) ** 2
-        * (
-            known[fitted, channel].deviation(typical) ** 2
-            + known[fitted, channel].deviation(0.5) ** 2
+        * float(
+            np.mean(
+                known[fitted, channel].since(run.time, run.width, start - ZERO_SPAN, ZERO_SPAN)
+                ** 2
+            )
         )
         for channel, weight in enumerate(weights)
+        if weight
     )
     return math.sqrt(power)
+
+
+def _alike(found: Diagnosis, run: Run) -> str:
+    """The fitted run whose block means are as long as those of a run held out."""
+    width = float(np.median(run.width))
+    fitted = found.likelihood.runs
+    return min(fitted, key=lambda item: abs(np.log(np.median(item.width) / width))).name
 
 
 def _displacement(rig: Rig, increments: Array) -> NDArray[np.float64]:

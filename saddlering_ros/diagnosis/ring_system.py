@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from saddlering_ros import effects as catalogue_of_effects
 from saddlering_ros.diagnosis.records import LoadGrid
-from saddlering_ros.diagnosis.scatter import compressed, scatter_columns
+from saddlering_ros.diagnosis.scatter import compressed, rig_columns, scatter_columns
 from saddlering_ros.discrepancy import Effect, Parameter, Point, Run
 from saddlering_ros.effects.extension import NO_EXTENSION, RingExtension
 from saddlering_ros.rig import PARAMETER_NAMES, PARAMETER_UNITS, Rig, TRUE_TO_SCALE
@@ -82,7 +82,7 @@ class RingSystem:
         return np.clip(means, -1e-2, 1e-2)
 
     def disturbances(self, runs: Sequence[Run], base: Array) -> list[Array]:
-        """Unequal rollers of a sound ring."""
+        """Unequal rollers of a sound ring; clearances and a weight not known exactly."""
         parts = [
             scatter_columns(self.rig, base, run.payload.elevation, next(iter(run.inputs.values())))
             for run in runs
@@ -91,7 +91,12 @@ class RingSystem:
         answer, start = [], 0
         for run in runs:
             block = joined[start : start + run.channels.size]
-            answer.append(block.reshape(*run.channels.shape, -1))
+            known = rig_columns(
+                self.rig, base, run.payload.elevation, next(iter(run.inputs.values()))
+            )
+            answer.append(
+                np.concatenate([block.reshape(*run.channels.shape, -1), known], axis=2)
+            )
             start += run.channels.size
         return answer
 

@@ -9,6 +9,8 @@ contact nor out of it.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -21,6 +23,10 @@ GAP_SCATTER = 1.5e-6
 """Spread of single rollers' gaps [m] that counts as a sound ring."""
 STIFFNESS_SCATTER = 0.03
 """Spread of single rollers' stiffness, as a share."""
+CLEARANCE_UNKNOWN = 1e-6
+"""Standard deviation [m] to which a row's mean clearance is known beforehand."""
+WEIGHT_UNKNOWN = 0.02
+"""Standard deviation to which the carriage's weight is known beforehand, as a share."""
 GRID = 70
 COLUMNS = 60
 _NODES, _WEIGHTS = np.polynomial.hermite_e.hermegauss(7)
@@ -43,6 +49,30 @@ def scatter_columns(rig: Rig, contact: Array, elevation: float, load: Array) -> 
     height, half = rig.probes.radial_height, 0.5 * rig.probes.axial_span
     radial = q[:, 0] + height * q[:, 2]
     return np.stack([radial, q[:, 1] + half * q[:, 2], -radial, q[:, 1] - half * q[:, 2]])
+
+
+def rig_columns(rig: Rig, contact: Array, elevation: float, load: Array) -> Array:
+    """Probe increments (4, N, 3) of one spread of both clearances and of the weight.
+
+    Without them a common gain of the load would be told from the stiffnesses by nothing but
+    clearances and a weight that no one knows so well.
+    """
+    axial, middle, carriage = rig.axial_rows, rig.middle_row, rig.carriage
+    varied = [
+        replace(rig, axial_rows=replace(axial, clearance=axial.clearance + CLEARANCE_UNKNOWN)),
+        replace(rig, middle_row=replace(middle, clearance=middle.clearance + CLEARANCE_UNKNOWN)),
+        replace(rig, carriage=replace(carriage, weight=carriage.weight * (1.0 + WEIGHT_UNKNOWN))),
+    ]
+    grid = np.linspace(float(load.min()), float(load.max()), GRID)
+    usual = static_response(rig, contact, elevation, grid)
+    height, half = rig.probes.radial_height, 0.5 * rig.probes.axial_span
+    columns = []
+    for other in varied:
+        change = static_response(other, contact, elevation, grid) - usual
+        x, y, gamma = (np.interp(load, grid, np.nan_to_num(row)) for row in change)
+        radial = x + height * gamma
+        columns.append(np.stack([radial, y + half * gamma, -radial, y - half * gamma]))
+    return np.stack(columns, axis=-1)
 
 
 def _columns_at(rig: Rig, contact: Array, q: Array) -> Array:

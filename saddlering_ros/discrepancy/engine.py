@@ -43,6 +43,7 @@ from saddlering_ros.discrepancy.screen import (
     rank,
     Score,
     Signature,
+    testable,
     visible_gain,
 )
 from saddlering_ros.discrepancy.system import (
@@ -63,7 +64,7 @@ class Cancelled(DiscrepancyError):
 
 @dataclass(frozen=True)
 class Settings:
-    """How strict to be. Every figure here was set by the blind benchmark, see docs/diagnosis.md.
+    """How strict to be. The figures were chosen beforehand; blind trials check, not set, them.
 
     error_rate: chance of any false cause on clean data; materiality: share of a view's range under
     which a finding is listed only; most: causes at most; refits: candidates refitted at each step;
@@ -206,6 +207,7 @@ class _Session:
         self.signatures: list[Signature] = measure_signatures(
             self.likelihood, self.base, self.base_tangent, self.ranges
         )
+        self.usable = testable(self.signatures)
         self.trials = max(1, len({item.key for item in self.signatures}))
         self.battery = Battery(self.likelihood, self.ranges, self.pairs)
         self.cache: dict[tuple[tuple[str, int], ...], Fit] = {}
@@ -221,7 +223,7 @@ class _Session:
         return self.tangents[id(fit)]
 
     def scores(self, fit: Fit, skip: Sequence[str] = ()) -> list[Score]:
-        return rank(fit, self.tangent_of(fit).white, self.signatures, [*fit.candidate.ids, *skip])
+        return rank(fit, self.tangent_of(fit).white, self.usable, [*fit.candidate.ids, *skip])
 
     def fit_with(self, fit: Fit, scores: Sequence[Score]) -> list[Fit]:
         """`fit`'s model plus each scored candidate, refitted side by side."""

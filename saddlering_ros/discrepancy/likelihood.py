@@ -32,6 +32,12 @@ from saddlering_ros.discrepancy.system import (
 USUAL_SPREADS = 2.5
 """A nuisance larger than so many of its standard deviations is no nuisance."""
 
+SEEN_SHARE = 0.25
+"""A stretch at rest shows noise of time constants up to this share of its length."""
+
+FEW_STRETCHES = 10
+"""Fewer stretches at rest than this tell nothing of noise slower than themselves."""
+
 RATE_SHAPES = 4
 """Shapes over the drive of the error that goes with its rate."""
 
@@ -221,19 +227,31 @@ def learn_noise(
     if not classes:
         raise DiscrepancyError('noise: no stretch at rest in any run; hold the load somewhere')
     count = runs[0].channels.shape[0]
-    learnt = {
-        key: measure_noise(segments, count, series.get(key, ()))
+    usable = {
+        key: segments
         for key, segments in classes.items()
         if sum(segment.values.shape[1] for segment in segments) >= 16
     }
-    if not learnt:
+    if not usable:
         raise DiscrepancyError('noise: the stretches at rest are too short to learn from')
     # Slow noise is a matter of the instrument, not of the rate: take it from who saw most of it.
-    richest = max(learnt, key=lambda key: learnt[key][0].pairs)
+    richest = max(usable, key=lambda key: len(usable[key]))
+    learnt = {
+        key: measure_noise(
+            segments,
+            count,
+            series.get(key, ()),
+            np.inf if key == richest else _longest_seen(segments),
+        )
+        for key, segments in usable.items()
+    }
+    if richest not in series and len(usable[richest]) < FEW_STRETCHES:
+        learnt[richest] = [_going_on(item, usable[richest]) for item in learnt[richest]]
     for key in learnt:
         learnt[key] = [
             replace(
-                own, slow=np.maximum(own.slow, np.where(TIME_CONSTANTS >= 0.3, best.slow, 0.0))
+                own,
+                slow=np.maximum(own.slow, np.where(TIME_CONSTANTS >= 0.3, best.slow, 0.0)),
             )
             for own, best in zip(learnt[key], learnt[richest], strict=True)
         ]
@@ -244,6 +262,19 @@ def learn_noise(
         for channel in range(count):
             noise[run.name, channel] = learnt[key][channel]
     return noise
+
+
+def _longest_seen(segments: Sequence[RestSegment]) -> float:
+    """Time constant [s] up to which stretches at rest tell noise from a trend."""
+    return SEEN_SHARE * max(segment.step * segment.values.shape[1] for segment in segments)
+
+
+def _going_on(noise: ChannelNoise, segments: Sequence[RestSegment]) -> ChannelNoise:
+    """Noise that at times longer than any stretch at rest is as large as at the longest seen."""
+    span = max(segment.step * segment.values.shape[1] for segment in segments)
+    longest = noise.deviation(0.25 * span) ** 2
+    slow = np.where(span < TIME_CONSTANTS, np.maximum(noise.slow, longest), noise.slow)
+    return replace(noise, slow=slow)
 
 
 def _sampling(run: Run) -> int:

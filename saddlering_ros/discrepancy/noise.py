@@ -9,7 +9,7 @@ honest covariance of block means at any spacing. Allan, Proc. IEEE 54 (1966) 221
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.optimize import nnls
@@ -52,6 +52,12 @@ class ChannelNoise:
             same = np.eye(time.size) if hold is None else (hold[:, None] == hold[None, :])
             matrix += self.held * same
         return matrix
+
+    def since(self, time: Array, width: Array, reference: float, span: float) -> Array:
+        """Standard deviation (N,) of block means less the mean over `span` s at `reference`."""
+        order = np.append(reference, time)
+        matrix = self.covariance(order, np.append(span, width))
+        return np.asarray(np.sqrt(np.diag(matrix)[1:] + matrix[0, 0] - 2.0 * matrix[0, 1:]))
 
     def deviation(self, width: float) -> float:
         """Standard deviation of one mean over `width` seconds."""
@@ -98,8 +104,12 @@ def measure_noise(
     segments: Sequence[RestSegment],
     count: int,
     series: Sequence[HeldSeries] = (),
+    longest: float = np.inf,
 ) -> list[ChannelNoise]:
     """Noise of each of `count` channels, pooled over all stretches at rest.
+
+    Parts with time constants over `longest` [s] are left out: a few short stretches say nothing of
+    noise slower than themselves, and a trend in them would be read as a random walk.
 
     Labelled stretches, whose common course can be taken out, are preferred where there are many.
 
@@ -112,6 +122,8 @@ def measure_noise(
     if len(labelled) >= 20:
         segments = labelled
     statistics = [_statistics(segments, channel, series) for channel in range(count)]
+    seen = np.append(True, longest >= TIME_CONSTANTS)
+    statistics = [replace(item, columns=item.columns * seen) for item in statistics]
     solved = [_mixture(item.columns, item.seen, item.pairs) for item in statistics]
     totals = [max(float(item.seen.max()), np.finfo(float).tiny) for item in statistics]
     # One shape: each channel's statistics over its own size, all in one mixture.

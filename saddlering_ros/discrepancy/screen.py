@@ -18,6 +18,8 @@ from saddlering_ros.discrepancy.system import Array, Effect, Point
 
 #: An effect of which less than this share is left beside the base parameters cannot be tested.
 LEAST_SHARE = 0.02
+#: A change shorter than this, in standard deviations before the projection, does not show.
+LEAST_LENGTH = 1.0
 #: Normal quantile of 0.9: found nine times in ten.
 POWER_QUANTILE = 1.2816
 
@@ -218,6 +220,34 @@ def rank(
     return sorted(best.values(), key=lambda score: -score.gain)
 
 
+def testable_share(members: Sequence[Signature]) -> float:
+    """Share of an effect's signature that base parameters leave, of its best variant.
+
+    Taken at the smallest size that shows: at larger ones the base parameters' own curvature would
+    pass for something left.
+    """
+    best = 0.0
+    for variant in {item.variant for item in members}:
+        own = [item for item in members if item.variant == variant]
+        shown = [item for item in own if item.length > LEAST_LENGTH * item.share] or own
+        smallest = min(abs(item.size) for item in shown)
+        best = max(best, *(item.share for item in shown if abs(item.size) <= smallest))
+    return best
+
+
+def testable(signatures: Sequence[Signature]) -> list[Signature]:
+    """Signatures of the effects that these data can test at all."""
+    effects: dict[str, list[Signature]] = {}
+    for item in signatures:
+        effects.setdefault(item.effect.id, []).append(item)
+    return [
+        item
+        for members in effects.values()
+        if testable_share(members) >= LEAST_SHARE
+        for item in members
+    ]
+
+
 def detectability(
     signatures: Sequence[Signature],
     error_rate: float,
@@ -232,7 +262,7 @@ def detectability(
     answers = []
     for name, members in effects.items():
         size = members[0].effect.size
-        share = max(item.share for item in members)
+        share = testable_share(members)
         limit = _size_at(members, [item.length for item in members], needed)
         material = _size_at(members, [item.visible for item in members], materiality)
         neutral = members[0].effect.neutral

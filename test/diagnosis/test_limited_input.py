@@ -1,0 +1,62 @@
+"""Claims about poor input: what the data allow is done, what they do not is said."""
+
+from __future__ import annotations
+
+import pytest
+
+from saddlering_ros.bags import BagError, read_run
+from saddlering_ros.cli.main import main
+from saddlering_ros.diagnosis import diagnose_bags, DiagnosisError
+from saddlering_ros.diagnosis.records import build_record, check_set
+from saddlering_ros.rig import default_rig
+
+VERDICTS = ('none', 'named', 'ambiguous', 'unknown')
+
+
+def notes_of(bags) -> str:
+    rig = default_rig()
+    return ' / '.join(check_set([build_record(rig, read_run(bag), held_out=False)
+                                 for bag in bags]))
+
+
+def test_no_bags_is_an_error_in_one_line():
+    with pytest.raises(DiagnosisError, match='at least one'):
+        diagnose_bags([])
+
+
+def test_a_bag_that_is_not_there_is_status_2_and_one_line(tmp_path, capsys):
+    assert main(['diagnose', str(tmp_path / 'nothing')]) == 2
+    told = capsys.readouterr().err.strip()
+    assert len(told.splitlines()) == 1
+    assert 'nothing' in told
+
+
+def test_bags_held_out_must_be_bags(campaign, tmp_path):
+    with pytest.raises(BagError):
+        diagnose_bags([campaign()[0]], [tmp_path / 'nothing'])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('run', ['static_50', 'dynamic_50'])
+def test_one_clean_run_gives_no_cause_and_says_what_is_missing(campaign, run):
+    bags = [bag for bag in campaign() if bag.name == run]
+    verdict = diagnose_bags(bags)
+    assert verdict.verdict == 'none'
+    assert verdict.to_json()['causes'] == []
+    assert 'one run only' in ' '.join(verdict.notes)
+    assert 'one elevation only' in ' '.join(verdict.notes)
+
+
+def test_static_runs_only_are_said_to_be_so(campaign):
+    bags = [bag for bag in campaign() if bag.name.startswith('static')]
+    assert 'static runs only' in notes_of(bags)
+    assert 'one elevation only' not in notes_of(bags)
+
+
+def test_dynamic_runs_only_are_said_to_be_so(campaign):
+    bags = [bag for bag in campaign() if bag.name.startswith('dynamic')]
+    assert 'dynamic runs only' in notes_of(bags)
+
+
+def test_a_short_run_is_said_to_be_short(campaign):
+    assert 'effects slower than this cannot show' in notes_of(campaign()[2:3])
