@@ -45,6 +45,7 @@ from saddlering_ros.discrepancy.screen import (
     Signature,
     testable,
     visible_gain,
+    visible_gains,
 )
 from saddlering_ros.discrepancy.system import (
     Array,
@@ -71,7 +72,9 @@ class Settings:
     least_partial: share of the remaining misfit that a member of a model must explain;
     least_total: share of the misfit that the whole model must explain to be named;
     rival_floor, rival_share: a rival stays in the group while its misfit is within this of the
-    best.
+    best; form_error: share of the misfit an effect explains by which its idealised form may
+    err: rivals as close as that stay in its group, and a further cause smaller than that in the
+    same view is no cause.
     """
 
     error_rate: float = 0.01
@@ -82,6 +85,7 @@ class Settings:
     least_total: float = 0.85
     rival_floor: float = 12.0
     rival_share: float = 0.33
+    form_error: float = 0.1
     allowance: Allowance = field(default_factory=Allowance)
     seed: int = 0
 
@@ -349,11 +353,26 @@ class _Session:
             if not material:
                 self.immaterial += [evidence for evidence, _ in real[:3]]
                 break
-            if step and not self.worth(structure):
+            material = [pair for pair in material if self.beyond_form(current, pair[1])]
+            if not material or (step and not self.worth(structure)):
                 self.immaterial += [evidence for evidence, _ in real[:3]]
                 break
             current = material[0][1]
         return current
+
+    def beyond_form(self, less: Fit, fit: Fit) -> bool:
+        """Whether what `fit` adds is more than the inexact form of what `less` has could leave."""
+        if not less.candidate.effects:
+            return True
+        share = float(np.sqrt(self.settings.form_error))
+        known = visible_gains(
+            self.likelihood, self.base.prediction, less.prediction, self.ranges
+        )
+        new = visible_gains(self.likelihood, less.prediction, fit.prediction, self.ranges)
+        return any(
+            size >= max(self.settings.materiality, share * known[view])
+            for view, size in new.items()
+        )
 
     def worth(self, structure: Structure) -> bool:
         """Whether what is left is both real and material."""
@@ -376,6 +395,8 @@ class _Session:
                     share = 0.0
                 if evidence.visible < self.settings.materiality:
                     share = 0.0
+                if not self.beyond_form(less, fit):
+                    share = 0.0
                 partial.append((share, name, evidence))
             share, name, evidence = min(partial, key=lambda item: item[0])
             if share >= self.settings.least_partial:
@@ -395,13 +416,13 @@ class _Session:
                 less = self.without(fit, name)
                 scores = self.scores(less, [name])
                 taken = less.misfit - fit.misfit
-                shortlist = self.shortlist(scores, 0.4 * taken, self.settings.refits)
+                shortlist = self.shortlist(scores, 0.1 * taken, self.settings.refits)
                 fits = [
                     item
                     for item in self.fit_with(less, shortlist)
                     if name not in item.candidate.ids
                 ]
-                rivals[name] = tuple(item for item in fits if self.indistinct(item, fit))
+                rivals[name] = tuple(item for item in fits if self.indistinct(item, fit, taken))
                 if fits and self.penalised(fits[0]) < self.penalised(fit) - 1.0:
                     better = (
                         fits[0] if better is None else min(better, fits[0], key=self.penalised)
@@ -411,11 +432,15 @@ class _Session:
             fit = self.prune(better)
         return fit, rivals
 
-    def indistinct(self, rival: Fit, best: Fit) -> bool:
-        """Whether these data leave the rival open: misfit left over makes the judgement milder."""
+    def indistinct(self, rival: Fit, best: Fit, taken: float) -> bool:
+        """Whether these data leave the rival open: misfit left over makes the judgement milder.
+
+        So does the misfit `taken`: no effect's form is exact.
+        """
         excess = max(self.battery.structure(best).excess, 0.0)
         distance = rival.misfit - best.misfit
-        return distance <= self.settings.rival_floor + self.settings.rival_share * excess
+        margin = self.settings.rival_floor + self.settings.rival_share * excess
+        return distance <= max(margin, self.settings.form_error * taken)
 
     def parameters_alone(self, fits: Sequence[Fit]) -> list[Fit]:
         """The same models fitted with no other freedom than the runs' offsets.

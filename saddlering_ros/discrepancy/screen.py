@@ -148,10 +148,10 @@ def visible_share(likelihood: Likelihood, change: Array, ranges: dict[str, float
     )
 
 
-def visible_gain(
+def visible_gains(
     likelihood: Likelihood, less: Array, more: Array, ranges: dict[str, float]
-) -> float:
-    """Largest fall of the rms residual over runs and views between two predictions (n,).
+) -> dict[str, float]:
+    """Fall of the rms residual between two predictions (n,) by view, the run with the largest.
 
     Taken in quadrature, as a share of the view's range, after the nuisances took what they can of
     either: what is beyond a sound system's own small errors.
@@ -160,7 +160,7 @@ def visible_gain(
     less, more = (
         measured + likelihood.without_nuisances(item - measured) for item in (less, more)
     )
-    best = 0.0
+    falls: dict[str, float] = {}
     for view in likelihood.system.views:
         seen = zip(
             likelihood.runs,
@@ -168,10 +168,19 @@ def visible_gain(
             likelihood.view_residuals(more - measured, view),
             strict=True,
         )
-        for run, before, after in seen:
-            fall = float(np.average(before**2 - after**2, weights=run.width))
-            best = max(best, float(np.sqrt(max(fall, 0.0))) / ranges[view])
-    return best
+        powers = [
+            float(np.average(before**2 - after**2, weights=run.width))
+            for run, before, after in seen
+        ]
+        falls[view] = float(np.sqrt(max(0.0, *powers))) / ranges[view]
+    return falls
+
+
+def visible_gain(
+    likelihood: Likelihood, less: Array, more: Array, ranges: dict[str, float]
+) -> float:
+    """Largest of `visible_gains`."""
+    return max(visible_gains(likelihood, less, more, ranges).values())
 
 
 def orthonormal(columns: Array) -> Array:
