@@ -72,6 +72,7 @@ def test_an_interrupted_demo_leaves_no_process_and_no_file(tmp_path, number):
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(600)
 def test_the_demo_finds_a_cause_live_and_halves_the_misfit_of_the_runs_kept_back(tmp_path):
     demo = start('--out', tmp_path / 'out', env={**os.environ, 'ROS_LOG_DIR': str(tmp_path)})
     said, _ = demo.communicate(timeout=540.0)
