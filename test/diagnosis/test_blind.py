@@ -1,8 +1,8 @@
 """Blind draws: another process hides something, the diagnosis sees bags, then the seal opens.
 
 The seed is fixed at 7 unless SADDLERING_BLIND_SEED says otherwise: rates at random seeds have been
-measured on too few draws to promise a pass (docs/diagnosis.md). Every draw prints its own. A draw that
-once failed belongs into REGRESSIONS with what its truth asks for.
+measured on too few draws to promise a pass (docs/diagnosis.md). Every draw prints its own. A draw
+that once failed belongs into REGRESSIONS with what its truth asks for.
 
 Pass rule, over all draws: no cause on a clean rig; no wrong name (a verdict `named` without any
 hidden effect in its groups; a stray second cause beside the right one only counts as not right);
