@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+import math
 
-from saddlering_ros.effects.base import Choice
+from saddlering_ros.effects.base import Choice, EffectParameter
 from saddlering_ros.effects.extension import Wear
 
 STIFFNESS, GAP = 0.0, 1.0
@@ -16,6 +17,23 @@ FULL_GAP = 1e-4
 
 STARTS = ({'centre': 0.4}, {'centre': 1.6}, {'centre': 2.7})
 """Both load zones of the axial rows and the place between."""
+
+
+def arc_parameters(centre: float) -> tuple[EffectParameter, ...]:
+    """Parameters of a worn arc; `centre` [rad] is where the search for it starts."""
+    return (
+        EffectParameter(
+            'wear', '1', 0.0, 1.0, 0.3, 0.3,
+            'share of stiffness lost on the arc, or its extra gap in units of 0.1 mm',
+            amplitude=True, one_sided=True),
+        EffectParameter(
+            'centre', 'rad', 0.0, math.pi, 0.5, centre,
+            'middle of the arc from the rear (x > 0); its mirror image acts alike',
+            one_sided=True),
+        EffectParameter(
+            'half_width', 'rad', 0.15, 1.5, 0.5, 0.6,
+            'half the length of the arc', one_sided=True),
+    )
 
 
 def worn_arc(values: Mapping[str, float]) -> Wear:

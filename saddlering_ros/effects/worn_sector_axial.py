@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-import math
 
-from saddlering_ros.effects.base import Choice, Effect, EffectParameter, Variant
+from saddlering_ros.effects.base import Choice, Effect, Variant
 from saddlering_ros.effects.extension import RingExtension
-from saddlering_ros.effects.worn_arc import KIND, KINDS, STARTS, worn_arc
+from saddlering_ros.effects.worn_arc import arc_parameters, KIND, KINDS, STARTS, worn_arc
 
 BOTH, UPPER, LOWER = 0.0, 1.0, 2.0
 ROWS = ((BOTH, 'both rows'), (UPPER, 'upper row'), (LOWER, 'lower row'))
@@ -27,19 +26,7 @@ class WornSectorAxial(Effect):
     settled_by = 'The ring slewed by 90 deg: the arc leaves the load zone.'
     stage = 'ring'
     channels = ('delta_y', 'gamma')
-    parameters = (
-        EffectParameter(
-            'wear', '1', 0.0, 1.0, 0.3, 0.3,
-            'share of stiffness lost on the arc, or its extra gap in units of 0.1 mm',
-            amplitude=True, one_sided=True),
-        EffectParameter(
-            'centre', 'rad', 0.0, math.pi, 0.5, 1.2,
-            'middle of the arc from the rear (x > 0); its mirror image acts alike',
-            one_sided=True),
-        EffectParameter(
-            'half_width', 'rad', 0.15, 1.5, 0.5, 0.6,
-            'half the length of the arc', one_sided=True),
-    )
+    parameters = arc_parameters(centre=1.2)
     variants = tuple(
         Variant(f'{row_label}, {kind_label}', {'row': row, 'kind': kind})
         for row, row_label in ROWS for kind, kind_label in KINDS

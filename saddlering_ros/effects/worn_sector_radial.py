@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-import math
 
-from saddlering_ros.effects.base import Effect, EffectParameter, Variant
+from saddlering_ros.effects.base import Effect, Variant
 from saddlering_ros.effects.extension import RingExtension
-from saddlering_ros.effects.worn_arc import KIND, KINDS, worn_arc
+from saddlering_ros.effects.worn_arc import arc_parameters, KIND, KINDS, worn_arc
 
 
 class WornSectorRadial(Effect):
@@ -24,19 +23,7 @@ class WornSectorRadial(Effect):
     settled_by = 'The ring slewed by 90 deg: the arc leaves the load zone.'
     stage = 'ring'
     channels = ('delta_x',)
-    parameters = (
-        EffectParameter(
-            'wear', '1', 0.0, 1.0, 0.3, 0.3,
-            'share of stiffness lost on the arc, or its extra gap in units of 0.1 mm',
-            amplitude=True, one_sided=True),
-        EffectParameter(
-            'centre', 'rad', 0.0, math.pi, 0.5, 0.5,
-            'middle of the arc from the rear (x > 0); its mirror image acts alike',
-            one_sided=True),
-        EffectParameter(
-            'half_width', 'rad', 0.15, 1.5, 0.5, 0.6,
-            'half the length of the arc', one_sided=True),
-    )
+    parameters = arc_parameters(centre=0.5)
     variants = tuple(Variant(label, {'kind': kind}) for kind, label in KINDS)
     choices = (KIND,)
     starts = ({'centre': 0.0}, {'centre': 0.8})
