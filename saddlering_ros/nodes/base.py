@@ -22,6 +22,8 @@ HEARTBEAT = 0.2
 
 PROGRESS_PERIOD = 0.001
 DIAGNOSTICS_PERIOD = 1.0
+FIRST_DIAGNOSIS = 0.4
+"""A node that has just started says within this [s] what it waits for."""
 
 AUTOSTART = Parameter('autostart', True, 'configure and activate at once; false: leave both to '
                       '`ros2 lifecycle set`')
@@ -55,6 +57,7 @@ class StreamingNode(LifecycleNode):
         self._told = self._beat = 0.0
         self._untold = False
         self._diagnosed = time.monotonic()
+        self._next_diagnosis = self._diagnosed + FIRST_DIAGNOSIS
 
     # --- for subclasses ---
 
@@ -137,6 +140,10 @@ class StreamingNode(LifecycleNode):
         result: TransitionCallbackReturn = upwards(state)
         return result
 
+    def sources(self) -> dict[str, int]:
+        """How many publishers each input topic has."""
+        return {flow.topic: flow.publishers() for flow in self.inputs}
+
     def _disconnect(self) -> None:
         self.active = False
         for inflow in self.inputs:
@@ -176,7 +183,8 @@ class StreamingNode(LifecycleNode):
                 for flow in self.inputs:
                     flow.review()
             self._tell(now, 0.0)
-        if now - self._diagnosed >= DIAGNOSTICS_PERIOD:
+        if now >= self._next_diagnosis:
+            self._next_diagnosis = now + DIAGNOSTICS_PERIOD
             self._diagnose(now)
         wait = self.at_intervals(now) if self.active else 1.0
         return min(wait, PROGRESS_PERIOD) if self._untold else wait

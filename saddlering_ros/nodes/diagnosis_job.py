@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import json
 
 from saddlering_ros.diagnosis import diagnose_bags
+from saddlering_ros.nodes.plain_types import PARAMETER_TYPES, RIG_TYPES
 from saddlering_ros.rig import ParameterSet, read_parameters, Rig
 
 
@@ -29,6 +30,10 @@ class DiagnosisAnswer:
     verdict_json: str
     words: str
     parameters: ParameterSet
+
+
+TYPES = (*PARAMETER_TYPES, *RIG_TYPES, DiagnosisRequest, DiagnosisAnswer)
+"""What may go between the node and its worker."""
 
 
 def run(request: DiagnosisRequest, on_progress: Callable[[tuple[str, float]], None],

@@ -177,6 +177,26 @@ class FunctionTask:
         return self._find()
 
 
+class SourcesTask:
+    """One source of each topic that is read: of two that are mixed up, neither can be told."""
+
+    name = 'sources'
+
+    def __init__(self, publishers: Callable[[], dict[str, int]]) -> None:
+        self._publishers = publishers
+
+    def report(self, elapsed: float) -> Finding:
+        """Topics with more than one publisher."""
+        counts = self._publishers()
+        figures = {topic: str(count) for topic, count in counts.items()}
+        several = [f'{count} publishers on {topic}' for topic, count in counts.items()
+                   if count > 1]
+        if several:
+            return Finding(WARN, f'{", ".join(several)}: their samples are mixed; end all but one',
+                           figures)
+        return Finding(OK, 'one at most', figures)
+
+
 class Events:
     """Counted mishaps by name; a count that grew during the period is a warning."""
 

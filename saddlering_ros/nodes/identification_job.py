@@ -8,7 +8,14 @@ import json
 from typing import Any
 
 from saddlering_ros.bags import read_run
-from saddlering_ros.identification import IdentificationSettings, identify, Progress, validate
+from saddlering_ros.identification import (
+    IdentificationSettings,
+    identify,
+    Progress,
+    SwarmSettings,
+    validate,
+)
+from saddlering_ros.nodes.plain_types import PARAMETER_TYPES, RIG_TYPES
 from saddlering_ros.rig import ParameterSet, Rig
 
 
@@ -33,11 +40,16 @@ class IdentificationAnswer:
     report_json: str
 
 
+TYPES = (*PARAMETER_TYPES, *RIG_TYPES, IdentificationRequest, IdentificationAnswer,
+         IdentificationSettings, SwarmSettings, Progress)
+"""What may go between the node and its worker."""
+
+
 def run(request: IdentificationRequest, on_progress: Callable[[Progress], None],
         ) -> IdentificationAnswer:
     """Identify, and judge the result on the bags kept back (on all bags if there are none)."""
-    runs = [read_run(bag) for bag in request.bags]
-    kept_back = [read_run(bag) for bag in request.validation_bags]
+    runs = [read_run(bag, rig=request.rig) for bag in request.bags]
+    kept_back = [read_run(bag, rig=request.rig) for bag in request.validation_bags]
     found = identify(runs, request.rig, request.settings, on_progress=on_progress)
     judged: Any = validate(kept_back or runs, request.rig, found.parameters).to_json()
     return IdentificationAnswer(found.parameters, found.objective, found.status,

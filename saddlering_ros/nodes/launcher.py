@@ -18,6 +18,7 @@ from typing import Any, IO
 
 from saddlering_ros.nodes.errors import NodeError
 from saddlering_ros.nodes.lifeline import LIFELINE
+from saddlering_ros.nodes.transport import transport_environment
 
 REPLAY_NODES = ('replay_clock', 'hydraulic_load', 'eddy_current')
 RING_NODES = ('ring_displacement', 'ring_simulator', 'ring_residual')
@@ -70,7 +71,7 @@ def in_use(domain: int) -> bool:
 
 def environment(domain_id: int, extra: Mapping[str, str] | None = None) -> dict[str, str]:
     """The environment of nodes and clients of one group: own domain, this machine only."""
-    return {**os.environ, 'ROS_DOMAIN_ID': str(domain_id),
+    return {**os.environ, **transport_environment(), 'ROS_DOMAIN_ID': str(domain_id),
             'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST', **(extra or {})}
 
 

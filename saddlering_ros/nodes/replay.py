@@ -13,7 +13,14 @@ from saddlering_ros.bags.checks import check_values
 from saddlering_ros.bags.reader import usable_facts
 from saddlering_ros.nodes import wire
 from saddlering_ros.nodes.base import path_setting, StreamingNode
-from saddlering_ros.nodes.diagnostics import ERROR, Finding, FunctionTask, OK, WARN
+from saddlering_ros.nodes.diagnostics import (
+    ERROR,
+    Finding,
+    FunctionTask,
+    OK,
+    SourcesTask,
+    WARN,
+)
 from saddlering_ros.nodes.flow import Inflow, Outflow
 from saddlering_ros.nodes.parameters import Parameter
 
@@ -77,11 +84,14 @@ class ReplayNode(StreamingNode):
         record = read_raw(bag, self.TOPICS)
         for topic in self.TOPICS:
             check_values(f'{record.path}: {topic}', record[topic].stamps, record[topic].values)
+        said = [note for name in self.TOPICS for note in record[name].notes]
+        for note in (*record.notes, *said):
+            self.get_logger().warning(f'{record.path}: {note}')
         self._tracks = [Track(record[topic]) for topic in self.TOPICS]
         self._now = 0
         self._heard = time.monotonic()
         self._jumps = self._dropped = 0
-        self.tasks = [FunctionTask('replay', self._finding)]
+        self.tasks = [FunctionTask('replay', self._finding), SourcesTask(self.sources)]
 
     def connect(self) -> None:
         """Listen to the clock; publish the topics."""

@@ -8,12 +8,13 @@ import numpy as np
 
 from saddlering_ros.bags.alignment import JITTER_NS
 from saddlering_ros.nodes.wire import Displacements, join, no_displacements, SECOND
-from saddlering_ros.rig.zeroing import STEADY_SHARE, WINDOW_SECONDS
+from saddlering_ros.rig.zeroing import FEWEST_SAMPLES, STEADY_SHARE, WINDOW_SECONDS
 
 KEEP_NS = 2 * SECOND
 """A sample this far behind the newest match will find no partner any more."""
 
-MOST_WAITING = 100_000
+MOST_WAITING = 20_000
+"""Samples of one side kept while its partner says nothing: 20 s at 1 kHz."""
 
 
 @dataclass
@@ -40,6 +41,7 @@ class _Side:
     def __init__(self) -> None:
         self.waiting = no_displacements()
         self.newest = 0
+        self.given_up = 0
 
     def push(self, batch: Displacements) -> bool:
         """Take a batch; whether its stamps jumped back."""
@@ -54,6 +56,10 @@ class _Side:
         if len(together) > 1 and (np.diff(together.stamps) <= 0).any():
             _, first = np.unique(together.stamps, return_index=True)
             together = pick(together, first)
+        surplus = len(together) - MOST_WAITING
+        if surplus > 0:
+            together = pick(together, np.arange(surplus, len(together)))
+            self.given_up += surplus
         self.waiting = together
         return jumped
 
@@ -63,8 +69,9 @@ class _Side:
         keep[used] = False
         old = keep & (self.waiting.stamps < before)
         keep &= ~old
-        self.waiting = pick(self.waiting, np.flatnonzero(keep)[-MOST_WAITING:])
-        return int(old.sum())
+        self.waiting = pick(self.waiting, np.flatnonzero(keep))
+        given_up, self.given_up = self.given_up, 0
+        return int(old.sum()) + given_up
 
 
 def pick(batch: Displacements, rows: np.ndarray) -> Displacements:
@@ -77,7 +84,8 @@ class ResidualStream:
     """Residuals from batches of measured and simulated displacements.
 
     Only samples of equal stamp are subtracted, and only when both count from the same zero: the
-    zeros' stamps within the zero window's length, their loads within its steadiness.
+    zeros' stamps within the zero window's length, their loads within its steadiness. Where one
+    side has zeroed anew alone, the other is brought to that zero if it was heard meanwhile.
     """
 
     def __init__(self, full_scale_load: float) -> None:
@@ -85,10 +93,12 @@ class ResidualStream:
         self._measured, self._simulated = _Side(), _Side()
         self.counters = JoinCounters()
         self.zeros_agree = True
+        self._bridges: dict[tuple[int, ...], _Bridge] = {}
 
     def reset(self) -> None:
         """Forget what waits."""
         self._measured, self._simulated = _Side(), _Side()
+        self._bridges.clear()
 
     @property
     def waiting(self) -> tuple[int, int]:
@@ -115,9 +125,68 @@ class ResidualStream:
         apart = np.abs(measured.zero_stamps - simulated.zero_stamps)
         same = apart <= round(WINDOW_SECONDS * SECOND)
         same &= np.abs(measured.zero_loads - simulated.zero_loads) <= self._load_tolerance
-        self.counters.zero_differs += int((~same).sum())
-        self.zeros_agree = bool(same[-1])
+        if same.all():
+            self._bridges.clear()
+            self.zeros_agree = True
+            return _difference(measured, simulated)
+        bridged = self._bridged(measured, simulated, np.flatnonzero(~same))
         rows = np.flatnonzero(same)
-        measured, simulated = pick(measured, rows), pick(simulated, rows)
-        return Displacements(measured.stamps, measured.channels - simulated.channels,
-                             measured.zero_stamps, measured.zero_loads)
+        direct = _difference(pick(measured, rows), pick(simulated, rows))
+        self.counters.zero_differs += len(same) - len(rows) - len(bridged)
+        self.zeros_agree = bool(same[-1]) or bool(
+            len(bridged) and bridged.stamps[-1] == measured.stamps[-1])
+        return in_order(join([batch for batch in (direct, bridged) if len(batch)]))
+
+    def _bridged(self, measured: Displacements, simulated: Displacements, rows: np.ndarray,
+                 ) -> Displacements:
+        """Residuals of those `rows` whose two zeros could be brought together."""
+        zeros = np.stack([measured.zero_stamps[rows], simulated.zero_stamps[rows]])
+        found = []
+        for pair in np.unique(zeros, axis=1).T.tolist():
+            mine = rows[(zeros == np.array(pair)[:, None]).all(axis=0)]
+            self._bridges = {key: value for key, value in self._bridges.items()
+                             if key == tuple(pair)}
+            bridge = self._bridges.setdefault(tuple(pair), _Bridge(max(pair)))
+            found.append(bridge.across(pick(measured, mine), pick(simulated, mine)))
+        return join([batch for batch in found if len(batch)])
+
+
+class _Bridge:
+    """From the older of two zeros to the newer one, by what the older side did meanwhile.
+
+    A node that was started again has zeroed anew; its partner has not, but has gone on. The mean
+    of the partner's displacement over the new zero's window is what it would have zeroed by;
+    displacements add up, so subtracting it puts both on the new zero.
+    """
+
+    def __init__(self, newer: int) -> None:
+        self._newer = newer
+        self._until = newer + round(WINDOW_SECONDS * SECOND)
+        self._total = np.zeros(4)
+        self._count = 0
+
+    def across(self, measured: Displacements, simulated: Displacements) -> Displacements:
+        """Measured minus simulated, both from the newer zero; nothing until its window is over."""
+        measured_is_older = int(measured.zero_stamps[0]) < self._newer
+        older, newer = (measured, simulated) if measured_is_older else (simulated, measured)
+        inside = (older.stamps >= self._newer) & (older.stamps < self._until)
+        self._total += older.channels[:, inside].sum(axis=1)
+        self._count += int(inside.sum())
+        after = np.flatnonzero(older.stamps >= self._until)
+        if self._count < FEWEST_SAMPLES or not len(after):
+            return no_displacements()
+        result = _difference(pick(measured, after), pick(simulated, after))
+        offset = (self._total / self._count)[:, None]
+        channels = result.channels - offset if measured_is_older else result.channels + offset
+        zero = pick(newer, after)
+        return Displacements(result.stamps, channels, zero.zero_stamps, zero.zero_loads)
+
+
+def _difference(measured: Displacements, simulated: Displacements) -> Displacements:
+    return Displacements(measured.stamps, measured.channels - simulated.channels,
+                         measured.zero_stamps, measured.zero_loads)
+
+
+def in_order(batch: Displacements) -> Displacements:
+    """The same rows by stamp."""
+    return pick(batch, np.argsort(batch.stamps, kind='stable'))

@@ -22,6 +22,7 @@ from saddlering_ros.nodes.diagnostics import (
     OK,
     ParityTask,
     SaturationTask,
+    SourcesTask,
     StreamTask,
     WARN,
 )
@@ -66,7 +67,8 @@ class RingDisplacementNode(StreamingNode):
         self._parity = ParityTask(self.settings['parity_noise'])
         self.tasks = [
             FunctionTask('zero', self._zero_finding), *self._streams, *self._saturation,
-            self._parity, Events(self._events, harmless=('reordered',))]
+            self._parity, SourcesTask(self.sources),
+            Events(self._events, harmless=('reordered',))]
 
     def connect(self) -> None:
         """Subscribe to load and probes; publish the displacement."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-import math
 import sys
 from typing import Any
 
@@ -18,6 +17,10 @@ SWARM_FIELDS = {
     'particles': 'particles', 'iterations': 'iterations', 'c1': 'cognitive', 'c2': 'social',
     'inertia_start': 'inertia_start', 'inertia_end': 'inertia_end'}
 """Fields of the goal, and the settings of the swarm they are."""
+
+MOST = {'particles': 10_000, 'iterations': 10_000_000, 'c1': 10.0, 'c2': 10.0,
+        'inertia_start': 10.0, 'inertia_end': 10.0}
+"""Largest values of these fields: a goal cannot ask for memory or time without end."""
 
 
 class RingIdentificationNode(ActionNode):
@@ -58,8 +61,9 @@ def settings_of(goal: IdentifyRing.Goal) -> IdentificationSettings:
     chosen: dict[str, Any] = {}
     for field, setting in SWARM_FIELDS.items():
         value = getattr(goal, field)
-        if not math.isfinite(value) or value < 0:
-            raise NodeError(f'{field} is {value}: give a number above 0, or 0 for the default')
+        if not 0 <= value <= MOST[field]:
+            raise NodeError(f'{field} is {value}: give a number above 0, at most {MOST[field]:g}, '
+                            'or 0 for the default')
         if value:
             chosen[setting] = value
     return IdentificationSettings(

@@ -10,7 +10,15 @@ import numpy as np
 from saddlering_interfaces.msg import RingDisplacement
 from saddlering_ros.nodes import wire
 from saddlering_ros.nodes.base import INPUT_RELIABILITY, StreamingNode
-from saddlering_ros.nodes.diagnostics import Events, Finding, FunctionTask, OK, StreamTask, WARN
+from saddlering_ros.nodes.diagnostics import (
+    Events,
+    Finding,
+    FunctionTask,
+    OK,
+    SourcesTask,
+    StreamTask,
+    WARN,
+)
 from saddlering_ros.nodes.flow import Inflow, Outflow
 from saddlering_ros.nodes.parameters import declare_rig, Parameter
 from saddlering_ros.nodes.residual_stream import ResidualStream
@@ -41,6 +49,7 @@ class RingResidualNode(StreamingNode):
         self._count = 0
         self.tasks = [*self._streams, FunctionTask('zero', self._zero_finding),
                       FunctionTask('residual', self._residual_finding),
+                      SourcesTask(self.sources),
                       Events(lambda: self._stream.counters.as_dict())]
 
     def connect(self) -> None:

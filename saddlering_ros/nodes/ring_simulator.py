@@ -24,6 +24,7 @@ from saddlering_ros.nodes.diagnostics import (
     Finding,
     FunctionTask,
     OK,
+    SourcesTask,
     StreamTask,
     WARN,
 )
@@ -38,6 +39,10 @@ from saddlering_ros.rig import ParameterSet, ParameterSource, read_parameters, T
 PARAMETERS_TOPIC = '/ring/parameters'
 LATCHED = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE,
                      durability=DurabilityPolicy.TRANSIENT_LOCAL)
+LATCHED_BY_SEVERAL = QoSProfile(depth=20, reliability=ReliabilityPolicy.RELIABLE,
+                                durability=DurabilityPolicy.TRANSIENT_LOCAL)
+"""For a reader: its queue is shared by all who publish there, this node among them, and each
+keeps its last message; a queue of one would let one's message push out another's unread."""
 ASSUMED_ELEVATION_DEG = 50.0
 FLUSH_AFTER = 0.02
 """Samples held back are simulated when nothing has come for this long [s]."""
@@ -50,8 +55,8 @@ class RingSimulatorNode(StreamingNode):
         INPUT_RELIABILITY, MAX_GAP,
         Parameter('parameters_file', '', 'contact parameters and effects, as `saddlering identify '
                   '--out` writes them; none: the true-to-scale values'),
-        Parameter('follow_parameters', False, 'take parameters from /ring/parameters when others '
-                  'come there (the simulation then starts anew)'),
+        Parameter('follow_parameters', False, 'take parameters offered on /ring/parameters (the '
+                  'simulation then starts anew)'),
         Parameter('follow_zero', True, 'zero anew when ring_displacement is asked to'),
         Parameter('bag', '', 'a bag whose elevation is taken, unless elevation_deg is given'),
         Parameter('elevation_deg', math.nan, 'elevation of the load [deg]; nan: as the bag says, '
@@ -72,9 +77,11 @@ class RingSimulatorNode(StreamingNode):
         if self.settings['follow_zero']:
             self.create_subscription(Header, ZERO_TOPIC, self._on_zero_message, ZERO_QOS)
         self._in_force: ParameterSet | None = None
+        self._offered: RingParameters | None = None
+        self._teller = self.create_publisher(RingParameters, PARAMETERS_TOPIC, LATCHED)
         if self.settings['follow_parameters']:
             self.create_subscription(RingParameters, PARAMETERS_TOPIC, self._on_parameters,
-                                     LATCHED)
+                                     LATCHED_BY_SEVERAL)
 
     def configure(self) -> None:
         """Read parameters and elevation; compile and make the simulation."""
@@ -84,12 +91,14 @@ class RingSimulatorNode(StreamingNode):
         self._elevation = self._read_elevation()
         self._make(self._in_force)
         self._warm_up()
+        self._tell_in_force(self._in_force)
         self._stream_task = StreamTask(LOAD_TOPIC)
         self._trouble = 0
         self.tasks = [
             FunctionTask('zero', self._zero_finding), self._stream_task,
             FunctionTask('solver', self._solver_finding),
             FunctionTask('parameters', self._parameters_finding),
+            SourcesTask(self.sources),
             Events(lambda: self._stream.counters.as_dict(), harmless=('reordered',))]
 
     def connect(self) -> None:
@@ -97,6 +106,9 @@ class RingSimulatorNode(StreamingNode):
         self.inputs = [Inflow(self, LOAD_TOPIC, WrenchStamped,
                               reliability=self.settings['input_reliability'])]
         self.outputs = [Outflow(self, '/ring/simulated_displacement', RingDisplacement)]
+        offered, self._offered = self._offered, None
+        if offered is not None:
+            self._follow(offered)
 
     def _read_elevation(self) -> float:
         bag, given = self.settings.text('bag'), self.settings['elevation_deg']
@@ -113,6 +125,12 @@ class RingSimulatorNode(StreamingNode):
         self._stream = SimulationStream(
             self._rig, parameters, self._elevation, max_step=self.settings['max_step'],
             max_gap=self.settings['max_gap'])
+
+    def _tell_in_force(self, parameters: ParameterSet) -> None:
+        """Say on /ring/parameters what is simulated with, kept there for late joiners."""
+        message = parameters_to_message(parameters, self.get_clock().now().to_msg())
+        message.in_force_in = self.get_fully_qualified_name()
+        self._teller.publish(message)
 
     def _warm_up(self) -> None:
         """Load the compiled kernels before the first sample asks for them."""
@@ -168,19 +186,32 @@ class RingSimulatorNode(StreamingNode):
 
     def _on_parameters(self, message: RingParameters) -> None:
         stamp = to_stamp(message.header.stamp)
-        if not self.active or stamp < self._parameters_stamp:
+        if message.in_force_in or stamp < self._parameters_stamp:
             return  # two servers publish here, each keeping its last for late joiners
         self._parameters_stamp = stamp
+        if self.active:
+            self._follow(message)
+        else:
+            self._offered = message
+
+    def _follow(self, message: RingParameters) -> None:
+        """Start anew with the parameters of a message, if they can be used.
+
+        The same numbers from another source change nothing in what is simulated: no restart, which
+        would cost samples and the zero.
+        """
         try:
             parameters = parameters_from_message(message)
-            stream = self._stream
-            self._make(parameters)
+            if not same_numbers(parameters, self._in_force):
+                hold = self._stream.hold
+                self._make(parameters)
+                self._stream.hold = hold
         except SaddleringError as problem:
             self._refused = str(problem)
             self.get_logger().error(f'{PARAMETERS_TOPIC}: refused: {problem}')
             return
         self._in_force, self._refused = parameters, ''
-        self._stream.hold = stream.hold
+        self._tell_in_force(parameters)
         self.get_logger().info(f'parameters from {PARAMETERS_TOPIC}: {message.source}')
 
     def _zero_finding(self) -> Finding:
@@ -200,7 +231,8 @@ class RingSimulatorNode(StreamingNode):
         figures = {'iterations': str(simulator.iterations),
                    'not converged': str(simulator.trouble)}
         if new > 0:
-            return Finding(ERROR, f'{new} steps did not converge: check load and parameters',
+            return Finding(ERROR, f'{new} steps did not converge and are not published: '
+                           'check load and parameters',
                            figures)
         return Finding(OK, 'converges', figures)
 
@@ -216,6 +248,11 @@ class RingSimulatorNode(StreamingNode):
         if self._refused:
             return Finding(WARN, f'refused: {self._refused}', figures)
         return Finding(OK, message.source, figures)
+
+
+def same_numbers(one: ParameterSet, other: ParameterSet | None) -> bool:
+    """Whether a simulation is the same with either."""
+    return other is not None and one.contact == other.contact and one.effects == other.effects
 
 
 def main(args: Sequence[str] | None = None) -> None:

@@ -18,6 +18,7 @@ from saddlering_ros.nodes.base import StreamingNode
 from saddlering_ros.nodes.lifeline import follow_lifeline
 from saddlering_ros.nodes.shared_memory import sweep
 from saddlering_ros.nodes.spin import spin_streaming
+from saddlering_ros.nodes.transport import prepare_transport
 
 UNUSABLE = 2
 
@@ -40,6 +41,7 @@ def run(make: Callable[[], Any], spin: Callable[[Any], None],
     sweep()
     node: Node | None = None
     try:
+        prepare_transport()
         rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO if own_signals
                    else SignalHandlerOptions.ALL)
         node = make()

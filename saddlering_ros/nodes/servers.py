@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 import signal
 import threading
@@ -31,7 +31,13 @@ from saddlering_ros.rig import ParameterSet, Rig
 
 LATCHED = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE,
                      durability=DurabilityPolicy.TRANSIENT_LOCAL)
+MOST_BAGS = 100
+"""Bags of one goal."""
+
 SHUTTING_DOWN = 'the server is shutting down'
+FAREWELL = 0.3
+"""How long a server that is told to stop stays [s] for its last goal's result to be on its way:
+callbacks of the executor send it, and what is dropped on the way is sent again."""
 
 
 class ActionNode(Node):
@@ -52,6 +58,8 @@ class ActionNode(Node):
                   'followed before this is checked); none: the bags shipped with the package'),
         Parameter('parameters_root', '', 'folder that holds every parameter file a goal may name; '
                   'none: bag_root'),
+        Parameter('longest_goal', 86400.0, 'a goal that takes longer than this [s] is aborted',
+                  low=1.0, high=1e7),
     )
 
     def __init__(self, name: str) -> None:
@@ -99,8 +107,10 @@ class ActionNode(Node):
         return root.resolve()
 
     def bags(self, names: Sequence[str]) -> tuple[str, ...]:
-        """The bags of a goal as paths below bag_root."""
-        return tuple(str(below(self.bag_root, name, 'bag')) for name in names)
+        """The bags of a goal as paths below bag_root, with every file they consist of."""
+        if len(names) > MOST_BAGS:
+            raise NodeError(f'the goal names {len(names)} bags: give at most {MOST_BAGS}')
+        return tuple(str(bag_below(self.bag_root, name)) for name in names)
 
     def parameters_path(self, name: str) -> str:
         """A parameter file of a goal as a path below parameters_root; '' stays ''."""
@@ -157,6 +167,8 @@ class ActionNode(Node):
         def stop() -> str:
             if self.stopping:
                 return SHUTTING_DOWN
+            if time.monotonic() - started > self.settings['longest_goal']:
+                return f'took longer than longest_goal, {self.settings["longest_goal"]:g} s'
             return 'canceled' if goal_handle.is_cancel_requested else ''
 
         try:
@@ -230,6 +242,25 @@ def below(root: Path, name: str, what: str) -> Path:
     return real
 
 
+def spin_while(executor: SingleThreadedExecutor, wanted: Callable[[], bool], seconds: float,
+               ) -> None:
+    """Serve callbacks while they are wanted, at most so long."""
+    deadline = time.monotonic() + seconds
+    while wanted() and time.monotonic() < deadline:
+        executor.spin_once(timeout_sec=0.02)
+
+
+def bag_below(root: Path, name: str) -> Path:
+    """A bag below `root` none of whose files is a link to somewhere else."""
+    path = below(root, name, 'bag')
+    inside = sorted(path.iterdir()) if path.is_dir() else [path]
+    for file in inside:
+        if not file.resolve().is_relative_to(root):
+            raise NodeError(f'bag {name!r} holds {file.name}, a link to outside {root}: '
+                            'copy the file there')
+    return path
+
+
 def serve(make: Any, args: Sequence[str] | None = None) -> int:
     """Run an action server until SIGINT or SIGTERM; a goal that runs then is aborted first."""
     told = threading.Event()
@@ -242,10 +273,9 @@ def serve(make: Any, args: Sequence[str] | None = None) -> int:
         while not told.is_set() and node.context.ok():
             executor.spin_once(timeout_sec=0.1)
         node.stopping = True
-        deadline = time.monotonic() + 1.0
-        while not node.idle() and time.monotonic() < deadline:
-            executor.spin_once(timeout_sec=0.02)
-        executor.spin_once(timeout_sec=0.02)
+        if not node.idle():
+            spin_while(executor, lambda: not node.idle(), 1.0)
+            spin_while(executor, lambda: True, FAREWELL)
         executor.shutdown(timeout_sec=0.0)
 
     return run(make, spin, args, own_signals=True)

@@ -24,7 +24,8 @@ class SimulationCounters:
     """What could not be simulated, by reason; all zero on a healthy stream.
 
     late: samples stamped before one already simulated; duplicates: stamps seen twice; reordered:
-    samples put in order in time; not_finite; jumps: restarts after stamps that jumped.
+    samples put in order in time; not_finite; jumps: restarts after stamps that jumped;
+    not_converged: states that the solver did not find, which are not given out.
     """
 
     late: int = 0
@@ -32,6 +33,7 @@ class SimulationCounters:
     reordered: int = 0
     not_finite: int = 0
     jumps: int = 0
+    not_converged: int = 0
 
     def as_dict(self) -> dict[str, int]:
         """Every counter by name."""
@@ -168,6 +170,9 @@ class SimulationStream:
             return no_displacements()
         channels = np.array([[getattr(state.displacement, name) for name in CHANNELS]
                              for state in states]).T
-        return Displacements(np.array(stamps, dtype=np.int64), np.ascontiguousarray(channels),
-                             np.full(len(stamps), self.zero_stamp, dtype=np.int64),
-                             np.full(len(stamps), zero.load))
+        found = np.isfinite(channels).all(axis=0)
+        self.counters.not_converged += int((~found).sum())
+        times = np.array(stamps, dtype=np.int64)[found]
+        return Displacements(times, np.ascontiguousarray(channels[:, found]),
+                             np.full(len(times), self.zero_stamp, dtype=np.int64),
+                             np.full(len(times), zero.load))

@@ -2,7 +2,8 @@
 
     python -m saddlering_ros.nodes.worker FD MODULE      (started by `Worker`, never by hand)
 
-MODULE has `run(request, on_progress) -> answer`; request, progress and answer are plain data.
+MODULE has `run(request, on_progress) -> answer`, and TYPES, the dataclasses these are made of;
+what goes between the processes is plain data (plain_data.py), never pickles.
 """
 
 from __future__ import annotations
@@ -11,8 +12,8 @@ from collections.abc import Callable
 import contextlib
 from dataclasses import dataclass
 import importlib
-from multiprocessing.connection import Connection
 import os
+import select
 import socket
 import subprocess
 import sys
@@ -21,6 +22,7 @@ from typing import Any
 
 from saddlering_ros.errors import SaddleringError
 from saddlering_ros.nodes.lifeline import follow_lifeline, LIFELINE
+from saddlering_ros.nodes.plain_data import Channel, PlainDataError
 
 POLL = 0.02
 """How often a running job is asked whether it shall be cancelled [s]."""
@@ -46,7 +48,7 @@ class Worker:
     def __init__(self, module: str) -> None:
         self._module = module
         self._process: subprocess.Popen[bytes] | None = None
-        self._pipe: Connection | None = None
+        self._pipe: Channel | None = None
         self._life: int | None = None
         self._starting = threading.Lock()
         self.start()
@@ -69,7 +71,7 @@ class Worker:
             start_new_session=True, env={**threads, **os.environ, LIFELINE: str(read_end)})
         os.close(read_end)
         theirs.close()
-        self._pipe = Connection(ours.detach())
+        self._pipe = Channel(ours, types_of(self._module))
 
     def run(self, request: Any, on_progress: Callable[[Any], None],
             stop: Callable[[], str]) -> Outcome:
@@ -83,8 +85,8 @@ class Worker:
         try:
             self._pipe.send(request)
             while True:
-                if self._pipe.poll(POLL):
-                    kind, value = self._pipe.recv()
+                if select.select([self._pipe], [], [], POLL)[0]:
+                    kind, value = self._pipe.receive()
                     if kind != 'progress':
                         return Outcome(kind, value) if kind == DONE else Outcome(kind, None, value)
                     on_progress(value)
@@ -92,6 +94,9 @@ class Worker:
                 if reason:
                     self.kill()
                     return Outcome(CANCELED, None, reason)
+        except PlainDataError:
+            self.kill()
+            raise
         except (EOFError, OSError):
             status = self.kill()
             return Outcome(FAILED, None, f'the worker process ended with status {status}')
@@ -113,18 +118,24 @@ class Worker:
         self._process = self._pipe = self._life = None
 
 
-def serve(pipe: Connection, module: str) -> None:
+def types_of(module: str) -> tuple[type, ...]:
+    """The dataclasses that a job's request, progress and answer are made of."""
+    types: tuple[type, ...] = importlib.import_module(module).TYPES
+    return types
+
+
+def serve(pipe: Channel, module: str) -> None:
     """Do jobs until the other end is gone."""
     run = importlib.import_module(module).run
     while True:
         try:
-            request = pipe.recv()
+            request = pipe.receive()
         except EOFError:
             return
         pipe.send(_attempt(run, request, pipe))
 
 
-def _attempt(run: Callable[..., Any], request: Any, pipe: Connection) -> tuple[str, Any]:
+def _attempt(run: Callable[..., Any], request: Any, pipe: Channel) -> tuple[str, Any]:
     try:
         return DONE, run(request, lambda progress: pipe.send(('progress', progress)))
     except SaddleringError as problem:
@@ -139,7 +150,7 @@ def main() -> None:
     with contextlib.suppress(OSError):
         os.nice(NICENESS)
     number, module = sys.argv[1:]
-    serve(Connection(int(number)), module)
+    serve(Channel(socket.socket(fileno=int(number)), types_of(module)), module)
 
 
 if __name__ == '__main__':

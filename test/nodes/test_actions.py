@@ -11,15 +11,27 @@ from action_msgs.msg import GoalStatus
 import pytest
 from rclpy.action import ActionClient
 from rclpy.qos import DurabilityPolicy, QoSProfile
-from rosnet import Client, wait_until
+from rosnet import Client, Driver, wait_until
 
 from saddlering_interfaces.action import DiagnoseRing, IdentifyRing
 from saddlering_interfaces.msg import RingParameters
+from saddlering_ros.nodes import wire
+from saddlering_ros.nodes.displacement_stream import DisplacementStream
 from saddlering_ros.nodes.errors import NodeError
 from saddlering_ros.nodes.launcher import NodeGroup
 from saddlering_ros.nodes.servers import below
+from saddlering_ros.rig import default_rig
 
 pytestmark = pytest.mark.ros
+
+
+def offline_displacement(record: Any) -> wire.Displacements:
+    return DisplacementStream(default_rig()).push(
+        wire.Samples(record.stamps, record.load),
+        [wire.Samples(stamps, gaps) for stamps, gaps in
+         zip(record.probe_stamps, record.gaps, strict=True)])
+
+
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
@@ -103,6 +115,25 @@ def test_identification_refuses_cancels_and_publishes_what_it_found(
     assert len(goals.feedback) > 2
     wait_until(lambda: bool(found), what='/ring/parameters')
     assert found[-1] == result.parameters
+
+
+def test_other_nodes_lose_nothing_and_the_server_answers_while_one_identifies(
+        record, bag: Path, bag_root: Path, group: NodeGroup, heard: Client) -> None:
+    for name in ('ring_displacement', 'ring_simulator', 'ring_residual'):
+        group.start(name)
+    group.start('ring_identification', {'bag_root': str(bag_root)})
+    driver, goals = Driver(heard), Goals(heard, IdentifyRing, '/identify_ring')
+    wait_until(lambda: driver.matched(2) and heard.ring_nodes_matched(), 80.0, 'all are matched')
+    long = goals.send(bags=['run'], particles=400, iterations=100_000, seed=1)
+    wait_until(lambda: bool(goals.feedback), 60.0, 'it runs')
+    heard.diagnostics.clear()
+    driver.send(record, pace=5)  # at the record's own 500 Hz, or as fast as the machine lets it
+    owed = len(offline_displacement(record))
+    wait_until(lambda: len(heard.raw['/ring/residual']) == owed, 60.0, f'{owed} residuals')
+    stage = heard.diagnostics['ring_identification: /identify_ring'][1]
+    assert stage not in ('idle', 'starting')  # still at it, and said so in time
+    goals.cancel(long)
+    assert goals.result(long).status == GoalStatus.STATUS_CANCELED
 
 
 def test_a_goal_that_runs_when_the_server_is_told_to_stop_still_ends(

@@ -7,7 +7,7 @@ import pytest
 
 from saddlering_ros.nodes import wire
 from saddlering_ros.nodes.displacement_stream import DisplacementStream
-from saddlering_ros.nodes.residual_stream import ResidualStream
+from saddlering_ros.nodes.residual_stream import pick, ResidualStream
 from saddlering_ros.nodes.simulation_stream import SimulationStream
 from saddlering_ros.rig import default_rig, FULL_SCALE_LOAD, ParameterSet, TRUE_TO_SCALE
 
@@ -167,6 +167,47 @@ def test_only_equal_stamps_are_subtracted_whatever_the_order_of_arrival() -> Non
     together = wire.join([batch for batch in found if len(batch)])
     assert sorted(together.stamps.tolist()) == np.intersect1d(ours, theirs).tolist()
     assert np.allclose(together.channels, 2.0, rtol=0.0, atol=1e-12)
+
+
+def test_a_side_whose_partner_is_gone_waits_in_bounded_memory() -> None:
+    join = ResidualStream(FULL_SCALE_LOAD)
+    for start in range(0, 60_000, 1000):
+        stamps = np.arange(start, start + 1000) * 1_000_000 + 1
+        join.push(pair(stamps, 3.0), pair([], 1.0))
+    assert join.waiting == (20_000, 0)
+    assert len(join.push(pair([], 3.0), pair(stamps, 1.0))) == 1000
+    assert join.counters.measured_alone >= 40_000
+
+
+@pytest.mark.parametrize('restarted', ['measured', 'simulated'])
+def test_a_side_that_zeroed_anew_is_joined_by_what_the_other_did_meanwhile(restarted) -> None:
+    """Measured and simulated differ by 2 + drift; one of them then counts from a later zero."""
+    stamps = np.arange(1, 4001) * 1_000_000
+    motion = 40.0 * np.sin(stamps / 2e9)
+    zero, window = int(stamps[2000]), slice(2000, 2500)
+    values = {'measured': motion + 2.0 + stamps * 1e-9, 'simulated': motion.copy()}
+    sides = {}
+    for name, series in values.items():
+        new = name == restarted
+        rows = slice(2000, None) if new else slice(None)
+        count = len(stamps[rows])
+        sides[name] = wire.Displacements(
+            stamps[rows], np.tile(series[rows] - (series[window].mean() if new else 0.0), (4, 1)),
+            np.full(count, zero if new else 5), np.full(count, 100.0))
+    join = ResidualStream(FULL_SCALE_LOAD)
+    found = []
+    for start in range(0, 4000, 130):
+        part = {name: pick(side, np.flatnonzero(
+            (side.stamps > start * 1_000_000) & (side.stamps <= (start + 130) * 1_000_000)))
+            for name, side in sides.items()}
+        found.append(join.push(part['measured'], part['simulated']))
+    together = wire.join([batch for batch in found if len(batch)])
+    assert together.stamps[0] <= stamps[2502]
+    assert together.stamps[-1] == stamps[-1]
+    assert set(together.zero_stamps.tolist()) == {zero}
+    drift = together.stamps * 1e-9 - (stamps[window] * 1e-9).mean()
+    assert np.allclose(together.channels, drift, rtol=0.0, atol=1e-9)
+    assert join.zeros_agree
 
 
 @pytest.mark.parametrize('other', [{'zero': 5 + 600_000_000}, {'zero_load': 5000.0}])

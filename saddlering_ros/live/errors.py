@@ -1,0 +1,7 @@
+"""What can go wrong with the live page."""
+
+from saddlering_ros.errors import SaddleringError
+
+
+class LiveError(SaddleringError):
+    """A page that cannot be served as it was asked for."""

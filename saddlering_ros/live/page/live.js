@@ -1,0 +1,248 @@
+// Draws what the server says. The server alone knows; a reload or a lost connection starts from it.
+'use strict';
+const CHANNELS = [
+  { name: 'δx', unit: 'µm', row: 0 },
+  { name: 'δy', unit: 'µm', row: 1 },
+  { name: 'γ', unit: 'µrad', row: 2 },
+];
+const MEASURED = '#26323d';
+const SIMULATED = '#d1495b';
+const NOISE = '#9aa5b1';
+const MARKS = { ok: '✓', warning: '▲', error: '✗', silent: '…' };
+const REDRAW = 400;
+
+const byId = (id) => document.getElementById(id);
+const make = (tag, text = '', kind = '') => {
+  const element = document.createElement(tag);
+  element.textContent = text;
+  if (kind) element.className = kind;
+  return element;
+};
+const post = (path) => fetch(path, { method: 'POST', headers: { 'X-Saddlering': 'live' } });
+
+let boot = '';
+let width = 0.01;
+let noise = [];
+let streams = {};
+let stale = false;
+
+function forget() {
+  streams = { load: new Map(), measured: new Map(), simulated: new Map(), residual: new Map() };
+}
+
+function take(message) {
+  if (message.anew || message.boot !== boot) forget();
+  boot = message.boot;
+  width = message.width;
+  for (const [name, found] of Object.entries(message.streams)) {
+    found.cell.forEach((cell, i) => {
+      streams[name].set(cell, {
+        mean: found.mean.map((row) => row[i]),
+        low: found.low.map((row) => row[i]),
+        high: found.high.map((row) => row[i]),
+      });
+    });
+  }
+  document.body.dataset.cells = streams.residual.size;
+  stale = true;
+}
+
+function loop(name, row) {
+  const x = [];
+  const y = [];
+  for (const [cell, values] of [...streams[name]].sort((a, b) => a[0] - b[0])) {
+    const load = streams.load.get(cell);
+    if (!load) continue;
+    x.push(load.mean[0]);
+    y.push(values.mean[row]);
+  }
+  return { x, y };
+}
+
+function extremes(name, row) {
+  const x = [];
+  const y = [];
+  for (const [cell, values] of [...streams[name]].sort((a, b) => a[0] - b[0])) {
+    x.push((cell + 0.5) * width, (cell + 0.5) * width);
+    y.push(values.low[row], values.high[row]);
+  }
+  return { x, y };
+}
+
+const SETTINGS = { responsive: true, displaylogo: false,
+  modeBarButtonsToRemove: ['select2d', 'lasso2d', 'autoScale2d'] };
+
+function layout(across, title) {
+  const found = {
+    grid: { rows: 1, columns: CHANNELS.length, pattern: 'independent', xgap: 0.14 },
+    margin: { l: 56, r: 10, t: 8, b: 40 }, font: { size: 12, color: MEASURED },
+    showlegend: title, legend: { orientation: 'h', y: 1.12 }, hovermode: 'closest',
+    uirevision: 'kept', shapes: [],
+  };
+  CHANNELS.forEach((channel, i) => {
+    const suffix = i ? i + 1 : '';
+    const line = { gridcolor: '#e4e8ec', zeroline: false, linecolor: '#7b8794' };
+    found[`xaxis${suffix}`] = { ...line, title: { text: across, standoff: 4 } };
+    found[`yaxis${suffix}`] = { ...line,
+      title: { text: `${channel.name} / ${channel.unit}`, standoff: 4 } };
+    if (!title && noise[channel.row]) {
+      found.shapes.push({ type: 'rect', xref: `x${suffix} domain`, yref: `y${suffix}`, x0: 0,
+        x1: 1, y0: -2 * noise[channel.row], y1: 2 * noise[channel.row], line: { width: 0 },
+        fillcolor: NOISE, opacity: 0.35, layer: 'below' });
+    }
+  });
+  return found;
+}
+
+function trace(points, i, colour, name) {
+  const suffix = i ? i + 1 : '';
+  const channel = CHANNELS[i];
+  return { ...points, type: 'scatter', mode: 'lines', name, legendgroup: name,
+    showlegend: i === 0, line: { color: colour, width: 1.6 }, xaxis: `x${suffix}`,
+    yaxis: `y${suffix}`,
+    hovertemplate: `%{x:.3f}<br>%{y:.3f} ${channel.unit}<extra>${name}</extra>` };
+}
+
+async function draw() {
+  if (stale && !document.hidden && window.Plotly) {
+    stale = false;
+    const loops = CHANNELS.flatMap((channel, i) => [
+      trace(loop('measured', channel.row), i, MEASURED, 'measured'),
+      trace(loop('simulated', channel.row), i, SIMULATED, 'simulated')]);
+    const residuals = CHANNELS.map((channel, i) =>
+      trace(extremes('residual', channel.row), i, SIMULATED, 'measured less simulated'));
+    await Plotly.react('loops', loops, layout('load / t', true), SETTINGS);
+    await Plotly.react('residuals', residuals, layout('time / s', false), SETTINGS);
+    document.body.dataset.points = loops[0].x.length;
+  }
+  setTimeout(draw, REDRAW);
+}
+
+function showReplay(replay) {
+  byId('replay').textContent = !replay ? 'no replay: a driver, or nothing'
+    : `replay ${replay.state}, ${Math.round(100 * replay.share)} %`
+      + (replay.state === 'playing' && replay.speed ? `, ${replay.speed} times real time` : '')
+      + (replay.waiting_for.length ? `; ${replay.waiting_for[0]}` : '');
+}
+
+function showParameters(parameters) {
+  if (!parameters) return;
+  byId('source').textContent = parameters.source;
+  byId('parameters').replaceChildren(...parameters.rows.map(([name, value]) => {
+    const row = make('tr');
+    row.append(make('td', name), make('td', value));
+    return row;
+  }));
+}
+
+const RANK = { error: 0, warning: 1, silent: 2, ok: 3 };
+const worst = (items) => items.reduce(
+  (level, item) => (RANK[item.level] < RANK[level] ? item.level : level), 'ok');
+
+function node(title, items, words) {
+  const level = worst(items);
+  const box = make('div', '', 'node');
+  box.dataset.level = level;
+  const text = make('div');
+  text.append(make('b', title), ...words.map((line) => make('div', line.words, line.level)));
+  box.append(make('span', MARKS[level], `mark ${level}`), text);
+  return box;
+}
+
+function showHealth(health) {
+  const probes = [1, 2, 3, 4].map((number) => {
+    const items = health.filter((item) => item.name.endsWith(`/rig/eddy_current_${number}`)
+      && item.name.startsWith('ring_displacement'));
+    return items.length ? node(`probe ${number}`, items, items) : null;
+  }).filter(Boolean);
+  const parity = health.filter((item) => item.name === 'ring_displacement: parity');
+  if (parity.length) probes.push(node('parity of probes 1 and 3', parity, parity));
+  byId('probes').replaceChildren(...(probes.length ? probes
+    : [make('p', 'ring_displacement does not speak on /diagnostics', 'soft')]));
+  const names = [...new Set(health.map((item) => item.name.split(':')[0]))];
+  byId('nodes').replaceChildren(...names.map((name) => {
+    const items = health.filter((item) => item.name.split(':')[0] === name);
+    const told = items.filter((item) => item.level !== 'ok');
+    if (told.length === items.length && told.every((item) => item.level === 'silent')) {
+      return node(name, items, [told[0]]);
+    }
+    return node(name, items, told.length ? told.map((item) => ({ level: item.level,
+      words: `${item.name.split(': ')[1]}: ${item.words}` })) : [{ level: 'ok', words: 'well' }]);
+  }));
+}
+
+const minutes = (seconds) => (seconds < 90 ? `${Math.round(seconds)} s`
+  : `${Math.round(seconds / 60)} min`);
+
+function showJob(name, job) {
+  const box = make('div', '', 'job');
+  box.dataset.action = name;
+  box.dataset.state = job.state;
+  const head = make('div');
+  head.append(make('b', `${name}: ${job.state === 'running' ? job.stage : job.state}`));
+  box.append(head);
+  if (job.state === 'running') {
+    const button = make('button', 'Cancel');
+    button.type = 'button';
+    button.addEventListener('click', () => post(`cancel/${name}`));
+    head.append(button);
+    const bar = make('progress');
+    bar.max = 1;
+    bar.value = job.share;
+    box.append(bar);
+    const left = job.left === null ? '' : `, about ${minutes(job.left)} left`;
+    box.append(make('p', `${job.words ? `${job.words}; ` : ''}${minutes(job.elapsed)}${left}`,
+      'soft'));
+  } else {
+    if (job.words && !job.verdict) box.append(make('p', job.words));
+    if (!job.verdict) job.lines.forEach((line) => box.append(make('p', line, 'soft')));
+  }
+  return box;
+}
+
+function showVerdict(job) {
+  const place = byId('verdict');
+  place.hidden = !(job && job.verdict);
+  if (place.hidden) return;
+  place.className = job.verdict;
+  place.replaceChildren(make('p', `Verdict: ${job.verdict}`, 'soft'), make('b', job.words),
+    ...job.lines.map((line) => make('p', line)));
+}
+
+function show(state) {
+  showReplay(state.replay);
+  showParameters(state.parameters);
+  showHealth(state.health);
+  const jobs = Object.entries(state.jobs).map(([name, job]) => showJob(name, job));
+  byId('jobs').lastElementChild.replaceChildren(...(jobs.length ? jobs
+    : [make('p', 'no goal is running on /identify_ring or /diagnose_ring', 'soft')]));
+  showVerdict(state.jobs.diagnose);
+  if (String(state.noise) !== String(noise)) stale = true;
+  noise = state.noise;
+  byId('noise').textContent = noise[0] === null ? 'not known yet' : CHANNELS.map(
+    (channel) => `${channel.name} ${noise[channel.row].toFixed(2)} ${channel.unit}`).join(', ');
+}
+
+function link(words, kind) {
+  byId('link').textContent = words;
+  byId('link').className = kind;
+}
+
+function listen() {
+  const events = new EventSource('events');
+  events.addEventListener('open', () => link('connected', 'good'));
+  events.addEventListener('error', () => {
+    link('the server is away; trying again', 'bad');
+    if (events.readyState === EventSource.CLOSED) {
+      setTimeout(listen, 2000);
+    }
+  });
+  events.addEventListener('rows', (event) => take(JSON.parse(event.data)));
+  events.addEventListener('state', (event) => show(JSON.parse(event.data)));
+}
+
+forget();
+byId('clear').addEventListener('click', () => post('clear'));
+addEventListener('visibilitychange', () => { stale = true; });
+listen();
+draw();

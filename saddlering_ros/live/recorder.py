@@ -1,0 +1,127 @@
+"""A node that records what the rig measures and what the nodes make of it, as a rosbag2 bag."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, ExitStack
+import os
+from pathlib import Path
+import struct
+import sys
+import threading
+import time
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import WrenchStamped
+import rclpy
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from rclpy.signals import SignalHandlerOptions
+from sensor_msgs.msg import Range
+from std_msgs.msg import Header
+
+from saddlering_interfaces.msg import ReplayState, RingDisplacement, RingParameters
+from saddlering_ros.bags import LOAD_TOPIC, PROBE_TOPICS
+from saddlering_ros.bags.recording import BagRecording
+from saddlering_ros.live.errors import LiveError
+from saddlering_ros.nodes.base import StreamingNode
+from saddlering_ros.nodes.flow import Inflow
+from saddlering_ros.nodes.spin import spin_streaming
+from saddlering_ros.nodes.wire import SECOND
+
+NAME = 'saddlering_recorder'
+STREAMS: dict[str, Any] = {
+    LOAD_TOPIC: WrenchStamped, **dict.fromkeys(PROBE_TOPICS, Range),
+    '/ring/displacement': RingDisplacement, '/ring/simulated_displacement': RingDisplacement,
+    '/ring/residual': RingDisplacement}
+LATCHED: dict[str, Any] = {'/ring/parameters': RingParameters, '/replay/state': ReplayState}
+"""Topics whose last message is there for late joiners."""
+
+OTHERS: dict[str, Any] = {'/diagnostics': DiagnosticArray, '/ring/zero': Header}
+_stamp = struct.Struct('<iI')
+
+
+class Recorder(StreamingNode):
+    """Writes every message of the rig's and the ring's topics; a clock in lockstep can wait."""
+
+    def __init__(self, bag: BagRecording, context: Any) -> None:
+        super().__init__(NAME, context=context)
+        self.problem_writing: Exception | None = None
+        self._bag = bag
+        for topic, kind in {**LATCHED, **OTHERS}.items():
+            durability = (DurabilityPolicy.TRANSIENT_LOCAL if topic in LATCHED
+                          else DurabilityPolicy.VOLATILE)
+            self.create_subscription(
+                kind, topic, lambda message, topic=topic: self._keep(topic, [bytes(message)]),
+                QoSProfile(depth=50, durability=durability), raw=True)
+
+    def connect(self) -> None:
+        """Subscribe to all streams."""
+        self.inputs = [Inflow(self, topic, kind) for topic, kind in STREAMS.items()]
+
+    def deal(self) -> None:
+        """Write what has arrived."""
+        for flow in self.inputs:
+            messages = flow.take()
+            if messages:
+                self._keep(flow.topic, messages)
+                seconds, rest = _stamp.unpack_from(messages[-1], 4)
+                flow.last_stamp = seconds * SECOND + rest
+
+    def _keep(self, topic: str, messages: list[bytes]) -> None:
+        now = time.time_ns()
+        try:
+            for number, message in enumerate(messages):
+                self._bag.write(topic, now + number, message)
+        except Exception as problem:  # told by whoever runs the recorder
+            self.problem_writing = problem
+            self.done = True
+
+
+def type_name(kind: Any) -> str:
+    """'package/msg/Name' of a message class."""
+    return f'{kind.__module__.split(".")[0]}/msg/{kind.__name__}'
+
+
+def definitions() -> dict[str, str]:
+    """The texts of our own message definitions, by type."""
+    prefixes = [*os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep), sys.prefix]
+    folders = [Path(prefix, 'share', 'saddlering_interfaces', 'msg') for prefix in prefixes if
+               prefix]
+    folder = next(filter(Path.is_dir, folders), None)
+    if folder is None:
+        raise LiveError(f'{folders[-1]}: the definitions of our messages are not there: build '
+                        'and source saddlering_interfaces again (docs/install.md)')
+    return {f'saddlering_interfaces/msg/{file.stem}': file.read_text(encoding='utf-8')
+            for file in sorted(folder.glob('*.msg'))}
+
+
+@contextmanager
+def recording(
+    path: Path | str, domain_id: int, *, facts: Mapping[str, str] | None = None,
+    overwrite: bool = False,
+) -> Iterator[Recorder]:
+    """Record the ROS domain into a bag at `path` until the block ends; yields the recorder.
+
+    BagError where the bag cannot be written; whatever was heard is in it even if the block raises.
+    """
+    topics = {topic: type_name(kind) for topic, kind in {**STREAMS, **LATCHED, **OTHERS}.items()}
+    context = rclpy.Context()
+    with ExitStack() as stack:
+        bag = stack.enter_context(BagRecording(
+            path, topics, definitions=definitions(), latched=frozenset(LATCHED), facts=facts,
+            overwrite=overwrite))
+        rclpy.init(context=context, args=[], domain_id=domain_id,
+                   signal_handler_options=SignalHandlerOptions.NO)
+        stack.callback(rclpy.try_shutdown, context=context)
+        node = Recorder(bag, context)
+        node.start()
+        thread = threading.Thread(target=spin_streaming, args=(node, node), daemon=True)
+        thread.start()
+        try:
+            yield node
+        finally:
+            node.done = True
+            thread.join(5.0)
+        if node.problem_writing is not None:
+            raise node.problem_writing

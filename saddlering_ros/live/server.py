@@ -1,0 +1,206 @@
+"""The page's web server: one page, one stream of events, one way to cancel.
+
+Who may look: on the loopback interface any program of this machine; on any other, whoever has the
+token. A web site open in the same browser may not: hosts are checked (DNS rebinding), and what
+changes something needs a header that no other site can send (cross-site requests).
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Awaitable, Callable
+from contextlib import suppress
+from dataclasses import dataclass
+from functools import partial
+import gzip
+import hmac
+import ipaddress
+import json
+from pathlib import Path
+import secrets
+import threading
+from typing import Any
+
+from aiohttp import web
+
+from saddlering_ros.live.errors import LiveError
+from saddlering_ros.live.watcher import ACTIONS, Watcher
+
+PAGE = Path(__file__).parent / 'page'
+FILES = {'/': ('page.html', 'text/html'), '/live.js': ('live.js', 'text/javascript'),
+         '/live.css': ('live.css', 'text/css')}
+PERIOD = 0.25
+"""Browsers are told so often what is new [s]."""
+
+COOKIE = 'saddlering_token'
+HEADER = 'X-Saddlering'
+LOOPBACK = ('localhost', '127.0.0.1', '[::1]')
+POLICY = ("default-src 'none'; script-src 'self'; style-src 'self' 'unsafe-inline'; "
+          "img-src 'self' data: blob:; connect-src 'self'; base-uri 'none'; form-action 'none'; "
+          "frame-ancestors 'none'")
+
+Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
+
+
+@dataclass(frozen=True)
+class Address:
+    """Where the page is served; a token is needed beyond the loopback interface."""
+
+    host: str = '127.0.0.1'
+    port: int = 8765
+    token: str = ''
+
+    @property
+    def is_loopback(self) -> bool:
+        """Whether only programs of this machine can reach it."""
+        try:
+            return self.host == 'localhost' or ipaddress.ip_address(self.host).is_loopback
+        except ValueError:
+            return False
+
+    @property
+    def url(self) -> str:
+        """What to open in the browser."""
+        host = f'[{self.host}]' if ':' in self.host else self.host
+        return f'http://{host}:{self.port}/' + (f'?token={self.token}' if self.token else '')
+
+
+def address(host: str, port: int, token: str = '') -> Address:
+    """The address asked for, with a token made where one is needed and none is given."""
+    found = Address(host, port, token)
+    return found if token or found.is_loopback else Address(host, port, secrets.token_urlsafe(18))
+
+
+def application(watcher: Watcher, where: Address) -> web.Application:
+    """The web application."""
+    app = web.Application(middlewares=[_guard(where)])
+    for path, (name, kind) in FILES.items():
+        app.router.add_get(path, partial(_file, (PAGE / name).read_bytes(), kind))
+    app.router.add_get('/plotly.js', partial(_library, _zipped_library()))
+    app.router.add_get('/events', partial(_events, watcher, secrets.token_hex(4)))
+    app.router.add_post('/cancel/{action}', partial(_cancel, watcher))
+    app.router.add_post('/clear', partial(_clear, watcher))
+    return app
+
+
+def serve(watcher: Watcher, where: Address, on_ready: Callable[[Address], None],
+          until: threading.Event | None = None) -> None:
+    """Serve until interrupted, or until the event is set; LiveError if it cannot be served.
+
+    Port 0 takes a free one; `on_ready` is told the address in the end.
+    """
+    asyncio.run(_serve(watcher, where, on_ready, until))
+
+
+async def _serve(watcher: Watcher, where: Address, on_ready: Callable[[Address], None],
+                 until: threading.Event | None) -> None:
+    runner = web.AppRunner(application(watcher, where), access_log=None, shutdown_timeout=0.5)
+    await runner.setup()
+    try:
+        site = web.TCPSite(runner, where.host, where.port)
+        try:
+            await site.start()
+        except OSError as problem:
+            raise LiveError(f'{where.host}:{where.port}: cannot be served ({problem.strerror}): '
+                            'choose another --host or --port') from problem
+        port = runner.addresses[0][1]
+        on_ready(Address(where.host, port, where.token))
+        while until is None or not until.is_set():
+            await asyncio.sleep(0.2)
+    finally:
+        await runner.cleanup()
+
+
+def _guard(where: Address) -> Any:
+    """Middleware that lets in whom the module's first lines name, and keeps the page to itself."""
+
+    @web.middleware
+    async def guard(request: web.Request, handler: Handler) -> web.StreamResponse:
+        if where.is_loopback and _name_of(request.host) not in LOOPBACK:
+            raise web.HTTPForbidden(text='this page answers to localhost only\n')
+        if where.token:
+            if _same(request.query.get('token', ''), where.token):
+                answer = web.HTTPFound(request.path)
+                answer.set_cookie(COOKIE, where.token, httponly=True, samesite='Strict')
+                raise answer
+            if not _same(request.cookies.get(COOKIE, ''), where.token):
+                raise web.HTTPForbidden(text='open the address with the token that saddlering '
+                                             'live printed\n')
+        if request.method == 'POST' and HEADER not in request.headers:
+            raise web.HTTPForbidden(text=f'the header {HEADER} is missing\n')
+        response = await handler(request)
+        if not response.prepared:
+            response.headers.update({
+                'Content-Security-Policy': POLICY, 'X-Content-Type-Options': 'nosniff',
+                'Referrer-Policy': 'no-referrer'})
+        return response
+
+    return guard
+
+
+def _same(given: str, token: str) -> bool:
+    return hmac.compare_digest(given.encode(), token.encode())
+
+
+def _name_of(host: str) -> str:
+    return host if host.endswith(']') else host.rpartition(':')[0] or host
+
+
+async def _file(data: bytes, kind: str, request: web.Request) -> web.Response:
+    return web.Response(body=data, content_type=kind, charset='utf-8',
+                        headers={'Cache-Control': 'no-cache'})
+
+
+async def _library(data: bytes, request: web.Request) -> web.Response:
+    return web.Response(body=data, content_type='text/javascript', charset='utf-8',
+                        headers={'Content-Encoding': 'gzip', 'Cache-Control': 'max-age=86400'})
+
+
+def _zipped_library() -> bytes:
+    from plotly.offline import get_plotlyjs
+
+    return gzip.compress(get_plotlyjs().encode(), 6)
+
+
+async def _events(watcher: Watcher, boot: str, request: web.Request) -> web.StreamResponse:
+    """Server-sent events: `state` when it changes, `rows` when there are new ones.
+
+    What a slow browser has not taken yet is never queued: the next event holds all that is new.
+    """
+    response = web.StreamResponse(headers={
+        'Content-Type': 'text/event-stream', 'Cache-Control': 'no-store'})
+    await response.prepare(request)
+    said, version, turn, silent = '', -1, -1, 0
+    await response.write(b'retry: 1000\n\n')
+    with suppress(ConnectionError):  # the browser has left
+        while True:
+            state = json.dumps(watcher.state())
+            if state != said:
+                said = state
+                await _send(response, 'state', state)
+            rows = watcher.rows(version, turn)
+            if rows is not None:
+                version, turn = rows['version'], rows['turn']
+                await _send(response, 'rows', json.dumps({'boot': boot, **rows}))
+            silent = 0 if rows is not None else silent + 1
+            if silent % 20 == 19:
+                await response.write(b': still here\n\n')
+            await asyncio.sleep(PERIOD)
+    return response
+
+
+async def _send(response: web.StreamResponse, event: str, data: str) -> None:
+    await response.write(f'event: {event}\ndata: {data}\n\n'.encode())
+
+
+async def _cancel(watcher: Watcher, request: web.Request) -> web.Response:
+    action = request.match_info['action']
+    if action not in ACTIONS:
+        raise web.HTTPNotFound
+    return web.json_response({'asked': watcher.cancel(action)})
+
+
+async def _clear(watcher: Watcher, request: web.Request) -> web.Response:
+    watcher.clear()
+    return web.json_response({})
+

@@ -1,0 +1,196 @@
+"""Streams of a thousand samples a second kept as the few hundred points that a screen can show.
+
+Time is cut into cells, all streams alike. Of each cell the mean and the extremes are kept, so that
+not one sample that stands out is lost. As time goes on, neighbouring cells become one; what is
+older than the window is dropped. Memory and work per sample do not grow.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+import time
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Stamps = NDArray[np.int64]
+Floats = NDArray[np.float64]
+
+SECOND = 1_000_000_000
+FIRST_CELL = 10_000_000
+"""Width of a cell at the start [ns]."""
+
+BACKWARDS = SECOND // 4
+"""A stamp that is further back than this [ns] is another replay, not a late sample."""
+
+LEFTOVERS = 1.0
+"""How long after such a jump other streams may still hold what was before [s]."""
+
+
+@dataclass
+class Cells:
+    """Cells of one stream, in order: number (N,), count (N,); total, low, high (C, N).
+
+    changed (N,): the turn in which the cell changed last.
+    """
+
+    number: Stamps
+    count: Stamps
+    total: Floats
+    low: Floats
+    high: Floats
+    changed: Stamps
+
+    @classmethod
+    def none(cls, channels: int) -> Cells:
+        """No cells of a stream with so many channels."""
+        whole, values = np.empty(0, np.int64), np.empty((channels, 0))
+        return cls(whole, whole.copy(), values, values.copy(), values.copy(), whole.copy())
+
+    def __len__(self) -> int:
+        return len(self.number)
+
+
+def cells_of(number: Stamps, values: Floats, turn: int) -> Cells:
+    """Samples (C, N), each in the cell of that number, as cells."""
+    order = np.argsort(number, kind='stable')
+    number, values = number[order], values[:, order]
+    first = np.flatnonzero(np.diff(number, prepend=number[0] - 1))
+    return Cells(
+        number[first], np.diff(np.append(first, len(number))),
+        np.add.reduceat(values, first, axis=1), np.minimum.reduceat(values, first, axis=1),
+        np.maximum.reduceat(values, first, axis=1), np.full(len(first), turn, np.int64))
+
+
+def merged(cells: Cells) -> Cells:
+    """Cells in which none has the number of another; equal ones become one."""
+    order = np.argsort(cells.number, kind='stable')
+    number = cells.number[order]
+    first = np.flatnonzero(np.diff(number, prepend=number[0] - 1))
+    return Cells(
+        number[first], np.add.reduceat(cells.count[order], first),
+        np.add.reduceat(cells.total[:, order], first, axis=1),
+        np.minimum.reduceat(cells.low[:, order], first, axis=1),
+        np.maximum.reduceat(cells.high[:, order], first, axis=1),
+        np.maximum.reduceat(cells.changed[order], first))
+
+
+def joined(one: Cells, other: Cells) -> Cells:
+    """The cells of both."""
+    return merged(Cells(
+        np.append(one.number, other.number), np.append(one.count, other.count),
+        np.concatenate([one.total, other.total], axis=1),
+        np.concatenate([one.low, other.low], axis=1),
+        np.concatenate([one.high, other.high], axis=1), np.append(one.changed, other.changed)))
+
+
+class Traces:
+    """All streams of the page on one grid of time cells.
+
+    channels: how many each stream has, by name; limit: cells per stream at most; window: the
+    longest time kept [s]. `version` changes whenever what was sent before is void.
+    """
+
+    def __init__(self, channels: Mapping[str, int], limit: int = 1200,
+                 window: float = 600.0) -> None:
+        self._channels, self._limit = dict(channels), limit
+        self._window = int(window * SECOND)
+        self.version = 0
+        self.turn = 0
+        self._leftovers_until = 0.0
+        self.clear()
+
+    def clear(self) -> None:
+        """Begin anew."""
+        self.version += 1
+        self.origin: int | None = None
+        self.newest = 0
+        self.width = FIRST_CELL
+        self._last: dict[str, int] = {}
+        self._ended: dict[str, int] = {}
+        self._cells = {name: Cells.none(count) for name, count in self._channels.items()}
+
+    def push(self, name: str, stamps: Stamps, values: Floats) -> None:
+        """Take samples: stamps (N,) [ns], values (C, N); those not finite are left out."""
+        good = np.isfinite(values).all(axis=0)
+        stamps, values = stamps[good], values[:, good]
+        if not len(stamps):
+            return
+        stamps, values = self._of_this_replay(name, stamps, values)
+        if not len(stamps):
+            return
+        if self.origin is None:
+            self.origin = int(stamps.min())
+        self.newest = max(self.newest, int(stamps.max()))
+        self._make_room()
+        self.turn += 1
+        number = (stamps - self.origin) // self.width
+        self._cells[name] = joined(self._cells[name], cells_of(number, values, self.turn))
+
+    def _of_this_replay(self, name: str, stamps: Stamps, values: Floats,
+                        ) -> tuple[Stamps, Floats]:
+        """The samples that belong to what is drawn; a stream that jumps back begins it anew.
+
+        Streams are drained one after another: when one has jumped back, the others may still hold
+        the end of what was before, which is left out for LEFTOVERS.
+        """
+        started = int(stamps.min())
+        if name in self._ended:
+            if started < self._ended[name] - BACKWARDS or time.monotonic() > self._leftovers_until:
+                del self._ended[name]
+            else:
+                return stamps[:0], values[:, :0]
+        last = self._last.get(name)
+        if last is not None and started < last - BACKWARDS:
+            ended = {other: stamp for other, stamp in self._last.items() if other != name}
+            self.clear()
+            self._ended, self._leftovers_until = ended, time.monotonic() + LEFTOVERS
+        self._last[name] = int(stamps.max())
+        return stamps, values
+
+    def _make_room(self) -> None:
+        assert self.origin is not None
+        while (min(self.newest - self.origin, self._window) // self.width) >= self._limit:
+            self.width *= 2
+            self.version += 1
+            for cells in self._cells.values():
+                cells.number //= 2
+            self._cells = {name: merged(cells) if len(cells) else cells
+                           for name, cells in self._cells.items()}
+        oldest = (self.newest - self.origin - self._window) // self.width
+        if oldest > self._limit // 8 + self._first():
+            self.version += 1
+            for name, cells in self._cells.items():
+                kept = cells.number >= oldest
+                self._cells[name] = Cells(
+                    cells.number[kept], cells.count[kept], cells.total[:, kept],
+                    cells.low[:, kept], cells.high[:, kept], cells.changed[kept])
+
+    def _first(self) -> int:
+        starts = [int(cells.number[0]) for cells in self._cells.values() if len(cells)]
+        return min(starts, default=0)
+
+    def since(self, turn: int, scales: Mapping[str, float]) -> dict[str, dict[str, Any]]:
+        """What changed after `turn`: by stream the cells' numbers, and means and extremes scaled.
+
+        scales: by stream, what its values are multiplied with.
+        """
+        found: dict[str, dict[str, Any]] = {}
+        for name, cells in self._cells.items():
+            new = cells.changed > turn
+            if not new.any():
+                continue
+            scale = scales[name]
+            mean = cells.total[:, new] / cells.count[new]
+            found[name] = {
+                'cell': cells.number[new].tolist(), 'mean': _rounded(scale * mean),
+                'low': _rounded(scale * cells.low[:, new]),
+                'high': _rounded(scale * cells.high[:, new])}
+        return found
+
+
+def _rounded(values: Floats) -> list[list[float]]:
+    found: list[list[float]] = np.round(values, 4).tolist()
+    return found

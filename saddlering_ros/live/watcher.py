@@ -1,0 +1,335 @@
+"""What the page shows, heard over ROS: streams, health, parameters, actions and how they end."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+import contextlib
+from dataclasses import asdict, dataclass, field
+import json
+import threading
+import time
+from typing import Any
+
+from action_msgs.msg import GoalStatus, GoalStatusArray
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import WrenchStamped
+import numpy as np
+import rclpy
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, qos_profile_action_status_default, QoSProfile
+
+from saddlering_interfaces.action import DiagnoseRing, IdentifyRing
+from saddlering_interfaces.msg import ReplayState, RingDisplacement, RingParameters
+from saddlering_ros.bags import LOAD_TOPIC
+from saddlering_ros.errors import SaddleringError
+from saddlering_ros.live.traces import Traces
+from saddlering_ros.nodes import wire
+from saddlering_ros.nodes.conversions import parameters_from_message
+from saddlering_ros.nodes.flow import Inflow
+from saddlering_ros.nodes.progress import STATE_TOPIC, to_stamp
+from saddlering_ros.report.background import white_noise
+from saddlering_ros.report.quantities import quantity
+from saddlering_ros.report.wording import gain_sentence, headline
+from saddlering_ros.rig import (
+    CHANNELS,
+    PARAMETER_NAMES,
+    PARAMETER_UNITS,
+    stiffness_per_millimetre,
+    TONNE,
+)
+
+NAME = 'saddlering_live'
+STREAMS = {'load': LOAD_TOPIC, 'measured': '/ring/displacement',
+           'simulated': '/ring/simulated_displacement', 'residual': '/ring/residual'}
+SCALES = {'load': 1.0 / TONNE, 'measured': 1e6, 'simulated': 1e6, 'residual': 1e6}
+"""What the page shows: tonnes, micrometres and microradians."""
+
+POLL = 0.05
+"""Streams are drained so often [s]: the deep queues of `Inflow` hold a hundred times that."""
+
+REVIEW = 1.0
+"""How often it is looked whether the publishers are reliable or best effort [s]."""
+
+SILENT = 3.5
+"""A node that has not spoken on /diagnostics for so long [s] is gone."""
+
+NOISE_SAMPLES = 2000
+ACTIONS = {'identify': ('/identify_ring', IdentifyRing),
+           'diagnose': ('/diagnose_ring', DiagnoseRing)}
+RUNNING = (GoalStatus.STATUS_ACCEPTED, GoalStatus.STATUS_EXECUTING, GoalStatus.STATUS_CANCELING)
+LATCHED = QoSProfile(depth=5, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+LEVELS = ('ok', 'warning', 'error', 'silent')
+
+
+@dataclass
+class Job:
+    """One goal of an action as the page shows it; share 0 to 1; elapsed and left [s]."""
+
+    goal: str
+    state: str = 'running'
+    stage: str = 'starting'
+    share: float = 0.0
+    elapsed: float = 0.0
+    left: float | None = None
+    words: str = ''
+    lines: list[str] = field(default_factory=list)
+    verdict: str = ''
+
+
+class Watcher:
+    """A ROS node that hears what the rig says; `state` and `rows` are what the page is told.
+
+    It wakes twenty times a second, whatever the rate of the streams; the nodes' publishers keep
+    the last messages only and so never wait for a reader, nor does a clock in lockstep for this.
+    """
+
+    def __init__(self, domain_id: int | None = None, window: float = 600.0) -> None:
+        self.context = rclpy.Context()
+        rclpy.init(context=self.context, args=[], domain_id=domain_id)
+        self.node: Node = rclpy.create_node(NAME, context=self.context)
+        self._executor = SingleThreadedExecutor(context=self.context)
+        self._executor.add_node(self.node)
+        channels = {name: 1 if name == 'load' else len(CHANNELS) for name in STREAMS}
+        self.traces = Traces(channels, window=window)
+        self.lock = threading.Lock()
+        self._inflows = {
+            name: Inflow(self.node, topic, WrenchStamped if name == 'load' else RingDisplacement)
+            for name, topic in STREAMS.items()}
+        self._recent = np.empty((len(CHANNELS), 0))
+        self._noise: list[float | None] = [None] * len(CHANNELS)
+        self._health: dict[str, tuple[float, dict[str, Any]]] = {}
+        self._parameters: dict[str, Any] | None = None
+        self._replay: dict[str, Any] | None = None
+        self._jobs: dict[str, Job] = {}
+        self._actions = {name: _Action(self, name, path, kind)
+                         for name, (path, kind) in ACTIONS.items()}
+        subscribe = self.node.create_subscription
+        subscribe(DiagnosticArray, '/diagnostics', self._on_diagnostics, 50)
+        subscribe(RingParameters, '/ring/parameters', self._on_parameters, LATCHED)
+        subscribe(ReplayState, STATE_TOPIC, self._on_replay, LATCHED)
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._run, name=NAME, daemon=True)
+
+    def __enter__(self) -> Watcher:
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._stop.set()
+        self._thread.join(5.0)
+        with contextlib.suppress(Exception):
+            self._executor.shutdown(timeout_sec=0.0)
+            self.node.destroy_node()
+        rclpy.try_shutdown(context=self.context)
+
+    # --- what the page asks for ---
+
+    def rows(self, version: int, turn: int) -> dict[str, Any] | None:
+        """What is new in the streams since `turn` of `version`; None if nothing is."""
+        with self.lock:
+            traces = self.traces
+            is_new = version != traces.version
+            found = traces.since(-1 if is_new else turn, SCALES)
+            if not found and not is_new:
+                return None
+            return {'version': traces.version, 'turn': traces.turn, 'anew': is_new,
+                    'width': traces.width / 1e9, 'streams': found}
+
+    def state(self) -> dict[str, Any]:
+        """Everything but the streams."""
+        with self.lock:
+            now = time.monotonic()
+            health = [
+                {'name': name, **({'level': 'silent', 'words': 'its node says nothing any more'}
+                                  if now - heard > SILENT else status)}
+                for name, (heard, status) in sorted(self._health.items())]
+            return {
+                'health': health, 'parameters': self._parameters, 'replay': self._replay,
+                'noise': self._noise,
+                'jobs': {name: asdict(job) for name, job in self._jobs.items()}}
+
+    def clear(self) -> None:
+        """Begin the drawings anew."""
+        with self.lock:
+            self.traces.clear()
+
+    def cancel(self, action: str) -> bool:
+        """Ask the server of an action to cancel what it does; whether there is one to ask."""
+        return self._actions[action].cancel()
+
+    # --- hearing ---
+
+    def _run(self) -> None:
+        polled = reviewed = 0.0
+        while not self._stop.is_set() and self.context.ok():
+            try:
+                self._executor.spin_once(timeout_sec=POLL / 2)
+            except Exception as problem:  # one bad message must not end the page
+                self.node.get_logger().error(f'not understood: {problem}',
+                                             throttle_duration_sec=5.0)
+            now = time.monotonic()
+            if now - polled >= POLL:
+                polled = now
+                self._poll()
+            if now - reviewed >= REVIEW:
+                reviewed = now
+                for inflow in self._inflows.values():
+                    inflow.review()
+
+    def _poll(self) -> None:
+        for name, inflow in self._inflows.items():
+            messages = inflow.take()
+            if not messages:
+                continue
+            with contextlib.suppress(wire.WireError), self.lock:
+                self._take(name, messages)
+        for action in self._actions.values():
+            action.look_after()
+
+    def _take(self, name: str, messages: list[bytes]) -> None:
+        if name == 'load':
+            load = wire.decode_loads(messages)
+            self.traces.push(name, load.stamps, load.values[None, :])
+            return
+        batch = wire.decode_displacements(messages)
+        self.traces.push(name, batch.stamps, batch.channels)
+        if name == 'measured':
+            recent = np.concatenate([self._recent, batch.channels], axis=1)
+            self._recent = recent[:, -NOISE_SAMPLES:]
+            self._noise = [_finite(1e6 * white_noise(channel)) for channel in self._recent]
+
+    def _on_diagnostics(self, message: DiagnosticArray) -> None:
+        now = time.monotonic()
+        with self.lock:
+            for status in message.status:
+                level = LEVELS[min(status.level[0], 3)]
+                self._health[status.name] = (now, {'level': level, 'words': status.message})
+
+    def _on_parameters(self, message: RingParameters) -> None:
+        if not getattr(message, 'in_force_in', 'x'):
+            return  # only offered
+        try:
+            parameters = parameters_from_message(message)
+        except SaddleringError:
+            return
+        contact = parameters.contact
+        rows = [[name, quantity(float(getattr(contact, name)), PARAMETER_UNITS[name])]
+                for name in PARAMETER_NAMES]
+        rows += [[name, quantity(stiffness_per_millimetre(value, power), 'N/mm^n')]
+                 for name, value, power in (('K1', contact.K1, contact.n1),
+                                            ('K2', contact.K2, contact.n2))]
+        rows += [[f'{effect}.{name}', f'{value:.4g}']
+                 for effect, values in parameters.effects.items()
+                 for name, value in values.items()]
+        with self.lock:
+            self._parameters = {'source': str(message.source), 'rows': rows}
+
+    def _on_replay(self, message: ReplayState) -> None:
+        start, end = to_stamp(message.start), to_stamp(message.end)
+        share = (to_stamp(message.now) - start) / max(end - start, 1)
+        words = ('waiting', 'playing', 'paused', 'finished')[min(message.state, 3)]
+        with self.lock:
+            self._replay = {'state': words, 'share': min(max(share, 0.0), 1.0),
+                            'speed': round(float(message.speed), 1),
+                            'waiting_for': list(message.waiting_for)}
+
+    def set_job(self, action: str, change: Callable[[Job | None], Job | None]) -> None:
+        """Change what is known of an action's goal."""
+        with self.lock:
+            job = change(self._jobs.get(action))
+            if job is not None:
+                self._jobs[action] = job
+
+
+class _Action:
+    """One action as a bystander sees it: goals, feedback, results, and the way to cancel."""
+
+    def __init__(self, watcher: Watcher, name: str, path: str, kind: Any) -> None:
+        self._watcher, self._name, self._path = watcher, name, path
+        node = watcher.node
+        self._kind = kind
+        node.create_subscription(GoalStatusArray, f'{path}/_action/status', self._on_status,
+                                 qos_profile_action_status_default)
+        node.create_subscription(kind.Impl.FeedbackMessage, f'{path}/_action/feedback',
+                                 self._on_feedback, 10)
+        self._cancel = node.create_client(kind.Impl.CancelGoalService,
+                                          f'{path}/_action/cancel_goal')
+        self._result = node.create_client(kind.Impl.GetResultService,
+                                          f'{path}/_action/get_result')
+        self._asked = ''
+
+    def cancel(self) -> bool:
+        """Cancel all goals (the zero id says all)."""
+        if not self._cancel.service_is_ready():
+            return False
+        self._cancel.call_async(self._kind.Impl.CancelGoalService.Request())
+        self._change(lambda job: _with(job, stage='canceling') if job is not None else None)
+        return True
+
+    def look_after(self) -> None:
+        """Notice that the server is gone."""
+        if self._watcher.node.count_publishers(f'{self._path}/_action/status'):
+            return
+        self._change(lambda job: _with(job, state='lost', words='its server is gone')
+                     if job is not None and job.state == 'running' else None)
+
+    def _change(self, change: Callable[[Job | None], Job | None]) -> None:
+        self._watcher.set_job(self._name, change)
+
+    def _on_status(self, message: GoalStatusArray) -> None:
+        for status in message.status_list:
+            if status.status in RUNNING:
+                self._notice(bytes(status.goal_info.goal_id.uuid).hex())
+
+    def _notice(self, goal: str) -> None:
+        """A goal is running: show it, and ask to be told how it ends."""
+        self._change(lambda job: job if job is not None and job.goal == goal else Job(goal))
+        if self._asked == goal or not self._result.service_is_ready():
+            return
+        self._asked = goal
+        request = self._kind.Impl.GetResultService.Request()
+        request.goal_id.uuid = np.frombuffer(bytes.fromhex(goal), np.uint8)
+        self._result.call_async(request).add_done_callback(
+            lambda future: self._on_result(goal, future.result()))
+
+    def _on_feedback(self, message: Any) -> None:
+        goal = bytes(message.goal_id.uuid).hex()
+        self._notice(goal)
+        said = message.feedback
+        if self._name == 'identify':
+            share = said.iteration / max(said.iterations, 1)
+            words = f'{said.iteration} of {said.iterations}, best {said.best_objective:.4g}'
+        else:
+            share, words = said.progress, ''
+        left = said.elapsed * (1.0 - share) / share if share > 0.05 else None
+        self._change(lambda job: job if job is None or job.state != 'running' else _with(
+            job, stage=said.stage, share=float(share), words=words, elapsed=float(said.elapsed),
+            left=left))
+
+    def _on_result(self, goal: str, answer: Any) -> None:
+        state = {GoalStatus.STATUS_SUCCEEDED: 'done', GoalStatus.STATUS_CANCELED: 'canceled'}.get(
+            answer.status, 'failed')
+        result = answer.result
+        ended = Job(goal, state, stage='', share=1.0, words=str(result.message))
+        if state == 'done' and self._name == 'diagnose':
+            document = json.loads(result.verdict_json)
+            ended.verdict = document['verdict']
+            ended.words = headline(document)
+            ended.lines = [line for line in (gain_sentence(document), document.get('next_test'))
+                           if line]
+        elif state == 'done':
+            report = json.loads(result.report_json)
+            ended.lines = [
+                f'{name} = {quantity(item["value"], item["unit"], item["std"])}'
+                + (f' ({item["reason"]})' if item['reason'] else '')
+                for name, item in report['parameters'].items()]
+        self._change(lambda job: ended if job is None or job.goal == goal else None)
+
+
+def _with(job: Job, **changes: Any) -> Job:
+    return Job(**{**asdict(job), **changes})
+
+
+def _finite(value: float) -> float | None:
+    return round(value, 5) if np.isfinite(value) else None

@@ -1,0 +1,36 @@
+"""Settings of the middleware: discovery on this machine; what is dropped is sent again at once."""
+
+from __future__ import annotations
+
+import os
+
+from saddlering_ros.paths import share_directory
+
+DISCOVERY_VARIABLES = ('ROS_AUTOMATIC_DISCOVERY_RANGE', 'ROS_LOCALHOST_ONLY')
+PROFILE_VARIABLES = ('FASTRTPS_DEFAULT_PROFILES_FILE', 'FASTDDS_DEFAULT_PROFILES_FILE')
+
+
+def transport_environment() -> dict[str, str]:
+    """What a process needs in its environment, before rclpy.init, to use config/fastdds.xml.
+
+    Nothing if the user has chosen a file. Other middlewares than Fast DDS pay no attention to it.
+    """
+    if any(os.environ.get(name) for name in PROFILE_VARIABLES):
+        return {}
+    return {PROFILE_VARIABLES[0]: str(share_directory() / 'config' / 'fastdds.xml')}
+
+
+def local_discovery() -> dict[str, str]:
+    """What keeps discovery on this machine, unless the user has chosen a range.
+
+    ROS 2's own default is the subnet: everybody there could see the topics, call services, send
+    goals and publish loads.
+    """
+    if any(os.environ.get(name) for name in DISCOVERY_VARIABLES):
+        return {}
+    return {DISCOVERY_VARIABLES[0]: 'LOCALHOST'}
+
+
+def prepare_transport() -> None:
+    """Set both for this process."""
+    os.environ.update({**transport_environment(), **local_discovery()})

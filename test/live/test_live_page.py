@@ -1,0 +1,168 @@
+"""The live page in a browser, over real nodes that replay a bag."""
+
+import contextlib
+import json
+import threading
+import time
+
+from browser import browser_page, chromium
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+import numpy as np
+import pytest
+import rclpy
+from rclpy.action import ActionServer, CancelResponse
+from rclpy.callback_groups import ReentrantCallbackGroup
+from rclpy.executors import MultiThreadedExecutor
+
+from saddlering_interfaces.action import DiagnoseRing, IdentifyRing
+from saddlering_ros.bags import displacement_of_run, read_run
+from saddlering_ros.live.server import address, serve
+from saddlering_ros.live.watcher import Watcher
+from saddlering_ros.nodes.launcher import start_nodes
+from saddlering_ros.nodes.transport import transport_environment
+from saddlering_ros.paths import share_directory
+from saddlering_ros.rig import default_rig
+
+pytestmark = [pytest.mark.ros, pytest.mark.timeout(600)]
+BAG = share_directory() / 'bags' / 'dynamic_50_fast'
+VERDICT = {'verdict': 'named', 'next_test': 'Load twice as fast.', 'gain': {'fit': 0.9},
+           'causes': [{'effect': 'radial_friction', 'group': ['radial_friction'],
+                       'parameters': {'force': {'value': 9e3, 'std': 35.0, 'unit': 'N'}}}]}
+
+
+@pytest.fixture(autouse=True)
+def _transport(monkeypatch):
+    for name, value in transport_environment().items():
+        monkeypatch.setenv(name, value)
+
+
+@contextlib.contextmanager
+def served(domain, port=0):
+    """The page served by this process; its port."""
+    ready, until, found = threading.Event(), threading.Event(), []
+    with Watcher(domain) as watcher:
+        thread = threading.Thread(target=serve, daemon=True, args=(
+            watcher, address('127.0.0.1', port), lambda where: (found.append(where), ready.set()),
+            until))
+        thread.start()
+        try:
+            assert ready.wait(10.0)
+            yield found[0]
+        finally:
+            until.set()
+            thread.join(5.0)
+        assert not thread.is_alive()
+
+
+class Servers:
+    """Both action servers: an identification that goes on until canceled, a verdict at once."""
+
+    def __init__(self, domain):
+        self.context = rclpy.Context()
+        rclpy.init(context=self.context, domain_id=domain)
+        self.node = rclpy.create_node('actions', context=self.context)
+        group = ReentrantCallbackGroup()
+        options = {'callback_group': group, 'cancel_callback': lambda _: CancelResponse.ACCEPT}
+        self._servers = [
+            ActionServer(self.node, IdentifyRing, '/identify_ring', self._identify, **options),
+            ActionServer(self.node, DiagnoseRing, '/diagnose_ring', self._diagnose, **options)]
+        self.clients = {
+            kind: rclpy.action.ActionClient(self.node, kind, path) for kind, path in (
+                (IdentifyRing, '/identify_ring'), (DiagnoseRing, '/diagnose_ring'))}
+        self._executor = MultiThreadedExecutor(4, context=self.context)
+        self._executor.add_node(self.node)
+        threading.Thread(target=self._executor.spin, daemon=True).start()
+
+    def close(self):
+        """Leave the domain: what stays would be taken for a server by the tests that follow."""
+        self._executor.shutdown(timeout_sec=5.0)
+        for one in (*self._servers, *self.clients.values()):
+            one.destroy()
+        self.node.destroy_node()
+        rclpy.shutdown(context=self.context)
+
+    def _identify(self, goal):
+        for turn in range(600):
+            if goal.is_cancel_requested:
+                goal.canceled()
+                return IdentifyRing.Result(status=IdentifyRing.Result.CANCELED, message='canceled')
+            goal.publish_feedback(IdentifyRing.Feedback(
+                stage='swarm', iteration=min(turn, 50) // 2, iterations=50, best_objective=1.25,
+                elapsed=10.0))
+            time.sleep(0.05)
+        goal.abort()
+        return IdentifyRing.Result()
+
+    def _diagnose(self, goal):
+        goal.publish_feedback(DiagnoseRing.Feedback(stage='screening', progress=0.5, elapsed=1.0))
+        time.sleep(0.5)
+        goal.succeed()
+        return DiagnoseRing.Result(verdict='named', verdict_json=json.dumps(VERDICT))
+
+    def say_well(self):
+        """Report once on /diagnostics, then never again."""
+        said = self.node.create_publisher(DiagnosticArray, '/diagnostics', 10)
+        while not said.get_subscription_count():
+            time.sleep(0.01)
+        said.publish(DiagnosticArray(status=[DiagnosticStatus(name='a_node: task', message='up')]))
+
+    def ask(self, kind):
+        client = self.clients[kind]
+        assert client.wait_for_server(10.0)
+        client.send_goal_async(kind.Goal(bags=['any']))
+
+
+def test_a_replay_is_drawn_as_it_happens_and_outlives_reloads_and_restarts(ros_domain):
+    chromium()
+    run = read_run(BAG)
+    peak = 1e6 * float(np.nanmax(displacement_of_run(default_rig(), run).displacement.delta_x))
+    highest = 'Math.max(...[...streams.measured.values()].map((it) => it.high[0]))'
+    with served(ros_domain) as where, browser_page() as page:
+        page.open(where.url)
+        page.wait('document.querySelector("#link").innerText === "connected"')
+        with start_nodes(BAG, domain_id=ros_domain, rate=4.0) as group:
+            page.wait('+document.body.dataset.points > 20', 60.0)
+            shown = page.run('document.querySelectorAll("#loops .scatterlayer .trace").length')
+            assert shown == 6
+            group.wait('replay_clock', 60.0)
+            assert page.wait(f'Math.abs({highest} - {peak}) < 1e-3')
+        for words in ('true to scale', 'N/mm^n', 'probe 4', 'ring_residual', 'replay finished'):
+            page.wait(f'document.body.innerText.includes({json.dumps(words)})')
+        assert page.run('document.querySelectorAll("#residuals .shapelayer path").length') == 3
+        page.send('Page.reload')
+        page.wait('document.readyState === "complete" && +document.body.dataset.points > 20')
+        assert page.wait(f'Math.abs({highest} - {peak}) < 1e-3')
+        page.run('post("clear")')
+        page.wait('streams.measured.size === 0')
+        with start_nodes(BAG, domain_id=ros_domain, rate=4.0) as group:
+            group.wait('replay_clock', 60.0)
+            # How many points stand for it depends on when they came; its highest does not.
+            assert page.wait(f'streams.measured.size > 20 && Math.abs({highest} - {peak}) < 1e-3')
+        assert page.errors == []
+        assert [url for url in page.requests
+                if not url.startswith((where.url, 'data:', 'blob:'))] == []
+
+
+def test_progress_is_shown_canceled_by_a_click_and_a_verdict_comes(ros_domain):
+    chromium()
+    with contextlib.closing(Servers(ros_domain)) as servers, browser_page() as page:
+        with served(ros_domain) as where:
+            page.open(where.url)
+            servers.say_well()
+            page.wait('document.querySelector("#nodes [data-level=ok]") !== null')
+            servers.ask(IdentifyRing)
+            page.wait('document.querySelector(".job[data-action=identify][data-state=running]")'
+                      '?.innerText.includes("best 1.25")')
+            page.wait('/about \\d+ s left/.test(document.querySelector(".job").innerText)')
+            page.run('document.querySelector(".job button").click()')
+            page.wait('document.querySelector(".job[data-state=canceled]") !== null')
+            servers.ask(DiagnoseRing)
+            page.wait('!document.querySelector("#verdict").hidden')
+            said = page.text('#verdict')
+            assert 'The simulation lacks dry friction in the radial row' in said
+            assert 'Load twice as fast.' in said
+            page.wait('document.querySelector("#nodes [data-level=silent]") !== null')
+            assert page.errors == []
+        page.wait('document.querySelector("#link").innerText.includes("trying again")')
+        with served(ros_domain, where.port):
+            page.wait('document.querySelector("#link").innerText === "connected"', 20.0)

@@ -1,0 +1,69 @@
+"""Claims about who may look at the live page, and who may not."""
+
+import asyncio
+import socket
+from types import SimpleNamespace
+
+from aiohttp import CookieJar
+from aiohttp.test_utils import TestClient, TestServer
+import pytest
+
+from saddlering_ros.live.errors import LiveError
+from saddlering_ros.live.server import address, application, serve
+
+POST = {'X-Saddlering': 'live'}
+
+
+def asked(where, *requests):
+    """Statuses of requests (method, path, headers) by one client, one after another."""
+    canceled = []
+    watcher = SimpleNamespace(cancel=lambda name: canceled.append(name) or True)
+
+    async def ask():
+        server = TestServer(application(watcher, where))
+        async with TestClient(server, cookie_jar=CookieJar(unsafe=True)) as client:
+            found = []
+            for method, path, headers in requests:
+                async with client.request(method, path, headers=headers) as answer:
+                    found.append(answer.status)
+            return found
+    return asyncio.run(ask()), canceled
+
+
+def test_this_machine_is_let_in_without_a_token_and_the_page_allows_its_own_scripts_only():
+    assert address('127.0.0.1', 0).token == ''
+    assert asked(address('127.0.0.1', 0), ('GET', '/', {}), ('GET', '/live.js', {}))[0] == [
+        200, 200]
+
+
+def test_a_name_that_points_here_by_trickery_is_refused():
+    assert asked(address('127.0.0.1', 0), ('GET', '/', {'Host': 'evil.example'}))[0] == [403]
+
+
+def test_another_site_cannot_cancel_but_the_page_can():
+    statuses, canceled = asked(
+        address('127.0.0.1', 0), ('POST', '/cancel/identify', {}),
+        ('POST', '/cancel/identify', POST), ('POST', '/cancel/else', POST))
+    assert statuses == [403, 200, 404]
+    assert canceled == ['identify']
+
+
+@pytest.mark.parametrize('path', ['/', '/events', '/plotly.js', '/?token=wrong'])
+def test_beyond_this_machine_a_token_is_made_and_needed(path):
+    where = address('0.0.0.0', 0)
+    assert len(where.token) >= 20
+    assert where.token in where.url
+    assert asked(where, ('GET', path, {}), ('POST', '/clear', POST))[0] == [403, 403]
+
+
+def test_the_token_in_the_address_lets_a_browser_in_for_good():
+    where = address('0.0.0.0', 0, 'open sesame')
+    assert asked(where, ('GET', '/?token=open%20sesame', {}), ('GET', '/live.css', {}))[0] == [
+        200, 200]
+
+
+def test_a_port_that_is_taken_is_refused_in_one_line():
+    with socket.create_server(('127.0.0.1', 0)) as taken:
+        port = taken.getsockname()[1]
+        with pytest.raises(LiveError, match=f'127.0.0.1:{port}: cannot be served'):
+            serve(SimpleNamespace(), address('127.0.0.1', port), lambda where: None)

@@ -1,0 +1,89 @@
+"""Claims about streams kept as few points: nothing that stands out is lost, nothing grows."""
+
+import numpy as np
+
+from saddlering_ros.live.traces import Traces
+
+SECOND = 1_000_000_000
+SCALES = {'load': 1.0, 'measured': 1.0}
+CHANNELS = {'load': 1, 'measured': 2}
+
+
+def pushed(traces, start, seconds, rate=1000, spike=None):
+    stamps = start + (np.arange(int(seconds * rate)) * (SECOND // rate)).astype(np.int64)
+    values = np.stack([np.sin(stamps / SECOND), np.zeros(len(stamps))])
+    if spike is not None:
+        values[1, spike] = 7.0
+    for part in np.array_split(np.arange(len(stamps)), max(1, len(stamps) // 50)):
+        traces.push('measured', stamps[part], values[:, part])
+    return stamps, values
+
+
+def test_a_single_sample_that_stands_out_is_still_there_after_minutes():
+    traces = Traces(CHANNELS, limit=200)
+    pushed(traces, 10 * SECOND, 60.0, spike=1234)
+    found = traces.since(-1, SCALES)['measured']
+    assert max(found['high'][1]) == 7.0
+    assert len(found['cell']) <= 200
+
+
+def test_means_of_cells_are_the_means_of_their_samples():
+    traces = Traces(CHANNELS, limit=100)
+    stamps, values = pushed(traces, 0, 10.0)
+    found = traces.since(-1, SCALES)['measured']
+    number = stamps // traces.width
+    expected = [values[0, number == cell].mean() for cell in found['cell']]
+    assert np.allclose(found['mean'][0], expected, atol=1e-4)
+
+
+def test_what_is_older_than_the_window_is_dropped():
+    traces = Traces(CHANNELS, limit=100, window=5.0)
+    pushed(traces, 0, 60.0, rate=100)
+    cells = np.array(traces.since(-1, SCALES)['measured']['cell']) * traces.width / SECOND
+    assert cells.max() > 59.8
+    assert cells.min() >= 54.0
+    assert len(cells) <= 120
+
+
+def test_only_what_changed_is_said_again_and_adds_up_to_everything():
+    traces = Traces(CHANNELS, limit=5000)
+    kept, turn = {}, -1
+    for part in range(5):
+        pushed(traces, part * SECOND // 2, 0.5)
+        new = traces.since(turn, SCALES).get('measured', {'cell': []})
+        assert len(new['cell']) <= 52
+        kept.update(zip(new['cell'], zip(*new['mean'], strict=True), strict=True))
+        turn = traces.turn
+    whole = traces.since(-1, SCALES)['measured']
+    assert kept == dict(zip(whole['cell'], zip(*whole['mean'], strict=True), strict=True))
+    assert traces.since(turn, SCALES) == {}
+
+
+def test_a_replay_that_starts_again_is_drawn_anew_and_late_samples_are_not():
+    traces = Traces(CHANNELS, limit=500)
+    pushed(traces, 100 * SECOND, 3.0)
+    version = traces.version
+    pushed(traces, 102 * SECOND + SECOND * 9 // 10, 0.05)
+    assert traces.version == version
+    pushed(traces, 100 * SECOND, 0.5)
+    assert traces.version > version
+    assert traces.since(-1, SCALES)['measured']['cell'][-1] * traces.width < SECOND
+
+
+def test_streams_drained_one_after_another_are_one_replay():
+    traces = Traces(CHANNELS)
+    stamps = np.arange(0, 5 * SECOND, SECOND // 100)
+    for start in (50 * SECOND, 0):
+        traces.push('load', start + stamps[:400], np.ones((1, 400)))
+        if start == 0:
+            traces.push('measured', 50 * SECOND + stamps[400:], np.ones((2, 100)))
+        traces.push('measured', start + stamps[:400], np.ones((2, 400)))
+        found = traces.since(-1, SCALES)
+        assert found['load']['cell'] == found['measured']['cell']
+        assert len(found['load']['cell']) == 400
+
+
+def test_samples_that_are_no_numbers_are_left_out():
+    traces = Traces(CHANNELS)
+    traces.push('measured', np.array([0, 1]), np.array([[1.0, np.nan], [1.0, 1.0]]))
+    assert traces.since(-1, SCALES)['measured']['mean'] == [[1.0], [1.0]]

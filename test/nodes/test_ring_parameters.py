@@ -1,0 +1,89 @@
+"""What /ring/parameters says: the simulator's own in force, what others offer, and who follows."""
+
+from __future__ import annotations
+
+from builtin_interfaces.msg import Time
+import pytest
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from rosnet import Client, client, Driver, wait_until
+
+from saddlering_interfaces.msg import RingParameters
+from saddlering_ros.nodes.launcher import NodeGroup
+from saddlering_ros.rig import TRUE_TO_SCALE
+
+pytestmark = pytest.mark.ros
+TOPIC = '/ring/parameters'
+SIMULATED = '/ring/simulated_displacement'
+LATCHED = QoSProfile(depth=20, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+JOINERS = 6
+
+
+def listen(one: Client) -> list[RingParameters]:
+    said: list[RingParameters] = []
+    with one.lock:
+        one.node.create_subscription(RingParameters, TOPIC, said.append, LATCHED)
+    return said
+
+
+def test_the_simulator_tells_every_late_joiner_what_it_simulates_with(
+        group: NodeGroup, heard: Client, ros_domain: int) -> None:
+    group.start('ring_simulator')
+    wait_until(lambda: 'ring_simulator' in heard.progress, 80.0, 'it runs')
+    for _ in range(JOINERS):
+        with client(ros_domain) as joiner:
+            said = listen(joiner)
+            wait_until(lambda said=said: bool(said), 30.0, 'the parameters in force')
+            assert said[0].k1 == TRUE_TO_SCALE.K1
+            assert said[0].in_force_in == '/ring_simulator'
+            assert 'true to scale' in said[0].source
+
+
+def test_a_following_simulator_takes_what_is_offered_and_not_what_another_one_has(
+        group: NodeGroup, heard: Client) -> None:
+    with heard.lock:
+        offer = heard.node.create_publisher(RingParameters, TOPIC, LATCHED)
+        offer.publish(message(1, k1=2.0e10))  # before there is anyone to hear it
+    said = listen(heard)
+    group.start('ring_simulator', {'follow_parameters': True})
+    wait_until(lambda: bool(in_force(said)) and in_force(said)[-1].k1 == 2.0e10, 80.0,
+               'it follows what was offered before it started')
+    with heard.lock:
+        offer.publish(message(2, k1=3.0e10, in_force_in='/another_simulator'))
+    with heard.lock:
+        offer.publish(message(3, k1=-1.0))
+    wait_until(lambda: 'refused' in group.processes['ring_simulator'].said(), what='it refuses')
+    with heard.lock:
+        offer.publish(message(4, k1=4.0e10))
+    wait_until(lambda: in_force(said)[-1].k1 == 4.0e10, what='it follows the new offer')
+    assert {one.k1 for one in in_force(said)} == {TRUE_TO_SCALE.K1, 2.0e10, 4.0e10}
+
+
+def test_the_parameters_it_has_already_do_not_restart_a_simulation(
+        record, group: NodeGroup, heard: Client) -> None:
+    with heard.lock:
+        offer = heard.node.create_publisher(RingParameters, TOPIC, LATCHED)
+    said, driver = listen(heard), Driver(heard)
+    group.start('ring_simulator', {'follow_parameters': True})
+    wait_until(lambda: bool(driver.load.subscriptions() and heard.matched((SIMULATED,))
+                            and offer.get_subscription_count() >= 2), 80.0, 'it is matched')
+    driver.send_load(record.stamps[:1000], record.load[:1000])
+    wait_until(lambda: len(heard.raw[SIMULATED]) == 1000, what='the first half')
+    with heard.lock:
+        offer.publish(message(1, k1=TRUE_TO_SCALE.K1))
+    wait_until(lambda: 'test' in said[-1].source and bool(said[-1].in_force_in), what='it heard')
+    driver.send_load(record.stamps[1000:], record.load[1000:])
+    wait_until(lambda: len(heard.raw[SIMULATED]) == 2000, what='the second half, under load')
+    zeros = heard.heard(SIMULATED).zero_stamps
+    assert (zeros == zeros[0]).all()
+
+
+def in_force(said: list[RingParameters]) -> list[RingParameters]:
+    return [one for one in said if one.in_force_in == '/ring_simulator']
+
+
+def message(second: int, *, k1: float, in_force_in: str = '') -> RingParameters:
+    found = TRUE_TO_SCALE
+    result = RingParameters(k1=k1, n1=found.n1, d1=found.D1, k2=found.K2, n2=found.n2,
+                            d2=found.D2, source='test', in_force_in=in_force_in)
+    result.header.stamp = Time(sec=second)
+    return result

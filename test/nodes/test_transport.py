@@ -1,0 +1,64 @@
+"""What the middleware drops is sent again at once, and the user's own settings of it stand."""
+
+from __future__ import annotations
+
+import signal
+import time
+import xml.etree.ElementTree
+
+import numpy as np
+import pytest
+from rosnet import Client, Driver, wait_until
+
+from saddlering_ros.nodes.launcher import environment, NodeGroup
+from saddlering_ros.nodes.transport import PROFILE_VARIABLES, transport_environment
+from saddlering_ros.rig import default_rig
+
+QUEUE = 512
+"""Packets the queue of a Fast DDS shared-memory port holds; what comes on top is dropped."""
+
+
+@pytest.mark.ros
+def test_a_reader_that_stood_still_has_everything_soon_after_it_goes_on(
+        group: NodeGroup, heard: Client) -> None:
+    driver = Driver(heard)
+    simulator, residual = group.start('ring_simulator'), group.start('ring_residual')
+    wait_until(lambda: bool(driver.load.subscriptions() and heard.progress.keys() >= {
+        simulator.name, residual.name} and heard.progress[simulator.name].subscriptions[0] >= 2),
+        80.0, 'all are matched')
+
+    def sent() -> int:
+        return heard.progress[simulator.name].published[0]
+
+    def received() -> int:
+        return heard.progress[residual.name].received[1]
+
+    stamps = 1_700_000_000_000_000_000 + 1_000_000 * np.arange(1000 + 5 * 2 * QUEUE)
+    load = np.full(len(stamps), default_rig().preload)
+    driver.send_load(stamps[:1000], load[:1000])
+    wait_until(lambda: sent() == received() == 1000, what='the zero is found')
+    late = []
+    for start in range(1000, len(stamps), 2 * QUEUE):
+        rows = slice(start, start + 2 * QUEUE)
+        residual.process.send_signal(signal.SIGSTOP)
+        driver.send_load(stamps[rows], load[rows])
+        wait_until(lambda rows=rows: sent() == rows.stop, what='it is simulated')
+        residual.process.send_signal(signal.SIGCONT)
+        began = time.monotonic()
+        wait_until(lambda rows=rows: received() == rows.stop, what='everything is received')
+        late.append(time.monotonic() - began)
+    assert max(late) < 1.5, late  # the middleware's default lets one in two wait for longer
+
+
+def test_the_profile_is_one_fast_dds_can_read_and_gives_way_to_the_users(
+        monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in PROFILE_VARIABLES:
+        monkeypatch.delenv(name, raising=False)
+    path = transport_environment()[PROFILE_VARIABLES[0]]
+    space = '{http://www.eprosima.com/XMLSchemas/fastRTPS_Profiles}'
+    period = xml.etree.ElementTree.parse(path).find(f'.//{space}heartbeatPeriod/{space}nanosec')
+    assert period is not None
+    assert 0 < int(period.text or 0) <= 50_000_000
+    monkeypatch.setenv(PROFILE_VARIABLES[1], '/the/users.xml')
+    assert transport_environment() == {}
+    assert PROFILE_VARIABLES[0] not in environment(1)
