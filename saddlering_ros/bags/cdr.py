@@ -25,6 +25,10 @@ _BYTE_ORDER_AND_ALIGNMENT = {0: ('>', 8), 1: ('<', 8), 6: ('>', 4), 7: ('<', 4)}
 """By representation identifier: byte order, and the alignment of a double."""
 
 
+MOST_FRAME_IDS = 100
+"""Lengths of frame ids in one block; a topic of the rig has one."""
+
+
 class CdrError(ValueError):
     """Bytes that are not the message they should be; the message says why."""
 
@@ -72,7 +76,10 @@ def _decode_kind(
     body = starts[which] + ENCAPSULATION
     lengths = take(data, body + 8, f'{order}u4').astype(np.int64)
     parts = []
-    for length in np.unique(lengths).tolist():
+    different = np.unique(lengths).tolist()
+    if len(different) > MOST_FRAME_IDS:
+        raise CdrError('the frame id is another in every message')
+    for length in different:
         mine = lengths == length
         parts.append((which[mine], _decode_group(
             data, body[mine], sizes[which[mine]] - ENCAPSULATION, length, order, alignment,

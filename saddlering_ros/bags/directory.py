@@ -14,10 +14,18 @@ import yaml
 import zstandard
 
 from saddlering_ros.bags.errors import BagError
+from saddlering_ros.plain_yaml import LARGEST, parse_yaml
+from saddlering_ros.provenance import sha256_of_file, sha256_of_files
 
 METADATA = 'metadata.yaml'
 INFORMATION = 'rosbag2_bagfile_information'
 SUFFIXES = ('.mcap', '.mcap.zstd')
+
+LARGEST_EXPANSION = 100
+"""A compressed file that unpacks to more than this times its size, and to more than ..."""
+
+ALWAYS_ALLOWED = 1 << 26
+"""... this [bytes], was not recorded."""
 
 
 @dataclass(frozen=True)
@@ -42,6 +50,13 @@ class BagDirectory:
         for suffix in SUFFIXES[::-1]:
             name = name.removesuffix(suffix)
         return name
+
+    def sha256(self) -> str:
+        """One hash of all that is read: of a bare file its own, of a directory sha256_of_files."""
+        if self.path.is_dir():
+            metadata = [self.path / METADATA] if self.has_metadata else []
+            return sha256_of_files([*metadata, *self.files])
+        return sha256_of_file(self.path)
 
 
 def open_directory(path: Path | str) -> BagDirectory:
@@ -72,7 +87,14 @@ def plain_file(path: Path) -> Iterator[Path]:
         plain = Path(folder) / path.name.removesuffix('.zstd')
         try:
             with path.open('rb') as source, plain.open('wb') as target:
-                zstandard.ZstdDecompressor().copy_stream(source, target)
+                limit = max(LARGEST_EXPANSION * path.stat().st_size, ALWAYS_ALLOWED)
+                for block in zstandard.ZstdDecompressor().read_to_iter(source):
+                    limit -= len(block)
+                    if limit < 0:
+                        raise BagError(
+                            f'{path}: unpacks to more than {LARGEST_EXPANSION} times its size: '
+                            'no recorder made this file; take another')
+                    target.write(block)
         except zstandard.ZstdError as problem:
             raise BagError(
                 f'{path}: its compressed data are damaged: copy the file again') from problem
@@ -92,13 +114,13 @@ def _of_directory(path: Path) -> BagDirectory:
             raise BagError(f'{path}: holds no .mcap file: give a bag recorded with storage mcap')
         return BagDirectory(path, tuple(found))
     information = read_metadata(path / METADATA)
-    storage = information.get('storage_identifier', 'mcap')
+    storage = _word(information, 'storage_identifier') or 'mcap'
     if storage != 'mcap':
         raise BagError(
             f'{path}: is recorded with storage {storage}: convert it with "ros2 bag convert" to '
             'storage mcap')
-    files = [_locate(path, str(name)) for name in _list(information, 'relative_file_paths')]
-    return _with_information(path, tuple(files or found), information)
+    files = [_locate(path, name) for name in _names(information)]
+    return _with_information(path, tuple(dict.fromkeys(files)) or tuple(found), information)
 
 
 def _of_file(path: Path) -> BagDirectory:
@@ -107,7 +129,7 @@ def _of_file(path: Path) -> BagDirectory:
     if beside.is_file():
         try:
             information = read_metadata(beside)
-            named = {Path(str(name)).name for name in _list(information, 'relative_file_paths')}
+            named = {Path(name).name for name in _names(information)}
         except BagError:
             return BagDirectory(path, (path,))
         if path.name in named:
@@ -124,8 +146,8 @@ def _with_information(
 ) -> BagDirectory:
     if not files:
         raise BagError(f'{path}: holds no .mcap file: give a bag recorded with storage mcap')
-    mode = str(information.get('compression_mode') or '').lower()
-    compression = str(information.get('compression_format') or '').lower()
+    mode = _word(information, 'compression_mode').lower()
+    compression = _word(information, 'compression_format').lower()
     if mode == 'message' and compression != 'zstd':
         raise BagError(
             f'{path}: messages are compressed with {compression!r}, which is not supported: '
@@ -140,7 +162,9 @@ def _with_information(
 def read_metadata(path: Path) -> dict[str, Any]:
     """What a metadata.yaml says of its bag; BagError if it says nothing."""
     try:
-        return parse_metadata(path.read_text(encoding='utf-8'), str(path))
+        with path.open('rb') as file:
+            text = file.read(LARGEST + 1).decode('utf-8')
+        return parse_metadata(text, str(path))
     except (OSError, UnicodeDecodeError) as problem:
         raise BagError(f'{path}: cannot be read: copy the bag again') from problem
 
@@ -148,8 +172,8 @@ def read_metadata(path: Path) -> dict[str, Any]:
 def parse_metadata(text: str, where: str) -> dict[str, Any]:
     """The part of a rosbag2 metadata text that describes the bag."""
     try:
-        document = yaml.safe_load(text)
-    except (yaml.YAMLError, ValueError, RecursionError) as problem:
+        document = parse_yaml(text)
+    except yaml.YAMLError as problem:
         raise BagError(
             f'{where}: is not YAML: copy the bag again, or remove this file') from problem
     if isinstance(document, dict):
@@ -168,23 +192,35 @@ def custom_data_of(text: str) -> dict[str, str]:
 
 
 def _locate(folder: Path, name: str) -> Path:
-    """A file of the bag, also where metadata.yaml names it with a folder that has since moved."""
-    for candidate in (folder / name, folder / Path(name).name):
-        if candidate.is_file():
+    """A file of the bag, also where metadata.yaml names it with a folder that has since moved.
+
+    Never a file outside the bag's folder, whatever metadata.yaml says.
+    """
+    steps = Path(name).parts
+    inside = not Path(name).is_absolute() and '..' not in steps
+    for candidate in (folder / name,) * inside + (folder / Path(name).name,):
+        if candidate.name.endswith(SUFFIXES) and candidate.is_file():
             return candidate
     raise BagError(
         f'{folder}: {METADATA} names {Path(name).name}, which is not there: copy the whole bag')
 
 
-def _list(information: Mapping[str, Any], key: str) -> list[Any]:
+def _names(information: Mapping[str, Any]) -> list[str]:
+    value = information.get('relative_file_paths')
+    return [name for name in value if isinstance(name, str)] if isinstance(value, list) else []
+
+
+def _word(information: Mapping[str, Any], key: str) -> str:
     value = information.get(key)
-    return value if isinstance(value, list) else []
+    return value if isinstance(value, str) else ''
 
 
 def _texts(mapping: object) -> dict[str, str]:
+    """The plain values of a mapping as text; what holds other values is left out."""
     if not isinstance(mapping, dict):
         return {}
-    return {str(key): str(value) for key, value in mapping.items() if value is not None}
+    return {str(key): str(value) for key, value in mapping.items()
+            if isinstance(value, (str, int, float, bool)) and isinstance(key, str)}
 
 
 def _natural(path: Path) -> list[tuple[int, str]]:

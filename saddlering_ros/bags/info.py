@@ -25,10 +25,11 @@ from saddlering_ros.bags.reader import (
     RawTopic,
     run_of_record,
     TestRun,
-    with_readable_part,
 )
 from saddlering_ros.bags.scan import Scan, scan
 from saddlering_ros.bags.topics import LOAD_TOPIC, PROBE_TOPICS, RIG_TOPICS
+from saddlering_ros.bags.wiring import wiring_notes
+from saddlering_ros.rig import default_rig, Rig
 
 
 @dataclass(frozen=True)
@@ -59,7 +60,7 @@ class BagInfo:
 
     size [bytes]; compressions and schema encodings as the files say; duration [s] and start [ns]
     by header stamps of the rig's topics (NaN and None if there are none); load_range [N];
-    plateaus: their number (None if not a static test); facts as found.
+    plateaus: their number (None if not a static test); facts as found; sha256 of its files.
     """
 
     path: Path
@@ -75,6 +76,7 @@ class BagInfo:
     duration: float
     load_range: tuple[float, float]
     plateaus: int | None
+    sha256: str = ''
     problems: tuple[str, ...] = field(default=())
     notes: tuple[str, ...] = field(default=())
 
@@ -94,17 +96,18 @@ class BagInfo:
 
 def bag_info(
     path: Path | str, *, test: str | None = None, elevation: float | None = None,
+    rig: Rig | None = None,
 ) -> BagInfo:
     """Look at the bag at `path`; BagError only if there is no bag at all.
 
-    `test` and `elevation` [rad] win over what the bag says, as in `read_run`.
+    `test`, `elevation` [rad] and `rig` (default: the shipped one) as in `read_run`.
     """
     found = scan(path)
     degrees = None if elevation is None else math.degrees(elevation)
     facts = found.facts.overruled(test, degrees)
     problems, notes = [], []
     if found.damage is not None:
-        problems.append(with_readable_part(found))
+        problems.append(str(found.fault))
     raw = {}
     for name in RIG_TOPICS:
         try:
@@ -119,6 +122,7 @@ def bag_info(
     count = None
     if run is not None:
         notes += run.notes
+        notes += wiring_notes(rig or default_rig(), run.elevation, run.load, run.gaps)
         count = _plateau_count(run, problems)
     return _assemble(found, facts, raw, count, problems, notes)
 
@@ -173,7 +177,8 @@ def _assemble(
         schema_encodings=tuple(sorted(found.schema_encodings)), facts=facts,
         topics=_topics(found, raw, start), start=start, duration=duration,
         load_range=(float(np.min(load)), float(np.max(load))), plateaus=count,
-        problems=tuple(dict.fromkeys(problems)), notes=tuple(notes))
+        sha256=found.directory.sha256(), problems=tuple(dict.fromkeys(problems)),
+        notes=tuple(notes))
 
 
 def _topics(found: Scan, raw: dict[str, RawTopic], start: int | None) -> tuple[TopicInfo, ...]:

@@ -35,8 +35,11 @@ RECORD_HEAD = 9
 MESSAGE_HEAD = 22
 """Bytes of a message record's content before the message itself."""
 
-LARGEST_CHUNK = 1 << 30
+LARGEST_CHUNK = 1 << 28
 """A chunk that claims to be larger than this [bytes] is taken for damaged."""
+
+MOST_DECLARATIONS = 200_000
+"""A chunk with more records than these that are no messages is damaged: ids are of 16 bits."""
 
 BLOCK_MESSAGES = 1 << 16
 """Messages per block of a file without chunks."""
@@ -51,13 +54,18 @@ class DamageError(BagError):
     """Damage found in an MCAP file at a byte; what came before it was readable."""
 
 
+class CutOffError(DamageError):
+    """The file ends too early; what came before is whole (by its checksums, if it has any)."""
+
+
 class Channel(NamedTuple):
-    """A topic as the file declares it."""
+    """A topic as the file declares it; definition: of the message type, as the file holds it."""
 
     topic: str
     type: str
     encoding: str
     schema_encoding: str
+    definition: bytes = b''
 
 
 @dataclass(frozen=True)
@@ -92,13 +100,16 @@ class McapFile:
     message_count: int = 0
     log_start: int | None = None
     log_stop: int | None = None
-    _schemas: dict[int, tuple[str, str]] = field(default_factory=dict)
+    _schemas: dict[int, tuple[str, str, bytes]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         self.name = self.name or str(self.path)
 
     def blocks(self) -> Iterator[Block]:
-        """Yield the messages, block by block; DamageError says where readable data end."""
+        """Yield the messages, block by block; DamageError says where readable data end.
+
+        CutOffError, a DamageError, says that the file ends there.
+        """
         with _Mapping(self.path, self.name) as buffer:
             try:
                 yield from self._blocks(buffer)
@@ -144,7 +155,11 @@ class McapFile:
             raise self._cut_off(size)
         opcode, length = _record_head.unpack_from(buffer, position)
         start = position + RECORD_HEAD
+        if opcode == 0 and _only_zeros(buffer, position, size):
+            raise self._cut_off(position)  # what a loss of power leaves of a file that grew
         if start + length > size:
+            if buffer[size - len(MAGIC):] == MAGIC:
+                raise self._damaged(position, 'a record')  # the end is there
             raise self._cut_off(size)
         if opcode == 0:
             raise self._damaged(position, 'a record')
@@ -157,13 +172,13 @@ class McapFile:
         fields = _Fields(buffer, start, stop)
         if opcode == SCHEMA:
             number = fields.uint16()
-            name = fields.text()
-            self._schemas[number] = (name, fields.text())
+            name, encoding = fields.text(), fields.text()
+            self._schemas[number] = (name, encoding, fields.data())
         elif opcode == CHANNEL:
             number, schema = fields.uint16(), fields.uint16()
             topic, encoding = fields.text(), fields.text()
-            name, schema_encoding = self._schemas.get(schema, ('', ''))
-            self.channels[number] = Channel(topic, name, encoding, schema_encoding)
+            name, schema_encoding, definition = self._schemas.get(schema, ('', '', b''))
+            self.channels[number] = Channel(topic, name, encoding, schema_encoding, definition)
         elif opcode == METADATA:
             name = fields.text()
             self.metadata[name] = fields.text_map()
@@ -237,7 +252,7 @@ class McapFile:
     def _walked(self, data: bytes) -> Block:
         """Find the messages of a chunk record by record."""
         collector = _Collector()
-        position, size = 0, len(data)
+        position, size, others = 0, len(data), 0
         while position < size:
             opcode, length = _record_head.unpack_from(data, position)
             stop = position + RECORD_HEAD + length
@@ -246,6 +261,9 @@ class McapFile:
             if opcode == MESSAGE:
                 collector.add(data, position, stop, self)
             else:
+                others += 1
+                if opcode == 0 or others > MOST_DECLARATIONS:
+                    raise IndexError
                 self._declaration(opcode, data, position + RECORD_HEAD, stop)
             position = stop
         return collector.block(data)
@@ -278,9 +296,10 @@ class McapFile:
             return None
         log_times = entries['log_time'].astype(np.int64)[order]
         messages = {}
-        for channel in index:
-            mine = channels == channel
-            messages[channel] = Messages(
+        by_channel = np.argsort(channels, kind='stable')
+        edges = np.flatnonzero(np.diff(channels[by_channel])) + 1
+        for mine in np.split(by_channel, edges):
+            messages[int(channels[mine[0]])] = Messages(
                 offsets[mine] + RECORD_HEAD + MESSAGE_HEAD, sizes[mine] - MESSAGE_HEAD,
                 log_times[mine])
         return Block(array, messages)
@@ -310,12 +329,14 @@ class McapFile:
         following = np.concatenate([starts, [len(data)]])
         if (following < edges).any():
             return False
+        others = 0
         for hole in np.flatnonzero(following > edges).tolist():
             position, stop = int(edges[hole]), int(following[hole])
             while position < stop:
                 opcode, length = _record_head.unpack_from(data, position)
                 after = position + RECORD_HEAD + length
-                if opcode == MESSAGE or after > stop:
+                others += 1
+                if opcode in (0, MESSAGE) or after > stop or others > MOST_DECLARATIONS:
                     return False
                 self._declaration(opcode, data, position + RECORD_HEAD, after)
                 position = after
@@ -323,8 +344,8 @@ class McapFile:
 
     # -- faults --------------------------------------------------------------------------------
 
-    def _cut_off(self, size: int) -> DamageError:
-        return DamageError(
+    def _cut_off(self, size: int) -> CutOffError:
+        return CutOffError(
             f'{self.name}: the file is cut off at byte {size}: copy it again, or recover what '
             'there is with "mcap recover"')
 
@@ -400,6 +421,10 @@ class _Fields:
         width = self.uint32()
         return self._data[self._advance(width):self.position].decode('utf-8')
 
+    def data(self) -> bytes:
+        width = self.uint32()
+        return bytes(self._data[self._advance(width):self.position])
+
     def text_map(self) -> dict[str, str]:
         width = self.uint32()
         stop = self.position + width
@@ -436,6 +461,13 @@ class _Mapping:
         with suppress(BufferError):
             if self._mapping is not None:
                 self._mapping.close()
+
+
+def _only_zeros(buffer: mmap.mmap, start: int, stop: int) -> bool:
+    """Whether the file holds nothing but zeros from `start` on."""
+    step = 1 << 20
+    return not any(any(buffer[place:min(place + step, stop)])
+                   for place in range(start, stop, step))
 
 
 def _checksum(buffer: mmap.mmap, stop: int) -> int:

@@ -20,11 +20,15 @@ from saddlering_ros.bags.checks import (
     notes_on_load,
     notes_on_probe,
 )
+from saddlering_ros.bags.directory import open_directory
 from saddlering_ros.bags.errors import BagError
 from saddlering_ros.bags.facts import FoundFacts
 from saddlering_ros.bags.scan import Scan, scan, ScannedTopic
 from saddlering_ros.bags.stamps import put_in_order
 from saddlering_ros.bags.topics import LOAD_TOPIC, PROBE_TOPICS, RIG_TOPICS, TYPE_OF_TOPIC
+from saddlering_ros.bags.wiring import wiring_notes
+from saddlering_ros.provenance import Origin
+from saddlering_ros.rig import Rig
 
 
 @dataclass(frozen=True)
@@ -85,7 +89,8 @@ class TestRun:
     test: 'static' or 'dynamic'; elevation [rad]; rig, run: free text; stamps (N,) int64 [ns] of
     the load's headers; time (N,) [s] since the first of them; load (N,) [N]; gaps (4, N) [m] of
     the probes on the load's stamps, NaN outside a probe's own span and inside its gaps; notes:
-    what is wrong with the bag without keeping it from being used.
+    what is wrong with the bag without keeping it from being used; sha256: of the bag's files
+    ('' for a run that was never in a bag).
     """
 
     __test__ = False
@@ -101,6 +106,12 @@ class TestRun:
     load: NDArray[np.float64]
     gaps: NDArray[np.float64]
     notes: list[str] = field(default_factory=list)
+    sha256: str = ''
+
+    @property
+    def origin(self) -> Origin:
+        """The bag and its hash, for a result's provenance."""
+        return Origin(str(self.path), self.sha256)
 
     @property
     def complete(self) -> NDArray[np.bool_]:
@@ -121,23 +132,29 @@ def read_raw(path: Path | str, topics: Sequence[str] | None = None) -> RawRecord
             f'{", ".join(RIG_TOPICS)}')
     found = scan(path, wanted)
     if found.damage is not None:
-        raise BagError(with_readable_part(found))
+        assert found.fault is not None
+        raise found.fault
     return RawRecord(found.path, {name: raw_topic(found, name) for name in wanted}, found.facts,
                      found.notes)
 
 
 def read_run(
     path: Path | str, *, test: str | None = None, elevation: float | None = None,
+    rig: Rig | None = None,
 ) -> TestRun:
     """The test recorded in the bag at `path`, aligned on the load's stamps.
 
     `test` and `elevation` [rad], where given, win over what the bag says. Raises BagError with
-    one line on anything that makes the bag unusable.
+    one line on anything that makes the bag unusable. Given the `rig`, the run's notes also say
+    which probes look swapped, stuck, dead or of the wrong polarity on it.
     """
     record = read_raw(path)
     facts = usable_facts(record.path, record.facts, test, elevation)
-    run = run_of_record(record, facts)
-    return run if elevation is None else replace(run, elevation=float(elevation))
+    run = replace(run_of_record(record, facts), sha256=open_directory(path).sha256())
+    run = run if elevation is None else replace(run, elevation=float(elevation))
+    if rig is not None:
+        run.notes.extend(wiring_notes(rig, run.elevation, run.load, run.gaps))
+    return run
 
 
 def usable_facts(
@@ -185,6 +202,8 @@ def raw_topic(found: Scan, name: str) -> RawTopic:
     """One rig topic of a scanned bag in stamp order; BagError if it cannot be used."""
     where = f'{found.path}: {name}'
     topic = found.topics.get(name)
+    if found.fault is not None and (topic is None or topic.count < FEWEST_SAMPLES):
+        raise found.fault
     if not found.message_count:
         raise BagError(f'{found.path}: holds no messages: check that the rig ran and record again')
     if topic is None:
@@ -214,25 +233,6 @@ def raw_topic(found: Scan, name: str) -> RawTopic:
     low, high = _span(topic, notes)
     return RawTopic(name, TYPE_OF_TOPIC[name], topic.frame_id, stamps, values, low, high,
                     tuple(notes))
-
-
-def with_readable_part(found: Scan) -> str:
-    """The damage of a bag in one line, with how much of the bag can still be read."""
-    said, _, advice = str(found.damage).rpartition(': ')
-    readable = readable_part(found)
-    return f'{said}; {readable}: {advice}'
-
-
-def readable_part(found: Scan) -> str:
-    """How much of a damaged bag can be read, in words."""
-    stamps = [topic.stamps for name, topic in found.topics.items() if name in RIG_TOPICS]
-    stamps = [of_topic for of_topic in stamps if len(of_topic)]
-    if not stamps:
-        return 'nothing before that is readable'
-    first = min(int(of_topic.min()) for of_topic in stamps)
-    last = max(int(of_topic.max()) for of_topic in stamps)
-    count = sum(len(of_topic) for of_topic in stamps)
-    return f'{count} messages over {(last - first) / 1e9:.3f} s before that are readable'
 
 
 def _span(topic: ScannedTopic, notes: list[str]) -> tuple[float, float]:

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-import os
+import json
 from pathlib import Path
-import tempfile
 from typing import Any
 
 import numpy as np
@@ -14,7 +13,9 @@ from numpy.typing import NDArray
 
 from saddlering_ros.bags.errors import BagError
 from saddlering_ros.bags.measured import MeasuredRun
+from saddlering_ros.provenance import Provenance
 from saddlering_ros.rig import CHANNELS, Displacement
+from saddlering_ros.writing import whole_file
 
 COLUMNS = ('stamp_ns', 'time', 'load', 'delta_x', 'delta_y', 'gamma', 'parity')
 SUFFIXES = ('.csv', '.parquet')
@@ -35,6 +36,14 @@ class DisplacementSamples:
 
     def __len__(self) -> int:
         return len(self.stamps)
+
+    def finite(self) -> DisplacementSamples:
+        """Those samples whose displacement is known."""
+        kept = np.isfinite([getattr(self.displacement, name) for name in CHANNELS]).all(axis=0)
+        displacement = Displacement(
+            **{name: np.asarray(getattr(self.displacement, name))[kept] for name in CHANNELS})
+        return DisplacementSamples(self.stamps[kept], self.time[kept], self.load[kept],
+                                   displacement)
 
     def columns(self) -> dict[str, NDArray[Any]]:
         """Every column by its name in `COLUMNS`."""
@@ -59,34 +68,21 @@ def check_table_path(path: Path) -> None:
         raise BagError(f'{path}: is a directory: give the name of a file')
 
 
-def write_samples(path: Path, samples: DisplacementSamples) -> None:
+def write_samples(
+    path: Path, samples: DisplacementSamples, provenance: Provenance | None = None,
+) -> None:
     """Write the table at `path` as its suffix says, whole or not at all.
 
-    CSV numbers are the shortest that read back as the same float.
+    CSV numbers are the shortest that read back as the same float. A parquet file carries the
+    provenance as the schema's metadata `saddlering.provenance` (JSON); CSV has no place for it.
     """
     check_table_path(path)
-    temporary = None
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        handle, name = tempfile.mkstemp(prefix=f'.{path.name}.', dir=path.parent)
-        os.close(handle)
-        temporary = Path(name)
+    with whole_file(path, BagError) as temporary:
         if path.suffix.lower() == '.csv':
             with temporary.open('w', encoding='ascii', newline='') as file:
                 file.writelines(csv_lines(samples))
         else:
-            _write_parquet(temporary, samples)
-        umask = os.umask(0)
-        os.umask(umask)
-        temporary.chmod(0o666 & ~umask)
-        temporary.replace(path)
-    except OSError as problem:
-        raise BagError(
-            f'{path}: cannot be written ({problem.strerror or problem}): choose another place'
-        ) from problem
-    finally:
-        if temporary is not None:
-            temporary.unlink(missing_ok=True)
+            _write_parquet(temporary, samples, provenance)
 
 
 def csv_lines(samples: DisplacementSamples) -> Iterator[str]:
@@ -97,8 +93,14 @@ def csv_lines(samples: DisplacementSamples) -> Iterator[str]:
         yield ','.join(map(repr, row)) + '\n'
 
 
-def _write_parquet(path: Path, samples: DisplacementSamples) -> None:
+def _write_parquet(
+    path: Path, samples: DisplacementSamples, provenance: Provenance | None,
+) -> None:
     import pyarrow
     from pyarrow import parquet
 
-    parquet.write_table(pyarrow.table(samples.columns()), path, compression='zstd')
+    table = pyarrow.table(samples.columns())
+    if provenance is not None:
+        table = table.replace_schema_metadata(
+            {'saddlering.provenance': json.dumps(provenance.as_dict())})
+    parquet.write_table(table, path, compression='zstd')

@@ -20,11 +20,27 @@ from saddlering_ros.bags.directory import (
 )
 from saddlering_ros.bags.errors import BagError
 from saddlering_ros.bags.facts import find_facts, FoundFacts, RECORD
-from saddlering_ros.bags.mcap_file import Block, Channel, McapFile, Messages
+from saddlering_ros.bags.mcap_file import (
+    Block,
+    Channel,
+    CutOffError,
+    LARGEST_CHUNK,
+    McapFile,
+    MESSAGE_HEAD,
+    Messages,
+)
+from saddlering_ros.bags.schemas import other_fields
 from saddlering_ros.bags.topics import RIG_TOPICS, TYPE_OF_TOPIC
 
-LARGEST_MESSAGE = 1 << 20
+LARGEST_MESSAGE = 1 << 16
 """A single compressed message of the rig that claims to be larger [bytes] is damaged."""
+
+LARGEST_EXPANSION = 100
+"""Messages that are more than this times the size of their file [bytes] were not recorded: even
+readings that never change do not compress so far. Of other topics only the heads count."""
+
+ALWAYS_ALLOWED = 1 << 24
+"""Bytes of messages about which a file's size is not asked."""
 
 
 @dataclass
@@ -72,12 +88,17 @@ class ScannedTopic:
 
 @dataclass
 class Scan:
-    """What one pass over a bag found; `damage` is what ended the pass early, if anything did."""
+    """What one pass over a bag found.
+
+    damage: what ended the pass early, if anything did; cuts: files that end too early.
+    """
 
     directory: BagDirectory
     topics: dict[str, ScannedTopic] = field(default_factory=dict)
     facts: FoundFacts = field(default_factory=FoundFacts)
     damage: BagError | None = None
+    cuts: list[CutOffError] = field(default_factory=list)
+    unpacked: int = 0
     compressions: set[str] = field(default_factory=set)
     schema_encodings: set[str] = field(default_factory=set)
     message_count: int = 0
@@ -93,10 +114,37 @@ class Scan:
     def notes(self) -> tuple[str, ...]:
         """What is odd about the bag as a whole without keeping it from being used."""
         said = self.directory.message_count
+        if self.cuts:
+            return tuple(f'{_said(cut)}; {self.readable_part}' for cut in self.cuts)
         if said is None or said == self.message_count:
             return ()
         return (f'metadata.yaml counts {said} messages and the files hold {self.message_count}: '
                 '"ros2 bag reindex" puts it right',)
+
+    @property
+    def readable_part(self) -> str:
+        """How much of a damaged bag can be read, in words."""
+        stamps = [topic.stamps for name, topic in self.topics.items() if name in RIG_TOPICS]
+        stamps = [of_topic for of_topic in stamps if len(of_topic)]
+        if not stamps:
+            return 'nothing before that is readable'
+        first = min(int(of_topic.min()) for of_topic in stamps)
+        last = max(int(of_topic.max()) for of_topic in stamps)
+        count = sum(len(of_topic) for of_topic in stamps)
+        said = self.directory.message_count
+        whole = '' if said is None or said < self.message_count else (
+            f' ({100.0 * self.message_count / max(said, 1):.1f} % of what metadata.yaml counts)')
+        return (f'{count} messages over {(last - first) / 1e9:.3f} s before that are readable'
+                f'{whole}')
+
+    @property
+    def fault(self) -> BagError | None:
+        """The damage or the first cut, as one line with how much can still be read."""
+        problem = self.damage or next(iter(self.cuts), None)
+        if problem is None:
+            return None
+        _, _, advice = str(problem).rpartition(': ')
+        return BagError(f'{_said(problem)}; {self.readable_part}: {advice}')
 
 
 def scan(path: Path | str, topics: Collection[str] = RIG_TOPICS) -> Scan:
@@ -110,11 +158,19 @@ def scan(path: Path | str, topics: Collection[str] = RIG_TOPICS) -> Scan:
     recorder: dict[str, str] = {}
     try:
         for file in directory.files:
-            _scan_file(result, file, topics, records, recorder)
+            try:
+                _scan_file(result, file, topics, records, recorder)
+            except CutOffError as cut:
+                result.cuts.append(cut)
     except BagError as damage:
         result.damage = damage
     result.facts = find_facts(directory.custom_data, records, recorder)
     return result
+
+
+def _said(problem: BagError) -> str:
+    """What is wrong, without what to do about it."""
+    return str(problem).rpartition(': ')[0]
 
 
 def _scan_file(
@@ -127,6 +183,10 @@ def _scan_file(
         try:
             for block in file.blocks():
                 _take_block(result, file, block, topics)
+                if result.unpacked > max(ALWAYS_ALLOWED, LARGEST_EXPANSION * result.size):
+                    raise BagError(
+                        f'{path}: {result.size} bytes unpack to more than {LARGEST_EXPANSION} '
+                        'times as many: no recorder made this file; take another')
         finally:
             records.update(file.metadata.get(RECORD, {}))
             text = file.metadata.get('rosbag2', {}).get('serialized_metadata', '')
@@ -157,6 +217,9 @@ def _take_block(result: Scan, file: McapFile, block: Block, topics: Collection[s
         for channel, messages in of_topic:
             topic.types.add(channel.type)
             topic.count += len(messages)
+            result.unpacked += len(messages) * MESSAGE_HEAD
+            if name in topics:
+                result.unpacked += int(messages.sizes.sum())
             if name in topics and not topic.fault:
                 _take_messages(topic, channel, block, messages, result.directory)
 
@@ -175,6 +238,10 @@ def _take_messages(
     if channel.encoding != 'cdr':
         topic.fault = (f'its messages are encoded as {channel.encoding!r}: record with ROS 2, '
                        'which encodes as cdr')
+        return
+    wrong = other_fields(channel)
+    if wrong:
+        topic.fault = f'{wrong}: record with the messages of ROS 2 Jazzy'
         return
     data = block.data
     try:
@@ -196,13 +263,19 @@ def _decompressed(
 ) -> tuple[NDArray[np.uint8], Messages]:
     """The same messages, each freed from its own zstd frame."""
     decompressor = zstandard.ZstdDecompressor()
-    plain = []
+    plain: list[bytes] = []
+    size_so_far = 0
     for start, size in zip(messages.starts.tolist(), messages.sizes.tolist(), strict=True):
         frame = data[start:start + size].tobytes()
         try:
             if zstandard.get_frame_parameters(frame).content_size == 0:
                 raise CdrError('a compressed message is damaged')
+            if zstandard.frame_content_size(frame) > LARGEST_MESSAGE:
+                raise CdrError('a compressed message is damaged')
             plain.append(decompressor.decompress(frame, max_output_size=LARGEST_MESSAGE))
+            size_so_far += len(plain[-1])
+            if size_so_far > LARGEST_CHUNK:
+                raise CdrError('compressed messages are too large to be of the rig')
         except (zstandard.ZstdError, MemoryError) as problem:
             raise CdrError('a compressed message is damaged') from problem
     sizes = np.array([len(message) for message in plain], dtype=np.int64)

@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-import os
 from pathlib import Path
 import shutil
 import tempfile
@@ -41,6 +40,7 @@ from saddlering_ros.bags.topics import (
     TYPE_OF_TOPIC,
 )
 from saddlering_ros.rig import Probes
+from saddlering_ros.writing import exchange, settle
 
 CHUNK_SIZE = 1 << 20
 """Bytes of messages per chunk before compression."""
@@ -87,7 +87,7 @@ def write_bag(
             f'{path}: cannot be written ({problem.strerror}): choose another place') from problem
     try:
         _write_directory(temporary / path.name, facts, channels, log_delay, chunk_size)
-        _put_in_place(temporary / path.name, path, temporary)
+        _put_in_place(temporary / path.name, path)
     except OSError as problem:
         raise BagError(
             f'{path}: cannot be written ({problem.strerror}): choose another place') from problem
@@ -206,6 +206,7 @@ class _McapStorage:
             self._file, chunk_size=chunk_size, compression=CompressionType.ZSTD,
             enable_crcs=True)
         self._writer.start(profile='ros2', library='saddlering_ros')
+        self._writer.add_metadata(RECORD, self._facts)  # first, so that a file cut off has it
         self._schemas: dict[str, int] = {}
         self._channels: dict[int, int] = {}
         self._sequences: dict[int, int] = {}
@@ -227,11 +228,8 @@ class _McapStorage:
             data=bytes(data))
 
     def close(self, version: int, metadata: str) -> None:
-        self._writer.add_metadata(RECORD, self._facts)
         self._writer.add_metadata('rosbag2', {'serialized_metadata': metadata})
         self._writer.finish()
-        self._file.flush()
-        os.fsync(self._file.fileno())
         self._file.close()
 
     def abort(self) -> None:
@@ -250,7 +248,12 @@ def _check_target(path: Path, overwrite: bool) -> None:
         raise BagError(f'{path}: exists and is no bag, it is not replaced: choose another name')
 
 
-def _put_in_place(written: Path, path: Path, temporary: Path) -> None:
+def _put_in_place(written: Path, path: Path) -> None:
+    """Move the finished bag to `path`; one that was there leaves at the same moment."""
+    for file in written.iterdir():
+        settle(file)
     if path.exists():
-        path.rename(temporary / 'replaced')
-    written.rename(path)
+        exchange(written, path)
+    else:
+        written.rename(path)
+    settle(path.parent)

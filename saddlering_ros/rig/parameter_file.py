@@ -5,19 +5,19 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 import math
-import os
 from pathlib import Path
-import tempfile
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 import yaml
 
+from saddlering_ros.provenance import Origin
 from saddlering_ros.rig.contact import ContactParameters, PARAMETER_NAMES
 from saddlering_ros.rig.errors import RigError
 from saddlering_ros.rig.ros_yaml import read_ros_parameters
 from saddlering_ros.rig.units import stiffness_per_millimetre
+from saddlering_ros.writing import write_text
 
 Effects = dict[str, dict[str, float]]
 """Extensions of the model: effect id of the catalogue to its parameter values (SI units)."""
@@ -25,13 +25,25 @@ Effects = dict[str, dict[str, float]]
 
 @dataclass(frozen=True)
 class ParameterSource:
-    """Where parameters came from: method, bags, objective reached, covariance (6, 6), a note."""
+    """Where parameters came from: method, bags, objective reached, covariance (6, 6), a note.
+
+    sha256: of each bag, '' where not known, or () (provenance.py says how they are made);
+    versions: of what computed them, in words.
+    """
 
     method: str = 'given'
     bags: tuple[str, ...] = ()
     objective: float | None = None
     covariance: NDArray[np.float64] | None = None
     note: str = ''
+    sha256: tuple[str, ...] = ()
+    versions: str = ''
+
+    @property
+    def origins(self) -> tuple[Origin, ...]:
+        """The bags with their hashes."""
+        hashes = self.sha256 if len(self.sha256) == len(self.bags) else ('',) * len(self.bags)
+        return tuple(map(Origin, self.bags, hashes))
 
 
 @dataclass(frozen=True)
@@ -105,6 +117,8 @@ def _source(section: Any, where: str) -> ParameterSource:
         bags=tuple(str(bag) for bag in section.get('bags') or () if bag != ''),
         objective=None if objective is None else _number(objective, 'source.objective', where),
         covariance=matrix, note=str(section.get('note', '')),
+        sha256=tuple(str(text) for text in section.get('sha256') or ()),
+        versions=str(section.get('versions', '')),
     )
 
 
@@ -114,6 +128,10 @@ def parameters_to_mapping(parameters: ParameterSet) -> dict[str, Any]:
     source: dict[str, Any] = {'method': parameters.source.method}
     if parameters.source.bags:
         source['bags'] = list(parameters.source.bags)
+    if any(parameters.source.sha256):
+        source['sha256'] = list(parameters.source.sha256)
+    if parameters.source.versions:
+        source['versions'] = parameters.source.versions
     if parameters.source.objective is not None:
         source['objective'] = float(parameters.source.objective)
     covariance = parameters.source.covariance
@@ -160,23 +178,4 @@ def write_parameters(path: Path | str, parameters: ParameterSet) -> None:
 
 def write_text_atomically(path: Path, text: str) -> None:
     """Put `text` at `path`, whole or not at all; RigError when the folder cannot be written."""
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f'.{path.name}.')
-    except OSError as problem:
-        raise RigError(f'{path}: cannot be written ({problem.strerror}): '
-                       'choose another place') from problem
-    try:
-        with os.fdopen(handle, 'w', encoding='utf-8') as stream:
-            stream.write(text)
-        umask = os.umask(0)
-        os.umask(umask)
-        os.chmod(temporary, 0o666 & ~umask)
-        os.replace(temporary, path)
-    except OSError as problem:
-        Path(temporary).unlink(missing_ok=True)
-        raise RigError(f'{path}: cannot be written ({problem.strerror}): '
-                       'choose another place') from problem
-    except BaseException:
-        Path(temporary).unlink(missing_ok=True)
-        raise
+    write_text(path, text, RigError)

@@ -9,6 +9,7 @@ from typing import Any
 import yaml
 
 from saddlering_ros.errors import SaddleringError
+from saddlering_ros.plain_yaml import parse_yaml
 
 
 def read_ros_parameters(path: Path, error: type[SaddleringError]) -> dict[str, Any]:
@@ -22,7 +23,7 @@ def read_ros_parameters(path: Path, error: type[SaddleringError]) -> dict[str, A
         reason = getattr(problem, 'strerror', None) or 'not a text file'
         raise error(f'{path}: cannot be read ({reason}): check the path') from problem
     try:
-        document = yaml.safe_load(text)
+        document = parse_yaml(text)
     except yaml.YAMLError as problem:
         mark = getattr(problem, 'problem_mark', None)
         line = f', line {mark.line + 1}' if mark is not None else ''

@@ -16,6 +16,10 @@ WINDOW_SECONDS = 0.5
 STEADY_SHARE = 0.01
 """The window ends when the load leaves its start by this share of full scale."""
 
+SHORTEST_SECONDS = 0.1
+"""Samples over less time than this [s] are no rest: a load on its way through the preload, to 25 t
+in a few seconds, stays in the band for tens of milliseconds."""
+
 NEAR_PRELOAD_SHARE = 0.04
 """A load within preload plus this share of full scale (1 t) counts as preload."""
 
@@ -38,7 +42,9 @@ class ZeroWindow:
     """Streaming zero: give it every sample in order until it returns a reading.
 
     The window opens at a sample near preload (or, with `anywhere`, at any), and closes after
-    WINDOW_SECONDS or when the load leaves the window's first load by STEADY_SHARE of full scale.
+    WINDOW_SECONDS, or when the load leaves the window's first load by STEADY_SHARE of full scale.
+    Too few samples, or samples over too short a time (the load was passing, or the stream began or
+    broke off there), are no rest: the window opens anew.
     The sample that closes the window is not part of it. Live nodes and offline commands use this
     same object, so that their zeros are the same to the last bit.
     """
@@ -51,7 +57,7 @@ class ZeroWindow:
         self._open()
 
     def _open(self) -> None:
-        self._opened_at = 0.0
+        self._opened_at = self._newest = 0.0
         self._first_load = 0.0
         self._start = 0
         self._samples = 0
@@ -68,7 +74,7 @@ class ZeroWindow:
         index = self._count
         self._count += 1
         if self._samples and self._closes(time, load):
-            if self._samples >= FEWEST_SAMPLES:
+            if self._rested():
                 return self._reading(index)
             self._open()
         if not self._anywhere and load > self._highest:
@@ -77,10 +83,15 @@ class ZeroWindow:
             self._opened_at, self._first_load, self._start = time, load, index
             self._gap_sums = [0.0] * len(gaps)
         self._samples += 1
+        self._newest = time
         self._load_sum += load
         for i, gap in enumerate(gaps):
             self._gap_sums[i] += gap
         return None
+
+    def _rested(self) -> bool:
+        return (self._samples >= FEWEST_SAMPLES
+                and self._newest - self._opened_at >= SHORTEST_SECONDS)
 
     def _closes(self, time: float, load: float) -> bool:
         return (time - self._opened_at > WINDOW_SECONDS

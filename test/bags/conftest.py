@@ -9,14 +9,14 @@ import struct
 from mcap.writer import CompressionType, IndexType, Writer
 import numpy as np
 import pytest
+from raw_messages import cdr
 
 from saddlering_ros.bags import LOAD_TOPIC, PROBE_TOPICS, TestFacts, write_bag
-from saddlering_ros.bags.topics import FRAME_OF_TOPIC, TYPE_OF_TOPIC
+from saddlering_ros.bags.topics import TYPE_OF_TOPIC
 from saddlering_ros.rig import default_rig, TONNE
 
 EPOCH = 1_700_000_000_000_000_000
 PERIOD = 2_000_000
-SPAN = (0.0, 2e-3)
 
 
 @dataclass(frozen=True)
@@ -63,22 +63,6 @@ def dynamic_recording(count: int = 1000, seed: int = 0) -> Recording:
         gap = 1e-3 + (-1) ** number * 4e-10 * load + random.normal(0.0, 3e-7, count)
         values[topic] = gap.astype(np.float32).astype(np.float64)
     return Recording(stamps, values)
-
-
-def cdr(topic: str, stamp: int, value: float, *, big: bool = False, version: int = 1,
-        frame: str | None = None, span: tuple[float, float] = SPAN) -> bytes:
-    """One message of a rig topic, written field by field."""
-    order = '>' if big else '<'
-    frame_id = (FRAME_OF_TOPIC[topic] if frame is None else frame).encode() + b'\0'
-    body = struct.pack(f'{order}iII', stamp // 10 ** 9, stamp % 10 ** 9, len(frame_id)) + frame_id
-    if topic == LOAD_TOPIC:
-        body += bytes(-len(body) % (8 if version == 1 else 4))
-        body += struct.pack(f'{order}6d', value, 0, 0, 0, 0, 0)
-    else:
-        body += b'\1'
-        body += bytes(-len(body) % 4) + struct.pack(f'{order}5f', 0, *span, value, 0)
-    kind = {1: 0, 2: 6}[version] + (0 if big else 1)
-    return bytes([0, kind, 0, 0]) + body
 
 
 def write_raw(

@@ -68,6 +68,22 @@ def test_a_stretch_of_too_few_samples_is_none_and_the_next_one_counts() -> None:
     assert reading.load == pytest.approx(RIG.preload)
 
 
+def test_a_load_that_passes_through_the_preload_is_no_rest() -> None:
+    """A node that starts while the load comes down must wait for the hold below."""
+    time = np.arange(2000) * 1e-3
+    load = RIG.preload + np.maximum(0.0, 0.7 - time) * RIG.full_scale_load
+    reading = zero_of_record(RIG, time, load)
+    assert reading.near_preload
+    assert time[reading.start] > 0.65
+    assert reading.load == pytest.approx(RIG.preload, abs=0.002 * RIG.full_scale_load)
+
+
+def test_a_few_samples_before_a_gap_of_the_stream_are_no_rest() -> None:
+    time = np.append(np.arange(30) * 1e-3, 5.0 + np.arange(1000) * 1e-3)
+    load = np.append(RIG.preload + np.arange(30) * 200.0, np.full(1000, RIG.preload))
+    assert zero_of_record(RIG, time, load).start == 30
+
+
 def test_a_record_without_any_steady_stretch_is_zeroed_at_its_first_sample() -> None:
     time = np.arange(20) * 0.01
     reading = zero_of_record(RIG, time, RIG.preload + 3.0 * TONNE * np.arange(20))

@@ -1,0 +1,37 @@
+"""The fields that a bag says its messages have, held against those the bytes are read by."""
+
+from __future__ import annotations
+
+import re
+
+from saddlering_ros.bags.mcap_file import Channel
+from saddlering_ros.bags.topics import RANGE_TYPE, WRENCH_TYPE
+
+FIELDS = {
+    WRENCH_TYPE: ('Header header', 'Wrench wrench'),
+    RANGE_TYPE: ('Header header', 'uint8 radiation_type', 'float32 field_of_view',
+                 'float32 min_range', 'float32 max_range', 'float32 range'),
+}
+"""Fields of the rig's messages up to the last one read, packages left out."""
+
+_FIELD = re.compile(r'^\s*([A-Za-z][\w/]*(?:\[[^\]]*\])?)\s+([A-Za-z]\w*)\s*(?![\w=\s])', re.M)
+
+
+def other_fields(channel: Channel) -> str:
+    """Why messages of `channel`, by their definition, cannot be read; '' if they can.
+
+    Only definitions of encoding ros2msg that name any field are judged; whatever follows the
+    last field we read may differ between releases of ROS.
+    """
+    package, _, kind = channel.type.replace('/msg/', '/').partition('/')
+    expected = FIELDS.get(f'{package}/msg/{kind}')
+    if expected is None or channel.schema_encoding != 'ros2msg':
+        return ''
+    own = channel.definition.decode('utf-8', 'replace').partition('=====')[0]
+    fields = [' '.join((found[1].rpartition('/')[2], found[2]))
+              for line in own.splitlines() if (found := _FIELD.match(line))]
+    if not fields or tuple(fields[:len(expected)]) == expected:
+        return ''
+    pairs = zip(expected, [*fields, *['nothing'] * len(expected)], strict=False)
+    wanted, there = next(pair for pair in pairs if pair[0] != pair[1])
+    return f'its definition of {channel.type} has {there!r} where {wanted!r} should be'

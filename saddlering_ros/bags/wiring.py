@@ -1,0 +1,157 @@
+"""Readings that suggest a probe is wired wrongly, stuck or dead, each with its evidence.
+
+What is held against the readings is no model that is identified from them, only what any ring on
+this rig must do: probes 1 and 3 face each other, so one gap opens by what the other closes; and
+a load moves each probe to the side that the load and the geometry say, whatever the stiffness.
+The side follows from the forces at C (rig.resolve_load) on a ring of rollers on a circle of
+radius R, whose tilting stiffness is R^2/2 times its axial one.
+
+Faults of a few percent (a gain, a bracket that gives, clipping at the end of a range) are effects
+for the diagnosis to find; here a probe moves the other way, not at all, or as another should.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from saddlering_ros.rig import gap_increment, resolve_load, Rig, TONNE
+
+Floats = NDArray[np.float64]
+
+LEAST_LOAD_SPAN = 0.1
+"""Share of the full-scale load that must be run through before anything is said."""
+
+CLEAR_SIDE = 0.25
+"""A probe is expected to move to a side if its share of the largest motion is at least this."""
+
+DEAD_SHARE = 0.02
+"""A probe that moves by less than this share of the largest motion does not follow the load."""
+
+SAME_LIMIT, MIRROR_LIMIT = 0.1, 0.06
+"""Two probes mirror each other if their sum is at most the second times their difference (rms);
+probes 1 and 3 are said not to from the first on."""
+
+STUCK_LOAD_CHANGE = 0.05
+"""Share of the load's span that must pass while a reading stands still, for it to be stuck."""
+
+STUCK_SAMPLES = 20
+
+
+@dataclass(frozen=True)
+class _Response:
+    """How probes answer the load: slope [m/N] and motion over the load's span [m], (4,) each."""
+
+    slope: Floats
+    motion: Floats
+    span: float
+
+
+def wiring_notes(rig: Rig, elevation: float, load: Floats, gaps: Floats) -> list[str]:
+    """What looks wrong in gaps (4, N) [m] over load (N,) [N] at `elevation` [rad], a line each."""
+    kept = np.isfinite(gaps).all(axis=0) & np.isfinite(load)
+    load, gaps = load[kept], gaps[:, kept]
+    if len(load) < STUCK_SAMPLES or float(np.ptp(load)) < LEAST_LOAD_SPAN * rig.full_scale_load:
+        return []
+    stuck = {probe: note for probe in range(4) if (note := _stuck(probe, load, gaps[probe]))}
+    increments = gap_increment(rig.probes, gaps, gaps[:, 0])
+    response = _response(load, increments)
+    expected = _expected(rig, elevation)
+    dead = {probe: note for probe in range(4)
+            if probe not in stuck and (note := _dead(probe, response, expected))}
+    notes = [*stuck.values(), *dead.values()]
+    if notes:
+        return notes
+    return _mirrored(increments) or _sides(response, expected)
+
+
+def _response(load: Floats, increments: Floats) -> _Response:
+    around = load - load.mean()
+    slope = (increments @ around) / float(around @ around)
+    span = float(np.ptp(load))
+    return _Response(slope, np.abs(slope) * span, span)
+
+
+def _expected(rig: Rig, elevation: float) -> Floats:
+    """Motion (4,) of the probes by a pushing load, up to a factor for 1, 3 and one for 2, 4."""
+    forces = resolve_load(rig, 1.0, elevation)
+    lever = rig.probes.axial_span / rig.axial_rows.pitch_radius ** 2
+    radial = float(forces.force_x)
+    both, apart = float(forces.force_y), float(forces.moment) * lever
+    return np.array([radial, both + apart, -radial, both - apart])
+
+
+def _clear(expected: Floats) -> NDArray[np.bool_]:
+    """Which probes (4,) must move to their side: not those that hardly move at this elevation."""
+    axial = np.abs(expected[1::2]).max()
+    largest = np.array([1.0, axial, 1.0, axial])
+    return np.asarray(np.abs(expected) >= CLEAR_SIDE * largest)
+
+
+def _stuck(probe: int, load: Floats, gap: Floats) -> str:
+    """The longest stretch of equal readings, if much load passes meanwhile."""
+    changes = np.flatnonzero(np.diff(gap) != 0.0)
+    edges = np.concatenate([[0], changes + 1, [len(gap)]])
+    longest = int(np.argmax(np.diff(edges)))
+    first, stop = int(edges[longest]), int(edges[longest + 1])
+    low, high = float(load[first:stop].min()), float(load[first:stop].max())
+    if stop - first < STUCK_SAMPLES or high - low < STUCK_LOAD_CHANGE * float(np.ptp(load)):
+        return ''
+    return (f'probe {probe + 1} stands still at {gap[first] * 1e6:.2f} um for {stop - first} '
+            f'samples while the load passes from {low / TONNE:.2f} to {high / TONNE:.2f} t: it is '
+            'stuck there, or at an end of what it can read')
+
+
+def _dead(probe: int, response: _Response, expected: Floats) -> str:
+    largest = float(response.motion.max())
+    if not _clear(expected)[probe] or response.motion[probe] >= DEAD_SHARE * largest:
+        return ''
+    return (f'probe {probe + 1} does not follow the load: it moves by '
+            f'{response.motion[probe] * 1e6:.2f} um over {response.span / TONNE:.1f} t, another '
+            f'by {largest * 1e6:.1f} um; see whether it is plugged in and faces the ring')
+
+
+def _unlikeness(one: Floats, other: Floats) -> float:
+    """Rms of the sum of two probes over that of their difference: 0 if they mirror each other."""
+    difference = float(np.sqrt(np.mean((one - other) ** 2)))
+    return float(np.sqrt(np.mean((one + other) ** 2))) / max(difference, 1e-12)
+
+
+def _mirrored(increments: Floats) -> list[str]:
+    """Probes 1 and 3 must mirror each other; that another pair does tells of swapped channels."""
+    around = increments - increments.mean(axis=1, keepdims=True)
+    own = _unlikeness(around[0], around[2])
+    if own < SAME_LIMIT or own > 1.0 / SAME_LIMIT:
+        return []  # they do, or move the same way: a matter of sides
+    pairs = {(a, b): _unlikeness(around[a], around[b])
+             for a in range(4) for b in range(a + 1, 4) if (a, b) != (0, 2)}
+    pair = min(pairs, key=lambda key: pairs[key])
+    if pairs[pair] > MIRROR_LIMIT or pairs[pair] > own / 3.0:
+        return []
+    return [f'probes {pair[0] + 1} and {pair[1] + 1} mirror each other (their sum is '
+            f'{100 * pairs[pair]:.1f} % of their difference) and probes 1 and 3, which should, do '
+            f'not ({100 * own:.0f} %): channels look swapped']
+
+
+def _sides(response: _Response, expected: Floats) -> list[str]:
+    """Probes that move to the other side than they must."""
+    clear = _clear(expected)
+    wrong = [probe for probe in range(4)
+             if clear[probe] and response.slope[probe] * expected[probe] < 0.0]
+    if not wrong:
+        return []
+    slopes = ', '.join(
+        f'{response.slope[probe] * TONNE * 1e6:+.2f} where '
+        f'{"+" if expected[probe] > 0 else "-"} is due (probe {probe + 1})' for probe in wrong)
+    if len(wrong) == int(clear.sum()):
+        guess = ('all probes the other way round: the sign of the load, of every polarity, or the '
+                 'elevation')
+    elif wrong in ([0, 2], [1, 3]):
+        guess = (f'probes {wrong[0] + 1} and {wrong[1] + 1} look swapped, or both of the wrong '
+                 'polarity')
+    else:
+        names = ' and '.join(str(probe + 1) for probe in wrong)
+        guess = f'wrong polarity of probe{"s" * (len(wrong) > 1)} {names} (rig.probes.polarity)'
+    return [f'{guess}: um per t {slopes}']
