@@ -55,6 +55,7 @@ DAMPING_NAMES = ('D1', 'D2')
 class _Search:
     """One running identification: what it is given, and what it tells while it runs."""
 
+    runs: Sequence[TestRun]
     rig: Rig
     settings: IdentificationSettings
     bounds: Bounds
@@ -63,6 +64,19 @@ class _Search:
     started: float = field(default_factory=time.monotonic)
     evaluations: int = 0
     notes: list[str] = field(default_factory=list)
+
+    def observations(self, contact: ContactParameters | None = None) -> list[Observation]:
+        """The runs to be fitted, their noise read with the help of a first finding."""
+        rate = self.settings.fit_rate
+        if self.has_dynamic:
+            return observe(self.runs, self.rig, fit_rate=rate, contact=contact)
+        # Nothing tells D: plateaus count as equilibria, which do not depend on it.
+        return [one.coarse() for one in observe(self.runs, self.rig, fit_rate=rate)]
+
+    @property
+    def has_dynamic(self) -> bool:
+        """Whether a run tells anything about damping."""
+        return any(run.test != 'static' for run in self.runs)
 
     @property
     def cancelled(self) -> bool:
@@ -127,21 +141,22 @@ def identify(
     """
     settings = settings or IdentificationSettings()
     bounds = settings.bounds_for(rig)
-    observations = observe(runs, rig, fit_rate=settings.fit_rate)
-    search = _Search(rig, settings, bounds, on_progress, is_cancelled)
+    search = _Search(runs, rig, settings, bounds, on_progress, is_cancelled)
+    observations = search.observations()
     search.notes += [warning for run in runs for warning in warnings_of(run, rig)]
     method = _by_paper if settings.method == 'paper' else _by_default
     found = method(search, observations)
-    return _judged(search, observations, found, profiles)
+    return _judged(search, found, profiles).made_from(runs)
 
 
 @dataclass(frozen=True)
 class _Found:
-    """What a method ended with: the contact, its objective, which names were searched."""
+    """What a method ended with: the contact, its objective, which names were searched, in what."""
 
     contact: ContactParameters
     objective: float
     searched: tuple[str, ...]
+    observations: Sequence[Observation]
 
 
 def _split(observations: Sequence[Observation]) -> tuple[list[Observation], list[Observation]]:
@@ -164,18 +179,18 @@ def _by_paper(search: _Search, observations: Sequence[Observation]) -> _Found:
             'add a static bag or use the default method'
         )
     channels = search.settings.channels
-    averaged = [average_branches(one) for one in static]
+    averaged = [average_branches(one.coarse()) for one in static]
     contact, objective = search.run_swarm(
         'static step', PaperObjective(search.rig, averaged, channels),
         search.space(STATIC_NAMES, _start(search.bounds), log=False),
     )
     if not dynamic or search.cancelled:
-        return _Found(contact, objective, STATIC_NAMES)
+        return _Found(contact, objective, STATIC_NAMES, observations)
     contact, objective = search.run_swarm(
         'dynamic step', PaperObjective(search.rig, [one.coarse() for one in dynamic], channels),
         search.space(DAMPING_NAMES, contact, log=False),
     )
-    return _Found(contact, objective, PARAMETER_NAMES)
+    return _Found(contact, objective, PARAMETER_NAMES, observations)
 
 
 def _by_default(search: _Search, observations: Sequence[Observation]) -> _Found:
@@ -186,7 +201,8 @@ def _by_default(search: _Search, observations: Sequence[Observation]) -> _Found:
     best = np.inf
     if static:
         contact, best = search.run_swarm(
-            'static swarm', WeightedObjective(search.rig, static, channels),
+            'static swarm',
+            WeightedObjective(search.rig, [one.coarse() for one in static], channels),
             search.space(STATIC_NAMES, contact, log=True),
         )
     if dynamic and not search.cancelled:
@@ -197,7 +213,7 @@ def _by_default(search: _Search, observations: Sequence[Observation]) -> _Found:
         )
     searched = PARAMETER_NAMES if dynamic else STATIC_NAMES
     if search.cancelled:
-        return _Found(contact, best, searched)
+        return _Found(contact, best, searched, observations)
     return _refined(search, observations, contact, searched, best)
 
 
@@ -215,9 +231,9 @@ def _refined(
     """
     channels = search.settings.channels
     coarse = WeightedObjective(search.rig, [one.coarse() for one in observations], channels)
-    fine = WeightedObjective(search.rig, observations, channels)
     space = search.space(searched, _start(search.bounds), log=True)
-    found = _Found(contact, best, searched)
+    found = _Found(contact, best, searched, observations)
+    evaluations = 0
     try:
         starts = [space.coordinates(one.to_array()) for one in (contact, _start(search.bounds))]
         bottoms = []
@@ -225,15 +241,18 @@ def _refined(
             bottoms.append(refine(coarse, space, start, search.is_cancelled))
             _tell_refinement(search, number, bottoms[-1])
         lowest = min(bottoms, key=lambda bottom: bottom.chi_square)
-        found = _Found(ContactParameters.from_array(lowest.contact), lowest.chi_square, searched)
+        found = _Found(lowest.law, lowest.chi_square, searched, observations)
         _note_different_optima(search, bottoms)
-        if any(one.per_block > 1 for one in observations):
+        if search.has_dynamic:
+            again = search.observations(lowest.law)
+            fine = WeightedObjective(search.rig, again, channels)
             lowest = refine(fine, space, lowest.point, search.is_cancelled)
+            evaluations = fine.evaluations
+            found = _Found(lowest.law, lowest.chi_square, searched, again)
         _tell_refinement(search, 3, lowest)
-        found = _Found(ContactParameters.from_array(lowest.contact), lowest.chi_square, searched)
     except Cancelled:
         pass
-    search.evaluations += coarse.evaluations + fine.evaluations
+    search.evaluations += coarse.evaluations + evaluations
     return found
 
 
@@ -256,9 +275,10 @@ def _tell_refinement(search: _Search, step: int, bottom: Refinement) -> None:
 
 
 def _judged(
-    search: _Search, observations: Sequence[Observation], found: _Found, profiles: bool
+    search: _Search, found: _Found, profiles: bool
 ) -> Identification:
     """Covariance and all that hangs on it, at what the method found; in haste when cancelled."""
+    observations = found.observations
     if search.cancelled:
         observations = [one.coarse() for one in observations]
     objective = WeightedObjective(search.rig, observations, search.settings.channels)

@@ -1,12 +1,15 @@
-"""Noise of the displacement channels, read from stretches at rest, slow wander included.
+"""Noise of the displacement channels, slow wander included, without asking the ring's model.
 
-A channel at rest, less what the load's own movement explains, is taken as a sum of processes
-with exponential autocorrelation, r(t) = sum a_j exp(-t / tau_j), a_j >= 0, tau_j from nought
-(white) to seconds. The a_j are fitted to the Allan variance, half the mean square difference of
-the means of neighbouring blocks, over block lengths from one sample to half a stretch: it does
-not care that the mean of a short stretch is unknown, and long blocks average the white part away
-and show the slow part that makes the error of a mean.
-Source: D. W. Allan, Statistics of atomic frequency standards, Proc. IEEE 54 (1966) 221.
+It is taken as a sum of processes with exponential autocorrelation, r(t) = sum a_j exp(-t / tau_j),
+a_j >= 0, tau_j from nought (white) to seconds. The a_j are fitted to the Allan variance, half the
+mean square difference of the means of neighbouring blocks, which does not care that the mean of a
+stretch is unknown; long blocks average the white part away and show the slow part that makes the
+error of a mean. Source: D. W. Allan, Statistics of atomic frequency standards, Proc. IEEE 54
+(1966) 221.
+
+The parity of the radial probes is nought for a rigid ring, whatever its contact does: where it is
+noise alone, it shows the slow part over the whole record. The stretches at rest, less what the
+load's own movement explains, give each channel's size, and everything where the parity moves.
 """
 
 from __future__ import annotations
@@ -27,6 +30,20 @@ SLOW_TIMES = (1.0, 2.0, 4.0, 8.0)
 MODEL_ERROR = 0.02
 SHORT_MODEL_ERROR = 0.2
 """Relative error of the model itself; readings interpolated between stamps share neighbours."""
+
+LONGEST_BLOCK = 2.5 * SLOW_TIMES[-1]
+"""Longest block [s] of a parity that is looked at."""
+
+COMPARED_SIZES = np.array([4, 8])
+"""Blocks [samples] over which a channel's noise is compared with the parity's: longer than what
+interpolation between stamps smooths, shorter than any movement of a ring at rest."""
+
+MOST_RATIO = 10.0
+"""A channel that much quieter or noisier (variance) than the parity is read by another kind."""
+
+MOST_GROWTH = 2.0
+"""The parity is noise alone if its Allan variance over the record is at most that many times what
+it is at rest, and grows at most that much faster than a random walk's."""
 
 SMALLEST_NOISE = 1e-9
 """Noise assumed where a record shows less [m, or rad]: one nanometre."""
@@ -87,43 +104,124 @@ def fit_channel(segments: Sequence[Array], interval: float) -> ChannelNoise:
     return fit_noise([segment[None, :] for segment in segments], interval).channels[0]
 
 
+@dataclass(frozen=True)
+class ParityNoise:
+    """Parities that are noise alone: their values (1, N_i) on the grid, over whole records.
+
+    ratios (C,): variance of each channel's noise over that of the parity's.
+    """
+
+    values: Sequence[Array]
+    ratios: Array
+
+
 def fit_noise(
-    segments: Sequence[Array], interval: float, slow: NoiseModel | None = None
+    segments: Sequence[Array], interval: float, slow: NoiseModel | None = None,
+    parity: ParityNoise | None = None, samples: int = 1,
 ) -> NoiseModel:
     """Noise model from segments (C, n_i) at rest, sampled every `interval` [s].
 
     All channels share the time constants and their proportions, being read by probes of one kind;
-    each has its own size. slow: noise of the same channels read from longer stretches; its slow
-    part is taken over.
+    each has its own size. parity: where given, these are read from it. slow: noise of the same
+    channels read from longer records; its slow part is taken over. samples: readings averaged in
+    a value.
     """
-    longest = max(segment.shape[1] for segment in segments)
-    sizes = np.unique(np.geomspace(1, max(1, longest // 2), 14).astype(np.int64))
-    measured, pairs = _allan_variance(segments, sizes)
-    sizes, measured, pairs = sizes[pairs > 0], measured[:, pairs > 0], pairs[pairs > 0]
-    known_times = np.array(SLOW_TIMES if slow is not None else ())
-    known = np.zeros((len(measured), len(known_times)))
-    if slow is not None:
-        known = np.array([_slow_part(channel) for channel in slow.channels])
-        measured = measured - known @ _of_unit(sizes, interval, known_times).T
-        measured = np.maximum(measured, 0.0)
+    known = _known(slow, len(segments[0]))
+    seen = (_from_rests(segments, interval, known) if parity is None
+            else _from_parity(parity, interval, known))
     candidates = FAST_TIMES + (SLOW_TIMES if slow is None else ())
-    free = np.array([t for t in candidates if interval < t <= 1.5 * interval * longest])
-    design = np.column_stack([1.0 / sizes, _of_unit(sizes, interval, free)])
-    scale = np.maximum(_size_of(measured, sizes, pairs), SMALLEST_NOISE**2)
-    amounts = _fitted(design, np.mean(measured / scale[:, None], axis=0), sizes,
-                      len(scale) * pairs / sizes)
+    free = np.array([t for t in candidates if interval < t <= 1.5 * interval * seen.longest])
+    design = np.column_stack([1.0 / seen.sizes, _of_unit(seen.sizes, interval, free)])
+    amounts = _fitted(design, seen.shape, seen.sizes * samples, seen.freedom)
+    times = np.concatenate([free, SLOW_TIMES if slow is not None else ()])
     channels = tuple(
         ChannelNoise(
-            interval, max(float(size * amounts[0]), SMALLEST_NOISE**2),
-            np.concatenate([free, known_times]), np.concatenate([size * amounts[1:], taken]),
+            interval, max(float(size * amounts[0]), SMALLEST_NOISE**2), times,
+            np.concatenate([size * amounts[1:], taken]),
         )
-        for size, taken in zip(scale, known, strict=True)
+        for size, taken in zip(seen.scale, known, strict=True)
     )
     return NoiseModel(channels, _correlation(segments))
 
 
-def _slow_part(channel: ChannelNoise) -> Array:
-    return np.array([channel.variances[channel.times == time].sum() for time in SLOW_TIMES])
+@dataclass(frozen=True)
+class _Seen:
+    """Allan variance `shape` (L,) at block `sizes` (L,) with its degrees of freedom (L,).
+
+    It is what `scale` (C,) of each channel makes its own; longest: grid values in what was seen.
+    """
+
+    sizes: NDArray[np.int64]
+    shape: Array
+    freedom: Array
+    scale: Array
+    longest: int
+
+
+def _known(slow: NoiseModel | None, channels: int) -> Array:
+    """Slow variances (C, J) taken over; J is nought where there are none."""
+    if slow is None:
+        return np.zeros((channels, 0))
+    return np.array([
+        [one.variances[one.times == time].sum() for time in SLOW_TIMES] for one in slow.channels
+    ])
+
+
+def _from_rests(segments: Sequence[Array], interval: float, known: Array) -> _Seen:
+    longest = max(segment.shape[1] for segment in segments)
+    sizes, measured, pairs = _at_sizes(segments, longest // 2)
+    taken = _of_unit(sizes, interval, np.array(SLOW_TIMES[: known.shape[1]]))
+    measured = np.maximum(measured - known @ taken.T, 0.0)
+    scale = np.maximum(_size_of(measured, sizes, pairs), SMALLEST_NOISE**2)
+    shape = np.mean(measured / scale[:, None], axis=0)
+    return _Seen(sizes, shape, len(scale) * pairs / sizes, scale, longest)
+
+
+def _from_parity(parity: ParityNoise, interval: float, known: Array) -> _Seen:
+    whole = max(values.shape[1] for values in parity.values)
+    longest = min(int(2.0 * LONGEST_BLOCK / interval), whole // 4)
+    sizes, measured, pairs = _at_sizes(parity.values, longest // 2)
+    taken = _of_unit(sizes, interval, np.array(SLOW_TIMES[: known.shape[1]]))
+    own = np.mean(known / parity.ratios[:, None], axis=0)
+    shape = np.maximum(measured[0] - taken @ own, 0.0)
+    return _Seen(sizes, shape, pairs / sizes, parity.ratios, longest)
+
+
+def parity_ratios(
+    parities: Sequence[Array], rests: Sequence[Array], segments: Sequence[Array]
+) -> Array | None:
+    """Variance of each channel's noise over the parity's, shape (C,); None if the parity moves.
+
+    parities (1, N_i) of whole records sampled alike, rests (1, n_i): their stretches at rest;
+    segments (C, n_i): all channels there.
+    """
+    if not segments:
+        return None
+    whole, _ = _allan_variance(parities, COMPARED_SIZES)
+    channels, pairs = _allan_variance(segments, COMPARED_SIZES)
+    if not np.all(pairs > 0) or not np.all(whole > 0.0):
+        return None
+    ratios = np.mean(channels / whole, axis=1)
+    if np.any(ratios < 1.0 / MOST_RATIO) or np.any(ratios > MOST_RATIO):
+        return None
+    sizes, at_rest, pairs = _at_sizes(rests, max(rest.shape[1] for rest in rests) // 2)
+    sure = pairs >= 10 * sizes
+    sizes, at_rest = sizes[sure], at_rest[0, sure]
+    if not len(sizes):
+        return None
+    whole, _ = _allan_variance(parities, sizes)
+    wide, grown, _ = _at_sizes(parities, max(parity.shape[1] for parity in parities) // 8)
+    walk = whole[0, -1] * np.maximum(wide / sizes[-1], 1.0)
+    moved = np.any(whole[0] > MOST_GROWTH * at_rest) or np.any(
+        grown[0, wide > sizes[-1]] > MOST_GROWTH * walk[wide > sizes[-1]])
+    return None if moved else np.asarray(ratios)
+
+
+def _at_sizes(segments: Sequence[Array], largest: int) -> tuple[NDArray[np.int64], Array, Array]:
+    """Block sizes (L,) up to `largest` that have pairs, Allan variance (C, L), pairs (L,)."""
+    sizes = np.unique(np.geomspace(1, max(1, largest), 14).astype(np.int64))
+    measured, pairs = _allan_variance(segments, sizes)
+    return sizes[pairs > 0], measured[:, pairs > 0], pairs[pairs > 0]
 
 
 def _size_of(measured: Array, sizes: NDArray[np.int64], pairs: Array) -> Array:
@@ -133,14 +231,14 @@ def _size_of(measured: Array, sizes: NDArray[np.int64], pairs: Array) -> Array:
 
 
 def _fitted(
-    design: Array, measured: Array, sizes: NDArray[np.int64], freedom: Array
+    design: Array, measured: Array, samples: NDArray[np.int64], freedom: Array
 ) -> Array:
     """Amounts >= 0 with design @ amounts = measured, each row weighted by its relative error.
 
     That is of the model, not of the measured value, which may be small by chance alone: hence the
     repeated fits, from white noise on.
     """
-    own = np.where(sizes < 4, SHORT_MODEL_ERROR, MODEL_ERROR)
+    own = np.where(samples < 4, SHORT_MODEL_ERROR, MODEL_ERROR)
     error = np.sqrt(1.0 / np.maximum(freedom, 0.5) + own**2)
     expected = measured[0] * design[:, 0]
     amounts = np.zeros(design.shape[1])

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saddlering_ros.identification.errors import IdentificationError
-from saddlering_ros.identification.observation import Observation
+from saddlering_ros.identification.observation import Observation, SETTLING_STEP
 from saddlering_ros.identification.whitening import Whitening
 from saddlering_ros.rig import PARAMETER_NAMES, Rig, TONNE
 from saddlering_ros.ring import dynamic_batch, static_batch
@@ -35,16 +35,31 @@ class Objective(Protocol):
 def predict(rig: Rig, contacts: Array, observation: Observation) -> Array:
     """Simulated increments since zero (B, 3, N) [m, m, rad] of a run at contacts (B, 6)."""
     loads = np.append(observation.zero_load, observation.load)
-    if not observation.dynamic:
+    if not observation.dynamic and observation.spans is None:
         still = static_batch(rig, contacts, observation.elevation, loads)
         return np.asarray(still[:, :, 1:] - still[:, :, :1])
     zero = static_batch(rig, contacts, observation.elevation, loads[:1])
     moving = dynamic_batch(
         rig, contacts, observation.elevation, observation.fine_time, observation.fine_load,
-        LONGEST_STEP if observation.per_block > 1 else COARSE_STEP,
+        _longest_step(observation),
     )
+    if observation.spans is not None:
+        return np.asarray(_means_over(moving, observation.spans) - zero)
     blocks = moving.reshape(*moving.shape[:2], -1, observation.per_block).mean(axis=-1)
     return np.asarray(blocks - zero)
+
+
+def _longest_step(observation: Observation) -> float:
+    if observation.spans is not None:
+        return 2.0 * SETTLING_STEP
+    return LONGEST_STEP if observation.per_block > 1 else COARSE_STEP
+
+
+def _means_over(values: Array, spans: NDArray[np.intp]) -> Array:
+    """Means (..., N) of values (..., M) over spans (N, 2)."""
+    sums = np.concatenate([np.zeros((*values.shape[:-1], 1)), np.cumsum(values, axis=-1)], axis=-1)
+    return np.asarray((sums[..., spans[:, 1]] - sums[..., spans[:, 0]])
+                      / (spans[:, 1] - spans[:, 0]))
 
 
 @dataclass
@@ -85,8 +100,12 @@ class WeightedObjective:
 
     @property
     def size(self) -> int:
-        """Number of residuals R."""
-        return sum(len(self.channels) * len(one.load) for one in self.observations)
+        """Number of residuals that count; those left out are nought."""
+        chosen = list(self.channels)
+        return sum(
+            int(np.count_nonzero(np.broadcast_to(one.weight, one.displacement.shape)[chosen]))
+            for one in self.observations
+        )
 
 
 @dataclass
@@ -150,6 +169,7 @@ def average_branches(observation: Observation) -> Observation:
         branch=np.zeros(len(groups)),
         whitening=tuple(Whitening.of_covariance(np.diag(row)) for row in variance),
         standard_error=np.sqrt(variance),
+        weight=1.0,
         fine_time=time,
         fine_load=load,
     )

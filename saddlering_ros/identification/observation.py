@@ -12,12 +12,19 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cholesky
+from scipy.ndimage import uniform_filter1d
 
 from saddlering_ros.bags import BagError, displacement_of_run, MeasuredRun, plateaus, TestRun
 from saddlering_ros.identification.errors import IdentificationError
-from saddlering_ros.identification.noise import fit_noise, NoiseModel
+from saddlering_ros.identification.noise import (
+    fit_noise,
+    NoiseModel,
+    parity_ratios,
+    ParityNoise,
+)
 from saddlering_ros.identification.whitening import Whitening
-from saddlering_ros.rig import FULL_SCALE_LOAD, Rig, TONNE
+from saddlering_ros.rig import ContactParameters, FULL_SCALE_LOAD, ParameterSet, Rig, TONNE
+from saddlering_ros.ring import simulate
 
 Array = NDArray[np.float64]
 
@@ -33,6 +40,16 @@ MOST_SAMPLES = 1000
 SIMULATION_RATE = 250.0
 """Rate [Hz] of the loads a dynamic run is simulated with in a fit; faster records are averaged."""
 
+SETTLING_STEP = 0.1
+"""Step [s] in which a static run is simulated where the rings' settling counts."""
+
+FEWEST_READINGS = 5
+LEAST_SEEN = 0.3
+"""Plateaus of a static run, and share of a dynamic one, that all four probes must have read."""
+
+ECHOES = 6
+"""How often a run is simulated with another load cell's noise, to see where it answers to it."""
+
 REST_BAND = 0.0025 * FULL_SCALE_LOAD
 REST_SECONDS = 0.25
 SETTLING_SECONDS = 0.3
@@ -47,7 +64,10 @@ class Observation:
     [m, m, rad]; branch (N,) +1 loading, -1 unloading, 0 neither; whitening turns each channel's
     errors into uncorrelated ones of unit variance; correlation (3, 3) of these across channels;
     standard_error (3, N) of each reading. A dynamic run is simulated on its finer grid,
-    fine_time and fine_load (N * per_block,), and averaged over blocks of per_block.
+    fine_time and fine_load (N * per_block,), and averaged over blocks of per_block; a static one
+    likewise, averaged over spans (N, 2), start and stop of each plateau in the grid, since rings
+    of much damping have not come to rest there. Without spans its readings are equilibria. weight
+    (3, N) is below 1 where the model answers more to the load cell's noise than probes do theirs.
     """
 
     name: str
@@ -64,18 +84,19 @@ class Observation:
     fine_time: Array
     fine_load: Array
     per_block: int = 1
+    spans: NDArray[np.intp] | None = None
+    weight: Array | float = 1.0
 
     def coarse(self) -> Observation:
-        """The same run simulated on the fit grid itself: for a swarm, which needs no more."""
-        if not self.dynamic:
-            return self
-        return replace(self, fine_time=self.time, fine_load=self.load, per_block=1)
+        """The same run simulated at its readings alone: for a swarm, which needs no more."""
+        return replace(self, fine_time=self.time, fine_load=self.load, per_block=1, spans=None)
 
     def whiten(self, residuals: Array, channels: Sequence[int]) -> Array:
         """Uncorrelated residuals (B, C * N) of raw ones (B, C, N) for the given channels."""
+        weight = np.broadcast_to(self.weight, (CHANNEL_COUNT, residuals.shape[-1]))
         rows = np.stack(
             [
-                self.whitening[channel].apply(residuals[:, position])
+                self.whitening[channel].apply(residuals[:, position] * weight[channel])
                 for position, channel in enumerate(channels)
             ],
             axis=1,
@@ -87,26 +108,36 @@ class Observation:
 
 @dataclass(frozen=True)
 class _Prepared:
-    """A run with its displacement and where it is at rest (start, stop index pairs)."""
+    """A run with its displacement and where it is at rest (start, stop index pairs).
+
+    load (N,) that the model is driven with; explained (3, N): what it explains of the displacement
+    at rest; echoes (E, 3, N): how that changes with other noise of the load cell.
+    """
 
     run: TestRun
     measured: MeasuredRun
     displacement: Array
+    load: Array
+    explained: Array
+    echoes: Array
     rests: list[tuple[int, int]]
     branch: Array | None
     interval: float
 
 
 def observe(
-    runs: Sequence[TestRun], rig: Rig, *, fit_rate: float | None
+    runs: Sequence[TestRun], rig: Rig, *, fit_rate: float | None,
+    contact: ContactParameters | None = None,
 ) -> list[Observation]:
     """Observations of runs; IdentificationError where a run cannot be used to identify.
 
-    The noise is estimated from all runs of one sampling rate together.
+    The noise is estimated from all runs of one sampling rate together. contact: a first finding,
+    by which the load cell's noise is followed as a damped ring follows it; else it is taken to
+    follow at once, in proportion.
     """
     if not runs:
         raise IdentificationError('no runs to identify from: give at least one bag')
-    prepared = [_prepare(run, rig) for run in runs]
+    prepared = [_prepare(run, rig, fit_rate, contact) for run in runs]
     return [
         _observe_dynamic(one, prepared, fit_rate)
         if one.branch is None
@@ -115,7 +146,9 @@ def observe(
     ]
 
 
-def _prepare(run: TestRun, rig: Rig) -> _Prepared:
+def _prepare(
+    run: TestRun, rig: Rig, fit_rate: float | None, contact: ContactParameters | None
+) -> _Prepared:
     name = run_name(run)
     check_run(run)
     try:
@@ -124,15 +157,83 @@ def _prepare(run: TestRun, rig: Rig) -> _Prepared:
         raise IdentificationError(f'{name}: {problem}') from problem
     motion = measured.displacement
     displacement = np.stack([motion.delta_x, motion.delta_y, motion.gamma])
+    displacement[:, np.any(saturated(run, rig), axis=0)] = np.nan
     interval = float(np.median(np.diff(measured.time)))
+    size = 1 if run.test == 'static' else _block_sizes(interval, len(run.load), fit_rate)[0]
+    load = _smoothed(measured.load, size)
+    echoes = np.zeros((0, *displacement.shape))
+    if contact is None:
+        explained = _load_slope(displacement, load)[:, None] * load
+    else:
+        explained = _simulated(rig, contact, run, measured.time, load)
+        echoes = np.stack([
+            _simulated(rig, contact, run, measured.time, load + _smoothed(noise, size)) - explained
+            for noise in _like_the_cells(measured.load)
+        ])
     if run.test == 'static':
         found = plateaus(run)
         rests = list(zip(found.start.tolist(), found.stop.tolist(), strict=True))
+        branch = np.asarray(found.branch, dtype=float)
+        seen = [bool(np.mean(np.isfinite(displacement[0, a:b])) > 0.5) for a, b in rests]
+        rests = [rest for rest, enough in zip(rests, seen, strict=True) if enough]
+        if len(rests) < FEWEST_READINGS:
+            raise IdentificationError(_clipped(name))
         return _Prepared(
-            run, measured, displacement, rests, np.asarray(found.branch, dtype=float), interval
+            run, measured, displacement, load, explained, echoes, rests, branch[seen], interval
         )
+    if np.mean(np.isfinite(displacement[0])) < LEAST_SEEN:
+        raise IdentificationError(_clipped(name))
     rests = _calm_stretches(measured)
-    return _Prepared(run, measured, displacement, rests, None, interval)
+    return _Prepared(run, measured, displacement, load, explained, echoes, rests, None, interval)
+
+
+def _clipped(name: str) -> str:
+    return (f'{name}: probes are missing or at a limit of their span in most of the record: '
+            'set their gaps anew and repeat the test')
+
+
+def _like_the_cells(load: Array) -> Array:
+    """White noise (ECHOES, N) of the size that the load (N,) shows in its second differences."""
+    size = float(np.sqrt(np.mean(np.diff(load, 2) ** 2) / 6.0)) if len(load) > 2 else 0.0
+    return size * np.random.default_rng(0).standard_normal((ECHOES, len(load)))
+
+
+def _weight(echoes: Array, errors: Sequence[float]) -> Array | float:
+    """Weight (3, N) of readings with noise of `errors` (3,) whose echoes (E, 3, N) are given."""
+    if not len(echoes):
+        return 1.0
+    own = np.array(errors)[:, None] ** 2
+    answer = np.mean(np.nan_to_num(echoes) ** 2, axis=0)
+    typical = np.median(answer, axis=1, keepdims=True)  # this much is in the noise read at rest
+    return np.asarray(np.sqrt(own / (own + np.maximum(answer - typical, 0.0))))
+
+
+def _smoothed(load: Array, size: int) -> Array:
+    """Load averaged over a block of the fit about each sample (an odd number: without delay).
+
+    A model of little damping rings at the cell's noise, and least squares would give it damping
+    until it does not; what is faster than a block is not compared anyway.
+    """
+    return np.asarray(uniform_filter1d(load, 2 * (size // 2) + 1, mode='nearest'))
+
+
+def _load_slope(displacement: Array, load: Array) -> Array:
+    """Displacement per load (3,) over the whole run: what a little load movement does at rest."""
+    good = np.all(np.isfinite(displacement), axis=0)
+    centred = load[good] - load[good].mean()
+    return np.asarray(displacement[:, good] @ centred / (centred @ centred))
+
+
+def _simulated(
+    rig: Rig, contact: ContactParameters, run: TestRun, time: Array, load: Array
+) -> Array:
+    """Simulated displacement (3, N) of a run; NaN before its zero."""
+    step = max(float(np.median(np.diff(time))), 1e-3)
+    simulated = simulate(rig, ParameterSet(contact), run.elevation, time, load, step)
+    motion = simulated.displacement
+    rows = np.full((CHANNEL_COUNT, len(time)), np.nan)
+    rows[:, simulated.first:] = np.stack([motion.delta_x, motion.delta_y, motion.gamma])
+    return rows
 
 
 def _calm_stretches(measured: MeasuredRun) -> list[tuple[int, int]]:
@@ -157,20 +258,25 @@ def run_name(run: TestRun) -> str:
 def warnings_of(run: TestRun, rig: Rig) -> list[str]:
     """What makes a run's result doubtful without forbidding it, one line each."""
     name = run_name(run)
-    warnings = []
-    margin = 1e-4 * (rig.probes.max_range - rig.probes.min_range)
-    low, high = rig.probes.min_range + margin, rig.probes.max_range - margin
-    for probe, gaps in enumerate(run.gaps, start=1):
-        seen = gaps[np.isfinite(gaps)]
-        share = float(np.mean((seen <= low) | (seen >= high))) if len(seen) else 0.0
+    warnings = [f'{name}: {note}' for note in run.notes]
+    for probe, clipped in enumerate(saturated(run, rig), start=1):
+        share = float(np.mean(clipped))
         if share > 0.001:
             warnings.append(
                 f'{name}: probe {probe} is at a limit of its span in {100.0 * share:.1f} % of the '
-                'record: what is identified from it is biased'
+                'record: that part is left out'
             )
     if not displacement_of_run(rig, run).zero.near_preload:
         warnings.append(f'{name}: it does not start near the preload, its zero is taken higher')
     return warnings
+
+
+def saturated(run: TestRun, rig: Rig) -> NDArray[np.bool_]:
+    """Where each probe (4, N) reads a limit of its span, so that its face may be farther."""
+    margin = 1e-4 * (rig.probes.max_range - rig.probes.min_range)
+    low, high = rig.probes.min_range + margin, rig.probes.max_range - margin
+    with np.errstate(invalid='ignore'):
+        return np.asarray((run.gaps <= low) | (run.gaps >= high))
 
 
 def check_run(run: TestRun) -> None:
@@ -266,29 +372,43 @@ def _noise_of(runs: Sequence[_Prepared], like: _Prepared, size: int) -> NoiseMod
     held = [one for one in runs if one.branch is not None]
     if held and not any(one.branch is not None for one in alike):
         count = max(1, int(round(size * like.interval / held[0].interval)))
-        still = [part for one in held for part in _rest_blocks(one, count)]
-        slow = fit_noise(still, count * held[0].interval) if still else None
-    return fit_noise(segments, size * like.interval, slow)
+        slow = _noise_of(held, held[0], count)
+    return fit_noise(segments, size * like.interval, slow, _parity_noise(alike, size),
+                     size)
 
 
 def _rest_blocks(one: _Prepared, size: int) -> list[Array]:
     """Block means (3, n) of a run's stretches at rest, less what the load's movement explains."""
-    slope = _load_slope(one)
     segments = []
     for start, stop in one.rests:
-        motion = one.displacement[:, start:stop] - slope[:, None] * one.measured.load[start:stop]
+        motion = one.displacement[:, start:stop] - one.explained[:, start:stop]
         motion = motion[:, np.all(np.isfinite(motion), axis=0)]
         if motion.shape[1] >= 4 * size:
             segments.append(_block_means(motion, size))
     return segments
 
 
-def _load_slope(one: _Prepared) -> Array:
-    """Displacement per load (3,) over the whole run: what a little load movement does at rest."""
-    load = one.measured.load
-    good = np.all(np.isfinite(one.displacement), axis=0) & np.isfinite(load)
-    centred = load[good] - load[good].mean()
-    return np.asarray(one.displacement[:, good] @ centred / (centred @ centred))
+def _parity_noise(runs: Sequence[_Prepared], size: int) -> ParityNoise | None:
+    """What the parity of runs sampled alike says about the noise, if it is that alone."""
+    parities = [parity_at_rest(one.measured) for one in runs]
+    still = [parity[None, start:stop] for one, parity in zip(runs, parities, strict=True)
+             for start, stop in one.rests]
+    channels = [part for one in runs for part in _rest_blocks(one, 1)]
+    ratios = parity_ratios([parity[None, :] for parity in parities], still, channels)
+    if ratios is None:
+        return None
+    return ParityNoise([_block_means(parity[None, :], size) for parity in parities], ratios)
+
+
+def parity_at_rest(measured: MeasuredRun) -> Array:
+    """Parity (N,) of a run less what follows load or time smoothly; missing values filled."""
+    parity = np.asarray(measured.displacement.parity)
+    good = np.isfinite(parity)
+    load = measured.load / FULL_SCALE_LOAD
+    time = measured.time / max(float(measured.time[-1]), 1e-9)
+    design = np.stack([np.ones_like(load), load, load**2, time, time**2], axis=1)
+    smooth, *_ = np.linalg.lstsq(design[good], parity[good], rcond=None)
+    return _filled((parity - design @ smooth)[None, :])[0]
 
 
 def _observe_static(
@@ -305,6 +425,7 @@ def _observe_static(
     load = np.array([float(np.nanmean(measured.load[span])) for span in spans])
     time = np.array([float(np.mean(measured.time[span])) for span in spans])
     blocks = _zero_blocks(one, size)
+    step = max(1, int(round(SETTLING_STEP / one.interval)))
     whitening = []
     error = []
     for channel in noise.channels:
@@ -316,9 +437,23 @@ def _observe_static(
         name=run_name(one.run), dynamic=False, elevation=float(one.run.elevation),
         time=time, load=load, zero_load=measured.zero.load,
         displacement=displacement, branch=np.asarray(one.branch),
+        weight=_weight(
+            np.stack([one.echoes[..., span].mean(axis=-1) for span in spans], axis=-1),
+            [np.sqrt(channel.variance_of_mean(int(np.median(counts))))
+             for channel in noise.channels],
+        ),
         whitening=tuple(whitening), correlation=noise.correlation,
-        standard_error=np.stack(error), fine_time=time, fine_load=load,
+        standard_error=np.stack(error), fine_time=_block_means(measured.time, step),
+        fine_load=_block_means(measured.load, step), spans=_grid_spans(one, step),
     )
+
+
+def _grid_spans(one: _Prepared, size: int) -> NDArray[np.intp]:
+    """Start and stop (N, 2) of each plateau among blocks of `size` samples, at least one each."""
+    blocks = len(one.measured.load) // size
+    edges = np.array(one.rests, dtype=np.intp)
+    starts = np.minimum(-(-edges[:, 0] // size), blocks - 1)
+    return np.stack([starts, np.maximum(edges[:, 1] // size, starts + 1)], axis=1)
 
 
 def _observe_dynamic(
@@ -331,7 +466,8 @@ def _observe_dynamic(
     size, per_block = _block_sizes(one.interval, last - first, fit_rate)
     noise = _noise_of(runs, one, size)
     time, load = measured.time[span], measured.load[span]
-    displacement = _filled(_block_means(one.displacement[:, span], size))
+    means = _block_means(one.displacement[:, span], size)
+    displacement = _filled(means)
     samples = displacement.shape[1]
     blocks = _zero_blocks(one, size)
     common = [channel.variance_of_mean(blocks) for channel in noise.channels]
@@ -351,8 +487,11 @@ def _observe_dynamic(
         ),
         correlation=noise.correlation, standard_error=np.stack(error),
         fine_time=_block_means(time, size // per_block)[:fine],
-        fine_load=_block_means(load, size // per_block)[:fine],
+        fine_load=_block_means(one.load[span], size // per_block)[:fine],
         per_block=per_block,
+        weight=np.isfinite(means) * _weight(
+            _block_means(one.echoes[..., span], size),
+            [channel.standard_deviation for channel in noise.channels]),
     )
 
 

@@ -11,6 +11,7 @@ import numpy as np
 from saddlering_ros.identification.errors import IdentificationError
 from saddlering_ros.identification.validation import RunValidation, Validation
 from saddlering_ros.rig import CHANNELS, TONNE
+from saddlering_ros.writing import whole_file
 
 SHOWN = ('delta_x', 'delta_y', 'gamma')
 
@@ -38,7 +39,8 @@ def _save(run: RunValidation, path: Path) -> Path:
     figure.suptitle(f'{run.name}: {run.test}, {np.degrees(run.elevation):g} deg')
     for row, channel in enumerate(SHOWN):
         _draw(axes[row], run, channel)
-    figure.savefig(path, dpi=110)
+    with whole_file(path, IdentificationError) as temporary:
+        figure.savefig(temporary, dpi=110)
     return path
 
 

@@ -11,6 +11,7 @@ from scipy.optimize import least_squares
 
 from saddlering_ros.identification.objective import WeightedObjective
 from saddlering_ros.identification.space import SearchSpace
+from saddlering_ros.rig import ContactParameters
 
 Array = NDArray[np.float64]
 
@@ -27,6 +28,11 @@ class Refinement:
     chi_square: float
     jacobian: Array
     at_bound: NDArray[np.bool_]
+
+    @property
+    def law(self) -> ContactParameters:
+        """The contact parameters by name."""
+        return ContactParameters.from_array(self.contact)
 
 
 class Cancelled(Exception):

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 import math
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from saddlering_ros.bags import TestRun
 from saddlering_ros.identification.uncertainty import Profile
+from saddlering_ros.provenance import Provenance
 from saddlering_ros.rig import (
     ContactParameters,
     line_contact_stiffness,
@@ -53,6 +56,14 @@ class Identification:
     cancelled: bool
     notes: tuple[str, ...] = ()
     profiles: dict[str, Profile] = field(default_factory=dict)
+
+    def made_from(self, runs: Sequence[TestRun]) -> Identification:
+        """The same with the hashes of its bags, and what computed it, among the sources."""
+        made = Provenance(tuple(run.origin for run in runs))
+        source = replace(
+            self.parameters.source, sha256=tuple(origin.sha256 for origin in made.bags),
+            versions=made.versions_in_words)
+        return replace(self, parameters=replace(self.parameters, source=source))
 
     @property
     def reduced_chi_square(self) -> float:
@@ -98,6 +109,7 @@ class Identification:
                 for name, profile in self.profiles.items()
             },
             'notes': list(self.notes),
+            'provenance': Provenance(self.parameters.source.origins).as_dict(),
         }
 
     def _parameter(self, index: int, name: str) -> dict[str, Any]:

@@ -12,7 +12,7 @@ CORRELATION_THRESHOLD = 0.5
 
 VALIDATION_COLUMNS = (
     ('rmse', 'rmse'), ('nrmse', 'nrmse %'), ('noise_floor', 'noise %'), ('maximum', 'max'),
-    ('bias', 'bias'), ('slope_ratio', 'slope'), ('loop_area', 'loop %'),
+    ('bias', 'bias'), ('zero_error', 'zero'), ('slope_ratio', 'slope'), ('loop_area', 'loop %'),
     ('zero_return', 'return'), ('time_shift', 'shift ms'), ('iso18571', 'ISO'),
     ('e_over_uval', 'E/u_val'),
 )
@@ -20,6 +20,7 @@ VALIDATION_COLUMNS = (
 SCALES = {
     'nrmse': 100.0, 'noise_floor': 100.0, 'loop_area': 100.0, 'time_shift': 1e3,
     'rmse': 1e6, 'maximum': 1e6, 'bias': 1e6, 'zero_return': 1e6,
+    'zero_error': 1e6,
 }
 
 
@@ -132,7 +133,8 @@ def validation_text(validation: Validation) -> str:
             ]
             lines.append(f'  {channel:8s}  ' + '  '.join(cells))
         lines += [f'  note: {note}' for note in run.notes]
-    lines.append('rmse, max, bias, return in um or urad; loop % of load range times channel range')
+    lines.append('rmse, max, bias, zero, return in um (1e-6 m) or urad (1e-6 rad); '
+                 'loop % of load range times channel range')
     return '\n'.join(lines)
 
 

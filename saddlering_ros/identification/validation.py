@@ -17,14 +17,32 @@ from numpy.typing import NDArray
 
 from saddlering_ros.bags import BagError, displacement_of_run, MeasuredRun, plateaus, TestRun
 from saddlering_ros.identification.errors import IdentificationError
-from saddlering_ros.identification.noise import fit_channel
-from saddlering_ros.identification.observation import run_name, stretches_at_rest
+from saddlering_ros.identification.noise import (
+    ChannelNoise,
+    fit_channel,
+    fit_noise,
+    NoiseModel,
+    parity_ratios,
+    ParityNoise,
+)
+from saddlering_ros.identification.observation import (
+    parity_at_rest,
+    run_name,
+    stretches_at_rest,
+)
 from saddlering_ros.identification.rating import rate
+from saddlering_ros.provenance import Origin, Provenance
 from saddlering_ros.rig import CHANNELS, Displacement, PARAMETER_NAMES, ParameterSet, Rig
 from saddlering_ros.ring import simulate, static_batch
 
 Array = NDArray[np.float64]
 Spans = list[tuple[int, int]]
+
+LARGEST_ZERO_ERROR = 3.0
+"""Standard errors of the zero beyond which a mean residual is not put down to it."""
+
+LAG = 3
+"""Samples over which a step of the residual at rest is taken: neighbours share stamps."""
 
 UNITS = {'delta_x': 'm', 'delta_y': 'm', 'gamma': 'rad', 'parity': 'm'}
 
@@ -34,8 +52,11 @@ class ChannelFigures:
     """Figures of one channel of one run; simulated against measured, in the channel's unit.
 
     range: highest less lowest reading measured (plateau means, or smoothed samples).
-    rmse: root mean square residual over the compared samples; nrmse and noise_floor: rms residual
-    and rms noise over the range. maximum: largest residual; bias: mean of measured - simulated;
+    zero_error: the part of the residual that is put down to the zero, a short reading with a noise
+    of its own: what the mean residual says of it, at most three times its standard error.
+    rmse: root mean square residual over the compared samples, less zero_error; nrmse and
+    noise_floor: rmse and rms noise over the range. maximum: largest residual; bias: mean of
+    measured - simulated, zero_error included, as in all that follow;
     slope_ratio: slope of measured over simulated; loop_area: measured less simulated area of the
     loop over load, as a share of load range times channel range; zero_return: residual left at
     the end; time_shift [s]: how much later the measurement is (None for a static run);
@@ -46,6 +67,7 @@ class ChannelFigures:
 
     unit: str
     range: float
+    zero_error: float
     rmse: float
     nrmse: float | None
     noise_floor: float | None
@@ -87,6 +109,7 @@ class RunValidation:
     reading_measured: Array = field(repr=False)
     reading_simulated: Array = field(repr=False)
     notes: tuple[str, ...] = ()
+    origin: Origin = field(default_factory=lambda: Origin(''))
 
 
 @dataclass(frozen=True)
@@ -102,6 +125,7 @@ class Validation:
         return {
             'runs': [_run_json(run) for run in self.runs],
             'parameters': {name: float(getattr(contact, name)) for name in PARAMETER_NAMES},
+            'provenance': Provenance(tuple(run.origin for run in self.runs)).as_dict(),
         }
 
 
@@ -128,11 +152,62 @@ def validate(runs: Sequence[TestRun], rig: Rig, parameters: ParameterSet) -> Val
     """Compare simulation and measurement; IdentificationError where a run cannot be compared."""
     if not runs:
         raise IdentificationError('no runs to validate on: give at least one bag')
-    return Validation(tuple(validate_run(run, rig, parameters) for run in runs), parameters)
+    compared = [_compare(run, rig, parameters) for run in runs]
+    # Only a static run is long enough to show how slowly the probes' noise wanders.
+    slow = next((one.noise(None) for one in compared if one.run.test == 'static'), None)
+    return Validation(
+        tuple(one.judged(rig, parameters, slow) for one in compared), parameters)
 
 
 def validate_run(run: TestRun, rig: Rig, parameters: ParameterSet) -> RunValidation:
     """Compare one run."""
+    return validate([run], rig, parameters).runs[0]
+
+
+@dataclass(frozen=True)
+class _Comparison:
+    """A run beside its simulation, without figures; rests: where it stands still."""
+
+    run: RunValidation
+    measured: MeasuredRun
+    rests: Spans
+
+    def noise(self, slow: NoiseModel | None) -> NoiseModel:
+        """Noise of the four channels; slow: that of a static run, read by the same probes."""
+        residual = self.run.measured - self.run.simulated
+        segments = [residual[:, start:stop] for start, stop in self.rests]
+        segments = [part[:, np.all(np.isfinite(part), axis=0)] for part in segments]
+        segments = [part for part in segments if part.shape[1] >= 4]
+        interval = float(np.median(np.diff(self.run.time)))
+        if not segments:
+            quiet = ChannelNoise(interval, 0.0, np.zeros(0), np.zeros(0))
+            return NoiseModel((quiet,) * len(CHANNELS), np.eye(len(CHANNELS)))
+        parity = parity_at_rest(self.measured)[None, :]
+        ratios = parity_ratios([parity], [parity[:, a:b] for a, b in self.rests], segments)
+        known = None if self.run.test == 'static' else slow
+        if ratios is not None:
+            return fit_noise(segments, interval, known, ParityNoise([parity], ratios))
+        # Channels that a model's misfit moves at rest must not lend their shape to each other.
+        alone = [fit_channel([part[row] for part in segments], interval)
+                 for row in range(len(CHANNELS))]
+        return NoiseModel(tuple(alone), np.eye(len(CHANNELS)))
+
+    def judged(
+        self, rig: Rig, parameters: ParameterSet, slow: NoiseModel | None
+    ) -> RunValidation:
+        """The run with all its figures."""
+        zero = self.measured.zero
+        variance = _input_variance(rig, parameters, self.run, zero.load)
+        for position, (channel, noise) in enumerate(
+                zip(CHANNELS, self.noise(slow).channels, strict=True)):
+            self.run.channels[channel] = _figures(
+                self.run, position, self.rests, noise, max(1, zero.end - zero.start),
+                variance[position],
+            )
+        return self.run
+
+
+def _compare(run: TestRun, rig: Rig, parameters: ParameterSet) -> _Comparison:
     name = run_name(run)
     try:
         measured = displacement_of_run(rig, run)
@@ -164,15 +239,11 @@ def validate_run(run: TestRun, rig: Rig, parameters: ParameterSet) -> RunValidat
         reading_branch=branch,
         reading_measured=_means(actual, readings),
         reading_simulated=_means(simulated, readings),
-        notes=() if measured.zero.near_preload else ('the record does not start near preload',),
+        notes=(*run.notes, *(
+            () if measured.zero.near_preload else ('the record does not start near preload',))),
+        origin=run.origin,
     )
-    input_variance = _input_variance(rig, parameters, result, measured.zero.load)
-    for position, channel in enumerate(CHANNELS):
-        result.channels[channel] = _figures(
-            result, position, rests, measured.zero.end - measured.zero.start,
-            input_variance[position],
-        )
-    return result
+    return _Comparison(result, measured, rests)
 
 
 def _stack(motion: Displacement) -> Array:
@@ -232,7 +303,8 @@ def _input_variance(
 
 
 def _figures(
-    run: RunValidation, position: int, rests: Spans, zero_samples: int, input_variance: float
+    run: RunValidation, position: int, rests: Spans, noise: ChannelNoise, zero_samples: int,
+    input_variance: float,
 ) -> ChannelFigures:
     measured, simulated = run.measured[position], run.simulated[position]
     residual = measured - simulated
@@ -244,13 +316,12 @@ def _figures(
     else:
         shape_load, shape_measured = run.load[compared], measured[compared]
         shape_simulated = simulated[compared]
-    noise, mean_noise, zero_noise = _noise(
-        residual, rests, zero_samples, float(np.median(np.diff(run.time)))
-    )
     extent = _range(shape_measured, static)
-    rmse = float(np.sqrt(np.mean(residual[compared] ** 2)))
-    floor = math.hypot(noise, zero_noise)
-    reading_noise = math.hypot(mean_noise if static else noise, zero_noise)
+    zero_noise = math.sqrt(noise.variance_of_mean(zero_samples))
+    zero_error = _zero_error(residual[compared], noise, zero_noise)
+    rmse = float(np.sqrt(np.mean((residual[compared] - zero_error) ** 2)))
+    reading_noise = math.hypot(
+        _noise_of_means(noise, rests) if static else noise.standard_deviation, zero_noise)
     error = float(np.sqrt(np.mean((shape_measured - shape_simulated) ** 2)))
     uncertainty = math.hypot(reading_noise, math.sqrt(max(0.0, input_variance)))
     is_simulated = CHANNELS[position] != 'parity'
@@ -259,9 +330,10 @@ def _figures(
     return ChannelFigures(
         unit=UNITS[CHANNELS[position]],
         range=extent,
+        zero_error=zero_error,
         rmse=rmse,
         nrmse=_ratio(rmse, extent),
-        noise_floor=_ratio(floor, extent),
+        noise_floor=_ratio(_noise_of_sample(residual, rests, noise), extent),
         maximum=float(np.max(np.abs(shape_measured - shape_simulated))),
         bias=float(np.mean(residual[compared])),
         slope_ratio=_slope_ratio(shape_measured, shape_simulated) if is_simulated else None,
@@ -282,19 +354,34 @@ def _ratio(value: float, over: float) -> float | None:
     return value / over if over > 0.0 else None
 
 
-def _noise(
-    residual: Array, rests: Spans, zero_samples: int, interval: float
-) -> tuple[float, float, float]:
-    """Noise of one sample, of a stretch's mean and of the zero, from the residual at rest."""
-    segments = [residual[start:stop] for start, stop in rests]
-    segments = [segment[np.isfinite(segment)] for segment in segments]
-    segments = [segment for segment in segments if len(segment) >= 4]
-    if not segments:
-        return 0.0, 0.0, 0.0
-    noise = fit_channel(segments, interval)
-    of_means = np.mean([noise.variance_of_mean(len(segment)) for segment in segments])
-    of_zero = noise.variance_of_mean(max(1, zero_samples))
-    return noise.standard_deviation, float(np.sqrt(of_means)), float(np.sqrt(of_zero))
+def _noise_of_sample(residual: Array, rests: Spans, noise: ChannelNoise) -> float:
+    """Rms noise of a sample: half the mean square step over a short lag, and what is left there.
+
+    Readings interpolated between stamps are smoother than the fitted noise; a step over more than
+    two samples is that of unsmoothed ones.
+    """
+    steps = np.concatenate([
+        residual[start + LAG:stop] - residual[start:stop - LAG] for start, stop in rests
+    ] or [np.zeros(0)])
+    steps = steps[np.isfinite(steps)]
+    if not len(steps):
+        return noise.standard_deviation
+    kept = float(noise.at(np.array(LAG * noise.interval)))
+    return math.sqrt(0.5 * float(np.mean(steps**2)) + kept)
+
+
+def _noise_of_means(noise: ChannelNoise, rests: Spans) -> float:
+    """Rms noise of the means over stretches at rest."""
+    variances = [noise.variance_of_mean(stop - start) for start, stop in rests]
+    return math.sqrt(float(np.mean(variances))) if variances else 0.0
+
+
+def _zero_error(residual: Array, noise: ChannelNoise, zero_noise: float) -> float:
+    """The zero's error as the mean of a residual (N,) tells it, within what its noise allows."""
+    own = noise.variance_of_mean(len(residual))
+    share = zero_noise**2 / max(zero_noise**2 + own, 1e-300)
+    limit = LARGEST_ZERO_ERROR * zero_noise
+    return float(np.clip(share * np.mean(residual), -limit, limit))
 
 
 def _range(values: Array, static: bool) -> float:

@@ -41,7 +41,7 @@ STEP_TOLERANCE = 5e-11
 
 LARGEST_ITERATIONS = 60
 
-LAYOUT = 'f72fbb9a056d'
+LAYOUT = '7d390160beac'
 """Digest of `layout`: a change there must change this file, by which numba keeps kernels."""
 
 LARGEST_PREDICTION = 5e-6
@@ -73,75 +73,107 @@ def float_of(typing_context: Any, bits: Any) -> Any:
     return nb.types.float64(nb.types.int64), build
 
 
+@intrinsic
+def widest_vectors(typing_context: Any) -> Any:
+    """Let the calling function use the core's widest registers.
+
+    LLVM holds itself to 256 bits on Intel cores that have 512 (they once lowered their clock for
+    them); a loop that is arithmetic only gains a seventh. llvmlite's list of attributes does not
+    know this one, hence the way round its check; other cores ignore it.
+    """
+    def build(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        set.add(builder.function.attributes, '"prefer-vector-width"="512"')
+        return context.get_dummy_value()
+    return nb.types.none(), build
+
+
 @nb.njit(fastmath=FAST, inline='always', **INNER)
 def power(p: Any, exponent: Any) -> Any:
     """P ** exponent for a positive normal number p, relative error below 1e-13.
 
     log2 by its atanh series on the mantissa, exp2 by a polynomial, both fitted at Chebyshev
-    points (relative error 3e-14 and 2e-14); no branch and no call, so that a loop over it becomes
-    vector code on any x86-64 or ARM.
+    points (relative error 3e-14 and 2e-14), both summed in pairs (Estrin) for a short chain; no
+    branch and no call, so that a loop over it becomes vector code on any x86-64 or ARM.
     """
     pattern = bits_of(p)
     whole = (pattern - SQRT_HALF_BITS) >> 52
     m = float_of(pattern - (whole << 52))
     s = (m - 1.0) / (m + 1.0)
     z = s * s
-    log2 = (float_of(whole + INTEGER_FLOAT_BITS) - INTEGER_FLOAT) + s * (
-        2.8853900817778504 + z * (0.9617966941123595 + z * (0.5770779426302618 + z * (
-            0.41220922733052445 + z * (0.3199066608891474 + z * 0.28288718263073565)))))
-    y = exponent * log2
+    z2 = z * z
+    series = ((2.8853900817778504 + z * 0.9617966941123595)
+              + z2 * ((0.5770779426302618 + z * 0.41220922733052445)
+                      + z2 * (0.3199066608891474 + z * 0.28288718263073565)))
+    y = exponent * ((float_of(whole + INTEGER_FLOAT_BITS) - INTEGER_FLOAT) + s * series)
     k = np.rint(y)
     f = y - k
+    f2 = f * f
+    f4 = f2 * f2
+    low = ((0.6931471805599462 + f * 0.2402265069564034)
+           + f2 * (0.05550410866465167 + f * 0.009618129193934313))
+    high = ((0.0013333558200794592 + f * 0.0001540343375125101)
+            + f2 * (1.5252672924850737e-05 + f * 1.325964524488711e-06)
+            + f4 * 1.0205905413765595e-07)
     scale = float_of((bits_of(k + INTEGER_FLOAT) - INTEGER_FLOAT_BITS + 1023) << 52)
-    return scale * (1.0 + f * (0.6931471805599462 + f * (0.2402265069564034 + f * (
-        0.05550410866465167 + f * (0.009618129193934313 + f * (0.0013333558200794592 + f * (
-            0.0001540343375125101 + f * (1.5252672924850737e-05 + f * (
-                1.325964524488711e-06 + f * 1.0205905413765595e-07)))))))))
+    return scale + scale * (f * (low + f4 * high))
 
 
 @nb.njit(fastmath=FAST, **INNER)
-def in_contact(rows: Any, base: Any, stride: Any, rollers: Any, uniform: Any, a: Any,
-               b: Any) -> Any:
-    """First roller of a row and their number between which all rollers in contact lie."""
+def in_contact(rows: Any, base: Any, stride: Any, rollers: Any, uniform: Any, a: Any, b: Any,
+               guess: Any) -> Any:
+    """First roller of a row and their number between which all rollers in contact lie.
+
+    guess: a number to start from, best that of the last call: contact edges move little in a step.
+    """
     zero, one, two = np.uint64(0), np.uint64(1), np.uint64(2)
     gaps = base + two * stride
-    count = zero
     if uniform:
         edge = rows[gaps] - a
         if abs(b) <= edge:
             return zero, zero
-        for j in range(rollers):
-            count += one if b * rows[base + j] > edge else zero
-        return (zero if b >= 0.0 else rollers - count), count
+        count = min(guess, rollers)
+        if b >= 0.0:
+            while count < rollers and b * rows[base + count] > edge:
+                count += one
+            while count > zero and not b * rows[base + count - one] > edge:
+                count -= one
+            return zero, count
+        last = base + rollers - one
+        while count < rollers and b * rows[last - count] > edge:
+            count += one
+        while count > zero and not b * rows[last + one - count] > edge:
+            count -= one
+        return rollers - count, count
     first = rollers
-    last = zero
+    end = zero
     for j in range(rollers):
         if a + b * rows[base + j] > rows[gaps + j]:
             if first == rollers:
                 first = j
-            last = j + one
-    if last == zero:
+            end = j + one
+    if end == zero:
         return zero, zero
-    return first, last - first
+    return first, end - first
 
 
 @nb.njit(fastmath=FAST, **INNER)
 def row_sums(rows: Any, row: Any, rollers: Any, uniform: Any, a: Any, b: Any, da: Any, db: Any,
-             stiffness: Any, exponent: Any, damping: Any, share: Any) -> Any:
+             stiffness: Any, exponent: Any, damping: Any, share: Any, guess: Any) -> Any:
     """Force sums of one row with penetration p = a + b cos - gap and rate dp/dt = da + db cos.
 
     Returns sum F, sum F cos; stiffness sums k, k cos, k cos^2 with k = dF/dp; damping sums d,
-    d cos, d cos^2 with d = dF/d(dp/dt); energy = sum K p^(n+1)/(n+1) (static part). rows: flat, by
+    d cos, d cos^2 with d = dF/d(dp/dt); rollers in contact, the next call's guess. rows: flat, by
     `model`; every row is padded with rollers that carry nothing, so that the loop may run over
     whole vectors.
     """
+    widest_vectors()
     stride = np.uint64(rows.size) // np.uint64(9)
     base = np.uint64(row) * np.uint64(3) * stride
-    first, count = in_contact(rows, base, stride, rollers, uniform, a, b)
-    s0 = s1 = k0 = k1 = k2 = d0 = d1 = d2 = energy = 0.0
-    if count == np.uint64(0):
-        return s0, s1, k0, k1, k2, d0, d1, d2, energy
-    count = (count + np.uint64(7)) & ~np.uint64(7)
+    first, touching = in_contact(rows, base, stride, rollers, uniform, a, b, np.uint64(guess))
+    s0 = s1 = k0 = k1 = k2 = d0 = d1 = d2 = 0.0
+    if touching == np.uint64(0):
+        return s0, s1, k0, k1, k2, d0, d1, d2, 0.0
+    count = (touching + np.uint64(7)) & ~np.uint64(7)
     cosines = base + first
     weights, gaps = cosines + stride, cosines + np.uint64(2) * stride
     constant = damping * (1.0 - share)
@@ -151,11 +183,10 @@ def row_sums(rows: Any, row: Any, rollers: Any, uniform: Any, a: Any, b: Any, da
         p = max(a + b * c - rows[gaps + j], 1e-30)
         rate = da + db * c
         relative = power(p, exponent - 1.0)
-        elastic = stiffness * relative * p
         u = min(p * (1.0 / RAMP), 1.0)
         d = constant * (u * u * (3.0 - 2.0 * u)) + grown * relative * p
         d_slope = constant * (6.0 / RAMP) * (u - u * u) + grown * exponent * relative
-        force = elastic + d * rate
+        force = stiffness * relative * p + d * rate
         k = exponent * stiffness * relative + d_slope * rate
         carries = rows[weights + j] if force > LEAST_FORCE else 0.0
         force *= carries
@@ -169,8 +200,20 @@ def row_sums(rows: Any, row: Any, rollers: Any, uniform: Any, a: Any, b: Any, da
         d0 += d
         d1 += d * c
         d2 += d * c * c
-        energy += carries * elastic * p
-    return s0, s1, k0, k1, k2, d0, d1, d2, energy / (exponent + 1.0)
+    return s0, s1, k0, k1, k2, d0, d1, d2, float(touching)
+
+
+@nb.njit(fastmath=FAST, **INNER)
+def row_energy(rows: Any, row: Any, rollers: Any, a: Any, b: Any, stiffness: Any,
+               exponent: Any) -> Any:
+    """Elastic energy of one row, sum K p^(n+1)/(n+1), at penetrations p = a + b cos - gap."""
+    stride = np.uint64(rows.size) // np.uint64(9)
+    base = np.uint64(row) * np.uint64(3) * stride
+    energy = 0.0
+    for j in range(rollers):
+        p = max(a + b * rows[base + j] - rows[base + np.uint64(2) * stride + j], 1e-30)
+        energy += rows[base + stride + j] * stiffness * power(p, exponent + 1.0)
+    return energy / (exponent + 1.0)
 
 
 @nb.njit(**INNER)
@@ -194,7 +237,7 @@ def hysteron(z_smooth: Any, z_sharp: Any, travel: Any, presliding: Any, sharpnes
 @nb.njit(**INNER)
 def ring_forces(m: Any, rows: Any, uniform: Any, q0: Any, q1: Any, q2: Any, v0: Any, v1: Any,
                 v2: Any, w: Any) -> Any:
-    """Contact forces on the upper ring at motion q and its rate v; returns the elastic energy.
+    """Contact forces on the upper ring at motion q and its rate v.
 
     Fills w: FORCE (3,), STIFFNESS and DAMPING, -dF/dq and -dF/dv, each as its entries 00, 02, 11,
     12, 22 (01 is zero: nothing couples delta_x to delta_y).
@@ -202,15 +245,16 @@ def ring_forces(m: Any, rows: Any, uniform: Any, q0: Any, q1: Any, q2: Any, v0: 
     radius, height = m[at.RADIUS], m[at.MIDDLE_HEIGHT]
     axial, middle = np.uint64(m[at.AXIAL_ROLLERS]), np.uint64(m[at.MIDDLE_ROLLERS])
     share = m[at.DAMPING_SHARE]
-    _, s1, _, _, k2, _, _, d2, energy = row_sums(
+    w0 = at.TOUCHING
+    _, s1, _, _, k2, _, _, d2, w[w0 + 2] = row_sums(
         rows, 2, middle, uniform[2], 0.0, q0 + height * q2, 0.0, v0 + height * v2,
-        m[at.K2] * m[at.MIDDLE_STIFFNESS], m[at.N2], m[at.D2], share)
-    up0, up1, ku0, ku1, ku2, du0, du1, du2, up_energy = row_sums(
+        m[at.K2] * m[at.MIDDLE_STIFFNESS], m[at.N2], m[at.D2], share, w[w0 + 2])
+    up0, up1, ku0, ku1, ku2, du0, du1, du2, w[w0] = row_sums(
         rows, 0, axial, uniform[0], q1, -radius * q2, v1, -radius * v2,
-        m[at.K1] * m[at.UPPER_STIFFNESS], m[at.N1], m[at.D1], share)
-    low0, low1, kl0, kl1, kl2, dl0, dl1, dl2, low_energy = row_sums(
+        m[at.K1] * m[at.UPPER_STIFFNESS], m[at.N1], m[at.D1], share, w[w0])
+    low0, low1, kl0, kl1, kl2, dl0, dl1, dl2, w[w0 + 1] = row_sums(
         rows, 1, axial, uniform[1], -q1, radius * q2, -v1, radius * v2,
-        m[at.K1] * m[at.LOWER_STIFFNESS], m[at.N1], m[at.D1], share)
+        m[at.K1] * m[at.LOWER_STIFFNESS], m[at.N1], m[at.D1], share, w[w0 + 1])
     w[at.FORCE] = -s1
     w[at.FORCE + 1] = low0 - up0
     w[at.FORCE + 2] = radius * (up1 - low1) - height * s1
@@ -224,8 +268,19 @@ def ring_forces(m: Any, rows: Any, uniform: Any, q0: Any, q1: Any, q2: Any, v0: 
     w[at.DAMPING + 2] = du0 + dl0
     w[at.DAMPING + 3] = -radius * (du1 + dl1)
     w[at.DAMPING + 4] = radius * radius * (du2 + dl2) + height * height * d2
-    return energy + up_energy + low_energy
 
+
+@nb.njit(**INNER)
+def elastic_energy(m: Any, rows: Any, q0: Any, q1: Any, q2: Any) -> Any:
+    """Energy [J] in all rollers at motion q."""
+    radius, height = m[at.RADIUS], m[at.MIDDLE_HEIGHT]
+    axial, middle = np.uint64(m[at.AXIAL_ROLLERS]), np.uint64(m[at.MIDDLE_ROLLERS])
+    return (row_energy(rows, 2, middle, 0.0, q0 + height * q2,
+                       m[at.K2] * m[at.MIDDLE_STIFFNESS], m[at.N2])
+            + row_energy(rows, 0, axial, q1, -radius * q2,
+                         m[at.K1] * m[at.UPPER_STIFFNESS], m[at.N1])
+            + row_energy(rows, 1, axial, -q1, radius * q2,
+                         m[at.K1] * m[at.LOWER_STIFFNESS], m[at.N1]))
 
 @nb.njit(**INNER)
 def solve3(a00: Any, a02: Any, a11: Any, a12: Any, a22: Any, r0: Any, r1: Any, r2: Any) -> Any:
@@ -249,8 +304,10 @@ def equilibrium(m: Any, rows: Any, uniform: Any, w: Any, x: Any, y: Any, tilt: A
     """
     radius = m[at.RADIUS]
     e0, e1, e2 = w[at.EXTERNAL], w[at.EXTERNAL + 1], w[at.EXTERNAL + 2]
-    energy = ring_forces(m, rows, uniform, x, y, tilt, 0.0, 0.0, 0.0, w)
+    ring_forces(m, rows, uniform, x, y, tilt, 0.0, 0.0, 0.0, w)
     scale = abs(e0) + abs(e1) + abs(e2) / radius + 1.0
+    if not scale < 1e300:
+        return -1, x, y, tilt
     for iteration in range(200):
         r0, r1, r2 = e0 + w[at.FORCE], e1 + w[at.FORCE + 1], e2 + w[at.FORCE + 2]
         largest = max(abs(r0), abs(r1), abs(r2) / radius)
@@ -266,26 +323,28 @@ def equilibrium(m: Any, rows: Any, uniform: Any, w: Any, x: Any, y: Any, tilt: A
         shrink = min(1.0, 2e-4 / longest) if longest > 0.0 else 1.0
         step0, step1, step2 = step0 * shrink, step1 * shrink, step2 * shrink
         work = r0 * step0 + r1 * step1 + r2 * step2
-        accepted = False
-        factor, new_energy = 1.0, energy
+        factor, accepted = 1.0, False
         for _ in range(40):
-            new_energy = ring_forces(m, rows, uniform, x + factor * step0, y + factor * step1,
-                                     tilt + factor * step2, 0.0, 0.0, 0.0, w)
+            x1, y1, tilt1 = x + factor * step0, y + factor * step1, tilt + factor * step2
+            ring_forces(m, rows, uniform, x1, y1, tilt1, 0.0, 0.0, 0.0, w)
             gain = factor * (e0 * step0 + e1 * step1 + e2 * step2)
             slope = ((e0 + w[at.FORCE]) * step0 + (e1 + w[at.FORCE + 1]) * step1
                      + (e2 + w[at.FORCE + 2]) * step2)
-            if slope >= -0.5 * work or new_energy - energy <= gain - 1e-4 * factor * work:
-                accepted = True
+            accepted = slope >= -0.5 * work or (
+                elastic_energy(m, rows, x1, y1, tilt1) - elastic_energy(m, rows, x, y, tilt)
+                <= gain - 1e-4 * factor * work)
+            if accepted:
                 break
             factor *= 0.5
         if not accepted:
             # Rounding ends the descent; what is left is compared with the load's own size.
             return (iteration if largest <= 1e-7 * scale else -1), x, y, tilt
         x, y, tilt = x + factor * step0, y + factor * step1, tilt + factor * step2
-        energy = new_energy
         if factor * longest * shrink < 1e-15:
-            return iteration + 1, x, y, tilt
-    return -1, x, y, tilt
+            break
+    largest = max(abs(e0 + w[at.FORCE]), abs(e1 + w[at.FORCE + 1]),
+                  abs(e2 + w[at.FORCE + 2]) / radius)
+    return (200 if largest <= 1e-7 * scale else -1), x, y, tilt
 
 
 @nb.njit(**INNER)
@@ -620,13 +679,15 @@ def advance(m: Any, rows: Any, uniform: Any, s: Any, time: Any, load: Any, max_s
 
     A sample at or before the state's time is answered from the state without stepping. Returns the
     number of Newton iterations; s[TROUBLE] counts steps that did not converge (state restarted at
-    equilibrium there). Live and offline call this one function, for one sample or a million.
+    equilibrium there), whose samples are NaN. Live and offline call this one function, for one
+    sample or a million.
     """
     w = np.zeros(at.WORK_SIZE)
     friction = m[at.RADIAL_LIMIT] != 0.0 or m[at.TILT_LIMIT] != 0.0
     iterations = 0
     true_load = take_load(m, s, s[at.MEASURED_LOAD], w)
     for n in range(time.size):
+        before = s[at.TROUBLE]
         total = time[n] - s[at.TIME]
         if total > 0.0:
             substeps = max(1, int(math.ceil(total / max_step - 1e-6)))
@@ -647,6 +708,9 @@ def advance(m: Any, rows: Any, uniform: Any, s: Any, time: Any, load: Any, max_s
         read_probes(m, s, w, true_load, time[n], max(total, 0.0), d_out, n)
         for i in range(3):
             q_out[n, i] = s[at.Q + i]
+        if s[at.TROUBLE] != before:
+            q_out[n, :] = math.nan
+            d_out[n, :] = math.nan
     return iterations
 
 
@@ -654,6 +718,8 @@ def advance(m: Any, rows: Any, uniform: Any, s: Any, time: Any, load: Any, max_s
 def run_batch(m: Any, rows: Any, uniform: Any, time: Any, load: Any, zero_load: Any,
               max_step: Any, q_out: Any, d_out: Any) -> Any:
     """Simulate each parameter set of m (B, M) over one record; returns sets that had trouble.
+
+    NaN stands for what did not converge.
 
     rows (R, 9 J), uniform (R, 3) with R = B or 1; q_out (B, N, 3), d_out (B, N, 4).
     """
@@ -663,6 +729,9 @@ def run_batch(m: Any, rows: Any, uniform: Any, time: Any, load: Any, zero_load: 
         r = b if rows.shape[0] > 1 else 0
         found = start(m[b], rows[r], uniform[r], s, time[0], zero_load)
         advance(m[b], rows[r], uniform[r], s, time, load, max_step, q_out[b], d_out[b])
+        if not found:
+            q_out[b] = math.nan
+            d_out[b] = math.nan
         if not found or s[at.TROUBLE] > 0.0:
             troubled += 1
     return troubled
@@ -670,13 +739,14 @@ def run_batch(m: Any, rows: Any, uniform: Any, time: Any, load: Any, zero_load: 
 
 @nb.njit(**INNER)
 def static_run(m: Any, rows: Any, uniform: Any, load: Any, w: Any, q_out: Any) -> Any:
-    """Equilibrium at each load (N,); each starts where the last slope and curve point to."""
+    """Equilibrium at each load (N,), NaN for none; each starts where the last one points to."""
     failed = 0
     x = y = tilt = 0.0
+    anew = True
     for n in range(load.size):
         old0, old1, old2 = w[at.EXTERNAL], w[at.EXTERNAL + 1], w[at.EXTERNAL + 2]
         load_at_ring(m, load[n], 0.0, 0.0, w)
-        if n == 0:
+        if anew:
             x = math.copysign(0.5 * m[at.MIDDLE_CLEARANCE] + 1e-5, w[at.EXTERNAL])
             y = math.copysign(0.5 * m[at.AXIAL_CLEARANCE] + 1e-5, w[at.EXTERNAL + 1])
         else:
@@ -687,9 +757,11 @@ def static_run(m: Any, rows: Any, uniform: Any, load: Any, w: Any, q_out: Any) -
             if found and max(abs(step0), abs(step1), abs(step2) * radius) < 2e-5:
                 x, y, tilt = x + step0, y + step1, tilt + step2
         used, x, y, tilt = equilibrium(m, rows, uniform, w, x, y, tilt)
-        if used < 0:
-            failed += 1
         q_out[n, 0], q_out[n, 1], q_out[n, 2] = x, y, tilt
+        anew = used < 0
+        if anew:
+            failed += 1
+            q_out[n, :] = math.nan
     return failed
 
 

@@ -124,5 +124,6 @@ DAMPING = 8
 EXTERNAL = 13
 RESOLVED = 16
 MOTION = 19
-BACKUP = 22          # of the state
+TOUCHING = 22        # rollers in contact of each row when last summed
+BACKUP = 25          # of the state
 WORK_SIZE = BACKUP + STATE_SIZE

@@ -38,7 +38,10 @@ class SimulationError(SaddleringError):
 
 @dataclass(frozen=True)
 class SimulatedSample:
-    """One simulated state: time [s], displacement (floats), probe increments (4,) [m]."""
+    """One simulated state: time [s], displacement (floats), probe increments (4,) [m].
+
+    NaN where the time step did not converge, not even in many small ones.
+    """
 
     time: float
     displacement: Displacement
@@ -50,7 +53,8 @@ class SimulatedRun:
     """A simulated record from its zero window on: M samples, the last M of the record's N mostly.
 
     time (M,) [s]; displacement of (M,) arrays; probes (4, M) [m]; first: index in the record of
-    the first simulated sample; zero: where it was taken; trouble: steps that did not converge.
+    the first simulated sample; zero: where it was taken; trouble: steps that did not converge,
+    whose samples are NaN (all of them if there was no equilibrium at the zero).
     """
 
     time: Floats
@@ -83,6 +87,7 @@ class RingSimulator:
     def reset(self, *, zero_anywhere: bool = False) -> None:
         """Forget everything; the next samples open a new zero window (at any load if asked)."""
         self.iterations = 0
+        self._lost = False
         self.zero: ZeroReading | None = None
         self._window = ZeroWindow(self._rig, anywhere=zero_anywhere)
         self._waiting: list[tuple[float, float]] = []
@@ -122,11 +127,14 @@ class RingSimulator:
     def _start(self, time: float, load: float) -> None:
         if not kernels.start(self._m, self._rows, self._uniform, self._state, time, load):
             self._state[at.TROUBLE] += 1.0
+            self._lost = True
 
     def _advance(self, time: Floats, load: Floats) -> Floats:
         motion, increments = np.empty((time.size, 3)), np.empty((time.size, 4))
         self.iterations += kernels.advance(self._m, self._rows, self._uniform, self._state, time,
                                            load, self._max_step, motion, increments)
+        if self._lost:
+            increments[:] = np.nan
         return increments
 
     def _samples(self, time: Floats, load: Floats) -> list[SimulatedSample]:
@@ -233,17 +241,19 @@ def static_batch(rig: Rig, contacts: ArrayLike, elevation: float, loads: ArrayLi
     """Absolute equilibrium (B, 3, N) of each contact law (B, 6) at each load (N,) [N], in order.
 
     Elastic contact only: no friction, creep or measurement part of an extension acts here.
-    Rows: delta_x, delta_y [m], gamma [rad]. NaN where no equilibrium was found.
+    Rows: delta_x, delta_y [m], gamma [rad]. NaN where no equilibrium was found. Raises
+    SimulationError where elevation or a load is not finite.
     """
     m, rows, uniform = _batch(rig, contacts, elevation, extensions)
     force = np.ascontiguousarray(loads, dtype=np.float64)
+    if not np.all(np.isfinite(force)):
+        first = int(np.argmin(np.isfinite(force)))
+        raise SimulationError(f'load {first} is {force[first]}: give finite loads [N]')
     q = np.empty((m.shape[0], force.size, 3))
 
     def solve(part: slice) -> None:
         own = part if rows.shape[0] > 1 else slice(None)
-        failed = kernels.static_batch(m[part], rows[own], uniform[own], force, q[part])
-        if failed:
-            q[part] = np.where(np.isfinite(q[part]), q[part], np.nan)
+        kernels.static_batch(m[part], rows[own], uniform[own], force, q[part])
 
     _in_parallel(solve, m.shape[0])
     return np.ascontiguousarray(q.transpose(0, 2, 1))
@@ -256,7 +266,10 @@ def static_response(rig: Rig, contact: ArrayLike, elevation: float, loads: Array
 
 def dynamic_batch(rig: Rig, contacts: ArrayLike, elevation: float, time: ArrayLike,
                   load: ArrayLike, max_step: float = 1e-3) -> Floats:
-    """Absolute motion (B, 3, N) of each contact law (B, 6) over a record, at rest at load[0]."""
+    """Absolute motion (B, 3, N) of each contact law (B, 6) over a record, at rest at load[0].
+
+    NaN where a time step did not converge.
+    """
     motion, _ = _simulate_batch(rig, contacts, elevation, time, load, None, None, max_step)
     return np.ascontiguousarray(motion.transpose(0, 2, 1))
 
@@ -267,6 +280,7 @@ def probe_batch(rig: Rig, candidates: Sequence[tuple[ArrayLike, RingExtension]],
     """Probe increments (B, 4, N) [m] of each (contact law (6,), extension) over a record.
 
     The zero is the equilibrium at `zero_load` [N] (load[0] if None), where the record starts.
+    NaN where a time step did not converge.
     Where a clock offset asks for samples outside the record, its first or last value is held.
     """
     contacts = np.array([np.asarray(contact, dtype=np.float64) for contact, _ in candidates])
@@ -288,6 +302,8 @@ def _batch(rig: Rig, contacts: ArrayLike, elevation: float,
     laws = np.atleast_2d(np.asarray(contacts, dtype=np.float64))
     if laws.ndim != 2 or laws.shape[1] != 6:
         raise SimulationError(f'contact laws have shape {laws.shape}: give (B, 6)')
+    if not np.isfinite(elevation):
+        raise SimulationError(f'elevation is {elevation}: give a finite angle [rad]')
     if extensions is None or all(extension is extensions[0] for extension in extensions):
         extension = extensions[0] if extensions else NO_EXTENSION
         rows, uniform = stack_rows([rows_of(rig, extension)])

@@ -169,6 +169,18 @@ def test_residuals_of_the_truth_are_white(four_runs):
     assert abs(np.corrcoef(residuals[:-1], residuals[1:])[0, 1]) < 0.1
 
 
+def test_a_ring_still_settling_on_its_plateaus_is_no_misfit():
+    sluggish = replace(TRUE_TO_SCALE, D2=2e7, K2=3e7)
+    runs = [static_run(50.0, contact=sluggish, seed=1),
+            dynamic_run(50.0, seconds=4.0, contact=sluggish, seed=2)]
+    observations = observe(runs, RIG, fit_rate=50.0)
+    truth = sluggish.to_array()
+    settled = WeightedObjective(RIG, [one.coarse() for one in observations], (0, 1, 2))
+    assert settled.mean_squares(truth)[0] > 3.0
+    settling = WeightedObjective(RIG, observations, (0, 1, 2))
+    assert settling.mean_squares(truth) == pytest.approx([1.0, 1.0], abs=0.3)
+
+
 def test_cancelling_returns_what_there_is(four_runs):
     seen = []
     result = identify(
@@ -275,11 +287,29 @@ def test_settings_that_mean_nothing_are_refused(wrong):
         IdentificationSettings(**wrong)
 
 
-def test_a_probe_at_the_end_of_its_span_is_noted(four_runs):
-    clipped = replace(four_runs[0], gaps=np.minimum(four_runs[0].gaps, 1.05e-3))
-    rig = replace(RIG, probes=replace(RIG.probes, max_range=1.05e-3))
-    found = identify([clipped], rig, IdentificationSettings(swarm=SHORT_SWARM))
-    assert any('limit of its span' in note for note in found.notes)
+def clipped(run, limit):
+    """The run as probes with a span up to `limit` [m] record it, and the rig that has them."""
+    rig = replace(RIG, probes=replace(RIG.probes, max_range=limit))
+    return replace(run, gaps=np.minimum(run.gaps, limit)), rig
+
+
+def test_what_a_probe_at_the_end_of_its_span_reads_is_left_out(four_runs):
+    limit = 1e-3 + 0.8 * (np.nanmax([run.gaps for run in four_runs[0:1]]) - 1e-3)
+    pairs = [clipped(run, limit) for run in four_runs[:2]]
+    found = identify([run for run, _ in pairs], pairs[0][1],
+                     IdentificationSettings(swarm=SHORT_SWARM))
+    assert sum('limit of its span' in note for note in found.notes) >= 2
+    off = found.parameters.contact.to_array() - TRUE_TO_SCALE.to_array()
+    assert np.all(np.abs(off / np.sqrt(np.diag(found.covariance))) < 4.0)
+    assert found.reduced_chi_square == pytest.approx(1.0, abs=0.3)
+
+
+@pytest.mark.parametrize('number', [0, 1])
+def test_a_run_with_probes_at_their_limit_throughout_is_refused(four_runs, number):
+    run, rig = clipped(four_runs[number], 1.0005e-3)
+    with pytest.raises(IdentificationError, match='limit of their span') as caught:
+        identify([run], rig)
+    one_line(caught)
 
 
 def test_no_runs_are_refused():

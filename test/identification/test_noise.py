@@ -4,7 +4,14 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from saddlering_ros.identification.noise import ChannelNoise, fit_channel, fit_noise, NoiseModel
+from saddlering_ros.identification.noise import (
+    ChannelNoise,
+    fit_channel,
+    fit_noise,
+    NoiseModel,
+    parity_ratios,
+    ParityNoise,
+)
 
 STEP = 0.02
 
@@ -76,3 +83,45 @@ def test_a_common_cause_shows_as_correlation_between_channels():
     assert model.correlation[0, 2] == pytest.approx(0.5, abs=0.06)
     independent = fit_noise(list(own), STEP)
     assert np.abs(independent.correlation - np.eye(3)).max() < 0.06
+
+
+def wandering(count, length, seed=0):
+    """`count` rows of white noise of 3e-7 with a wander of 1e-7 within 4 s."""
+    return np.stack([
+        fast + slow for fast, slow in zip(
+            segments(0.0, count, length, seed),
+            segments(np.exp(-STEP / 4.0), count, length, seed + 1, scale=1e-7), strict=True)
+    ])
+
+
+def cut(rows, stretch=137, every=300):
+    """Stretches of rows (C, N), as plateaus of a record."""
+    return [rows[:, start:start + stretch] for start in range(0, rows.shape[1] - stretch, every)]
+
+
+def test_the_parity_of_a_whole_record_shows_the_slow_part_between_the_stretches():
+    stated = []
+    for seed in range(0, 40, 4):
+        rows = wandering(3, 15000, seed)
+        parity = 1.5 * wandering(1, 15000, seed + 2)
+        ratios = parity_ratios([parity], cut(parity), cut(rows))
+        assert ratios == pytest.approx(1.0 / 1.5**2, rel=0.15)
+        noise = fit_noise(cut(rows), STEP, parity=ParityNoise([parity], ratios)).channels[0]
+        stated.append(np.sqrt(noise.variance_of_mean(137)))
+    true = ChannelNoise(STEP, 9e-14, np.array([4.0]), np.array([1e-14])).variance_of_mean(137)
+    assert np.median(stated) == pytest.approx(np.sqrt(true), rel=0.1)
+    assert np.std(stated) < 0.2 * np.sqrt(true)
+
+
+def test_a_parity_that_something_moves_says_nothing_about_noise():
+    rows, parity = wandering(3, 15000), wandering(1, 15000, 2)
+    jumps = np.where(np.arange(15000) // 150 % 4 == 3, 2e-6, 0.0)
+    assert parity_ratios([parity], cut(parity), cut(rows)) is not None
+    assert parity_ratios([parity + jumps], cut(parity), cut(rows)) is None
+    drift = np.cumsum(np.full(15000, 1e-9))
+    assert parity_ratios([parity + drift], cut(parity + drift), cut(rows)) is None
+
+
+def test_probes_of_another_kind_say_nothing_about_a_channel():
+    rows, parity = wandering(3, 15000), 0.2 * wandering(1, 15000, 2)
+    assert parity_ratios([parity], cut(parity), cut(rows)) is None

@@ -82,6 +82,25 @@ def test_a_residual_on_unloading_shows_as_loop_and_zero_return(runs):
     assert one.loop_area_simulated == pytest.approx(0.0, abs=0.005)
 
 
+def shifted(run, amount):
+    """The run with delta_x shifted by `amount` [m] after its zero, as a wrong zero would."""
+    def shift(gaps, time, load):
+        gaps[0] += np.where(time > 1.0, amount, 0.0)
+        gaps[2] -= np.where(time > 1.0, amount, 0.0)
+        return gaps
+
+    return figures(with_gaps(run, shift))
+
+
+def test_what_the_zeros_own_noise_explains_is_told_apart_and_no_more(runs):
+    plain, small, large = (shifted(runs[0], amount) for amount in (0.0, 5e-8, 5e-6))
+    assert small.zero_error - plain.zero_error == pytest.approx(5e-8, rel=0.1)
+    assert small.rmse == pytest.approx(plain.rmse, rel=0.01)
+    assert small.bias - plain.bias == pytest.approx(5e-8, rel=0.1)
+    assert abs(large.zero_error) < 3e-7
+    assert large.rmse > 4e-6
+
+
 def test_wrong_parameters_stand_far_above_the_noise(runs):
     stiff = ParameterSet(replace(TRUE_TO_SCALE, K1=2e8, K2=2e8))
     one = validate(runs[:1], RIG, stiff).runs[0].channels['gamma']

@@ -43,7 +43,8 @@ def test_places_of_the_layout_do_not_overlap_their_arrays_ends() -> None:
     assert layout.MIDDLE_STIFFNESS + 1 == layout.MODEL_SIZE
     assert layout.LAG_INPUT + 4 == layout.LAST_FORCE
     assert layout.LAST_DAMPING + 5 == layout.STATE_SIZE
-    assert layout.MOTION + 3 == layout.BACKUP
+    assert layout.MOTION + 3 == layout.TOUCHING
+    assert layout.TOUCHING + 3 == layout.BACKUP
 
 
 def _can_cache(**environment: str) -> str:

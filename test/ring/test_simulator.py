@@ -155,3 +155,26 @@ def test_a_record_that_cannot_be_simulated_is_refused_in_one_line(
         time: list[float], load: list[float], words: str) -> None:
     with pytest.raises(SimulationError, match=words):
         simulate(RIG, ParameterSet(TRUE_TO_SCALE), 0.9, time, load)
+
+
+@pytest.mark.parametrize(('elevation', 'load', 'words'), [
+    (np.nan, 5.0 * TONNE, 'elevation is nan'),
+    (0.9, np.nan, 'load 1 is nan'),
+    (0.9, np.inf, 'load 1 is inf'),
+])
+def test_equilibrium_is_refused_at_an_elevation_or_load_that_is_no_number(
+        elevation: float, load: float, words: str) -> None:
+    with pytest.raises(SimulationError, match=words):
+        static_batch(RIG, TRUE_TO_SCALE.to_array()[None], elevation, [RIG.preload, load])
+
+
+def test_where_there_is_no_equilibrium_stands_no_number() -> None:
+    broken = TRUE_TO_SCALE.to_array()
+    broken[0] = np.nan
+    both = static_batch(RIG, np.stack([broken, TRUE_TO_SCALE.to_array()]), 0.9, STATIC_LOADS[:3])
+    assert np.all(np.isnan(both[0]))
+    assert np.all(np.isfinite(both[1]))
+
+
+def test_an_equilibrium_is_found_everywhere_in_the_box() -> None:
+    assert np.all(np.isfinite(static_batch(RIG, draw_contacts(400, seed=7), 0.9, STATIC_LOADS)))
