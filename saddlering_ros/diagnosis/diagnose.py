@@ -24,6 +24,7 @@ from saddlering_ros.diagnosis.ring_system import RingSystem
 from saddlering_ros.discrepancy import Cause, diagnose, Diagnosis, Run, Settings
 from saddlering_ros.discrepancy.engine import Evidence
 from saddlering_ros.discrepancy.lack_of_fit import ShapeTest
+from saddlering_ros.provenance import Provenance
 from saddlering_ros.rig import (
     CHANNELS,
     ContactParameters,
@@ -72,30 +73,38 @@ class Verdict:
         return self.diagnosis.verdict
 
     def extended_parameters(self) -> ParameterSet:
-        """Contact parameters after the diagnosis, with the effects found."""
+        """Contact parameters after the diagnosis, with the effects found.
+
+        Steady lines stay out: their phase starts anew with every run.
+        """
         found = self.diagnosis
         values = np.array([estimate.value for estimate in found.base_after.values()])
         effects = (
             {
                 cause.effect.id: {name: item.value for name, item in cause.estimates.items()}
                 for cause in found.causes
+                if not cause.effect.line
             }
             if found.verdict in ('named', 'ambiguous')
             else {}
         )
-        bags = tuple(
-            str(figures.record.test_run.path)
-            for figures in self.runs
-            if not figures.record.run.held_out
-        )
+        made = self.provenance(held_out=False)
         source = ParameterSource(
             method='diagnose',
-            bags=bags,
+            bags=tuple(origin.path for origin in made.bags),
             objective=float(found.after.misfit),
             covariance=found.base_covariance,
             note=f'verdict {found.verdict}, seed {self.seed}',
+            sha256=tuple(origin.sha256 for origin in made.bags),
+            versions=made.versions_in_words,
         )
         return ParameterSet(ContactParameters.from_array(values), effects, source)
+
+    def provenance(self, *, held_out: bool = True) -> Provenance:
+        """Its bags (those held out too, if asked) and what computed it."""
+        return Provenance(tuple(
+            figures.record.test_run.origin for figures in self.runs
+            if held_out or not figures.record.run.held_out))
 
     def to_json(self) -> dict[str, Any]:
         """The contract of interfaces.md, with additions beside it."""
@@ -137,6 +146,7 @@ class Verdict:
                 'how': found.total_gain.how,
             },
             'notes': list(self.notes),
+            'provenance': self.provenance().as_dict(),
             'seed': self.seed,
             'seconds': found.seconds,
         }
@@ -167,11 +177,14 @@ def diagnose_bags(
     seed: int = 0,
 ) -> Verdict:
     """What the simulation gets wrong in `bags`, judged on `hold_out` where given."""
+    from saddlering_ros.rig import default_rig
+
     if not bags:
         raise DiagnosisError('no bags to diagnose: give at least one')
+    rig = rig or default_rig()
     return diagnose_runs(
-        [read_run(bag) for bag in bags],
-        [read_run(bag) for bag in hold_out],
+        [read_run(bag, rig=rig) for bag in bags],
+        [read_run(bag, rig=rig) for bag in hold_out],
         rig,
         parameters,
         on_progress,

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,20 +17,27 @@ from saddlering_ros.rig import Rig
 
 Array = NDArray[np.float64]
 
-STATIC_GRID = 0.1
-"""Spacing of the simulated load in static runs [s]."""
+STATIC_GRID = 0.2
+"""Spacing of the simulated load between the holds of static runs [s]."""
+HELD_GRID = 1.3
+"""The same while the load is held: its mean over so long, or noise would walk friction loops."""
 BLOCKS_PER_PLATEAU = 4
 LONGEST_BLOCK = 2.5
 DYNAMIC_BLOCKS = 600
 """At most so many block means for a dynamic run."""
 SHORTEST_BLOCK = 0.02
-SUBGRID = 10
-"""Simulated load samples per block of a dynamic run."""
-DYNAMIC_STEP = 2e-3
+MOVING_PARTS = (4, 8)
+"""Simulated load samples per block of a dynamic run while the load moves; one at rest."""
+PART_CHANGE = 0.003
+"""Change of load over one of them, as a share of full scale, unless there are that many."""
+LONGEST_STEP = 1.0
+"""Longest time step of the simulation [s]; its samples are closer wherever the load moves."""
 REST_BAND = 0.004
 """A load that stays within this share of full scale is at rest."""
 SHORTEST_REST = 0.3
 LEAST_SAMPLES = 40
+LEAST_LOAD = 0.002
+"""Under this share of full scale the ring lies anywhere in its play: such holds tell nothing."""
 
 
 class DiagnosisError(SaddleringError):
@@ -89,47 +98,31 @@ def _static(
     held_out: bool,
 ) -> Run:
     found = plateaus(test_run)
-    edges = np.arange(time[0], time[-1] + STATIC_GRID, STATIC_GRID)
-    grid_time, grid_load, place = _binned(time, load, edges)
-    first, last, hold, width, centre, values, branch = [], [], [], [], [], [], []
+    hold, branch = [], []
+    blocks: list[Span] = []
     rest: list[RestSegment] = []
     step = float(np.median(np.diff(time)))
     for number in range(len(found)):
         begin = float(test_run.time[found.hold_start[number]])
         end = float(test_run.time[found.hold_stop[number] - 1])
         inside = np.flatnonzero((time >= begin + min(0.3, 0.1 * (end - begin))) & (time <= end))
-        if inside.size < 4:
+        if inside.size < 4 or load[inside].mean() < LEAST_LOAD * rig.full_scale_load:
             continue
         length = float(time[inside[-1]] - time[inside[0]]) + step
         parts = max(min(BLOCKS_PER_PLATEAU, inside.size // 2), int(length / LONGEST_BLOCK))
         for block in np.array_split(inside, parts):
-            low, high = int(place[block[0]]), int(place[block[-1]]) + 1
-            first.append(low)
-            last.append(high)
+            bins = max(1, math.ceil(block.size * step / HELD_GRID - 0.2))
+            blocks.append(Span(int(block[0]), int(block[-1]) + 1, min(bins, block.size)))
             hold.append(float(number))
-            width.append(block.size * step)
-            centre.append(float(time[block].mean()))
-            values.append(probes[:, block].mean(axis=1))
             branch.append(float(found.branch[number]))
         settled = inside[time[inside] >= begin + 0.35 * (end - begin)]
         if settled.size >= 8:
             rest.append(RestSegment(probes[:, settled], step, f'{int(found.branch[number])}'))
-    grid = LoadGrid(
-        test_run.elevation,
-        grid_time,
-        grid_load,
-        measured.zero.load,
-        np.array(first),
-        np.array(last),
-        STATIC_GRID,
-    )
     return _run(
         rig,
         test_run,
-        grid,
-        np.array(centre),
-        np.array(width),
-        np.array(values).T,
+        _load_grid(test_run, measured, time, load, blocks, max(1, round(STATIC_GRID / step))),
+        _Means.over(time, probes, blocks),
         tuple(rest),
         held_out,
         np.array(hold),
@@ -148,45 +141,97 @@ def _dynamic(
 ) -> Run:
     step = float(np.median(np.diff(time)))
     duration = float(time[-1] - time[0])
-    block = max(SHORTEST_BLOCK, duration / DYNAMIC_BLOCKS, step)
-    fine = max(step, block / SUBGRID)
-    edges = np.arange(time[0] - 0.5 * step, time[-1] + fine, fine)
-    grid_time, grid_load, place = _binned(time, load, edges)
-    number = np.floor((time - time[0]) / block + 1e-9).astype(np.int64)
+    length = max(SHORTEST_BLOCK, duration / DYNAMIC_BLOCKS, step)
+    number = np.floor((time - time[0]) / length + 1e-9).astype(np.int64)
     starts = np.flatnonzero(np.diff(number, prepend=-1))
     stops = np.append(starts[1:], time.size)
-    kept = (stops - starts) >= 1
-    starts, stops = starts[kept], stops[kept]
-    centre = np.array([time[a:b].mean() for a, b in zip(starts, stops, strict=True)])
-    values = np.array([probes[:, a:b].mean(axis=1) for a, b in zip(starts, stops, strict=True)]).T
-    width = np.asarray((stops - starts) * step, dtype=np.float64)
-    hold = np.arange(centre.size, dtype=float)
     rests = _rests(rig, time, load)
     # After a ramp the ring still creeps home, which is no noise: use what was before it, if any.
     quiet = [(begin, end) for begin, end in rests if begin == 0] or rests
     rest = [RestSegment(probes[:, begin:end], step) for begin, end in quiet]
+    hold = np.arange(starts.size, dtype=float)
+    change = np.abs(load[stops - 1] - load[starts]) / rig.full_scale_load
+    parts = np.clip(np.ceil(change / PART_CHANGE), *MOVING_PARTS)
     for begin, end in rests:
-        hold[(centre >= time[begin]) & (centre <= time[end - 1])] = -float(begin) - 1.0
-    grid = LoadGrid(
-        test_run.elevation,
-        grid_time,
-        grid_load,
-        measured.zero.load,
-        place[starts],
-        place[stops - 1] + 1,
-        min(DYNAMIC_STEP, fine),
+        held = (starts >= begin) & (stops <= end)
+        hold[held], parts[held] = -float(begin) - 1.0, 1
+    blocks = [
+        Span(int(a), int(b), min(int(count), int(b - a)))
+        for a, b, count in zip(starts, stops, parts, strict=True)
+    ]
+    return _run(
+        rig,
+        test_run,
+        _load_grid(test_run, measured, time, load, blocks, 1),
+        _Means.over(time, probes, blocks),
+        tuple(rest),
+        held_out,
+        hold,
+        None,
     )
-    return _run(rig, test_run, grid, centre, width, values, tuple(rest), held_out, hold, None)
 
 
-def _binned(time: Array, load: Array, edges: Array) -> tuple[Array, Array, NDArray[np.int64]]:
-    """Mean time and load of each bin that holds samples; the bin's number of every sample."""
-    number = np.clip(np.searchsorted(edges, time, side='right') - 1, 0, edges.size)
-    _, place = np.unique(number, return_inverse=True)
-    count = np.bincount(place).astype(float)
-    mean_time = np.bincount(place, time) / count
-    mean_load = np.bincount(place, load) / count
-    return mean_time, mean_load, place.astype(np.int64)
+class Span(NamedTuple):
+    """Samples [first, last) of one block, and in how many parts their load is simulated."""
+
+    first: int
+    last: int
+    parts: int
+
+
+@dataclass(frozen=True)
+class _Means:
+    """Blocks as the engine sees them: middle, width (N,) [s], probes (4, N) [m]."""
+
+    time: Array
+    width: Array
+    probes: Array
+
+    @classmethod
+    def over(cls, time: Array, probes: Array, blocks: Sequence[Span]) -> _Means:
+        step = float(np.median(np.diff(time)))
+        return cls(
+            np.array([time[block.first : block.last].mean() for block in blocks]),
+            np.array([(block.last - block.first) * step for block in blocks]),
+            np.array(
+                [probes[:, block.first : block.last].mean(axis=1) for block in blocks]
+            ).reshape(-1, probes.shape[0]).T,
+        )
+
+
+def _load_grid(
+    test_run: TestRun,
+    measured: MeasuredRun,
+    time: Array,
+    load: Array,
+    blocks: Sequence[Span],
+    between: int,
+) -> LoadGrid:
+    """Mean time and load of the parts of every block, and of `between` samples elsewhere.
+
+    The parts of a block are its own: a part that reached over its edge would shift its mean.
+    """
+    cuts: list[int] = []
+    first, last, reached = [], [], 0
+    for block in blocks:
+        cuts += range(reached, block.first, between)
+        first.append(len(cuts))
+        inner = np.linspace(block.first, block.last, block.parts + 1)[:-1]
+        cuts += [round(float(cut)) for cut in inner]
+        last.append(len(cuts))
+        reached = block.last
+    cuts += range(reached, time.size, between)
+    starts = np.array(cuts, dtype=np.int64)
+    count = np.diff(np.append(starts, time.size))
+    return LoadGrid(
+        test_run.elevation,
+        np.add.reduceat(time, starts) / count,
+        np.add.reduceat(load, starts) / count,
+        measured.zero.load,
+        np.array(first),
+        np.array(last),
+        LONGEST_STEP,
+    )
 
 
 def _rests(rig: Rig, time: Array, load: Array) -> list[tuple[int, int]]:
@@ -213,9 +258,7 @@ def _run(
     rig: Rig,
     test_run: TestRun,
     grid: LoadGrid,
-    centre: Array,
-    width: Array,
-    values: Array,
+    means: _Means,
     rest: tuple[RestSegment, ...],
     held_out: bool,
     hold: Array,
@@ -227,14 +270,24 @@ def _run(
     )
     inputs = {'load': load, 'direction': direction, 'hold': hold}
     if test_run.test != 'static':
-        rate = np.gradient(load, centre)
-        size = max(1, round(0.1 / float(np.median(np.diff(centre)))))
+        rate = np.gradient(load, means.time)
+        size = max(1, round(0.1 / float(np.median(np.diff(means.time)))))
         inputs['rate'] = np.convolve(rate, np.ones(size) / size, mode='same')
     else:
         inputs['rate'] = np.zeros(load.size)
     degrees = np.degrees(test_run.elevation)
     name = test_run.path.name or test_run.name
-    return Run(name, f'{degrees:.1f} deg', centre, width, values, inputs, rest, held_out, grid)
+    return Run(
+        name,
+        f'{degrees:.1f} deg',
+        means.time,
+        means.width,
+        means.probes,
+        inputs,
+        rest,
+        held_out,
+        grid,
+    )
 
 
 def _direction(load: Array, band: float) -> Array:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from saddlering_ros import effects as catalogue_of_effects
 from saddlering_ros.diagnosis.records import LoadGrid
-from saddlering_ros.diagnosis.scatter import compressed, rig_columns, scatter_columns
+from saddlering_ros.diagnosis.scatter import compressed, Course, known_rigs, scatter_columns
 from saddlering_ros.discrepancy import Effect, Parameter, Point, Run
 from saddlering_ros.effects.extension import NO_EXTENSION, RingExtension
 from saddlering_ros.rig import PARAMETER_NAMES, PARAMETER_UNITS, Rig, TRUE_TO_SCALE
@@ -20,13 +20,18 @@ from saddlering_ros.ring.simulator import probe_batch
 Array = NDArray[np.float64]
 
 
+OTHER_SIGN = 0.9
+"""Size of the start of the other sign, in usual sizes; another than any start of this sign."""
+
+CURVATURE = 1.5
+"""Standard deviation of the square of a standard normal number, nearly."""
+
+
 @dataclass(frozen=True)
 class RingSystem:
     """The engine's `System` for one rig."""
 
     rig: Rig
-    skip: frozenset[str] = frozenset({'mains_pickup'})
-
     channel_names: tuple[str, ...] = ('d1', 'd2', 'd3', 'd4')
 
     @cached_property
@@ -50,11 +55,7 @@ class RingSystem:
 
     @cached_property
     def effects(self) -> tuple[Effect, ...]:
-        return tuple(
-            engine_effect(effect)
-            for name, effect in catalogue_of_effects.catalogue().items()
-            if name not in self.skip
-        )
+        return tuple(engine_effect(effect) for effect in catalogue_of_effects.catalogue().values())
 
     @cached_property
     def views(self) -> Mapping[str, Array]:
@@ -83,20 +84,30 @@ class RingSystem:
 
     def disturbances(self, runs: Sequence[Run], base: Array) -> list[Array]:
         """Unequal rollers of a sound ring; clearances and a weight not known exactly."""
-        parts = [
-            scatter_columns(self.rig, base, run.payload.elevation, next(iter(run.inputs.values())))
-            for run in runs
-        ]
+        parts, known = [], []
+        for run in runs:
+            usual = self.predict_many(run, [Point(base)])[0]
+            grid: LoadGrid = run.payload
+            static = not np.any(run.inputs['rate'])
+            load = next(iter(run.inputs.values()))
+            course = Course(grid.elevation, grid.zero_load, load, run.time, usual, static)
+            parts.append(scatter_columns(self.rig, base, course))
+            sides = [
+                [replace(self, rig=rig).predict_many(run, [Point(base)])[0] for rig in pair]
+                for pair in known_rigs(self.rig)
+            ]
+            known.append(
+                np.stack(
+                    [0.5 * (above - below) for above, below in sides]
+                    + [CURVATURE * (0.5 * (above + below) - usual) for above, below in sides],
+                    axis=-1,
+                )
+            )
         joined = compressed(np.concatenate([part.reshape(-1, part.shape[-1]) for part in parts]))
         answer, start = [], 0
-        for run in runs:
+        for run, own in zip(runs, known, strict=True):
             block = joined[start : start + run.channels.size]
-            known = rig_columns(
-                self.rig, base, run.payload.elevation, next(iter(run.inputs.values()))
-            )
-            answer.append(
-                np.concatenate([block.reshape(*run.channels.shape, -1), known], axis=2)
-            )
+            answer.append(np.concatenate([block.reshape(*run.channels.shape, -1), own], axis=2))
             start += run.channels.size
         return answer
 
@@ -132,7 +143,14 @@ def engine_effect(effect: catalogue_of_effects.Effect) -> Effect:
         effect.title,
         effect.settled_by,
         ordered[0].neutral,
+        _line_channels(effect) if effect.line else (),
     )
+
+
+def _line_channels(effect: catalogue_of_effects.Effect) -> tuple[tuple[int, ...], ...]:
+    """Channels of each variant of an effect that acts on one probe, or on all for 0."""
+    probes = [int(variant.values['probe']) for variant in effect.variants]
+    return tuple((probe - 1,) if probe else (0, 1, 2, 3) for probe in probes)
 
 
 def _starts(effect: catalogue_of_effects.Effect) -> tuple[dict[str, float], ...]:
@@ -140,6 +158,9 @@ def _starts(effect: catalogue_of_effects.Effect) -> tuple[dict[str, float], ...]
     size, *shapes = sorted(effect.parameters, key=lambda item: not item.amplitude)
     factors = (0.2, 1.0, 3.0) if size.neutral == 0.0 else (0.5, 1.0, 1.5)
     sizes = [float(np.clip(factor * size.scale, size.low, size.high)) for factor in factors]
+    if size.low < size.neutral < size.high:
+        # What one sign does to the ring's contacts, the other may not.
+        sizes.append(float(np.clip(-OTHER_SIGN * size.scale, size.low, size.high)))
     usual = {item.name: item.start for item in shapes}
     starts = [{size.name: value, **usual} for value in sizes]
     for other in effect.starts:

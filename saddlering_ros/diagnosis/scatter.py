@@ -9,12 +9,12 @@ contact nor out of it.
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from saddlering_ros.rig import Rig
+from saddlering_ros.rig import probes_to_displacement, Rig
 from saddlering_ros.ring.simulator import static_response
 
 Array = NDArray[np.float64]
@@ -33,50 +33,131 @@ _NODES, _WEIGHTS = np.polynomial.hermite_e.hermegauss(7)
 _WEIGHTS = _WEIGHTS / _WEIGHTS.sum()
 
 
-def scatter_columns(rig: Rig, contact: Array, elevation: float, load: Array) -> Array:
-    """Probe increments (4, N, k) that one spread of each roller's scatter gives at loads (N,)."""
-    low, high = float(load.min()), float(load.max())
+@dataclass(frozen=True)
+class Course:
+    """One run as the columns need it: time and probes (4, N) [m] simulated at the base values.
+
+    `static`: its blocks lie in holds, where the ring has come to rest.
+    """
+
+    elevation: float
+    zero_load: float
+    load: Array
+    time: Array
+    probes: Array
+    static: bool
+
+
+@dataclass(frozen=True)
+class _Table:
+    """Over loads (G,): motion (3, G), columns (G, 3, k), decay rates (G, 3, 3) [1/s].
+
+    moving (G, 3, k): what the dampers add to the columns per rate of the load [s/N].
+    """
+
+    load: Array
+    motion: Array
+    columns: Array
+    moving: Array
+    decay: Array
+
+    def at(self, rows: slice, load: Array, rate: Array) -> tuple[Array, Array]:
+        """Some rows of columns (N, r, k) and decay rates (N, r, 3) at loads and rates (N,)."""
+        place = np.clip(np.searchsorted(self.load, load) - 1, 0, self.load.size - 2)
+        low = self.load[place]
+        share = np.clip((load - low) / (self.load[place + 1] - low), 0.0, 1.0)[:, None, None]
+        columns, moving, decay = (
+            (1.0 - share) * item[place] + share * item[place + 1]
+            for item in (self.columns[:, rows], self.moving[:, rows], self.decay[:, rows])
+        )
+        return columns + rate[:, None, None] * moving, decay
+
+
+def scatter_columns(rig: Rig, contact: Array, course: Course) -> Array:
+    """Probe increments (4, N, k) that one spread of each roller's scatter gives along a run.
+
+    The rollers in contact are those of the simulated motion, which lags behind the load; what
+    scatter adds to it comes as late as the dampers let it.
+    """
+    low, high = float(course.load.min()), float(course.load.max())
     # Finer where contact begins.
     grid = low + (high - low) * np.linspace(0.0, 1.0, GRID) ** 1.5
-    motion = static_response(rig, contact, elevation, grid)
-    columns = np.array([_columns_at(rig, contact, q) for q in motion.T])
-    columns = np.nan_to_num(columns)
-    flat = columns.reshape(GRID, -1)
-    place = np.clip(np.searchsorted(grid, load) - 1, 0, GRID - 2)
-    share = ((load - grid[place]) / (grid[place + 1] - grid[place]))[:, None]
-    seen = (1.0 - share) * flat[place] + share * flat[place + 1]
-    q = seen.reshape(load.size, 3, -1)
+    motion = static_response(rig, contact, course.elevation, grid)
+    per_load = np.gradient(motion, grid, axis=1)
+    found = [
+        _columns_at(rig, contact, q, slope) for q, slope in zip(motion.T, per_load.T, strict=True)
+    ]
+    columns, moving, decay = (np.nan_to_num(np.array(item)) for item in zip(*found, strict=True))
+    table = _Table(grid, motion, columns, moving, decay)
+    radial, tilting = _equivalent_loads(rig, contact, course, table)
+    still = np.zeros(course.time.size)
+    rates = [
+        still if course.static else np.gradient(load, course.time) for load in (radial, tilting)
+    ]
+    first, first_decay = table.at(slice(0, 1), radial, rates[0])
+    others, other_decay = table.at(slice(1, 3), tilting, rates[1])
+    q = np.concatenate([first, others], axis=1)
+    if not course.static:
+        q = _late(course.time, q, np.concatenate([first_decay, other_decay], axis=1))
     height, half = rig.probes.radial_height, 0.5 * rig.probes.axial_span
-    radial = q[:, 0] + height * q[:, 2]
-    return np.stack([radial, q[:, 1] + half * q[:, 2], -radial, q[:, 1] - half * q[:, 2]])
+    x = q[:, 0] + height * q[:, 2]
+    return np.stack([x, q[:, 1] + half * q[:, 2], -x, q[:, 1] - half * q[:, 2]])
 
 
-def rig_columns(rig: Rig, contact: Array, elevation: float, load: Array) -> Array:
-    """Probe increments (4, N, 3) of one spread of both clearances and of the weight.
+def _equivalent_loads(
+    rig: Rig, contact: Array, course: Course, table: _Table
+) -> tuple[Array, Array]:
+    """Loads (N,) that would hold the ring at rest where it is: by delta_x, and by gamma."""
+    zero = static_response(rig, contact, course.elevation, np.array([course.zero_load]))[:, 0]
+    moved = probes_to_displacement(rig.probes, course.probes)
+    answers = []
+    for row, seen in ((0, moved.delta_x), (2, moved.gamma)):
+        known = np.maximum.accumulate(table.motion[row] - zero[row])
+        answers.append(np.interp(np.asarray(seen), known, table.load))
+    return answers[0], answers[1]
 
-    Without them a common gain of the load would be told from the stiffnesses by nothing but
-    clearances and a weight that no one knows so well.
+
+def _late(time: Array, q: Array, decay: Array) -> Array:
+    """Columns (N, 3, k) behind their equilibrium: dq/dt = decay (equilibrium - q)."""
+    late = q.copy()
+    step = np.diff(time)
+    unit = np.eye(3)
+    for index in range(1, time.size):
+        rate = 0.5 * step[index - 1] * decay[index]
+        behind = late[index - 1]
+        for goal in (0.5 * (q[index - 1] + q[index]), q[index]):
+            behind = np.linalg.solve(unit + rate, behind + rate @ goal)
+        late[index] = behind
+    return late
+
+
+def known_rigs(rig: Rig) -> list[tuple[Rig, Rig]]:
+    """The rig with each thing not known exactly one spread over and one spread under its value.
+
+    Without clearances and weight among them a common gain of the load would be told from the
+    stiffnesses by nothing but clearances and a weight that no one knows so well.
     """
     axial, middle, carriage = rig.axial_rows, rig.middle_row, rig.carriage
-    varied = [
-        replace(rig, axial_rows=replace(axial, clearance=axial.clearance + CLEARANCE_UNKNOWN)),
-        replace(rig, middle_row=replace(middle, clearance=middle.clearance + CLEARANCE_UNKNOWN)),
-        replace(rig, carriage=replace(carriage, weight=carriage.weight * (1.0 + WEIGHT_UNKNOWN))),
-    ]
-    grid = np.linspace(float(load.min()), float(load.max()), GRID)
-    usual = static_response(rig, contact, elevation, grid)
-    height, half = rig.probes.radial_height, 0.5 * rig.probes.axial_span
-    columns = []
-    for other in varied:
-        change = static_response(other, contact, elevation, grid) - usual
-        x, y, gamma = (np.interp(load, grid, np.nan_to_num(row)) for row in change)
-        radial = x + height * gamma
-        columns.append(np.stack([radial, y + half * gamma, -radial, y - half * gamma]))
-    return np.stack(columns, axis=-1)
+    pairs = []
+    for sign in (1.0, -1.0):
+        gap, weight = sign * CLEARANCE_UNKNOWN, 1.0 + sign * WEIGHT_UNKNOWN
+        pairs.append(
+            (
+                replace(rig, axial_rows=replace(axial, clearance=axial.clearance + gap)),
+                replace(rig, middle_row=replace(middle, clearance=middle.clearance + gap)),
+                replace(rig, carriage=replace(carriage, weight=carriage.weight * weight)),
+            )
+        )
+    return list(zip(*pairs, strict=True))
 
 
-def _columns_at(rig: Rig, contact: Array, q: Array) -> Array:
-    """Motion (3, k) for one spread of every gap, every stiffness, and of touching softly, at q."""
+def _columns_at(rig: Rig, contact: Array, q: Array, per_load: Array) -> tuple[Array, Array, Array]:
+    """Motion (3, k) for one spread of every gap, every stiffness, and of touching softly, at q.
+
+    Then what of it the dampers add per rate of the load, where q moves by `per_load` (3,) [1/N]:
+    a roller that touches early is damped early. And the rates (3, 3) [1/s] at which the dampers
+    let a displacement decay there.
+    """
     axial, middle = rig.axial_rows, rig.middle_row
     first = np.cos(2.0 * np.pi * np.arange(axial.rollers) / axial.rollers)
     second = np.cos(2.0 * np.pi * np.arange(middle.rollers) / middle.rollers)
@@ -111,7 +192,23 @@ def _columns_at(rig: Rig, contact: Array, q: Array) -> Array:
             ]
         ),
     )
-    return np.asarray(answer)
+    dampers = np.repeat([contact[2], contact[5]], counts)
+    touched = (spread > 0.0) @ _WEIGHTS
+    density = np.exp(-0.5 * (depth / GAP_SCATTER) ** 2) / (GAP_SCATTER * np.sqrt(2.0 * np.pi))
+    speed = per_load @ directions
+    moving = np.linalg.solve(
+        system,
+        np.hstack(
+            [
+                directions * (dampers * density * speed * GAP_SCATTER),
+                np.zeros_like(directions),
+                -(directions @ (dampers * speed * (touched - (depth > 0.0))))[:, None],
+            ]
+        ),
+    )
+    damping = (directions * (dampers * touched)) @ directions.T
+    damping += 1e-6 * np.trace(damping) * np.diag([1.0, 1.0, axial.pitch_radius**2])
+    return np.asarray(answer), np.asarray(moving), np.asarray(np.linalg.solve(damping, system))
 
 
 def compressed(columns: Array, most: int = COLUMNS) -> Array:

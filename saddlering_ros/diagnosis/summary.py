@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from saddlering_ros.diagnosis.diagnose import describe, Verdict
 from saddlering_ros.discrepancy import Cause
+from saddlering_ros.rig.units import as_read, stiffness_per_millimetre
 
 
 def verdict_text(verdict: Verdict) -> str:
@@ -31,12 +32,18 @@ def verdict_text(verdict: Verdict) -> str:
         sealed = ' (held out)' if figures.record.run.held_out else ''
         lines.append(f'  {figures.record.run.name}{sealed}: ' + ', '.join(parts))
     lines += ['', 'contact parameters (before -> after):']
-    for name, after in found.base_after.items():
-        before = found.base_before[name]
+    for name, last in found.base_after.items():
+        first = found.base_before[name]
         lines.append(
-            f'  {name}: {before.value:.4g} -> {after.value:.4g} '
-            f'+/- {after.std:.2g} {after.unit}'.rstrip()
+            f'  {name}: {first.value:.4g} -> {last.value:.4g} '
+            f'+/- {last.std:.2g} {last.unit.replace("1", "")}'.rstrip()
         )
+    stiffness = [
+        (stiffness_per_millimetre(item[f'K{row}'].value, item[f'n{row}'].value), row)
+        for row in (1, 2) for item in (found.base_before, found.base_after)
+    ]
+    for (before, row), (after, _) in zip(stiffness[::2], stiffness[1::2], strict=True):
+        lines.append(f'  K{row}: {before:.4g} -> {after:.4g} N/mm^n')
     if verdict.next_test:
         lines += ['', f'next test: {verdict.next_test}']
     lines += [f'note: {note}' for note in verdict.notes]
@@ -45,7 +52,7 @@ def verdict_text(verdict: Verdict) -> str:
 
 def _cause_lines(cause: Cause) -> list[str]:
     values = ', '.join(
-        f'{name} {item.value:.4g} +/- {item.std:.2g} {item.unit}'.rstrip()
+        f'{name} {as_read(item.value, item.unit, item.std)}'
         if item.std
         else f'{name} {item.value:g}'
         for name, item in cause.estimates.items()

@@ -6,6 +6,7 @@ explains it, what it cannot tell apart, and what is left that no known cause exp
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 import time as clock
@@ -21,10 +22,12 @@ from saddlering_ros.discrepancy.likelihood import (
     allowance_columns,
     build_likelihood,
     disturbance_columns,
+    instant_columns,
     Likelihood,
     offset_columns,
     view_ranges,
 )
+from saddlering_ros.discrepancy.lines import find_line, line_gain
 from saddlering_ros.discrepancy.next_test import choose_next, Proposal
 from saddlering_ros.discrepancy.refit import (
     Candidate,
@@ -40,11 +43,12 @@ from saddlering_ros.discrepancy.screen import (
     Detectability,
     detectability,
     measure_signatures,
+    PlainScale,
     rank,
     Score,
+    shapes_tried,
     Signature,
     testable,
-    visible_gain,
     visible_gains,
 )
 from saddlering_ros.discrepancy.system import (
@@ -55,6 +59,24 @@ from saddlering_ros.discrepancy.system import (
     Run,
     System,
 )
+
+LEAST_PAIRS = 12
+"""However short the stretches at rest, their many samples tell the level this well."""
+
+SCOUTING = 4
+"""Rounds of a refit from each of several starts, before the best goes on alone."""
+
+POLISHED = 2
+"""So many of the best refits of a step are carried on with every sensitivity taken afresh."""
+
+ALIKE = 1e-4
+"""Variants of one effect whose promises are this close are one in these data."""
+
+MOST_IN_ONE_VIEW = 2
+"""More effects than this in one view are a fit, not an explanation."""
+
+MOST_SILENT = 2
+"""Immaterial effects kept in the model at most while others are looked for."""
 
 Verdict = Literal['none', 'named', 'ambiguous', 'unknown']
 
@@ -69,7 +91,8 @@ class Settings:
 
     error_rate: chance of any false cause on clean data; materiality: share of a view's range under
     which a finding is listed only; most: causes at most; refits: candidates refitted at each step;
-    least_partial: share of the remaining misfit that a member of a model must explain;
+    least_partial: share of the remaining misfit that a member of a model must explain, in all or
+    in one view;
     least_total: share of the misfit that the whole model must explain to be named;
     rival_floor, rival_share: a rival stays in the group while its misfit is within this of the
     best; form_error: share of the misfit an effect explains by which its idealised form may
@@ -193,11 +216,15 @@ class _Session:
         progress('base', 0.05)
         rough = fit_base(self.likelihood, start, settings.seed, check)
         self.likelihood.relearn(rough.prediction)
-        self.pairs = max(12, min(item.pairs for item in self.likelihood.noise.values()))
+        # The level of slow noise is as sure as the run that saw most of it makes it.
+        known = [item.pairs for item in self.likelihood.noise.values()]
+        self.pairs = max(LEAST_PAIRS, min(known))
+        most_pairs = max(LEAST_PAIRS, max(known))
         extra = np.hstack(
             [
                 offset_columns(self.likelihood),
                 allowance_columns(self.likelihood, settings.allowance),
+                instant_columns(self.likelihood, settings.allowance, rough.prediction),
                 disturbance_columns(self.likelihood, rough.point.base),
             ]
         )
@@ -208,12 +235,14 @@ class _Session:
         self.base_tangent = tangent(self.likelihood, self.base)
         progress('screen', 0.25)
         check()
+        self.scale = PlainScale(self.likelihood, self.ranges, self.base_tangent.plain)
         self.signatures: list[Signature] = measure_signatures(
-            self.likelihood, self.base, self.base_tangent, self.ranges
+            self.likelihood, self.base, self.base_tangent, self.scale
         )
         self.usable = testable(self.signatures)
-        self.trials = max(1, len({item.key for item in self.signatures}))
-        self.battery = Battery(self.likelihood, self.ranges, self.pairs)
+        lines = sum(bool(effect.line) for effect in system.effects)
+        self.trials = max(1, shapes_tried(self.signatures) + lines)
+        self.battery = Battery(self.likelihood, self.ranges, most_pairs)
         self.cache: dict[tuple[tuple[str, int], ...], Fit] = {}
         self.evidence: list[Evidence] = []
         self.immaterial: list[Evidence] = []
@@ -240,8 +269,8 @@ class _Session:
             if key in self.cache:
                 answers[key] = self.cache[key]
                 continue
-            starts = [score.start]
-            if number < 2:
+            starts = [score.start, *score.others]
+            if number < 2 and not score.others:
                 second = score.start.copy()
                 second[0] = score.effect.size.to_unit(
                     0.4 * score.effect.size.from_unit(float(second[0]))
@@ -254,14 +283,42 @@ class _Session:
                         candidate,
                         np.concatenate([fit.place, place]),
                         self.tangent_of(fit).white[:, :count],
+                        rounds=SCOUTING,
                     )
                 )
                 keys.append(key)
+        fresh: dict[tuple[tuple[str, int], ...], Fit] = {}
         for key, found in zip(keys, run_refits(self.likelihood, wanted, self.check), strict=True):
-            if key not in answers or found.misfit < answers[key].misfit:
-                answers[key] = found
-        self.cache.update(answers)
+            if key not in fresh or found.misfit < fresh[key].misfit:
+                fresh[key] = found
+        fresh = dict(zip(fresh, self.carried_on([*fresh.values()]), strict=True))
+        answers.update(fresh)
+        self.cache.update(fresh)
         return sorted(answers.values(), key=self.penalised)
+
+    def carried_on(self, fits: Sequence[Fit]) -> list[Fit]:
+        """The same fits brought to their end, the best with every sensitivity taken afresh."""
+        count = len(self.system.base_parameters)
+        usual = run_refits(
+            self.likelihood,
+            [
+                refit(self.likelihood, fit.candidate, fit.place, fit.jacobian[:, :count])
+                for fit in fits
+            ],
+            self.check,
+        )
+        best = sorted(range(len(usual)), key=lambda item: self.penalised(usual[item]))[:POLISHED]
+        for number, fit in zip(best, self.polished([usual[item] for item in best]), strict=True):
+            usual[number] = fit
+        return usual
+
+    def polished(self, fits: Sequence[Fit]) -> list[Fit]:
+        """The same fits carried on with every sensitivity taken afresh."""
+        return run_refits(
+            self.likelihood,
+            [refit(self.likelihood, fit.candidate, fit.place, full=True) for fit in fits],
+            self.check,
+        )
 
     def penalised(self, fit: Fit) -> float:
         return fit.misfit + fit.place.size * self.log_size
@@ -305,7 +362,7 @@ class _Session:
         p_value = min(
             1.0, self.trials * float(fisher.sf(max(gain, 0.0) / extra, extra, self.pairs))
         )
-        visible = visible_gain(self.likelihood, less.prediction, fit.prediction, self.ranges)
+        visible = self.visible(fit, less)
         return Evidence(
             step,
             fit.candidate.ids,
@@ -325,6 +382,7 @@ class _Session:
             return []
         chosen: list[Score] = []
         per_effect: dict[str, int] = {}
+        promised: dict[str, float] = {}
         for score in scores:
             if score.gain < least or (
                 len(per_effect) >= count and score.effect.id not in per_effect
@@ -333,46 +391,90 @@ class _Session:
             used = per_effect.get(score.effect.id, 0)
             if used >= 2 or (used and score.gain < 0.6 * scores[0].gain):
                 continue
+            if used and score.gain > (1.0 - ALIKE) * promised[score.effect.id]:
+                continue
+            promised[score.effect.id] = score.gain
             per_effect[score.effect.id] = used + 1
             chosen.append(score)
         return chosen
 
     def forward(self) -> Fit:
-        """Effects one after another while the next is real, material, and something is left."""
+        """Effects one after another while the next is real, material, and something is left.
+
+        What is real but immaterial stays in the model while the search goes on, or a worse name
+        would be found for it, and is left out of the answer.
+        """
         current = self.base
-        for step in range(self.settings.most):
+        silent: list[str] = []
+        for step in range(self.settings.most + MOST_SILENT):
             self.check()
-            self.progress('name', 0.35 + 0.15 * step)
+            self.progress('name', 0.35 + 0.4 * step / (self.settings.most + MOST_SILENT))
             structure = self.battery.structure(current)
             shortlist = self.shortlist(self.scores(current), 4.0, self.settings.refits)
             fits = self.fit_with(current, shortlist)
             weighed = [(self.weigh(fit, current, step + 1), fit) for fit in fits]
             self.evidence += [evidence for evidence, _ in weighed]
             real = [pair for pair in weighed if pair[0].p_value < self.settings.error_rate]
-            material = [pair for pair in real if pair[0].visible >= self.settings.materiality]
-            if not material:
+            named = len(current.candidate.effects) - len(silent)
+            if named and not self.worth(structure):
+                beyond = [pair for pair in real if self.finishes(*pair, current)]
+            else:
+                beyond = [
+                    pair
+                    for pair in real
+                    if self.beyond_form(current, pair[1]) or self.finishes(*pair, current)
+                ]
+            if not beyond or named == self.settings.most:
                 self.immaterial += [evidence for evidence, _ in real[:3]]
                 break
-            material = [pair for pair in material if self.beyond_form(current, pair[1])]
-            if not material or (step and not self.worth(structure)):
-                self.immaterial += [evidence for evidence, _ in real[:3]]
-                break
-            current = material[0][1]
+            evidence, best = beyond[0]
+            if evidence.visible < self.settings.materiality:
+                self.immaterial.append(evidence)
+                if len(silent) == MOST_SILENT:
+                    break
+                silent.append(best.candidate.ids[-1])
+            current = best
+        for name in silent:
+            current = self.without(current, name)
         return current
+
+    def finishes(self, evidence: Evidence, fit: Fit, less: Fit) -> bool:
+        """Whether what `fit` adds is beyond doubt and explains all but all that was left.
+
+        What an inexact form leaves is no such thing: it takes more than one other effect.
+        """
+        gain = less.misfit - fit.misfit
+        left = max(self.battery.structure(fit).excess, 0.0)
+        sure = evidence.p_value < self.settings.error_rate**3
+        return sure and gain >= self.settings.least_total * (gain + left)
 
     def beyond_form(self, less: Fit, fit: Fit) -> bool:
         """Whether what `fit` adds is more than the inexact form of what `less` has could leave."""
         if not less.candidate.effects:
             return True
         share = float(np.sqrt(self.settings.form_error))
-        known = visible_gains(
-            self.likelihood, self.base.prediction, less.prediction, self.ranges
-        )
+        known = visible_gains(self.likelihood, self.base.prediction, less.prediction, self.ranges)
         new = visible_gains(self.likelihood, less.prediction, fit.prediction, self.ranges)
-        return any(
-            size >= max(self.settings.materiality, share * known[view])
-            for view, size in new.items()
-        )
+        return any(size > share * known[view] for view, size in new.items() if size > 0.0)
+
+    def material(self, fit: Fit, less: Fit) -> bool:
+        """Whether what `fit` adds to `less` changes a view enough to matter."""
+        return self.visible(fit, less) >= self.settings.materiality
+
+    def visible(self, fit: Fit, less: Fit) -> float:
+        """Largest rms of what `fit` adds to `less` and base parameters cannot imitate."""
+        return self.scale.beyond_base(fit.prediction - less.prediction)
+
+    def crowded(self, fit: Fit) -> bool:
+        """Whether one view took more effects than can be told from a cause no one thought of."""
+        crowd: Counter[str] = Counter()
+        for name in fit.candidate.ids:
+            less = self.without(fit, name)
+            gains = visible_gains(self.likelihood, less.prediction, fit.prediction, self.ranges)
+            crowd.update(
+                view for view, size in gains.items() if size >= self.settings.materiality
+            )
+        return max(crowd.values(), default=0) > MOST_IN_ONE_VIEW
 
     def worth(self, structure: Structure) -> bool:
         """Whether what is left is both real and material."""
@@ -382,20 +484,25 @@ class _Session:
         )
 
     def prune(self, fit: Fit) -> Fit:
-        """Drop members that explain too little of what is left without them."""
+        """Drop members that explain too little of what is left without them.
+
+        Judged in the view where a member explains most: what another's inexact form leaves in one
+        channel is no reason to doubt a cause that shows in another.
+        """
         while len(fit.candidate.effects) > 1:
-            left = max(self.battery.structure(fit).excess, 0.0)
+            left = self.battery.structure(fit)
             partial: list[tuple[float, str, Evidence]] = []
             for name in fit.candidate.ids:
                 less = self.without(fit, name)
                 evidence = self.weigh(fit, less, 0)
-                before = max(self.battery.structure(less).excess, 1e-9)
-                share = (before - left) / before
+                share = self.explained_share(self.battery.structure(less), left)
                 if evidence.p_value >= self.settings.error_rate:
                     share = 0.0
                 if evidence.visible < self.settings.materiality:
                     share = 0.0
-                if not self.beyond_form(less, fit):
+                elif self.finishes(evidence, fit, less):
+                    share = max(share, self.settings.least_partial)
+                elif not self.beyond_form(less, fit):
                     share = 0.0
                 partial.append((share, name, evidence))
             share, name, evidence = min(partial, key=lambda item: item[0])
@@ -405,6 +512,16 @@ class _Session:
                 self.immaterial.append(evidence)
             fit = self.without(fit, name)
         return fit
+
+    def explained_share(self, before: Structure, after: Structure) -> float:
+        """Share of the misfit `before` that is gone `after`: in all, or in one material view."""
+        shares = [1.0 - max(after.excess, 0.0) / max(before.excess, 1e-9)]
+        shares += [
+            1.0 - after.powers[view] / power
+            for view, power in before.powers.items()
+            if power >= self.settings.materiality**2
+        ]
+        return max(shares)
 
     def doubt(self, fit: Fit) -> tuple[Fit, dict[str, tuple[Fit, ...]]]:
         """Rivals of every member; a rival that fits better takes its place."""
@@ -422,7 +539,14 @@ class _Session:
                     for item in self.fit_with(less, shortlist)
                     if name not in item.candidate.ids
                 ]
+                fits = [
+                    item
+                    for item in fits
+                    if self.beyond_form(less, item)
+                    or self.finishes(self.weigh(item, less, 0), item, less)
+                ]
                 rivals[name] = tuple(item for item in fits if self.indistinct(item, fit, taken))
+                fits = [item for item in fits if self.material(item, less)]
                 if fits and self.penalised(fits[0]) < self.penalised(fit) - 1.0:
                     better = (
                         fits[0] if better is None else min(better, fits[0], key=self.penalised)
@@ -435,12 +559,14 @@ class _Session:
     def indistinct(self, rival: Fit, best: Fit, taken: float) -> bool:
         """Whether these data leave the rival open: misfit left over makes the judgement milder.
 
-        So does the misfit `taken`: no effect's form is exact.
+        So does the misfit `taken`, since no effect's form is exact; and a rival of fewer
+        parameters is given that much for each, for it cannot bend to a form as the best could.
         """
         excess = max(self.battery.structure(best).excess, 0.0)
         distance = rival.misfit - best.misfit
-        margin = self.settings.rival_floor + self.settings.rival_share * excess
-        return distance <= max(margin, self.settings.form_error * taken)
+        margin = self.settings.rival_floor + self.settings.rival_share * min(excess, taken)
+        stiffer = max(0, best.place.size - rival.place.size)
+        return distance <= max(margin, self.settings.form_error * (1 + stiffer) * taken)
 
     def parameters_alone(self, fits: Sequence[Fit]) -> list[Fit]:
         """The same models fitted with no other freedom than the runs' offsets.
@@ -515,6 +641,12 @@ def _conclude(
         verdict = 'ambiguous' if ambiguous else 'named'
         if left and explained < settings.least_total:
             verdict = 'unknown'
+        elif session.crowded(fit):
+            verdict = 'unknown'
+            notes.append(
+                f'{len(fit.candidate.effects)} effects were needed for one channel: so many bend '
+                'to anything, and none of them is sure'
+            )
         elif left:
             notes.append(
                 f'{100 * (1 - explained):.0f} % of the misfit is left after the extension, most '
@@ -538,16 +670,24 @@ def _conclude(
         pairs = [(fit, rival) for others in rivals.values() for rival in others]
         sentence = choose_next(likelihood, final, pairs, proposals)
     limits = detectability(session.signatures, settings.error_rate, settings.materiality)
+    line_causes, line_limits = _line_causes(session, runs)
+    limits += line_limits
+    if line_causes and verdict == 'none':
+        verdict = 'named'
     before_covariance = _covariance(
         session.base_tangent, 1.0 + max(structure_before.excess, 0.0) / structure_before.dimensions
     )
+    judged = base, fit
     base, fit, *others = session.parameters_alone([base, fit, *lesses.values()])
+    # What the small unknowns would have taken is part of what the published values are unsure of.
+    before_covariance = before_covariance + np.diag((base.place - judged[0].place) ** 2)
+    covariance = covariance + np.diag((fit.place - judged[1].place) ** 2)
     lesses = dict(zip(lesses, others, strict=True))
     causes = tuple(
         _cause(session, fit, lesses[name], weights[name], rivals.get(name, ()), covariance, runs)
         for name in lesses
     )
-    causes = tuple(sorted(causes, key=lambda cause: -cause.visible))
+    causes = tuple(sorted([*causes, *line_causes], key=lambda cause: -cause.visible))
     predicted = _predictions(session.system, runs, base, fit)
     return Diagnosis(
         verdict,
@@ -641,6 +781,77 @@ def _cause(
         evidence.visible,
         _gain(session, less, fit, runs),
     )
+
+
+def _line_causes(session: _Session, runs: list[Run]) -> tuple[list[Cause], list[Detectability]]:
+    """Steady lines at rest, for the effects that are lines; and what could have been seen."""
+    causes: list[Cause] = []
+    limits: list[Detectability] = []
+    settings = session.settings
+    rest = [segment for run in session.runs for segment in run.rest]
+    sealed = [segment for run in runs if run.held_out for segment in run.rest]
+    views = session.system.views
+    for effect in session.system.effects:
+        if not effect.line:
+            continue
+        search = find_line(rest, settings.error_rate / session.trials)
+        widest = max(
+            float(np.abs(weights).max()) / session.ranges[view] for view, weights in views.items()
+        )
+        material = settings.materiality * np.sqrt(2.0) / widest
+        seen = bool(np.isfinite(search.limit))
+        limits.append(
+            Detectability(effect.id, float(seen), search.limit, material, effect.size.unit, seen)
+        )
+        line = search.line
+        if line is None:
+            continue
+        hit = tuple(int(channel) for channel in np.flatnonzero(line.own))
+        variant = min(range(len(effect.line)), key=lambda item: len({*effect.line[item]} ^ {*hit}))
+        channels = np.zeros(line.amplitude.size)
+        channels[list(effect.line[variant])] = 1.0
+        visible = max(
+            float(np.abs(weights) @ (line.amplitude * line.own)) / session.ranges[view]
+            for view, weights in views.items()
+        ) / np.sqrt(2.0)
+        amplitude = float(channels @ line.amplitude / channels.sum())
+        deviation = float(np.sqrt(channels @ line.deviation**2) / channels.sum())
+        cosine, sine, frequency = effect.parameters
+        estimates = {
+            cosine.name: Estimate(amplitude, deviation, cosine.unit),
+            sine.name: Estimate(0.0, deviation, sine.unit),
+            frequency.name: Estimate(line.frequency, 0.0, frequency.unit),
+            **{
+                key: Estimate(float(value), 0.0, '')
+                for key, value in effect.variants[variant].items()
+            },
+        }
+        if visible < settings.materiality:
+            values = {effect.id: {name: item.value for name, item in estimates.items()}}
+            session.immaterial.append(
+                Evidence(
+                    0, (effect.id,), (variant,), 0.0, line.delta_bic, line.p_value, visible, values
+                )
+            )
+            continue
+        gain = Gain(
+            line_gain(rest, line.frequency, line.amplitude * line.own),
+            line_gain(sealed, line.frequency, line.amplitude * line.own) if sealed else None,
+            'at rest, its phase free',
+        )
+        causes.append(
+            Cause(
+                effect,
+                variant,
+                (effect.id,),
+                estimates,
+                line.p_value,
+                line.delta_bic,
+                float(visible),
+                gain,
+            )
+        )
+    return causes, limits
 
 
 def _gain(session: _Session, less: Fit, fit: Fit, runs: list[Run]) -> Gain:

@@ -8,6 +8,7 @@ swallowed by it.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -35,13 +36,17 @@ class ShapeTest:
 
 @dataclass(frozen=True)
 class Structure:
-    """All slow structure left: whitened excess over what noise alone would leave, and its size."""
+    """All slow structure left: whitened excess over what noise alone would leave, and its size.
+
+    `powers`: mean square by view beyond what noise gives, the worst run's, as shares of range.
+    """
 
     excess: float
     dimensions: int
     p_value: float
     visible: float
     where: str
+    powers: Mapping[str, float]
 
 
 class Battery:
@@ -69,6 +74,7 @@ class Battery:
         shape = self._structure @ (self._root @ inner)
         noise = self._structure @ self._root
         visible, where = 0.0, ''
+        powers: dict[str, float] = {}
         likelihood = self._likelihood
         for view in likelihood.system.views:
             seen = likelihood.view_residuals(shape, view)
@@ -76,9 +82,10 @@ class Battery:
             for run, part, variance in zip(likelihood.runs, seen, expected, strict=True):
                 power = float(np.average(part**2, weights=run.width)) - variance
                 size = float(np.sqrt(max(power, 0.0))) / self._ranges[view]
+                powers[view] = max(powers.get(view, 0.0), size**2)
                 if size > visible:
                     visible, where = size, f'{view} in {run.name}'
-        return Structure(statistic - free, free, p_value, visible, where)
+        return Structure(statistic - free, free, p_value, visible, where, powers)
 
     def shapes(self, fit: Fit, white_columns: Array) -> list[ShapeTest]:
         """Every family, most significant first; p-values carry the number of families."""

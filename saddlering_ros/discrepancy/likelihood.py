@@ -47,12 +47,14 @@ class Allowance:
     """How wrong the simulator may be, smoothly, without that being a finding; share of range.
 
     smooth: over the drive; loop: with its direction; rate: at the fastest change of the drive.
+    instants [s]: how well a channel's time is known beside the drive's, run by run.
     """
 
     smooth: float = 3e-4
     loop: float = 1e-4
     rate: float = 1.5e-3
     degree: int = 4
+    instants: float = 7e-4
 
 
 @dataclass
@@ -352,6 +354,18 @@ def allowance_columns(likelihood: Likelihood, allowance: Allowance) -> Array:
                     column[part] = scale * shape
                 columns.append(column)
     return np.column_stack(columns)
+
+
+def instant_columns(likelihood: Likelihood, allowance: Allowance, prediction: Array) -> Array:
+    """What a channel read a little late shows, in runs whose drive has a rate; columns (n, k)."""
+    columns = []
+    for index, _, part in likelihood.slices():
+        run = likelihood.runs[index]
+        if np.any(run.inputs.get('rate', 0.0)):
+            column = np.zeros(likelihood.size)
+            column[part] = allowance.instants * np.gradient(prediction[part], run.time)
+            columns.append(column)
+    return np.array(columns).reshape(-1, likelihood.size).T
 
 
 def disturbance_columns(likelihood: Likelihood, base: Array) -> Array:

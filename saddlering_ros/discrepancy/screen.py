@@ -6,7 +6,7 @@ can be detected; the share left after the base parameters took theirs says wheth
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,6 +20,11 @@ from saddlering_ros.discrepancy.system import Array, Effect, Point
 LEAST_SHARE = 0.02
 #: A change shorter than this, in standard deviations before the projection, does not show.
 LEAST_LENGTH = 1.0
+#: A start of another shape is tried too if it promises this share of the best one's gain.
+OTHER_SHARE = 0.3
+MOST_OTHERS = 2
+#: Shapes nearer than this, in shares of their range, are one.
+LEAST_APART = 0.05
 #: Normal quantile of 0.9: found nine times in ten.
 POWER_QUANTILE = 1.2816
 
@@ -44,12 +49,16 @@ class Signature:
 
 @dataclass(frozen=True)
 class Score:
-    """How much of the misfit one candidate would explain, to first order, and from where."""
+    """How much of the misfit one candidate would explain, to first order, and from where.
+
+    `others`: starts of another shape that promise more than OTHER_SHARE of it.
+    """
 
     effect: Effect
     variant: int
     gain: float
     start: Array
+    others: tuple[Array, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -98,13 +107,14 @@ def measure_signatures(
     likelihood: Likelihood,
     fit: Fit,
     base: Tangent,
-    ranges: dict[str, float],
+    scale: PlainScale,
 ) -> list[Signature]:
     """Signatures of every effect, variant and start at the base fit."""
     parameters = likelihood.system.base_parameters
     wanted: list[tuple[Effect, int, Array]] = [
         (effect, variant, start)
         for effect in likelihood.system.effects
+        if not effect.line
         for variant in range(len(effect.variants))
         for start in effect_starts(effect)
     ]
@@ -120,8 +130,6 @@ def measure_signatures(
         lengths = np.sqrt((likelihood.whiten_plain(part) ** 2).sum(axis=0))
         inner = orthogonal.T @ white
         left = white - orthogonal @ inner
-        moves = np.linalg.lstsq(base.white, white, rcond=1e-10)[0]
-        plain = part - base.plain @ moves
         for column, (effect, variant, start) in enumerate(wanted[begin : begin + 64]):
             length = float(np.linalg.norm(left[:, column]))
             found.append(
@@ -133,19 +141,10 @@ def measure_signatures(
                     left[:, column],
                     length / max(float(lengths[column]), 1e-300),
                     length,
-                    visible_share(likelihood, plain[:, column], ranges),
+                    scale.beyond_base(part[:, column]),
                 )
             )
     return found
-
-
-def visible_share(likelihood: Likelihood, change: Array, ranges: dict[str, float]) -> float:
-    """Largest rms of a stacked change over runs and views, as a share of the view's range."""
-    return max(
-        float(np.sqrt(np.average(seen**2, weights=run.width))) / ranges[view]
-        for view in likelihood.system.views
-        for run, seen in zip(likelihood.runs, likelihood.view_residuals(change, view), strict=True)
-    )
 
 
 def visible_gains(
@@ -176,11 +175,39 @@ def visible_gains(
     return falls
 
 
-def visible_gain(
-    likelihood: Likelihood, less: Array, more: Array, ranges: dict[str, float]
-) -> float:
-    """Largest of `visible_gains`."""
-    return max(visible_gains(likelihood, less, more, ranges).values())
+class PlainScale:
+    """How large a change is as a share of range, noise and nuisances apart.
+
+    What the base parameters, moved to the least rms over all runs and views, make of a change is
+    taken off first: it is no misfit.
+    """
+
+    def __init__(
+        self, likelihood: Likelihood, ranges: Mapping[str, float], base_plain: Array
+    ) -> None:
+        self._likelihood, self._ranges = likelihood, ranges
+        self._base = orthonormal(
+            np.column_stack([np.concatenate(self._seen(column)) for column in base_plain.T])
+        )
+
+    def beyond_base(self, change: Array) -> float:
+        """Largest rms over runs and views of a stacked change (n,), as a share of range."""
+        parts = self._seen(change)
+        joined = np.concatenate(parts)
+        left = joined - self._base @ (self._base.T @ joined)
+        edges = np.cumsum([part.size for part in parts])[:-1]
+        return max(float(np.linalg.norm(part)) for part in np.split(left, edges))
+
+    def _seen(self, change: Array) -> list[Array]:
+        """One part per view and run, its squares adding up to the mean square share of range."""
+        likelihood = self._likelihood
+        return [
+            seen * np.sqrt(run.width / run.width.sum()) / self._ranges[view]
+            for view in likelihood.system.views
+            for run, seen in zip(
+                likelihood.runs, likelihood.view_residuals(change, view), strict=True
+            )
+        ]
 
 
 def orthonormal(columns: Array) -> Array:
@@ -200,7 +227,7 @@ def rank(
 ) -> list[Score]:
     """Candidates by how much of the fit's misfit their signature takes, best start of each."""
     orthogonal = orthonormal(white_columns)
-    best: dict[tuple[str, int], Score] = {}
+    found: dict[tuple[str, int], list[tuple[float, Signature, Array]]] = {}
     usable = [item for item in signatures if item.effect.id not in skip and item.length > 1e-9]
     if not usable:
         return []
@@ -224,9 +251,25 @@ def rank(
         start[0] = np.clip(
             item.effect.size.to_unit(neutral + item.size * factor), 1e-3, 1.0 - 1e-3
         )
-        if item.key not in best or gain > best[item.key].gain:
-            best[item.key] = Score(item.effect, item.variant, gain, start)
-    return sorted(best.values(), key=lambda score: -score.gain)
+        found.setdefault(item.key, []).append((gain, item, start))
+    scores = []
+    for members in found.values():
+        gain, item, start = max(members, key=lambda member: member[0])
+        others = _other_shapes(members, start, OTHER_SHARE * gain)
+        scores.append(Score(item.effect, item.variant, gain, start, others))
+    return sorted(scores, key=lambda score: -score.gain)
+
+
+def _other_shapes(
+    members: Sequence[tuple[float, Signature, Array]], start: Array, least: float
+) -> tuple[Array, ...]:
+    """Starts that differ from `start` and each other in shape, most promising first."""
+    kept = [start]
+    for gain, _, other in sorted(members, key=lambda member: -member[0]):
+        apart = all(np.abs(other[1:] - item[1:]).max(initial=0.0) > LEAST_APART for item in kept)
+        if gain > least and apart and len(kept) <= MOST_OTHERS:
+            kept.append(other)
+    return tuple(kept[1:])
 
 
 def testable_share(members: Sequence[Signature]) -> float:
@@ -242,6 +285,11 @@ def testable_share(members: Sequence[Signature]) -> float:
         smallest = min(abs(item.size) for item in shown)
         best = max(best, *(item.share for item in shown if abs(item.size) <= smallest))
     return best
+
+
+def shapes_tried(signatures: Sequence[Signature]) -> int:
+    """How many signatures differ in more than size: what a name is drawn from."""
+    return len({(*item.key, *np.round(item.places[1:], 6)) for item in signatures})
 
 
 def testable(signatures: Sequence[Signature]) -> list[Signature]:
@@ -266,7 +314,7 @@ def detectability(
     effects: dict[str, list[Signature]] = {}
     for item in signatures:
         effects.setdefault(item.effect.id, []).append(item)
-    trials = len({item.key for item in signatures})
+    trials = shapes_tried(signatures)
     needed = float(np.sqrt(chi2.isf(error_rate / max(trials, 1), 1))) + POWER_QUANTILE
     answers = []
     for name, members in effects.items():

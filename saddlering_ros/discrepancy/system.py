@@ -68,6 +68,9 @@ class Effect:
     `variants` are discrete choices inside one cause, such as which of four sensors; each is a
     set of fixed values passed on with the fitted ones. `starts` are first guesses tried by the
     screening; left empty, three sizes between the bounds are tried.
+
+    `line`, the channels that each variant acts on, makes it a steady line looked for in stretches
+    at rest and not fitted; its parameters are then cosine, sine and frequency [Hz].
     """
 
     id: str
@@ -77,6 +80,7 @@ class Effect:
     title: str = ''
     settled_by: str = ''
     neutral: float = 0.0
+    line: tuple[tuple[int, ...], ...] = ()
 
     @property
     def size(self) -> Parameter:

@@ -85,6 +85,7 @@ class Effect(ABC):
     choices: ClassVar[tuple[Choice, ...]] = ()
     starts: ClassVar[tuple[Mapping[str, float], ...]] = ()
     dynamic_only: ClassVar[bool] = False
+    line: ClassVar[bool] = False              # a steady line, at rest too
 
     @abstractmethod
     def extend(self, extension: RingExtension, values: Mapping[str, float]) -> RingExtension:

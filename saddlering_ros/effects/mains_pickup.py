@@ -37,6 +37,7 @@ class MainsPickup(Effect):
     variants = (
         Variant('all probes', {'probe': 0.0}, ('delta_y', 'parity')), *probe_variants())
     choices = (ANY_PROBE,)
+    line = True
     starts = ({'frequency': 50.0}, {'frequency': 60.0})
 
     def extend(self, extension: RingExtension, values: Mapping[str, float]) -> RingExtension:

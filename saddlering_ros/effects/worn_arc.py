@@ -15,7 +15,12 @@ KIND = Choice('kind', (STIFFNESS, GAP), '0 softer rollers, 1 larger gap')
 FULL_GAP = 1e-4
 """Extra gap [m] at a wear of 1."""
 
-STARTS = ({'centre': 0.4}, {'centre': 1.6}, {'centre': 2.7})
+REAR_STARTS = (
+    {'centre': 0.15, 'half_width': 0.4}, {'centre': 0.8, 'half_width': 0.4},
+    {'centre': 0.4, 'half_width': 1.0})
+"""In the load zone at the rear; not at 0, where a mirror image hides what the centre does."""
+
+STARTS = (*REAR_STARTS, {'centre': 1.6}, {'centre': 2.7})
 """Both load zones of the axial rows and the place between."""
 
 

@@ -7,7 +7,13 @@ from dataclasses import replace
 
 from saddlering_ros.effects.base import Effect, Variant
 from saddlering_ros.effects.extension import RingExtension
-from saddlering_ros.effects.worn_arc import arc_parameters, KIND, KINDS, worn_arc
+from saddlering_ros.effects.worn_arc import (
+    arc_parameters,
+    KIND,
+    KINDS,
+    REAR_STARTS,
+    worn_arc,
+)
 
 
 class WornSectorRadial(Effect):
@@ -26,7 +32,7 @@ class WornSectorRadial(Effect):
     parameters = arc_parameters(centre=0.5)
     variants = tuple(Variant(label, {'kind': kind}) for kind, label in KINDS)
     choices = (KIND,)
-    starts = ({'centre': 0.0}, {'centre': 0.8})
+    starts = REAR_STARTS
 
     def extend(self, extension: RingExtension, values: Mapping[str, float]) -> RingExtension:
         """Wear the middle row."""

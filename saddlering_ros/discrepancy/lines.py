@@ -1,0 +1,163 @@
+"""Steady lines on stretches at rest, such as pickup of the mains: looked for at the raw rate.
+
+Block means average a line away, so it cannot be fitted with the other effects. The statistic at a
+frequency is the sum over stretches of windowed power over its own neighbourhood's level. Under
+noise of any smooth spectrum it is an F ratio; Bonferroni over frequencies and channels.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import median_filter
+from scipy.stats import f as fisher
+
+from saddlering_ros.discrepancy.system import Array, RestSegment
+
+LEAST_FREQUENCY = 8.0
+"""Slower swings [Hz] are left to the residual tests: they may be the machine's own."""
+LEAST_SAMPLES = 100
+"""Shorter stretches have no spectrum worth the name."""
+NEIGHBOURS = 15
+"""Independent frequencies to each side from which the level of the noise is taken."""
+POWER_QUANTILE = 1.2816
+"""Normal quantile of 0.9: found nine times in ten."""
+WINDOW_WIDTH = 2.0
+"""Independent frequencies that a Hann window makes one."""
+
+
+@dataclass(frozen=True)
+class Line:
+    """A steady line: frequency [Hz], amplitude (C,) in each channel, chance of it from noise.
+
+    `own` (C,) says in which channels it is real by itself; `deviation` (C,) of the amplitudes;
+    `delta_bic` what it is worth after its phases are paid for; `step` [s] of the record it was
+    seen in.
+    """
+
+    frequency: float
+    amplitude: Array
+    deviation: Array
+    own: NDArray[np.bool_]
+    p_value: float
+    delta_bic: float
+    step: float
+
+
+@dataclass(frozen=True)
+class LineSearch:
+    """What the stretches at rest show: a line or none, and the amplitude they would have shown."""
+
+    line: Line | None
+    limit: float
+
+
+def find_line(segments: Sequence[RestSegment], error_rate: float) -> LineSearch:
+    """The strongest line that is real at `error_rate`, looked for where sampling is fastest."""
+    usable = [item for item in segments if item.values.shape[1] >= LEAST_SAMPLES]
+    if not usable:
+        return LineSearch(None, np.inf)
+    fastest = min(item.step for item in usable)
+    usable = [item for item in usable if item.step < 1.05 * fastest]
+    step = float(np.median([item.step for item in usable]))
+    size = 2 * 2 ** int(np.ceil(np.log2(max(item.values.shape[1] for item in usable))))
+    frequency = np.fft.rfftfreq(size, step)
+    power, ratio, freedom = _ratios(usable, size)
+    edge = 4.0 / (step * min(item.values.shape[1] for item in usable))
+    inside = (frequency >= LEAST_FREQUENCY) & (frequency <= frequency[-1] - edge)
+    if not inside.any():
+        return LineSearch(None, np.inf)
+    trials = ratio.shape[0] * int(inside.sum())
+    count = len(usable)
+    limit = _limit(usable, float(fisher.isf(error_rate / trials, 2 * count, freedom)))
+    chance = fisher.sf(ratio, 2 * count, freedom) * trials
+    chance[:, ~inside] = np.inf
+    channel, place = np.unravel_index(int(np.argmin(chance)), chance.shape)
+    p_value = float(chance[channel, place])
+    if p_value >= error_rate:
+        return LineSearch(None, limit)
+    around = np.log(power[channel, place - 1 : place + 2])
+    bend = around[0] - 2.0 * around[1] + around[2]
+    shift = 0.5 * (around[0] - around[2]) / bend if bend < 0.0 else 0.0
+    found = float(frequency[place] + shift / (size * step))
+    amplitude, deviation, worth = _measured(usable, found)
+    own = chance[:, place - 1 : place + 2].min(axis=1) < error_rate
+    line = Line(found, amplitude, deviation, own, min(1.0, p_value), worth, step)
+    return LineSearch(line, limit)
+
+
+def _limit(segments: Sequence[RestSegment], threshold: float) -> float:
+    """Amplitude in the quietest channel that passes a threshold nine times in ten.
+
+    Under a Hann window a line of amplitude a over n samples of noise s has a^2 n / (6 s^2) times
+    the noise's power at its frequency.
+    """
+    unit = np.mean(
+        [item.values.shape[1] / (6.0 * _detrended(item.values).var(axis=1)) for item in segments],
+        axis=0,
+    ).max()
+    beyond = max(threshold - 1.0, 0.0)
+    beyond += POWER_QUANTILE * np.sqrt((1.0 + 2.0 * beyond) / len(segments))
+    return float(np.sqrt(beyond / unit))
+
+
+def _ratios(segments: Sequence[RestSegment], size: int) -> tuple[Array, Array, float]:
+    """Summed power (C, F), power over the local level (C, F), and the level's freedom."""
+    powers, relative = [], []
+    for item in segments:
+        count = item.values.shape[1]
+        power = np.abs(np.fft.rfft(_detrended(item.values) * np.hanning(count), size)) ** 2
+        width = 2 * int(np.ceil(NEIGHBOURS * WINDOW_WIDTH * size / count)) + 1
+        level = median_filter(power, (1, width), mode='mirror') / np.log(2.0)
+        powers.append(power / level.mean(axis=1, keepdims=True))
+        relative.append(power / level)
+    freedom = 2.0 * NEIGHBOURS * len(segments)
+    return np.sum(powers, axis=0), np.mean(relative, axis=0), freedom
+
+
+def _detrended(values: Array) -> Array:
+    """Values (C, n) less their straight line."""
+    place = np.linspace(-1.0, 1.0, values.shape[1])
+    level = values - values.mean(axis=1, keepdims=True)
+    return np.asarray(level - np.outer(level @ place / (place @ place), place))
+
+
+def _turns(item: RestSegment, frequency: float) -> Array:
+    """Cosine and sine (n, 2) at a frequency."""
+    phase = 2.0 * np.pi * frequency * item.step * np.arange(item.values.shape[1])
+    return np.column_stack([np.cos(phase), np.sin(phase)])
+
+
+def _measured(segments: Sequence[RestSegment], frequency: float) -> tuple[Array, Array, float]:
+    """Amplitudes (C,) less what noise gives them, their deviations (C,), and the delta BIC."""
+    channels = segments[0].values.shape[0]
+    total, noise, worth, weight = np.zeros(channels), np.zeros(channels), 0.0, 0
+    for item in segments:
+        count = item.values.shape[1]
+        values, turns = _detrended(item.values), _turns(item, frequency)
+        parts = np.linalg.lstsq(turns, values.T, rcond=None)[0]
+        left = ((values.T - turns @ parts) ** 2).mean(axis=0)
+        total += count * (parts**2).sum(axis=0) - 4.0 * left
+        noise += count * left
+        weight += count
+        gain = np.log((values**2).mean(axis=1) / np.maximum(left, 1e-300))
+        worth += float(count * gain.sum() - 2.0 * channels * np.log(count))
+    amplitude = np.sqrt(np.maximum(total / weight, 0.0))
+    return amplitude, np.sqrt(2.0 * noise) / weight, worth
+
+
+def line_gain(segments: Sequence[RestSegment], frequency: float, amplitude: Array) -> float:
+    """1 - rms without / rms with the line, its phase free, over the channels that have it."""
+    before = after = 0.0
+    having = amplitude > 0.0
+    for item in segments:
+        values, turns = _detrended(item.values[having]), _turns(item, frequency)
+        parts = np.linalg.lstsq(turns, values.T, rcond=None)[0]
+        size = np.maximum(np.hypot(*parts), 1e-300)
+        left = values.T - turns @ (parts * (amplitude[having] / size))
+        before += float((values**2).sum())
+        after += float((left**2).sum())
+    return max(0.0, 1.0 - float(np.sqrt(after / max(before, 1e-300))))

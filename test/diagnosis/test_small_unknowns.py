@@ -1,0 +1,67 @@
+"""Claims on what is allowed to be wrong with any sound rig: roller scatter, clearances, weight."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from saddlering_ros.bags import read_run
+from saddlering_ros.diagnosis import records
+from saddlering_ros.diagnosis.records import build_record
+from saddlering_ros.diagnosis.ring_system import CURVATURE, RingSystem
+from saddlering_ros.diagnosis.scatter import CLEARANCE_UNKNOWN, Course, scatter_columns
+from saddlering_ros.discrepancy import Point, Run
+from saddlering_ros.rig import default_rig, TRUE_TO_SCALE
+
+BASE = TRUE_TO_SCALE.to_array()
+KNOWN = 6
+"""Columns of clearances and weight, and of their squares, after those of scatter."""
+
+
+@pytest.fixture(scope='module')
+def fast(campaign) -> Run:
+    rig = default_rig()
+    bag = next(bag for bag in campaign() if bag.name == 'dynamic_50_fast')
+    return build_record(rig, read_run(bag), held_out=False).run
+
+
+def centred(columns: np.ndarray) -> np.ndarray:
+    return columns - columns.mean(axis=1, keepdims=True)
+
+
+def test_the_clearance_column_is_what_the_simulator_makes_of_a_clearance(fast):
+    system = RingSystem(default_rig())
+    columns = system.disturbances([fast], BASE)[0]
+    column = columns[:, :, -KNOWN] + columns[:, :, -KNOWN // 2] / CURVATURE
+    change = {'axial_clearance': {'change': CLEARANCE_UNKNOWN}}
+    more, usual = system.predict_many(fast, [Point(BASE, change), Point(BASE)])
+    effect = centred(more - usual)
+    assert np.abs(centred(column) - effect).max() < 0.01 * np.abs(effect).max()
+
+
+def test_what_scatter_adds_comes_as_late_as_the_dampers_let_it(fast):
+    rig = default_rig()
+    usual = RingSystem(rig).predict_many(fast, [Point(BASE)])[0]
+    course = Course(fast.payload.elevation, fast.payload.zero_load, fast.inputs['load'],
+                    fast.time, usual, static=False)
+    late = scatter_columns(rig, BASE, course)
+    at_once = scatter_columns(rig, BASE, replace(course, static=True))
+    rising = (fast.inputs['rate'] > 0.5 * fast.inputs['rate'].max())
+    gap = rig.axial_rows.rollers  # the rearmost roller of the lower row, in the load zone
+    before = np.abs(at_once[3, rising, gap] - at_once[3, 0, gap])
+    after = np.abs(late[3, rising, gap] - late[3, 0, gap])
+    assert after.mean() < before.mean()
+
+
+def test_holds_in_the_play_of_the_ring_are_left_out(campaign, monkeypatch):
+    """Delta_x has no equilibrium there."""
+    rig = default_rig()
+    run = read_run(next(bag for bag in campaign() if bag.name == 'static_50'))
+    usual = build_record(rig, run, held_out=False).run
+    monkeypatch.setattr(records, 'LEAST_LOAD', 0.3)
+    fewer = build_record(rig, run, held_out=False).run
+    kept = usual.inputs['load'] > 0.3 * rig.full_scale_load
+    assert 0 < kept.sum() < kept.size
+    assert np.array_equal(fewer.channels, usual.channels[:, kept])

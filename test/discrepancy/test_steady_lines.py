@@ -1,0 +1,77 @@
+"""Claims on steady lines in stretches at rest."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+from saddlering_ros.discrepancy import RestSegment
+from saddlering_ros.discrepancy.lines import find_line, line_gain
+
+STEP = 1e-3
+
+
+def stretches(
+    seed: int, frequency: float = 0.0, amplitude: float = 0.0, channel: int = 1
+) -> list[RestSegment]:
+    """Four stretches of about a second, two channels of white and slow noise, rms near 1."""
+    random = np.random.default_rng(seed)
+    found = []
+    for _ in range(4):
+        count = int(random.integers(800, 1500))
+        slow = lfilter([1.0], [1.0, -0.99], 0.05 * random.normal(size=(2, count)))
+        values = random.normal(size=(2, count)) + slow
+        phase = 2.0 * np.pi * (frequency * STEP * np.arange(count) + random.random())
+        values[channel] += amplitude * np.sin(phase)
+        found.append(RestSegment(values, STEP))
+    return found
+
+
+def test_noise_of_any_smooth_spectrum_shows_no_line() -> None:
+    assert all(find_line(stretches(seed), 1e-3).line is None for seed in range(20))
+
+
+@pytest.mark.parametrize('frequency', [16.7, 50.0, 60.3, 180.0])
+def test_a_line_is_found_and_measured_where_it_is(frequency: float) -> None:
+    line = find_line(stretches(3, frequency, 0.5), 1e-3).line
+    assert line is not None
+    assert line.frequency == pytest.approx(frequency, abs=0.1)
+    assert line.amplitude[1] == pytest.approx(0.5, abs=4.0 * line.deviation[1])
+    assert list(line.own) == [False, True]
+
+
+def test_a_line_of_twice_the_limit_is_always_found() -> None:
+    limit = find_line(stretches(0), 1e-3).limit
+    assert all(
+        find_line(stretches(seed, 50.0, 2.0 * limit), 1e-3).line is not None for seed in range(10)
+    )
+
+
+def test_a_line_of_half_the_limit_is_seldom_found() -> None:
+    limit = find_line(stretches(0), 1e-3).limit
+    found = [
+        find_line(stretches(seed, 50.0, 0.5 * limit), 1e-3).line is not None for seed in range(10)
+    ]
+    assert sum(found) <= 5
+
+
+def test_a_slow_swing_is_left_to_others() -> None:
+    assert find_line(stretches(4, 3.0, 2.0), 1e-3).line is None
+
+
+def test_stretches_too_short_for_a_spectrum_show_nothing() -> None:
+    short = [RestSegment(item.values[:, :50], STEP) for item in stretches(5, 50.0, 5.0)]
+    search = find_line(short, 1e-3)
+    assert search.line is None
+    assert search.limit == np.inf
+
+
+def test_the_gain_is_what_the_line_leaves_less_whatever_its_phase() -> None:
+    kept, other = stretches(6, 50.0, 1.0), stretches(7, 50.0, 1.0)
+    line = find_line(kept, 1e-3).line
+    assert line is not None
+    expected = 1.0 - np.sqrt(1.13 / (1.13 + 0.5))
+    assert line_gain(other, line.frequency, line.amplitude * line.own) == pytest.approx(
+        expected, abs=0.05
+    )
