@@ -3,10 +3,13 @@
     python examples/residual_listener.py
 """
 
+import signal
+import threading
+
 import rclpy
-from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
+from rclpy.signals import SignalHandlerOptions
 
 from saddlering_interfaces.msg import RingDisplacement
 
@@ -34,8 +37,12 @@ class ResidualListener(Node):
         self.count = 0
 
 
-rclpy.init()
-try:
-    rclpy.spin(ResidualListener())
-except (KeyboardInterrupt, ExternalShutdownException):
-    rclpy.try_shutdown()
+# On Ctrl-C the message in hand is finished first; rclpy's own handler would break into it.
+rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+told_to_stop = threading.Event()
+signal.signal(signal.SIGINT, lambda *_: told_to_stop.set())
+listener = ResidualListener()
+while not told_to_stop.is_set():
+    rclpy.spin_once(listener, timeout_sec=0.1)
+listener.destroy_node()
+rclpy.shutdown()

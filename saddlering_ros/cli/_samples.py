@@ -12,7 +12,8 @@ if TYPE_CHECKING:
     from saddlering_ros.rig import ZeroReading
 
 PER_MILLION = 1e6
-UNITS = {'delta_x': 'um', 'delta_y': 'um', 'gamma': 'urad', 'parity': 'um'}
+UNITS = {'delta_x': 'um (1e-6 m)', 'delta_y': 'um (1e-6 m)', 'gamma': 'urad (1e-6 rad)',
+         'parity': 'um (1e-6 m)'}
 
 
 def add_bag_options(parser: argparse.ArgumentParser) -> None:
@@ -64,17 +65,22 @@ def deliver(
     import sys
 
     from saddlering_ros.bags.samples import csv_lines, write_samples
+    from saddlering_ros.provenance import files, Provenance
     from saddlering_ros.rig import write_text_atomically
 
-    document = json.dumps(_summary(run, samples, zero, notes), indent=2)
+    made = Provenance((run.origin,), files(args.rig, getattr(args, 'params', None)))
+    summary = {**_summary(run, samples, zero, notes), 'provenance': made.as_dict()}
+    document = json.dumps(summary, indent=2)
     if args.out is not None and args.out != '-':
-        write_samples(Path(args.out), samples)
+        write_samples(Path(args.out), samples, made)
     if args.json is not None and args.json != '-':
         write_text_atomically(Path(args.json), document + '\n')
     if args.json == '-':
         print(document)
     elif args.out == '-':
         sys.stdout.writelines(csv_lines(samples))
+        for note in notes:
+            print(f'saddlering {args.command}: note: {note}', file=sys.stderr)
     else:
         _print_summary(args, run, samples, zero, what, notes)
 
@@ -113,7 +119,7 @@ def _print_summary(
     console.print(
         f'{run.name}: {run.test} test at {math.degrees(run.elevation):g} deg, {what} at '
         f'{len(samples)} of {len(run.stamps)} load stamps over {run.time[-1]:.3f} s')
-    console.print(f'zero at {zero.load / TONNE:.3f} t'
+    console.print(f'zero at {zero.load / TONNE:.3f} t ({zero.load / 1e3:.2f} kN)'
                   f'{"" if zero.near_preload else " (not near the preload)"}')
     table = Table(box=box.SIMPLE_HEAD)
     table.add_column('channel')

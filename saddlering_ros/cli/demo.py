@@ -18,28 +18,42 @@ def add_parser(subparsers: Any) -> None:
                         help='folder for report, pictures, numbers, parameters (default: out)')
     parser.add_argument('--bags', type=Path, metavar='DIR',
                         help='folder of bags at two elevations (default: the shipped ones)')
+    parser.add_argument('--json', metavar='FILE',
+                        help='write all numbers as JSON; - for stdout (the steps then go to '
+                             'stderr)')
 
 
 def run(args: argparse.Namespace) -> int:
     """Run the demo, write its folder, print a summary."""
+    import contextlib
+    import json
     import os
+    import sys
 
     # Many small products: threads of BLAS only get in the nodes' way.
     for name in ('OPENBLAS_NUM_THREADS', 'OMP_NUM_THREADS', 'MKL_NUM_THREADS'):
         os.environ.setdefault(name, '1')
     from saddlering_ros.demo.console import Console
-    from saddlering_ros.demo.output import check_folder, write_all
+    from saddlering_ros.demo.output import check_folder, numbers_of, write_all
     from saddlering_ros.demo.plan import plan
     from saddlering_ros.demo.story import STEPS, tell
     from saddlering_ros.paths import share_directory
+    from saddlering_ros.rig import write_text_atomically
 
     check_folder(args.out)
     chosen = plan(args.bags or share_directory() / 'bags')
-    with Console(STEPS) as console:
+    told = contextlib.redirect_stdout(sys.stderr if args.json == '-' else sys.stdout)
+    with told, Console(STEPS) as console:
         outcome = tell(chosen, console)
         console.step(f'writing {args.out}/')
-        files = write_all(outcome, args.out)
+        files = write_all(outcome, args.out, args.command_line)
         seconds = console.seconds
+    document = json.dumps(numbers_of(outcome), indent=2)
+    if args.json == '-':
+        print(document)
+        return 0
+    if args.json is not None:
+        write_text_atomically(Path(args.json), document + '\n')
     print(summary(outcome))
     print(f'\n{seconds:.0f} s. Open {args.out / "report.html"} '
           f'({len(files)} files in {args.out}/)')

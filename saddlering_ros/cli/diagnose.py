@@ -35,8 +35,10 @@ def run(args: argparse.Namespace) -> int:
         os.environ.setdefault(name, '1')
     import json
 
+    from saddlering_ros.cli._progress import Bar
     from saddlering_ros.diagnosis import diagnose_bags
     from saddlering_ros.diagnosis.summary import verdict_text
+    from saddlering_ros.provenance import name_files
     from saddlering_ros.rig import (
         load_rig,
         read_parameters,
@@ -46,17 +48,18 @@ def run(args: argparse.Namespace) -> int:
 
     rig = load_rig(args.rig)
     parameters = None if args.params is None else read_parameters(args.params)
-    with _Bar() as bar:
+    with Bar() as bar:
         verdict = diagnose_bags(
-            args.bags, args.hold_out, rig, parameters, on_progress=bar.show, seed=args.seed
+            args.bags, args.hold_out, rig, parameters, seed=args.seed,
+            on_progress=lambda stage, share: bar.show('diagnose', share, stage),
         )
     if args.out is not None:
         write_parameters(args.out, verdict.extended_parameters())
     if args.report is not None:
         from saddlering_ros.report import write_diagnosis_report
 
-        write_diagnosis_report(verdict, args.report)
-    document = json.dumps(verdict.to_json(), indent=2)
+        write_diagnosis_report(verdict, args.report, args.command_line)
+    document = json.dumps(name_files(verdict.to_json(), args.rig, args.params), indent=2)
     if args.json == '-':
         print(document)
         return 0
@@ -67,29 +70,3 @@ def run(args: argparse.Namespace) -> int:
         if path is not None:
             print(f'written: {path}')
     return 0
-
-
-class _Bar:
-    """A progress bar on stderr, if that is a terminal; otherwise nothing at all."""
-
-    def __enter__(self) -> _Bar:
-        import sys
-
-        self._progress: Any = None
-        if sys.stderr.isatty():
-            from rich.console import Console
-            from rich.progress import Progress
-
-            self._progress = Progress(console=Console(stderr=True), transient=True)
-            self._progress.start()
-            self._task = self._progress.add_task('diagnose', total=1.0)
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        if self._progress is not None:
-            self._progress.stop()
-
-    def show(self, stage: str, share: float) -> None:
-        """Show how far the diagnosis is."""
-        if self._progress is not None:
-            self._progress.update(self._task, completed=share, description=stage)

@@ -25,7 +25,7 @@ def run(args: argparse.Namespace) -> int:
 
     check_outputs(args)
     rig = load_rig(args.rig)
-    test_run = read_run(args.bag, test=args.test, elevation=radians(args.elevation))
+    test_run = read_run(args.bag, test=args.test, elevation=radians(args.elevation), rig=rig)
     measured = displacement_of_run(rig, test_run)
     notes = list(test_run.notes)
     if not measured.zero.near_preload:

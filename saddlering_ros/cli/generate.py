@@ -19,10 +19,11 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument('out', metavar='OUT', type=Path, nargs='?', help='bag to write')
     parser.add_argument('--test', choices=('static', 'dynamic'), help='kind of test')
     parser.add_argument('--elevation', type=float, metavar='DEG', help='elevation of the barrel')
-    parser.add_argument(
+    effect = parser.add_argument(
         '--effect', action='append', default=[], metavar='NAME[.PARAM]=VALUE',
         help='an effect to be hidden in the bag (SI units; may be repeated); NAME alone takes a '
              'typical size; see --list-effects')
+    setattr(effect, 'completer', _effects)  # noqa: B010  # what argcomplete asks
     parser.add_argument('--form', action='append', default=[], metavar='NAME=FORM',
                         help='physical form of an effect, where it has several')
     parser.add_argument('--list-effects', action='store_true',
@@ -61,10 +62,22 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument('--cycles', type=int, default=1, help='how often up and down (default 1)')
     parser.add_argument('--run-name', default='', help='free text for the bag')
     parser.add_argument('--overwrite', action='store_true', help='replace an existing bag')
+    parser.add_argument('--json', metavar='FILE',
+                        help='write what was generated as JSON; - for stdout')
+
+
+def _effects(**_: object) -> list[str]:
+    """What the shell may complete after --effect."""
+    from saddlering_ros.virtual_rig import EFFECTS
+
+    return [f'{name}=' for name in sorted(EFFECTS)]
 
 
 def run(args: argparse.Namespace) -> int:
     """Generate one bag and say what is in it."""
+    import json
+
+    from saddlering_ros.rig import write_text_atomically
     from saddlering_ros.virtual_rig import record_test, VirtualRigError, write_record
 
     if args.list_effects:
@@ -78,6 +91,15 @@ def run(args: argparse.Namespace) -> int:
         raise VirtualRigError(f'{args.out}: exists already: give --overwrite, or another name')
     record = record_test(plan)
     write_record(args.out, record, plan.physical.rig, overwrite=args.overwrite)
+    told = {'bag': str(args.out), 'test': args.test, 'elevation_deg': args.elevation,
+            'duration': float(plan.schedule.duration), 'load_samples': len(record.load),
+            'effects': args.effect, 'seed': args.seed, 'rig_seed': args.rig_seed}
+    document = json.dumps(told, indent=2)
+    if args.json == '-':
+        print(document)
+        return 0
+    if args.json is not None:
+        write_text_atomically(Path(args.json), document + '\n')
     print(f'{args.out}: {args.test}, {args.elevation:g} deg, {plan.schedule.duration:.1f} s, '
           f'{len(record.load)} load samples')
     return 0

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any, TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from saddlering_ros.identification import IdentificationSettings, Progress
+    from saddlering_ros.identification import IdentificationSettings
 
 
 def add_parser(subparsers: Any) -> None:
@@ -21,6 +21,7 @@ def add_parser(subparsers: Any) -> None:
                         help="'paper': two swarm steps as published; 'default': joint fit of all")
     parser.add_argument('--out', type=Path, help='write the parameter file here')
     parser.add_argument('--json', metavar='FILE', help='write all figures as JSON; - for stdout')
+    parser.add_argument('--report', type=Path, metavar='FILE.html', help='write a report')
     parser.add_argument('--seed', type=int, default=0, help='seed of the swarm (default 0)')
     parser.add_argument('--bounds', nargs='+', default=[], metavar='NAME=LOW:HIGH',
                         help='bounds of a parameter in SI units, e.g. K1=2e7:1e9')
@@ -39,29 +40,40 @@ def run(args: argparse.Namespace) -> int:
     import json
 
     from saddlering_ros.bags import read_run
+    from saddlering_ros.cli._progress import Bar
     from saddlering_ros.cli._samples import radians
     from saddlering_ros.identification import identify
     from saddlering_ros.identification.summary import identification_text
+    from saddlering_ros.provenance import name_files
     from saddlering_ros.rig import load_rig, write_parameters, write_text_atomically
 
     settings = _settings(args)
     rig = load_rig(args.rig)
     settings.bounds_for(rig)
     elevation = radians(args.elevation)
-    runs = [read_run(bag, test=args.test, elevation=elevation) for bag in args.bags]
-    with _Bar() as bar:
-        found = identify(runs, rig, settings, on_progress=bar.show, profiles=args.profiles)
+    runs = [read_run(bag, test=args.test, elevation=elevation, rig=rig) for bag in args.bags]
+    with Bar() as bar:
+        found = identify(runs, rig, settings, on_progress=lambda step: bar.show(
+            step.stage, step.iteration / max(step.iterations, 1),
+            f'best {step.best_objective:.4g}'), profiles=args.profiles)
     if args.out is not None:
         write_parameters(args.out, found.parameters)
-    document = json.dumps(found.to_json(), indent=2)
+    if args.report is not None:
+        from saddlering_ros.identification import validate
+        from saddlering_ros.report import write_validation_report
+
+        write_validation_report(args.report, validate(runs, rig, found.parameters), runs, rig,
+                                found.to_json(), args.command_line)
+    document = json.dumps(name_files(found.to_json(), args.rig), indent=2)
     if args.json == '-':
         print(document)
         return 0
     if args.json is not None:
         write_text_atomically(Path(args.json), document + '\n')
     print(identification_text(found))
-    if args.out is not None:
-        print(f'written: {args.out}')
+    for path in (args.out, args.report):
+        if path is not None:
+            print(f'written: {path}')
     return 0
 
 
@@ -93,37 +105,3 @@ def parse_bounds(texts: list[str]) -> dict[str, tuple[float, float]]:
                 f'--bounds {text!r} cannot be read: write NAME=LOW:HIGH, e.g. K1=2e7:1e9'
             ) from problem
     return bounds
-
-
-class _Bar:
-    """A progress bar on stderr, if that is a terminal; otherwise nothing at all."""
-
-    def __enter__(self) -> _Bar:
-        import sys
-
-        self._progress: Any = None
-        self._tasks: dict[str, Any] = {}
-        if sys.stderr.isatty():
-            from rich.console import Console
-            from rich.progress import Progress as RichProgress
-
-            self._progress = RichProgress(console=Console(stderr=True), transient=True)
-            self._progress.start()
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        if self._progress is not None:
-            self._progress.stop()
-
-    def show(self, progress: Progress) -> None:
-        """Show one step of the identification."""
-        if self._progress is None:
-            return
-        if progress.stage not in self._tasks:
-            self._tasks[progress.stage] = self._progress.add_task(
-                progress.stage, total=progress.iterations
-            )
-        self._progress.update(
-            self._tasks[progress.stage], completed=progress.iteration,
-            description=f'{progress.stage}  best {progress.best_objective:.4g}',
-        )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from pathlib import Path
 from typing import Any, TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -16,24 +17,25 @@ def add_parser(subparsers: Any) -> None:
     parser = subparsers.add_parser('info', help='what is in a bag, and what is wrong with it')
     parser.add_argument('bags', nargs='+', metavar='BAG', help='rosbag2 directory or .mcap file')
     add_fact_options(parser)
+    parser.add_argument('--rig', type=Path, help='rig file (default: the shipped rig)')
     parser.add_argument('--json', metavar='FILE', help='write all of it as JSON; - for stdout')
 
 
 def run(args: argparse.Namespace) -> int:
     """Show every bag; status 2 if one of them cannot be used."""
     import json
-    from pathlib import Path
     import sys
 
     from saddlering_ros.bags import bag_info, BagError
     from saddlering_ros.cli._samples import radians
-    from saddlering_ros.rig import write_text_atomically
+    from saddlering_ros.rig import load_rig, write_text_atomically
 
+    rig = load_rig(args.rig)
     problems = []
     documents = []
     for bag in args.bags:
         try:
-            info = bag_info(bag, test=args.test, elevation=radians(args.elevation))
+            info = bag_info(bag, test=args.test, elevation=radians(args.elevation), rig=rig)
         except BagError as problem:
             problems.append(str(problem))
             documents.append({'path': bag, 'usable': False, 'problems': [str(problem)]})
@@ -101,7 +103,8 @@ def _facts(info: BagInfo) -> list[tuple[str, str]]:
     if not math.isnan(info.duration):
         rows.append(('duration', f'{info.duration:.3f} s'))
     if not math.isnan(high):
-        rows.append(('load', f'{low / TONNE:.3f} to {high / TONNE:.3f} t'))
+        rows.append(('load', f'{low / TONNE:.3f} to {high / TONNE:.3f} t '
+                             f'({low / 1e3:.2f} to {high / 1e3:.2f} kN)'))
     if info.plateaus is not None:
         rows.append(('plateaus', str(info.plateaus)))
     return rows
@@ -114,7 +117,7 @@ def _topic_row(topic: TopicInfo) -> tuple[str, ...]:
         return (topic.topic, topic.type, str(topic.count), *[''] * 6)
     gaps = f'{topic.gaps} (<= {topic.longest_gap:.3f} s)' if topic.gaps else '0'
     if topic.type.startswith('geometry_msgs'):
-        values = [f'{value:.0f} N' for value in (topic.lowest, topic.highest)]
+        values = [f'{value / 1e3:.3f} kN' for value in (topic.lowest, topic.highest)]
     else:
         values = [f'{value * 1e6:.2f} um' for value in (topic.lowest, topic.highest)]
     return (topic.topic, topic.type, str(topic.count), f'{topic.rate:.1f} Hz',

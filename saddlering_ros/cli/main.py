@@ -10,17 +10,19 @@ import errno
 import importlib
 import os
 import pkgutil
+import shlex
 import signal
 import sys
 from types import ModuleType
 from typing import NoReturn
 
 from saddlering_ros import __version__, cli
+from saddlering_ros.cli._parser import examples_text, OneLineParser, UNUSABLE
 from saddlering_ros.errors import SaddleringError
+from saddlering_ros.provenance import code_hash
 
 DONE = 0
 OUR_FAILURE = 1
-UNUSABLE = 2
 INTERRUPTED = 128 + signal.SIGINT
 READER_GONE = 128 + signal.SIGPIPE
 
@@ -31,14 +33,6 @@ UNUSABLE_FILE = frozenset({
     errno.EROFS, errno.ENAMETOOLONG, errno.ELOOP,
 })
 """Operating system errors that mean the user named a file that cannot be used."""
-
-
-class OneLineParser(argparse.ArgumentParser):
-    """An argument parser whose complaint is one line."""
-
-    def error(self, message: str) -> NoReturn:
-        """Print what is wrong and how to get help; leave with status 2."""
-        self.exit(UNUSABLE, f'{self.prog}: {_one_line(message)}; see {self.prog} --help\n')
 
 
 def subcommand_modules() -> list[ModuleType]:
@@ -57,8 +51,10 @@ def build_parser() -> tuple[argparse.ArgumentParser, dict[str, Run]]:
     parser = OneLineParser(
         prog='saddlering',
         description='Test rig, simulator and diagnosis of a saddle bearing.',
+        epilog=examples_text('saddlering'),
     )
-    parser.add_argument('--version', action='version', version=f'saddlering {__version__}')
+    parser.add_argument('--version', action='version',
+                        version=f'saddlering {__version__} (code {code_hash()})')
     _add_traceback(parser, default=False)
     subparsers = parser.add_subparsers(dest='command', metavar='COMMAND', required=True)
     runs: dict[str, Run] = {}
@@ -67,6 +63,7 @@ def build_parser() -> tuple[argparse.ArgumentParser, dict[str, Run]]:
         module.add_parser(subparsers)
         for name in set(subparsers.choices) - known:
             runs[name] = module.run
+            subparsers.choices[name].epilog = examples_text(name)
             _add_traceback(subparsers.choices[name], default=argparse.SUPPRESS)
     return parser, runs
 
@@ -103,7 +100,13 @@ def main(argv: Sequence[str] | None = None) -> int:
         signal.signal(getattr(signal, name), _leave)
     try:
         parser, runs = build_parser()
+        if '_ARGCOMPLETE' in os.environ:
+            import argcomplete
+
+            argcomplete.autocomplete(parser)
         args = parser.parse_args(argv)
+        words = sys.argv[1:] if argv is None else argv
+        args.command_line = shlex.join(['saddlering', *map(str, words)])
         return run_reporting(runs[args.command], args)
     except KeyboardInterrupt:
         return INTERRUPTED

@@ -29,17 +29,18 @@ def run(args: argparse.Namespace) -> int:
     check_outputs(args)
     rig = load_rig(args.rig)
     parameters = read_parameters(args.params)
-    test_run = read_run(args.bag, test=args.test, elevation=radians(args.elevation))
+    test_run = read_run(args.bag, test=args.test, elevation=radians(args.elevation), rig=rig)
 
     from saddlering_ros.ring import simulate
 
     simulated = simulate(rig, parameters, test_run.elevation, test_run.time, test_run.load)
     rows = slice(simulated.first, simulated.first + len(simulated.time))
     samples = DisplacementSamples(test_run.stamps[rows], simulated.time, test_run.load[rows],
-                                  simulated.displacement)
-    notes = []
+                                  simulated.displacement).finite()
+    notes = list(test_run.notes)
     if simulated.trouble:
-        notes.append(f'the solver did not converge in {simulated.trouble} steps')
+        notes.append(f'the solver did not converge in {simulated.trouble} steps: '
+                     'their samples are left out')
     if not simulated.zero.near_preload:
         notes.append('the record has no steady start near the preload; its zero is elsewhere')
     deliver(args, test_run, samples, simulated.zero, 'simulated', notes)

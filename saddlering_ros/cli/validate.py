@@ -18,6 +18,7 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument('--json', metavar='FILE', help='write all figures as JSON; - for stdout')
     parser.add_argument('--plots', type=Path, metavar='DIR',
                         help='simulated and measured over load and time, one picture per run')
+    parser.add_argument('--report', type=Path, metavar='FILE.html', help='write a report')
     add_fact_options(parser)
 
 
@@ -29,19 +30,25 @@ def run(args: argparse.Namespace) -> int:
     from saddlering_ros.cli._samples import radians
     from saddlering_ros.identification import validate
     from saddlering_ros.identification.summary import validation_text
+    from saddlering_ros.provenance import name_files
     from saddlering_ros.rig import load_rig, read_parameters, write_text_atomically
 
     rig = load_rig(args.rig)
     parameters = read_parameters(args.params)
     elevation = radians(args.elevation)
-    runs = [read_run(bag, test=args.test, elevation=elevation) for bag in args.bags]
+    runs = [read_run(bag, test=args.test, elevation=elevation, rig=rig) for bag in args.bags]
     found = validate(runs, rig, parameters)
     pictures = []
     if args.plots is not None:
         from saddlering_ros.identification.plots import save_plots
 
         pictures = save_plots(found, args.plots)
-    document = json.dumps(found.to_json(), indent=2)
+    if args.report is not None:
+        from saddlering_ros.report import write_validation_report
+
+        write_validation_report(args.report, found, runs, rig, command=args.command_line)
+        pictures.append(args.report)
+    document = json.dumps(name_files(found.to_json(), args.rig, args.params), indent=2)
     if args.json == '-':
         print(document)
         return 0

@@ -30,12 +30,15 @@ def check_folder(folder: Path) -> None:
         raise DemoError(f'{there}: cannot be written to: choose another place (--out)')
 
 
-def write_all(outcome: Outcome, folder: Path) -> list[Path]:
-    """Write everything beside `folder` first, then move it in, at one go; the paths."""
+def write_all(outcome: Outcome, folder: Path, command: str) -> list[Path]:
+    """Write everything beside `folder` first, then move it in, at one go; the paths.
+
+    `command` is what the report says to type to get it again.
+    """
     folder.parent.mkdir(parents=True, exist_ok=True)
     staging = Path(tempfile.mkdtemp(prefix=f'.{folder.name}.', dir=folder.parent))
     try:
-        page = demo_page(outcome)
+        page = demo_page(outcome, command)
         (staging / 'report.html').write_text(page, encoding='utf-8')
         for name, data in pictures_of(page).items():
             (staging / f'{name}.png').write_bytes(data)

@@ -4,32 +4,40 @@ from __future__ import annotations
 
 from saddlering_ros.demo import figures
 from saddlering_ros.demo.story import Outcome
-from saddlering_ros.report import chapters, html
+from saddlering_ros.report import background, chapters, html
+from saddlering_ros.report.background import quality_of
 from saddlering_ros.report.html import Cell, number
-from saddlering_ros.report.quantities import percent, quantity
-from saddlering_ros.rig import PARAMETER_NAMES
+from saddlering_ros.report.quantities import percent
+
+FOUND_BY = ('What /identify_ring returned, before anything was known of a missing cause: the '
+            'contact parameters then carry its bias.')
 
 
-def demo_page(outcome: Outcome) -> str:
-    """The whole page."""
+def demo_page(outcome: Outcome, command: str) -> str:
+    """The whole page; `command` is what to type to get it again."""
     document = {**outcome.verdict, 'runs': figures.misfit_table(outcome.curves)}
     return html.page('saddlering demo', [
         '<h1>From recorded bags to a named cause</h1>',
         html.paragraph(_lead(outcome), 'soft'),
-        chapters.verdict_banner(outcome.verdict),
+        chapters.verdict_banner(document, outcome.curves),
         _tiles(outcome),
         chapters.paper_split(outcome.curves),
         chapters.misfit(document),
+        background.gains(document),
         chapters.causes(outcome.verdict),
-        _identification(outcome),
-        chapters.parameters(outcome.verdict, 'without the cause', 'with it'),
+        chapters.identified(outcome.identification, FOUND_BY),
+        chapters.parameters(outcome.verdict, 'without the cause', 'with it',
+                            outcome.extended.source.covariance),
+        chapters.residual_map(outcome.curves),
         chapters.residuals(outcome.curves),
         chapters.shape_tests(outcome.verdict),
         chapters.candidates(outcome.verdict),
         chapters.look_alikes(outcome.verdict),
         chapters.detection_limits(outcome.verdict),
         _replays(outcome),
+        background.data_quality([quality_of(run, outcome.rig) for run in outcome.plan.runs]),
         chapters.notes(outcome.verdict),
+        background.reproduction(outcome.verdict, command),
     ])
 
 
@@ -52,23 +60,6 @@ def _tiles(outcome: Outcome) -> str:
          + (f'{lost} lost' if lost else 'none lost')),
         (f'{outcome.seconds:.0f} s', 'for the whole story'),
     ])
-
-
-def _identification(outcome: Outcome) -> str:
-    found = outcome.identification
-    rows: list[list[str | Cell]] = []
-    for name in PARAMETER_NAMES:
-        item = found['parameters'][name]
-        unit = '' if item['unit'] == '1' else item['unit']
-        rows.append([html.code(name), number(quantity(item['value'], unit, item['std'])),
-                     item['reason'] or ('at its bound' if item['at_bound'] else '')])
-    return html.section(
-        'Identification',
-        html.paragraph(f'{found["evaluations"]} simulations in {found["elapsed"]:.1f} s; '
-                       f'{found["status"]}.'),
-        html.table(['parameter', number('value ± standard deviation'), ''], rows,
-                   'What /identify_ring returned, before anything was known of a missing cause: '
-                   'the contact parameters then carry its bias.'))
 
 
 def _replays(outcome: Outcome) -> str:

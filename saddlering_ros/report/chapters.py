@@ -3,36 +3,40 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+import math
 from typing import Any
+
+import numpy as np
 
 from saddlering_ros.effects import catalogue
 from saddlering_ros.report import figures, html
-from saddlering_ros.report.curves import RunCurves
+from saddlering_ros.report.background import correlation
+from saddlering_ros.report.curves import Array, RunCurves
 from saddlering_ros.report.html import Cell, code, number
-from saddlering_ros.report.quantities import percent, probability, quantity
+from saddlering_ros.report.quantities import percent, probability, quantity, superscript
+from saddlering_ros.report.style import SYMBOLS
 from saddlering_ros.report.wording import (
     Document,
     effects_of,
     gain_sentence,
     headline,
+    MATERIAL,
     shape_words,
     signature_words,
     title_of,
     variant_words,
+    why_lost,
     WORDS,
 )
 from saddlering_ros.rig import CHANNELS, PARAMETER_NAMES, PARAMETER_UNITS, stiffness_per_millimetre
-
-MATERIAL = 1e-3
-"""Share of a channel's range under which a misfit does not matter."""
 
 CANDIDATES_SHOWN = 12
 ASSUMPTION = ('Every dimension of the rig is an assumption of this project, so the parameters are '
               "equivalent ones: they reproduce the ring's response, not a single roller's.")
 
 
-def verdict_banner(document: Document) -> str:
-    """The verdict first, in words; then what is worth, and the next test."""
+def verdict_banner(document: Document, curves: Sequence[RunCurves] = ()) -> str:
+    """The verdict first, in words; what it is worth, the next test, the picture that proves it."""
     verdict = document['verdict']
     parts = [
         html.paragraph(f'Verdict: {verdict} – {WORDS[verdict]}', 'soft'),
@@ -41,26 +45,62 @@ def verdict_banner(document: Document) -> str:
     ]
     if document.get('next_test'):
         parts.append(html.paragraph(f'Next test: {document["next_test"]}', 'next'))
+    parts.append(_proof(document, curves))
     return f'<div class="verdict {verdict}">' + '\n'.join(parts) + '</div>'
+
+
+def _proof(document: Document, curves: Sequence[RunCurves]) -> str:
+    """The channel whose misfit the verdict changes most; of `none` and `unknown`, the largest."""
+    shown = {run.name: run for run in curves}
+    cases = [
+        (run['held_out'], (item['nrmse_before'] or 0.0) - (
+            (item['nrmse_after'] or 0.0) if document['verdict'] in ('named', 'ambiguous') else 0.0
+        ), shown[_short(run['bag'])], name)
+        for run in document['runs'] if _short(run['bag']) in shown
+        for name, item in run['channels'].items() if name != 'parity']
+    if not cases:
+        return ''
+    _, _, run, channel = max(cases, key=lambda case: case[:2])
+    return proof_picture(run, channel)
+
+
+def proof_picture(run: RunCurves, channel: str) -> str:
+    """One channel of one run, large, with its residual below."""
+    return html.picture(
+        figures.proof(run, channel), 'proof', f'{run.label}, {SYMBOLS[channel]}: measured and '
+        'simulated; below, what is left, with a band of twice the noise floor.')
 
 
 def causes(document: Document) -> str:
     """Each cause with its numbers, its look-alikes and what would settle it."""
-    parts = [_cause(cause) for cause in effects_of(document)]
+    parts = [_cause(cause, document) for cause in effects_of(document)]
     shapes = [shape_words(cause) for cause in document['causes'] if 'coordinate' in cause]
     if shapes:
         parts.insert(0, html.paragraph('What is left has this shape:') + html.bullets(shapes))
     return html.section('Causes', *parts)
 
 
-def _cause(cause: Mapping[str, Any]) -> str:
+def _look_alike_rows(cause: Mapping[str, Any], document: Document) -> list[list[str | Cell]]:
+    """The causes these data cannot tell from this one, with the measurement that would."""
+    evidence = {item['effects'][-1]: item['delta_bic'] for item in reversed(
+        document.get('candidates') or []) if item['effects']}
+    rows: list[list[str | Cell]] = []
+    for effect_id in cause['group']:
+        known = catalogue().get(effect_id)
+        found = evidence.get(effect_id)
+        rows.append([
+            title_of(effect_id), code(effect_id), number('–' if found is None else f'{found:.4g}'),
+            '' if known is None else known.settled_by])
+    return rows
+
+
+def _cause(cause: Mapping[str, Any], document: Document) -> str:
     effect_id = cause['effect']
     known = catalogue().get(effect_id)
     rows: list[list[str | Cell]] = [
         [name, number(quantity(item['value'], item['unit'], item['std'])), words]
         for name, item, words in _cause_parameters(cause)
     ]
-    others = [name for name in cause['group'] if name != effect_id]
     evidence, gain = cause['evidence'], cause['gain']
     partial = ' – explains part of the misfit only' if cause.get('partial') else ''
     return '\n'.join([
@@ -75,10 +115,11 @@ def _cause(cause: Mapping[str, Any]) -> str:
              ["largest share of a channel's range", number(percent(cause['share_of_range']))],
              ['probability of as much by chance', number(probability(evidence['p_value']))],
              ['evidence (ΔBIC)', number(f'{evidence["delta_bic"]:.3g}')]]),
-        html.paragraph('These data cannot tell it from: ' + ', '.join(
-            f'{title_of(name)} ({name})' for name in others) + '.' if others else ''),
-        html.paragraph('' if known is None else f'What would settle it: {known.settled_by}',
-                       'note'),
+        html.table(['cannot be told apart by these data', 'id', number('evidence (ΔBIC)'),
+                    'the measurement that would tell'],
+                   _look_alike_rows(cause, document) if len(cause['group']) > 1 else []),
+        html.paragraph('' if known is None or len(cause['group']) > 1
+                       else f'To confirm it: {known.settled_by}', 'note'),
     ])
 
 
@@ -127,8 +168,38 @@ def _mark(value: float | None, item: Mapping[str, float | None]) -> str:
     return 'bad' if value > max(2.0 * floor, MATERIAL) else 'good'
 
 
-def parameters(document: Document, before: str = 'before', after: str = 'after') -> str:
-    """Contact parameters before and after, the bias that the missing cause had put on them."""
+def identified(found: Document, words: str = '') -> str:
+    """What an identification found: values, errors, intervals, and what it cannot determine."""
+    rows: list[list[str | Cell]] = []
+    for name in PARAMETER_NAMES:
+        item = found['parameters'][name]
+        unit = '' if item['unit'] == '1' else item['unit']
+        rows.append([
+            code(name), number(quantity(item['value'], unit, item['std'])),
+            number(span(*item['interval']) if item['interval'] else '–'),
+            item['reason'] or ('at its bound' if item['at_bound'] else '')])
+    for name, exponent in (('K1', 'n1'), ('K2', 'n2')):
+        stiffness, power = (found['parameters'][key]['value'] for key in (name, exponent))
+        rows.append([
+            code(name), number(quantity(stiffness_per_millimetre(stiffness, power), 'N/mm^n')),
+            '', ''])
+    covariance = np.array([[math.nan if value is None else value for value in row]
+                           for row in found.get('covariance') or []])
+    return html.section(
+        'Identification',
+        html.paragraph(f'{found["evaluations"]} simulations in {found["elapsed"]:.1f} s; '
+                       f'{found["status"]}.'),
+        html.table(['parameter', number('value ± standard deviation'), number('95 % interval'),
+                    ''], rows, words),
+        correlation(covariance if covariance.shape == (6, 6) else None),
+        html.paragraph(ASSUMPTION, 'note'), html.bullets(list(found.get('notes') or [])))
+
+
+def parameters(
+    document: Document, before: str = 'before', after: str = 'after',
+    covariance: Array | None = None,
+) -> str:
+    """Contact parameters before and after, with intervals, correlation, and the bias removed."""
     first, last = document['parameters']['before'], document['parameters']['after']
     rows: list[list[str | Cell]] = []
     for name in PARAMETER_NAMES:
@@ -137,26 +208,43 @@ def parameters(document: Document, before: str = 'before', after: str = 'after')
         std = last.get(f'{name}_std')
         rows.append([
             code(name), number(_contact(name, first[name], None)),
-            number(_contact(name, last[name], std)), number(_moved(first[name], last[name])),
+            number(_contact(name, last[name], std)), number(interval(last[name], std)),
+            number(_moved(first[name], last[name])),
             number('–' if not std else f'{abs(first[name] - last[name]) / std:.1f}'),
         ])
     for name, exponent in (('K1', 'n1'), ('K2', 'n2')):
         if name in first and name in last:
-            rows.append([f'{name} in N/mm^n'] + [
-                number(f'{stiffness_per_millimetre(item[name], item[exponent]):.4g}')
-                for item in (first, last)] + [number(''), number('')])
+            rows.append([code(name), *(
+                number(quantity(stiffness_per_millimetre(item[name], item[exponent]), 'N/mm^n'))
+                for item in (first, last)), *[number('')] * 3])
     return html.section(
         'Contact parameters',
         html.table(['parameter', number(before), number(f'{after} ± standard deviation'),
-                    number('bias removed'), number('bias / std')], rows),
+                    number('95 % interval'), number('bias removed'), number('bias / std')], rows),
+        correlation(covariance),
         html.paragraph(ASSUMPTION + ' K and n of a row are strongly correlated: read them '
                        'together.', 'note'),
     )
 
 
+def interval(value: float, std: float | None) -> str:
+    """Value plus and minus 1.96 standard deviations, which holds it 95 times in 100."""
+    return span(value - 1.96 * std, value + 1.96 * std) if std else '–'
+
+
+def span(low: float, high: float) -> str:
+    """'(1.27 to 1.33) × 10⁸': two numbers with one power of ten."""
+    size = max(abs(low), abs(high))
+    power = math.floor(math.log10(size)) if size and not 1e-2 <= size < 1e4 else 0
+    words = f'{low / 10.0**power:.4g} to {high / 10.0**power:.4g}'
+    return f'({words}) × 10{superscript(power)}' if power else words
+
+
 def _moved(first: float, last: float) -> str:
     """How far a value was off: in percent, or as a factor where it is more than half."""
     ratio = first / last
+    if abs(ratio - 1.0) < 5e-4:
+        return '0 %'
     return f'{100.0 * (ratio - 1.0):+.2g} %' if 0.5 < ratio < 1.5 else f'× {ratio:.2g}'
 
 
@@ -184,6 +272,16 @@ def _one_per_elevation(runs: Sequence[RunCurves]) -> list[RunCurves]:
     for run in sorted(runs, key=lambda item: item.held_out):
         chosen.setdefault(round(run.elevation_deg, 1), run)
     return list(chosen.values())[:3]
+
+
+def residual_map(curves: Sequence[RunCurves]) -> str:
+    """Where the misfit sits: every run and branch over load, before and after."""
+    if not curves:
+        return ''
+    return html.section('Residual map', html.picture(
+        figures.residual_map(curves), 'residual_map', 'Mean of measured less simulated in units '
+        'of the noise floor, over load (across), by run and branch (down). White is as good as '
+        'measured; brown: simulated too large, violet: too small; grey was not measured.'))
 
 
 def residuals(curves: Sequence[RunCurves]) -> str:
@@ -237,14 +335,21 @@ def _shape_cell(before: Mapping[str, Any] | None, after: Mapping[str, Any] | Non
 def candidates(document: Document) -> str:
     """Every candidate that was fitted, with its evidence; and what was real but too small."""
     found = document.get('candidates') or []
+    chosen = {cause['effect'] for cause in effects_of(document)}
+    alike = {name for cause in effects_of(document) for name in cause['group']} - chosen
     parts = []
     for step in sorted({item['step'] for item in found}):
         members = sorted((item for item in found if item['step'] == step),
                          key=lambda item: -(item['delta_bic'] or 0.0))
         parts.append(html.heading('First cause' if step == 1 else f'Cause number {step}'))
         parts.append(html.table(
-            ['model', 'fitted', number('evidence (ΔBIC)'), number('p'), number('share of range')],
-            [_candidate(item) for item in members[:CANDIDATES_SHOWN]]))
+            ['model', 'fitted', number('evidence (ΔBIC)'), number('p'), number('share of range'),
+             'outcome'],
+            [[*_candidate(item), why_lost(item, members[0], chosen, alike)]
+             for item in members[:CANDIDATES_SHOWN]]))
+        left = len(members) - CANDIDATES_SHOWN
+        parts.append(html.paragraph(
+            f'{left} more were fitted and lost by more.' if left > 0 else '', 'note'))
     if parts:
         parts.insert(0, html.paragraph(
             'Each candidate was refitted with the contact parameters free, on all fitted runs and '

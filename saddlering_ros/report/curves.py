@@ -4,15 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import welch
 
+from saddlering_ros.bags import plateaus, TestRun
 from saddlering_ros.diagnosis.diagnose import RunFigures, Verdict
 from saddlering_ros.rig import CHANNELS
 
 Array = NDArray[np.float64]
+
+BLOCKS = 500
+"""A dynamic run is shown as at most so many means."""
 
 LOAD_LEVELS = 25
 """Steps into which the load is divided where both branches are compared."""
@@ -84,6 +89,75 @@ def _curves(figures: RunFigures, changed: bool) -> RunCurves:
         held_out=run.held_out, time=run.time, width=run.width, load=run.inputs['load'],
         direction=run.inputs['direction'], measured=figures.measured, before=figures.before,
         after=figures.after if changed else figures.before, noise=noise,
+    )
+
+
+@dataclass(frozen=True)
+class Means:
+    """How one run's samples are averaged: plateaus, or equal blocks; N means.
+
+    start, stop (N,) count the run's load samples; direction (N,) +1 load rises, -1 it falls.
+    """
+
+    start: NDArray[np.int64]
+    stop: NDArray[np.int64]
+    direction: Array
+
+    def of(self, values: Array) -> Array:
+        """Means (..., N) of values (..., samples), NaN samples left out."""
+        return np.stack([_mean(values[..., a:b])
+                         for a, b in zip(self.start, self.stop, strict=True)], axis=-1)
+
+
+def _mean(values: Array) -> Array:
+    """Mean over the last axis of what is finite; NaN where nothing is."""
+    good = np.isfinite(values)
+    count = good.sum(axis=-1)
+    total = np.where(good, values, 0.0).sum(axis=-1)
+    return np.asarray(np.where(count > 0, total / np.maximum(count, 1), np.nan))
+
+
+def means_of(run: TestRun) -> Means:
+    """Plateaus of a static run, equal blocks of a dynamic one."""
+    if run.test == 'static':
+        found = plateaus(run)
+        return Means(found.start, found.stop, _carried(found.branch.astype(float)))
+    edges = np.linspace(0, len(run.time), min(BLOCKS, len(run.time) // 4) + 1).astype(int)
+    load = np.array([run.load[a:b].mean() for a, b in pairwise(edges.tolist())])
+    top = int(np.argmax(load))
+    direction = np.where(np.arange(load.size) <= top, 1.0, -1.0)
+    return Means(edges[:-1], edges[1:], direction)
+
+
+def _carried(branch: Array) -> Array:
+    for index in range(branch.size):
+        if branch[index] == 0.0:
+            branch[index] = branch[index - 1] if index else 1.0
+    return branch
+
+
+def curves_of_run(
+    run: TestRun, measured: Array, before: Array, after: Array, floors: Mapping[str, float | None],
+    *, held_out: bool,
+) -> RunCurves:
+    """A run's curves from its channels (4, samples) at the load's stamps.
+
+    floors: noise floor by channel as a share of the channel's measured range; 0 where missing.
+    """
+    means = means_of(run)
+    seen, first = means.of(measured), means.of(before)
+    last = first if after is before else means.of(after)
+    good = np.isfinite(seen + first + last).all(axis=0)
+    widths = means.of(np.gradient(run.time)) * (means.stop - means.start)
+    noise = {name: (floors.get(name) or 0.0) * float(np.ptp(seen[row][good]))
+             for row, name in enumerate(CHANNELS)}
+    shown = first[:, good]
+    return RunCurves(
+        name=run.path.name, test=run.test,
+        elevation_deg=round(float(np.degrees(run.elevation)), 2), held_out=held_out,
+        time=means.of(run.time)[good], width=widths[good], load=means.of(run.load)[good],
+        direction=means.direction[good], measured=seen[:, good], before=shown,
+        after=shown if last is first else last[:, good], noise=noise,
     )
 
 

@@ -65,6 +65,18 @@ def comparison(runs: Sequence[RunCurves], channels: Sequence[str] = SHOWN) -> Fi
     return figure
 
 
+@_styled
+def proof(run: RunCurves, channel: str) -> Figure:
+    """One channel of one run, measured and simulated, with its residual below."""
+    figure = Figure(figsize=(9.4, 4.4), layout='constrained')
+    main, strip = figure.subplots(2, 1, gridspec_kw={'height_ratios': [3.0, 1.25]}, sharex=True)
+    _compare(main, strip, run, channel)
+    strip.set_xlabel('load / t' if run.test == 'static' else 'time / s')
+    handles, labels = main.get_legend_handles_labels()
+    figure.legend(handles, labels, loc='outside lower center', ncols=5)
+    return figure
+
+
 def _compare(main: Any, strip: Any, run: RunCurves, channel: str) -> None:
     row = CHANNELS.index(channel)
     over = run.load / TONNE if run.test == 'static' else run.time
@@ -77,7 +89,8 @@ def _compare(main: Any, strip: Any, run: RunCurves, channel: str) -> None:
                   label='measured, load falling')
     else:
         main.plot(over, measured, color=MEASURED, lw=2.4, alpha=0.55, label='measured')
-    simulations = [(before, BEFORE, '-', 'simulated, contact law alone')]
+    alone = 'simulated, contact law alone' if run.is_extended else 'simulated'
+    simulations = [(before, BEFORE, '-', alone)]
     if run.is_extended:
         simulations.append((after, AFTER, '--', 'simulated, extended model'))
     for values, colour, line, label in simulations:
@@ -164,8 +177,9 @@ def residuals(run: RunCurves) -> Figure:
 
 
 def _versions(run: RunCurves) -> list[tuple[bool, str, str]]:
-    versions = [(False, BEFORE, 'contact law alone')]
-    return [*versions, (True, AFTER, 'extended model')] if run.is_extended else versions
+    if not run.is_extended:
+        return [(False, BEFORE, 'measured less simulated')]
+    return [(False, BEFORE, 'contact law alone'), (True, AFTER, 'extended model')]
 
 
 def _misfits(run: RunCurves, channel: str) -> list[tuple[Array, str]]:
@@ -254,3 +268,56 @@ def ordered_cosines(cosines: Mapping[str, Mapping[str, float]]) -> tuple[list[st
     distance = 1.0 - 0.5 * (matrix + matrix.T)
     order = leaves_list(linkage(squareform(distance, checks=False), 'average'))
     return [labels[place] for place in order], matrix[np.ix_(order, order)]
+
+
+MAP_LEVELS = 25
+"""Steps of load in a residual map."""
+
+MAP_LIMIT = 10.0
+"""Noise floors at which the colour of a residual map ends."""
+
+
+@_styled
+def residual_map(runs: Sequence[RunCurves], channels: Sequence[str] = CHANNELS[:3]) -> Figure:
+    """Mean misfit in noise floors: load across, runs and branches down, channel by channel."""
+    versions = [(False, 'measured less simulated')]
+    if any(run.is_extended for run in runs):
+        versions = [(False, 'contact law alone'), (True, 'extended model')]
+    rows = [(run, sign) for run in runs for sign in (1.0, -1.0)]
+    figure = Figure(figsize=(11.4, 0.9 + len(channels) * (0.45 + 0.19 * len(rows))),
+                    layout='constrained')
+    grid = figure.subplots(len(channels), len(versions), squeeze=False)
+    shown: Any = None
+    top = max(float(run.load.max()) for run in runs)
+    for place, channel in enumerate(channels):
+        for column, (extended, words) in enumerate(versions):
+            axes = grid[place][column]
+            values = np.array([_map_row(*row, channel, extended, top) for row in rows])
+            shown = axes.imshow(values, cmap='PuOr', vmin=-MAP_LIMIT, vmax=MAP_LIMIT,
+                                aspect='auto')
+            axes.set_facecolor('#dde3e9')
+            ticks = range(0, MAP_LEVELS + 1, 5)
+            labels = [f'{tick * top / TONNE / MAP_LEVELS:.0f} t' for tick in ticks]
+            axes.set_xticks(list(ticks), labels, fontsize=7.5)
+            names = [f'{run.name} {"rising" if sign > 0 else "falling"}' for run, sign in rows]
+            axes.set_yticks(range(len(rows)), names, fontsize=7.5)
+            axes.tick_params(labelleft=column == 0)
+            axes.grid(visible=False)
+            axes.set_title(f'{SYMBOLS[channel]}, {words}')
+            axes.set_xlabel('load / t' if place == len(channels) - 1 else '')
+    bar = figure.colorbar(shown, ax=grid, shrink=0.8, pad=0.02, extend='both')
+    bar.set_label('mean misfit / noise floor')
+    return figure
+
+
+def _map_row(run: RunCurves, sign: float, channel: str, extended: bool, top: float) -> Array:
+    """Mean misfit over noise at each load level of one branch; NaN where nothing was measured."""
+    here = np.sign(run.direction) == sign
+    level = np.clip(np.round(run.load / top * MAP_LEVELS).astype(int), 0, MAP_LEVELS)
+    values = run.residual(channel, extended=extended) / max(run.noise[channel], 1e-12)
+    found = np.full(MAP_LEVELS + 1, np.nan)
+    for number in range(MAP_LEVELS + 1):
+        cell = here & (level == number)
+        if cell.any():
+            found[number] = values[cell].mean()
+    return found

@@ -1,4 +1,4 @@
-"""One HTML page in one file: text, tables, figures as inlined pictures, nothing fetched."""
+"""One HTML page in one file: text, tables, figures to zoom into, nothing fetched."""
 
 from __future__ import annotations
 
@@ -7,10 +7,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 import html
 import io
+from pathlib import Path
 import re
 
 from matplotlib.figure import Figure
 from PIL import Image
+
+from saddlering_ros.report import interactive
 
 RESOLUTION = 100
 """Pixels per inch of a picture."""
@@ -44,7 +47,7 @@ figure img { max-width: 100%; height: auto; display: block; }
 .scroll { overflow-x: auto; }
 table { border-collapse: collapse; font-size: 13.5px; margin: 8px 0; }
 caption { text-align: left; color: var(--soft); padding-bottom: 4px; }
-th, td { padding: 4px 12px 4px 0; border-bottom: 1px solid var(--line); text-align: left;
+th, td { padding: 4px 10px 4px 0; border-bottom: 1px solid var(--line); text-align: left;
   vertical-align: top; }
 th { font-weight: 600; white-space: nowrap; }
 td.n, th.n { text-align: right; font-variant-numeric: tabular-nums; white-space: nowrap; }
@@ -58,8 +61,31 @@ summary { cursor: pointer; font-weight: 600; padding: 4px 0; }
   min-width: 150px; flex: 1; }
 .tile b { display: block; font-size: 19px; }
 .tile span { color: var(--soft); font-size: 13px; }
-@media print { body { background: #fff; } section, .verdict { break-inside: avoid; } }
+td.good::before { content: "✓ "; }
+td.bad::before { content: "▲ "; }
+td.heat { text-align: center; }
+pre { background: #eef1f4; border-radius: 6px; padding: 10px 12px; margin: 8px 0;
+  white-space: pre-wrap; overflow-wrap: anywhere; font: 13px ui-monospace, "DejaVu Sans Mono",
+  monospace; }
+.hash { overflow-wrap: anywhere; }
+.plot { width: 100%; }
+figure.drawn img { display: none; }
+@page { margin: 14mm; }
+@media print {
+  body { background: #fff; font-size: 12px; }
+  main { padding: 0; max-width: none; }
+  section, .verdict { border-color: #bbb; padding: 10px 14px; }
+  figure, tr, .verdict { break-inside: avoid; }
+  h2, h3, summary { break-after: avoid; }
+  .plot { display: none !important; }
+  figure.drawn img { display: block; }
+  .scroll { overflow: visible; }
+  table { font-size: 10.5px; }
+  td.n, th, th.n { white-space: normal; }
+}
 """
+
+SCRIPT = Path(__file__).with_name('charts.js')
 
 
 @dataclass(frozen=True)
@@ -88,12 +114,18 @@ def code(text: str) -> Cell:
 
 
 def page(title: str, parts: Sequence[str]) -> str:
-    """The whole document."""
+    """The whole document; the plotting library is in it once, if there is a figure."""
+    inside = '\n'.join(part for part in parts if part)
+    scripts = ''
+    if 'data-chart="' in inside:
+        scripts = (f'<script type="application/octet-stream" id="plotly">{interactive.library()}'
+                   f'</script>\n<script>{SCRIPT.read_text(encoding="utf-8")}</script>\n')
     return (
         '<!doctype html>\n<html lang="en"><head><meta charset="utf-8">'
         '<meta name="viewport" content="width=device-width, initial-scale=1">'
+        '<link rel="icon" href="data:,">'
         f'<title>{escape(title)}</title><style>{CSS}</style></head>\n<body><main>\n'
-        + '\n'.join(part for part in parts if part) + '\n</main></body></html>\n'
+        f'{inside}\n</main>\n{scripts}</body></html>\n'
     )
 
 
@@ -108,9 +140,14 @@ def heading(text: str) -> str:
     return f'<h3>{escape(text)}</h3>'
 
 
+def commands(lines: Sequence[str]) -> str:
+    """Command lines to be copied; nothing for none."""
+    return f'<pre>{escape(chr(10).join(lines))}</pre>' if lines else ''
+
+
 def paragraph(text: str, kind: str = '') -> str:
-    """A paragraph of plain text."""
-    return f'<p{_class(kind)}>{escape(text)}</p>'
+    """A paragraph of plain text; a percentage is not broken between lines."""
+    return f'<p{_class(kind)}>{escape(text)}</p>'.replace(' %', '\u00a0%')
 
 
 def bullets(lines: Sequence[str]) -> str:
@@ -147,11 +184,12 @@ def table(
 
 
 def picture(figure: Figure, name: str, caption: str) -> str:
-    """A figure inlined, with its caption; `name` is what it would be called as a file."""
+    """A figure as picture and as data to draw it from; `name` is what it is called as a file."""
     data = base64.b64encode(png(figure)).decode()
+    chart = interactive.as_script(interactive.chart_of(figure), escape(name))
     return (f'<figure><img id="{escape(name)}" alt="{escape(caption)}" '
             f'src="data:image/png;base64,{data}">'
-            f'<figcaption>{escape(caption)}</figcaption></figure>')
+            f'<figcaption>{escape(caption)}</figcaption>{chart}</figure>')
 
 
 def pictures_of(document: str) -> dict[str, bytes]:

@@ -39,6 +39,11 @@ def probability(value: float | None) -> str:
     return f'{value:.2f}' if value >= 0.01 else f'{value:.0e}'
 
 
+def superscript(power: int) -> str:
+    """A whole number as it stands above a ten."""
+    return str(power).translate(str.maketrans('-0123456789', '⁻⁰¹²³⁴⁵⁶⁷⁸⁹'))
+
+
 def significant(value: float, digits: int) -> str:
     """A number in plain notation with so many significant digits."""
     if value == 0.0:
@@ -75,5 +80,5 @@ def _with_error(value: float, std: float | None) -> str:
         text = f'{value:.{places}f} ± {std:.{places}f}'
     if exponent == 0:
         return text
-    power = str(exponent).translate(str.maketrans('-0123456789', '⁻⁰¹²³⁴⁵⁶⁷⁸⁹'))
+    power = superscript(exponent)
     return f'{text} × 10{power}' if std is None else f'({text}) × 10{power}'

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
 from saddlering_ros.effects import catalogue
@@ -14,6 +14,12 @@ COORDINATES = {
     'load': 'follows the load', 'direction': 'turns round with the direction of the load',
     'rate': 'follows the rate of the load', 'time': 'follows time',
 }
+
+CHANCE = 0.01
+"""Probability above which as much could have come by chance."""
+
+MATERIAL = 1e-3
+"""Share of a channel's range under which a misfit does not matter."""
 
 WORDS = {
     'none': 'nothing missing that these data could show', 'named': 'the cause stands out',
@@ -105,6 +111,26 @@ def signature_words(label: str) -> str:
         return label
     words = known.variants[int(place)].label
     return f'{effect_id}, {words}' if words else effect_id
+
+
+def why_lost(item: Mapping[str, Any], best: Mapping[str, Any], chosen: Collection[str],
+             alike: Collection[str]) -> str:
+    """What became of a candidate beside the best of its step, and why."""
+    effect_id = item['effects'][-1]
+    if item is best and effect_id in chosen:
+        return 'chosen: explains most'
+    if (item['p_value'] or 0.0) > CHANCE:
+        return 'lost: no better than chance'
+    behind = (best['delta_bic'] or 0.0) - (item['delta_bic'] or 0.0)
+    if effect_id in chosen:
+        return 'chosen in another step'
+    if effect_id in alike:
+        return f'not told apart: {behind:.3g} less evidence, a form like it'
+    if (item['share_of_range'] or 0.0) < MATERIAL:
+        return 'lost: too small to matter'
+    if item is best:
+        return 'best here, yet not enough to be named'
+    return f'lost: {behind:.3g} less evidence than the best'
 
 
 def shape_words(shape: Mapping[str, Any]) -> str:

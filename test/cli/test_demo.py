@@ -84,3 +84,5 @@ def test_the_demo_finds_a_cause_live_and_halves_the_misfit_of_the_runs_kept_back
     names = {path.name for path in (tmp_path / 'out').iterdir()}
     assert {'report.html', 'numbers.json', 'parameters_identified.yaml',
             'parameters_extended.yaml', 'comparison_static.png'} <= names
+    page = (tmp_path / 'out' / 'report.html').read_text(encoding='utf-8')
+    assert f'saddlering demo --out {tmp_path / "out"}' in page

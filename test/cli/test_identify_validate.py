@@ -36,7 +36,8 @@ def bags(tmp_path_factory):
 @pytest.fixture(scope='module')
 def parameter_file(bags, tmp_path_factory):
     path = tmp_path_factory.mktemp('found') / 'params.yaml'
-    assert main(['identify', *bags, '--out', str(path), *QUICK]) == 0
+    page = path.with_name('page.html')
+    assert main(['identify', *bags, '--out', str(path), '--report', str(page), *QUICK]) == 0
     return path
 
 
@@ -47,6 +48,12 @@ def test_identify_writes_a_file_with_what_it_found(parameter_file, bags):
     assert parameters.source.method == 'default'
     assert parameters.source.bags == tuple(bags)
     assert parameters.source.covariance.shape == (6, 6)
+
+
+def test_identify_writes_a_page_that_says_how_to_get_it_again(parameter_file, bags):
+    page = parameter_file.with_name('page.html').read_text(encoding='utf-8')
+    assert f'saddlering identify {bags[0]}' in page
+    assert f'{read_parameters(parameter_file).contact.D1 / 1e6:.2f}'[:3] in page
 
 
 def test_identify_prints_a_report_and_no_progress_into_a_pipe(bags, capsys):
@@ -69,9 +76,12 @@ def test_validate_prints_a_table_writes_json_and_pictures(
 ):
     out = tmp_path / 'validation.json'
     command = ['validate', bags[2], '--params', str(parameter_file), '--json', str(out),
-               '--plots', str(tmp_path / 'plots')]
+               '--plots', str(tmp_path / 'plots'), '--report', str(tmp_path / 'page.html')]
     assert main(command) == 0
-    assert 'delta_x' in capsys.readouterr().out
+    printed = capsys.readouterr().out
+    assert 'delta_x' in printed
+    assert 'um (1e-6 m)' in printed
+    assert f'saddlering validate {bags[2]}' in (tmp_path / 'page.html').read_text('utf-8')
     run = json.loads(out.read_text())['runs'][0]
     assert run['channels']['delta_x']['nrmse'] < 0.02
     assert len(list((tmp_path / 'plots').glob('*.png'))) == 1

@@ -6,7 +6,8 @@ from documents import document, run_curves
 import numpy as np
 import pytest
 
-from saddlering_ros.report import figures
+from saddlering_ros.report import chapters, figures
+from saddlering_ros.report.background import gains, white_noise
 from saddlering_ros.report.curves import branches, spectrum
 from saddlering_ros.report.diagnosis_page import diagnosis_page
 from saddlering_ros.report.html import pictures_of
@@ -21,30 +22,31 @@ def page():
 
 
 def test_the_page_says_the_verdict_before_anything_else(page):
-    text = re.sub(r'<style>.*?</style>', '', page, flags=re.S)
+    text = re.sub(r'<(style|script).*?</\1>', '', page, flags=re.S)
     said = 'The simulation lacks dry friction in the radial row'
     assert text.index(said) < text.index('<section')
     assert '9.000 ± 0.035 kN' in page
 
 
 def test_the_page_is_one_file_that_fetches_nothing(page):
-    for source in re.findall(r'(?:src|href)="([^"]{0,40})', page):
-        assert source.startswith('data:image/png;base64,')
-    assert '<script' not in page
-    assert '@import' not in page
-    assert 'url(' not in page
+    text = re.sub(r'<script type="application/octet-stream".*?</script>', '', page, flags=re.S)
+    for source in re.findall(r'(?:src|href)="([^"]{0,40})', text):
+        assert source.startswith(('data:image/png;base64,', 'data:,'))
+    assert '@import' not in text
+    assert 'url(' not in text
 
 
 def test_every_picture_of_the_page_is_a_png_with_a_name(page):
     pictures = pictures_of(page)
-    assert set(pictures) == {'misfit', 'comparison_static', 'comparison_dynamic', 'look_alikes',
-                             'misfit_static_50', 'misfit_static_70', 'misfit_dynamic_50'}
+    assert set(pictures) == {'proof', 'residual_map', 'misfit', 'comparison_static',
+                             'comparison_dynamic', 'look_alikes', 'misfit_static_50',
+                             'misfit_static_70', 'misfit_dynamic_50'}
     assert all(data.startswith(b'\x89PNG') for data in pictures.values())
 
 
 def test_text_from_bags_cannot_break_the_page():
     shown = diagnosis_page(document(notes=['<script>alert(1)</script>']), [])
-    assert '<script' not in shown
+    assert '<script>alert' not in shown
     assert '&lt;script&gt;' in shown
 
 
@@ -96,3 +98,31 @@ def test_a_spectrum_shows_a_tone_at_its_frequency():
     time = np.arange(0.0, 20.0, 0.01)
     frequency, density = spectrum(time, np.sin(2.0 * np.pi * 12.0 * time))
     assert abs(frequency[np.argmax(density)] - 12.0) < 0.5
+
+
+def test_a_gain_within_the_noise_stands_in_brackets():
+    said = document()
+    said['runs'][0]['channels']['delta_y'] = {
+        'nrmse_before': 3e-3, 'nrmse_after': 6e-3, 'noise_floor': 2e-3}
+    shown = gains(said)
+    assert '(-100 %)' in shown
+    assert '>97 %<' in shown
+
+
+def test_white_noise_is_seen_under_a_curve_and_steps():
+    time = np.linspace(0.0, 1.0, 4000)
+    noise = np.random.default_rng(3).normal(0.0, 2e-7, time.size)
+    steps = 1e-4 * np.sin(3.0 * time) + 1e-5 * np.floor(20.0 * time)
+    assert abs(white_noise(steps + noise) / 2e-7 - 1.0) < 0.1
+
+
+def test_a_page_on_parameters_shows_the_interval_that_was_identified_not_one_of_its_own():
+    found = {'evaluations': 10, 'elapsed': 1.0, 'status': 'converged', 'parameters': {
+        name: {'value': 1.3e8, 'std': 1e6, 'unit': '1', 'interval': [1.2e8, 1.5e8],
+               'reason': None, 'at_bound': False}
+        for name in ('K1', 'n1', 'D1', 'K2', 'n2', 'D2')}}
+    found['parameters']['n1'] |= {'value': 1.1, 'std': None, 'interval': None, 'reason': 'why'}
+    found['parameters']['n2']['value'] = 1.1
+    shown = chapters.identified(found)
+    assert '(1.2 to 1.5) × 10⁸' in shown
+    assert '<td class="n">–</td><td>why</td>' in shown

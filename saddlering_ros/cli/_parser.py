@@ -1,0 +1,75 @@
+"""Parsers that complain in one line, know what was meant, and teach by example."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Collection, Sequence
+import difflib
+import re
+from typing import Any, NoReturn
+
+from saddlering_ros.cli._examples import EXAMPLES
+
+UNUSABLE = 2
+_CHOICE = re.compile(r"argument (\S+): invalid choice: '(.*?)' \(choose from (.*)\)", re.S)
+
+
+class OneLineParser(argparse.ArgumentParser):
+    """An argument parser whose complaint is one line, with what may have been meant."""
+
+    def __init__(self, *args: Any, **kwargs: Any) -> None:
+        kwargs.setdefault('formatter_class', HelpFormatter)
+        super().__init__(*args, **kwargs)
+
+    def parse_args(self, args: Any = None, namespace: Any = None) -> Any:
+        """Parse; what nobody knows is refused with the option that is most like it."""
+        found, unknown = self.parse_known_args(args, namespace)
+        if unknown:
+            parser = self._subparser(getattr(found, 'command', None))
+            parser.error(f'unknown: {" ".join(unknown)}'
+                         + meant(unknown[0].partition('=')[0], parser.options()))
+        return found
+
+    def options(self) -> list[str]:
+        """The long options it knows."""
+        return [text for action in self._actions for text in action.option_strings
+                if text.startswith('--')]
+
+    def error(self, message: str) -> NoReturn:
+        """Print what is wrong and how to get help; leave with status 2."""
+        choice = _CHOICE.fullmatch(message)
+        if choice is not None:
+            given = re.findall(r"[^\s',]+", choice[3])
+            message = (f'{choice[1]}: there is no {choice[2]!r}{meant(choice[2], given)} '
+                       f'({", ".join(given)})')
+        self.exit(UNUSABLE, f'{self.prog}: {" ".join(message.split())}; see {self.prog} --help\n')
+
+    def _subparser(self, command: str | None) -> OneLineParser:
+        for action in self._actions:
+            if isinstance(action, argparse._SubParsersAction) and command in action.choices:
+                found: OneLineParser = action.choices[command]
+                return found
+        return self
+
+
+class HelpFormatter(argparse.HelpFormatter):
+    """Wraps descriptions, leaves examples as they are written."""
+
+    def _fill_text(self, text: str, width: int, indent: str) -> str:
+        if text.startswith('examples:'):
+            return ''.join(indent + line for line in text.splitlines(keepends=True))
+        return super()._fill_text(text, width, indent)
+
+
+def meant(word: str, known: Collection[str]) -> str:
+    """': did you mean X?' for the known word most like it; nothing if none is."""
+    found = difflib.get_close_matches(word, known, n=1, cutoff=0.6)
+    return f': did you mean {found[0]}?' if found else ''
+
+
+def examples_text(command: str) -> str:
+    """The examples of a command as its help shows them."""
+    lines: Sequence[tuple[str, str]] = EXAMPLES.get(command, ())
+    if not lines:
+        return ''
+    return 'examples:\n' + '\n'.join(f'  # {words}\n  {line}' for line, words in lines)

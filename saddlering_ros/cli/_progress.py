@@ -1,0 +1,47 @@
+"""How far a command is, on stderr if that is a terminal: stage, bar, share, time left."""
+
+from __future__ import annotations
+
+from types import TracebackType
+from typing import Any
+
+
+class Bar:
+    """One line per stage on a terminal; nothing at all elsewhere."""
+
+    def __enter__(self) -> Bar:
+        import sys
+
+        self._progress: Any = None
+        self._tasks: dict[str, Any] = {}
+        if sys.stderr.isatty():
+            from rich.console import Console
+            from rich.progress import (
+                BarColumn,
+                Progress,
+                TaskProgressColumn,
+                TextColumn,
+                TimeElapsedColumn,
+                TimeRemainingColumn,
+            )
+
+            self._progress = Progress(
+                TextColumn('{task.description}', markup=False), BarColumn(), TaskProgressColumn(),
+                TimeElapsedColumn(), TextColumn('left'), TimeRemainingColumn(),
+                console=Console(stderr=True), transient=True)
+            self._progress.start()
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, problem: BaseException | None,
+                 trace: TracebackType | None) -> None:
+        if self._progress is not None:
+            self._progress.stop()
+
+    def show(self, task: str, share: float, words: str = '') -> None:
+        """A task is done to this share (0 to 1); `words` say what it is at."""
+        if self._progress is None:
+            return
+        if task not in self._tasks:
+            self._tasks[task] = self._progress.add_task(task, total=1.0)
+        self._progress.update(self._tasks[task], completed=share,
+                              description=f'{task}  {words}' if words else task)

@@ -1,0 +1,64 @@
+"""`saddlering live`: a page in the browser on which a test is watched as it runs."""
+
+from __future__ import annotations
+
+import argparse
+from typing import Any
+
+
+def add_parser(subparsers: Any) -> None:
+    """Declare the subcommand."""
+    parser = subparsers.add_parser(
+        'live', help='a page in the browser that shows a test as it runs',
+        description='Serve a page that shows load and displacement, what the simulation misses, '
+                    'the health of every node, and identification and diagnosis as they go on. '
+                    'It listens to whatever runs in the ROS domain, and disturbs none of it.')
+    parser.add_argument('--port', type=int, default=8765,
+                        help='port of the page; 0 takes a free one (default 8765)')
+    parser.add_argument('--host', default='127.0.0.1',
+                        help='address to serve on; any but the default asks for a token '
+                             '(default 127.0.0.1: this machine only)')
+    parser.add_argument('--token', default='',
+                        help='what the address must hold to be let in (default beyond this '
+                             'machine: a random one)')
+    parser.add_argument('--domain', type=int, help='ROS domain (default: ROS_DOMAIN_ID, or 0)')
+    parser.add_argument('--window', type=float, default=600.0, metavar='S',
+                        help='longest time shown, in seconds (default 600)')
+    parser.add_argument('--json', metavar='FILE',
+                        help='write the address as JSON once it is served; - for stdout')
+
+
+def run(args: argparse.Namespace) -> int:
+    """Serve until Ctrl-C."""
+    import os
+
+    from saddlering_ros.live.errors import LiveError
+    from saddlering_ros.live.server import address, serve
+    from saddlering_ros.live.watcher import Watcher
+    from saddlering_ros.nodes.transport import prepare_transport
+
+    if not 0 <= args.port <= 65535:
+        raise LiveError(f'--port {args.port}: give 0 to 65535')
+    if not 1.0 <= args.window <= 86400.0:
+        raise LiveError(f'--window {args.window:g}: give 1 to 86400 seconds')
+    domain = args.domain if args.domain is not None else int(os.environ.get('ROS_DOMAIN_ID') or 0)
+    prepare_transport()
+    with Watcher(domain, args.window) as watcher:
+        serve(watcher, address(args.host, args.port, args.token),
+              lambda where: _say(args, where.url, domain))
+    return 0
+
+
+def _say(args: argparse.Namespace, url: str, domain: int) -> None:
+    import json
+    from pathlib import Path
+
+    from saddlering_ros.rig import write_text_atomically
+
+    document = json.dumps({'url': url, 'domain': domain})
+    if args.json == '-':
+        print(document, flush=True)
+        return
+    if args.json is not None:
+        write_text_atomically(Path(args.json), document + '\n')
+    print(f'{url} shows ROS domain {domain}; Ctrl-C ends it', flush=True)

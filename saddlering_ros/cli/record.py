@@ -1,0 +1,87 @@
+"""`saddlering record`: what the rig measures and the nodes make of it, into a bag."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+
+def add_parser(subparsers: Any) -> None:
+    """Declare the subcommand."""
+    parser = subparsers.add_parser(
+        'record', help='record the rig and the live results into a bag',
+        description='Record load, probes, displacement, simulation, residual, parameters in force '
+                    'and diagnostics as a rosbag2 bag (MCAP with its message definitions inside, '
+                    'so that PlotJuggler, Foxglove and ros2 bag read it without this package), '
+                    'until Ctrl-C or for --duration.')
+    parser.add_argument('out', type=Path, metavar='OUT', help='bag to write')
+    parser.add_argument('--test', choices=('static', 'dynamic'),
+                        help='kind of test, kept in the bag (with --elevation, it can then be '
+                             'identified and diagnosed)')
+    parser.add_argument('--elevation', type=float, metavar='DEG',
+                        help='elevation of the barrel in degrees, kept in the bag')
+    parser.add_argument('--duration', type=float, metavar='S', help='end after so many seconds')
+    parser.add_argument('--domain', type=int, help='ROS domain (default: ROS_DOMAIN_ID, or 0)')
+    parser.add_argument('--overwrite', action='store_true', help='replace an existing bag')
+    parser.add_argument('--json', metavar='FILE',
+                        help='write what was recorded as JSON; - for stdout')
+
+
+def run(args: argparse.Namespace) -> int:
+    """Record until told to stop."""
+    import contextlib
+    import os
+    import sys
+    import time
+
+    from saddlering_ros.bags import BagError
+    from saddlering_ros.live.recorder import recording
+    from saddlering_ros.nodes.transport import prepare_transport
+
+    facts = facts_of(args)
+    if args.duration is not None and not 0.0 < args.duration < 1e6:
+        raise BagError(f'--duration {args.duration:g}: give seconds above 0')
+    domain = args.domain if args.domain is not None else int(os.environ.get('ROS_DOMAIN_ID') or 0)
+    prepare_transport()
+    began = time.monotonic()
+    with recording(args.out, domain, facts=facts, overwrite=args.overwrite) as node:
+        if args.json != '-':
+            print(f'recording ROS domain {domain} into {args.out}; Ctrl-C ends it', flush=True)
+        with contextlib.suppress(KeyboardInterrupt):
+            while not node.done:
+                if args.duration is not None and time.monotonic() - began >= args.duration:
+                    break
+                time.sleep(0.05)
+        counts = {flow.topic: flow.received for flow in node.inputs}
+    told = {'bag': str(args.out), 'seconds': time.monotonic() - began, 'messages': counts}
+    tell(args, told)
+    if not any(counts.values()):
+        print(f'note: nothing was heard in ROS domain {domain}', file=sys.stderr)
+    return 0
+
+
+def facts_of(args: argparse.Namespace) -> dict[str, str]:
+    """The facts of the test given; BagError if only half of them are."""
+    from saddlering_ros.bags import BagError, TestFacts
+
+    if (args.test is None) != (args.elevation is None):
+        raise BagError('--test and --elevation belong together: give both, or neither')
+    if args.test is None:
+        return {}
+    return TestFacts(args.test, args.elevation).as_text()
+
+
+def tell(args: argparse.Namespace, told: dict[str, Any]) -> None:
+    """Say what was recorded."""
+    import json
+
+    from saddlering_ros.rig import write_text_atomically
+
+    document = json.dumps(told, indent=2)
+    if args.json == '-':
+        print(document)
+        return
+    if args.json is not None:
+        write_text_atomically(Path(args.json), document + '\n')
+    print(f'{told["bag"]}: {sum(told["messages"].values())} messages in {told["seconds"]:.1f} s')

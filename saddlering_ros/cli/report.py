@@ -1,0 +1,74 @@
+"""`saddlering report`: a page on parameters: how they were found, how well they predict bags."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+
+def add_parser(subparsers: Any) -> None:
+    """Declare the subcommand."""
+    from saddlering_ros.cli._samples import add_fact_options
+
+    parser = subparsers.add_parser(
+        'report', help='a page on parameters: how they were found, how well they predict',
+        description='Write one HTML file that opens offline: the parameters with their '
+                    'uncertainty, and simulation beside measurement on the bags given. (The page '
+                    'of a diagnosis is written by saddlering diagnose --report.)')
+    parser.add_argument('bags', nargs='+', metavar='BAG', help='runs to predict')
+    parser.add_argument('--params', type=Path, required=True, metavar='FILE',
+                        help='parameter file')
+    parser.add_argument('--identification', type=Path, metavar='FILE.json',
+                        help='what `saddlering identify --json` wrote of it')
+    parser.add_argument('--rig', type=Path, help='rig file (default: the shipped rig)')
+    parser.add_argument('--out', type=Path, required=True, metavar='FILE.html',
+                        help='the page to write')
+    parser.add_argument('--json', metavar='FILE', help='write all figures as JSON; - for stdout')
+    add_fact_options(parser)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Validate, and write the page."""
+    import json
+
+    from saddlering_ros.bags import read_run
+    from saddlering_ros.cli._samples import radians
+    from saddlering_ros.identification import validate
+    from saddlering_ros.provenance import name_files
+    from saddlering_ros.report import write_validation_report
+    from saddlering_ros.rig import load_rig, read_parameters, write_text_atomically
+
+    rig = load_rig(args.rig)
+    parameters = read_parameters(args.params)
+    identification = _identification(args.identification)
+    runs = [read_run(bag, test=args.test, elevation=radians(args.elevation)) for bag in args.bags]
+    found = validate(runs, rig, parameters)
+    write_validation_report(args.out, found, runs, rig, identification, args.command_line)
+    document = json.dumps(name_files(found.to_json(), args.rig, args.params), indent=2)
+    if args.json == '-':
+        print(document)
+        return 0
+    if args.json is not None:
+        write_text_atomically(Path(args.json), document + '\n')
+    print(f'written: {args.out}')
+    return 0
+
+
+def _identification(path: Path | None) -> dict[str, Any] | None:
+    """The JSON of an identification; ReportError if it is something else."""
+    import json
+
+    from saddlering_ros.report import ReportError
+
+    if path is None:
+        return None
+    try:
+        found = json.loads(path.read_text(encoding='utf-8'))
+    except ValueError as problem:
+        raise ReportError(f'{path}: is not JSON ({problem}): give what saddlering identify '
+                          '--json wrote') from problem
+    if not isinstance(found, dict) or not {'parameters', 'evaluations', 'status'} <= set(found):
+        raise ReportError(f'{path}: is not the result of an identification: give what saddlering '
+                          'identify --json wrote')
+    return found

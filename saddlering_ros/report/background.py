@@ -1,0 +1,198 @@
+"""What a reader needs to trust and to repeat a result: data quality, correlations, commands."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from saddlering_ros.bags import displacement_of_run, TestRun
+from saddlering_ros.report import html
+from saddlering_ros.report.html import Cell, number
+from saddlering_ros.report.quantities import percent, quantity
+from saddlering_ros.report.style import SYMBOLS
+from saddlering_ros.report.wording import MATERIAL
+from saddlering_ros.rig import CHANNELS, PARAMETER_NAMES, Rig, TONNE
+
+Array = NDArray[np.float64]
+
+MAD_TO_STD = 1.4826
+"""Standard deviation over median absolute deviation, for Gaussian noise."""
+
+GAP_PERIODS = 5.0
+STRONG = 0.9
+"""A correlation of parameters beyond which neither is known without the other."""
+
+
+@dataclass(frozen=True)
+class RunQuality:
+    """How good one run's data are.
+
+    duration [s]; rate [Hz] by the median period; load [N] lowest and highest; incomplete: load
+    samples at which a probe has no reading; gaps in the load's stamps, longest_gap [s];
+    zero_load [N] and whether that is the preload; noise: white noise of a sample [m, rad] by
+    channel; notes: what is wrong with the bag without keeping it from being used.
+    """
+
+    name: str
+    test: str
+    elevation_deg: float
+    samples: int
+    duration: float
+    rate: float
+    load: tuple[float, float]
+    incomplete: int
+    gaps: int
+    longest_gap: float
+    zero_load: float
+    is_zeroed_at_preload: bool
+    noise: Mapping[str, float]
+    notes: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Background:
+    """What a page says beside its result; whatever is empty is left out.
+
+    covariance (6, 6) of the contact parameters in the order of PARAMETER_NAMES; quality by run;
+    command: the command line that made the page.
+    """
+
+    covariance: Array | None = None
+    quality: Sequence[RunQuality] = field(default=())
+    command: str = ''
+
+
+def quality_of(run: TestRun, rig: Rig) -> RunQuality:
+    """Judge the data of one run."""
+    measured = displacement_of_run(rig, run)
+    steps = np.diff(run.stamps) / 1e9
+    period = float(np.median(steps))
+    long = steps[steps > max(GAP_PERIODS * period, 0.005)]
+    return RunQuality(
+        name=run.path.name, test=run.test, elevation_deg=float(np.degrees(run.elevation)),
+        samples=len(run.stamps), duration=float(run.time[-1]), rate=1.0 / period,
+        load=(float(run.load.min()), float(run.load.max())),
+        incomplete=int((~measured.complete).sum()), gaps=len(long),
+        longest_gap=float(long.max(initial=0.0)), zero_load=measured.zero.load,
+        is_zeroed_at_preload=measured.zero.near_preload,
+        noise={name: white_noise(np.asarray(getattr(measured.displacement, name)))
+               for name in CHANNELS},
+        notes=tuple(run.notes))
+
+
+def white_noise(values: Array) -> float:
+    """Standard deviation of the white noise on samples (N,) of something smooth.
+
+    From second differences, which a straight line has none of and whose variance is six times
+    that of the samples; by their median, which steps do not move.
+    """
+    seen = values[np.isfinite(values)]
+    if seen.size < 3:
+        return math.nan
+    second = np.diff(seen, 2)
+    return float(MAD_TO_STD * np.median(np.abs(second - np.median(second))) / math.sqrt(6.0))
+
+
+def data_quality(runs: Sequence[RunQuality]) -> str:
+    """Chapter: what each run's data are worth."""
+    rows: list[list[str | Cell]] = [[
+        run.name, number(f'{run.samples}'), number(f'{run.duration:.1f} s'),
+        number(f'{run.rate:.4g} Hz'),
+        number(f'{run.load[0] / TONNE:.2f} to {run.load[1] / TONNE:.2f} t'),
+        number(f'{run.incomplete}', 'bad' if run.incomplete > 0.01 * run.samples else ''),
+        number('none' if not run.gaps else f'{run.gaps} (≤ {run.longest_gap:.3g} s)',
+               'bad' if run.gaps else ''),
+        number(f'{run.zero_load / TONNE:.3f} t', '' if run.is_zeroed_at_preload else 'bad'),
+        *(number(quantity(run.noise[name], 'rad' if name == 'gamma' else 'm'))
+          for name in CHANNELS)] for run in runs]
+    said = [f'{run.name}: {note}' for run in runs for note in run.notes]
+    return html.section('Data quality', html.table(
+        ['run', number('load samples'), number('duration'), number('rate'), number('load'),
+         number('without all probes'), number('gaps'), number('zero at'),
+         *(number(f'noise {SYMBOLS[name]}') for name in CHANNELS)], rows,
+        'Noise: white noise of one sample, from second differences. Red: more than 1 % of the '
+        'samples lack a probe, stamps have gaps, or the zero was not taken at preload.'),
+        html.bullets(said) if said else html.paragraph(
+            'Nothing else is wrong with these bags.' if runs else '', 'soft'))
+
+
+def gains(document: Mapping[str, Any], channels: Sequence[str] = CHANNELS[:3]) -> str:
+    """Chapter: by how much the misfit falls, run by run, with the extended model."""
+    total = document.get('gain') or {}
+    if document['verdict'] == 'none' or total.get('fit') is None:
+        return ''
+    rows: list[list[str | Cell]] = []
+    for run in document['runs']:
+        rows.append([
+            str(run['bag']).rstrip('/').rsplit('/', 1)[-1],
+            'kept back' if run['held_out'] else 'fitted',
+            *(number(_gain_words(run['channels'].get(name))) for name in channels)])
+    rows.append(['all runs fitted', 'fitted', number(percent(total['fit'])), '', ''])
+    if total.get('held_out') is not None:
+        rows.append([f'all runs {total.get("how") or "kept back"}', 'kept back',
+                     number(percent(total['held_out'])), '', ''])
+    return html.section('What the cause is worth', html.table(
+        ['run', 'role', *(number(f'gain in {SYMBOLS[name]}') for name in channels)], rows,
+        'Gain: share by which the rms misfit falls once the cause is in the simulation; negative '
+        'where it rises; in brackets where it was within twice the noise to begin with. The last '
+        'rows weigh all channels by their noise.'))
+
+
+def _gain_words(item: Mapping[str, float | None] | None) -> str:
+    before, after = (item or {}).get('nrmse_before'), (item or {}).get('nrmse_after')
+    if not before or after is None:
+        return '–'
+    gain = 1.0 - after / before
+    words = f'{100.0 * gain:.0f} %' if abs(gain) >= 5e-3 else '0 %'
+    floor = (item or {}).get('noise_floor') or 0.0
+    return f'({words})' if before <= max(2.0 * floor, MATERIAL) else words
+
+
+def correlation(covariance: Array | None) -> str:
+    """A table of correlations of the contact parameters; nothing where they are not known."""
+    if covariance is None or not np.isfinite(covariance).all():
+        return ''
+    spread = np.sqrt(np.diag(covariance))
+    scale = np.outer(spread, spread)
+    shares = np.divide(covariance, scale, out=np.zeros_like(covariance), where=scale > 0.0)
+    rows: list[list[str | Cell]] = [
+        [html.code(name), *(
+            _heat(shares[i, j], known=bool(scale[i, j] > 0.0)) for j in range(len(spread)))]
+        for i, name in enumerate(PARAMETER_NAMES)]
+    strong = [f'{first} and {second}' for i, first in enumerate(PARAMETER_NAMES)
+              for j, second in enumerate(PARAMETER_NAMES)
+              if i < j and abs(shares[i, j]) > STRONG]
+    words = (f'Read together: {"; ".join(strong)}.' if strong
+             else 'No two are correlated beyond 0.9.')
+    return html.heading('Correlation') + html.table(
+        ['', *(number(name) for name in PARAMETER_NAMES)], rows) + html.paragraph(words, 'note')
+
+
+def _heat(value: float, *, known: bool) -> Cell:
+    if not known:
+        return Cell('–', mark='heat')
+    hue = '31,111,178' if value >= 0.0 else '209,73,91'
+    return Cell(f'<span style="background:rgba({hue},{0.45 * abs(value):.2f});padding:1px 7px">'
+                f'{value:+.2f}</span>'.replace('-', '−'), is_number=True, is_html=True)
+
+
+def reproduction(document: Mapping[str, Any], command: str = '') -> str:
+    """Chapter: the command, the versions and the hashes that lead to the same numbers again."""
+    made = document.get('provenance') or {}
+    rows: list[list[str | Cell]] = []
+    for kind in ('bags', 'files'):
+        rows += [[item['path'], Cell(
+            f'<code class="hash">{html.escape(item.get("sha256") or "not a file")}</code>',
+            is_html=True)] for item in made.get(kind, ())]
+    versions = ', '.join(f'{name} {version}' for name, version in made.get('versions', {}).items())
+    return html.section(
+        'To get the same again',
+        html.commands([command] if command else []),
+        html.table(['input', 'SHA-256'], rows, 'Of a bag: of the lines that sha256sum prints for '
+                   'its files.'),
+        html.paragraph(f'Made with {versions}.' if versions else '', 'note'))

@@ -1,0 +1,146 @@
+"""A headless Chromium driven over its DevTools protocol: what a page says, asks for and shows."""
+
+import asyncio
+import base64
+import contextlib
+import json
+from pathlib import Path
+import shutil
+import subprocess
+import tempfile
+import time
+
+import aiohttp
+import pytest
+
+FLAGS = ('--headless=new', '--no-sandbox', '--disable-gpu', '--disable-quic', '--no-first-run',
+         '--disable-background-networking', '--disable-component-update', '--disable-sync',
+         '--disable-dev-shm-usage', '--hide-scrollbars', '--window-size=1280,900',
+         '--remote-debugging-port=0')
+NAMES = ('chromium', 'chromium-browser', 'google-chrome', 'chrome')
+
+
+def chromium():
+    """The program; skips the test where there is none."""
+    found = next(filter(None, map(shutil.which, NAMES)), None)
+    if found is None:
+        pytest.skip('no Chromium on this machine: sudo apt install chromium')
+    return found
+
+
+class Page:
+    """One tab. `errors`: what it wrote to the console as an error; `requests`: what it fetched."""
+
+    def __init__(self, socket, loop):
+        self._socket, self._loop = socket, loop
+        self._number = 0
+        self.errors, self.requests = [], []
+
+    def send(self, method, **parameters):
+        """Call one DevTools method; its result."""
+        return self._loop.run_until_complete(self._send(method, parameters))
+
+    async def _send(self, method, parameters):
+        self._number += 1
+        number = self._number
+        await self._socket.send_json({'id': number, 'method': method, 'params': parameters})
+        while True:
+            message = json.loads((await self._socket.receive(30.0)).data)
+            if message.get('id') == number:
+                assert 'error' not in message, message['error']
+                return message['result']
+            self._hear(message)
+
+    def _hear(self, message):
+        method, said = message.get('method'), message.get('params', {})
+        if method == 'Runtime.exceptionThrown':
+            self.errors.append(said['exceptionDetails'].get('exception', {}).get(
+                'description', said['exceptionDetails']['text']))
+        elif method == 'Runtime.consoleAPICalled' and said['type'] in ('error', 'assert'):
+            self.errors.append(' '.join(str(item.get('value', item.get('description')))
+                                        for item in said['args']))
+        elif method == 'Log.entryAdded' and said['entry']['level'] == 'error':
+            self.errors.append(f'{said["entry"]["text"]} {said["entry"].get("url", "")}')
+        elif method == 'Network.requestWillBeSent':
+            self.requests.append(said['request']['url'])
+
+    def open(self, address):
+        for domain in ('Page', 'Runtime', 'Log', 'Network'):
+            self.send(f'{domain}.enable')
+        self.send('Page.navigate', url=address)
+        self.wait('document.readyState === "complete"')
+
+    def run(self, script):
+        """The value of a JavaScript expression."""
+        result = self.send('Runtime.evaluate', expression=script, returnByValue=True,
+                           awaitPromise=True)
+        assert 'exceptionDetails' not in result, result['exceptionDetails']
+        return result['result'].get('value')
+
+    def wait(self, script, seconds=30.0):
+        """Wait until a JavaScript expression is true; returns its value."""
+        deadline = time.monotonic() + seconds
+        while True:
+            with contextlib.suppress(AssertionError):  # a page that is being left
+                value = self.run(script)
+                if value:
+                    return value
+            assert time.monotonic() < deadline, f'never true: {script}; errors: {self.errors}'
+            time.sleep(0.05)
+
+    def text(self, selector='body'):
+        return self.run(f'document.querySelector({json.dumps(selector)}).innerText')
+
+    def picture(self, path, height=900, width=1280, top=0):
+        clip = {'x': 0, 'y': top, 'width': width, 'height': height, 'scale': 1}
+        data = self.send('Page.captureScreenshot', clip=clip, captureBeyondViewport=True)['data']
+        Path(path).write_bytes(base64.b64decode(data))
+
+    def printed(self):
+        """The page as a PDF."""
+        data = self.send('Page.printToPDF', printBackground=True, preferCSSPageSize=True,
+                         paperWidth=8.27, paperHeight=11.69)['data']
+        return base64.b64decode(data)
+
+
+@contextlib.contextmanager
+def browser_page():
+    """A tab of a Chromium of its own, gone afterwards."""
+    program = chromium()
+    loop = asyncio.new_event_loop()
+    with tempfile.TemporaryDirectory(prefix='chromium_', ignore_cleanup_errors=True) as folder:
+        child = subprocess.Popen(
+            [program, *FLAGS, f'--user-data-dir={folder}', 'about:blank'],
+            stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+        try:
+            page, leave = loop.run_until_complete(_connect(Path(folder), child, loop))
+            try:
+                yield page
+            finally:
+                loop.run_until_complete(leave())
+        finally:
+            child.terminate()
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                child.wait(5)
+            child.kill()
+            child.wait()
+            loop.close()
+
+
+async def _connect(folder, child, loop):
+    told = folder / 'DevToolsActivePort'
+    deadline = time.monotonic() + 60.0
+    while not (told.exists() and told.read_text().count('\n')):
+        assert child.poll() is None, 'Chromium does not start'
+        assert time.monotonic() < deadline, 'Chromium does not come up'
+        await asyncio.sleep(0.02)
+    port = told.read_text().split('\n')[0]
+    session = aiohttp.ClientSession()
+    async with session.get(f'http://127.0.0.1:{port}/json/list') as answer:
+        tabs = [item for item in await answer.json() if item['type'] == 'page']
+    socket = await session.ws_connect(tabs[0]['webSocketDebuggerUrl'], max_msg_size=0)
+
+    async def leave():
+        await socket.close()
+        await session.close()
+    return Page(socket, loop), leave

@@ -1,0 +1,111 @@
+"""Claims about numbers that leave the suite: tables, recordings, parameter files."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+from pyarrow import csv, parquet
+import pytest
+import rclpy
+from rosbags.highlevel import AnyReader
+
+from saddlering_ros.bags import read_run
+from saddlering_ros.cli.main import main
+from saddlering_ros.paths import share_directory
+from saddlering_ros.rig import (
+    CHANNELS,
+    ParameterSet,
+    ParameterSource,
+    TRUE_TO_SCALE,
+    write_parameters,
+)
+
+BAG = share_directory() / 'bags' / 'dynamic_50_fast'
+
+
+@pytest.fixture(scope='module')
+def parameters(tmp_path_factory):
+    path = tmp_path_factory.mktemp('numbers') / 'parameters.yaml'
+    source = ParameterSource(method='given', bags=('a', 'b'), covariance=np.eye(6))
+    write_parameters(path, ParameterSet(TRUE_TO_SCALE, {'radial_friction': {'force': 5e3}},
+                                        source))
+    return path
+
+
+@pytest.mark.ros
+def test_a_recorded_replay_holds_every_live_result_and_explains_itself(
+        ros_domain, parameters, tmp_path, capsys):
+    recorded, table = tmp_path / 'recorded', tmp_path / 'residual.parquet'
+    assert main(['replay', str(BAG), '--rate', '0', '--params', str(parameters), '--record',
+                 str(recorded), '--json', '-']) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert main(['residual', str(BAG), '--params', str(parameters), '--out', str(table)]) == 0
+    offline = parquet.read_table(table)
+
+    with AnyReader([recorded]) as reader:  # with nothing but what stands in the file
+        kinds = {item.topic: item.msgtype for item in reader.connections}
+        live = {}
+        for item, _, data in reader.messages():
+            if item.topic == '/ring/residual':
+                said = reader.deserialize(data, item.msgtype)
+                stamp = said.header.stamp.sec * 10**9 + said.header.stamp.nanosec
+                live[stamp] = [getattr(said, name) for name in CHANNELS]
+    assert kinds['/ring/parameters'] == 'saddlering_interfaces/msg/RingParameters'
+    assert kinds['/diagnostics'] == 'diagnostic_msgs/msg/DiagnosticArray'
+    assert sorted(live) == offline['stamp_ns'].to_pylist()
+    assert np.array_equal(np.array([live[stamp] for stamp in sorted(live)]).T,
+                          np.array([offline[name].to_numpy() for name in CHANNELS]))
+    assert told['messages']['/ring/residual'] == len(live)
+    again, first = read_run(recorded), read_run(BAG)
+    assert np.array_equal(again.load, first.load)
+    assert (again.test, again.elevation) == (first.test, first.elevation)
+
+
+def test_csv_and_parquet_hold_the_same_numbers(parameters, tmp_path):
+    tables = []
+    for name in ('a.csv', 'a.parquet'):
+        out = tmp_path / name
+        assert main(['residual', str(BAG), '--params', str(parameters), '--out', str(out)]) == 0
+        tables.append(csv.read_csv(out) if name.endswith('csv') else parquet.read_table(out))
+    assert tables[0].column_names == tables[1].column_names
+    for name in tables[0].column_names:
+        assert tables[0][name].to_pylist() == tables[1][name].to_pylist()
+
+
+@pytest.mark.ros
+def test_a_parameter_file_is_one_of_ros_2(ros_domain, parameters):
+    context = rclpy.Context()
+    rclpy.init(context=context, args=['--ros-args', '--params-file', str(parameters)])
+    node = rclpy.create_node('any', context=context,
+                             automatically_declare_parameters_from_overrides=True)
+    try:
+        found = {name: node.get_parameter(name).value for name in (
+            'contact.K1', 'contact.n2', 'effects.radial_friction.force', 'source.bags')}
+        assert found == {'contact.K1': TRUE_TO_SCALE.K1, 'contact.n2': TRUE_TO_SCALE.n2,
+                         'effects.radial_friction.force': 5e3, 'source.bags': ['a', 'b']}
+    finally:
+        node.destroy_node()
+        rclpy.shutdown(context=context)
+
+
+def test_a_recording_with_half_the_facts_is_refused(capsys):
+    assert main(['record', 'nowhere', '--test', 'static']) == 2
+    assert 'give both, or neither' in capsys.readouterr().err
+
+
+@pytest.mark.ros
+def test_a_recording_is_not_put_over_something_else(ros_domain, tmp_path, capsys):
+    (tmp_path / 'file').write_text('precious')
+    assert main(['record', str(tmp_path), '--duration', '1', '--overwrite']) == 2
+    assert Path(tmp_path / 'file').read_text() == 'precious'
+    assert 'is no bag' in capsys.readouterr().err
+
+
+@pytest.mark.ros
+def test_a_recording_of_nothing_says_so(ros_domain, tmp_path, capsys):
+    out = tmp_path / 'nothing'
+    assert main(['record', str(out), '--duration', '0.5', '--json', '-']) == 0
+    said = capsys.readouterr()
+    assert set(json.loads(said.out)['messages'].values()) == {0}
+    assert 'nothing was heard' in said.err
+    assert sorted(file.name for file in out.iterdir()) == ['metadata.yaml', 'nothing_0.mcap']

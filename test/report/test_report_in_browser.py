@@ -1,0 +1,98 @@
+"""Claims about a report as a browser shows it: offline, without errors, to zoom into, to print."""
+
+from browser import browser_page
+from documents import document, run_curves
+import numpy as np
+import pytest
+
+from saddlering_ros.provenance import Origin, Provenance
+from saddlering_ros.report.background import Background, RunQuality
+from saddlering_ros.report.diagnosis_page import diagnosis_page
+from saddlering_ros.rig import CHANNELS, TONNE
+
+HASH = 64 * 'a'
+COMMAND = 'saddlering diagnose static_50 --report page.html'
+
+
+def whole_page():
+    alike = {**document()['causes'][0], 'group': ['radial_friction', 'settling']}
+    made = Provenance((Origin('static_50', HASH),), versions={'saddlering_ros': '0.1.0'})
+    said = document('ambiguous', causes=[alike], next_test='Load twice as fast.',
+                    provenance=made.as_dict())
+    quality = RunQuality('static_50', 'static', 50.0, 80, 400.0, 0.2, (0.5 * TONNE, 25 * TONNE), 0,
+                         1, 3.0, 0.5 * TONNE, True, dict.fromkeys(CHANNELS, 2e-7), ('a note',))
+    covariance = np.diag([1e12, 1e-4, 1e9, 1e12, 1e-4, 1e9])
+    covariance[0, 1] = covariance[1, 0] = -0.95e4
+    return diagnosis_page(said, [run_curves(), run_curves(degrees=70.0, held_out=True)],
+                          Background(covariance, [quality], COMMAND))
+
+
+@pytest.fixture(scope='module')
+def page(tmp_path_factory):
+    file = tmp_path_factory.mktemp('report') / 'page.html'
+    file.write_text(whole_page(), encoding='utf-8')
+    with browser_page() as tab:
+        tab.open(file.as_uri())
+        tab.wait('document.documentElement.dataset.charts === "ready"')
+        tab.run('document.querySelectorAll("details").forEach((it) => { it.open = true; })')
+        figures = tab.run('document.querySelectorAll("figure").length')
+        for place in range(figures):
+            tab.run(f'document.querySelectorAll("figure")[{place}].scrollIntoView()')
+            tab.wait(f'document.querySelectorAll("figure")[{place}].classList.contains("drawn")')
+        yield tab
+
+
+def test_it_opens_without_errors_and_asks_nobody_for_anything(page):
+    assert page.errors == []
+    assert [url for url in page.requests if not url.startswith(('data:', 'file:'))] == []
+    assert sum(url.startswith('file:') for url in page.requests) == 1
+
+
+@pytest.mark.parametrize('figure', [
+    'These data cannot tell which it is', '9.000 ± 0.035 kN', 'Load twice as fast.',
+    'cannot be told apart by these data', '97 %', '−0.95', '1 (≤ 3 s)', 'a note', HASH, COMMAND,
+    'chosen: explains most', '(1.275 to 1.325) × 10⁸'])
+def test_what_matters_stands_there_as_text(page, figure):
+    assert figure in page.text()
+
+
+def test_the_picture_that_proves_it_stands_beside_the_verdict(page):
+    assert page.run('document.querySelector(".verdict figure .plot") !== null')
+
+
+def test_dragging_over_a_figure_zooms_into_it_and_pictures_give_way(page):
+    assert page.run('getComputedStyle(document.querySelector("figure.drawn img")).display') == (
+        'none')
+    page.run('document.querySelector(".verdict .plot").scrollIntoView()')
+    box = page.run('document.querySelector(".verdict .nsewdrag").getBoundingClientRect().toJSON()')
+    before = page.run('document.querySelector(".verdict .plot")._fullLayout.xaxis.range')
+    y = box['y'] + 0.5 * box['height']
+    for kind, share in (('mousePressed', 0.3), ('mouseMoved', 0.5), ('mouseReleased', 0.6)):
+        page.send('Input.dispatchMouseEvent', type=kind, x=box['x'] + share * box['width'], y=y,
+                  button='left', buttons=1, clickCount=1)
+    after = page.wait('(() => { const range = document.querySelector(".verdict .plot")._fullLayout'
+                      f'.xaxis.range; return range[0] > {before[0]} + 1 && range; }})()')
+    assert after[1] < before[1]
+
+
+def test_a_table_copies_as_a_table(page):
+    copied = page.run("""(() => {
+        const all = document.createRange();
+        all.selectNode([...document.querySelectorAll('table')].find(
+            (it) => it.innerText.includes('gain in')));
+        getSelection().removeAllRanges();
+        getSelection().addRange(all);
+        return getSelection().toString(); })()""")
+    rows = [line.split('\t') for line in copied.strip().splitlines() if '\t' in line]
+    assert ['static_50', 'fitted', '97 %', '97 %', '97 %'] in [
+        [cell.strip() for cell in row] for row in rows]
+
+
+def test_it_prints_with_pictures_and_everything_unfolded(page):
+    page.send('Emulation.setEmulatedMedia', media='print')
+    shown = page.run('[...document.querySelectorAll("figure")].every((it) => '
+                     'getComputedStyle(it.querySelector("img")).display !== "none" && '
+                     'getComputedStyle(it.querySelector(".plot")).display === "none")')
+    page.send('Emulation.setEmulatedMedia', media='')
+    assert shown
+    assert page.printed().startswith(b'%PDF')
