@@ -1,0 +1,150 @@
+"""The reference pages, written from the code each time the documentation is built."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from saddlering_ros.bags import LOAD_TOPIC, PROBE_TOPICS
+from saddlering_ros.cli._examples import EXAMPLES
+from saddlering_ros.cli.main import build_parser
+from saddlering_ros.nodes.reference import CLASSES
+
+ROOT = Path(__file__).resolve().parent.parent
+INTERFACES = ROOT / 'saddlering_interfaces'
+DOCUMENT = 'This page is written from the code when the documentation is built.\n'
+
+TOPICS = {
+    LOAD_TOPIC: 'load of the hydraulic cylinder: wrench.force.x [N]',
+    **dict.fromkeys(PROBE_TOPICS, 'gap [m] of one eddy-current probe'),
+    '/ring/displacement': 'what the ring did, from the probes',
+    '/ring/simulated_displacement': 'what the model says, at the same stamps',
+    '/ring/residual': 'measured less simulated, at the same stamps',
+    '/ring/parameters': 'contact parameters in force (in_force_in says where) or offered; kept '
+                        'for late joiners',
+    '/ring/zero': 'the stamp from which displacement counts anew',
+    '/replay/state': 'where a replay stands; kept for late joiners',
+    '/diagnostics': 'health of every node, once a second',
+    '/replay/progress': 'how far each node is in a replay in lockstep',
+}
+
+
+def topics_page() -> str:
+    """Topics with their types, as the nodes and the recorder declare them."""
+    from saddlering_ros.live.recorder import LATCHED, OTHERS, STREAMS, type_name
+
+    known = {topic: type_name(kind) for topic, kind in {**STREAMS, **LATCHED, **OTHERS}.items()}
+    known['/replay/progress'] = 'saddlering_interfaces/msg/ReplayProgress'
+    missing = set(known) ^ set(TOPICS)
+    if missing:
+        raise SystemExit(f'docs/generate.py: no words for {", ".join(sorted(missing))}')
+    rows = [f'| `{topic}` | `{known[topic]}` | {words} |' for topic, words in TOPICS.items()]
+    nodes = ', '.join(f'`{name}`' for name in CLASSES)
+    return '\n'.join([
+        '# Topics and actions', '', DOCUMENT,
+        'All messages are stamped and in SI units; the stamp is the time of measurement.', '',
+        '| topic | type | meaning |', '|---|---|---|', *rows, '',
+        '| action | type | served by |', '|---|---|---|',
+        '| `/identify_ring` | [IdentifyRing](messages.md) | `ring_identification` |',
+        '| `/diagnose_ring` | [DiagnoseRing](messages.md) | `ring_diagnosis` |', '',
+        f'Nodes: {nodes}. What each takes, gives and lets you set stands in '
+        '[Nodes](../nodes.md).', ''])
+
+
+def messages_page() -> str:
+    """Every definition of saddlering_interfaces as it is compiled."""
+    parts = ['# Messages, services and actions', '', DOCUMENT]
+    for kind, folder in (('msg', 'Messages'), ('srv', 'Services'), ('action', 'Actions')):
+        parts += [f'## {folder}', '']
+        for file in sorted((INTERFACES / kind).glob(f'*.{kind}')):
+            parts += [f'### {file.stem}', '', f'`saddlering_interfaces/{kind}/{file.stem}`', '',
+                      '```text', file.read_text(encoding='utf-8').rstrip(), '```', '']
+    return '\n'.join(parts)
+
+
+def commands_page() -> str:
+    """Every subcommand with its options and examples, from the parser itself."""
+    parser, runs = build_parser()
+    action = next(item for item in parser._actions
+                  if isinstance(item, argparse._SubParsersAction))
+    words = {item.dest: item.help for item in action._choices_actions}
+    parts = ['# Commands', '', DOCUMENT, 'Exit status: 0 done; 1 a failure of our own; 2 unusable '
+             'arguments or input, with one line on stderr that says what, where and what to do; '
+             '130 interrupted. `--json -` prints JSON alone to standard output. Colours and '
+             'progress are for terminals only, and never where `NO_COLOR` is set. After '
+             '`eval "$(saddlering completion bash)"` the tab key completes.', '']
+    for name in sorted(runs):
+        found = action.choices[name]
+        parts += [f'## {name}', '', f'{_sentence(found.description or words[name])}', '',
+                  '```text', _usage(found), '```', '', '| option | meaning |', '|---|---|']
+        parts += [_option(item) for item in found._actions if item.dest != 'help']
+        parts += ['', '```text', *(f'# {text}\n{line}' for line, text in EXAMPLES[name]), '```',
+                  '']
+    return '\n'.join(parts)
+
+
+def _usage(parser: argparse.ArgumentParser) -> str:
+    return ' '.join(parser.format_usage().removeprefix('usage: ').split())
+
+
+def _option(item: argparse.Action) -> str:
+    names = ', '.join(item.option_strings) or str(item.metavar or item.dest)
+    value = ''
+    if item.option_strings and item.nargs != 0:
+        shown = item.metavar or ('|'.join(map(str, item.choices)) if item.choices
+                                 else item.dest.upper())
+        value = f' {shown}'
+    meaning = (item.help or '').replace('%%', '%')
+    return f'| `{_cell(names + value)}` | {_cell(meaning)} |'
+
+
+def _cell(text: str) -> str:
+    return text.replace('|', '\\|')
+
+
+def _sentence(text: str) -> str:
+    text = ' '.join(text.replace('%%', '%').split())
+    return f'{text[:1].upper()}{text[1:]}' + ('' if text.endswith('.') else '.')
+
+
+def files_page() -> str:
+    """The files the suite reads and writes, with the shipped ones as they are."""
+    from saddlering_ros.bags.samples import COLUMNS
+    from saddlering_ros.rig import ParameterSet, TRUE_TO_SCALE
+    from saddlering_ros.rig.parameter_file import parameters_to_mapping
+
+    sections = ', '.join(f'`{name}`' for name in parameters_to_mapping(
+        ParameterSet(TRUE_TO_SCALE, {'radial_friction': {'force': 5e3}})))
+    return '\n'.join([
+        '# Files', '', DOCUMENT,
+        '## The rig', '', 'A ROS 2 parameter file, read by commands (`--rig`) and nodes '
+        '(`--params-file`). The shipped one is `config/rig.yaml`:', '', '```yaml',
+        (ROOT / 'config' / 'rig.yaml').read_text(encoding='utf-8').rstrip(), '```', '',
+        '## Parameters', '', f'A ROS 2 parameter file with the sections {sections}: the contact '
+        'law in SI units, where it came from (bags and their hashes, objective, covariance), and '
+        'the effects beyond the contact law. Written by `saddlering identify --out` and '
+        '`saddlering diagnose --out`; any node reads it with `--params-file`.', '',
+        '## Tables', '', 'CSV or Parquet, by the ending of the name. Columns: '
+        + ', '.join(f'`{name}`' for name in COLUMNS)
+        + '; stamps in nanoseconds, all else in SI units.', '',
+        '## Bags', '', 'What is read, refused and written: [Bags](../bags.md).', '',
+        '## Layouts', '', '`config/plotjuggler.xml` and `config/foxglove.json`: '
+        '[Results](../results.md).', ''])
+
+
+PAGES = {'topics.md': topics_page, 'messages.md': messages_page, 'commands.md': commands_page,
+         'files.md': files_page}
+
+
+def write_reference(folder: Path) -> None:
+    """Write every page that has changed."""
+    folder.mkdir(exist_ok=True)
+    for name, page in PAGES.items():
+        text = page()
+        file = folder / name
+        if not file.exists() or file.read_text(encoding='utf-8') != text:
+            file.write_text(text, encoding='utf-8')
+
+
+if __name__ == '__main__':
+    write_reference(Path(__file__).resolve().parent / 'reference')
