@@ -2,9 +2,11 @@
 
 1. One simulation of the same ramp: our kernel, scipy solve_ivp on the vectorised 304-roller model,
    exudyn (a multibody code standing in for ADAMS) with the same rollers as a force function.
-2. The whole identification by the paper's method and by the default one.
+2. The whole identification by the paper's method and by the default one; what it takes with
+   pyswarms on the plain model and scipy (a part measured, the rest by proportion).
 3. Optimisers on one and the same objective with one and the same number of evaluations: pyswarms,
    pymoo PSO, CMA-ES, scipy differential evolution, ours; share of seeds that reach the bottom.
+4. Where the paper's own swarm stops, ours and pyswarms with the same settings.
 Peers that are not installed are left out by name; benchmarks/peers-requirements.txt has them.
     python benchmarks/peers.py [--seeds 30] [--quick]
 """
@@ -24,12 +26,21 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import differential_evolution
 
 from saddlering_ros.identification import IdentificationSettings, identify, SwarmSettings
-from saddlering_ros.identification.objective import WeightedObjective
+from saddlering_ros.identification.objective import (
+    average_branches,
+    PaperObjective,
+    WeightedObjective,
+)
 from saddlering_ros.identification.observation import observe
 from saddlering_ros.identification.space import SearchSpace
 from saddlering_ros.identification.swarm import minimise
-from saddlering_ros.rig import FULL_SCALE_LOAD, PARAMETER_NAMES, TRUE_TO_SCALE
-from saddlering_ros.ring import dynamic_batch, static_batch
+from saddlering_ros.rig import (
+    ContactParameters,
+    FULL_SCALE_LOAD,
+    PARAMETER_NAMES,
+    TRUE_TO_SCALE,
+)
+from saddlering_ros.ring import dynamic_batch, SimulationError, static_batch, static_response
 from saddlering_ros.ring.reference import (
     contact_force,
     contact_rows,
@@ -65,9 +76,13 @@ def best_of(
     return min(times)
 
 
-def simulations(seconds: float) -> None:
-    """Part 1: processor time of one simulation, and how far the displacements lie apart."""
+def simulations(seconds: float, noise: float) -> None:
+    """Part 1: processor time of one simulation, and how far the displacements lie apart.
+
+    noise: rms of the load cell [N]; a load that has it cannot be stepped over by adaptive steps.
+    """
     grid, load = ramp(seconds)
+    load = load + np.random.default_rng(0).normal(0.0, 1.0, load.size) * noise
     fast = dynamic_batch(RIG, CONTACT[None], ELEVATION, grid, load)[0]
     one = best_of(lambda: dynamic_batch(RIG, CONTACT[None], ELEVATION, grid, load), 5,
                   time.process_time)
@@ -75,11 +90,13 @@ def simulations(seconds: float) -> None:
         FULL_SCALE_LOAD, 0.0, 26)[1:]])
     still = best_of(lambda: static_batch(RIG, CONTACT[None], ELEVATION, loads), 20,
                     time.process_time)
-    print(f'ramp of {seconds:g} s at 1 kHz, processor time; largest difference of delta_x to ours')
+    print(f'ramp of {seconds:g} s at 1 kHz, load with noise of {noise:g} N, processor time; '
+          'largest difference of delta_x to ours')
     print(f'  {"ours, one core":34s} {1e3 * one:10.2f} ms')
     print(f'  {"ours, static run of 51 plateaus":34s} {1e3 * still:10.3f} ms')
-    for name, solve in (('scipy solve_ivp LSODA', by_scipy('LSODA')),
-                        ('scipy solve_ivp Radau', by_scipy('Radau')),
+    longest = 1e-3 if noise else 0.02
+    for name, solve in (('scipy solve_ivp LSODA', by_scipy('LSODA', longest)),
+                        ('scipy solve_ivp Radau', by_scipy('Radau', longest)),
                         ('exudyn generalised alpha', by_exudyn)):
         try:
             started = time.process_time()
@@ -93,7 +110,7 @@ def simulations(seconds: float) -> None:
               f'{1e9 * difference:8.1f} nm')
 
 
-def by_scipy(method: str) -> Callable[[Array, Array], Array]:
+def by_scipy(method: str, longest: float) -> Callable[[Array, Array], Array]:
     def solve(grid: Array, load: Array) -> Array:
         start = static_equilibrium(RIG, TRUE_TO_SCALE, float(load[0]), ELEVATION)
         rate = rate_of_state(
@@ -101,7 +118,7 @@ def by_scipy(method: str) -> Callable[[Array, Array], Array]:
         )
         solution = solve_ivp(
             rate, (grid[0], grid[-1]), np.concatenate([start, np.zeros(3)]), method=method,
-            t_eval=grid, rtol=1e-6, atol=1e-11, max_step=0.02,
+            t_eval=grid, rtol=1e-6, atol=1e-11, max_step=longest,
         )
         return np.asarray(solution.y[:3])
 
@@ -160,7 +177,59 @@ def whole_identifications() -> None:
         found = identify(runs, RIG, settings)
         took = best_of(partial(identify, runs, RIG, settings), 2)
         print(f'  {method:10s} {took:8.2f} s   {found.evaluations:6d} evaluations   '
-              f'chi square per degree of freedom {found.reduced_chi_square:.3g}')
+              f'chi square per degree of freedom {found.reduced_chi_square:.3g}   '
+              f'{", ".join(found.notes)}')
+
+
+def by_hand(seconds: float, iterations: int) -> None:
+    """Part 2, the peer: pyswarms on the plain model and solve_ivp, over part of the record.
+
+    The static step solves 51 equilibria a particle with scipy.optimize.root, the dynamic step runs
+    solve_ivp over `seconds` of the recorded, noisy load, no step longer than a sample. Both scale
+    with the particles and iterations, the dynamic one with the seconds too.
+    """
+    static = np.concatenate([np.arange(26), np.arange(24, -1, -1)]) * FULL_SCALE_LOAD / 25.0
+    grid, load = ramp(10.0)
+    load = load + np.random.default_rng(0).normal(0.0, 50.0, load.size)
+    part = (grid >= 2.0) & (grid < 2.0 + seconds)
+    span = np.array([np.log(50.0), 0.5, np.log(2e3), np.log(50.0), 0.5, np.log(2e3)])
+    low = np.array([np.log(2e7), 1.0, np.log(1e4)] * 2)
+
+    def laws(points: Array) -> list[ContactParameters]:
+        values = low + points * span
+        values[:, [0, 2, 3, 5]] = np.exp(values[:, [0, 2, 3, 5]])
+        return [ContactParameters.from_array(row) for row in values]
+
+    def static_misfit(law: ContactParameters) -> float:
+        found, total = None, 0.0
+        for force in static:
+            try:
+                found = static_equilibrium(RIG, law, float(force), ELEVATION, start=found)
+            except SimulationError:  # scipy's root gives up in corners of the box
+                return np.inf
+            total += float(found[0]) ** 2
+        return total
+
+    def dynamic_misfit(law: ContactParameters) -> float:
+        start = static_response(RIG, law.to_array(), ELEVATION, load[part][:1])[:, 0]
+        rate = rate_of_state(RIG, law, ELEVATION, lambda t: float(np.interp(t, grid, load)))
+        solution = solve_ivp(
+            rate, (grid[part][0], grid[part][-1]), np.concatenate([start, np.zeros(3)]),
+            method='BDF', t_eval=grid[part], rtol=1e-6, atol=[1e-9] * 3 + [1e-6] * 3,
+            max_step=1e-3)
+        return float(np.sum(solution.y[0] ** 2))
+
+    whole = 0.0
+    for words, misfit, factor in (('static', static_misfit, 1.0),
+                                  ('dynamic', dynamic_misfit, 10.0 / seconds)):
+        started = time.process_time()
+        pyswarms_best(lambda points, one=misfit: np.array([one(law) for law in laws(points)]), 6,
+                      0, 4, iterations)
+        each = (time.process_time() - started) / (4 * iterations) * factor
+        whole += 1000.0 * each
+        print(f'  pyswarms on scipy, {words} step: {1e3 * each:8.1f} ms an evaluation '
+              f'({4 * iterations} timed), 1000 take {1000.0 * each:8.0f} s')
+    print(f'  pyswarms on scipy, both steps of 20 x 50: {whole:.0f} s, extrapolated')
 
 
 def optimisers(seeds: int, particles: int, iterations: int) -> None:
@@ -195,12 +264,40 @@ def optimisers(seeds: int, particles: int, iterations: int) -> None:
     print(f'{seeds} seeds, {particles} x {iterations} evaluations, six parameters; lowest chi '
           f'square known {lowest:.6g}')
     print(f'  {"optimiser":30s} {"s/seed":>8s} {"evals":>7s} {"median":>12s} {"worst":>12s} '
-          f'{"at the bottom":>14s}')
+          f'{"at the bottom":>14s} {"ours not above":>15s}')
+    ours = np.array(reached['ours, swarm and least squares'])
     for name, values in reached.items():
         took, evaluations = costs[name]
         at_bottom = sum(value <= REACHED * lowest for value in values)
         print(f'  {name:30s} {took:8.2f} {evaluations:7d} {np.median(values):12.6g} '
-              f'{max(values):12.6g} {at_bottom:7d} of {seeds}')
+              f'{max(values):12.6g} {at_bottom:7d} of {seeds} '
+              f'{int(np.sum(ours <= np.array(values) * (1.0 + 1e-9))):8d} of {seeds}')
+
+
+def paper_swarm(seeds: int) -> None:
+    """Part 4: where the paper's static step stops, ours and pyswarms' with the same settings."""
+    one = observe([virtual_run('static', 50.0, TRUE_TO_SCALE, seed=1)], RIG, fit_rate=50.0)[0]
+    objective = PaperObjective(RIG, [average_branches(one.coarse())], (0, 2))
+    space = SearchSpace.of(RIG.bounds, ('K1', 'n1', 'K2', 'n2'), TRUE_TO_SCALE)
+    span = space.high - space.low
+
+    def ours(seed: int) -> float:
+        return minimise(lambda points: objective(space.contacts(points)), space.low, space.high,
+                        SwarmSettings(), seed=seed).objective
+
+    def peer(seed: int) -> float:
+        return pyswarms_best(
+            lambda points: objective(space.contacts(space.low + points * span)), 4, seed, 20, 50)
+
+    print(f"the paper's static step, 20 x 50, {seeds} seeds: J reached; J of the truth "
+          f'{float(objective(CONTACT[None])[0]):.3g}')
+    for name, run in (('ours', ours), ('pyswarms', peer)):
+        try:
+            values = [run(seed) for seed in range(seeds)]
+        except ImportError:
+            continue
+        print(f'  {name:10s} least {min(values):.3g}  median {np.median(values):.3g}  '
+              f'largest {max(values):.3g}')
 
 
 Objective = WeightedObjective
@@ -230,6 +327,15 @@ def by_default_method(
 def by_pyswarms(
     objective: Objective, space: SearchSpace, seed: int, particles: int, iterations: int
 ) -> float:
+    span = space.high - space.low
+    return pyswarms_best(lambda points: objective(space.contacts(space.low + points * span)),
+                         len(span), seed, particles, iterations)
+
+
+def pyswarms_best(
+    objective: Callable[[Array], Array], size: int, seed: int, particles: int, iterations: int
+) -> float:
+    """Lowest objective found in the unit box with the paper's settings, inertia 0.9 to 0.4."""
     import logging
 
     import pyswarms
@@ -237,12 +343,13 @@ def by_pyswarms(
     logging.disable(logging.CRITICAL)
     np.random.seed(seed)
     optimiser = pyswarms.single.GlobalBestPSO(
-        particles, len(space.low), {'c1': 1.2, 'c2': 1.7, 'w': 0.9},
-        bounds=(space.low, space.high), oh_strategy={'w': 'lin_variation'},
+        particles, size, {'c1': 1.2, 'c2': 1.7, 'w': 0.9},
+        bounds=(np.zeros(size), np.ones(size)), velocity_clamp=(-0.2, 0.2),
     )
-    cost, _ = optimiser.optimize(
-        lambda points: objective(space.contacts(points)), iterations, verbose=False
-    )
+    # pyswarms' own schedules do not run from 0.9 to 0.4 over all iterations.
+    optimiser.oh = lambda options, iternow, itermax: {
+        **options, 'w': 0.9 - 0.5 * iternow / max(1, itermax - 1)}
+    cost, _ = optimiser.optimize(objective, iterations, verbose=False)
     return float(cost)
 
 
@@ -303,9 +410,15 @@ def main() -> None:
     parser.add_argument('--quick', action='store_true', help='3 seeds and a ramp of 1 s')
     args = parser.parse_args()
     print(f'{len(os.sched_getaffinity(0))} cores, load {os.getloadavg()[0]:.1f} at the start')
-    simulations(1.0 if args.quick else 10.0)
+    for noise in (0.0, 50.0):
+        simulations(1.0 if args.quick else 10.0, noise)
     whole_identifications()
+    try:
+        by_hand(0.05 if args.quick else 0.2, 2 if args.quick else 5)
+    except ImportError as problem:
+        print(f'  pyswarms on scipy: left out, {problem.name} is not installed')
     optimisers(3 if args.quick else args.seeds, particles=20, iterations=50)
+    paper_swarm(3 if args.quick else args.seeds)
 
 
 if __name__ == '__main__':

@@ -2,7 +2,8 @@
 
     python benchmarks/ros_load.py [--seconds 20] [--json FILE]
 
-Everything runs between real processes over DDS on this machine, in a ROS domain of its own.
+Everything runs between real processes over DDS on this machine, in a ROS domain of its own:
+the three ring nodes and both action servers, idle first, then with an identification running.
 Latency is from the stamp a driver process gives a load sample to the arrival of its residual in
 this process: three hops. Beside it, what a plain rclpy node makes of the same five topics:
 ordinary subscriptions, SingleThreadedExecutor.
@@ -11,6 +12,7 @@ ordinary subscriptions, SingleThreadedExecutor.
 from __future__ import annotations
 
 import argparse
+from collections.abc import Callable, Iterator
 import contextlib
 import json
 import os
@@ -30,13 +32,15 @@ from saddlering_interfaces.msg import ReplayProgress, RingDisplacement
 from saddlering_ros.bags import LOAD_TOPIC, PROBE_TOPICS, TestFacts, write_bag
 from saddlering_ros.nodes import wire
 from saddlering_ros.nodes.flow import Inflow, Outflow
-from saddlering_ros.nodes.launcher import NodeGroup, RING_NODES, start_nodes
+from saddlering_ros.nodes.launcher import ACTION_NODES, NodeGroup, RING_NODES, start_nodes
 from saddlering_ros.nodes.progress import PROGRESS_TOPIC
 from saddlering_ros.nodes.spin import DataWait
 from saddlering_ros.rig import default_rig, ParameterSet, TRUE_TO_SCALE
 from saddlering_ros.ring import simulate
 
 RATE = 1000.0
+
+Beside = Callable[[NodeGroup], contextlib.AbstractContextManager[None]]
 
 
 def course(seconds: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -51,7 +55,11 @@ def course(seconds: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def drive(seconds: float) -> None:
-    """A driver: five topics, each sample stamped and published on its own when its time comes."""
+    """A driver: five topics, each sample stamped and published on its own when its time comes.
+
+    It waits until its own writers know their readers: a reader can know the writer first, and
+    what is written before the writer knows of it never reaches that reader.
+    """
     from geometry_msgs.msg import WrenchStamped
     from sensor_msgs.msg import Range
     times, load, gaps = course(seconds)
@@ -59,8 +67,10 @@ def drive(seconds: float) -> None:
     node = rclpy.create_node('driver')
     flows = [Outflow(node, LOAD_TOPIC, WrenchStamped)]
     flows += [Outflow(node, topic, Range) for topic in PROBE_TOPICS]
-    sys.stdin.readline()
-    start = time.time_ns() + 200_000_000
+    readers = [int(word) for word in sys.stdin.readline().split()]
+    while any(flow.subscriptions() < count for flow, count in zip(flows, readers, strict=True)):
+        time.sleep(0.01)
+    start = time.time_ns() + 1_000_000_000
     stamps = start + np.round(times * 1e9).astype(np.int64)
     messages = [wire.encode_loads(wire.Samples(stamps, load), 'hydraulic_cylinder')]
     messages += [wire.encode_gaps(wire.Samples(stamps, gap, 0.0, 2e-3), f'eddy_current_{index}')
@@ -145,27 +155,72 @@ def wait_matched(progress: Inflow, seconds: float = 60.0) -> None:
     raise SystemExit('the nodes did not find each other')
 
 
-def in_real_time(seconds: float) -> dict[str, Any]:
+@contextlib.contextmanager
+def idle_servers(group: NodeGroup) -> Iterator[None]:
+    """Nothing runs beside the stream."""
+    yield
+
+
+@contextlib.contextmanager
+def running_identification(group: NodeGroup) -> Iterator[None]:
+    """An identification that outlasts the stream runs beside it, asked for as a client does."""
+    from rclpy.action import ActionClient
+    from rclpy.executors import SingleThreadedExecutor
+
+    from saddlering_interfaces.action import IdentifyRing
+    context = rclpy.Context()
+    rclpy.init(context=context, domain_id=group.domain_id)
+    node = Node('identifier', context=context)
+    executor = SingleThreadedExecutor(context=context)
+    executor.add_node(node)
+    client = ActionClient(node, IdentifyRing, '/identify_ring')
+    client.wait_for_server(60.0)
+    running: list[Any] = []
+    goal = IdentifyRing.Goal(bags=['dynamic_70'], particles=400, iterations=1_000_000)
+    sent = client.send_goal_async(goal, feedback_callback=running.append)
+    executor.spin_until_future_complete(sent, 30.0)
+    ended = sent.result().get_result_async()
+    while not running and not ended.done():
+        executor.spin_once(0.1)
+    yield
+    for _ in range(10):  # the feedback that has come in the meantime
+        executor.spin_once(0.05)
+    if ended.done():
+        raise SystemExit(f'the goal ended before the stream: {ended.result().result.message}')
+    sent.result().cancel_goal_async()
+    executor.spin_until_future_complete(ended, 30.0)
+    node.destroy_node()
+    rclpy.shutdown(context=context)
+
+
+def in_real_time(seconds: float, beside: Beside) -> dict[str, Any]:
     """Five topics at 1 kHz from a driver, all nodes running."""
     with NodeGroup() as group, listener(group.domain_id) as (node, residual, progress):
-        for name in RING_NODES:
+        for name in (*RING_NODES, *ACTION_NODES):
             group.start(name)
         driver = subprocess.Popen(
             [sys.executable, __file__, '--role', 'drive', '--seconds', str(seconds)],
             env=group.environment, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
         wait_matched(progress)
-        before = {name: cpu_of(one.process.pid) for name, one in group.processes.items()}
-        assert driver.stdin is not None
-        assert driver.stdout is not None
-        began = time.monotonic()
-        driver.stdin.write('go\n')
-        driver.stdin.flush()
-        stamps, arrivals = receive(node, [residual], round(seconds * RATE), seconds + 20.0)
-        took = time.monotonic() - began
-        used = {name: (cpu_of(one.process.pid) - before[name]) / took
-                for name, one in group.processes.items()}
-        late = float(driver.stdout.readline())
-        driver.wait()
+        with beside(group):
+            return streamed(seconds, group, driver, node, residual)
+
+
+def streamed(seconds: float, group: NodeGroup, driver: subprocess.Popen[str], node: Node,
+             residual: Inflow) -> dict[str, Any]:
+    """What becomes of the driver's samples, and what it costs."""
+    before = {name: cpu_of(one.process.pid) for name, one in group.processes.items()}
+    assert driver.stdin is not None
+    assert driver.stdout is not None
+    began = time.monotonic()
+    driver.stdin.write('2 1 1 1 1\n')
+    driver.stdin.flush()
+    stamps, arrivals = receive(node, [residual], round(seconds * RATE), seconds + 20.0)
+    took = time.monotonic() - began
+    used = {name: (cpu_of(one.process.pid) - before[name]) / took
+            for name, one in group.processes.items()}
+    late = float(driver.stdout.readline())
+    driver.wait()
     settled = stamps > stamps[0] + 1e9  # the zero window's rows wait for it by design
     delays = (arrivals - stamps)[settled] / 1e6
     sent = 5 * round(seconds * RATE)
@@ -207,8 +262,7 @@ def with_plain_rclpy(seconds: float) -> dict[str, Any]:
         assert reader.stdout is not None
         assert driver.stdin is not None
         reader.stdout.readline()
-        time.sleep(3.0)
-        driver.stdin.write('go\n')
+        driver.stdin.write('1 1 1 1 1\n')
         driver.stdin.flush()
         said = json.loads(reader.stdout.readline())
         driver.wait()
@@ -292,7 +346,10 @@ def main() -> None:
     figures = {}
     print(f'{os.cpu_count()} cores, load average before: {os.getloadavg()[0]:.1f}')
     for title, measure in [
-            ('real time, five topics at 1 kHz, all nodes', lambda: in_real_time(args.seconds)),
+            ('real time, five topics at 1 kHz, all nodes',
+             lambda: in_real_time(args.seconds, idle_servers)),
+            ('real time, five topics at 1 kHz, all nodes, while one identifies',
+             lambda: in_real_time(args.seconds, running_identification)),
             ('the same topics, plain rclpy node', lambda: with_plain_rclpy(args.seconds)),
             ('lockstep', lambda: in_lockstep(args.seconds)), ('cancel', to_cancel)]:
         figures[title] = measure()

@@ -21,6 +21,8 @@ SHORT: dict[str, tuple[str, ...]] = {
     'peers': ('--quick',),
     'recovery': ('--quick',),
     'uncertainty': ('--quick',),
+    'fuzz': ('--quick',),
+    'faults': ('--quick',),
 }
 
 
