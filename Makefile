@@ -5,7 +5,7 @@ export PYTHON
 
 RUN := tools/run.sh
 
-.PHONY: help setup setup-test demo test bench bench-identification bench-blind lint lock clean
+.PHONY: help setup setup-test demo test bench bench-identification bench-blind lint docs lock clean
 
 help:
 	@echo 'make setup        .venv with ROS 2 Jazzy, our messages and this package'
@@ -15,6 +15,7 @@ help:
 	@echo 'make bench-identification   recovery, uncertainty, peers; BENCH_ARGS=--quick for a taste'
 	@echo 'make bench-blind  diagnosis of bags whose cause it is not told'
 	@echo 'make lint         ruff and mypy'
+	@echo 'make docs         the documentation as a site in docs/_build, warnings as errors'
 	@echo 'make lock         requirements/lock/ anew from requirements/*.in'
 	@echo 'make clean        remove .venv, out/ and what builds leave'
 
@@ -48,8 +49,11 @@ lint: setup-test
 	@$(RUN) ruff check .
 	@$(RUN) mypy saddlering_ros
 
+docs: setup-test
+	@$(RUN) python -m sphinx --fail-on-warning --keep-going --quiet -b html docs docs/_build
+
 lock:
 	@python3 tools/lock.py
 
 clean:
-	rm -rf .venv out build install log .pytest_cache .mypy_cache .ruff_cache .hypothesis *.egg-info
+	rm -rf .venv out docs/_build docs/reference build install log .pytest_cache .mypy_cache .ruff_cache .hypothesis *.egg-info
