@@ -84,8 +84,19 @@ class Client:
             self.diagnostics.clear()
 
     def matched(self, topics: tuple[str, ...] = OUTPUTS) -> bool:
-        """Whether someone publishes each of `topics` to this client."""
-        return all(self.inflows[topic].publishers() for topic in topics)
+        """Whether each of `topics` reaches this client and all others who subscribe to it.
+
+        Both ends must know of each other: a reader may be matched with a writer that has not yet
+        heard of it, and then gets nothing of what is sent before.
+        """
+        return all(self.inflows[topic].publishers() and self._sent_to_all(topic)
+                   for topic in topics)
+
+    def _sent_to_all(self, topic: str) -> bool:
+        readers = self.node.count_subscribers(topic)
+        return any(count >= readers for said in self.progress.values()
+                   for output, count in zip(said.outputs, said.subscriptions, strict=True)
+                   if output == topic)
 
     def ring_nodes_matched(self) -> bool:
         """Whether displacement and simulator are matched with residual and this client."""
