@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 import math
 from pathlib import Path
 from typing import Any
@@ -19,6 +19,7 @@ from saddlering_ros.diagnosis.records import (
     check_set,
     DiagnosisError,
     Record,
+    rigs_of,
 )
 from saddlering_ros.diagnosis.ring_system import RingSystem
 from saddlering_ros.discrepancy import Cause, diagnose, Diagnosis, Run, Settings
@@ -164,6 +165,14 @@ class Verdict:
             shape for shape in found.shapes_after if shape.p_value < 0.01 and shape.visible >= 1e-3
         ]
         described = [{'shape': describe(shape), **_shape_json(shape)} for shape in shapes[:4]]
+        swift = found.ripple_after
+        if swift.visible >= 1e-3:
+            described.append({
+                'shape': f'{swift.view}: swings at about {swift.frequency:.2g} Hz in {swift.run}, '
+                         f'rms {100 * swift.visible:.2f} % of range',
+                'channel': swift.view, 'coordinate': 'time', 'p_value': swift.p_value,
+                'share_of_range': swift.visible,
+            })
         return [*described, *({**cause, 'partial': True} for cause in causes)]
 
 
@@ -236,13 +245,16 @@ def diagnose_runs(
     sentence = found.next_test
     if found.verdict == 'unknown':
         sentence = _advice(found)
+    rigs = rigs_of(records)
+    if len(rigs) > 1 and found.verdict != 'none':
+        # What parts one rig from another would get the name of a cause.
+        found = replace(found, verdict='unknown')
+        sentence = f'Diagnose the bags of each rig apart: {", ".join(rigs)}.'
     return Verdict(found, figures, tuple(notes), sentence, rig, seed)
 
 
 def _named_apart(records: list[Record]) -> list[Record]:
     """Records whose runs have different names."""
-    from dataclasses import replace
-
     seen: dict[str, int] = {}
     answer = []
     for record in records:

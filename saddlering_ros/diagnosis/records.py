@@ -312,12 +312,17 @@ def _carried(branch: Array) -> Array:
     return direction
 
 
+def rigs_of(records: Sequence[Record]) -> list[str]:
+    """Names of the rigs that the bags say they come from."""
+    return sorted({record.test_run.rig for record in records})
+
+
 def check_set(records: Sequence[Record]) -> list[str]:
     """What a set of bags cannot tell, in plain sentences."""
     fitted = [record for record in records if not record.run.held_out]
     tests = {record.test_run.test for record in fitted}
     elevations = sorted({round(np.degrees(record.test_run.elevation), 1) for record in fitted})
-    rigs = sorted({record.test_run.rig for record in records})
+    rigs = rigs_of(records)
     notes: list[str] = []
     if len(fitted) == 1:
         notes.append('one run only: the gain on runs not fitted cannot be measured')
@@ -332,8 +337,8 @@ def check_set(records: Sequence[Record]) -> list[str]:
         )
     if len(rigs) > 1:
         notes.append(
-            f'bags from different rigs ({", ".join(rigs)}): taken as one rig; '
-            'diagnose them apart if they are not'
+            f'bags from different rigs ({", ".join(rigs)}), simulated as one: what parts the '
+            'rigs is a misfit too, so no cause is sure; diagnose them apart'
         )
     for record in fitted:
         peak = float(np.max(record.measured.load))

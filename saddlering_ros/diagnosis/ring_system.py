@@ -23,6 +23,13 @@ Array = NDArray[np.float64]
 OTHER_SIGN = 0.9
 """Size of the start of the other sign, in usual sizes; another than any start of this sign."""
 
+FINE_STEP = 2e-4
+"""Step of sensitivities on a log scale and of K and n, as a share of the range.
+
+K and n of one contact are so nearly alike that the bend of their curves over a step ten times
+this long passes for a difference, and a refit creeps along their valley without an end.
+"""
+
 CURVATURE = 1.5
 """Standard deviation of the square of a standard normal number, nearly."""
 
@@ -49,6 +56,7 @@ class RingSystem:
                 start=float(starts[name]),
                 scale='linear' if name.startswith('n') else 'log',
                 unit=units[name],
+                step=FINE_STEP,
             )
             for name in PARAMETER_NAMES
         )
@@ -129,7 +137,7 @@ def engine_effect(effect: catalogue_of_effects.Effect) -> Effect:
             start=item.start,
             unit=item.unit,
             scale='log' if item.logarithmic else 'linear',
-            step=2e-3
+            step=FINE_STEP
             if item.logarithmic
             else float(np.clip(0.03 * abs(item.scale) / (item.high - item.low), 1e-6, 0.02)),
         )
@@ -144,6 +152,7 @@ def engine_effect(effect: catalogue_of_effects.Effect) -> Effect:
         effect.settled_by,
         ordered[0].neutral,
         _line_channels(effect) if effect.line else (),
+        effect.form,
     )
 
 
@@ -154,7 +163,7 @@ def _line_channels(effect: catalogue_of_effects.Effect) -> tuple[tuple[int, ...]
 
 
 def _starts(effect: catalogue_of_effects.Effect) -> tuple[dict[str, float], ...]:
-    """Three sizes at the usual shape, and the usual size at the other shapes worth trying."""
+    """Three sizes at the usual shape, and what the effect itself holds worth trying."""
     size, *shapes = sorted(effect.parameters, key=lambda item: not item.amplitude)
     factors = (0.2, 1.0, 3.0) if size.neutral == 0.0 else (0.5, 1.0, 1.5)
     sizes = [float(np.clip(factor * size.scale, size.low, size.high)) for factor in factors]
@@ -164,7 +173,9 @@ def _starts(effect: catalogue_of_effects.Effect) -> tuple[dict[str, float], ...]
     usual = {item.name: item.start for item in shapes}
     starts = [{size.name: value, **usual} for value in sizes]
     for other in effect.starts:
-        if any(other.get(item.name, item.start) != item.start for item in shapes):
+        if size.name in other or any(
+            other.get(item.name, item.start) != item.start for item in shapes
+        ):
             starts.append({**usual, size.name: sizes[1], **other})
     for item in shapes:
         if item.amplitude:

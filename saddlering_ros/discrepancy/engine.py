@@ -16,7 +16,7 @@ import numpy as np
 from scipy.stats import f as fisher
 
 from saddlering_ros.discrepancy.gain import fitted_gain, Gain, held_out_gain, left_out_gain
-from saddlering_ros.discrepancy.lack_of_fit import Battery, ShapeTest, Structure
+from saddlering_ros.discrepancy.lack_of_fit import Battery, Ripple, ShapeTest, Structure
 from saddlering_ros.discrepancy.likelihood import (
     Allowance,
     allowance_columns,
@@ -31,6 +31,7 @@ from saddlering_ros.discrepancy.lines import find_line, line_gain
 from saddlering_ros.discrepancy.next_test import choose_next, Proposal
 from saddlering_ros.discrepancy.refit import (
     Candidate,
+    declared_place,
     Fit,
     fit_base,
     refit,
@@ -66,6 +67,9 @@ LEAST_PAIRS = 12
 SCOUTING = 4
 """Rounds of a refit from each of several starts, before the best goes on alone."""
 
+BASE_ROUNDS = 25
+"""Rounds of the fit of the base parameters alone, on which everything rests."""
+
 POLISHED = 2
 """So many of the best refits of a step are carried on with every sensitivity taken afresh."""
 
@@ -74,6 +78,12 @@ ALIKE = 1e-4
 
 MOST_IN_ONE_VIEW = 2
 """More effects than this in one view are a fit, not an explanation."""
+
+GROWN = 4.0
+"""Small unknowns so many times their usual size are a form of the effect, not another effect."""
+
+WIDE = 10.0
+"""Spread that leaves a parameter free, in shares of its range."""
 
 MOST_SILENT = 2
 """Immaterial effects kept in the model at most while others are looked for."""
@@ -173,6 +183,7 @@ class Diagnosis:
     runs: tuple[RunResidual, ...]
     structure_before: Structure
     structure_after: Structure
+    ripple_after: Ripple
     shapes_before: tuple[ShapeTest, ...]
     shapes_after: tuple[ShapeTest, ...]
     detectability: tuple[Detectability, ...]
@@ -229,9 +240,17 @@ class _Session:
             ]
         )
         self.likelihood.free_of(extra)
-        self.base = run_refits(
-            self.likelihood, [refit(self.likelihood, Candidate(), rough.place, full=True)], check
-        )[0]
+        # A large misfit makes several valleys, and the metric has changed: start from both sides.
+        starts = [rough.place, declared_place(system.base_parameters)]
+        fits = run_refits(
+            self.likelihood,
+            [
+                refit(self.likelihood, Candidate(), place, rounds=BASE_ROUNDS, full=True)
+                for place in starts
+            ],
+            check,
+        )
+        self.base = min(fits, key=lambda fit: fit.misfit)
         self.base_tangent = tangent(self.likelihood, self.base)
         progress('screen', 0.25)
         check()
@@ -247,6 +266,7 @@ class _Session:
         self.evidence: list[Evidence] = []
         self.immaterial: list[Evidence] = []
         self.tangents: dict[int, Tangent] = {id(self.base): self.base_tangent}
+        self.grown: dict[int, float] = {}
 
     # ---- models
 
@@ -284,6 +304,7 @@ class _Session:
                         np.concatenate([fit.place, place]),
                         self.tangent_of(fit).white[:, :count],
                         rounds=SCOUTING,
+                        afresh=score.bent,
                     )
                 )
                 keys.append(key)
@@ -441,12 +462,28 @@ class _Session:
     def finishes(self, evidence: Evidence, fit: Fit, less: Fit) -> bool:
         """Whether what `fit` adds is beyond doubt and explains all but all that was left.
 
-        What an inexact form leaves is no such thing: it takes more than one other effect.
+        What an inexact form leaves is no such thing: it takes more than one other effect, or
+        looks like small unknowns grown large, as rollers do whose clearances differ.
         """
         gain = less.misfit - fit.misfit
         left = max(self.battery.structure(fit).excess, 0.0)
         sure = evidence.p_value < self.settings.error_rate**3
-        return sure and gain >= self.settings.least_total * (gain + left)
+        if not sure or gain < self.settings.least_total * (gain + left):
+            return False
+        return gain * self.settings.least_partial > less.misfit - self.unsound(less)
+
+    def unsound(self, fit: Fit) -> float:
+        """Misfit of `fit` if every small unknown were `GROWN` times larger than usual."""
+        if not fit.candidate.effects:
+            return fit.misfit
+        if id(fit) not in self.grown:
+            residual = fit.prediction - self.likelihood.measured()
+            columns = self.likelihood.grown(GROWN, WIDE * self.tangent_of(fit).plain)
+            white = self.likelihood.whiten_plain(residual)
+            inner = columns.T @ white
+            gram = np.eye(inner.size) + columns.T @ columns
+            self.grown[id(fit)] = float(white @ white - inner @ np.linalg.solve(gram, inner))
+        return self.grown[id(fit)]
 
     def beyond_form(self, less: Fit, fit: Fit) -> bool:
         """Whether what `fit` adds is more than the inexact form of what `less` has could leave."""
@@ -476,7 +513,7 @@ class _Session:
             )
         return max(crowd.values(), default=0) > MOST_IN_ONE_VIEW
 
-    def worth(self, structure: Structure) -> bool:
+    def worth(self, structure: Structure | Ripple) -> bool:
         """Whether what is left is both real and material."""
         return (
             structure.p_value < self.settings.error_rate
@@ -630,11 +667,13 @@ def _conclude(
     if fit.candidate.effects:
         fit, rivals = session.doubt(fit)
     structure_after = session.battery.structure(fit)
+    swift_before, swift_after = session.battery.ripple(base), session.battery.ripple(fit)
     explained = 0.0
     if fit.candidate.effects:
-        explained = 1.0 - max(structure_after.excess, 0.0) / max(structure_before.excess, 1e-9)
+        remaining = max(structure_after.excess, 0.0) + swift_after.excess
+        explained = 1.0 - remaining / max(structure_before.excess + swift_before.excess, 1e-9)
     notes: list[str] = []
-    left = session.worth(structure_after)
+    left = session.worth(structure_after) or session.worth(swift_after)
     verdict: Verdict = 'none'
     if fit.candidate.effects:
         ambiguous = any(rivals.get(name) for name in fit.candidate.ids)
@@ -655,6 +694,11 @@ def _conclude(
             )
     elif left:
         verdict = 'unknown'
+    if session.worth(swift_after):
+        notes.append(
+            f'{swift_after.view} swings about {swift_after.frequency:.2g} Hz in '
+            f'{swift_after.run}, {100 * swift_after.visible:.2f} % of range, unexplained'
+        )
     session.progress('gain', 0.85)
     shapes_before = session.battery.shapes(base, session.base_tangent.white)
     final = session.tangent_of(fit)
@@ -700,6 +744,7 @@ def _conclude(
         predicted,
         structure_before,
         structure_after,
+        swift_after,
         tuple(shapes_before),
         tuple(shapes_after),
         tuple(limits),
@@ -761,8 +806,11 @@ def _cause(
     estimates = {}
     for offset, item in enumerate(effect.parameters):
         place = float(fit.place[start + offset])
+        value = item.from_unit(place)
         std = float(np.sqrt(covariance[start + offset, start + offset])) * item.slope(place)
-        estimates[item.name] = Estimate(item.from_unit(place), std, item.unit)
+        if offset == 0:
+            std = float(np.hypot(std, effect.form * (value - effect.neutral)))
+        estimates[item.name] = Estimate(value, std, item.unit)
     for key, value in effect.variants[variant].items():
         estimates[key] = Estimate(float(value), 0.0, '')
     others = {

@@ -9,7 +9,7 @@ swallowed by it.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.stats import f as fisher
@@ -20,6 +20,13 @@ from saddlering_ros.discrepancy.screen import orthonormal
 from saddlering_ros.discrepancy.system import Array, Run
 
 WAVES_PER_RUN = 20
+"""Half waves per run that are judged together, as slow structure."""
+
+MOST_CHANCE = 0.01
+"""A band counts if noise alone would leave as much less often than this."""
+
+WAVE_SAMPLES = 4
+"""A half wave needs so many samples: where the swifter structure ends."""
 
 
 @dataclass(frozen=True)
@@ -49,6 +56,21 @@ class Structure:
     powers: Mapping[str, float]
 
 
+@dataclass(frozen=True)
+class Ripple:
+    """Structure too swift for `Structure`: excess in all bands, and the largest that is real.
+
+    Its view, run and frequency [Hz], the latter a guide only.
+    """
+
+    excess: float
+    p_value: float
+    visible: float
+    view: str
+    run: str
+    frequency: float
+
+
 class Battery:
     """Shapes laid out once for a set of runs; asked for every fit."""
 
@@ -64,6 +86,35 @@ class Battery:
         kept = values > 1e-8 * values[-1]
         self._root = vectors[:, kept] / np.sqrt(values[kept])
         self._dimensions = int(kept.sum())
+        self._bands = _swift_bands(likelihood)
+
+    def ripple(self, fit: Fit) -> Ripple:
+        """Structure swifter than that of `structure`: the band that stands out most, and where.
+
+        Its p-value carries the number of bands; of each band only what is beyond noise counts.
+        """
+        likelihood = self._likelihood
+        left = likelihood.without_nuisances(fit.prediction - likelihood.measured())
+        white = likelihood.whiten_plain(left)
+        excess, found = 0.0, Ripple(0.0, 1.0, 0.0, '', '', 0.0)
+        for band in self._bands:
+            channels = zip(band.parts, band.white, strict=True)
+            parts = [basis.T @ white[part] for part, basis in channels]
+            free = sum(part.size for part in parts)
+            statistic = float(sum(part @ part for part in parts))
+            p_value = float(fisher.sf(statistic / free, free, self._pairs)) * len(self._bands)
+            excess += max(statistic - free, 0.0)
+            seen = np.array([basis @ part for basis, part in zip(band.plain, parts, strict=True)])
+            width = likelihood.runs[band.run].width
+            for view, weights in likelihood.system.views.items():
+                power = np.average((weights @ seen) ** 2, weights=width) - weights**2 @ band.noise
+                size = float(np.sqrt(max(power, 0.0))) / self._ranges[view]
+                if p_value < MOST_CHANCE and size > found.visible:
+                    strongest = int(np.argmax(sum(part**2 for part in parts)))
+                    frequency = 0.5 * (band.first + strongest) / band.duration
+                    name = likelihood.runs[band.run].name
+                    found = Ripple(0.0, p_value, size, view, name, frequency)
+        return replace(found, excess=excess)
 
     def structure(self, fit: Fit) -> Structure:
         """Slow structure of the residual as a whole."""
@@ -127,6 +178,49 @@ class Battery:
             ),
             key=lambda item: (item.p_value, -item.statistic / item.dimensions),
         )
+
+
+@dataclass(frozen=True)
+class _Band:
+    """An octave of half waves in one run: per channel its samples and bases (N, k).
+
+    first: number of the first half wave; duration [s] of the run;
+    white: orthonormal in whitened samples; plain: the same waves as they are measured; noise (C,):
+    mean square that noise alone gives them.
+    """
+
+    run: int
+    first: int
+    duration: float
+    parts: list[slice]
+    white: list[Array]
+    plain: list[Array]
+    noise: Array
+
+
+def _swift_bands(likelihood: Likelihood) -> list[_Band]:
+    """Octaves of half waves beyond the slow structure, as far as the samples of a run reach."""
+    bands = []
+    slices = likelihood.slices()
+    for index, run in enumerate(likelihood.runs):
+        last = run.time.size // WAVE_SAMPLES
+        duration = max(float(np.ptp(run.time)), 1e-300)
+        place = (run.time - run.time[0]) / duration
+        first = WAVES_PER_RUN + 1
+        while first <= last:
+            stop = min(2 * first - 1, last + 1)
+            waves = np.cos(np.pi * place[:, None] * np.arange(first, stop)[None, :])
+            white, plain, noise = [], [], []
+            channels = zip(likelihood.factors[index], likelihood.roots[index], strict=True)
+            for factor, root in channels:
+                basis, _ = np.linalg.qr(factor @ waves)
+                white.append(basis)
+                plain.append(root @ basis)
+                noise.append(float(np.average((plain[-1] ** 2).sum(axis=1), weights=run.width)))
+            parts = [part for number, _, part in slices if number == index]
+            bands.append(_Band(index, first, duration, parts, white, plain, np.array(noise)))
+            first = stop
+    return bands
 
 
 def _view_variance(likelihood: Likelihood, noise: Array, view: str) -> list[float]:

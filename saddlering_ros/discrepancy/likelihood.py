@@ -32,6 +32,9 @@ from saddlering_ros.discrepancy.system import (
 USUAL_SPREADS = 2.5
 """A nuisance larger than so many of its standard deviations is no nuisance."""
 
+OFFSET_STRENGTH = 1e3
+"""A nuisance so many times the noise is left free already."""
+
 SEEN_SHARE = 0.25
 """A stretch at rest shows noise of time constants up to this share of its length."""
 
@@ -154,6 +157,17 @@ class Likelihood:
         self.directions = np.ascontiguousarray(left[:, kept])
         self.shrink = 1.0 - 1.0 / np.sqrt(1.0 + values[kept] ** 2)
         self.strength = values[kept]
+
+    def grown(self, factor: float, free: Array) -> Array:
+        """Nuisance columns, whitened, `factor` times as large, and plain columns beside them.
+
+        Offsets, whose spread is wide already, stay as they are.
+        """
+        white = self.whiten_plain(free)
+        if self.directions is None or self.strength is None:
+            return white
+        larger = np.where(self.strength < OFFSET_STRENGTH, factor * self.strength, self.strength)
+        return np.hstack([self.directions * larger, white])
 
     def without_nuisances(self, residual: Array) -> Array:
         """A stacked plain residual less what nuisances of a usual size make of it."""

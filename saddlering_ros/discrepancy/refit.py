@@ -19,6 +19,9 @@ from saddlering_ros.discrepancy.system import Array, Effect, Parameter, Point
 #: The whole range of a parameter counts as so many standard deviations: keeps idle ones still.
 PRIOR = 1.0
 
+QUIET_ROUNDS, FAILED_ROUNDS = 2, 4
+"""A refit ends after so many rounds in a row of no account, or of steps that led uphill."""
+
 
 @dataclass(frozen=True)
 class Candidate:
@@ -87,11 +90,13 @@ def refit(
     *,
     rounds: int = 8,
     full: bool = False,
+    afresh: bool = False,
 ) -> Asking:
     """Levenberg-Marquardt from `start`; asks for places, is sent predictions (n, B).
 
     `full` differences every column at every step; else the base columns start from `base_columns`
-    and are improved as the fit goes.
+    (`afresh`: from differences at `start`, where an effect changes them) and are improved as the
+    fit goes.
     """
     base = likelihood.system.base_parameters
     measured = likelihood.measured()
@@ -120,11 +125,15 @@ def refit(
         return float(residual @ residual + PRIOR**2 * ((place - 0.5) ** 2).sum())
 
     place = np.clip(start, 0.0, 1.0)
+    usual = differenced
+    if afresh:
+        differenced = list(range(count))
     asked, steps = around(place)
     residual, fresh, prediction = read((yield asked), steps)
     columns[:, differenced] = fresh
+    differenced = usual
     best = cost(residual, place)
-    history, damping, quiet = [best], 1e-3, 0
+    history, damping, quiet, failed = [best], 1e-3, 0, 0
     for _ in range(rounds):
         move = _bounded_step(columns, residual, place, damping)
         if np.abs(move).max() < 1e-6:
@@ -144,11 +153,12 @@ def refit(
             columns[:, differenced] = fresh
             damping = max(damping * 0.2, 1e-9)
             quiet = quiet + 1 if gain < max(0.02, 1e-4 * best) else 0
+            failed = 0
         else:
             damping = min(damping * 12.0, 1e6)
-            quiet += 1
+            failed += 1
         history.append(best)
-        if quiet >= 2:
+        if quiet >= QUIET_ROUNDS or failed >= FAILED_ROUNDS:
             break
     return Fit(
         candidate,
@@ -243,6 +253,11 @@ def run_refits(
     return [done[number] for number in range(len(refits))]
 
 
+def declared_place(base: Sequence[Parameter]) -> Array:
+    """The start that each parameter declares, the middle of its range where it does not."""
+    return np.array([0.5 if item.start is None else item.to_unit(item.start) for item in base])
+
+
 def fit_base(
     likelihood: Likelihood,
     start: Array | None,
@@ -256,9 +271,7 @@ def fit_base(
     if start is not None:
         places = [np.clip(start, 0.0, 1.0)]
     else:
-        declared = np.array(
-            [0.5 if item.start is None else item.to_unit(item.start) for item in base]
-        )
+        declared = declared_place(base)
         spread = (np.argsort(random.random((len(base), 24)), axis=1).T + 0.5) / 24
         asked = [declared, *spread]
         check()

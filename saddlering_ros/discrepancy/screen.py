@@ -7,7 +7,8 @@ can be detected; the share left after the base parameters took theirs says wheth
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 from scipy.stats import chi2
@@ -25,13 +26,23 @@ OTHER_SHARE = 0.3
 MOST_OTHERS = 2
 #: Shapes nearer than this, in shares of their range, are one.
 LEAST_APART = 0.05
+#: Signatures of two sizes less parallel than this (cosine) differ in shape: the effect is bent.
+LEAST_STRAIGHT = 0.9
+#: A start is scaled by so much at most: what is straight, and what is bent.
+STRAIGHT_REACH, BENT_REACH = (-5.0, 5.0), (0.7, 1.4)
+#: A bent effect starts at the size that was seen if that promises so much of the best gain.
+SEEN_ENOUGH = 0.5
 #: Normal quantile of 0.9: found nine times in ten.
 POWER_QUANTILE = 1.2816
 
 
 @dataclass(frozen=True)
 class Signature:
-    """Change that one effect at one start makes: `white` (n,), at `places` of its parameters."""
+    """Change that one effect at one start makes: `white` (n,), at `places` of its parameters.
+
+    bent: its shape depends on its size, as with thresholds and frequencies; so what was seen at
+    one size promises nothing of another.
+    """
 
     effect: Effect
     variant: int
@@ -41,6 +52,7 @@ class Signature:
     share: float
     length: float
     visible: float
+    bent: bool = False
 
     @property
     def key(self) -> tuple[str, int]:
@@ -51,7 +63,8 @@ class Signature:
 class Score:
     """How much of the misfit one candidate would explain, to first order, and from where.
 
-    `others`: starts of another shape that promise more than OTHER_SHARE of it.
+    `others`: starts of another shape that promise more than OTHER_SHARE of it; `bent`: as of its
+    signature.
     """
 
     effect: Effect
@@ -59,6 +72,7 @@ class Score:
     gain: float
     start: Array
     others: tuple[Array, ...] = ()
+    bent: bool = False
 
 
 @dataclass(frozen=True)
@@ -144,7 +158,27 @@ def measure_signatures(
                     scale.beyond_base(part[:, column]),
                 )
             )
-    return found
+    return _with_bends(found)
+
+
+def _with_bends(signatures: Sequence[Signature]) -> list[Signature]:
+    """The same signatures, each told whether sizes of its shape differ in more than height."""
+    shapes: dict[tuple[object, ...], list[Signature]] = {}
+    for item in signatures:
+        shapes.setdefault((*item.key, *np.round(item.places[1:], 6)), []).append(item)
+    bent: dict[tuple[object, ...], bool] = {}
+    for key, members in shapes.items():
+        shown = [item for item in members if item.length > LEAST_LENGTH]
+        shown.sort(key=lambda item: item.size)
+        signs = {item.size > 0.0 for item in shown}
+        straight = [
+            abs(float(one.white @ other.white)) / (one.length * other.length)
+            for sign in signs
+            for one, other in pairwise([item for item in shown if (item.size > 0.0) is sign])
+        ]
+        found = min(straight, default=1.0) < LEAST_STRAIGHT
+        bent[key[:2]] = bent.get(key[:2], False) or found
+    return [replace(item, bent=bent[item.key]) for item in signatures]
 
 
 def visible_gains(
@@ -245,8 +279,13 @@ def rank(
                 (item.effect.size.high - neutral) / item.size,
             )
         )
-        factor = float(np.clip(product / squared, max(low, -5.0), min(high, 5.0)))
+        least, most = BENT_REACH if item.bent else STRAIGHT_REACH
+        if neutral != 0.0:
+            least = most = 1.0
+        factor = float(np.clip(product / squared, max(low, least), min(high, most)))
         gain = float(2.0 * factor * product - factor**2 * squared)
+        if item.bent and 2.0 * product - squared > SEEN_ENOUGH * gain:
+            factor = 1.0
         start = item.places.copy()
         start[0] = np.clip(
             item.effect.size.to_unit(neutral + item.size * factor), 1e-3, 1.0 - 1e-3
@@ -256,17 +295,23 @@ def rank(
     for members in found.values():
         gain, item, start = max(members, key=lambda member: member[0])
         others = _other_shapes(members, start, OTHER_SHARE * gain)
-        scores.append(Score(item.effect, item.variant, gain, start, others))
+        scores.append(Score(item.effect, item.variant, gain, start, others, item.bent))
     return sorted(scores, key=lambda score: -score.gain)
 
 
 def _other_shapes(
     members: Sequence[tuple[float, Signature, Array]], start: Array, least: float
 ) -> tuple[Array, ...]:
-    """Starts that differ from `start` and each other in shape, most promising first."""
+    """Starts that differ from `start` and each other in shape, most promising first.
+
+    Of a bent effect the size is part of the shape.
+    """
     kept = [start]
+    first = 0 if members[0][1].bent else 1
     for gain, _, other in sorted(members, key=lambda member: -member[0]):
-        apart = all(np.abs(other[1:] - item[1:]).max(initial=0.0) > LEAST_APART for item in kept)
+        apart = all(
+            np.abs(other[first:] - item[first:]).max(initial=0.0) > LEAST_APART for item in kept
+        )
         if gain > least and apart and len(kept) <= MOST_OTHERS:
             kept.append(other)
     return tuple(kept[1:])

@@ -71,6 +71,9 @@ class Effect:
 
     `line`, the channels that each variant acts on, makes it a steady line looked for in stretches
     at rest and not fitted; its parameters are then cosine, sine and frequency [Hz].
+
+    `form`: standard deviation of the size, as a share of it, that comes from the law being an
+    idealised one; no residual tells it.
     """
 
     id: str
@@ -81,6 +84,7 @@ class Effect:
     settled_by: str = ''
     neutral: float = 0.0
     line: tuple[tuple[int, ...], ...] = ()
+    form: float = 0.0
 
     @property
     def size(self) -> Parameter:

@@ -23,6 +23,7 @@ class AxialClearance(Effect):
         'Pull-push through zero load: the jump between the two directions is the clearance.'
     )
     stage = 'ring'
+    form = 0.1  # clearances differ from roller to roller
     channels = ('delta_y', 'gamma')
     parameters = (
         EffectParameter(

@@ -86,6 +86,7 @@ class Effect(ABC):
     starts: ClassVar[tuple[Mapping[str, float], ...]] = ()
     dynamic_only: ClassVar[bool] = False
     line: ClassVar[bool] = False              # a steady line, at rest too
+    form: ClassVar[float] = 0.0               # share of the size that its idealised law may err
 
     @abstractmethod
     def extend(self, extension: RingExtension, values: Mapping[str, float]) -> RingExtension:

@@ -24,6 +24,7 @@ class BoltOpening(Effect):
         'the ring slewed by 90 deg moves it to other bolts.'
     )
     stage = 'ring'
+    form = 0.05  # bolts open one after another, not at once
     channels = ('gamma',)
     parameters = (
         EffectParameter(

@@ -9,6 +9,9 @@ import math
 from saddlering_ros.effects.base import Effect, EffectParameter
 from saddlering_ros.effects.extension import RingExtension
 
+PERIODS = tuple(0.02 * 1.15**number for number in range(25))
+"""Periods [s] tried first: closer than a ringing of ten periods tells apart."""
+
 SHORTEST_PERIOD = 1e-4
 """Below this period [s] the mode is as good as rigid."""
 
@@ -37,7 +40,7 @@ class CarriageResonance(Effect):
             'damping', '1', 0.005, 0.7, 0.05, 0.05,
             'damping ratio of the second mode', one_sided=True, logarithmic=True),
     )
-    starts = tuple({'period': period} for period in (0.02, 0.05, 0.1, 0.2, 0.5))
+    starts = tuple({'period': period} for period in PERIODS)
     dynamic_only = True
 
     def extend(self, extension: RingExtension, values: Mapping[str, float]) -> RingExtension:

@@ -25,6 +25,7 @@ class CylinderFriction(Effect):
         'unloading.'
     )
     stage = 'load path'
+    form = 0.1  # seals grip harder at rest and at higher pressure
     channels = ('delta_x', 'delta_y', 'gamma')
     parameters = (
         EffectParameter(

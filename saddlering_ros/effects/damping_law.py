@@ -24,6 +24,7 @@ class DampingLaw(Effect):
         'load stays.'
     )
     stage = 'ring'
+    form = 0.2  # damping may grow by another power of penetration
     channels = ('delta_x', 'delta_y', 'gamma')
     parameters = (
         EffectParameter(

@@ -27,6 +27,7 @@ class FilmCreep(Effect):
         'goes on during the holds and dies out.'
     )
     stage = 'ring'
+    form = 0.1  # films creep with more than one time constant
     channels = ('delta_x', 'delta_y', 'gamma')
     parameters = (
         EffectParameter(

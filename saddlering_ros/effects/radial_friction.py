@@ -25,6 +25,7 @@ class RadialFriction(Effect):
         'loop keeps its height and does not close during the holds.'
     )
     stage = 'ring'
+    form = 0.1  # sticking exceeds sliding by a tenth to a quarter, and how much the speed decides
     channels = ('delta_x',)
     parameters = (
         EffectParameter(

@@ -25,6 +25,7 @@ class TiltFriction(Effect):
         'settling does not, drift goes on during the holds.'
     )
     stage = 'ring'
+    form = 0.1  # sticking exceeds sliding by a tenth to a quarter, and how much the speed decides
     channels = ('delta_y', 'gamma')
     parameters = (
         EffectParameter(

@@ -25,6 +25,7 @@ class WornSectorAxial(Effect):
     )
     settled_by = 'The ring slewed by 90 deg: the arc leaves the load zone.'
     stage = 'ring'
+    form = 0.2  # worn arcs end softly, and no two rollers on them alike
     channels = ('delta_y', 'gamma')
     parameters = arc_parameters(centre=1.2)
     variants = tuple(

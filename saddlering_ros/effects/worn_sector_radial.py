@@ -28,6 +28,7 @@ class WornSectorRadial(Effect):
     )
     settled_by = 'The ring slewed by 90 deg: the arc leaves the load zone.'
     stage = 'ring'
+    form = 0.2  # worn arcs end softly, and no two rollers on them alike
     channels = ('delta_x',)
     parameters = arc_parameters(centre=0.5)
     variants = tuple(Variant(label, {'kind': kind}) for kind, label in KINDS)
