@@ -29,7 +29,7 @@ demo: setup
 	@$(RUN) saddlering demo $(DEMO_ARGS)
 
 test: setup-test
-	@$(RUN) python -m pytest $(TEST_ARGS)
+	@tools/test.sh $(TEST_ARGS)
 
 bench: setup-test
 	@$(RUN) python benchmarks/simulator.py
