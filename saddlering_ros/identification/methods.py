@@ -50,6 +50,9 @@ Array = NDArray[np.float64]
 STATIC_NAMES = ('K1', 'n1', 'K2', 'n2')
 DAMPING_NAMES = ('D1', 'D2')
 
+LOAD_CORRECTIONS = 2
+"""How often the load of dynamic runs is corrected and the fit repeated."""
+
 
 @dataclass
 class _Search:
@@ -67,11 +70,10 @@ class _Search:
 
     def observations(self, contact: ContactParameters | None = None) -> list[Observation]:
         """The runs to be fitted, their noise read with the help of a first finding."""
-        rate = self.settings.fit_rate
-        if self.has_dynamic:
-            return observe(self.runs, self.rig, fit_rate=rate, contact=contact)
-        # Nothing tells D: plateaus count as equilibria, which do not depend on it.
-        return [one.coarse() for one in observe(self.runs, self.rig, fit_rate=rate)]
+        found = observe(
+            self.runs, self.rig, fit_rate=self.settings.fit_rate, contact=contact)
+        # Where nothing tells D, plateaus count as equilibria, which do not depend on it.
+        return found if self.has_dynamic else [one.coarse() for one in found]
 
     @property
     def has_dynamic(self) -> bool:
@@ -243,12 +245,13 @@ def _refined(
         lowest = min(bottoms, key=lambda bottom: bottom.chi_square)
         found = _Found(lowest.law, lowest.chi_square, searched, observations)
         _note_different_optima(search, bottoms)
-        if search.has_dynamic:
-            again = search.observations(lowest.law)
-            fine = WeightedObjective(search.rig, again, channels)
+        fine = WeightedObjective(search.rig, search.observations(lowest.law), channels)
+        lowest = refine(fine, space, lowest.point, search.is_cancelled)
+        for _ in range(LOAD_CORRECTIONS if search.has_dynamic else 0):
+            fine = fine.with_likely_loads(lowest.contact)
             lowest = refine(fine, space, lowest.point, search.is_cancelled)
-            evaluations = fine.evaluations
-            found = _Found(lowest.law, lowest.chi_square, searched, again)
+        evaluations = fine.evaluations
+        found = _Found(lowest.law, lowest.chi_square, searched, fine.observations)
         _tell_refinement(search, 3, lowest)
     except Cancelled:
         pass

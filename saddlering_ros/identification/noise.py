@@ -158,6 +158,45 @@ class _Seen:
     longest: int
 
 
+def fit_common(
+    first: Sequence[Array], second: Sequence[Array], weights: Sequence[float], interval: float
+) -> ChannelNoise:
+    """Noise that pairs of segments (n_i,) have in common, each pair weighing `weights`.
+
+    From the Allan covariance: what is in one alone does not count. Segments of seconds hardly tell
+    a slow time constant, so each of SLOW_TIMES counts by its likelihood.
+    """
+    sums = [a + b for a, b in zip(first, second, strict=True)]
+    differences = [a - b for a, b in zip(first, second, strict=True)]
+    longest = max(len(segment) for segment in first)
+    sizes = np.unique(np.geomspace(1, max(1, longest // 2), 14).astype(np.int64))
+    parts = [
+        [_allan_variance([one[None, :]], sizes) for one in kind]
+        for kind in (sums, differences, first, second)
+    ]
+    pairs = np.array([count for _, count in parts[0]])
+    share = np.asarray(weights)[:, None] * pairs
+    seen = share.sum(axis=0) > 0.0
+    share = share[:, seen] / share[:, seen].sum(axis=0)
+    of_sum, of_difference, own, other = (
+        np.einsum('sl,sl->l', share, np.array([found[0, seen] for found, _ in kind]))
+        for kind in parts
+    )
+    common, sizes = 0.25 * (of_sum - of_difference), sizes[seen]
+    freedom = np.maximum(pairs.sum(axis=0)[seen] / sizes, 0.5)
+    error = np.maximum(np.sqrt((own * other + common**2) / freedom), 1e-300)
+    columns = _of_unit(sizes, interval, np.array(SLOW_TIMES))
+    amounts, likelihood = np.zeros((len(SLOW_TIMES), 2)), np.zeros(len(SLOW_TIMES))
+    for place, column in enumerate(columns.T):
+        design = np.column_stack([1.0 / sizes, column]) / error[:, None]
+        amounts[place], misfit = nnls(design, common / error)
+        likelihood[place] = -0.5 * misfit**2
+    likelihood = np.exp(likelihood - likelihood.max())
+    likelihood /= likelihood.sum()
+    return ChannelNoise(interval, float(likelihood @ amounts[:, 0]), np.array(SLOW_TIMES),
+                        likelihood * amounts[:, 1])
+
+
 def _known(slow: NoiseModel | None, channels: int) -> Array:
     """Slow variances (C, J) taken over; J is nought where there are none."""
     if slow is None:

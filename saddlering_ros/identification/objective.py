@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Protocol
 
 import numpy as np
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from saddlering_ros.identification.errors import IdentificationError
 from saddlering_ros.identification.observation import Observation, SETTLING_STEP
-from saddlering_ros.identification.whitening import Whitening
+from saddlering_ros.identification.whitening import SharedErrors, Whitening
 from saddlering_ros.rig import PARAMETER_NAMES, Rig, TONNE
 from saddlering_ros.ring import dynamic_batch, static_batch
 
@@ -70,14 +70,19 @@ class WeightedObjective:
     observations: Sequence[Observation]
     channels: tuple[int, ...]
     evaluations: int = 0
+    shared: list[SharedErrors | None] = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        self.shared = [
+            None if one.load_errors is None else SharedErrors.of(
+                one.whiten(one.load_errors.answers[:, list(self.channels)], self.channels))
+            for one in self.observations
+        ]
 
     def residuals(self, contacts: Array) -> Array:
         """Whitened residuals (B, R), simulated - measured, of contact parameters (B, 6)."""
         self.evaluations += len(contacts)
-        parts = [
-            one.whiten(self._raw(contacts, one), self.channels) for one in self.observations
-        ]
-        residuals = np.concatenate(parts, axis=1)
+        residuals = np.concatenate(self._of_each_run(contacts), axis=1)
         if np.isnan(residuals).any():
             worst = contacts[int(np.argmax(np.isnan(residuals).any(axis=1)))]
             raise IdentificationError(_not_a_number(worst))
@@ -85,14 +90,42 @@ class WeightedObjective:
 
     def mean_squares(self, contact: Array) -> list[float]:
         """Mean square of the whitened residuals of each run at a contact law (6,)."""
+        return [float(np.mean(part**2)) for part in self._of_each_run(contact[None, :])]
+
+    def _of_each_run(self, contacts: Array) -> list[Array]:
+        return self.whiten([
+            predict(self.rig, contacts, one) - one.displacement for one in self.observations
+        ])
+
+    def with_likely_loads(self, contact: Array) -> WeightedObjective:
+        """The same with the load of dynamic runs as their displacements say it was.
+
+        The model answers to the load cell's noise, with little damping by ringing, as the ring did
+        not: left in, that noise passes for sensitivity to the parameters.
+        """
+        white = self._plainly_white([
+            predict(self.rig, contact[None, :], one) - one.displacement
+            for one in self.observations])
+        corrected = [
+            one if shared is None else one.with_load_less(shared.estimate(part[0]))
+            for one, shared, part in zip(self.observations, self.shared, white, strict=True)
+        ]
+        return replace(self, observations=corrected)
+
+    def whiten(self, raw: Sequence[Array]) -> list[Array]:
+        """Residuals (B, R) of unit covariance, of each run, from raw ones (B, 3, N)."""
         return [
-            float(np.mean(one.whiten(self._raw(contact[None, :], one), self.channels) ** 2))
-            for one in self.observations
+            part if shared is None else shared.apply(part)
+            for part, shared in zip(self._plainly_white(raw), self.shared, strict=True)
         ]
 
-    def _raw(self, contacts: Array, one: Observation) -> Array:
+    def _plainly_white(self, raw: Sequence[Array]) -> list[Array]:
+        """The same, as if the load had no errors."""
         channels = list(self.channels)
-        return np.asarray((predict(self.rig, contacts, one) - one.displacement)[:, channels])
+        return [
+            one.whiten(part[:, channels], self.channels)
+            for one, part in zip(self.observations, raw, strict=True)
+        ]
 
     def __call__(self, contacts: Array) -> Array:
         """Chi square (B,)."""
@@ -170,6 +203,7 @@ def average_branches(observation: Observation) -> Observation:
         whitening=tuple(Whitening.of_covariance(np.diag(row)) for row in variance),
         standard_error=np.sqrt(variance),
         weight=1.0,
+        load_errors=None,
         fine_time=time,
         fine_load=load,
     )

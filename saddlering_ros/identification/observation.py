@@ -17,14 +17,18 @@ from scipy.ndimage import uniform_filter1d
 from saddlering_ros.bags import BagError, displacement_of_run, MeasuredRun, plateaus, TestRun
 from saddlering_ros.identification.errors import IdentificationError
 from saddlering_ros.identification.noise import (
+    ChannelNoise,
+    fit_common,
     fit_noise,
     NoiseModel,
     parity_ratios,
     ParityNoise,
+    SMALLEST_NOISE,
 )
 from saddlering_ros.identification.whitening import Whitening
 from saddlering_ros.rig import ContactParameters, FULL_SCALE_LOAD, ParameterSet, Rig, TONNE
-from saddlering_ros.ring import simulate
+from saddlering_ros.ring import simulate, static_response
+from saddlering_ros.ring.answers import load_answers
 
 Array = NDArray[np.float64]
 
@@ -47,13 +51,38 @@ FEWEST_READINGS = 5
 LEAST_SEEN = 0.3
 """Plateaus of a static run, and share of a dynamic one, that all four probes must have read."""
 
-ECHOES = 6
-"""How often a run is simulated with another load cell's noise, to see where it answers to it."""
+ANSWER_STEP = 2e-3
+"""Longest step [s] in which a dynamic run's answer to errors of its load is followed."""
 
 REST_BAND = 0.0025 * FULL_SCALE_LOAD
 REST_SECONDS = 0.25
 SETTLING_SECONDS = 0.3
 """What counts as a stretch at rest in a dynamic run, and how long it settles after a movement."""
+
+
+@dataclass(frozen=True)
+class LoadErrors:
+    """M independent errors of a run's load of unit variance, in its readings and simulation.
+
+    answers (M, 3, N): what each does to simulated increments; loads (M, N) [N]: what it is at each
+    reading's time; at_zero (M,) [N]: at the zero.
+    """
+
+    answers: Array
+    loads: Array
+    at_zero: Array
+
+    @classmethod
+    def of(cls, covariance: Array, answers: Array, in_zero: Array, at_zero: Array) -> LoadErrors:
+        """Errors of covariance (M, M) at M times, of which the first N are the readings'.
+
+        answers (3, N, M): to each; in_zero (M,): its share in the zero's load; at_zero (3,): what
+        that does to the zero.
+        """
+        root = cholesky(covariance, lower=True)
+        increments = answers - at_zero[:, None, None] * in_zero
+        return cls((increments @ root).transpose(2, 0, 1), root[:answers.shape[1]].T,
+                   in_zero @ root)
 
 
 @dataclass(frozen=True)
@@ -67,7 +96,7 @@ class Observation:
     fine_time and fine_load (N * per_block,), and averaged over blocks of per_block; a static one
     likewise, averaged over spans (N, 2), start and stop of each plateau in the grid, since rings
     of much damping have not come to rest there. Without spans its readings are equilibria. weight
-    (3, N) is below 1 where the model answers more to the load cell's noise than probes do theirs.
+    (3, N) is 0 where a reading is missing. load_errors: what the load cell's noise does to it.
     """
 
     name: str
@@ -86,10 +115,28 @@ class Observation:
     per_block: int = 1
     spans: NDArray[np.intp] | None = None
     weight: Array | float = 1.0
+    load_errors: LoadErrors | None = None
 
     def coarse(self) -> Observation:
         """The same run simulated at its readings alone: for a swarm, which needs no more."""
         return replace(self, fine_time=self.time, fine_load=self.load, per_block=1, spans=None)
+
+    def with_load_less(self, errors: Array) -> Observation:
+        """A dynamic run whose load is corrected by errors (M,) in units of `load_errors`.
+
+        What these do to its increments is taken off the measured ones: where the model is linear
+        its residuals stay as they were.
+        """
+        if self.load_errors is None or not self.dynamic:
+            return self
+        wrong = errors @ self.load_errors.loads
+        return replace(
+            self,
+            displacement=self.displacement - np.tensordot(errors, self.load_errors.answers, 1),
+            load=self.load - wrong,
+            fine_load=self.fine_load - np.interp(self.fine_time, self.time, wrong),
+            zero_load=self.zero_load - float(errors @ self.load_errors.at_zero),
+        )
 
     def whiten(self, residuals: Array, channels: Sequence[int]) -> Array:
         """Uncorrelated residuals (B, C * N) of raw ones (B, C, N) for the given channels."""
@@ -111,7 +158,7 @@ class _Prepared:
     """A run with its displacement and where it is at rest (start, stop index pairs).
 
     load (N,) that the model is driven with; explained (3, N): what it explains of the displacement
-    at rest; echoes (E, 3, N): how that changes with other noise of the load cell.
+    at rest.
     """
 
     run: TestRun
@@ -119,7 +166,6 @@ class _Prepared:
     displacement: Array
     load: Array
     explained: Array
-    echoes: Array
     rests: list[tuple[int, int]]
     branch: Array | None
     interval: float
@@ -138,11 +184,18 @@ def observe(
     if not runs:
         raise IdentificationError('no runs to identify from: give at least one bag')
     prepared = [_prepare(run, rig, fit_rate, contact) for run in runs]
-    return [
+    observed = [
         _observe_dynamic(one, prepared, fit_rate)
         if one.branch is None
         else _observe_static(one, prepared, fit_rate)
         for one in prepared
+    ]
+    if contact is None:
+        return observed
+    slow = _slow_cell_noise(rig, contact, prepared)
+    return [
+        replace(seen, load_errors=_load_errors(rig, contact, one, seen, _cell_noise(one, slow)))
+        for one, seen in zip(prepared, observed, strict=True)
     ]
 
 
@@ -161,15 +214,8 @@ def _prepare(
     interval = float(np.median(np.diff(measured.time)))
     size = 1 if run.test == 'static' else _block_sizes(interval, len(run.load), fit_rate)[0]
     load = _smoothed(measured.load, size)
-    echoes = np.zeros((0, *displacement.shape))
-    if contact is None:
-        explained = _load_slope(displacement, load)[:, None] * load
-    else:
-        explained = _simulated(rig, contact, run, measured.time, load)
-        echoes = np.stack([
-            _simulated(rig, contact, run, measured.time, load + _smoothed(noise, size)) - explained
-            for noise in _like_the_cells(measured.load)
-        ])
+    explained = (_load_slope(displacement, load)[:, None] * load if contact is None
+                 else _simulated(rig, contact, run, measured.time, load))
     if run.test == 'static':
         found = plateaus(run)
         rests = list(zip(found.start.tolist(), found.stop.tolist(), strict=True))
@@ -179,33 +225,17 @@ def _prepare(
         if len(rests) < FEWEST_READINGS:
             raise IdentificationError(_clipped(name))
         return _Prepared(
-            run, measured, displacement, load, explained, echoes, rests, branch[seen], interval
+            run, measured, displacement, load, explained, rests, branch[seen], interval
         )
     if np.mean(np.isfinite(displacement[0])) < LEAST_SEEN:
         raise IdentificationError(_clipped(name))
     rests = _calm_stretches(measured)
-    return _Prepared(run, measured, displacement, load, explained, echoes, rests, None, interval)
+    return _Prepared(run, measured, displacement, load, explained, rests, None, interval)
 
 
 def _clipped(name: str) -> str:
     return (f'{name}: probes are missing or at a limit of their span in most of the record: '
             'set their gaps anew and repeat the test')
-
-
-def _like_the_cells(load: Array) -> Array:
-    """White noise (ECHOES, N) of the size that the load (N,) shows in its second differences."""
-    size = float(np.sqrt(np.mean(np.diff(load, 2) ** 2) / 6.0)) if len(load) > 2 else 0.0
-    return size * np.random.default_rng(0).standard_normal((ECHOES, len(load)))
-
-
-def _weight(echoes: Array, errors: Sequence[float]) -> Array | float:
-    """Weight (3, N) of readings with noise of `errors` (3,) whose echoes (E, 3, N) are given."""
-    if not len(echoes):
-        return 1.0
-    own = np.array(errors)[:, None] ** 2
-    answer = np.mean(np.nan_to_num(echoes) ** 2, axis=0)
-    typical = np.median(answer, axis=1, keepdims=True)  # this much is in the noise read at rest
-    return np.asarray(np.sqrt(own / (own + np.maximum(answer - typical, 0.0))))
 
 
 def _smoothed(load: Array, size: int) -> Array:
@@ -437,11 +467,6 @@ def _observe_static(
         name=run_name(one.run), dynamic=False, elevation=float(one.run.elevation),
         time=time, load=load, zero_load=measured.zero.load,
         displacement=displacement, branch=np.asarray(one.branch),
-        weight=_weight(
-            np.stack([one.echoes[..., span].mean(axis=-1) for span in spans], axis=-1),
-            [np.sqrt(channel.variance_of_mean(int(np.median(counts))))
-             for channel in noise.channels],
-        ),
         whitening=tuple(whitening), correlation=noise.correlation,
         standard_error=np.stack(error), fine_time=_block_means(measured.time, step),
         fine_load=_block_means(measured.load, step), spans=_grid_spans(one, step),
@@ -489,9 +514,7 @@ def _observe_dynamic(
         fine_time=_block_means(time, size // per_block)[:fine],
         fine_load=_block_means(one.load[span], size // per_block)[:fine],
         per_block=per_block,
-        weight=np.isfinite(means) * _weight(
-            _block_means(one.echoes[..., span], size),
-            [channel.standard_deviation for channel in noise.channels]),
+        weight=np.isfinite(means).astype(np.float64),
     )
 
 
@@ -506,3 +529,78 @@ def _filled(values: Array) -> Array:
 
 def _zero_blocks(one: _Prepared, size: int) -> int:
     return max(1, (one.measured.zero.end - one.measured.zero.start) // size)
+
+
+def _slow_cell_noise(
+    rig: Rig, contact: ContactParameters, runs: Sequence[_Prepared]
+) -> ChannelNoise | None:
+    """Noise [N] of the load cell that its readings share with what the model then gets wrong.
+
+    At rest the ring follows the load, and the simulation the cell. From plateaus only: other
+    stretches at rest are too short to tell.
+    """
+    held = [one for one in runs if one.branch is not None]
+    held = [one for one in held if abs(one.interval / held[0].interval - 1.0) <= 0.05]
+    loads, errors, weights = [], [], []
+    for one in held:
+        left = [one.explained[:, a:b] - one.displacement[:, a:b] for a, b in one.rests]
+        steps = np.concatenate([np.diff(part, axis=1) for part in left], axis=1)
+        precision = 1.0 / np.maximum(np.nanmean(steps**2, axis=1), SMALLEST_NOISE**2)
+        level = np.array([float(np.mean(one.measured.load[a:b])) for a, b in one.rests])
+        slopes = _static_slopes(rig, contact, float(one.run.elevation), level)
+        for (start, stop), part, slope in zip(one.rests, left, slopes.T, strict=True):
+            good = np.all(np.isfinite(part), axis=0)
+            if np.count_nonzero(good) < 4:
+                continue
+            weights.append(float(precision @ slope**2))
+            errors.append((precision * slope / weights[-1]) @ part[:, good])
+            loads.append(one.measured.load[start:stop][good])
+    return fit_common(loads, errors, weights, held[0].interval) if loads else None
+
+
+def _cell_noise(one: _Prepared, slow: ChannelNoise | None) -> ChannelNoise:
+    """Noise [N] of the load cell in a run: white by its second differences, and the slow part."""
+    load = one.measured.load
+    white = float(np.mean(np.diff(load, 2) ** 2)) / 6.0 if len(load) > 2 else 0.0
+    times = np.ones(1) if slow is None else slow.times
+    return ChannelNoise(
+        one.interval, white, times, np.zeros(1) if slow is None else slow.variances)
+
+
+def _load_errors(
+    rig: Rig, contact: ContactParameters, one: _Prepared, seen: Observation, noise: ChannelNoise
+) -> LoadErrors | None:
+    """What the load cell's noise does to a run; None where its grid is too fine to follow it."""
+    zero, readings = one.measured.zero, len(seen.time)
+    at_zero = _static_slopes(rig, contact, seen.elevation, np.array([seen.zero_load]))[:, 0]
+    if not seen.dynamic:
+        slopes = _static_slopes(rig, contact, seen.elevation, seen.load)
+        zero_time = float(np.mean(one.measured.time[zero.start:zero.end]))
+        covariance = noise.covariance_of_means(
+            np.append(seen.time, zero_time),
+            [stop - start for start, stop in [*one.rests, (zero.start, zero.end)]])
+        answers = slopes[:, :, None] * np.eye(readings, readings + 1)
+        return LoadErrors.of(covariance, answers, np.eye(readings + 1)[-1], at_zero)
+    if readings > 2 * MOST_SAMPLES:
+        return None
+    interval = float(seen.time[-1] - seen.time[0]) / (readings - 1)
+    steps = readings * max(seen.per_block, int(np.ceil(interval / ANSWER_STEP)))
+    time = seen.time[0] + interval * ((np.arange(steps) + 0.5) * readings / steps - 0.5)
+    load = np.interp(time, seen.fine_time, seen.fine_load)
+    answers = load_answers(rig, contact, seen.elevation, time, load, readings)
+    first, last = one.measured.time[[zero.start, zero.end - 1]]
+    in_zero = ((seen.time >= first) & (seen.time <= last)).astype(np.float64)
+    size = max(1, int(round(interval / one.interval)))
+    covariance = noise.covariance_of_means(seen.time, [size] * readings)
+    return LoadErrors.of(covariance, answers, in_zero / max(1.0, in_zero.sum()), at_zero)
+
+
+def _static_slopes(
+    rig: Rig, contact: ContactParameters, elevation: float, load: Array
+) -> Array:
+    """Displacement per load (3, N) [m/N, m/N, rad/N] of equilibria at loads (N,) [N]."""
+    step = 1e-4 * FULL_SCALE_LOAD
+    both = static_response(
+        rig, contact.to_array(), elevation, np.concatenate([load - step, load + step]))
+    below, above = np.split(both, 2, axis=1)
+    return np.asarray((above - below) / (2.0 * step))

@@ -192,9 +192,8 @@ def _whitened(objective: WeightedObjective, contact: Array, imperfection: Imperf
             elevation=one.elevation + imperfection.elevation,
             zero_load=float(imperfection.load(np.array(one.zero_load))),
         )
-        raw = predict(rig, contact[None, :], changed) - one.displacement
-        parts.append(one.whiten(raw[:, list(objective.channels)], objective.channels)[0])
-    return np.concatenate(parts)
+        parts.append(predict(rig, contact[None, :], changed) - one.displacement)
+    return np.concatenate(objective.whiten(parts), axis=1)[0]
 
 
 def _judge(

@@ -21,6 +21,9 @@ Array = NDArray[np.float64]
 LONGEST_MEMORY = 100
 """Values a process is predicted from; two seconds of the usual fit grid."""
 
+LEAST_VARIANCE = 1e-3
+"""Shared errors below this, in units of the residuals' own variance, are left in."""
+
 
 @dataclass(frozen=True)
 class Whitening:
@@ -84,6 +87,37 @@ class Whitening:
         if self.share:
             white -= self.share * (white @ self.direction)[:, None] * self.direction
         return np.asarray(white)
+
+
+@dataclass(frozen=True)
+class SharedErrors:
+    """Errors that residuals share, uncorrelated but for them: covariance I + A^T A becomes I.
+
+    directions (k, R) orthonormal; shares (k,) of the residuals along them that are taken out;
+    mixture (M, k): the errors, in their own units, that a unit along each direction speaks for.
+    """
+
+    directions: Array
+    shares: Array
+    mixture: Array
+
+    @classmethod
+    def of(cls, answers: Array) -> SharedErrors:
+        """For residuals (R,) that answer by A (M, R) to M independent errors of unit variance."""
+        variance, mixture = np.linalg.eigh(answers @ answers.T)
+        noticed = variance > LEAST_VARIANCE
+        size = np.sqrt(variance[noticed])
+        directions = (mixture[:, noticed] / size).T @ answers
+        return cls(directions, 1.0 - 1.0 / np.sqrt(1.0 + size**2),
+                   mixture[:, noticed] * (size / (1.0 + size**2)))
+
+    def apply(self, values: Array) -> Array:
+        """Whitened rows (B, R) of values (B, R)."""
+        return np.asarray(values - (values @ self.directions.T * self.shares) @ self.directions)
+
+    def estimate(self, residuals: Array) -> Array:
+        """The errors (M,) that residuals (R,) make most likely."""
+        return np.asarray(self.mixture @ (self.directions @ residuals))
 
 
 def _inverse_root(covariance: Array) -> Array:
