@@ -486,13 +486,17 @@ class _Session:
         return self.grown[id(fit)]
 
     def beyond_form(self, less: Fit, fit: Fit) -> bool:
-        """Whether what `fit` adds is more than the inexact form of what `less` has could leave."""
+        """Whether what `fit` adds is more than the inexact form of what `less` has could leave.
+
+        In a view where that has no part, whether it is material.
+        """
         if not less.candidate.effects:
             return True
         share = float(np.sqrt(self.settings.form_error))
         known = visible_gains(self.likelihood, self.base.prediction, less.prediction, self.ranges)
         new = visible_gains(self.likelihood, less.prediction, fit.prediction, self.ranges)
-        return any(size > share * known[view] for view, size in new.items() if size > 0.0)
+        least = self.settings.materiality
+        return any(size > max(share * known[view], least) for view, size in new.items())
 
     def material(self, fit: Fit, less: Fit) -> bool:
         """Whether what `fit` adds to `less` changes a view enough to matter."""

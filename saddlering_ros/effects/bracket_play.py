@@ -22,6 +22,7 @@ class BracketPlay(Effect):
     )
     settled_by = 'An inclinometer on the bracket, read while loading and unloading.'
     stage = 'load path'
+    form = 0.1  # a bracket seats bit by bit, not all at one load
     channels = ('delta_x', 'delta_y', 'gamma')
     parameters = (
         EffectParameter(

@@ -1,0 +1,62 @@
+"""Claims on the ring as the engine sees it: where searches start, how sensitivities are taken."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from saddlering_ros.bags import read_run
+from saddlering_ros.diagnosis.diagnose import diagnose_runs
+from saddlering_ros.diagnosis.records import build_record
+from saddlering_ros.diagnosis.ring_system import engine_effect, RingSystem
+from saddlering_ros.discrepancy import Point
+from saddlering_ros.effects import catalogue
+from saddlering_ros.rig import default_rig, TRUE_TO_SCALE
+
+
+@pytest.mark.parametrize('name', ['carriage_resonance', 'probe_saturation'])
+def test_every_size_an_effect_holds_worth_trying_is_tried(name):
+    effect = catalogue()[name]
+    size = effect.parameters[0].name
+    tried = {start[size] for start in engine_effect(effect).starts}
+    assert {start[size] for start in effect.starts} <= tried
+
+
+def test_stiffness_and_exponent_are_told_apart_by_their_slopes_not_by_the_bend_of_a_step(campaign):
+    rig = default_rig()
+    bag = next(bag for bag in campaign() if bag.name == 'static_50')
+    run = build_record(rig, read_run(bag), held_out=False).run
+    system = RingSystem(rig)
+    values = TRUE_TO_SCALE.to_array()
+
+    def slopes(scale: float) -> np.ndarray:
+        columns = []
+        for index in (0, 1):
+            item = system.base_parameters[index]
+            moved = values.copy()
+            moved[index] = item.from_unit(item.to_unit(values[index]) + scale * item.step)
+            more, usual = system.predict_many(run, [Point(moved), Point(values)])
+            change = more - usual
+            columns.append(
+                ((change - change.mean(axis=1, keepdims=True)) / (scale * item.step)).ravel())
+        return np.column_stack(columns)
+
+    fine, finer = slopes(1.0), slopes(0.2)
+    _, _, vectors = np.linalg.svd(finer, full_matrices=False)
+    weak = finer @ vectors[1]
+    assert np.linalg.norm(fine @ vectors[1] - weak) < 0.1 * np.linalg.norm(weak)
+
+
+@pytest.mark.slow
+def test_bags_of_different_rigs_get_no_confident_name(campaign):
+    runs = ('static_50', 'dynamic_50', 'dynamic_50_fast', 'static_70')
+    bags = campaign('radial_friction', 8000.0, 'force', runs)[:2]
+    first, second = (read_run(bag) for bag in bags)
+    apart = diagnose_runs([first, replace(second, rig='another rig')])
+    assert apart.diagnosis.causes
+    assert apart.verdict == 'unknown'
+    assert 'different rigs' in ' '.join(apart.notes)
+    assert 'another rig' in str(apart.next_test)
+    assert not apart.extended_parameters().effects

@@ -1,0 +1,54 @@
+"""Claims on effects whose shape depends on their size."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from saddlering_ros.discrepancy import Effect, Parameter
+from saddlering_ros.discrepancy.refit import Candidate, Fit
+from saddlering_ros.discrepancy.screen import _with_bends, rank, Signature
+from saddlering_ros.discrepancy.system import Point
+
+TIME = np.linspace(0.0, 1.0, 200)
+SWING = Effect('swing', (Parameter('period', 0.0, 1.0),))
+GAIN = Effect('gain', (Parameter('share', 0.0, 1.0),))
+
+
+def swing(period: float) -> np.ndarray:
+    return 30.0 * np.sin(2.0 * np.pi * TIME / period)
+
+
+def signature(effect: Effect, size: float, white: np.ndarray) -> Signature:
+    length = float(np.linalg.norm(white))
+    return Signature(effect, 0, np.array([size]), size, white, 1.0, length, 1.0)
+
+
+SEEN = _with_bends(
+    [signature(SWING, period, swing(period)) for period in (0.1, 0.12, 0.2)]
+    + [signature(GAIN, share, 100.0 * share * TIME) for share in (0.1, 0.2, 0.4)]
+)
+
+
+def fit(misfit: np.ndarray) -> Fit:
+    empty = np.zeros((TIME.size, 0))
+    return Fit(Candidate(), np.zeros(0), float(misfit @ misfit), -misfit, empty, misfit,
+               Point(np.zeros(0)))
+
+
+def best(misfit: np.ndarray) -> tuple[str, float]:
+    scores = rank(fit(misfit), np.ones((TIME.size, 1)) / np.sqrt(TIME.size), SEEN)
+    return scores[0].effect.id, float(scores[0].start[0])
+
+
+def test_a_frequency_is_bent_and_a_gain_is_not() -> None:
+    assert {item.effect.id for item in SEEN if item.bent} == {'swing'}
+
+
+def test_a_bent_effect_starts_where_it_was_seen_and_not_at_a_size_scaled() -> None:
+    assert best(0.7 * swing(0.12)) == ('swing', 0.12)
+
+
+def test_a_straight_effect_starts_at_the_size_that_fits() -> None:
+    name, start = best(31.0 * (TIME - TIME.mean()))
+    assert name == 'gain'
+    assert abs(start - 0.31) < 1e-6
