@@ -75,6 +75,7 @@ class RingSimulator:
 
     def __init__(self, rig: Rig, parameters: ParameterSet, elevation: float,
                  max_step: float = 1e-3) -> None:
+        _check_step(max_step)
         self._rig = rig
         extension = extension_of(parameters.effects)
         model = build_model(rig, parameters.contact, elevation, extension)
@@ -201,6 +202,11 @@ def check_record(time: Floats, load: Floats) -> None:
         raise SimulationError(f'time does not rise at sample {index}: sort or cut the record')
 
 
+def _check_step(max_step: float) -> None:
+    if not 0.0 < max_step < np.inf:
+        raise SimulationError(f'longest step is {max_step}: give a finite time above zero [s]')
+
+
 def simulate(rig: Rig, parameters: ParameterSet, elevation: float, time: ArrayLike,
              load: ArrayLike, max_step: float = 1e-3) -> SimulatedRun:
     """Simulate a whole record: time (N,) [s], load (N,) [N], elevation [rad]."""
@@ -268,7 +274,8 @@ def dynamic_batch(rig: Rig, contacts: ArrayLike, elevation: float, time: ArrayLi
                   load: ArrayLike, max_step: float = 1e-3) -> Floats:
     """Absolute motion (B, 3, N) of each contact law (B, 6) over a record, at rest at load[0].
 
-    NaN where a time step did not converge.
+    NaN where a time step did not converge, and all along for a law that is not finite. Raises
+    SimulationError where time, a load, the elevation or the step is not.
     """
     motion, _ = _simulate_batch(rig, contacts, elevation, time, load, None, None, max_step)
     return np.ascontiguousarray(motion.transpose(0, 2, 1))
@@ -280,7 +287,8 @@ def probe_batch(rig: Rig, candidates: Sequence[tuple[ArrayLike, RingExtension]],
     """Probe increments (B, 4, N) [m] of each (contact law (6,), extension) over a record.
 
     The zero is the equilibrium at `zero_load` [N] (load[0] if None), where the record starts.
-    NaN where a time step did not converge.
+    NaN where a time step did not converge, and all along for a law that is not finite. Raises
+    SimulationError where time, a load, the elevation or the step is not.
     Where a clock offset asks for samples outside the record, its first or last value is held.
     """
     contacts = np.array([np.asarray(contact, dtype=np.float64) for contact, _ in candidates])
@@ -325,6 +333,9 @@ def _simulate_batch(rig: Rig, contacts: ArrayLike, elevation: float, time: Array
     force = np.ascontiguousarray(load, dtype=np.float64)
     check_record(seconds, force)
     zero = float(force[0]) if zero_load is None else zero_load
+    _check_step(max_step)
+    if not np.isfinite(zero):
+        raise SimulationError(f'zero load is {zero}: give a finite load [N]')
     motion = np.empty((m.shape[0], seconds.size, 3))
     increments = np.empty((m.shape[0], seconds.size, 4))
 

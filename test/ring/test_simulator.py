@@ -178,3 +178,43 @@ def test_where_there_is_no_equilibrium_stands_no_number() -> None:
 
 def test_an_equilibrium_is_found_everywhere_in_the_box() -> None:
     assert np.all(np.isfinite(static_batch(RIG, draw_contacts(400, seed=7), 0.9, STATIC_LOADS)))
+
+
+@pytest.mark.parametrize('wrong', [np.nan, np.inf, -np.inf])
+@pytest.mark.parametrize(('argument', 'words'), [
+    ('elevation', 'elevation is'), ('time', 'not finite'), ('load', 'not finite'),
+    ('zero_load', 'zero load is'), ('max_step', 'longest step is'),
+])
+def test_a_batch_is_refused_where_an_argument_is_no_finite_number(
+        argument: str, words: str, wrong: float) -> None:
+    time, load = dynamic_record(0.1)
+    arguments = {'elevation': 0.9, 'time': time, 'load': load}
+    held = arguments.get(argument)
+    arguments[argument] = wrong if np.ndim(held) == 0 else np.append(held[:-1], wrong)
+    with pytest.raises(SimulationError, match=words):
+        probe_batch(RIG, [(TRUE_TO_SCALE.to_array(), NO_EXTENSION)], **arguments)
+    if argument != 'zero_load':
+        with pytest.raises(SimulationError, match=words):
+            dynamic_batch(RIG, TRUE_TO_SCALE.to_array()[None], **arguments)
+
+
+@pytest.mark.parametrize('step', [0.0, -1e-3])
+def test_a_step_that_does_not_move_time_on_is_refused(step: float) -> None:
+    with pytest.raises(SimulationError, match='longest step is'):
+        RingSimulator(RIG, ParameterSet(TRUE_TO_SCALE), 0.9, max_step=step)
+
+
+@pytest.mark.parametrize('wrong', [np.nan, np.inf, -np.inf])
+@pytest.mark.parametrize('name', PARAMETER_NAMES)
+def test_a_law_that_is_no_finite_number_gets_none_and_leaves_its_neighbours_alone(
+        name: str, wrong: float) -> None:
+    time, load = dynamic_record(0.1)
+    broken = TRUE_TO_SCALE.to_array()
+    broken[PARAMETER_NAMES.index(name)] = wrong
+    laws = np.stack([TRUE_TO_SCALE.to_array(), broken, TRUE_TO_SCALE.to_array()])
+    motion = dynamic_batch(RIG, laws, 0.9, time, load)
+    seen = probe_batch(RIG, [(law, NO_EXTENSION) for law in laws], 0.9, time, load)
+    for rows in (motion, seen):
+        assert np.all(np.isnan(rows[1]))
+        assert np.array_equal(rows[0], rows[2])
+        assert np.all(np.isfinite(rows[0]))
