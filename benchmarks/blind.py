@@ -120,11 +120,17 @@ def size_error(
     hidden: dict[str, Any], causes: Sequence[dict[str, Any]]
 ) -> tuple[float | None, bool | None]:
     """Relative error of the size found, and whether 1.96 deviations hold the truth."""
+    from saddlering_ros.effects import effect
+
     name = find_effect(hidden['effect']).parameters[0].name
     for cause in causes:
         if cause['effect'] == hidden['effect'] and name in cause['parameters']:
             true, told = hidden['parameters'][name], cause['parameters'][name]
-            apart = abs(told['value'] - true)
+            value = told['value']
+            if effect(hidden['effect']).line:  # of a line's phase nothing is promised
+                true = math.hypot(true, hidden['parameters']['sine'])
+                value = math.hypot(value, cause['parameters']['sine']['value'])
+            apart = abs(value - true)
             return float(apart / abs(true)), bool(apart <= 1.96 * told['std'])
     return None, None
 

@@ -868,6 +868,9 @@ def _line_causes(session: _Session, runs: list[Run]) -> tuple[list[Cause], list[
         ) / np.sqrt(2.0)
         amplitude = float(channels @ line.amplitude / channels.sum())
         deviation = float(np.sqrt(channels @ line.deviation**2) / channels.sum())
+        # Channels brought to common instants by straight lines have lost up to this of a swing.
+        lost = (2.0 * np.pi * line.frequency * line.step) ** 2 / 8.0
+        deviation = float(np.hypot(deviation, lost * amplitude))
         cosine, sine, frequency = effect.parameters
         estimates = {
             cosine.name: Estimate(amplitude, deviation, cosine.unit),
