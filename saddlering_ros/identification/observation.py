@@ -73,12 +73,16 @@ class LoadErrors:
     at_zero: Array
 
     @classmethod
-    def of(cls, covariance: Array, answers: Array, in_zero: Array, at_zero: Array) -> LoadErrors:
+    def of(
+        cls, covariance: Array, answers: Array, in_zero: Array, at_zero: Array
+    ) -> LoadErrors | None:
         """Errors of covariance (M, M) at M times, of which the first N are the readings'.
 
         answers (3, N, M): to each; in_zero (M,): its share in the zero's load; at_zero (3,): what
-        that does to the zero.
+        that does to the zero. None where these are no numbers.
         """
+        if not (np.all(np.isfinite(answers)) and np.all(np.isfinite(at_zero))):
+            return None
         root = cholesky(covariance, lower=True)
         increments = answers - at_zero[:, None, None] * in_zero
         return cls((increments @ root).transpose(2, 0, 1), root[:answers.shape[1]].T,
@@ -570,9 +574,15 @@ def _cell_noise(one: _Prepared, slow: ChannelNoise | None) -> ChannelNoise:
 def _load_errors(
     rig: Rig, contact: ContactParameters, one: _Prepared, seen: Observation, noise: ChannelNoise
 ) -> LoadErrors | None:
-    """What the load cell's noise does to a run; None where its grid is too fine to follow it."""
+    """What the load cell's noise does to a run; None where that cannot be followed.
+
+    That is where the fit keeps every sample of a long record, the model finds no motion, or the
+    load has no noise at all.
+    """
     zero, readings = one.measured.zero, len(seen.time)
     at_zero = _static_slopes(rig, contact, seen.elevation, np.array([seen.zero_load]))[:, 0]
+    if readings > 2 * MOST_SAMPLES or not noise.standard_deviation > 0.0:
+        return None
     if not seen.dynamic:
         slopes = _static_slopes(rig, contact, seen.elevation, seen.load)
         zero_time = float(np.mean(one.measured.time[zero.start:zero.end]))
@@ -581,8 +591,6 @@ def _load_errors(
             [stop - start for start, stop in [*one.rests, (zero.start, zero.end)]])
         answers = slopes[:, :, None] * np.eye(readings, readings + 1)
         return LoadErrors.of(covariance, answers, np.eye(readings + 1)[-1], at_zero)
-    if readings > 2 * MOST_SAMPLES:
-        return None
     interval = float(seen.time[-1] - seen.time[0]) / (readings - 1)
     steps = readings * max(seen.per_block, int(np.ceil(interval / ANSWER_STEP)))
     time = seen.time[0] + interval * ((np.arange(steps) + 0.5) * readings / steps - 0.5)

@@ -30,13 +30,14 @@ def load_answers(rig: Rig, contact: ContactParameters, elevation: float, time: F
     [:, i, j]. The motion starts at rest under its first load, errors included.
     """
     law = contact.to_array()[None]
-    motion = dynamic_batch(rig, law, elevation, time, load, float(time[1] - time[0]))[0].T
+    step = float(np.mean(np.diff(time)))
+    motion = np.ascontiguousarray(dynamic_batch(rig, law, elevation, time, load, 1.01 * step)[0].T)
     model = build_model(rig, contact, elevation)
     answers = np.zeros((3, nodes, nodes))
     force = np.array([np.cos(elevation), -np.sin(elevation),
                       rig.trunnion.y * np.cos(elevation) + rig.trunnion.x * np.sin(elevation)])
-    follow(model.scalars, model.rows.flat, model.rows.uniform, np.ascontiguousarray(motion),
-           np.gradient(motion, time, axis=0), float(np.mean(np.diff(time))), force, answers)
+    rate = np.ascontiguousarray(np.gradient(motion, time, axis=0))
+    follow(model.scalars, model.rows.flat, model.rows.uniform, motion, rate, step, force, answers)
     return answers
 
 
@@ -51,9 +52,9 @@ def follow(m: Any, rows: Any, uniform: Any, q: Any, v: Any, h: Any, force: Any,
     old = np.zeros((6, nodes))
     for n in range(nodes * size):
         ring_forces(m, rows, uniform, q[n, 0], q[n, 1], q[n, 2], v[n, 0], v[n, 1], v[n, 2], w)
-        place = (n + 0.5) / size - 0.5
-        first = min(max(int(np.floor(place)), 0), nodes - 1)
-        share = min(max(place - first, 0.0), 1.0)
+        place = min(max((n + 0.5) / size - 0.5, 0.0), nodes - 1.0)
+        first = int(place)
+        share = place - first
         c0, c1, c2 = 1.5 / h, -2.0 / h, 0.5 / h
         if n == 1:
             c0, c1, c2 = 1.0 / h, -1.0 / h, 0.0

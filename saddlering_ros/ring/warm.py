@@ -10,6 +10,7 @@ import time
 import numpy as np
 
 from saddlering_ros.rig import default_rig, ParameterSet, TRUE_TO_SCALE
+from saddlering_ros.ring.answers import load_answers
 from saddlering_ros.ring.caching import CACHE
 from saddlering_ros.ring.simulator import dynamic_batch, simulate, static_response
 
@@ -18,11 +19,12 @@ def warm() -> float:
     """Call every kernel that the package calls, once; returns the seconds it took."""
     rig, elevation = default_rig(), np.deg2rad(50.0)
     began = time.perf_counter()
-    seconds = np.arange(60) * 0.01
+    seconds = np.linspace(0.0, 0.59, 60)
     load = np.full(seconds.size, rig.preload)
     contact = TRUE_TO_SCALE.to_array()
     static_response(rig, contact, elevation, load[:2])
     dynamic_batch(rig, contact[None], elevation, seconds, load)
+    load_answers(rig, TRUE_TO_SCALE, elevation, seconds, load, 6)
     simulate(rig, ParameterSet(TRUE_TO_SCALE), elevation, seconds, load)
     return time.perf_counter() - began
 

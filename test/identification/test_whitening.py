@@ -5,7 +5,7 @@ import pytest
 from scipy.linalg import cholesky, toeplitz
 
 from saddlering_ros.identification.noise import ChannelNoise
-from saddlering_ros.identification.whitening import Whitening
+from saddlering_ros.identification.whitening import SharedErrors, Whitening
 
 NOISE = ChannelNoise(0.02, 4e-14, np.array([0.1, 4.0]), np.array([2e-14, 1e-14]))
 COMMON = 5e-14
@@ -34,3 +34,18 @@ def test_white_noise_is_only_scaled():
     noise = ChannelNoise(0.02, 4e-14, np.zeros(0), np.zeros(0))
     values = np.random.default_rng(0).normal(size=(2, 50))
     assert Whitening.of_process(noise, 50, 0.0).apply(values) == pytest.approx(values / 2e-7)
+
+
+def test_residuals_that_share_errors_come_out_independent():
+    answers = np.random.default_rng(1).normal(size=(6, 30)) * np.geomspace(0.1, 30.0, 6)[:, None]
+    rows = cholesky(np.eye(30) + answers.T @ answers, lower=True).T
+    white = SharedErrors.of(answers).apply(rows)
+    assert white.T @ white == pytest.approx(np.eye(30), abs=1e-9)
+
+
+def test_shared_errors_are_estimated_by_what_the_residuals_say_of_them():
+    random = np.random.default_rng(2)
+    answers = random.normal(size=(4, 200))
+    residuals = random.normal(size=200)
+    expected = np.linalg.solve(np.eye(4) + answers @ answers.T, answers @ residuals)
+    assert SharedErrors.of(answers).estimate(residuals) == pytest.approx(expected)
