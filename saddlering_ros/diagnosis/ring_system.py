@@ -139,7 +139,7 @@ def engine_effect(effect: catalogue_of_effects.Effect) -> Effect:
             scale='log' if item.logarithmic else 'linear',
             step=FINE_STEP
             if item.logarithmic
-            else float(np.clip(0.03 * abs(item.scale) / (item.high - item.low), 1e-6, 0.02)),
+            else float(np.clip(0.003 * abs(item.scale) / (item.high - item.low), 1e-6, 0.02)),
         )
         for item in ordered
     )
