@@ -70,11 +70,8 @@ SCOUTING = 4
 BASE_ROUNDS = 25
 """Rounds of the fit of the base parameters alone, on which everything rests."""
 
-POLISHED = 6
-"""So many of the best refits of a step are carried on with every sensitivity taken afresh.
-
-Rivals among them: one that is left half-way is no rival, and the name beside it too sure.
-"""
+POLISHED = 2
+"""So many of the best refits of a step are carried on with every sensitivity taken afresh."""
 
 ALIKE = 1e-4
 """Variants of one effect whose promises are this close are one in these data."""
