@@ -6,6 +6,11 @@ import socket
 
 import pytest
 
+# Before numpy is loaded: BLAS threads of several test processes stand in each other's way, and the
+# diagnosis takes half the time with one (as its command and its server run it).
+for _library in ('OPENBLAS', 'OMP', 'MKL'):
+    os.environ.setdefault(f'{_library}_NUM_THREADS', '1')
+
 DOMAINS = range(1, 101)
 """Domains whose ports lie below Linux's range for outgoing connections (32768 and up)."""
 
