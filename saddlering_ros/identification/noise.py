@@ -78,12 +78,21 @@ class ChannelNoise:
 
     def covariance_of_means(self, centres: Array, samples: Sequence[int]) -> Array:
         """Covariance (M, M) of means of `samples` grid values about the times `centres` [s]."""
-        covariance = self.at(np.abs(centres[:, None] - centres[None, :]))
-        variances = [self.variance_of_mean(count) for count in samples]
-        scale = np.sqrt(variances / np.maximum(np.diag(covariance), max(variances)))
-        covariance = covariance * np.outer(scale, scale)
-        np.fill_diagonal(covariance, variances)
+        lasting = self.interval * np.asarray(samples, dtype=np.float64)
+        start, stop = centres - 0.5 * lasting, centres + 0.5 * lasting
+        integral = (self._twice_integrated(stop[:, None] - start)
+                    - self._twice_integrated(stop[:, None] - stop)
+                    - self._twice_integrated(start[:, None] - start)
+                    + self._twice_integrated(start[:, None] - stop))
+        covariance = integral / np.outer(lasting, lasting)
+        np.fill_diagonal(covariance, [self.variance_of_mean(count) for count in samples])
         return np.asarray(covariance)
+
+    def _twice_integrated(self, separation: Array) -> Array:
+        """Second antiderivative of `at` at separations [s] of either sign."""
+        apart = np.abs(separation)[..., None]
+        return np.asarray(
+            (self.times**2 * np.exp(-apart / self.times) + self.times * apart) @ self.variances)
 
     @property
     def standard_deviation(self) -> float:
@@ -141,7 +150,7 @@ def fit_noise(
         )
         for size, taken in zip(seen.scale, known, strict=True)
     )
-    return NoiseModel(channels, _correlation(segments))
+    return NoiseModel(channels, _correlation(segments, -(-int(COMPARED_SIZES[-1]) // samples)))
 
 
 @dataclass(frozen=True)
@@ -306,6 +315,12 @@ def _allan_variance(
     return total / np.maximum(pairs, 1.0), pairs
 
 
+def _means_of(values: Array, size: int) -> Array:
+    """Means (C, n // size) of successive `size` values."""
+    count = values.shape[1] // size
+    return np.asarray(values[:, :count * size].reshape(len(values), count, size).mean(axis=2))
+
+
 def _of_unit(sizes: NDArray[np.int64], interval: float, times: Array) -> Array:
     """Allan variance (L, J) at block sizes of unit variance with time constants [s].
 
@@ -321,9 +336,14 @@ def _of_unit(sizes: NDArray[np.int64], interval: float, times: Array) -> Array:
     return table
 
 
-def _correlation(segments: Sequence[Array]) -> Array:
-    """Correlation of the channels' steps; what is not significant is nought."""
-    steps = np.concatenate([np.diff(segment, axis=1) for segment in segments], axis=1)
+def _correlation(segments: Sequence[Array], size: int) -> Array:
+    """Correlation of the channels' steps between means of `size` values; if significant.
+
+    From value to value it would be that of interpolation between stamps: of two probes, the one
+    whose stamps lie between those of the load seems the quieter.
+    """
+    steps = np.concatenate([np.diff(_means_of(segment, size), axis=1) for segment in segments],
+                           axis=1)
     scale = np.sqrt(np.mean(steps**2, axis=1))
     standard = steps / np.where(scale > 0.0, scale, 1.0)[:, None]
     correlation = standard @ standard.T / max(1, standard.shape[1])

@@ -412,13 +412,19 @@ def _noise_of(runs: Sequence[_Prepared], like: _Prepared, size: int) -> NoiseMod
 
 
 def _rest_blocks(one: _Prepared, size: int) -> list[Array]:
-    """Block means (3, n) of a run's stretches at rest, less what the load's movement explains."""
+    """Block means (3, n) of a run's stretches at rest, less what the load's movement explains.
+
+    Only its slow movement: the rest is the cell's noise, which is none of the probes' and would
+    make the channels' errors seem correlated.
+    """
+    width = max(1, int(round(REST_SECONDS / one.interval)))
     segments = []
     for start, stop in one.rests:
-        motion = one.displacement[:, start:stop] - one.explained[:, start:stop]
-        motion = motion[:, np.all(np.isfinite(motion), axis=0)]
-        if motion.shape[1] >= 4 * size:
-            segments.append(_block_means(motion, size))
+        motion, explained = one.displacement[:, start:stop], one.explained[:, start:stop]
+        good = np.all(np.isfinite(motion + explained), axis=0)
+        if np.count_nonzero(good) >= 4 * size:
+            slow = uniform_filter1d(explained[:, good], width, axis=1, mode='nearest')
+            segments.append(_block_means(motion[:, good] - slow, size))
     return segments
 
 

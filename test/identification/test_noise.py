@@ -125,3 +125,24 @@ def test_a_parity_that_something_moves_says_nothing_about_noise():
 def test_probes_of_another_kind_say_nothing_about_a_channel():
     rows, parity = wandering(3, 15000), 0.2 * wandering(1, 15000, 2)
     assert parity_ratios([parity], cut(parity), cut(rows)) is None
+
+
+def test_the_covariance_of_means_is_that_of_the_values_they_are_means_of():
+    noise = ChannelNoise(STEP, 0.0, np.array([1.0, 4.0]), np.array([2e-14, 1e-14]))
+    spans = [(0, 25), (0, 300), (340, 600), (650, 900)]
+    values = noise.at(STEP * np.abs(np.subtract.outer(np.arange(900), np.arange(900))))
+    weights = np.zeros((len(spans), 900))
+    for row, (start, stop) in zip(weights, spans, strict=True):
+        row[start:stop] = 1.0 / (stop - start)
+    centres = STEP * np.array([0.5 * (start + stop - 1) for start, stop in spans])
+    stated = noise.covariance_of_means(centres, [stop - start for start, stop in spans])
+    assert stated == pytest.approx(weights @ values @ weights.T, rel=0.01)
+
+
+def test_stamps_between_those_of_the_load_make_no_correlation():
+    random = np.random.default_rng(4)
+    quiet, loud = random.normal(size=(2, 60, 201))
+    between = 0.5 * (quiet[:, 1:] + quiet[:, :-1])  # read halfway, interpolated
+    front, rear = between, loud[:, 1:]
+    parts = [np.stack([0.5 * (a + b), a - b]) for a, b in zip(front, rear, strict=True)]
+    assert fit_noise(parts, STEP).correlation == pytest.approx(np.eye(2), abs=1e-12)
