@@ -20,6 +20,7 @@ from saddlering_ros.identification import (
     IdentificationError,
     IdentificationSettings,
     identify,
+    swarm,
     SwarmSettings,
 )
 from saddlering_ros.identification.objective import (
@@ -320,3 +321,17 @@ def test_no_runs_are_refused():
 def test_elevations_reach_the_observations(four_runs):
     observations = observe(four_runs, RIG, fit_rate=50.0)
     assert [one.elevation / DEGREES for one in observations] == pytest.approx([50, 50, 70, 70])
+
+
+@pytest.mark.parametrize(('logarithmic', 'low'), [(False, 2e7), (True, np.log(2e7))])
+def test_the_papers_swarm_searches_stiffness_on_the_scale_asked_for(
+        four_runs, monkeypatch, logarithmic, low):
+    boxes = []
+    search = swarm.minimise
+    monkeypatch.setattr(swarm, 'minimise', lambda objective, *box, **options: (
+        boxes.append(box), search(objective, *box, **options))[1])
+    identify(four_runs[:1], RIG, IdentificationSettings(
+        method='paper', swarm=SHORT_SWARM, logarithmic_stiffness=logarithmic))
+    stiffness, exponent = boxes[0][0][:2]
+    assert stiffness == pytest.approx(low)
+    assert exponent == pytest.approx(1.0)
