@@ -63,12 +63,13 @@ def test_series_that_share_nothing_have_no_common_noise():
 
 
 def test_a_noisy_load_is_no_misfit_of_the_truth(objective):
-    static, dynamic = objective.mean_squares(RINGING.to_array())
-    assert static == pytest.approx(1.0, abs=0.3)
-    assert dynamic == pytest.approx(1.0, abs=0.15)
+    aware = objective.mean_squares(RINGING.to_array())
     unaware = replace(objective, observations=[
-        replace(one, load_errors=None) for one in objective.observations])
-    assert unaware.mean_squares(RINGING.to_array())[1] > 1.3 * dynamic
+        replace(one, load_errors=None) for one in objective.observations
+    ]).mean_squares(RINGING.to_array())
+    assert aware == pytest.approx([1.0, 1.0], abs=0.4)
+    assert unaware[0] > 3.0
+    assert unaware[1] > 1.2 * aware[1]
 
 
 def test_a_corrected_load_lies_nearer_the_true_one(runs, objective):
@@ -77,7 +78,8 @@ def test_a_corrected_load_lies_nearer_the_true_one(runs, objective):
     before = objective.observations[1]
     after = objective.with_likely_loads(RINGING.to_array()).observations[1]
     loaded = true > 1.5 * RIG.preload
-    assert (np.std((after.load - true)[loaded]) < 0.8 * np.std((before.load - true)[loaded]))
+    error, left = ((one.load - true)[loaded] for one in (before, after))
+    assert np.sqrt(np.mean(left**2)) < 0.85 * np.sqrt(np.mean(error**2))
 
 
 def test_residuals_stay_as_they_were_when_a_load_is_corrected(objective):
