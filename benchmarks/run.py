@@ -8,11 +8,13 @@ next; the status tells at the end.
 from __future__ import annotations
 
 import argparse
+import os
 from pathlib import Path
 import subprocess
 import sys
 
 FOLDER = Path(__file__).parent
+ONE_BLAS_THREAD = {f'{name}_NUM_THREADS': '1' for name in ('OPENBLAS', 'OMP', 'MKL')}
 SHORT: dict[str, tuple[str, ...]] = {
     'simulator': ('--quick',),
     'bag_reading': ('--megabytes', '20'),
@@ -39,7 +41,8 @@ def main() -> int:
         options = () if args.full else SHORT[name]
         print(f'\n== {name} {" ".join(options)}'.rstrip(), flush=True)
         command = [sys.executable, str(FOLDER / f'{name}.py'), *options]
-        if subprocess.run(command, cwd=FOLDER.parent, check=False).returncode:
+        environment = {**ONE_BLAS_THREAD, **os.environ}
+        if subprocess.run(command, cwd=FOLDER.parent, env=environment, check=False).returncode:
             failed.append(name)
     if failed:
         print(f'\nfailed: {", ".join(failed)}')

@@ -70,10 +70,11 @@ class WeightedObjective:
     observations: Sequence[Observation]
     channels: tuple[int, ...]
     evaluations: int = 0
-    shared: list[SharedErrors | None] = field(init=False, repr=False)
+    shared: list[SharedErrors | None] = field(default_factory=list, repr=False)
 
     def __post_init__(self) -> None:
-        self.shared = [
+        # Taken over from another objective of the same runs, whose load was another.
+        self.shared = self.shared or [
             None if one.load_errors is None else SharedErrors.of(
                 one.whiten(one.load_errors.answers[:, list(self.channels)], self.channels))
             for one in self.observations
