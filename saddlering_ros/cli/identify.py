@@ -27,6 +27,10 @@ def add_parser(subparsers: Any) -> None:
                         help='bounds of a parameter in SI units, e.g. K1=2e7:1e9')
     parser.add_argument('--particles', type=int, default=20)
     parser.add_argument('--iterations', type=int, default=50)
+    parser.add_argument('--accuracy', type=float, metavar='J',
+                        help='the swarm stops once its best objective is at or under this')
+    parser.add_argument('--stagnation', type=int, metavar='N',
+                        help='the swarm stops once N iterations have gained nothing')
     parser.add_argument('--log-stiffness', action='store_true',
                         help="search K on a logarithmic scale in the paper's method too")
     parser.add_argument('--use-delta-y', action='store_true',
@@ -88,7 +92,9 @@ def _settings(args: argparse.Namespace) -> IdentificationSettings:
     return IdentificationSettings(
         method=args.method,
         bounds=parse_bounds(args.bounds),
-        swarm=SwarmSettings(particles=args.particles, iterations=args.iterations),
+        swarm=SwarmSettings(
+            particles=args.particles, iterations=args.iterations,
+            accuracy=args.accuracy, stagnation=args.stagnation),
         logarithmic_stiffness=args.log_stiffness,
         use_delta_y=True if args.use_delta_y else None,
         seed=args.seed,

@@ -108,3 +108,12 @@ def test_a_run_of_too_little_range_is_said_in_one_line(tmp_path, capsys):
     error = capsys.readouterr().err
     assert error.count('\n') == 1
     assert 'never exceeds 5 t' in error
+
+
+@pytest.mark.parametrize(('options', 'words'), [
+    (('--accuracy', '1e9'), '1 iterations, accuracy reached'),
+    (('--iterations', '500', '--stagnation', '1'), 'no more progress'),
+])
+def test_the_swarm_can_be_told_when_to_stop(bags, capsys, options, words):
+    assert main(['identify', bags[0], '--method', 'paper', '--particles', '5', *options]) == 0
+    assert words in capsys.readouterr().out
