@@ -195,6 +195,23 @@ def declare_rig(node: Node) -> Rig:
     return rig_from_parameters(nested, f'parameters of {node.get_name()}')
 
 
+def given_sections(node: Node, sections: Sequence[str]) -> dict[str, Any]:
+    """What the node was started with under `sections`, nested: of a parameter file, or by hand.
+
+    Only what was given is declared (read only), as most of it is optional.
+    """
+    nested: dict[str, Any] = {}
+    overrides: dict[str, RosParameter] = node._parameter_overrides
+    for name in sorted(overrides):
+        if name.partition('.')[0] not in sections:
+            continue
+        descriptor = ParameterDescriptor(name=name, read_only=True, dynamic_typing=True)
+        value = node.declare_parameter(name, overrides[name].value, descriptor).value
+        plain_value = value if isinstance(value, (bool, int, float, str)) else list(value)
+        _put(nested, name.split('.'), plain_value)
+    return nested
+
+
 def _put(nested: dict[str, Any], path: Sequence[str], value: Any) -> None:
     for part in path[:-1]:
         nested = nested.setdefault(part, {})

@@ -28,13 +28,21 @@ from saddlering_ros.nodes.diagnostics import (
     StreamTask,
     WARN,
 )
+from saddlering_ros.nodes.errors import NodeError
 from saddlering_ros.nodes.flow import Inflow, Outflow
-from saddlering_ros.nodes.parameters import declare_rig, Parameter
+from saddlering_ros.nodes.parameters import declare_rig, given_sections, Parameter
 from saddlering_ros.nodes.progress import to_stamp, to_time
 from saddlering_ros.nodes.ring_displacement import ZERO_QOS, ZERO_TOPIC
 from saddlering_ros.nodes.run import run_streaming
 from saddlering_ros.nodes.simulation_stream import SimulationStream
-from saddlering_ros.rig import ParameterSet, ParameterSource, read_parameters, TONNE, TRUE_TO_SCALE
+from saddlering_ros.rig import (
+    parameters_from_mapping,
+    ParameterSet,
+    ParameterSource,
+    read_parameters,
+    TONNE,
+    TRUE_TO_SCALE,
+)
 
 PARAMETERS_TOPIC = '/ring/parameters'
 LATCHED = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE,
@@ -54,7 +62,8 @@ class RingSimulatorNode(StreamingNode):
     PARAMETERS = (
         INPUT_RELIABILITY, MAX_GAP,
         Parameter('parameters_file', '', 'contact parameters and effects, as `saddlering identify '
-                  '--out` writes them; none: the true-to-scale values'),
+                  '--out` writes them (or give that file as --params-file); none: the '
+                  'true-to-scale values'),
         Parameter('follow_parameters', False, 'take parameters offered on /ring/parameters (the '
                   'simulation then starts anew)'),
         Parameter('follow_zero', True, 'zero anew when ring_displacement is asked to'),
@@ -69,6 +78,7 @@ class RingSimulatorNode(StreamingNode):
     def __init__(self) -> None:
         super().__init__('ring_simulator')
         self._rig = declare_rig(self)
+        self._given = given_sections(self, ('contact', 'effects', 'source'))
         self._arrived = 0.0
         self._refused = ''
         self._parameters_stamp = 0
@@ -85,9 +95,7 @@ class RingSimulatorNode(StreamingNode):
 
     def configure(self) -> None:
         """Read parameters and elevation; compile and make the simulation."""
-        path = self.settings.text('parameters_file')
-        self._in_force = read_parameters(path) if path else ParameterSet(
-            TRUE_TO_SCALE, source=ParameterSource(method='default', note='true to scale'))
+        self._in_force = self._read_parameters()
         self._elevation = self._read_elevation()
         self._make(self._in_force)
         self._warm_up()
@@ -109,6 +117,18 @@ class RingSimulatorNode(StreamingNode):
         offered, self._offered = self._offered, None
         if offered is not None:
             self._follow(offered)
+
+    def _read_parameters(self) -> ParameterSet:
+        path = self.settings.text('parameters_file')
+        if path and self._given:
+            raise NodeError(f'{self.get_name()}: parameters_file and {next(iter(self._given))}.* '
+                            'are both given: give one of them')
+        if path:
+            return read_parameters(path)
+        if self._given:
+            return parameters_from_mapping(self._given, f'parameters of {self.get_name()}')
+        return ParameterSet(
+            TRUE_TO_SCALE, source=ParameterSource(method='default', note='true to scale'))
 
     def _read_elevation(self) -> float:
         bag, given = self.settings.text('bag'), self.settings['elevation_deg']

@@ -35,6 +35,8 @@ def run_node(name: str, parameters: dict[str, object]) -> subprocess.CompletedPr
     ('ring_displacement', {'input_reliability': 'perhaps'}, 'give one of auto, reliable'),
     ('ring_displacement', {'rig.probes.axial_span': -1.0}, 'rig.probes.axial_span'),
     ('ring_simulator', {'parameters_file': '/nowhere/p.yaml'}, '/nowhere/p.yaml'),
+    ('ring_simulator', {'contact.K1': 8.0e7}, 'contact.n1 is missing'),
+    ('ring_simulator', {'contact.K1': 8.0e7, 'parameters_file': 'p.yaml'}, 'give one of them'),
 ])
 def test_what_cannot_be_used_is_refused_in_one_line_with_status_2(
         name: str, parameters: dict[str, object], words: str) -> None:

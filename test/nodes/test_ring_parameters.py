@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from pathlib import Path
+
 from builtin_interfaces.msg import Time
+import numpy as np
 import pytest
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rosnet import Client, client, Driver, wait_until
 
 from saddlering_interfaces.msg import RingParameters
 from saddlering_ros.nodes.launcher import NodeGroup
-from saddlering_ros.rig import TRUE_TO_SCALE
+from saddlering_ros.rig import ParameterSet, ParameterSource, TRUE_TO_SCALE, write_parameters
 
 pytestmark = pytest.mark.ros
 TOPIC = '/ring/parameters'
@@ -36,6 +40,23 @@ def test_the_simulator_tells_every_late_joiner_what_it_simulates_with(
             assert said[0].k1 == TRUE_TO_SCALE.K1
             assert said[0].in_force_in == '/ring_simulator'
             assert 'true to scale' in said[0].source
+
+
+def test_a_parameter_file_is_taken_as_any_ros_parameters_are(
+        group: NodeGroup, heard: Client, tmp_path: Path) -> None:
+    found = ParameterSet(
+        replace(TRUE_TO_SCALE, K1=7.0e7),
+        {'radial_friction': {'force': 4000.0, 'presliding': 2e-6, 'sharpness': 0.5,
+                             'initial': 0.0}},
+        ParameterSource('diagnose', ('static_50',), covariance=np.eye(6), note='from a test'))
+    path = tmp_path / 'found.yaml'
+    write_parameters(path, found)
+    said = listen(heard)
+    group.start('ring_simulator', files=[path])
+    wait_until(lambda: bool(in_force(said)), 80.0, 'the parameters in force')
+    assert in_force(said)[-1].k1 == 7.0e7
+    assert 'radial_friction.force' in in_force(said)[-1].effect_parameter_names
+    assert 'from a test' in in_force(said)[-1].source
 
 
 def test_a_following_simulator_takes_what_is_offered_and_not_what_another_one_has(
