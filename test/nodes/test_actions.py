@@ -117,6 +117,16 @@ def test_identification_refuses_cancels_and_publishes_what_it_found(
     assert found[-1] == result.parameters
 
 
+def test_a_goal_that_takes_longer_than_allowed_is_ended(
+        bag_root: Path, bag: Path, group: NodeGroup, heard: Client) -> None:
+    group.start('ring_identification', {'bag_root': str(bag_root), 'longest_goal': 1.0})
+    goals = Goals(heard, IdentifyRing, '/identify_ring')
+    answer = goals.result(goals.send(bags=['run'], particles=1000, iterations=5000, seed=1))
+    assert answer.status == GoalStatus.STATUS_ABORTED
+    assert answer.result.status == IdentifyRing.Result.FAILED
+    assert 'longest_goal, 1 s' in answer.result.message
+
+
 def test_other_nodes_lose_nothing_and_the_server_answers_while_one_identifies(
         record, bag: Path, bag_root: Path, group: NodeGroup, heard: Client) -> None:
     for name in ('ring_displacement', 'ring_simulator', 'ring_residual'):
