@@ -51,8 +51,9 @@ TWICE = 2.0
 class Trial:
     """One blind trial: what was hidden, what was said, how it counts.
 
-    ratio: size over the limit that the data could have shown; within: whether the 95 % interval
-    of the size holds the truth; best_gain: held-out gain of the true effect.
+    ratio: size of a single effect over the limit that the data could have shown; ratios: those of
+    a pair; within: whether the 95 % interval of the size holds the truth; best_gain: held-out gain
+    of the true effect.
     """
 
     kind: str
@@ -68,6 +69,7 @@ class Trial:
     gain: float | None
     best_gain: float | None
     seconds: float
+    ratios: Sequence[float | None] = ()
 
 
 def trial(kind: str, seed: int, extra: tuple[str, ...] = ()) -> Trial:
@@ -92,13 +94,16 @@ def trial(kind: str, seed: int, extra: tuple[str, ...] = ()) -> Trial:
     names = [item['effect'] for item in truth['effects']]
     counted, found = score(kind, names, answer['verdict'], groups)
     ratio = error = within = None
+    ratios = [size_over_limit(item, answer['detection_limits']) for item in truth['effects']
+              if kind in ('single', 'pair')]
     if kind == 'single':
-        ratio = size_over_limit(truth['effects'][0], answer['detection_limits'])
+        ratio = ratios[0]
         error, within = size_error(truth['effects'][0], causes)
     return Trial(
         kind, seed, truth['effects'], answer['verdict'], groups, counted, found, ratio, error,
         within, answer['gain']['held_out'] if causes else None,
         None if kind == 'outside' else best_gain(verdict, names), seconds,
+        ratios if kind == 'pair' else (),
     )
 
 
@@ -260,6 +265,8 @@ def table(trials: Sequence[Trial]) -> str:
 def _rates(trials: Sequence[Trial]) -> list[str]:
     kinds = {kind: [item for item in trials if item.kind == kind] for kind in KINDS}
     large = [item for item in kinds['single'] if (item.ratio or 0.0) >= TWICE]
+    plain = [item for item in kinds['pair']
+             if item.ratios and all((ratio or 0.0) >= TWICE for ratio in item.ratios)]
     faulty = [item for item in trials if item.kind != 'clean']
     inside = [item for item in kinds['single'] if item.within is not None]
     gains = [item for item in trials
@@ -282,6 +289,8 @@ def _rates(trials: Sequence[Trial]) -> list[str]:
         f'{share(kinds["outside"], "missed")}',
         f'pairs: both found {share(kinds["pair"], "right")}, both or one '
         f'{share(kinds["pair"], "right", "part")}',
+        f'pairs of effects of {TWICE:g} times their limit or more each: both found '
+        f'{share(plain, "right")}, both or one {share(plain, "right", "part")}',
         '95 % intervals of the size hold the truth: '
         + interval(sum(bool(item.within) for item in inside), len(inside)),
         'held-out gain at least 0.9 of that of the true extension: '
