@@ -15,6 +15,10 @@ KIND = Choice('kind', (STIFFNESS, GAP), '0 softer rollers, 1 larger gap')
 FULL_GAP = 1e-4
 """Extra gap [m] at a wear of 1."""
 
+SOFT = 0.3
+"""Softness of an arc's ends [rad] from which the search starts: sharp ones make a valley of every
+roller."""
+
 REAR_STARTS = (
     {'centre': 0.15, 'half_width': 0.4}, {'centre': 0.8, 'half_width': 0.4},
     {'centre': 0.4, 'half_width': 1.0})
@@ -37,12 +41,15 @@ def arc_parameters(centre: float) -> tuple[EffectParameter, ...]:
             one_sided=True),
         EffectParameter(
             'half_width', 'rad', 0.15, 1.5, 0.5, 0.6,
-            'half the length of the arc', one_sided=True),
+            'half the length of the arc, to the middle of its ends', one_sided=True),
+        EffectParameter(
+            'edge', 'rad', 0.02, 0.8, 0.2, SOFT,
+            'how softly the arc ends: most of the change lies within twice this', one_sided=True),
     )
 
 
 def worn_arc(values: Mapping[str, float]) -> Wear:
-    """The arc at `centre` [rad] with `half_width` [rad], worn by `wear` in one `kind`."""
+    """The arc at `centre` [rad] with `half_width` and `edge` [rad], worn by `wear`."""
     wear = values['wear']
     loss, gap = (wear, 0.0) if values['kind'] == STIFFNESS else (0.0, FULL_GAP * wear)
-    return Wear(values['centre'], values['half_width'], loss, gap)
+    return Wear(values['centre'], values['half_width'], loss, gap, values['edge'])

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 import pytest
 
 from saddlering_ros.effects import catalogue, Effect, extension_of, NO_EXTENSION, Variant
+from saddlering_ros.effects.worn_arc import worn_arc
 from saddlering_ros.rig import (
     CHANNELS,
     default_rig,
@@ -299,12 +300,20 @@ def test_a_worn_arc_matters_only_in_the_load_zone() -> None:
     record = slow_cycle()
     plain = np.ptp(simulated({}, record)['delta_x'])
     rear, front = (
-        np.ptp(simulated({'worn_sector_radial': {'wear': 0.3, 'centre': centre}},
+        np.ptp(simulated({'worn_sector_radial': {'wear': 0.3, 'centre': centre, 'edge': 0.1}},
                          record)['delta_x'])
         for centre in (0.0, np.pi)
     )
     assert rear > 1.02 * plain
     assert front == pytest.approx(plain, rel=1e-6)
+
+
+def test_a_worn_arc_can_end_as_softly_as_a_cosine() -> None:
+    angle = np.linspace(-np.pi, np.pi, 721)
+    off = np.minimum(np.abs(angle) / 0.5, 2.0)
+    cosine = 0.5 + 0.5 * np.cos(0.5 * np.pi * off)
+    values = {'wear': 0.3, 'centre': 0.0, 'half_width': 0.5, 'edge': 0.275, 'kind': 0.0}
+    assert np.abs(worn_arc(values).profile(angle) - cosine).max() < 0.05
 
 
 def test_a_gain_of_one_radial_probe_shows_half_in_the_parity() -> None:
