@@ -1,4 +1,4 @@
-"""What `displacement` and `simulate` share: their options, and how they show and keep samples."""
+"""What `displacement`, `simulate` and `residual` share: options, samples, how they are kept."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ if TYPE_CHECKING:
     from saddlering_ros.bags import TestRun
     from saddlering_ros.bags.samples import DisplacementSamples
     from saddlering_ros.rig import ZeroReading
+    from saddlering_ros.ring import SimulatedRun
 
 PER_MILLION = 1e6
 UNITS = {'delta_x': 'um (1e-6 m)', 'delta_y': 'um (1e-6 m)', 'gamma': 'urad (1e-6 rad)',
@@ -29,6 +30,30 @@ def add_fact_options(parser: argparse.ArgumentParser) -> None:
                         help='kind of test, over what the bag says')
     parser.add_argument('--elevation', type=float, metavar='DEG',
                         help='elevation, over what the bag says')
+
+
+def add_parameter_option(parser: argparse.ArgumentParser) -> None:
+    """The parameter file that is simulated with."""
+    parser.add_argument('--params', type=Path, required=True, metavar='FILE',
+                        help='parameter file, as identification writes it')
+
+
+def simulated_samples(
+    run: TestRun, simulated: SimulatedRun,
+) -> tuple[DisplacementSamples, list[str]]:
+    """What the live simulator would publish of a run, and what is to be said of it."""
+    from saddlering_ros.bags.samples import DisplacementSamples
+
+    rows = slice(simulated.first, simulated.first + len(simulated.time))
+    samples = DisplacementSamples(
+        run.stamps[rows], simulated.time, run.load[rows], simulated.displacement).finite()
+    notes = list(run.notes)
+    if simulated.trouble:
+        notes.append(f'the solver did not converge in {simulated.trouble} steps: '
+                     'their samples are left out')
+    if not simulated.zero.near_preload:
+        notes.append('the record has no steady start near the preload; its zero is elsewhere')
+    return samples, notes
 
 
 def add_output_options(parser: argparse.ArgumentParser) -> None:

@@ -3,27 +3,28 @@
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
 from typing import Any
 
 
 def add_parser(subparsers: Any) -> None:
     """Declare the subcommand."""
-    from saddlering_ros.cli._samples import add_bag_options, add_output_options
+    from saddlering_ros.cli._samples import (
+        add_bag_options,
+        add_output_options,
+        add_parameter_option,
+    )
 
     parser = subparsers.add_parser(
         'simulate', help="simulated ring displacement under a bag's load, as the live node does")
     add_bag_options(parser)
-    parser.add_argument('--params', type=Path, required=True, metavar='FILE',
-                        help='parameter file, as identification writes it')
+    add_parameter_option(parser)
     add_output_options(parser)
 
 
 def run(args: argparse.Namespace) -> int:
     """Read, simulate, deliver."""
     from saddlering_ros.bags import read_run
-    from saddlering_ros.bags.samples import DisplacementSamples
-    from saddlering_ros.cli._samples import check_outputs, deliver, radians
+    from saddlering_ros.cli._samples import check_outputs, deliver, radians, simulated_samples
     from saddlering_ros.rig import load_rig, read_parameters
 
     check_outputs(args)
@@ -34,14 +35,6 @@ def run(args: argparse.Namespace) -> int:
     from saddlering_ros.ring import simulate
 
     simulated = simulate(rig, parameters, test_run.elevation, test_run.time, test_run.load)
-    rows = slice(simulated.first, simulated.first + len(simulated.time))
-    samples = DisplacementSamples(test_run.stamps[rows], simulated.time, test_run.load[rows],
-                                  simulated.displacement).finite()
-    notes = list(test_run.notes)
-    if simulated.trouble:
-        notes.append(f'the solver did not converge in {simulated.trouble} steps: '
-                     'their samples are left out')
-    if not simulated.zero.near_preload:
-        notes.append('the record has no steady start near the preload; its zero is elsewhere')
+    samples, notes = simulated_samples(test_run, simulated)
     deliver(args, test_run, samples, simulated.zero, 'simulated', notes)
     return 0

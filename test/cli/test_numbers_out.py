@@ -1,5 +1,6 @@
 """Claims about numbers that leave the suite: tables, recordings, parameter files."""
 
+from dataclasses import replace
 import json
 from pathlib import Path
 
@@ -19,6 +20,7 @@ from saddlering_ros.rig import (
     TRUE_TO_SCALE,
     write_parameters,
 )
+from saddlering_ros.ring import simulate
 
 BAG = share_directory() / 'bags' / 'dynamic_50_fast'
 
@@ -109,3 +111,18 @@ def test_a_recording_of_nothing_says_so(ros_domain, tmp_path, capsys):
     assert set(json.loads(said.out)['messages'].values()) == {0}
     assert 'nothing was heard' in said.err
     assert sorted(file.name for file in out.iterdir()) == ['metadata.yaml', 'nothing_0.mcap']
+
+
+def test_a_step_that_does_not_converge_is_left_out_of_the_residual_and_told(
+        parameters, tmp_path, monkeypatch, capsys):
+    out = tmp_path / 'residual.csv'
+
+    def stumbling(*given):
+        found = simulate(*given)
+        found.displacement.gamma[5] = np.nan
+        return replace(found, trouble=1)
+
+    monkeypatch.setattr('saddlering_ros.ring.simulate', stumbling)
+    assert main(['residual', str(BAG), '--params', str(parameters), '--out', str(out)]) == 0
+    assert 'did not converge in 1 steps' in capsys.readouterr().out
+    assert 'nan' not in out.read_text()
