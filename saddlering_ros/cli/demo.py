@@ -6,6 +6,8 @@ import argparse
 from pathlib import Path
 from typing import Any, TYPE_CHECKING
 
+from saddlering_ros.cli._json import tell_json
+
 if TYPE_CHECKING:
     from saddlering_ros.demo.story import Outcome
 
@@ -26,7 +28,6 @@ def add_parser(subparsers: Any) -> None:
 def run(args: argparse.Namespace) -> int:
     """Run the demo, write its folder, print a summary."""
     import contextlib
-    import json
     import os
     import sys
 
@@ -38,8 +39,6 @@ def run(args: argparse.Namespace) -> int:
     from saddlering_ros.demo.plan import plan
     from saddlering_ros.demo.story import STEPS, tell
     from saddlering_ros.paths import share_directory
-    from saddlering_ros.rig import write_text_atomically
-
     check_folder(args.out)
     chosen = plan(args.bags or share_directory() / 'bags')
     told = contextlib.redirect_stdout(sys.stderr if args.json == '-' else sys.stdout)
@@ -48,12 +47,8 @@ def run(args: argparse.Namespace) -> int:
         console.step(f'writing {args.out}/')
         files = write_all(outcome, args.out, args.command_line)
         seconds = console.seconds
-    document = json.dumps(numbers_of(outcome), indent=2)
-    if args.json == '-':
-        print(document)
+    if tell_json(args, numbers_of(outcome)):
         return 0
-    if args.json is not None:
-        write_text_atomically(Path(args.json), document + '\n')
     print(summary(outcome))
     print(f'\n{seconds:.0f} s. Open {args.out / "report.html"} '
           f'({len(files)} files in {args.out}/)')

@@ -6,6 +6,8 @@ import argparse
 from pathlib import Path
 from typing import Any
 
+from saddlering_ros.cli._json import tell_json
+
 
 def add_parser(subparsers: Any) -> None:
     """Declare the subcommand."""
@@ -33,8 +35,6 @@ def run(args: argparse.Namespace) -> int:
     # Many small products: BLAS threads only get in each other's way (and in the simulator's).
     for name in ('OPENBLAS_NUM_THREADS', 'OMP_NUM_THREADS', 'MKL_NUM_THREADS'):
         os.environ.setdefault(name, '1')
-    import json
-
     from saddlering_ros.cli._progress import Bar
     from saddlering_ros.diagnosis import diagnose_bags
     from saddlering_ros.diagnosis.summary import verdict_text
@@ -43,7 +43,6 @@ def run(args: argparse.Namespace) -> int:
         load_rig,
         read_parameters,
         write_parameters,
-        write_text_atomically,
     )
 
     rig = load_rig(args.rig)
@@ -59,12 +58,8 @@ def run(args: argparse.Namespace) -> int:
         from saddlering_ros.report import write_diagnosis_report
 
         write_diagnosis_report(verdict, args.report, args.command_line)
-    document = json.dumps(name_files(verdict.to_json(), args.rig, args.params), indent=2)
-    if args.json == '-':
-        print(document)
+    if tell_json(args, name_files(verdict.to_json(), args.rig, args.params)):
         return 0
-    if args.json is not None:
-        write_text_atomically(Path(args.json), document + '\n')
     print(verdict_text(verdict))
     for path in (args.out, args.report):
         if path is not None:

@@ -6,6 +6,8 @@ import argparse
 from pathlib import Path
 from typing import Any, TYPE_CHECKING
 
+from saddlering_ros.cli._json import tell_json
+
 if TYPE_CHECKING:
     from saddlering_ros.rig import ContactParameters, Rig
     from saddlering_ros.virtual_rig import Schedule, TestPlan
@@ -75,9 +77,6 @@ def _effects(**_: object) -> list[str]:
 
 def run(args: argparse.Namespace) -> int:
     """Generate one bag and say what is in it."""
-    import json
-
-    from saddlering_ros.rig import write_text_atomically
     from saddlering_ros.virtual_rig import record_test, VirtualRigError, write_record
 
     if args.list_effects:
@@ -94,12 +93,8 @@ def run(args: argparse.Namespace) -> int:
     told = {'bag': str(args.out), 'test': args.test, 'elevation_deg': args.elevation,
             'duration': float(plan.schedule.duration), 'load_samples': len(record.load),
             'effects': args.effect, 'seed': args.seed, 'rig_seed': args.rig_seed}
-    document = json.dumps(told, indent=2)
-    if args.json == '-':
-        print(document)
+    if tell_json(args, told):
         return 0
-    if args.json is not None:
-        write_text_atomically(Path(args.json), document + '\n')
     print(f'{args.out}: {args.test}, {args.elevation:g} deg, {plan.schedule.duration:.1f} s, '
           f'{len(record.load)} load samples')
     return 0

@@ -6,6 +6,8 @@ import argparse
 from pathlib import Path
 from typing import Any, TYPE_CHECKING
 
+from saddlering_ros.cli._json import tell_json
+
 if TYPE_CHECKING:
     from saddlering_ros.identification import IdentificationSettings
 
@@ -46,15 +48,13 @@ def run(args: argparse.Namespace) -> int:
     # BLAS threads wait for each other on a busy machine, and get in the simulator's way.
     for name in ('OPENBLAS_NUM_THREADS', 'OMP_NUM_THREADS', 'MKL_NUM_THREADS'):
         os.environ.setdefault(name, '1')
-    import json
-
     from saddlering_ros.bags import read_run
     from saddlering_ros.cli._progress import Bar
     from saddlering_ros.cli._samples import radians
     from saddlering_ros.identification import identify
     from saddlering_ros.identification.summary import identification_text
     from saddlering_ros.provenance import name_files
-    from saddlering_ros.rig import load_rig, write_parameters, write_text_atomically
+    from saddlering_ros.rig import load_rig, write_parameters
 
     settings = _settings(args)
     rig = load_rig(args.rig)
@@ -73,12 +73,8 @@ def run(args: argparse.Namespace) -> int:
 
         write_validation_report(args.report, validate(runs, rig, found.parameters), runs, rig,
                                 found.to_json(), args.command_line)
-    document = json.dumps(name_files(found.to_json(), args.rig), indent=2)
-    if args.json == '-':
-        print(document)
+    if tell_json(args, name_files(found.to_json(), args.rig)):
         return 0
-    if args.json is not None:
-        write_text_atomically(Path(args.json), document + '\n')
     print(identification_text(found))
     for path in (args.out, args.report):
         if path is not None:

@@ -6,6 +6,8 @@ import argparse
 from pathlib import Path
 from typing import Any
 
+from saddlering_ros.cli._json import tell_json
+
 
 def add_parser(subparsers: Any) -> None:
     """Declare the subcommand."""
@@ -74,14 +76,6 @@ def facts_of(args: argparse.Namespace) -> dict[str, str]:
 
 def tell(args: argparse.Namespace, told: dict[str, Any]) -> None:
     """Say what was recorded."""
-    import json
-
-    from saddlering_ros.rig import write_text_atomically
-
-    document = json.dumps(told, indent=2)
-    if args.json == '-':
-        print(document)
+    if tell_json(args, told):
         return
-    if args.json is not None:
-        write_text_atomically(Path(args.json), document + '\n')
     print(f'{told["bag"]}: {sum(told["messages"].values())} messages in {told["seconds"]:.1f} s')

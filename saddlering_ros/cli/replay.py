@@ -6,6 +6,8 @@ import argparse
 from pathlib import Path
 from typing import Any
 
+from saddlering_ros.cli._json import tell_json
+
 RECORDER = 'saddlering_recorder'
 
 
@@ -115,16 +117,8 @@ def _recording(args: argparse.Namespace, facts: Any, domain: int) -> Any:
 
 
 def _tell(args: argparse.Namespace, told: dict[str, Any]) -> None:
-    import json
-
-    from saddlering_ros.rig import write_text_atomically
-
-    document = json.dumps(told, indent=2)
-    if args.json == '-':
-        print(document)
+    if tell_json(args, told):
         return
-    if args.json is not None:
-        write_text_atomically(Path(args.json), document + '\n')
     print('the bag is at its end')
     if args.record is not None:
         print(f'written: {args.record}, {sum(told["messages"].values())} messages')

@@ -6,6 +6,8 @@ import argparse
 from pathlib import Path
 from typing import Any
 
+from saddlering_ros.cli._json import tell_json
+
 
 def add_parser(subparsers: Any) -> None:
     """Declare the subcommand."""
@@ -30,14 +32,12 @@ def add_parser(subparsers: Any) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Validate, and write the page."""
-    import json
-
     from saddlering_ros.bags import read_run
     from saddlering_ros.cli._samples import radians
     from saddlering_ros.identification import validate
     from saddlering_ros.provenance import name_files
     from saddlering_ros.report import write_validation_report
-    from saddlering_ros.rig import load_rig, read_parameters, write_text_atomically
+    from saddlering_ros.rig import load_rig, read_parameters
 
     rig = load_rig(args.rig)
     parameters = read_parameters(args.params)
@@ -45,12 +45,8 @@ def run(args: argparse.Namespace) -> int:
     runs = [read_run(bag, test=args.test, elevation=radians(args.elevation)) for bag in args.bags]
     found = validate(runs, rig, parameters)
     write_validation_report(args.out, found, runs, rig, identification, args.command_line)
-    document = json.dumps(name_files(found.to_json(), args.rig, args.params), indent=2)
-    if args.json == '-':
-        print(document)
+    if tell_json(args, name_files(found.to_json(), args.rig, args.params)):
         return 0
-    if args.json is not None:
-        write_text_atomically(Path(args.json), document + '\n')
     print(f'written: {args.out}')
     return 0
 

@@ -6,6 +6,8 @@ import argparse
 from pathlib import Path
 from typing import Any
 
+from saddlering_ros.cli._json import tell_json
+
 
 def add_parser(subparsers: Any) -> None:
     """Declare the subcommand."""
@@ -24,14 +26,12 @@ def add_parser(subparsers: Any) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Validate and print, write or emit the figures."""
-    import json
-
     from saddlering_ros.bags import read_run
     from saddlering_ros.cli._samples import radians
     from saddlering_ros.identification import validate
     from saddlering_ros.identification.summary import validation_text
     from saddlering_ros.provenance import name_files
-    from saddlering_ros.rig import load_rig, read_parameters, write_text_atomically
+    from saddlering_ros.rig import load_rig, read_parameters
 
     rig = load_rig(args.rig)
     parameters = read_parameters(args.params)
@@ -48,12 +48,8 @@ def run(args: argparse.Namespace) -> int:
 
         write_validation_report(args.report, found, runs, rig, command=args.command_line)
         pictures.append(args.report)
-    document = json.dumps(name_files(found.to_json(), args.rig, args.params), indent=2)
-    if args.json == '-':
-        print(document)
+    if tell_json(args, name_files(found.to_json(), args.rig, args.params)):
         return 0
-    if args.json is not None:
-        write_text_atomically(Path(args.json), document + '\n')
     print(validation_text(found))
     for picture in pictures:
         print(f'written: {picture}')

@@ -1,0 +1,23 @@
+"""What `--json` asks for: the figures of a command as one document."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+
+def tell_json(args: argparse.Namespace, told: Any) -> bool:
+    """Write `told` where --json says, if anywhere; whether that took standard output."""
+    import json
+
+    from saddlering_ros.rig import write_text_atomically
+
+    if args.json is None:
+        return False
+    document = json.dumps(told, indent=2)
+    if args.json == '-':
+        print(document)
+        return True
+    write_text_atomically(Path(args.json), document + '\n')
+    return False
