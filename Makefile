@@ -5,12 +5,13 @@ export PYTHON
 
 RUN := tools/run.sh
 
-.PHONY: help setup setup-test demo test bench bench-identification bench-blind lint docs lock clean
+.PHONY: help setup setup-test demo test coverage bench bench-identification bench-blind lint docs lock clean
 
 help:
 	@echo 'make setup        .venv with ROS 2 Jazzy, our messages and this package'
 	@echo 'make demo         from a recorded bag to identified parameters and a report in out/'
 	@echo 'make test         the whole test suite'
+	@echo 'make coverage     the same, and how much of the package it runs'
 	@echo 'make bench        speed of simulator, bags and nodes: messages per second, loss, latency'
 	@echo 'make bench-identification   recovery, uncertainty, peers; BENCH_ARGS=--quick for a taste'
 	@echo 'make bench-blind  diagnosis of bags whose cause it is not told'
@@ -30,6 +31,10 @@ demo: setup
 
 test: setup-test
 	@tools/test.sh $(TEST_ARGS)
+
+coverage:
+	@tools/set_up.sh coverage
+	@$(RUN) python tools/measure_coverage.py $(TEST_ARGS)
 
 bench: setup-test
 	@$(RUN) python benchmarks/simulator.py

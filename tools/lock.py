@@ -52,6 +52,8 @@ def lock(version: str) -> None:
     tests = {name: number for name, number in everything.items() if name not in base}
     write(f'{version}-wheels', base, f'ROS 2 Jazzy and all else, for Python {version}')
     write(f'{version}-test', tests, f'what the tests add, for Python {version}')
+    write(f'{version}-coverage', resolve(python, ['coverage']),
+          f'what `make coverage` adds, for Python {version}')
     if version == JAZZY_PYTHON:
         jazzy = resolve(python, ['run'], JAZZY_BUILT_WITH)
         jazzy |= {name: base[name] for name in INSTALLERS}

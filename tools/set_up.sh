@@ -3,6 +3,7 @@
 #
 #   tools/set_up.sh          what running needs
 #   tools/set_up.sh test     and what the tests need
+#   tools/set_up.sh coverage and what measures them
 #
 # Every step leaves a stamp when it is finished, holding a digest of all it depends on. A step whose
 # stamp still holds is skipped, so a second run does nothing, and a run that was cut short goes on
@@ -227,8 +228,11 @@ main() {
   build_interfaces
   install_package
   compile_kernels
-  if [ "${1:-}" = test ]; then
-    install_locked test_packages "$base_version-test" 'installing what the tests need'
+  case ${1:-} in test | coverage)
+    install_locked test_packages "$base_version-test" 'installing what the tests need' ;;
+  esac
+  if [ "${1:-}" = coverage ]; then
+    install_locked coverage_packages "$base_version-coverage" 'installing what measures the tests'
   fi
 }
 
