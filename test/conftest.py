@@ -1,8 +1,10 @@
 """What every test gets: a ROS domain of its own, on this machine only."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+import contextlib
 import os
 import socket
+from typing import Any
 
 import pytest
 
@@ -71,3 +73,39 @@ def ros_domain(monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
     monkeypatch.delenv('ROS_STATIC_PEERS', raising=False)
     yield lease.number
     lease.close()
+
+
+@pytest.fixture(autouse=True)
+def _nothing_left_of_ros(
+        request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """Nodes, action clients and servers of a test marked `ros` are destroyed by its end.
+
+    Those left over outlive their context, and are destroyed by the garbage collector in no order:
+    the middleware can then wait for ever, at the exit of the process.
+    """
+    if request.node.get_closest_marker('ros') is None:
+        yield
+        return
+    from rclpy.action import ActionClient, ActionServer
+    from rclpy.exceptions import InvalidHandle
+    from rclpy.node import Node
+    handles: dict[Any, str] = {Node: 'handle', ActionClient: '_client_handle',
+                               ActionServer: '_handle'}
+    made: list[tuple[object, Any]] = []
+    for kind, name in handles.items():
+        monkeypatch.setattr(kind, '__init__', _noted(kind.__init__, name, made))
+    yield
+    left = []
+    for one, handle in made:
+        with contextlib.suppress(InvalidHandle), handle:
+            left.append(one)
+    assert not left, f'not destroyed: {left}'
+
+
+def _noted(initialise: Callable[..., None], name: str, made: list[tuple[object, Any]],
+           ) -> Callable[..., None]:
+    """`initialise`, which also adds what it made and its handle to `made`."""
+    def noting(self: object, *args: object, **options: object) -> None:
+        initialise(self, *args, **options)
+        made.append((self, getattr(self, name)))
+    return noting

@@ -12,6 +12,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import WrenchStamped
 import numpy as np
 import rclpy
+from rclpy.action import ActionClient
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import Range
@@ -49,6 +50,7 @@ class Client:
         self.diagnostics: dict[str, tuple[int, str]] = {}
         self.warnings: list[str] = []
         self.progress: dict[str, ReplayProgress] = {}
+        self._actions: list[ActionClient] = []
         self._progress = Inflow(self.node, PROGRESS_TOPIC, ReplayProgress)
         self._diagnostics = Inflow(self.node, '/diagnostics', DiagnosticArray)
         self._stop = threading.Event()
@@ -116,10 +118,18 @@ class Client:
         wait_until(future.done, seconds, f'{name} answers')
         return future.result()
 
+    def action(self, kind: Any, name: str) -> ActionClient:
+        """A client of an action, destroyed with this one: its node does not do it."""
+        with self.lock:
+            self._actions.append(ActionClient(self.node, kind, name))
+        return self._actions[-1]
+
     def close(self) -> None:
         self._stop.set()
         self._thread.join()
         self.executor.shutdown(timeout_sec=0.0)
+        for action in self._actions:
+            action.destroy()
         self.node.destroy_node()
         rclpy.shutdown(context=self.context)
 

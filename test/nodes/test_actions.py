@@ -9,7 +9,6 @@ from typing import Any
 
 from action_msgs.msg import GoalStatus
 import pytest
-from rclpy.action import ActionClient
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rosnet import Client, Driver, wait_until
 
@@ -40,8 +39,7 @@ class Goals:
 
     def __init__(self, heard: Client, action: Any, name: str) -> None:
         self.heard, self.action = heard, action
-        with heard.lock:
-            self.client = ActionClient(heard.node, action, name)
+        self.client = heard.action(action, name)
         wait_until(self.client.server_is_ready, 40.0, name)
         self.feedback: list[Any] = []
 
