@@ -63,8 +63,7 @@ class LiveRig:
         with contextlib.ExitStack() as stack:
             stack.enter_context(self._group)
             self._start()
-            stack.callback(self._leave_ros)
-            self._join_ros()
+            self._join_ros(stack)
             self._stack = stack.pop_all()
         return self
 
@@ -106,11 +105,19 @@ class LiveRig:
             settings['parameters_file'] = str(parameters_file)
         self._group.start('ring_simulator', settings)
 
-    def _join_ros(self) -> None:
+    def _join_ros(self, stack: contextlib.ExitStack) -> None:
+        """Make what speaks ROS here; `stack` destroys all of it before its context shuts down.
+
+        What outlives its context is left to the garbage collector, in which the middleware can
+        wait for ever.
+        """
         os.environ.update(self._group.environment)
         rclpy.init(args=[], domain_id=self.domain, signal_handler_options=SignalHandlerOptions.NO)
+        stack.callback(rclpy.try_shutdown)
         self._node = rclpy.create_node('demo')
+        stack.callback(self._node.destroy_node)
         self._executor = SingleThreadedExecutor()
+        stack.callback(self._executor.shutdown, timeout_sec=0.0)
         self._executor.add_node(self._node)
         latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
         self._node.create_subscription(ReplayState, STATE_TOPIC, self._on_state, latched)
@@ -119,18 +126,19 @@ class LiveRig:
             'identify': ActionClient(self._node, IdentifyRing, '/identify_ring'),
             'diagnose': ActionClient(self._node, DiagnoseRing, '/diagnose_ring'),
         }
+        for action in self._actions.values():
+            stack.callback(action.destroy)
         self._recorder = Recorder()
+        stack.callback(self._recorder.destroy_node)
         self._recorder.start()
         self._spinning = threading.Thread(
             target=spin_streaming, args=(self._recorder, self._recorder), daemon=True)
         self._spinning.start()
+        stack.callback(self._end_recorder)
 
-    def _leave_ros(self) -> None:
-        if hasattr(self, '_spinning'):
-            self._recorder.done = True
-            self._spinning.join(2.0)
-        with contextlib.suppress(Exception):
-            rclpy.try_shutdown()
+    def _end_recorder(self) -> None:
+        self._recorder.done = True
+        self._spinning.join(2.0)
 
     def _on_state(self, message: ReplayState) -> None:
         self._state = message

@@ -115,6 +115,7 @@ def recording(
                    signal_handler_options=SignalHandlerOptions.NO)
         stack.callback(rclpy.try_shutdown, context=context)
         node = Recorder(bag, context)
+        stack.callback(node.destroy_node)
         node.start()
         thread = threading.Thread(target=spin_streaming, args=(node, node), daemon=True)
         thread.start()
