@@ -18,8 +18,10 @@ from saddlering_ros.bags.writer import (
     _put_in_place,
     _RELIABLE,
     _Writer,
-    CHUNK_SIZE,
 )
+
+CHUNK_SIZE = 1 << 16
+"""What a crash costs at most [bytes]: 6 s at 10 Hz. Bags are 2 % larger than by chunks of 1 MB."""
 
 
 class BagRecording:
@@ -28,7 +30,8 @@ class BagRecording:
     topics: message type ('package/msg/Name') by topic; definitions: the text of .msg files of
     types that ROS 2 itself does not define, by type; latched: topics whose last message stays
     there for late joiners; facts: strings for the bag's custom data. While it is being written it
-    is beside its place, in a folder whose name begins with a dot; there a crash leaves it.
+    is beside its place, in a folder whose name begins with a dot; there a crash or a full disk
+    leaves it, readable up to its last whole chunk.
     """
 
     def __init__(
@@ -44,8 +47,9 @@ class BagRecording:
             self._folder = Path(tempfile.mkdtemp(prefix=f'.{self.path.name}.recording.',
                                                  dir=self.path.parent))
         except OSError as problem:
-            raise self._unwritable(problem) from problem
-        self._writer = _Writer(self._folder / self.path.name, dict(facts or {}), CHUNK_SIZE)
+            raise BagError(self._complaint(problem)) from problem
+        self._written = self._folder / self.path.name
+        self._writer = _Writer(self._written, dict(facts or {}), CHUNK_SIZE)
         self._writer.open()
         store = _store(definitions or {})
         self._connections = {
@@ -69,14 +73,18 @@ class BagRecording:
                  trace: TracebackType | None) -> None:
         try:
             self._writer.close()
-            _put_in_place(self._folder / self.path.name, self.path)
+            _put_in_place(self._written, self.path)
         except OSError as fault:
             raise self._unwritable(fault) from fault
         shutil.rmtree(self._folder, ignore_errors=True)
 
     def _unwritable(self, problem: OSError) -> BagError:
-        return BagError(f'{self.path}: cannot be written ({problem.strerror or problem}): '
-                        'choose another place')
+        return BagError(f'{self._complaint(problem)}; what was recorded until then is readable in '
+                        f'{self._written}')
+
+    def _complaint(self, problem: OSError) -> str:
+        return (f'{self.path}: cannot be written ({problem.strerror or problem}): '
+                'choose another place')
 
 
 def _latched() -> Qos:

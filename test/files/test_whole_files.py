@@ -144,3 +144,53 @@ def test_two_folders_change_places(tmp_path, monkeypatch, by_kernel):
     assert os.listdir(other) == ['one']
     assert os.listdir(one) == ['other']
     assert sorted(os.listdir(tmp_path)) == ['one', 'other']
+
+
+RECORD = """
+import os, resource, signal, sys
+from pathlib import Path
+import numpy as np
+from saddlering_ros.bags import LOAD_TOPIC, PROBE_TOPICS, TestFacts
+from saddlering_ros.bags.recording import BagRecording
+from saddlering_ros.nodes.wire import encode_gaps, encode_loads, Samples
+from saddlering_ros.errors import SaddleringError
+kinds = {LOAD_TOPIC: 'geometry_msgs/msg/WrenchStamped',
+         **dict.fromkeys(PROBE_TOPICS, 'sensor_msgs/msg/Range')}
+rest = np.random.default_rng(0)
+END
+facts = TestFacts('dynamic', 50.0).as_text()
+try:
+    with BagRecording(Path(sys.argv[1]), kinds, facts=facts) as bag:
+        for stamp in range(10 ** 18, 10 ** 18 + 10 ** 11, 10 ** 8):
+            at = np.array([stamp])
+            print(stamp, flush=True)
+            if stamp == killed:
+                os.kill(os.getpid(), signal.SIGKILL)
+            bag.write(LOAD_TOPIC, stamp, *encode_loads(Samples(at, rest.normal(1e5, 1e3, 1)), ''))
+            for topic in PROBE_TOPICS:
+                gap = Samples(at, rest.normal(1e-3, 1e-5, 1), 0.0, 2e-3)
+                bag.write(topic, stamp, *encode_gaps(gap, ''))
+except SaddleringError as problem:
+    print(problem)
+"""
+
+
+@pytest.mark.parametrize(('end', 'status', 'words'), [
+    ('resource.setrlimit(resource.RLIMIT_FSIZE, (60_000, 60_000)); killed = 0', 0,
+     'cannot be written (File too large)'),
+    ('killed = 10 ** 18 + 60 * 10 ** 9', -signal.SIGKILL, '')])
+def test_a_recording_that_ends_in_the_middle_keeps_all_but_its_last_seconds(
+        tmp_path, end, status, words):
+    """At 10 Hz, where a chunk takes longest to fill; ended by a full disk, or killed."""
+    ended = subprocess.run(
+        [sys.executable, '-c', RECORD.replace('END', end), str(tmp_path / 'bag')], timeout=60,
+        capture_output=True, text=True, check=False)
+    assert ended.returncode == status, ended.stderr
+    assert not (tmp_path / 'bag').exists()
+    kept, = tmp_path.glob('.bag.recording.*/bag')
+    stamps = [int(line) for line in ended.stdout.splitlines() if line.isdigit()]
+    said = ended.stdout.splitlines()[-1]
+    assert not words or (words in said and said.endswith(f'is readable in {kept}'))
+    run = read_run(kept)
+    assert 'cut off' in ' '.join(run.notes)
+    assert stamps[-1] - run.stamps[-1] < 10e9
