@@ -24,7 +24,14 @@ from saddlering_ros.rig import (
     TRUE_TO_SCALE,
     Trunnion,
 )
-from saddlering_ros.ring import dynamic_batch, reference, simulate, static_batch
+from saddlering_ros.ring import (
+    dynamic_batch,
+    kernels,
+    reference,
+    RingSimulator,
+    simulate,
+    static_batch,
+)
 
 BASE = default_rig()
 QUICK = settings(max_examples=40, deadline=None, derandomize=True, database=None)
@@ -172,6 +179,33 @@ def test_a_step_that_does_not_converge_is_counted_and_has_no_number():
     assert np.abs(run.probes[:, -1]).max() < 1e-9
     motion = dynamic_batch(BASE, TRUE_TO_SCALE.to_array(), 0.9, time, load)[0]
     assert np.flatnonzero(np.isnan(motion).any(axis=0)).tolist() == [1500]
+
+
+def test_a_step_that_newton_cannot_take_is_taken_in_parts(monkeypatch):
+    """Steps of 50 ms from load to load, as no node takes them, so that some fail at first."""
+    tried, step = [], kernels.implicit_step
+
+    def noted(model, rows, uniform, state, length, *rest):
+        used = step(model, rows, uniform, state, length, *rest)
+        tried.append((length, used))
+        return used
+
+    for name in ('advance', 'robust_step'):  # as Python, so that they call what is patched
+        monkeypatch.setattr(kernels, name, getattr(kernels, name).py_func)
+    monkeypatch.setattr(kernels, 'implicit_step', noted)
+    jumps = FULL_SCALE_LOAD * np.random.default_rng(0).uniform(-0.5, 1.5, 100)
+    rest = np.full(40, BASE.preload)
+    simulator = RingSimulator(BASE, ParameterSet(TRUE_TO_SCALE), 0.9, max_step=1.0)
+    samples = [sample for number, load in enumerate([*rest, *jumps, *rest])
+               for sample in simulator.push(number / 20.0, float(load))]
+
+    failed = [number for number, (_, used) in enumerate(tried) if used < 0]
+    assert len(failed) > 10
+    assert all(tried[number + 1][0] == tried[number][0] / 4.0
+               for number in failed if (number - 1) not in failed)
+    assert simulator.trouble == 0
+    assert np.isfinite([sample.probes for sample in samples]).all()
+    assert np.abs(samples[-1].probes).max() < 1e-9
 
 
 def test_the_node_gives_out_nothing_for_it_and_counts_it():
