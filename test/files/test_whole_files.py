@@ -27,7 +27,7 @@ WRITERS = {
 }
 
 PRELUDE = """
-import resource, signal, sys
+import signal, sys
 from pathlib import Path
 import numpy as np
 from saddlering_ros.bags.samples import DisplacementSamples, write_samples
@@ -42,10 +42,16 @@ path = Path(sys.argv[1])
 """
 
 
+def limited_to(size: int) -> str:
+    """Code that limits files to `size` bytes, until the process exits: coverage writes then."""
+    return ('import atexit, resource; whole = resource.getrlimit(resource.RLIMIT_FSIZE); '
+            'atexit.register(resource.setrlimit, resource.RLIMIT_FSIZE, whole); '
+            f'resource.setrlimit(resource.RLIMIT_FSIZE, ({size}, whole[1]))')
+
+
 def run_limited(code: str, path: Path, after: str) -> subprocess.CompletedProcess[str]:
     """Run `code` with files limited to 64 kB: killed there (`after` SIG_DFL) or refused."""
-    limit = (f'signal.signal(signal.SIGXFSZ, signal.{after})\n'
-             'resource.setrlimit(resource.RLIMIT_FSIZE, (65536, 65536))\n')
+    limit = f'signal.signal(signal.SIGXFSZ, signal.{after})\n{limited_to(65536)}\n'
     return subprocess.run([sys.executable, '-c', PRELUDE + limit + code, str(path)],
                           capture_output=True, text=True, check=False, timeout=60)
 
@@ -147,7 +153,7 @@ def test_two_folders_change_places(tmp_path, monkeypatch, by_kernel):
 
 
 RECORD = """
-import os, resource, signal, sys
+import os, signal, sys
 from pathlib import Path
 import numpy as np
 from saddlering_ros.bags import LOAD_TOPIC, PROBE_TOPICS, TestFacts
@@ -176,8 +182,7 @@ except SaddleringError as problem:
 
 
 @pytest.mark.parametrize(('end', 'status', 'words'), [
-    ('resource.setrlimit(resource.RLIMIT_FSIZE, (60_000, 60_000)); killed = 0', 0,
-     'cannot be written (File too large)'),
+    (f'{limited_to(60_000)}; killed = 0', 0, 'cannot be written (File too large)'),
     ('killed = 10 ** 18 + 60 * 10 ** 9', -signal.SIGKILL, '')])
 def test_a_recording_that_ends_in_the_middle_keeps_all_but_its_last_seconds(
         tmp_path, end, status, words):
