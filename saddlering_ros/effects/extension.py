@@ -115,7 +115,8 @@ class RingExtension:
     probe_gain: Four = NO_PROBE         # d_i (1 + g)
     probe_nonlinearity: Four = NO_PROBE  # d_i += q d_i^2 [1/m]
     probe_drift: Four = NO_PROBE        # d_i += r t [m/s]
-    probe_lag: Four = NO_PROBE          # first-order low-pass, time constant [s]
+    probe_lag: Four = NO_PROBE          # low-pass, its time constants together [s]
+    probe_lag_second: Four = NO_PROBE   # share of them in a second stage
     pickup_cosine: Four = NO_PROBE      # d_i += a cos(w t) + b sin(w t) [m]
     pickup_sine: Four = NO_PROBE
     pickup_frequency: float = 50.0      # [Hz]

@@ -1,4 +1,4 @@
-"""Slow probe electronics: a first-order low-pass on one or all probes."""
+"""Slow probe electronics: a low-pass of one or two stages on one or all probes."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 from saddlering_ros.effects.base import Effect, EffectParameter, Variant
-from saddlering_ros.effects.extension import RingExtension, with_probe
+from saddlering_ros.effects.extension import RingExtension, set_probe, with_probe
 from saddlering_ros.effects.probe_choice import ANY_PROBE, probe_of, probe_variants
 
 
@@ -18,7 +18,7 @@ class ProbeLag(Effect):
     words = (
         'A filter in the electronics makes one probe, or all of them, follow late. In a dynamic '
         'run the error is exponential after each corner of the load; a static run shows nothing. '
-        'On all probes it looks much like damping.'
+        'On all probes it looks much like damping, and with two stages much like a clock offset.'
     )
     settled_by = 'A second loading rate (x4), with swapped probes if only one is slow.'
     stage = 'measurement'
@@ -26,14 +26,24 @@ class ProbeLag(Effect):
     parameters = (
         EffectParameter(
             'time', 's', 0.0, 1.0, 0.03, 0.03,
-            'time constant of the low-pass', amplitude=True, one_sided=True),
+            'time constant of the low-pass, of both its stages together',
+            amplitude=True, one_sided=True),
+        EffectParameter(
+            'second', '1', 0.0, 0.5, 0.5, 0.0,
+            'share of the time constant that a second stage has; 0: one stage',
+            one_sided=True),
     )
     variants = (
         Variant('all probes', {'probe': 0.0}, ('delta_x', 'delta_y', 'gamma')), *probe_variants())
     choices = (ANY_PROBE,)
+    starts = ({'second': 0.5},)
     dynamic_only = True
 
     def extend(self, extension: RingExtension, values: Mapping[str, float]) -> RingExtension:
         """Add to the probe chosen."""
-        changed = with_probe(extension.probe_lag, probe_of(values), values['time'])
-        return replace(extension, probe_lag=changed)
+        probe = probe_of(values)
+        return replace(
+            extension,
+            probe_lag=with_probe(extension.probe_lag, probe, values['time']),
+            probe_lag_second=set_probe(extension.probe_lag_second, probe, values['second']),
+        )

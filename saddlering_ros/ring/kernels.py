@@ -41,7 +41,7 @@ STEP_TOLERANCE = 5e-11
 
 LARGEST_ITERATIONS = 60
 
-LAYOUT = '7d390160beac'
+LAYOUT = '6a5eb64b2187'
 """Digest of `layout`: a change there must change this file, by which numba keeps kernels."""
 
 LARGEST_PREDICTION = 5e-6
@@ -452,9 +452,12 @@ def read_probes(m: Any, s: Any, w: Any, load: Any, time: Any, dt: Any, out: Any,
         d = d * (1.0 + m[at.GAIN + i]) + m[at.CURVE + i] * d * d
         lag = m[at.LAG + i]
         if lag > 0.0:
-            s[at.LAGGED + i] = low_pass(s[at.LAGGED + i], s[at.LAG_INPUT + i], d, dt, lag)
+            second = lag * m[at.LAG_SECOND + i]
+            old = s[at.LAGGED + i]
+            s[at.LAGGED + i] = low_pass(old, s[at.LAG_INPUT + i], d, dt, lag - second)
             s[at.LAG_INPUT + i] = d
-            d = s[at.LAGGED + i]
+            d = low_pass(s[at.LAGGED_TWICE + i], old, s[at.LAGGED + i], dt, second)
+            s[at.LAGGED_TWICE + i] = d
         d += m[at.DRIFT + i] * elapsed
         if m[at.PICKUP_COSINE + i] != 0.0 or m[at.PICKUP_SINE + i] != 0.0:
             d += (m[at.PICKUP_COSINE + i] * math.cos(angle)

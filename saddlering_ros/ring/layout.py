@@ -84,7 +84,9 @@ SINE = 99
 UPPER_STIFFNESS = 100
 LOWER_STIFFNESS = 101
 MIDDLE_STIFFNESS = 102
-MODEL_SIZE = 103
+# Share of a probe's lag that its second stage takes, probes 1 to 4
+LAG_SECOND = 103
+MODEL_SIZE = 107
 
 # State of a running simulation
 TIME = 0
@@ -111,11 +113,12 @@ RESONANCE_RATE = 40
 RESONANCE_INPUT = 43
 LAGGED = 46
 LAG_INPUT = 50
+LAGGED_TWICE = 54
 # Forces and slopes of the last step: 3, and entries 00, 02, 11, 12, 22 of two matrices
-LAST_FORCE = 54
-LAST_STIFFNESS = 57
-LAST_DAMPING = 62
-STATE_SIZE = 67
+LAST_FORCE = 58
+LAST_STIFFNESS = 61
+LAST_DAMPING = 66
+STATE_SIZE = 71
 
 # Work of one kernel call, not kept between calls
 FORCE = 0

@@ -165,7 +165,8 @@ def scalars_of(rig: Rig, elevation: float, extension: RingExtension = NO_EXTENSI
     fours = (
         (at.BRACKET, extension.probe_bracket), (at.GAIN, extension.probe_gain),
         (at.CURVE, extension.probe_nonlinearity), (at.DRIFT, extension.probe_drift),
-        (at.LAG, extension.probe_lag), (at.PICKUP_COSINE, extension.pickup_cosine),
+        (at.LAG, extension.probe_lag), (at.LAG_SECOND, extension.probe_lag_second),
+        (at.PICKUP_COSINE, extension.pickup_cosine),
         (at.PICKUP_SINE, extension.pickup_sine), (at.CLIP_LOW, extension.saturation_low),
         (at.CLIP_HIGH, extension.saturation_high),
     )

@@ -59,8 +59,8 @@ KNOBS_OF_STAGE = {
     },
     'measurement': {
         'probe_height', 'probe_bracket', 'probe_gain', 'probe_nonlinearity', 'probe_drift',
-        'probe_lag', 'pickup_cosine', 'pickup_sine', 'pickup_frequency', 'saturation_low',
-        'saturation_high', 'clock_offset', 'clock_skew',
+        'probe_lag', 'probe_lag_second', 'pickup_cosine', 'pickup_sine', 'pickup_frequency',
+        'saturation_low', 'saturation_high', 'clock_offset', 'clock_skew',
     },
 }
 UNITS = {'1', 'N', 'm', 'rad', 'N m', 'm/N', 'rad/(N m)', 's', '1/m', 'm/s', 'Hz'}

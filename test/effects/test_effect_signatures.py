@@ -9,6 +9,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 import pytest
+from scipy.signal import lsim
 
 from saddlering_ros.effects import catalogue, Effect, extension_of, NO_EXTENSION, Variant
 from saddlering_ros.effects.worn_arc import worn_arc
@@ -260,6 +261,18 @@ def test_a_lagging_probe_follows_a_ramp_one_time_constant_late() -> None:
     before_top = (record[0] > 1.0) & (record[0] < 1.9)
     expected = np.interp(record[0] - 0.05, record[0], plain)
     assert late[before_top] == pytest.approx(expected[before_top], abs=2e-8)
+
+
+def test_two_stages_of_a_lag_answer_a_step_as_their_formula_says() -> None:
+    time = np.arange(0.0, 2.0, 1e-3)
+    load = np.where(time < 0.5, RIG.preload, 1e5)
+    lag = {'time': 0.2, 'second': 0.5, 'probe': 1.0}
+    late, plain = simulated({'probe_lag': lag}, (time, load)), simulated({}, (time, load))
+    seen, true = (item['delta_x'] + item['parity'] for item in (late, plain))
+    _, expected, _ = lsim(([1.0], [0.01, 0.2, 1.0]), true, time)
+    assert seen == pytest.approx(expected, abs=2e-3 * true[-1])
+    once = simulated({'probe_lag': lag | {'second': 0.0}}, (time, load))
+    assert np.abs(seen - once['delta_x'] - once['parity']).max() > 0.05 * true[-1]
 
 
 def test_drift_goes_on_at_rest() -> None:
