@@ -6,6 +6,8 @@ import argparse
 from pathlib import Path
 from typing import Any, TYPE_CHECKING
 
+from saddlering_ros.cli._json import tell_json
+
 if TYPE_CHECKING:
     from saddlering_ros.bags import BagInfo, TopicInfo
 
@@ -23,12 +25,11 @@ def add_parser(subparsers: Any) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Show every bag; status 2 if one of them cannot be used."""
-    import json
     import sys
 
     from saddlering_ros.bags import bag_info, BagError
     from saddlering_ros.cli._samples import radians
-    from saddlering_ros.rig import load_rig, write_text_atomically
+    from saddlering_ros.rig import load_rig
 
     rig = load_rig(args.rig)
     problems = []
@@ -44,11 +45,7 @@ def run(args: argparse.Namespace) -> int:
         documents.append(info.as_dict())
         if args.json != '-':
             _print_info(info)
-    document = json.dumps(documents, indent=2)
-    if args.json == '-':
-        print(document)
-    elif args.json is not None:
-        write_text_atomically(Path(args.json), document + '\n')
+    tell_json(args, documents)
     if not problems:
         return 0
     sys.stdout.flush()

@@ -5,6 +5,8 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
+from saddlering_ros.cli._json import tell_json
+
 
 def add_parser(subparsers: Any) -> None:
     """Declare the subcommand."""
@@ -50,15 +52,5 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _say(args: argparse.Namespace, url: str, domain: int) -> None:
-    import json
-    from pathlib import Path
-
-    from saddlering_ros.rig import write_text_atomically
-
-    document = json.dumps({'url': url, 'domain': domain})
-    if args.json == '-':
-        print(document, flush=True)
-        return
-    if args.json is not None:
-        write_text_atomically(Path(args.json), document + '\n')
-    print(f'{url} shows ROS domain {domain}; Ctrl-C ends it', flush=True)
+    if not tell_json(args, {'url': url, 'domain': domain}):
+        print(f'{url} shows ROS domain {domain}; Ctrl-C ends it', flush=True)
