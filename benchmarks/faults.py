@@ -37,10 +37,12 @@ from typing import Any
 from diagnostic_msgs.msg import DiagnosticArray
 import numpy as np
 import rclpy
+from rclpy.action import ActionClient
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.serialization import deserialize_message
 from std_srvs.srv import Trigger
 
+from saddlering_interfaces.action import DiagnoseRing, IdentifyRing
 from saddlering_interfaces.msg import ReplayProgress, RingDisplacement
 from saddlering_ros.bags import LOAD_TOPIC, PROBE_TOPICS, TestFacts, write_bag
 from saddlering_ros.nodes import wire
@@ -675,9 +677,7 @@ def two_replays(chance: random.Random) -> Outcome:
 
 def kill_action_servers(chance: random.Random) -> Outcome:
     """Action servers killed in the middle of a goal: their workers go too, new ones serve."""
-    from rclpy.action import ActionClient
-
-    from saddlering_interfaces.action import IdentifyRing
+    bags = ['dynamic_50_fast']
     out = Outcome()
     with NodeGroup() as group:
         context = rclpy.Context()
@@ -685,39 +685,52 @@ def kill_action_servers(chance: random.Random) -> Outcome:
         node = rclpy.create_node('client', context=context)
         executor = SingleThreadedExecutor(context=context)
         executor.add_node(node)
-        client = ActionClient(node, IdentifyRing, '/identify_ring')
-        for _ in range(2):
-            out.put_in += 1
-            group.start('ring_identification')
-            if not client.wait_for_server(60.0):
-                out.faults.append('the server does not serve')
-                break
-            running: list[Any] = []
-            goal = IdentifyRing.Goal(bags=['dynamic_50_fast'], particles=200, iterations=100_000)
-            sent = client.send_goal_async(goal, feedback_callback=running.append)
-            asked, end = time.monotonic(), time.monotonic() + 90.0
-            while not running and time.monotonic() < end:
-                executor.spin_once(0.1)
-                # A server killed without a word stays known for a while: what went to it is lost.
-                if not sent.done() and time.monotonic() - asked > 5.0:
-                    asked = time.monotonic()
-                    sent = client.send_goal_async(goal, feedback_callback=running.append)
-            if not running:
-                out.faults.append('no feedback')
-            time.sleep(chance.uniform(0.0, 1.0))
-            pid = group.processes['ring_identification'].process.pid
-            workers = children_of(pid)
-            group.processes['ring_identification'].process.kill()
-            group.processes['ring_identification'].process.wait()
-            end = time.monotonic() + 3.0
-            while any(map(lives, workers)) and time.monotonic() < end:
-                time.sleep(0.05)
-            if not workers or any(map(lives, workers)):
-                out.faults.append(f'workers {workers} outlive their server')
-            del sent
+        for server, topic, action, goal in (
+                ('ring_identification', '/identify_ring', IdentifyRing,
+                 IdentifyRing.Goal(bags=bags, particles=200, iterations=100_000)),
+                ('ring_diagnosis', '/diagnose_ring', DiagnoseRing, DiagnoseRing.Goal(bags=bags))):
+            client = ActionClient(node, action, topic)
+            for _ in range(2):
+                out.put_in += 1
+                group.start(server)
+                process = group.processes[server].process
+                out.faults += [f'{server}: {fault}' for fault in kill_in_a_goal(
+                    process, client, executor, goal, chance)]
+            client.destroy()
+        executor.shutdown(timeout_sec=0.0)
         node.destroy_node()
         rclpy.shutdown(context=context)
     return out
+
+
+def kill_in_a_goal(process: subprocess.Popen[str], client: ActionClient,
+                   executor: SingleThreadedExecutor, goal: Any, chance: random.Random,
+                   ) -> list[str]:
+    """Kill -9 of a server while it works on a goal; broken promises."""
+    if not client.wait_for_server(60.0):
+        return ['the server does not serve']
+    faults = []
+    running: list[Any] = []
+    sent = client.send_goal_async(goal, feedback_callback=running.append)
+    asked, end = time.monotonic(), time.monotonic() + 90.0
+    while not running and time.monotonic() < end:
+        executor.spin_once(0.1)
+        # A server killed without a word stays known for a while: what went to it is lost.
+        if not sent.done() and time.monotonic() - asked > 5.0:
+            asked = time.monotonic()
+            sent = client.send_goal_async(goal, feedback_callback=running.append)
+    if not running:
+        faults.append('no feedback')
+    time.sleep(chance.uniform(0.0, 1.0))
+    workers = children_of(process.pid)
+    process.kill()
+    process.wait()
+    end = time.monotonic() + 3.0
+    while any(map(lives, workers)) and time.monotonic() < end:
+        time.sleep(0.05)
+    if not workers or any(map(lives, workers)):
+        faults.append(f'workers {workers} outlive their server')
+    return faults
 
 
 def full_disk(chance: random.Random) -> Outcome:

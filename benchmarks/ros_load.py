@@ -25,9 +25,12 @@ from typing import Any
 
 import numpy as np
 import rclpy
+from rclpy.action import ActionClient
+from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.serialization import deserialize_message
 
+from saddlering_interfaces.action import IdentifyRing
 from saddlering_interfaces.msg import ReplayProgress, RingDisplacement
 from saddlering_ros.bags import LOAD_TOPIC, PROBE_TOPICS, TestFacts, write_bag
 from saddlering_ros.nodes import wire
@@ -161,36 +164,58 @@ def idle_servers(group: NodeGroup) -> Iterator[None]:
     yield
 
 
+class Identifier:
+    """A client of /identify_ring with one goal, asked for as a client does, until it runs."""
+
+    def __init__(self, context: Any, goal: IdentifyRing.Goal) -> None:
+        self.node = Node('identifier', context=context)
+        self.executor = SingleThreadedExecutor(context=context)
+        self.executor.add_node(self.node)
+        self.client = ActionClient(self.node, IdentifyRing, '/identify_ring')
+        self.client.wait_for_server(60.0)
+        running: list[Any] = []
+        self._sent = self.client.send_goal_async(goal, feedback_callback=running.append)
+        self.executor.spin_until_future_complete(self._sent, 30.0)
+        self._ended = self._sent.result().get_result_async()
+        while not running and not self._ended.done():
+            self.executor.spin_once(0.1)
+
+    def cancel(self) -> float:
+        """How long it takes from asking for it to the result [s]."""
+        for _ in range(10):  # the feedback that has come in the meantime
+            self.executor.spin_once(0.05)
+        if self._ended.done():
+            raise SystemExit(f'the goal ended by itself: {self._ended.result().result.message}')
+        asked = time.monotonic()
+        self._sent.result().cancel_goal_async()
+        self.executor.spin_until_future_complete(self._ended, 30.0)
+        return time.monotonic() - asked
+
+    def close(self) -> None:
+        self.executor.shutdown(timeout_sec=0.0)
+        self.client.destroy()
+        self.node.destroy_node()
+
+
+@contextlib.contextmanager
+def identifying(domain: int, goal: IdentifyRing.Goal) -> Iterator[Identifier]:
+    """A goal that runs; the block may cancel it."""
+    context = rclpy.Context()
+    rclpy.init(context=context, domain_id=domain)
+    try:
+        with contextlib.closing(Identifier(context, goal)) as one:
+            yield one
+    finally:
+        rclpy.shutdown(context=context)
+
+
 @contextlib.contextmanager
 def running_identification(group: NodeGroup) -> Iterator[None]:
-    """An identification that outlasts the stream runs beside it, asked for as a client does."""
-    from rclpy.action import ActionClient
-    from rclpy.executors import SingleThreadedExecutor
-
-    from saddlering_interfaces.action import IdentifyRing
-    context = rclpy.Context()
-    rclpy.init(context=context, domain_id=group.domain_id)
-    node = Node('identifier', context=context)
-    executor = SingleThreadedExecutor(context=context)
-    executor.add_node(node)
-    client = ActionClient(node, IdentifyRing, '/identify_ring')
-    client.wait_for_server(60.0)
-    running: list[Any] = []
+    """An identification that outlasts the stream runs beside it."""
     goal = IdentifyRing.Goal(bags=['dynamic_70'], particles=400, iterations=1_000_000)
-    sent = client.send_goal_async(goal, feedback_callback=running.append)
-    executor.spin_until_future_complete(sent, 30.0)
-    ended = sent.result().get_result_async()
-    while not running and not ended.done():
-        executor.spin_once(0.1)
-    yield
-    for _ in range(10):  # the feedback that has come in the meantime
-        executor.spin_once(0.05)
-    if ended.done():
-        raise SystemExit(f'the goal ended before the stream: {ended.result().result.message}')
-    sent.result().cancel_goal_async()
-    executor.spin_until_future_complete(ended, 30.0)
-    node.destroy_node()
-    rclpy.shutdown(context=context)
+    with identifying(group.domain_id, goal) as one:
+        yield
+        one.cancel()
 
 
 def in_real_time(seconds: float, beside: Beside) -> dict[str, Any]:
@@ -295,41 +320,18 @@ def in_lockstep(seconds: float) -> dict[str, Any]:
 
 def to_cancel() -> dict[str, Any]:
     """From asking for the cancel of a running identification to its result."""
-    from rclpy.action import ActionClient
-
-    from saddlering_interfaces.action import IdentifyRing
     times, load, gaps = course(10.0)
     stamps = 1_700_000_000_000_000_000 + np.round(times * 1e9).astype(np.int64)
     noise = np.random.default_rng(0).normal(0.0, 3e-7, gaps.shape)
+    seconds = []
     with tempfile.TemporaryDirectory() as folder, NodeGroup() as group:
         write_bag(Path(folder) / 'bag', TestFacts('dynamic', 50.0), stamps, load, [stamps] * 4,
                   list(np.float64(np.float32(gaps + noise))), default_rig().probes)
         group.start('ring_identification', {'bag_root': folder})
-        context = rclpy.Context()
-        rclpy.init(context=context, domain_id=group.domain_id)
-        node = Node('canceler', context=context)
-        from rclpy.executors import SingleThreadedExecutor
-        executor = SingleThreadedExecutor(context=context)
-        executor.add_node(node)
-        client = ActionClient(node, IdentifyRing, '/identify_ring')
-        client.wait_for_server(60.0)
-        seconds = []
         for seed in range(5):
-            running: list[Any] = []
             goal = IdentifyRing.Goal(bags=['bag'], particles=400, iterations=2000, seed=seed)
-            sent = client.send_goal_async(goal, feedback_callback=running.append)
-            executor.spin_until_future_complete(sent, 30.0)
-            ended = sent.result().get_result_async()
-            while not running:
-                executor.spin_once(0.1)
-                if ended.done():
-                    raise SystemExit(f'the goal ended: {ended.result().result.message}')
-            asked = time.monotonic()
-            sent.result().cancel_goal_async()
-            executor.spin_until_future_complete(ended, 30.0)
-            seconds.append(time.monotonic() - asked)
-        node.destroy_node()
-        rclpy.shutdown(context=context)
+            with identifying(group.domain_id, goal) as one:
+                seconds.append(one.cancel())
     return {'cancel of an identification, median [ms]': 1e3 * float(np.median(seconds)),
             'slowest of 5 [ms]': 1e3 * max(seconds)}
 
