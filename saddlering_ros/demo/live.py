@@ -90,7 +90,8 @@ class LiveRig:
         self._start_simulator(None)
         self._group.start('ring_residual')
         for name in SWITCHED:
-            self._group.start(name, self._clock_settings() if name == 'replay_clock' else None)
+            clock = self._clock_settings() if name == 'replay_clock' else {}
+            self._group.start(name, {**roots, **clock})
         self._group.start('ring_identification', roots)
         self._group.start('ring_diagnosis',
                           {**roots, 'parameters_root': str(self._parameters_root)})

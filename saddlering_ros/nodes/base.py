@@ -11,7 +11,6 @@ from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackRet
 from saddlering_interfaces.msg import ReplayProgress
 from saddlering_ros.errors import SaddleringError
 from saddlering_ros.nodes.diagnostics import Task, to_message
-from saddlering_ros.nodes.errors import NodeError
 from saddlering_ros.nodes.flow import Inflow, Outflow, RELIABILITIES
 from saddlering_ros.nodes.parameters import declare, Parameter
 from saddlering_ros.nodes.progress import progress_of, PROGRESS_QOS, PROGRESS_TOPIC
@@ -203,11 +202,3 @@ class StreamingNode(LifecycleNode):
             self.get_name(), [(task.name, task.report(elapsed)) for task in self.tasks])
         message.header.stamp = self.get_clock().now().to_msg()
         self._diagnostics.publish(message)
-
-
-def path_setting(node: StreamingNode, name: str) -> str:
-    """A path that must be given; NodeError if it is not."""
-    value = node.settings.text(name)
-    if not value:
-        raise NodeError(f'{node.get_name()}: parameter {name} is empty: give -p {name}:=PATH')
-    return value

@@ -12,7 +12,7 @@ from saddlering_ros.bags import RawTopic, read_raw
 from saddlering_ros.bags.checks import check_values
 from saddlering_ros.bags.reader import usable_facts
 from saddlering_ros.nodes import wire
-from saddlering_ros.nodes.base import path_setting, StreamingNode
+from saddlering_ros.nodes.bag_node import BagNode
 from saddlering_ros.nodes.diagnostics import (
     ERROR,
     Finding,
@@ -22,13 +22,9 @@ from saddlering_ros.nodes.diagnostics import (
     WARN,
 )
 from saddlering_ros.nodes.flow import Inflow, Outflow
-from saddlering_ros.nodes.parameters import Parameter
 
 JUMP = 2 * wire.SECOND
 """A clock that goes on by more than this was moved by hand: what lies between is not published."""
-
-BAG = Parameter('bag', '', 'the bag to replay: a rosbag2 directory or an .mcap file; none: wait',
-                changeable=True)
 
 
 def bag_elevation(path: str) -> float:
@@ -63,25 +59,15 @@ class Track:
         return self.place >= len(self.raw.stamps)
 
 
-class ReplayNode(StreamingNode):
+class ReplayNode(BagNode):
     """Publishes topics of a bag as /clock reaches their stamps."""
 
-    PARAMETERS = (BAG,)
     TOPICS: ClassVar[tuple[str, ...]] = ()
     MESSAGE: ClassVar[Any] = None
 
-    def startable(self) -> bool:
-        """Without a bag it waits: a driver of the hardware, or ros2 bag play, may do its work."""
-        if not self.settings.text('bag'):
-            self.get_logger().info('no bag given: replays nothing. To replay one: ros2 param set '
-                                   f'/{self.get_name()} bag PATH, then ros2 lifecycle set')
-            return False
-        return True
-
     def configure(self) -> None:
         """Read the bag."""
-        bag = path_setting(self, 'bag')
-        record = read_raw(bag, self.TOPICS)
+        record = read_raw(self.bag_path(), self.TOPICS)
         for topic in self.TOPICS:
             check_values(f'{record.path}: {topic}', record[topic].stamps, record[topic].values)
         said = [note for name in self.TOPICS for note in record[name].notes]

@@ -14,12 +14,11 @@ from std_srvs.srv import Trigger
 from saddlering_interfaces.msg import ReplayProgress, ReplayState
 from saddlering_interfaces.srv import Seek, SetRate, Step
 from saddlering_ros.bags import read_raw
-from saddlering_ros.nodes.base import path_setting, StreamingNode
+from saddlering_ros.nodes.bag_node import BagNode
 from saddlering_ros.nodes.diagnostics import ERROR, Finding, FunctionTask, OK, WARN
 from saddlering_ros.nodes.flow import Inflow, Outflow
 from saddlering_ros.nodes.parameters import Parameter
 from saddlering_ros.nodes.progress import Muster, PROGRESS_TOPIC, STATE_TOPIC, to_time
-from saddlering_ros.nodes.replay import BAG
 from saddlering_ros.nodes.run import run_streaming
 from saddlering_ros.nodes.wire import SECOND
 
@@ -40,11 +39,11 @@ WORDS = {ReplayState.WAITING: 'waiting', ReplayState.PLAYING: 'playing',
          ReplayState.PAUSED: 'paused', ReplayState.FINISHED: 'at its end'}
 
 
-class ReplayClockNode(StreamingNode):
+class ReplayClockNode(BagNode):
     """Publishes /clock over the time of a bag."""
 
     PARAMETERS = (
-        BAG,
+        *BagNode.PARAMETERS,
         Parameter('rate', 1.0, 'speed: 1 is real time; 0: as fast as the nodes follow (in '
                   'lockstep only)', low=0.0, high=100.0),
         Parameter('lockstep', False, 'let time go on only when all participants have dealt with '
@@ -69,17 +68,9 @@ class ReplayClockNode(StreamingNode):
         self.create_service(Step, '~/step', self._on_step)
         self._state_publisher = self.create_publisher(ReplayState, STATE_TOPIC, STATE_QOS)
 
-    def startable(self) -> bool:
-        """Without a bag it waits: a driver of the hardware, or ros2 bag play, may do its work."""
-        if not self.settings.text('bag'):
-            self.get_logger().info('no bag given: replays nothing. To replay one: ros2 param set '
-                                   f'/{self.get_name()} bag PATH, then ros2 lifecycle set')
-            return False
-        return True
-
     def configure(self) -> None:
         """Read from when to when the bag goes."""
-        record = read_raw(path_setting(self, 'bag'))
+        record = read_raw(self.bag_path())
         self._start, self._end = record.start - 1, record.stop
         self._time = self._start
         self._rate = self.settings['rate']

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from pathlib import Path
 import signal
 import threading
 import time
@@ -24,6 +23,7 @@ from saddlering_ros.nodes.conversions import parameters_to_message
 from saddlering_ros.nodes.diagnostics import ERROR, Finding, OK, to_message
 from saddlering_ros.nodes.errors import NodeError
 from saddlering_ros.nodes.parameters import declare, declare_rig, Parameter
+from saddlering_ros.nodes.roots import bag_below, below, root_folder
 from saddlering_ros.nodes.run import run
 from saddlering_ros.nodes.worker import CANCELED, DONE, FAILED, Outcome, REFUSED, Worker
 from saddlering_ros.paths import share_directory
@@ -66,8 +66,8 @@ class ActionNode(Node):
         super().__init__(name)
         self.settings = declare(self, self.PARAMETERS)
         self.rig: Rig = declare_rig(self)
-        self.bag_root = self._root('bag_root', share_directory() / 'bags')
-        self.parameters_root = self._root('parameters_root', self.bag_root)
+        self.bag_root = root_folder(self, 'bag_root', share_directory() / 'bags')
+        self.parameters_root = root_folder(self, 'parameters_root', self.bag_root)
         self.stopping = False
         self._busy = threading.Lock()
         self._stage, self._last = 'idle', 'no goal yet'
@@ -97,14 +97,6 @@ class ActionNode(Node):
         raise NotImplementedError
 
     # --- bags ---
-
-    def _root(self, name: str, default: Path) -> Path:
-        given = self.settings.text(name)
-        root = Path(given).expanduser() if given else default
-        if given and not root.is_dir():
-            raise NodeError(f'{self.get_name()}: parameter {name} is {given}: '
-                            'give a folder that exists')
-        return root.resolve()
 
     def bags(self, names: Sequence[str]) -> tuple[str, ...]:
         """The bags of a goal as paths below bag_root, with every file they consist of."""
@@ -222,43 +214,12 @@ class ActionNode(Node):
         return not self._busy.locked()
 
 
-def below(root: Path, name: str, what: str) -> Path:
-    """The file or folder `name` (relative to `root`, or absolute), which must lie below `root`.
-
-    Links and `..` are resolved first. NodeError with one line if it does not, or is not there.
-    """
-    path = Path(name)
-    try:
-        real = (path if path.is_absolute() else root / path).resolve()
-    except (OSError, RuntimeError, ValueError) as problem:
-        raise NodeError(
-            f'{what} {name!r}: cannot be resolved: give a path below {root}') from problem
-    if not name or not real.is_relative_to(root):
-        parameter = 'bag_root' if what == 'bag' else 'parameters_root'
-        raise NodeError(f'{what} {name!r} is not below {root}: put it there, or set the '
-                        f"node's parameter {parameter}")
-    if not real.exists():
-        raise NodeError(f'{what} {name!r} is not in {root}: check the name')
-    return real
-
-
 def spin_while(executor: SingleThreadedExecutor, wanted: Callable[[], bool], seconds: float,
                ) -> None:
     """Serve callbacks while they are wanted, at most so long."""
     deadline = time.monotonic() + seconds
     while wanted() and time.monotonic() < deadline:
         executor.spin_once(timeout_sec=0.02)
-
-
-def bag_below(root: Path, name: str) -> Path:
-    """A bag below `root` none of whose files is a link to somewhere else."""
-    path = below(root, name, 'bag')
-    inside = sorted(path.iterdir()) if path.is_dir() else [path]
-    for file in inside:
-        if not file.resolve().is_relative_to(root):
-            raise NodeError(f'bag {name!r} holds {file.name}, a link to outside {root}: '
-                            'copy the file there')
-    return path
 
 
 def serve(make: Any, args: Sequence[str] | None = None) -> int:

@@ -18,7 +18,7 @@ from saddlering_ros.nodes import wire
 from saddlering_ros.nodes.displacement_stream import DisplacementStream
 from saddlering_ros.nodes.errors import NodeError
 from saddlering_ros.nodes.launcher import NodeGroup
-from saddlering_ros.nodes.servers import below
+from saddlering_ros.nodes.roots import below
 from saddlering_ros.rig import default_rig
 
 pytestmark = pytest.mark.ros

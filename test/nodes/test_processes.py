@@ -19,6 +19,7 @@ from rosnet import Client, wait_until
 
 from saddlering_ros.nodes.launcher import NodeGroup, ros_arguments, start_nodes
 from saddlering_ros.nodes.shared_memory import sweep
+from saddlering_ros.paths import share_directory
 
 pytestmark = pytest.mark.ros
 
@@ -130,9 +131,9 @@ def state(heard: Client, node: str) -> str:
 
 
 def test_a_node_can_be_led_through_its_lifecycle(
-        group: NodeGroup, heard: Client, bag: Path) -> None:
+        group: NodeGroup, heard: Client, bag: Path, bag_root: Path) -> None:
     group.start('ring_displacement', {'autostart': False})
-    group.start('hydraulic_load')
+    group.start('hydraulic_load', {'bag_root': str(bag_root)})
     assert state(heard, 'ring_displacement') == 'unconfigured'
     topic = '/ring/displacement'
     for transition, expected in [(Transition.TRANSITION_CONFIGURE, 'inactive'),
@@ -146,10 +147,14 @@ def test_a_node_can_be_led_through_its_lifecycle(
     # A replay node without a bag waits; it cannot be configured until it has one.
     assert not change(heard, 'hydraulic_load', Transition.TRANSITION_CONFIGURE)
     assert state(heard, 'hydraulic_load') == 'unconfigured'
-    value = ParameterValue(type=ParameterType.PARAMETER_STRING, string_value=str(bag))
-    request = SetParameters.Request(parameters=[ParameterMessage(name='bag', value=value)])
-    assert heard.call(SetParameters, '/hydraulic_load/set_parameters',
-                      request).results[0].successful
+    shipped = share_directory() / 'bags' / 'static_50'
+    for path, words in [(shipped, 'is not below'), ('../elsewhere', 'is not below'),
+                        (bag, ''), (bag.name, '')]:
+        value = ParameterValue(type=ParameterType.PARAMETER_STRING, string_value=str(path))
+        request = SetParameters.Request(parameters=[ParameterMessage(name='bag', value=value)])
+        result = heard.call(SetParameters, '/hydraulic_load/set_parameters', request).results[0]
+        assert result.successful == (not words)
+        assert words in result.reason
     assert change(heard, 'hydraulic_load', Transition.TRANSITION_CONFIGURE)
     assert change(heard, 'hydraulic_load', Transition.TRANSITION_ACTIVATE)
 

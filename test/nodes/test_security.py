@@ -21,7 +21,7 @@ from saddlering_ros.nodes.identification_job import IdentificationAnswer, Identi
 from saddlering_ros.nodes.parameters import Parameter
 from saddlering_ros.nodes.plain_data import Channel, PlainDataError
 from saddlering_ros.nodes.ring_identification import settings_of
-from saddlering_ros.nodes.servers import bag_below
+from saddlering_ros.nodes.roots import bag_below
 from saddlering_ros.nodes.transport import local_discovery
 from saddlering_ros.paths import share_directory
 from saddlering_ros.rig import default_rig, ParameterSet, ParameterSource, TRUE_TO_SCALE
