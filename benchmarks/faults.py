@@ -160,6 +160,8 @@ class Listener:
         self.heard: dict[str, list[Heard]] = {topic: [] for topic in OUTPUTS.values()}
         self.said: list[tuple[float, str, int, str]] = []
         self.alive: dict[str, float] = {}
+        self.progress: dict[str, ReplayProgress] = {}
+        self.words: dict[str, str] = {}
         self._flows = {topic: Inflow(self.node, topic, RingDisplacement)
                        for topic in OUTPUTS.values()}
         self._progress = Inflow(self.node, PROGRESS_TOPIC, ReplayProgress)
@@ -181,10 +183,12 @@ class Listener:
             if messages:
                 self.heard[topic].append(Heard(wire.decode_displacements(messages), now))
         for message in self._progress.take():
-            self.alive[deserialize_message(message, ReplayProgress).node] = now
+            progress = deserialize_message(message, ReplayProgress)
+            self.alive[progress.node], self.progress[progress.node] = now, progress
         for message in self._diagnostics.take():
             for status in deserialize_message(message, DiagnosticArray).status:
                 self.said.append((now, status.name, status.level[0], status.message))
+                self.words[status.name] = f'{now:.1f} {status.message}'
 
     def last(self, topic: str) -> float:
         """When something came last on a topic [s, monotonic]; 0 for never."""
@@ -201,6 +205,19 @@ class Listener:
         with self.lock:
             return [f'{name}: {words}' for at, name, level, words in self.said
                     if when <= at <= until and 0 < level < 3 and name.startswith(node)]
+
+    def state(self) -> str:
+        """What every node said last, and whom it is matched with, to find a cause by."""
+        with self.lock:
+            lines = [f'{name}: {words}' for name, words in sorted(self.words.items())]
+            for name, said in sorted(self.progress.items()):
+                inputs = zip(said.inputs, said.publishers, said.received, strict=True)
+                outputs = zip(said.outputs, said.subscriptions, said.published, strict=True)
+                lines.append(f'{name} at {self.alive[name]:.1f}: has publishers, received '
+                             f'{list(inputs)}; has subscriptions, published {list(outputs)}')
+            lines += [f'here: {topic} has {flow.publishers()} publishers'
+                      for topic, flow in self._flows.items()]
+        return '\n        '.join([f'at {time.monotonic():.1f}', *lines])
 
     def call(self, name: str) -> bool:
         """Call a Trigger service."""
@@ -284,6 +301,7 @@ class Stage:
                 now = time.monotonic()
                 words = sorted(set(self.listener.warned(now - 1.5, now)))
                 self.faults.append(f'not within {seconds:g} s: {what} (said: {words})')
+                print(f'        {what}: {self.listener.state()}', flush=True)
                 break
             time.sleep(0.005)
         return time.monotonic() - began
