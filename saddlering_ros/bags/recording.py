@@ -41,6 +41,7 @@ class BagRecording:
     ) -> None:
         self.path = Path(path)
         self.messages = 0
+        self._failed = False
         _check_target(self.path, overwrite)
         try:
             self.path.parent.mkdir(parents=True, exist_ok=True)
@@ -63,6 +64,7 @@ class BagRecording:
         try:
             self._writer.write(self._connections[topic], log_time, message)
         except OSError as problem:
+            self._failed = True
             raise self._unwritable(problem) from problem
         self.messages += 1
 
@@ -71,10 +73,14 @@ class BagRecording:
 
     def __exit__(self, kind: type[BaseException] | None, problem: BaseException | None,
                  trace: TracebackType | None) -> None:
+        if self._failed:  # what failed lies in the middle, should there be room again by now
+            self._writer.abort()
+            return
         try:
             self._writer.close()
             _put_in_place(self._written, self.path)
         except OSError as fault:
+            self._writer.abort()
             raise self._unwritable(fault) from fault
         shutil.rmtree(self._folder, ignore_errors=True)
 

@@ -1,9 +1,12 @@
 """Claims about numbers that leave the suite: tables, recordings, parameter files."""
 
 from dataclasses import replace
+import errno
 import json
 from pathlib import Path
+import threading
 
+from diagnostic_msgs.msg import DiagnosticArray
 import numpy as np
 from pyarrow import csv, parquet
 import pytest
@@ -111,6 +114,39 @@ def test_a_recording_of_nothing_says_so(ros_domain, tmp_path, capsys):
     assert set(json.loads(said.out)['messages'].values()) == {0}
     assert 'nothing was heard' in said.err
     assert sorted(file.name for file in out.iterdir()) == ['metadata.yaml', 'nothing_0.mcap']
+
+
+@pytest.mark.ros
+def test_a_recording_that_cannot_be_written_any_more_ends_in_one_line(
+        ros_domain, tmp_path, capsys, monkeypatch):
+    def full(*_):
+        raise OSError(errno.ENOSPC, 'No space left on device')
+
+    monkeypatch.setattr('saddlering_ros.bags.recording._Writer.write', full)
+    ended = threading.Event()
+    speaking = threading.Thread(target=speak, args=(ros_domain, ended))
+    speaking.start()
+    try:
+        assert main(['record', str(tmp_path / 'out'), '--duration', '30']) == 2
+    finally:
+        ended.set()
+        speaking.join()
+    said = capsys.readouterr().err
+    assert said.count('\n') == 1
+    assert 'cannot be written (No space left on device)' in said
+    assert not (tmp_path / 'out').exists()
+
+
+def speak(domain, ended):
+    """Publish on /diagnostics until told to end."""
+    context = rclpy.Context()
+    rclpy.init(context=context, domain_id=domain)
+    node = rclpy.create_node('speaker', context=context)
+    publisher = node.create_publisher(DiagnosticArray, '/diagnostics', 10)
+    while not ended.wait(0.05):
+        publisher.publish(DiagnosticArray())
+    node.destroy_node()
+    rclpy.shutdown(context=context)
 
 
 def test_a_step_that_does_not_converge_is_left_out_of_the_residual_and_told(
