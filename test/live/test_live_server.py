@@ -1,13 +1,19 @@
 """Claims about who may look at the live page, and who may not."""
 
 import asyncio
+import json
+import signal
 import socket
+import subprocess
+import sys
 from types import SimpleNamespace
+import urllib.request
 
 from aiohttp import CookieJar
 from aiohttp.test_utils import TestClient, TestServer
 import pytest
 
+from saddlering_ros.cli.main import main
 from saddlering_ros.live.errors import LiveError
 from saddlering_ros.live.server import address, application, serve
 
@@ -67,3 +73,27 @@ def test_a_port_that_is_taken_is_refused_in_one_line():
         port = taken.getsockname()[1]
         with pytest.raises(LiveError, match=f'127.0.0.1:{port}: cannot be served'):
             serve(SimpleNamespace(), address('127.0.0.1', port), lambda where: None)
+
+
+@pytest.mark.ros
+def test_the_command_says_where_its_page_is_and_ends_by_a_signal(ros_domain, tmp_path):
+    said = tmp_path / 'said.json'
+    command = [sys.executable, '-m', 'saddlering_ros.cli.main', 'live', '--port', '0', '--json',
+               str(said)]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as live:
+        line = live.stdout.readline()
+        told = json.loads(said.read_text())
+        assert line.startswith(f'{told["url"]} shows ROS domain {ros_domain};')
+        with urllib.request.urlopen(told['url'], timeout=10.0) as page:
+            assert b'<html' in page.read()
+        live.send_signal(signal.SIGINT)
+        assert live.wait(20.0) in (0, 130)
+
+
+@pytest.mark.parametrize(('options', 'words'), [
+    (('--port', '70000'), 'give 0 to 65535'), (('--window', '0'), 'give 1 to 86400 seconds')])
+def test_what_the_command_cannot_use_is_refused_in_one_line(options, words, capsys):
+    assert main(['live', *options]) == 2
+    line = capsys.readouterr().err
+    assert words in line
+    assert line.count('\n') == 1

@@ -33,6 +33,8 @@ def run_node(name: str, parameters: dict[str, object]) -> subprocess.CompletedPr
 @pytest.mark.parametrize(('name', 'parameters', 'words'), [
     ('hydraulic_load', {'bag': '/nowhere/bag'}, '/nowhere/bag'),
     ('ring_simulator', {'elevation_deg': 120.0}, 'elevation_deg is 120: give a number from -10'),
+    ('ring_simulator', {'elevation_deg': 'steep'}, 'elevation_deg is'),
+    ('hydraulic_load', {'bag_root': '/nowhere'}, 'give a folder that exists'),
     ('ring_displacement', {'input_reliability': 'perhaps'}, 'give one of auto, reliable'),
     ('ring_displacement', {'rig.probes.axial_span': -1.0}, 'rig.probes.axial_span'),
     ('ring_simulator', {'parameters_file': '/nowhere/p.yaml'}, '/nowhere/p.yaml'),

@@ -31,6 +31,8 @@ def test_a_replay_can_be_paused_stepped_sought_and_outlives_a_node(
                    and states[-1].state == ReplayState.PAUSED, 80.0, 'everyone is there')
         assert not heard.heard(topic).stamps.size
 
+        assert not heard.call(Step, '/replay_clock/step', Step.Request(duration=-1.0)).success
+
         # One second of bag time, no more: the rows up to there, but for the last one or two.
         assert heard.call(Step, '/replay_clock/step', Step.Request(duration=1.0)).success
         wait_until(lambda: len(heard.heard(topic)) >= 498, what='one second of rows')
@@ -46,6 +48,10 @@ def test_a_replay_can_be_paused_stepped_sought_and_outlives_a_node(
         assert heard.call(Seek, '/replay_clock/seek', Seek.Request(offset=0.0)).success
         assert heard.call(SetRate, '/replay_clock/set_rate', SetRate.Request(rate=0.0)).success
         assert heard.call(Trigger, '/replay_clock/play').success
+        assert heard.call(Trigger, '/replay_clock/pause').success
+        wait_until(lambda: states[-1].state == ReplayState.PAUSED, what='it pauses')
+        assert heard.call(Trigger, '/replay_clock/play').success
+        assert not heard.call(Step, '/replay_clock/step').success  # pause first
         wait_until(lambda: states[-1].state == ReplayState.FINISHED, 60.0, 'the end')
         wait_until(lambda: len(heard.heard(topic)) >= 1999, what='all rows')
         again = heard.heard(topic)
