@@ -437,14 +437,16 @@ class _Session:
             self.evidence += [evidence for evidence, _ in weighed]
             real = [pair for pair in weighed if pair[0].p_value < self.settings.error_rate]
             named = len(current.candidate.effects) - len(silent)
-            if named and not self.worth(structure):
-                beyond = [pair for pair in real if self.finishes(*pair, current)]
-            else:
-                beyond = [
-                    pair
-                    for pair in real
-                    if self.beyond_form(current, pair[1]) or self.finishes(*pair, current)
-                ]
+            beyond = [
+                pair
+                for pair in real
+                if self.finishes(*pair, current)
+                or (
+                    self.apart(current, pair[1])
+                    if named and not self.worth(structure)
+                    else self.beyond_form(current, pair[1])
+                )
+            ]
             if not beyond or named == self.settings.most:
                 self.immaterial += [evidence for evidence, _ in real[:3]]
                 break
@@ -488,15 +490,43 @@ class _Session:
     def beyond_form(self, less: Fit, fit: Fit) -> bool:
         """Whether what `fit` adds is more than the inexact form of what `less` has could leave.
 
-        In a view where that has no part, whether it is material.
+        Judged in every view of every run. A form leaves `form_error` of the misfit it explains
+        where it acts, and by way of the base parameters, which give way to it, that share of this
+        in the other runs; in a view where it has no part, what is immaterial.
         """
         if not less.candidate.effects:
             return True
-        share = float(np.sqrt(self.settings.form_error))
-        known = visible_gains(self.likelihood, self.base.prediction, less.prediction, self.ranges)
-        new = visible_gains(self.likelihood, less.prediction, fit.prediction, self.ranges)
+        share = self.settings.form_error
+        known = self.explained(self.base, less)
+        return any(
+            np.any(
+                size
+                > np.maximum(
+                    np.sqrt(share * (known[view] ** 2 + share * known[view].max() ** 2)),
+                    self.settings.materiality,
+                )
+            )
+            for view, size in self.explained(less, fit).items()
+        )
+
+    def apart(self, less: Fit, fit: Fit) -> bool:
+        """Whether what `fit` adds shows in a view where nothing that `less` has shows."""
         least = self.settings.materiality
-        return any(size > max(share * known[view], least) for view, size in new.items())
+        known = self.explained(self.base, less)
+        return any(
+            known[view].max() < least < size.max()
+            for view, size in self.explained(less, fit).items()
+        )
+
+    def explained(self, less: Fit, more: Fit) -> dict[str, Array]:
+        """Rms share of range that `more` explains beside `less`, per view one number per run.
+
+        No more than what it changes: where much is left, a shift of base parameters that
+        changes little makes the residual fall as much as an effect would.
+        """
+        falls = visible_gains(self.likelihood, less.prediction, more.prediction, self.ranges)
+        changes = self.scale.by_run(more.prediction - less.prediction)
+        return {view: np.minimum(fall, changes[view]) for view, fall in falls.items()}
 
     def material(self, fit: Fit, less: Fit) -> bool:
         """Whether what `fit` adds to `less` changes a view enough to matter."""
@@ -511,9 +541,10 @@ class _Session:
         crowd: Counter[str] = Counter()
         for name in fit.candidate.ids:
             less = self.without(fit, name)
-            gains = visible_gains(self.likelihood, less.prediction, fit.prediction, self.ranges)
             crowd.update(
-                view for view, size in gains.items() if size >= self.settings.materiality
+                view
+                for view, size in self.explained(less, fit).items()
+                if size.max() >= self.settings.materiality
             )
         return max(crowd.values(), default=0) > MOST_IN_ONE_VIEW
 

@@ -182,9 +182,9 @@ def _with_bends(signatures: Sequence[Signature]) -> list[Signature]:
 
 
 def visible_gains(
-    likelihood: Likelihood, less: Array, more: Array, ranges: dict[str, float]
-) -> dict[str, float]:
-    """Fall of the rms residual between two predictions (n,) by view, the run with the largest.
+    likelihood: Likelihood, less: Array, more: Array, ranges: Mapping[str, float]
+) -> dict[str, Array]:
+    """Fall of the rms residual between two predictions (n,): per view one number per run.
 
     Taken in quadrature, as a share of the view's range, after the nuisances took what they can of
     either: what is beyond a sound system's own small errors.
@@ -193,7 +193,7 @@ def visible_gains(
     less, more = (
         measured + likelihood.without_nuisances(item - measured) for item in (less, more)
     )
-    falls: dict[str, float] = {}
+    falls: dict[str, Array] = {}
     for view in likelihood.system.views:
         seen = zip(
             likelihood.runs,
@@ -205,7 +205,7 @@ def visible_gains(
             float(np.average(before**2 - after**2, weights=run.width))
             for run, before, after in seen
         ]
-        falls[view] = float(np.sqrt(max(0.0, *powers))) / ranges[view]
+        falls[view] = np.sqrt(np.maximum(powers, 0.0)) / ranges[view]
     return falls
 
 
@@ -226,11 +226,17 @@ class PlainScale:
 
     def beyond_base(self, change: Array) -> float:
         """Largest rms over runs and views of a stacked change (n,), as a share of range."""
+        return max(float(sizes.max()) for sizes in self.by_run(change).values())
+
+    def by_run(self, change: Array) -> dict[str, Array]:
+        """Rms of a stacked change (n,) as a share of range: per view one number per run."""
         parts = self._seen(change)
         joined = np.concatenate(parts)
         left = joined - self._base @ (self._base.T @ joined)
         edges = np.cumsum([part.size for part in parts])[:-1]
-        return max(float(np.linalg.norm(part)) for part in np.split(left, edges))
+        sizes = np.array([np.linalg.norm(part) for part in np.split(left, edges)])
+        views = self._likelihood.system.views
+        return dict(zip(views, sizes.reshape(len(views), -1), strict=True))
 
     def _seen(self, change: Array) -> list[Array]:
         """One part per view and run, its squares adding up to the mean square share of range."""

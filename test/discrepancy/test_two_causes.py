@@ -1,0 +1,78 @@
+"""Claims on a second cause beside a first one whose form is not exact."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import lru_cache
+from types import MappingProxyType
+
+import numpy as np
+import pytest
+
+from saddlering_ros.discrepancy import diagnose, Diagnosis, Effect, Parameter, Point, RestSegment, Run
+
+STEP = 0.05
+TIME = np.arange(0.0, 20.0, STEP)
+LOAD = np.interp(TIME, [0, 4, 12, 20], [0.0, 0.0, 1.0, 0.0])
+PHASE = np.clip((TIME - 4.0) / 16.0, 0.0, 1.0)
+LATE = np.sin(2.0 * np.pi * PHASE)
+NOISE = 1e-3
+
+
+class Spring:
+    """Two channels straight in the load; `late` acts in fast runs and on the first one only."""
+
+    channel_names = ('one', 'two')
+    views = MappingProxyType({'one': np.array([1.0, 0.0]), 'two': np.array([0.0, 1.0])})
+    base_parameters = (Parameter('first', 0.5, 2.0), Parameter('second', 0.5, 2.0))
+    effects = (
+        Effect('late', (Parameter('size', -0.5, 0.5),)),
+        Effect('bend', (Parameter('size', -0.6, 0.6),)),
+        Effect('other_bend', (Parameter('size', -0.2, 0.2),)),
+    )
+
+    def disturbances(self, runs: Sequence[Run], base: np.ndarray) -> list[np.ndarray]:
+        return [np.zeros((2, run.time.size, 0)) for run in runs]
+
+    def predict_many(self, run: Run, points: Sequence[Point]) -> np.ndarray:
+        return np.array([self.predict(run.name == 'fast', point) for point in points])
+
+    def predict(self, fast: bool, point: Point) -> np.ndarray:
+        size = {name: values['size'] for name, values in point.effects.items()}
+        seen = point.base[:, None] * LOAD[None, :]
+        seen[0] += size.get('bend', 0.0) * LOAD**2 + fast * size.get('late', 0.0) * LATE
+        seen[1] += size.get('other_bend', 0.0) * LOAD**2
+        return seen
+
+
+@lru_cache(maxsize=4)
+def diagnosed(inexact: float, **sizes: float) -> Diagnosis:
+    """Hidden: effects of these sizes, `late` in a form that errs by a share of it."""
+    effects = {name: {'size': size} for name, size in sizes.items()}
+    runs = []
+    for seed, name in enumerate(('slow', 'fast')):
+        chance = np.random.default_rng(seed)
+        seen = Spring().predict(name == 'fast', Point(np.ones(2), effects))
+        seen[0] += (name == 'fast') * inexact * sizes['late'] * np.sin(6.0 * np.pi * PHASE)
+        seen += NOISE * chance.normal(size=seen.shape)
+        inputs = {'load': LOAD, 'direction': np.sign(np.gradient(LOAD))}
+        rest = (RestSegment(seen[:, TIME < 4.0], STEP),)
+        runs.append(Run(name, 'bench', TIME, np.full(TIME.size, STEP), seen, inputs, rest))
+    return diagnose(Spring(), runs)
+
+
+def names(found: Diagnosis) -> set[str]:
+    return {cause.effect.id for cause in found.causes}
+
+
+def test_an_inexact_form_alone_gets_no_second_name() -> None:
+    assert names(diagnosed(0.15, late=0.3)) == {'late'}
+
+
+def test_a_small_cause_is_found_in_runs_where_a_large_one_does_nothing() -> None:
+    assert names(diagnosed(0.15, late=0.2, bend=0.4)) == {'late', 'bend'}
+
+
+@pytest.mark.parametrize('size', [0.03, -0.03])
+def test_a_small_cause_is_found_in_a_view_where_a_large_one_does_nothing(size: float) -> None:
+    assert names(diagnosed(0.0, late=0.3, other_bend=size)) == {'late', 'other_bend'}
