@@ -9,7 +9,15 @@ from types import MappingProxyType
 import numpy as np
 import pytest
 
-from saddlering_ros.discrepancy import diagnose, Diagnosis, Effect, Parameter, Point, RestSegment, Run
+from saddlering_ros.discrepancy import (
+    diagnose,
+    Diagnosis,
+    Effect,
+    Parameter,
+    Point,
+    RestSegment,
+    Run,
+)
 
 STEP = 0.05
 TIME = np.arange(0.0, 20.0, STEP)
