@@ -1,4 +1,4 @@
-"""A second mode in series: y'' + 2 z w y' + w^2 y = w^2 u."""
+"""A second mode in series: v'' + 2 z w v' + w^2 v = w^2 u, and y = (1 - s) u + s v."""
 
 from __future__ import annotations
 
@@ -33,9 +33,12 @@ class CarriageResonance(Effect):
     channels = ('delta_x', 'delta_y', 'gamma')
     parameters = (
         EffectParameter(
-            'period', 's', 0.0, 1.0, 0.1, 0.1,
-            'period of the second mode (one over its frequency); 0: rigid',
+            'share', '1', 0.0, 1.5, 1.0, 1.0,
+            'share of the motion that the second mode carries; 0: rigid',
             amplitude=True, one_sided=True),
+        EffectParameter(
+            'period', 's', 0.0, 1.0, 0.1, 0.1,
+            'period of the second mode (one over its frequency)', one_sided=True),
         EffectParameter(
             'damping', '1', 0.005, 0.7, 0.05, 0.05,
             'damping ratio of the second mode', one_sided=True, logarithmic=True),
@@ -48,4 +51,4 @@ class CarriageResonance(Effect):
         period = values['period']
         frequency = 2.0 * math.pi / period if period > SHORTEST_PERIOD else 0.0
         return replace(extension, resonance_frequency=frequency,
-                       resonance_damping=values['damping'])
+                       resonance_damping=values['damping'], resonance_share=values['share'])

@@ -108,6 +108,7 @@ class RingExtension:
     settling_tilt: float = 0.0          # [rad/N]
     resonance_frequency: float = 0.0    # second mode [rad/s]; 0: none
     resonance_damping: float = 0.05
+    resonance_share: float = 1.0        # share of the motion that the second mode carries
     # Measurement
     ovalisation: float = 0.0            # d1 and d3 += c F_x [m/N]
     probe_height: float = 0.0           # d1, -d3 += h gamma [m]

@@ -28,7 +28,7 @@ class ProbeNonlinearity(Effect):
     channels = ('delta_x', 'delta_y', 'gamma', 'parity')
     parameters = (
         EffectParameter(
-            'curvature', '1/m', -1000.0, 1000.0, 100.0, 0.0,
+            'curvature', '1/m', -3000.0, 3000.0, 100.0, 0.0,
             'curvature; 100 per metre is 1 % at 100 micrometres', amplitude=True),
     )
     variants = probe_variants()

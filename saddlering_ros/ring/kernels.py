@@ -41,7 +41,7 @@ STEP_TOLERANCE = 5e-11
 
 LARGEST_ITERATIONS = 60
 
-LAYOUT = '6a5eb64b2187'
+LAYOUT = '9c3201e9a4b9'
 """Digest of `layout`: a change there must change this file, by which numba keeps kernels."""
 
 LARGEST_PREDICTION = 5e-6
@@ -428,7 +428,7 @@ def advance_series(m: Any, s: Any, w: Any, dt: Any) -> Any:
         s[at.RESONANCE + i] = x_new + new - lag
         s[at.RESONANCE_RATE + i] = rate_new + slope
         s[at.RESONANCE_INPUT + i] = new
-        w[at.MOTION + i] = s[at.RESONANCE + i]
+        w[at.MOTION + i] = new + m[at.RESONANCE_SHARE] * (s[at.RESONANCE + i] - new)
 
 
 @nb.njit(**INNER)

@@ -86,7 +86,9 @@ LOWER_STIFFNESS = 101
 MIDDLE_STIFFNESS = 102
 # Share of a probe's lag that its second stage takes, probes 1 to 4
 LAG_SECOND = 103
-MODEL_SIZE = 107
+# Share of the motion that the second mode carries
+RESONANCE_SHARE = 107
+MODEL_SIZE = 108
 
 # State of a running simulation
 TIME = 0

@@ -159,6 +159,7 @@ def scalars_of(rig: Rig, elevation: float, extension: RingExtension = NO_EXTENSI
     m[at.SETTLING_TILT] = extension.settling_tilt
     m[at.RESONANCE_FREQUENCY] = extension.resonance_frequency
     m[at.RESONANCE_DAMPING] = extension.resonance_damping
+    m[at.RESONANCE_SHARE] = extension.resonance_share
     m[at.OVALISATION], m[at.PROBE_HEIGHT] = extension.ovalisation, extension.probe_height
     m[at.PICKUP_FREQUENCY] = extension.pickup_frequency
     m[at.CLOCK_OFFSET], m[at.CLOCK_SKEW] = extension.clock_offset, extension.clock_skew

@@ -259,13 +259,15 @@ def settling(motion: Motion, values: Mapping[str, float], form: str) -> None:
 
 @effect('carriage_resonance', 'motion', X_AND_T,
         [Parameter('period', 's', 0.05, 0.4, 0.15, positive=True),
-         Parameter('damping', '1', 0.02, 0.2, 0.05, positive=True)], dynamic_only=True)
+         Parameter('damping', '1', 0.02, 0.2, 0.05, positive=True),
+         Parameter('share', '1', 0.3, 1.0, 1.0, positive=True)], dynamic_only=True)
 def carriage_resonance(motion: Motion, values: Mapping[str, float], form: str) -> None:
-    """The carriage swings on the ring as a second mode."""
+    """The carriage swings on the ring as a second mode, which has a share of its motion."""
     frequency = 2.0 * math.pi / values['period']
     for name in ('x', 'y', 'tilt'):
-        swung = second_mode(getattr(motion, name), motion.step, frequency, values['damping'])
-        setattr(motion, name, swung)
+        moved = getattr(motion, name)
+        swung = second_mode(moved, motion.step, frequency, values['damping'])
+        setattr(motion, name, moved + values['share'] * (swung - moved))
 
 
 # -- in no catalogue ---------------------------------------------------------------------------

@@ -55,7 +55,7 @@ KNOBS_OF_STAGE = {
         'damping_penetration_share', 'radial_compliance', 'axial_compliance', 'tilt_compliance',
         'opening_compliance', 'opening_moment', 'creep_radial', 'creep_axial', 'creep_time',
         'settling_x', 'settling_y', 'settling_tilt', 'resonance_frequency', 'resonance_damping',
-        'ovalisation',
+        'resonance_share',        'ovalisation',
     },
     'measurement': {
         'probe_height', 'probe_bracket', 'probe_gain', 'probe_nonlinearity', 'probe_drift',

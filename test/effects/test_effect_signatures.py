@@ -299,6 +299,18 @@ def test_ringing_after_a_corner_has_the_period_of_the_resonance() -> None:
     assert np.diff(ups).mean() / RATE == pytest.approx(0.08, rel=0.05)
 
 
+def test_a_mode_of_a_part_of_the_motion_rings_by_that_part() -> None:
+    record = ramp(rise=0.2)
+    mode = {'period': 0.08, 'damping': 0.02}
+    plain = simulated({}, record)['gamma']
+    whole, part = (
+        simulated({'carriage_resonance': mode | {'share': share}}, record)['gamma'] - plain
+        for share in (1.0, 0.3)
+    )
+    assert part == pytest.approx(0.3 * whole, abs=1e-12)
+    assert np.abs(whole).max() > 1e-6
+
+
 def test_growing_damping_is_gone_once_the_load_has_been_held() -> None:
     levels = np.array([RIG.preload, 0.5 * FULL_SCALE_LOAD, FULL_SCALE_LOAD])
     change = [

@@ -57,6 +57,17 @@ def test_a_reader_that_stood_still_has_everything_soon_after_it_goes_on(
     assert max(late) < 1.5, late  # the middleware's default lets one in two wait for longer
 
 
+@pytest.mark.ros
+def test_a_reader_that_was_killed_is_soon_forgotten(group: NodeGroup, heard: Client) -> None:
+    """Until then each message to it costs its writer ten times as much, and flows fall behind."""
+    driver = Driver(heard)
+    node = group.start('ring_displacement')
+    wait_until(lambda: driver.matched(1), 80.0, 'it is matched')
+    node.process.kill()
+    node.process.wait()
+    wait_until(lambda: not driver.load.subscriptions(), 8.0, 'it is forgotten')
+
+
 def test_the_profile_is_one_fast_dds_can_read_and_gives_way_to_the_users(
         monkeypatch: pytest.MonkeyPatch) -> None:
     for name in PROFILE_VARIABLES:
