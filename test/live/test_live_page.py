@@ -26,7 +26,7 @@ from saddlering_ros.rig import default_rig
 pytestmark = [pytest.mark.ros, pytest.mark.timeout(600)]
 BAG = share_directory() / 'bags' / 'dynamic_50_fast'
 RATE = 1.0
-"""So slow that a page which hears of a new publisher half a second later, by its next announcement,
+"""So slow that a page which hears of a publisher by its next announcement, half a second later,
 has still to see the peak, two seconds after the start."""
 VERDICT = {'verdict': 'named', 'next_test': 'Load twice as fast.', 'gain': {'fit': 0.9},
            'causes': [{'effect': 'radial_friction', 'group': ['radial_friction'],
