@@ -33,7 +33,7 @@ class Axis:
         Effect('hardening', (Parameter('cubic', -2e8, 2e8, unit='N/m^3'),)),
     )
 
-    def disturbances(self, runs: list[Run], base: np.ndarray) -> list[np.ndarray]:
+    def disturbances(self, runs: list[Run], point: Point) -> list[np.ndarray]:
         return [np.zeros((2, run.time.size, 0)) for run in runs]
 
     def predict_many(self, run: Run, points: list[Point]) -> np.ndarray:

@@ -30,6 +30,20 @@ K and n of one contact are so nearly alike that the bend of their curves over a 
 this long passes for a difference, and a refit creeps along their valley without an end.
 """
 
+MOVES_CONTACTS = (
+    'load_gain',
+    'load_offset',
+    'load_nonlinearity',
+    'cylinder_friction',
+    'elevation_error',
+    'moment_arm',
+    'bracket_play',
+    'radial_friction',
+    'tilt_friction',
+    'damping_penetration_share',
+)
+"""Knobs by which the same rollers touch at another time or measured load."""
+
 CURVATURE = 1.5
 """Standard deviation of the square of a standard normal number, nearly."""
 
@@ -76,8 +90,10 @@ class RingSystem:
         }
 
     def predict_many(self, run: Run, points: Sequence[Point]) -> Array:
+        return self._simulated(run, [(point.base, self.extension(point)) for point in points])
+
+    def _simulated(self, run: Run, candidates: Sequence[tuple[Array, RingExtension]]) -> Array:
         grid: LoadGrid = run.payload
-        candidates = [(point.base, self.extension(point)) for point in points]
         simulated = probe_batch(
             self.rig,
             candidates,
@@ -90,18 +106,24 @@ class RingSystem:
         means = grid.block_means(np.nan_to_num(simulated, nan=1e-3, posinf=1e-3, neginf=-1e-3))
         return np.clip(means, -1e-2, 1e-2)
 
-    def disturbances(self, runs: Sequence[Run], base: Array) -> list[Array]:
-        """Unequal rollers of a sound ring; clearances and a weight not known exactly."""
+    def disturbances(self, runs: Sequence[Run], point: Point) -> list[Array]:
+        """Unequal rollers of a sound ring; clearances and a weight not known exactly.
+
+        Where rollers begin to touch, a little load moves the ring far: what one of them does there
+        stands at another measured load if the load at the ring is another.
+        """
         parts, known = [], []
+        base, extension = point.base, self.extension(point)
+        touching = RingExtension(**{name: getattr(extension, name) for name in MOVES_CONTACTS})
         for run in runs:
-            usual = self.predict_many(run, [Point(base)])[0]
+            usual, contacts = self._simulated(run, [(base, extension), (base, touching)])
             grid: LoadGrid = run.payload
             static = not np.any(run.inputs['rate'])
             load = next(iter(run.inputs.values()))
-            course = Course(grid.elevation, grid.zero_load, load, run.time, usual, static)
+            course = Course(grid.elevation, grid.zero_load, load, run.time, contacts, static)
             parts.append(scatter_columns(self.rig, base, course))
             sides = [
-                [replace(self, rig=rig).predict_many(run, [Point(base)])[0] for rig in pair]
+                [replace(self, rig=rig).predict_many(run, [point])[0] for rig in pair]
                 for pair in known_rigs(self.rig)
             ]
             known.append(

@@ -51,6 +51,7 @@ from saddlering_ros.discrepancy.screen import (
     Signature,
     testable,
     visible_gains,
+    whitened_anew,
 )
 from saddlering_ros.discrepancy.system import (
     Array,
@@ -230,16 +231,8 @@ class _Session:
         # The level of slow noise is as sure as the run that saw most of it makes it.
         known = [item.pairs for item in self.likelihood.noise.values()]
         self.pairs = max(LEAST_PAIRS, min(known))
-        most_pairs = max(LEAST_PAIRS, max(known))
-        extra = np.hstack(
-            [
-                offset_columns(self.likelihood),
-                allowance_columns(self.likelihood, settings.allowance),
-                instant_columns(self.likelihood, settings.allowance, rough.prediction),
-                disturbance_columns(self.likelihood, rough.point.base),
-            ]
-        )
-        self.likelihood.free_of(extra)
+        self.most_pairs = max(LEAST_PAIRS, max(known))
+        self.allow_for_unknowns(rough)
         # A large misfit makes several valleys, and the metric has changed: start from both sides.
         starts = [rough.place, declared_place(system.base_parameters)]
         fits = run_refits(
@@ -261,12 +254,47 @@ class _Session:
         self.usable = testable(self.signatures)
         lines = sum(bool(effect.line) for effect in system.effects)
         self.trials = max(1, shapes_tried(self.signatures) + lines)
-        self.battery = Battery(self.likelihood, self.ranges, most_pairs)
+        self.battery = Battery(self.likelihood, self.ranges, self.most_pairs)
         self.cache: dict[tuple[tuple[str, int], ...], Fit] = {}
         self.evidence: list[Evidence] = []
         self.immaterial: list[Evidence] = []
         self.tangents: dict[int, Tangent] = {id(self.base): self.base_tangent}
         self.grown: dict[int, float] = {}
+
+    # ---- the metric
+
+    def allow_for_unknowns(self, fit: Fit) -> None:
+        """The metric with every small unknown in it, as it shows at `fit`."""
+        likelihood, allowance = self.likelihood, self.settings.allowance
+        likelihood.free_of(
+            np.hstack(
+                [
+                    offset_columns(likelihood),
+                    allowance_columns(likelihood, allowance),
+                    instant_columns(likelihood, allowance, fit.prediction),
+                    disturbance_columns(likelihood, fit.point),
+                ]
+            )
+        )
+
+    def move_to(self, fit: Fit) -> Fit:
+        """Small unknowns as they show with the effects found, and everything fitted anew.
+
+        A load that is wrong by some percent moves the place where rollers begin to touch, and
+        with it what unequal rollers do: seen from the model without it, that is evidence.
+        """
+        likelihood = self.likelihood
+        self.allow_for_unknowns(fit)
+        self.cache.clear()
+        self.tangents.clear()
+        self.grown.clear()
+        self.base, fit = self.polished([self.base, fit])
+        self.base_tangent = self.tangent_of(self.base)
+        self.signatures = whitened_anew(likelihood, self.signatures, self.base_tangent)
+        self.usable = testable(self.signatures)
+        self.battery = Battery(likelihood, self.ranges, self.most_pairs)
+        self.cache[_key(fit.candidate)] = fit
+        return fit
 
     # ---- models
 
@@ -694,13 +722,16 @@ def diagnose(
 def _conclude(
     session: _Session, runs: list[Run], proposals: list[Proposal], began: float
 ) -> Diagnosis:
-    settings, base, likelihood = session.settings, session.base, session.likelihood
-    structure_before = session.battery.structure(base)
+    settings, likelihood = session.settings, session.likelihood
+    limits = detectability(session.signatures, settings.error_rate, settings.materiality)
+    labels, angles = angle_matrix(session.signatures)
     fit = session.prune(session.forward())
     session.progress('doubt', 0.75)
     rivals: dict[str, tuple[Fit, ...]] = {}
     if fit.candidate.effects:
-        fit, rivals = session.doubt(fit)
+        fit, rivals = session.doubt(session.prune(session.move_to(fit)))
+    base = session.base
+    structure_before = session.battery.structure(base)
     structure_after = session.battery.structure(fit)
     swift_before, swift_after = session.battery.ripple(base), session.battery.ripple(fit)
     explained = 0.0
@@ -738,7 +769,6 @@ def _conclude(
     shapes_before = session.battery.shapes(base, session.base_tangent.white)
     final = session.tangent_of(fit)
     shapes_after = session.battery.shapes(fit, final.white)
-    labels, angles = angle_matrix(session.signatures)
     inflation = 1.0 + max(structure_after.excess, 0.0) / structure_after.dimensions
     covariance = _covariance(final, inflation)
     lesses = {name: session.without(fit, name) for name in fit.candidate.ids}
@@ -748,7 +778,6 @@ def _conclude(
     if verdict == 'ambiguous':
         pairs = [(fit, rival) for others in rivals.values() for rival in others]
         sentence = choose_next(likelihood, final, pairs, proposals)
-    limits = detectability(session.signatures, settings.error_rate, settings.materiality)
     line_causes, line_limits = _line_causes(session, runs)
     limits += line_limits
     if line_causes and verdict == 'none':

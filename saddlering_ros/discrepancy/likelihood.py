@@ -382,9 +382,9 @@ def instant_columns(likelihood: Likelihood, allowance: Allowance, prediction: Ar
     return np.array(columns).reshape(-1, likelihood.size).T
 
 
-def disturbance_columns(likelihood: Likelihood, base: Array) -> Array:
+def disturbance_columns(likelihood: Likelihood, point: Point) -> Array:
     """The system's own small unknowns as stacked columns (n, k)."""
-    parts = likelihood.system.disturbances(likelihood.runs, base)
+    parts = likelihood.system.disturbances(likelihood.runs, point)
     return np.concatenate(
         [part.reshape(part.shape[0] * part.shape[1], part.shape[2]) for part in parts]
     )

@@ -32,14 +32,17 @@ LEAST_STRAIGHT = 0.9
 STRAIGHT_REACH, BENT_REACH = (-5.0, 5.0), (0.7, 1.4)
 #: A bent effect starts at the size that was seen if that promises so much of the best gain.
 SEEN_ENOUGH = 0.5
+#: So many simulations are asked for at once.
+BATCH = 64
 #: Normal quantile of 0.9: found nine times in ten.
 POWER_QUANTILE = 1.2816
 
 
 @dataclass(frozen=True)
 class Signature:
-    """Change that one effect at one start makes: `white` (n,), at `places` of its parameters.
+    """Change that one effect at one start makes, at `places` of its parameters.
 
+    plain (n,) as it is measured; white (n,): whitened, with what base parameters take off.
     bent: its shape depends on its size, as with thresholds and frequencies; so what was seen at
     one size promises nothing of another.
     """
@@ -48,6 +51,7 @@ class Signature:
     variant: int
     places: Array
     size: float
+    plain: Array
     white: Array
     share: float
     length: float
@@ -138,27 +142,57 @@ def measure_signatures(
     ]
     orthogonal = orthonormal(base.white)
     found: list[Signature] = []
-    for begin in range(0, len(points), 64):
-        part = likelihood.predict(points[begin : begin + 64]) - fit.prediction[:, None]
-        white = likelihood.whiten(part)
-        lengths = np.sqrt((likelihood.whiten_plain(part) ** 2).sum(axis=0))
-        inner = orthogonal.T @ white
-        left = white - orthogonal @ inner
-        for column, (effect, variant, start) in enumerate(wanted[begin : begin + 64]):
-            length = float(np.linalg.norm(left[:, column]))
+    for begin in range(0, len(points), BATCH):
+        part = likelihood.predict(points[begin : begin + BATCH]) - fit.prediction[:, None]
+        left, lengths, shares = _beyond(likelihood, part, orthogonal)
+        for column, (effect, variant, start) in enumerate(wanted[begin : begin + BATCH]):
             found.append(
                 Signature(
                     effect,
                     variant,
                     start,
                     effect.size.from_unit(float(start[0])) - effect.neutral,
+                    part[:, column],
                     left[:, column],
-                    length / max(float(lengths[column]), 1e-300),
-                    length,
+                    float(shares[column]),
+                    float(lengths[column]),
                     scale.beyond_base(part[:, column]),
                 )
             )
     return _with_bends(found)
+
+
+def whitened_anew(
+    likelihood: Likelihood, signatures: Sequence[Signature], base: Tangent
+) -> list[Signature]:
+    """The same signatures in the metric of today."""
+    orthogonal = orthonormal(base.white)
+    answers: list[Signature] = []
+    for begin in range(0, len(signatures), BATCH):
+        items = signatures[begin : begin + BATCH]
+        part = np.column_stack([item.plain for item in items])
+        left, lengths, shares = _beyond(likelihood, part, orthogonal)
+        answers += [
+            replace(
+                item,
+                white=left[:, column],
+                share=float(shares[column]),
+                length=float(lengths[column]),
+            )
+            for column, item in enumerate(items)
+        ]
+    return answers
+
+
+def _beyond(
+    likelihood: Likelihood, changes: Array, orthogonal: Array
+) -> tuple[Array, Array, Array]:
+    """Changes (n, B) whitened and beyond base parameters, their lengths, and what share that is."""
+    white = likelihood.whiten(changes)
+    whole = np.sqrt((likelihood.whiten_plain(changes) ** 2).sum(axis=0))
+    left = white - orthogonal @ (orthogonal.T @ white)
+    lengths = np.linalg.norm(left, axis=0)
+    return left, lengths, lengths / np.maximum(whole, 1e-300)
 
 
 def _with_bends(signatures: Sequence[Signature]) -> list[Signature]:

@@ -33,7 +33,7 @@ def centred(columns: np.ndarray) -> np.ndarray:
 
 def test_the_clearance_column_is_what_the_simulator_makes_of_a_clearance(fast):
     system = RingSystem(default_rig())
-    columns = system.disturbances([fast], BASE)[0]
+    columns = system.disturbances([fast], Point(BASE))[0]
     column = columns[:, :, -KNOWN] + columns[:, :, -KNOWN // 2] / CURVATURE
     change = {'axial_clearance': {'change': CLEARANCE_UNKNOWN}}
     more, usual = system.predict_many(fast, [Point(BASE, change), Point(BASE)])

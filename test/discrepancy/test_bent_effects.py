@@ -20,7 +20,7 @@ def swing(period: float) -> np.ndarray:
 
 def signature(effect: Effect, size: float, white: np.ndarray) -> Signature:
     length = float(np.linalg.norm(white))
-    return Signature(effect, 0, np.array([size]), size, white, 1.0, length, 1.0)
+    return Signature(effect, 0, np.array([size]), size, white, white, 1.0, length, 1.0)
 
 
 SEEN = _with_bends(

@@ -39,7 +39,7 @@ class Spring:
         Effect('other_bend', (Parameter('size', -0.2, 0.2),)),
     )
 
-    def disturbances(self, runs: Sequence[Run], base: np.ndarray) -> list[np.ndarray]:
+    def disturbances(self, runs: Sequence[Run], point: Point) -> list[np.ndarray]:
         return [np.zeros((2, run.time.size, 0)) for run in runs]
 
     def predict_many(self, run: Run, points: Sequence[Point]) -> np.ndarray:
