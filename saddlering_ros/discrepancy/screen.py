@@ -187,7 +187,7 @@ def whitened_anew(
 def _beyond(
     likelihood: Likelihood, changes: Array, orthogonal: Array
 ) -> tuple[Array, Array, Array]:
-    """Changes (n, B) whitened and beyond base parameters, their lengths, and what share that is."""
+    """Changes (n, B) whitened, beyond base parameters; their lengths and shares left."""
     white = likelihood.whiten(changes)
     whole = np.sqrt((likelihood.whiten_plain(changes) ** 2).sum(axis=0))
     left = white - orthogonal @ (orthogonal.T @ white)
