@@ -41,6 +41,21 @@ def test_the_clearance_column_is_what_the_simulator_makes_of_a_clearance(fast):
     assert np.abs(centred(column) - effect).max() < 0.01 * np.abs(effect).max()
 
 
+def test_unequal_rollers_show_at_the_load_that_the_ring_feels(campaign):
+    rig = default_rig()
+    bag = next(bag for bag in campaign() if bag.name == 'static_50')
+    run = build_record(rig, read_run(bag), held_out=False).run
+    load = run.inputs['load']
+    rising = slice(0, int(np.argmax(load)))
+    gain = {'load_gain': {'gain': 0.2}}
+    usual, with_gain = (
+        np.linalg.norm(RingSystem(rig).disturbances([run], point)[0][3, :, :-KNOWN], axis=1)[rising]
+        for point in (Point(BASE), Point(BASE, gain))
+    )
+    moved = np.interp(load[rising] / 1.2, load[rising], usual)
+    assert np.abs(with_gain - moved).mean() < 0.3 * np.abs(with_gain - usual).mean()
+
+
 def test_what_scatter_adds_comes_as_late_as_the_dampers_let_it(fast):
     rig = default_rig()
     usual = RingSystem(rig).predict_many(fast, [Point(BASE)])[0]
