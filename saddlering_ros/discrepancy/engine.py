@@ -83,6 +83,9 @@ MOST_IN_ONE_VIEW = 2
 GROWN = 4.0
 """Small unknowns so many times their usual size are a form of the effect, not another effect."""
 
+AT_BOUND = 1e-3
+"""A size this close to a bound, as a share of its range, was stopped by it."""
+
 WIDE = 10.0
 """Spread that leaves a parameter free, in shares of its range."""
 
@@ -791,6 +794,7 @@ def _conclude(
     before_covariance = before_covariance + np.diag((base.place - judged[0].place) ** 2)
     covariance = covariance + np.diag((fit.place - judged[1].place) ** 2)
     lesses = dict(zip(lesses, others, strict=True))
+    notes += _sizes_at_bounds(session, fit)
     causes = tuple(
         _cause(session, fit, lesses[name], weights[name], rivals.get(name, ()), covariance, runs)
         for name in lesses
@@ -850,6 +854,23 @@ def _base_estimates(session: _Session, fit: Fit, covariance: Array) -> dict[str,
         item.name: Estimate(item.from_unit(float(u)), float(std), item.unit)
         for item, u, std in zip(parameters, fit.place, deviations, strict=False)
     }
+
+
+def _sizes_at_bounds(session: _Session, fit: Fit) -> list[str]:
+    """A sentence for every effect as large as its bounds allow."""
+    sentences = []
+    start = len(system_parameters(session))
+    for effect, _ in fit.candidate.effects:
+        size, place = effect.size, float(fit.place[start])
+        start += len(effect.parameters)
+        value = size.from_unit(place)
+        present = abs(value - effect.neutral) / (size.high - size.low)
+        if min(place, 1.0 - place) < AT_BOUND < present:
+            sentences.append(
+                f'{effect.id}: its {size.name} stands at the bound of {value:.3g} {size.unit}: it '
+                'is larger than was thought possible, or something else is mixed with it'
+            )
+    return sentences
 
 
 def _cause(

@@ -49,8 +49,11 @@ def test_unequal_rollers_show_at_the_load_that_the_ring_feels(campaign):
     rising = slice(0, int(np.argmax(load)))
     gain = {'load_gain': {'gain': 0.2}}
     usual, with_gain = (
-        np.linalg.norm(RingSystem(rig).disturbances([run], point)[0][3, :, :-KNOWN], axis=1)[rising]
-        for point in (Point(BASE), Point(BASE, gain))
+        np.linalg.norm(columns[0][3, rising, :-KNOWN], axis=1)
+        for columns in (
+            RingSystem(rig).disturbances([run], point)
+            for point in (Point(BASE), Point(BASE, gain))
+        )
     )
     moved = np.interp(load[rising] / 1.2, load[rising], usual)
     assert np.abs(with_gain - moved).mean() < 0.3 * np.abs(with_gain - usual).mean()

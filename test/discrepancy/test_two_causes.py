@@ -84,3 +84,9 @@ def test_a_small_cause_is_found_in_runs_where_a_large_one_does_nothing() -> None
 @pytest.mark.parametrize('size', [0.03, -0.03])
 def test_a_small_cause_is_found_in_a_view_where_a_large_one_does_nothing(size: float) -> None:
     assert names(diagnosed(0.0, late=0.3, other_bend=size)) == {'late', 'other_bend'}
+
+
+def test_a_size_stopped_by_its_bound_is_said_to_be() -> None:
+    assert not [note for note in diagnosed(0.0, late=0.3).notes if 'bound' in note]
+    (note,) = [note for note in diagnosed(0.0, late=0.6).notes if 'bound' in note]
+    assert note.startswith('late: its size stands at the bound of 0.5')
