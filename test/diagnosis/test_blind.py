@@ -1,15 +1,18 @@
 """Blind draws: another process hides something, the diagnosis sees bags, then the seal opens.
 
-The seed is fixed at 7 unless SADDLERING_BLIND_SEED says otherwise. Every draw prints its own. A
-draw that once failed belongs into REGRESSIONS with what its truth asks for.
+Every run draws afresh; its seed is printed, and SADDLERING_BLIND_SEED repeats it. A draw that once
+failed belongs into REGRESSIONS with what its truth asks for.
 
-Pass rule, over all draws: no cause on a clean rig; no wrong name, beside a right one neither (the
-score of virtual_rig/scoring.py, as in benchmarks/blind.py); and of the single faults at least
-LEAST_RIGHT in a group of at most four. A naming step that is sabotaged fails it: see the end.
+Pass rule, over all draws of a run (score of virtual_rig/scoring.py, as in benchmarks/blind.py):
+at most MOST_FALSE clean rigs with a cause, at most MOST_WRONG faults with a wrong name, beside a
+right one too, at least LEAST_RIGHT of the single faults in a group of at most four. The numbers
+follow from rates that were measured (docs/diagnosis.md): a sound program fails less than once in
+1 000 runs. A naming step that is sabotaged fails: see the end.
 """
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 import json
@@ -28,9 +31,10 @@ from saddlering_ros.effects import catalogue
 from saddlering_ros.virtual_rig.blind import open_seal, SEALED
 from saddlering_ros.virtual_rig.scoring import score
 
-pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(1800)]
 
-SEED = int(os.environ.get('SADDLERING_BLIND_SEED', '7'))
+SEED = int(os.environ.get('SADDLERING_BLIND_SEED') or random.SystemRandom().randrange(10**8))
+"""Of the first draw; the others count on."""
 RUNS = 'static_50,dynamic_50,static_70'
 SINGLES = (
     'radial_friction',
@@ -40,13 +44,21 @@ SINGLES = (
     'elevation_error',
     'film_creep',
     'probe_bracket',
+    'probe_gain',
+    'clock_offset',
+    'bolt_opening',
+    'tilt_compliance',
+    'damping_law',
 )
 """Effects whose drawn sizes lie far over their detection limits in these runs."""
+PAIR = ('radial_friction', 'tilt_friction')
+OUTSIDE = 'out:tilt_backlash'
+CLEAN = 2
 REGRESSIONS: tuple[tuple[str, int, str], ...] = (('single', 7002, 'radial_clearance'),)
 """(kind, seed, effect) of draws that once failed."""
 NAMES = tuple(sorted(catalogue()))
-LEAST_RIGHT = 5
-"""Of the seven singles; a guess among thirty-odd effects gets there less than once in 10^5."""
+MOST_FALSE, MOST_WRONG, LEAST_RIGHT = 1, 2, 7
+"""Of 2 clean rigs, of 14 faults, of 12 single faults."""
 
 
 @dataclass(frozen=True)
@@ -99,38 +111,38 @@ def drawn(kind: str, seed: int, *effects: str) -> Draw:
     return _DRAWN[key]
 
 
-def passes(singles: list[Draw]) -> bool:
-    """The rule for single faults."""
-    scores = [item.score for item in singles]
-    return 'wrong' not in scores and scores.count('right') >= LEAST_RIGHT
+def all_drawn() -> list[Draw]:
+    """Every draw of a run: clean rigs, single faults, a pair, one outside the catalogue."""
+    return [
+        *(drawn('clean', SEED + number) for number in range(CLEAN)),
+        *(drawn('single', SEED + number, effect) for number, effect in enumerate(SINGLES)),
+        drawn('pair', SEED, *PAIR),
+        drawn('outside', SEED, OUTSIDE),
+    ]
 
 
-@pytest.mark.parametrize('number', range(2))
-def test_a_clean_rig_gets_no_cause(number):
-    assert drawn('clean', SEED + number).verdict == 'none'
+def failures(draws: list[Draw]) -> list[str]:
+    """What of the pass rule the draws break."""
+    counts = Counter((item.kind, item.score) for item in draws)
+    wrong = sum(number for (_, score), number in counts.items() if score == 'wrong')
+    broken = []
+    if counts['clean', 'false'] > MOST_FALSE:
+        broken.append(f'{counts["clean", "false"]} clean rigs with a cause')
+    if wrong > MOST_WRONG:
+        broken.append(f'{wrong} wrong names')
+    if counts['single', 'right'] < LEAST_RIGHT:
+        broken.append(f'only {counts["single", "right"]} of {len(SINGLES)} single faults right')
+    return broken
+
+
+def test_blind_draws_keep_the_pass_rule():
+    told = [f'SADDLERING_BLIND_SEED={SEED}', *map(str, all_drawn())]
+    assert not failures(all_drawn()), '\n'.join([*failures(all_drawn()), *told])
 
 
 @pytest.mark.parametrize(('kind', 'seed', 'effect'), REGRESSIONS)
 def test_draws_that_once_failed_get_no_wrong_name(kind, seed, effect):
     assert drawn(kind, seed, *filter(None, [effect])).score not in ('wrong', 'false')
-
-
-@pytest.mark.parametrize('effect', SINGLES)
-def test_a_single_fault_gets_no_wrong_name(effect):
-    assert drawn('single', SEED, effect).score != 'wrong'
-
-
-def test_an_effect_outside_the_catalogue_is_not_overlooked():
-    assert drawn('outside', SEED, 'out:tilt_backlash').score not in ('missed', 'wrong')
-
-
-def test_of_two_faults_none_is_named_wrongly():
-    found = drawn('pair', SEED, 'radial_friction', 'tilt_friction')
-    assert found.score not in ('missed', 'wrong')
-
-
-def test_enough_single_faults_are_found():
-    assert passes([drawn('single', SEED, effect) for effect in SINGLES])
 
 
 SABOTAGE: dict[str, Callable[[Draw, random.Random], tuple[str, tuple[tuple[str, ...], ...]]]] = {
@@ -142,6 +154,8 @@ SABOTAGE: dict[str, Callable[[Draw, random.Random], tuple[str, tuple[tuple[str, 
     'everything in one group': lambda item, chance: ('ambiguous', (NAMES,)),
     'one more name beside the right one': lambda item, chance: (
         'named', (*item.groups, (chance.choice([n for n in NAMES if n not in item.hidden]),))),
+    'a cause on every clean rig': lambda item, chance: (
+        (item.verdict, item.groups) if item.hidden else ('named', ((chance.choice(NAMES),),))),
 }
 """What a broken naming step would say of a draw."""
 
@@ -152,8 +166,7 @@ def test_a_sabotaged_naming_step_fails_the_rule(broken):
     for seed in range(20):
         chance = random.Random(seed)
         told = []
-        for effect in SINGLES:
-            item = drawn('single', SEED, effect)
+        for item in all_drawn():
             verdict, groups = SABOTAGE[broken](item, chance)
             told.append(replace(item, verdict=verdict, groups=groups))
-        assert not passes(told)
+        assert failures(told)
