@@ -473,7 +473,7 @@ class _Session:
                 for pair in real
                 if self.finishes(*pair, current)
                 or (
-                    self.apart(current, pair[1])
+                    self.apart(*pair, current)
                     if named and not self.worth(structure)
                     else self.beyond_form(current, pair[1])
                 )
@@ -540,8 +540,14 @@ class _Session:
             for view, size in self.explained(less, fit).items()
         )
 
-    def apart(self, less: Fit, fit: Fit) -> bool:
-        """Whether what `fit` adds shows in a view where nothing that `less` has shows."""
+    def apart(self, evidence: Evidence, fit: Fit, less: Fit) -> bool:
+        """Whether `fit` surely adds what shows in a view where nothing that `less` has shows.
+
+        Surely (the error rate squared), for an inexact form can reach a little into a view in
+        which the catalogue's has no part.
+        """
+        if evidence.p_value >= self.settings.error_rate**2:
+            return False
         least = self.settings.materiality
         known = self.explained(self.base, less)
         return any(
