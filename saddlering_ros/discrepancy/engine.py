@@ -387,12 +387,10 @@ class _Session:
         key = _key(candidate)
         if key not in self.cache:
             count = len(self.system.base_parameters)
-            place, start = [fit.place[:count]], count
-            for effect, _ in fit.candidate.effects:
-                stop = start + len(effect.parameters)
+            place = [fit.place[:count]]
+            for effect, _, part in fit.candidate.slices(count):
                 if effect.id != effect_id:
-                    place.append(fit.place[start:stop])
-                start = stop
+                    place.append(fit.place[part])
             self.cache[key] = run_refits(
                 self.likelihood,
                 [
@@ -468,15 +466,12 @@ class _Session:
             self.evidence += [evidence for evidence, _ in weighed]
             real = [pair for pair in weighed if pair[0].p_value < self.settings.error_rate]
             named = len(current.candidate.effects) - len(silent)
+            left = not named or self.worth(structure)
             beyond = [
-                pair
-                for pair in real
-                if self.finishes(*pair, current)
-                or (
-                    self.apart(*pair, current)
-                    if named and not self.worth(structure)
-                    else self.beyond_form(current, pair[1])
-                )
+                (evidence, fit)
+                for evidence, fit in real
+                if self.finishes(evidence, fit, current)
+                or (self.beyond_form(current, fit) if left else self.apart(evidence, fit, current))
             ]
             if not beyond or named == self.settings.most:
                 self.immaterial += [evidence for evidence, _ in real[:3]]
@@ -865,10 +860,8 @@ def _base_estimates(session: _Session, fit: Fit, covariance: Array) -> dict[str,
 def _sizes_at_bounds(session: _Session, fit: Fit) -> list[str]:
     """A sentence for every effect as large as its bounds allow."""
     sentences = []
-    start = len(system_parameters(session))
-    for effect, _ in fit.candidate.effects:
-        size, place = effect.size, float(fit.place[start])
-        start += len(effect.parameters)
+    for effect, _, part in fit.candidate.slices(len(system_parameters(session))):
+        size, place = effect.size, float(fit.place[part.start])
         value = size.from_unit(place)
         present = abs(value - effect.neutral) / (size.high - size.low)
         if min(place, 1.0 - place) < AT_BOUND < present:
@@ -889,17 +882,18 @@ def _cause(
     runs: list[Run],
 ) -> Cause:
     name = next(item for item in fit.candidate.ids if item not in less.candidate.ids)
-    start = len(system_parameters(session))
-    for effect, variant in fit.candidate.effects:  # noqa: B007
-        if effect.id == name:
-            break
-        start += len(effect.parameters)
+    effect, variant, part = next(
+        item
+        for item in fit.candidate.slices(len(system_parameters(session)))
+        if item[0].id == name
+    )
+    deviations = np.sqrt(np.diag(covariance)[part])
     estimates = {}
-    for offset, item in enumerate(effect.parameters):
-        place = float(fit.place[start + offset])
+    for item, u, deviation in zip(effect.parameters, fit.place[part], deviations, strict=True):
+        place = float(u)
         value = item.from_unit(place)
-        std = float(np.sqrt(covariance[start + offset, start + offset])) * item.slope(place)
-        if offset == 0:
+        std = float(deviation) * item.slope(place)
+        if item is effect.size:
             std = float(np.hypot(std, effect.form * (value - effect.neutral)))
         estimates[item.name] = Estimate(value, std, item.unit)
     for key, value in effect.variants[variant].items():

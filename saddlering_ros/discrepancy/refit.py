@@ -7,7 +7,7 @@ columns are kept and improved by Broyden's update, effect columns are taken afre
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -43,20 +43,26 @@ class Candidate:
     def without(self, effect_id: str) -> Candidate:
         return Candidate(tuple(item for item in self.effects if item[0].id != effect_id))
 
+    def slices(self, fixed: int) -> Iterator[tuple[Effect, int, slice]]:
+        """Each effect, its variant, and its place among parameters after `fixed` base ones."""
+        start = fixed
+        for effect, variant in self.effects:
+            stop = start + len(effect.parameters)
+            yield effect, variant, slice(start, stop)
+            start = stop
+
     def point(self, base: Sequence[Parameter], place: Array) -> Point:
         """Point at bound-scaled coordinates `place`."""
         values = np.array(
             [item.from_unit(float(u)) for item, u in zip(base, place[: len(base)], strict=True)]
         )
         effects: dict[str, Mapping[str, float]] = {}
-        start = len(base)
-        for effect, variant in self.effects:
+        for effect, variant, part in self.slices(len(base)):
             own = {
                 item.name: item.from_unit(float(u))
-                for item, u in zip(effect.parameters, place[start:], strict=False)
+                for item, u in zip(effect.parameters, place[part], strict=True)
             }
             effects[effect.id] = {**own, **effect.variants[variant]}
-            start += len(effect.parameters)
         return Point(values, effects)
 
 
