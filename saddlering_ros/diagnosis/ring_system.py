@@ -20,8 +20,8 @@ from saddlering_ros.ring.simulator import probe_batch
 Array = NDArray[np.float64]
 
 
-OTHER_SIGN = 0.9
-"""Size of the start of the other sign, in usual sizes; another than any start of this sign."""
+OTHER_SIGN = (0.15, 0.9)
+"""Sizes of the starts of the other sign, in usual sizes; others than any start of this sign."""
 
 FINE_STEP = 2e-4
 """Step of sensitivities on a log scale and of K and n, as a share of the range.
@@ -191,7 +191,7 @@ def _starts(effect: catalogue_of_effects.Effect) -> tuple[dict[str, float], ...]
     sizes = [float(np.clip(factor * size.scale, size.low, size.high)) for factor in factors]
     if size.low < size.neutral < size.high:
         # What one sign does to the ring's contacts, the other may not.
-        sizes.append(float(np.clip(-OTHER_SIGN * size.scale, size.low, size.high)))
+        sizes += [float(np.clip(-part * size.scale, size.low, size.high)) for part in OTHER_SIGN]
     usual = {item.name: item.start for item in shapes}
     starts = [{size.name: value, **usual} for value in sizes]
     for other in effect.starts:

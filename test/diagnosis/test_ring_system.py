@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from saddlering_ros.bags import read_run
-from saddlering_ros.diagnosis.diagnose import diagnose_runs
+from saddlering_ros.diagnosis.diagnose import diagnose_bags, diagnose_runs
 from saddlering_ros.diagnosis.records import build_record
 from saddlering_ros.diagnosis.ring_system import engine_effect, RingSystem
 from saddlering_ros.discrepancy import Point
@@ -46,6 +46,16 @@ def test_stiffness_and_exponent_are_told_apart_by_their_slopes_not_by_the_bend_o
     _, _, vectors = np.linalg.svd(finer, full_matrices=False)
     weak = finer @ vectors[1]
     assert np.linalg.norm(fine @ vectors[1] - weak) < 0.1 * np.linalg.norm(weak)
+
+
+@pytest.mark.slow
+def test_a_small_size_of_the_other_sign_is_looked_for(campaign):
+    angle = -0.004
+    runs = ('static_50', 'dynamic_50', 'static_70')
+    found = diagnose_bags(campaign('elevation_error', angle, 'angle', runs)).diagnosis
+    best = min(found.evidence, key=lambda item: (item.step, item.misfit))
+    assert best.effects == ('elevation_error',)
+    assert best.values['elevation_error']['angle'] == pytest.approx(angle, rel=0.3)
 
 
 @pytest.mark.slow
