@@ -108,10 +108,11 @@ class Settings:
     least_partial: share of the remaining misfit that a member of a model must explain, in all or
     in one view;
     least_total: share of the misfit that the whole model must explain to be named;
-    rival_floor, rival_share: a rival stays in the group while its misfit is within this of the
-    best; form_error: share of the misfit an effect explains by which its idealised form may
-    err: rivals as close as that stay in its group, and a further cause smaller than that in the
-    same view is no cause.
+    rival_rate: chance that noise alone makes a rival fit as much worse as those left out of a
+    group do; rival_share: a rival stays in the group while its misfit is within this share of
+    what is left; form_error: share of the misfit an effect explains by which its idealised form
+    may err: rivals as close as that stay in its group, and a further cause smaller than that in
+    the same view is no cause.
     """
 
     error_rate: float = 0.01
@@ -120,7 +121,7 @@ class Settings:
     refits: int = 6
     least_partial: float = 0.5
     least_total: float = 0.85
-    rival_floor: float = 12.0
+    rival_rate: float = 1e-4
     rival_share: float = 0.33
     form_error: float = 0.1
     allowance: Allowance = field(default_factory=Allowance)
@@ -374,6 +375,15 @@ class _Session:
 
     def penalised(self, fit: Fit) -> float:
         return fit.misfit + fit.place.size * self.log_size
+
+    @property
+    def rival_floor(self) -> float:
+        """Misfit by which noise may set the better model back: more where its level is less sure.
+
+        Of two models the wrong one is d ahead of the true one with a chance of at most that of a
+        normal number beyond sqrt(d), however far apart the two are.
+        """
+        return float(fisher.isf(self.settings.rival_rate, 1, self.pairs))
 
     @property
     def log_size(self) -> float:
@@ -668,7 +678,7 @@ class _Session:
         """
         excess = max(self.battery.structure(best).excess, 0.0)
         distance = rival.misfit - best.misfit
-        margin = self.settings.rival_floor + self.settings.rival_share * min(excess, taken)
+        margin = self.rival_floor + self.settings.rival_share * min(excess, taken)
         stiffer = max(0, best.place.size - rival.place.size)
         return distance <= max(margin, self.settings.form_error * (1 + stiffer) * taken)
 
