@@ -1,4 +1,4 @@
-"""Damping that grows with penetration (Hunt and Crossley) in place of a constant D."""
+"""Damping D (1 - s + s (p / 50 um)^m), which grows with penetration, in place of a constant D."""
 
 from __future__ import annotations
 
@@ -24,15 +24,27 @@ class DampingLaw(Effect):
         'load stays.'
     )
     stage = 'ring'
-    form = 0.2  # damping may grow by another power of penetration
+    form = 0.1  # damping need not grow by one power of penetration at all depths
     channels = ('delta_x', 'delta_y', 'gamma')
     parameters = (
         EffectParameter(
             'share', '1', 0.0, 1.0, 0.5, 0.5,
-            'share of the damping that is proportional to p^n', amplitude=True, one_sided=True),
+            'share of the damping that is proportional to p^m', amplitude=True, one_sided=True),
+        # Tsuji et al. 1992: 1/4; Kuwabara and Kono 1987: 1/2; Hunt and Crossley 1975: n
+        EffectParameter(
+            'exponent', '1', 0.2, 2.0, 1.0, 10.0 / 9.0,
+            'm, by which damping grows; left out in a file: n of each row', one_sided=True),
     )
     dynamic_only = True
 
+    def complete(self, values: Mapping[str, float]) -> dict[str, float]:
+        """An exponent left out stays out: it is n of each row, as in files that have none."""
+        complete = super().complete(values)
+        if 'exponent' not in values:
+            del complete['exponent']
+        return complete
+
     def extend(self, extension: RingExtension, values: Mapping[str, float]) -> RingExtension:
-        """Set the share of growing damping."""
-        return replace(extension, damping_penetration_share=values['share'])
+        """Set the share of growing damping and its power."""
+        return replace(extension, damping_penetration_share=values['share'],
+                       damping_penetration_exponent=values.get('exponent', 0.0))

@@ -94,7 +94,8 @@ class RingExtension:
     # Limits of the next two in [N] and [N m], presliding in [m] and [rad]
     radial_friction: Hysteron = field(default_factory=lambda: Hysteron(presliding=2e-6))
     tilt_friction: Hysteron = field(default_factory=lambda: Hysteron(presliding=3e-6))
-    damping_penetration_share: float = 0.0  # 0 constant D, 1 damping proportional to p^n
+    damping_penetration_share: float = 0.0     # 0 constant D, 1 damping proportional to p^m
+    damping_penetration_exponent: float = 0.0  # m; 0: n of the row
     radial_compliance: float = 0.0      # delta_x += c F_x [m/N]
     axial_compliance: float = 0.0       # delta_y += c F_y [m/N]
     tilt_compliance: float = 0.0        # gamma += c M [rad/(N m)]

@@ -88,7 +88,9 @@ MIDDLE_STIFFNESS = 102
 LAG_SECOND = 103
 # Share of the motion that the second mode carries
 RESONANCE_SHARE = 107
-MODEL_SIZE = 108
+# Power of penetration by which damping grows, 0 for n of the row
+DAMPING_EXPONENT = 108
+MODEL_SIZE = 109
 
 # State of a running simulation
 TIME = 0

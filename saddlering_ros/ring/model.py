@@ -148,6 +148,7 @@ def scalars_of(rig: Rig, elevation: float, extension: RingExtension = NO_EXTENSI
     m[at.LOWER_STIFFNESS] = extension.lower_row.stiffness
     m[at.MIDDLE_STIFFNESS] = extension.middle_row.stiffness
     m[at.DAMPING_SHARE] = extension.damping_penetration_share
+    m[at.DAMPING_EXPONENT] = extension.damping_penetration_exponent
     m[at.RADIAL_COMPLIANCE] = extension.radial_compliance
     m[at.AXIAL_COMPLIANCE] = extension.axial_compliance
     m[at.TILT_COMPLIANCE] = extension.tilt_compliance

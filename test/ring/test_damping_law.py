@@ -1,0 +1,149 @@
+"""Claims about damping that grows with penetration: its law, its tangent, its lag, its solver."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from saddlering_ros.effects import extension_of
+from saddlering_ros.rig import (
+    ContactParameters,
+    default_rig,
+    FULL_SCALE_LOAD,
+    PARAMETER_NAMES,
+    ParameterSet,
+    TRUE_TO_SCALE,
+)
+from saddlering_ros.ring import kernels, probe_batch, simulate, static_batch
+from saddlering_ros.ring.model import FAR_OFF
+
+RIG = default_rig()
+ELEVATION = float(np.radians(50.0))
+K, N, D = 9e7, 1.12, 3e6
+EXPONENTS = pytest.mark.parametrize('exponent', [0.2, 0.25, 0.5, 0.95, 1.0, 1.12, 1.5, 2.0])
+DEPTHS = np.geomspace(1e-10, 2e-4, 121)
+
+
+def one_roller(p: float, rate: float, share: float, exponent: float) -> tuple[float, float, float]:
+    """Force [N], stiffness dF/dp and damping dF/d(dp/dt) of a single roller."""
+    places = 16
+    rows = np.zeros((3, 3, places))
+    rows[:, 2] = FAR_OFF
+    rows[0, :, 0] = 0.0, 1.0, 0.0
+    sums = kernels.row_sums(rows.reshape(-1), 0, np.uint64(places), False, p, 0.0, rate, 0.0, K, N,
+                            D, (share, exponent), 0.0)
+    return sums[0], sums[2], sums[5]
+
+
+def candidates(effects: dict[str, dict[str, float]], law: ContactParameters = TRUE_TO_SCALE,
+               ) -> list[tuple[np.ndarray, object]]:
+    return [(law.to_array(), extension_of(effects))]
+
+
+def noisy_cycle() -> tuple[np.ndarray, np.ndarray]:
+    time = np.arange(0.0, 2.0, 1e-3)
+    load = np.interp(time, [0.0, 0.2, 0.9, 1.1, 1.8], [
+        RIG.preload, RIG.preload, FULL_SCALE_LOAD, FULL_SCALE_LOAD, RIG.preload])
+    return time, load + np.random.default_rng(5).normal(0.0, 50.0, time.size)
+
+
+@EXPONENTS
+def test_beyond_touch_down_damping_is_the_power_of_penetration_that_is_asked_for(
+        exponent: float) -> None:
+    for p in DEPTHS[DEPTHS > kernels.RAMP]:
+        expected = D * (0.3 + 0.7 * (p / 50e-6) ** exponent)
+        assert one_roller(p, 1e-3, 0.7, exponent)[2] == pytest.approx(expected, rel=1e-12)
+
+
+@EXPONENTS
+@pytest.mark.parametrize('share', [0.4, 1.0])
+def test_the_tangent_is_the_slope_of_the_force(share: float, exponent: float) -> None:
+    for p in DEPTHS:
+        h = 1e-5 * p
+        ends = [one_roller(p + way * h, 1e-2, share, exponent)[0] for way in (-1.0, 1.0)]
+        _, stiffness, damping = one_roller(p, 1e-2, share, exponent)
+        assert stiffness == pytest.approx((ends[1] - ends[0]) / (2.0 * h), rel=1e-5)
+        slow, fast = (one_roller(p, rate, share, exponent)[0] for rate in (1e-2, 2e-2))
+        assert damping == pytest.approx((fast - slow) / 1e-2, rel=1e-9)
+
+
+@pytest.mark.parametrize('exponent', [0.2, 0.25, 0.5, 0.95])
+def test_at_touch_down_no_slope_grows_without_a_bound(exponent: float) -> None:
+    """The slope of p^m does, for m < 1: at 1e-15 m it is 4e8 times that at 50 um for m = 0.2."""
+    width = (1.0 - exponent) * kernels.RAMP
+    beside_its_end = width * np.array([1.0 - 1e-9, 1.0 + 1e-9])
+    depths = np.concatenate([np.geomspace(1e-15, 2e-6, 301), beside_its_end])
+    slopes = np.array([one_roller(p, 1.0, 1.0, exponent)[1] for p in depths])
+    slopes -= N * K * depths ** (N - 1.0)
+    at_its_end = exponent * D * (width / 50e-6) ** exponent / width
+    assert slopes.max() < 6.0 * at_its_end / exponent
+    assert slopes[0] < 1e-6 * at_its_end
+    assert slopes[-2:] == pytest.approx(at_its_end, rel=1e-6)  # no jump where the fade ends
+
+
+def test_the_law_goes_over_exponent_one_without_a_jump() -> None:
+    for p in DEPTHS:
+        below, above = (one_roller(p, 1e-2, 1.0, 1.0 + by) for by in (-1e-7, 1e-7))
+        assert below == pytest.approx(above, rel=1e-5)
+
+
+def test_newton_converges_where_damping_grows_by_its_lowest_power() -> None:
+    time, load = noisy_cycle()
+    effects = {'damping_law': {'share': 1.0, 'exponent': 0.2}}
+    low, high = np.array([RIG.bounds[name] for name in PARAMETER_NAMES]).T
+    draws = np.random.default_rng(1).random((8, 6))
+    laws = [TRUE_TO_SCALE, *(ContactParameters.from_array(low * (high / low) ** u) for u in draws)]
+    for law in laws:
+        run = simulate(RIG, ParameterSet(law, effects), ELEVATION, time, load)
+        assert run.trouble == 0
+        assert np.isfinite(run.probes).all()
+
+
+FILE_WITHOUT_EXPONENT = {'damping_law': {'share': 0.7}}
+UNLIKE_ROWS = ContactParameters(1e8, 1.05, 3e6, 2e8, 1.3, 2e6)
+
+
+def short_cycle() -> tuple[np.ndarray, np.ndarray]:
+    time = np.arange(0.0, 1.2, 1e-3)
+    return time, np.interp(time, [0.0, 0.2, 0.6, 0.7, 1.1, 1.2], [
+        RIG.preload, RIG.preload, 2e5, 2e5, RIG.preload, RIG.preload])
+
+
+def test_a_file_from_before_the_exponent_was_free_gives_the_numbers_it_gave() -> None:
+    probes = probe_batch(RIG, candidates(FILE_WITHOUT_EXPONENT, UNLIKE_ROWS), ELEVATION,
+                         *short_cycle())[0]
+    assert probes[:2, [300, 500, 900]] == pytest.approx(np.array([
+        [3.3613215928348015e-05, 0.00011670884415007244, 0.00019404834015192895],
+        [3.677316144508779e-05, 8.41725402609321e-05, 8.08834279215772e-05]]), abs=1e-12)
+
+
+def test_an_exponent_left_out_is_that_of_each_row() -> None:
+    left_out, axial, middle = (
+        probe_batch(RIG, candidates({'damping_law': {'share': 0.7, **exponent}}, UNLIKE_ROWS),
+                    ELEVATION, *short_cycle())[0]
+        for exponent in ({}, {'exponent': UNLIKE_ROWS.n1}, {'exponent': UNLIKE_ROWS.n2}))
+    assert axial[1::2] == pytest.approx(left_out[1::2], abs=1e-15)
+    assert middle[0::2] == pytest.approx(left_out[0::2], abs=1e-15)
+    assert np.abs(axial[0] - left_out[0]).max() > 1e-7
+    assert np.abs(middle[1] - left_out[1]).max() > 1e-7
+
+
+@pytest.mark.parametrize('exponent', [0.25, 0.5, 1.0, 1.5])
+def test_the_lag_grows_with_load_as_the_exponent_says(exponent: float) -> None:
+    """Without clearance all rollers sink in proportion, so with q ~ P^(1/n) a ramp's lag is
+    d/k dq/dt ~ q^m q^(1-n) q^(1-n) = q^(m + 2 - 2n): at low load little or much of that at high.
+    """
+    rig = replace(RIG, middle_row=replace(RIG.middle_row, clearance=0.0))
+    time = np.arange(0.0, 20.0, 0.01)
+    load = np.interp(time, [1.0, 20.0], [RIG.preload, FULL_SCALE_LOAD])
+    effects = {'damping_law': {'share': 1.0, 'exponent': exponent}}
+    moved = probe_batch(rig, candidates(effects), ELEVATION, time, load)[0][0]
+    at = [np.searchsorted(load, share * FULL_SCALE_LOAD) for share in (0.2, 0.8)]
+    still = static_batch(rig, TRUE_TO_SCALE.to_array()[None], ELEVATION,
+                         np.array([RIG.preload, *load[at]]))[0][0]
+    lag = still[1:] - still[0] - moved[at]
+    assert np.all(lag > 1e-8)
+    growth = np.log(lag[1] / lag[0]) / np.log(still[2] / still[1])
+    assert growth == pytest.approx(exponent + 2.0 - 2.0 * TRUE_TO_SCALE.n2, abs=0.02)
