@@ -1,4 +1,4 @@
-"""Settings of the middleware: discovery on this machine; what is dropped is sent again at once."""
+"""Settings of the middleware: discovery on this machine; UDP, many messages to a packet."""
 
 from __future__ import annotations
 
@@ -8,16 +8,20 @@ from saddlering_ros.paths import share_directory
 
 DISCOVERY_VARIABLES = ('ROS_AUTOMATIC_DISCOVERY_RANGE', 'ROS_LOCALHOST_ONLY')
 PROFILE_VARIABLES = ('FASTRTPS_DEFAULT_PROFILES_FILE', 'FASTDDS_DEFAULT_PROFILES_FILE')
+PUBLICATION_VARIABLE = 'RMW_FASTRTPS_PUBLICATION_MODE'
 
 
 def transport_environment() -> dict[str, str]:
     """What a process needs in its environment, before rclpy.init, to use config/fastdds.xml.
 
     Nothing if the user has chosen a file. Other middlewares than Fast DDS pay no attention to it.
+    Published asynchronously, what waits goes out together in one packet, not each message in its
+    own; the profile has no say in that.
     """
     if any(os.environ.get(name) for name in PROFILE_VARIABLES):
         return {}
-    return {PROFILE_VARIABLES[0]: str(share_directory() / 'config' / 'fastdds.xml')}
+    return {PROFILE_VARIABLES[0]: str(share_directory() / 'config' / 'fastdds.xml'),
+            PUBLICATION_VARIABLE: os.environ.get(PUBLICATION_VARIABLE) or 'ASYNCHRONOUS'}
 
 
 def local_discovery() -> dict[str, str]:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import signal
+import subprocess
+import sys
 import time
 import xml.etree.ElementTree
 
@@ -11,11 +13,15 @@ import pytest
 from rosnet import Client, Driver, wait_until
 
 from saddlering_ros.nodes.launcher import environment, NodeGroup
-from saddlering_ros.nodes.transport import PROFILE_VARIABLES, transport_environment
+from saddlering_ros.nodes.transport import (
+    PROFILE_VARIABLES,
+    PUBLICATION_VARIABLE,
+    transport_environment,
+)
 from saddlering_ros.rig import default_rig
 
-QUEUE = 512
-"""Packets the queue of a Fast DDS shared-memory port holds; what comes on top is dropped."""
+BURST = 3000
+"""Messages that do not fit into the receive buffer of a socket (208 kB); the rest is dropped."""
 
 
 @pytest.mark.ros
@@ -40,15 +46,17 @@ def test_a_reader_that_stood_still_has_everything_soon_after_it_goes_on(
     def received() -> int:
         return heard.progress[residual.name].received[1]
 
-    stamps = 1_700_000_000_000_000_000 + 1_000_000 * np.arange(1000 + 5 * 2 * QUEUE)
+    stamps = 1_700_000_000_000_000_000 + 1_000_000 * np.arange(1000 + 5 * BURST)
     load = np.full(len(stamps), default_rig().preload)
     driver.send_load(stamps[:1000], load[:1000])
     wait_until(lambda: sent() == received() == 1000, what='the zero is found')
     late = []
-    for start in range(1000, len(stamps), 2 * QUEUE):
-        rows = slice(start, start + 2 * QUEUE)
+    for start in range(1000, len(stamps), BURST):
+        rows = slice(start, start + BURST)
         residual.process.send_signal(signal.SIGSTOP)
-        driver.send_load(stamps[rows], load[rows])
+        for portion in range(start, start + BURST, 100):
+            driver.send_load(stamps[portion:portion + 100], load[portion:portion + 100])
+            time.sleep(0.01)
         wait_until(lambda rows=rows: sent() == rows.stop, what='it is simulated')
         residual.process.send_signal(signal.SIGCONT)
         began = time.monotonic()
@@ -57,10 +65,76 @@ def test_a_reader_that_stood_still_has_everything_soon_after_it_goes_on(
     assert max(late) < 1.5, late  # the middleware's default lets one in two wait for longer
 
 
+@pytest.mark.ros
+def test_a_reader_killed_costs_its_writers_nothing_and_its_heir_hears(
+        group: NodeGroup, heard: Client) -> None:
+    driver = Driver(heard)
+    simulator = group.start('ring_simulator')
+    wait_until(lambda: bool(driver.load.subscriptions()), what='it is matched')
+    load = np.full(10, default_rig().preload)
+    stamp = 1_700_000_000_000_000_000
+
+    def cost(seconds: float) -> float:
+        """Processor time of a message [s], median, while `seconds` are filled at about 1 kHz."""
+        nonlocal stamp
+        costs = []
+        end = time.monotonic() + seconds
+        while time.monotonic() < end:
+            stamps = stamp + 1_000_000 * np.arange(10)
+            stamp += 10_000_000
+            began = time.thread_time()
+            driver.send_load(stamps, load)
+            costs.append((time.thread_time() - began) / 10)
+            time.sleep(0.01)
+        return float(np.median(costs))
+
+    before = cost(1.5)
+    simulator.process.kill()
+    simulator.process.wait()
+    cost(3.5)
+    assert cost(1.5) < 4.0 * before  # by shared memory ten times, from the third second on
+    heard.progress.clear()
+    group.start('ring_simulator')
+    wait_until(lambda: 'ring_simulator' in heard.progress, 80.0, 'it lives')
+
+    def heir_hears() -> bool:
+        cost(0.05)
+        return heard.progress['ring_simulator'].received[0] > 0
+
+    wait_until(heir_hears, 2.0, 'the heir hears')
+
+
+PLAIN_NODE = """
+import rclpy
+from geometry_msgs.msg import WrenchStamped
+from saddlering_interfaces.msg import ReplayProgress
+rclpy.init()
+node = rclpy.create_node('plain')
+publisher = node.create_publisher(WrenchStamped, '/rig/hydraulic_load', 10)
+heard = []
+node.create_subscription(ReplayProgress, '/replay/progress', heard.append, 10)
+node.create_timer(0.01, lambda: publisher.publish(WrenchStamped()))
+while not any(sum(said.received) for said in heard):
+    rclpy.spin_once(node)
+"""
+
+
+@pytest.mark.ros
+def test_a_plain_node_without_the_profile_is_heard_and_hears(
+        group: NodeGroup) -> None:
+    plain = {name: value for name, value in group.environment.items()
+             if name not in PROFILE_VARIABLES}
+    group.start('ring_simulator')
+    subprocess.run([sys.executable, '-c', PLAIN_NODE], env=plain, timeout=80.0, check=True)
+
+
 def test_the_profile_is_one_fast_dds_can_read_and_gives_way_to_the_users(
         monkeypatch: pytest.MonkeyPatch) -> None:
-    for name in PROFILE_VARIABLES:
+    for name in (*PROFILE_VARIABLES, PUBLICATION_VARIABLE):
         monkeypatch.delenv(name, raising=False)
+    assert transport_environment()[PUBLICATION_VARIABLE] == 'ASYNCHRONOUS'
+    monkeypatch.setenv(PUBLICATION_VARIABLE, 'SYNCHRONOUS')
+    assert transport_environment()[PUBLICATION_VARIABLE] == 'SYNCHRONOUS'
     path = transport_environment()[PROFILE_VARIABLES[0]]
     space = '{http://www.eprosima.com/XMLSchemas/fastRTPS_Profiles}'
     root = xml.etree.ElementTree.parse(path)
