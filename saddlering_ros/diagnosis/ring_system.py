@@ -41,6 +41,7 @@ MOVES_CONTACTS = (
     'radial_friction',
     'tilt_friction',
     'damping_penetration_share',
+    'damping_penetration_exponent',
 )
 """Knobs by which the same rollers touch at another time or measured load."""
 

@@ -36,6 +36,7 @@ class DampingLaw(Effect):
             'm, by which damping grows; left out in a file: n of each row', one_sided=True),
     )
     dynamic_only = True
+    starts = ({'exponent': 0.25},)
 
     def complete(self, values: Mapping[str, float]) -> dict[str, float]:
         """An exponent left out stays out: it is n of each row, as in files that have none."""
