@@ -30,7 +30,7 @@ LEAST_APART = 0.05
 LEAST_STRAIGHT = 0.9
 #: A start is scaled by so much at most: what is straight, and what is bent.
 STRAIGHT_REACH, BENT_REACH = (-5.0, 5.0), (0.7, 1.4)
-#: A bent effect starts at the size that was seen if that promises so much of the best gain.
+#: A bent effect starts at the size that was seen if that takes so much of what its shape could.
 SEEN_ENOUGH = 0.5
 #: A bent effect is looked at in ever smaller sizes, each this share of the last, while it stands
 #: out by more than this many standard deviations, so many times at most.
@@ -180,22 +180,27 @@ def _measured(
 
 
 def _smaller(signatures: Sequence[Signature]) -> list[tuple[Effect, int, Array]]:
-    """Places of smaller sizes for bent effects whose smallest still stands far out of the noise.
+    """Places where bent effects do less, for those that at their least still stand far out.
 
-    What friction does that never turns round says little of one a tenth as strong, which does.
+    What friction does that never turns round says little of one a tenth as strong, which does; and
+    between a limit that cuts much and one that cuts nothing lies one that cuts a little.
     """
-    smallest: dict[tuple[str, int, bool], Signature] = {}
+    sides: dict[tuple[str, int, bool], list[Signature]] = {}
     for item in signatures:
-        key = (*item.key, item.size > 0.0)
-        if key not in smallest or abs(item.size) < abs(smallest[key].size):
-            smallest[key] = item
+        if item.bent:
+            sides.setdefault((*item.key, item.size > 0.0), []).append(item)
     places = []
-    for item in smallest.values():
-        if not item.bent or item.effect.neutral != 0.0 or item.length < STANDS_OUT:
-            continue
-        place = item.places.copy()
-        place[0] = item.effect.size.to_unit(SMALLER * item.size)
-        places.append((item.effect, item.variant, place))
+    for members in sides.values():
+        members.sort(key=lambda item: abs(item.size))
+        least = members[0]
+        if least.effect.neutral == 0.0 and least.length > STANDS_OUT:
+            size = least.effect.size.to_unit(SMALLER * least.size)
+            places.append((least.effect, least.variant, np.array([size, *least.places[1:]])))
+        if least.effect.neutral != 0.0:
+            for one, other in pairwise(members):
+                low, high = sorted((one.length, other.length))
+                if low < LEAST_LENGTH and high > STANDS_OUT:
+                    places.append((one.effect, one.variant, 0.5 * (one.places + other.places)))
     return places
 
 
@@ -361,8 +366,12 @@ def rank(
             least = most = 1.0
         factor = float(np.clip(product / squared, max(low, least), min(high, most)))
         gain = float(2.0 * factor * product - factor**2 * squared)
-        if item.bent and 2.0 * product - squared > SEEN_ENOUGH * gain:
-            factor = 1.0
+        if item.bent:
+            # Of another size it takes another shape, none knows which: what this one could take at
+            # its best height counts, or an effect seen too large would never be tried.
+            gain = float(max(product, 0.0) ** 2 / squared)
+            if 2.0 * product - squared > SEEN_ENOUGH * gain:
+                factor = 1.0
         start = item.places.copy()
         start[0] = np.clip(
             item.effect.size.to_unit(neutral + item.size * factor), 1e-3, 1.0 - 1e-3

@@ -1,4 +1,4 @@
-"""Claims on effects that are much smaller than usual and then look quite different."""
+"""Claims on effects that do much less than usual and then look quite different."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from saddlering_ros.discrepancy import (
+    Cause,
     diagnose,
     Effect,
     Parameter,
@@ -32,6 +33,12 @@ class Stopped:
     effects = (
         Effect('stop', (Parameter('height', 0.0, 4.0),)),
         Effect('square', (Parameter('size', -0.2, 0.2),)),
+        Effect(
+            'clip',
+            (Parameter('limit', 0.1, 3.0),),
+            starts=tuple({'limit': limit} for limit in (0.3, 0.6, 1.2)),
+            neutral=3.0,
+        ),
     )
 
     def disturbances(self, runs: Sequence[Run], point: Point) -> list[np.ndarray]:
@@ -44,16 +51,29 @@ class Stopped:
         height = point.effects.get('stop', {'height': 0.0})['height']
         size = point.effects.get('square', {'size': 0.0})['size']
         seen = point.base[0] * LOAD - 0.3 * np.minimum(LOAD, height) + size * LOAD**2
-        return seen[None, :]
+        limit = point.effects.get('clip', {'limit': 3.0})['limit']
+        return np.minimum(seen, limit)[None, :]
 
 
-def test_a_stop_at_a_sixth_of_the_smallest_start_is_found() -> None:
+def cause_of(effect: str, parameter: str, value: float) -> Cause:
+    """The one cause found where that effect is hidden."""
     chance = np.random.default_rng(1)
-    seen = Stopped().predict(Point(np.ones(1), {'stop': {'height': 0.02}}))
+    seen = Stopped().predict(Point(np.ones(1), {effect: {parameter: value}}))
     seen = seen + NOISE * chance.normal(size=seen.shape)
     inputs = {'load': LOAD, 'direction': np.sign(np.gradient(LOAD))}
     rest = (RestSegment(seen[:, TIME < 4.0], STEP),)
     run = Run('slow', 'bench', TIME, np.full(TIME.size, STEP), seen, inputs, rest)
     (cause,) = diagnose(Stopped(), [run]).causes
+    return cause
+
+
+def test_a_stop_at_a_sixth_of_the_smallest_start_is_found() -> None:
+    cause = cause_of('stop', 'height', 0.02)
     assert cause.group == ('stop',)
     assert cause.estimates['height'].value == pytest.approx(0.02, rel=0.1)
+
+
+def test_a_limit_that_cuts_a_little_is_found() -> None:
+    cause = cause_of('clip', 'limit', 0.96)
+    assert cause.group == ('clip',)
+    assert cause.estimates['limit'].value == pytest.approx(0.96, abs=0.002)
