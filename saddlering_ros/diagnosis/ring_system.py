@@ -20,7 +20,7 @@ from saddlering_ros.ring.simulator import probe_batch
 Array = NDArray[np.float64]
 
 
-OTHER_SIGN = (0.15, 0.9)
+OTHER_SIGN = (0.15, 0.9, 2.7)
 """Sizes of the starts of the other sign, in usual sizes; others than any start of this sign."""
 
 FINE_STEP = 2e-4

@@ -311,16 +311,19 @@ class _Session:
         return rank(fit, self.tangent_of(fit).white, self.usable, [*fit.candidate.ids, *skip])
 
     def fit_with(self, fit: Fit, scores: Sequence[Score]) -> list[Fit]:
-        """`fit`'s model plus each scored candidate, refitted side by side."""
+        """`fit`'s model plus each scored candidate, refitted side by side, the best first."""
+        keys = [_key(fit.candidate.plus(score.effect, score.variant)) for score in scores]
+        wanted = [score for key, score in zip(keys, scores, strict=True) if key not in self.cache]
+        for found in self.carried_on(self.scouted(fit, wanted)):
+            self.cache[_key(found.candidate)] = found
+        return sorted((self.cache[key] for key in dict.fromkeys(keys)), key=self.penalised)
+
+    def scouted(self, fit: Fit, scores: Sequence[Score]) -> list[Fit]:
+        """`fit`'s model plus each scored candidate after a few rounds, from its best start."""
         count = len(self.system.base_parameters)
-        answers: dict[tuple[tuple[str, int], ...], Fit] = {}
-        wanted, keys = [], []
+        wanted = []
         for number, score in enumerate(scores):
             candidate = fit.candidate.plus(score.effect, score.variant)
-            key = _key(candidate)
-            if key in self.cache:
-                answers[key] = self.cache[key]
-                continue
             starts = [score.start, *score.others]
             if number < 2 and not score.others:
                 second = score.start.copy()
@@ -328,26 +331,23 @@ class _Session:
                     0.4 * score.effect.size.from_unit(float(second[0]))
                 )
                 starts.append(second)
-            for place in starts:
-                wanted.append(
-                    refit(
-                        self.likelihood,
-                        candidate,
-                        np.concatenate([fit.place, place]),
-                        self.tangent_of(fit).white[:, :count],
-                        rounds=SCOUTING,
-                        afresh=score.bent,
-                    )
+            wanted += [
+                refit(
+                    self.likelihood,
+                    candidate,
+                    np.concatenate([fit.place, place]),
+                    self.tangent_of(fit).white[:, :count],
+                    rounds=SCOUTING,
+                    afresh=score.bent,
                 )
-                keys.append(key)
-        fresh: dict[tuple[tuple[str, int], ...], Fit] = {}
-        for key, found in zip(keys, run_refits(self.likelihood, wanted, self.check), strict=True):
-            if key not in fresh or found.misfit < fresh[key].misfit:
-                fresh[key] = found
-        fresh = dict(zip(fresh, self.carried_on([*fresh.values()]), strict=True))
-        answers.update(fresh)
-        self.cache.update(fresh)
-        return sorted(answers.values(), key=self.penalised)
+                for place in starts
+            ]
+        best: dict[tuple[tuple[str, int], ...], Fit] = {}
+        for found in run_refits(self.likelihood, wanted, self.check):
+            key = _key(found.candidate)
+            if key not in best or found.misfit < best[key].misfit:
+                best[key] = found
+        return list(best.values())
 
     def carried_on(self, fits: Sequence[Fit]) -> list[Fit]:
         """The same fits brought to their end, the best with every sensitivity taken afresh."""
@@ -458,13 +458,28 @@ class _Session:
             chosen.append(score)
         return chosen
 
-    def forward(self) -> Fit:
+    def simpler(self, fit: Fit) -> Fit:
+        """The one effect that fits better than the several of `fit` do, if there is any.
+
+        Found one after the other, two can share between them what one did that was not on the
+        first shortlist. So every effect is tried.
+        """
+        if len(fit.candidate.effects) < 2:
+            return fit
+        scores: dict[str, Score] = {}
+        for score in self.scores(self.base):
+            scores.setdefault(score.effect.id, score)
+        scouted = self.scouted(self.base, [*scores.values()])
+        best = self.carried_on(sorted(scouted, key=self.penalised)[: self.settings.refits])
+        self.evidence += [self.weigh(item, self.base, 1) for item in best]
+        return min([fit, *best], key=self.penalised)
+
+    def forward(self, current: Fit) -> Fit:
         """Effects one after another while the next is real, material, and something is left.
 
         What is real but immaterial stays in the model while the search goes on, or a worse name
         would be found for it, and is left out of the answer.
         """
-        current = self.base
         silent: list[str] = []
         for step in range(self.settings.most + MOST_SILENT):
             self.check()
@@ -739,7 +754,10 @@ def _conclude(
     settings, likelihood = session.settings, session.likelihood
     limits = detectability(session.signatures, settings.error_rate, settings.materiality)
     labels, angles = angle_matrix(session.signatures)
-    fit = session.prune(session.forward())
+    fit = session.prune(session.forward(session.base))
+    simpler = session.simpler(fit)
+    if simpler is not fit:
+        fit = session.prune(session.forward(simpler))
     session.progress('doubt', 0.75)
     rivals: dict[str, tuple[Fit, ...]] = {}
     if fit.candidate.effects:
