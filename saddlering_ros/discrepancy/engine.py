@@ -466,13 +466,20 @@ class _Session:
         """
         if len(fit.candidate.effects) < 2:
             return fit
-        scores: dict[str, Score] = {}
+        best: dict[str, Score] = {}
         for score in self.scores(self.base):
-            scores.setdefault(score.effect.id, score)
-        scouted = self.scouted(self.base, [*scores.values()])
-        best = self.carried_on(sorted(scouted, key=self.penalised)[: self.settings.refits])
-        self.evidence += [self.weigh(item, self.base, 1) for item in best]
-        return min([fit, *best], key=self.penalised)
+            best.setdefault(score.effect.id, score)
+        untried = [
+            score
+            for score in best.values()
+            if ((score.effect.id, score.variant),) not in self.cache
+        ]
+        scouted = sorted(self.scouted(self.base, untried), key=self.penalised)
+        for found in self.carried_on(scouted[: self.settings.refits]):
+            self.cache[_key(found.candidate)] = found
+            self.evidence.append(self.weigh(found, self.base, 1))
+        alone = [item for item in self.cache.values() if len(item.candidate.effects) == 1]
+        return min([fit, *alone], key=self.penalised)
 
     def forward(self, current: Fit) -> Fit:
         """Effects one after another while the next is real, material, and something is left.
