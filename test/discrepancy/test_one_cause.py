@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from types import MappingProxyType
-
+from bench import LOAD, recorded, System
 import numpy as np
 import pytest
 
@@ -14,33 +12,19 @@ from saddlering_ros.discrepancy import (
     engine,
     Parameter,
     Point,
-    RestSegment,
-    Run,
 )
 from saddlering_ros.discrepancy.refit import Fit
 
-STEP = 0.05
-TIME = np.arange(0.0, 20.0, STEP)
-LOAD = np.interp(TIME, [0, 4, 12, 20], [0.0, 0.0, 1.0, 0.0])
 NOISE = 1e-3
 SHAPES = {'square': LOAD**2, 'cube': LOAD**3, 'both': LOAD**2 - 2.0 * LOAD**3}
 
 
-class Bow:
+class Bow(System):
     """One channel straight in the load, bent by a square, a cube, or by one thing that is both."""
 
-    channel_names = ('one',)
-    views = MappingProxyType({'one': np.array([1.0])})
-    base_parameters = (Parameter('slope', 0.5, 2.0),)
     effects = tuple(Effect(name, (Parameter('size', -0.5, 0.5),)) for name in SHAPES)
 
-    def disturbances(self, runs: Sequence[Run], point: Point) -> list[np.ndarray]:
-        return [np.zeros((1, run.time.size, 0)) for run in runs]
-
-    def predict_many(self, run: Run, points: Sequence[Point]) -> np.ndarray:
-        return np.array([self.predict(point) for point in points])
-
-    def predict(self, point: Point) -> np.ndarray:
+    def predict(self, name: str, point: Point) -> np.ndarray:
         bent = [values['size'] * SHAPES[name] for name, values in point.effects.items()]
         return (point.base[0] * LOAD + sum(bent))[None, :]
 
@@ -61,11 +45,8 @@ def test_one_effect_takes_the_place_of_two_that_fit_no_better(
 
     monkeypatch.setattr(engine._Session, 'forward', misled)
     chance = np.random.default_rng(3)
-    seen = Bow().predict(Point(np.ones(1), {'both': {'size': 0.2}}))
+    seen = Bow().predict('slow', Point(np.ones(1), {'both': {'size': 0.2}}))
     seen = seen + NOISE * chance.normal(size=seen.shape)
-    rest = (RestSegment(seen[:, TIME < 4.0], STEP),)
-    inputs = {'load': LOAD, 'direction': np.sign(np.gradient(LOAD))}
-    run = Run('slow', 'bench', TIME, np.full(TIME.size, STEP), seen, inputs, rest)
-    (cause,) = diagnose(Bow(), [run]).causes
+    (cause,) = diagnose(Bow(), [recorded('slow', seen)]).causes
     assert cause.effect.id == 'both'
     assert cause.estimates['size'].value == pytest.approx(0.2, rel=0.1)

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from types import MappingProxyType
-
+from bench import LOAD, recorded, System
 import numpy as np
 import pytest
 
@@ -14,22 +12,14 @@ from saddlering_ros.discrepancy import (
     Effect,
     Parameter,
     Point,
-    RestSegment,
-    Run,
 )
 
-STEP = 0.05
-TIME = np.arange(0.0, 20.0, STEP)
-LOAD = np.interp(TIME, [0, 4, 12, 20], [0.0, 0.0, 1.0, 0.0])
 NOISE = 1e-4
 
 
-class Stopped:
+class Stopped(System):
     """One channel straight in the load, less a part that ends at a stop."""
 
-    channel_names = ('one',)
-    views = MappingProxyType({'one': np.array([1.0])})
-    base_parameters = (Parameter('slope', 0.5, 2.0),)
     effects = (
         Effect('stop', (Parameter('height', 0.0, 4.0),)),
         Effect('square', (Parameter('size', -0.2, 0.2),)),
@@ -41,13 +31,7 @@ class Stopped:
         ),
     )
 
-    def disturbances(self, runs: Sequence[Run], point: Point) -> list[np.ndarray]:
-        return [np.zeros((1, run.time.size, 0)) for run in runs]
-
-    def predict_many(self, run: Run, points: Sequence[Point]) -> np.ndarray:
-        return np.array([self.predict(point) for point in points])
-
-    def predict(self, point: Point) -> np.ndarray:
+    def predict(self, name: str, point: Point) -> np.ndarray:
         height = point.effects.get('stop', {'height': 0.0})['height']
         size = point.effects.get('square', {'size': 0.0})['size']
         seen = point.base[0] * LOAD - 0.3 * np.minimum(LOAD, height) + size * LOAD**2
@@ -58,12 +42,9 @@ class Stopped:
 def cause_of(effect: str, parameter: str, value: float) -> Cause:
     """The one cause found where that effect is hidden."""
     chance = np.random.default_rng(1)
-    seen = Stopped().predict(Point(np.ones(1), {effect: {parameter: value}}))
+    seen = Stopped().predict('slow', Point(np.ones(1), {effect: {parameter: value}}))
     seen = seen + NOISE * chance.normal(size=seen.shape)
-    inputs = {'load': LOAD, 'direction': np.sign(np.gradient(LOAD))}
-    rest = (RestSegment(seen[:, TIME < 4.0], STEP),)
-    run = Run('slow', 'bench', TIME, np.full(TIME.size, STEP), seen, inputs, rest)
-    (cause,) = diagnose(Stopped(), [run]).causes
+    (cause,) = diagnose(Stopped(), [recorded('slow', seen)]).causes
     return cause
 
 

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from functools import lru_cache
 from types import MappingProxyType
 
+from bench import LOAD, recorded, System, TIME
 import numpy as np
 import pytest
 
@@ -15,19 +15,14 @@ from saddlering_ros.discrepancy import (
     Effect,
     Parameter,
     Point,
-    RestSegment,
-    Run,
 )
 
-STEP = 0.05
-TIME = np.arange(0.0, 20.0, STEP)
-LOAD = np.interp(TIME, [0, 4, 12, 20], [0.0, 0.0, 1.0, 0.0])
 PHASE = np.clip((TIME - 4.0) / 16.0, 0.0, 1.0)
 LATE = np.sin(2.0 * np.pi * PHASE)
 NOISE = 1e-3
 
 
-class Spring:
+class Spring(System):
     """Two channels straight in the load; `late` acts in fast runs and on the first one only."""
 
     channel_names = ('one', 'two')
@@ -39,16 +34,11 @@ class Spring:
         Effect('other_bend', (Parameter('size', -0.2, 0.2),)),
     )
 
-    def disturbances(self, runs: Sequence[Run], point: Point) -> list[np.ndarray]:
-        return [np.zeros((2, run.time.size, 0)) for run in runs]
-
-    def predict_many(self, run: Run, points: Sequence[Point]) -> np.ndarray:
-        return np.array([self.predict(run.name == 'fast', point) for point in points])
-
-    def predict(self, fast: bool, point: Point) -> np.ndarray:
+    def predict(self, name: str, point: Point) -> np.ndarray:
         size = {name: values['size'] for name, values in point.effects.items()}
         seen = point.base[:, None] * LOAD[None, :]
-        seen[0] += size.get('bend', 0.0) * LOAD**2 + fast * size.get('late', 0.0) * LATE
+        late = size.get('late', 0.0) if name == 'fast' else 0.0
+        seen[0] += size.get('bend', 0.0) * LOAD**2 + late * LATE
         seen[1] += size.get('other_bend', 0.0) * LOAD**2
         return seen
 
@@ -60,12 +50,10 @@ def diagnosed(inexact: float, **sizes: float) -> Diagnosis:
     runs = []
     for seed, name in enumerate(('slow', 'fast')):
         chance = np.random.default_rng(seed)
-        seen = Spring().predict(name == 'fast', Point(np.ones(2), effects))
+        seen = Spring().predict(name, Point(np.ones(2), effects))
         seen[0] += (name == 'fast') * inexact * sizes['late'] * np.sin(6.0 * np.pi * PHASE)
         seen += NOISE * chance.normal(size=seen.shape)
-        inputs = {'load': LOAD, 'direction': np.sign(np.gradient(LOAD))}
-        rest = (RestSegment(seen[:, TIME < 4.0], STEP),)
-        runs.append(Run(name, 'bench', TIME, np.full(TIME.size, STEP), seen, inputs, rest))
+        runs.append(recorded(name, seen))
     return diagnose(Spring(), runs)
 
 
