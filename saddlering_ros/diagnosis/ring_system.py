@@ -42,6 +42,7 @@ MOVES_CONTACTS = (
     'tilt_friction',
     'damping_penetration_share',
     'damping_penetration_exponent',
+    'damping_penetration_levelling',
 )
 """Knobs by which the same rollers touch at another time or measured load."""
 

@@ -1,4 +1,4 @@
-"""A joint that opens: gamma += c max(0, M - M0)."""
+"""A joint that opens: gamma += c mean(max(0, M - M0)), M0 spread evenly over M0 - w to M0 + w."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ class BoltOpening(Effect):
     title = 'Opening bolted joint'
     words = (
         'Beyond a certain tilting moment the bolted joint lifts off on one side and the ring '
-        'tilts more easily. Tilt has a kink at one moment, the same at every elevation, going up '
-        'and coming down.'
+        'tilts more easily. Tilt has a kink at one moment, or a bend where bolts open one after '
+        'another, the same at every elevation, going up and coming down.'
     )
     settled_by = (
         'A run at another elevation: the kink stays at the same moment, not at the same load; '
         'the ring slewed by 90 deg moves it to other bolts.'
     )
     stage = 'ring'
-    form = 0.05  # bolts open one after another, not at once
+    form = 0.05  # bolts need not open evenly over the range of moments
     channels = ('gamma',)
     parameters = (
         EffectParameter(
@@ -33,11 +33,16 @@ class BoltOpening(Effect):
             amplitude=True, one_sided=True),
         EffectParameter(
             'moment', 'N m', 20000.0, 250000.0, 100000.0, 100000.0,
-            'tilting moment at which the joint opens', one_sided=True),
+            'tilting moment at which the joint opens, the mean of its bolts', one_sided=True),
+        EffectParameter(
+            'spread', 'N m', 0.0, 60000.0, 10000.0, 0.0,
+            'w: bolts open from M0 - w to M0 + w; 0: all at once', one_sided=True),
     )
-    starts = tuple({'moment': moment} for moment in (4e4, 7e4, 1e5, 1.4e5))
+    # A sharp kink does not tell how it would change by a spread: the search comes from a wide one
+    starts = tuple({'moment': moment, 'spread': 0.2 * moment}
+                   for moment in (4e4, 7e4, 1e5, 1.4e5))
 
     def extend(self, extension: RingExtension, values: Mapping[str, float]) -> RingExtension:
         """Set the opening joint."""
         return replace(extension, opening_compliance=values['compliance'],
-                       opening_moment=values['moment'])
+                       opening_moment=values['moment'], opening_spread=values['spread'])

@@ -1,4 +1,4 @@
-"""Damping D (1 - s + s (p / 50 um)^m), which grows with penetration, in place of a constant D."""
+"""Damping D (1 - s + s h), with h = (p/r)^m (1 + (r L)^m) / (1 + (p L)^m), in place of D alone."""
 
 from __future__ import annotations
 
@@ -17,26 +17,33 @@ class DampingLaw(Effect):
     words = (
         'Rollers pressed harder damp more, where the model has one constant D. In a dynamic run '
         'the lag behind the load grows with load instead of with rate alone; a static run shows '
-        'nothing.'
+        'nothing. Where the film has been squeezed out damping may grow no more: with a high '
+        'power that is damping which sets in at one depth.'
     )
     settled_by = (
         'A second loading rate (x4): the lag scales with rate at each load, and its shape over '
         'load stays.'
     )
     stage = 'ring'
-    form = 0.1  # damping need not grow by one power of penetration at all depths
+    form = 0.1  # damping need not grow by one power of penetration, nor level off by the same
     channels = ('delta_x', 'delta_y', 'gamma')
     parameters = (
         EffectParameter(
             'share', '1', 0.0, 1.0, 0.5, 0.5,
-            'share of the damping that is proportional to p^m', amplitude=True, one_sided=True),
+            'share of the damping that grows; h = 1 at r = 50 um', amplitude=True, one_sided=True),
         # Tsuji et al. 1992: 1/4; Kuwabara and Kono 1987: 1/2; Hunt and Crossley 1975: n
         EffectParameter(
-            'exponent', '1', 0.2, 2.0, 1.0, 10.0 / 9.0,
-            'm, by which damping grows; left out in a file: n of each row', one_sided=True),
+            'exponent', '1', 0.2, 8.0, 1.0, 10.0 / 9.0,
+            'm, by which damping grows; left out in a file: n of each row', one_sided=True,
+            logarithmic=True),
+        EffectParameter(
+            'levelling', '1/m', 0.0, 2e5, 2e4, 0.0,
+            'L, one over the penetration beyond which damping grows no more; 0: without end',
+            one_sided=True),
     )
     dynamic_only = True
-    starts = ({'exponent': 0.25},)
+    starts = ({'exponent': 0.25}, {'exponent': 6.0, 'levelling': 5e4},
+              {'exponent': 6.0, 'levelling': 1.2e5})
 
     def complete(self, values: Mapping[str, float]) -> dict[str, float]:
         """An exponent left out stays out: it is n of each row, as in files that have none."""
@@ -46,6 +53,7 @@ class DampingLaw(Effect):
         return complete
 
     def extend(self, extension: RingExtension, values: Mapping[str, float]) -> RingExtension:
-        """Set the share of growing damping and its power."""
+        """Set the share of growing damping, its power and where it levels off."""
         return replace(extension, damping_penetration_share=values['share'],
-                       damping_penetration_exponent=values.get('exponent', 0.0))
+                       damping_penetration_exponent=values.get('exponent', 0.0),
+                       damping_penetration_levelling=values['levelling'])

@@ -94,13 +94,15 @@ class RingExtension:
     # Limits of the next two in [N] and [N m], presliding in [m] and [rad]
     radial_friction: Hysteron = field(default_factory=lambda: Hysteron(presliding=2e-6))
     tilt_friction: Hysteron = field(default_factory=lambda: Hysteron(presliding=3e-6))
-    damping_penetration_share: float = 0.0     # 0 constant D, 1 damping proportional to p^m
-    damping_penetration_exponent: float = 0.0  # m; 0: n of the row
+    damping_penetration_share: float = 0.0     # 0 constant D, 1 all of it grows with p
+    damping_penetration_exponent: float = 0.0  # m of p^m; 0: n of the row
+    damping_penetration_levelling: float = 0.0  # 1 / (p beyond which it grows no more) [1/m]
     radial_compliance: float = 0.0      # delta_x += c F_x [m/N]
     axial_compliance: float = 0.0       # delta_y += c F_y [m/N]
     tilt_compliance: float = 0.0        # gamma += c M [rad/(N m)]
     opening_compliance: float = 0.0     # gamma += c max(0, M - M0)
     opening_moment: float = 0.0         # M0 [N m]
+    opening_spread: float = 0.0         # w: M0 spread evenly over M0 - w to M0 + w [N m]
     creep_radial: float = 0.0           # delta_x += c LP_T(delta_x)
     creep_axial: float = 0.0            # delta_y, gamma += c LP_T(.)
     creep_time: float = 10.0            # T [s]

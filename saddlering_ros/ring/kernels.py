@@ -41,7 +41,7 @@ STEP_TOLERANCE = 5e-11
 
 LARGEST_ITERATIONS = 60
 
-LAYOUT = '3b41b4e5a4b5'
+LAYOUT = 'be678cdeadde'
 """Digest of `layout`: a change there must change this file, by which numba keeps kernels."""
 
 LARGEST_PREDICTION = 5e-6
@@ -158,14 +158,16 @@ def in_contact(rows: Any, base: Any, stride: Any, rollers: Any, uniform: Any, a:
 
 @nb.njit(fastmath=FAST, **INNER)
 def row_sums(rows: Any, row: Any, rollers: Any, uniform: Any, a: Any, b: Any, da: Any, db: Any,
-             stiffness: Any, exponent: Any, damping: Any, growing: Any, guess: Any) -> Any:
+             stiffness: Any, exponent: Any, damping: Any, growing: Any, levelling: Any,
+             guess: Any) -> Any:
     """Force sums of one row with penetration p = a + b cos - gap and rate dp/dt = da + db cos.
 
     Returns sum F, sum F cos; stiffness sums k, k cos, k cos^2 with k = dF/dp; damping sums d,
     d cos, d cos^2 with d = dF/d(dp/dt); rollers in contact, the next call's guess. growing: None,
-    or (share, m) of the damping that grows as p^m, as p^exponent for m = 0; compiled for each, so
-    that a law not in use costs nothing. rows: flat, by `model`; every row is padded with rollers
-    that carry nothing, so that the loop may run over whole vectors.
+    or (share, m) of the damping that grows as p^m, as p^exponent for m = 0; levelling: None, or L
+    of growth as p^m / (1 + (p L)^m). Compiled for each, so that a law not in use costs nothing.
+    rows: flat, by `model`; every row is padded with rollers that carry nothing, so that the loop
+    may run over whole vectors.
     """
     widest_vectors()
     stride = np.uint64(rows.size) // np.uint64(9)
@@ -177,12 +179,14 @@ def row_sums(rows: Any, row: Any, rollers: Any, uniform: Any, a: Any, b: Any, da
     count = (touching + np.uint64(7)) & ~np.uint64(7)
     cosines = base + first
     weights, gaps = cosines + stride, cosines + np.uint64(2) * stride
-    constant, growth, factor, steepness = damping, 0.0, 0.0, 0.0
+    constant, growth, factor, steepness, turn = damping, 0.0, 0.0, 0.0, 0.0
     if growing is not None:
         share, growth = growing
         growth = growth if growth > 0.0 else exponent
         constant = damping * (1.0 - share)
-        factor = damping * share * DAMPING_REFERENCE ** (-growth)
+        if levelling is not None:
+            turn = levelling ** growth
+        factor = damping * share * (DAMPING_REFERENCE ** (-growth) + turn)
         # For m < 1 the slope of p^m has no bound at p = 0. It is faded as the constant is (C1),
         # over (1 - m) RAMP, so that it goes over without a jump to m >= 1, where it is p^m alone.
         steepness = 1.0 / (RAMP * max(1.0 - growth, 1e-20))
@@ -195,11 +199,17 @@ def row_sums(rows: Any, row: Any, rollers: Any, uniform: Any, a: Any, b: Any, da
         d = constant * (u * u * (3.0 - 2.0 * u))
         d_slope = constant * (6.0 / RAMP) * (u - u * u)
         if growing is not None:
-            rising = factor * power(p, growth - 1.0)
+            rising = power(p, growth - 1.0)
+            slope = growth
+            if levelling is not None:
+                level = 1.0 / (1.0 + turn * rising * p)
+                rising *= level
+                slope *= level
+            rising *= factor
             w = min(p * steepness, 1.0)
             fade = w * w * (3.0 - 2.0 * w)
             d += rising * p * fade
-            d_slope += rising * (growth * fade + 6.0 * w * (w - w * w))
+            d_slope += rising * (slope * fade + 6.0 * w * (w - w * w))
         force = stiffness * relative * p + d * rate
         k = exponent * stiffness * relative + d_slope * rate
         carries = rows[weights + j] if force > LEAST_FORCE else 0.0
@@ -250,20 +260,20 @@ def hysteron(z_smooth: Any, z_sharp: Any, travel: Any, presliding: Any, sharpnes
 
 @nb.njit(**INNER)
 def forces_of_rows(m: Any, rows: Any, uniform: Any, q0: Any, q1: Any, q2: Any, v0: Any, v1: Any,
-                   v2: Any, growing: Any, w: Any) -> Any:
-    """`ring_forces` with a damping law that grows, or None, as of `row_sums`."""
+                   v2: Any, growing: Any, levelling: Any, w: Any) -> Any:
+    """`ring_forces` with damping that grows and levels off, or None, as of `row_sums`."""
     radius, height = m[at.RADIUS], m[at.MIDDLE_HEIGHT]
     axial, middle = np.uint64(m[at.AXIAL_ROLLERS]), np.uint64(m[at.MIDDLE_ROLLERS])
     w0 = at.TOUCHING
     _, s1, _, _, k2, _, _, d2, w[w0 + 2] = row_sums(
         rows, 2, middle, uniform[2], 0.0, q0 + height * q2, 0.0, v0 + height * v2,
-        m[at.K2] * m[at.MIDDLE_STIFFNESS], m[at.N2], m[at.D2], growing, w[w0 + 2])
+        m[at.K2] * m[at.MIDDLE_STIFFNESS], m[at.N2], m[at.D2], growing, levelling, w[w0 + 2])
     up0, up1, ku0, ku1, ku2, du0, du1, du2, w[w0] = row_sums(
         rows, 0, axial, uniform[0], q1, -radius * q2, v1, -radius * v2,
-        m[at.K1] * m[at.UPPER_STIFFNESS], m[at.N1], m[at.D1], growing, w[w0])
+        m[at.K1] * m[at.UPPER_STIFFNESS], m[at.N1], m[at.D1], growing, levelling, w[w0])
     low0, low1, kl0, kl1, kl2, dl0, dl1, dl2, w[w0 + 1] = row_sums(
         rows, 1, axial, uniform[1], -q1, radius * q2, -v1, radius * v2,
-        m[at.K1] * m[at.LOWER_STIFFNESS], m[at.N1], m[at.D1], growing, w[w0 + 1])
+        m[at.K1] * m[at.LOWER_STIFFNESS], m[at.N1], m[at.D1], growing, levelling, w[w0 + 1])
     w[at.FORCE] = -s1
     w[at.FORCE + 1] = low0 - up0
     w[at.FORCE + 2] = radius * (up1 - low1) - height * s1
@@ -288,10 +298,13 @@ def ring_forces(m: Any, rows: Any, uniform: Any, q0: Any, q1: Any, q2: Any, v0: 
     12, 22 (01 is zero: nothing couples delta_x to delta_y).
     """
     if m[at.DAMPING_SHARE] == 0.0:
-        forces_of_rows(m, rows, uniform, q0, q1, q2, v0, v1, v2, None, w)
+        forces_of_rows(m, rows, uniform, q0, q1, q2, v0, v1, v2, None, None, w)
+    elif m[at.DAMPING_LEVELLING] == 0.0:
+        forces_of_rows(m, rows, uniform, q0, q1, q2, v0, v1, v2,
+                       (m[at.DAMPING_SHARE], m[at.DAMPING_EXPONENT]), None, w)
     else:
         forces_of_rows(m, rows, uniform, q0, q1, q2, v0, v1, v2,
-                       (m[at.DAMPING_SHARE], m[at.DAMPING_EXPONENT]), w)
+                       (m[at.DAMPING_SHARE], m[at.DAMPING_EXPONENT]), m[at.DAMPING_LEVELLING], w)
 
 
 @nb.njit(**INNER)
@@ -410,6 +423,15 @@ def low_pass(state: Any, old: Any, new: Any, dt: Any, time_constant: Any) -> Any
 
 
 @nb.njit(**INNER)
+def opened(beyond: Any, spread: Any) -> Any:
+    """Mean of max(0, beyond - s) over s from -spread to spread [N m]: bolts that open in turn."""
+    if spread <= 0.0:
+        return max(0.0, beyond)
+    inside = min(max(beyond + spread, 0.0), 2.0 * spread)
+    return inside * inside / (4.0 * spread) + max(0.0, beyond - spread)
+
+
+@nb.njit(**INNER)
 def series_motion(m: Any, s: Any, w: Any) -> Any:
     """w[MOTION] (3,): contact motion, series compliances, settling; then come creep, resonance."""
     highest = s[at.HIGHEST_LOAD]
@@ -420,7 +442,8 @@ def series_motion(m: Any, s: Any, w: Any) -> Any:
                         + m[at.SETTLING_Y] * highest)
     w[at.MOTION + 2] = (s[at.Q + 2] + m[at.TILT_COMPLIANCE] * moment
                         + m[at.SETTLING_TILT] * highest
-                        + m[at.OPENING_COMPLIANCE] * max(0.0, moment - m[at.OPENING_MOMENT]))
+                        + m[at.OPENING_COMPLIANCE] * opened(
+                            moment - m[at.OPENING_MOMENT], m[at.OPENING_SPREAD]))
 
 
 @nb.njit(**INNER)

@@ -90,7 +90,11 @@ LAG_SECOND = 103
 RESONANCE_SHARE = 107
 # Power of penetration by which damping grows, 0 for n of the row
 DAMPING_EXPONENT = 108
-MODEL_SIZE = 109
+# One over the penetration beyond which damping grows no more [1/m]
+DAMPING_LEVELLING = 109
+# Half the range of moments over which a joint opens [N m]
+OPENING_SPREAD = 110
+MODEL_SIZE = 111
 
 # State of a running simulation
 TIME = 0

@@ -52,11 +52,12 @@ KNOBS_OF_STAGE = {
     },
     'ring': {
         'upper_row', 'lower_row', 'middle_row', 'radial_friction', 'tilt_friction',
-        'damping_penetration_share', 'damping_penetration_exponent', 'radial_compliance',
-        'axial_compliance', 'tilt_compliance',
-        'opening_compliance', 'opening_moment', 'creep_radial', 'creep_axial', 'creep_time',
-        'settling_x', 'settling_y', 'settling_tilt', 'resonance_frequency', 'resonance_damping',
-        'resonance_share',        'ovalisation',
+        'damping_penetration_share', 'damping_penetration_exponent',
+        'damping_penetration_levelling', 'radial_compliance', 'axial_compliance',
+        'tilt_compliance', 'opening_compliance', 'opening_moment', 'opening_spread',
+        'creep_radial', 'creep_axial', 'creep_time', 'settling_x', 'settling_y',
+        'settling_tilt', 'resonance_frequency', 'resonance_damping', 'resonance_share',
+        'ovalisation',
     },
     'measurement': {
         'probe_height', 'probe_bracket', 'probe_gain', 'probe_nonlinearity', 'probe_drift',

@@ -209,6 +209,35 @@ def test_a_bolted_joint_opens_at_one_moment_whatever_the_elevation() -> None:
         assert change[moment > 8e4] == pytest.approx(expected, rel=1e-3, abs=1e-9)
 
 
+def moment_of(load: Floats, elevation: float) -> Floats:
+    return load * (RIG.trunnion.y * np.cos(elevation) + RIG.trunnion.x * np.sin(elevation))
+
+
+def opening(spread: dict[str, float], elevation: float = PUSHED) -> tuple[Floats, Floats]:
+    """Moments (N,) [N m] and what a joint opening at 8e4 N m adds to tilt (N,) [rad]."""
+    time, load = slow_cycle()
+    values = {'bolt_opening': {'compliance': 2e-10, 'moment': 8e4, **spread}}
+    change = (simulated(values, (time, load), elevation)['gamma']
+              - simulated({}, (time, load), elevation)['gamma'])
+    return moment_of(load, elevation), change
+
+
+def test_bolts_that_open_one_after_another_bend_the_tilt_as_their_mean_does() -> None:
+    moment, change = opening({'spread': 3e4})
+    each = 8e4 + 3e4 * (2.0 * (np.arange(2000) + 0.5) / 2000 - 1.0)
+    expected = 2e-10 * np.maximum(0.0, moment[:, None] - each).mean(axis=1)
+    assert moment.max() > 1.2e5
+    assert change == pytest.approx(expected - expected[0], abs=1e-11)
+    assert np.all(change[moment < 5e4] == pytest.approx(0.0, abs=1e-15))
+
+
+def test_a_joint_without_a_spread_opens_sharply_and_is_where_a_small_spread_leads() -> None:
+    moment, sharp = opening({})
+    assert sharp == pytest.approx(2e-10 * np.maximum(0.0, moment - 8e4), abs=1e-11)
+    assert np.array_equal(opening({'spread': 0.0})[1], sharp)
+    assert opening({'spread': 1.0})[1] == pytest.approx(sharp, abs=2e-10 * 0.25)
+
+
 @pytest.mark.parametrize(('effect_id', 'channel', 'drive'), [
     ('radial_compliance', 'delta_x', np.cos(PUSHED)),
     ('axial_compliance', 'delta_y', -np.sin(PUSHED)),

@@ -23,7 +23,7 @@ def powers(base: np.ndarray, exponent: float) -> np.ndarray:
     return result
 
 
-@pytest.mark.parametrize('exponent', [0.0, 1 / 9, 0.5, 1.0, 1.5, -0.7])
+@pytest.mark.parametrize('exponent', [0.0, 1 / 9, 0.5, 1.0, 1.5, 7.0, -0.7])
 def test_the_vectorised_power_is_the_libraries_power_to_1e_12(exponent: float) -> None:
     base = np.concatenate([np.geomspace(1e-30, 1e3, 4001), 2.0 ** np.arange(-60, 5),
                            np.nextafter(np.sqrt(0.5), [0.0, 1.0])])
@@ -42,7 +42,7 @@ def test_places_of_the_layout_do_not_overlap_their_arrays_ends() -> None:
     assert layout.SINE + 1 == layout.UPPER_STIFFNESS
     assert layout.MIDDLE_STIFFNESS + 1 == layout.LAG_SECOND
     assert layout.LAG_SECOND + 4 == layout.RESONANCE_SHARE
-    assert layout.DAMPING_EXPONENT + 1 == layout.MODEL_SIZE
+    assert layout.OPENING_SPREAD + 1 == layout.MODEL_SIZE
     assert layout.LAGGED_TWICE + 4 == layout.LAST_FORCE
     assert layout.LAST_DAMPING + 5 == layout.STATE_SIZE
     assert layout.MOTION + 3 == layout.TOUCHING
