@@ -3,6 +3,7 @@
 from collections.abc import Callable, Iterator
 import contextlib
 import os
+import signal
 import socket
 from typing import Any
 
@@ -12,6 +13,11 @@ import pytest
 # diagnosis takes half the time with one (as its command and its server run it).
 for _library in ('OPENBLAS', 'OMP', 'MKL'):
     os.environ.setdefault(f'{_library}_NUM_THREADS', '1')
+
+# A shell's background jobs ignore SIGINT, and what they start inherits that; tests that interrupt
+# a program want it as it comes from a terminal.
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 DOMAINS = range(1, 101)
 """Domains whose ports lie below Linux's range for outgoing connections (32768 and up)."""
