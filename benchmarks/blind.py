@@ -51,7 +51,7 @@ TWICE = 2.0
 class Trial:
     """One blind trial: what was hidden, what was said, how it counts.
 
-    ratio: size of a single effect over the limit that the data could have shown; ratios: those of
+    ratio: size of a single effect over the limit stated for where it acts; ratios: those of
     a pair; within: whether the 95 % interval of the size holds the truth; best_gain: held-out gain
     of the true effect.
     """
@@ -108,7 +108,10 @@ def trial(kind: str, seed: int, extra: tuple[str, ...] = ()) -> Trial:
 
 
 def size_over_limit(hidden: dict[str, Any], limits: Sequence[dict[str, Any]]) -> float | None:
-    """Hidden size over the larger of detection and materiality limit, where both are known."""
+    """Hidden size over the larger of detection and materiality limit at its place, if known.
+
+    0 where it cannot be found at all.
+    """
     from saddlering_ros.effects import effect
 
     size = next(item for item in effect(hidden['effect']).parameters if item.amplitude)
@@ -116,9 +119,29 @@ def size_over_limit(hidden: dict[str, Any], limits: Sequence[dict[str, Any]]) ->
     given = hidden['parameters'].get(size.name)
     if given is None or size.neutral != 0.0:
         return None
-    if own['limit'] is None or not own['testable']:
+    if not own['testable']:
         return 0.0
-    return abs(given) / max(own['limit'], own['material_limit'] or 0.0)
+    place = nearest_place(hidden, own['places']) if own['places'] else own
+    if place['limit'] is None or place['material_limit'] is None:
+        return 0.0
+    return abs(given) / max(place['limit'], place['material_limit'])
+
+
+def nearest_place(hidden: dict[str, Any], places: Sequence[dict[str, Any]]) -> dict[str, Any]:
+    """Where the hidden effect acts, of the places tried; the one that shows best of equals."""
+    from saddlering_ros.effects import effect
+
+    spans = {item.name: item.high - item.low for item in effect(hidden['effect']).parameters}
+
+    def distance(place: dict[str, Any]) -> tuple[float, float]:
+        apart = 0.0
+        for name, value in place['values'].items():
+            if name in hidden['parameters']:
+                difference = abs(value - hidden['parameters'][name])
+                apart += difference / spans[name] if name in spans else difference > 0.5
+        return apart, math.inf if place['limit'] is None else place['limit']
+
+    return min(places, key=distance)
 
 
 def size_error(
@@ -304,7 +327,8 @@ def _rates(trials: Sequence[Trial]) -> list[str]:
 
 def _sizes(trials: Sequence[Trial]) -> list[str]:
     """Found against size: whether the stated detection limits hold."""
-    lines = ['single effects by size over the stated limit: said anything, right']
+    lines = ['single effects by size over the limit stated for where they act: said anything, '
+             'right']
     edges = (0.0, 0.5, 1.0, 2.0, 4.0, 8.0, math.inf)
     for low, high in pairwise(edges):
         own = [item for item in trials if item.ratio is not None and low <= item.ratio < high]

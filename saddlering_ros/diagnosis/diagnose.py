@@ -126,10 +126,19 @@ class Verdict:
                 {
                     'effect': item.effect,
                     'limit': item.limit,
+                    'best_limit': item.best_limit,
                     'material_limit': item.material_limit,
                     'unit': item.unit,
                     'share': item.share,
                     'testable': item.testable,
+                    'places': [
+                        {
+                            'values': dict(place.values),
+                            'limit': place.limit,
+                            'material_limit': place.material_limit,
+                        }
+                        for place in item.places
+                    ],
                 }
                 for item in found.detectability
             ],

@@ -759,7 +759,9 @@ def _conclude(
     session: _Session, runs: list[Run], proposals: list[Proposal], began: float
 ) -> Diagnosis:
     settings, likelihood = session.settings, session.likelihood
-    limits = detectability(session.signatures, settings.error_rate, settings.materiality)
+    limits = detectability(
+        session.signatures, settings.error_rate, settings.materiality, session.pairs
+    )
     labels, angles = angle_matrix(session.signatures)
     fit = session.prune(session.forward(session.base))
     simpler = session.simpler(fit)
@@ -969,7 +971,15 @@ def _line_causes(session: _Session, runs: list[Run]) -> tuple[list[Cause], list[
         material = settings.materiality * np.sqrt(2.0) / widest
         seen = bool(np.isfinite(search.limit))
         limits.append(
-            Detectability(effect.id, float(seen), search.limit, material, effect.size.unit, seen)
+            Detectability(
+                effect.id,
+                float(seen),
+                search.limit,
+                search.limit,
+                material,
+                effect.size.unit,
+                seen,
+            )
         )
         line = search.line
         if line is None:

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.stats import f as fisher
 
 from saddlering_ros.discrepancy.likelihood import Likelihood
 from saddlering_ros.discrepancy.refit import Candidate, Fit, Tangent
@@ -83,19 +83,35 @@ class Score:
 
 
 @dataclass(frozen=True)
+class Place:
+    """Detection and materiality limit of an effect that acts in one way: which probe, which arc.
+
+    `values`: its fixed values and the parameters that shape it, in their units.
+    """
+
+    values: Mapping[str, float]
+    limit: float
+    material_limit: float
+
+
+@dataclass(frozen=True)
 class Detectability:
     """What these data could have shown of one effect.
 
-    limit: smallest size found nine times in ten at the given error rate (inf: none);
-    material_limit: smallest size that changes a view by the stated share of its range.
+    limit: smallest size found nine times in ten at the given error rate, in nine of ten of the
+    `places` tried at which it can be found at all (inf: none can); best_limit: at the best place;
+    material_limit: smallest size that changes a view by the stated share of its range, likewise.
+    Of either sign, the one that shows less.
     """
 
     effect: str
     share: float
     limit: float
+    best_limit: float
     material_limit: float
     unit: str
     testable: bool
+    places: tuple[Place, ...] = ()
 
 
 def effect_starts(effect: Effect) -> list[Array]:
@@ -440,47 +456,95 @@ def detectability(
     signatures: Sequence[Signature],
     error_rate: float,
     materiality: float,
+    pairs: int,
 ) -> list[Detectability]:
-    """Detection limit, materiality limit and testable share of each effect, its best variant's."""
+    """What can be found of each effect, and what shows, wherever it acts.
+
+    By the test that a candidate has to pass: with the shapes it was drawn from, the parameters it
+    brings, and the noise known from `pairs` independent differences.
+    """
     effects: dict[str, list[Signature]] = {}
     for item in signatures:
         effects.setdefault(item.effect.id, []).append(item)
-    trials = shapes_tried(signatures)
-    needed = float(np.sqrt(chi2.isf(error_rate / max(trials, 1), 1))) + POWER_QUANTILE
+    rate = error_rate / max(shapes_tried(signatures), 1)
     answers = []
     for name, members in effects.items():
-        size = members[0].effect.size
+        effect = members[0].effect
+        extra = len(effect.parameters)
+        needed = float(np.sqrt(extra * fisher.isf(rate, extra, pairs))) + POWER_QUANTILE
         share = testable_share(members)
-        limit = _size_at(members, [item.length for item in members], needed)
-        material = _size_at(members, [item.visible for item in members], materiality)
-        neutral = members[0].effect.neutral
-        reach = max(abs(size.low - neutral), abs(size.high - neutral))
+        reach = max(
+            abs(effect.size.low - effect.neutral), abs(effect.size.high - effect.neutral)
+        )
+        places = tuple(
+            _limits_at(own, needed, materiality, reach) for own in _by_place(members).values()
+        )
+        limit = _nine_in_ten([item.limit for item in places])
         testable = share >= LEAST_SHARE and limit <= reach
-        answers.append(Detectability(name, share, limit, material, size.unit, testable))
+        answers.append(
+            Detectability(
+                name,
+                share,
+                limit,
+                min(item.limit for item in places),
+                _nine_in_ten([item.material_limit for item in places]),
+                effect.size.unit,
+                testable,
+                places,
+            )
+        )
     return answers
 
 
-def _size_at(members: Sequence[Signature], heights: Sequence[float], wanted: float) -> float:
-    """Size at which a growing height reaches `wanted`: log-log between the sizes tried."""
-    best = np.inf
-    for variant in {item.variant for item in members}:
-        own = sorted(
-            (abs(item.size), height)
-            for item, height in zip(members, heights, strict=True)
-            if item.variant == variant
+def _by_place(members: Sequence[Signature]) -> dict[tuple[float, ...], list[Signature]]:
+    """Signatures of one effect that differ in size only."""
+    places: dict[tuple[float, ...], list[Signature]] = {}
+    for item in members:
+        key = (float(item.variant), *np.round(item.places[1:], 6))
+        places.setdefault(key, []).append(item)
+    return places
+
+
+def _limits_at(
+    members: Sequence[Signature], needed: float, materiality: float, reach: float
+) -> Place:
+    """Limits in one variant and shape, whose sizes go to `reach`; of the sign that shows less."""
+    effect, shape = members[0].effect, members[0].places[1:]
+    values = {
+        item.name: item.from_unit(float(u))
+        for item, u in zip(effect.parameters[1:], shape, strict=True)
+    }
+    values.update(effect.variants[members[0].variant])
+    limit = material = 0.0
+    for sign in {np.sign(item.size) for item in members}:
+        own = [item for item in members if np.sign(item.size) == sign]
+        limit = max(limit, _size_at([(abs(item.size), item.length) for item in own], needed))
+        material = max(
+            material, _size_at([(abs(item.size), item.visible) for item in own], materiality)
         )
-        sizes = np.array([size for size, height in own if height > 0.0 and size > 0.0])
-        tall = np.array([height for size, height in own if height > 0.0 and size > 0.0])
-        if sizes.size == 0:
-            continue
-        above = np.flatnonzero(tall >= wanted)
-        first = int(above[0]) if above.size else sizes.size - 1
-        if first == 0 or not above.size:
-            best = min(best, float(sizes[first] * wanted / tall[first]))
-            continue
-        slope = np.log(wanted / tall[first - 1]) / np.log(tall[first] / tall[first - 1])
-        best = min(best, float(sizes[first - 1] * (sizes[first] / sizes[first - 1]) ** slope))
-    return best
+    return Place(
+        values, limit if limit <= reach else np.inf, material if material <= reach else np.inf
+    )
+
+
+def _nine_in_ten(limits: Sequence[float]) -> float:
+    """The size that is enough in nine of ten of the places where any is; inf if none is."""
+    finite = [item for item in limits if np.isfinite(item)]
+    return float(np.quantile(finite, 0.9, method='higher')) if finite else float(np.inf)
+
+
+def _size_at(heights: Sequence[tuple[float, float]], wanted: float) -> float:
+    """Size at which a growing height reaches `wanted`: log-log between the sizes tried."""
+    own = sorted((size, height) for size, height in heights if size > 0.0 and height > 0.0)
+    if not own:
+        return np.inf
+    sizes, tall = np.array(own).T
+    above = np.flatnonzero(tall >= wanted)
+    first = int(above[0]) if above.size else sizes.size - 1
+    if first == 0 or not above.size:
+        return float(sizes[first] * wanted / tall[first])
+    slope = np.log(wanted / tall[first - 1]) / np.log(tall[first] / tall[first - 1])
+    return float(sizes[first - 1] * (sizes[first] / sizes[first - 1]) ** slope)
 
 
 def angle_matrix(signatures: Sequence[Signature]) -> tuple[list[str], Array]:

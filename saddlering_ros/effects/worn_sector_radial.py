@@ -11,7 +11,7 @@ from saddlering_ros.effects.worn_arc import (
     arc_parameters,
     KIND,
     KINDS,
-    REAR_STARTS,
+    STARTS,
     worn_arc,
 )
 
@@ -33,7 +33,7 @@ class WornSectorRadial(Effect):
     parameters = arc_parameters(centre=0.5)
     variants = tuple(Variant(label, {'kind': kind}) for kind, label in KINDS)
     choices = (KIND,)
-    starts = REAR_STARTS
+    starts = STARTS  # off the rear too, if only to tell that an arc there does not show
 
     def extend(self, extension: RingExtension, values: Mapping[str, float]) -> RingExtension:
         """Wear the middle row."""

@@ -385,24 +385,34 @@ def _fitted_words(effect_id: str, values: Mapping[str, float]) -> str:
     return ', '.join(parts)
 
 
+def _found_from(limits: Mapping[str, Any]) -> str:
+    """The size found nine times in ten, and how many of the places tried stay dark."""
+    if not limits['testable']:
+        return 'cannot be seen'
+    dark = sum(place['limit'] is None for place in limits['places'])
+    found = quantity(limits['limit'], limits['unit'])
+    return f'{found}; at {dark} of {len(limits["places"])} places never' if dark else found
+
+
 def detection_limits(document: Document) -> str:
     """The smallest size of every effect that these data could have shown."""
     rows: list[list[str | Cell]] = []
     for item in document.get('detection_limits') or []:
         rows.append([
             title_of(item['effect']), code(item['effect']),
-            number(quantity(item['limit'], item['unit']) if item['testable'] else 'cannot be seen',
-                   '' if item['testable'] else 'bad'),
+            number(_found_from(item), '' if item['testable'] else 'bad'),
+            number(quantity(item['best_limit'], item['unit']) if item['testable'] else ''),
             number(quantity(item['material_limit'], item['unit'])),
             number(percent(item['share'])),
         ])
     return html.section('What these data could have shown', html.folded(
         'Detection limit of every cause in the catalogue',
         html.table(
-            ['cause', 'id', number('found 9 times in 10 from'), number('matters from'),
-             number('left beside the contact law')], rows,
-            'Size of the cause\'s first parameter. "Matters": changes a channel by 0.1 % of its '
-            'range. The last column is the share of its signature that contact parameters '
+            ['cause', 'id', number('found 9 times in 10 from'), number('at its best place from'),
+             number('matters from'), number('left beside the contact law')], rows,
+            'Size of the first parameter, in nine of ten of the places where the cause may act '
+            '(which probe, which arc) and show at all. "Matters": changes a channel by 0.1 % of '
+            'its range. The last column is the share of its signature that contact parameters '
             'cannot imitate.'))) if rows else ''
 
 

@@ -40,7 +40,8 @@ def document(verdict='named', **changes):
         'shapes': {'before': shapes, 'after': [{**shapes[0], 'p_value': 1.0}]},
         'signature_cosines': {'radial_friction': {'settling': 0.8},
                               'settling': {'radial_friction': 0.8}, 'load_gain': {}},
-        'detection_limits': [{'effect': 'radial_friction', 'limit': 100.0, 'material_limit': 50.0,
+        'detection_limits': [{'effect': 'radial_friction', 'limit': 100.0, 'best_limit': 80.0,
+                              'material_limit': 50.0, 'places': [],
                               'unit': 'N', 'share': 0.6, 'testable': True}],
         'immaterial': [], 'notes': ['one run only'], 'seed': 0, 'seconds': 1.0, **changes,
     }
