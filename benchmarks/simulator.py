@@ -18,8 +18,16 @@ import numba as nb
 import numpy as np
 from scipy.integrate import solve_ivp
 
+from saddlering_ros.effects.extension import RingExtension
 from saddlering_ros.rig import default_rig, FULL_SCALE_LOAD, Rig, TONNE, TRUE_TO_SCALE
-from saddlering_ros.ring import dynamic_batch, kernels, layout, reference, static_batch
+from saddlering_ros.ring import (
+    dynamic_batch,
+    kernels,
+    layout,
+    probe_batch,
+    reference,
+    static_batch,
+)
 from saddlering_ros.ring.model import build_model
 
 ELEVATION = float(np.deg2rad(50.0))
@@ -58,6 +66,11 @@ def dynamic_task(rig: Rig = RIG, particles: int = 1,
     contacts = np.repeat(CONTACT[None], particles, axis=0)
     time_s, load = dynamic_record(seconds)
     return lambda: dynamic_batch(rig, contacts, ELEVATION, time_s, load)
+
+
+def probes_task(extension: RingExtension) -> Callable[[], object]:
+    time_s, load = dynamic_record()
+    return lambda: probe_batch(RIG, [(CONTACT, extension)], ELEVATION, time_s, load)
 
 
 def row(words: str, seconds: float, than: float | None = None, note: str = '') -> None:
@@ -134,6 +147,11 @@ def growth(quick: bool) -> None:
             RIG, axial_rows=replace(RIG.axial_rows, rollers=97 * factor),
             middle_row=replace(RIG.middle_row, rollers=110 * factor))
         row(f'10 s at 1 kHz, {304 * factor} rollers', least(dynamic_task(wide), runs), base)
+    growing = RingExtension(damping_penetration_share=0.5, damping_penetration_exponent=0.5)
+    levelling = replace(growing, damping_penetration_levelling=5e4)
+    for words, extension in (('none', RingExtension()), ('that grows', growing),
+                             ('that grows and levels off', levelling)):
+        row(f'10 s at 1 kHz, damping law: {words}', least(probes_task(extension), runs), base)
     for particles, threads in ((20, 1), (20, 2), (100, 2)):
         os.environ['SADDLERING_THREADS'] = str(threads)
         spent = least(dynamic_task(particles=particles), 3, time.perf_counter)
