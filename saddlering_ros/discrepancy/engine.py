@@ -68,6 +68,9 @@ LEAST_PAIRS = 12
 SCOUTING = 4
 """Rounds of a refit from each of several starts, before the best goes on alone."""
 
+FREED_SCOUTING = 8
+"""The same from starts where base parameters that a bound stopped are free of it again."""
+
 BASE_ROUNDS = 25
 """Rounds of the fit of the base parameters alone, on which everything rests."""
 
@@ -321,6 +324,9 @@ class _Session:
     def scouted(self, fit: Fit, scores: Sequence[Score]) -> list[Fit]:
         """`fit`'s model plus each scored candidate after a few rounds, from its best start."""
         count = len(self.system.base_parameters)
+        stopped = self.stopped(fit)
+        freed = fit.place.copy()
+        freed[:count][stopped] = declared_place(self.system.base_parameters)[stopped]
         wanted = []
         for number, score in enumerate(scores):
             candidate = fit.candidate.plus(score.effect, score.variant)
@@ -342,12 +348,52 @@ class _Session:
                 )
                 for place in starts
             ]
+            if stopped.any():
+                wanted += [
+                    refit(
+                        self.likelihood,
+                        candidate,
+                        np.concatenate([freed, place]),
+                        rounds=FREED_SCOUTING,
+                        full=True,
+                    )
+                    for place in starts
+                ]
         best: dict[tuple[tuple[str, int], ...], Fit] = {}
         for found in run_refits(self.likelihood, wanted, self.check):
             key = _key(found.candidate)
             if key not in best or found.misfit < best[key].misfit:
                 best[key] = found
         return list(best.values())
+
+    def stopped(self, fit: Fit) -> Array:
+        """Which base parameters (B,) a bound stopped: they may have given way to an effect.
+
+        From there the way back to where the effect would show can be long.
+        """
+        place = fit.place[: len(self.system.base_parameters)]
+        return np.asarray(np.minimum(place, 1.0 - place) < AT_BOUND)
+
+    def tried(self, current: Fit) -> list[Fit]:
+        """`current`'s model plus the effects that promise most, refitted, the best first.
+
+        Where a bound stopped base parameters promises are worth little, and every effect is tried.
+        """
+        scores = self.scores(current)
+        shortlist = self.shortlist(scores, 4.0, self.settings.refits)
+        if current.candidate.effects or not self.stopped(current).any():
+            return self.fit_with(current, shortlist)
+        listed = {score.effect.id for score in shortlist}
+        others: dict[str, Score] = {}
+        for score in scores:
+            if score.effect.id not in listed:
+                others.setdefault(score.effect.id, score)
+        scouted = sorted(
+            self.scouted(current, [*shortlist, *others.values()]), key=self.penalised
+        )
+        found = self.carried_on(scouted[: self.settings.refits])
+        self.cache.update({_key(item.candidate): item for item in found})
+        return sorted(found, key=self.penalised)
 
     def carried_on(self, fits: Sequence[Fit]) -> list[Fit]:
         """The same fits brought to their end, the best with every sensitivity taken afresh."""
@@ -492,9 +538,7 @@ class _Session:
             self.check()
             self.progress('name', 0.35 + 0.4 * step / (self.settings.most + MOST_SILENT))
             structure = self.battery.structure(current)
-            shortlist = self.shortlist(self.scores(current), 4.0, self.settings.refits)
-            fits = self.fit_with(current, shortlist)
-            weighed = [(self.weigh(fit, current, step + 1), fit) for fit in fits]
+            weighed = [(self.weigh(fit, current, step + 1), fit) for fit in self.tried(current)]
             self.evidence += [evidence for evidence, _ in weighed]
             real = [pair for pair in weighed if pair[0].p_value < self.settings.error_rate]
             named = len(current.candidate.effects) - len(silent)
