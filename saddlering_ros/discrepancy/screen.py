@@ -35,6 +35,8 @@ SEEN_ENOUGH = 0.5
 #: A bent effect is looked at in ever smaller sizes, each this share of the last, while it stands
 #: out by more than this many standard deviations, so many times at most.
 SMALLER, STANDS_OUT, MOST_SMALLER = 0.3, 12.0, 4
+#: A change of less than this share of what is wanted is none.
+NOTHING = 1e-3
 #: So many simulations are asked for at once.
 BATCH = 64
 #: Normal quantile of 0.9: found nine times in ten.
@@ -101,7 +103,8 @@ class Detectability:
     limit: smallest size found nine times in ten at the given error rate, in nine of ten of the
     `places` tried at which it can be found at all (inf: none can); best_limit: at the best place;
     material_limit: smallest size that changes a view by the stated share of its range, likewise.
-    Of either sign, the one that shows less.
+    Of either sign, the one that shows less. Of an effect whose size is not 0 where it does nothing
+    (a limit of a span) all are values of it, not distances from there.
     """
 
     effect: str
@@ -476,24 +479,39 @@ def detectability(
         reach = max(
             abs(effect.size.low - effect.neutral), abs(effect.size.high - effect.neutral)
         )
-        places = tuple(
+        places = [
             _limits_at(own, needed, materiality, reach) for own in _by_place(members).values()
-        )
+        ]
         limit = _nine_in_ten([item.limit for item in places])
         testable = share >= LEAST_SHARE and limit <= reach
         answers.append(
             Detectability(
                 name,
                 share,
-                limit,
-                min(item.limit for item in places),
-                _nine_in_ten([item.material_limit for item in places]),
+                _value(effect, limit),
+                _value(effect, min(item.limit for item in places)),
+                _value(effect, _nine_in_ten([item.material_limit for item in places])),
                 effect.size.unit,
                 testable,
-                places,
+                tuple(
+                    Place(
+                        item.values,
+                        _value(effect, item.limit),
+                        _value(effect, item.material_limit),
+                    )
+                    for item in places
+                ),
             )
         )
     return answers
+
+
+def _value(effect: Effect, distance: float) -> float:
+    """The size at that distance from where the effect does nothing; inf stays."""
+    if effect.neutral == 0.0 or not np.isfinite(distance):
+        return distance
+    sign = 1.0 if effect.neutral < 0.5 * (effect.size.low + effect.size.high) else -1.0
+    return effect.neutral + sign * distance
 
 
 def _by_place(members: Sequence[Signature]) -> dict[tuple[float, ...], list[Signature]]:
@@ -534,15 +552,20 @@ def _nine_in_ten(limits: Sequence[float]) -> float:
 
 
 def _size_at(heights: Sequence[tuple[float, float]], wanted: float) -> float:
-    """Size at which a growing height reaches `wanted`: log-log between the sizes tried."""
-    own = sorted((size, height) for size, height in heights if size > 0.0 and height > 0.0)
-    if not own:
+    """Size at which a growing height reaches `wanted`, from (size, height) pairs.
+
+    In proportion below the least size and beyond the largest, log-log between; where a size does
+    nothing and the next more than enough, that next one.
+    """
+    sizes, tall = np.array(sorted(item for item in heights if item[0] > 0.0)).T
+    if not tall.any():
         return np.inf
-    sizes, tall = np.array(own).T
     above = np.flatnonzero(tall >= wanted)
-    first = int(above[0]) if above.size else sizes.size - 1
+    first = int(above[0]) if above.size else int(np.flatnonzero(tall)[-1])
     if first == 0 or not above.size:
         return float(sizes[first] * wanted / tall[first])
+    if tall[first - 1] < NOTHING * wanted:
+        return float(sizes[first])
     slope = np.log(wanted / tall[first - 1]) / np.log(tall[first] / tall[first - 1])
     return float(sizes[first - 1] * (sizes[first] / sizes[first - 1]) ** slope)
 
