@@ -1,4 +1,4 @@
-"""Another clearance than assumed: mu1 + e, half of it at each side."""
+"""Another clearance than assumed: mu1 + e (1 + s u), half at each side, u in -1 to 1 by roller."""
 
 from __future__ import annotations
 
@@ -23,17 +23,26 @@ class AxialClearance(Effect):
         'Pull-push through zero load: the jump between the two directions is the clearance.'
     )
     stage = 'ring'
-    form = 0.1  # clearances differ from roller to roller
+    form = 0.1  # rollers differ by a pattern of their own
     channels = ('delta_y', 'gamma')
     parameters = (
         EffectParameter(
             'change', 'm', -4e-5, 1e-4, 2e-5, 0.0,
             'true clearance minus the clearance in the rig file', amplitude=True),
+        EffectParameter(
+            'spread', '1', 0.0, 1.0, 0.3, 0.0,
+            'how rollers differ: evenly from 1 - s to 1 + s times the change; 0: all alike',
+            one_sided=True),
     )
+    starts = ({'change': 2e-5, 'spread': 0.8}, {'change': -1e-5, 'spread': 0.8})
 
     def extend(self, extension: RingExtension, values: Mapping[str, float]) -> RingExtension:
         """Widen upper and lower row by half the change each."""
         upper, lower = extension.upper_row, extension.lower_row
         half = 0.5 * values['change']
-        return replace(extension, upper_row=replace(upper, gap=upper.gap + half),
-                       lower_row=replace(lower, gap=lower.gap + half))
+        spread = abs(half) * values['spread']
+        return replace(
+            extension,
+            upper_row=replace(upper, gap=upper.gap + half, gap_spread=spread),
+            lower_row=replace(lower, gap=lower.gap + half, gap_spread=spread),
+        )

@@ -58,12 +58,14 @@ class Wear:
 class RowGeometry:
     """How one row departs from equal rollers: wear, and for the middle row out-of-roundness.
 
-    stiffness: factor on K of the whole row; gap: extra gap of every roller [m];
+    stiffness: factor on K of the whole row; gap: extra gap of every roller [m], gap_spread [m]: by
+    which rollers have more or less of it than their neighbours, evenly from -spread to spread;
     oval_amplitude [m], oval_angle [rad]: gap + a cos(2 (phi - phi0)).
     """
 
     stiffness: float = 1.0
     gap: float = 0.0
+    gap_spread: float = 0.0
     wear: Wear = field(default_factory=Wear)
     oval_amplitude: float = 0.0
     oval_angle: float = 0.0

@@ -53,10 +53,19 @@ def roller_angles(row: RollerRow) -> Floats:
     return np.arange(row.rollers, dtype=np.float64) * (2.0 * np.pi / row.rollers)
 
 
+def mixed(count: int) -> Floats:
+    """Numbers (N,) evenly between -1 and 1, mixed so that any few neighbours reach over all.
+
+    Multiples of the golden ratio less their whole parts (H. Weyl, Math. Ann. 77 (1916) 313).
+    """
+    golden = 0.5 * (np.sqrt(5.0) - 1.0)
+    return np.asarray(2.0 * np.modf((np.arange(count) + 0.5) * golden)[0] - 1.0)
+
+
 def _row(row: RollerRow, geometry: RowGeometry) -> tuple[Floats, Floats, Floats, bool]:
     angle = roller_angles(row)
     half_gap = 0.5 * row.clearance + geometry.gap
-    if geometry.wear.is_none and geometry.oval_amplitude == 0.0:
+    if geometry.wear.is_none and geometry.oval_amplitude == geometry.gap_spread == 0.0:
         index = np.arange(row.rollers // 2 + 1)
         twins = np.where((index == 0) | (2 * index == row.rollers), 1.0, 2.0)
         return (np.cos(angle[index]), twins,
@@ -64,6 +73,7 @@ def _row(row: RollerRow, geometry: RowGeometry) -> tuple[Floats, Floats, Floats,
     wear = geometry.wear.profile(angle)
     weight = 1.0 - geometry.wear.loss * wear
     gap = (half_gap + geometry.wear.gap * wear
+           + geometry.gap_spread * mixed(row.rollers)
            + geometry.oval_amplitude * np.cos(2.0 * (angle - geometry.oval_angle)))
     cosine = np.cos(angle)
     order = np.argsort(-cosine, kind='stable')

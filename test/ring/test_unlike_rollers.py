@@ -1,0 +1,51 @@
+"""Claims about rows whose rollers do not all have the same clearance."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from saddlering_ros.effects import extension_of
+from saddlering_ros.rig import default_rig, FULL_SCALE_LOAD, TONNE, TRUE_TO_SCALE
+from saddlering_ros.ring import reference, static_batch
+from saddlering_ros.ring.model import mixed, rows_of
+
+RIG = default_rig()
+ELEVATION = float(np.radians(50.0))
+LOADS = np.array([1.0, 5.0, 12.0, FULL_SCALE_LOAD / TONNE]) * TONNE
+
+
+@pytest.mark.parametrize('count', [60, 101, 121])
+def test_clearances_are_even_in_all_and_unlike_from_roller_to_roller(count: int) -> None:
+    places = mixed(count)
+    assert np.sort(places) == pytest.approx(np.linspace(-1.0, 1.0, count), abs=3.0 / count)
+    every_five = np.lib.stride_tricks.sliding_window_view(places, 5)
+    assert np.ptp(every_five, axis=1).min() > 1.0
+
+
+def test_the_ring_rests_where_the_sum_of_such_rollers_balances_the_load() -> None:
+    effects = {'axial_clearance': {'change': 1.4e-5, 'spread': 1.0},
+               'radial_clearance': {'change': 1e-5, 'spread': 0.5}}
+    motion = static_batch(RIG, TRUE_TO_SCALE.to_array()[None], ELEVATION, LOADS,
+                          [extension_of(effects)])[0]
+    upper, lower, middle = reference.contact_rows(RIG, TRUE_TO_SCALE)
+    axial = 7e-6 * (1.0 + mixed(RIG.axial_rows.rollers))
+    radial = 5e-6 * (1.0 + 0.5 * mixed(RIG.middle_row.rollers))
+    rows = (replace(upper, gap=upper.gap + axial), replace(lower, gap=lower.gap + axial),
+            replace(middle, gap=middle.gap + radial))
+    for load, q in zip(LOADS, motion.T, strict=True):
+        external = reference.external_force(RIG, load, ELEVATION)
+        left = external + reference.contact_force(rows, q, np.zeros(3))
+        assert np.abs(left) == pytest.approx(0.0, abs=1e-5 * np.abs(external).max())
+
+
+def test_a_file_from_before_rollers_could_differ_gives_the_numbers_it_gave() -> None:
+    plain, spread = (
+        rows_of(RIG, extension_of({'axial_clearance': {'change': 1.4e-5, **more}}))
+        for more in ({}, {'spread': 0.0}))
+    assert np.array_equal(plain.arrays, spread.arrays)
+    assert plain.uniform.all()
+    gaps = plain.arrays[0, 2, :plain.counts[0]]
+    assert gaps == pytest.approx(0.5 * RIG.axial_rows.clearance + 7e-6, abs=1e-18)
