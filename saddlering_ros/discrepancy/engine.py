@@ -68,9 +68,6 @@ LEAST_PAIRS = 12
 SCOUTING = 4
 """Rounds of a refit from each of several starts, before the best goes on alone."""
 
-FREED_SCOUTING = 8
-"""The same from starts where base parameters that a bound stopped are free of it again."""
-
 BASE_ROUNDS = 25
 """Rounds of the fit of the base parameters alone, on which everything rests."""
 
@@ -354,7 +351,7 @@ class _Session:
                         self.likelihood,
                         candidate,
                         np.concatenate([freed, place]),
-                        rounds=FREED_SCOUTING,
+                        rounds=SCOUTING,
                         full=True,
                     )
                     for place in starts
