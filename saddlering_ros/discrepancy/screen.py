@@ -533,8 +533,9 @@ def _limits_at(
         for item, u in zip(effect.parameters[1:], shape, strict=True)
     }
     values.update(effect.variants[members[0].variant])
-    limit = material = 0.0
-    for sign in {np.sign(item.size) for item in members}:
+    signs = {np.sign(item.size) for item in members} - {0.0}
+    limit = material = 0.0 if signs else np.inf
+    for sign in signs:
         own = [item for item in members if np.sign(item.size) == sign]
         limit = max(limit, _size_at([(abs(item.size), item.length) for item in own], needed))
         material = max(
@@ -552,12 +553,12 @@ def _nine_in_ten(limits: Sequence[float]) -> float:
 
 
 def _size_at(heights: Sequence[tuple[float, float]], wanted: float) -> float:
-    """Size at which a growing height reaches `wanted`, from (size, height) pairs.
+    """Size at which a growing height reaches `wanted`, from (size > 0, height) pairs.
 
     In proportion below the least size and beyond the largest, log-log between; where a size does
     nothing and the next more than enough, that next one.
     """
-    sizes, tall = np.array(sorted(item for item in heights if item[0] > 0.0)).T
+    sizes, tall = np.array(sorted(heights)).T
     if not tall.any():
         return np.inf
     above = np.flatnonzero(tall >= wanted)

@@ -65,3 +65,25 @@ def found_at(share: float) -> int:
 def test_what_is_as_large_as_its_limit_is_found_nine_times_in_ten() -> None:
     assert found_at(1.0) >= 11  # of a chance of 0.9 fewer than this come once in 80
     assert found_at(0.5) < 11
+
+
+def test_a_start_at_which_an_effect_does_nothing_has_no_limit_and_stops_nothing() -> None:
+    """The middle of a range that is as wide to both sides is such a start."""
+
+    class Placed(Bent):
+        effects = (
+            Effect('bend', (Parameter('size', -0.5, 0.5),), variants=({'channel': 0.0},)),
+            Effect(
+                'idle',
+                (Parameter('size', -0.5, 0.5), Parameter('place', 0.0, 1.0)),
+                variants=({'channel': 1.0},),
+                starts=({'place': 0.2},),
+            ),
+        )
+
+    seen = Bent().predict('slow', Point(np.ones(1), {}))
+    run = recorded('slow', seen + NOISE * np.random.default_rng(1).normal(size=seen.shape))
+    limits = {item.effect: item for item in diagnose(Placed(), [run]).detectability}
+    assert not limits['idle'].testable
+    assert np.isinf(limits['idle'].limit)
+    assert limits['bend'].testable
