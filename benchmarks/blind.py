@@ -36,6 +36,7 @@ from saddlering_ros.diagnosis import diagnose_bags, Verdict
 from saddlering_ros.discrepancy.gain import held_out_gain
 from saddlering_ros.discrepancy.refit import refit, run_refits
 from saddlering_ros.discrepancy.screen import effect_starts
+from saddlering_ros.effects import effect as catalogued
 from saddlering_ros.virtual_rig.blind import open_seal, SEALED
 from saddlering_ros.virtual_rig.effects import find_effect
 from saddlering_ros.virtual_rig.scoring import score
@@ -112,9 +113,7 @@ def size_over_limit(hidden: dict[str, Any], limits: Sequence[dict[str, Any]]) ->
 
     0 where it cannot be found at all.
     """
-    from saddlering_ros.effects import effect
-
-    size = next(item for item in effect(hidden['effect']).parameters if item.amplitude)
+    size = next(item for item in catalogued(hidden['effect']).parameters if item.amplitude)
     own = next(item for item in limits if item['effect'] == hidden['effect'])
     given = hidden['parameters'].get(size.name)
     if given is None or size.neutral != 0.0:
@@ -129,9 +128,7 @@ def size_over_limit(hidden: dict[str, Any], limits: Sequence[dict[str, Any]]) ->
 
 def nearest_place(hidden: dict[str, Any], places: Sequence[dict[str, Any]]) -> dict[str, Any]:
     """Where the hidden effect acts, of the places tried; the one that shows best of equals."""
-    from saddlering_ros.effects import effect
-
-    spans = {item.name: item.high - item.low for item in effect(hidden['effect']).parameters}
+    spans = {item.name: item.high - item.low for item in catalogued(hidden['effect']).parameters}
 
     def distance(place: dict[str, Any]) -> tuple[float, float]:
         apart = 0.0
@@ -148,14 +145,12 @@ def size_error(
     hidden: dict[str, Any], causes: Sequence[dict[str, Any]]
 ) -> tuple[float | None, bool | None]:
     """Relative error of the size found, and whether 1.96 deviations hold the truth."""
-    from saddlering_ros.effects import effect
-
     name = find_effect(hidden['effect']).parameters[0].name
     for cause in causes:
         if cause['effect'] == hidden['effect'] and name in cause['parameters']:
             true, told = hidden['parameters'][name], cause['parameters'][name]
             value = told['value']
-            if effect(hidden['effect']).line:  # of a line's phase nothing is promised
+            if catalogued(hidden['effect']).line:  # of a line's phase nothing is promised
                 true = math.hypot(true, hidden['parameters']['sine'])
                 value = math.hypot(value, cause['parameters']['sine']['value'])
             apart = abs(value - true)

@@ -41,6 +41,7 @@ from saddlering_ros.discrepancy.refit import (
 )
 from saddlering_ros.discrepancy.screen import (
     angle_matrix,
+    best_of_each,
     Detectability,
     detectability,
     measure_signatures,
@@ -381,13 +382,12 @@ class _Session:
         if current.candidate.effects or not self.stopped(current).any():
             return self.fit_with(current, shortlist)
         listed = {score.effect.id for score in shortlist}
-        others: dict[str, Score] = {}
-        for score in scores:
-            if score.effect.id not in listed:
-                others.setdefault(score.effect.id, score)
-        scouted = sorted(
-            self.scouted(current, [*shortlist, *others.values()]), key=self.penalised
-        )
+        others = [score for score in best_of_each(scores) if score.effect.id not in listed]
+        return self.best_with(current, [*shortlist, *others])
+
+    def best_with(self, fit: Fit, scores: Sequence[Score]) -> list[Fit]:
+        """`fit`'s model plus each scored candidate, scouted; the best refitted and kept."""
+        scouted = sorted(self.scouted(fit, scores), key=self.penalised)
         found = self.carried_on(scouted[: self.settings.refits])
         self.cache.update({_key(item.candidate): item for item in found})
         return sorted(found, key=self.penalised)
@@ -509,18 +509,13 @@ class _Session:
         """
         if len(fit.candidate.effects) < 2:
             return fit
-        best: dict[str, Score] = {}
-        for score in self.scores(self.base):
-            best.setdefault(score.effect.id, score)
         untried = [
             score
-            for score in best.values()
-            if ((score.effect.id, score.variant),) not in self.cache
+            for score in best_of_each(self.scores(self.base))
+            if _key(Candidate().plus(score.effect, score.variant)) not in self.cache
         ]
-        scouted = sorted(self.scouted(self.base, untried), key=self.penalised)
-        for found in self.carried_on(scouted[: self.settings.refits]):
-            self.cache[_key(found.candidate)] = found
-            self.evidence.append(self.weigh(found, self.base, 1))
+        found = self.best_with(self.base, untried)
+        self.evidence += [self.weigh(item, self.base, 1) for item in found]
         alone = [item for item in self.cache.values() if len(item.candidate.effects) == 1]
         return min([fit, *alone], key=self.penalised)
 

@@ -67,6 +67,11 @@ class Signature:
     def key(self) -> tuple[str, int]:
         return self.effect.id, self.variant
 
+    @property
+    def shape(self) -> tuple[object, ...]:
+        """The same for signatures that differ in size only."""
+        return (*self.key, *np.round(self.places[1:], 6))
+
 
 @dataclass(frozen=True)
 class Score:
@@ -260,7 +265,7 @@ def _with_bends(signatures: Sequence[Signature]) -> list[Signature]:
     """The same signatures, each told whether sizes of its shape differ in more than height."""
     shapes: dict[tuple[object, ...], list[Signature]] = {}
     for item in signatures:
-        shapes.setdefault((*item.key, *np.round(item.places[1:], 6)), []).append(item)
+        shapes.setdefault(item.shape, []).append(item)
     bent: dict[tuple[object, ...], bool] = {}
     for key, members in shapes.items():
         shown = [item for item in members if item.length > LEAST_LENGTH]
@@ -404,6 +409,14 @@ def rank(
     return sorted(scores, key=lambda score: -score.gain)
 
 
+def best_of_each(scores: Sequence[Score]) -> list[Score]:
+    """The first score of each effect, in their order."""
+    best: dict[str, Score] = {}
+    for score in scores:
+        best.setdefault(score.effect.id, score)
+    return list(best.values())
+
+
 def _other_shapes(
     members: Sequence[tuple[float, Signature, Array]], start: Array, least: float
 ) -> tuple[Array, ...]:
@@ -439,7 +452,7 @@ def testable_share(members: Sequence[Signature]) -> float:
 
 def shapes_tried(signatures: Sequence[Signature]) -> int:
     """How many signatures differ in more than size: what a name is drawn from."""
-    return len({(*item.key, *np.round(item.places[1:], 6)) for item in signatures})
+    return len({item.shape for item in signatures})
 
 
 def testable(signatures: Sequence[Signature]) -> list[Signature]:
@@ -479,31 +492,33 @@ def detectability(
         reach = max(
             abs(effect.size.low - effect.neutral), abs(effect.size.high - effect.neutral)
         )
-        places = [
-            _limits_at(own, needed, materiality, reach) for own in _by_place(members).values()
-        ]
-        limit = _nine_in_ten([item.limit for item in places])
-        testable = share >= LEAST_SHARE and limit <= reach
+        shapes: dict[tuple[object, ...], list[Signature]] = {}
+        for item in members:
+            shapes.setdefault(item.shape, []).append(item)
+        places = [_limits_at(own, needed, materiality, reach) for own in shapes.values()]
+        limit = _nine_in_ten([place.limit for place in places])
         answers.append(
             Detectability(
                 name,
                 share,
                 _value(effect, limit),
-                _value(effect, min(item.limit for item in places)),
-                _value(effect, _nine_in_ten([item.material_limit for item in places])),
+                _value(effect, min(place.limit for place in places)),
+                _value(effect, _nine_in_ten([place.material_limit for place in places])),
                 effect.size.unit,
-                testable,
-                tuple(
-                    Place(
-                        item.values,
-                        _value(effect, item.limit),
-                        _value(effect, item.material_limit),
-                    )
-                    for item in places
-                ),
+                share >= LEAST_SHARE and bool(np.isfinite(limit)),
+                tuple(_as_values(effect, place) for place in places),
             )
         )
     return answers
+
+
+def _as_values(effect: Effect, place: Place) -> Place:
+    """A place whose limits are distances from where the effect does nothing, as sizes."""
+    return replace(
+        place,
+        limit=_value(effect, place.limit),
+        material_limit=_value(effect, place.material_limit),
+    )
 
 
 def _value(effect: Effect, distance: float) -> float:
@@ -512,15 +527,6 @@ def _value(effect: Effect, distance: float) -> float:
         return distance
     sign = 1.0 if effect.neutral < 0.5 * (effect.size.low + effect.size.high) else -1.0
     return effect.neutral + sign * distance
-
-
-def _by_place(members: Sequence[Signature]) -> dict[tuple[float, ...], list[Signature]]:
-    """Signatures of one effect that differ in size only."""
-    places: dict[tuple[float, ...], list[Signature]] = {}
-    for item in members:
-        key = (float(item.variant), *np.round(item.places[1:], 6))
-        places.setdefault(key, []).append(item)
-    return places
 
 
 def _limits_at(

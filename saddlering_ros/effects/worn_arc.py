@@ -19,13 +19,11 @@ SOFT = 0.3
 """Softness of an arc's ends [rad] from which the search starts: sharp ones make a valley of every
 roller."""
 
-REAR_STARTS = (
+STARTS = (
     {'centre': 0.15, 'half_width': 0.4}, {'centre': 0.8, 'half_width': 0.4},
-    {'centre': 0.4, 'half_width': 1.0})
-"""In the load zone at the rear; not at 0, where a mirror image hides what the centre does."""
-
-STARTS = (*REAR_STARTS, {'centre': 1.6}, {'centre': 2.7})
-"""Both load zones of the axial rows and the place between."""
+    {'centre': 0.4, 'half_width': 1.0}, {'centre': 1.6}, {'centre': 2.7})
+"""The load zone at the rear (not at 0, where a mirror image hides what the centre does), the place
+between and the load zone at the front."""
 
 
 def arc_parameters(centre: float) -> tuple[EffectParameter, ...]:
