@@ -45,12 +45,12 @@ from std_srvs.srv import Trigger
 from saddlering_interfaces.action import DiagnoseRing, IdentifyRing
 from saddlering_interfaces.msg import ReplayProgress, RingDisplacement
 from saddlering_ros.bags import LOAD_TOPIC, PROBE_TOPICS, TestFacts, write_bag
-from saddlering_ros.nodes import wire
-from saddlering_ros.nodes.flow import Inflow, Outflow, stream_qos
-from saddlering_ros.nodes.launcher import NodeGroup, RING_NODES, start_nodes
-from saddlering_ros.nodes.progress import PROGRESS_TOPIC
 from saddlering_ros.rig import CHANNELS, default_rig, ParameterSet, TRUE_TO_SCALE
 from saddlering_ros.ring import simulate
+from saddlering_ros.ros.launcher import NodeGroup, RING_NODES, start_nodes
+from saddlering_ros.ros.lockstep import PROGRESS_TOPIC
+from saddlering_ros.ros.raw_topics import RawPublisher, RawSubscription, stream_qos
+from saddlering_ros.streams import wire
 
 RIG = default_rig()
 ELEVATION = 50.0
@@ -114,8 +114,8 @@ def driver_role() -> None:
     rate = RATE * speed
     rclpy.init()
     node = rclpy.create_node('driver')
-    flows = [Outflow(node, LOAD_TOPIC, WrenchStamped)]
-    flows += [Outflow(node, topic, Range) for topic in PROBE_TOPICS]
+    flows = [RawPublisher(node, LOAD_TOPIC, WrenchStamped)]
+    flows += [RawPublisher(node, topic, Range) for topic in PROBE_TOPICS]
     start = time.time_ns() + 500_000_000
     print(start, flush=True)
     sent = 0
@@ -162,10 +162,10 @@ class Listener:
         self.alive: dict[str, float] = {}
         self.progress: dict[str, ReplayProgress] = {}
         self.words: dict[str, str] = {}
-        self._flows = {topic: Inflow(self.node, topic, RingDisplacement)
+        self._flows = {topic: RawSubscription(self.node, topic, RingDisplacement)
                        for topic in OUTPUTS.values()}
-        self._progress = Inflow(self.node, PROGRESS_TOPIC, ReplayProgress)
-        self._diagnostics = Inflow(self.node, '/diagnostics', DiagnosticArray)
+        self._progress = RawSubscription(self.node, PROGRESS_TOPIC, ReplayProgress)
+        self._diagnostics = RawSubscription(self.node, '/diagnostics', DiagnosticArray)
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._serve, daemon=True)
         self._thread.start()
@@ -424,7 +424,7 @@ def stall_a_subscriber(one: Stage) -> None:
     code = ('import rclpy, sys, time\n'
             'from saddlering_interfaces.msg import RingDisplacement\n'
             'from geometry_msgs.msg import WrenchStamped\n'
-            'from saddlering_ros.nodes.flow import stream_qos\n'
+            'from saddlering_ros.ros.raw_topics import stream_qos\n'
             'rclpy.init(); node = rclpy.create_node("stalled")\n'
             'for topic, kind in (("/ring/displacement", RingDisplacement), '
             '("/ring/residual", RingDisplacement), ("/rig/hydraulic_load", WrenchStamped)):\n'
@@ -487,8 +487,8 @@ def send_rubbish(one: Stage) -> None:
     one.put_in += 1
     with one.listener.lock:
         node = one.listener.node
-        load = Outflow(node, LOAD_TOPIC, WrenchStamped, stream_qos())
-        probe = Outflow(node, PROBE_TOPICS[0], Range, stream_qos())
+        load = RawPublisher(node, LOAD_TOPIC, WrenchStamped, stream_qos())
+        probe = RawPublisher(node, PROBE_TOPICS[0], Range, stream_qos())
     one.expect(lambda: load.subscriptions() >= 2, 5.0, 'the second source is matched')
     now = time.time_ns()
     far = [0, 1, now - 10 ** 12, now + 10 ** 12, 2 ** 31 * 10 ** 9 - 1]
@@ -896,7 +896,7 @@ def marked() -> list[str]:
 
 def clean() -> list[str]:
     """What is left over: processes; files of dead processes that a start does not remove."""
-    from saddlering_ros.nodes.shared_memory import sweep
+    from saddlering_ros.ros.shared_memory import sweep
     deadline = time.monotonic() + 5.0
     while marked() and time.monotonic() < deadline:
         time.sleep(0.1)

@@ -13,8 +13,8 @@ import subprocess
 import sys
 import time
 
-from saddlering_ros.nodes.launcher import Domain
 from saddlering_ros.paths import share_directory
+from saddlering_ros.ros.launcher import Domain
 
 BAG = share_directory() / 'bags' / 'dynamic_50'
 COMMAND = [sys.executable, '-m', 'saddlering_ros.cli.main']

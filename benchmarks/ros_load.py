@@ -33,13 +33,13 @@ from rclpy.serialization import deserialize_message
 from saddlering_interfaces.action import IdentifyRing
 from saddlering_interfaces.msg import ReplayProgress, RingDisplacement
 from saddlering_ros.bags import LOAD_TOPIC, PROBE_TOPICS, TestFacts, write_bag
-from saddlering_ros.nodes import wire
-from saddlering_ros.nodes.flow import Inflow, Outflow
-from saddlering_ros.nodes.launcher import ACTION_NODES, NodeGroup, RING_NODES, start_nodes
-from saddlering_ros.nodes.progress import PROGRESS_TOPIC
-from saddlering_ros.nodes.spin import DataWait
 from saddlering_ros.rig import default_rig, ParameterSet, TRUE_TO_SCALE
 from saddlering_ros.ring import simulate
+from saddlering_ros.ros.launcher import ACTION_NODES, NodeGroup, RING_NODES, start_nodes
+from saddlering_ros.ros.lockstep import PROGRESS_TOPIC
+from saddlering_ros.ros.raw_topics import RawPublisher, RawSubscription
+from saddlering_ros.ros.spin import DataWait
+from saddlering_ros.streams import wire
 
 RATE = 1000.0
 
@@ -68,8 +68,8 @@ def drive(seconds: float) -> None:
     times, load, gaps = course(seconds)
     rclpy.init()
     node = rclpy.create_node('driver')
-    flows = [Outflow(node, LOAD_TOPIC, WrenchStamped)]
-    flows += [Outflow(node, topic, Range) for topic in PROBE_TOPICS]
+    flows = [RawPublisher(node, LOAD_TOPIC, WrenchStamped)]
+    flows += [RawPublisher(node, topic, Range) for topic in PROBE_TOPICS]
     readers = [int(word) for word in sys.stdin.readline().split()]
     while any(flow.subscriptions() < count for flow, count in zip(flows, readers, strict=True)):
         time.sleep(0.01)
@@ -130,19 +130,19 @@ def cpu_of(pid: int) -> float:
 
 @contextlib.contextmanager
 def listener(domain: int) -> Any:
-    """A node of this process, and the inflows of residual and progress."""
+    """A node of this process, and the subscriptions of residual and progress."""
     context = rclpy.Context()
     rclpy.init(context=context, domain_id=domain)
     node = Node('listener', context=context)
     try:
-        yield (node, Inflow(node, '/ring/residual', RingDisplacement),
-               Inflow(node, PROGRESS_TOPIC, ReplayProgress))
+        yield (node, RawSubscription(node, '/ring/residual', RingDisplacement),
+               RawSubscription(node, PROGRESS_TOPIC, ReplayProgress))
     finally:
         node.destroy_node()
         rclpy.shutdown(context=context)
 
 
-def wait_matched(progress: Inflow, seconds: float = 60.0) -> None:
+def wait_matched(progress: RawSubscription, seconds: float = 60.0) -> None:
     """Until every ring node is matched with all its neighbours."""
     said: dict[str, Any] = {}
     deadline = time.monotonic() + seconds
@@ -232,7 +232,7 @@ def in_real_time(seconds: float, beside: Beside) -> dict[str, Any]:
 
 
 def streamed(seconds: float, group: NodeGroup, driver: subprocess.Popen[str], node: Node,
-             residual: Inflow) -> dict[str, Any]:
+             residual: RawSubscription) -> dict[str, Any]:
     """What becomes of the driver's samples, and what it costs."""
     before = {name: cpu_of(one.process.pid) for name, one in group.processes.items()}
     assert driver.stdin is not None
@@ -257,7 +257,7 @@ def streamed(seconds: float, group: NodeGroup, driver: subprocess.Popen[str], no
             **{f'cpu of {name} [%]': 100.0 * value for name, value in used.items()}}
 
 
-def receive(node: Node, inflows: list[Inflow], count: int, seconds: float,
+def receive(node: Node, subscriptions: list[RawSubscription], count: int, seconds: float,
             ) -> tuple[np.ndarray, np.ndarray]:
     """Stamps and arrival times [ns] of residuals."""
     data = DataWait(node.context)
@@ -265,8 +265,8 @@ def receive(node: Node, inflows: list[Inflow], count: int, seconds: float,
     arrivals: list[np.ndarray] = []
     deadline = time.monotonic() + seconds
     while sum(map(len, stamps)) < count and time.monotonic() < deadline:
-        data.wait(inflows, 0.1)
-        messages = inflows[0].take()
+        data.wait(subscriptions, 0.1)
+        messages = subscriptions[0].take()
         if messages:
             now = time.time_ns()
             stamps.append(wire.decode_displacements(messages).stamps)

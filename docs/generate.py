@@ -8,7 +8,7 @@ from pathlib import Path
 from saddlering_ros.bags import LOAD_TOPIC, PROBE_TOPICS
 from saddlering_ros.cli._examples import EXAMPLES
 from saddlering_ros.cli.main import build_parser
-from saddlering_ros.nodes.reference import CLASSES
+from saddlering_ros.ros.reference import CLASSES
 
 ROOT = Path(__file__).resolve().parent.parent
 INTERFACES = ROOT / 'saddlering_interfaces'

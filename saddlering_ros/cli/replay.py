@@ -42,9 +42,9 @@ def run(args: argparse.Namespace) -> int:
     import time
 
     from saddlering_ros.bags import read_raw
-    from saddlering_ros.nodes.errors import NodeError
-    from saddlering_ros.nodes.launcher import RING_NODES, start_nodes
     from saddlering_ros.rig import load_rig, read_parameters
+    from saddlering_ros.ros.errors import NodeError
+    from saddlering_ros.ros.launcher import RING_NODES, start_nodes
 
     record = read_raw(args.bag)
     load_rig(args.rig)
@@ -105,7 +105,7 @@ def _recording(args: argparse.Namespace, facts: Any, domain: int) -> Any:
 
     from saddlering_ros.bags import TestFacts
     from saddlering_ros.live.recorder import recording
-    from saddlering_ros.nodes.transport import prepare_transport
+    from saddlering_ros.ros.transport import prepare_transport
 
     os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
     prepare_transport()

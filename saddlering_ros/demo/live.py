@@ -29,9 +29,9 @@ from saddlering_interfaces.msg import ReplayState
 from saddlering_ros.demo.errors import DemoError
 from saddlering_ros.demo.recorder import NAME as RECORDER
 from saddlering_ros.demo.recorder import Recorder, Recording
-from saddlering_ros.nodes.launcher import last_line, NodeGroup, RING_NODES
-from saddlering_ros.nodes.progress import STATE_TOPIC, to_stamp
-from saddlering_ros.nodes.spin import spin_streaming
+from saddlering_ros.ros.launcher import last_line, NodeGroup, RING_NODES
+from saddlering_ros.ros.lockstep import STATE_TOPIC, to_stamp
+from saddlering_ros.ros.spin import spin_streaming
 
 SWITCHED = ('hydraulic_load', 'eddy_current', 'replay_clock')
 """Nodes that are given the next bag, the clock last: it starts the replay."""

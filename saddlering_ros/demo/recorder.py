@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from saddlering_interfaces.msg import RingDisplacement
 from saddlering_ros.bags import LOAD_TOPIC
-from saddlering_ros.nodes import wire
-from saddlering_ros.nodes.base import StreamingNode
-from saddlering_ros.nodes.flow import Inflow
+from saddlering_ros.ros.raw_topics import RawSubscription
+from saddlering_ros.ros.streaming_node import StreamingNode
+from saddlering_ros.streams import wire
 
 NAME = 'demo_recorder'
 DISPLACEMENTS = ('/ring/displacement', '/ring/simulated_displacement', '/ring/residual')
@@ -48,10 +48,10 @@ class Recorder(StreamingNode):
 
     def connect(self) -> None:
         """Subscribe to the load and to everything about the ring."""
-        self.inputs = [Inflow(self, topic, RingDisplacement) for topic in DISPLACEMENTS]
-        self.inputs.append(Inflow(self, LOAD_TOPIC, WrenchStamped))
+        self.inputs = [RawSubscription(self, topic, RingDisplacement) for topic in DISPLACEMENTS]
+        self.inputs.append(RawSubscription(self, LOAD_TOPIC, WrenchStamped))
 
-    def deal(self) -> None:
+    def process_batch(self) -> None:
         """Keep one batch."""
         with self._lock:
             for topic, flow in zip(DISPLACEMENTS, self.inputs, strict=False):

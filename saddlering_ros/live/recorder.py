@@ -24,10 +24,10 @@ from saddlering_interfaces.msg import ReplayState, RingDisplacement, RingParamet
 from saddlering_ros.bags import LOAD_TOPIC, PROBE_TOPICS
 from saddlering_ros.bags.recording import BagRecording
 from saddlering_ros.live.errors import LiveError
-from saddlering_ros.nodes.base import StreamingNode
-from saddlering_ros.nodes.flow import Inflow
-from saddlering_ros.nodes.spin import spin_streaming
-from saddlering_ros.nodes.wire import SECOND
+from saddlering_ros.ros.raw_topics import RawSubscription
+from saddlering_ros.ros.spin import spin_streaming
+from saddlering_ros.ros.streaming_node import StreamingNode
+from saddlering_ros.streams.wire import SECOND
 
 NAME = 'saddlering_recorder'
 STREAMS: dict[str, Any] = {
@@ -57,9 +57,9 @@ class Recorder(StreamingNode):
 
     def connect(self) -> None:
         """Subscribe to all streams."""
-        self.inputs = [Inflow(self, topic, kind) for topic, kind in STREAMS.items()]
+        self.inputs = [RawSubscription(self, topic, kind) for topic, kind in STREAMS.items()]
 
-    def deal(self) -> None:
+    def process_batch(self) -> None:
         """Write what has arrived."""
         for flow in self.inputs:
             messages = flow.take()

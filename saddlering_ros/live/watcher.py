@@ -24,10 +24,6 @@ from saddlering_interfaces.msg import ReplayState, RingDisplacement, RingParamet
 from saddlering_ros.bags import LOAD_TOPIC
 from saddlering_ros.errors import SaddleringError
 from saddlering_ros.live.traces import Traces
-from saddlering_ros.nodes import wire
-from saddlering_ros.nodes.conversions import parameters_from_message
-from saddlering_ros.nodes.flow import Inflow
-from saddlering_ros.nodes.progress import STATE_TOPIC, to_stamp
 from saddlering_ros.report.background import white_noise
 from saddlering_ros.report.quantities import quantity
 from saddlering_ros.report.wording import gain_sentence, headline
@@ -38,6 +34,10 @@ from saddlering_ros.rig import (
     stiffness_per_millimetre,
     TONNE,
 )
+from saddlering_ros.ros.conversions import parameters_from_message
+from saddlering_ros.ros.lockstep import STATE_TOPIC, to_stamp
+from saddlering_ros.ros.raw_topics import RawSubscription
+from saddlering_ros.streams import wire
 
 NAME = 'saddlering_live'
 STREAMS = {'load': LOAD_TOPIC, 'measured': '/ring/displacement',
@@ -46,7 +46,7 @@ SCALES = {'load': 1.0 / TONNE, 'measured': 1e6, 'simulated': 1e6, 'residual': 1e
 """What the page shows: tonnes, micrometres and microradians."""
 
 POLL = 0.05
-"""Streams are drained so often [s]: the deep queues of `Inflow` hold a hundred times that."""
+"""Streams are drained this often [s]: the queues of `RawSubscription` hold 100 times that."""
 
 REVIEW = 1.0
 """How often it is looked whether the publishers are reliable or best effort [s]."""
@@ -93,8 +93,9 @@ class Watcher:
         channels = {name: 1 if name == 'load' else len(CHANNELS) for name in STREAMS}
         self.traces = Traces(channels, window=window)
         self.lock = threading.Lock()
-        self._inflows = {
-            name: Inflow(self.node, topic, WrenchStamped if name == 'load' else RingDisplacement)
+        self._streams = {
+            name: RawSubscription(
+                self.node, topic, WrenchStamped if name == 'load' else RingDisplacement)
             for name, topic in STREAMS.items()}
         self._recent = np.empty((len(CHANNELS), 0))
         self._noise: list[float | None] = [None] * len(CHANNELS)
@@ -174,12 +175,12 @@ class Watcher:
                 self._poll()
             if now - reviewed >= REVIEW:
                 reviewed = now
-                for inflow in self._inflows.values():
-                    inflow.review()
+                for subscription in self._streams.values():
+                    subscription.review()
 
     def _poll(self) -> None:
-        for name, inflow in self._inflows.items():
-            messages = inflow.take()
+        for name, subscription in self._streams.items():
+            messages = subscription.take()
             if not messages:
                 continue
             with contextlib.suppress(wire.WireError), self.lock:

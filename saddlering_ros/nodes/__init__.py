@@ -1,1 +1,1 @@
-"""ROS 2 nodes: one module per executable, thin over the core; beside them what all nodes share."""
+"""The executables: one module per node, thin over `streams`, `jobs` and `ros`."""

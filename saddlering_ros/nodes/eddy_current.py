@@ -8,12 +8,12 @@ import sys
 from sensor_msgs.msg import Range
 
 from saddlering_ros.bags import PROBE_TOPICS
-from saddlering_ros.nodes import wire
-from saddlering_ros.nodes.replay import ReplayNode
-from saddlering_ros.nodes.run import run_streaming
+from saddlering_ros.ros.bag_replay import ReplayNode
+from saddlering_ros.ros.run import run_streaming
+from saddlering_ros.streams import wire
 
 
-class EddyCurrentNode(ReplayNode):
+class ProbeReplay(ReplayNode):
     """Publishes /rig/eddy_current_1 to /rig/eddy_current_4."""
 
     TOPICS = PROBE_TOPICS
@@ -29,7 +29,7 @@ class EddyCurrentNode(ReplayNode):
 
 def main(args: Sequence[str] | None = None) -> None:
     """Run the node."""
-    sys.exit(run_streaming(EddyCurrentNode, args))
+    sys.exit(run_streaming(ProbeReplay, args))
 
 
 if __name__ == '__main__':

@@ -8,12 +8,12 @@ import sys
 from geometry_msgs.msg import WrenchStamped
 
 from saddlering_ros.bags import LOAD_TOPIC
-from saddlering_ros.nodes import wire
-from saddlering_ros.nodes.replay import ReplayNode
-from saddlering_ros.nodes.run import run_streaming
+from saddlering_ros.ros.bag_replay import ReplayNode
+from saddlering_ros.ros.run import run_streaming
+from saddlering_ros.streams import wire
 
 
-class HydraulicLoadNode(ReplayNode):
+class LoadReplay(ReplayNode):
     """Publishes /rig/hydraulic_load."""
 
     TOPICS = (LOAD_TOPIC,)
@@ -29,7 +29,7 @@ class HydraulicLoadNode(ReplayNode):
 
 def main(args: Sequence[str] | None = None) -> None:
     """Run the node."""
-    sys.exit(run_streaming(HydraulicLoadNode, args))
+    sys.exit(run_streaming(LoadReplay, args))
 
 
 if __name__ == '__main__':

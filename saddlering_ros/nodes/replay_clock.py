@@ -14,13 +14,13 @@ from std_srvs.srv import Trigger
 from saddlering_interfaces.msg import ReplayProgress, ReplayState
 from saddlering_interfaces.srv import Seek, SetRate, Step
 from saddlering_ros.bags import read_raw
-from saddlering_ros.nodes.bag_node import BagNode
-from saddlering_ros.nodes.diagnostics import ERROR, Finding, FunctionTask, OK, WARN
-from saddlering_ros.nodes.flow import Inflow, Outflow
-from saddlering_ros.nodes.parameters import Parameter
-from saddlering_ros.nodes.progress import Muster, PROGRESS_TOPIC, STATE_TOPIC, to_time
-from saddlering_ros.nodes.run import run_streaming
-from saddlering_ros.nodes.wire import SECOND
+from saddlering_ros.ros.bag_node import BagNode
+from saddlering_ros.ros.diagnostics import ERROR, Finding, FunctionTask, OK, WARN
+from saddlering_ros.ros.lockstep import LockstepGroup, PROGRESS_TOPIC, STATE_TOPIC, to_time
+from saddlering_ros.ros.parameters import Parameter
+from saddlering_ros.ros.raw_topics import RawPublisher, RawSubscription
+from saddlering_ros.ros.run import run_streaming
+from saddlering_ros.streams.wire import SECOND
 
 PARTICIPANTS = ['hydraulic_load', 'eddy_current', 'ring_displacement', 'ring_simulator',
                 'ring_residual']
@@ -76,7 +76,7 @@ class ReplayClockNode(BagNode):
         self._rate = self.settings['rate']
         self._lockstep = self.settings['lockstep']
         self._window = max(1, round(self.settings['window'] * SECOND))
-        self._muster = Muster([name for name in self.settings['participants'] if name])
+        self._group = LockstepGroup([name for name in self.settings['participants'] if name])
         self._state = ReplayState.WAITING
         self._after_waiting = (ReplayState.PAUSED if self.settings['start_paused']
                                else ReplayState.PLAYING)
@@ -91,16 +91,16 @@ class ReplayClockNode(BagNode):
 
     def connect(self) -> None:
         """Publish the clock; hear how far the others are."""
-        self._heard = Inflow(self, PROGRESS_TOPIC, ReplayProgress, reliability='reliable',
+        self._heard = RawSubscription(self, PROGRESS_TOPIC, ReplayProgress, reliability='reliable',
                              depth=1000)
         self.inputs = [self._heard]
-        self.outputs = [Outflow(self, '/clock', Clock, CLOCK_QOS)]
+        self.outputs = [RawPublisher(self, '/clock', Clock, CLOCK_QOS)]
 
-    def deal(self) -> None:
+    def process_batch(self) -> None:
         """Hear the others, and go on at once if that lets time go on."""
         now = time.monotonic()
         for raw in self._heard.take():
-            self._muster.hear(deserialize_message(raw, ReplayProgress), now)
+            self._group.hear(deserialize_message(raw, ReplayProgress), now)
         self.at_intervals(now)
 
     def at_intervals(self, now: float) -> float:
@@ -122,7 +122,7 @@ class ReplayClockNode(BagNode):
     # --- time ---
 
     def _wait(self, now: float) -> None:
-        self._waiting_for = self._muster.absent()
+        self._waiting_for = self._group.absent()
         if not self._waiting_for:
             self._enter(self._after_waiting, now)
         elif now - self._began > self.settings['timeout']:
@@ -143,8 +143,8 @@ class ReplayClockNode(BagNode):
             self._advance(min(stride, LONGEST_STRIDE), now)
 
     def _play_in_step(self, now: float) -> None:
-        muster = self._muster
-        behind = muster.behind(self._time)
+        group = self._group
+        behind = group.behind(self._time)
         self._waiting_for = behind
         if behind and now - self._advanced > self.settings['timeout']:
             self._give_up_on(behind)
@@ -160,17 +160,17 @@ class ReplayClockNode(BagNode):
         self._timeouts += 1
         self.get_logger().error(
             f'no longer waits for {"; ".join(behind)} (after {self.settings["timeout"]:g} s)')
-        self._muster.excused |= {reason.partition(':')[0] for reason in behind}
+        self._group.excused |= {reason.partition(':')[0] for reason in behind}
 
     def _readmit(self) -> None:
         """Wait again for nodes that had fallen behind, once they are in step."""
-        if not self._muster.excused:
+        if not self._group.excused:
             return
-        excused, self._muster.excused = self._muster.excused, set()
-        behind = {reason.partition(':')[0] for reason in self._muster.behind(self._time)}
+        excused, self._group.excused = self._group.excused, set()
+        behind = {reason.partition(':')[0] for reason in self._group.behind(self._time)}
         silent = {name for name in excused
-                  if time.monotonic() - self._muster.heard.get(name, 0.0) > 1.0}
-        self._muster.excused = excused & (behind | silent)
+                  if time.monotonic() - self._group.heard.get(name, 0.0) > 1.0}
+        self._group.excused = excused & (behind | silent)
 
     def _advance(self, stride: int, now: float) -> None:
         if self._time >= self._end:
@@ -300,8 +300,8 @@ class ReplayClockNode(BagNode):
                    'length [s]': f'{(self._end - self._start) / 1e9:.3f}',
                    'rate': f'{self._rate:g}', 'speed': f'{max(0.0, self._speed):.2f}',
                    'time-outs': str(self._timeouts)}
-        if self._muster.excused and self._lockstep:
-            names = ', '.join(sorted(self._muster.excused))
+        if self._group.excused and self._lockstep:
+            names = ', '.join(sorted(self._group.excused))
             return Finding(ERROR, f'goes on without {names}, which fell behind', figures)
         late = time.monotonic() - self._advanced > 1.0
         if self._waiting_for and (late or self._state == ReplayState.WAITING):

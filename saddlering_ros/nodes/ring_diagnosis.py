@@ -7,9 +7,9 @@ import sys
 from typing import Any
 
 from saddlering_interfaces.action import DiagnoseRing
-from saddlering_ros.nodes.diagnosis_job import DiagnosisAnswer, DiagnosisRequest
-from saddlering_ros.nodes.errors import NodeError
-from saddlering_ros.nodes.servers import ActionNode, serve
+from saddlering_ros.jobs.action_server import ActionNode, serve
+from saddlering_ros.jobs.diagnosis import DiagnosisAnswer, DiagnosisRequest
+from saddlering_ros.ros.errors import NodeError
 
 
 class RingDiagnosisNode(ActionNode):
@@ -17,7 +17,7 @@ class RingDiagnosisNode(ActionNode):
 
     ACTION = DiagnoseRing
     NAME = '/diagnose_ring'
-    JOB = 'saddlering_ros.nodes.diagnosis_job'
+    JOB = 'saddlering_ros.jobs.diagnosis'
 
     def __init__(self) -> None:
         super().__init__('ring_diagnosis')

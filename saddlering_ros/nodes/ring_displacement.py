@@ -13,9 +13,8 @@ from std_srvs.srv import Trigger
 
 from saddlering_interfaces.msg import RingDisplacement
 from saddlering_ros.bags import LOAD_TOPIC, PROBE_TOPICS
-from saddlering_ros.nodes import wire
-from saddlering_ros.nodes.base import INPUT_RELIABILITY, MAX_GAP, StreamingNode
-from saddlering_ros.nodes.diagnostics import (
+from saddlering_ros.rig import TONNE
+from saddlering_ros.ros.diagnostics import (
     Events,
     Finding,
     FunctionTask,
@@ -26,12 +25,13 @@ from saddlering_ros.nodes.diagnostics import (
     StreamTask,
     WARN,
 )
-from saddlering_ros.nodes.displacement_stream import DisplacementStream
-from saddlering_ros.nodes.flow import Inflow, Outflow
-from saddlering_ros.nodes.parameters import declare_rig, Parameter
-from saddlering_ros.nodes.progress import to_time
-from saddlering_ros.nodes.run import run_streaming
-from saddlering_ros.rig import TONNE
+from saddlering_ros.ros.lockstep import to_time
+from saddlering_ros.ros.parameters import declare_rig, Parameter
+from saddlering_ros.ros.raw_topics import RawPublisher, RawSubscription
+from saddlering_ros.ros.run import run_streaming
+from saddlering_ros.ros.streaming_node import INPUT_RELIABILITY, MAX_GAP, StreamingNode
+from saddlering_ros.streams import wire
+from saddlering_ros.streams.displacement import DisplacementStream
 
 ZERO_TOPIC = '/ring/zero'
 ZERO_QOS = QoSProfile(depth=10, durability=DurabilityPolicy.VOLATILE)
@@ -73,11 +73,12 @@ class RingDisplacementNode(StreamingNode):
     def connect(self) -> None:
         """Subscribe to load and probes; publish the displacement."""
         wanted = self.settings['input_reliability']
-        self.inputs = [Inflow(self, LOAD_TOPIC, WrenchStamped, reliability=wanted)]
-        self.inputs += [Inflow(self, topic, Range, reliability=wanted) for topic in PROBE_TOPICS]
-        self.outputs = [Outflow(self, '/ring/displacement', RingDisplacement)]
+        self.inputs = [RawSubscription(self, LOAD_TOPIC, WrenchStamped, reliability=wanted)]
+        self.inputs += [RawSubscription(self, topic, Range, reliability=wanted)
+                        for topic in PROBE_TOPICS]
+        self.outputs = [RawPublisher(self, '/ring/displacement', RingDisplacement)]
 
-    def deal(self) -> None:
+    def process_batch(self) -> None:
         """One batch: samples in, displacements out."""
         load = wire.decode_loads(self.inputs[0].take())
         gaps = [wire.decode_gaps(flow.take()) for flow in self.inputs[1:]]

@@ -8,10 +8,10 @@ from typing import Any
 
 from saddlering_interfaces.action import IdentifyRing
 from saddlering_ros.identification import IdentificationSettings, Progress, SwarmSettings
-from saddlering_ros.nodes.errors import NodeError
-from saddlering_ros.nodes.identification_job import IdentificationAnswer, IdentificationRequest
-from saddlering_ros.nodes.servers import ActionNode, serve
+from saddlering_ros.jobs.action_server import ActionNode, serve
+from saddlering_ros.jobs.identification import IdentificationAnswer, IdentificationRequest
 from saddlering_ros.rig import PARAMETER_NAMES
+from saddlering_ros.ros.errors import NodeError
 
 SWARM_FIELDS = {
     'particles': 'particles', 'iterations': 'iterations', 'c1': 'cognitive', 'c2': 'social',
@@ -28,7 +28,7 @@ class RingIdentificationNode(ActionNode):
 
     ACTION = IdentifyRing
     NAME = '/identify_ring'
-    JOB = 'saddlering_ros.nodes.identification_job'
+    JOB = 'saddlering_ros.jobs.identification'
 
     def __init__(self) -> None:
         super().__init__('ring_identification')

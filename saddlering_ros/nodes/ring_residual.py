@@ -8,9 +8,8 @@ import sys
 import numpy as np
 
 from saddlering_interfaces.msg import RingDisplacement
-from saddlering_ros.nodes import wire
-from saddlering_ros.nodes.base import INPUT_RELIABILITY, StreamingNode
-from saddlering_ros.nodes.diagnostics import (
+from saddlering_ros.rig import CHANNELS
+from saddlering_ros.ros.diagnostics import (
     Events,
     Finding,
     FunctionTask,
@@ -19,11 +18,12 @@ from saddlering_ros.nodes.diagnostics import (
     StreamTask,
     WARN,
 )
-from saddlering_ros.nodes.flow import Inflow, Outflow
-from saddlering_ros.nodes.parameters import declare_rig, Parameter
-from saddlering_ros.nodes.residual_stream import ResidualStream
-from saddlering_ros.nodes.run import run_streaming
-from saddlering_ros.rig import CHANNELS
+from saddlering_ros.ros.parameters import declare_rig, Parameter
+from saddlering_ros.ros.raw_topics import RawPublisher, RawSubscription
+from saddlering_ros.ros.run import run_streaming
+from saddlering_ros.ros.streaming_node import INPUT_RELIABILITY, StreamingNode
+from saddlering_ros.streams import wire
+from saddlering_ros.streams.residual import ResidualStream
 
 MEASURED_TOPIC = '/ring/displacement'
 SIMULATED_TOPIC = '/ring/simulated_displacement'
@@ -55,11 +55,11 @@ class RingResidualNode(StreamingNode):
     def connect(self) -> None:
         """Subscribe to both displacements; publish their difference."""
         wanted = self.settings['input_reliability']
-        self.inputs = [Inflow(self, topic, RingDisplacement, reliability=wanted)
+        self.inputs = [RawSubscription(self, topic, RingDisplacement, reliability=wanted)
                        for topic in (MEASURED_TOPIC, SIMULATED_TOPIC)]
-        self.outputs = [Outflow(self, '/ring/residual', RingDisplacement)]
+        self.outputs = [RawPublisher(self, '/ring/residual', RingDisplacement)]
 
-    def deal(self) -> None:
+    def process_batch(self) -> None:
         """One batch of either, residuals out."""
         measured, simulated = (wire.decode_displacements(flow.take()) for flow in self.inputs)
         batches = (measured, simulated)

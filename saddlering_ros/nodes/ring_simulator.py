@@ -15,10 +15,17 @@ from std_srvs.srv import Trigger
 from saddlering_interfaces.msg import RingDisplacement, RingParameters
 from saddlering_ros.bags import LOAD_TOPIC
 from saddlering_ros.errors import SaddleringError
-from saddlering_ros.nodes import wire
-from saddlering_ros.nodes.base import INPUT_RELIABILITY, MAX_GAP, StreamingNode
-from saddlering_ros.nodes.conversions import parameters_from_message, parameters_to_message
-from saddlering_ros.nodes.diagnostics import (
+from saddlering_ros.nodes.ring_displacement import ZERO_QOS, ZERO_TOPIC
+from saddlering_ros.rig import (
+    parameters_from_mapping,
+    ParameterSet,
+    ParameterSource,
+    read_parameters,
+    TONNE,
+    TRUE_TO_SCALE,
+)
+from saddlering_ros.ros.conversions import parameters_from_message, parameters_to_message
+from saddlering_ros.ros.diagnostics import (
     ERROR,
     Events,
     Finding,
@@ -28,21 +35,14 @@ from saddlering_ros.nodes.diagnostics import (
     StreamTask,
     WARN,
 )
-from saddlering_ros.nodes.errors import NodeError
-from saddlering_ros.nodes.flow import Inflow, Outflow
-from saddlering_ros.nodes.parameters import declare_rig, given_sections, Parameter
-from saddlering_ros.nodes.progress import to_stamp, to_time
-from saddlering_ros.nodes.ring_displacement import ZERO_QOS, ZERO_TOPIC
-from saddlering_ros.nodes.run import run_streaming
-from saddlering_ros.nodes.simulation_stream import SimulationStream
-from saddlering_ros.rig import (
-    parameters_from_mapping,
-    ParameterSet,
-    ParameterSource,
-    read_parameters,
-    TONNE,
-    TRUE_TO_SCALE,
-)
+from saddlering_ros.ros.errors import NodeError
+from saddlering_ros.ros.lockstep import to_stamp, to_time
+from saddlering_ros.ros.parameters import declare_rig, given_sections, Parameter
+from saddlering_ros.ros.raw_topics import RawPublisher, RawSubscription
+from saddlering_ros.ros.run import run_streaming
+from saddlering_ros.ros.streaming_node import INPUT_RELIABILITY, MAX_GAP, StreamingNode
+from saddlering_ros.streams import wire
+from saddlering_ros.streams.simulation import SimulationStream
 
 PARAMETERS_TOPIC = '/ring/parameters'
 LATCHED = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE,
@@ -111,9 +111,9 @@ class RingSimulatorNode(StreamingNode):
 
     def connect(self) -> None:
         """Subscribe to the load; publish the simulated displacement."""
-        self.inputs = [Inflow(self, LOAD_TOPIC, WrenchStamped,
+        self.inputs = [RawSubscription(self, LOAD_TOPIC, WrenchStamped,
                               reliability=self.settings['input_reliability'])]
-        self.outputs = [Outflow(self, '/ring/simulated_displacement', RingDisplacement)]
+        self.outputs = [RawPublisher(self, '/ring/simulated_displacement', RingDisplacement)]
         offered, self._offered = self._offered, None
         if offered is not None:
             self._follow(offered)
@@ -138,7 +138,7 @@ class RingSimulatorNode(StreamingNode):
             self.get_logger().warning(
                 f'no elevation_deg and no bag: {ASSUMED_ELEVATION_DEG:g} deg is assumed')
             return math.radians(ASSUMED_ELEVATION_DEG)
-        from saddlering_ros.nodes.replay import bag_elevation
+        from saddlering_ros.ros.bag_replay import bag_elevation
         return bag_elevation(bag)
 
     def _make(self, parameters: ParameterSet) -> None:
@@ -159,7 +159,7 @@ class RingSimulatorNode(StreamingNode):
         simulate(self._rig, self._in_force or ParameterSet(TRUE_TO_SCALE), self._elevation, times,
                  [self._rig.preload] * 10)
 
-    def deal(self) -> None:
+    def process_batch(self) -> None:
         """One batch: loads in, states out."""
         load = wire.decode_loads(self.inputs[0].take())
         if not len(load):

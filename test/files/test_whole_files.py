@@ -158,7 +158,7 @@ from pathlib import Path
 import numpy as np
 from saddlering_ros.bags import LOAD_TOPIC, PROBE_TOPICS, TestFacts
 from saddlering_ros.bags.recording import BagRecording
-from saddlering_ros.nodes.wire import encode_gaps, encode_loads, Samples
+from saddlering_ros.streams.wire import encode_gaps, encode_loads, Samples
 from saddlering_ros.errors import SaddleringError
 kinds = {LOAD_TOPIC: 'geometry_msgs/msg/WrenchStamped',
          **dict.fromkeys(PROBE_TOPICS, 'sensor_msgs/msg/Range')}

@@ -18,10 +18,10 @@ from saddlering_interfaces.action import DiagnoseRing, IdentifyRing
 from saddlering_ros.bags import displacement_of_run, read_run
 from saddlering_ros.live.server import address, serve
 from saddlering_ros.live.watcher import Watcher
-from saddlering_ros.nodes.launcher import start_nodes
-from saddlering_ros.nodes.transport import transport_environment
 from saddlering_ros.paths import share_directory
 from saddlering_ros.rig import default_rig
+from saddlering_ros.ros.launcher import start_nodes
+from saddlering_ros.ros.transport import transport_environment
 
 pytestmark = [pytest.mark.ros, pytest.mark.timeout(600)]
 BAG = share_directory() / 'bags' / 'dynamic_50_fast'

@@ -11,9 +11,9 @@ import pytest
 from rosnet import Client, client
 
 from saddlering_ros.bags import TestFacts, write_bag
-from saddlering_ros.nodes.launcher import NodeGroup
 from saddlering_ros.rig import default_rig, ParameterSet, TRUE_TO_SCALE
 from saddlering_ros.ring import simulate
+from saddlering_ros.ros.launcher import NodeGroup
 
 START = 1_700_000_000_000_000_000
 RATE = 500.0

@@ -19,9 +19,9 @@ from sensor_msgs.msg import Range
 
 from saddlering_interfaces.msg import ReplayProgress, RingDisplacement
 from saddlering_ros.bags import LOAD_TOPIC, PROBE_TOPICS
-from saddlering_ros.nodes import wire
-from saddlering_ros.nodes.flow import Inflow, Outflow, stream_qos
-from saddlering_ros.nodes.progress import PROGRESS_TOPIC
+from saddlering_ros.ros.lockstep import PROGRESS_TOPIC
+from saddlering_ros.ros.raw_topics import RawPublisher, RawSubscription, stream_qos
+from saddlering_ros.streams import wire
 
 OUTPUTS = ('/ring/displacement', '/ring/simulated_displacement', '/ring/residual')
 
@@ -45,14 +45,15 @@ class Client:
         self.executor = SingleThreadedExecutor(context=self.context)
         self.executor.add_node(self.node)
         self.lock = threading.RLock()
-        self.inflows = {topic: Inflow(self.node, topic, RingDisplacement) for topic in OUTPUTS}
+        self.subscriptions = {topic: RawSubscription(self.node, topic, RingDisplacement)
+                              for topic in OUTPUTS}
         self.raw: dict[str, list[bytes]] = {topic: [] for topic in OUTPUTS}
         self.diagnostics: dict[str, tuple[int, str]] = {}
         self.warnings: list[str] = []
         self.progress: dict[str, ReplayProgress] = {}
         self._actions: list[ActionClient] = []
-        self._progress = Inflow(self.node, PROGRESS_TOPIC, ReplayProgress)
-        self._diagnostics = Inflow(self.node, '/diagnostics', DiagnosticArray)
+        self._progress = RawSubscription(self.node, PROGRESS_TOPIC, ReplayProgress)
+        self._diagnostics = RawSubscription(self.node, '/diagnostics', DiagnosticArray)
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._serve, daemon=True)
         self._thread.start()
@@ -61,8 +62,8 @@ class Client:
         while not self._stop.is_set():
             with self.lock:
                 self.executor.spin_once(timeout_sec=0.0)
-                for topic, inflow in self.inflows.items():
-                    self.raw[topic] += inflow.take()
+                for topic, subscription in self.subscriptions.items():
+                    self.raw[topic] += subscription.take()
                 for message in self._progress.take():
                     said = deserialize_message(message, ReplayProgress)
                     self.progress[said.node] = said
@@ -91,7 +92,7 @@ class Client:
         Both ends must know of each other: a reader may be matched with a writer that has not yet
         heard of it, and then gets nothing of what is sent before.
         """
-        return all(self.inflows[topic].publishers() and self._sent_to_all(topic)
+        return all(self.subscriptions[topic].publishers() and self._sent_to_all(topic)
                    for topic in topics)
 
     def _sent_to_all(self, topic: str) -> bool:
@@ -148,8 +149,8 @@ class Driver:
 
     def __init__(self, one: Client, reliable: bool = True) -> None:
         qos = stream_qos(reliable)
-        self.load = Outflow(one.node, LOAD_TOPIC, WrenchStamped, qos)
-        self.probes = [Outflow(one.node, topic, Range, qos) for topic in PROBE_TOPICS]
+        self.load = RawPublisher(one.node, LOAD_TOPIC, WrenchStamped, qos)
+        self.probes = [RawPublisher(one.node, topic, Range, qos) for topic in PROBE_TOPICS]
 
     def matched(self, readers_of_load: int, readers_of_probes: int = 1) -> bool:
         return (self.load.subscriptions() >= readers_of_load

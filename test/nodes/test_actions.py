@@ -14,12 +14,12 @@ from rosnet import Client, Driver, wait_until
 
 from saddlering_interfaces.action import DiagnoseRing, IdentifyRing
 from saddlering_interfaces.msg import RingParameters
-from saddlering_ros.nodes import wire
-from saddlering_ros.nodes.displacement_stream import DisplacementStream
-from saddlering_ros.nodes.errors import NodeError
-from saddlering_ros.nodes.launcher import NodeGroup
-from saddlering_ros.nodes.roots import below
 from saddlering_ros.rig import default_rig
+from saddlering_ros.ros.errors import NodeError
+from saddlering_ros.ros.launcher import NodeGroup
+from saddlering_ros.ros.roots import below
+from saddlering_ros.streams import wire
+from saddlering_ros.streams.displacement import DisplacementStream
 
 pytestmark = pytest.mark.ros
 

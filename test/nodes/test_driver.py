@@ -10,10 +10,10 @@ import pytest
 from rosnet import Client, Driver, OUTPUTS, wait_until
 from std_srvs.srv import Trigger
 
-from saddlering_ros.nodes import wire
-from saddlering_ros.nodes.displacement_stream import DisplacementStream
-from saddlering_ros.nodes.launcher import NodeGroup, RING_NODES
 from saddlering_ros.rig import default_rig
+from saddlering_ros.ros.launcher import NodeGroup, RING_NODES
+from saddlering_ros.streams import wire
+from saddlering_ros.streams.displacement import DisplacementStream
 
 pytestmark = pytest.mark.ros
 

@@ -12,7 +12,7 @@ import sys
 import pytest
 from rosnet import Client, Driver, wait_until
 
-from saddlering_ros.nodes.launcher import NodeGroup, RING_NODES
+from saddlering_ros.ros.launcher import NodeGroup, RING_NODES
 
 pytestmark = pytest.mark.ros
 EXAMPLES = Path(__file__).parents[2] / 'examples'

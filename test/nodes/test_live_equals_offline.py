@@ -11,9 +11,9 @@ from std_srvs.srv import Trigger
 
 from saddlering_ros.bags import read_run
 from saddlering_ros.bags.measured import displacement_of_run
-from saddlering_ros.nodes.launcher import start_nodes
 from saddlering_ros.rig import CHANNELS, default_rig, ParameterSet, TRUE_TO_SCALE
 from saddlering_ros.ring import simulate
+from saddlering_ros.ros.launcher import start_nodes
 
 pytestmark = pytest.mark.ros
 

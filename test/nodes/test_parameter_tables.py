@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from saddlering_ros.nodes.reference import MARKER, reference
+from saddlering_ros.ros.reference import MARKER, reference
 
 PAGE = Path(__file__).parents[2] / 'docs' / 'nodes.md'
 

@@ -17,9 +17,9 @@ from rcl_interfaces.msg import ParameterType, ParameterValue
 from rcl_interfaces.srv import SetParameters
 from rosnet import Client, wait_until
 
-from saddlering_ros.nodes.launcher import NodeGroup, ros_arguments, start_nodes
-from saddlering_ros.nodes.shared_memory import sweep
 from saddlering_ros.paths import share_directory
+from saddlering_ros.ros.launcher import NodeGroup, ros_arguments, start_nodes
+from saddlering_ros.ros.shared_memory import sweep
 
 pytestmark = pytest.mark.ros
 
@@ -83,7 +83,7 @@ def test_nodes_leave_when_whoever_started_them_is_killed(
         bag: Path, ros_domain: int, tmp_path: Path) -> None:
     code = ('import sys, time\n'
             'from pathlib import Path\n'
-            'from saddlering_ros.nodes.launcher import start_nodes\n'
+            'from saddlering_ros.ros.launcher import start_nodes\n'
             f'with start_nodes({str(bag)!r}, domain_id={ros_domain}, exit_at_end=False,\n'
             f'                 log_folder=Path({str(tmp_path / "log")!r})):\n'
             '    print("started", flush=True)\n'

@@ -11,8 +11,8 @@ from std_srvs.srv import Trigger
 
 from saddlering_interfaces.msg import ReplayProgress, ReplayState
 from saddlering_interfaces.srv import Seek, SetRate, Step
-from saddlering_ros.nodes.launcher import start_nodes
-from saddlering_ros.nodes.progress import Muster, to_time
+from saddlering_ros.ros.launcher import start_nodes
+from saddlering_ros.ros.lockstep import LockstepGroup, to_time
 
 pytestmark = pytest.mark.ros
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
@@ -84,25 +84,25 @@ def said(node: str, *, until: int = 0, inputs=(), outputs=()) -> ReplayProgress:
 
 
 def test_a_replay_starts_when_all_are_heard_of_and_matched_both_ways() -> None:
-    muster = Muster(['source', 'reader'])
-    assert len(muster.absent()) == 2
-    muster.hear(said('source', until=1, outputs=[('/t', 0, 0)]), 0.0)
-    muster.hear(said('reader', inputs=[('/t', 0, 1)]), 0.0)
-    assert muster.absent() == ['source: /t is matched with 0 of 1 readers']
-    muster.hear(said('source', until=1, outputs=[('/t', 0, 1)]), 0.0)
-    muster.hear(said('reader', inputs=[('/t', 0, 0)]), 0.0)
-    assert muster.absent() == ['reader: is not matched with the publisher of /t']
-    muster.hear(said('reader', inputs=[('/t', 0, 1)]), 0.0)
-    assert muster.absent() == []
+    group = LockstepGroup(['source', 'reader'])
+    assert len(group.absent()) == 2
+    group.hear(said('source', until=1, outputs=[('/t', 0, 0)]), 0.0)
+    group.hear(said('reader', inputs=[('/t', 0, 1)]), 0.0)
+    assert group.absent() == ['source: /t is matched with 0 of 1 readers']
+    group.hear(said('source', until=1, outputs=[('/t', 0, 1)]), 0.0)
+    group.hear(said('reader', inputs=[('/t', 0, 0)]), 0.0)
+    assert group.absent() == ['reader: is not matched with the publisher of /t']
+    group.hear(said('reader', inputs=[('/t', 0, 1)]), 0.0)
+    assert group.absent() == []
 
 
 def test_time_goes_on_only_when_all_that_was_published_is_dealt_with() -> None:
-    muster = Muster(['source', 'reader'])
-    muster.hear(said('source', until=90, outputs=[('/t', 88, 1)]), 0.0)
-    muster.hear(said('reader', inputs=[('/t', 77, 1)]), 0.0)
-    assert [reason.partition(':')[0] for reason in muster.behind(100)] == ['source', 'reader']
-    muster.hear(said('source', until=100, outputs=[('/t', 99, 1)]), 0.0)
-    muster.hear(said('reader', inputs=[('/t', 88, 1)]), 0.0)
-    assert [reason.partition(':')[0] for reason in muster.behind(100)] == ['reader']
-    muster.hear(said('reader', inputs=[('/t', 99, 1)]), 0.0)
-    assert muster.behind(100) == []
+    group = LockstepGroup(['source', 'reader'])
+    group.hear(said('source', until=90, outputs=[('/t', 88, 1)]), 0.0)
+    group.hear(said('reader', inputs=[('/t', 77, 1)]), 0.0)
+    assert [reason.partition(':')[0] for reason in group.behind(100)] == ['source', 'reader']
+    group.hear(said('source', until=100, outputs=[('/t', 99, 1)]), 0.0)
+    group.hear(said('reader', inputs=[('/t', 88, 1)]), 0.0)
+    assert [reason.partition(':')[0] for reason in group.behind(100)] == ['reader']
+    group.hear(said('reader', inputs=[('/t', 99, 1)]), 0.0)
+    assert group.behind(100) == []

@@ -12,8 +12,8 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 from rosnet import Client, client, Driver, wait_until
 
 from saddlering_interfaces.msg import RingParameters
-from saddlering_ros.nodes.launcher import NodeGroup
 from saddlering_ros.rig import ParameterSet, ParameterSource, TRUE_TO_SCALE, write_parameters
+from saddlering_ros.ros.launcher import NodeGroup
 
 pytestmark = pytest.mark.ros
 TOPIC = '/ring/parameters'

@@ -15,16 +15,17 @@ import numpy as np
 import pytest
 
 from saddlering_interfaces.action import IdentifyRing
-from saddlering_ros.nodes import diagnosis_job, identification_job
-from saddlering_ros.nodes.errors import NodeError
-from saddlering_ros.nodes.identification_job import IdentificationAnswer, IdentificationRequest
-from saddlering_ros.nodes.parameters import Parameter
-from saddlering_ros.nodes.plain_data import Channel, PlainDataError
+from saddlering_ros.jobs import diagnosis as diagnosis_job
+from saddlering_ros.jobs import identification as identification_job
+from saddlering_ros.jobs.identification import IdentificationAnswer, IdentificationRequest
+from saddlering_ros.jobs.plain_data import Channel, PlainDataError
 from saddlering_ros.nodes.ring_identification import settings_of
-from saddlering_ros.nodes.roots import bag_below
-from saddlering_ros.nodes.transport import local_discovery
 from saddlering_ros.paths import share_directory
 from saddlering_ros.rig import default_rig, ParameterSet, ParameterSource, TRUE_TO_SCALE
+from saddlering_ros.ros.errors import NodeError
+from saddlering_ros.ros.parameters import Parameter
+from saddlering_ros.ros.roots import bag_below
+from saddlering_ros.ros.transport import local_discovery
 
 SOURCE = Path(__file__).resolve().parents[2] / 'saddlering_ros'
 

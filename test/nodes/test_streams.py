@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from saddlering_ros.nodes import wire
-from saddlering_ros.nodes.displacement_stream import DisplacementStream
-from saddlering_ros.nodes.residual_stream import pick, ResidualStream
-from saddlering_ros.nodes.simulation_stream import SimulationStream
 from saddlering_ros.rig import default_rig, FULL_SCALE_LOAD, ParameterSet, TRUE_TO_SCALE
+from saddlering_ros.streams import wire
+from saddlering_ros.streams.displacement import DisplacementStream
+from saddlering_ros.streams.residual import pick, ResidualStream
+from saddlering_ros.streams.simulation import SimulationStream
 
 RIG = default_rig()
 NONE = wire.Samples(np.empty(0, np.int64), np.empty(0))

@@ -12,13 +12,13 @@ import numpy as np
 import pytest
 from rosnet import Client, Driver, wait_until
 
-from saddlering_ros.nodes.launcher import environment, NodeGroup
-from saddlering_ros.nodes.transport import (
+from saddlering_ros.rig import default_rig
+from saddlering_ros.ros.launcher import environment, NodeGroup
+from saddlering_ros.ros.transport import (
     PROFILE_VARIABLES,
     PUBLICATION_VARIABLE,
     transport_environment,
 )
-from saddlering_ros.rig import default_rig
 
 BURST = 3000
 """Messages that do not fit into the receive buffer of a socket (208 kB); the rest is dropped."""

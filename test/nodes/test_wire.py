@@ -10,7 +10,7 @@ from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import Range
 
 from saddlering_interfaces.msg import RingDisplacement
-from saddlering_ros.nodes import wire
+from saddlering_ros.streams import wire
 
 STAMPS = np.array([1_700_000_000_123_456_789, 1_700_000_001_999_999_999, -5], dtype=np.int64)
 VALUES = np.array([1.25e5, -3.5, 0.1])

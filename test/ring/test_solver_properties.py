@@ -10,8 +10,6 @@ import numpy as np
 import pytest
 
 from saddlering_ros.effects import catalogue
-from saddlering_ros.nodes.simulation_stream import SimulationStream
-from saddlering_ros.nodes.wire import Samples
 from saddlering_ros.rig import (
     Carriage,
     ContactParameters,
@@ -32,6 +30,8 @@ from saddlering_ros.ring import (
     simulate,
     static_batch,
 )
+from saddlering_ros.streams.simulation import SimulationStream
+from saddlering_ros.streams.wire import Samples
 
 BASE = default_rig()
 QUICK = settings(max_examples=40, deadline=None, derandomize=True, database=None)

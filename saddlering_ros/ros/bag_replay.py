@@ -11,9 +11,8 @@ from rosgraph_msgs.msg import Clock
 from saddlering_ros.bags import RawTopic, read_raw
 from saddlering_ros.bags.checks import check_values
 from saddlering_ros.bags.reader import usable_facts
-from saddlering_ros.nodes import wire
-from saddlering_ros.nodes.bag_node import BagNode
-from saddlering_ros.nodes.diagnostics import (
+from saddlering_ros.ros.bag_node import BagNode
+from saddlering_ros.ros.diagnostics import (
     ERROR,
     Finding,
     FunctionTask,
@@ -21,7 +20,8 @@ from saddlering_ros.nodes.diagnostics import (
     SourcesTask,
     WARN,
 )
-from saddlering_ros.nodes.flow import Inflow, Outflow
+from saddlering_ros.ros.raw_topics import RawPublisher, RawSubscription
+from saddlering_ros.streams import wire
 
 JUMP = 2 * wire.SECOND
 """A clock that goes on by more than this was moved by hand: what lies between is not published."""
@@ -81,15 +81,15 @@ class ReplayNode(BagNode):
 
     def connect(self) -> None:
         """Listen to the clock; publish the topics."""
-        self._clock_flow = Inflow(self, '/clock', Clock, depth=100)
+        self._clock_flow = RawSubscription(self, '/clock', Clock, depth=100)
         self.inputs = [self._clock_flow]
-        self.outputs = [Outflow(self, topic, self.MESSAGE) for topic in self.TOPICS]
+        self.outputs = [RawPublisher(self, topic, self.MESSAGE) for topic in self.TOPICS]
 
     def encode(self, samples: wire.Samples, frame_id: str) -> list[bytes]:
         """The messages of a batch."""
         raise NotImplementedError
 
-    def deal(self) -> None:
+    def process_batch(self) -> None:
         """Follow the clock."""
         messages = self._clock_flow.take()
         if not messages:
@@ -115,7 +115,7 @@ class ReplayNode(BagNode):
         """The clock's time; 1 ns before there is any."""
         return self._now or 1
 
-    def progress_inputs(self) -> list[Inflow]:
+    def lockstep_inputs(self) -> list[RawSubscription]:
         """The clock is no stream one can be behind on."""
         return []
 

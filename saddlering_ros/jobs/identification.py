@@ -15,7 +15,7 @@ from saddlering_ros.identification import (
     SwarmSettings,
     validate,
 )
-from saddlering_ros.nodes.plain_types import PARAMETER_TYPES, RIG_TYPES
+from saddlering_ros.jobs.plain_types import PARAMETER_TYPES, RIG_TYPES
 from saddlering_ros.rig import ParameterSet, Rig
 
 

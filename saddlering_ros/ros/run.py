@@ -14,11 +14,11 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
 from saddlering_ros.errors import SaddleringError
-from saddlering_ros.nodes.base import StreamingNode
-from saddlering_ros.nodes.lifeline import follow_lifeline
-from saddlering_ros.nodes.shared_memory import sweep
-from saddlering_ros.nodes.spin import spin_streaming
-from saddlering_ros.nodes.transport import prepare_transport
+from saddlering_ros.ros.lifeline import follow_lifeline
+from saddlering_ros.ros.shared_memory import sweep
+from saddlering_ros.ros.spin import spin_streaming
+from saddlering_ros.ros.streaming_node import StreamingNode
+from saddlering_ros.ros.transport import prepare_transport
 
 UNUSABLE = 2
 

@@ -7,7 +7,6 @@ from collections.abc import Sequence
 import numpy as np
 
 from saddlering_ros.bags import AlignedRow, StreamAligner
-from saddlering_ros.nodes.wire import Displacements, join, no_displacements, Samples, SECOND
 from saddlering_ros.rig import (
     gap_increment,
     probes_to_displacement,
@@ -15,6 +14,7 @@ from saddlering_ros.rig import (
     ZeroReading,
     ZeroWindow,
 )
+from saddlering_ros.streams.wire import Displacements, join, no_displacements, Samples, SECOND
 
 
 class DisplacementStream:

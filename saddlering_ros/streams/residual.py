@@ -7,8 +7,8 @@ from dataclasses import dataclass, fields
 import numpy as np
 
 from saddlering_ros.bags.alignment import JITTER_NS
-from saddlering_ros.nodes.wire import Displacements, join, no_displacements, SECOND
 from saddlering_ros.rig.zeroing import FEWEST_SAMPLES, STEADY_SHARE, WINDOW_SECONDS
+from saddlering_ros.streams.wire import Displacements, join, no_displacements, SECOND
 
 KEEP_NS = 2 * SECOND
 """A sample this far behind the newest match will find no partner any more."""

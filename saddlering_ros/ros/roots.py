@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Protocol
 
-from saddlering_ros.nodes.errors import NodeError
-from saddlering_ros.nodes.parameters import Settings
+from saddlering_ros.ros.errors import NodeError
+from saddlering_ros.ros.parameters import Settings
 
 
 class WithSettings(Protocol):

@@ -20,8 +20,8 @@ from rclpy.exceptions import (
 from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
 
-from saddlering_ros.nodes.errors import NodeError
 from saddlering_ros.rig import default_rig, Rig, rig_from_parameters
+from saddlering_ros.ros.errors import NodeError
 
 Value = bool | int | float | str | list[str] | list[float]
 

@@ -1,4 +1,4 @@
-"""What flows into and out of a node: subscriptions drained per wake-up, publishers that count."""
+"""Topics as raw CDR bytes: subscriptions drained per wake-up, publishers that count."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from rclpy.callback_groups import CallbackGroup
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 
-from saddlering_ros.nodes.errors import NodeError
+from saddlering_ros.ros.errors import NodeError
 
 DEPTH = 5000
 """Messages that may wait at either end of a topic: five seconds at 1 kHz."""
@@ -24,7 +24,7 @@ def stream_qos(reliable: bool = True, depth: int = DEPTH) -> QoSProfile:
 
 
 class _Drained(CallbackGroup):
-    """A group no executor ever serves: `Inflow.take` empties its subscriptions instead."""
+    """A group that no executor serves: `RawSubscription.take` empties its subscriptions."""
 
     def can_execute(self, entity: Any) -> bool:
         return False
@@ -36,7 +36,7 @@ class _Drained(CallbackGroup):
         return None
 
 
-class Inflow:
+class RawSubscription:
     """One topic a node reads, as raw CDR bytes, taken in batches.
 
     A reader that asks for reliable delivery gets nothing from a best-effort publisher, which
@@ -105,7 +105,7 @@ class Inflow:
         self._node.destroy_subscription(self.subscription)
 
 
-class Outflow:
+class RawPublisher:
     """One topic a node writes; counts what it sends, and takes serialized messages."""
 
     def __init__(self, node: Node, topic: str, message_type: Any, qos: QoSProfile | None = None,

@@ -8,11 +8,11 @@ from typing import Any, ClassVar
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.parameter import Parameter as RosParameter
 
-from saddlering_ros.nodes.base import StreamingNode
-from saddlering_ros.nodes.errors import NodeError
-from saddlering_ros.nodes.parameters import Parameter
-from saddlering_ros.nodes.roots import bag_below, root_folder
 from saddlering_ros.paths import share_directory
+from saddlering_ros.ros.errors import NodeError
+from saddlering_ros.ros.parameters import Parameter
+from saddlering_ros.ros.roots import bag_below, root_folder
+from saddlering_ros.ros.streaming_node import StreamingNode
 
 BAG = Parameter('bag', '', 'the bag to replay: a rosbag2 directory or an .mcap file; none: wait',
                 changeable=True)

@@ -1,6 +1,6 @@
 """The reference of the nodes' parameters in docs/nodes.md, written from their declarations.
 
-python -m saddlering_ros.nodes.reference docs/nodes.md       rewrites what stands below the marker
+python -m saddlering_ros.ros.reference docs/nodes.md       rewrites what stands below the marker
 """
 
 from __future__ import annotations
@@ -9,14 +9,14 @@ import importlib
 from pathlib import Path
 import sys
 
-from saddlering_ros.nodes.base import AUTOSTART, StreamingNode
-from saddlering_ros.nodes.parameters import Parameter, table
+from saddlering_ros.ros.parameters import Parameter, table
+from saddlering_ros.ros.streaming_node import AUTOSTART, StreamingNode
 
-MARKER = '<!-- from here on written by python -m saddlering_ros.nodes.reference -->\n'
+MARKER = '<!-- from here on written by python -m saddlering_ros.ros.reference -->\n'
 
 CLASSES = {
-    'replay_clock': 'ReplayClockNode', 'hydraulic_load': 'HydraulicLoadNode',
-    'eddy_current': 'EddyCurrentNode', 'ring_displacement': 'RingDisplacementNode',
+    'replay_clock': 'ReplayClockNode', 'hydraulic_load': 'LoadReplay',
+    'eddy_current': 'ProbeReplay', 'ring_displacement': 'RingDisplacementNode',
     'ring_simulator': 'RingSimulatorNode', 'ring_residual': 'RingResidualNode',
     'ring_identification': 'RingIdentificationNode', 'ring_diagnosis': 'RingDiagnosisNode',
 }

@@ -1,6 +1,6 @@
 """Heavy work in a process of its own, so that a node's callbacks go on; killed to cancel it.
 
-    python -m saddlering_ros.nodes.worker FD MODULE      (started by `Worker`, never by hand)
+    python -m saddlering_ros.jobs.worker FD MODULE      (started by `Worker`, never by hand)
 
 MODULE has `run(request, on_progress) -> answer`, and TYPES, the dataclasses these are made of;
 what goes between the processes is plain data (plain_data.py), never pickles.
@@ -21,8 +21,8 @@ import threading
 from typing import Any
 
 from saddlering_ros.errors import SaddleringError
-from saddlering_ros.nodes.lifeline import follow_lifeline, LIFELINE
-from saddlering_ros.nodes.plain_data import Channel, PlainDataError
+from saddlering_ros.jobs.plain_data import Channel, PlainDataError
+from saddlering_ros.ros.lifeline import follow_lifeline, LIFELINE
 
 POLL = 0.02
 """How often a running job is asked whether it shall be cancelled [s]."""

@@ -6,8 +6,8 @@ from builtin_interfaces.msg import Time
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 
 from saddlering_interfaces.msg import ReplayProgress
-from saddlering_ros.nodes.flow import Inflow, Outflow
-from saddlering_ros.nodes.wire import SECOND
+from saddlering_ros.ros.raw_topics import RawPublisher, RawSubscription
+from saddlering_ros.streams.wire import SECOND
 
 PROGRESS_TOPIC = '/replay/progress'
 STATE_TOPIC = '/replay/state'
@@ -25,22 +25,22 @@ def to_stamp(time: Time) -> int:
     return int(time.sec) * SECOND + int(time.nanosec)
 
 
-def progress_of(node: str, inflows: list[Inflow], outflows: list[Outflow],
+def progress_of(node: str, subscriptions: list[RawSubscription], publishers: list[RawPublisher],
                 replayed_until: int = 0) -> ReplayProgress:
     """What a node with these flows says of itself."""
     message = ReplayProgress(node=node, replayed_until=to_time(replayed_until))
-    message.inputs = [flow.topic for flow in inflows]
-    message.input_stamps = [to_time(flow.last_stamp) for flow in inflows]
-    message.received = [flow.received for flow in inflows]
-    message.publishers = [flow.publishers() for flow in inflows]
-    message.outputs = [flow.topic for flow in outflows]
-    message.output_stamps = [to_time(flow.last_stamp) for flow in outflows]
-    message.published = [flow.published for flow in outflows]
-    message.subscriptions = [flow.subscriptions() for flow in outflows]
+    message.inputs = [flow.topic for flow in subscriptions]
+    message.input_stamps = [to_time(flow.last_stamp) for flow in subscriptions]
+    message.received = [flow.received for flow in subscriptions]
+    message.publishers = [flow.publishers() for flow in subscriptions]
+    message.outputs = [flow.topic for flow in publishers]
+    message.output_stamps = [to_time(flow.last_stamp) for flow in publishers]
+    message.published = [flow.published for flow in publishers]
+    message.subscriptions = [flow.subscriptions() for flow in publishers]
     return message
 
 
-class Muster:
+class LockstepGroup:
     """The nodes a replay waits for, and what each has said last.
 
     A node owes nothing on a topic until it has received its first message there, so that one

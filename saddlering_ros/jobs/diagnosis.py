@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import json
 
 from saddlering_ros.diagnosis import diagnose_bags
-from saddlering_ros.nodes.plain_types import PARAMETER_TYPES, RIG_TYPES
+from saddlering_ros.jobs.plain_types import PARAMETER_TYPES, RIG_TYPES
 from saddlering_ros.rig import ParameterSet, read_parameters, Rig
 
 

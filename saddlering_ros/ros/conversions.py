@@ -6,9 +6,9 @@ from builtin_interfaces.msg import Time
 import numpy as np
 
 from saddlering_interfaces.msg import RingParameters
-from saddlering_ros.nodes.errors import NodeError
 from saddlering_ros.rig import ContactParameters, ParameterSet, ParameterSource
 from saddlering_ros.rig.parameter_file import Effects
+from saddlering_ros.ros.errors import NodeError
 
 FIELDS = ('k1', 'n1', 'd1', 'k2', 'n2', 'd2')
 """Fields of RingParameters in the order of ContactParameters."""

@@ -11,7 +11,7 @@ from rclpy.executors import ShutdownException, SingleThreadedExecutor, TimeoutEx
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
 
-from saddlering_ros.nodes.flow import Inflow
+from saddlering_ros.ros.raw_topics import RawSubscription
 
 IDLE_WAIT = 0.01
 """Longest wait for data [s]; also how long a service call may wait while data flows."""
@@ -24,7 +24,7 @@ tens, each wake-up costing as much as several messages, for a millisecond of del
 class Streaming(Protocol):
     """What the loop asks of a node."""
 
-    def inflows(self) -> list[Inflow]:
+    def raw_subscriptions(self) -> list[RawSubscription]:
         """The subscriptions to wait for (they may change from call to call)."""
 
     def work(self) -> None:
@@ -45,22 +45,22 @@ class DataWait:
         self._size = -1
         self._set: Any = None
 
-    def wait(self, inflows: list[Inflow], seconds: float) -> bool:
-        """Wait until one of `inflows` has data, at most `seconds`; whether one has."""
-        if not inflows:
+    def wait(self, subscriptions: list[RawSubscription], seconds: float) -> bool:
+        """Wait until one of `subscriptions` has data, at most `seconds`; whether one has."""
+        if not subscriptions:
             time.sleep(seconds)
             return False
-        if self._size != len(inflows):
-            self._size = len(inflows)
+        if self._size != len(subscriptions):
+            self._size = len(subscriptions)
             with self._context.handle:
                 self._set = rclpy_implementation.WaitSet(
                     self._size, 0, 0, 0, 0, 0, self._context.handle)
         ready = self._set
         with ExitStack() as held:
             ready.clear_entities()
-            for inflow in inflows:
-                held.enter_context(inflow.handle)
-                ready.add_subscription(inflow.handle)
+            for subscription in subscriptions:
+                held.enter_context(subscription.handle)
+                ready.add_subscription(subscription.handle)
             ready.wait(max(0, int(seconds * 1e9)))
             return bool(ready.get_ready_entities('subscription'))
 
@@ -78,7 +78,7 @@ def spin_streaming(node: Node, streaming: Streaming) -> None:
     limit = 0.0
     try:
         while node.context.ok() and not streaming.finished():
-            ready = data.wait(streaming.inflows(), limit)
+            ready = data.wait(streaming.raw_subscriptions(), limit)
             woke = time.monotonic()
             if ready:
                 streaming.work()

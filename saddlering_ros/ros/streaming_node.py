@@ -10,11 +10,11 @@ from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackRet
 
 from saddlering_interfaces.msg import ReplayProgress
 from saddlering_ros.errors import SaddleringError
-from saddlering_ros.nodes.diagnostics import Task, to_message
-from saddlering_ros.nodes.flow import Inflow, Outflow, RELIABILITIES
-from saddlering_ros.nodes.parameters import declare, Parameter
-from saddlering_ros.nodes.progress import progress_of, PROGRESS_QOS, PROGRESS_TOPIC
-from saddlering_ros.nodes.wire import WireError
+from saddlering_ros.ros.diagnostics import Task, to_message
+from saddlering_ros.ros.lockstep import progress_of, PROGRESS_QOS, PROGRESS_TOPIC
+from saddlering_ros.ros.parameters import declare, Parameter
+from saddlering_ros.ros.raw_topics import RawPublisher, RawSubscription, RELIABILITIES
+from saddlering_ros.streams.wire import WireError
 
 HEARTBEAT = 0.2
 """An idle node repeats its progress, and looks at its publishers, this often [s]."""
@@ -37,7 +37,7 @@ class StreamingNode(LifecycleNode):
     """A node that works streams off in batches; `spin_streaming` runs it.
 
     A subclass gives PARAMETERS, `configure` (make the core; raise SaddleringError for what cannot
-    be used), `connect` (make the flows), `deal` (one batch) and its diagnostics tasks.
+    be used), `connect` (make the flows), `process_batch` (one batch) and its diagnostics tasks.
     """
 
     PARAMETERS: ClassVar[tuple[Parameter, ...]] = ()
@@ -47,8 +47,8 @@ class StreamingNode(LifecycleNode):
         self.settings = declare(self, (AUTOSTART, *self.PARAMETERS))
         self.tasks: list[Task] = []
         self.problem: SaddleringError | None = None
-        self.inputs: list[Inflow] = []
-        self.outputs: list[Outflow] = []
+        self.inputs: list[RawSubscription] = []
+        self.outputs: list[RawPublisher] = []
         self.active = False
         self.done = False
         self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
@@ -70,8 +70,8 @@ class StreamingNode(LifecycleNode):
     def connect(self) -> None:
         """Fill `inputs` and `outputs`."""
 
-    def deal(self) -> None:
-        """Take what the inflows hold, work it off, send what comes of it."""
+    def process_batch(self) -> None:
+        """Take what the subscriptions hold, work it off, send what comes of it."""
 
     def idle(self) -> None:
         """Nothing has come for a while."""
@@ -84,8 +84,8 @@ class StreamingNode(LifecycleNode):
         """For nodes that replay a bag: the time [ns] up to which everything is published."""
         return 0
 
-    def progress_inputs(self) -> list[Inflow]:
-        """The inflows a replay in lockstep waits for."""
+    def lockstep_inputs(self) -> list[RawSubscription]:
+        """The subscriptions a replay in lockstep waits for."""
         return self.inputs
 
     # --- lifecycle ---
@@ -145,15 +145,15 @@ class StreamingNode(LifecycleNode):
 
     def _disconnect(self) -> None:
         self.active = False
-        for inflow in self.inputs:
-            inflow.close()
-        for outflow in self.outputs:
-            outflow.close()
+        for subscription in self.inputs:
+            subscription.close()
+        for publisher in self.outputs:
+            publisher.close()
         self.inputs, self.outputs = [], []
 
     # --- the loop ---
 
-    def inflows(self) -> list[Inflow]:
+    def raw_subscriptions(self) -> list[RawSubscription]:
         """The subscriptions to wait for."""
         return self.inputs
 
@@ -165,7 +165,7 @@ class StreamingNode(LifecycleNode):
         """Deal with what has arrived."""
         if self.active:
             try:
-                self.deal()
+                self.process_batch()
             except WireError as problem:
                 self.get_logger().error(f'messages dropped that are not what they should be: '
                                         f'{problem}', throttle_duration_sec=1.0)
@@ -194,7 +194,7 @@ class StreamingNode(LifecycleNode):
         self._told, self._untold = now, False
         if self._progress.get_subscription_count():
             self._progress.publish(progress_of(
-                self.get_name(), self.progress_inputs(), self.outputs, self.replayed_until()))
+                self.get_name(), self.lockstep_inputs(), self.outputs, self.replayed_until()))
 
     def _diagnose(self, now: float) -> None:
         elapsed, self._diagnosed = now - self._diagnosed, now

@@ -19,15 +19,15 @@ from rclpy.task import Future
 
 from saddlering_interfaces.msg import RingParameters
 from saddlering_ros.errors import SaddleringError
-from saddlering_ros.nodes.conversions import parameters_to_message
-from saddlering_ros.nodes.diagnostics import ERROR, Finding, OK, to_message
-from saddlering_ros.nodes.errors import NodeError
-from saddlering_ros.nodes.parameters import declare, declare_rig, Parameter
-from saddlering_ros.nodes.roots import bag_below, below, root_folder
-from saddlering_ros.nodes.run import run
-from saddlering_ros.nodes.worker import CANCELED, DONE, FAILED, Outcome, REFUSED, Worker
+from saddlering_ros.jobs.worker import CANCELED, DONE, FAILED, Outcome, REFUSED, Worker
 from saddlering_ros.paths import share_directory
 from saddlering_ros.rig import ParameterSet, Rig
+from saddlering_ros.ros.conversions import parameters_to_message
+from saddlering_ros.ros.diagnostics import ERROR, Finding, OK, to_message
+from saddlering_ros.ros.errors import NodeError
+from saddlering_ros.ros.parameters import declare, declare_rig, Parameter
+from saddlering_ros.ros.roots import bag_below, below, root_folder
+from saddlering_ros.ros.run import run
 
 LATCHED = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE,
                      durability=DurabilityPolicy.TRANSIENT_LOCAL)

@@ -16,9 +16,9 @@ import time
 from types import TracebackType
 from typing import Any, IO
 
-from saddlering_ros.nodes.errors import NodeError
-from saddlering_ros.nodes.lifeline import LIFELINE
-from saddlering_ros.nodes.transport import transport_environment
+from saddlering_ros.ros.errors import NodeError
+from saddlering_ros.ros.lifeline import LIFELINE
+from saddlering_ros.ros.transport import transport_environment
 
 REPLAY_NODES = ('replay_clock', 'hydraulic_load', 'eddy_current')
 RING_NODES = ('ring_displacement', 'ring_simulator', 'ring_residual')

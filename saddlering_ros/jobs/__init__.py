@@ -1,0 +1,1 @@
+"""Work of the action servers: one goal at a time, each in a worker process."""

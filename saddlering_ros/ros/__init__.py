@@ -1,0 +1,1 @@
+"""Plumbing between ROS and the nodes: raw topics, lockstep, parameters, diagnostics, processes."""

@@ -1,0 +1,1 @@
+"""What the streaming nodes compute, batch by batch, without ROS."""
