@@ -14,69 +14,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.optimize import nnls
 
+from saddlering_ros.discrepancy.noise.process import ChannelNoise, mean_variance, TIME_CONSTANTS
 from saddlering_ros.discrepancy.system import Array, DiscrepancyError, RestSegment
-
-#: Time constants of the mixture [s]; the longest stands for a random walk.
-TIME_CONSTANTS = np.array([0.01, 0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 40.0])
-
-
-@dataclass(frozen=True)
-class ChannelNoise:
-    """Noise of one channel: white density and the variances of the slow parts.
-
-    `white` [unit^2 s] is the variance of a mean over one second of white noise; `slow` (T,)
-    [unit^2] the variances of the parts with TIME_CONSTANTS; `held` [unit^2] the part a coarse
-    converter keeps while nothing moves; `pairs` how many independent differences the slow parts
-    rest on.
-    """
-
-    white: float
-    slow: Array
-    held: float
-    pairs: int
-
-    def covariance(self, time: Array, width: Array, hold: Array | None = None) -> Array:
-        """Covariance (N, N) of means over `width` about `time`; `hold` (N,) numbers levels."""
-        matrix = np.diag(self.white / width)
-        distance = np.abs(time[:, None] - time[None, :])
-        gap = np.maximum(distance - 0.5 * (width[:, None] + width[None, :]), 0.0)
-        for variance, tau in zip(self.slow, TIME_CONSTANTS, strict=True):
-            if variance <= 0.0:
-                continue
-            ratio = width / tau
-            shrink = -np.expm1(-ratio) / ratio
-            part = variance * shrink[:, None] * shrink[None, :] * np.exp(-gap / tau)
-            np.fill_diagonal(part, variance * _mean_variance(ratio))
-            matrix += part
-        if self.held > 0.0:
-            same = np.eye(time.size) if hold is None else (hold[:, None] == hold[None, :])
-            matrix += self.held * same
-        return matrix
-
-    def since(self, time: Array, width: Array, reference: float, span: float) -> Array:
-        """Standard deviation (N,) of block means less the mean over `span` s at `reference`."""
-        order = np.append(reference, time)
-        matrix = self.covariance(order, np.append(span, width))
-        return np.asarray(np.sqrt(np.diag(matrix)[1:] + matrix[0, 0] - 2.0 * matrix[0, 1:]))
-
-    def deviation(self, width: float) -> float:
-        """Standard deviation of one mean over `width` seconds."""
-        parts = self.slow * _mean_variance(width / TIME_CONSTANTS)
-        return float(np.sqrt(self.white / width + parts.sum() + self.held))
-
-
-def _mean_variance(ratio: Array) -> Array:
-    """Variance of the mean of unit OU noise over `ratio` time constants."""
-    small = ratio < 1e-3
-    safe = np.where(small, 1.0, ratio)
-    exact = 2.0 * (safe - 1.0 + np.exp(-safe)) / safe**2
-    return np.where(small, 1.0 - ratio / 3.0, exact)
 
 
 def _allan_of_relaxation(ratio: Array) -> Array:
     """Allan variance of unit OU noise at `ratio` time constants."""
     shrink = -np.expm1(-ratio) / ratio
-    return np.maximum(_mean_variance(ratio) - shrink**2, ratio / 3.0 * np.exp(-ratio) * 1e-6)
+    return np.maximum(mean_variance(ratio) - shrink**2, ratio / 3.0 * np.exp(-ratio) * 1e-6)
 
 
 @dataclass(frozen=True)
@@ -209,7 +154,7 @@ def _second_difference(width: float, spacing: float) -> float:
     shrink = float((-np.expm1(-width) / width) ** 2)
     near = shrink * float(np.exp(-max(spacing - width, 0.0)))
     far = shrink * float(np.exp(-max(2.0 * spacing - width, 0.0)))
-    own = float(_mean_variance(np.array([width]))[0])
+    own = float(mean_variance(np.array([width]))[0])
     return max(6.0 * own - 8.0 * near + 2.0 * far, 1e-12)
 
 

@@ -1,0 +1,90 @@
+"""The noise of one channel as a process: white noise, relaxations, and a converter's held part.
+
+White noise, Ornstein-Uhlenbeck noise and a random walk have their covariance between block means
+in closed form, so a non-negative mixture of them describes noise at any spacing of samples.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from saddlering_ros.discrepancy.system import Array
+
+#: Time constants of the mixture [s]; the longest stands for a random walk.
+TIME_CONSTANTS = np.array([0.01, 0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 40.0])
+
+
+@dataclass(frozen=True)
+class ChannelNoise:
+    """Noise of one channel: white density and the variances of the slow parts.
+
+    `white` [unit^2 s] is the variance of a mean over one second of white noise; `slow` (T,)
+    [unit^2] the variances of the parts with `time_constants` (T,) [s]; `held` [unit^2] the part a
+    coarse converter keeps while nothing moves; `pairs` how many independent differences the level
+    rests on, the degrees of freedom of every test against this noise; `floor` [unit^2] the
+    variance that every mean has of its own, however wide it is.
+    """
+
+    white: float
+    slow: Array
+    held: float
+    pairs: int
+    time_constants: Array = field(default_factory=lambda: TIME_CONSTANTS)
+    floor: float = 0.0
+
+    def covariance(self, time: Array, width: Array, hold: Array | None = None) -> Array:
+        """Covariance (N, N) of means over `width` about `time`; `hold` (N,) numbers levels."""
+        matrix = np.diag(self.white / width + self.floor)
+        distance = np.abs(time[:, None] - time[None, :])
+        gap = np.maximum(distance - 0.5 * (width[:, None] + width[None, :]), 0.0)
+        for variance, tau in self.parts():
+            ratio = width / tau
+            shrink = mean_correlation(ratio)
+            part = variance * shrink[:, None] * shrink[None, :] * np.exp(-gap / tau)
+            np.fill_diagonal(part, variance * mean_variance(ratio))
+            matrix += part
+        if self.held > 0.0:
+            same = np.eye(time.size) if hold is None else (hold[:, None] == hold[None, :])
+            matrix += self.held * same
+        return matrix
+
+    def parts(self) -> list[tuple[float, float]]:
+        """(variance, time constant) of the relaxations that are there."""
+        pairs = zip(self.slow, self.time_constants, strict=True)
+        return [(float(variance), float(tau)) for variance, tau in pairs if variance > 0.0]
+
+    def variances(self, width: Array) -> Array:
+        """Variances (N,) of means over `width` (N,) seconds."""
+        total = self.white / width + self.floor + self.held
+        for variance, tau in self.parts():
+            total = total + variance * mean_variance(width / tau)
+        return np.asarray(total)
+
+    def since(self, time: Array, width: Array, reference: float, span: float) -> Array:
+        """Standard deviation (N,) of block means less the mean over `span` s at `reference`."""
+        shared = np.zeros(time.size)
+        gap = np.maximum(np.abs(time - reference) - 0.5 * (width + span), 0.0)
+        for variance, tau in self.parts():
+            near = mean_correlation(width / tau) * mean_correlation(np.array([span / tau]))
+            shared = shared + variance * near * np.exp(-gap / tau)
+        own = self.variances(np.append(span, width))
+        return np.asarray(np.sqrt(own[1:] + own[0] - 2.0 * shared))
+
+    def deviation(self, width: float) -> float:
+        """Standard deviation of one mean over `width` seconds."""
+        return float(np.sqrt(self.variances(np.array([width]))[0]))
+
+
+def mean_correlation(ratio: Array) -> Array:
+    """Covariance of the mean of unit OU noise over `ratio` time constants with its edge."""
+    return np.asarray(-np.expm1(-ratio) / ratio)
+
+
+def mean_variance(ratio: Array) -> Array:
+    """Variance of the mean of unit OU noise over `ratio` time constants."""
+    small = ratio < 1e-3
+    safe = np.where(small, 1.0, ratio)
+    exact = 2.0 * (safe - 1.0 + np.exp(-safe)) / safe**2
+    return np.where(small, 1.0 - ratio / 3.0, exact)
