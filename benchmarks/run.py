@@ -40,7 +40,9 @@ def main() -> int:
     for name in args.names or SHORT:
         options = () if args.full else SHORT[name]
         print(f'\n== {name} {" ".join(options)}'.rstrip(), flush=True)
-        command = [sys.executable, str(FOLDER / f'{name}.py'), *options]
+        script = FOLDER / f'{name}.py'
+        program = (str(script),) if script.exists() else ('-m', f'benchmarks.{name}')
+        command = [sys.executable, *program, *options]
         environment = {**ONE_BLAS_THREAD, **os.environ}
         if subprocess.run(command, cwd=FOLDER.parent, env=environment, check=False).returncode:
             failed.append(name)

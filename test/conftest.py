@@ -7,6 +7,7 @@ import signal
 import socket
 from typing import Any
 
+from gate_budget import GateBudget
 import pytest
 
 # Before numpy is loaded: BLAS threads of several test processes stand in each other's way, and the
@@ -18,6 +19,12 @@ for _library in ('OPENBLAS', 'OMP', 'MKL'):
 # a program want it as it comes from a terminal.
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Print at the end of a run which tests cost most."""
+    config.pluginmanager.register(GateBudget())
+
 
 DOMAINS = range(1, 101)
 """Domains whose ports lie below Linux's range for outgoing connections (32768 and up)."""

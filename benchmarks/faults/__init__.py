@@ -1,0 +1,1 @@
+"""Faults put into running nodes, and whether the nodes keep their promises."""
