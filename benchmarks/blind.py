@@ -6,13 +6,11 @@ that was cut off goes on where it stopped; --table prints the table of what is t
 held out of every trial.
 """
 
-# ruff: noqa: E402
 from __future__ import annotations
 
 import os
 
-for _name in ('OPENBLAS_NUM_THREADS', 'OMP_NUM_THREADS', 'MKL_NUM_THREADS', 'SADDLERING_THREADS'):
-    os.environ.setdefault(_name, '1')
+os.environ.setdefault('SADDLERING_THREADS', '1')
 
 import argparse
 from collections import Counter

@@ -8,13 +8,11 @@ next; the status tells at the end.
 from __future__ import annotations
 
 import argparse
-import os
 from pathlib import Path
 import subprocess
 import sys
 
 FOLDER = Path(__file__).parent
-ONE_BLAS_THREAD = {f'{name}_NUM_THREADS': '1' for name in ('OPENBLAS', 'OMP', 'MKL')}
 SHORT: dict[str, tuple[str, ...]] = {
     'simulator': ('--quick',),
     'bag_reading': ('--megabytes', '20'),
@@ -43,8 +41,7 @@ def main() -> int:
         script = FOLDER / f'{name}.py'
         program = (str(script),) if script.exists() else ('-m', f'benchmarks.{name}')
         command = [sys.executable, *program, *options]
-        environment = {**ONE_BLAS_THREAD, **os.environ}
-        if subprocess.run(command, cwd=FOLDER.parent, env=environment, check=False).returncode:
+        if subprocess.run(command, cwd=FOLDER.parent, check=False).returncode:
             failed.append(name)
     if failed:
         print(f'\nfailed: {", ".join(failed)}')

@@ -7,3 +7,14 @@ class SaddleringError(ValueError):
     Every layer derives its own class from this one. The command line prints the message
     alone on stderr and leaves with status 2; anything else that escapes is a defect.
     """
+
+
+class Cancelled(SaddleringError):
+    """The caller asked a computation to stop; the one class for every computation here.
+
+    `partial` is what had been found by then, where there is something to show.
+    """
+
+    def __init__(self, message: str = 'cancelled', partial: object = None) -> None:
+        super().__init__(message)
+        self.partial = partial

@@ -10,11 +10,6 @@ from typing import Any
 from gate_budget import GateBudget
 import pytest
 
-# Before numpy is loaded: BLAS threads of several test processes stand in each other's way, and the
-# diagnosis takes half the time with one (as its command and its server run it).
-for _library in ('OPENBLAS', 'OMP', 'MKL'):
-    os.environ.setdefault(f'{_library}_NUM_THREADS', '1')
-
 # A shell's background jobs ignore SIGINT, and what they start inherits that; tests that interrupt
 # a program want it as it comes from a terminal.
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:

@@ -28,12 +28,8 @@ def add_parser(subparsers: Any) -> None:
 def run(args: argparse.Namespace) -> int:
     """Run the demo, write its folder, print a summary."""
     import contextlib
-    import os
     import sys
 
-    # Many small products: threads of BLAS only get in the nodes' way.
-    for name in ('OPENBLAS_NUM_THREADS', 'OMP_NUM_THREADS', 'MKL_NUM_THREADS'):
-        os.environ.setdefault(name, '1')
     from saddlering_ros.demo.console import Console
     from saddlering_ros.demo.output import check_folder, numbers_of, write_all
     from saddlering_ros.demo.plan import plan

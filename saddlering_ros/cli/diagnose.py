@@ -30,11 +30,6 @@ def add_parser(subparsers: Any) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Diagnose and print, write or emit the verdict."""
-    import os
-
-    # Many small products: BLAS threads only get in each other's way (and in the simulator's).
-    for name in ('OPENBLAS_NUM_THREADS', 'OMP_NUM_THREADS', 'MKL_NUM_THREADS'):
-        os.environ.setdefault(name, '1')
     from saddlering_ros.cli._progress import Bar
     from saddlering_ros.diagnosis import diagnose_bags
     from saddlering_ros.diagnosis.summary import verdict_text

@@ -43,11 +43,6 @@ def add_parser(subparsers: Any) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Identify and print, write or emit the result."""
-    import os
-
-    # BLAS threads wait for each other on a busy machine, and get in the simulator's way.
-    for name in ('OPENBLAS_NUM_THREADS', 'OMP_NUM_THREADS', 'MKL_NUM_THREADS'):
-        os.environ.setdefault(name, '1')
     from saddlering_ros.bags import read_run
     from saddlering_ros.cli._progress import Bar
     from saddlering_ros.cli._samples import radians

@@ -20,7 +20,7 @@ from saddlering_ros.demo.plan import elevation_of, Plan
 from saddlering_ros.demo.recorder import Recording
 from saddlering_ros.report.curves import RunCurves
 from saddlering_ros.report.quantities import percent
-from saddlering_ros.report.wording import effects_of, headline
+from saddlering_ros.report.wording import headline
 from saddlering_ros.rig import default_rig, ParameterSet, Rig, write_parameters
 from saddlering_ros.ros.conversions import parameters_from_message
 
@@ -200,8 +200,3 @@ def _lost(recording: Recording, run: TestRun) -> str:
     """What did not arrive, in words; normally nothing."""
     lost = len(run.time) - recording.loads
     return '' if lost == 0 else f', {lost} loads lost'
-
-
-def causes_text(verdict: dict[str, Any]) -> str:
-    """The causes' ids in one line."""
-    return ', '.join(cause['effect'] for cause in effects_of(verdict)) or 'none'

@@ -4,7 +4,6 @@ Knows simulators, base parameters, effects and runs; nothing of rings. `diagnose
 """
 
 from saddlering_ros.discrepancy.engine import (
-    Cancelled,
     Cause,
     diagnose,
     Diagnosis,
@@ -25,7 +24,6 @@ from saddlering_ros.discrepancy.system import (
 
 __all__ = [
     'Allowance',
-    'Cancelled',
     'Cause',
     'Diagnosis',
     'DiscrepancyError',

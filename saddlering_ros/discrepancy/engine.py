@@ -62,6 +62,8 @@ from saddlering_ros.discrepancy.system import (
     Run,
     System,
 )
+from saddlering_ros.errors import Cancelled
+from saddlering_ros.threads import one_blas_thread
 
 LEAST_PAIRS = 12
 """However short the stretches at rest, their many samples tell the level this well."""
@@ -94,10 +96,6 @@ MOST_SILENT = 2
 """Immaterial effects kept in the model at most while others are looked for."""
 
 Verdict = Literal['none', 'named', 'ambiguous', 'unknown']
-
-
-class Cancelled(DiscrepancyError):
-    """The caller asked to stop."""
 
 
 @dataclass(frozen=True)
@@ -760,6 +758,7 @@ def _key(candidate: Candidate) -> tuple[tuple[str, int], ...]:
     return tuple(sorted((effect.id, variant) for effect, variant in candidate.effects))
 
 
+@one_blas_thread()
 def diagnose(
     system: System,
     runs: Sequence[Run],

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saddlering_ros.bags import TestRun
+from saddlering_ros.errors import Cancelled
 from saddlering_ros.identification import swarm
 from saddlering_ros.identification.errors import IdentificationError
 from saddlering_ros.identification.objective import (
@@ -19,7 +20,7 @@ from saddlering_ros.identification.objective import (
     WeightedObjective,
 )
 from saddlering_ros.identification.observation import Observation, observe, warnings_of
-from saddlering_ros.identification.refinement import Cancelled, jacobian, refine, Refinement
+from saddlering_ros.identification.refinement import jacobian, refine, Refinement
 from saddlering_ros.identification.result import Identification
 from saddlering_ros.identification.settings import (
     Bounds,
@@ -44,6 +45,7 @@ from saddlering_ros.rig import (
     Rig,
     TRUE_TO_SCALE,
 )
+from saddlering_ros.threads import one_blas_thread
 
 Array = NDArray[np.float64]
 
@@ -126,6 +128,7 @@ class _Search:
         return contact, found.objective
 
 
+@one_blas_thread()
 def identify(
     runs: Sequence[TestRun],
     rig: Rig,

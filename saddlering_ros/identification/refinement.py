@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
+from saddlering_ros.errors import Cancelled
 from saddlering_ros.identification.objective import WeightedObjective
 from saddlering_ros.identification.space import SearchSpace
 from saddlering_ros.rig import ContactParameters
@@ -33,10 +34,6 @@ class Refinement:
     def law(self) -> ContactParameters:
         """The contact parameters by name."""
         return ContactParameters.from_array(self.contact)
-
-
-class Cancelled(Exception):
-    """Raised inside the solver to leave it when the user has cancelled."""
 
 
 def jacobian(objective: WeightedObjective, space: SearchSpace, point: Array) -> Array:

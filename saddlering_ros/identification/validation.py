@@ -159,11 +159,6 @@ def validate(runs: Sequence[TestRun], rig: Rig, parameters: ParameterSet) -> Val
         tuple(one.judged(rig, parameters, slow) for one in compared), parameters)
 
 
-def validate_run(run: TestRun, rig: Rig, parameters: ParameterSet) -> RunValidation:
-    """Compare one run."""
-    return validate([run], rig, parameters).runs[0]
-
-
 @dataclass(frozen=True)
 class _Comparison:
     """A run beside its simulation, without figures; rests: where it stands still."""

@@ -64,11 +64,10 @@ class Worker:
         self.close()
         ours, theirs = socket.socketpair()
         read_end, self._life = os.pipe()
-        threads = {f'{name}_NUM_THREADS': '1' for name in ('OMP', 'OPENBLAS', 'MKL')}
         self._process = subprocess.Popen(
             [sys.executable, '-m', __name__, str(theirs.fileno()), self._module],
             stdin=subprocess.DEVNULL, pass_fds=(theirs.fileno(), read_end),
-            start_new_session=True, env={**threads, **os.environ, LIFELINE: str(read_end)})
+            start_new_session=True, env={**os.environ, LIFELINE: str(read_end)})
         os.close(read_end)
         theirs.close()
         self._pipe = Channel(ours, types_of(self._module))

@@ -115,9 +115,6 @@ class _Section:
             raise RigError(f'{self._where}: {self._name}.{key} is missing: add this section')
         return _Section(self._values.pop(key), f'{self._name}.{key}', self._where)
 
-    def optional_section(self, key: str) -> _Section:
-        return _Section(self._values.pop(key, {}), f'{self._name}.{key}', self._where)
-
     def has(self, key: str) -> bool:
         return key in self._values
 

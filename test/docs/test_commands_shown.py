@@ -1,7 +1,6 @@
 """Every command that a page shows is typed here, or says beside it why it is not."""
 
 from dataclasses import dataclass
-import os
 from pathlib import Path
 import re
 import shlex
@@ -68,8 +67,6 @@ def test_every_command_of_a_page_does_what_it_says(page, tmp_path, monkeypatch, 
     (tmp_path / 'bags').symlink_to(ROOT / 'bags')
     (tmp_path / 'config').symlink_to(ROOT / 'config')
     monkeypatch.chdir(tmp_path)
-    for name in ('OPENBLAS_NUM_THREADS', 'OMP_NUM_THREADS', 'MKL_NUM_THREADS'):
-        monkeypatch.setenv(name, os.environ.get(name, '1'))
     for line in lines_run(page):
         words = shlex.split(line)[1:]
         assert main(words) == 0, f'{line}: {capsys.readouterr().err}'
