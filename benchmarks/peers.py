@@ -277,7 +277,8 @@ def optimisers(seeds: int, particles: int, iterations: int) -> None:
 def paper_swarm(seeds: int) -> None:
     """Part 4: where the paper's static step stops, ours and pyswarms' with the same settings."""
     one = observe([virtual_run('static', 50.0, TRUE_TO_SCALE, seed=1)], RIG, fit_rate=50.0)[0]
-    objective = PaperObjective(RIG, [average_branches(one.coarse())], (0, 2))
+    objective = PaperObjective(RIG, [average_branches(
+        one.coarse(), RIG.limits.level_step)], (0, 2))
     space = SearchSpace.of(RIG.bounds, ('K1', 'n1', 'K2', 'n2'), TRUE_TO_SCALE)
     span = space.high - space.low
 

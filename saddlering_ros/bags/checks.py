@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from saddlering_ros.bags.alignment import gap_mask
 from saddlering_ros.bags.errors import BagError
-from saddlering_ros.rig import FULL_SCALE_LOAD, TONNE
+from saddlering_ros.rig import LoadLimits, TONNE
 
 MOST_ABSENT_UNMENTIONED = 0.005
 """Share of load stamps without a reading (as at both ends of a record) not worth a note."""
@@ -22,13 +22,6 @@ LARGEST_SPAN = 0.1
 
 FAR_OUTSIDE = 20.0
 """A typical gap this many times the probe's span beyond it was not published in metres."""
-
-SMALLEST_TEST_LOAD = TONNE / 10.0
-"""A test whose largest load [N] stays below this was not published in newtons."""
-
-LARGEST_LOAD = 20.0 * FULL_SCALE_LOAD
-"""A load beyond this [N] was not published in newtons."""
-
 
 def check_values(where: str, stamps: NDArray[np.int64], values: NDArray[np.float64]) -> None:
     """Raise BagError if any of `values` (N,) at `stamps` (N,) [ns] is NaN or infinite."""
@@ -45,18 +38,20 @@ def check_values(where: str, stamps: NDArray[np.int64], values: NDArray[np.float
         'the sensor and record again')
 
 
-def check_load_unit(where: str, load: NDArray[np.float64]) -> None:
-    """Raise BagError if the load (N,) cannot be newtons of a pushing cylinder."""
+def check_load_unit(where: str, load: NDArray[np.float64], limits: LoadLimits) -> None:
+    """Raise BagError if the load (N,) cannot be newtons of a pushing cylinder of this rig."""
     low, high = float(load.min()), float(load.max())
     shown = f'the load runs from {low:.4g} to {high:.4g} N'
-    if -low > max(high, 0.01 * FULL_SCALE_LOAD):
+    if -low > max(high, limits.negative_max):
         raise BagError(f'{where}: {shown}, mostly negative: publish a pushing load as positive')
-    if high < SMALLEST_TEST_LOAD:
-        guess = 'tonnes' if high <= 1.5 * FULL_SCALE_LOAD / TONNE else 'kilonewtons'
-        raise BagError(f'{where}: {shown}, which looks like {guess}: publish newtons, or '
-                       'load the ring')
-    if high > LARGEST_LOAD:
-        raise BagError(f'{where}: {shown}, far beyond the cylinder: publish newtons')
+    if high < limits.unit_min:
+        guess = 'tonnes' if high <= 1.5 * limits.full_scale / TONNE else 'kilonewtons'
+        raise BagError(f'{where}: {shown}, which looks like {guess}: publish newtons, load the '
+                       f"ring, or correct the rig file's full_scale_load ({limits.full_scale:g} "
+                       'N)')
+    if high > limits.unit_max:
+        raise BagError(f'{where}: {shown}, far beyond the cylinder: publish newtons, or '
+                       f"correct the rig file's full_scale_load ({limits.full_scale:g} N)")
 
 
 def check_probe_unit(

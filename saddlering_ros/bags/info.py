@@ -115,26 +115,27 @@ def bag_info(
         except BagError as fault:
             problems.append(str(fault))
     problems += [f'{found.path}: {problem}' for problem in facts.problems]
-    problems += _faults_of_readings(found.path, raw)
+    rig = rig or default_rig()
+    problems += _faults_of_readings(found.path, raw, rig)
     run = None
     if not problems:
-        run = _try_run(RawRecord(found.path, raw, facts, found.notes), facts, problems)
+        run = _try_run(RawRecord(found.path, raw, facts, found.notes), facts, rig, problems)
     count = None
     if run is not None:
         notes += run.notes
-        notes += wiring_notes(rig or default_rig(), run.elevation, run.load, run.gaps)
+        notes += wiring_notes(rig, run.elevation, run.load, run.gaps)
         count = _plateau_count(run, problems)
     return _assemble(found, facts, raw, count, problems, notes)
 
 
-def _faults_of_readings(path: Path, raw: dict[str, RawTopic]) -> list[str]:
+def _faults_of_readings(path: Path, raw: dict[str, RawTopic], rig: Rig) -> list[str]:
     faults = []
     for name, topic in raw.items():
         where = f'{path}: {name}'
         try:
             check_values(where, topic.stamps, topic.values)
             if name == LOAD_TOPIC:
-                check_load_unit(where, topic.values)
+                check_load_unit(where, topic.values, rig.limits)
             else:
                 check_probe_unit(where, topic.values, topic.min_range, topic.max_range)
                 if LOAD_TOPIC in raw:
@@ -144,9 +145,11 @@ def _faults_of_readings(path: Path, raw: dict[str, RawTopic]) -> list[str]:
     return faults
 
 
-def _try_run(record: RawRecord, facts: FoundFacts, problems: list[str]) -> TestRun | None:
+def _try_run(
+    record: RawRecord, facts: FoundFacts, rig: Rig, problems: list[str],
+) -> TestRun | None:
     try:
-        return run_of_record(record, facts)
+        return run_of_record(record, facts, rig)
     except BagError as fault:
         problems.append(str(fault))
         return None

@@ -28,7 +28,7 @@ from saddlering_ros.bags.stamps import put_in_order
 from saddlering_ros.bags.topics import LOAD_TOPIC, PROBE_TOPICS, RIG_TOPICS, TYPE_OF_TOPIC
 from saddlering_ros.bags.wiring import wiring_notes
 from saddlering_ros.provenance import Origin
-from saddlering_ros.rig import Rig
+from saddlering_ros.rig import default_rig, Rig
 
 
 @dataclass(frozen=True)
@@ -150,7 +150,7 @@ def read_run(
     """
     record = read_raw(path)
     facts = usable_facts(record.path, record.facts, test, elevation)
-    run = replace(run_of_record(record, facts), sha256=open_directory(path).sha256())
+    run = replace(run_of_record(record, facts, rig), sha256=open_directory(path).sha256())
     run = run if elevation is None else replace(run, elevation=float(elevation))
     if rig is not None:
         run.notes.extend(wiring_notes(rig, run.elevation, run.load, run.gaps))
@@ -167,13 +167,16 @@ def usable_facts(
     return facts
 
 
-def run_of_record(record: RawRecord, facts: FoundFacts) -> TestRun:
+def run_of_record(
+    record: RawRecord, facts: FoundFacts, rig: Rig | None = None,
+) -> TestRun:
     """Check the readings and put the probes on the load's stamps."""
+    limits = (rig or default_rig()).limits
     where = str(record.path)
     load, probes = record[LOAD_TOPIC], [record[topic] for topic in PROBE_TOPICS]
     for raw in (load, *probes):
         check_values(f'{where}: {raw.topic}', raw.stamps, raw.values)
-    check_load_unit(f'{where}: {load.topic}', load.values)
+    check_load_unit(f'{where}: {load.topic}', load.values, limits)
     for raw in probes:
         check_probe_unit(f'{where}: {raw.topic}', raw.values, raw.min_range, raw.max_range)
         check_overlap(where, load.stamps, raw.topic, raw.stamps)

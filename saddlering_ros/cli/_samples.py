@@ -138,13 +138,13 @@ def _print_summary(
     from rich.table import Table
 
     from saddlering_ros.cli._console import stdout_console
-    from saddlering_ros.rig import TONNE
+    from saddlering_ros.rig import load_rig
 
     console = stdout_console()
     console.print(
         f'{run.name}: {run.test} test at {math.degrees(run.elevation):g} deg, {what} at '
         f'{len(samples)} of {len(run.stamps)} load stamps over {run.time[-1]:.3f} s')
-    console.print(f'zero at {zero.load / TONNE:.3f} t ({zero.load / 1e3:.2f} kN)'
+    console.print(f'zero at {load_rig(args.rig).force_words(zero.load, 3)} ({zero.load:.1f} N)'
                   f'{"" if zero.near_preload else " (not near the preload)"}')
     table = Table(box=box.SIMPLE_HEAD)
     table.add_column('channel')

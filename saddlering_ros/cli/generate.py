@@ -40,8 +40,8 @@ def add_parser(subparsers: Any) -> None:
                         help='one contact parameter, K1 n1 D1 K2 n2 D2, in SI units')
     parser.add_argument('--noise', type=float, default=0.3, metavar='UM',
                         help='rms noise of the probes in micrometres (default 0.3)')
-    parser.add_argument('--load-noise', type=float, default=50.0, metavar='N',
-                        help='rms white noise of the load cell (default 50)')
+    parser.add_argument('--load-noise', type=float, metavar='N',
+                        help='rms white noise of the load cell (default: 0.02 %% of full scale)')
     parser.add_argument('--gap-scatter', type=float, default=0.7, metavar='UM',
                         help="rms difference of the rollers' gaps in micrometres (default 0.7)")
     parser.add_argument('--stiffness-scatter', type=float, default=2.0, metavar='PERCENT',
@@ -57,8 +57,9 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument('--hold', type=float, metavar='S',
                         help='time per static step (default 5), or at the peak (default 0)')
     parser.add_argument('--load-step', type=float, metavar='TONNES',
-                        help='step of a static test (default 1)')
-    parser.add_argument('--peak', type=float, metavar='TONNES', help='highest load (default 25)')
+                        help='step of a static test (default: a 25th of full scale)')
+    parser.add_argument('--peak', type=float, metavar='TONNES',
+                        help='highest load (default: full scale)')
     parser.add_argument('--lowest', type=float, metavar='TONNES',
                         help='load at both ends (default: the preload of the rig file)')
     parser.add_argument('--cycles', type=int, default=1, help='how often up and down (default 1)')
@@ -103,7 +104,7 @@ def run(args: argparse.Namespace) -> int:
 def _plan(args: argparse.Namespace) -> TestPlan:
     import math
 
-    from saddlering_ros.rig import load_rig
+    from saddlering_ros.rig import FULL_SCALE_LOAD, load_rig
     from saddlering_ros.virtual_rig import (
         Instruments,
         parse_requests,
@@ -115,18 +116,21 @@ def _plan(args: argparse.Namespace) -> TestPlan:
 
     if not -10.0 <= args.elevation <= 90.0:
         raise VirtualRigError(f'elevation is {args.elevation:g}: give degrees from -10 to 90')
-    noises = {'noise': args.noise, 'load-noise': args.load_noise, 'gap-scatter': args.gap_scatter,
+    rig = load_rig(args.rig)
+    load_noise = args.load_noise
+    if load_noise is None:
+        load_noise = Instruments.load_noise * rig.full_scale_load / FULL_SCALE_LOAD
+    noises = {'noise': args.noise, 'load-noise': load_noise, 'gap-scatter': args.gap_scatter,
               'stiffness-scatter': args.stiffness_scatter}
     for name, value in noises.items():
         if not 0.0 <= value < 1e4:
             raise VirtualRigError(f'--{name} is {value:g}: give a number from 0 up')
     if args.seed < 0 or args.rig_seed < 0:
         raise VirtualRigError('a seed is below zero: give a whole number from 0 up')
-    rig = load_rig(args.rig)
     physical = PhysicalRig(
         rig, _contact(args), math.radians(args.elevation), parse_requests(args.effect, args.form),
         Scatter(args.gap_scatter * 1e-6, args.stiffness_scatter / 100.0), args.rig_seed)
-    instruments = Instruments(noise=args.noise * 1e-6, load_noise=args.load_noise)
+    instruments = Instruments(noise=args.noise * 1e-6, load_noise=load_noise)
     return TestPlan(
         physical, _schedule(args, rig), args.seed, instruments, args.rate, args.probe_rate,
         rig_name=str(args.rig) if args.rig else 'virtual rig', run_name=args.run_name)

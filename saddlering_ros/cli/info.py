@@ -10,6 +10,7 @@ from saddlering_ros.cli._json import tell_json
 
 if TYPE_CHECKING:
     from saddlering_ros.bags import BagInfo, TopicInfo
+    from saddlering_ros.rig import Rig
 
 
 def add_parser(subparsers: Any) -> None:
@@ -44,7 +45,7 @@ def run(args: argparse.Namespace) -> int:
         problems += info.problems[:1]
         documents.append(info.as_dict())
         if args.json != '-':
-            _print_info(info)
+            _print_info(info, rig)
     tell_json(args, documents)
     if not problems:
         return 0
@@ -54,7 +55,7 @@ def run(args: argparse.Namespace) -> int:
     return 2
 
 
-def _print_info(info: BagInfo) -> None:
+def _print_info(info: BagInfo, rig: Rig) -> None:
     from rich import box
     from rich.table import Table
     from rich.text import Text
@@ -64,7 +65,7 @@ def _print_info(info: BagInfo) -> None:
     console = stdout_console()
     console.print(Text(str(info.path), style='bold'))
     facts = Table(box=None, show_header=False, padding=(0, 2))
-    for name, value in _facts(info):
+    for name, value in _facts(info, rig):
         facts.add_row(name, value)
     console.print(facts)
     topics = Table(box=box.SIMPLE_HEAD)
@@ -84,10 +85,8 @@ def _print_info(info: BagInfo) -> None:
     console.print()
 
 
-def _facts(info: BagInfo) -> list[tuple[str, str]]:
+def _facts(info: BagInfo, rig: Rig) -> list[tuple[str, str]]:
     import math
-
-    from saddlering_ros.rig import TONNE
 
     found = info.facts
     elevation = 'not said' if found.elevation_deg is None else f'{found.elevation_deg:g} deg'
@@ -100,11 +99,22 @@ def _facts(info: BagInfo) -> list[tuple[str, str]]:
     if not math.isnan(info.duration):
         rows.append(('duration', f'{info.duration:.3f} s'))
     if not math.isnan(high):
-        rows.append(('load', f'{low / TONNE:.3f} to {high / TONNE:.3f} t '
-                             f'({low / 1e3:.2f} to {high / 1e3:.2f} kN)'))
+        rows.append(('load', _load_range(low, high, rig)))
     if info.plateaus is not None:
         rows.append(('plateaus', str(info.plateaus)))
     return rows
+
+
+def _load_range(low: float, high: float, rig: Rig) -> str:
+    """Lowest and highest load in the rig file's unit, and in the other one."""
+    from saddlering_ros.rig import FORCE_UNITS
+
+    other = next(unit for unit in FORCE_UNITS if unit != rig.force_unit)
+    words = []
+    for unit in (rig.force_unit, other):
+        digits, size = (3 if unit == 't' else 2), FORCE_UNITS[unit]
+        words.append(f'{low / size:.{digits}f} to {high / size:.{digits}f} {unit}')
+    return f'{words[0]} ({words[1]})'
 
 
 def _topic_row(topic: TopicInfo) -> tuple[str, ...]:

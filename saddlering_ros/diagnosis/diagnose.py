@@ -249,7 +249,7 @@ def diagnose_runs(
         _figures(rig, found, record, residual.before, residual.after)
         for record, residual in zip(records, found.runs, strict=True)
     )
-    notes = [*check_set(records), *found.notes]
+    notes = [*check_set(records, rig), *found.notes]
     notes += [f'{record.run.name}: {note}' for record in records for note in record.test_run.notes]
     sentence = found.next_test
     if found.verdict == 'unknown':

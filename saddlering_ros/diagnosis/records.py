@@ -32,12 +32,8 @@ PART_CHANGE = 0.003
 """Change of load over one of them, as a share of full scale, unless there are that many."""
 LONGEST_STEP = 1.0
 """Longest time step of the simulation [s]; its samples are closer wherever the load moves."""
-REST_BAND = 0.004
-"""A load that stays within this share of full scale is at rest."""
 SHORTEST_REST = 0.3
 LEAST_SAMPLES = 40
-LEAST_LOAD = 0.002
-"""Under this share of full scale the ring lies anywhere in its play: such holds tell nothing."""
 
 
 class DiagnosisError(SaddleringError):
@@ -106,7 +102,7 @@ def _static(
         begin = float(test_run.time[found.hold_start[number]])
         end = float(test_run.time[found.hold_stop[number] - 1])
         inside = np.flatnonzero((time >= begin + min(0.3, 0.1 * (end - begin))) & (time <= end))
-        if inside.size < 4 or load[inside].mean() < LEAST_LOAD * rig.full_scale_load:
+        if inside.size < 4 or load[inside].mean() < rig.limits.hold_min:
             continue
         length = float(time[inside[-1]] - time[inside[0]]) + step
         parts = max(min(BLOCKS_PER_PLATEAU, inside.size // 2), int(length / LONGEST_BLOCK))
@@ -236,7 +232,7 @@ def _load_grid(
 
 def _rests(rig: Rig, time: Array, load: Array) -> list[tuple[int, int]]:
     """Stretches [start, stop) over which the load stays put, their first bit left to settling."""
-    band = REST_BAND * rig.full_scale_load
+    band = rig.limits.rest_band
     step = float(np.median(np.diff(time)))
     count = max(1, round(0.05 / step))
     usable = time.size // count * count
@@ -266,7 +262,7 @@ def _run(
 ) -> Run:
     load = grid.block_means(grid.load)
     direction = (
-        _direction(load, 0.01 * rig.full_scale_load) if branch is None else _carried(branch)
+        _direction(load, rig.limits.reversal_band) if branch is None else _carried(branch)
     )
     inputs = {'load': load, 'direction': direction, 'hold': hold}
     if test_run.test != 'static':
@@ -317,7 +313,7 @@ def rigs_of(records: Sequence[Record]) -> list[str]:
     return sorted({record.test_run.rig for record in records})
 
 
-def check_set(records: Sequence[Record]) -> list[str]:
+def check_set(records: Sequence[Record], rig: Rig) -> list[str]:
     """What a set of bags cannot tell, in plain sentences."""
     fitted = [record for record in records if not record.run.held_out]
     tests = {record.test_run.test for record in fitted}
@@ -342,10 +338,10 @@ def check_set(records: Sequence[Record]) -> list[str]:
         )
     for record in fitted:
         peak = float(np.max(record.measured.load))
-        if peak < 0.5 * 25 * 9806.65:
+        if peak < rig.limits.threshold_min:
             notes.append(
-                f'{record.run.name}: peak load {peak / 1e3:.0f} kN is under half of full '
-                'scale: thresholds above it cannot show'
+                f'{record.run.name}: peak load {rig.force_words(peak)} is under half of full '
+                f'scale ({rig.force_words(rig.full_scale_load)}): thresholds above it cannot show'
             )
         if float(np.ptp(record.run.time)) < 5.0:
             notes.append(

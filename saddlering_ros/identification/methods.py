@@ -184,7 +184,7 @@ def _by_paper(search: _Search, observations: Sequence[Observation]) -> _Found:
             'add a static bag or use the default method'
         )
     channels = search.settings.channels
-    averaged = [average_branches(one.coarse()) for one in static]
+    averaged = [average_branches(one.coarse(), search.rig.limits.level_step) for one in static]
     contact, objective = search.run_swarm(
         'static step', PaperObjective(search.rig, averaged, channels),
         search.space(STATIC_NAMES, _start(search.bounds), log=False),

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from saddlering_ros.identification.errors import IdentificationError
 from saddlering_ros.identification.observation import Observation, SETTLING_STEP
 from saddlering_ros.identification.whitening import SharedErrors, Whitening
-from saddlering_ros.rig import PARAMETER_NAMES, Rig, TONNE
+from saddlering_ros.rig import PARAMETER_NAMES, Rig
 from saddlering_ros.ring import dynamic_batch, static_batch
 
 Array = NDArray[np.float64]
@@ -180,13 +180,13 @@ def _not_a_number(contact: Array) -> str:
     )
 
 
-def average_branches(observation: Observation) -> Observation:
+def average_branches(observation: Observation, level_step: float) -> Observation:
     """The paper's static readings: mean of the loading and unloading reading of each load step.
 
-    Steps are told apart by rounding to half a tonne; a step read on one branch only is kept as it
-    is. The result's readings count as independent.
+    Steps are told apart by rounding to `level_step` [N]; a step read on one branch only is kept
+    as it is. The result's readings count as independent.
     """
-    steps = np.round(observation.load / (0.5 * TONNE)).astype(int)
+    steps = np.round(observation.load / level_step).astype(int)
     levels = np.unique(steps)
     groups = [_both_branches(observation, np.flatnonzero(steps == level)) for level in levels]
     weights = np.zeros((len(groups), len(steps)))  # readings averaged into each step

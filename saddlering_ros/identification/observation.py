@@ -26,7 +26,7 @@ from saddlering_ros.identification.noise import (
     SMALLEST_NOISE,
 )
 from saddlering_ros.identification.whitening import Whitening
-from saddlering_ros.rig import ContactParameters, FULL_SCALE_LOAD, ParameterSet, Rig, TONNE
+from saddlering_ros.rig import ContactParameters, ParameterSet, Rig
 from saddlering_ros.ring import simulate, static_response
 from saddlering_ros.ring.answers import load_answers
 
@@ -34,9 +34,6 @@ Array = NDArray[np.float64]
 
 CHANNEL_COUNT = 3
 """delta_x, delta_y, gamma."""
-
-LEAST_LOAD = 5.0 * TONNE
-"""A run that never exceeds this load [N] has too little range to identify from."""
 
 MOST_SAMPLES = 1000
 """Longest fit grid of one dynamic run; longer records get a coarser grid."""
@@ -54,7 +51,6 @@ LEAST_SEEN = 0.3
 ANSWER_STEP = 2e-3
 """Longest step [s] in which a dynamic run's answer to errors of its load is followed."""
 
-REST_BAND = 0.0025 * FULL_SCALE_LOAD
 REST_SECONDS = 0.25
 SETTLING_SECONDS = 0.3
 """What counts as a stretch at rest in a dynamic run, and how long it settles after a movement."""
@@ -207,7 +203,7 @@ def _prepare(
     run: TestRun, rig: Rig, fit_rate: float | None, contact: ContactParameters | None
 ) -> _Prepared:
     name = run_name(run)
-    check_run(run)
+    check_run(run, rig)
     try:
         measured = displacement_of_run(rig, run)
     except BagError as problem:
@@ -233,7 +229,7 @@ def _prepare(
         )
     if np.mean(np.isfinite(displacement[0])) < LEAST_SEEN:
         raise IdentificationError(_clipped(name))
-    rests = _calm_stretches(measured)
+    rests = _calm_stretches(measured, rig)
     return _Prepared(run, measured, displacement, load, explained, rests, None, interval)
 
 
@@ -270,13 +266,13 @@ def _simulated(
     return rows
 
 
-def _calm_stretches(measured: MeasuredRun) -> list[tuple[int, int]]:
+def _calm_stretches(measured: MeasuredRun, rig: Rig) -> list[tuple[int, int]]:
     """Stretches at rest of a dynamic run to read the noise from.
 
     That before the first movement alone if it is long enough: after a movement the ring may still
     be creeping back long after the load has come to rest.
     """
-    rests = stretches_at_rest(measured.time, measured.load)
+    rests = stretches_at_rest(measured.time, measured.load, 0.625 * rig.limits.rest_band)
     if not rests:
         return [(measured.zero.start, measured.zero.end)]
     first, last = rests[0]
@@ -313,7 +309,7 @@ def saturated(run: TestRun, rig: Rig) -> NDArray[np.bool_]:
         return np.asarray((run.gaps <= low) | (run.gaps >= high))
 
 
-def check_run(run: TestRun) -> None:
+def check_run(run: TestRun, rig: Rig) -> None:
     """IdentificationError when the run's range is too small to identify anything from."""
     name = run_name(run)
     if not np.isfinite(run.elevation):
@@ -321,26 +317,29 @@ def check_run(run: TestRun) -> None:
     if not np.all(np.isfinite(run.load)):
         raise IdentificationError(f'{name}: its load is not finite everywhere: cut the record')
     top = float(np.nanmax(run.load)) if len(run.load) else 0.0
-    if not top > LEAST_LOAD:
+    least = rig.limits.identification_min
+    if not top > least:
         raise IdentificationError(
-            f'{name}: the load never exceeds 5 t (highest {top / TONNE:.1f} t): '
-            'identification needs a run that loads the ring further'
+            f'{name}: the load never exceeds {rig.force_words(least)} (highest '
+            f'{rig.force_words(top)}), a fifth of full scale '
+            f'({rig.force_words(rig.full_scale_load)}'
+            "): load the ring further, or correct the rig file's full_scale_load"
         )
     if run.test == 'static':
-        _check_static(run, name)
+        _check_static(run, rig, name)
     elif float(np.nanmedian(run.load[-max(1, len(run.load) // 100) :])) > 0.5 * top:
         raise IdentificationError(
             f'{name}: there is no unloading branch (the record ends at '
-            f'{run.load[-1] / TONNE:.1f} t): record the test until the load is off again'
+            f'{rig.force_words(float(run.load[-1]))}): record the test until the load is off again'
         )
 
 
-def _check_static(run: TestRun, name: str) -> None:
+def _check_static(run: TestRun, rig: Rig, name: str) -> None:
     try:
         found = plateaus(run)
     except BagError as problem:
         raise IdentificationError(f'{name}: {problem}') from problem
-    levels = np.unique(np.round(found.load / (0.5 * TONNE)))
+    levels = np.unique(np.round(found.load / rig.limits.level_step))
     if len(levels) < 2:
         raise IdentificationError(
             f'{name}: a static run with one plateau only: '
@@ -353,8 +352,8 @@ def _check_static(run: TestRun, name: str) -> None:
         )
 
 
-def stretches_at_rest(time: Array, load: Array) -> list[tuple[int, int]]:
-    """Index pairs of stretches of at least REST_SECONDS whose mean load stays within REST_BAND."""
+def stretches_at_rest(time: Array, load: Array, band: float) -> list[tuple[int, int]]:
+    """Index pairs of stretches of REST_SECONDS or more whose mean load stays within `band` [N]."""
     count = max(1, int(round(0.05 / max(float(np.median(np.diff(time))), 1e-6))))
     blocks = len(load) // count
     means = load[: blocks * count].reshape(blocks, count).mean(axis=1)
@@ -363,7 +362,7 @@ def stretches_at_rest(time: Array, load: Array) -> list[tuple[int, int]]:
     stretches = []
     start = 0
     for block in range(1, blocks + 1):
-        if block < blocks and abs(means[block] - means[start]) <= REST_BAND:
+        if block < blocks and abs(means[block] - means[start]) <= band:
             continue
         begin = start + (settling if start else 0)
         end = block - 1 if block < blocks else block
@@ -444,7 +443,7 @@ def parity_at_rest(measured: MeasuredRun) -> Array:
     """Parity (N,) of a run less what follows load or time smoothly; missing values filled."""
     parity = np.asarray(measured.displacement.parity)
     good = np.isfinite(parity)
-    load = measured.load / FULL_SCALE_LOAD
+    load = measured.load / max(float(np.max(np.abs(measured.load))), 1e-9)
     time = measured.time / max(float(measured.time[-1]), 1e-9)
     design = np.stack([np.ones_like(load), load, load**2, time, time**2], axis=1)
     smooth, *_ = np.linalg.lstsq(design[good], parity[good], rcond=None)
@@ -613,7 +612,7 @@ def _static_slopes(
     rig: Rig, contact: ContactParameters, elevation: float, load: Array
 ) -> Array:
     """Displacement per load (3, N) [m/N, m/N, rad/N] of equilibria at loads (N,) [N]."""
-    step = 1e-4 * FULL_SCALE_LOAD
+    step = rig.limits.slope_step
     both = static_response(
         rig, contact.to_array(), elevation, np.concatenate([load - step, load + step]))
     below, above = np.split(both, 2, axis=1)

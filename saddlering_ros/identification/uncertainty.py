@@ -19,7 +19,7 @@ from saddlering_ros.identification.objective import predict, WeightedObjective
 from saddlering_ros.identification.observation import Observation
 from saddlering_ros.identification.refinement import refine, Refinement
 from saddlering_ros.identification.space import SearchSpace
-from saddlering_ros.rig import FULL_SCALE_LOAD, PARAMETER_NAMES, Rig
+from saddlering_ros.rig import PARAMETER_NAMES, Rig
 
 Array = NDArray[np.float64]
 
@@ -40,21 +40,21 @@ class Imperfection:
 
     name: str
     words: str
-    load: Callable[[Array], Array] = lambda load: load
+    load: Callable[[Array, float], Array] = lambda load, full_scale: load
     rig: Callable[[Rig], Rig] = lambda rig: rig
     elevation: float = 0.0
     delay: float = 0.0
 
-    def on_load(self, one: Observation) -> Array:
+    def on_load(self, one: Observation, full_scale: float) -> Array:
         """The loads [N] to simulate an observation with, as this imperfection would have them."""
         load = one.fine_load
         if one.dynamic and self.delay:
             load = np.asarray(np.interp(one.fine_time - self.delay, one.fine_time, load))
-        return self.load(load)
+        return self.load(load, full_scale)
 
 
-def _bent(load: Array) -> Array:
-    return load + 0.001 * 4.0 * load * (FULL_SCALE_LOAD - load) / FULL_SCALE_LOAD
+def _bent(load: Array, full_scale: float) -> Array:
+    return load + 0.001 * 4.0 * load * (full_scale - load) / full_scale
 
 
 def _wider_axial(rig: Rig) -> Rig:
@@ -72,7 +72,7 @@ IMPERFECTIONS = (
     Imperfection('axial_clearance', '5 um of axial clearance', rig=_wider_axial),
     Imperfection('radial_clearance', '5 um of radial clearance', rig=_wider_middle),
     Imperfection('elevation', '0.1 deg of elevation', elevation=float(np.radians(0.1))),
-    Imperfection('load_gain', '0.5 % of load gain', load=lambda load: 1.005 * load),
+    Imperfection('load_gain', '0.5 % of load gain', load=lambda load, _: 1.005 * load),
     Imperfection('delay', '1 ms between the clocks of load and probes', delay=1e-3),
 )
 """Small errors no fit can see from inside; what each would do to the parameters is reported."""
@@ -185,12 +185,14 @@ def systematic_shifts(
 
 def _whitened(objective: WeightedObjective, contact: Array, imperfection: Imperfection) -> Array:
     rig = imperfection.rig(objective.rig)
+    full_scale = objective.rig.full_scale_load
     parts = []
     for one in objective.observations:
         changed = replace(
-            one, fine_load=imperfection.on_load(one), load=imperfection.load(one.load),
+            one, fine_load=imperfection.on_load(one, full_scale),
+            load=imperfection.load(one.load, full_scale),
             elevation=one.elevation + imperfection.elevation,
-            zero_load=float(imperfection.load(np.array(one.zero_load))),
+            zero_load=float(imperfection.load(np.array(one.zero_load), full_scale)),
         )
         parts.append(predict(rig, contact[None, :], changed) - one.displacement)
     return np.concatenate(objective.whiten(parts), axis=1)[0]

@@ -212,7 +212,8 @@ def _compare(run: TestRun, rig: Rig, parameters: ParameterSet) -> _Comparison:
     actual = _stack(measured.displacement)
     simulated = _simulated(rig, parameters, run, measured)
     if found is None:
-        rests = stretches_at_rest(measured.time, measured.load)
+        rests = stretches_at_rest(
+            measured.time, measured.load, 0.625 * rig.limits.rest_band)
         rests = rests or [(measured.zero.start, measured.zero.end)]
         readings: Spans = []
         branch = np.zeros(0)

@@ -19,6 +19,7 @@ from saddlering_ros.rig.description import (
     Trunnion,
 )
 from saddlering_ros.rig.errors import RigError
+from saddlering_ros.rig.limits import LoadLimits
 from saddlering_ros.rig.loads import resolve_load, ResolvedLoad
 from saddlering_ros.rig.parameter_file import (
     parameters_from_mapping,
@@ -37,6 +38,8 @@ from saddlering_ros.rig.probes import (
     probes_to_displacement,
 )
 from saddlering_ros.rig.units import (
+    FORCE_UNITS,
+    force_words,
     FULL_SCALE_LOAD,
     line_contact_stiffness,
     stiffness_per_metre,
@@ -46,12 +49,13 @@ from saddlering_ros.rig.units import (
 from saddlering_ros.rig.zeroing import zero_of_record, ZeroReading, ZeroWindow
 
 __all__ = [
-    'CHANNELS', 'FULL_SCALE_LOAD', 'PARAMETER_NAMES', 'PARAMETER_UNITS', 'TONNE', 'TRUE_TO_SCALE',
-    'Carriage', 'ContactParameters', 'Displacement', 'ParameterSet', 'ParameterSource', 'Probes',
-    'ResolvedLoad', 'Rig', 'RigError', 'RollerRow', 'Trunnion', 'ZeroReading', 'ZeroWindow',
-    'check_bounds', 'default_rig', 'displacement_to_probes', 'gap_increment',
-    'line_contact_stiffness', 'load_rig', 'parameters_from_mapping', 'parameters_to_mapping',
-    'probes_to_displacement', 'read_parameters', 'resolve_load', 'rig_from_parameters',
-    'shipped_rig_file', 'stiffness_per_metre', 'stiffness_per_millimetre', 'write_parameters',
-    'write_text_atomically', 'zero_of_record',
+    'CHANNELS', 'FORCE_UNITS', 'FULL_SCALE_LOAD', 'PARAMETER_NAMES', 'PARAMETER_UNITS', 'TONNE',
+    'TRUE_TO_SCALE', 'Carriage', 'ContactParameters', 'Displacement', 'LoadLimits', 'ParameterSet',
+    'ParameterSource', 'Probes', 'ResolvedLoad', 'Rig', 'RigError', 'RollerRow', 'Trunnion',
+    'ZeroReading', 'ZeroWindow', 'check_bounds', 'default_rig', 'displacement_to_probes',
+    'force_words', 'gap_increment', 'line_contact_stiffness', 'load_rig',
+    'parameters_from_mapping', 'parameters_to_mapping', 'probes_to_displacement',
+    'read_parameters', 'resolve_load', 'rig_from_parameters', 'shipped_rig_file',
+    'stiffness_per_metre', 'stiffness_per_millimetre', 'write_parameters', 'write_text_atomically',
+    'zero_of_record',
 ]

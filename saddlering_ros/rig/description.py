@@ -11,8 +11,9 @@ from typing import Any
 
 from saddlering_ros.rig.contact import PARAMETER_NAMES
 from saddlering_ros.rig.errors import RigError
+from saddlering_ros.rig.limits import LoadLimits
 from saddlering_ros.rig.ros_yaml import read_ros_parameters
-from saddlering_ros.rig.units import FULL_SCALE_LOAD
+from saddlering_ros.rig.units import FORCE_UNITS, force_words, FULL_SCALE_LOAD
 
 
 @dataclass(frozen=True)
@@ -81,6 +82,16 @@ class Rig:
     preload: float
     bounds: dict[str, Pair] = field(default_factory=_default_bounds)
     full_scale_load: float = FULL_SCALE_LOAD
+    force_unit: str = 't'
+
+    @property
+    def limits(self) -> LoadLimits:
+        """Limits of loads, from the full scale."""
+        return LoadLimits(self.full_scale_load)
+
+    def force_words(self, force: float, digits: int = 1) -> str:
+        """A load [N] in the unit that the rig file chooses."""
+        return force_words(force, self.force_unit, digits)
 
 
 def default_rig() -> Rig:
@@ -172,6 +183,13 @@ def _polarity(section: _Section, where: str) -> tuple[float, float, float, float
     return first, second, third, fourth
 
 
+def _force_unit(section: _Section, where: str) -> str:
+    unit = section.raw('force_unit') if section.has('force_unit') else 't'
+    if not isinstance(unit, str) or unit not in FORCE_UNITS:
+        raise RigError(f'{where}: rig.force_unit is {unit!r}: give {" or ".join(FORCE_UNITS)}')
+    return unit
+
+
 def _bounds(section: _Section, where: str) -> dict[str, Pair]:
     bounds = _default_bounds()
     for name in PARAMETER_NAMES:
@@ -222,6 +240,7 @@ def rig_from_parameters(parameters: Mapping[str, Any], where: str) -> Rig:
         ),
         preload=rig.number('preload', 0.0, 1e9),
         full_scale_load=rig.number('full_scale_load', 1.0, 1e9, default=FULL_SCALE_LOAD),
+        force_unit=_force_unit(rig, where),
         bounds=_bounds(bounds, where),
     )
     if result.probes.max_range <= result.probes.min_range:

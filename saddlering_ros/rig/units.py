@@ -7,7 +7,10 @@ TONNE = 1000.0 * STANDARD_GRAVITY
 """One tonne-force [N], the step of the static test."""
 
 FULL_SCALE_LOAD = 25.0 * TONNE
-"""Full scale of the hydraulic cylinder [N]: 25 t."""
+"""Full scale of the hydraulic cylinder [N] where a rig file gives none: 25 t."""
+
+FORCE_UNITS = {'t': TONNE, 'kN': 1e3}
+"""Units a rig file can choose for loads on screens (`rig.force_unit`), in newtons."""
 
 MICROMETRE = 1e-6
 """One micrometre [m]."""
@@ -18,6 +21,11 @@ MILLIMETRE = 1e-3
 
 AS_READ = {'N': (1e3, 'kN'), 'm': (MICROMETRE, 'um'), 'rad': (1e-6, 'urad')}
 """Units of forces, lengths and angles on screens, and their factors to SI."""
+
+
+def force_words(force: float, unit: str = 't', digits: int = 1) -> str:
+    """A force [N] in one of FORCE_UNITS: '4.9 t'."""
+    return f'{force / FORCE_UNITS[unit]:.{digits}f} {unit}'
 
 
 def as_read(value: float, unit: str, error: float | None = None) -> str:

@@ -174,6 +174,7 @@ def _rig_values(rig: Rig) -> dict[str, Any]:
         'rig.probes.min_range': rig.probes.min_range,
         'rig.probes.max_range': rig.probes.max_range,
         'rig.preload': rig.preload, 'rig.full_scale_load': rig.full_scale_load,
+        'rig.force_unit': rig.force_unit,
     }
     values.update({f'bounds.{name}': list(pair) for name, pair in rig.bounds.items()})
     return values

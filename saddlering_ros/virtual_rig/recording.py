@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saddlering_ros.bags import TestFacts, write_bag
-from saddlering_ros.rig import Rig
+from saddlering_ros.rig import FULL_SCALE_LOAD, Rig
 from saddlering_ros.virtual_rig.effects_probes import Recording
 from saddlering_ros.virtual_rig.errors import VirtualRigError
 from saddlering_ros.virtual_rig.filters import slow_noise
@@ -21,8 +21,8 @@ Floats = NDArray[np.float64]
 Stamps = NDArray[np.int64]
 
 LEVELS = 2**16
-CELL_SPAN = 3e5
-"""Span of the load cell [N] to both sides, in 2^16 levels."""
+CELL_SPAN = 3e5 / FULL_SCALE_LOAD
+"""Span of the load cell to both sides over the full scale, in 2^16 levels."""
 
 EPOCH = 1_760_000_000
 """Time of the first test [s since 1970]."""
@@ -198,7 +198,7 @@ def _load_reading(plan: TestPlan, run: PhysicalRun, recording: Recording, times:
     reading += _wander(times, noise / 3.0, plan.instruments.slow_time, random)
     reading = np.minimum(reading, recording.load_limit)
     if plan.instruments.quantised:
-        level = 2.0 * CELL_SPAN / LEVELS
+        level = 2.0 * CELL_SPAN * plan.physical.rig.full_scale_load / LEVELS
         reading = level * np.rint(reading / level)
     return np.asarray(reading)
 

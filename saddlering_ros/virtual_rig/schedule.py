@@ -90,25 +90,27 @@ class Schedule:
         return (up + down) * self.cycles
 
 
-def static_schedule(rig: Rig, *, hold: float = 5.0, step: float = TONNE,
+def static_schedule(rig: Rig, *, hold: float = 5.0, step: float | None = None,
                     peak: float | None = None, cycles: int = 1,
                     lowest: float | None = None) -> Schedule:
-    """0 to 25 t and back in steps of 1 t; it starts and ends at the preload."""
-    return Schedule('static', FULL_SCALE_LOAD if peak is None else peak,
-                    rig.preload if lowest is None else lowest, step, hold, 1.0, hold + 2.0, cycles,
-                    100.0)
+    """0 to full scale and back in steps of a 25th; it starts and ends at the preload."""
+    share = rig.full_scale_load / FULL_SCALE_LOAD
+    return Schedule('static', rig.full_scale_load if peak is None else peak,
+                    rig.preload if lowest is None else lowest,
+                    share * TONNE if step is None else step, hold, 1.0, hold + 2.0, cycles,
+                    100.0 * share)
 
 
 def dynamic_schedule(rig: Rig, *, duration: float = 10.0, speed: float = 1.0,
                      peak: float | None = None, cycles: int = 1, hold: float = 0.0,
                      lowest: float | None = None) -> Schedule:
-    """A ramp to 25 t and back, `duration` [s] with rests of an eighth; `speed` cuts the ramp."""
+    """A ramp to full scale and back, `duration` [s], rests of an eighth; `speed` cuts the ramp."""
     if not 0.0 < duration <= 7200.0 or not 0.0 < speed <= 1000.0:
         raise VirtualRigError(f'a ramp test of {duration:g} s at {speed:g} times the speed: '
                               'give numbers above zero')
     rest = max(duration / 8.0, 1.0)
     ramp = max(duration - 2.0 * rest, 0.2 * duration) / 2.0 / speed
-    return Schedule('dynamic', FULL_SCALE_LOAD if peak is None else peak,
+    return Schedule('dynamic', rig.full_scale_load if peak is None else peak,
                     rig.preload if lowest is None else lowest, TONNE, hold, ramp, rest, cycles,
                     0.0)
 

@@ -1,0 +1,55 @@
+"""Rigs of other sizes, and tests of the virtual rig on them as runs in memory."""
+
+from dataclasses import replace
+import math
+from pathlib import Path
+
+import numpy as np
+
+from saddlering_ros.bags import align, seconds_array, TestRun
+from saddlering_ros.rig import default_rig, FULL_SCALE_LOAD, TONNE, TRUE_TO_SCALE
+from saddlering_ros.virtual_rig import (
+    dynamic_schedule,
+    Instruments,
+    PhysicalRig,
+    record_test,
+    Scatter,
+    static_schedule,
+    TestPlan,
+)
+
+
+def rig_of(tonnes, rollers, radius):
+    """A rig of a cylinder of `tonnes` with rows of `rollers` on a circle of `radius` [m]."""
+    usual = default_rig()
+    size, scale = radius / usual.axial_rows.pitch_radius, tonnes * TONNE / FULL_SCALE_LOAD
+    body = usual.carriage
+    return replace(
+        usual,
+        axial_rows=replace(usual.axial_rows, rollers=rollers, pitch_radius=radius),
+        middle_row=replace(usual.middle_row, rollers=rollers, pitch_radius=radius),
+        carriage=replace(body, mass=body.mass * scale, weight=body.weight * scale,
+                         inertia=body.inertia * scale * size**2),
+        trunnion=replace(usual.trunnion, x=usual.trunnion.x * size, y=usual.trunnion.y * size),
+        probes=replace(usual.probes, axial_span=usual.probes.axial_span * size),
+        preload=usual.preload * scale, full_scale_load=tonnes * TONNE,
+    )
+
+
+def virtual_run(rig, test, elevation=50.0, *, seed=1, contact=TRUE_TO_SCALE, **schedule):
+    """A run of the virtual rig, of equal rollers, with instruments that suit its size."""
+    scale = rig.full_scale_load / FULL_SCALE_LOAD
+    make = static_schedule if test == 'static' else dynamic_schedule
+    plan = TestPlan(
+        PhysicalRig(rig, contact, math.radians(elevation), (), Scatter(gap=0.0, stiffness=0.0), 1),
+        make(rig, **schedule), seed, Instruments(load_noise=50.0 * scale),
+        rate=50.0 if test == 'static' else 500.0)
+    record = record_test(plan)
+    gaps = np.stack([align(record.load_stamps, stamps, values)
+                     for stamps, values in zip(record.probe_stamps, record.gaps, strict=True)])
+    name = f'{test}_{elevation:g}'
+    return TestRun(
+        name=name, path=Path(name), test=test, elevation=math.radians(elevation), rig='other',
+        run='', stamps=record.load_stamps,
+        time=seconds_array(record.load_stamps, int(record.load_stamps[0])), load=record.load,
+        gaps=gaps)

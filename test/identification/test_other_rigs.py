@@ -1,0 +1,61 @@
+"""Rigs of 1 t and 24 rollers a row, and of 400 t and 400 rollers, are judged by their own size."""
+
+from dataclasses import replace
+
+import numpy as np
+from other_rigs import rig_of, virtual_run
+import pytest
+
+from saddlering_ros.bags import BagError
+from saddlering_ros.bags.checks import check_load_unit
+from saddlering_ros.diagnosis.records import build_record, check_set
+from saddlering_ros.identification import IdentificationError, identify
+from saddlering_ros.rig import TONNE, TRUE_TO_SCALE
+
+RIGS = {'1 t': rig_of(1.0, 24, 0.15), '400 t': rig_of(400.0, 400, 2.0)}
+
+
+@pytest.fixture(name='runs', scope='module', params=RIGS)
+def runs_fixture(request):
+    rig = RIGS[request.param]
+    return rig, [
+        virtual_run(rig, 'static', elevation, hold=2.0, step=rig.full_scale_load / 12.0)
+        for elevation in (50.0, 70.0)
+    ] + [virtual_run(rig, 'dynamic', 50.0, duration=6.0)]
+
+
+def test_the_stiffnesses_of_a_rig_of_any_size_are_identified(runs):
+    rig, tests = runs
+    found = identify(tests, rig)
+    truth = TRUE_TO_SCALE.to_array()
+    got = found.parameters.contact.to_array()
+    assert all(found.pinned[name] for name in ('K1', 'K2', 'D1'))
+    for index, name in enumerate(('K1', 'n1', 'D1', 'K2', 'n2', 'D2')):
+        if found.pinned[name]:
+            assert abs(got[index] - truth[index]) < 4.0 * found.std[index], name
+
+
+def test_a_sound_run_of_a_rig_of_any_size_gets_no_note_about_its_peak(runs):
+    rig, tests = runs
+    records = [build_record(rig, run, held_out=False) for run in tests]
+    assert not [note for note in check_set(records, rig) if 'full scale' in note]
+
+
+def test_loads_are_printed_in_the_unit_of_the_rig_file(runs):
+    rig, tests = runs
+    weak = replace(tests[0], load=0.1 * tests[0].load)
+    share = 0.2 * rig.full_scale_load
+    for unit, words in (('t', f'{share / TONNE:.1f} t'), ('kN', f'{share / 1e3:.1f} kN')):
+        with pytest.raises(IdentificationError, match=f'never exceeds {words}'):
+            identify([weak], replace(rig, force_unit=unit))
+
+
+def test_a_load_in_tonnes_or_kilonewtons_is_refused_on_a_rig_of_any_size(runs):
+    rig, tests = runs
+    load = tests[0].load
+    check_load_unit('bag', load, rig.limits)
+    for factor, unit in ((1.0 / TONNE, 'tonnes'), (1e-3, 'newtons')):
+        with pytest.raises(BagError, match=unit):
+            check_load_unit('bag', factor * load, rig.limits)
+    with pytest.raises(BagError, match='far beyond'):
+        check_load_unit('bag', np.array([0.0, 30.0 * rig.full_scale_load]), rig.limits)
