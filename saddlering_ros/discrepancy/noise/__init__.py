@@ -1,9 +1,15 @@
 """Noise of a channel: what is declared or learnt about it, and how residuals are whitened."""
 
+from saddlering_ros.discrepancy.noise.adequacy import overestimated, overestimated_sentence
+from saddlering_ros.discrepancy.noise.declared import Noise
 from saddlering_ros.discrepancy.noise.process import ChannelNoise, TIME_CONSTANTS
+from saddlering_ros.discrepancy.noise.residuals import widened, with_model_error
 from saddlering_ros.discrepancy.noise.rest import HeldSeries, measure_noise
+from saddlering_ros.discrepancy.noise.stretches import ChannelRecord
 from saddlering_ros.discrepancy.noise.whitening import build_whitener, Whitener
 
 __all__ = [
-    'TIME_CONSTANTS', 'ChannelNoise', 'HeldSeries', 'Whitener', 'build_whitener', 'measure_noise',
+    'TIME_CONSTANTS', 'ChannelNoise', 'ChannelRecord', 'HeldSeries', 'Noise', 'Whitener',
+    'build_whitener', 'measure_noise', 'overestimated', 'overestimated_sentence', 'widened',
+    'with_model_error',
 ]

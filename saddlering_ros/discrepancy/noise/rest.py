@@ -1,10 +1,4 @@
-"""Noise learnt from stretches at rest: variances at all scales, read as relaxations.
-
-The Allan variance (half the mean square difference of neighbouring means over m samples) needs no
-mean and shows every kind of slow noise by its growth with m. White noise, Ornstein-Uhlenbeck noise
-and a random walk each have it in closed form, so a non-negative mixture fitted to it gives an
-honest covariance of block means at any spacing. Allan, Proc. IEEE 54 (1966) 221; mixture by NNLS.
-"""
+"""Noise learnt from stretches at rest: variances at all scales, read as relaxations."""
 
 from __future__ import annotations
 
@@ -12,16 +6,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.optimize import nnls
 
+from saddlering_ros.discrepancy.noise.allan import allan_columns, allan_variances, mixture
 from saddlering_ros.discrepancy.noise.process import ChannelNoise, mean_variance, TIME_CONSTANTS
 from saddlering_ros.discrepancy.system import Array, DiscrepancyError, RestSegment
-
-
-def _allan_of_relaxation(ratio: Array) -> Array:
-    """Allan variance of unit OU noise at `ratio` time constants."""
-    shrink = -np.expm1(-ratio) / ratio
-    return np.maximum(mean_variance(ratio) - shrink**2, ratio / 3.0 * np.exp(-ratio) * 1e-6)
 
 
 @dataclass(frozen=True)
@@ -50,6 +38,7 @@ def measure_noise(
     count: int,
     series: Sequence[HeldSeries] = (),
     longest: float = np.inf,
+    time_constants: Array = TIME_CONSTANTS,
 ) -> list[ChannelNoise]:
     """Noise of each of `count` channels, pooled over all stretches at rest.
 
@@ -66,13 +55,15 @@ def measure_noise(
     labelled = [segment for segment in segments if segment.label]
     if len(labelled) >= 20:
         segments = labelled
-    statistics = [_statistics(segments, channel, series) for channel in range(count)]
-    seen = np.append(True, longest >= TIME_CONSTANTS)
+    statistics = [
+        _statistics(segments, channel, series, time_constants) for channel in range(count)
+    ]
+    seen = np.append(True, longest >= time_constants)
     statistics = [replace(item, columns=item.columns * seen) for item in statistics]
-    solved = [_mixture(item.columns, item.seen, item.pairs) for item in statistics]
+    solved = [mixture(item.columns, item.seen, item.pairs) for item in statistics]
     totals = [max(float(item.seen.max()), np.finfo(float).tiny) for item in statistics]
     # One shape: each channel's statistics over its own size, all in one mixture.
-    pooled = _mixture(
+    pooled = mixture(
         np.vstack([item.columns for item in statistics]),
         np.concatenate(
             [item.seen / total for item, total in zip(statistics, totals, strict=True)]
@@ -84,10 +75,10 @@ def measure_noise(
         shape = pooled[1:]
         if shape.sum() > 0.0:
             columns = np.column_stack([item.columns[:, 0], item.columns[:, 1:] @ shape])
-            white, size = _mixture(columns, item.seen, item.pairs)
+            white, size = mixture(columns, item.seen, item.pairs)
             slow = size * shape
         else:
-            white, slow = solved[channel][0], np.zeros(TIME_CONSTANTS.size)
+            white, slow = solved[channel][0], np.zeros(time_constants.size)
         fine = min(segment.step for segment in segments)
         white = max(float(white), 1e-9 * totals[channel] * fine)
         step = _quantum(segments, channel)
@@ -95,35 +86,21 @@ def measure_noise(
         held = 0.0
         if step:
             held = 0.5 * (step / np.pi) ** 2 * float(np.exp(-4.0 * (np.pi * spread / step) ** 2))
-        answers.append(ChannelNoise(white, slow, held, len(segments)))
+        answers.append(ChannelNoise(white, slow, held, len(segments), time_constants))
     return answers
 
 
-def _mixture(columns: Array, seen: Array, pairs: Array) -> Array:
-    """Non-negative parts whose statistics come closest to those seen, in relative terms."""
-    floor = max(float(seen.max()) * 1e-9, np.finfo(float).tiny)
-    target = np.maximum(seen, floor)
-    unit = np.maximum(columns.max(axis=0), np.finfo(float).tiny)
-    weight = np.sqrt(pairs) / target
-    for _ in range(4):
-        solution, _ = nnls(columns / unit * weight[:, None], target * weight)
-        fitted = np.maximum(columns @ (solution / unit), floor)
-        weight = np.sqrt(pairs) / np.maximum(fitted, 0.2 * target)
-    return np.asarray(solution / unit)
-
-
 def _statistics(
-    segments: Sequence[RestSegment], channel: int, series: Sequence[HeldSeries]
+    segments: Sequence[RestSegment],
+    channel: int,
+    series: Sequence[HeldSeries],
+    time_constants: Array,
 ) -> _Statistics:
     """Allan variances at rest, and second differences from hold to hold."""
-    scales, seen, pairs = _allan_variances(_without_common_course(segments, channel))
+    scales, seen, pairs = allan_variances(_without_common_course(segments, channel))
     if scales.size == 0:
         raise DiscrepancyError('noise: the stretches at rest are too short to learn from')
-    columns = [
-        np.column_stack(
-            [1.0 / scales] + [_allan_of_relaxation(scales / tau) for tau in TIME_CONSTANTS]
-        )
-    ]
+    columns = [allan_columns(scales, time_constants)]
     differences, widths, spacings = [], [], []
     for item in series:
         spacing = np.diff(item.time)
@@ -139,7 +116,7 @@ def _statistics(
             np.array(
                 [
                     [6.0 / width]
-                    + [_second_difference(width / tau, apart / tau) for tau in TIME_CONSTANTS]
+                    + [_second_difference(width / tau, apart / tau) for tau in time_constants]
                 ]
             )
         )
@@ -178,23 +155,6 @@ def _without_common_course(
             for row, member in zip(rows, members, strict=True)
         ]
     return cleaned
-
-
-def _allan_variances(rows: Sequence[tuple[Array, float]]) -> tuple[Array, Array, Array]:
-    """Averaging times [s], Allan variances and how many differences each rests on."""
-    sums: dict[float, list[float]] = {}
-    for row, step in rows:
-        count = 1
-        while row.size // count >= 2:
-            blocks = row[: row.size // count * count].reshape(-1, count).mean(axis=1)
-            difference = np.diff(blocks)
-            entry = sums.setdefault(float(f'{count * step:.3g}'), [0.0, 0.0])
-            entry[0] += 0.5 * float(difference @ difference)
-            entry[1] += difference.size
-            count *= 2
-    scales = np.array(sorted(scale for scale, entry in sums.items() if entry[1] >= 4))
-    allan = np.array([sums[scale][0] / sums[scale][1] for scale in scales])
-    return scales, allan, np.array([sums[scale][1] for scale in scales])
 
 
 def _quantum(segments: Sequence[RestSegment], channel: int) -> float:

@@ -1,0 +1,31 @@
+"""Whether the noise that was declared or measured can be right, given the misfit that is left."""
+
+from __future__ import annotations
+
+from scipy.stats import f as fisher
+
+MAX_CHANCE = 1e-3
+"""A misfit is far under the noise if noise alone would leave as little less often than this."""
+
+MAX_RATIO = 0.5
+"""And if it is less than this share of what noise alone would leave."""
+
+
+def overestimated(statistic: float, dimensions: float, degrees: float) -> bool:
+    """Whether a whitened misfit over `dimensions` is far less than noise alone would leave.
+
+    degrees: degrees of freedom of the noise's level.
+    """
+    if dimensions <= 0 or statistic >= MAX_RATIO * dimensions:
+        return False
+    chance = fisher.cdf(statistic / dimensions, dimensions, degrees)
+    return bool(chance < MAX_CHANCE)
+
+
+def overestimated_sentence(statistic: float, dimensions: float, where: str) -> str:
+    """The warning for a reader."""
+    return (
+        f'noise overestimated in {where}: the misfit is {statistic:.3g} where noise alone leaves '
+        f'about {dimensions:.3g}: nothing can be concluded; give the noise of the channel '
+        '(Noise.white, Noise.from_rest) or a smaller model error'
+    )

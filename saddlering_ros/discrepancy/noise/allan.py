@@ -1,0 +1,57 @@
+"""Allan variances, and the mixture of white noise and relaxations that comes closest to them.
+
+The Allan variance (half the mean square difference of neighbouring means over m samples) needs no
+mean and shows every kind of slow noise by its growth with m. Allan, Proc. IEEE 54 (1966) 221.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from scipy.optimize import nnls
+
+from saddlering_ros.discrepancy.noise.process import mean_correlation, mean_variance
+from saddlering_ros.discrepancy.system import Array
+
+
+def allan_of_relaxation(ratio: Array) -> Array:
+    """Allan variance of unit OU noise at `ratio` time constants."""
+    exact = mean_variance(ratio) - mean_correlation(ratio) ** 2
+    return np.asarray(np.maximum(exact, ratio / 3.0 * np.exp(-ratio) * 1e-6))
+
+
+def mixture(columns: Array, seen: Array, pairs: Array) -> Array:
+    """Non-negative parts whose statistics come closest to those seen, in relative terms."""
+    floor = max(float(seen.max()) * 1e-9, np.finfo(float).tiny)
+    target = np.maximum(seen, floor)
+    unit = np.maximum(columns.max(axis=0), np.finfo(float).tiny)
+    weight = np.sqrt(pairs) / target
+    for _ in range(4):
+        solution, _ = nnls(columns / unit * weight[:, None], target * weight)
+        fitted = np.maximum(columns @ (solution / unit), floor)
+        weight = np.sqrt(pairs) / np.maximum(fitted, 0.2 * target)
+    return np.asarray(solution / unit)
+
+
+def allan_columns(scales: Array, time_constants: Array) -> Array:
+    """Allan variances (S, 1 + T) of unit white density and of each unit relaxation."""
+    slow = [allan_of_relaxation(scales / tau) for tau in time_constants]
+    return np.column_stack([1.0 / scales, *slow])
+
+
+def allan_variances(rows: Sequence[tuple[Array, float]]) -> tuple[Array, Array, Array]:
+    """Averaging times [s], Allan variances and how many differences each rests on."""
+    sums: dict[float, list[float]] = {}
+    for row, step in rows:
+        count = 1
+        while row.size // count >= 2:
+            blocks = row[: row.size // count * count].reshape(-1, count).mean(axis=1)
+            difference = np.diff(blocks)
+            entry = sums.setdefault(float(f'{count * step:.3g}'), [0.0, 0.0])
+            entry[0] += 0.5 * float(difference @ difference)
+            entry[1] += difference.size
+            count *= 2
+    scales = np.array(sorted(scale for scale, entry in sums.items() if entry[1] >= 4))
+    allan = np.array([sums[scale][0] / sums[scale][1] for scale in scales])
+    return scales, allan, np.array([sums[scale][1] for scale in scales])
