@@ -22,12 +22,12 @@ from saddlering_ros.effects.extension import RingExtension
 from saddlering_ros.rig import default_rig, FULL_SCALE_LOAD, Rig, TONNE, TRUE_TO_SCALE
 from saddlering_ros.ring import (
     dynamic_batch,
-    kernels,
-    layout,
     probe_batch,
     reference,
     static_batch,
 )
+from saddlering_ros.ring.kernels import integration, layout, vector_math
+from saddlering_ros.ring.kernels.options import FAST
 from saddlering_ros.ring.model import build_model
 
 ELEVATION = float(np.deg2rad(50.0))
@@ -164,7 +164,8 @@ def growth(quick: bool) -> None:
 
 OPERATIONS = 66
 """Arithmetic instructions that a group of eight rollers takes in the compiled loop of
-kernels.row_sums on AVX-512 (powers 33, force and slopes 21, sums 12); loads and moves left out."""
+ring/kernels/contact.row_sums on AVX-512 (powers 33, force and slopes 21, sums 12); loads and
+moves left out."""
 
 CHAIN = 32
 
@@ -172,7 +173,7 @@ CHAIN = 32
 @nb.njit(fastmath={'contract'}, error_model='numpy')
 def multiply_add(numbers: np.ndarray, times: int) -> None:
     """CHAIN multiply-adds on each number, numbers side by side: the core's arithmetic peak."""
-    kernels.widest_vectors()
+    vector_math.widest_vectors()
     for _ in range(times):
         for j in range(numbers.size):
             x = numbers[j]
@@ -182,13 +183,13 @@ def multiply_add(numbers: np.ndarray, times: int) -> None:
             numbers[j] = 0.5 + 1e-9 * y
 
 
-@nb.njit(fastmath=kernels.FAST, error_model='numpy')
+@nb.njit(fastmath=FAST, error_model='numpy')
 def all_powers(base: np.ndarray, exponent: float, times: int) -> float:
-    kernels.widest_vectors()
+    vector_math.widest_vectors()
     total = 0.0
     for _ in range(times):
         for j in range(base.size):
-            total += kernels.power(base[j], exponent)
+            total += vector_math.power(base[j], exponent)
     return total
 
 
@@ -242,8 +243,8 @@ def contact_count(model: object, path: np.ndarray) -> tuple[float, float]:
     time_s, load = dynamic_record()
     state = np.zeros(layout.STATE_SIZE)
     rows, uniform = model.rows.flat, model.rows.uniform
-    kernels.start(model.scalars, rows, uniform, state, 0.0, load[0])
-    used = kernels.advance(model.scalars, rows, uniform, state, time_s, load, 1e-3,
+    integration.start(model.scalars, rows, uniform, state, 0.0, load[0])
+    used = integration.advance(model.scalars, rows, uniform, state, time_s, load, 1e-3,
                            np.empty((time_s.size, 3)), np.empty((time_s.size, 4)))
     return used / (time_s.size - 1), total / len(range(0, path.shape[1], 100))
 

@@ -28,7 +28,7 @@ from saddlering_ros.identification.noise import (
 from saddlering_ros.identification.whitening import Whitening
 from saddlering_ros.rig import ContactParameters, ParameterSet, Rig
 from saddlering_ros.ring import simulate, static_response
-from saddlering_ros.ring.answers import load_answers
+from saddlering_ros.ring.load_sensitivity import load_sensitivity
 
 Array = NDArray[np.float64]
 
@@ -600,7 +600,7 @@ def _load_errors(
     steps = readings * max(seen.per_block, int(np.ceil(interval / ANSWER_STEP)))
     time = seen.time[0] + interval * ((np.arange(steps) + 0.5) * readings / steps - 0.5)
     load = np.interp(time, seen.fine_time, seen.fine_load)
-    answers = load_answers(rig, contact, seen.elevation, time, load, readings)
+    answers = load_sensitivity(rig, contact, seen.elevation, time, load, readings)
     first, last = one.measured.time[[zero.start, zero.end - 1]]
     in_zero = ((seen.time >= first) & (seen.time <= last)).astype(np.float64)
     size = max(1, int(round(interval / one.interval)))

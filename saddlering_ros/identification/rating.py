@@ -9,9 +9,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from numba import njit
 import numpy as np
 from numpy.typing import NDArray
+
+from saddlering_ros.compiled import Compiler
 
 Array = NDArray[np.float64]
 
@@ -97,7 +98,7 @@ def _magnitude(reference: Array, signal: Array) -> float:
     return _score(distance / float(np.sum(np.abs(reference))), LARGEST_MAGNITUDE_ERROR)
 
 
-@njit(cache=True)
+@Compiler(__file__)()
 def _warping_distance(reference: Array, signal: Array, window: int) -> float:
     """L1 distance along the best dynamic time warping path (squared local cost) in a window."""
     count = len(reference)

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from saddlering_ros.effects.extension import Hysteron, NO_EXTENSION, RingExtension, RowGeometry
 from saddlering_ros.rig import ContactParameters, Rig, RollerRow
-from saddlering_ros.ring import layout as at
+from saddlering_ros.ring.kernels import layout as at
 
 Floats = NDArray[np.float64]
 

@@ -25,8 +25,8 @@ from saddlering_ros.rig import (
     ZeroReading,
     ZeroWindow,
 )
-from saddlering_ros.ring import kernels
-from saddlering_ros.ring import layout as at
+from saddlering_ros.ring.kernels import equilibrium, integration
+from saddlering_ros.ring.kernels import layout as at
 from saddlering_ros.ring.model import build_model, rows_of, scalars_of, stack_rows, with_contact
 
 Floats = NDArray[np.float64]
@@ -126,14 +126,14 @@ class RingSimulator:
         return self._samples(np.ascontiguousarray(rows[:, 0]), np.ascontiguousarray(rows[:, 1]))
 
     def _start(self, time: float, load: float) -> None:
-        if not kernels.start(self._m, self._rows, self._uniform, self._state, time, load):
+        if not integration.start(self._m, self._rows, self._uniform, self._state, time, load):
             self._state[at.TROUBLE] += 1.0
             self._lost = True
 
     def _advance(self, time: Floats, load: Floats) -> Floats:
         motion, increments = np.empty((time.size, 3)), np.empty((time.size, 4))
-        self.iterations += kernels.advance(self._m, self._rows, self._uniform, self._state, time,
-                                           load, self._max_step, motion, increments)
+        self.iterations += integration.advance(self._m, self._rows, self._uniform, self._state,
+                                              time, load, self._max_step, motion, increments)
         if self._lost:
             increments[:] = np.nan
         return increments
@@ -259,7 +259,7 @@ def static_batch(rig: Rig, contacts: ArrayLike, elevation: float, loads: ArrayLi
 
     def solve(part: slice) -> None:
         own = part if rows.shape[0] > 1 else slice(None)
-        kernels.static_batch(m[part], rows[own], uniform[own], force, q[part])
+        equilibrium.static_batch(m[part], rows[own], uniform[own], force, q[part])
 
     _in_parallel(solve, m.shape[0])
     return np.ascontiguousarray(q.transpose(0, 2, 1))
@@ -341,8 +341,8 @@ def _simulate_batch(rig: Rig, contacts: ArrayLike, elevation: float, time: Array
 
     def run(part: slice) -> None:
         own = part if rows.shape[0] > 1 else slice(None)
-        kernels.run_batch(m[part], rows[own], uniform[own], seconds, force, zero, max_step,
-                          motion[part], increments[part])
+        integration.run_batch(m[part], rows[own], uniform[own], seconds, force, zero,
+                              max_step, motion[part], increments[part])
 
     _in_parallel(run, m.shape[0])
     return motion, increments

@@ -10,8 +10,8 @@ import time
 import numpy as np
 
 from saddlering_ros.rig import default_rig, ParameterSet, TRUE_TO_SCALE
-from saddlering_ros.ring.answers import load_answers
-from saddlering_ros.ring.caching import CACHE
+from saddlering_ros.ring.kernels.options import kernel
+from saddlering_ros.ring.load_sensitivity import load_sensitivity
 from saddlering_ros.ring.simulator import dynamic_batch, simulate, static_response
 
 
@@ -24,7 +24,7 @@ def warm() -> float:
     contact = TRUE_TO_SCALE.to_array()
     static_response(rig, contact, elevation, load[:2])
     dynamic_batch(rig, contact[None], elevation, seconds, load)
-    load_answers(rig, TRUE_TO_SCALE, elevation, seconds, load, 6)
+    load_sensitivity(rig, TRUE_TO_SCALE, elevation, seconds, load, 6)
     simulate(rig, ParameterSet(TRUE_TO_SCALE), elevation, seconds, load)
     return time.perf_counter() - began
 
@@ -32,7 +32,7 @@ def warm() -> float:
 def main() -> None:
     """Warm the cache and say what was done."""
     seconds = warm()
-    kept = 'kept' if CACHE else 'not kept: no folder to write to, set NUMBA_CACHE_DIR'
+    kept = f'kept in {kernel.folder}' if kernel.folder else 'not kept: set NUMBA_CACHE_DIR'
     print(f'ring kernels ready in {seconds:.1f} s ({kept})')
 
 

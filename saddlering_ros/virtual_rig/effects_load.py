@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
 from saddlering_ros.rig import Rig
+from saddlering_ros.virtual_rig.compilation import compiled
 from saddlering_ros.virtual_rig.effects import effect, Parameter
 from saddlering_ros.virtual_rig.friction import follow, LAWS
 
@@ -35,7 +35,7 @@ class LoadPath:
     trunnion_y: Floats
 
 
-@numba.njit(cache=True)
+@compiled()
 def hysteresis(law: int, values: Floats, presliding: float, initial: float) -> Floats:
     """State z (N,) of a friction element that follows `values` (N,)."""
     state = np.empty(values.shape[0])

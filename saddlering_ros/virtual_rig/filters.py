@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
+
+from saddlering_ros.virtual_rig.compilation import compiled
 
 Floats = NDArray[np.float64]
 
 
-@numba.njit(cache=True)
+@compiled()
 def recursion(values: Floats, b: Floats, a: Floats) -> Floats:
     """Filter y_n = b_0 x_n + b_1 x_(n-1) + b_2 x_(n-2) + a_1 y_(n-1) + a_2 y_(n-2).
 

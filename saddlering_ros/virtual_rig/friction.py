@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 
-import numba
+from saddlering_ros.virtual_rig.compilation import compiled
 
 JENKINS, DAHL, LUGRE, BOUC_WEN = 0, 1, 2, 3
 
@@ -20,7 +20,7 @@ STRIBECK_EXCESS = 0.25
 """LuGre: static friction over sliding friction, minus 1."""
 
 
-@numba.njit(cache=True)
+@compiled()
 def follow(law: int, z: float, travel: float, presliding: float, seconds: float,
            stribeck_speed: float) -> tuple[float, float]:
     """State z after moving by `travel` in `seconds`, and its derivative by travel.
@@ -47,7 +47,7 @@ def follow(law: int, z: float, travel: float, presliding: float, seconds: float,
     return after, abs(goal - z) * fade / (presliding * level)
 
 
-@numba.njit(cache=True)
+@compiled()
 def _bouc_wen(z: float, steps: float, presliding: float) -> tuple[float, float]:
     """dz/ds = 1 while |z| falls, 1 - z^2 while it grows, in closed form."""
     sign = 1.0 if steps >= 0.0 else -1.0

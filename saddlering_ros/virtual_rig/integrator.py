@@ -9,10 +9,10 @@ from __future__ import annotations
 
 import math
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from saddlering_ros.virtual_rig.compilation import compiled
 from saddlering_ros.virtual_rig.friction import follow, LUGRE
 
 Floats = NDArray[np.float64]
@@ -42,7 +42,7 @@ I00, I01, I10, I11 = 1.5, 0.5, -4.5, 2.5
 S00, S01, S10, S11 = 0.0, 2.0, -18.0, 4.0
 
 
-@numba.njit(cache=True)
+@compiled()
 def _damping(roller: Floats, p: float) -> tuple[float, float]:
     """D at penetration p and its slope."""
     share = roller[DAMPING_SHARE]
@@ -61,7 +61,7 @@ def _damping(roller: Floats, p: float) -> tuple[float, float]:
     return constant * (1.0 - share + share * grown), constant * share * power * grown / p
 
 
-@numba.njit(cache=True)
+@compiled()
 def roller_force(roller: Floats, p: float, rate: float) -> tuple[float, float, float]:
     """Force of one roller [N] at penetration p > 0 and its derivatives by p and by dp/dt."""
     exponent = roller[EXPONENT]
@@ -85,7 +85,7 @@ def roller_force(roller: Floats, p: float, rate: float) -> tuple[float, float, f
     return force, by_p, fade * damping
 
 
-@numba.njit(cache=True)
+@compiled()
 def contact(rollers: Floats, q: Floats, v: Floats, force: Floats, by_q: Floats,
             by_v: Floats) -> None:
     """Force of all rollers on the upper ring (3,), and minus its derivatives (3, 3), in place."""
@@ -112,7 +112,7 @@ def contact(rollers: Floats, q: Floats, v: Floats, force: Floats, by_q: Floats,
                 by_v[row, column] += across * by_rate * roller[column]
 
 
-@numba.njit(cache=True)
+@compiled()
 def _add_friction(friction: Floats, z: Floats, moved: Floats, v: Floats, seconds: float,
                   force: Floats, by_q: Floats, by_v: Floats) -> None:
     """Add the friction elements' forces after moving by `moved` (3,) from where z holds."""
@@ -133,7 +133,7 @@ def _add_friction(friction: Floats, z: Floats, moved: Floats, v: Floats, seconds
                 by_v[i, j] += row[i] * viscous * row[j]
 
 
-@numba.njit(cache=True)
+@compiled()
 def _solve(matrix: Floats, right: Floats) -> None:
     """Solve matrix x = right in place by elimination with row pivots."""
     size = right.shape[0]
@@ -160,7 +160,7 @@ def _solve(matrix: Floats, right: Floats) -> None:
         right[row] = total / matrix[row, row]
 
 
-@numba.njit(cache=True)
+@compiled()
 def _stage_residual(
     rollers: Floats, friction: Floats, z: Floats, mass: Floats, q: Floats, v: Floats, h: float,
     load: Floats, stages: Floats, residual: Floats, matrix: Floats, scratch: Floats,
@@ -200,7 +200,7 @@ def _stage_residual(
     return largest
 
 
-@numba.njit(cache=True)
+@compiled()
 def _try_step(rollers: Floats, friction: Floats, z: Floats, mass: Floats, q: Floats, v: Floats,
               h: float, load: Floats, stages: Floats) -> bool:
     """Find the two stage positions (2, 3), starting from those given."""
@@ -239,7 +239,7 @@ def _try_step(rollers: Floats, friction: Floats, z: Floats, mass: Floats, q: Flo
     return False
 
 
-@numba.njit(cache=True)
+@compiled()
 def _advance(rollers: Floats, friction: Floats, z: Floats, mass: Floats, q: Floats, v: Floats,
              seconds: float, before: Floats, middle: Floats, after: Floats) -> int:
     """Advance q, v, z in place by `seconds`, loads (3,) given at its start, third and end."""
@@ -276,7 +276,7 @@ def _advance(rollers: Floats, friction: Floats, z: Floats, mass: Floats, q: Floa
     return trouble
 
 
-@numba.njit(cache=True)
+@compiled()
 def _between(before: float, middle: float, after: float, share: float) -> float:
     """The parabola through values at 0, 1/3 and 1, at `share`."""
     first = (middle - before) * 3.0
@@ -284,7 +284,7 @@ def _between(before: float, middle: float, after: float, share: float) -> float:
     return before + share * (first + (share - 1.0 / 3.0) * (second - first))
 
 
-@numba.njit(cache=True)
+@compiled()
 def settle(rollers: Floats, friction: Floats, z: Floats, mass: Floats, load: Floats,
            start: Floats) -> tuple[Floats, int]:
     """Rest position (3,) under a constant load (3,), friction held at z; steps grow to minutes."""
@@ -302,7 +302,7 @@ def settle(rollers: Floats, friction: Floats, z: Floats, mass: Floats, load: Flo
     return q, trouble
 
 
-@numba.njit(cache=True)
+@compiled()
 def integrate(rollers: Floats, friction: Floats, z: Floats, mass: Floats, start: Floats,
               step: float, loads: Floats) -> tuple[Floats, Floats, Floats, int]:
     """Motion under loads (3 N + 1, 3) given at thirds of N equal steps, from rest at `start`.

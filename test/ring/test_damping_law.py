@@ -18,7 +18,8 @@ from saddlering_ros.rig import (
     Rig,
     TRUE_TO_SCALE,
 )
-from saddlering_ros.ring import kernels, probe_batch, simulate, static_batch
+from saddlering_ros.ring import probe_batch, simulate, static_batch
+from saddlering_ros.ring.kernels import contact
 from saddlering_ros.ring.model import FAR_OFF
 
 RIG = default_rig()
@@ -36,7 +37,7 @@ def one_roller(p: float, rate: float, share: float, exponent: float,
     rows = np.zeros((3, 3, places))
     rows[:, 2] = FAR_OFF
     rows[0, :, 0] = 0.0, 1.0, 0.0
-    sums = kernels.row_sums(rows.reshape(-1), 0, np.uint64(places), False, p, 0.0, rate, 0.0, K, N,
+    sums = contact.row_sums(rows.reshape(-1), 0, np.uint64(places), False, p, 0.0, rate, 0.0, K, N,
                             D, (share, exponent), levelling, 0.0)
     return sums[0], sums[2], sums[5]
 
@@ -61,7 +62,7 @@ def noisy_cycle() -> tuple[np.ndarray, np.ndarray]:
 @EXPONENTS
 def test_beyond_touch_down_damping_is_the_power_of_penetration_that_is_asked_for(
         exponent: float) -> None:
-    for p in DEPTHS[DEPTHS > kernels.RAMP]:
+    for p in DEPTHS[DEPTHS > contact.RAMP]:
         expected = D * (0.3 + 0.7 * (p / 50e-6) ** exponent)
         assert one_roller(p, 1e-3, 0.7, exponent)[2] == pytest.approx(expected, rel=1e-12)
 
@@ -77,7 +78,7 @@ def growth(p: np.ndarray, exponent: float, levelling: float) -> np.ndarray:
 @pytest.mark.parametrize('levelling', [1e3, 5e4, 2e5])
 def test_growth_levels_off_beyond_the_penetration_that_is_asked_for(
         levelling: float, exponent: float) -> None:
-    for p in DEPTHS[DEPTHS > kernels.RAMP]:
+    for p in DEPTHS[DEPTHS > contact.RAMP]:
         expected = D * (0.3 + 0.7 * growth(p, exponent, levelling))
         assert one_roller(p, 1e-3, 0.7, exponent, levelling)[2] == pytest.approx(
             expected, rel=1e-12)
@@ -122,7 +123,7 @@ def test_the_tangent_is_the_slope_of_the_force(
 @pytest.mark.parametrize('exponent', [0.2, 0.25, 0.5, 0.95])
 def test_at_touch_down_no_slope_grows_without_a_bound(exponent: float) -> None:
     """The slope of p^m does, for m < 1: at 1e-15 m it is 4e8 times that at 50 um for m = 0.2."""
-    width = (1.0 - exponent) * kernels.RAMP
+    width = (1.0 - exponent) * contact.RAMP
     beside_its_end = width * np.array([1.0 - 1e-9, 1.0 + 1e-9])
     depths = np.concatenate([np.geomspace(1e-15, 2e-6, 301), beside_its_end])
     slopes = np.array([one_roller(p, 1.0, 1.0, exponent)[1] for p in depths])

@@ -24,12 +24,12 @@ from saddlering_ros.rig import (
 )
 from saddlering_ros.ring import (
     dynamic_batch,
-    kernels,
     reference,
     RingSimulator,
     simulate,
     static_batch,
 )
+from saddlering_ros.ring.kernels import integration
 from saddlering_ros.streams.simulation import SimulationStream
 from saddlering_ros.streams.wire import Samples
 
@@ -183,7 +183,7 @@ def test_a_step_that_does_not_converge_is_counted_and_has_no_number():
 
 def test_a_step_that_newton_cannot_take_is_taken_in_parts(monkeypatch):
     """Steps of 50 ms from load to load, as no node takes them, so that some fail at first."""
-    tried, step = [], kernels.implicit_step
+    tried, step = [], integration.implicit_step
 
     def noted(model, rows, uniform, state, length, *rest):
         used = step(model, rows, uniform, state, length, *rest)
@@ -191,8 +191,8 @@ def test_a_step_that_newton_cannot_take_is_taken_in_parts(monkeypatch):
         return used
 
     for name in ('advance', 'robust_step'):  # as Python, so that they call what is patched
-        monkeypatch.setattr(kernels, name, getattr(kernels, name).py_func)
-    monkeypatch.setattr(kernels, 'implicit_step', noted)
+        monkeypatch.setattr(integration, name, getattr(integration, name).py_func)
+    monkeypatch.setattr(integration, 'implicit_step', noted)
     jumps = FULL_SCALE_LOAD * np.random.default_rng(0).uniform(-0.5, 1.5, 100)
     rest = np.full(40, BASE.preload)
     simulator = RingSimulator(BASE, ParameterSet(TRUE_TO_SCALE), 0.9, max_step=1.0)

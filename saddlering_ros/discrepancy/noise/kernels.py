@@ -10,15 +10,14 @@ spectra of stars.
 
 from __future__ import annotations
 
-import numba as nb
 import numpy as np
 
-from saddlering_ros.caching import CACHE
+from saddlering_ros.compiled import Compiler
 
-KERNEL = {'cache': CACHE, 'nogil': True, 'error_model': 'numpy'}
+kernel = Compiler(__file__)
 
 
-@nb.njit(**KERNEL)
+@kernel(nogil=True, error_model='numpy')
 def factorise(own, ahead, behind, gaps, inside, present, pivots, gains):  # type: ignore[no-untyped-def]
     """Fill `pivots` (N,), squares of L's diagonal, and `gains` (N, T); 0 if all are positive.
 
@@ -55,7 +54,7 @@ def factorise(own, ahead, behind, gaps, inside, present, pivots, gains):  # type
     return 0
 
 
-@nb.njit(**KERNEL)
+@kernel(nogil=True, error_model='numpy')
 def whiten(ahead, gaps, inside, pivots, gains, columns):  # type: ignore[no-untyped-def]
     """L^-1 times `columns` (N, B), in place; 0 where a sample is missing."""
     count, parts = ahead.shape
@@ -81,7 +80,7 @@ def whiten(ahead, gaps, inside, pivots, gains, columns):  # type: ignore[no-unty
             columns[n, b] = 0.0 if missing else scale * columns[n, b]
 
 
-@nb.njit(**KERNEL)
+@kernel(nogil=True, error_model='numpy')
 def colour(ahead, gaps, inside, pivots, gains, columns):  # type: ignore[no-untyped-def]
     """L times `columns` (N, B), in place; 0 where a sample is missing."""
     count, parts = ahead.shape

@@ -1,51 +1,22 @@
-"""How the ring answers to small errors of its load: the model made linear about a motion.
-
-m d2(dq) + D(t) d(dq) + K(t) dq = b dP with the tangent stiffness K and damping D of all rollers in
-contact along the motion, by the difference formulas (BDF2) that the simulator itself steps with.
-"""
+"""The ring made linear about a motion, stepped by the difference formulas of the simulator."""
 
 from __future__ import annotations
 
 from typing import Any
 
-import numba as nb
 import numpy as np
-from numpy.typing import NDArray
 
-from saddlering_ros.rig import ContactParameters, Rig
-from saddlering_ros.ring import layout as at
-from saddlering_ros.ring.kernels import OUTER, ring_forces, solve3
-from saddlering_ros.ring.model import build_model
-from saddlering_ros.ring.simulator import dynamic_batch
-
-Floats = NDArray[np.float64]
+from saddlering_ros.ring.kernels import layout as at
+from saddlering_ros.ring.kernels.contact import ring_forces
+from saddlering_ros.ring.kernels.equilibrium import solve3
+from saddlering_ros.ring.kernels.options import kernel, OUTER
 
 
-def load_answers(rig: Rig, contact: ContactParameters, elevation: float, time: Floats,
-                 load: Floats, nodes: int) -> Floats:
-    """Mean displacement answers (3, nodes, nodes) [m/N, m/N, rad/N] to load errors of a record.
-
-    time (N,) [s] is even, N a multiple of `nodes`: each node is the middle of a block of it. An
-    error of 1 N at node j, falling to nought at its neighbours, moves the mean of block i by
-    [:, i, j]. The motion starts at rest under its first load, errors included.
-    """
-    law = contact.to_array()[None]
-    step = float(np.mean(np.diff(time)))
-    motion = np.ascontiguousarray(dynamic_batch(rig, law, elevation, time, load, 1.01 * step)[0].T)
-    model = build_model(rig, contact, elevation)
-    answers = np.zeros((3, nodes, nodes))
-    force = np.array([np.cos(elevation), -np.sin(elevation),
-                      rig.trunnion.y * np.cos(elevation) + rig.trunnion.x * np.sin(elevation)])
-    rate = np.ascontiguousarray(np.gradient(motion, time, axis=0))
-    follow(model.scalars, model.rows.flat, model.rows.uniform, motion, rate, step, force, answers)
-    return answers
-
-
-@nb.njit(**OUTER)
+@kernel(**OUTER)
 def follow(m: Any, rows: Any, uniform: Any, q: Any, v: Any, h: Any, force: Any,
-           answers: Any) -> Any:
-    """Fill answers (3, J, J) about the motion q (N, 3), its rate v (N, 3), in steps of h [s]."""
-    nodes = answers.shape[1]
+           sensitivity: Any) -> Any:
+    """Fill sensitivity (3, J, J) about a motion q (N, 3), its rate v (N, 3), in steps of h [s]."""
+    nodes = sensitivity.shape[1]
     size = q.shape[0] // nodes
     w = np.zeros(at.WORK_SIZE)
     state = np.zeros((6, nodes))  # dq and its rate, of this step
@@ -89,4 +60,4 @@ def follow(m: Any, rows: Any, uniform: Any, q: Any, v: Any, h: Any, force: Any,
             state[4, j] = c0 * y + p1
             state[5, j] = c0 * tilt + p2
             for i in range(3):
-                answers[i, block, j] += state[i, j] / size
+                sensitivity[i, block, j] += state[i, j] / size

@@ -1,0 +1,204 @@
+"""Forces of the rollers of each row and of the ring, with stiffness and damping."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from saddlering_ros.ring.kernels import layout as at
+from saddlering_ros.ring.kernels.options import FAST, INNER, kernel
+from saddlering_ros.ring.kernels.vector_math import power, widest_vectors
+
+RAMP = 1e-6
+"""Penetration over which the damper is faded in [m] (C1, so no force jump at touch-down)."""
+
+DAMPING_REFERENCE = 50e-6
+"""Penetration at which penetration-proportional damping equals D [m]."""
+
+MIN_FORCE = 1e-15
+"""A unit that carries less [N] is open; so is one at the floor under p (finite log2)."""
+
+
+@kernel(fastmath=FAST, **INNER)
+def in_contact(rows: Any, base: Any, stride: Any, rollers: Any, uniform: Any, a: Any, b: Any,
+               guess: Any) -> Any:
+    """First roller of a row and their number between which all rollers in contact lie.
+
+    guess: a number to start from, best that of the last call: contact edges move little in a step.
+    """
+    zero, one, two = np.uint64(0), np.uint64(1), np.uint64(2)
+    gaps = base + two * stride
+    if uniform:
+        edge = rows[gaps] - a
+        if abs(b) <= edge:
+            return zero, zero
+        count = min(guess, rollers)
+        if b >= 0.0:
+            while count < rollers and b * rows[base + count] > edge:
+                count += one
+            while count > zero and not b * rows[base + count - one] > edge:
+                count -= one
+            return zero, count
+        last = base + rollers - one
+        while count < rollers and b * rows[last - count] > edge:
+            count += one
+        while count > zero and not b * rows[last + one - count] > edge:
+            count -= one
+        return rollers - count, count
+    first = rollers
+    end = zero
+    for j in range(rollers):
+        if a + b * rows[base + j] > rows[gaps + j]:
+            if first == rollers:
+                first = j
+            end = j + one
+    if end == zero:
+        return zero, zero
+    return first, end - first
+
+
+@kernel(fastmath=FAST, **INNER)
+def row_sums(rows: Any, row: Any, rollers: Any, uniform: Any, a: Any, b: Any, da: Any, db: Any,
+             stiffness: Any, exponent: Any, damping: Any, growing: Any, levelling: Any,
+             guess: Any) -> Any:
+    """Force sums of one row with penetration p = a + b cos - gap and rate dp/dt = da + db cos.
+
+    Returns sum F, sum F cos; stiffness sums k, k cos, k cos^2 with k = dF/dp; damping sums d,
+    d cos, d cos^2 with d = dF/d(dp/dt); rollers in contact, the next call's guess. growing: None,
+    or (share, m) of the damping that grows as p^m, as p^exponent for m = 0; levelling: None, or L
+    of growth as p^m / (1 + (p L)^m). Compiled for each, so that a law not in use costs nothing.
+    rows: flat, by `model`; every row is padded with rollers that carry nothing, so that the loop
+    may run over whole vectors.
+    """
+    widest_vectors()
+    stride = np.uint64(rows.size) // np.uint64(9)
+    base = np.uint64(row) * np.uint64(3) * stride
+    first, touching = in_contact(rows, base, stride, rollers, uniform, a, b, np.uint64(guess))
+    s0 = s1 = k0 = k1 = k2 = d0 = d1 = d2 = 0.0
+    if touching == np.uint64(0):
+        return s0, s1, k0, k1, k2, d0, d1, d2, 0.0
+    count = (touching + np.uint64(7)) & ~np.uint64(7)
+    cosines = base + first
+    weights, gaps = cosines + stride, cosines + np.uint64(2) * stride
+    constant, growth, factor, steepness, turn = damping, 0.0, 0.0, 0.0, 0.0
+    if growing is not None:
+        share, growth = growing
+        growth = growth if growth > 0.0 else exponent
+        constant = damping * (1.0 - share)
+        if levelling is not None:
+            turn = levelling ** growth
+        factor = damping * share * (DAMPING_REFERENCE ** (-growth) + turn)
+        # For m < 1 the slope of p^m has no bound at p = 0. It is faded as the constant is (C1),
+        # over (1 - m) RAMP, so that it goes over without a jump to m >= 1, where it is p^m alone.
+        steepness = 1.0 / (RAMP * max(1.0 - growth, 1e-20))
+    for j in range(count):
+        c = rows[cosines + j]
+        p = max(a + b * c - rows[gaps + j], 1e-30)
+        rate = da + db * c
+        relative = power(p, exponent - 1.0)
+        u = min(p * (1.0 / RAMP), 1.0)
+        d = constant * (u * u * (3.0 - 2.0 * u))
+        d_slope = constant * (6.0 / RAMP) * (u - u * u)
+        if growing is not None:
+            rising = power(p, growth - 1.0)
+            slope = growth
+            if levelling is not None:
+                level = 1.0 / (1.0 + turn * rising * p)
+                rising *= level
+                slope *= level
+            rising *= factor
+            w = min(p * steepness, 1.0)
+            fade = w * w * (3.0 - 2.0 * w)
+            d += rising * p * fade
+            d_slope += rising * (slope * fade + 6.0 * w * (w - w * w))
+        force = stiffness * relative * p + d * rate
+        k = exponent * stiffness * relative + d_slope * rate
+        carries = rows[weights + j] if force > MIN_FORCE else 0.0
+        force *= carries
+        k *= carries
+        d *= carries
+        s0 += force
+        s1 += force * c
+        k0 += k
+        k1 += k * c
+        k2 += k * c * c
+        d0 += d
+        d1 += d * c
+        d2 += d * c * c
+    return s0, s1, k0, k1, k2, d0, d1, d2, float(touching)
+
+
+@kernel(fastmath=FAST, **INNER)
+def row_energy(rows: Any, row: Any, rollers: Any, a: Any, b: Any, stiffness: Any,
+               exponent: Any) -> Any:
+    """Elastic energy of one row, sum K p^(n+1)/(n+1), at penetrations p = a + b cos - gap."""
+    stride = np.uint64(rows.size) // np.uint64(9)
+    base = np.uint64(row) * np.uint64(3) * stride
+    energy = 0.0
+    for j in range(rollers):
+        p = max(a + b * rows[base + j] - rows[base + np.uint64(2) * stride + j], 1e-30)
+        energy += rows[base + stride + j] * stiffness * power(p, exponent + 1.0)
+    return energy / (exponent + 1.0)
+
+
+@kernel(**INNER)
+def forces_of_rows(m: Any, rows: Any, uniform: Any, q0: Any, q1: Any, q2: Any, v0: Any, v1: Any,
+                   v2: Any, growing: Any, levelling: Any, w: Any) -> Any:
+    """`ring_forces` with damping that grows and levels off, or None, as of `row_sums`."""
+    radius, height = m[at.RADIUS], m[at.MIDDLE_HEIGHT]
+    axial, middle = np.uint64(m[at.AXIAL_ROLLERS]), np.uint64(m[at.MIDDLE_ROLLERS])
+    w0 = at.TOUCHING
+    _, s1, _, _, k2, _, _, d2, w[w0 + 2] = row_sums(
+        rows, 2, middle, uniform[2], 0.0, q0 + height * q2, 0.0, v0 + height * v2,
+        m[at.K2] * m[at.MIDDLE_STIFFNESS], m[at.N2], m[at.D2], growing, levelling, w[w0 + 2])
+    up0, up1, ku0, ku1, ku2, du0, du1, du2, w[w0] = row_sums(
+        rows, 0, axial, uniform[0], q1, -radius * q2, v1, -radius * v2,
+        m[at.K1] * m[at.UPPER_STIFFNESS], m[at.N1], m[at.D1], growing, levelling, w[w0])
+    low0, low1, kl0, kl1, kl2, dl0, dl1, dl2, w[w0 + 1] = row_sums(
+        rows, 1, axial, uniform[1], -q1, radius * q2, -v1, radius * v2,
+        m[at.K1] * m[at.LOWER_STIFFNESS], m[at.N1], m[at.D1], growing, levelling, w[w0 + 1])
+    w[at.FORCE] = -s1
+    w[at.FORCE + 1] = low0 - up0
+    w[at.FORCE + 2] = radius * (up1 - low1) - height * s1
+    w[at.STIFFNESS] = k2
+    w[at.STIFFNESS + 1] = height * k2
+    w[at.STIFFNESS + 2] = ku0 + kl0
+    w[at.STIFFNESS + 3] = -radius * (ku1 + kl1)
+    w[at.STIFFNESS + 4] = radius * radius * (ku2 + kl2) + height * height * k2
+    w[at.DAMPING] = d2
+    w[at.DAMPING + 1] = height * d2
+    w[at.DAMPING + 2] = du0 + dl0
+    w[at.DAMPING + 3] = -radius * (du1 + dl1)
+    w[at.DAMPING + 4] = radius * radius * (du2 + dl2) + height * height * d2
+
+
+@kernel(**INNER)
+def ring_forces(m: Any, rows: Any, uniform: Any, q0: Any, q1: Any, q2: Any, v0: Any, v1: Any,
+                v2: Any, w: Any) -> Any:
+    """Contact forces on the upper ring at motion q and its rate v.
+
+    Fills w: FORCE (3,), STIFFNESS and DAMPING, -dF/dq and -dF/dv, each as its entries 00, 02, 11,
+    12, 22 (01 is zero: nothing couples delta_x to delta_y).
+    """
+    if m[at.DAMPING_SHARE] == 0.0:
+        forces_of_rows(m, rows, uniform, q0, q1, q2, v0, v1, v2, None, None, w)
+    elif m[at.DAMPING_LEVELLING] == 0.0:
+        forces_of_rows(m, rows, uniform, q0, q1, q2, v0, v1, v2,
+                       (m[at.DAMPING_SHARE], m[at.DAMPING_EXPONENT]), None, w)
+    else:
+        forces_of_rows(m, rows, uniform, q0, q1, q2, v0, v1, v2,
+                       (m[at.DAMPING_SHARE], m[at.DAMPING_EXPONENT]), m[at.DAMPING_LEVELLING], w)
+
+
+@kernel(**INNER)
+def elastic_energy(m: Any, rows: Any, q0: Any, q1: Any, q2: Any) -> Any:
+    """Energy [J] in all rollers at motion q."""
+    radius, height = m[at.RADIUS], m[at.MIDDLE_HEIGHT]
+    axial, middle = np.uint64(m[at.AXIAL_ROLLERS]), np.uint64(m[at.MIDDLE_ROLLERS])
+    return (row_energy(rows, 2, middle, 0.0, q0 + height * q2,
+                       m[at.K2] * m[at.MIDDLE_STIFFNESS], m[at.N2])
+            + row_energy(rows, 0, axial, q1, -radius * q2,
+                         m[at.K1] * m[at.UPPER_STIFFNESS], m[at.N1])
+            + row_energy(rows, 1, axial, -q1, radius * q2,
+                         m[at.K1] * m[at.LOWER_STIFFNESS], m[at.N1]))

@@ -1,0 +1,117 @@
+"""Static equilibrium under a load, and a course of loads, by Newton on a convex energy."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from saddlering_ros.ring.kernels import layout as at
+from saddlering_ros.ring.kernels.contact import elastic_energy, ring_forces
+from saddlering_ros.ring.kernels.extension_laws import load_at_ring
+from saddlering_ros.ring.kernels.options import INNER, kernel, OUTER
+
+
+@kernel(**INNER)
+def solve3(a00: Any, a02: Any, a11: Any, a12: Any, a22: Any, r0: Any, r1: Any, r2: Any) -> Any:
+    """(found, x0, x1, x2) of a x = r, a symmetric with a01 = 0; not found unless a is definite."""
+    if a00 <= 0.0 or a11 <= 0.0:
+        return False, 0.0, 0.0, 0.0
+    i00, i11 = 1.0 / a00, 1.0 / a11
+    schur = a22 - a02 * a02 * i00 - a12 * a12 * i11
+    if not schur > 0.0:
+        return False, 0.0, 0.0, 0.0
+    x2 = (r2 - a02 * i00 * r0 - a12 * i11 * r1) / schur
+    return True, (r0 - a02 * x2) * i00, (r1 - a12 * x2) * i11, x2
+
+
+@kernel(**INNER)
+def equilibrium(m: Any, rows: Any, uniform: Any, w: Any, x: Any, y: Any, tilt: Any) -> Any:
+    """(iterations or -1, q) of static equilibrium under w[EXTERNAL], starting at (x, y, tilt).
+
+    The elastic energy is convex, so Newton with a backtracking on total energy converges from
+    anywhere. Directions without stiffness (a free play) are held by a small spring there.
+    """
+    radius = m[at.RADIUS]
+    e0, e1, e2 = w[at.EXTERNAL], w[at.EXTERNAL + 1], w[at.EXTERNAL + 2]
+    ring_forces(m, rows, uniform, x, y, tilt, 0.0, 0.0, 0.0, w)
+    scale = abs(e0) + abs(e1) + abs(e2) / radius + 1.0
+    if not scale < 1e300:
+        return -1, x, y, tilt
+    for iteration in range(200):
+        r0, r1, r2 = e0 + w[at.FORCE], e1 + w[at.FORCE + 1], e2 + w[at.FORCE + 2]
+        largest = max(abs(r0), abs(r1), abs(r2) / radius)
+        if largest <= 1e-11 * scale:
+            return iteration, x, y, tilt
+        soft = 1e-9 * m[at.K1] if iteration < 100 else 1e-6 * m[at.K1]
+        found, step0, step1, step2 = solve3(
+            w[at.STIFFNESS] + soft, w[at.STIFFNESS + 1], w[at.STIFFNESS + 2] + soft,
+            w[at.STIFFNESS + 3], w[at.STIFFNESS + 4] + soft * radius * radius, r0, r1, r2)
+        if not found:
+            return -1, x, y, tilt
+        longest = max(abs(step0), abs(step1), abs(step2) * radius)
+        shrink = min(1.0, 2e-4 / longest) if longest > 0.0 else 1.0
+        step0, step1, step2 = step0 * shrink, step1 * shrink, step2 * shrink
+        work = r0 * step0 + r1 * step1 + r2 * step2
+        factor, accepted = 1.0, False
+        for _ in range(40):
+            x1, y1, tilt1 = x + factor * step0, y + factor * step1, tilt + factor * step2
+            ring_forces(m, rows, uniform, x1, y1, tilt1, 0.0, 0.0, 0.0, w)
+            gain = factor * (e0 * step0 + e1 * step1 + e2 * step2)
+            slope = ((e0 + w[at.FORCE]) * step0 + (e1 + w[at.FORCE + 1]) * step1
+                     + (e2 + w[at.FORCE + 2]) * step2)
+            accepted = slope >= -0.5 * work or (
+                elastic_energy(m, rows, x1, y1, tilt1) - elastic_energy(m, rows, x, y, tilt)
+                <= gain - 1e-4 * factor * work)
+            if accepted:
+                break
+            factor *= 0.5
+        if not accepted:
+            # Rounding ends the descent; what is left is compared with the load's own size.
+            return (iteration if largest <= 1e-7 * scale else -1), x, y, tilt
+        x, y, tilt = x + factor * step0, y + factor * step1, tilt + factor * step2
+        if factor * longest * shrink < 1e-15:
+            break
+    largest = max(abs(e0 + w[at.FORCE]), abs(e1 + w[at.FORCE + 1]),
+                  abs(e2 + w[at.FORCE + 2]) / radius)
+    return (200 if largest <= 1e-7 * scale else -1), x, y, tilt
+
+
+@kernel(**INNER)
+def static_run(m: Any, rows: Any, uniform: Any, load: Any, w: Any, q_out: Any) -> Any:
+    """Equilibrium at each load (N,), NaN for none; each starts where the last one points to."""
+    failed = 0
+    x = y = tilt = 0.0
+    anew = True
+    for n in range(load.size):
+        old0, old1, old2 = w[at.EXTERNAL], w[at.EXTERNAL + 1], w[at.EXTERNAL + 2]
+        load_at_ring(m, load[n], 0.0, 0.0, w)
+        if anew:
+            x = math.copysign(0.5 * m[at.MIDDLE_CLEARANCE] + 1e-5, w[at.EXTERNAL])
+            y = math.copysign(0.5 * m[at.AXIAL_CLEARANCE] + 1e-5, w[at.EXTERNAL + 1])
+        else:
+            k, radius = at.STIFFNESS, m[at.RADIUS]
+            found, step0, step1, step2 = solve3(
+                w[k], w[k + 1], w[k + 2], w[k + 3], w[k + 4], w[at.EXTERNAL] - old0,
+                w[at.EXTERNAL + 1] - old1, w[at.EXTERNAL + 2] - old2)
+            if found and max(abs(step0), abs(step1), abs(step2) * radius) < 2e-5:
+                x, y, tilt = x + step0, y + step1, tilt + step2
+        used, x, y, tilt = equilibrium(m, rows, uniform, w, x, y, tilt)
+        q_out[n, 0], q_out[n, 1], q_out[n, 2] = x, y, tilt
+        anew = used < 0
+        if anew:
+            failed += 1
+            q_out[n, :] = math.nan
+    return failed
+
+
+@kernel(**OUTER)
+def static_batch(m: Any, rows: Any, uniform: Any, load: Any, q_out: Any) -> Any:
+    """Equilibrium of each parameter set m (B, M) at each load (N,), in order; q_out (B, N, 3)."""
+    w = np.zeros(at.WORK_SIZE)
+    failed = 0
+    for b in range(m.shape[0]):
+        r = b if rows.shape[0] > 1 else 0
+        failed += static_run(m[b], rows[r], uniform[r], load, w, q_out[b])
+    return failed

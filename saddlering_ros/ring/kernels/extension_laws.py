@@ -1,0 +1,155 @@
+"""What effects add to the ring: load path, friction, series motion, what probes measure."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from saddlering_ros.ring.kernels import layout as at
+from saddlering_ros.ring.kernels.options import INNER, kernel
+
+
+@kernel(**INNER)
+def hysteron(z_smooth: Any, z_sharp: Any, travel: Any, presliding: Any, sharpness: Any) -> Any:
+    """Rate-free friction after `travel`: (z_smooth, z_sharp, z, dz/dtravel).
+
+    z_smooth follows Dahl's dz/dx = (1 - sgn(dx) z)/presliding, solved exactly over the step;
+    z_sharp is the elastic-plastic (Jenkins) element with the same initial slope.
+    """
+    sign = 1.0 if travel >= 0.0 else -1.0
+    decay = math.exp(-abs(travel) / presliding)
+    smooth = sign - (sign - z_smooth) * decay
+    smooth_slope = (1.0 - sign * z_smooth) * decay / presliding
+    trial = z_sharp + travel / presliding
+    sharp = min(1.0, max(-1.0, trial))
+    sharp_slope = 1.0 / presliding if -1.0 < trial < 1.0 else 0.0
+    return (smooth, sharp, sharpness * sharp + (1.0 - sharpness) * smooth,
+            sharpness * sharp_slope + (1.0 - sharpness) * smooth_slope)
+
+
+@kernel(**INNER)
+def load_at_ring(m: Any, measured: Any, z_cylinder: Any, z_bracket: Any, w: Any) -> Any:
+    """From the measured load [N] to w[EXTERNAL] (3,) with dead weight and w[RESOLVED] without.
+
+    Resolved: F_x, F_y, M of the load alone, which series compliances answer to. Returns P.
+    """
+    full_scale = m[at.FULL_SCALE]
+    load = measured / (1.0 + m[at.LOAD_GAIN]) - m[at.LOAD_OFFSET]
+    load += 4.0 * m[at.LOAD_CURVE] * measured * (full_scale - measured) / full_scale
+    load -= m[at.CYLINDER_LIMIT] * z_cylinder
+    cosine, sine = m[at.COSINE], m[at.SINE]
+    if m[at.BRACKET_LIMIT] != 0.0:
+        elevation = m[at.ELEVATION] + m[at.ELEVATION_ERROR] + m[at.BRACKET_LIMIT] * z_bracket
+        cosine, sine = math.cos(elevation), math.sin(elevation)
+    w[at.RESOLVED] = load * cosine
+    w[at.RESOLVED + 1] = -load * sine
+    w[at.RESOLVED + 2] = load * ((m[at.TRUNNION_Y] + m[at.MOMENT_ARM]) * cosine
+                                 + m[at.TRUNNION_X] * sine)
+    w[at.EXTERNAL] = w[at.RESOLVED]
+    w[at.EXTERNAL + 1] = w[at.RESOLVED + 1] - m[at.WEIGHT]
+    w[at.EXTERNAL + 2] = w[at.RESOLVED + 2] + m[at.WEIGHT] * m[at.WEIGHT_X]
+    return load
+
+
+@kernel(**INNER)
+def low_pass(state: Any, old: Any, new: Any, dt: Any, time_constant: Any) -> Any:
+    """First-order low-pass over dt, exact for an input that is linear from `old` to `new`."""
+    if time_constant <= 0.0:
+        return new
+    ratio = dt / time_constant
+    decay = math.exp(-ratio)
+    if ratio < 1e-6:
+        mean_weight = 0.5 * ratio
+    else:
+        mean_weight = 1.0 - (1.0 - decay) / ratio
+    return state * decay + old * (1.0 - decay - mean_weight) + new * mean_weight
+
+
+@kernel(**INNER)
+def opened(beyond: Any, spread: Any) -> Any:
+    """Mean of max(0, beyond - s) over s from -spread to spread [N m]: bolts that open in turn."""
+    if spread <= 0.0:
+        return max(0.0, beyond)
+    inside = min(max(beyond + spread, 0.0), 2.0 * spread)
+    return inside * inside / (4.0 * spread) + max(0.0, beyond - spread)
+
+
+@kernel(**INNER)
+def series_motion(m: Any, s: Any, w: Any) -> Any:
+    """w[MOTION] (3,): contact motion, series compliances, settling; then come creep, resonance."""
+    highest = s[at.HIGHEST_LOAD]
+    moment = w[at.RESOLVED + 2]
+    w[at.MOTION] = (s[at.Q] + m[at.RADIAL_COMPLIANCE] * w[at.RESOLVED]
+                    + m[at.SETTLING_X] * highest)
+    w[at.MOTION + 1] = (s[at.Q + 1] + m[at.AXIAL_COMPLIANCE] * w[at.RESOLVED + 1]
+                        + m[at.SETTLING_Y] * highest)
+    w[at.MOTION + 2] = (s[at.Q + 2] + m[at.TILT_COMPLIANCE] * moment
+                        + m[at.SETTLING_TILT] * highest
+                        + m[at.OPENING_COMPLIANCE] * opened(
+                            moment - m[at.OPENING_MOMENT], m[at.OPENING_SPREAD]))
+
+
+@kernel(**INNER)
+def advance_series(m: Any, s: Any, w: Any, dt: Any) -> Any:
+    """Creep and second mode on w[MOTION] over dt, replaced; their states are in s."""
+    for i in range(3):
+        amount = m[at.CREEP_RADIAL] if i == 0 else m[at.CREEP_AXIAL]
+        if amount != 0.0:
+            s[at.CREEP + i] = low_pass(s[at.CREEP + i], s[at.CREEP_INPUT + i], w[at.MOTION + i],
+                                       dt, m[at.CREEP_TIME])
+            s[at.CREEP_INPUT + i] = w[at.MOTION + i]
+            w[at.MOTION + i] += amount * s[at.CREEP + i]
+    frequency = m[at.RESONANCE_FREQUENCY]
+    if frequency <= 0.0:
+        return
+    zeta = min(m[at.RESONANCE_DAMPING], 0.999)
+    damped = frequency * math.sqrt(1.0 - zeta * zeta)
+    decay = math.exp(-zeta * frequency * dt)
+    cosine, sine = math.cos(damped * dt), math.sin(damped * dt)
+    for i in range(3):
+        old, new = s[at.RESONANCE_INPUT + i], w[at.MOTION + i]
+        slope = (new - old) / dt if dt > 0.0 else 0.0
+        lag = 2.0 * zeta / frequency * slope     # a ramp is followed this far behind
+        x = s[at.RESONANCE + i] - (old - lag)
+        rate = s[at.RESONANCE_RATE + i] - slope
+        swing = (rate + zeta * frequency * x) / damped
+        x_new = decay * (x * cosine + swing * sine)
+        rate_new = -zeta * frequency * x_new + decay * damped * (swing * cosine - x * sine)
+        s[at.RESONANCE + i] = x_new + new - lag
+        s[at.RESONANCE_RATE + i] = rate_new + slope
+        s[at.RESONANCE_INPUT + i] = new
+        w[at.MOTION + i] = new + m[at.RESONANCE_SHARE] * (s[at.RESONANCE + i] - new)
+
+
+@kernel(**INNER)
+def read_probes(m: Any, s: Any, w: Any, load: Any, time: Any, dt: Any, out: Any,
+                n: Any) -> Any:
+    """Probe increments out[n] (4,) [m] from w[MOTION], with what the measurement adds."""
+    half_span = 0.5 * m[at.AXIAL_SPAN]
+    x = w[at.MOTION] - s[at.ZERO]
+    y = w[at.MOTION + 1] - s[at.ZERO + 1]
+    tilt = w[at.MOTION + 2] - s[at.ZERO + 2]
+    radial = x + (m[at.RADIAL_HEIGHT] + m[at.PROBE_HEIGHT]) * tilt
+    oval = m[at.OVALISATION] * (w[at.RESOLVED] - s[at.ZERO_FORCE_X])
+    out[n, 0] = radial + oval
+    out[n, 1] = y + tilt * half_span
+    out[n, 2] = -radial + oval
+    out[n, 3] = y - tilt * half_span
+    elapsed = time - s[at.START_TIME]
+    angle = 2.0 * math.pi * m[at.PICKUP_FREQUENCY] * elapsed
+    for i in range(4):
+        d = out[n, i] + m[at.BRACKET + i] * (load - s[at.ZERO_LOAD])
+        d = d * (1.0 + m[at.GAIN + i]) + m[at.CURVE + i] * d * d
+        lag = m[at.LAG + i]
+        if lag > 0.0:
+            second = lag * m[at.LAG_SECOND + i]
+            old = s[at.LAGGED + i]
+            s[at.LAGGED + i] = low_pass(old, s[at.LAG_INPUT + i], d, dt, lag - second)
+            s[at.LAG_INPUT + i] = d
+            d = low_pass(s[at.LAGGED_TWICE + i], old, s[at.LAGGED + i], dt, second)
+            s[at.LAGGED_TWICE + i] = d
+        d += m[at.DRIFT + i] * elapsed
+        if m[at.PICKUP_COSINE + i] != 0.0 or m[at.PICKUP_SINE + i] != 0.0:
+            d += (m[at.PICKUP_COSINE + i] * math.cos(angle)
+                  + m[at.PICKUP_SINE + i] * math.sin(angle))
+        out[n, i] = min(max(d, m[at.CLIP_LOW + i]), m[at.CLIP_HIGH + i])

@@ -1,0 +1,303 @@
+"""Time steps of the ring: BDF2 with Newton on exact tangents, from a state at rest onwards."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from saddlering_ros.ring.kernels import layout as at
+from saddlering_ros.ring.kernels.contact import ring_forces
+from saddlering_ros.ring.kernels.equilibrium import equilibrium, solve3
+from saddlering_ros.ring.kernels.extension_laws import (
+    advance_series,
+    hysteron,
+    load_at_ring,
+    read_probes,
+    series_motion,
+)
+from saddlering_ros.ring.kernels.options import INNER, kernel, OUTER
+
+STEP_TOLERANCE = 5e-11
+"""A Newton update below this [m] is the last: the next would be below 1e-12 m (quadratic)."""
+
+MAX_ITERATIONS = 60
+
+MAX_PREDICTION = 5e-6
+"""A predicted move beyond this [m] is not trusted: the step starts from the old rate instead."""
+
+
+@kernel(**OUTER)
+def start(m: Any, rows: Any, uniform: Any, s: Any, time: Any, load: Any) -> Any:
+    """State s at rest under the measured `load` at `time`, zero taken there; False if none."""
+    w = np.zeros(at.WORK_SIZE)
+    for i in range(s.size):
+        s[i] = 0.0
+    s[at.CYLINDER_Z] = s[at.CYLINDER_Z + 1] = m[at.CYLINDER_INITIAL]
+    s[at.BRACKET_Z] = s[at.BRACKET_Z + 1] = m[at.BRACKET_INITIAL]
+    s[at.RADIAL_Z] = s[at.RADIAL_Z + 1] = m[at.RADIAL_INITIAL]
+    s[at.TILT_Z] = s[at.TILT_Z + 1] = m[at.TILT_INITIAL]
+    s[at.MEASURED_LOAD] = load
+    s[at.HIGHEST_LOAD] = load
+    true_load = load_at_ring(m, load, m[at.CYLINDER_INITIAL], m[at.BRACKET_INITIAL], w)
+    w[at.EXTERNAL] -= m[at.RADIAL_LIMIT] * m[at.RADIAL_INITIAL]
+    w[at.EXTERNAL + 2] -= m[at.TILT_LIMIT] * m[at.TILT_INITIAL]
+    found, s[at.Q], s[at.Q + 1], s[at.Q + 2] = equilibrium(
+        m, rows, uniform, w, math.copysign(0.5 * m[at.MIDDLE_CLEARANCE] + 1e-5, w[at.EXTERNAL]),
+        math.copysign(0.5 * m[at.AXIAL_CLEARANCE] + 1e-5, w[at.EXTERNAL + 1]), 0.0)
+    for i in range(3):
+        s[at.Q_OLD + i] = s[at.Q + i]
+    series_motion(m, s, w)
+    for i in range(3):
+        s[at.CREEP + i] = s[at.CREEP_INPUT + i] = w[at.MOTION + i]
+        w[at.MOTION + i] *= 1.0 + (m[at.CREEP_RADIAL] if i == 0 else m[at.CREEP_AXIAL])
+        s[at.RESONANCE + i] = s[at.RESONANCE_INPUT + i] = w[at.MOTION + i]
+        s[at.ZERO + i] = w[at.MOTION + i]
+    s[at.ZERO_FORCE_X] = w[at.RESOLVED]
+    s[at.ZERO_LOAD] = true_load
+    s[at.START_TIME] = s[at.TIME] = time
+    return found >= 0
+
+
+@kernel(**INNER)
+def predict(m: Any, s: Any, c0: Any, past: Any, w: Any) -> Any:
+    """Move (3,) from the last state by its own stiffness and damping: no force is evaluated.
+
+    Solves m a + K (q - q_old) + D (v - v_old) = external + F_old for the step's difference
+    formulas v = c0 q + ..., a = c0 v + ...; (False, 0, 0, 0) if that cannot be trusted.
+    """
+    c1, c2 = past
+    mass, inertia = m[at.MASS], m[at.INERTIA]
+    b0 = c0 * s[at.Q] + c1 * s[at.Q] + c2 * s[at.Q_OLD]
+    b1 = c0 * s[at.Q + 1] + c1 * s[at.Q + 1] + c2 * s[at.Q_OLD + 1]
+    b2 = c0 * s[at.Q + 2] + c1 * s[at.Q + 2] + c2 * s[at.Q_OLD + 2]
+    a0 = c0 * b0 + c1 * s[at.V] + c2 * s[at.V_OLD]
+    a1 = c0 * b1 + c1 * s[at.V + 1] + c2 * s[at.V_OLD + 1]
+    a2 = c0 * b2 + c1 * s[at.V + 2] + c2 * s[at.V_OLD + 2]
+    j0, j1, j2 = b0 - s[at.V], b1 - s[at.V + 1], b2 - s[at.V + 2]
+    k, d = at.LAST_STIFFNESS, at.LAST_DAMPING
+    r0 = w[at.EXTERNAL] + s[at.LAST_FORCE] - mass * a0 - s[d] * j0 - s[d + 1] * j2
+    r1 = w[at.EXTERNAL + 1] + s[at.LAST_FORCE + 1] - mass * a1 - s[d + 2] * j1 - s[d + 3] * j2
+    r2 = (w[at.EXTERNAL + 2] + s[at.LAST_FORCE + 2] - inertia * a2
+          - s[d + 1] * j0 - s[d + 3] * j1 - s[d + 4] * j2)
+    square = c0 * c0
+    found, x, y, tilt = solve3(
+        s[k] + c0 * s[d] + mass * square, s[k + 1] + c0 * s[d + 1],
+        s[k + 2] + c0 * s[d + 2] + mass * square, s[k + 3] + c0 * s[d + 3],
+        s[k + 4] + c0 * s[d + 4] + inertia * square, r0, r1, r2)
+    size = max(abs(x), abs(y), abs(tilt) * m[at.RADIUS])
+    return found and size < MAX_PREDICTION, x, y, tilt
+
+
+@kernel(**INNER)
+def keep_step(m: Any, s: Any, h: Any, c0: Any, p: Any, past: Any, q: Any, friction: Any,
+              w: Any) -> Any:
+    """The solved step becomes the state; its forces and slopes are kept for `predict`."""
+    if friction:
+        s[at.RADIAL_Z], s[at.RADIAL_Z + 1], _, _ = hysteron(
+            s[at.RADIAL_Z], s[at.RADIAL_Z + 1], q[0] - s[at.Q],
+            m[at.RADIAL_PRESLIDING], m[at.RADIAL_SHARPNESS])
+        s[at.TILT_Z], s[at.TILT_Z + 1], _, _ = hysteron(
+            s[at.TILT_Z], s[at.TILT_Z + 1], q[2] - s[at.Q + 2],
+            m[at.TILT_PRESLIDING], m[at.TILT_SHARPNESS])
+    for i in range(3):
+        v = c0 * q[i] + p[i]
+        inertia = m[at.INERTIA] if i == 2 else m[at.MASS]
+        s[at.LAST_FORCE + i] = inertia * (c0 * v + past[i]) - w[at.EXTERNAL + i]
+        s[at.Q_OLD + i], s[at.Q + i] = s[at.Q + i], q[i]
+        s[at.V_OLD + i], s[at.V + i] = s[at.V + i], v
+    for i in range(5):
+        s[at.LAST_STIFFNESS + i] = w[at.STIFFNESS + i]
+        s[at.LAST_DAMPING + i] = w[at.DAMPING + i]
+    s[at.STEP_OLD] = h
+
+
+@kernel(**INNER)
+def implicit_step(m: Any, rows: Any, uniform: Any, s: Any, h: Any, friction: Any, w: Any) -> Any:
+    """One BDF2 step of h seconds (backward Euler after a start or a jump in h); iterations or -1.
+
+    Unknown is q; v and a follow from the difference formulas. friction: the state's hysterons.
+    """
+    h_old = s[at.STEP_OLD]
+    ratio = h / h_old if h_old > 0.0 else 0.0
+    second_order = 0.0 < ratio <= 2.0
+    if second_order:
+        c0 = (1.0 + 2.0 * ratio) / (1.0 + ratio) / h
+        c1 = -(1.0 + ratio) / h
+        c2 = ratio * ratio / (1.0 + ratio) / h
+    else:
+        c0, c1, c2 = 1.0 / h, -1.0 / h, 0.0
+    mass, inertia, radius = m[at.MASS], m[at.INERTIA], m[at.RADIUS]
+    p0 = c1 * s[at.Q] + c2 * s[at.Q_OLD]
+    p1 = c1 * s[at.Q + 1] + c2 * s[at.Q_OLD + 1]
+    p2 = c1 * s[at.Q + 2] + c2 * s[at.Q_OLD + 2]
+    past0 = c1 * s[at.V] + c2 * s[at.V_OLD]
+    past1 = c1 * s[at.V + 1] + c2 * s[at.V_OLD + 1]
+    past2 = c1 * s[at.V + 2] + c2 * s[at.V_OLD + 2]
+    trusted, move0, move1, move2 = False, 0.0, 0.0, 0.0
+    if second_order and not friction:
+        trusted, move0, move1, move2 = predict(m, s, c0, (c1, c2), w)
+    if second_order and not trusted:
+        ahead = min(h, 0.01)
+        move0, move1, move2 = ahead * s[at.V], ahead * s[at.V + 1], ahead * s[at.V + 2]
+    q0, q1, q2 = s[at.Q] + move0, s[at.Q + 1] + move1, s[at.Q + 2] + move2
+    previous = 1e300
+    damp = 1.0
+    square = c0 * c0
+    for iteration in range(MAX_ITERATIONS):
+        v0, v1, v2 = c0 * q0 + p0, c0 * q1 + p1, c0 * q2 + p2
+        ring_forces(m, rows, uniform, q0, q1, q2, v0, v1, v2, w)
+        r0 = w[at.EXTERNAL] + w[at.FORCE] - mass * (c0 * v0 + past0)
+        r1 = w[at.EXTERNAL + 1] + w[at.FORCE + 1] - mass * (c0 * v1 + past1)
+        r2 = w[at.EXTERNAL + 2] + w[at.FORCE + 2] - inertia * (c0 * v2 + past2)
+        rubbing0 = rubbing2 = 0.0
+        if friction:
+            _, _, z, slope = hysteron(s[at.RADIAL_Z], s[at.RADIAL_Z + 1], q0 - s[at.Q],
+                                      m[at.RADIAL_PRESLIDING], m[at.RADIAL_SHARPNESS])
+            r0 -= m[at.RADIAL_LIMIT] * z
+            rubbing0 = m[at.RADIAL_LIMIT] * slope
+            _, _, z, slope = hysteron(s[at.TILT_Z], s[at.TILT_Z + 1], q2 - s[at.Q + 2],
+                                      m[at.TILT_PRESLIDING], m[at.TILT_SHARPNESS])
+            r2 -= m[at.TILT_LIMIT] * z
+            rubbing2 = m[at.TILT_LIMIT] * slope
+        k, d = at.STIFFNESS, at.DAMPING
+        found, step0, step1, step2 = solve3(
+            w[k] + c0 * w[d] + mass * square + rubbing0, w[k + 1] + c0 * w[d + 1],
+            w[k + 2] + c0 * w[d + 2] + mass * square, w[k + 3] + c0 * w[d + 3],
+            w[k + 4] + c0 * w[d + 4] + inertia * square + rubbing2, r0, r1, r2)
+        if not found:
+            return -1
+        size = max(abs(step0), abs(step1), abs(step2) * radius)
+        if not size < 1e300:
+            return -1
+        # Newton can cycle over a kink when a step is long: halve until it shrinks.
+        damp = max(0.1, 0.5 * damp) if size > 0.9 * previous else min(1.0, 2.0 * damp)
+        limit = min(damp, 1e-4 / size) if size > 1e-4 else damp
+        q0, q1, q2 = q0 + limit * step0, q1 + limit * step1, q2 + limit * step2
+        previous = size
+        if size < STEP_TOLERANCE and limit == 1.0:
+            keep_step(m, s, h, c0, (p0, p1, p2), (past0, past1, past2), (q0, q1, q2), friction, w)
+            return iteration + 1
+    return -1
+
+
+@kernel(**INNER)
+def robust_step(m: Any, rows: Any, uniform: Any, s: Any, h: Any, friction: Any, w: Any) -> Any:
+    """One implicit step; where Newton fails on a kink, the same step in 4, 16 ... 4096 parts."""
+    used = implicit_step(m, rows, uniform, s, h, friction, w)
+    if used >= 0:
+        return used
+    for i in range(at.STATE_SIZE):
+        w[at.BACKUP + i] = s[i]
+    pieces = 1
+    while pieces < 4096:
+        pieces *= 4
+        used = 0
+        for _ in range(pieces):
+            more = implicit_step(m, rows, uniform, s, h / pieces, friction, w)
+            if more < 0:
+                used = -1
+                break
+            used += more
+        if used >= 0:
+            return used
+        for i in range(at.STATE_SIZE):
+            s[i] = w[at.BACKUP + i]
+    return -1
+
+
+@kernel(**INNER)
+def restart_at_rest(m: Any, rows: Any, uniform: Any, s: Any, w: Any) -> Any:
+    """Count a step that did not converge and go on from equilibrium under w[EXTERNAL]."""
+    s[at.TROUBLE] += 1.0
+    s[at.STEP_OLD] = 0.0
+    found, x, y, tilt = equilibrium(m, rows, uniform, w, s[at.Q], s[at.Q + 1], s[at.Q + 2])
+    if found >= 0:
+        s[at.Q], s[at.Q + 1], s[at.Q + 2] = x, y, tilt
+    for i in range(3):
+        s[at.V + i] = s[at.V_OLD + i] = 0.0
+        s[at.Q_OLD + i] = s[at.Q + i]
+
+
+@kernel(**INNER)
+def take_load(m: Any, s: Any, measured: Any, w: Any) -> Any:
+    """Move the measured load [N] on to its next value; the load path's friction follows it."""
+    change = measured - s[at.MEASURED_LOAD]
+    z_cylinder = z_bracket = 0.0
+    if m[at.CYLINDER_LIMIT] != 0.0:
+        s[at.CYLINDER_Z], s[at.CYLINDER_Z + 1], z_cylinder, _ = hysteron(
+            s[at.CYLINDER_Z], s[at.CYLINDER_Z + 1], change,
+            m[at.CYLINDER_PRESLIDING], m[at.CYLINDER_SHARPNESS])
+    if m[at.BRACKET_LIMIT] != 0.0:
+        s[at.BRACKET_Z], s[at.BRACKET_Z + 1], z_bracket, _ = hysteron(
+            s[at.BRACKET_Z], s[at.BRACKET_Z + 1], change,
+            m[at.BRACKET_PRESLIDING], m[at.BRACKET_SHARPNESS])
+    s[at.MEASURED_LOAD] = measured
+    s[at.HIGHEST_LOAD] = max(s[at.HIGHEST_LOAD], measured)
+    return load_at_ring(m, measured, z_cylinder, z_bracket, w)
+
+
+@kernel(**OUTER)
+def advance(m: Any, rows: Any, uniform: Any, s: Any, time: Any, load: Any, max_step: Any,
+            q_out: Any, d_out: Any) -> Any:
+    """Carry state s over the samples time (N,), load (N,); q_out (N, 3) and d_out (N, 4) filled.
+
+    A sample at or before the state's time is answered from the state without stepping. Returns the
+    number of Newton iterations; s[TROUBLE] counts steps that did not converge (state restarted at
+    equilibrium there), whose samples are NaN. Live and offline call this one function, for one
+    sample or a million.
+    """
+    w = np.zeros(at.WORK_SIZE)
+    friction = m[at.RADIAL_LIMIT] != 0.0 or m[at.TILT_LIMIT] != 0.0
+    iterations = 0
+    true_load = take_load(m, s, s[at.MEASURED_LOAD], w)
+    for n in range(time.size):
+        before = s[at.TROUBLE]
+        total = time[n] - s[at.TIME]
+        if total > 0.0:
+            substeps = max(1, int(math.ceil(total / max_step - 1e-6)))
+            h = total / substeps
+            load_old = s[at.MEASURED_LOAD]
+            for k in range(1, substeps + 1):
+                measured = load[n]
+                if k < substeps:
+                    measured = load_old + (load[n] - load_old) * k / substeps
+                true_load = take_load(m, s, measured, w)
+                used = robust_step(m, rows, uniform, s, h, friction, w)
+                if used < 0:
+                    restart_at_rest(m, rows, uniform, s, w)
+                iterations += max(used, 0)
+            s[at.TIME] = time[n]
+        series_motion(m, s, w)
+        advance_series(m, s, w, max(total, 0.0))
+        read_probes(m, s, w, true_load, time[n], max(total, 0.0), d_out, n)
+        for i in range(3):
+            q_out[n, i] = s[at.Q + i]
+        if s[at.TROUBLE] != before:
+            q_out[n, :] = math.nan
+            d_out[n, :] = math.nan
+    return iterations
+
+
+@kernel(**OUTER)
+def run_batch(m: Any, rows: Any, uniform: Any, time: Any, load: Any, zero_load: Any,
+              max_step: Any, q_out: Any, d_out: Any) -> Any:
+    """Simulate each parameter set of m (B, M) over one record; returns sets that had trouble.
+
+    NaN stands for what did not converge.
+
+    rows (R, 9 J), uniform (R, 3) with R = B or 1; q_out (B, N, 3), d_out (B, N, 4).
+    """
+    s = np.zeros(at.STATE_SIZE)
+    troubled = 0
+    for b in range(m.shape[0]):
+        r = b if rows.shape[0] > 1 else 0
+        found = start(m[b], rows[r], uniform[r], s, time[0], zero_load)
+        advance(m[b], rows[r], uniform[r], s, time, load, max_step, q_out[b], d_out[b])
+        if not found:
+            q_out[b] = math.nan
+            d_out[b] = math.nan
+        if not found or s[at.TROUBLE] > 0.0:
+            troubled += 1
+    return troubled

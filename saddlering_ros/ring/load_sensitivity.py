@@ -1,0 +1,38 @@
+"""How small errors of the load move the ring: the model made linear about a motion.
+
+m d2(dq) + D(t) d(dq) + K(t) dq = b dP with the tangent stiffness K and damping D of all rollers in
+contact along the motion, by the difference formulas (BDF2) that the simulator itself steps with.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from saddlering_ros.rig import ContactParameters, Rig
+from saddlering_ros.ring.kernels.linearised import follow
+from saddlering_ros.ring.model import build_model
+from saddlering_ros.ring.simulator import dynamic_batch
+
+Floats = NDArray[np.float64]
+
+
+def load_sensitivity(rig: Rig, contact: ContactParameters, elevation: float, time: Floats,
+                     load: Floats, nodes: int) -> Floats:
+    """Mean displacements (3, nodes, nodes) [m/N, m/N, rad/N] per load error of a record.
+
+    time (N,) [s] is even, N a multiple of `nodes`: each node is the middle of a block of it. An
+    error of 1 N at node j, falling to nought at its neighbours, moves the mean of block i by
+    [:, i, j]. The motion starts at rest under its first load, errors included.
+    """
+    law = contact.to_array()[None]
+    step = float(np.mean(np.diff(time)))
+    motion = np.ascontiguousarray(dynamic_batch(rig, law, elevation, time, load, 1.01 * step)[0].T)
+    model = build_model(rig, contact, elevation)
+    sensitivity = np.zeros((3, nodes, nodes))
+    force = np.array([np.cos(elevation), -np.sin(elevation),
+                      rig.trunnion.y * np.cos(elevation) + rig.trunnion.x * np.sin(elevation)])
+    rate = np.ascontiguousarray(np.gradient(motion, time, axis=0))
+    follow(model.scalars, model.rows.flat, model.rows.uniform, motion, rate, step, force,
+           sensitivity)
+    return sensitivity

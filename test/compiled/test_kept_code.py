@@ -1,0 +1,105 @@
+"""Claims about compiled functions whose machine code is kept between processes."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+import shutil
+import subprocess
+import sys
+import time
+
+import pytest
+
+from saddlering_ros.compiled import digest_of
+
+CALLER = """
+from pathlib import Path
+from callee import grown
+from saddlering_ros.compiled import Compiler
+
+compiler = Compiler(Path(__file__).parent)
+
+@compiler()
+def caller(x):
+    return grown(x) + 1.0
+
+if __name__ == '__main__':
+    print(caller(10.0), sum(caller.stats.cache_hits.values()), compiler.folder)
+"""
+CALLEE = """
+import numba as nb
+
+@nb.njit
+def grown(x):
+    return {factor} * x
+"""
+
+
+@pytest.fixture
+def sources(tmp_path: Path) -> Path:
+    folder = tmp_path / 'sources'
+    folder.mkdir()
+    (folder / 'caller.py').write_text(CALLER)
+    (folder / 'callee.py').write_text(CALLEE.format(factor=2.0))
+    return folder
+
+
+def called(folder: Path, home: str, **environment: str) -> tuple[float, int, str]:
+    """Value, functions loaded from the folder of kept code, and that folder."""
+    root = str(Path(__file__).resolve().parents[2])
+    clean = {name: value for name, value in os.environ.items()
+             if name not in ('NUMBA_CACHE_DIR', 'XDG_CACHE_HOME')}
+    run = subprocess.run(
+        [sys.executable, str(folder / 'caller.py')], capture_output=True, text=True, check=True,
+        env={**clean, 'PYTHONPATH': root, 'HOME': home, **environment})
+    value, hits, kept_in = run.stdout.split(maxsplit=2)
+    return float(value), int(hits), kept_in.strip()
+
+
+def test_code_is_loaded_again_after_a_new_installation(sources: Path, tmp_path: Path) -> None:
+    home = str(tmp_path)
+    assert called(sources, home)[:2] == (21.0, 0)
+    installed_again = tmp_path / 'another place'
+    shutil.copytree(sources, installed_again, ignore=shutil.ignore_patterns('__pycache__'))
+    assert called(installed_again, home)[:2] == (21.0, 1)
+
+
+def test_a_change_of_a_function_called_leaves_no_stale_code(sources: Path,
+                                                            tmp_path: Path) -> None:
+    called(sources, str(tmp_path))
+    (sources / 'callee.py').write_text(CALLEE.format(factor=3.0))
+    assert called(sources, str(tmp_path))[:2] == (31.0, 0)
+
+
+def test_a_home_that_cannot_be_written_to_leaves_code_beside_the_source(sources: Path) -> None:
+    value, _, kept_in = called(sources, '/proc/none')
+    assert (value, Path(kept_in).parents[2]) == (21.0, sources)
+
+
+def test_without_any_folder_to_write_to_functions_are_compiled_anew(sources: Path) -> None:
+    (sources / '__pycache__').write_text('not a folder')
+    assert called(sources, '/proc/none') == (21.0, 0, 'None')
+
+
+def test_the_folder_of_numba_comes_first_if_the_user_named_one(sources: Path,
+                                                               tmp_path: Path) -> None:
+    named = tmp_path / 'named'
+    kept_in = called(sources, str(tmp_path), NUMBA_CACHE_DIR=str(named))[2]
+    assert Path(kept_in).parent == named
+
+
+def test_code_that_nobody_loads_any_more_is_removed(sources: Path, tmp_path: Path) -> None:
+    unused = Path(called(sources, str(tmp_path))[2])
+    os.utime(unused, (time.time() - 100 * 86400.0,) * 2)
+    (sources / 'callee.py').write_text(CALLEE.format(factor=3.0))
+    called(sources, str(tmp_path))
+    assert not unused.exists()
+
+
+def test_the_digest_is_of_what_files_hold_not_of_when_they_were_written(sources: Path) -> None:
+    before = digest_of([sources])
+    os.utime(sources / 'caller.py', (1.0, 1.0))
+    assert digest_of([sources]) == before
+    (sources / 'caller.py').write_text(CALLER + '# changed')
+    assert digest_of([sources]) != before
