@@ -159,7 +159,7 @@ def write(path: Path, count: int, compression: str, *, index: bool) -> None:
     from rosbags.typesys import get_typestore, Stores
 
     from saddlering_ros.bags import LOAD_TOPIC, PROBE_TOPICS
-    from saddlering_ros.bags.topics import TYPE_OF_TOPIC
+    from saddlering_ros.bags.topics import TOPICS
     from saddlering_ros.bags.writer import _ranges, _wrenches
     from saddlering_ros.rig import default_rig
 
@@ -180,7 +180,7 @@ def write(path: Path, count: int, compression: str, *, index: bool) -> None:
         writer.start(profile='ros2')
         numbers = []
         for topic in (LOAD_TOPIC, *PROBE_TOPICS):
-            kind = TYPE_OF_TOPIC[topic]
+            kind = TOPICS[topic].type
             definition = store.generate_msgdef(kind, ros_version=2)[0].encode()
             schema = writer.register_schema(kind, 'ros2msg', definition)
             numbers.append(writer.register_channel(

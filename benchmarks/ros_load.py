@@ -33,13 +33,14 @@ from rclpy.serialization import deserialize_message
 from saddlering_interfaces.action import IdentifyRing
 from saddlering_interfaces.msg import ReplayProgress, RingDisplacement
 from saddlering_ros.bags import LOAD_TOPIC, PROBE_TOPICS, TestFacts, write_bag
+from saddlering_ros.bags.topics import LOAD, PROBES
 from saddlering_ros.rig import default_rig, ParameterSet, TRUE_TO_SCALE
 from saddlering_ros.ring import simulate
 from saddlering_ros.ros.launcher import ACTION_NODES, NodeGroup, RING_NODES, start_nodes
 from saddlering_ros.ros.lockstep import PROGRESS_TOPIC
 from saddlering_ros.ros.raw_topics import RawPublisher, RawSubscription
 from saddlering_ros.ros.spin import DataWait
-from saddlering_ros.streams import wire
+from saddlering_ros.streams import batches
 
 RATE = 1000.0
 
@@ -75,9 +76,9 @@ def drive(seconds: float) -> None:
         time.sleep(0.01)
     start = time.time_ns() + 1_000_000_000
     stamps = start + np.round(times * 1e9).astype(np.int64)
-    messages = [wire.encode_loads(wire.Samples(stamps, load), 'hydraulic_cylinder')]
-    messages += [wire.encode_gaps(wire.Samples(stamps, gap, 0.0, 2e-3), f'eddy_current_{index}')
-                 for index, gap in enumerate(gaps, 1)]
+    messages = [batches.encode_samples(batches.Samples(stamps, load), LOAD)]
+    messages += [batches.encode_samples(batches.Samples(stamps, gap, 0.0, 2e-3), topic)
+                 for topic, gap in zip(PROBES, gaps, strict=True)]
     late = 0
     for index, stamp in enumerate(stamps.tolist()):
         wait = stamp - time.time_ns()
@@ -269,7 +270,7 @@ def receive(node: Node, subscriptions: list[RawSubscription], count: int, second
         messages = subscriptions[0].take()
         if messages:
             now = time.time_ns()
-            stamps.append(wire.decode_displacements(messages).stamps)
+            stamps.append(batches.decode_displacements(messages).stamps)
             arrivals.append(np.full(len(messages), now))
         time.sleep(0.0005)
     return np.concatenate(stamps), np.concatenate(arrivals)

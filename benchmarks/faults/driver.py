@@ -14,9 +14,10 @@ import rclpy
 from sensor_msgs.msg import Range
 
 from saddlering_ros.bags import LOAD_TOPIC, PROBE_TOPICS
+from saddlering_ros.bags.topics import LOAD, PROBES
 from saddlering_ros.ros.launcher import NodeGroup
 from saddlering_ros.ros.raw_topics import RawPublisher
-from saddlering_ros.streams import wire
+from saddlering_ros.streams import batches
 
 from .truth import RATE, RIG, Truth
 
@@ -45,11 +46,10 @@ def drive(speed: float) -> None:
             stamps = start + np.round(index / rate * 1e9).astype(np.int64)
             place = np.round(index / speed).astype(int) % count
             low, high = RIG.probes.min_range, RIG.probes.max_range
-            flows[0].send(wire.encode_loads(wire.Samples(stamps, truth.load[place]),
-                                            'hydraulic_cylinder'), int(stamps[-1]))
+            flows[0].send(batches.encode_samples(batches.Samples(stamps, truth.load[place]), LOAD), int(stamps[-1]))
             for number, flow in enumerate(flows[1:]):
-                samples = wire.Samples(stamps, truth.gaps[number][place], low, high)
-                flow.send(wire.encode_gaps(samples, f'eddy_current_{number + 1}'),
+                samples = batches.Samples(stamps, truth.gaps[number][place], low, high)
+                flow.send(batches.encode_samples(samples, PROBES[number]),
                           int(stamps[-1]))
             sent = int(index[-1]) + 1
         time.sleep(0.004)

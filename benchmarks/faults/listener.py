@@ -16,7 +16,7 @@ from std_srvs.srv import Trigger
 from saddlering_interfaces.msg import ReplayProgress, RingDisplacement
 from saddlering_ros.ros.lockstep import PROGRESS_TOPIC
 from saddlering_ros.ros.raw_topics import RawSubscription
-from saddlering_ros.streams import wire
+from saddlering_ros.streams import batches
 
 from .truth import Truth
 
@@ -37,7 +37,7 @@ OUTPUTS = {'ring_displacement': '/ring/displacement',
 class Heard:
     """A batch of one topic, and when it came (monotonic) [s]."""
 
-    batch: wire.Displacements
+    batch: batches.Displacements
     arrived: float
 
 
@@ -75,7 +75,7 @@ class Listener:
         for topic, flow in self._flows.items():
             messages = flow.take()
             if messages:
-                self.heard[topic].append(Heard(wire.decode_displacements(messages), now))
+                self.heard[topic].append(Heard(batches.decode_displacements(messages), now))
         for message in self._progress.take():
             progress = deserialize_message(message, ReplayProgress)
             self.alive[progress.node], self.progress[progress.node] = now, progress

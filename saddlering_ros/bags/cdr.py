@@ -1,31 +1,39 @@
-"""Stamps and readings taken straight from the CDR bytes of the rig's two message types.
+"""The one decoder and encoder of CDR: stamps and numbers of many messages at once.
 
-A numpy view: all messages of a block at once, no message object is ever made. Source of the
-layout: OMG DDS-XTypes 1.3, 7.4 (plain CDR, versions 1 and 2, both byte orders) and the message
-definitions of geometry_msgs and sensor_msgs.
+A NumPy view over the bytes of all messages; no message object is ever made. Source of the layout:
+OMG DDS-XTypes 1.3, 7.4 (plain CDR, versions 1 and 2, both byte orders); the fields of each message
+type stand in `layouts.py`.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+import functools
+import struct
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
+from saddlering_ros.bags.layouts import DEFAULTS, LAYOUTS
 from saddlering_ros.bags.mcap_file import Messages, take
-from saddlering_ros.bags.topics import WRENCH_TYPE
+from saddlering_ros.bags.topics import RigTopic
 
 ENCAPSULATION = 4
 """Bytes before the first field; alignment counts from behind them."""
 
+SECOND = 1_000_000_000
+
 _TEXT = 12
 """Where the frame id's characters begin, behind seconds, nanoseconds and its length."""
 
+_HEAD = ENCAPSULATION + _TEXT
+_LITTLE_ENDIAN = 1
 _BYTE_ORDER_AND_ALIGNMENT = {0: ('>', 8), 1: ('<', 8), 6: ('>', 4), 7: ('<', 4)}
 """By representation identifier: byte order, and the alignment of a double."""
 
-
-MOST_FRAME_IDS = 100
+MAX_FRAME_IDS = 100
 """Lengths of frame ids in one block; a topic of the rig has one."""
 
 
@@ -34,11 +42,23 @@ class CdrError(ValueError):
 
 
 @dataclass(frozen=True)
-class Readings:
-    """What a run of messages of one topic says.
+class Records:
+    """Messages of one type: stamps (N,) [ns], the wanted fields (N,) by name, first frame id."""
 
-    stamps (N,) [ns]; values (N,): force.x [N] or range [m]; spans (N, 2): min_range and max_range
-    [m] of a Range, empty (N, 0) of a WrenchStamped; frame_id of the first message.
+    stamps: NDArray[np.int64]
+    fields: dict[str, NDArray[Any]]
+    frame_id: str
+
+    def __len__(self) -> int:
+        return len(self.stamps)
+
+
+@dataclass(frozen=True)
+class Readings:
+    """What a run of messages of one topic of the rig holds.
+
+    stamps (N,) [ns]; values (N,) in the topic's unit; spans (N, 2): the ends of the sensor's
+    range, empty (N, 0) for a topic without; frame_id of the first message.
     """
 
     stamps: NDArray[np.int64]
@@ -47,87 +67,181 @@ class Readings:
     frame_id: str
 
 
-def decode(data: NDArray[np.uint8], messages: Messages, message_type: str) -> Readings:
-    """Read all `messages` of the rig's `message_type` that lie in `data`."""
-    if not len(messages):
-        width = 0 if message_type == WRENCH_TYPE else 2
-        return Readings(np.empty(0, np.int64), np.empty(0), np.empty((0, width)), '')
-    starts, sizes = messages.starts, messages.sizes
-    if (sizes < ENCAPSULATION + _TEXT).any():
+def decode(data: NDArray[np.uint8], messages: Messages, topic: RigTopic) -> Readings:
+    """Read all `messages` of a topic of the rig that lie in `data`."""
+    return readings_of(
+        decode_records(data, messages.starts, messages.sizes, topic.type, topic.fields), topic)
+
+
+def readings_of(records: Records, topic: RigTopic) -> Readings:
+    """Records of a topic of the rig as readings."""
+    values = records.fields[topic.field].astype(np.float64)
+    spans = np.empty((len(records), 0))
+    if topic.low:
+        spans = np.stack([records.fields[name].astype(np.float64)
+                          for name in (topic.low, topic.high)], axis=1)
+    return Readings(records.stamps, values, spans, records.frame_id)
+
+
+def decode_list(messages: Sequence[bytes], message_type: str, names: Sequence[str]) -> Records:
+    """Read messages that lie one by one in memory."""
+    wanted = tuple(names)
+    if messages and len(messages[0]) >= _HEAD and len(set(map(len, messages))) == 1:
+        records = _decode_equal(messages, message_type, wanted)
+        if records is not None:
+            return records
+    sizes = np.fromiter(map(len, messages), np.int64, len(messages))
+    data = np.frombuffer(b''.join(messages), np.uint8)
+    return decode_records(data, np.cumsum(sizes) - sizes, sizes, message_type, wanted)
+
+
+def _decode_equal(messages: Sequence[bytes], message_type: str, names: tuple[str, ...],
+                  ) -> Records | None:
+    """As `decode_list`, of messages of equal size; None if they are not of one layout."""
+    first = messages[0]
+    kind, length = _head_of(first)
+    layout = _layout(message_type, kind, length, names)
+    if len(first) < layout.itemsize:
+        raise CdrError(f'a message is shorter than a {message_type}')
+    records: NDArray[Any] = np.ndarray(
+        (len(messages),), layout, b''.join(messages), strides=(len(first),))
+    if np.count_nonzero(records['kind'] != kind) or np.count_nonzero(records['length'] != length):
+        return None
+    return _checked(records, names, _frame_id(first, length))
+
+
+def decode_records(
+    data: NDArray[np.uint8], starts: NDArray[np.int64], sizes: NDArray[np.int64],
+    message_type: str, names: tuple[str, ...],
+) -> Records:
+    """The fields `names` of the messages of `message_type` at `starts` (N,) in `data`.
+
+    CdrError for bytes that are no such message.
+    """
+    if not len(starts):
+        kinds = dict(LAYOUTS[message_type])
+        return Records(np.empty(0, np.int64), {
+            name: np.empty(0, kinds[name]) for name in names}, '')
+    if (sizes < _HEAD).any():
         raise CdrError('a message is shorter than its header')
+    first = data[starts[0]:starts[0] + sizes[0]].tobytes()
+    kind, length = _head_of(first)
+    records = _read(data, starts, sizes, _layout(message_type, kind, length, names))
+    if records is None or (records['kind'] != kind).any() or (
+            records['length'] != length).any():
+        return _decode_mixed(data, starts, sizes, message_type, names)
+    return _checked(records, names, _frame_id(first, length))
+
+
+def _head_of(message: bytes) -> tuple[int, int]:
+    """Representation and frame id's length of a message."""
+    kind = message[0] << 8 | message[1]
+    if kind not in _BYTE_ORDER_AND_ALIGNMENT:
+        raise CdrError(f'CDR representation {kind:#06x} is not supported')
+    order = _BYTE_ORDER_AND_ALIGNMENT[kind][0]
+    return kind, struct.unpack_from(f'{order}I', message, ENCAPSULATION + 8)[0]
+
+
+def _frame_id(message: bytes, length: int) -> str:
+    return message[_HEAD:_HEAD + length].rstrip(b'\0').decode('utf-8', 'replace')
+
+
+def _read(data: NDArray[np.uint8], starts: NDArray[np.int64], sizes: NDArray[np.int64],
+          layout: np.dtype[Any]) -> NDArray[Any] | None:
+    """Records (N,) of one layout; None if some message is too short for it."""
+    if (sizes < layout.itemsize).any():
+        return None
+    everywhere: NDArray[Any] = np.ndarray(
+        (len(data) - layout.itemsize + 1,), layout, data, strides=(1,))
+    return everywhere[starts]
+
+
+def _checked(records: NDArray[Any], names: Sequence[str], frame_id: str) -> Records:
+    nanoseconds = records['nanosec']
+    if (nanoseconds >= SECOND).any():
+        raise CdrError('a stamp has a second or more of nanoseconds')
+    stamps = records['sec'].astype(np.int64) * SECOND + nanoseconds
+    return Records(stamps, {name: records[name] for name in names}, frame_id)
+
+
+def _decode_mixed(
+    data: NDArray[np.uint8], starts: NDArray[np.int64], sizes: NDArray[np.int64],
+    message_type: str, names: tuple[str, ...],
+) -> Records:
+    """As `decode_records`, of messages of several representations or frame ids."""
     kinds = data[starts].astype(np.int64) << 8 | data[starts + 1]
     unknown = set(np.unique(kinds).tolist()) - set(_BYTE_ORDER_AND_ALIGNMENT)
     if unknown:
         raise CdrError(f'CDR representation {min(unknown):#06x} is not supported')
-    orders = [kind for kind in _BYTE_ORDER_AND_ALIGNMENT if (kinds == kind).any()]
-    return _merge(len(starts), [
-        part for kind in orders
-        for part in _decode_kind(data, starts, sizes, np.flatnonzero(kinds == kind), kind,
-                                 message_type)
-    ])
-
-
-def _decode_kind(
-    data: NDArray[np.uint8], starts: NDArray[np.int64], sizes: NDArray[np.int64],
-    which: NDArray[np.int64], kind: int, message_type: str,
-) -> list[tuple[NDArray[np.int64], Readings]]:
-    """Decode the messages `which` of one representation, by the length of their frame id."""
-    order, alignment = _BYTE_ORDER_AND_ALIGNMENT[kind]
-    body = starts[which] + ENCAPSULATION
-    lengths = take(data, body + 8, f'{order}u4').astype(np.int64)
-    parts = []
-    different = np.unique(lengths).tolist()
-    if len(different) > MOST_FRAME_IDS:
+    lengths = np.zeros(len(starts), np.int64)
+    for kind, (order, _) in _BYTE_ORDER_AND_ALIGNMENT.items():
+        mine = kinds == kind
+        lengths[mine] = take(data, starts[mine] + ENCAPSULATION + 8, f'{order}u4')
+    groups = np.unique(np.stack([kinds, lengths]), axis=1).T.tolist()
+    if len(groups) > MAX_FRAME_IDS:
         raise CdrError('the frame id is another in every message')
-    for length in different:
-        mine = lengths == length
-        parts.append((which[mine], _decode_group(
-            data, body[mine], sizes[which[mine]] - ENCAPSULATION, length, order, alignment,
-            message_type)))
-    return parts
+    stamps = np.empty(len(starts), np.int64)
+    fields = {name: np.empty(len(starts), kind) for name, kind in LAYOUTS[message_type]
+              if name in names}
+    for kind, length in groups:
+        which = np.flatnonzero((kinds == kind) & (lengths == length))
+        records = _read(data, starts[which], sizes[which],
+                        _layout(message_type, kind, length, names))
+        if records is None:
+            raise CdrError(f'a message is shorter than a {message_type}')
+        part = _checked(records, names, '')
+        stamps[which] = part.stamps
+        for name in names:
+            fields[name][which] = part.fields[name]
+    first = data[starts[0]:starts[0] + sizes[0]].tobytes()
+    return Records(stamps, fields, _frame_id(first, int(lengths[0])))
 
 
-def _decode_group(
-    data: NDArray[np.uint8], body: NDArray[np.int64], sizes: NDArray[np.int64], length: int,
-    order: str, alignment: int, message_type: str,
-) -> Readings:
-    end = _TEXT + length
-    if message_type == WRENCH_TYPE:
-        value = _aligned(end, alignment)
-        needed, first_span = value + 8, None
-    else:
-        first_span = _aligned(end + 1, 4) + 4
-        value = first_span + 8
-        needed = value + 4
-    if (sizes < needed).any():
-        raise CdrError(f'a message is shorter than a {message_type}')
-    nanoseconds = take(data, body + 4, f'{order}u4').astype(np.int64)
-    if (nanoseconds >= 1_000_000_000).any():
-        raise CdrError('a stamp has a second or more of nanoseconds')
-    stamps = take(data, body, f'{order}i4').astype(np.int64) * 1_000_000_000 + nanoseconds
-    if first_span is None:
-        values = take(data, body + value, f'{order}f8').astype(np.float64)
-        spans = np.empty((len(body), 0))
-    else:
-        values = take(data, body + value, f'{order}f4').astype(np.float64)
-        spans = np.stack([
-            take(data, body + first_span + offset, f'{order}f4').astype(np.float64)
-            for offset in (0, 4)], axis=1)
-    name = data[body[0] + _TEXT:body[0] + end].tobytes().rstrip(b'\0')
-    return Readings(stamps, values, spans, name.decode('utf-8', 'replace'))
-
-
-def _merge(count: int, parts: list[tuple[NDArray[np.int64], Readings]]) -> Readings:
-    if len(parts) == 1:
-        return parts[0][1]
-    stamps, values = np.empty(count, np.int64), np.empty(count)
-    spans = np.empty((count, parts[0][1].spans.shape[1]))
-    for which, readings in parts:
-        stamps[which], values[which] = readings.stamps, readings.values
-        spans[which] = readings.spans
-    first = min(parts, key=lambda part: int(part[0][0]))
-    return Readings(stamps, values, spans, first[1].frame_id)
+@functools.lru_cache(maxsize=256)
+def _layout(message_type: str, kind: int, length: int, names: tuple[str, ...]) -> np.dtype[Any]:
+    """The layout of a message with a frame id of `length` bytes, up to the last of `names`."""
+    if length > 1 << 24:
+        raise CdrError('the frame id is longer than any message')
+    order, alignment = _BYTE_ORDER_AND_ALIGNMENT[kind]
+    found = {'kind': (0, '>u2'), 'sec': (ENCAPSULATION, f'{order}i4'),
+             'nanosec': (ENCAPSULATION + 4, f'{order}u4'),
+             'length': (ENCAPSULATION + 8, f'{order}u4')}
+    place, size = _TEXT + length, _HEAD + length
+    for name, number in LAYOUTS[message_type]:
+        width = int(number[1])
+        place = _aligned(place, min(width, alignment))
+        if name in names:
+            found[name] = (ENCAPSULATION + place, f'{order}{number}')
+            size = ENCAPSULATION + place + width
+        place += width
+    return np.dtype({'names': list(found), 'formats': [kind for _, kind in found.values()],
+                     'offsets': [offset for offset, _ in found.values()], 'itemsize': size})
 
 
 def _aligned(position: int, alignment: int) -> int:
     return -(-position // alignment) * alignment
+
+
+def encode(message_type: str, frame_id: str, stamps: ArrayLike,
+           fields: Mapping[str, ArrayLike]) -> NDArray[np.uint8]:
+    """Messages of `message_type` as bytes, one row each (N, size)."""
+    stamps = np.asarray(stamps, dtype=np.int64)
+    text = frame_id.encode() + b'\0'
+    names = tuple(name for name, _ in LAYOUTS[message_type])
+    layout = _layout(message_type, _LITTLE_ENDIAN, len(text), names)
+    raw = np.zeros((len(stamps), layout.itemsize), np.uint8)
+    raw[:, _HEAD:_HEAD + len(text)] = np.frombuffer(text, np.uint8)
+    records = raw.view(layout)[:, 0]
+    records['kind'], records['length'] = _LITTLE_ENDIAN, len(text)
+    records['sec'], records['nanosec'] = np.divmod(stamps, SECOND)
+    for name, values in {**DEFAULTS.get(message_type, {}), **fields}.items():
+        records[name] = values
+    return raw
+
+
+def encode_list(message_type: str, frame_id: str, stamps: ArrayLike,
+                fields: Mapping[str, ArrayLike]) -> list[bytes]:
+    """As `encode`, each message by itself."""
+    raw = encode(message_type, frame_id, stamps, fields)
+    size, data = raw.shape[1], raw.tobytes()
+    return [data[start:start + size] for start in range(0, len(data), size)]

@@ -25,7 +25,12 @@ from saddlering_ros.bags.errors import BagError
 from saddlering_ros.bags.facts import FoundFacts
 from saddlering_ros.bags.scan import Scan, scan, ScannedTopic
 from saddlering_ros.bags.stamps import put_in_order
-from saddlering_ros.bags.topics import LOAD_TOPIC, PROBE_TOPICS, RIG_TOPICS, TYPE_OF_TOPIC
+from saddlering_ros.bags.topics import (
+    LOAD_TOPIC,
+    PROBE_TOPICS,
+    RIG_TOPICS,
+    TOPICS,
+)
 from saddlering_ros.bags.wiring import wiring_notes
 from saddlering_ros.provenance import Origin
 from saddlering_ros.rig import default_rig, Rig
@@ -90,7 +95,8 @@ class TestRun:
     the load's headers; time (N,) [s] since the first of them; load (N,) [N]; gaps (4, N) [m] of
     the probes on the load's stamps, NaN outside a probe's own span and inside its gaps; notes:
     what is wrong with the bag without keeping it from being used; sha256: of the bag's files
-    ('' for a run that was never in a bag).
+    ('' for a run that was never in a bag); others: readings (N,) of the optional topics of the rig
+    that the bag holds, by name, aligned alike.
     """
 
     __test__ = False
@@ -107,6 +113,7 @@ class TestRun:
     gaps: NDArray[np.float64]
     notes: list[str] = field(default_factory=list)
     sha256: str = ''
+    others: dict[str, NDArray[np.float64]] = field(default_factory=dict)
 
     @property
     def origin(self) -> Origin:
@@ -120,22 +127,38 @@ class TestRun:
 
 
 def read_raw(path: Path | str, topics: Sequence[str] | None = None) -> RawRecord:
-    """The rig topics of the bag at `path` as recorded; all five unless `topics` names some.
+    """The rig topics of the bag at `path` as recorded.
+
+    All topics of the rig unless `topics` names some; an optional one that the bag does not hold,
+    or not readably, is left out (with a note in the second case).
 
     Readings are not judged (NaN stays NaN); stamps are (BagError if they go back).
     """
-    wanted = RIG_TOPICS if topics is None else tuple(topics)
-    unknown = set(wanted) - set(RIG_TOPICS)
+    wanted = tuple(TOPICS if topics is None else topics)
+    unknown = set(wanted) - set(TOPICS)
     if unknown:
         raise BagError(
             f'{path}: {min(unknown)} is no topic of the rig: ask for some of '
-            f'{", ".join(RIG_TOPICS)}')
+            f'{", ".join(TOPICS)}')
     found = scan(path, wanted)
     if found.damage is not None:
         assert found.fault is not None
         raise found.fault
-    return RawRecord(found.path, {name: raw_topic(found, name) for name in wanted}, found.facts,
-                     found.notes)
+    return raw_record(found, wanted)
+
+
+def raw_record(found: Scan, wanted: Sequence[str]) -> RawRecord:
+    """The `wanted` topics of a scanned bag; BagError if a required one cannot be used."""
+    topics = {name: raw_topic(found, name) for name in wanted if TOPICS[name].required}
+    notes = list(found.notes)
+    for name in wanted:
+        if TOPICS[name].required or name not in found.topics:
+            continue
+        try:
+            topics[name] = raw_topic(found, name)
+        except BagError as fault:
+            notes.append(f'left out: {fault}')
+    return RawRecord(found.path, topics, found.facts, tuple(notes))
 
 
 def read_run(
@@ -193,19 +216,22 @@ def run_of_record(
             'start and stop all recordings together')
     assert facts.test is not None
     assert facts.elevation_deg is not None
+    others = {name: align(load.stamps, record[name].stamps, record[name].values)
+              for name in record if name not in RIG_TOPICS}
     name = Path(where).resolve().name.removesuffix('.zstd').removesuffix('.mcap')
     return TestRun(
         name=name, path=record.path, test=facts.test,
         elevation=math.radians(facts.elevation_deg), rig=facts.rig, run=facts.run,
         stamps=load.stamps, time=seconds_array(load.stamps, int(load.stamps[0])),
-        load=load.values, gaps=gaps, notes=notes)
+        load=load.values, gaps=gaps, notes=notes, others=others)
 
 
 def raw_topic(found: Scan, name: str) -> RawTopic:
     """One rig topic of a scanned bag in stamp order; BagError if it cannot be used."""
     where = f'{found.path}: {name}'
     topic = found.topics.get(name)
-    if found.fault is not None and (topic is None or topic.count < FEWEST_SAMPLES):
+    fewest = FEWEST_SAMPLES if TOPICS[name].required else 1
+    if found.fault is not None and (topic is None or topic.count < fewest):
         raise found.fault
     if not found.message_count:
         raise BagError(f'{found.path}: holds no messages: check that the rig ran and record again')
@@ -214,18 +240,18 @@ def raw_topic(found: Scan, name: str) -> RawTopic:
         raise BagError(f'{found.path}: has no topic {name} (it has: {have}): record it too')
     if topic.fault:
         raise BagError(f'{where}: {topic.fault}')
-    wrong = sorted(kind for kind in topic.types if kind != TYPE_OF_TOPIC[name])
+    wrong = sorted(kind for kind in topic.types if kind != TOPICS[name].type)
     if not topic.count and wrong:
-        raise BagError(f'{where}: its type is {wrong[0]} and should be {TYPE_OF_TOPIC[name]}: '
+        raise BagError(f'{where}: its type is {wrong[0]} and should be {TOPICS[name].type}: '
                        'record the topic of the rig, or remap it')
-    if topic.count < FEWEST_SAMPLES:
+    if topic.count < fewest:
         raise BagError(
             f'{where}: holds {topic.count} messages, too few for a test: check that its driver '
             'ran, and record again')
     stamps, values = topic.stamps, topic.values
     order = put_in_order(where, stamps, topic.log_times, values)
     stamps, values = stamps[order.keep], values[order.keep]
-    if len(stamps) < FEWEST_SAMPLES:
+    if len(stamps) < fewest:
         raise BagError(f'{where}: holds {len(stamps)} different stamps, too few for a test: '
                        'let the driver stamp each sample')
     notes = []
@@ -234,7 +260,7 @@ def raw_topic(found: Scan, name: str) -> RawTopic:
     if order.duplicates:
         notes.append(f'{name}: {order.duplicates} messages with a stamp already taken left out')
     low, high = _span(topic, notes)
-    return RawTopic(name, TYPE_OF_TOPIC[name], topic.frame_id, stamps, values, low, high,
+    return RawTopic(name, TOPICS[name].type, topic.frame_id, stamps, values, low, high,
                     tuple(notes))
 
 

@@ -30,7 +30,7 @@ from saddlering_ros.bags.mcap_file import (
     Messages,
 )
 from saddlering_ros.bags.schemas import other_fields
-from saddlering_ros.bags.topics import RIG_TOPICS, TYPE_OF_TOPIC
+from saddlering_ros.bags.topics import optional_topics, RIG_TOPICS, TOPICS
 
 LARGEST_MESSAGE = 1 << 16
 """A single compressed message of the rig that claims to be larger [bytes] is damaged."""
@@ -147,11 +147,12 @@ class Scan:
         return BagError(f'{_said(problem)}; {self.readable_part}: {advice}')
 
 
-def scan(path: Path | str, topics: Collection[str] = RIG_TOPICS) -> Scan:
-    """Read the bag at `path`, decoding the rig's `topics` among all others.
+def scan(path: Path | str, topics: Collection[str] | None = None) -> Scan:
+    """Read the bag at `path`, decoding the rig's `topics` (None: all of them) among all others.
 
     Raises BagError only where there is no bag to read at all.
     """
+    wanted = (*RIG_TOPICS, *optional_topics()) if topics is None else topics
     directory = open_directory(path)
     result = Scan(directory)
     records: dict[str, str] = {}
@@ -159,7 +160,7 @@ def scan(path: Path | str, topics: Collection[str] = RIG_TOPICS) -> Scan:
     try:
         for file in directory.files:
             try:
-                _scan_file(result, file, topics, records, recorder)
+                _scan_file(result, file, wanted, records, recorder)
             except CutOffError as cut:
                 result.cuts.append(cut)
     except BagError as damage:
@@ -228,18 +229,18 @@ def _take_messages(
     topic: ScannedTopic, channel: Channel, block: Block, messages: Messages,
     directory: BagDirectory,
 ) -> None:
-    expected = TYPE_OF_TOPIC.get(topic.topic)
-    if expected is None:
+    known = TOPICS.get(topic.topic)
+    if known is None:
         return
-    if _full_name(channel.type) != expected:
-        topic.fault = (f'its type is {channel.type or "not said"} and should be {expected}: '
+    if _full_name(channel.type) != known.type:
+        topic.fault = (f'its type is {channel.type or "not said"} and should be {known.type}: '
                        'record the topic of the rig, or remap it')
         return
     if channel.encoding != 'cdr':
         topic.fault = (f'its messages are encoded as {channel.encoding!r}: record with ROS 2, '
                        'which encodes as cdr')
         return
-    wrong = other_fields(channel)
+    wrong = other_fields(channel, known)
     if wrong:
         topic.fault = f'{wrong}: record with the messages of ROS 2 Jazzy'
         return
@@ -247,7 +248,7 @@ def _take_messages(
     try:
         if directory.message_compression:
             data, messages = _decompressed(data, messages)
-        topic.add(decode(data, messages, expected), messages.log_times)
+        topic.add(decode(data, messages, known), messages.log_times)
     except CdrError as problem:
         topic.fault = f'{problem}: record or copy the bag again'
 

@@ -4,29 +4,22 @@ from __future__ import annotations
 
 import re
 
+from saddlering_ros.bags.layouts import definition_lines
 from saddlering_ros.bags.mcap_file import Channel
-from saddlering_ros.bags.topics import RANGE_TYPE, WRENCH_TYPE
-
-FIELDS = {
-    WRENCH_TYPE: ('Header header', 'Wrench wrench'),
-    RANGE_TYPE: ('Header header', 'uint8 radiation_type', 'float32 field_of_view',
-                 'float32 min_range', 'float32 max_range', 'float32 range'),
-}
-"""Fields of the rig's messages up to the last one read, packages left out."""
+from saddlering_ros.bags.topics import RigTopic
 
 _FIELD = re.compile(r'^\s*([A-Za-z][\w/]*(?:\[[^\]]*\])?)\s+([A-Za-z]\w*)\s*(?![\w=\s])', re.M)
 
 
-def other_fields(channel: Channel) -> str:
-    """Why messages of `channel`, by their definition, cannot be read; '' if they can.
+def other_fields(channel: Channel, topic: RigTopic) -> str:
+    """Why messages of `channel`, by their definition, cannot be read as `topic`; '' if they can.
 
     Only definitions of encoding ros2msg that name any field are judged; whatever follows the
     last field we read may differ between releases of ROS.
     """
-    package, _, kind = channel.type.replace('/msg/', '/').partition('/')
-    expected = FIELDS.get(f'{package}/msg/{kind}')
-    if expected is None or channel.schema_encoding != 'ros2msg':
+    if channel.schema_encoding != 'ros2msg':
         return ''
+    expected = definition_lines(topic.type, topic.field)
     own = channel.definition.decode('utf-8', 'replace').partition('=====')[0]
     fields = [' '.join((found[1].rpartition('/')[2], found[2]))
               for line in own.splitlines() if (found := _FIELD.match(line))]

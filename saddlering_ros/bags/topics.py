@@ -1,17 +1,78 @@
-"""The rig's raw topics and their message types."""
+"""The registry of the rig's topics: reader, aligner, decoder, nodes, recorder and bag read it.
+
+A new topic of the rig is one entry here. A message type that no entry has used yet is one more
+entry in `layouts.py`.
+"""
 
 from __future__ import annotations
 
-LOAD_TOPIC = '/rig/hydraulic_load'
-PROBE_TOPICS = tuple(f'/rig/eddy_current_{number}' for number in (1, 2, 3, 4))
-RIG_TOPICS = (LOAD_TOPIC, *PROBE_TOPICS)
+from dataclasses import dataclass
 
 WRENCH_TYPE = 'geometry_msgs/msg/WrenchStamped'
 RANGE_TYPE = 'sensor_msgs/msg/Range'
+VECTOR_TYPE = 'geometry_msgs/msg/Vector3Stamped'
 
-TYPE_OF_TOPIC = {LOAD_TOPIC: WRENCH_TYPE, **dict.fromkeys(PROBE_TOPICS, RANGE_TYPE)}
 
-FRAME_OF_TOPIC = {
-    LOAD_TOPIC: 'hydraulic_cylinder',
-    **{topic: topic.rpartition('/')[2] for topic in PROBE_TOPICS},
-}
+@dataclass(frozen=True)
+class RigTopic:
+    """One topic of the rig.
+
+    name: the absolute name, as a bag holds it; type: of its messages; field: of the reading in
+    the message, in `unit`; low, high: fields of the ends of the sensor's range ('' for none);
+    replayed_by: the node that replays it; required: whether a bag must hold it.
+    """
+
+    name: str
+    type: str
+    field: str
+    unit: str
+    frame_id: str
+    words: str
+    replayed_by: str
+    low: str = ''
+    high: str = ''
+    required: bool = True
+
+    @property
+    def relative(self) -> str:
+        """The name that nodes use, so that a namespace goes before it."""
+        return self.name.removeprefix('/')
+
+    @property
+    def fields(self) -> tuple[str, ...]:
+        """The fields that are read: the reading, and the ends of its range where there are."""
+        return (self.field, self.low, self.high) if self.low else (self.field,)
+
+
+def _probe(number: int) -> RigTopic:
+    return RigTopic(
+        f'/rig/eddy_current_{number}', RANGE_TYPE, 'range', 'm', f'eddy_current_{number}',
+        f'gap [m] of eddy-current probe {number}', 'eddy_current', 'min_range', 'max_range')
+
+
+LOAD = RigTopic(
+    '/rig/hydraulic_load', WRENCH_TYPE, 'wrench.force.x', 'N', 'hydraulic_cylinder',
+    'load of the hydraulic cylinder: wrench.force.x [N]', 'hydraulic_load')
+PROBES = tuple(_probe(number) for number in (1, 2, 3, 4))
+ELEVATION = RigTopic(
+    '/rig/elevation', VECTOR_TYPE, 'vector.x', 'rad', 'inclinometer',
+    'elevation of the barrel, where a rig measures it: vector.x [rad]', 'hydraulic_load',
+    required=False)
+
+TOPICS: dict[str, RigTopic] = {topic.name: topic for topic in (LOAD, *PROBES, ELEVATION)}
+"""Every topic of a rig by its name."""
+
+LOAD_TOPIC = LOAD.name
+PROBE_TOPICS = tuple(topic.name for topic in PROBES)
+RIG_TOPICS = (LOAD_TOPIC, *PROBE_TOPICS)
+"""The topics that every test has."""
+
+
+def optional_topics() -> tuple[str, ...]:
+    """The topics that a test may have besides."""
+    return tuple(name for name, topic in TOPICS.items() if not topic.required)
+
+
+def relative(name: str) -> str:
+    """A topic's name without the leading slash, so that a node's namespace goes before it."""
+    return name.removeprefix('/')

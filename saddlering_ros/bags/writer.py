@@ -6,7 +6,7 @@ is written by the mcap package, since its files carry checksums and metadata rec
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -31,14 +31,10 @@ from rosbags.rosbag2 import CompressionMode, StoragePlugin
 from rosbags.rosbag2 import Writer as Rosbag2Writer
 from rosbags.typesys import get_typestore, Stores
 
+from saddlering_ros.bags.cdr import encode
 from saddlering_ros.bags.errors import BagError
 from saddlering_ros.bags.facts import RECORD, TestFacts
-from saddlering_ros.bags.topics import (
-    FRAME_OF_TOPIC,
-    LOAD_TOPIC,
-    PROBE_TOPICS,
-    TYPE_OF_TOPIC,
-)
+from saddlering_ros.bags.topics import LOAD, PROBES, RigTopic, TOPICS
 from saddlering_ros.rig import Probes
 from saddlering_ros.writing import exchange, settle
 
@@ -50,9 +46,6 @@ _RELIABLE = Qos(
     QosHistory.KEEP_LAST, 1000, QosReliability.RELIABLE, QosDurability.VOLATILE,
     _FOREVER, _FOREVER, QosLiveliness.AUTOMATIC, _FOREVER, False)
 
-_INFRARED = 1
-"""Radiation type of sensor_msgs/Range; of its two, the other (ultrasound) is further off."""
-
 
 def write_bag(
     path: Path | str,
@@ -63,6 +56,7 @@ def write_bag(
     gaps: Sequence[ArrayLike],
     probes: Probes,
     *,
+    others: Mapping[str, tuple[ArrayLike, ArrayLike]] | None = None,
     log_delay: int = 0,
     chunk_size: int = CHUNK_SIZE,
     overwrite: bool = False,
@@ -70,14 +64,17 @@ def write_bag(
     """Write a rosbag2 directory at `path`, complete or not at all; return the path.
 
     load_stamps (N,) int64 [ns], load (N,) [N]; probe_stamps and gaps: four arrays each, (M_i,)
-    int64 [ns] and (M_i,) [m] (kept as float32, the message's type). `log_delay` [ns] is put
+    int64 [ns] and (M_i,) [m] (kept as float32, the message's type); others: stamps and readings
+    of optional topics by name. `log_delay` [ns] is put
     between a stamp and its log time. An existing bag is replaced only if `overwrite` is
     set, and anything else at `path` never.
     """
     path = Path(path)
-    channels = [_wrenches(load_stamps, load)]
-    for topic, stamps, gap in zip(PROBE_TOPICS, probe_stamps, gaps, strict=True):
-        channels.append(_ranges(topic, stamps, gap, probes))
+    span = {'min_range': probes.min_range, 'max_range': probes.max_range}
+    channels = [_channel(LOAD, load_stamps, load)]
+    channels += [_channel(topic, stamps, gap, **span)
+                 for topic, stamps, gap in zip(PROBES, probe_stamps, gaps, strict=True)]
+    channels += [_channel(TOPICS[name], *samples) for name, samples in (others or {}).items()]
     _check_target(path, overwrite)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -105,58 +102,16 @@ class _Channel:
     messages: NDArray[np.uint8]
 
 
-def _wrenches(stamps: ArrayLike, load: ArrayLike) -> _Channel:
-    """WrenchStamped messages with force.x = load and nothing else."""
-    def fill(table: NDArray[np.void], values: NDArray[np.float64]) -> None:
-        table['force'][:, 0] = values
-
-    return _messages(LOAD_TOPIC, stamps, load, ('pad', 8), [('force', '<f8', (6,))], fill)
-
-
-def _ranges(topic: str, stamps: ArrayLike, gaps: ArrayLike, probes: Probes) -> _Channel:
-    """Range messages with range = gap and the probe's span."""
-    def fill(table: NDArray[np.void], values: NDArray[np.float64]) -> None:
-        table['radiation_type'] = _INFRARED
-        table['min_range'] = probes.min_range
-        table['max_range'] = probes.max_range
-        table['range'] = values
-
-    names = ('field_of_view', 'min_range', 'max_range', 'range', 'variance')
-    return _messages(topic, stamps, gaps, ('radiation_type', 4),
-                     [(name, '<f4', ()) for name in names], fill)
-
-
-_Field = tuple[str, str, tuple[int, ...]]
-_Fill = Callable[[NDArray[np.void], NDArray[np.float64]], None]
-
-
-def _messages(
-    topic: str, stamps: ArrayLike, values: ArrayLike, lead: tuple[str, int],
-    numbers: Sequence[_Field], fill: _Fill,
-) -> _Channel:
-    """CDR messages of `topic`: header, one leading byte or none, then `numbers`, set by `fill`.
-
-    `lead` names what stands before the numbers ('pad' for nothing) and gives their alignment.
-    """
+def _channel(topic: RigTopic, stamps: ArrayLike, values: ArrayLike,
+             **span: float) -> _Channel:
+    """Messages of `topic` with `values` as its readings, and the ends of the sensor's range."""
     stamps = np.asarray(stamps, dtype=np.int64)
     values = np.asarray(values, dtype=np.float64)
     if stamps.ndim != 1 or stamps.shape != values.shape:
-        raise BagError(f'{topic}: {stamps.shape} stamps and {values.shape} readings were given '
-                       'to write: give one array of each, of equal length')
-    frame = FRAME_OF_TOPIC[topic].encode() + b'\0'
-    name, alignment = lead
-    end = 12 + len(frame)
-    before = [] if name == 'pad' else [(name, 'u1', ())]
-    padding = -(end + len(before)) % alignment
-    table = np.zeros(len(stamps), dtype=np.dtype([
-        ('encapsulation', 'u1', (4,)), ('seconds', '<i4'), ('nanoseconds', '<u4'),
-        ('length', '<u4'), ('frame', f'S{len(frame)}'), *before,
-        ('padding', 'u1', (padding,)), *numbers]))
-    table['encapsulation'] = (0, 1, 0, 0)
-    table['seconds'], table['nanoseconds'] = np.divmod(stamps, 1_000_000_000)
-    table['length'], table['frame'] = len(frame), frame
-    fill(table, values)
-    return _Channel(topic, stamps, table.view(np.uint8).reshape(len(stamps), -1))
+        raise BagError(f'{topic.name}: {stamps.shape} stamps and {values.shape} readings were '
+                       'given to write: give one array of each, of equal length')
+    messages = encode(topic.type, topic.frame_id, stamps, {topic.field: values, **span})
+    return _Channel(topic.name, stamps, messages)
 
 
 def _write_directory(
@@ -167,7 +122,7 @@ def _write_directory(
     with writer:
         connections = [
             writer.add_connection(
-                channel.topic, TYPE_OF_TOPIC[channel.topic], typestore=typestore,
+                channel.topic, TOPICS[channel.topic].type, typestore=typestore,
                 offered_qos_profiles=[_RELIABLE])
             for channel in channels]
         which = np.repeat(np.arange(len(channels)), [len(c.stamps) for c in channels])

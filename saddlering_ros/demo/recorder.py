@@ -11,9 +11,10 @@ from numpy.typing import NDArray
 
 from saddlering_interfaces.msg import RingDisplacement
 from saddlering_ros.bags import LOAD_TOPIC
+from saddlering_ros.bags.topics import LOAD
 from saddlering_ros.ros.raw_topics import RawSubscription
 from saddlering_ros.ros.streaming_node import StreamingNode
-from saddlering_ros.streams import wire
+from saddlering_ros.streams import batches
 
 NAME = 'demo_recorder'
 DISPLACEMENTS = ('/ring/displacement', '/ring/simulated_displacement', '/ring/residual')
@@ -23,9 +24,9 @@ DISPLACEMENTS = ('/ring/displacement', '/ring/simulated_displacement', '/ring/re
 class Recording:
     """What was heard during one replay: of each topic the batch, and how many loads."""
 
-    measured: wire.Displacements
-    simulated: wire.Displacements
-    residual: wire.Displacements
+    measured: batches.Displacements
+    simulated: batches.Displacements
+    residual: batches.Displacements
     loads: int
 
     @property
@@ -55,11 +56,11 @@ class Recorder(StreamingNode):
         """Keep one batch."""
         with self._lock:
             for topic, flow in zip(DISPLACEMENTS, self.inputs, strict=False):
-                batch = wire.decode_displacements(flow.take())
+                batch = flow.take_as(batches.decode_displacements)
                 if len(batch):
                     flow.last_stamp = int(batch.stamps[-1])
                     self._kept[topic].append(batch)
-            load = wire.decode_loads(self.inputs[-1].take())
+            load = self.inputs[-1].take_samples(LOAD)
             if len(load):
                 self.inputs[-1].last_stamp = int(load.stamps[-1])
                 self._loads += len(load)
@@ -69,15 +70,15 @@ class Recorder(StreamingNode):
         with self._lock:
             kept, loads = self._kept, self._loads
             self._clear()
-        measured, simulated, residual = (wire.join(kept[topic]) for topic in DISPLACEMENTS)
+        measured, simulated, residual = (batches.join(kept[topic]) for topic in DISPLACEMENTS)
         return Recording(measured, simulated, residual, loads)
 
     def _clear(self) -> None:
-        self._kept: dict[str, list[wire.Displacements]] = {topic: [] for topic in DISPLACEMENTS}
+        self._kept: dict[str, list[batches.Displacements]] = {topic: [] for topic in DISPLACEMENTS}
         self._loads = 0
 
 
-def _placed(batch: wire.Displacements, stamps: NDArray[np.int64]) -> NDArray[np.float64]:
+def _placed(batch: batches.Displacements, stamps: NDArray[np.int64]) -> NDArray[np.float64]:
     placed = np.full((4, len(stamps)), np.nan)
     _, here, there = np.intersect1d(stamps, batch.stamps, return_indices=True)
     placed[:, here] = batch.channels[:, there]

@@ -22,12 +22,12 @@ from std_msgs.msg import Header
 
 from saddlering_interfaces.msg import ReplayState, RingDisplacement, RingParameters
 from saddlering_ros.bags import LOAD_TOPIC, PROBE_TOPICS
+from saddlering_ros.bags.cdr import SECOND
 from saddlering_ros.bags.recording import BagRecording
 from saddlering_ros.live.errors import LiveError
 from saddlering_ros.ros.raw_topics import RawSubscription
 from saddlering_ros.ros.spin import spin_streaming
 from saddlering_ros.ros.streaming_node import StreamingNode
-from saddlering_ros.streams.wire import SECOND
 
 NAME = 'saddlering_recorder'
 STREAMS: dict[str, Any] = {

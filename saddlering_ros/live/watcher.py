@@ -22,6 +22,8 @@ from rclpy.qos import DurabilityPolicy, qos_profile_action_status_default, QoSPr
 from saddlering_interfaces.action import DiagnoseRing, IdentifyRing
 from saddlering_interfaces.msg import ReplayState, RingDisplacement, RingParameters
 from saddlering_ros.bags import LOAD_TOPIC
+from saddlering_ros.bags.cdr import CdrError
+from saddlering_ros.bags.topics import LOAD
 from saddlering_ros.errors import SaddleringError
 from saddlering_ros.live.traces import Traces
 from saddlering_ros.report.background import white_noise
@@ -37,7 +39,7 @@ from saddlering_ros.rig import (
 from saddlering_ros.ros.conversions import parameters_from_message
 from saddlering_ros.ros.lockstep import STATE_TOPIC, to_stamp
 from saddlering_ros.ros.raw_topics import RawSubscription
-from saddlering_ros.streams import wire
+from saddlering_ros.streams import batches
 
 NAME = 'saddlering_live'
 STREAMS = {'load': LOAD_TOPIC, 'measured': '/ring/displacement',
@@ -183,17 +185,17 @@ class Watcher:
             messages = subscription.take()
             if not messages:
                 continue
-            with contextlib.suppress(wire.WireError), self.lock:
+            with contextlib.suppress(CdrError), self.lock:
                 self._take(name, messages)
         for action in self._actions.values():
             action.look_after()
 
     def _take(self, name: str, messages: list[bytes]) -> None:
         if name == 'load':
-            load = wire.decode_loads(messages)
+            load = batches.decode_samples(messages, LOAD)
             self.traces.push(name, load.stamps, load.values[None, :])
             return
-        batch = wire.decode_displacements(messages)
+        batch = batches.decode_displacements(messages)
         self.traces.push(name, batch.stamps, batch.channels)
         if name == 'measured':
             recent = np.concatenate([self._recent, batch.channels], axis=1)

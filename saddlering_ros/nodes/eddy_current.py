@@ -5,26 +5,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 import sys
 
-from sensor_msgs.msg import Range
-
-from saddlering_ros.bags import PROBE_TOPICS
 from saddlering_ros.ros.bag_replay import ReplayNode
 from saddlering_ros.ros.run import run_streaming
-from saddlering_ros.streams import wire
 
 
 class ProbeReplay(ReplayNode):
-    """Publishes /rig/eddy_current_1 to /rig/eddy_current_4."""
+    """Publishes rig/eddy_current_1 to rig/eddy_current_4."""
 
-    TOPICS = PROBE_TOPICS
-    MESSAGE = Range
-
-    def __init__(self) -> None:
-        super().__init__('eddy_current')
-
-    def encode(self, samples: wire.Samples, frame_id: str) -> list[bytes]:
-        """Range messages."""
-        return wire.encode_gaps(samples, frame_id)
+    NAME = 'eddy_current'
 
 
 def main(args: Sequence[str] | None = None) -> None:

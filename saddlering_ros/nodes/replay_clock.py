@@ -14,13 +14,14 @@ from std_srvs.srv import Trigger
 from saddlering_interfaces.msg import ReplayProgress, ReplayState
 from saddlering_interfaces.srv import Seek, SetRate, Step
 from saddlering_ros.bags import read_raw
+from saddlering_ros.bags.cdr import SECOND
 from saddlering_ros.ros.bag_node import BagNode
 from saddlering_ros.ros.diagnostics import ERROR, Finding, FunctionTask, OK, WARN
 from saddlering_ros.ros.lockstep import LockstepGroup, PROGRESS_TOPIC, STATE_TOPIC, to_time
 from saddlering_ros.ros.parameters import Parameter
 from saddlering_ros.ros.raw_topics import RawPublisher, RawSubscription
 from saddlering_ros.ros.run import run_streaming
-from saddlering_ros.streams.wire import SECOND
+from saddlering_ros.streams.batches import encode_clock
 
 PARTICIPANTS = ['hydraulic_load', 'eddy_current', 'ring_displacement', 'ring_simulator',
                 'ring_residual']
@@ -195,10 +196,8 @@ class ReplayClockNode(BagNode):
 
     def _say_time(self, now: float) -> None:
         self._said = now
-        message = b'\x00\x01\x00\x00' + (self._time // SECOND).to_bytes(4, 'little', signed=True) \
-            + (self._time % SECOND).to_bytes(4, 'little')
         if self.outputs:
-            self.outputs[0].send([message], self._time)
+            self.outputs[0].send([encode_clock(self._time)], self._time)
 
     def _say_state(self, now: float) -> None:
         before, place = self._speed_from

@@ -13,6 +13,7 @@ from std_srvs.srv import Trigger
 
 from saddlering_interfaces.msg import RingDisplacement
 from saddlering_ros.bags import LOAD_TOPIC, PROBE_TOPICS
+from saddlering_ros.bags.topics import LOAD, PROBES
 from saddlering_ros.rig import TONNE
 from saddlering_ros.ros.diagnostics import (
     Events,
@@ -30,7 +31,7 @@ from saddlering_ros.ros.parameters import declare_rig, Parameter
 from saddlering_ros.ros.raw_topics import RawPublisher, RawSubscription
 from saddlering_ros.ros.run import run_streaming
 from saddlering_ros.ros.streaming_node import INPUT_RELIABILITY, MAX_GAP, StreamingNode
-from saddlering_ros.streams import wire
+from saddlering_ros.streams import batches
 from saddlering_ros.streams.displacement import DisplacementStream
 
 ZERO_TOPIC = '/ring/zero'
@@ -80,8 +81,8 @@ class RingDisplacementNode(StreamingNode):
 
     def process_batch(self) -> None:
         """One batch: samples in, displacements out."""
-        load = wire.decode_loads(self.inputs[0].take())
-        gaps = [wire.decode_gaps(flow.take()) for flow in self.inputs[1:]]
+        load, *gaps = (flow.take_samples(topic)
+                       for flow, topic in zip(self.inputs, (LOAD, *PROBES), strict=True))
         for flow, task, samples in zip(self.inputs, self._streams, (load, *gaps), strict=True):
             if len(samples):
                 flow.last_stamp = int(samples.stamps[-1])
@@ -91,7 +92,7 @@ class RingDisplacementNode(StreamingNode):
         found = self._stream.push(load, gaps)
         if len(found):
             self._parity.push(found.channels[3])
-            self.outputs[0].send(wire.encode_displacements(found, self.settings['frame_id']),
+            self.outputs[0].send(batches.encode_displacements(found, self.settings['frame_id']),
                                  int(found.stamps[-1]))
 
     def _on_zero(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:

@@ -22,7 +22,7 @@ from saddlering_ros.ros.parameters import declare_rig, Parameter
 from saddlering_ros.ros.raw_topics import RawPublisher, RawSubscription
 from saddlering_ros.ros.run import run_streaming
 from saddlering_ros.ros.streaming_node import INPUT_RELIABILITY, StreamingNode
-from saddlering_ros.streams import wire
+from saddlering_ros.streams import batches
 from saddlering_ros.streams.residual import ResidualStream
 
 MEASURED_TOPIC = '/ring/displacement'
@@ -61,9 +61,10 @@ class RingResidualNode(StreamingNode):
 
     def process_batch(self) -> None:
         """One batch of either, residuals out."""
-        measured, simulated = (wire.decode_displacements(flow.take()) for flow in self.inputs)
-        batches = (measured, simulated)
-        for flow, task, batch in zip(self.inputs, self._streams, batches, strict=True):
+        measured, simulated = (
+            flow.take_as(batches.decode_displacements) for flow in self.inputs)
+        both = (measured, simulated)
+        for flow, task, batch in zip(self.inputs, self._streams, both, strict=True):
             if len(batch):
                 flow.last_stamp = int(batch.stamps[-1])
                 task.push(batch.stamps)
@@ -71,7 +72,7 @@ class RingResidualNode(StreamingNode):
         if len(residual):
             self._sums += (residual.channels ** 2).sum(axis=1)
             self._count += len(residual)
-            self.outputs[0].send(wire.encode_displacements(residual, self.settings['frame_id']),
+            self.outputs[0].send(batches.encode_displacements(residual, self.settings['frame_id']),
                                  int(residual.stamps[-1]))
 
     def _zero_finding(self) -> Finding:

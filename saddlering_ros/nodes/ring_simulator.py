@@ -14,6 +14,7 @@ from std_srvs.srv import Trigger
 
 from saddlering_interfaces.msg import RingDisplacement, RingParameters
 from saddlering_ros.bags import LOAD_TOPIC
+from saddlering_ros.bags.topics import LOAD
 from saddlering_ros.errors import SaddleringError
 from saddlering_ros.nodes.ring_displacement import ZERO_QOS, ZERO_TOPIC
 from saddlering_ros.rig import (
@@ -41,7 +42,7 @@ from saddlering_ros.ros.parameters import declare_rig, given_sections, Parameter
 from saddlering_ros.ros.raw_topics import RawPublisher, RawSubscription
 from saddlering_ros.ros.run import run_streaming
 from saddlering_ros.ros.streaming_node import INPUT_RELIABILITY, MAX_GAP, StreamingNode
-from saddlering_ros.streams import wire
+from saddlering_ros.streams import batches
 from saddlering_ros.streams.simulation import SimulationStream
 
 PARAMETERS_TOPIC = '/ring/parameters'
@@ -161,7 +162,7 @@ class RingSimulatorNode(StreamingNode):
 
     def process_batch(self) -> None:
         """One batch: loads in, states out."""
-        load = wire.decode_loads(self.inputs[0].take())
+        load = self.inputs[0].take_samples(LOAD)
         if not len(load):
             return
         self._arrived = time.monotonic()
@@ -178,9 +179,9 @@ class RingSimulatorNode(StreamingNode):
             self._untold = True
         return FLUSH_AFTER / 2
 
-    def _send(self, states: wire.Displacements) -> None:
+    def _send(self, states: batches.Displacements) -> None:
         if len(states):
-            self.outputs[0].send(wire.encode_displacements(states, self.settings['frame_id']),
+            self.outputs[0].send(batches.encode_displacements(states, self.settings['frame_id']),
                                  int(states.stamps[-1]))
 
     def _on_restart(self, request: Trigger.Request, response: Trigger.Response,

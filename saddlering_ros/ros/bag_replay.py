@@ -1,16 +1,18 @@
-"""Replay of raw topics from a bag: what hydraulic_load and eddy_current share."""
+"""Replay of raw topics from a bag: what the load replay and the probe replay share."""
 
 from __future__ import annotations
 
 import time
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 from rosgraph_msgs.msg import Clock
 
 from saddlering_ros.bags import RawTopic, read_raw
+from saddlering_ros.bags.cdr import SECOND
 from saddlering_ros.bags.checks import check_values
 from saddlering_ros.bags.reader import usable_facts
+from saddlering_ros.bags.topics import TOPICS
 from saddlering_ros.ros.bag_node import BagNode
 from saddlering_ros.ros.diagnostics import (
     ERROR,
@@ -20,10 +22,10 @@ from saddlering_ros.ros.diagnostics import (
     SourcesTask,
     WARN,
 )
-from saddlering_ros.ros.raw_topics import RawPublisher, RawSubscription
-from saddlering_ros.streams import wire
+from saddlering_ros.ros.raw_topics import message_class, RawPublisher, RawSubscription
+from saddlering_ros.streams import batches
 
-JUMP = 2 * wire.SECOND
+JUMP = 2 * SECOND
 """A clock that goes on by more than this was moved by hand: what lies between is not published."""
 
 
@@ -41,18 +43,20 @@ class Track:
 
     def __init__(self, raw: RawTopic) -> None:
         self.raw = raw
+        self.topic = TOPICS[raw.topic]
         self.place = 0
 
     def move_to(self, now: int) -> None:
         """Go on from `now` [ns], publishing nothing of what lies before."""
         self.place = int(np.searchsorted(self.raw.stamps, now, side='right'))
 
-    def due(self, now: int) -> wire.Samples:
+    def due(self, now: int) -> batches.Samples:
         """The samples up to `now` [ns] that were not given out yet."""
         start = self.place
         self.move_to(now)
-        return wire.Samples(self.raw.stamps[start:self.place], self.raw.values[start:self.place],
-                            self.raw.min_range, self.raw.max_range)
+        rows = slice(start, self.place)
+        return batches.Samples(self.raw.stamps[rows], self.raw.values[rows], self.raw.min_range,
+                               self.raw.max_range)
 
     def at_end(self) -> bool:
         """Whether everything has been given out."""
@@ -60,20 +64,23 @@ class Track:
 
 
 class ReplayNode(BagNode):
-    """Publishes topics of a bag as /clock reaches their stamps."""
+    """Publishes as /clock reaches their stamps the topics of a bag that name it as replayer."""
 
-    TOPICS: ClassVar[tuple[str, ...]] = ()
-    MESSAGE: ClassVar[Any] = None
+    NAME: ClassVar[str]
+
+    def __init__(self) -> None:
+        super().__init__(self.NAME)
 
     def configure(self) -> None:
         """Read the bag."""
-        record = read_raw(self.bag_path(), self.TOPICS)
-        for topic in self.TOPICS:
+        mine = [topic.name for topic in TOPICS.values() if topic.replayed_by == self.NAME]
+        record = read_raw(self.bag_path(), mine)
+        for topic in record:
             check_values(f'{record.path}: {topic}', record[topic].stamps, record[topic].values)
-        said = [note for name in self.TOPICS for note in record[name].notes]
+        said = [note for name in record for note in record[name].notes]
         for note in (*record.notes, *said):
             self.get_logger().warning(f'{record.path}: {note}')
-        self._tracks = [Track(record[topic]) for topic in self.TOPICS]
+        self._tracks = [Track(record[topic]) for topic in record]
         self._now = 0
         self._heard = time.monotonic()
         self._jumps = self._dropped = 0
@@ -83,11 +90,8 @@ class ReplayNode(BagNode):
         """Listen to the clock; publish the topics."""
         self._clock_flow = RawSubscription(self, '/clock', Clock, depth=100)
         self.inputs = [self._clock_flow]
-        self.outputs = [RawPublisher(self, topic, self.MESSAGE) for topic in self.TOPICS]
-
-    def encode(self, samples: wire.Samples, frame_id: str) -> list[bytes]:
-        """The messages of a batch."""
-        raise NotImplementedError
+        self.outputs = [RawPublisher(self, track.topic.name, message_class(track.topic.type))
+                        for track in self._tracks]
 
     def process_batch(self) -> None:
         """Follow the clock."""
@@ -96,7 +100,7 @@ class ReplayNode(BagNode):
             return
         self._heard = time.monotonic()
         for message in messages:
-            self._follow(wire.decode_clock(message))
+            self._follow(batches.decode_clock(message))
 
     def _follow(self, now: int) -> None:
         if self._now == 0 or now < self._now or now - self._now > JUMP:
@@ -109,7 +113,8 @@ class ReplayNode(BagNode):
         for track, flow in zip(self._tracks, self.outputs, strict=True):
             samples = track.due(now)
             if len(samples):
-                flow.send(self.encode(samples, track.raw.frame_id), int(samples.stamps[-1]))
+                messages = batches.encode_samples(samples, track.topic, track.raw.frame_id)
+                flow.send(messages, int(samples.stamps[-1]))
 
     def replayed_until(self) -> int:
         """The clock's time; 1 ns before there is any."""

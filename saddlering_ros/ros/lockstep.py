@@ -6,8 +6,8 @@ from builtin_interfaces.msg import Time
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 
 from saddlering_interfaces.msg import ReplayProgress
+from saddlering_ros.bags.cdr import SECOND
 from saddlering_ros.ros.raw_topics import RawPublisher, RawSubscription
-from saddlering_ros.streams.wire import SECOND
 
 PROGRESS_TOPIC = '/replay/progress'
 STATE_TOPIC = '/replay/state'

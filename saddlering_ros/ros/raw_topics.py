@@ -2,13 +2,20 @@
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Callable
+import importlib
+from typing import Any, TypeVar
 
 from rclpy.callback_groups import CallbackGroup
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 
+from saddlering_ros.bags.cdr import CdrError
+from saddlering_ros.bags.topics import RigTopic
 from saddlering_ros.ros.errors import NodeError
+from saddlering_ros.streams.batches import decode_samples, Samples
+
+Batch = TypeVar('Batch')
 
 DEPTH = 5000
 """Messages that may wait at either end of a topic: five seconds at 1 kHz."""
@@ -21,6 +28,12 @@ def stream_qos(reliable: bool = True, depth: int = DEPTH) -> QoSProfile:
     kind = ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT
     return QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=depth, reliability=kind,
                       durability=DurabilityPolicy.VOLATILE)
+
+
+def message_class(name: str) -> Any:
+    """The class of a message type ('package/msg/Name')."""
+    package, kind, message = name.split('/')
+    return getattr(importlib.import_module(f'{package}.{kind}'), message)
 
 
 class _Drained(CallbackGroup):
@@ -56,6 +69,7 @@ class RawSubscription:
         self.topic = node.resolve_topic_name(topic)
         self.reliable = reliability != 'best_effort'
         self.received = 0
+        self.malformed = 0
         self.last_stamp = 0
         self._open()
 
@@ -96,6 +110,23 @@ class RawSubscription:
                 return messages
             messages.append(taken[0])
 
+    def take_as(self, decode: Callable[[list[bytes]], Batch]) -> Batch:
+        """Everything that has arrived, decoded; what cannot be decoded is dropped and counted."""
+        messages = self.take()
+        try:
+            return decode(messages)
+        except CdrError as problem:
+            sound = [message for message in messages if _can_be(decode, message)]
+            self.malformed += len(messages) - len(sound)
+            self._node.get_logger().error(
+                f'{self.topic}: messages dropped that are not what they should be: {problem}',
+                throttle_duration_sec=1.0)
+            return decode(sound)
+
+    def take_samples(self, topic: RigTopic) -> Samples:
+        """Everything that has arrived on a topic of the rig."""
+        return self.take_as(lambda messages: decode_samples(messages, topic))
+
     def publishers(self) -> int:
         """How many publishers it is matched with."""
         return int(self.subscription.get_publisher_count())
@@ -133,6 +164,14 @@ class RawPublisher:
     def close(self) -> None:
         """Stop publishing."""
         self._node.destroy_publisher(self.publisher)
+
+
+def _can_be(decode: Callable[[list[bytes]], Any], message: bytes) -> bool:
+    try:
+        decode([message])
+    except CdrError:
+        return False
+    return True
 
 
 def _never_called(message: bytes) -> None:

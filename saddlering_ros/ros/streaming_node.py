@@ -14,7 +14,6 @@ from saddlering_ros.ros.diagnostics import Task, to_message
 from saddlering_ros.ros.lockstep import progress_of, PROGRESS_QOS, PROGRESS_TOPIC
 from saddlering_ros.ros.parameters import declare, Parameter
 from saddlering_ros.ros.raw_topics import RawPublisher, RawSubscription, RELIABILITIES
-from saddlering_ros.streams.wire import WireError
 
 HEARTBEAT = 0.2
 """An idle node repeats its progress, and looks at its publishers, this often [s]."""
@@ -164,11 +163,7 @@ class StreamingNode(LifecycleNode):
     def work(self) -> None:
         """Deal with what has arrived."""
         if self.active:
-            try:
-                self.process_batch()
-            except WireError as problem:
-                self.get_logger().error(f'messages dropped that are not what they should be: '
-                                        f'{problem}', throttle_duration_sec=1.0)
+            self.process_batch()
             self._untold = True
             self._tell(time.monotonic(), PROGRESS_PERIOD)
 

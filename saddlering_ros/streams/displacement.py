@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from saddlering_ros.bags import AlignedRow, StreamAligner
+from saddlering_ros.bags.cdr import SECOND
 from saddlering_ros.rig import (
     gap_increment,
     probes_to_displacement,
@@ -14,7 +15,7 @@ from saddlering_ros.rig import (
     ZeroReading,
     ZeroWindow,
 )
-from saddlering_ros.streams.wire import Displacements, join, no_displacements, Samples, SECOND
+from saddlering_ros.streams.batches import Displacements, join, no_displacements, Samples
 
 
 class DisplacementStream:

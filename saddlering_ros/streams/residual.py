@@ -7,8 +7,15 @@ from dataclasses import dataclass, fields
 import numpy as np
 
 from saddlering_ros.bags.alignment import JITTER_NS
+from saddlering_ros.bags.cdr import SECOND
 from saddlering_ros.rig.zeroing import FEWEST_SAMPLES, STEADY_SHARE, WINDOW_SECONDS
-from saddlering_ros.streams.wire import Displacements, join, no_displacements, SECOND
+from saddlering_ros.streams.batches import (
+    Displacements,
+    in_order,
+    join,
+    no_displacements,
+    pick,
+)
 
 KEEP_NS = 2 * SECOND
 """A sample this far behind the newest match will find no partner any more."""
@@ -72,12 +79,6 @@ class _Side:
         self.waiting = pick(self.waiting, np.flatnonzero(keep))
         given_up, self.given_up = self.given_up, 0
         return int(old.sum()) + given_up
-
-
-def pick(batch: Displacements, rows: np.ndarray) -> Displacements:
-    """The given rows of a batch."""
-    return Displacements(batch.stamps[rows], batch.channels[:, rows], batch.zero_stamps[rows],
-                         batch.zero_loads[rows])
 
 
 class ResidualStream:
@@ -186,7 +187,3 @@ def _difference(measured: Displacements, simulated: Displacements) -> Displaceme
     return Displacements(measured.stamps, measured.channels - simulated.channels,
                          measured.zero_stamps, measured.zero_loads)
 
-
-def in_order(batch: Displacements) -> Displacements:
-    """The same rows by stamp."""
-    return pick(batch, np.argsort(batch.stamps, kind='stable'))

@@ -11,9 +11,10 @@ import numpy as np
 
 from saddlering_ros.bags import seconds
 from saddlering_ros.bags.alignment import JITTER_NS
+from saddlering_ros.bags.cdr import SECOND
 from saddlering_ros.rig import CHANNELS, ParameterSet, Rig
 from saddlering_ros.ring import RingSimulator, SimulatedSample
-from saddlering_ros.streams.wire import Displacements, no_displacements, Samples, SECOND
+from saddlering_ros.streams.batches import Displacements, no_displacements, Samples
 
 LONGEST_HOLD_NS = 50_000_000
 """No load sample is held back longer than this to let an earlier one overtake it."""

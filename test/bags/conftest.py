@@ -12,7 +12,7 @@ import pytest
 from raw_messages import cdr
 
 from saddlering_ros.bags import LOAD_TOPIC, PROBE_TOPICS, TestFacts, write_bag
-from saddlering_ros.bags.topics import TYPE_OF_TOPIC
+from saddlering_ros.bags.topics import TOPICS
 from saddlering_ros.rig import default_rig, TONNE
 
 EPOCH = 1_700_000_000_000_000_000
@@ -75,7 +75,7 @@ def write_raw(
 
     order: sort key of (topic, stamp, index); log_time: function of (topic, stamp, index).
     """
-    types = TYPE_OF_TOPIC if types is None else types
+    types = types or {name: topic.type for name, topic in TOPICS.items()}
     with path.open('wb') as file:
         writer = Writer(
             file, chunk_size=chunk_size, compression=compression, use_chunking=chunked,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import struct
 
 from saddlering_ros.bags import LOAD_TOPIC
-from saddlering_ros.bags.topics import FRAME_OF_TOPIC
+from saddlering_ros.bags.topics import TOPICS
 
 SPAN = (0.0, 2e-3)
 
@@ -14,7 +14,7 @@ def cdr(topic: str, stamp: int, value: float, *, big: bool = False, version: int
         frame: str | None = None, span: tuple[float, float] = SPAN) -> bytes:
     """One message of a rig topic, written field by field."""
     order = '>' if big else '<'
-    frame_id = (FRAME_OF_TOPIC[topic] if frame is None else frame).encode() + b'\0'
+    frame_id = (TOPICS[topic].frame_id if frame is None else frame).encode() + b'\0'
     body = struct.pack(f'{order}iII', stamp // 10 ** 9, stamp % 10 ** 9, len(frame_id)) + frame_id
     if topic == LOAD_TOPIC:
         body += bytes(-len(body) % (8 if version == 1 else 4))

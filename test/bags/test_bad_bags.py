@@ -10,10 +10,11 @@ import pytest
 import yaml
 
 from saddlering_ros.bags import bag_info, BagError, LOAD_TOPIC, PROBE_TOPICS, read_run, TestRun
-from saddlering_ros.bags.topics import TYPE_OF_TOPIC
+from saddlering_ros.bags.topics import TOPICS
 from saddlering_ros.rig import TONNE
 
 PROBE = PROBE_TOPICS[2]
+TYPES = {name: topic.type for name, topic in TOPICS.items()}
 
 
 def refusal(path, **options) -> str:
@@ -82,11 +83,11 @@ def test_a_missing_topic(tmp_path, recording, raw, topic):
 
 @pytest.mark.parametrize('topic', [LOAD_TOPIC, PROBE])
 def test_a_wrong_message_type(tmp_path, recording, raw, topic):
-    types = TYPE_OF_TOPIC | {topic: 'std_msgs/msg/Float64'}
+    types = {**TYPES, topic: 'std_msgs/msg/Float64'}
     line = refusal(raw(tmp_path / 'bag.mcap', recording, types=types))
     assert topic in line
     assert 'std_msgs/msg/Float64' in line
-    assert TYPE_OF_TOPIC[topic] in line
+    assert TYPES[topic] in line
 
 
 def test_another_encoding(tmp_path, recording, raw):

@@ -18,7 +18,7 @@ import zstandard
 from saddlering_ros.bags import bag_info, BagError, LOAD_TOPIC, PROBE_TOPICS, read_run
 from saddlering_ros.bags.directory import INFORMATION
 from saddlering_ros.bags.plateaus import plateaus
-from saddlering_ros.bags.topics import TYPE_OF_TOPIC
+from saddlering_ros.bags.topics import TOPICS
 from saddlering_ros.rig import default_rig, TONNE
 
 QUICK = settings(
@@ -158,7 +158,7 @@ def bomb_of_chunks(path: Path, chunks: int) -> Path:
                         index_types=IndexType.NONE, use_statistics=False, repeat_channels=False,
                         repeat_schemas=False)
         writer.start()
-        schema = writer.register_schema(TYPE_OF_TOPIC[LOAD_TOPIC], 'ros2msg', b'')
+        schema = writer.register_schema(TOPICS[LOAD_TOPIC].type, 'ros2msg', b'')
         channel = writer.register_channel(LOAD_TOPIC, 'cdr', schema)
         data = cdr(LOAD_TOPIC, 10 ** 18, 1e5)
         for _ in range(chunks * 4 * MEGABYTE // (len(data) + 31)):

@@ -158,7 +158,8 @@ from pathlib import Path
 import numpy as np
 from saddlering_ros.bags import LOAD_TOPIC, PROBE_TOPICS, TestFacts
 from saddlering_ros.bags.recording import BagRecording
-from saddlering_ros.streams.wire import encode_gaps, encode_loads, Samples
+from saddlering_ros.streams.batches import encode_samples, Samples
+from saddlering_ros.bags.topics import LOAD, PROBES
 from saddlering_ros.errors import SaddleringError
 kinds = {LOAD_TOPIC: 'geometry_msgs/msg/WrenchStamped',
          **dict.fromkeys(PROBE_TOPICS, 'sensor_msgs/msg/Range')}
@@ -172,10 +173,11 @@ try:
             print(stamp, flush=True)
             if stamp == killed:
                 os.kill(os.getpid(), signal.SIGKILL)
-            bag.write(LOAD_TOPIC, stamp, *encode_loads(Samples(at, rest.normal(1e5, 1e3, 1)), ''))
-            for topic in PROBE_TOPICS:
+            load = Samples(at, rest.normal(1e5, 1e3, 1))
+            bag.write(LOAD_TOPIC, stamp, *encode_samples(load, LOAD, ''))
+            for topic in PROBES:
                 gap = Samples(at, rest.normal(1e-3, 1e-5, 1), 0.0, 2e-3)
-                bag.write(topic, stamp, *encode_gaps(gap, ''))
+                bag.write(topic.name, stamp, *encode_samples(gap, topic, ''))
 except SaddleringError as problem:
     print(problem)
 """

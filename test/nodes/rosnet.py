@@ -19,9 +19,10 @@ from sensor_msgs.msg import Range
 
 from saddlering_interfaces.msg import ReplayProgress, RingDisplacement
 from saddlering_ros.bags import LOAD_TOPIC, PROBE_TOPICS
+from saddlering_ros.bags.topics import LOAD, PROBES
 from saddlering_ros.ros.lockstep import PROGRESS_TOPIC
 from saddlering_ros.ros.raw_topics import RawPublisher, RawSubscription, stream_qos
-from saddlering_ros.streams import wire
+from saddlering_ros.streams import batches
 
 OUTPUTS = ('/ring/displacement', '/ring/simulated_displacement', '/ring/residual')
 
@@ -74,10 +75,10 @@ class Client:
                             self.warnings.append(f'{status.name}: {status.message}')
             time.sleep(0.002)
 
-    def heard(self, topic: str) -> wire.Displacements:
+    def heard(self, topic: str) -> batches.Displacements:
         """All displacements heard on `topic` so far."""
         with self.lock:
-            return wire.decode_displacements(list(self.raw[topic]))
+            return batches.decode_displacements(list(self.raw[topic]))
 
     def forget(self) -> None:
         """Forget what was heard."""
@@ -158,13 +159,13 @@ class Driver:
 
     def send_load(self, stamps: np.ndarray, load: np.ndarray) -> None:
         if len(stamps):
-            self.load.send(wire.encode_loads(wire.Samples(stamps, load), 'hydraulic_cylinder'),
+            self.load.send(batches.encode_samples(batches.Samples(stamps, load), LOAD),
                            int(stamps[-1]))
 
     def send_gap(self, probe: int, stamps: np.ndarray, gaps: np.ndarray) -> None:
         if len(stamps):
-            samples = wire.Samples(stamps, gaps, 0.0, 2e-3)
-            self.probes[probe].send(wire.encode_gaps(samples, f'eddy_current_{probe + 1}'),
+            samples = batches.Samples(stamps, gaps, 0.0, 2e-3)
+            self.probes[probe].send(batches.encode_samples(samples, PROBES[probe]),
                                     int(stamps[-1]))
 
     def send(self, record: Any, rows: Any = slice(None), pace: int = 50) -> None:

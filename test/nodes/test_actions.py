@@ -18,16 +18,16 @@ from saddlering_ros.rig import default_rig
 from saddlering_ros.ros.errors import NodeError
 from saddlering_ros.ros.launcher import NodeGroup
 from saddlering_ros.ros.roots import below
-from saddlering_ros.streams import wire
+from saddlering_ros.streams import batches
 from saddlering_ros.streams.displacement import DisplacementStream
 
 pytestmark = pytest.mark.ros
 
 
-def offline_displacement(record: Any) -> wire.Displacements:
+def offline_displacement(record: Any) -> batches.Displacements:
     return DisplacementStream(default_rig()).push(
-        wire.Samples(record.stamps, record.load),
-        [wire.Samples(stamps, gaps) for stamps, gaps in
+        batches.Samples(record.stamps, record.load),
+        [batches.Samples(stamps, gaps) for stamps, gaps in
          zip(record.probe_stamps, record.gaps, strict=True)])
 
 

@@ -12,7 +12,7 @@ from std_srvs.srv import Trigger
 
 from saddlering_ros.rig import default_rig
 from saddlering_ros.ros.launcher import NodeGroup, RING_NODES
-from saddlering_ros.streams import wire
+from saddlering_ros.streams import batches
 from saddlering_ros.streams.displacement import DisplacementStream
 
 pytestmark = pytest.mark.ros
@@ -32,11 +32,11 @@ def settle(heard: Client, seconds: float = 1.5) -> None:
         time.sleep(seconds)
 
 
-def offline(record, rows=slice(None)) -> wire.Displacements:
+def offline(record, rows=slice(None)) -> batches.Displacements:
     stamps = record.stamps[rows]
     return DisplacementStream(default_rig()).push(
-        wire.Samples(stamps, record.load[rows]),
-        [wire.Samples(record.probe_stamps[probe][rows],
+        batches.Samples(stamps, record.load[rows]),
+        [batches.Samples(record.probe_stamps[probe][rows],
                       np.float64(np.float32(record.gaps[probe][rows]))) for probe in range(4)])
 
 

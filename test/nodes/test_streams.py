@@ -6,17 +6,17 @@ import numpy as np
 import pytest
 
 from saddlering_ros.rig import default_rig, FULL_SCALE_LOAD, ParameterSet, TRUE_TO_SCALE
-from saddlering_ros.streams import wire
+from saddlering_ros.streams.batches import Displacements, join, pick, Samples
 from saddlering_ros.streams.displacement import DisplacementStream
-from saddlering_ros.streams.residual import pick, ResidualStream
+from saddlering_ros.streams.residual import ResidualStream
 from saddlering_ros.streams.simulation import SimulationStream
 
 RIG = default_rig()
-NONE = wire.Samples(np.empty(0, np.int64), np.empty(0))
+NONE = Samples(np.empty(0, np.int64), np.empty(0))
 
 
-def samples(stamps: np.ndarray, values: np.ndarray) -> wire.Samples:
-    return wire.Samples(np.asarray(stamps, np.int64), np.asarray(values, float))
+def samples(stamps: np.ndarray, values: np.ndarray) -> Samples:
+    return Samples(np.asarray(stamps, np.int64), np.asarray(values, float))
 
 
 def measure(record, rows=slice(None), stream=None, pace=40, keep=None):
@@ -33,14 +33,14 @@ def measure(record, rows=slice(None), stream=None, pace=40, keep=None):
             samples(record.stamps[load], record.load[load]),
             [samples(record.probe_stamps[probe][rows_], record.gaps[probe][rows_])
              for probe, rows_ in enumerate(gaps)]))
-    return stream, wire.join([batch for batch in batches if len(batch)])
+    return stream, join([batch for batch in batches if len(batch)])
 
 
 def simulation(**options) -> SimulationStream:
     return SimulationStream(RIG, ParameterSet(TRUE_TO_SCALE), np.radians(50.0), **options)
 
 
-def values_at(batch: wire.Displacements) -> dict[int, tuple[float, ...]]:
+def values_at(batch: Displacements) -> dict[int, tuple[float, ...]]:
     return dict(zip(batch.stamps.tolist(), map(tuple, batch.channels.T.tolist()), strict=True))
 
 
@@ -131,7 +131,7 @@ def test_loads_that_overtake_are_simulated_in_order_after_the_first_late_one(rec
     stream = simulation()
     batches = [stream.push(samples(record.stamps[[row]], record.load[[row]])) for row in order]
     batches.append(stream.flush())
-    found = wire.join([batch for batch in batches if len(batch)])
+    found = join([batch for batch in batches if len(batch)])
     assert stream.counters.late == 1
     assert len(found) == len(fresh) - 1
     assert (np.diff(found.stamps) > 0).all()
@@ -148,35 +148,35 @@ def test_a_zero_asked_for_restarts_the_simulation_at_that_load(record) -> None:
     assert np.array_equal(states.stamps, stamps)
 
 
-def pair(stamps, value: float, zero: int = 5, zero_load: float = 100.0) -> wire.Displacements:
+def pair(stamps, value: float, zero: int = 5, zero_load: float = 100.0) -> Displacements:
     stamps = np.asarray(stamps, np.int64)
     channels = np.full((4, len(stamps)), value) + stamps * 1e-12
-    return wire.Displacements(stamps, channels, np.full(len(stamps), zero, np.int64),
+    return Displacements(stamps, channels, np.full(len(stamps), zero, np.int64),
                               np.full(len(stamps), zero_load))
 
 
 def test_only_equal_stamps_are_subtracted_whatever_the_order_of_arrival() -> None:
     rng = np.random.default_rng(1)
-    join = ResidualStream(FULL_SCALE_LOAD)
+    stream = ResidualStream(FULL_SCALE_LOAD)
     stamps = np.arange(1, 2001) * 1_000_000
     ours, theirs = stamps[rng.random(2000) > 0.1], stamps[rng.random(2000) > 0.1]
     found = []
     for start in range(0, 2000, 100):
-        found.append(join.push(pair(ours[start:start + 100], 3.0),
+        found.append(stream.push(pair(ours[start:start + 100], 3.0),
                                pair(rng.permutation(theirs[start:start + 100]), 1.0)))
-    together = wire.join([batch for batch in found if len(batch)])
+    together = join([batch for batch in found if len(batch)])
     assert sorted(together.stamps.tolist()) == np.intersect1d(ours, theirs).tolist()
     assert np.allclose(together.channels, 2.0, rtol=0.0, atol=1e-12)
 
 
 def test_a_side_whose_partner_is_gone_waits_in_bounded_memory() -> None:
-    join = ResidualStream(FULL_SCALE_LOAD)
+    stream = ResidualStream(FULL_SCALE_LOAD)
     for start in range(0, 60_000, 1000):
         stamps = np.arange(start, start + 1000) * 1_000_000 + 1
-        join.push(pair(stamps, 3.0), pair([], 1.0))
-    assert join.waiting == (20_000, 0)
-    assert len(join.push(pair([], 3.0), pair(stamps, 1.0))) == 1000
-    assert join.counters.measured_alone >= 40_000
+        stream.push(pair(stamps, 3.0), pair([], 1.0))
+    assert stream.waiting == (20_000, 0)
+    assert len(stream.push(pair([], 3.0), pair(stamps, 1.0))) == 1000
+    assert stream.counters.measured_alone >= 40_000
 
 
 @pytest.mark.parametrize('restarted', ['measured', 'simulated'])
@@ -191,29 +191,29 @@ def test_a_side_that_zeroed_anew_is_joined_by_what_the_other_did_meanwhile(resta
         new = name == restarted
         rows = slice(2000, None) if new else slice(None)
         count = len(stamps[rows])
-        sides[name] = wire.Displacements(
+        sides[name] = Displacements(
             stamps[rows], np.tile(series[rows] - (series[window].mean() if new else 0.0), (4, 1)),
             np.full(count, zero if new else 5), np.full(count, 100.0))
-    join = ResidualStream(FULL_SCALE_LOAD)
+    stream = ResidualStream(FULL_SCALE_LOAD)
     found = []
     for start in range(0, 4000, 130):
         part = {name: pick(side, np.flatnonzero(
             (side.stamps > start * 1_000_000) & (side.stamps <= (start + 130) * 1_000_000)))
             for name, side in sides.items()}
-        found.append(join.push(part['measured'], part['simulated']))
-    together = wire.join([batch for batch in found if len(batch)])
+        found.append(stream.push(part['measured'], part['simulated']))
+    together = join([batch for batch in found if len(batch)])
     assert together.stamps[0] <= stamps[2502]
     assert together.stamps[-1] == stamps[-1]
     assert set(together.zero_stamps.tolist()) == {zero}
     drift = together.stamps * 1e-9 - (stamps[window] * 1e-9).mean()
     assert np.allclose(together.channels, drift, rtol=0.0, atol=1e-9)
-    assert join.zeros_agree
+    assert stream.zeros_agree
 
 
 @pytest.mark.parametrize('other', [{'zero': 5 + 600_000_000}, {'zero_load': 5000.0}])
 def test_displacements_from_different_zeros_are_not_subtracted(other) -> None:
-    join = ResidualStream(FULL_SCALE_LOAD)
+    stream = ResidualStream(FULL_SCALE_LOAD)
     stamps = np.arange(1, 11) * 1_000_000
-    assert len(join.push(pair(stamps, 3.0), pair(stamps, 1.0, **other))) == 0
-    assert join.counters.zero_differs == 10
-    assert not join.zeros_agree
+    assert len(stream.push(pair(stamps, 3.0), pair(stamps, 1.0, **other))) == 0
+    assert stream.counters.zero_differs == 10
+    assert not stream.zeros_agree

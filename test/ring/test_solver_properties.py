@@ -30,8 +30,8 @@ from saddlering_ros.ring import (
     static_batch,
 )
 from saddlering_ros.ring.kernels import integration
+from saddlering_ros.streams.batches import Samples
 from saddlering_ros.streams.simulation import SimulationStream
-from saddlering_ros.streams.wire import Samples
 
 BASE = default_rig()
 QUICK = settings(max_examples=40, deadline=None, derandomize=True, database=None)

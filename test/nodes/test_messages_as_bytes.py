@@ -10,7 +10,16 @@ from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import Range
 
 from saddlering_interfaces.msg import RingDisplacement
-from saddlering_ros.streams import wire
+from saddlering_ros.bags.cdr import CdrError
+from saddlering_ros.bags.topics import LOAD, PROBES
+from saddlering_ros.streams.batches import (
+    decode_displacements,
+    decode_samples,
+    Displacements,
+    encode_displacements,
+    encode_samples,
+    Samples,
+)
 
 STAMPS = np.array([1_700_000_000_123_456_789, 1_700_000_001_999_999_999, -5], dtype=np.int64)
 VALUES = np.array([1.25e5, -3.5, 0.1])
@@ -23,7 +32,7 @@ def stamp_of(time: Time) -> int:
 
 @pytest.mark.parametrize('frame', FRAMES)
 def test_loads_are_read_by_ros_as_written(frame: str) -> None:
-    for raw, stamp, value in zip(wire.encode_loads(wire.Samples(STAMPS, VALUES), frame), STAMPS,
+    for raw, stamp, value in zip(encode_samples(Samples(STAMPS, VALUES), LOAD, frame), STAMPS,
                                  VALUES, strict=True):
         message = deserialize_message(raw, WrenchStamped)
         assert message.header.frame_id == frame
@@ -34,14 +43,14 @@ def test_loads_are_read_by_ros_as_written(frame: str) -> None:
 
 @pytest.mark.parametrize('frame', FRAMES)
 def test_gaps_are_read_by_ros_as_written_and_back(frame: str) -> None:
-    samples = wire.Samples(STAMPS, VALUES.astype(np.float32).astype(float), 0.0, 2.0)
-    messages = wire.encode_gaps(samples, frame)
+    samples = Samples(STAMPS, VALUES.astype(np.float32).astype(float), 0.0, 2.0)
+    messages = encode_samples(samples, PROBES[0], frame)
     for raw, stamp, value in zip(messages, STAMPS, samples.values, strict=True):
         message = deserialize_message(raw, Range)
         assert (message.header.frame_id, message.range) == (frame, value)
         assert stamp_of(message.header.stamp) == stamp
         assert (message.min_range, message.max_range) == (0.0, 2.0)
-    again = wire.decode_gaps(messages)
+    again = decode_samples(messages, PROBES[0])
     assert np.array_equal(again.stamps, STAMPS)
     assert np.array_equal(again.values, samples.values)
     assert (again.low, again.high) == (0.0, 2.0)
@@ -49,8 +58,8 @@ def test_gaps_are_read_by_ros_as_written_and_back(frame: str) -> None:
 
 @pytest.mark.parametrize('frame', FRAMES)
 def test_displacements_are_the_same_bytes_a_message_has(frame: str) -> None:
-    batch = wire.Displacements(STAMPS, np.arange(12.0).reshape(4, 3) / 7.0, STAMPS[::-1], VALUES)
-    messages = wire.encode_displacements(batch, frame)
+    batch = Displacements(STAMPS, np.arange(12.0).reshape(4, 3) / 7.0, STAMPS[::-1], VALUES)
+    messages = encode_displacements(batch, frame)
     for index, raw in enumerate(messages):
         message = deserialize_message(raw, RingDisplacement)
         assert message.header.frame_id == frame
@@ -58,7 +67,7 @@ def test_displacements_are_the_same_bytes_a_message_has(frame: str) -> None:
         assert message.zero_load == batch.zero_loads[index]
         given = (message.delta_x, message.delta_y, message.gamma, message.parity)
         assert given == tuple(batch.channels[:, index])
-    again = wire.decode_displacements([
+    again = decode_displacements([
         serialize_message(deserialize_message(raw, RingDisplacement)) for raw in messages])
     assert np.array_equal(again.channels, batch.channels)
     assert np.array_equal(again.zero_stamps, batch.zero_stamps)
@@ -72,13 +81,14 @@ def test_messages_of_different_frames_are_read_in_their_order() -> None:
         one.header.stamp.nanosec = index
         one.wrench.force.x = float(index)
         messages.append(serialize_message(one))
-    samples = wire.decode_loads(messages)
+    samples = decode_samples(messages, LOAD)
     assert samples.stamps.tolist() == list(range(30))
     assert samples.values.tolist() == list(range(30))
 
 
 @pytest.mark.parametrize('raw', [b'', b'\x00\x01\x00\x00', b'\x00\x01\x00\x00' + b'\xff' * 40,
-                                 b'\x00\x00\x00\x00' + bytes(60)])
+                                 b'\x00\x02\x00\x00' + bytes(60),
+                                 b'\x00\x01\x00\x00' + bytes(4) + b'\xff' * 4 + bytes(60)])
 def test_bytes_of_something_else_are_refused(raw: bytes) -> None:
-    with pytest.raises(wire.WireError):
-        wire.decode_loads([raw])
+    with pytest.raises(CdrError):
+        decode_samples([raw], LOAD)

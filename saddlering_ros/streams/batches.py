@@ -1,0 +1,135 @@
+"""Samples and ring displacements in batches, to and from the bytes of their messages."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+import struct
+
+import numpy as np
+from numpy.typing import NDArray
+
+from saddlering_ros.bags.cdr import decode_list, encode_list, readings_of, SECOND
+from saddlering_ros.bags.layouts import DISPLACEMENT_TYPE
+from saddlering_ros.bags.topics import RigTopic
+
+Stamps = NDArray[np.int64]
+Floats = NDArray[np.float64]
+
+CHANNEL_FIELDS = ('delta_x', 'delta_y', 'gamma', 'parity')
+_ZERO_FIELDS = ('zero_stamp.sec', 'zero_stamp.nanosec', 'zero_load')
+
+
+@dataclass(frozen=True)
+class Samples:
+    """Readings of one topic: stamps (N,) [ns], values (N,), the ends of its range (or NaN)."""
+
+    stamps: Stamps
+    values: Floats
+    low: float = float('nan')
+    high: float = float('nan')
+
+    def __len__(self) -> int:
+        return len(self.stamps)
+
+
+@dataclass(frozen=True)
+class Displacements:
+    """A batch of ring displacements.
+
+    stamps (N,) [ns]; channels (4, N): delta_x, delta_y [m], gamma [rad], parity [m];
+    zero_stamps (N,) [ns] and zero_loads (N,) [N]: the zero they count from.
+    """
+
+    stamps: Stamps
+    channels: Floats
+    zero_stamps: Stamps
+    zero_loads: Floats
+
+    def __len__(self) -> int:
+        return len(self.stamps)
+
+
+def no_samples() -> Samples:
+    """An empty batch of samples."""
+    return Samples(np.empty(0, np.int64), np.empty(0))
+
+
+def no_displacements() -> Displacements:
+    """An empty batch of displacements."""
+    return Displacements(np.empty(0, np.int64), np.empty((4, 0)), np.empty(0, np.int64),
+                         np.empty(0))
+
+
+def join(batches: Sequence[Displacements]) -> Displacements:
+    """Several batches as one."""
+    if len(batches) == 1:
+        return batches[0]
+    if not batches:
+        return no_displacements()
+    return Displacements(
+        np.concatenate([batch.stamps for batch in batches]),
+        np.concatenate([batch.channels for batch in batches], axis=1),
+        np.concatenate([batch.zero_stamps for batch in batches]),
+        np.concatenate([batch.zero_loads for batch in batches]))
+
+
+def pick(batch: Displacements, rows: np.ndarray) -> Displacements:
+    """The given rows of a batch."""
+    return Displacements(batch.stamps[rows], batch.channels[:, rows], batch.zero_stamps[rows],
+                         batch.zero_loads[rows])
+
+
+def in_order(batch: Displacements) -> Displacements:
+    """The same rows by stamp."""
+    return pick(batch, np.argsort(batch.stamps, kind='stable'))
+
+
+def decode_samples(messages: Sequence[bytes], topic: RigTopic) -> Samples:
+    """Readings of a topic of the rig, with the range that the last message states."""
+    if not messages:
+        return no_samples()
+    found = readings_of(decode_list(messages, topic.type, topic.fields), topic)
+    low, high = found.spans[-1].tolist() if topic.low else (float('nan'), float('nan'))
+    return Samples(found.stamps, found.values, low, high)
+
+
+def encode_samples(samples: Samples, topic: RigTopic, frame_id: str | None = None) -> list[bytes]:
+    """Messages of a topic of the rig; the frame id is the topic's own unless one is given."""
+    fields: dict[str, Floats | float] = {topic.field: samples.values}
+    if topic.low:
+        fields |= {topic.low: samples.low, topic.high: samples.high}
+    return encode_list(topic.type, topic.frame_id if frame_id is None else frame_id,
+                       samples.stamps, fields)
+
+
+def decode_displacements(messages: Sequence[bytes]) -> Displacements:
+    """A batch from saddlering_interfaces/RingDisplacement messages."""
+    if not messages:
+        return no_displacements()
+    found = decode_list(messages, DISPLACEMENT_TYPE, (*CHANNEL_FIELDS, *_ZERO_FIELDS))
+    fields = found.fields
+    zero = fields['zero_stamp.sec'].astype(np.int64) * SECOND + fields['zero_stamp.nanosec']
+    return Displacements(
+        found.stamps, np.stack([fields[name] for name in CHANNEL_FIELDS]).astype(np.float64),
+        zero, fields['zero_load'].astype(np.float64))
+
+
+def encode_displacements(batch: Displacements, frame_id: str) -> list[bytes]:
+    """saddlering_interfaces/RingDisplacement messages of `batch`."""
+    second, nanosecond = np.divmod(batch.zero_stamps, SECOND)
+    channels = dict(zip(CHANNEL_FIELDS, batch.channels, strict=True))
+    return encode_list(DISPLACEMENT_TYPE, frame_id, batch.stamps, {
+        **channels, 'zero_stamp.sec': second, 'zero_stamp.nanosec': nanosecond,
+        'zero_load': batch.zero_loads})
+
+
+def decode_clock(message: bytes) -> int:
+    """The time [ns] of a rosgraph_msgs/Clock message."""
+    second, nanosecond = struct.unpack_from('<iI', message, 4)
+    return int(second) * SECOND + int(nanosecond)
+
+
+def encode_clock(now: int) -> bytes:
+    """A rosgraph_msgs/Clock message of the time `now` [ns]."""
+    return b'\x00\x01\x00\x00' + struct.pack('<iI', *divmod(now, SECOND))
