@@ -46,7 +46,8 @@ def drive(speed: float) -> None:
             stamps = start + np.round(index / rate * 1e9).astype(np.int64)
             place = np.round(index / speed).astype(int) % count
             low, high = RIG.probes.min_range, RIG.probes.max_range
-            flows[0].send(batches.encode_samples(batches.Samples(stamps, truth.load[place]), LOAD), int(stamps[-1]))
+            load = batches.Samples(stamps, truth.load[place])
+            flows[0].send(batches.encode_samples(load, LOAD), int(stamps[-1]))
             for number, flow in enumerate(flows[1:]):
                 samples = batches.Samples(stamps, truth.gaps[number][place], low, high)
                 flow.send(batches.encode_samples(samples, PROBES[number]),
