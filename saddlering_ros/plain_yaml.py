@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 import re
+import stat
 from typing import Any
 
 import yaml
+
+from saddlering_ros.errors import SaddleringError
 
 LARGEST = 1 << 20
 """Longest text that is read [characters]."""
@@ -21,28 +25,158 @@ _LOADER = getattr(yaml, 'CSafeLoader', yaml.SafeLoader)
 
 _NUMBER = re.compile(r'[-+0-9_:.]+')
 
+_UNCLEAR_NUMBER = re.compile(
+    r'[-+]?(?:0[0-9_]+|0[bxo][0-9a-fA-F_]+|[0-9][0-9_]*_[0-9_]*|[0-9]+(?::[0-5]?[0-9])+)')
+"""0110 is 72 to YAML 1.1 and to ROS, 110 to YAML 1.2; 1:30 is 90; 1_000 is text to ROS."""
+
+
+class YamlRefused(yaml.YAMLError):
+    """The text is YAML, but it holds something that is not accepted; `line` counts from 1."""
+
+    def __init__(self, reason: str, line: int | None = None) -> None:
+        super().__init__(reason)
+        self.reason = reason
+        self.line = line
+
 
 def parse_yaml(text: str) -> Any:
     """The one document of `text`; YAMLError for whatever cannot be read or should not be."""
-    if len(text) > LARGEST:
-        raise yaml.YAMLError(f'longer than {LARGEST} characters')
+    return _parse(text, _Safety())
+
+
+def parse_strict_yaml(text: str) -> Any:
+    """As `parse_yaml`; duplicate keys and numbers that readers take differently are refused."""
+    return _parse(text, _Strictness())
+
+
+def read_strict_yaml(path: Path | str, error: type[SaddleringError]) -> Any:
+    """The one document of the file at `path`, read by `parse_strict_yaml`.
+
+    Raises `error` with one line that names the file, the line and the reason. Only regular files
+    of at most LARGEST bytes are opened: a pipe would block and a device would never end.
+    """
+    text = _read_text(Path(path), error)
     try:
-        _check_events(text)
+        return parse_strict_yaml(text)
+    except YamlRefused as problem:
+        line = f', line {problem.line}' if problem.line is not None else ''
+        raise error(f'{path}{line}: {problem.reason}') from problem
+    except yaml.YAMLError as problem:
+        mark = getattr(problem, 'problem_mark', None)
+        line = f', line {mark.line + 1}' if mark is not None else ''
+        reason = getattr(problem, 'problem', None)
+        beside = f' ({reason})' if reason else ''
+        raise error(f'{path}{line}: is not YAML{beside}: correct the file') from problem
+
+
+def _read_text(path: Path, error: type[SaddleringError]) -> str:
+    try:
+        mode = path.stat().st_mode
+        if not stat.S_ISREG(mode):
+            kind = 'a directory' if stat.S_ISDIR(mode) else 'a pipe or device'
+            raise error(f'{path}: cannot be read ({kind}): give the path of a regular file')
+        with path.open('rb') as file:
+            data = file.read(LARGEST + 1)
+        if len(data) > LARGEST:
+            raise error(f'{path}: is larger than {LARGEST >> 20} MB, the limit for such files: '
+                        'check the path')
+        return data.decode('utf-8')
+    except (OSError, UnicodeDecodeError, ValueError) as problem:
+        if isinstance(problem, SaddleringError):
+            raise
+        reason = getattr(problem, 'strerror', None) or 'not a text file'
+        raise error(f'{path}: cannot be read ({reason}): check the path') from problem
+
+
+def _parse(text: str, checks: _Safety) -> Any:
+    if len(text) > LARGEST:
+        raise YamlRefused(f'is longer than {LARGEST} characters: check the file')
+    try:
+        for event in yaml.parse(text, _LOADER):
+            checks.see(event)
         return yaml.load(text, _LOADER)
     except (ValueError, LookupError, AttributeError, TypeError, ArithmeticError,
             RecursionError) as problem:  # what the constructors of PyYAML let through
         raise yaml.YAMLError(str(problem)) from problem
 
 
-def _check_events(text: str) -> None:
-    depth = 0
-    for event in yaml.parse(text, _LOADER):
+class _Safety:
+    """Refuses what could take much time or memory, from the stream of YAML events."""
+
+    def __init__(self) -> None:
+        self._depth = 0
+
+    def see(self, event: yaml.Event) -> None:
+        """Check the next event."""
         if isinstance(event, yaml.AliasEvent):
-            raise yaml.YAMLError('aliases, of which a few can stand for very much, are not read')
+            raise _refused(event, 'holds an alias (*name), which is not accepted: write the value '
+                                  'out')
         if isinstance(event, yaml.ScalarEvent) and len(event.value) > LONGEST_NUMBER and \
                 _NUMBER.fullmatch(event.value):
-            raise yaml.YAMLError('a number of very many digits')
-        depth += isinstance(event, yaml.CollectionStartEvent)
-        depth -= isinstance(event, yaml.CollectionEndEvent)
-        if depth > DEEPEST:
-            raise yaml.YAMLError(f'more than {DEEPEST} collections inside each other')
+            raise _refused(event, f'holds a number of more than {LONGEST_NUMBER} digits: '
+                                  'shorten it')
+        self._depth += isinstance(event, yaml.CollectionStartEvent)
+        self._depth -= isinstance(event, yaml.CollectionEndEvent)
+        if self._depth > DEEPEST:
+            raise _refused(event, f'holds more than {DEEPEST} collections inside each other: '
+                                  'correct the file')
+
+
+class _Strictness(_Safety):
+    """Refuses duplicate keys, and numbers that readers take differently, as well."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._open: list[_Collection] = []
+
+    def see(self, event: yaml.Event) -> None:
+        """Check the next event."""
+        super().see(event)
+        if isinstance(event, yaml.CollectionEndEvent):
+            self._open.pop()
+            return
+        if not isinstance(event, (yaml.ScalarEvent, yaml.CollectionStartEvent)):
+            return
+        is_key = bool(self._open) and self._open[-1].next_is_key()
+        if isinstance(event, yaml.ScalarEvent):
+            if is_key:
+                self._check_key(event)
+            self._check_number(event)
+        if isinstance(event, yaml.CollectionStartEvent):
+            self._open.append(_Collection(isinstance(event, yaml.MappingStartEvent)))
+
+    def _check_key(self, event: yaml.ScalarEvent) -> None:
+        keys = self._open[-1].keys
+        if event.value in keys:
+            raise _refused(event, f'the key {event.value!r} stands twice in one section (first in '
+                                  f'line {keys[event.value]}): remove one')
+        keys[event.value] = _line(event)
+
+    def _check_number(self, event: yaml.ScalarEvent) -> None:
+        if event.implicit[0] and _UNCLEAR_NUMBER.fullmatch(event.value):
+            raise _refused(event, f'the number {event.value} is not in plain decimal digits and '
+                                  'would be read differently by different programs: write it '
+                                  'without leading zeros, colons or underscores, or in quotes if '
+                                  'it is text')
+
+
+class _Collection:
+    """A mapping or sequence that is open; of a mapping the keys with their lines."""
+
+    def __init__(self, is_mapping: bool) -> None:
+        self.keys: dict[str, int] = {}
+        self._is_mapping = is_mapping
+        self._children = 0
+
+    def next_is_key(self) -> bool:
+        """Count one more child; whether it is a key of a mapping."""
+        self._children += 1
+        return self._is_mapping and self._children % 2 == 1
+
+
+def _refused(event: yaml.Event, reason: str) -> YamlRefused:
+    return YamlRefused(reason, _line(event))
+
+
+def _line(event: yaml.Event) -> int:
+    return event.start_mark.line + 1 if event.start_mark is not None else 0

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Collection, Sequence
-import difflib
+from collections.abc import Sequence
 import re
 from typing import Any, NoReturn
 
 from saddlering_ros.cli._examples import EXAMPLES
+from saddlering_ros.suggestion import did_you_mean
 
 UNUSABLE = 2
 _CHOICE = re.compile(r"argument (\S+): invalid choice: '(.*?)' \(choose from (.*)\)", re.S)
@@ -27,7 +27,7 @@ class OneLineParser(argparse.ArgumentParser):
         if unknown:
             parser = self._subparser(getattr(found, 'command', None))
             parser.error(f'unknown: {" ".join(unknown)}'
-                         + meant(unknown[0].partition('=')[0], parser.options()))
+                         + did_you_mean(unknown[0].partition('=')[0], parser.options()))
         return found
 
     def options(self) -> list[str]:
@@ -40,7 +40,7 @@ class OneLineParser(argparse.ArgumentParser):
         choice = _CHOICE.fullmatch(message)
         if choice is not None:
             given = re.findall(r"[^\s',]+", choice[3])
-            message = (f'{choice[1]}: there is no {choice[2]!r}{meant(choice[2], given)} '
+            message = (f'{choice[1]}: there is no {choice[2]!r}{did_you_mean(choice[2], given)} '
                        f'({", ".join(given)})')
         self.exit(UNUSABLE, f'{self.prog}: {" ".join(message.split())}; see {self.prog} --help\n')
 
@@ -59,12 +59,6 @@ class HelpFormatter(argparse.HelpFormatter):
         if text.startswith('examples:'):
             return ''.join(indent + line for line in text.splitlines(keepends=True))
         return super()._fill_text(text, width, indent)
-
-
-def meant(word: str, known: Collection[str]) -> str:
-    """': did you mean X?' for the known word most like it; nothing if none is."""
-    found = difflib.get_close_matches(word, known, n=1, cutoff=0.6)
-    return f': did you mean {found[0]}?' if found else ''
 
 
 def examples_text(command: str) -> str:

@@ -18,6 +18,7 @@ from saddlering_ros.rig.description import (
     shipped_rig_file,
     Trunnion,
 )
+from saddlering_ros.rig.digest import rig_digest, short_digest
 from saddlering_ros.rig.errors import RigError
 from saddlering_ros.rig.limits import LoadLimits
 from saddlering_ros.rig.loads import resolve_load, ResolvedLoad
@@ -55,7 +56,7 @@ __all__ = [
     'ZeroReading', 'ZeroWindow', 'check_bounds', 'default_rig', 'displacement_to_probes',
     'force_words', 'gap_increment', 'line_contact_stiffness', 'load_rig',
     'parameters_from_mapping', 'parameters_to_mapping', 'probes_to_displacement',
-    'read_parameters', 'resolve_load', 'rig_from_parameters', 'shipped_rig_file',
-    'stiffness_per_metre', 'stiffness_per_millimetre', 'write_parameters', 'write_text_atomically',
-    'zero_of_record',
+    'read_parameters', 'resolve_load', 'rig_digest', 'rig_from_parameters', 'shipped_rig_file',
+    'short_digest', 'stiffness_per_metre', 'stiffness_per_millimetre', 'write_parameters',
+    'write_text_atomically', 'zero_of_record',
 ]

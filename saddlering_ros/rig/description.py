@@ -10,10 +10,12 @@ from pathlib import Path
 from typing import Any
 
 from saddlering_ros.rig.contact import PARAMETER_NAMES
+from saddlering_ros.rig.digest import rig_digest
 from saddlering_ros.rig.errors import RigError
 from saddlering_ros.rig.limits import LoadLimits
-from saddlering_ros.rig.ros_yaml import read_ros_parameters
+from saddlering_ros.rig.ros_yaml import check_sections, read_ros_parameters
 from saddlering_ros.rig.units import FORCE_UNITS, force_words, FULL_SCALE_LOAD
+from saddlering_ros.suggestion import did_you_mean, refuse_unknown_keys
 
 
 @dataclass(frozen=True)
@@ -93,6 +95,11 @@ class Rig:
         """A load [N] in the unit that the rig file chooses."""
         return force_words(force, self.force_unit, digits)
 
+    @property
+    def digest(self) -> str:
+        """SHA-256 of the canonical description (saddlering_ros/rig/digest.py)."""
+        return rig_digest(self)
+
 
 def default_rig() -> Rig:
     """The rig of the published tests at the project's assumed dimensions."""
@@ -120,13 +127,16 @@ class _Section:
         self._values = dict(values)
         self._name = name
         self._where = where
+        self._known: list[str] = []
 
     def section(self, key: str) -> _Section:
+        self._known.append(key)
         if key not in self._values:
-            raise RigError(f'{self._where}: {self._name}.{key} is missing: add this section')
+            raise self._missing(key, 'section')
         return _Section(self._values.pop(key), f'{self._name}.{key}', self._where)
 
     def has(self, key: str) -> bool:
+        self._known.append(key)
         return key in self._values
 
     def raw(self, key: str) -> Any:
@@ -135,10 +145,11 @@ class _Section:
     def number(self, key: str, low: float = -math.inf, high: float = math.inf,
                default: float | None = None) -> float:
         name = f'{self._name}.{key}'
+        self._known.append(key)
         if key not in self._values and default is not None:
             return default
         if key not in self._values:
-            raise RigError(f'{self._where}: {name} is missing: add this number')
+            raise self._missing(key, 'number')
         value = self._values.pop(key)
         if not _is_number(value):
             raise RigError(f'{self._where}: {name} is {value!r}: give a number')
@@ -156,10 +167,15 @@ class _Section:
         return int(value)
 
     def finish(self) -> None:
-        if self._values:
-            known = ', '.join(sorted(self._values))
-            raise RigError(f'{self._where}: {self._name} has unknown entries ({known}): '
-                           'remove them or correct their spelling')
+        """Refuse the entries that nobody asked for."""
+        refuse_unknown_keys(self._values, self._known, self._name, self._where, RigError)
+
+    def _missing(self, key: str, kind: str) -> RigError:
+        for given in self._values:
+            if did_you_mean(str(given), [key]):
+                return RigError(f'{self._where}: {self._name} has unknown entries ({given}): '
+                                f'did you mean {key}?')
+        return RigError(f'{self._where}: {self._name}.{key} is missing: add this {kind}')
 
 
 def _row(section: _Section, with_height: bool) -> RollerRow:
@@ -215,8 +231,7 @@ def check_bounds(bounds: Mapping[str, Pair], where: str) -> dict[str, Pair]:
 
 def rig_from_parameters(parameters: Mapping[str, Any], where: str) -> Rig:
     """A Rig from the nested parameters of a rig file; `where` names the file in messages."""
-    if 'rig' not in parameters:
-        raise RigError(f'{where}: there is no rig section: see config/rig.yaml for the shape')
+    check_sections(parameters, 'rig', 'see config/rig.yaml for the shape', where, RigError)
     rig = _Section(parameters['rig'], 'rig', where)
     bounds = _Section(parameters.get('bounds', {}), 'bounds', where)
     carriage, trunnion, probes = (rig.section(name) for name in ('carriage', 'trunnion', 'probes'))

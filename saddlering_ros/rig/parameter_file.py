@@ -15,9 +15,14 @@ import yaml
 from saddlering_ros.provenance import Origin
 from saddlering_ros.rig.contact import ContactParameters, PARAMETER_NAMES
 from saddlering_ros.rig.errors import RigError
-from saddlering_ros.rig.ros_yaml import read_ros_parameters
+from saddlering_ros.rig.ros_yaml import check_sections, read_ros_parameters
 from saddlering_ros.rig.units import stiffness_per_millimetre
+from saddlering_ros.suggestion import refuse_unknown_keys
 from saddlering_ros.writing import write_text
+
+SOURCE_KEYS = ('method', 'bags', 'objective', 'covariance', 'note', 'sha256', 'versions',
+               'K1_in_N_per_mm_n', 'K2_in_N_per_mm_n')
+"""Entries of the section `source`."""
 
 Effects = dict[str, dict[str, float]]
 """Extensions of the model: effect id of the catalogue to its parameter values (SI units)."""
@@ -62,9 +67,11 @@ def read_parameters(path: Path | str) -> ParameterSet:
 
 def parameters_from_mapping(parameters: Mapping[str, Any], where: str) -> ParameterSet:
     """A ParameterSet from nested parameters; `where` names the file in messages."""
-    contact = parameters.get('contact')
+    check_sections(parameters, 'contact', 'give contact.{K1,n1,D1,K2,n2,D2}', where, RigError)
+    contact = parameters['contact']
     if not isinstance(contact, Mapping):
-        raise RigError(f'{where}: there is no contact section: give contact.{{K1,n1,D1,K2,n2,D2}}')
+        raise RigError(f'{where}: contact is not a section: give contact.{{K1,n1,D1,K2,n2,D2}}')
+    refuse_unknown_keys(contact, PARAMETER_NAMES, 'contact', where, RigError)
     missing = [name for name in PARAMETER_NAMES if name not in contact]
     if missing:
         raise RigError(f'{where}: contact.{missing[0]} is missing: give all of K1,n1,D1,K2,n2,D2')
@@ -100,8 +107,11 @@ def _effects(section: Any, where: str) -> Effects:
 
 
 def _source(section: Any, where: str) -> ParameterSource:
+    if isinstance(section, str) or section is None:
+        return ParameterSource(note=section or '')
     if not isinstance(section, Mapping):
-        return ParameterSource(note=str(section) if section else '')
+        raise RigError(f'{where}: source is {section!r}: give a section or a text')
+    refuse_unknown_keys(section, SOURCE_KEYS, 'source', where, RigError)
     covariance = section.get('covariance')
     is_whole = isinstance(covariance, list) and len(covariance) in (0, 36)
     if covariance is not None and not is_whole:
@@ -114,12 +124,22 @@ def _source(section: Any, where: str) -> ParameterSource:
     objective = section.get('objective')
     return ParameterSource(
         method=str(section.get('method', 'given')),
-        bags=tuple(str(bag) for bag in section.get('bags') or () if bag != ''),
+        bags=_texts(section, 'bags', where),
         objective=None if objective is None else _number(objective, 'source.objective', where),
         covariance=matrix, note=str(section.get('note', '')),
-        sha256=tuple(str(text) for text in section.get('sha256') or ()),
+        sha256=_texts(section, 'sha256', where),
         versions=str(section.get('versions', '')),
     )
+
+
+def _texts(section: Mapping[str, Any], key: str, where: str) -> tuple[str, ...]:
+    """A list of texts that may be left out; ROS writes an empty list as ['']."""
+    values = section.get(key)
+    if values is None:
+        return ()
+    if not isinstance(values, list):
+        raise RigError(f'{where}: source.{key} is {values!r}: give a list of texts, [..]')
+    return tuple(str(value) for value in values if key != 'bags' or value != '')
 
 
 def parameters_to_mapping(parameters: ParameterSet) -> dict[str, Any]:

@@ -6,51 +6,98 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from saddlering_ros.errors import SaddleringError
-from saddlering_ros.plain_yaml import parse_yaml
+from saddlering_ros.plain_yaml import read_strict_yaml
+from saddlering_ros.suggestion import did_you_mean, refuse_unknown_keys
+
+SECTIONS = ('rig', 'bounds', 'contact', 'effects', 'source')
+"""What a rig file or a parameter file may hold; one file may be both."""
+
+OF_EVERY_NODE = ('use_sim_time',)
+"""Parameters of ROS itself that may stand in the same file."""
 
 
 def read_ros_parameters(path: Path, error: type[SaddleringError]) -> dict[str, Any]:
-    """The parameters of the file's first node entry, nested; dotted keys are unfolded.
+    """The parameters of the file's node entry, nested; dotted keys are unfolded.
 
     Raises `error` with one line when the file cannot be read or has another shape.
     """
-    try:
-        text = path.read_text(encoding='utf-8')
-    except (OSError, UnicodeDecodeError) as problem:
-        reason = getattr(problem, 'strerror', None) or 'not a text file'
-        raise error(f'{path}: cannot be read ({reason}): check the path') from problem
-    try:
-        document = parse_yaml(text)
-    except yaml.YAMLError as problem:
-        mark = getattr(problem, 'problem_mark', None)
-        line = f', line {mark.line + 1}' if mark is not None else ''
-        raise error(f'{path}{line}: is not YAML: correct the file') from problem
+    return parameters_of_document(read_strict_yaml(path, error), str(path), error)
+
+
+def check_sections(
+    parameters: Mapping[str, Any], needed: str, hint: str, where: str,
+    error: type[SaddleringError],
+) -> None:
+    """Raise `error` if the section `needed` is missing, or if a section is not in SECTIONS."""
+    known = (*SECTIONS, *OF_EVERY_NODE)
+    unknown = [key for key in parameters if key not in known]
+    if needed not in parameters and not any(did_you_mean(key, known) for key in unknown):
+        raise error(f'{where}: there is no {needed} section: {hint}')
+    refuse_unknown_keys(parameters, known, '', where, error)
+
+
+def parameters_of_document(
+    document: Any, where: str, error: type[SaddleringError],
+) -> dict[str, Any]:
+    """The parameters of a document's one node entry, nested."""
     if not isinstance(document, Mapping):
-        raise error(f'{path}: is not a ROS 2 parameter file: '
+        raise error(f'{where}: is not a ROS 2 parameter file: '
                     'start it with "/**: ros__parameters:"')
-    for node in document.values():
-        if isinstance(node, Mapping) and isinstance(node.get('ros__parameters'), Mapping):
-            return unfold(node['ros__parameters'])
-    raise error(f'{path}: has no ros__parameters: start it with "/**: ros__parameters:"')
+    entries = {key: node for key, node in document.items()
+               if isinstance(node, Mapping) and isinstance(node.get('ros__parameters'), Mapping)}
+    if not entries:
+        raise error(f'{where}: has no ros__parameters: start it with "/**: ros__parameters:"')
+    others = [str(key) for key in document if key not in entries]
+    if others:
+        raise error(f'{where}: {others[0]} stands outside of ros__parameters: '
+                    'move it below "/**: ros__parameters:"')
+    if len(entries) > 1:
+        raise error(f'{where}: has parameters for several nodes ({", ".join(map(str, entries))}): '
+                    'put them into one entry "/**"')
+    (node,) = entries.values()
+    beside = [str(key) for key in node if key != 'ros__parameters']
+    if beside:
+        raise error(f'{where}: {beside[0]} stands beside ros__parameters: move it below')
+    return unfold(node['ros__parameters'], where, error)
 
 
-def unfold(parameters: Mapping[str, Any]) -> dict[str, Any]:
-    """Dotted keys (`rig.preload`) made nested dictionaries; numbers written 1e8 made floats."""
+def unfold(
+    parameters: Mapping[str, Any], where: str, error: type[SaddleringError],
+) -> dict[str, Any]:
+    """Dotted keys (`rig.preload`) made nested dictionaries; numbers written 1e8 made floats.
+
+    Raises `error` where two entries contradict each other: a value and a section of one name, or
+    one name in both notations.
+    """
     result: dict[str, Any] = {}
     for key, value in parameters.items():
-        *parents, last = str(key).split('.')
-        place = result
-        for parent in parents:
-            place = place.setdefault(parent, {})
-        value = unfold(value) if isinstance(value, Mapping) else _number(value)
-        if isinstance(value, dict) and isinstance(place.get(last), dict):
-            place[last].update(value)
-        else:
-            place[last] = value
+        _put(result, str(key).split('.'), value, (), (where, error))
     return result
+
+
+def _put(
+    place: dict[str, Any], names: list[str], value: Any, above: tuple[str, ...],
+    report: tuple[str, type[SaddleringError]],
+) -> None:
+    """Put `value` into the nested `place` below `names`; `above` names the place itself."""
+    where, error = report
+    name, *below = names
+    full = '.'.join((*above, name))
+    if below or isinstance(value, Mapping):
+        inner = place.setdefault(name, {})
+        if not isinstance(inner, dict):
+            raise error(f'{where}: {full} is given as a value and as a section: remove one')
+        if below:
+            _put(inner, below, value, (*above, name), report)
+            return
+        for key, item in value.items():
+            _put(inner, str(key).split('.'), item, (*above, name), report)
+        return
+    if name in place:
+        kind = 'as a value and as a section' if isinstance(place[name], dict) else 'twice'
+        raise error(f'{where}: {full} is given {kind}: remove one')
+    place[name] = _number(value)
 
 
 def _number(value: Any) -> Any:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 import math
 from typing import Any
 
@@ -20,8 +21,12 @@ from rclpy.exceptions import (
 from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
 
-from saddlering_ros.rig import default_rig, Rig, rig_from_parameters
+from saddlering_ros.plain_yaml import read_strict_yaml
+from saddlering_ros.rig import default_rig, PARAMETER_NAMES, Rig, rig_from_parameters
+from saddlering_ros.rig.parameter_file import SOURCE_KEYS
+from saddlering_ros.rig.ros_yaml import unfold
 from saddlering_ros.ros.errors import NodeError
+from saddlering_ros.suggestion import did_you_mean
 
 Value = bool | int | float | str | list[str] | list[float]
 
@@ -211,6 +216,39 @@ def given_sections(node: Node, sections: Sequence[str]) -> dict[str, Any]:
         plain_value = value if isinstance(value, (bool, int, float, str)) else list(value)
         _put(nested, name.split('.'), plain_value)
     return nested
+
+
+def refuse_undeclared(node: Node) -> None:
+    """NodeError if the node was started with a parameter that it does not know.
+
+    One file may serve every node, so the sections of rig files and parameter files are accepted
+    by every node; their entries are checked all the same.
+    """
+    overrides: dict[str, RosParameter] = node._parameter_overrides
+    declared = list(node._parameters)
+    sections = {'contact': PARAMETER_NAMES, 'source': SOURCE_KEYS}
+    known = [*declared, *(f'{section}.{key}' for section, keys in sections.items()
+                          for key in keys)]
+    for name in sorted(overrides):
+        if name in known or name.startswith(('effects.', 'qos_overrides.')):
+            continue
+        remedy = did_you_mean(name, known) or (
+            ': remove it, or move it below the name of the node that it is for')
+        raise NodeError(f'{node.get_name()}: parameter {name} is unknown{remedy}')
+
+
+def check_parameter_files(arguments: Sequence[str]) -> None:
+    """Read the files of `--params-file` strictly, before rclpy does; NodeError for a bad one.
+
+    rclpy lets the last of two equal keys win, reads 0110 as 72, and waits for ever on a pipe.
+    """
+    for option, value in pairwise(arguments):
+        if option != '--params-file':
+            continue
+        document = read_strict_yaml(value, NodeError)
+        for entry in document.values() if isinstance(document, Mapping) else ():
+            if isinstance(entry, Mapping) and isinstance(entry.get('ros__parameters'), Mapping):
+                unfold(entry['ros__parameters'], value, NodeError)
 
 
 def _put(nested: dict[str, Any], path: Sequence[str], value: Any) -> None:

@@ -15,6 +15,7 @@ from rclpy.signals import SignalHandlerOptions
 
 from saddlering_ros.errors import SaddleringError
 from saddlering_ros.ros.lifeline import follow_lifeline
+from saddlering_ros.ros.parameters import check_parameter_files, refuse_undeclared
 from saddlering_ros.ros.shared_memory import sweep
 from saddlering_ros.ros.spin import spin_streaming
 from saddlering_ros.ros.streaming_node import StreamingNode
@@ -41,10 +42,12 @@ def run(make: Callable[[], Any], spin: Callable[[Any], None],
     sweep()
     node: Node | None = None
     try:
+        check_parameter_files(sys.argv if args is None else args)
         prepare_transport()
         rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO if own_signals
                    else SignalHandlerOptions.ALL)
         node = make()
+        refuse_undeclared(node)
         spin(node)
         return 0
     except SaddleringError as problem:

@@ -12,7 +12,7 @@ import pytest
 
 from saddlering_ros.cli import main as command
 from saddlering_ros.cli._examples import EXAMPLES, UNTRIED
-from saddlering_ros.cli._parser import meant
+from saddlering_ros.suggestion import did_you_mean
 
 ROOT = Path(__file__).resolve().parents[2]
 PARSER, RUNS = command.build_parser()
@@ -62,7 +62,7 @@ def test_what_is_mistyped_is_refused_in_one_line_with_what_was_meant(words, hint
 
 
 def test_nothing_is_suggested_for_what_is_like_nothing():
-    assert meant('xyz', ['identify', 'info']) == ''
+    assert did_you_mean('xyz', ['identify', 'info']) == ''
 
 
 def completed(line):

@@ -1,0 +1,42 @@
+"""The hash of a rig's description: equal for equal rigs, however their files are written."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+import hashlib
+import json
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from saddlering_ros.rig.description import Rig
+
+SHORT_DIGITS = 12
+"""Digits of the form for people."""
+
+NOT_OF_THE_RIG = ('bounds', 'force_unit')
+"""Fields of a Rig that say how it is identified and shown, not what it is."""
+
+
+def rig_digest(rig: Rig) -> str:
+    """SHA-256 of the rig's canonical description: its SI numbers as JSON, keys sorted.
+
+    Numbers are written with the fewest digits that give the same float, -0 as 0. Search
+    bounds and the unit of forces on screens do not belong to the rig and are left out.
+    """
+    text = json.dumps(_canonical(asdict(rig)), sort_keys=True, separators=(',', ':'))
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def short_digest(digest: str) -> str:
+    """The first digits, for people: enough to tell the rigs of one firm apart."""
+    return digest[:SHORT_DIGITS]
+
+
+def _canonical(value: object) -> object:
+    if isinstance(value, dict):
+        return {key: _canonical(item) for key, item in value.items() if key not in NOT_OF_THE_RIG}
+    if isinstance(value, (list, tuple)):
+        return [_canonical(item) for item in value]
+    if isinstance(value, (int, float)) and not isinstance(value, bool):
+        return float(value) + 0.0
+    return value

@@ -1,0 +1,93 @@
+"""Claims about rig and parameter files: what is misspelt, doubled or no file is refused."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+import time
+
+import pytest
+
+from saddlering_ros.rig import load_rig, read_parameters, RigError
+
+SHIPPED = (Path(__file__).resolve().parents[2] / 'config' / 'rig.yaml').read_text()
+CONTACT = ('/**:\n  ros__parameters:\n'
+           '    contact: {K1: 1e8, n1: 1.1, D1: 3e6, K2: 1e8, n2: 1.1, D2: 3e6}\n')
+
+
+def refusal(path: Path, text: str) -> str:
+    path.write_text(text, encoding='utf-8')
+    read = read_parameters if 'contact:' in text else load_rig
+    with pytest.raises(RigError) as caught:
+        read(path)
+    message = str(caught.value)
+    assert message.startswith(str(path))
+    assert '\n' not in message
+    return message
+
+
+@pytest.mark.parametrize(('old', 'new', 'words'), [
+    ('preload:', 'preloda:', 'rig has unknown entries (preloda): did you mean preload?'),
+    ('polarity:', 'polarty:', 'rig.probes has unknown entries (polarty): did you mean polarity?'),
+    ('    rig:', '    rigg:', 'has unknown entries (rigg): did you mean rig?'),
+    ('bounds:', 'bound:', 'has unknown entries (bound): did you mean bounds?'),
+    ('      K1:', '      k1:', 'bounds has unknown entries (k1): did you mean K1?'),
+    ('rollers: 97', 'rollers: 97\n        rollers: 98',
+     "line 8: the key 'rollers' stands twice in one section (first in line 7)"),
+    ('rollers: 110', 'rollers: 0110', 'the number 0110 is not in plain decimal digits'),
+    ('rollers: 110', 'rollers: 0x6e', 'the number 0x6e is not in plain decimal digits'),
+    ('mass: 4079.0', 'mass: 1:30', 'the number 1:30 is not in plain decimal digits'),
+    ('mass: 4079.0', 'mass: 4_079', 'the number 4_079 is not in plain decimal digits'),
+    ('    rig:\n', '    rig.preload: 1.0\n    rig:\n', 'rig.preload is given twice: remove one'),
+    ('mass: 4079.0', 'mass: &m 4079.0\n        inertia: *m', 'holds an alias'),
+    ('    bounds:', '    elevation: 3\n    bounds:', 'has unknown entries (elevation)'),
+    ('/**:', 'ring_simulator:\n  ros__parameters: {max_step: 1.0}\n/**:', 'for several nodes'),
+])
+def test_a_fault_in_a_rig_file_is_refused_with_its_place(
+        tmp_path: Path, old: str, new: str, words: str) -> None:
+    assert old in SHIPPED
+    assert words in refusal(tmp_path / 'rig.yaml', SHIPPED.replace(old, new, 1))
+
+
+@pytest.mark.parametrize(('line', 'words'), [
+    ('effect: {probe_gain: {gain: 0.02}}', '(effect): did you mean effects?'),
+    ('contact: {K1: 1e8}', "the key 'contact' stands twice"),
+    ('contact.K3: 1e8', 'contact has unknown entries (K3)'),
+    ('source: {methd: x}', 'source has unknown entries (methd): did you mean method?'),
+    ('source: {bags: 3}', 'source.bags is 3.0: give a list of texts'),
+    ('source: {sha256: 3}', 'source.sha256 is 3.0: give a list of texts'),
+    ('source: [1]', 'source is [1]: give a section'),
+    ('effects: 3\n    effects.probe_gain: 1', 'effects is given as a value and as a section'),
+    ('effects: [3]\n    effects.probe_gain.gain: 1', 'effects is given as a value and as a'),
+    ('effects.probe_gain.gain: 1\n    effects: 3', 'effects is given as a value and as a section'),
+])
+def test_a_fault_in_a_parameter_file_is_refused_with_its_place(
+        tmp_path: Path, line: str, words: str) -> None:
+    text = f'{CONTACT}    {line}\n'
+    assert words.replace('3.0', '3') in refusal(tmp_path / 'p.yaml', text).replace('3.0', '3')
+
+
+def test_a_pipe_and_an_endless_device_are_refused_at_once(tmp_path: Path) -> None:
+    pipe = tmp_path / 'pipe'
+    os.mkfifo(pipe)
+    started = time.monotonic()
+    for path in (pipe, Path('/dev/zero')):
+        with pytest.raises(RigError, match='give the path of a regular file'):
+            load_rig(path)
+    assert time.monotonic() - started < 1.0
+
+
+def test_a_file_over_a_megabyte_is_refused_by_its_size(tmp_path: Path) -> None:
+    path = tmp_path / 'rig.yaml'
+    with path.open('wb') as file:
+        file.truncate(3 << 30)
+    with pytest.raises(RigError, match='is larger than 1 MB'):
+        load_rig(path)
+
+
+def test_equal_rigs_have_one_hash_however_they_are_written(tmp_path: Path) -> None:
+    path = tmp_path / 'rig.yaml'
+    path.write_text(SHIPPED.replace('mass: 4079.0', 'mass: 4.079e+3').replace('1.0e+9', '2.0e+9'))
+    assert load_rig(path).digest == load_rig(None).digest
+    path.write_text(SHIPPED.replace('mass: 4079.0', 'mass: 4079.1'))
+    assert load_rig(path).digest != load_rig(None).digest
