@@ -3,8 +3,12 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Callable
+from functools import cached_property
+import inspect
 from pathlib import Path
 
+import saddlering_ros
 from saddlering_ros.bags import LOAD_TOPIC, PROBE_TOPICS
 from saddlering_ros.cli._examples import EXAMPLES
 from saddlering_ros.cli.main import build_parser
@@ -132,8 +136,64 @@ def files_page() -> str:
         '[Results](../results.md).', ''])
 
 
+def python_page() -> str:
+    """Every public name of the package, from its signature and docstring."""
+    functions, classes = [], []
+    for name in saddlering_ros.__all__:
+        item = getattr(saddlering_ros, name)
+        if inspect.isclass(item):
+            classes += _class_lines(name, item)
+        elif callable(item):
+            functions += [f'### {name}', '', *_signature(name, item), *_docstring(item)]
+    return '\n'.join([
+        '# Python reference', '', DOCUMENT, 'All names are imported from `saddlering_ros`. '
+        '[Python API](../python_api.md) explains their use and states what stays stable.', '',
+        '## Functions', '', *functions, '## Classes', '', *classes])
+
+
+def _class_lines(name: str, item: type) -> list[str]:
+    lines = [f'### {name}', '', *_docstring(item)]
+    rows = []
+    members = {key: value for kind in reversed(item.__mro__) for key, value in vars(kind).items()
+               if kind.__module__.startswith('saddlering_ros')}
+    for member, value in sorted(members.items()):
+        if member.startswith('_') or inspect.getdoc(value) is None:
+            continue
+        if isinstance(value, (property, cached_property)):
+            rows.append(f'| `{member}` | {_cell(_first_line(value))} |')
+        elif inspect.isfunction(value):
+            shown = inspect.signature(value)
+            given = [str(one.replace(annotation=one.empty)) for key, one in
+                     shown.parameters.items() if key != 'self']
+            rows.append(f'| `{member}({", ".join(given)})` | {_cell(_first_line(value))} |')
+    return [*lines, *(['| member | meaning |', '|---|---|', *rows, ''] if rows else [])]
+
+
+def _signature(name: str, item: Callable[..., object]) -> list[str]:
+    parameters = inspect.signature(item).parameters.values()
+    kinds = inspect.Parameter
+    parts, starred = [], False
+    for one in parameters:
+        if one.kind is kinds.KEYWORD_ONLY and not starred:
+            parts.append('*')
+            starred = True
+        words = str(one.replace(annotation=one.empty))
+        name_only, equals, default = words.partition('=')
+        parts.append(f'{name_only}: {one.annotation}' + (f' = {default}' if equals else ''))
+    return ['```python', f'{name}(', *(f'    {part},' for part in parts),
+            f') -> {inspect.signature(item).return_annotation}', '```', '']
+
+
+def _docstring(item: object) -> list[str]:
+    return [*(inspect.getdoc(item) or '').splitlines(), '']
+
+
+def _first_line(item: object) -> str:
+    return (inspect.getdoc(item) or '').splitlines()[0]
+
+
 PAGES = {'topics.md': topics_page, 'messages.md': messages_page, 'commands.md': commands_page,
-         'files.md': files_page}
+         'files.md': files_page, 'python.md': python_page}
 
 
 def write_reference(folder: Path) -> None:

@@ -1,3 +1,48 @@
-"""saddlering_ros: a test rig for saddle bearings, its simulator and its diagnosis, on ROS 2."""
+"""saddlering_ros: a test rig for saddle rings, its simulator and its diagnosis, on ROS 2."""
+
+from typing import Any, TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from saddlering_ros.api.functions import diagnose, identify, validate
+    from saddlering_ros.api.inputs import Bag, read_bag
+    from saddlering_ros.api.progress import Progress
+    from saddlering_ros.api.results import (
+        DiagnosisResult,
+        IdentificationResult,
+        ValidationResult,
+    )
+    from saddlering_ros.errors import Cancelled, SaddleringError
+    from saddlering_ros.rig import load_rig, ParameterSet, read_parameters, Rig
 
 __version__ = '0.1.0'
+
+_PLACES = {
+    'diagnose': 'api.functions', 'identify': 'api.functions', 'validate': 'api.functions',
+    'Bag': 'api.inputs', 'read_bag': 'api.inputs', 'Progress': 'api.progress',
+    'DiagnosisResult': 'api.results', 'IdentificationResult': 'api.results',
+    'ValidationResult': 'api.results', 'Cancelled': 'errors', 'SaddleringError': 'errors',
+    'load_rig': 'rig', 'ParameterSet': 'rig', 'read_parameters': 'rig', 'Rig': 'rig',
+}
+"""Where the public names are defined; they are imported when first used, which keeps the package
+itself cheap to import."""
+
+__all__ = [
+    'Bag', 'Cancelled', 'DiagnosisResult', 'IdentificationResult', 'ParameterSet', 'Progress',
+    'Rig', 'SaddleringError', 'ValidationResult', '__version__', 'diagnose', 'identify',
+    'load_rig', 'read_bag', 'read_parameters', 'validate',
+]
+
+
+def __getattr__(name: str) -> Any:
+    """A public name, imported from where it is defined."""
+    if name not in _PLACES:
+        raise AttributeError(f'module {__name__!r} has no attribute {name!r}')
+    from importlib import import_module
+
+    value = getattr(import_module(f'{__name__}.{_PLACES[name]}'), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 from types import TracebackType
-from typing import Any
+from typing import Any, TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from saddlering_ros.api.progress import Progress
 
 
 class Bar:
@@ -36,6 +39,13 @@ class Bar:
                  trace: TracebackType | None) -> None:
         if self._progress is not None:
             self._progress.stop()
+
+    def tell(self, progress: Progress) -> None:
+        """Show what a computation reports; an identification gets a line for each stage."""
+        if progress.task == 'identify':
+            self.show(progress.stage, progress.share, progress.detail)
+        else:
+            self.show(progress.task, progress.share, progress.stage)
 
     def show(self, task: str, share: float, words: str = '') -> None:
         """A task is done to this share (0 to 1); `words` say what it is at."""

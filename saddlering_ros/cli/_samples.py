@@ -7,6 +7,9 @@ from pathlib import Path
 from typing import Any, TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from saddlering_ros import Bag, Rig
     from saddlering_ros.bags import TestRun
     from saddlering_ros.bags.samples import DisplacementSamples
     from saddlering_ros.rig import ZeroReading
@@ -30,6 +33,14 @@ def add_fact_options(parser: argparse.ArgumentParser) -> None:
                         help='kind of test, over what the bag says')
     parser.add_argument('--elevation', type=float, metavar='DEG',
                         help='elevation, over what the bag says')
+
+
+def bags_of(args: argparse.Namespace, paths: Sequence[str], rig: Rig) -> list[Bag]:
+    """The bags at these paths, read once, with what the fact options say."""
+    from saddlering_ros import read_bag
+
+    return [read_bag(path, rig=rig, test=args.test, elevation_deg=args.elevation)
+            for path in paths]
 
 
 def add_parameter_option(parser: argparse.ArgumentParser) -> None:

@@ -6,11 +6,13 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from saddlering_ros.cli._json import tell_json
+from saddlering_ros.cli._result import finish
 
 
 def add_parser(subparsers: Any) -> None:
     """Declare the subcommand."""
+    from saddlering_ros.cli._samples import add_fact_options
+
     parser = subparsers.add_parser('diagnose', help='show and name what the simulation gets wrong')
     parser.add_argument('bags', nargs='+', metavar='BAG', help='runs to explain')
     parser.add_argument(
@@ -26,37 +28,22 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument('--report', type=Path, metavar='FILE.html', help='write a report')
     parser.add_argument('--out', type=Path, help='write the extended parameter file here')
     parser.add_argument('--seed', type=int, default=0, help='seed of the base fit (default 0)')
+    add_fact_options(parser)
 
 
 def run(args: argparse.Namespace) -> int:
     """Diagnose and print, write or emit the verdict."""
+    from saddlering_ros import diagnose, load_rig
     from saddlering_ros.cli._progress import Bar
-    from saddlering_ros.diagnosis import diagnose_bags
-    from saddlering_ros.diagnosis.summary import verdict_text
-    from saddlering_ros.provenance import name_files
-    from saddlering_ros.rig import (
-        load_rig,
-        read_parameters,
-        write_parameters,
-    )
+    from saddlering_ros.cli._samples import bags_of
 
     rig = load_rig(args.rig)
-    parameters = None if args.params is None else read_parameters(args.params)
+    fitted, held_out = bags_of(args, args.bags, rig), bags_of(args, args.hold_out, rig)
     with Bar() as bar:
-        verdict = diagnose_bags(
-            args.bags, args.hold_out, rig, parameters, seed=args.seed,
-            on_progress=lambda stage, share: bar.show('diagnose', share, stage),
-        )
+        found = diagnose(fitted, hold_out=held_out, rig=args.rig, parameters=args.params,
+                         seed=args.seed, on_progress=bar.tell)
     if args.out is not None:
-        write_parameters(args.out, verdict.extended_parameters())
+        found.save_parameters(args.out)
     if args.report is not None:
-        from saddlering_ros.report import write_diagnosis_report
-
-        write_diagnosis_report(verdict, args.report, args.command_line)
-    if tell_json(args, name_files(verdict.to_json(), args.rig, args.params)):
-        return 0
-    print(verdict_text(verdict))
-    for path in (args.out, args.report):
-        if path is not None:
-            print(f'written: {path}')
-    return 0
+        found.write_report(args.report, command=args.command_line)
+    return finish(args, found, args.out, args.report)

@@ -4,12 +4,9 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import Any, TYPE_CHECKING
+from typing import Any
 
-from saddlering_ros.cli._json import tell_json
-
-if TYPE_CHECKING:
-    from saddlering_ros.identification import IdentificationSettings
+from saddlering_ros.cli._result import finish
 
 
 def add_parser(subparsers: Any) -> None:
@@ -43,53 +40,23 @@ def add_parser(subparsers: Any) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Identify and print, write or emit the result."""
-    from saddlering_ros.bags import read_run
+    from saddlering_ros import identify, load_rig
     from saddlering_ros.cli._progress import Bar
-    from saddlering_ros.cli._samples import radians
-    from saddlering_ros.identification import identify
-    from saddlering_ros.identification.summary import identification_text
-    from saddlering_ros.provenance import name_files
-    from saddlering_ros.rig import load_rig, write_parameters
+    from saddlering_ros.cli._samples import bags_of
 
-    settings = _settings(args)
-    rig = load_rig(args.rig)
-    settings.bounds_for(rig)
-    elevation = radians(args.elevation)
-    runs = [read_run(bag, test=args.test, elevation=elevation, rig=rig) for bag in args.bags]
+    bounds = parse_bounds(args.bounds)
+    bags = bags_of(args, args.bags, load_rig(args.rig))
     with Bar() as bar:
-        found = identify(runs, rig, settings, on_progress=lambda step: bar.show(
-            step.stage, step.iteration / max(step.iterations, 1),
-            f'best {step.best_objective:.4g}'), profiles=args.profiles)
+        found = identify(
+            bags, rig=args.rig, method=args.method, bounds=bounds, particles=args.particles,
+            iterations=args.iterations, accuracy=args.accuracy, stagnation=args.stagnation,
+            log_stiffness=args.log_stiffness, use_delta_y=True if args.use_delta_y else None,
+            profiles=args.profiles, seed=args.seed, on_progress=bar.tell)
     if args.out is not None:
-        write_parameters(args.out, found.parameters)
+        found.save_parameters(args.out)
     if args.report is not None:
-        from saddlering_ros.identification import validate
-        from saddlering_ros.report import write_validation_report
-
-        write_validation_report(args.report, validate(runs, rig, found.parameters), runs, rig,
-                                found.to_json(), args.command_line)
-    if tell_json(args, name_files(found.to_json(), args.rig)):
-        return 0
-    print(identification_text(found))
-    for path in (args.out, args.report):
-        if path is not None:
-            print(f'written: {path}')
-    return 0
-
-
-def _settings(args: argparse.Namespace) -> IdentificationSettings:
-    from saddlering_ros.identification import IdentificationSettings, SwarmSettings
-
-    return IdentificationSettings(
-        method=args.method,
-        bounds=parse_bounds(args.bounds),
-        swarm=SwarmSettings(
-            particles=args.particles, iterations=args.iterations,
-            accuracy=args.accuracy, stagnation=args.stagnation),
-        logarithmic_stiffness=args.log_stiffness,
-        use_delta_y=True if args.use_delta_y else None,
-        seed=args.seed,
-    )
+        found.write_report(args.report, command=args.command_line)
+    return finish(args, found, args.out, args.report)
 
 
 def parse_bounds(texts: list[str]) -> dict[str, tuple[float, float]]:

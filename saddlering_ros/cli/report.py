@@ -32,20 +32,15 @@ def add_parser(subparsers: Any) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Validate, and write the page."""
-    from saddlering_ros.bags import read_run
-    from saddlering_ros.cli._samples import radians
-    from saddlering_ros.identification import validate
-    from saddlering_ros.provenance import name_files
-    from saddlering_ros.report import write_validation_report
-    from saddlering_ros.rig import load_rig, read_parameters
+    from saddlering_ros import load_rig, read_parameters, validate
+    from saddlering_ros.cli._samples import bags_of
 
-    rig = load_rig(args.rig)
-    parameters = read_parameters(args.params)
+    read_parameters(args.params)  # a fault there is reported before any bag is read
     identification = _identification(args.identification)
-    runs = [read_run(bag, test=args.test, elevation=radians(args.elevation)) for bag in args.bags]
-    found = validate(runs, rig, parameters)
-    write_validation_report(args.out, found, runs, rig, identification, args.command_line)
-    if tell_json(args, name_files(found.to_json(), args.rig, args.params)):
+    bags = bags_of(args, args.bags, load_rig(args.rig))
+    found = validate(bags, parameters=args.params, rig=args.rig)
+    found.write_report(args.out, command=args.command_line, identification=identification)
+    if tell_json(args, found.to_json()):
         return 0
     print(f'written: {args.out}')
     return 0

@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from saddlering_ros.cli._json import tell_json
+from saddlering_ros.cli._result import finish
 
 
 def add_parser(subparsers: Any) -> None:
@@ -26,31 +26,15 @@ def add_parser(subparsers: Any) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Validate and print, write or emit the figures."""
-    from saddlering_ros.bags import read_run
-    from saddlering_ros.cli._samples import radians
-    from saddlering_ros.identification import validate
-    from saddlering_ros.identification.summary import validation_text
-    from saddlering_ros.provenance import name_files
-    from saddlering_ros.rig import load_rig, read_parameters
+    from saddlering_ros import load_rig, read_parameters, validate
+    from saddlering_ros.cli._progress import Bar
+    from saddlering_ros.cli._samples import bags_of
 
-    rig = load_rig(args.rig)
-    parameters = read_parameters(args.params)
-    elevation = radians(args.elevation)
-    runs = [read_run(bag, test=args.test, elevation=elevation, rig=rig) for bag in args.bags]
-    found = validate(runs, rig, parameters)
-    pictures = []
-    if args.plots is not None:
-        from saddlering_ros.identification.plots import save_plots
-
-        pictures = save_plots(found, args.plots)
+    read_parameters(args.params)  # a fault there is reported before any bag is read
+    bags = bags_of(args, args.bags, load_rig(args.rig))
+    with Bar() as bar:
+        found = validate(bags, parameters=args.params, rig=args.rig, on_progress=bar.tell)
+    pictures = [] if args.plots is None else found.save_plots(args.plots)
     if args.report is not None:
-        from saddlering_ros.report import write_validation_report
-
-        write_validation_report(args.report, found, runs, rig, command=args.command_line)
-        pictures.append(args.report)
-    if tell_json(args, name_files(found.to_json(), args.rig, args.params)):
-        return 0
-    print(validation_text(found))
-    for picture in pictures:
-        print(f'written: {picture}')
-    return 0
+        found.write_report(args.report, command=args.command_line)
+    return finish(args, found, *pictures, args.report)

@@ -7,7 +7,7 @@ faster than anybody recorded it.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field
 import math
 from typing import Any
@@ -148,11 +148,21 @@ def _plain(value: Any) -> Any:
     return value
 
 
-def validate(runs: Sequence[TestRun], rig: Rig, parameters: ParameterSet) -> Validation:
-    """Compare simulation and measurement; IdentificationError where a run cannot be compared."""
+def validate(
+    runs: Sequence[TestRun], rig: Rig, parameters: ParameterSet,
+    before_run: Callable[[int], None] | None = None,
+) -> Validation:
+    """Compare simulation and measurement; IdentificationError where a run cannot be compared.
+
+    before_run is called with the place of each run in turn; what it raises ends the validation.
+    """
     if not runs:
         raise IdentificationError('no runs to validate on: give at least one bag')
-    compared = [_compare(run, rig, parameters) for run in runs]
+    compared = []
+    for number, run in enumerate(runs):
+        if before_run is not None:
+            before_run(number)
+        compared.append(_compare(run, rig, parameters))
     # Only a static run is long enough to show how slowly the probes' noise wanders.
     slow = next((one.noise(None) for one in compared if one.run.test == 'static'), None)
     return Validation(

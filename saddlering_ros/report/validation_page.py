@@ -47,8 +47,7 @@ def validation_page(
     identification: Mapping[str, Any] | None = None, command: str = '',
 ) -> str:
     """The whole page."""
-    curves = [_curves(found, run, validation.parameters)
-              for found, run in zip(validation.runs, runs, strict=True)]
+    curves = curves_of_validation(validation, runs)
     found_by = ('' if identification is None else chapters.identified(identification))
     return html.page('How well the parameters predict', [
         '<h1>How well the parameters predict</h1>',
@@ -62,6 +61,14 @@ def validation_page(
         background.data_quality([quality_of(run, rig) for run in runs]),
         background.reproduction(validation.to_json(), command),
     ])
+
+
+def curves_of_validation(
+    validation: Validation, runs: Sequence[TestRun],
+) -> list[RunCurves]:
+    """The curves of the runs validated, in order."""
+    return [_curves(found, run, validation.parameters)
+            for found, run in zip(validation.runs, runs, strict=True)]
 
 
 def _curves(found: RunValidation, run: TestRun, parameters: ParameterSet) -> RunCurves:

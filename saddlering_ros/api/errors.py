@@ -1,0 +1,7 @@
+"""What can go wrong with a use of the Python API."""
+
+from saddlering_ros.errors import SaddleringError
+
+
+class ApiError(SaddleringError):
+    """An argument that cannot be used, or a result that cannot be saved as asked."""

@@ -1,0 +1,106 @@
+"""The three computations of the API: identify, validate, diagnose."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+
+from saddlering_ros import identification
+from saddlering_ros.api.inputs import (
+    as_bags,
+    as_parameters,
+    as_rig,
+    BagLike,
+    origins,
+    ParametersLike,
+    RigLike,
+    runs_of,
+)
+from saddlering_ros.api.progress import check, IsCancelled, OnProgress, Progress
+from saddlering_ros.api.results import DiagnosisResult, IdentificationResult, ValidationResult
+from saddlering_ros.diagnosis.diagnose import diagnose_runs
+from saddlering_ros.errors import Cancelled
+from saddlering_ros.identification import IdentificationSettings, SwarmSettings
+from saddlering_ros.identification import Progress as SearchStep
+
+
+def identify(
+    bags: BagLike | Iterable[BagLike], *, rig: RigLike = None, method: str = 'default',
+    bounds: Mapping[str, tuple[float, float]] | None = None, particles: int = 20,
+    iterations: int = 50, accuracy: float | None = None, stagnation: int | None = None,
+    log_stiffness: bool = False, use_delta_y: bool | None = None, profiles: bool = False,
+    seed: int = 0, on_progress: OnProgress | None = None, is_cancelled: IsCancelled | None = None,
+) -> IdentificationResult:
+    """Find the contact parameters K1, n1, D1, K2, n2, D2 from static and dynamic bags.
+
+    bags: bags from `read_bag`, or paths. rig: a rig, a rig file, or None for the shipped one.
+    method: 'default' (joint fit of all channels) or 'paper' (two swarm steps as published).
+    bounds: (low, high) in SI units by parameter, over the rig's. particles, iterations, accuracy
+    (objective) and stagnation (iterations without gain) control the swarm, seed its random start.
+    log_stiffness and use_delta_y change the paper's method; profiles adds profile likelihoods.
+    on_progress is called with a `Progress`; once is_cancelled returns True, `Cancelled` is raised
+    with the result so far as its `partial`. Raises SaddleringError for what cannot be used.
+    """
+    settings = IdentificationSettings(
+        method=method, bounds=dict(bounds or {}), logarithmic_stiffness=log_stiffness,
+        use_delta_y=use_delta_y, seed=seed, swarm=SwarmSettings(
+            particles=particles, iterations=iterations, accuracy=accuracy, stagnation=stagnation))
+    known = as_rig(rig)
+    settings.bounds_for(known)
+    given = as_bags(bags, known)
+
+    def tell(step: SearchStep) -> None:
+        if on_progress is not None:
+            on_progress(Progress('identify', step.stage, step.iteration / max(step.iterations, 1),
+                                 f'best {step.best_objective:.4g}'))
+
+    found = identification.identify(runs_of(given), known, settings, on_progress=tell,
+                          is_cancelled=is_cancelled, profiles=profiles)
+    result = IdentificationResult(tuple(given), known, origins(rig), found)
+    if found.cancelled:
+        raise Cancelled('identify: cancelled', result)
+    return result
+
+
+def validate(
+    bags: BagLike | Iterable[BagLike], *, parameters: ParametersLike, rig: RigLike = None,
+    on_progress: OnProgress | None = None, is_cancelled: IsCancelled | None = None,
+) -> ValidationResult:
+    """Compare a simulation with bags, channel by channel, with the noise beside it.
+
+    parameters: a `ParameterSet`, a parameter file, or the result of `identify` or `diagnose`.
+    The other arguments are those of `identify`.
+    """
+    known, law = as_rig(rig), as_parameters(parameters)
+    given = as_bags(bags, known)
+
+    def before(number: int) -> None:
+        check(is_cancelled, 'validate')
+        if on_progress is not None:
+            on_progress(Progress('validate', given[number].name, number / len(given)))
+
+    found = identification.validate(runs_of(given), known, law, before_run=before)
+    return ValidationResult(tuple(given), known, origins(rig, parameters), found)
+
+
+def diagnose(
+    bags: BagLike | Iterable[BagLike], *, hold_out: BagLike | Iterable[BagLike] = (),
+    rig: RigLike = None, parameters: ParametersLike | None = None, seed: int = 0,
+    on_progress: OnProgress | None = None, is_cancelled: IsCancelled | None = None,
+) -> DiagnosisResult:
+    """Show what the simulation lacks in bags, name the cause, and measure it on held-out bags.
+
+    hold_out: bags that neither name nor fit a cause; the misfit reduction is measured on them.
+    parameters: where the fit of the contact law starts (None: the true-to-scale ones). The other
+    arguments are those of `identify`.
+    """
+    known = as_rig(rig)
+    law = None if parameters is None else as_parameters(parameters)
+    fitted, held = as_bags(bags, known), as_bags(hold_out, known)
+
+    def tell(stage: str, share: float) -> None:
+        if on_progress is not None:
+            on_progress(Progress('diagnose', stage, share))
+
+    found = diagnose_runs(runs_of(fitted), runs_of(held), known, law, on_progress=tell,
+                          is_cancelled=is_cancelled, seed=seed)
+    return DiagnosisResult((*fitted, *held), known, origins(rig, parameters), found)

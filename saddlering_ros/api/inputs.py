@@ -1,0 +1,152 @@
+"""What the API takes: bags read once, rigs and parameters as objects or as files."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+import math
+from pathlib import Path
+from typing import Any, TYPE_CHECKING
+
+from saddlering_ros.api.errors import ApiError
+from saddlering_ros.api.tables import dataframe
+from saddlering_ros.bags import displacement_of_run, MeasuredRun, read_run, TestRun
+from saddlering_ros.bags.samples import measured_samples
+from saddlering_ros.provenance import Origin
+from saddlering_ros.rig import load_rig, ParameterSet, read_parameters, Rig, TONNE
+
+if TYPE_CHECKING:
+    import pandas
+
+RigLike = Rig | Path | str | None
+"""A rig, a rig file, or None for the shipped rig."""
+
+ParametersLike = Any
+"""Contact parameters: a `ParameterSet`, a parameter file, or a result that found some."""
+
+
+@dataclass(frozen=True)
+class Bag:
+    """A test read from a bag, aligned on the load's stamps; `read_bag` makes one.
+
+    run: the arrays as read (gaps [m], load [N], stamps [ns], notes); rig: the rig it is seen with.
+    """
+
+    run: TestRun
+    rig: Rig = field(repr=False)
+
+    @property
+    def name(self) -> str:
+        """The bag's name without its folder."""
+        return self.run.name
+
+    @property
+    def path(self) -> Path:
+        """Where it was read from."""
+        return self.run.path
+
+    @property
+    def test(self) -> str:
+        """'static' or 'dynamic'."""
+        return self.run.test
+
+    @property
+    def elevation_deg(self) -> float:
+        """Elevation of the barrel in degrees."""
+        return round(math.degrees(self.run.elevation), 9)
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What is wrong with the bag without keeping it from being used."""
+        return tuple(self.run.notes)
+
+    @cached_property
+    def displacement(self) -> MeasuredRun:
+        """Measured delta_x, delta_y, parity [m] and gamma [rad] at the load's stamps."""
+        return displacement_of_run(self.rig, self.run)
+
+    def summary(self) -> str:
+        """Test, elevation, length, load and notes in a few lines."""
+        run = self.run
+        lines = [
+            f'{self.name}: {self.test} test at {self.elevation_deg:g} deg, {len(run.time)} load '
+            f'samples over {run.time[-1]:.1f} s, load {run.load.min() / TONNE:.2f} to '
+            f'{run.load.max() / TONNE:.2f} t']
+        return '\n'.join([*lines, *(f'note: {note}' for note in self.notes)])
+
+    def columns(self) -> dict[str, Any]:
+        """Measured displacement as arrays by name: stamp_ns, time, load and the four channels."""
+        return measured_samples(self.displacement).columns()
+
+    def to_dataframe(self) -> pandas.DataFrame:
+        """The same as a pandas DataFrame, one row a sample."""
+        return dataframe(self.columns())
+
+    def _repr_html_(self) -> str:
+        from saddlering_ros.report import html
+
+        return html.paragraph(self.summary())
+
+
+BagLike = Bag | TestRun | Path | str
+"""A bag that was read, or the path of one."""
+
+
+def read_bag(
+    path: Path | str, *, rig: RigLike = None, test: str | None = None,
+    elevation_deg: float | None = None,
+) -> Bag:
+    """Read a bag once; pass the result on to `identify`, `validate` and `diagnose`.
+
+    path: a rosbag2 directory or an .mcap file. rig: the rig it was recorded on, with which its
+    wiring is checked. test ('static' or 'dynamic') and elevation_deg [degrees] win over what the
+    bag itself states. Raises BagError, with one line, if the bag cannot be used.
+    """
+    known = as_rig(rig)
+    elevation = None if elevation_deg is None else math.radians(elevation_deg)
+    return Bag(read_run(path, test=test, elevation=elevation, rig=known), known)
+
+
+def as_bags(given: BagLike | Iterable[BagLike], rig: Rig) -> list[Bag]:
+    """Bags from bags or paths, one or several."""
+    if isinstance(given, (Bag, TestRun, Path, str)):
+        return [as_bag(given, rig)]
+    return [as_bag(item, rig) for item in given]
+
+
+def as_bag(given: BagLike, rig: Rig) -> Bag:
+    """A bag that was read as it is, a path as a bag."""
+    if isinstance(given, Bag):
+        return given
+    if isinstance(given, TestRun):
+        return Bag(given, rig)
+    return read_bag(given, rig=rig)
+
+
+def runs_of(bags: Sequence[Bag]) -> list[TestRun]:
+    """The arrays of bags."""
+    return [bag.run for bag in bags]
+
+
+def as_rig(given: RigLike) -> Rig:
+    """A rig as it is, a file as a rig, None as the shipped one."""
+    return given if isinstance(given, Rig) else load_rig(given)
+
+
+def as_parameters(given: ParametersLike) -> ParameterSet:
+    """Parameters as they are, from a file, or from the result that found them."""
+    found = getattr(given, 'parameters', given)
+    if isinstance(found, ParameterSet):
+        return found
+    if isinstance(found, (Path, str)):
+        return read_parameters(found)
+    raise ApiError(f'parameters: {type(given).__name__} holds none: give a ParameterSet, a '
+                   'parameter file or the result of identify or diagnose')
+
+
+def origins(*given: object) -> tuple[Origin, ...]:
+    """The files among what was given, with their hashes."""
+    from saddlering_ros.provenance import files
+
+    return files(*(item for item in given if isinstance(item, (Path, str))))

@@ -1,0 +1,308 @@
+"""Results of identification, validation and diagnosis as objects that print, plot and save."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+import json
+from pathlib import Path
+from typing import Any, TYPE_CHECKING
+
+import numpy as np
+
+from saddlering_ros.api.errors import ApiError
+from saddlering_ros.api.inputs import Bag, runs_of
+from saddlering_ros.api.tables import columns_of, dataframe, write_csv
+from saddlering_ros.diagnosis import Verdict
+from saddlering_ros.diagnosis.summary import verdict_text
+from saddlering_ros.identification import Identification, Validation
+from saddlering_ros.identification.summary import identification_text, validation_text
+from saddlering_ros.provenance import add_origins, Origin
+from saddlering_ros.rig import (
+    PARAMETER_NAMES,
+    PARAMETER_UNITS,
+    ParameterSet,
+    Rig,
+    write_parameters,
+    write_text_atomically,
+)
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+    import pandas
+
+
+@dataclass(frozen=True)
+class Plot:
+    """A figure: a notebook shows it, `save` writes it, `figure` is matplotlib's own object."""
+
+    figure: Figure
+
+    def save(self, path: Path | str) -> None:
+        """Write a PNG, SVG or PDF, as the name ends."""
+        self.figure.savefig(path)
+
+    def _repr_png_(self) -> bytes:
+        from saddlering_ros.report.html import png
+
+        return png(self.figure)
+
+
+@dataclass(frozen=True)
+class Result(ABC):
+    """What every result can do. bags: those it was made from; files: rig and parameter files."""
+
+    bags: tuple[Bag, ...]
+    rig: Rig = field(repr=False)
+    files: tuple[Origin, ...] = field(repr=False)
+
+    @abstractmethod
+    def summary(self) -> str:
+        """The result as plain text, as the command prints it."""
+
+    @abstractmethod
+    def columns(self) -> dict[str, list[Any]]:
+        """The result's main table as lists by column name (SI units)."""
+
+    @abstractmethod
+    def plot(self) -> Plot:
+        """The figure that shows the result best."""
+
+    @abstractmethod
+    def write_report(self, path: Path | str, *, command: str = '') -> None:
+        """Write the report: one HTML file that opens offline. command: what to type for it."""
+
+    @abstractmethod
+    def _document(self) -> dict[str, Any]:
+        """The JSON of the underlying result."""
+
+    def to_json(self) -> dict[str, Any]:
+        """Everything as plain dictionaries, lists and numbers, as `--json` writes it."""
+        return add_origins(self._document(), self.files)
+
+    def to_dataframe(self) -> pandas.DataFrame:
+        """The table of `columns` as a pandas DataFrame (pandas is not installed by itself)."""
+        return dataframe(self.columns())
+
+    def save(self, path: Path | str) -> None:
+        """Write the result as the name ends: .json all of it, .csv the table of `columns`.
+
+        .yaml writes the parameter file, where the result has parameters of its own.
+        """
+        where = Path(path)
+        if where.suffix == '.json':
+            write_text_atomically(where, json.dumps(self.to_json(), indent=2) + '\n')
+        elif where.suffix == '.csv':
+            write_csv(where, self.columns())
+        elif where.suffix in ('.yaml', '.yml') and isinstance(self, _Parametric):
+            self.save_parameters(where)
+        else:
+            endings = '.json, .csv' + (', .yaml' if isinstance(self, _Parametric) else '')
+            raise ApiError(f'{where}: cannot be saved under this name: end it with {endings}')
+
+    def _repr_html_(self) -> str:
+        from saddlering_ros.report import html
+
+        columns = self.columns()
+        rows = [[_cell(value) for value in row]
+                for row in zip(*columns.values(), strict=True)]
+        return html.paragraph(self._headline()) + html.table(list(columns), rows)
+
+    def _headline(self) -> str:
+        return self.summary().splitlines()[0]
+
+
+class _Parametric(ABC):
+    """A result with parameters of its own."""
+
+    @property
+    @abstractmethod
+    def parameters(self) -> ParameterSet:
+        """Contact law and effects, for `validate` and for nodes."""
+
+    def save_parameters(self, path: Path | str) -> None:
+        """Write the parameter file, whatever its name."""
+        write_parameters(Path(path), self.parameters)
+
+
+def _cell(value: Any) -> Any:
+    from saddlering_ros.report.html import number
+
+    if value is None:
+        return ''
+    return number(f'{value:.5g}') if isinstance(value, float) else str(value)
+
+
+@dataclass(frozen=True)
+class IdentificationResult(Result, _Parametric):
+    """Contact parameters with their uncertainty; `found` holds every figure."""
+
+    found: Identification
+
+    @property
+    def parameters(self) -> ParameterSet:
+        """The contact law that was found."""
+        return self.found.parameters
+
+    @cached_property
+    def validation(self) -> ValidationResult:
+        """How well the parameters predict the bags they were found from."""
+        from saddlering_ros.api.functions import validate
+
+        return validate(self.bags, parameters=self.parameters, rig=self.rig)
+
+    def summary(self) -> str:
+        """Values with errors and intervals, correlations, notes."""
+        return identification_text(self.found)
+
+    def columns(self) -> dict[str, list[Any]]:
+        """One row a parameter: value, std, 95 % interval (None if not determined), unit, note."""
+        return columns_of([self._row(place, name) for place, name in enumerate(PARAMETER_NAMES)])
+
+    def plot(self) -> Plot:
+        """Measured and simulated with these parameters, on the bags they were found from."""
+        return self.validation.plot()
+
+    def write_report(self, path: Path | str, *, command: str = '') -> None:
+        """Write the page: parameters, and simulation beside measurement."""
+        from saddlering_ros.report import write_validation_report
+
+        write_validation_report(path, self.validation.found, runs_of(self.bags), self.rig,
+                                self.found.to_json(), command)
+
+    def _document(self) -> dict[str, Any]:
+        return self.found.to_json()
+
+    def _headline(self) -> str:
+        return (f'Identification ({self.found.method} method) from {len(self.bags)} bags: '
+                f'{self.found.status}')
+
+    def _row(self, place: int, name: str) -> dict[str, Any]:
+        found = self.found
+        is_determined = found.pinned[name]
+        low, high = found.intervals[name] or (None, None)
+        return {
+            'parameter': name, 'value': float(getattr(found.parameters.contact, name)),
+            'std': float(found.std[place]) if is_determined else None, 'low': low, 'high': high,
+            'unit': PARAMETER_UNITS[name], 'note': found.reasons.get(name, ''),
+        }
+
+
+@dataclass(frozen=True)
+class ValidationResult(Result):
+    """How well parameters predict bags; `found` holds every figure and the curves."""
+
+    found: Validation
+
+    def summary(self) -> str:
+        """A table of every run and channel, and which criteria are met."""
+        return validation_text(self.found)
+
+    def columns(self) -> dict[str, list[Any]]:
+        """One row a run and channel, with every figure of `validate --json` that is a number."""
+        skipped = {'iso18571_parts'}
+        return columns_of([
+            {'bag': run.name, 'test': run.test, 'elevation_deg': float(np.degrees(run.elevation)),
+             'channel': channel,
+             **{key: value for key, value in vars(figures).items() if key not in skipped}}
+            for run in self.found.runs for channel, figures in run.channels.items()])
+
+    def plot(self) -> Plot:
+        """Measured and simulated, one column a run: static ones over load, or else over time."""
+        from saddlering_ros.report import figures
+        from saddlering_ros.report.validation_page import curves_of_validation
+
+        curves = curves_of_validation(self.found, runs_of(self.bags))
+        static = [item for item in curves if item.test == 'static']
+        return Plot(figures.comparison((static or curves)[:3]))
+
+    def write_report(
+        self, path: Path | str, *, command: str = '',
+        identification: Mapping[str, Any] | None = None,
+    ) -> None:
+        """Write the page on these parameters; identification: the JSON of what found them."""
+        from saddlering_ros.report import write_validation_report
+
+        write_validation_report(path, self.found, runs_of(self.bags), self.rig, identification,
+                                command)
+
+    def save_plots(self, folder: Path | str) -> list[Path]:
+        """One PNG per run in `folder`; the paths written."""
+        from saddlering_ros.identification.plots import save_plots
+
+        return save_plots(self.found, Path(folder))
+
+    def _document(self) -> dict[str, Any]:
+        return self.found.to_json()
+
+    def _headline(self) -> str:
+        return f'Validation on {len(self.bags)} bags'
+
+
+@dataclass(frozen=True)
+class DiagnosisResult(Result, _Parametric):
+    """The verdict on bags; `found` holds every figure."""
+
+    found: Verdict
+
+    @property
+    def verdict(self) -> str:
+        """'none', 'named', 'ambiguous' or 'unknown'."""
+        return self.found.verdict
+
+    @property
+    def causes(self) -> tuple[str, ...]:
+        """Ids of the causes, the strongest first."""
+        return tuple(cause['effect'] for cause in self._document()['causes'] if 'effect' in cause)
+
+    @property
+    def next_test(self) -> str | None:
+        """The measurement that would settle what is open, or confirm what is named."""
+        return self.found.next_test
+
+    @property
+    def parameters(self) -> ParameterSet:
+        """Contact law after the diagnosis, with the effects found."""
+        return self.found.extended_parameters()
+
+    def summary(self) -> str:
+        """The verdict, its causes, what they are worth and what is still open."""
+        return verdict_text(self.found)
+
+    def columns(self) -> dict[str, list[Any]]:
+        """One row a parameter of a cause: size, std, unit, misfit reduction, p-value."""
+        return columns_of([
+            row for cause in self._document()['causes'] if 'effect' in cause
+            for row in _cause_rows(cause)])
+
+    def plot(self) -> Plot:
+        """Misfit of every run and channel before and after, beside the noise."""
+        from saddlering_ros.report import figures
+
+        return Plot(figures.misfit(self._document()['runs']))
+
+    def write_report(self, path: Path | str, *, command: str = '') -> None:
+        """Write the page of the diagnosis."""
+        from saddlering_ros.report import write_diagnosis_report
+
+        write_diagnosis_report(self.found, path, command)
+
+    def _document(self) -> dict[str, Any]:
+        return self.found.to_json()
+
+    def _headline(self) -> str:
+        from saddlering_ros.report.wording import headline
+
+        return f'Verdict: {self.verdict}. {headline(self._document())}'
+
+
+def _cause_rows(cause: Mapping[str, Any]) -> Sequence[dict[str, Any]]:
+    return [
+        {'cause': cause['effect'], 'title': cause['title'], 'parameter': name,
+         'value': item['value'], 'std': item['std'], 'unit': item['unit'],
+         'misfit_reduction_fitted': cause['gain']['fit'],
+         'misfit_reduction_held_out': cause['gain']['held_out'],
+         'p_value': cause['evidence']['p_value']}
+        for name, item in cause['parameters'].items()]

@@ -1,0 +1,161 @@
+"""Claims about the public Python API: names, imports, results, progress and cancel."""
+
+import ast
+import csv
+import inspect
+import json
+from pathlib import Path
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+sys.path.append(str(Path(__file__).parent.parent / 'identification'))
+from identification_records import dynamic_run, RIG, static_run
+
+import saddlering_ros
+from saddlering_ros import (
+    Bag,
+    Cancelled,
+    identify,
+    Progress,
+    read_bag,
+    read_parameters,
+    SaddleringError,
+    validate,
+)
+from saddlering_ros.api.tables import dataframe
+from saddlering_ros.bags import TestFacts, write_bag
+
+QUICK = {'particles': 8, 'iterations': 6, 'seed': 1}
+
+
+@pytest.fixture(scope='module')
+def bags(tmp_path_factory):
+    folder = tmp_path_factory.mktemp('bags')
+    paths = []
+    for run in (static_run(50.0, seed=1), dynamic_run(50.0, seconds=3.0, seed=2)):
+        facts = TestFacts(run.test, float(np.degrees(run.elevation)))
+        paths.append(write_bag(folder / run.name, facts, run.stamps, run.load, [run.stamps] * 4,
+                               list(run.gaps), RIG.probes))
+    return [read_bag(path) for path in paths]
+
+
+@pytest.fixture(scope='module')
+def reports():
+    return []
+
+
+@pytest.fixture(scope='module')
+def found(bags, reports):
+    return identify(bags, on_progress=reports.append, **QUICK)
+
+
+@pytest.fixture(scope='module')
+def judged(bags, found):
+    return validate(bags, parameters=found)
+
+
+def test_importing_the_package_imports_nothing_heavy():
+    script = ('import sys, saddlering_ros; saddlering_ros.__version__; '
+              'print(*({"numpy", "scipy", "numba", "yaml", "rclpy"} & set(sys.modules)))')
+    answer = subprocess.run([sys.executable, '-c', script], capture_output=True, text=True,
+                            check=True)
+    assert answer.stdout.split() == []
+
+
+def test_every_public_name_is_there_and_has_a_docstring():
+    for name in set(saddlering_ros.__all__) - {'__version__'}:
+        assert inspect.getdoc(getattr(saddlering_ros, name)), name
+    with pytest.raises(AttributeError, match='no_such_name'):
+        _ = saddlering_ros.no_such_name
+
+
+def test_names_for_type_checkers_are_the_names_that_are_loaded():
+    tree = ast.parse(inspect.getsource(saddlering_ros))
+    guarded = next(item for item in tree.body if isinstance(item, ast.If))
+    typed = {alias.name for item in guarded.body for alias in item.names}
+    assert typed == set(saddlering_ros._PLACES) == set(saddlering_ros.__all__) - {'__version__'}
+
+
+@pytest.mark.parametrize('name', ['identify', 'validate', 'diagnose', 'read_bag'])
+def test_options_are_keywords_only(name):
+    first, *rest = inspect.signature(getattr(saddlering_ros, name)).parameters.values()
+    assert first.kind is inspect.Parameter.POSITIONAL_OR_KEYWORD
+    assert all(item.kind is inspect.Parameter.KEYWORD_ONLY for item in rest)
+
+
+def test_a_bag_is_read_once_and_passed_on(bags, found, monkeypatch):
+    def refuse(*_, **__):
+        raise AssertionError('read again')
+    monkeypatch.setattr('saddlering_ros.api.inputs.read_run', refuse)
+    assert validate(bags, parameters=found).bags == tuple(bags)
+
+
+def test_a_bag_shows_what_it_is(bags):
+    assert isinstance(bags[0], Bag)
+    assert bags[0].summary().startswith(f'{bags[0].name}: static test at 50 deg')
+    assert list(bags[0].columns())[:3] == ['stamp_ns', 'time', 'load']
+
+
+def test_progress_is_reported_in_one_form(reports, found):
+    assert all(isinstance(item, Progress) and item.task == 'identify' for item in reports)
+    assert all(0.0 <= item.share <= 1.0 for item in reports)
+    assert reports[-1].stage == 'refinement'
+
+
+def test_a_cancelled_identification_raises_with_what_it_had(bags):
+    with pytest.raises(Cancelled) as stopped:
+        identify(bags, is_cancelled=lambda: True, **QUICK)
+    assert stopped.value.partial.found.cancelled
+
+
+def test_a_cancelled_validation_raises_the_same_class(bags, found):
+    with pytest.raises(Cancelled):
+        validate(bags, parameters=found, is_cancelled=lambda: True)
+
+
+def test_parameters_are_a_row_each_and_a_file(found, tmp_path):
+    columns = found.columns()
+    assert columns['parameter'] == ['K1', 'n1', 'D1', 'K2', 'n2', 'D2']
+    assert columns['value'][0] == found.parameters.contact.K1
+    found.save(tmp_path / 'found.yaml')
+    assert read_parameters(tmp_path / 'found.yaml').contact == found.parameters.contact
+
+
+def test_results_are_saved_as_their_name_ends(judged, tmp_path):
+    judged.save(tmp_path / 'all.json')
+    assert json.loads((tmp_path / 'all.json').read_text()) == json.loads(
+        json.dumps(judged.to_json()))
+    judged.save(tmp_path / 'table.csv')
+    with (tmp_path / 'table.csv').open() as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == 8
+    assert float(rows[0]['rmse']) == judged.found.runs[0].channels['delta_x'].rmse
+    for name in ('all.txt', 'law.yaml'):
+        with pytest.raises(SaddleringError, match=r'end it with \.json, \.csv$'):
+            judged.save(tmp_path / name)
+
+
+def test_results_show_themselves_in_a_notebook(found, judged, bags):
+    assert '<table>' in found._repr_html_()
+    assert 'delta_x' in judged._repr_html_()
+    assert 'static test' in bags[0]._repr_html_()
+    assert judged.plot()._repr_png_().startswith(b'\x89PNG')
+
+
+def test_a_report_is_written(judged, tmp_path):
+    judged.write_report(tmp_path / 'page.html', command='python mine.py')
+    assert 'python mine.py' in (tmp_path / 'page.html').read_text()
+
+
+def test_a_data_frame_needs_pandas_and_the_error_names_it(monkeypatch):
+    monkeypatch.setitem(sys.modules, 'pandas', None)
+    with pytest.raises(SaddleringError, match='pip install pandas'):
+        dataframe({'a': [1]})
+
+
+def test_what_holds_no_parameters_is_refused_in_one_line(bags):
+    with pytest.raises(SaddleringError, match='parameters: int holds none'):
+        validate(bags, parameters=3)
