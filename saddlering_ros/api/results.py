@@ -293,7 +293,7 @@ class DiagnosisResult(Result, _Parametric):
         return self.found.to_json()
 
     def _headline(self) -> str:
-        from saddlering_ros.report.wording import headline
+        from saddlering_ros.diagnosis.wording import headline
 
         return f'Verdict: {self.verdict}. {headline(self._document())}'
 

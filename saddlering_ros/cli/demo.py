@@ -54,8 +54,13 @@ def run(args: argparse.Namespace) -> int:
 def summary(outcome: Outcome) -> str:
     """What was found, in a screen's worth of plain lines."""
     from saddlering_ros.demo import figures
-    from saddlering_ros.report.quantities import percent
-    from saddlering_ros.report.wording import effects_of, gain_sentence, headline, parameter_words
+    from saddlering_ros.diagnosis.wording import (
+        effects_of,
+        gain_sentence,
+        headline,
+        parameter_words,
+    )
+    from saddlering_ros.rig.quantities import percent
 
     verdict = outcome.verdict
     lines = ['', f'Verdict: {verdict["verdict"]}. {headline(verdict)}']

@@ -7,7 +7,7 @@ from saddlering_ros.demo.story import Outcome
 from saddlering_ros.report import background, chapters, html
 from saddlering_ros.report.background import quality_of
 from saddlering_ros.report.html import Cell, number
-from saddlering_ros.report.quantities import percent
+from saddlering_ros.rig.quantities import percent
 
 FOUND_BY = ('What /identify_ring returned, before anything was known of a missing cause: the '
             'contact parameters then carry its bias.')

@@ -18,10 +18,10 @@ from saddlering_ros.demo.console import Console
 from saddlering_ros.demo.live import LiveRig
 from saddlering_ros.demo.plan import elevation_of, Plan
 from saddlering_ros.demo.recorder import Recording
+from saddlering_ros.diagnosis.wording import headline
 from saddlering_ros.report.curves import RunCurves
-from saddlering_ros.report.quantities import percent
-from saddlering_ros.report.wording import headline
 from saddlering_ros.rig import default_rig, ParameterSet, Rig, write_parameters
+from saddlering_ros.rig.quantities import percent
 from saddlering_ros.ros.conversions import parameters_from_message
 
 STEPS = 8

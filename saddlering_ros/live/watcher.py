@@ -24,11 +24,10 @@ from saddlering_interfaces.msg import ReplayState, RingDisplacement, RingParamet
 from saddlering_ros.bags import LOAD_TOPIC
 from saddlering_ros.bags.cdr import CdrError
 from saddlering_ros.bags.topics import LOAD
+from saddlering_ros.diagnosis.wording import gain_sentence, headline
 from saddlering_ros.errors import SaddleringError
 from saddlering_ros.live.traces import Traces
 from saddlering_ros.report.background import white_noise
-from saddlering_ros.report.quantities import quantity
-from saddlering_ros.report.wording import gain_sentence, headline
 from saddlering_ros.rig import (
     CHANNELS,
     PARAMETER_NAMES,
@@ -36,6 +35,7 @@ from saddlering_ros.rig import (
     stiffness_per_millimetre,
     TONNE,
 )
+from saddlering_ros.rig.quantities import quantity
 from saddlering_ros.ros.conversions import parameters_from_message
 from saddlering_ros.ros.lockstep import STATE_TOPIC, to_stamp
 from saddlering_ros.ros.raw_topics import RawSubscription

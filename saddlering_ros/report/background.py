@@ -11,12 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saddlering_ros.bags import displacement_of_run, TestRun
+from saddlering_ros.diagnosis.wording import MATERIAL
 from saddlering_ros.report import html
 from saddlering_ros.report.html import Cell, number
-from saddlering_ros.report.quantities import percent, quantity
 from saddlering_ros.report.style import SYMBOLS
-from saddlering_ros.report.wording import MATERIAL
 from saddlering_ros.rig import CHANNELS, PARAMETER_NAMES, Rig, TONNE
+from saddlering_ros.rig.quantities import percent, quantity
 
 Array = NDArray[np.float64]
 

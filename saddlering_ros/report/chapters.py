@@ -8,14 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from saddlering_ros.effects import catalogue
-from saddlering_ros.report import figures, html
-from saddlering_ros.report.background import correlation
-from saddlering_ros.report.curves import Array, RunCurves
-from saddlering_ros.report.html import Cell, code, number
-from saddlering_ros.report.quantities import percent, probability, quantity, superscript
-from saddlering_ros.report.style import SYMBOLS
-from saddlering_ros.report.wording import (
+from saddlering_ros.diagnosis.wording import (
     Document,
     effects_of,
     gain_sentence,
@@ -28,7 +21,14 @@ from saddlering_ros.report.wording import (
     why_lost,
     WORDS,
 )
+from saddlering_ros.effects import catalogue
+from saddlering_ros.report import figures, html
+from saddlering_ros.report.background import correlation
+from saddlering_ros.report.curves import Array, RunCurves
+from saddlering_ros.report.html import Cell, code, number
+from saddlering_ros.report.style import SYMBOLS
 from saddlering_ros.rig import CHANNELS, PARAMETER_NAMES, PARAMETER_UNITS, stiffness_per_millimetre
+from saddlering_ros.rig.quantities import percent, probability, quantity, superscript
 
 CANDIDATES_SHOWN = 12
 ASSUMPTION = ('Every dimension of the rig is an assumption of this project, so the parameters are '

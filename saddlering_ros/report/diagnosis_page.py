@@ -6,10 +6,10 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from saddlering_ros.diagnosis.diagnose import Verdict
+from saddlering_ros.diagnosis.wording import Document
 from saddlering_ros.report import background, chapters, html
 from saddlering_ros.report.background import Background, quality_of
 from saddlering_ros.report.curves import curves_of, RunCurves
-from saddlering_ros.report.wording import Document
 from saddlering_ros.rig import write_text_atomically
 
 NOTHING = Background()

@@ -14,7 +14,6 @@ from saddlering_ros.report import background, chapters, html
 from saddlering_ros.report.background import correlation, quality_of
 from saddlering_ros.report.curves import curves_of_run, RunCurves
 from saddlering_ros.report.html import Cell, code, number
-from saddlering_ros.report.quantities import percent, quantity
 from saddlering_ros.report.style import SYMBOLS
 from saddlering_ros.rig import (
     CHANNELS,
@@ -25,6 +24,7 @@ from saddlering_ros.rig import (
     stiffness_per_millimetre,
     write_text_atomically,
 )
+from saddlering_ros.rig.quantities import percent, quantity
 
 GOOD = 2.0
 """A misfit under so many noise floors is as good as the measurement."""

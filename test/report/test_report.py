@@ -6,12 +6,12 @@ from documents import document, run_curves
 import numpy as np
 import pytest
 
+from saddlering_ros.diagnosis.wording import gain_sentence, headline
 from saddlering_ros.report import chapters, figures
 from saddlering_ros.report.background import gains, white_noise
 from saddlering_ros.report.curves import branches, spectrum
 from saddlering_ros.report.diagnosis_page import diagnosis_page
 from saddlering_ros.report.html import pictures_of
-from saddlering_ros.report.wording import gain_sentence, headline
 
 RUNS = [run_curves(), run_curves(degrees=70.0, held_out=True), run_curves('dynamic')]
 

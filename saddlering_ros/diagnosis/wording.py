@@ -6,7 +6,7 @@ from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
 from saddlering_ros.effects import catalogue
-from saddlering_ros.report.quantities import percent, quantity
+from saddlering_ros.rig.quantities import percent, quantity
 
 Document = Mapping[str, Any]
 
