@@ -25,14 +25,14 @@ from rigs import RIG, virtual_run
 from scipy.integrate import solve_ivp
 from scipy.optimize import differential_evolution
 
+from saddlering_ros.estimation.space import SearchSpace
 from saddlering_ros.identification import IdentificationSettings, identify, SwarmSettings
 from saddlering_ros.identification.objective import (
     average_branches,
     PaperObjective,
     WeightedObjective,
 )
-from saddlering_ros.identification.observation import observe
-from saddlering_ros.identification.space import SearchSpace
+from saddlering_ros.identification.observing import observe
 from saddlering_ros.identification.swarm import minimise
 from saddlering_ros.rig import (
     ContactParameters,

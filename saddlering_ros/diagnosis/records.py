@@ -13,6 +13,8 @@ from numpy.typing import NDArray
 from saddlering_ros.bags import displacement_of_run, MeasuredRun, plateaus, TestRun
 from saddlering_ros.discrepancy import RestSegment, Run
 from saddlering_ros.errors import SaddleringError
+from saddlering_ros.estimation.blocks import span_means
+from saddlering_ros.estimation.rest import quiet_stretches, stretches_at_rest
 from saddlering_ros.rig import Rig
 
 Array = NDArray[np.float64]
@@ -32,7 +34,6 @@ PART_CHANGE = 0.003
 """Change of load over one of them, as a share of full scale, unless there are that many."""
 LONGEST_STEP = 1.0
 """Longest time step of the simulation [s]; its samples are closer wherever the load moves."""
-SHORTEST_REST = 0.3
 LEAST_SAMPLES = 40
 
 
@@ -54,11 +55,7 @@ class LoadGrid:
 
     def block_means(self, simulated: Array) -> Array:
         """Means over the blocks of simulated (..., M)."""
-        total = np.concatenate(
-            [np.zeros((*simulated.shape[:-1], 1)), np.cumsum(simulated, axis=-1)], axis=-1
-        )
-        means = (total[..., self.last] - total[..., self.first]) / (self.last - self.first)
-        return np.asarray(means)
+        return span_means(simulated, self.first, self.last)
 
 
 @dataclass(frozen=True)
@@ -111,7 +108,7 @@ def _static(
             blocks.append(Span(int(block[0]), int(block[-1]) + 1, min(bins, block.size)))
             hold.append(float(number))
             branch.append(float(found.branch[number]))
-        settled = inside[time[inside] >= begin + 0.35 * (end - begin)]
+        settled = inside[time[inside] >= test_run.time[found.start[number]]]
         if settled.size >= 8:
             rest.append(RestSegment(probes[:, settled], step, f'{int(found.branch[number])}'))
     return _run(
@@ -141,10 +138,8 @@ def _dynamic(
     number = np.floor((time - time[0]) / length + 1e-9).astype(np.int64)
     starts = np.flatnonzero(np.diff(number, prepend=-1))
     stops = np.append(starts[1:], time.size)
-    rests = _rests(rig, time, load)
-    # After a ramp the ring still creeps home, which is no noise: use what was before it, if any.
-    quiet = [(begin, end) for begin, end in rests if begin == 0] or rests
-    rest = [RestSegment(probes[:, begin:end], step) for begin, end in quiet]
+    rests = stretches_at_rest(time, load, rig.limits.rest_band)
+    rest = [RestSegment(probes[:, begin:end], step) for begin, end in quiet_stretches(rests)]
     hold = np.arange(starts.size, dtype=float)
     change = np.abs(load[stops - 1] - load[starts]) / rig.full_scale_load
     parts = np.clip(np.ceil(change / PART_CHANGE), *MOVING_PARTS)
@@ -228,26 +223,6 @@ def _load_grid(
         np.array(last),
         LONGEST_STEP,
     )
-
-
-def _rests(rig: Rig, time: Array, load: Array) -> list[tuple[int, int]]:
-    """Stretches [start, stop) over which the load stays put, their first bit left to settling."""
-    band = rig.limits.rest_band
-    step = float(np.median(np.diff(time)))
-    count = max(1, round(0.05 / step))
-    usable = time.size // count * count
-    level = load[:usable].reshape(-1, count).mean(axis=1)
-    found, start = [], 0
-    for index in range(1, level.size + 1):
-        if index < level.size and abs(level[index] - level[start:index].mean()) < band:
-            continue
-        begin, end = start * count, index * count
-        settle = 0 if start == 0 else min(round(0.5 / step), (end - begin) // 2)
-        if time[end - 1] - time[begin] > SHORTEST_REST and end - begin - settle >= 8:
-            guard = min(round(0.1 / step), (end - begin) // 5)
-            found.append((begin + settle, end - guard))
-        start = index
-    return found
 
 
 def _run(

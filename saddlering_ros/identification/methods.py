@@ -11,7 +11,9 @@ from numpy.typing import NDArray
 
 from saddlering_ros.bags import TestRun
 from saddlering_ros.errors import Cancelled
+from saddlering_ros.estimation.space import SearchSpace
 from saddlering_ros.identification import swarm
+from saddlering_ros.identification.checks import warnings_of
 from saddlering_ros.identification.errors import IdentificationError
 from saddlering_ros.identification.objective import (
     average_branches,
@@ -19,7 +21,8 @@ from saddlering_ros.identification.objective import (
     PaperObjective,
     WeightedObjective,
 )
-from saddlering_ros.identification.observation import Observation, observe, warnings_of
+from saddlering_ros.identification.observation import Observation
+from saddlering_ros.identification.observing import observe
 from saddlering_ros.identification.refinement import jacobian, refine, Refinement
 from saddlering_ros.identification.result import Identification
 from saddlering_ros.identification.settings import (
@@ -29,7 +32,6 @@ from saddlering_ros.identification.settings import (
     OnProgress,
     Progress,
 )
-from saddlering_ros.identification.space import SearchSpace
 from saddlering_ros.identification.uncertainty import (
     assess,
     Profile,

@@ -9,9 +9,11 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from saddlering_ros.estimation.blocks import span_means
+from saddlering_ros.estimation.whitening import SharedErrors, Whitening
 from saddlering_ros.identification.errors import IdentificationError
-from saddlering_ros.identification.observation import Observation, SETTLING_STEP
-from saddlering_ros.identification.whitening import SharedErrors, Whitening
+from saddlering_ros.identification.observation import Observation
+from saddlering_ros.identification.observing import SETTLING_STEP
 from saddlering_ros.rig import PARAMETER_NAMES, Rig
 from saddlering_ros.ring import dynamic_batch, static_batch
 
@@ -44,7 +46,7 @@ def predict(rig: Rig, contacts: Array, observation: Observation) -> Array:
         _longest_step(observation),
     )
     if observation.spans is not None:
-        return np.asarray(_means_over(moving, observation.spans) - zero)
+        return np.asarray(span_means(moving, *observation.spans.T) - zero)
     blocks = moving.reshape(*moving.shape[:2], -1, observation.per_block).mean(axis=-1)
     return np.asarray(blocks - zero)
 
@@ -53,13 +55,6 @@ def _longest_step(observation: Observation) -> float:
     if observation.spans is not None:
         return 2.0 * SETTLING_STEP
     return LONGEST_STEP if observation.per_block > 1 else COARSE_STEP
-
-
-def _means_over(values: Array, spans: NDArray[np.intp]) -> Array:
-    """Means (..., N) of values (..., M) over spans (N, 2)."""
-    sums = np.concatenate([np.zeros((*values.shape[:-1], 1)), np.cumsum(values, axis=-1)], axis=-1)
-    return np.asarray((sums[..., spans[:, 1]] - sums[..., spans[:, 0]])
-                      / (spans[:, 1] - spans[:, 0]))
 
 
 @dataclass

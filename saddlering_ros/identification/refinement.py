@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from saddlering_ros.errors import Cancelled
+from saddlering_ros.estimation.space import SearchSpace
 from saddlering_ros.identification.objective import WeightedObjective
-from saddlering_ros.identification.space import SearchSpace
 from saddlering_ros.rig import ContactParameters
 
 Array = NDArray[np.float64]

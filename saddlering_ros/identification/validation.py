@@ -16,8 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saddlering_ros.bags import BagError, displacement_of_run, MeasuredRun, plateaus, TestRun
-from saddlering_ros.identification.errors import IdentificationError
-from saddlering_ros.identification.noise import (
+from saddlering_ros.estimation.noise import (
     ChannelNoise,
     fit_channel,
     fit_noise,
@@ -25,11 +24,10 @@ from saddlering_ros.identification.noise import (
     parity_ratios,
     ParityNoise,
 )
-from saddlering_ros.identification.observation import (
-    parity_at_rest,
-    run_name,
-    stretches_at_rest,
-)
+from saddlering_ros.estimation.rest import stretches_at_rest
+from saddlering_ros.identification.checks import run_name
+from saddlering_ros.identification.errors import IdentificationError
+from saddlering_ros.identification.prepared import parity_at_rest
 from saddlering_ros.identification.rating import rate
 from saddlering_ros.provenance import Origin, Provenance
 from saddlering_ros.rig import CHANNELS, Displacement, PARAMETER_NAMES, ParameterSet, Rig
@@ -223,7 +221,7 @@ def _compare(run: TestRun, rig: Rig, parameters: ParameterSet) -> _Comparison:
     simulated = _simulated(rig, parameters, run, measured)
     if found is None:
         rests = stretches_at_rest(
-            measured.time, measured.load, 0.625 * rig.limits.rest_band)
+            measured.time, measured.load, rig.limits.rest_band)
         rests = rests or [(measured.zero.start, measured.zero.end)]
         readings: Spans = []
         branch = np.zeros(0)

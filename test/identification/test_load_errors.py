@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from saddlering_ros.identification.noise import fit_common
+from saddlering_ros.estimation.noise import fit_common
 from saddlering_ros.identification.objective import WeightedObjective
-from saddlering_ros.identification.observation import observe
+from saddlering_ros.identification.observing import observe
 from saddlering_ros.rig import ContactParameters
 
 RINGING = ContactParameters(9e7, 1.15, 3e4, 8e8, 1.05, 1e5)

@@ -29,7 +29,7 @@ from saddlering_ros.identification.objective import (
     predict,
     WeightedObjective,
 )
-from saddlering_ros.identification.observation import observe
+from saddlering_ros.identification.observing import observe
 from saddlering_ros.identification.summary import identification_text
 from saddlering_ros.rig import PARAMETER_NAMES, TONNE, TRUE_TO_SCALE
 

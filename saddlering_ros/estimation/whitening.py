@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy.linalg import cholesky, solve_toeplitz, solve_triangular, toeplitz
 from scipy.signal import lfilter
 
-from saddlering_ros.identification.noise import ChannelNoise
+from saddlering_ros.estimation.noise import ChannelNoise
 
 Array = NDArray[np.float64]
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from saddlering_ros.identification.noise import (
+from saddlering_ros.estimation.noise import (
     ChannelNoise,
     fit_channel,
     fit_noise,

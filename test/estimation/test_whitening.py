@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy.linalg import cholesky, toeplitz
 
-from saddlering_ros.identification.noise import ChannelNoise
-from saddlering_ros.identification.whitening import SharedErrors, Whitening
+from saddlering_ros.estimation.noise import ChannelNoise
+from saddlering_ros.estimation.whitening import SharedErrors, Whitening
 
 NOISE = ChannelNoise(0.02, 4e-14, np.array([0.1, 4.0]), np.array([2e-14, 1e-14]))
 COMMON = 5e-14

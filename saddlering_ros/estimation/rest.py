@@ -1,0 +1,58 @@
+"""Where a record is at rest, by its load alone: one rule for every estimate of noise."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Stretches = list[tuple[int, int]]
+
+BLOCK_SECONDS = 0.05
+"""The load is compared in means over this time [s]."""
+
+MIN_SECONDS = 0.3
+"""A shorter stretch [s] is no rest."""
+
+SETTLING_SECONDS = 0.5
+"""Time [s] left to settling after a movement, at most half the stretch."""
+
+GUARD_SECONDS = 0.1
+"""Time [s] left out before the next movement, at most a fifth of the stretch."""
+
+MIN_SAMPLES = 8
+
+
+def stretches_at_rest(time: Array, load: Array, band: float) -> Stretches:
+    """Stretches [start, stop) of samples over which the mean load stays within `band` [N].
+
+    A block belongs to a stretch while its mean is within the band of the mean of the blocks before
+    it. The beginning of a stretch is left to settling, unless the record begins with it.
+    """
+    step = float(np.median(np.diff(time)))
+    count = max(1, round(BLOCK_SECONDS / step))
+    usable = time.size // count * count
+    level = load[:usable].reshape(-1, count).mean(axis=1)
+    found, start, total = [], 0, level[0] if level.size else 0.0
+    for index in range(1, level.size + 1):
+        inside = index < level.size and abs(level[index] - total / (index - start)) < band
+        if inside:
+            total += level[index]
+            continue
+        begin, end = start * count, index * count
+        settling = 0 if start == 0 else min(round(SETTLING_SECONDS / step), (end - begin) // 2)
+        long_enough = time[end - 1] - time[begin] > MIN_SECONDS
+        if long_enough and end - begin - settling >= MIN_SAMPLES:
+            guard = min(round(GUARD_SECONDS / step), (end - begin) // 5)
+            found.append((begin + settling, end - guard))
+        start = index
+        total = level[index] if index < level.size else 0.0
+    return found
+
+
+def quiet_stretches(stretches: Stretches) -> Stretches:
+    """Stretches to read noise from: that before the first movement alone, where there is one.
+
+    After a movement the ring still creeps back while the load is at rest: that is no noise.
+    """
+    return [one for one in stretches if one[0] == 0] or stretches

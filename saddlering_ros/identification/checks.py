@@ -1,0 +1,88 @@
+"""Whether a run can be identified from, and what makes its result doubtful."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from saddlering_ros.bags import BagError, displacement_of_run, plateaus, TestRun
+from saddlering_ros.identification.errors import IdentificationError
+from saddlering_ros.rig import Rig
+
+
+def run_name(run: TestRun) -> str:
+    """How a run is called in messages: its path, or its name when it has none."""
+    return str(run.path) if getattr(run, 'path', None) else run.name
+
+
+def warnings_of(run: TestRun, rig: Rig) -> list[str]:
+    """What makes a run's result doubtful without forbidding it, one line each."""
+    name = run_name(run)
+    warnings = [f'{name}: {note}' for note in run.notes]
+    for probe, clipped in enumerate(saturated(run, rig), start=1):
+        share = float(np.mean(clipped))
+        if share > 0.001:
+            warnings.append(
+                f'{name}: probe {probe} is at a limit of its span in {100.0 * share:.1f} % of the '
+                'record: that part is left out'
+            )
+    if not displacement_of_run(rig, run).zero.near_preload:
+        warnings.append(f'{name}: it does not start near the preload, its zero is taken higher')
+    return warnings
+
+
+def saturated(run: TestRun, rig: Rig) -> NDArray[np.bool_]:
+    """Where each probe (4, N) reads a limit of its span, so that its face may be farther."""
+    margin = 1e-4 * (rig.probes.max_range - rig.probes.min_range)
+    low, high = rig.probes.min_range + margin, rig.probes.max_range - margin
+    with np.errstate(invalid='ignore'):
+        return np.asarray((run.gaps <= low) | (run.gaps >= high))
+
+
+def check_run(run: TestRun, rig: Rig) -> None:
+    """IdentificationError when the run's range is too small to identify anything from."""
+    name = run_name(run)
+    if not np.isfinite(run.elevation):
+        raise IdentificationError(f'{name}: its elevation is {run.elevation}: give it in degrees')
+    if not np.all(np.isfinite(run.load)):
+        raise IdentificationError(f'{name}: its load is not finite everywhere: cut the record')
+    top = float(np.nanmax(run.load)) if len(run.load) else 0.0
+    least = rig.limits.identification_min
+    if not top > least:
+        raise IdentificationError(
+            f'{name}: the load never exceeds {rig.force_words(least)} (highest '
+            f'{rig.force_words(top)}), a fifth of full scale '
+            f'({rig.force_words(rig.full_scale_load)}'
+            "): load the ring further, or correct the rig file's full_scale_load"
+        )
+    if run.test == 'static':
+        _check_static(run, rig, name)
+    elif float(np.nanmedian(run.load[-max(1, len(run.load) // 100) :])) > 0.5 * top:
+        raise IdentificationError(
+            f'{name}: there is no unloading branch (the record ends at '
+            f'{rig.force_words(float(run.load[-1]))}): record the test until the load is off again'
+        )
+
+
+def _check_static(run: TestRun, rig: Rig, name: str) -> None:
+    try:
+        found = plateaus(run)
+    except BagError as problem:
+        raise IdentificationError(f'{name}: {problem}') from problem
+    levels = np.unique(np.round(found.load / rig.limits.level_step))
+    if len(levels) < 2:
+        raise IdentificationError(
+            f'{name}: a static run with one plateau only: '
+            'identification needs readings at several loads'
+        )
+    if not np.any(np.asarray(found.branch) < 0):
+        raise IdentificationError(
+            f'{name}: there is no unloading branch in this static run: '
+            'record the steps down to zero as well'
+        )
+
+
+def clipped_words(name: str) -> str:
+    """Message of a run whose probes read too little."""
+    return (f'{name}: probes are missing or at a limit of their span in most of the record: '
+            'set their gaps anew and repeat the test')

@@ -1,0 +1,191 @@
+"""A run with its displacement, where it is at rest, and the noise its probes show there."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import uniform_filter1d
+
+from saddlering_ros.bags import BagError, displacement_of_run, MeasuredRun, plateaus, TestRun
+from saddlering_ros.estimation.blocks import block_means, filled
+from saddlering_ros.estimation.noise import fit_noise, NoiseModel, parity_ratios, ParityNoise
+from saddlering_ros.estimation.rest import quiet_stretches, stretches_at_rest
+from saddlering_ros.identification.checks import check_run, clipped_words, run_name, saturated
+from saddlering_ros.identification.errors import IdentificationError
+from saddlering_ros.rig import ContactParameters, ParameterSet, Rig
+from saddlering_ros.ring import simulate
+
+Array = NDArray[np.float64]
+
+CHANNEL_COUNT = 3
+"""delta_x, delta_y, gamma."""
+
+MAX_SAMPLES = 1000
+"""Longest fit grid of one dynamic run; longer records get a coarser grid."""
+
+SIMULATION_RATE = 250.0
+"""Rate [Hz] of the loads a dynamic run is simulated with in a fit; faster records are averaged."""
+
+MIN_READINGS = 5
+MIN_SHARE_READ = 0.3
+"""Plateaus of a static run, and share of a dynamic one, that all four probes must have read."""
+
+SLOW_SECONDS = 0.25
+"""Movements of the load slower than this [s] are taken out of what is read at rest."""
+
+
+@dataclass(frozen=True)
+class PreparedRun:
+    """A run with its displacement and where it is at rest (start, stop index pairs).
+
+    load (N,) that the model is driven with; explained (3, N): what it explains of the displacement
+    at rest.
+    """
+
+    run: TestRun
+    measured: MeasuredRun
+    displacement: Array
+    load: Array
+    explained: Array
+    rests: list[tuple[int, int]]
+    branch: Array | None
+    interval: float
+
+
+def prepare(
+    run: TestRun, rig: Rig, fit_rate: float | None, contact: ContactParameters | None
+) -> PreparedRun:
+    """A run with all that its observation needs; IdentificationError where it cannot be used."""
+    name = run_name(run)
+    check_run(run, rig)
+    try:
+        measured = displacement_of_run(rig, run)
+    except BagError as problem:
+        raise IdentificationError(f'{name}: {problem}') from problem
+    motion = measured.displacement
+    displacement = np.stack([motion.delta_x, motion.delta_y, motion.gamma])
+    displacement[:, np.any(saturated(run, rig), axis=0)] = np.nan
+    interval = float(np.median(np.diff(measured.time)))
+    size = 1 if run.test == 'static' else block_sizes(interval, len(run.load), fit_rate)[0]
+    load = _smoothed(measured.load, size)
+    explained = (_load_slope(displacement, load)[:, None] * load if contact is None
+                 else _simulated(rig, contact, run, measured.time, load))
+    if run.test == 'static':
+        found = plateaus(run)
+        rests = list(zip(found.start.tolist(), found.stop.tolist(), strict=True))
+        branch = np.asarray(found.branch, dtype=float)
+        seen = [bool(np.mean(np.isfinite(displacement[0, a:b])) > 0.5) for a, b in rests]
+        rests = [rest for rest, enough in zip(rests, seen, strict=True) if enough]
+        if len(rests) < MIN_READINGS:
+            raise IdentificationError(clipped_words(name))
+        return PreparedRun(
+            run, measured, displacement, load, explained, rests, branch[seen], interval
+        )
+    if np.mean(np.isfinite(displacement[0])) < MIN_SHARE_READ:
+        raise IdentificationError(clipped_words(name))
+    rests = quiet_stretches(
+        stretches_at_rest(measured.time, measured.load, rig.limits.rest_band))
+    rests = rests or [(measured.zero.start, measured.zero.end)]
+    return PreparedRun(run, measured, displacement, load, explained, rests, None, interval)
+
+
+def _smoothed(load: Array, size: int) -> Array:
+    """Load averaged over a block of the fit about each sample (an odd number: without delay).
+
+    A model of little damping rings at the cell's noise, and least squares would give it damping
+    until it does not; what is faster than a block is not compared anyway.
+    """
+    return np.asarray(uniform_filter1d(load, 2 * (size // 2) + 1, mode='nearest'))
+
+
+def _load_slope(displacement: Array, load: Array) -> Array:
+    """Displacement per load (3,) over the whole run: what a little load movement does at rest."""
+    good = np.all(np.isfinite(displacement), axis=0)
+    centred = load[good] - load[good].mean()
+    return np.asarray(displacement[:, good] @ centred / (centred @ centred))
+
+
+def _simulated(
+    rig: Rig, contact: ContactParameters, run: TestRun, time: Array, load: Array
+) -> Array:
+    """Simulated displacement (3, N) of a run; NaN before its zero."""
+    step = max(float(np.median(np.diff(time))), 1e-3)
+    simulated = simulate(rig, ParameterSet(contact), run.elevation, time, load, step)
+    motion = simulated.displacement
+    rows = np.full((CHANNEL_COUNT, len(time)), np.nan)
+    rows[:, simulated.first:] = np.stack([motion.delta_x, motion.delta_y, motion.gamma])
+    return rows
+
+
+def block_sizes(interval: float, samples: int, fit_rate: float | None) -> tuple[int, int]:
+    """Samples in a block of the fit grid, and into how many simulated steps it is cut."""
+    if fit_rate is None:
+        return 1, 1
+    size = max(1, int(round(1.0 / (fit_rate * interval))), int(np.ceil(samples / MAX_SAMPLES)))
+    fine = max(1, int(round(1.0 / (SIMULATION_RATE * interval))))
+    per_block = max(1, int(round(size / fine)))
+    return per_block * max(1, size // per_block), per_block
+
+
+def noise_on_grid(runs: Sequence[PreparedRun], like: PreparedRun, size: int) -> NoiseModel:
+    """Noise on the grid of `size` samples a block, from all runs sampled like this one.
+
+    A dynamic run's rests are too short to show the slow part: that is taken from static runs.
+    """
+    alike = [one for one in runs if abs(one.interval / like.interval - 1.0) <= 0.05]
+    segments = [part for one in alike for part in rest_blocks(one, size)]
+    if not segments:
+        raise IdentificationError(
+            f'{run_name(like.run)}: no stretch at rest of at least {4 * size} samples to read the '
+            'noise from: hold the load before the ramp'
+        )
+    slow = None
+    held = [one for one in runs if one.branch is not None]
+    if held and not any(one.branch is not None for one in alike):
+        count = max(1, int(round(size * like.interval / held[0].interval)))
+        slow = noise_on_grid(held, held[0], count)
+    return fit_noise(segments, size * like.interval, slow, _parity_noise(alike, size),
+                     size)
+
+
+def rest_blocks(one: PreparedRun, size: int) -> list[Array]:
+    """Block means (3, n) of a run's stretches at rest, less what the load's movement explains.
+
+    Only its slow movement: the rest is the cell's noise, which is none of the probes' and would
+    make the channels' errors seem correlated.
+    """
+    width = max(1, int(round(SLOW_SECONDS / one.interval)))
+    segments = []
+    for start, stop in one.rests:
+        motion, explained = one.displacement[:, start:stop], one.explained[:, start:stop]
+        good = np.all(np.isfinite(motion + explained), axis=0)
+        if np.count_nonzero(good) >= 4 * size:
+            slow = uniform_filter1d(explained[:, good], width, axis=1, mode='nearest')
+            segments.append(block_means(motion[:, good] - slow, size))
+    return segments
+
+
+def _parity_noise(runs: Sequence[PreparedRun], size: int) -> ParityNoise | None:
+    """What the parity of runs sampled alike says about the noise, if it is that alone."""
+    parities = [parity_at_rest(one.measured) for one in runs]
+    still = [parity[None, start:stop] for one, parity in zip(runs, parities, strict=True)
+             for start, stop in one.rests]
+    channels = [part for one in runs for part in rest_blocks(one, 1)]
+    ratios = parity_ratios([parity[None, :] for parity in parities], still, channels)
+    if ratios is None:
+        return None
+    return ParityNoise([block_means(parity[None, :], size) for parity in parities], ratios)
+
+
+def parity_at_rest(measured: MeasuredRun) -> Array:
+    """Parity (N,) of a run less what follows load or time smoothly; missing values filled."""
+    parity = np.asarray(measured.displacement.parity)
+    good = np.isfinite(parity)
+    load = measured.load / max(float(np.max(np.abs(measured.load))), 1e-9)
+    time = measured.time / max(float(measured.time[-1]), 1e-9)
+    design = np.stack([np.ones_like(load), load, load**2, time, time**2], axis=1)
+    smooth, *_ = np.linalg.lstsq(design[good], parity[good], rcond=None)
+    return filled((parity - design @ smooth)[None, :])[0]
