@@ -1,22 +1,15 @@
 """Build and install saddlering_ros, by colcon or by pip alike."""
 
 from pathlib import Path
+import sys
 
 from setuptools import find_packages, setup
 
 PACKAGE = 'saddlering_ros'
 HERE = Path(__file__).resolve().parent
 
-NODES = (
-    'eddy_current',
-    'hydraulic_load',
-    'replay_clock',
-    'ring_diagnosis',
-    'ring_displacement',
-    'ring_identification',
-    'ring_residual',
-    'ring_simulator',
-)
+sys.path.insert(0, str(HERE))
+from saddlering_ros.ros.registry import NODES  # noqa: E402  (imports nothing but the standard library)
 
 
 def shared_files(folder):
@@ -63,7 +56,7 @@ setup(
     entry_points={
         'console_scripts': [
             'saddlering = saddlering_ros.cli.main:main',
-            *(f'{node} = {PACKAGE}.nodes.{node}:main' for node in NODES),
+            *(f'{node.name} = {node.module}:main' for node in NODES),
         ],
     },
 )

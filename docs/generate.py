@@ -9,18 +9,17 @@ import inspect
 from pathlib import Path
 
 import saddlering_ros
-from saddlering_ros.bags import LOAD_TOPIC, PROBE_TOPICS
+from saddlering_ros.bags.topics import TOPICS as RIG
 from saddlering_ros.cli._examples import EXAMPLES
 from saddlering_ros.cli.main import build_parser
-from saddlering_ros.ros.reference import CLASSES
+from saddlering_ros.ros.registry import names
 
 ROOT = Path(__file__).resolve().parent.parent
 INTERFACES = ROOT / 'saddlering_interfaces'
 DOCUMENT = 'This page is written from the code when the documentation is built.\n'
 
 TOPICS = {
-    LOAD_TOPIC: 'load of the hydraulic cylinder: wrench.force.x [N]',
-    **dict.fromkeys(PROBE_TOPICS, 'gap [m] of one eddy-current probe'),
+    **{name: topic.words for name, topic in RIG.items()},
     '/ring/displacement': 'what the ring did, from the probes',
     '/ring/simulated_displacement': 'what the model says, at the same stamps',
     '/ring/residual': 'measured less simulated, at the same stamps',
@@ -35,15 +34,15 @@ TOPICS = {
 
 def topics_page() -> str:
     """Topics with their types, as the nodes and the recorder declare them."""
-    from saddlering_ros.live.recorder import LATCHED, OTHERS, STREAMS, type_name
+    from saddlering_ros.live.recorder import LATCHED, OTHERS, streams, type_name
 
-    known = {topic: type_name(kind) for topic, kind in {**STREAMS, **LATCHED, **OTHERS}.items()}
+    known = {topic: type_name(kind) for topic, kind in {**streams(), **LATCHED, **OTHERS}.items()}
     known['/replay/progress'] = 'saddlering_interfaces/msg/ReplayProgress'
     missing = set(known) ^ set(TOPICS)
     if missing:
         raise SystemExit(f'docs/generate.py: no words for {", ".join(sorted(missing))}')
     rows = [f'| `{topic}` | `{known[topic]}` | {words} |' for topic, words in TOPICS.items()]
-    nodes = ', '.join(f'`{name}`' for name in CLASSES)
+    nodes = ', '.join(f'`{name}`' for name in names())
     return '\n'.join([
         '# Topics and actions', '', DOCUMENT,
         'All messages are stamped and in SI units; the stamp is the time of measurement.', '',

@@ -15,11 +15,9 @@ from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
 from launch_ros.actions import Node
 from launch_ros.substitutions import FindPackageShare
 
-PACKAGE = 'saddlering_ros'
+from saddlering_ros.ros.registry import ACTION, CLOCK, NODES, REPLAY, RING
 
-REPLAY_NODES = ('replay_clock', 'hydraulic_load', 'eddy_current')
-RIG_NODES = ('ring_displacement', 'ring_simulator', 'ring_residual')
-SERVERS = ('ring_identification', 'ring_diagnosis')
+PACKAGE = 'saddlering_ros'
 
 
 def generate_launch_description():
@@ -74,20 +72,12 @@ def start_nodes(context):
         'parameters_root': as_path(given['parameters_root']),
     }
 
-    parameters = {
-        'ring_identification': [roots],
-        'ring_diagnosis': [roots],
-        'replay_clock': [replay, clock],
-        'hydraulic_load': [replay],
-        'eddy_current': [replay],
-        'ring_displacement': [sim_time],
-        'ring_simulator': [sim_time, simulation],
-        'ring_residual': [sim_time],
-    }
+    of_kind = {ACTION: [roots], CLOCK: [replay, clock], REPLAY: [replay], RING: [sim_time]}
+    of_node = {'ring_simulator': [simulation]}
     return [
-        Node(package=PACKAGE, executable=name, name=name, output='screen',
-             parameters=[rig, *parameters.get(name, [])])
-        for name in (*RIG_NODES, *SERVERS, *REPLAY_NODES)
+        Node(package=PACKAGE, executable=node.name, name=node.name, output='screen',
+             parameters=[rig, *of_kind[node.kind], *of_node.get(node.name, [])])
+        for kind in (RING, ACTION, REPLAY, CLOCK) for node in NODES if node.kind == kind
     ]
 
 

@@ -33,6 +33,7 @@ JITTER_NS = 250_000_000
 """A stamp further back than this behind its topic's newest one is a clock that jumped back."""
 
 PROBES = 4
+"""Channels of the ring's rig; an aligner can be made for more."""
 
 
 def seconds(stamp: int, epoch: int) -> float:
@@ -103,13 +104,13 @@ class AlignedRow(NamedTuple):
     """One load sample and what the four probes read at its stamp.
 
     `stamp` [ns]; `time` [s] since the first load stamp (after the last restart); `load` [N];
-    `gaps` (4) [m]; `restart` counts how often the load's stamps jumped back before this row.
+    `gaps` (4,) [m]; `restart` counts how often the load's stamps jumped back before this row.
     """
 
     stamp: int
     time: float
     load: float
-    gaps: tuple[float, float, float, float]
+    gaps: tuple[float, ...]
     restart: int
 
 
@@ -268,13 +269,14 @@ class StreamAligner:
     """
 
     def __init__(
-        self, *, max_wait: float = 5.0, max_pending: int = 50_000, max_samples: int = 50_000,
+        self, *, channels: int = PROBES, max_wait: float = 5.0, max_pending: int = 50_000,
+        max_samples: int = 50_000,
     ) -> None:
         self.counters = AlignmentCounters()
         self.restarts = 0
         self._max_wait = round(max_wait * 1e9)
         self._max_pending = max_pending
-        self._probes = [_ProbeBuffer(self.counters, max_samples) for _ in range(PROBES)]
+        self._probes = [_ProbeBuffer(self.counters, max_samples) for _ in range(channels)]
         self._pending: deque[tuple[int, float]] = deque()
         self._epoch: int | None = None
         self._newest: int | None = None
@@ -310,7 +312,7 @@ class StreamAligner:
         return self._drain()
 
     def push_gap(self, probe: int, stamp: int, gap: float) -> list[AlignedRow]:
-        """Take a sample (ns, m) of probe 0 to 3; return the rows that became complete."""
+        """Take a sample (ns, m) of a probe (0 is the first); return the rows now complete."""
         if not isfinite(gap):
             self.counters.not_finite += 1
             return []
@@ -394,8 +396,7 @@ class StreamAligner:
 
     def _row(self, stamp: int, load: float) -> AlignedRow:
         assert self._epoch is not None
-        first, second, third, fourth = self._probes
-        gaps = (first.value, second.value, third.value, fourth.value)
+        gaps = tuple(probe.value for probe in self._probes)
         for probe in self._probes:
             probe.trim()
             probe.jumped = False

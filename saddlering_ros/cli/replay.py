@@ -44,7 +44,7 @@ def run(args: argparse.Namespace) -> int:
     from saddlering_ros.bags import read_raw
     from saddlering_ros.rig import load_rig, read_parameters
     from saddlering_ros.ros.errors import NodeError
-    from saddlering_ros.ros.launcher import RING_NODES, start_nodes
+    from saddlering_ros.ros.launcher import REPLAY_NODES, RING_NODES, start_nodes
 
     record = read_raw(args.bag)
     load_rig(args.rig)
@@ -64,7 +64,7 @@ def run(args: argparse.Namespace) -> int:
         recorder = None
         if args.record is not None:
             recorder = stack.enter_context(_recording(args, record.facts, domain))
-            clock['participants'] = ['hydraulic_load', 'eddy_current', *RING_NODES, RECORDER]
+            clock['participants'] = [*REPLAY_NODES, *RING_NODES, RECORDER]
         group = stack.enter_context(start_nodes(
             args.bag, rate=args.rate, domain_id=domain, log_folder=args.log,
             parameters={'ring_simulator': simulator, 'replay_clock': clock},

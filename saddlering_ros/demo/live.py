@@ -29,11 +29,11 @@ from saddlering_interfaces.msg import ReplayState
 from saddlering_ros.demo.errors import DemoError
 from saddlering_ros.demo.recorder import NAME as RECORDER
 from saddlering_ros.demo.recorder import Recorder, Recording
-from saddlering_ros.ros.launcher import last_line, NodeGroup, RING_NODES
+from saddlering_ros.ros.launcher import last_line, NodeGroup, REPLAY_NODES, RING_NODES
 from saddlering_ros.ros.lockstep import STATE_TOPIC, to_stamp
 from saddlering_ros.ros.spin import spin_streaming
 
-SWITCHED = ('hydraulic_load', 'eddy_current', 'replay_clock')
+SWITCHED = (*REPLAY_NODES, 'replay_clock')
 """Nodes that are given the next bag, the clock last: it starts the replay."""
 
 PATIENCE = 60.0
@@ -98,7 +98,7 @@ class LiveRig:
 
     def _clock_settings(self) -> dict[str, Any]:
         return {'lockstep': True, 'rate': 0.0,
-                'participants': ['hydraulic_load', 'eddy_current', *RING_NODES, RECORDER]}
+                'participants': [*REPLAY_NODES, *RING_NODES, RECORDER]}
 
     def _start_simulator(self, parameters_file: Path | None) -> None:
         settings: dict[str, Any] = {'elevation_deg': self._elevation, 'follow_parameters': True}

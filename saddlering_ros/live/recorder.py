@@ -13,27 +13,22 @@ import time
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
-from geometry_msgs.msg import WrenchStamped
 import rclpy
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.signals import SignalHandlerOptions
-from sensor_msgs.msg import Range
 from std_msgs.msg import Header
 
 from saddlering_interfaces.msg import ReplayState, RingDisplacement, RingParameters
-from saddlering_ros.bags import LOAD_TOPIC, PROBE_TOPICS
 from saddlering_ros.bags.cdr import SECOND
 from saddlering_ros.bags.recording import BagRecording
+from saddlering_ros.bags.topics import TOPICS
 from saddlering_ros.live.errors import LiveError
-from saddlering_ros.ros.raw_topics import RawSubscription
+from saddlering_ros.ros.raw_topics import message_class, RawSubscription
 from saddlering_ros.ros.spin import spin_streaming
 from saddlering_ros.ros.streaming_node import StreamingNode
 
 NAME = 'saddlering_recorder'
-STREAMS: dict[str, Any] = {
-    LOAD_TOPIC: WrenchStamped, **dict.fromkeys(PROBE_TOPICS, Range),
-    '/ring/displacement': RingDisplacement, '/ring/simulated_displacement': RingDisplacement,
-    '/ring/residual': RingDisplacement}
+RING_STREAMS = ('/ring/displacement', '/ring/simulated_displacement', '/ring/residual')
 LATCHED: dict[str, Any] = {'/ring/parameters': RingParameters, '/replay/state': ReplayState}
 """Topics whose last message is there for late joiners."""
 
@@ -57,7 +52,7 @@ class Recorder(StreamingNode):
 
     def connect(self) -> None:
         """Subscribe to all streams."""
-        self.inputs = [RawSubscription(self, topic, kind) for topic, kind in STREAMS.items()]
+        self.inputs = [RawSubscription(self, topic, kind) for topic, kind in streams().items()]
 
     def process_batch(self) -> None:
         """Write what has arrived."""
@@ -76,6 +71,12 @@ class Recorder(StreamingNode):
         except Exception as problem:  # told by whoever runs the recorder
             self.problem_writing = problem
             self.done = True
+
+
+def streams() -> dict[str, Any]:
+    """Message classes of the streams by topic: all of the rig, and what is made of them."""
+    return {**{name: message_class(topic.type) for name, topic in TOPICS.items()},
+            **dict.fromkeys(RING_STREAMS, RingDisplacement)}
 
 
 def type_name(kind: Any) -> str:
@@ -105,7 +106,7 @@ def recording(
 
     BagError where the bag cannot be written; whatever was heard is in it even if the block raises.
     """
-    topics = {topic: type_name(kind) for topic, kind in {**STREAMS, **LATCHED, **OTHERS}.items()}
+    topics = {topic: type_name(kind) for topic, kind in {**streams(), **LATCHED, **OTHERS}.items()}
     context = rclpy.Context()
     with ExitStack() as stack:
         bag = stack.enter_context(BagRecording(

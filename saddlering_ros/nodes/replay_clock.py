@@ -20,11 +20,11 @@ from saddlering_ros.ros.diagnostics import ERROR, Finding, FunctionTask, OK, WAR
 from saddlering_ros.ros.lockstep import LockstepGroup, PROGRESS_TOPIC, STATE_TOPIC, to_time
 from saddlering_ros.ros.parameters import Parameter
 from saddlering_ros.ros.raw_topics import RawPublisher, RawSubscription
+from saddlering_ros.ros.registry import names, REPLAY, RING
 from saddlering_ros.ros.run import run_streaming
 from saddlering_ros.streams.batches import encode_clock
 
-PARTICIPANTS = ['hydraulic_load', 'eddy_current', 'ring_displacement', 'ring_simulator',
-                'ring_residual']
+PARTICIPANTS = list(names(REPLAY, RING))
 CLOCK_QOS = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
 STATE_QOS = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE,
                        durability=DurabilityPolicy.TRANSIENT_LOCAL)

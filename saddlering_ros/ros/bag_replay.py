@@ -8,7 +8,7 @@ from typing import ClassVar
 import numpy as np
 from rosgraph_msgs.msg import Clock
 
-from saddlering_ros.bags import RawTopic, read_raw
+from saddlering_ros.bags import RawRecord, RawTopic, read_raw
 from saddlering_ros.bags.cdr import SECOND
 from saddlering_ros.bags.checks import check_values
 from saddlering_ros.bags.reader import usable_facts
@@ -63,6 +63,16 @@ class Track:
         return self.place >= len(self.raw.stamps)
 
 
+def topics_of(node: str) -> list[str]:
+    """The topics that a node replays."""
+    return [topic.name for topic in TOPICS.values() if topic.replayed_by == node]
+
+
+def tracks_of(record: RawRecord, node: str) -> list[Track]:
+    """What of a record a node replays."""
+    return [Track(record[name]) for name in topics_of(node) if name in record.topics]
+
+
 class ReplayNode(BagNode):
     """Publishes as /clock reaches their stamps the topics of a bag that name it as replayer."""
 
@@ -73,14 +83,13 @@ class ReplayNode(BagNode):
 
     def configure(self) -> None:
         """Read the bag."""
-        mine = [topic.name for topic in TOPICS.values() if topic.replayed_by == self.NAME]
-        record = read_raw(self.bag_path(), mine)
+        record = read_raw(self.bag_path(), topics_of(self.NAME))
         for topic in record:
             check_values(f'{record.path}: {topic}', record[topic].stamps, record[topic].values)
         said = [note for name in record for note in record[name].notes]
         for note in (*record.notes, *said):
             self.get_logger().warning(f'{record.path}: {note}')
-        self._tracks = [Track(record[topic]) for topic in record]
+        self._tracks = tracks_of(record, self.NAME)
         self._now = 0
         self._heard = time.monotonic()
         self._jumps = self._dropped = 0

@@ -18,11 +18,12 @@ from typing import Any, IO
 
 from saddlering_ros.ros.errors import NodeError
 from saddlering_ros.ros.lifeline import LIFELINE
+from saddlering_ros.ros.registry import ACTION, names, REPLAY, RING
 from saddlering_ros.ros.transport import transport_environment
 
-REPLAY_NODES = ('replay_clock', 'hydraulic_load', 'eddy_current')
-RING_NODES = ('ring_displacement', 'ring_simulator', 'ring_residual')
-ACTION_NODES = ('ring_identification', 'ring_diagnosis')
+REPLAY_NODES = names(REPLAY)
+RING_NODES = names(RING)
+ACTION_NODES = names(ACTION)
 DOMAINS = range(1, 100)
 PATIENCE = (3.0, 1.0)
 """How long a process may take to leave after SIGINT, then after SIGTERM [s], before SIGKILL."""
@@ -243,13 +244,13 @@ def start_nodes(
     streaming = [name for name in nodes if name in RING_NODES]
     clock = {'bag': str(bag), 'lockstep': lockstep, 'rate': float(rate),
              'exit_at_end': exit_at_end, 'start_paused': start_paused,
-             'participants': ['hydraulic_load', 'eddy_current', *streaming]}
+             'participants': [*REPLAY_NODES, *streaming]}
     given['replay_clock'] = {**clock, **given.get('replay_clock', {})}
-    for name in ('hydraulic_load', 'eddy_current'):
+    for name in REPLAY_NODES:
         given[name] = {'bag': str(bag), **given.get(name, {})}
     if 'ring_simulator' in nodes and 'elevation_deg' not in given.get('ring_simulator', {}):
         given['ring_simulator'] = {'bag': str(bag), **given.get('ring_simulator', {})}
     with NodeGroup(domain_id=domain_id, log_folder=log_folder) as group:
-        for name in (*nodes, 'hydraulic_load', 'eddy_current', 'replay_clock'):
+        for name in (*nodes, *REPLAY_NODES, 'replay_clock'):
             group.start(name, given.get(name), files=files)
         yield group

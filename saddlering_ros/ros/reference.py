@@ -1,6 +1,6 @@
-"""The reference of the nodes' parameters in docs/nodes.md, written from their declarations.
+"""Nodes and parameters in docs/nodes.md, written from the registry and the declarations.
 
-python -m saddlering_ros.ros.reference docs/nodes.md       rewrites what stands below the marker
+python -m saddlering_ros.ros.reference docs/nodes.md       rewrites what it holds of the code
 """
 
 from __future__ import annotations
@@ -10,21 +10,17 @@ from pathlib import Path
 import sys
 
 from saddlering_ros.ros.parameters import Parameter, table
+from saddlering_ros.ros.registry import NodeEntry, NODES, nodes_table
 from saddlering_ros.ros.streaming_node import AUTOSTART, StreamingNode
 
 MARKER = '<!-- from here on written by python -m saddlering_ros.ros.reference -->\n'
 
-CLASSES = {
-    'replay_clock': 'ReplayClockNode', 'hydraulic_load': 'LoadReplay',
-    'eddy_current': 'ProbeReplay', 'ring_displacement': 'RingDisplacementNode',
-    'ring_simulator': 'RingSimulatorNode', 'ring_residual': 'RingResidualNode',
-    'ring_identification': 'RingIdentificationNode', 'ring_diagnosis': 'RingDiagnosisNode',
-}
+TABLE, TABLE_END = '<!-- nodes: from the registry -->\n', '\n<!-- end of nodes -->'
 
 
-def parameters_of(node: str) -> tuple[Parameter, ...]:
+def parameters_of(node: NodeEntry) -> tuple[Parameter, ...]:
     """All parameters of a node but those of the rig."""
-    kind = getattr(importlib.import_module(f'saddlering_ros.nodes.{node}'), CLASSES[node])
+    kind = getattr(importlib.import_module(node.module), node.class_name)
     own: tuple[Parameter, ...] = kind.PARAMETERS
     return (AUTOSTART, *own) if issubclass(kind, StreamingNode) else own
 
@@ -32,15 +28,22 @@ def parameters_of(node: str) -> tuple[Parameter, ...]:
 def reference() -> str:
     """Everything below the marker."""
     parts = [MARKER, '## Parameters\n']
-    parts += [f'### {node}\n\n{table(parameters_of(node))}\n' for node in CLASSES]
+    parts += [f'### {node.name}\n\n{table(parameters_of(node))}\n' for node in NODES]
     return '\n'.join(parts)
+
+
+def rewritten(page: str) -> str:
+    """The text of the page with both parts written anew."""
+    head = page.partition(MARKER)[0]
+    before, _, rest = head.partition(TABLE)
+    after = rest.partition(TABLE_END)[2]
+    return before + TABLE + nodes_table() + TABLE_END + after + reference()
 
 
 def main() -> None:
     """Rewrite the page given."""
     page = Path(sys.argv[1])
-    head = page.read_text().partition(MARKER)[0]
-    page.write_text(head + reference())
+    page.write_text(rewritten(page.read_text()))
 
 
 if __name__ == '__main__':

@@ -2,22 +2,23 @@
 
 import ast
 from importlib.metadata import PackageNotFoundError, version
+import os
 from pathlib import Path
 import re
 import runpy
+import shutil
+import subprocess
 import sys
 import xml.etree.ElementTree as ElementTree
 
 import pytest
 
 import saddlering_ros
+from saddlering_ros.ros.registry import names
 
 ROOT = Path(__file__).resolve().parents[2]
 
-NODES = {
-    'hydraulic_load', 'eddy_current', 'replay_clock', 'ring_displacement', 'ring_simulator',
-    'ring_residual', 'ring_identification', 'ring_diagnosis',
-}
+NODES = set(names())
 
 
 def setup_arguments() -> dict[str, object]:
@@ -153,11 +154,42 @@ def test_the_launch_file_starts_every_node():
     assert sorted(started) == sorted(NODES)
 
 
-def test_the_launch_file_names_every_node():
-    source = (ROOT / 'launch' / 'rig.launch.py').read_text()
-    items = ast.walk(ast.parse(source))
+def test_the_registry_lists_every_module_of_nodes():
+    modules = {path.stem for path in (ROOT / 'saddlering_ros' / 'nodes').glob('*.py')}
+    assert modules - {'__init__'} == NODES
+
+
+@pytest.mark.parametrize('file', ['setup.py', 'launch/rig.launch.py', 'docs/generate.py',
+                                  'saddlering_ros/ros/launcher.py'])
+def test_nobody_else_keeps_a_list_of_nodes(file):
+    items = ast.walk(ast.parse((ROOT / file).read_text()))
     strings = {item.value for item in items if isinstance(item, ast.Constant)}
-    assert strings >= NODES
+    assert len(strings & NODES) <= 3  # those that are started otherwise than their kind
+
+
+def test_a_new_node_is_a_module_and_an_entry(tmp_path):
+    """What set-up, launcher and docs make of a tree with one more node."""
+    shutil.copytree(ROOT / 'saddlering_ros', tmp_path / 'saddlering_ros',
+                    ignore=shutil.ignore_patterns('__pycache__', 'ring', 'report'))
+    for name in ('setup.py', 'requirements', 'resource', 'package.xml', 'launch', 'config'):
+        copy = shutil.copytree if (ROOT / name).is_dir() else shutil.copy
+        copy(ROOT / name, tmp_path / name)
+    (tmp_path / 'bags').mkdir()
+    (tmp_path / 'saddlering_ros' / 'nodes' / 'inclinometer.py').write_text('def main(): ...\n')
+    registry = tmp_path / 'saddlering_ros' / 'ros' / 'registry.py'
+    registry.write_text(registry.read_text().replace('NODES = (\n', (
+        "NODES = (\n    NodeEntry('inclinometer', 'Inclinometer', RING, 'a bus', "
+        "'rig/elevation'),\n"), 1))
+    code = ('import setuptools, runpy\n'
+            'setuptools.setup = lambda **given: print(given["entry_points"])\n'
+            'runpy.run_path("setup.py")\n'
+            'from saddlering_ros.ros.registry import names, nodes_table\n'
+            'print(names("ring"), nodes_table())\n')
+    said = subprocess.run([sys.executable, '-c', code], cwd=tmp_path, capture_output=True,
+                          text=True, check=True, env={**os.environ, 'PYTHONPATH': str(tmp_path)})
+    assert 'inclinometer = saddlering_ros.nodes.inclinometer:main' in said.stdout
+    assert "('inclinometer', 'ring_displacement'" in said.stdout
+    assert '| inclinometer | a bus | rig/elevation |' in said.stdout
 
 
 def test_the_messages_are_those_of_this_version():

@@ -1,0 +1,74 @@
+"""A topic of the rig is one entry of the registry; nothing else has to know of it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from saddlering_ros.bags import read_raw, read_run, RIG_TOPICS, StreamAligner
+from saddlering_ros.bags.topics import RigTopic, TOPICS, WRENCH_TYPE
+from saddlering_ros.streams.batches import decode_samples, encode_samples, Samples
+
+CELL = RigTopic('/rig/second_load_cell', WRENCH_TYPE, 'wrench.force.z', 'N', 'second_load_cell',
+                'a second load cell', 'hydraulic_load', required=False)
+
+
+@pytest.fixture
+def stamps(recording) -> np.ndarray:
+    return recording.stamps[RIG_TOPICS[0]]
+
+
+@pytest.fixture
+def bag(tmp_path: Path, recording, stamps, monkeypatch) -> Path:
+    """A bag that holds the second load cell at every other stamp, half a period late."""
+    monkeypatch.setitem(TOPICS, CELL.name, CELL)
+    return recording.write(tmp_path / 'bag', others={
+        CELL.name: (stamps[::2] + 1_000_000, np.arange(len(stamps[::2])) * 10.0)})
+
+
+def test_bag_and_reader_know_it(bag: Path, stamps) -> None:
+    found = read_raw(bag)[CELL.name]
+    assert (found.type, found.frame_id) == (CELL.type, CELL.frame_id)
+    assert found.stamps.tolist() == (stamps[::2] + 1_000_000).tolist()
+    assert found.values.tolist() == (np.arange(len(stamps[::2])) * 10.0).tolist()
+
+
+def test_a_run_has_it_on_the_stamps_of_the_load(bag: Path) -> None:
+    run = read_run(bag)
+    aligned = run.others[CELL.name]
+    assert aligned.shape == run.load.shape
+    assert np.allclose(aligned[2:8], [7.5, 12.5, 17.5, 22.5, 27.5, 32.5])
+
+
+def test_live_messages_of_it_are_decoded(monkeypatch) -> None:
+    samples = Samples(np.array([1, 2]), np.array([3.0, 4.0]))
+    again = decode_samples(encode_samples(samples, CELL), CELL)
+    assert (again.stamps.tolist(), again.values.tolist()) == ([1, 2], [3.0, 4.0])
+
+
+def test_the_stream_aligner_takes_it_as_one_more_channel() -> None:
+    aligner = StreamAligner(channels=5)
+    rows = []
+    for stamp in range(0, 10_000_000, 1_000_000):
+        rows += aligner.push_load(stamp, 1.0)
+        for channel in range(5):
+            rows += aligner.push_gap(channel, stamp, float(channel))
+    assert rows[3].gaps == (0.0, 1.0, 2.0, 3.0, 4.0)
+
+
+def test_replay_and_recorder_know_it(bag: Path) -> None:
+    pytest.importorskip('rclpy')
+    from saddlering_ros.live.recorder import streams
+    from saddlering_ros.ros.bag_replay import tracks_of
+
+    assert streams()[CELL.name].__name__ == 'WrenchStamped'
+    assert [track.topic.name for track in tracks_of(read_raw(bag), 'hydraulic_load')] == [
+        '/rig/hydraulic_load', CELL.name]
+
+
+def test_a_bag_without_an_optional_topic_is_whole(tmp_path: Path, recording) -> None:
+    run = read_run(recording.write(tmp_path / 'bag'))
+    assert run.others == {}
+    assert run.notes == []
