@@ -12,7 +12,7 @@ EXAMPLES: dict[str, tuple[tuple[str, str], ...]] = {
     'diagnose': (
         ('saddlering diagnose bags/static_50 bags/dynamic_50 --hold-out bags/static_70 '
          '--out extended.yaml --report report.html',
-         'name what is missing, judged on a run kept back; a page and parameters of it'),
+         'name what is missing, judged on a run held out; a page and parameters of it'),
     ),
     'displacement': (
         ('saddlering displacement bags/static_50', 'what the ring did, in a few lines'),

@@ -74,7 +74,7 @@ def summary(outcome: Outcome) -> str:
                          f'{100 * item["nrmse_after"]:9.2f} {100 * item["noise_floor"]:7.2f}')
     second = outcome.verified[0].elevation_deg
     before, after = (figures.overall(outcome.verified, extended=item) for item in (False, True))
-    lines += ['', f'Gain measured live at {second:g} deg, kept back until then: misfit '
+    lines += ['', f'Gain measured live at {second:g} deg, held out until then: misfit '
               f'{percent(before)} -> {percent(after)}, {percent(outcome.gain)} less.']
     if verdict.get('next_test'):
         lines.append(f'Next test: {verdict["next_test"]}')

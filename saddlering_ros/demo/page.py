@@ -23,7 +23,7 @@ def demo_page(outcome: Outcome, command: str) -> str:
         _tiles(outcome),
         chapters.paper_split(outcome.curves),
         chapters.misfit(document),
-        background.gains(document),
+        background.misfit_reductions(document),
         chapters.causes(outcome.verdict),
         chapters.identified(outcome.identification, FOUND_BY),
         chapters.parameters(outcome.verdict, 'without the cause', 'with it',
@@ -44,7 +44,7 @@ def demo_page(outcome: Outcome, command: str) -> str:
 def _lead(outcome: Outcome) -> str:
     first, second = outcome.plan.identify, outcome.plan.verify
     return (f'{", ".join(run.path.name for run in first)} identify; '
-            f'{", ".join(run.path.name for run in second)} verify and were kept back. All of it '
+            f'{", ".join(run.path.name for run in second)} verify and were held out. All of it '
             'was replayed to live ROS 2 nodes; both actions were called by an ordinary client.')
 
 
@@ -53,7 +53,7 @@ def _tiles(outcome: Outcome) -> str:
     messages = sum(item.messages for item in outcome.replays)
     lost = sum(item.lost for item in outcome.replays)
     return html.tiles([
-        (percent(before), 'misfit of the runs kept back, contact law alone'),
+        (percent(before), 'misfit of the runs held out, contact law alone'),
         (percent(after), 'with the extended model, replayed again'),
         (percent(outcome.gain), 'gain measured live'),
         (f'{messages:,}'.replace(',', ' '), 'messages heard live, '

@@ -55,12 +55,12 @@ class Outcome:
 
     @property
     def verified(self) -> list[RunCurves]:
-        """The runs kept back."""
+        """The runs held out."""
         return [run for run in self.curves if run.held_out]
 
     @property
     def gain(self) -> float:
-        """Share by which the misfit of the runs kept back fell when they were replayed again."""
+        """Share by which the misfit of the runs held out fell when they were replayed again."""
         before = figures.overall(self.verified, extended=False)
         return 1.0 - figures.overall(self.verified, extended=True) / max(before, 1e-300)
 
@@ -105,7 +105,7 @@ class _Story:
         before = {run.path.name: self._replay(live, run, 'identified')
                   for run in self.plan.verify}
         self._compare(before)
-        self.console.step(f'/diagnose_ring: what is missing ({self.second:g}° kept back)')
+        self.console.step(f'/diagnose_ring: what is missing ({self.second:g}° held out)')
         extended, verdict = self._diagnose(live, before_file)
         self.console.say(f'      {headline(verdict)}')
         live.wait_for_parameters(extended.contact.K1, len(extended.effects))

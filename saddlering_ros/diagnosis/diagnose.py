@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saddlering_ros.bags import read_run, TestRun
-from saddlering_ros.diagnosis.proposals import GENERAL_ADVICE, propose
+from saddlering_ros.diagnosis import next_test
+from saddlering_ros.diagnosis.proposals import course_of, propose
 from saddlering_ros.diagnosis.records import (
     Array,
     build_record,
@@ -22,9 +23,11 @@ from saddlering_ros.diagnosis.records import (
     rigs_of,
 )
 from saddlering_ros.diagnosis.ring_system import RingSystem
+from saddlering_ros.diagnosis.wording import shape_words, swing_words
 from saddlering_ros.discrepancy import Cause, diagnose, Diagnosis, Run, Settings
 from saddlering_ros.discrepancy.engine import Evidence
 from saddlering_ros.discrepancy.lack_of_fit import ShapeTest
+from saddlering_ros.effects import catalogue
 from saddlering_ros.provenance import Provenance
 from saddlering_ros.rig import (
     CHANNELS,
@@ -34,6 +37,7 @@ from saddlering_ros.rig import (
     probes_to_displacement,
     Rig,
 )
+from saddlering_ros.thresholds import is_left, MATERIAL
 
 __all__ = ['DiagnosisError', 'Verdict', 'diagnose_bags', 'diagnose_runs']
 
@@ -170,15 +174,13 @@ class Verdict:
         causes = [_cause_json(cause) for cause in found.causes]
         if found.verdict != 'unknown':
             return causes
-        shapes = [
-            shape for shape in found.shapes_after if shape.p_value < 0.01 and shape.visible >= 1e-3
-        ]
-        described = [{'shape': describe(shape), **_shape_json(shape)} for shape in shapes[:4]]
+        shapes = [_shape_json(shape) for shape in found.shapes_after
+                  if is_left(shape.p_value, shape.visible)]
+        described = [{'shape': shape_words(shape), **shape} for shape in shapes[:4]]
         swift = found.ripple_after
-        if swift.visible >= 1e-3:
+        if swift.visible >= MATERIAL:
             described.append({
-                'shape': f'{swift.view}: swings at about {swift.frequency:.2g} Hz in {swift.run}, '
-                         f'rms {100 * swift.visible:.2f} % of range',
+                'shape': swing_words(swift.view, swift.frequency, swift.run, swift.visible),
                 'channel': swift.view, 'coordinate': 'time', 'p_value': swift.p_value,
                 'share_of_range': swift.visible,
             })
@@ -251,9 +253,7 @@ def diagnose_runs(
     )
     notes = [*check_set(records, rig), *found.notes]
     notes += [f'{record.run.name}: {note}' for record in records for note in record.test_run.notes]
-    sentence = found.next_test
-    if found.verdict == 'unknown':
-        sentence = _advice(found)
+    sentence = _next_test(found)
     rigs = rigs_of(records)
     if len(rigs) > 1 and found.verdict != 'none':
         # What parts one rig from another would get the name of a cause.
@@ -397,25 +397,32 @@ def _shape_json(item: ShapeTest) -> dict[str, Any]:
     }
 
 
-def describe(shape: ShapeTest) -> str:
-    """One sentence on a shape that is left."""
-    words = {
-        'load': 'follows the load',
-        'direction': 'changes sign with the direction of the load',
-        'rate': 'follows the rate of the load',
-        'time': 'follows time',
-    }
-    return (
-        f'{shape.view}: {words.get(shape.coordinate, shape.coordinate)}, rms '
-        f'{100 * shape.visible:.2f} % of range'
-    )
+def _next_test(found: Diagnosis) -> str | None:
+    """The one test that is worth most now, with which outcome means which cause."""
+    if found.verdict == 'unknown':
+        return _test_for_shape(found)
+    if found.verdict == 'none':
+        return next_test.for_unseen(
+            [item.effect for item in found.detectability if not item.testable])
+    open_groups = [cause.group for cause in found.causes if len(cause.group) > 1]
+    if not open_groups:
+        named = found.causes[0].effect.id
+        return next_test.confirming(named, next_test.look_alikes(named, _cosines(found)))
+    course = course_of(found.next_test)
+    sentence = next_test.between(open_groups[0], course)
+    if sentence is None and course is not None:
+        sentence = course.sentence
+    return sentence or catalogue()[open_groups[0][0]].settled_by
 
 
-def _advice(found: Diagnosis) -> str:
-    for shape in found.shapes_after:
-        if shape.visible >= 1e-3:
-            return GENERAL_ADVICE.get(shape.coordinate, GENERAL_ADVICE['load'])
-    return GENERAL_ADVICE['load']
+def _test_for_shape(found: Diagnosis) -> str:
+    """What to do about the largest part of the misfit that nothing explains."""
+    shapes = [shape for shape in found.shapes_after if is_left(shape.p_value, shape.visible)]
+    largest = max(shapes or found.shapes_after, key=lambda shape: shape.visible)
+    swing = found.ripple_after
+    if swing.visible >= max(MATERIAL, largest.visible):
+        return next_test.for_swing(swing.view, swing.frequency)
+    return next_test.for_shape(largest.view, largest.coordinate)
 
 
 def _finite(value: Any) -> Any:

@@ -1,4 +1,4 @@
-"""Tests the rig could make next: load courses for the engine to weigh, and general advice."""
+"""Tests the rig could make next: load courses for the engine to compare."""
 
 from __future__ import annotations
 
@@ -6,38 +6,40 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from saddlering_ros.diagnosis.next_test import Course
 from saddlering_ros.diagnosis.records import LoadGrid
 from saddlering_ros.discrepancy import Proposal, Run
-from saddlering_ros.rig import Rig
+from saddlering_ros.rig import force_words, Rig
 
-GENERAL_ADVICE = {
-    'load': 'Repeat the static test with the probes swapped in pairs: a misfit that moves with a '
-    "probe is the probe's, one that stays is the ring's.",
-    'direction': 'Record a second cycle at once with holds at zero and full load: friction '
-    'repeats, settling does not, creep closes during the hold.',
-    'rate': 'Repeat the dynamic test four times slower: what scales with the rate is damping or '
-    'delay, what does not is stiffness or friction.',
-    'time': 'Record ten minutes at constant preload: drift and pick-up show without any load.',
-}
+SLOW, FAST, CYCLES = 'Record a slow ramp', 'Record a fast ramp', 'Record two cycles'
+KINDS = {SLOW: 'second_rate', FAST: 'second_rate', CYCLES: 'repeat_cycle'}
+"""The kind of test (of effects/rig_tests.py) that each course is."""
+
+
+def course_of(sentence: str | None) -> Course | None:
+    """The proposal that the engine has chosen, with its kind."""
+    kinds = [kind for start, kind in KINDS.items() if (sentence or '').startswith(start)]
+    return Course(kinds[0], sentence) if sentence and kinds else None
 
 
 def propose(rig: Rig, runs: Sequence[Run]) -> list[Proposal]:
     """Runs that this rig could make at the elevations on hand and at others."""
     full, low = rig.full_scale_load, rig.preload
+    peak = force_words(full, rig.force_unit, 0)
     known = sorted({round(float(np.degrees(run.payload.elevation)), 1) for run in runs})
     proposals: list[Proposal] = []
     for degrees in sorted({*known, 30.0, 50.0, 70.0}):
         where = f'at {degrees:g} deg'
         courses: dict[str, tuple[list[float], list[float]]] = {
-            f'Record a slow ramp to 25 t and back in 60 s {where}.': (
+            f'{SLOW} to {peak} and back in 60 s {where}.': (
                 [0, 1, 31, 61, 62],
                 [low, low, full, low, low],
             ),
-            f'Record a fast ramp to 25 t and back in 3 s {where}.': (
+            f'{FAST} to {peak} and back in 3 s {where}.': (
                 [0, 1, 2.5, 4, 6],
                 [low, low, full, low, low],
             ),
-            f'Record two cycles to 25 t with holds of 30 s at full load and at preload {where}.': (
+            f'{CYCLES} to {peak} with holds of 30 s at full load and at preload {where}.': (
                 [0, 1, 6, 36, 41, 71, 76, 106, 111, 141],
                 [low, low, full, full, low, low, full, full, low, low],
             ),

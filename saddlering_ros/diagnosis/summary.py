@@ -1,72 +1,86 @@
-"""The verdict in words for a terminal."""
+"""The verdict in words for a terminal, from the same document as the report and the live page."""
 
 from __future__ import annotations
 
-from saddlering_ros.diagnosis.diagnose import describe, Verdict
-from saddlering_ros.discrepancy import Cause
-from saddlering_ros.rig.units import as_read, stiffness_per_millimetre
+from collections.abc import Mapping
+from typing import Any
+
+from saddlering_ros.diagnosis.diagnose import Verdict
+from saddlering_ros.diagnosis.wording import (
+    Document,
+    effects_of,
+    gain_sentence,
+    headline,
+    parameter_words,
+    shape_words,
+    WORDS,
+)
+from saddlering_ros.rig import PARAMETER_NAMES, PARAMETER_UNITS, stiffness_per_millimetre
+from saddlering_ros.rig.quantities import percent, probability, quantity
 
 
 def verdict_text(verdict: Verdict) -> str:
-    """What was found, what it is worth, what is still open; plain lines."""
-    found = verdict.diagnosis
-    lines = [f'verdict: {found.verdict}', '']
-    if found.verdict == 'none':
-        lines.append('What is left is noise, or too small to matter.')
-    for cause in found.causes:
+    """What was found, the next test, what the cause is worth, what is still open."""
+    return document_text(verdict.to_json())
+
+
+def document_text(document: Document) -> str:
+    """The same from a verdict's JSON; plain lines."""
+    lines = [f'verdict: {document["verdict"]} ({WORDS[document["verdict"]]})', headline(document),
+             gain_sentence(document)]
+    if document['next_test']:
+        lines.append(f'next test: {document["next_test"]}')
+    lines = [*filter(None, lines), '']
+    for cause in effects_of(document):
         lines += _cause_lines(cause)
-    if found.verdict == 'unknown':
-        lines.append('Something is wrong that the catalogue does not explain:')
-        lines += [
-            f'  {describe(item)}'
-            for item in found.shapes_after[:4]
-            if item.p_value < 0.01 and item.visible >= 1e-3
-        ]
-    lines += ['', 'misfit, % of range (before / after / noise):']
-    for figures in verdict.runs:
-        parts = [
-            f'{name} {100 * item.nrmse_before:.2f}/{100 * item.nrmse_after:.2f}/'
-            f'{100 * item.noise_floor:.2f}'
-            for name, item in figures.channels.items()
-        ]
-        sealed = ' (held out)' if figures.record.run.held_out else ''
-        lines.append(f'  {figures.record.run.name}{sealed}: ' + ', '.join(parts))
-    lines += ['', 'contact parameters (before -> after):']
-    for name, last in found.base_after.items():
-        first = found.base_before[name]
-        lines.append(
-            f'  {name}: {first.value:.4g} -> {last.value:.4g} '
-            f'+/- {last.std:.2g} {last.unit.replace("1", "")}'.rstrip()
-        )
-    stiffness = [
-        (stiffness_per_millimetre(item[f'K{row}'].value, item[f'n{row}'].value), row)
-        for row in (1, 2) for item in (found.base_before, found.base_after)
-    ]
-    for (before, row), (after, _) in zip(stiffness[::2], stiffness[1::2], strict=True):
-        lines.append(f'  K{row}: {before:.4g} -> {after:.4g} N/mm^n')
-    if verdict.next_test:
-        lines += ['', f'next test: {verdict.next_test}']
-    lines += [f'note: {note}' for note in verdict.notes]
-    return '\n'.join(lines)
+    if document['verdict'] == 'unknown':
+        lines.append('What nothing in the catalogue explains:')
+        lines += [f'  {shape_words(item)}' for item in document['causes'] if 'shape' in item]
+    lines += ['', "Misfit by run and channel, rms in % of the channel's range "
+              '(contact law alone / extended model / noise):']
+    lines += [_run_line(run) for run in document['runs']]
+    lines += ['', 'Contact parameters (before -> after):', *_parameter_lines(document)]
+    return '\n'.join([*lines, *(f'note: {note}' for note in document['notes'])])
 
 
-def _cause_lines(cause: Cause) -> list[str]:
-    values = ', '.join(
-        f'{name} {as_read(item.value, item.unit, item.std)}'
-        if item.std
-        else f'{name} {item.value:g}'
-        for name, item in cause.estimates.items()
-    )
-    kept = (
-        ''
-        if cause.gain.held_out is None
-        else (f', {100 * cause.gain.held_out:.0f} % on runs {cause.gain.how}')
-    )
+def _cause_lines(cause: Mapping[str, Any]) -> list[str]:
+    gain = cause['gain']
+    kept = gain['held_out']
+    held_out = '' if kept is None else f', {percent(kept)} on held-out runs'
     lines = [
-        f'  {cause.effect.id}: {cause.effect.title}',
-        f'    {values}',
-        f'    gain {100 * cause.gain.fit:.0f} % on runs fitted{kept}; p {cause.p_value:.1e}',
+        f'  {cause["effect"]}: {cause["title"]}'
+        + (' (explains part of the misfit only)' if cause.get('partial') else ''),
+        f'    {parameter_words(cause)}',
+        f'    misfit reduction {percent(gain["fit"])} on fitted runs{held_out}; '
+        f'p {probability(cause["evidence"]["p_value"])}',
     ]
-    if len(cause.group) > 1:
-        lines.append(f'    these data cannot tell it from: {", ".join(cause.group[1:])}')
+    if len(cause['group']) > 1:
+        lines.append(f'    these data cannot tell it from: {", ".join(cause["group"][1:])}')
+    return lines
+
+
+def _run_line(run: Mapping[str, Any]) -> str:
+    shares = ', '.join(
+        f'{name} ' + ' / '.join(
+            '-' if item[key] is None else f'{100.0 * item[key]:.2f}'
+            for key in ('nrmse_before', 'nrmse_after', 'noise_floor'))
+        for name, item in run['channels'].items())
+    name = str(run['bag']).rstrip('/').rsplit('/', 1)[-1]
+    return f'  {name}{" (held out)" if run["held_out"] else ""}: {shares}'
+
+
+def _parameter_lines(document: Document) -> list[str]:
+    before, after = document['parameters']['before'], document['parameters']['after']
+    lines = []
+    for name in PARAMETER_NAMES:
+        if name in before and name in after:
+            unit = PARAMETER_UNITS[name].replace('1', '')
+            lines.append(f'  {name}: {quantity(before[name])} -> '
+                         f'{quantity(after[name], unit, after.get(f"{name}_std"))}')
+    for row in (1, 2):
+        names = (f'K{row}', f'n{row}')
+        if all(name in item for name in names for item in (before, after)):
+            first, last = (stiffness_per_millimetre(*(item[name] for name in names))
+                           for item in (before, after))
+            lines.append(f'  K{row}: {first:.4g} -> {last:.4g} N/mm^n')
     return lines

@@ -6,20 +6,15 @@ from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
 from saddlering_ros.effects import catalogue
-from saddlering_ros.rig.quantities import percent, quantity
+from saddlering_ros.rig.quantities import percent, quantity, signed_percent
+from saddlering_ros.thresholds import CHANCE, MATERIAL
 
 Document = Mapping[str, Any]
 
 COORDINATES = {
-    'load': 'follows the load', 'direction': 'turns round with the direction of the load',
+    'load': 'follows the load', 'direction': 'changes sign with the direction of the load',
     'rate': 'follows the rate of the load', 'time': 'follows time',
 }
-
-CHANCE = 0.01
-"""Probability above which as much could have come by chance."""
-
-MATERIAL = 1e-3
-"""Share of a channel's range under which a misfit does not matter."""
 
 WORDS = {
     'none': 'nothing missing that these data could show', 'named': 'the cause stands out',
@@ -61,37 +56,64 @@ def headline(document: Document) -> str:
 
 
 def gain_sentence(document: Document) -> str:
-    """What the extension is worth, on runs kept apart where there are some."""
+    """What the extension is worth, on runs held out where there are some."""
     gain = document.get('gain') or {}
     if document['verdict'] == 'none' or gain.get('fit') is None:
         return ''
     fitted = percent(gain['fit'])
     if gain.get('held_out') is None:
         return (f'With it the misfit falls by {fitted} on the runs it was fitted to; no run was '
-                'kept apart to check it on.')
+                'held out to check it on.')
     kept = percent(gain['held_out'])
-    how = {'held out': 'runs kept back, which neither named it nor fitted it',
-           'left out in turn': 'runs left out in turn'}.get(gain.get('how', ''), 'other runs')
+    how = {'held out': 'runs held out, which neither named it nor fitted it',
+           'left out in turn': 'runs held out in turn'}.get(gain.get('how', ''), 'other runs')
     return f'With it the misfit falls by {kept} on {how} ({fitted} where fitted).'
 
 
 def size_of(cause: Mapping[str, Any]) -> str:
-    """The first parameter of a cause, its size, with error and unit."""
-    name, item = next(iter(cause['parameters'].items()))
-    return f'{name} {quantity(item["value"], item["unit"], item["std"])}'
+    """Where a cause acts and the size of its first parameter: 'probe 2 gain +3.0 ± 0.2 %'."""
+    name, item = next((name, item) for name, item in cause['parameters'].items()
+                      if name not in choices_of(cause['effect']))
+    return ' '.join(filter(None, (place_of(cause), parameter_value(cause['effect'], name, item))))
 
 
 def parameter_words(cause: Mapping[str, Any]) -> str:
-    """All parameters of a cause in one line; a choice shows the words of its variant."""
-    parts, choices = [], {}
-    for name, item in cause['parameters'].items():
-        if not item['std'] and not item['unit']:
-            choices[name] = item['value']
-            continue
-        parts.append(f'{name} {quantity(item["value"], item["unit"], item["std"])}')
-    if choices:
-        parts.append(variant_words(cause['effect'], choices))
-    return ', '.join(parts)
+    """Where a cause acts, and all its fitted parameters, in one line."""
+    choices = choices_of(cause['effect'])
+    parts = [place_of(cause)] + [
+        parameter_value(cause['effect'], name, item)
+        for name, item in cause['parameters'].items()
+        if name not in choices and (item['std'] or item['unit'] not in ('', '1'))]
+    return ', '.join(filter(None, parts)) or size_of(cause)
+
+
+def parameter_value(effect_id: str, name: str, item: Mapping[str, Any]) -> str:
+    """A parameter with its value and error, in the unit and with the sign that make sense."""
+    return f'{name} {value_words(effect_id, name, item["value"], item["unit"], item["std"])}'
+
+
+def value_words(
+    effect_id: str, name: str, value: float, unit: str, std: float | None = None,
+) -> str:
+    """A value of an effect's parameter with its error: shares in percent, signs where both are."""
+    known = catalogue().get(effect_id)
+    found = next((one for one in known.parameters if one.name == name), None) if known else None
+    if found is not None and found.amplitude and unit in ('', '1'):
+        return signed_percent(value, std, is_signed=not found.one_sided)
+    return quantity(value, '' if unit == '1' else unit, std)
+
+
+def choices_of(effect_id: str) -> frozenset[str]:
+    """Names of the parameters of an effect that are chosen and not fitted."""
+    known = catalogue().get(effect_id)
+    return frozenset() if known is None else frozenset(choice.name for choice in known.choices)
+
+
+def place_of(cause: Mapping[str, Any]) -> str:
+    """The variant of a cause in words, for instance which probe; '' where it has one form only."""
+    names = choices_of(cause['effect'])
+    choices = {name: item['value'] for name, item in cause['parameters'].items() if name in names}
+    return variant_words(cause['effect'], choices) if choices else ''
 
 
 def variant_words(effect_id: str, choices: Mapping[str, float]) -> str:
@@ -134,9 +156,17 @@ def why_lost(item: Mapping[str, Any], best: Mapping[str, Any], chosen: Collectio
 
 
 def shape_words(shape: Mapping[str, Any]) -> str:
-    """'delta_x follows the load, 0.4 % of range rms'."""
+    """'delta_x follows the load, 0.4 % of range rms'; a swing has words of its own."""
+    if shape.get('shape'):
+        return str(shape['shape'])
     words = COORDINATES.get(shape['coordinate'], shape['coordinate'])
     return f'{shape["channel"]} {words}, {percent(shape["share_of_range"])} of range rms'
+
+
+def swing_words(channel: str, frequency: float, run: str, share_of_range: float) -> str:
+    """'gamma swings at about 12 Hz in dynamic_50, 0.3 % of range rms'."""
+    return (f'{channel} swings at about {frequency:.2g} Hz in {run}, '
+            f'{percent(share_of_range)} of range rms')
 
 
 def _shapes(causes: Sequence[Mapping[str, Any]]) -> str:

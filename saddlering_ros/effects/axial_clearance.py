@@ -7,6 +7,7 @@ from dataclasses import replace
 
 from saddlering_ros.effects.base import Effect, EffectParameter
 from saddlering_ros.effects.extension import RingExtension
+from saddlering_ros.effects.rig_tests import Outcomes
 
 
 class AxialClearance(Effect):
@@ -21,6 +22,9 @@ class AxialClearance(Effect):
     )
     settled_by = (
         'Pull-push through zero load: the jump between the two directions is the clearance.'
+    )
+    outcomes = Outcomes(
+        pull_push='an axial jump other than the clearance in the rig file',
     )
     stage = 'ring'
     form = 0.1  # rollers differ by a pattern of their own

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 from saddlering_ros.effects.base import Effect, EffectParameter
 from saddlering_ros.effects.extension import RingExtension
+from saddlering_ros.effects.rig_tests import Outcomes
 
 
 class AxialCompliance(Effect):
@@ -22,6 +23,9 @@ class AxialCompliance(Effect):
     settled_by = (
         'Swapped probes 2 and 4 rule out the instruments; a second loading rate (x4) tells the '
         'spring from K1.'
+    )
+    outcomes = Outcomes(
+        other_elevation='a misfit of the axial motion in proportion to the axial force',
     )
     stage = 'ring'
     channels = ('delta_y',)

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from saddlering_ros.effects.extension import RingExtension
+from saddlering_ros.effects.rig_tests import Outcomes
 from saddlering_ros.errors import SaddleringError
 
 STAGES = ('load path', 'ring', 'measurement')
@@ -78,6 +79,7 @@ class Effect(ABC):
     title: ClassVar[str]
     words: ClassVar[str]
     settled_by: ClassVar[str]
+    outcomes: ClassVar[Outcomes] = Outcomes()
     stage: ClassVar[str]                      # one of STAGES
     channels: ClassVar[tuple[str, ...]]       # of delta_x, delta_y, gamma, parity
     parameters: ClassVar[tuple[EffectParameter, ...]]

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 from saddlering_ros.effects.base import Effect, EffectParameter
 from saddlering_ros.effects.extension import RingExtension
+from saddlering_ros.effects.rig_tests import Outcomes
 
 
 class BoltOpening(Effect):
@@ -22,6 +23,10 @@ class BoltOpening(Effect):
     settled_by = (
         'A run at another elevation: the kink stays at the same moment, not at the same load; '
         'the ring slewed by 90 deg moves it to other bolts.'
+    )
+    outcomes = Outcomes(
+        slewed_ring='a kink at another tilting moment',
+        other_elevation='a kink at the same tilting moment and another load',
     )
     stage = 'ring'
     form = 0.05  # bolts need not open evenly over the range of moments

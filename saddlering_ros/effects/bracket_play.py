@@ -8,6 +8,7 @@ from dataclasses import replace
 from saddlering_ros.effects.base import Effect, EffectParameter
 from saddlering_ros.effects.extension import RingExtension
 from saddlering_ros.effects.friction_shape import hysteron, loop_parameters
+from saddlering_ros.effects.rig_tests import Outcomes, UNCLEAR
 
 
 class BracketPlay(Effect):
@@ -21,6 +22,12 @@ class BracketPlay(Effect):
         'sign in the radial and in the tilting channels.'
     )
     settled_by = 'An inclinometer on the bracket, read while loading and unloading.'
+    outcomes = Outcomes(
+        inclinometer='an angle that jumps when the load turns round',
+        second_rate='a loop of the same height',
+        repeat_cycle='a loop that comes again and stays open during the holds',
+        pull_push=UNCLEAR,
+    )
     stage = 'load path'
     form = 0.1  # a bracket seats bit by bit, not all at one load
     channels = ('delta_x', 'delta_y', 'gamma')

@@ -8,6 +8,7 @@ import math
 
 from saddlering_ros.effects.base import Effect, EffectParameter
 from saddlering_ros.effects.extension import RingExtension
+from saddlering_ros.effects.rig_tests import Outcomes
 
 PERIODS = tuple(0.02 * 1.15**number for number in range(25))
 """Periods [s] tried first: closer than a ringing of ten periods tells apart."""
@@ -28,6 +29,9 @@ class CarriageResonance(Effect):
     )
     settled_by = (
         'A second loading rate (x4): the ringing grows with the rate and keeps its frequency.'
+    )
+    outcomes = Outcomes(
+        second_rate='ringing that becomes smaller and keeps its frequency',
     )
     stage = 'ring'
     channels = ('delta_x', 'delta_y', 'gamma')

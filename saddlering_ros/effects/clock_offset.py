@@ -7,6 +7,7 @@ from dataclasses import replace
 
 from saddlering_ros.effects.base import Effect, EffectParameter
 from saddlering_ros.effects.extension import RingExtension
+from saddlering_ros.effects.rig_tests import Outcomes
 
 
 class ClockOffset(Effect):
@@ -22,6 +23,9 @@ class ClockOffset(Effect):
     settled_by = (
         'A second loading rate (x4): the shift stays the same in seconds; or one signal fed to '
         'both recorders.'
+    )
+    outcomes = Outcomes(
+        second_rate='a shift of the same time with sharp corners',
     )
     stage = 'measurement'
     channels = ('delta_x', 'delta_y', 'gamma')

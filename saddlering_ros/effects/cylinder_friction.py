@@ -8,6 +8,7 @@ from dataclasses import replace
 from saddlering_ros.effects.base import Effect, EffectParameter
 from saddlering_ros.effects.extension import RingExtension
 from saddlering_ros.effects.friction_shape import hysteron, loop_parameters
+from saddlering_ros.effects.rig_tests import Outcomes, UNCLEAR
 
 
 class CylinderFriction(Effect):
@@ -23,6 +24,12 @@ class CylinderFriction(Effect):
     settled_by = (
         'A reference load: a load cell between cylinder and trunnion, read while loading and '
         'unloading.'
+    )
+    outcomes = Outcomes(
+        reference_load='a difference that changes its sign between loading and unloading',
+        second_rate='a loop of the same height',
+        repeat_cycle='a loop that comes again and stays open during the holds',
+        pull_push=UNCLEAR,
     )
     stage = 'load path'
     form = 0.1  # seals grip harder at rest and at higher pressure

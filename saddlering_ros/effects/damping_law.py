@@ -7,6 +7,7 @@ from dataclasses import replace
 
 from saddlering_ros.effects.base import Effect, EffectParameter
 from saddlering_ros.effects.extension import RingExtension
+from saddlering_ros.effects.rig_tests import Outcomes
 
 
 class DampingLaw(Effect):
@@ -23,6 +24,9 @@ class DampingLaw(Effect):
     settled_by = (
         'A second loading rate (x4): the lag scales with rate at each load, and its shape over '
         'load stays.'
+    )
+    outcomes = Outcomes(
+        second_rate='a lag that keeps its shape over load and scales with the rate',
     )
     stage = 'ring'
     form = 0.1  # damping need not grow by one power of penetration, nor level off by the same

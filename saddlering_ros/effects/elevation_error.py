@@ -7,6 +7,7 @@ from dataclasses import replace
 
 from saddlering_ros.effects.base import Effect, EffectParameter
 from saddlering_ros.effects.extension import RingExtension
+from saddlering_ros.effects.rig_tests import Outcomes
 
 
 class ElevationError(Effect):
@@ -20,6 +21,11 @@ class ElevationError(Effect):
         'degrees it is 4.8 % and 0.6 %, so runs at two elevations tell it from a gain.'
     )
     settled_by = 'An inclinometer on the loading axis, read at zero and at full load.'
+    outcomes = Outcomes(
+        inclinometer='an angle other than the one recorded',
+        other_elevation='a misfit whose share of the radial displacement changes '
+            'with the elevation',
+    )
     stage = 'load path'
     channels = ('delta_x', 'delta_y', 'gamma')
     parameters = (

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 from saddlering_ros.effects.base import Choice, Effect, EffectParameter, Variant
 from saddlering_ros.effects.extension import RingExtension
+from saddlering_ros.effects.rig_tests import Outcomes, UNCLEAR
 
 ALL_ROWS, RADIAL, AXIAL = 0.0, 1.0, 2.0
 
@@ -25,6 +26,12 @@ class FilmCreep(Effect):
     settled_by = (
         'A second loading rate (x4), and a repeat cycle with holds at zero and full load: creep '
         'goes on during the holds and dies out.'
+    )
+    outcomes = Outcomes(
+        second_rate='a loop whose height depends on the rate',
+        repeat_cycle='a loop that closes during the holds',
+        zero_load=UNCLEAR,
+        pull_push=UNCLEAR,
     )
     stage = 'ring'
     form = 0.1  # films creep with more than one time constant

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 from saddlering_ros.effects.base import Effect, EffectParameter
 from saddlering_ros.effects.extension import RingExtension
+from saddlering_ros.effects.rig_tests import Outcomes
 
 
 class LoadGain(Effect):
@@ -21,6 +22,10 @@ class LoadGain(Effect):
     )
     settled_by = (
         'A reference load: a known weight or a calibrated load cell in line with the cylinder.'
+    )
+    outcomes = Outcomes(
+        reference_load='a difference that is a fixed share of the load',
+        other_elevation='the same share of every displacement at both elevations',
     )
     stage = 'load path'
     channels = ('delta_x', 'delta_y', 'gamma')

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 from saddlering_ros.effects.base import Effect, EffectParameter
 from saddlering_ros.effects.extension import RingExtension
+from saddlering_ros.effects.rig_tests import Outcomes
 
 
 class LoadNonlinearity(Effect):
@@ -20,6 +21,9 @@ class LoadNonlinearity(Effect):
         'channels, up and down alike.'
     )
     settled_by = 'A reference load in several steps up to full scale.'
+    outcomes = Outcomes(
+        reference_load='a difference that is largest at half load',
+    )
     stage = 'load path'
     channels = ('delta_x', 'delta_y', 'gamma')
     parameters = (

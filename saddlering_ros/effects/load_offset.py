@@ -7,6 +7,7 @@ from dataclasses import replace
 
 from saddlering_ros.effects.base import Effect, EffectParameter
 from saddlering_ros.effects.extension import RingExtension
+from saddlering_ros.effects.rig_tests import Outcomes, UNCLEAR
 
 
 class LoadOffset(Effect):
@@ -20,6 +21,10 @@ class LoadOffset(Effect):
         'gaps.'
     )
     settled_by = 'A zero-load record with the cylinder disconnected, or a reference load.'
+    outcomes = Outcomes(
+        reference_load='the same difference in newtons at every load',
+        zero_load=UNCLEAR,
+    )
     stage = 'load path'
     channels = ('delta_x', 'delta_y', 'gamma')
     parameters = (

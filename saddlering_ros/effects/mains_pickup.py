@@ -8,6 +8,7 @@ from dataclasses import replace
 from saddlering_ros.effects.base import Effect, EffectParameter, Variant
 from saddlering_ros.effects.extension import RingExtension, with_probe
 from saddlering_ros.effects.probe_choice import ANY_PROBE, probe_of, probe_variants
+from saddlering_ros.effects.rig_tests import Outcomes, UNCLEAR
 
 
 class MainsPickup(Effect):
@@ -21,6 +22,10 @@ class MainsPickup(Effect):
         'A spectrum shows where to look.'
     )
     settled_by = 'A zero-load record at the highest sampling rate.'
+    outcomes = Outcomes(
+        zero_load='a line in the spectrum at constant preload',
+        swapped_probes=UNCLEAR,
+    )
     stage = 'measurement'
     channels = ('delta_x', 'delta_y', 'gamma', 'parity')
     parameters = (

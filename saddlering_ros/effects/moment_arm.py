@@ -7,6 +7,7 @@ from dataclasses import replace
 
 from saddlering_ros.effects.base import Effect, EffectParameter
 from saddlering_ros.effects.extension import RingExtension
+from saddlering_ros.effects.rig_tests import Outcomes
 
 
 class MomentArm(Effect):
@@ -21,6 +22,10 @@ class MomentArm(Effect):
     settled_by = (
         'Measure the height of the loading axis over the ring, or hang a reference load from a '
         'known arm.'
+    )
+    outcomes = Outcomes(
+        heights='another height of the loading axis than in the rig file',
+        other_elevation='a misfit of tilt and axial motion only, in the same share',
     )
     stage = 'load path'
     channels = ('delta_y', 'gamma')

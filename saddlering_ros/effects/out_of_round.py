@@ -8,6 +8,7 @@ import math
 
 from saddlering_ros.effects.base import Effect, EffectParameter
 from saddlering_ros.effects.extension import RingExtension
+from saddlering_ros.effects.rig_tests import Outcomes, UNCLEAR
 
 
 class OutOfRound(Effect):
@@ -21,6 +22,10 @@ class OutOfRound(Effect):
         'then a nearly constant offset.'
     )
     settled_by = 'The ring slewed by 90 deg: an oval changes its sign, a clearance stays.'
+    outcomes = Outcomes(
+        slewed_ring='a misfit of the opposite sign',
+        pull_push=UNCLEAR,
+    )
     stage = 'ring'
     channels = ('delta_x',)
     parameters = (

@@ -8,6 +8,7 @@ from dataclasses import replace
 from saddlering_ros.effects.base import Effect, EffectParameter
 from saddlering_ros.effects.extension import RingExtension, with_probe
 from saddlering_ros.effects.probe_choice import ONE_PROBE, probe_of, probe_variants
+from saddlering_ros.effects.rig_tests import Outcomes
 
 
 class ProbeBracket(Effect):
@@ -23,6 +24,9 @@ class ProbeBracket(Effect):
     settled_by = (
         'Swapped probes: the error stays with the bracket; the ring slewed by 90 deg leaves it '
         'too.'
+    )
+    outcomes = Outcomes(
+        other_elevation='a misfit of one probe in the same proportion to the load',
     )
     stage = 'measurement'
     channels = ('delta_x', 'delta_y', 'gamma', 'parity')

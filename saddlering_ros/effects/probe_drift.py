@@ -8,6 +8,7 @@ from dataclasses import replace
 from saddlering_ros.effects.base import Effect, EffectParameter
 from saddlering_ros.effects.extension import RingExtension, with_probe
 from saddlering_ros.effects.probe_choice import ONE_PROBE, probe_of, probe_variants
+from saddlering_ros.effects.rig_tests import Outcomes
 
 
 class ProbeDrift(Effect):
@@ -20,6 +21,12 @@ class ProbeDrift(Effect):
         'not the load, goes on at rest, and leaves the loop open at zero.'
     )
     settled_by = 'A zero-load record as long as a test.'
+    outcomes = Outcomes(
+        second_rate='a misfit that grows with the time and not with the load',
+        repeat_cycle='a misfit that goes on growing during the holds at preload',
+        zero_load='readings that drift at constant preload',
+        swapped_probes='a misfit that goes with the probe',
+    )
     stage = 'measurement'
     channels = ('delta_x', 'delta_y', 'gamma', 'parity')
     parameters = (

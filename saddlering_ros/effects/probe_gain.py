@@ -8,6 +8,7 @@ from dataclasses import replace
 from saddlering_ros.effects.base import Effect, EffectParameter
 from saddlering_ros.effects.extension import RingExtension, with_probe
 from saddlering_ros.effects.probe_choice import ONE_PROBE, probe_of, probe_variants
+from saddlering_ros.effects.rig_tests import Outcomes
 
 
 class ProbeGain(Effect):
@@ -21,6 +22,9 @@ class ProbeGain(Effect):
         'the ratio of axial motion to tilt.'
     )
     settled_by = 'Swapped probes: the error goes with the probe.'
+    outcomes = Outcomes(
+        swapped_probes='a misfit that goes with the probe',
+    )
     stage = 'measurement'
     channels = ('delta_x', 'delta_y', 'gamma', 'parity')
     parameters = (

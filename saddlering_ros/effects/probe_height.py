@@ -7,6 +7,7 @@ from dataclasses import replace
 
 from saddlering_ros.effects.base import Effect, EffectParameter
 from saddlering_ros.effects.extension import RingExtension
+from saddlering_ros.effects.rig_tests import Outcomes
 
 
 class ProbeHeight(Effect):
@@ -22,6 +23,10 @@ class ProbeHeight(Effect):
     settled_by = (
         'Measure the height of probes 1 and 3 over the mid-plane; failing that, a run at another '
         'elevation, where tilt and radial force stand in another ratio.'
+    )
+    outcomes = Outcomes(
+        heights='another height of probes 1 and 3 than in the rig file',
+        other_elevation='a radial misfit in proportion to the tilt',
     )
     stage = 'measurement'
     channels = ('delta_x',)

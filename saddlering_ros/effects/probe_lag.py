@@ -8,6 +8,7 @@ from dataclasses import replace
 from saddlering_ros.effects.base import Effect, EffectParameter, Variant
 from saddlering_ros.effects.extension import RingExtension, set_probe, with_probe
 from saddlering_ros.effects.probe_choice import ANY_PROBE, probe_of, probe_variants
+from saddlering_ros.effects.rig_tests import Outcomes, UNCLEAR
 
 
 class ProbeLag(Effect):
@@ -21,6 +22,10 @@ class ProbeLag(Effect):
         'On all probes it looks much like damping, and with two stages much like a clock offset.'
     )
     settled_by = 'A second loading rate (x4), with swapped probes if only one is slow.'
+    outcomes = Outcomes(
+        second_rate='a delay of the same time with rounded corners',
+        swapped_probes=UNCLEAR,
+    )
     stage = 'measurement'
     channels = ('delta_x', 'delta_y', 'gamma', 'parity')
     parameters = (

@@ -8,6 +8,7 @@ from dataclasses import replace
 from saddlering_ros.effects.base import Effect, EffectParameter
 from saddlering_ros.effects.extension import RingExtension, with_probe
 from saddlering_ros.effects.probe_choice import ONE_PROBE, probe_of, probe_variants
+from saddlering_ros.effects.rig_tests import Outcomes
 
 
 class ProbeNonlinearity(Effect):
@@ -23,6 +24,10 @@ class ProbeNonlinearity(Effect):
     settled_by = (
         'Swapped probes: the error goes with the probe; or another gap at zero, which shifts it '
         'along the characteristic.'
+    )
+    outcomes = Outcomes(
+        swapped_probes='a misfit that goes with the probe',
+        other_gap='a misfit that moves to another load',
     )
     stage = 'measurement'
     channels = ('delta_x', 'delta_y', 'gamma', 'parity')

@@ -8,6 +8,7 @@ from dataclasses import replace
 from saddlering_ros.effects.base import Choice, Effect, EffectParameter
 from saddlering_ros.effects.extension import RingExtension, set_probe
 from saddlering_ros.effects.probe_choice import ONE_PROBE, probe_of, probe_variants
+from saddlering_ros.effects.rig_tests import Outcomes
 
 
 class ProbeSaturation(Effect):
@@ -21,6 +22,10 @@ class ProbeSaturation(Effect):
     )
     settled_by = (
         'The same test with the gap of that probe set wider or narrower at zero; swapped probes.'
+    )
+    outcomes = Outcomes(
+        swapped_probes='a misfit that goes with the probe',
+        other_gap='a flat part that moves to another load or disappears',
     )
     stage = 'measurement'
     channels = ('delta_x', 'delta_y', 'gamma', 'parity')

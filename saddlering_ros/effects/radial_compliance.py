@@ -7,6 +7,7 @@ from dataclasses import replace
 
 from saddlering_ros.effects.base import Effect, EffectParameter
 from saddlering_ros.effects.extension import RingExtension
+from saddlering_ros.effects.rig_tests import Outcomes
 
 
 class RadialCompliance(Effect):
@@ -20,6 +21,9 @@ class RadialCompliance(Effect):
         'radial stiffness absorbs nearly all of it.'
     )
     settled_by = 'A second loading rate (x4): the spring has no damper, the rollers have.'
+    outcomes = Outcomes(
+        other_elevation='a radial misfit in proportion to the radial force',
+    )
     stage = 'ring'
     channels = ('delta_x',)
     parameters = (

@@ -8,6 +8,7 @@ from dataclasses import replace
 from saddlering_ros.effects.base import Effect, EffectParameter
 from saddlering_ros.effects.extension import RingExtension
 from saddlering_ros.effects.friction_shape import hysteron, loop_parameters
+from saddlering_ros.effects.rig_tests import Outcomes, UNCLEAR
 
 
 class RadialFriction(Effect):
@@ -23,6 +24,11 @@ class RadialFriction(Effect):
     settled_by = (
         'A second loading rate (x4), then a repeat cycle with holds at zero and full load: the '
         'loop keeps its height and does not close during the holds.'
+    )
+    outcomes = Outcomes(
+        second_rate='a loop of the same height',
+        repeat_cycle='a loop that comes again and stays open during the holds',
+        pull_push=UNCLEAR,
     )
     stage = 'ring'
     form = 0.1  # sticking exceeds sliding by a tenth to a quarter, and how much the speed decides

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 from saddlering_ros.effects.base import Effect, EffectParameter
 from saddlering_ros.effects.extension import RingExtension
+from saddlering_ros.effects.rig_tests import Outcomes
 
 
 class RingOvalisation(Effect):
@@ -22,6 +23,9 @@ class RingOvalisation(Effect):
     settled_by = (
         'Swapped probes 1 and 3: ovalisation stays in the parity, a gain error of one probe '
         'changes its sign.'
+    )
+    outcomes = Outcomes(
+        other_elevation='a parity in proportion to the radial force',
     )
     stage = 'ring'
     channels = ('parity',)

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 from saddlering_ros.effects.base import Choice, Effect, EffectParameter, Variant
 from saddlering_ros.effects.extension import RingExtension
+from saddlering_ros.effects.rig_tests import Outcomes, UNCLEAR
 
 KNOBS = ('settling_x', 'settling_y', 'settling_tilt')
 
@@ -22,6 +23,15 @@ class Settling(Effect):
         'the same load shows nothing of it.'
     )
     settled_by = 'A repeat cycle with holds at zero and full load: settling is gone in it.'
+    outcomes = Outcomes(
+        second_rate='no misfit in the repeated test',
+        repeat_cycle='a misfit in the first cycle only',
+        swapped_probes='no misfit in the repeated test',
+        slewed_ring=UNCLEAR,
+        other_elevation=UNCLEAR,
+        other_gap='no misfit in the repeated test',
+        pull_push=UNCLEAR,
+    )
     stage = 'ring'
     form = 0.05  # joints settle not quite in proportion to the load
     channels = ('delta_x', 'delta_y', 'gamma')

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 from saddlering_ros.effects.base import Effect, EffectParameter
 from saddlering_ros.effects.extension import RingExtension
+from saddlering_ros.effects.rig_tests import Outcomes
 
 
 class TiltCompliance(Effect):
@@ -20,6 +21,9 @@ class TiltCompliance(Effect):
         'damper; axial motion does not have it.'
     )
     settled_by = 'A second loading rate (x4), or an inclinometer on the upper ring itself.'
+    outcomes = Outcomes(
+        other_elevation='a misfit of the tilt in proportion to the tilting moment',
+    )
     stage = 'ring'
     channels = ('gamma',)
     parameters = (

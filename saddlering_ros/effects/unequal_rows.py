@@ -7,6 +7,7 @@ from dataclasses import replace
 
 from saddlering_ros.effects.base import Effect, EffectParameter
 from saddlering_ros.effects.extension import RingExtension
+from saddlering_ros.effects.rig_tests import Outcomes
 
 
 class UnequalRows(Effect):
@@ -22,6 +23,9 @@ class UnequalRows(Effect):
     settled_by = (
         'Pull-push through zero load, which turns round the parts of the two rows; swapped '
         'probes 2 and 4 rule out the instruments.'
+    )
+    outcomes = Outcomes(
+        pull_push='a misfit that changes its sign with the load',
     )
     stage = 'ring'
     channels = ('delta_y', 'gamma')

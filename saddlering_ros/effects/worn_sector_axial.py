@@ -7,6 +7,7 @@ from dataclasses import replace
 
 from saddlering_ros.effects.base import Choice, Effect, Variant
 from saddlering_ros.effects.extension import RingExtension
+from saddlering_ros.effects.rig_tests import Outcomes, UNCLEAR
 from saddlering_ros.effects.worn_arc import arc_parameters, KIND, KINDS, STARTS, worn_arc
 
 BOTH, UPPER, LOWER = 0.0, 1.0, 2.0
@@ -24,6 +25,10 @@ class WornSectorAxial(Effect):
         '(front for the upper row, rear for the lower one), and right elsewhere.'
     )
     settled_by = 'The ring slewed by 90 deg: the arc leaves the load zone.'
+    outcomes = Outcomes(
+        slewed_ring='a misfit that disappears or moves to another load',
+        pull_push=UNCLEAR,
+    )
     stage = 'ring'
     form = 0.2  # worn arcs end softly, and no two rollers on them alike
     channels = ('delta_y', 'gamma')

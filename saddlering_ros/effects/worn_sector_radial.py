@@ -7,6 +7,7 @@ from dataclasses import replace
 
 from saddlering_ros.effects.base import Effect, Variant
 from saddlering_ros.effects.extension import RingExtension
+from saddlering_ros.effects.rig_tests import Outcomes, UNCLEAR
 from saddlering_ros.effects.worn_arc import (
     arc_parameters,
     KIND,
@@ -27,6 +28,10 @@ class WornSectorRadial(Effect):
         'where the load is, and right elsewhere.'
     )
     settled_by = 'The ring slewed by 90 deg: the arc leaves the load zone.'
+    outcomes = Outcomes(
+        slewed_ring='a misfit that disappears or moves to another load',
+        pull_push=UNCLEAR,
+    )
     stage = 'ring'
     form = 0.2  # worn arcs end softly, and no two rollers on them alike
     channels = ('delta_x',)

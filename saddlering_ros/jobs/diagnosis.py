@@ -13,7 +13,7 @@ from saddlering_ros.rig import ParameterSet, read_parameters, Rig
 
 @dataclass(frozen=True)
 class DiagnosisRequest:
-    """What to diagnose: bags by path, those kept back, the rig, a parameter file ('' for none)."""
+    """What to diagnose: bags by path, those held out, the rig, a parameter file ('' for none)."""
 
     bags: tuple[str, ...]
     hold_out: tuple[str, ...]

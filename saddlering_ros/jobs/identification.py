@@ -21,7 +21,7 @@ from saddlering_ros.rig import ParameterSet, Rig
 
 @dataclass(frozen=True)
 class IdentificationRequest:
-    """What to identify: bags by path, those kept back, the rig, and the settings."""
+    """What to identify: bags by path, those held out, the rig, and the settings."""
 
     bags: tuple[str, ...]
     validation_bags: tuple[str, ...]
@@ -47,7 +47,7 @@ TYPES = (*PARAMETER_TYPES, *RIG_TYPES, IdentificationRequest, IdentificationAnsw
 
 def run(request: IdentificationRequest, on_progress: Callable[[Progress], None],
         ) -> IdentificationAnswer:
-    """Identify, and judge the result on the bags kept back (on all bags if there are none)."""
+    """Identify, and judge the result on the bags held out (on all bags if there are none)."""
     runs = [read_run(bag, rig=request.rig) for bag in request.bags]
     kept_back = [read_run(bag, rig=request.rig) for bag in request.validation_bags]
     found = identify(runs, request.rig, request.settings, on_progress=on_progress)

@@ -319,8 +319,9 @@ class _Action:
             document = json.loads(result.verdict_json)
             ended.verdict = document['verdict']
             ended.words = headline(document)
-            ended.lines = [line for line in (gain_sentence(document), document.get('next_test'))
-                           if line]
+            following = document.get('next_test')
+            ended.lines = [line for line in (
+                gain_sentence(document), f'Next test: {following}' if following else '') if line]
         elif state == 'done':
             report = json.loads(result.report_json)
             ended.lines = [

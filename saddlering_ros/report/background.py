@@ -11,12 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saddlering_ros.bags import displacement_of_run, TestRun
-from saddlering_ros.diagnosis.wording import MATERIAL
 from saddlering_ros.report import html
 from saddlering_ros.report.html import Cell, number
 from saddlering_ros.report.style import SYMBOLS
 from saddlering_ros.rig import CHANNELS, PARAMETER_NAMES, Rig, TONNE
 from saddlering_ros.rig.quantities import percent, quantity
+from saddlering_ros.thresholds import allowed_misfit
 
 Array = NDArray[np.float64]
 
@@ -121,7 +121,7 @@ def data_quality(runs: Sequence[RunQuality]) -> str:
             'Nothing else is wrong with these bags.' if runs else '', 'soft'))
 
 
-def gains(document: Mapping[str, Any], channels: Sequence[str] = CHANNELS[:3]) -> str:
+def misfit_reductions(document: Mapping[str, Any], channels: Sequence[str] = CHANNELS[:3]) -> str:
     """Chapter: by how much the misfit falls, run by run, with the extended model."""
     total = document.get('gain') or {}
     if document['verdict'] == 'none' or total.get('fit') is None:
@@ -130,27 +130,28 @@ def gains(document: Mapping[str, Any], channels: Sequence[str] = CHANNELS[:3]) -
     for run in document['runs']:
         rows.append([
             str(run['bag']).rstrip('/').rsplit('/', 1)[-1],
-            'kept back' if run['held_out'] else 'fitted',
-            *(number(_gain_words(run['channels'].get(name))) for name in channels)])
+            'held out' if run['held_out'] else 'fitted',
+            *(number(_reduction_words(run['channels'].get(name))) for name in channels)])
     rows.append(['all runs fitted', 'fitted', number(percent(total['fit'])), '', ''])
     if total.get('held_out') is not None:
-        rows.append([f'all runs {total.get("how") or "kept back"}', 'kept back',
+        rows.append([f'all runs {total.get("how") or "held out"}', 'held out',
                      number(percent(total['held_out'])), '', ''])
     return html.section('What the cause is worth', html.table(
-        ['run', 'role', *(number(f'gain in {SYMBOLS[name]}') for name in channels)], rows,
-        'Gain: share by which the rms misfit falls once the cause is in the simulation; negative '
-        'where it rises; in brackets where it was within twice the noise to begin with. The last '
-        'rows weigh all channels by their noise.'))
+        ['run', 'role', *(number(f'misfit reduction in {SYMBOLS[name]}') for name in channels)],
+        rows,
+        'Misfit reduction: share by which the rms misfit falls once the cause is in the '
+        'simulation; negative where it rises; in brackets where the misfit was within twice the '
+        'noise to begin with. The last rows weigh all channels by their noise.'))
 
 
-def _gain_words(item: Mapping[str, float | None] | None) -> str:
+def _reduction_words(item: Mapping[str, float | None] | None) -> str:
     before, after = (item or {}).get('nrmse_before'), (item or {}).get('nrmse_after')
     if not before or after is None:
         return '–'
     gain = 1.0 - after / before
     words = f'{100.0 * gain:.0f} %' if abs(gain) >= 5e-3 else '0 %'
-    floor = (item or {}).get('noise_floor') or 0.0
-    return f'({words})' if before <= max(2.0 * floor, MATERIAL) else words
+    floor = (item or {}).get('noise_floor')
+    return f'({words})' if before <= allowed_misfit(floor) else words
 
 
 def correlation(covariance: Array | None) -> str:
@@ -191,7 +192,7 @@ def reproduction(document: Mapping[str, Any], command: str = '') -> str:
             is_html=True)] for item in made.get(kind, ())]
     versions = ', '.join(f'{name} {version}' for name, version in made.get('versions', {}).items())
     return html.section(
-        'To get the same again',
+        'To reproduce this result',
         html.commands([command] if command else []),
         html.table(['input', 'SHA-256'], rows, 'Of a bag: of the lines that sha256sum prints for '
                    'its files.'),

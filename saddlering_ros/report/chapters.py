@@ -9,14 +9,16 @@ from typing import Any
 import numpy as np
 
 from saddlering_ros.diagnosis.wording import (
+    choices_of,
     Document,
     effects_of,
     gain_sentence,
     headline,
-    MATERIAL,
+    place_of,
     shape_words,
     signature_words,
     title_of,
+    value_words,
     variant_words,
     why_lost,
     WORDS,
@@ -29,6 +31,7 @@ from saddlering_ros.report.html import Cell, code, number
 from saddlering_ros.report.style import SYMBOLS
 from saddlering_ros.rig import CHANNELS, PARAMETER_NAMES, PARAMETER_UNITS, stiffness_per_millimetre
 from saddlering_ros.rig.quantities import percent, probability, quantity, superscript
+from saddlering_ros.thresholds import allowed_misfit, is_left
 
 CANDIDATES_SHOWN = 12
 ASSUMPTION = ('Every dimension of the rig is an assumption of this project, so the parameters are '
@@ -68,7 +71,7 @@ def proof_picture(run: RunCurves, channel: str) -> str:
     """One channel of one run, large, with its residual below."""
     return html.picture(
         figures.proof(run, channel), 'proof', f'{run.label}, {SYMBOLS[channel]}: measured and '
-        'simulated; below, what is left, with a band of twice the noise floor.')
+        'simulated; below, the residual, with a band of twice the noise floor.')
 
 
 def causes(document: Document) -> str:
@@ -76,7 +79,7 @@ def causes(document: Document) -> str:
     parts = [_cause(cause, document) for cause in effects_of(document)]
     shapes = [shape_words(cause) for cause in document['causes'] if 'coordinate' in cause]
     if shapes:
-        parts.insert(0, html.paragraph('What is left has this shape:') + html.bullets(shapes))
+        parts.insert(0, html.paragraph('The residual has this shape:') + html.bullets(shapes))
     return html.section('Causes', *parts)
 
 
@@ -97,10 +100,7 @@ def _look_alike_rows(cause: Mapping[str, Any], document: Document) -> list[list[
 def _cause(cause: Mapping[str, Any], document: Document) -> str:
     effect_id = cause['effect']
     known = catalogue().get(effect_id)
-    rows: list[list[str | Cell]] = [
-        [name, number(quantity(item['value'], item['unit'], item['std'])), words]
-        for name, item, words in _cause_parameters(cause)
-    ]
+    rows = _cause_parameters(cause)
     evidence, gain = cause['evidence'], cause['gain']
     partial = ' – explains part of the misfit only' if cause.get('partial') else ''
     return '\n'.join([
@@ -110,8 +110,8 @@ def _cause(cause: Mapping[str, Any], document: Document) -> str:
         html.table(['parameter', number('value ± standard deviation'), ''], rows),
         html.table(
             ['', number('')],
-            [['gain on the runs fitted', number(percent(gain['fit']))],
-             ['gain on runs kept apart', number(percent(gain['held_out']))],
+            [['misfit reduction on fitted runs', number(percent(gain['fit']))],
+             ['misfit reduction on held-out runs', number(percent(gain['held_out']))],
              ["largest share of a channel's range", number(percent(cause['share_of_range']))],
              ['probability of as much by chance', number(probability(evidence['p_value']))],
              ['evidence (ΔBIC)', number(f'{evidence["delta_bic"]:.3g}')]]),
@@ -123,14 +123,19 @@ def _cause(cause: Mapping[str, Any], document: Document) -> str:
     ])
 
 
-def _cause_parameters(cause: Mapping[str, Any]) -> list[tuple[str, Mapping[str, Any], str]]:
-    known = catalogue().get(cause['effect'])
+def _cause_parameters(cause: Mapping[str, Any]) -> list[list[str | Cell]]:
+    """Where the cause acts, and each fitted parameter with its meaning."""
+    effect_id = cause['effect']
+    known = catalogue().get(effect_id)
     words = {} if known is None else {item.name: item.words for item in known.parameters}
-    rows = []
-    for name, item in cause['parameters'].items():
-        is_choice = not item['std'] and not item['unit']
-        said = variant_words(cause['effect'], {name: item['value']}) if is_choice else ''
-        rows.append((name, item, words.get(name, said)))
+    choices = choices_of(effect_id)
+    rows: list[list[str | Cell]] = []
+    if place_of(cause):
+        rows.append(['where', number(place_of(cause)), ''])
+    rows += [
+        [name, number(value_words(effect_id, name, item['value'], item['unit'], item['std'])),
+         words.get(name, '')]
+        for name, item in cause['parameters'].items() if name not in choices]
     return rows
 
 
@@ -142,13 +147,13 @@ def misfit(document: Document) -> str:
         for name, item in run['channels'].items():
             rows.append([
                 _short(run['bag']), run['test'], number(f'{run["elevation_deg"]:g}°'),
-                'kept back' if run['held_out'] else 'fitted', code(name),
+                'held out' if run['held_out'] else 'fitted', code(name),
                 number(percent(item['nrmse_before']), _mark(item['nrmse_before'], item)),
                 number(percent(item['nrmse_after']), _mark(item['nrmse_after'], item)),
                 number(percent(item['noise_floor'])),
             ])
     return html.section(
-        'Where simulation and measurement part',
+        'Misfit by run and channel',
         html.picture(
             figures.misfit(runs), 'misfit', 'Rms misfit of each channel in each run: contact law '
             'alone, extended model, and what noise alone leaves.'),
@@ -165,7 +170,7 @@ def _mark(value: float | None, item: Mapping[str, float | None]) -> str:
     floor = item['noise_floor']
     if value is None or floor is None:
         return ''
-    return 'bad' if value > max(2.0 * floor, MATERIAL) else 'good'
+    return 'bad' if value > allowed_misfit(floor) else 'good'
 
 
 def identified(found: Document, words: str = '') -> str:
@@ -267,7 +272,7 @@ def paper_split(curves: Sequence[RunCurves]) -> str:
 
 
 def _one_per_elevation(runs: Sequence[RunCurves]) -> list[RunCurves]:
-    """At most three runs: the first at each elevation, fitted ones before those kept back."""
+    """At most three runs: the first at each elevation, fitted ones before those held out."""
     chosen: dict[float, RunCurves] = {}
     for run in sorted(runs, key=lambda item: item.held_out):
         chosen.setdefault(round(run.elevation_deg, 1), run)
@@ -324,12 +329,11 @@ def shape_tests(document: Document) -> str:
 def _shape_cell(before: Mapping[str, Any] | None, after: Mapping[str, Any] | None) -> Cell:
     if before is None or after is None:
         return number('–')
-    is_left = after['p_value'] is not None and after['p_value'] < 0.01
     shares = ' → '.join(percent(item['share_of_range']) for item in (before, after))
     chances = ' → '.join(probability(item['p_value']) for item in (before, after))
     return Cell(f'{html.escape(shares)}<br><span class="soft">p {html.escape(chances)}</span>',
                 is_number=True, is_html=True,
-                mark='bad' if is_left and after['share_of_range'] >= MATERIAL else '')
+                mark='bad' if is_left(after['p_value'], after['share_of_range']) else '')
 
 
 def candidates(document: Document) -> str:
@@ -377,12 +381,10 @@ def _candidate(item: Mapping[str, Any]) -> list[str | Cell]:
 def _fitted_words(effect_id: str, values: Mapping[str, float]) -> str:
     known = catalogue().get(effect_id)
     units = {} if known is None else {item.name: item.unit for item in known.parameters}
-    parts = [f'{name} {quantity(value, units[name])}' for name, value in values.items()
-             if name in units]
     choices = {name: value for name, value in values.items() if name not in units}
-    if choices:
-        parts.append(variant_words(effect_id, choices))
-    return ', '.join(parts)
+    parts = [variant_words(effect_id, choices)] if choices else []
+    return ', '.join(parts + [f'{name} {value_words(effect_id, name, value, units[name])}'
+                              for name, value in values.items() if name in units])
 
 
 def _found_from(limits: Mapping[str, Any]) -> str:

@@ -48,8 +48,8 @@ class RunCurves:
 
     @property
     def label(self) -> str:
-        """'static_50: static, 50°, kept back'."""
-        role = 'kept back' if self.held_out else 'fitted'
+        """'static_50: static, 50°, held out'."""
+        role = 'held out' if self.held_out else 'fitted'
         return f'{self.name} ({self.test}, {self.elevation_deg:g}°, {role})'
 
     @property

@@ -42,7 +42,7 @@ def diagnosis_chapters(
     """Everything below the verdict, most important first."""
     return [
         chapters.causes(document),
-        background.gains(document),
+        background.misfit_reductions(document),
         chapters.misfit(document),
         chapters.paper_split(curves),
         chapters.residual_map(curves),

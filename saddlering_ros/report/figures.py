@@ -139,7 +139,7 @@ def _misfit_row(axes: Any, height: float, item: Mapping[str, float]) -> None:
 
 def _short(run: Mapping[str, Any]) -> str:
     name = str(run['bag']).rstrip('/').rsplit('/', 1)[-1]
-    return f'{name}{" (kept back)" if run.get("held_out") else ""}'
+    return f'{name}{" (held out)" if run.get("held_out") else ""}'
 
 
 def _legend_once(figure: Figure, axes: Any) -> None:

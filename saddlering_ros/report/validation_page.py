@@ -25,9 +25,7 @@ from saddlering_ros.rig import (
     write_text_atomically,
 )
 from saddlering_ros.rig.quantities import percent, quantity
-
-GOOD = 2.0
-"""A misfit under so many noise floors is as good as the measurement."""
+from saddlering_ros.thresholds import allowed_misfit
 
 
 def write_validation_report(
@@ -88,7 +86,7 @@ def _worst(validation: Validation) -> tuple[RunValidation, str, ChannelFigures]:
 def _banner(validation: Validation, curves: Sequence[RunCurves]) -> str:
     run, name, item = _worst(validation)
     misfit, floor = item.nrmse or 0.0, item.noise_floor or 0.0
-    is_good = misfit <= max(GOOD * floor, 1e-3)
+    is_good = misfit <= allowed_misfit(floor)
     said = ('These parameters predict every channel of every run within its noise.' if is_good
             else f'The simulation misses {SYMBOLS[name]} of {Path(run.name).name} by '
             f'{percent(misfit)} of its range, where noise leaves {percent(floor)}.')
@@ -133,7 +131,7 @@ def _figures(validation: Validation) -> str:
         for name, item in run.channels.items():
             misfit = item.nrmse
             mark = '' if misfit is None or name == 'parity' else (
-                'bad' if misfit > max(GOOD * (item.noise_floor or 0.0), 1e-3) else 'good')
+                'bad' if misfit > allowed_misfit(item.noise_floor) else 'good')
             rows.append([
                 Path(run.name).name, run.test, number(f'{np.degrees(run.elevation):g}°'),
                 code(name), number(quantity(item.rmse, item.unit)),

@@ -30,6 +30,12 @@ def percent(share: float | None, digits: int = 2) -> str:
     return f'{significant(100.0 * share, digits)} %'
 
 
+def signed_percent(share: float, std: float | None = None, *, is_signed: bool = True) -> str:
+    """'+3.0 ± 0.2 %': a share with its error, and with a sign where both signs are possible."""
+    sign = '+' if is_signed and share > 0.0 else ''
+    return f'{sign}{_with_error(100.0 * share, None if not std else 100.0 * std)} %'
+
+
 def probability(value: float | None) -> str:
     """A p-value: two digits, or that it is too small to matter how small."""
     if value is None or not math.isfinite(value):

@@ -19,24 +19,9 @@ MILLIMETRE = 1e-3
 """One millimetre [m]."""
 
 
-AS_READ = {'N': (1e3, 'kN'), 'm': (MICROMETRE, 'um'), 'rad': (1e-6, 'urad')}
-"""Units of forces, lengths and angles on screens, and their factors to SI."""
-
-
 def force_words(force: float, unit: str = 't', digits: int = 1) -> str:
     """A force [N] in one of FORCE_UNITS: '4.9 t'."""
     return f'{force / FORCE_UNITS[unit]:.{digits}f} {unit}'
-
-
-def as_read(value: float, unit: str, error: float | None = None) -> str:
-    """'4.96 +/- 0.05 kN (4959 N)': in the unit engineers read, in SI beside it.
-
-    A unit that is not in AS_READ is left as it is.
-    """
-    factor, name = AS_READ.get(unit, (1.0, '' if unit == '1' else unit))
-    text = f'{value / factor:.4g}' + (f' +/- {error / factor:.2g}' if error else '')
-    beside = f' ({value:.4g} {unit})' if unit in AS_READ else ''
-    return f'{text} {name}'.rstrip() + beside
 
 
 def stiffness_per_millimetre(stiffness: float, exponent: float) -> float:

@@ -13,7 +13,7 @@ def channel(before, after):
 
 
 def document(verdict='named', **changes):
-    """A verdict on one static run at 50 deg and one kept back at 70."""
+    """A verdict on one static run at 50 deg and one held out at 70."""
     cause = {
         'effect': 'radial_friction', 'group': ['radial_friction'],
         'parameters': {'force': {'value': 9e3, 'std': 35.0, 'unit': 'N'}},

@@ -8,7 +8,7 @@ import pytest
 
 from saddlering_ros.diagnosis.wording import gain_sentence, headline
 from saddlering_ros.report import chapters, figures
-from saddlering_ros.report.background import gains, white_noise
+from saddlering_ros.report.background import misfit_reductions, white_noise
 from saddlering_ros.report.curves import branches, spectrum
 from saddlering_ros.report.diagnosis_page import diagnosis_page
 from saddlering_ros.report.html import pictures_of
@@ -104,7 +104,7 @@ def test_a_gain_within_the_noise_stands_in_brackets():
     said = document()
     said['runs'][0]['channels']['delta_y'] = {
         'nrmse_before': 3e-3, 'nrmse_after': 6e-3, 'noise_floor': 2e-3}
-    shown = gains(said)
+    shown = misfit_reductions(said)
     assert '(-100 %)' in shown
     assert '>97 %<' in shown
 

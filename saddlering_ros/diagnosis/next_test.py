@@ -1,0 +1,156 @@
+"""The next test of a verdict: what to do, and which outcome means which cause.
+
+The test is chosen from the table of tests by the causes that are open: those the data cannot tell
+apart, or, where one is named, those that look most like it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import combinations
+
+from saddlering_ros.diagnosis.wording import lowered, title_of
+from saddlering_ros.effects import catalogue
+from saddlering_ros.effects.rig_tests import RIG_TESTS, RigTest, UNCLEAR
+
+MIN_LIKENESS = 0.3
+"""Cosine of two signatures from which an effect counts as an alternative to a named one."""
+
+MAX_ALTERNATIVES = 3
+
+
+@dataclass(frozen=True)
+class Course:
+    """A load course that the engine weighed: the kind of test it is, and its sentence."""
+
+    kind: str
+    sentence: str
+
+
+def outcome(effect_id: str, test: RigTest) -> str:
+    """What a test shows if this effect is the cause; UNCLEAR if it may show anything."""
+    known = catalogue().get(effect_id)
+    if known is None:
+        return UNCLEAR
+    own: str | None = getattr(known.outcomes, test.id)
+    return test.otherwise if own is None else own
+
+
+def separated(test: RigTest, effects: Sequence[str]) -> int:
+    """How many pairs of these effects the test tells apart."""
+    shown = [outcome(name, test) for name in effects]
+    return sum(UNCLEAR not in pair and pair[0] != pair[1] for pair in combinations(shown, 2))
+
+
+def between(effects: Sequence[str], course: Course | None = None) -> str | None:
+    """The test that tells most of these effects apart, with every outcome; None if none does.
+
+    Of tests that tell as much the one that separates the first effect from the others comes
+    first. A load course that the engine weighed gives the details of a test of its kind.
+    """
+    scored = [(separated(test, effects), _first_separated(test, effects), test)
+              for test in RIG_TESTS]
+    best = max(scored, key=lambda item: item[:2])
+    if not best[0]:
+        return None
+    test = best[2]
+    if course is not None:
+        same = [item for item in scored if item[2].id == course.kind and item[:2] == best[:2]]
+        if same:
+            return f'{course.sentence} {_meanings(same[0][2], effects)}'
+    return f'{test.instruction} {_meanings(test, effects)}'
+
+
+def confirming(effect_id: str, alternatives: Sequence[str]) -> str:
+    """What would confirm a named effect, against those that look like it in these data."""
+    sentence = between([effect_id, *alternatives]) if alternatives else None
+    if sentence is not None:
+        return f'To confirm {lowered(title_of(effect_id))}: {sentence}'
+    for test in RIG_TESTS:
+        shown = outcome(effect_id, test)
+        if shown not in (UNCLEAR, test.otherwise):
+            return (f'To confirm {lowered(title_of(effect_id))}: {test.instruction} '
+                    f'{_capital(shown)} confirms it.')
+    known = catalogue().get(effect_id)
+    words = '' if known is None else known.settled_by
+    return f'To confirm {lowered(title_of(effect_id))}: {words}'
+
+
+def look_alikes(effect_id: str, cosines: Mapping[str, Mapping[str, float]]) -> list[str]:
+    """The effects whose signature is most like this one's, the most alike first."""
+    found: dict[str, float] = {}
+    for label, row in cosines.items():
+        if label.partition(':')[0] != effect_id:
+            continue
+        for other, value in row.items():
+            name = other.partition(':')[0]
+            if name != effect_id and value >= MIN_LIKENESS:
+                found[name] = max(value, found.get(name, 0.0))
+    return sorted(found, key=lambda name: -found[name])[:MAX_ALTERNATIVES]
+
+
+def for_unseen(effects: Sequence[str]) -> str | None:
+    """The test that shows most of the effects which these data cannot show at all."""
+    scored = [([name for name in effects if _shows(name, test)], test) for test in RIG_TESTS
+              if test.otherwise]
+    best, test = max(scored, key=lambda item: len(item[0]), default=([], RIG_TESTS[0]))
+    if not best:
+        return None
+    causes = ' or '.join(lowered(title_of(name)) for name in best)
+    return (f'Nothing is open. These data cannot show {causes}; to see it: {test.instruction} '
+            f'{_meanings(test, best)}')
+
+
+CHANNEL_PROBES = {'delta_x': '1 and 3', 'parity': '1 and 3', 'delta_y': '2 and 4',
+                  'gamma': '2 and 4'}
+
+
+def for_shape(channel: str, coordinate: str) -> str:
+    """What to do about a misfit that no known cause explains, by where it is seen."""
+    probes = CHANNEL_PROBES.get(channel, '1 and 3')
+    sentences = {
+        'load': f'Swap probes {probes} and repeat the static test. If the misfit of {channel} '
+        'goes with a probe, the probe is the cause; if it stays, the ring or the load is.',
+        'direction': 'Record two cycles with holds of 30 s at preload and at full load. If the '
+        f'loop of {channel} comes again and stays open, it is friction; if it closes during the '
+        'holds, creep; if only the first cycle has it, settling.',
+        'rate': f'Repeat the dynamic test four times slower. If the misfit of {channel} shrinks '
+        'with the rate, it is damping or a delay; if it stays, stiffness or friction.',
+        'time': f'Record ten minutes at constant preload. If {channel} moves without any load, it '
+        'is drift or pickup of a probe; if it does not, creep of the ring.',
+    }
+    return sentences.get(coordinate, sentences['load'])
+
+
+def for_swing(channel: str, frequency: float) -> str:
+    """What to do about an unexplained swing."""
+    return (f'Record ten minutes at constant preload, at the highest sampling rate. If {channel} '
+            f'swings at {frequency:.2g} Hz there too, it is pickup of a probe; if it does not, '
+            'the rig swings with the load.')
+
+
+def _first_separated(test: RigTest, effects: Sequence[str]) -> int:
+    first, *others = (outcome(name, test) for name in effects)
+    return sum(UNCLEAR not in (first, other) and other != first for other in others)
+
+
+def _shows(effect_id: str, test: RigTest) -> bool:
+    return outcome(effect_id, test) not in (UNCLEAR, test.otherwise)
+
+
+def _meanings(test: RigTest, effects: Sequence[str]) -> str:
+    """Each outcome with its causes: 'A loop of the same height means dry friction; ...'."""
+    causes: dict[str, list[str]] = {}
+    for name in effects:
+        causes.setdefault(outcome(name, test), []).append(lowered(title_of(name)))
+    unclear = causes.pop(UNCLEAR, [])
+    parts = [f'{shown} means {" or ".join(names)}' for shown, names in causes.items()]
+    words = _capital('; '.join(parts)) + '.'
+    if unclear:
+        words += f' It does not tell {" or ".join(unclear)}.'
+    return words
+
+
+def _capital(words: str) -> str:
+    return words[:1].upper() + words[1:]

@@ -1,0 +1,21 @@
+"""The thresholds by which results are judged wherever they are printed."""
+
+MATERIAL = 1e-3
+"""Share of a channel's range under which a misfit does not matter."""
+
+CHANCE = 0.01
+"""Probability above which as much could have come by chance."""
+
+GOOD = 2.0
+"""A misfit under so many noise floors is as good as the measurement."""
+
+
+def allowed_misfit(noise_floor: float | None) -> float:
+    """The largest misfit that is as good as the measurement, as a share of the channel's range."""
+    return max(GOOD * (noise_floor or 0.0), MATERIAL)
+
+
+def is_left(p_value: float | None, share_of_range: float | None) -> bool:
+    """Whether a part of the misfit is neither chance nor too small to matter."""
+    return (p_value is not None and p_value < CHANCE
+            and share_of_range is not None and share_of_range >= MATERIAL)

@@ -1,0 +1,92 @@
+"""Claims about the next test of a verdict: specific, with an outcome for every cause."""
+
+from dataclasses import fields
+from itertools import combinations
+
+import pytest
+
+from saddlering_ros.diagnosis import next_test
+from saddlering_ros.diagnosis.next_test import Course
+from saddlering_ros.diagnosis.proposals import course_of, propose
+from saddlering_ros.diagnosis.wording import lowered, size_of, title_of
+from saddlering_ros.effects import catalogue
+from saddlering_ros.effects.rig_tests import Outcomes, RIG_TESTS
+from saddlering_ros.rig import default_rig
+
+KNOWN_GROUPS = (
+    ('load_gain', 'elevation_error', 'moment_arm', 'tilt_compliance'),
+    ('radial_clearance', 'out_of_round', 'worn_sector_radial'),
+    ('ring_ovalisation', 'probe_gain'), ('probe_lag', 'clock_offset'),
+    ('tilt_friction', 'settling', 'probe_drift'), ('radial_friction', 'film_creep'))
+"""Ambiguities that are known beforehand."""
+
+
+def test_the_table_of_tests_and_the_outcomes_have_the_same_ids():
+    assert [item.id for item in RIG_TESTS] == [item.name for item in fields(Outcomes)]
+
+
+@pytest.mark.parametrize('group', KNOWN_GROUPS, ids=lambda group: group[0])
+def test_every_cause_of_a_known_ambiguity_gets_an_outcome_of_its_own(group):
+    sentence = next_test.between(group)
+    assert all(lowered(title_of(name)) in sentence for name in group)
+    assert sentence.count(' means ') == len(group)
+    assert 'does not tell' not in sentence
+
+
+def test_two_effects_that_no_test_separates_act_on_different_channels():
+    alike = [pair for pair in combinations(sorted(catalogue()), 2)
+             if next_test.between(pair) is None]
+    for pair in alike:
+        first, second = (set(catalogue()[name].channels) for name in pair)
+        assert not first & second, pair
+
+
+@pytest.mark.parametrize('effect', sorted(catalogue()))
+def test_a_named_cause_gets_a_test_that_would_confirm_it(effect):
+    sentence = next_test.confirming(effect, [])
+    assert sentence.startswith(f'To confirm {lowered(title_of(effect))}: ')
+    assert sentence.endswith('.')
+
+
+def test_look_alikes_of_the_data_are_what_a_named_cause_is_confirmed_against():
+    cosines = {'radial_friction': {'film_creep:0': 0.9, 'film_creep:1': 0.8, 'load_gain': 0.1},
+               'load_gain': {'radial_friction': 0.1}}
+    assert next_test.look_alikes('radial_friction', cosines) == ['film_creep']
+    sentence = next_test.confirming('radial_friction', ['film_creep'])
+    assert 'loop of the same height means dry friction in the radial row' in sentence
+    assert 'a loop whose height depends on the rate means creep of the oil film' in sentence
+
+
+def test_a_course_that_the_engine_chose_gives_the_details_of_a_test_of_its_kind():
+    course = Course('second_rate', 'Record a slow ramp to 25 t and back in 60 s at 50 deg.')
+    assert next_test.between(['radial_friction', 'film_creep'], course).startswith(course.sentence)
+    swapped = next_test.between(['ring_ovalisation', 'probe_gain'], course)
+    assert swapped.startswith('Swap probes')
+
+
+def test_every_course_that_is_proposed_has_a_kind_and_the_full_scale_of_its_rig():
+    class Payload:
+        elevation = 0.0
+    runs = [type('Run', (), {'payload': Payload})]
+    for item in propose(default_rig(), runs):
+        assert course_of(item.sentence).kind in {test.id for test in RIG_TESTS}
+        assert 'to 25 t ' in item.sentence
+
+
+def test_a_sound_ring_is_told_which_causes_these_data_could_not_show():
+    sentence = next_test.for_unseen(['load_gain'])
+    assert 'load gain error' in sentence
+    assert 'calibrated load cell' in sentence
+    assert next_test.for_unseen([]) is None
+
+
+def test_what_nothing_explains_gets_a_test_of_its_own_channel():
+    assert 'probes 2 and 4' in next_test.for_shape('gamma', 'load')
+    assert '12 Hz' in next_test.for_swing('gamma', 12.0)
+
+
+def test_a_size_is_said_with_its_place_its_sign_and_its_unit():
+    cause = {'effect': 'probe_gain', 'parameters': {
+        'probe': {'value': 2.0, 'std': 0.0, 'unit': ''},
+        'gain': {'value': 0.03, 'std': 0.002, 'unit': '1'}}}
+    assert size_of(cause) == 'probe 2 gain +3.00 ± 0.20 %'
