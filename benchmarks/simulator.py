@@ -148,9 +148,9 @@ def growth(quick: bool) -> None:
             middle_row=replace(RIG.middle_row, rollers=110 * factor))
         row(f'10 s at 1 kHz, {304 * factor} rollers', least(dynamic_task(wide), runs), base)
     growing = RingExtension(damping_penetration_share=0.5, damping_penetration_exponent=0.5)
-    levelling = replace(growing, damping_penetration_levelling=5e4)
+    saturating = replace(growing, damping_penetration_saturation=5e4)
     for words, extension in (('none', RingExtension()), ('that grows', growing),
-                             ('that grows and levels off', levelling)):
+                             ('that grows and levels off', saturating)):
         row(f'10 s at 1 kHz, damping law: {words}', least(probes_task(extension), runs), base)
     for particles, threads in ((20, 1), (20, 2), (100, 2)):
         os.environ['SADDLERING_THREADS'] = str(threads)
@@ -243,8 +243,8 @@ def contact_count(model: object, path: np.ndarray) -> tuple[float, float]:
     time_s, load = dynamic_record()
     state = np.zeros(layout.STATE_SIZE)
     rows, uniform = model.rows.flat, model.rows.uniform
-    integration.start(model.scalars, rows, uniform, state, 0.0, load[0])
-    used = integration.advance(model.scalars, rows, uniform, state, time_s, load, 1e-3,
+    integration.start(model.constants, rows, uniform, state, 0.0, load[0])
+    used = integration.advance(model.constants, rows, uniform, state, time_s, load, 1e-3,
                            np.empty((time_s.size, 3)), np.empty((time_s.size, 4)))
     return used / (time_s.size - 1), total / len(range(0, path.shape[1], 100))
 

@@ -59,8 +59,8 @@ def simulated_samples(
     samples = DisplacementSamples(
         run.stamps[rows], simulated.time, run.load[rows], simulated.displacement).finite()
     notes = list(run.notes)
-    if simulated.trouble:
-        notes.append(f'the solver did not converge in {simulated.trouble} steps: '
+    if simulated.failed_steps:
+        notes.append(f'the solver did not converge in {simulated.failed_steps} steps: '
                      'their samples are left out')
     if not simulated.zero.near_preload:
         notes.append('the record has no steady start near the preload; its zero is elsewhere')

@@ -13,7 +13,7 @@ from saddlering_ros import effects as catalogue_of_effects
 from saddlering_ros.diagnosis.records import LoadGrid
 from saddlering_ros.diagnosis.scatter import compressed, Course, known_rigs, scatter_columns
 from saddlering_ros.discrepancy import Effect, Parameter, Point, Run
-from saddlering_ros.effects.extension import NO_EXTENSION, RingExtension
+from saddlering_ros.effects.extension import MOTION, NO_EXTENSION, RingExtension
 from saddlering_ros.rig import PARAMETER_NAMES, PARAMETER_UNITS, Rig, TRUE_TO_SCALE
 from saddlering_ros.ring.simulator import probe_batch
 
@@ -29,22 +29,6 @@ FINE_STEP = 2e-4
 K and n of one contact are so nearly alike that the bend of their curves over a step ten times
 this long passes for a difference, and a refit creeps along their valley without an end.
 """
-
-MOVES_CONTACTS = (
-    'load_gain',
-    'load_offset',
-    'load_nonlinearity',
-    'cylinder_friction',
-    'elevation_error',
-    'moment_arm',
-    'bracket_play',
-    'radial_friction',
-    'tilt_friction',
-    'damping_penetration_share',
-    'damping_penetration_exponent',
-    'damping_penetration_levelling',
-)
-"""Knobs by which the same rollers touch at another time or measured load."""
 
 CURVATURE = 1.5
 """Standard deviation of the square of a standard normal number, nearly."""
@@ -116,7 +100,7 @@ class RingSystem:
         """
         parts, known = [], []
         base, extension = point.base, self.extension(point)
-        touching = RingExtension(**{name: getattr(extension, name) for name in MOVES_CONTACTS})
+        touching = extension.only(MOTION)
         for run in runs:
             usual, contacts = self._simulated(run, [(base, extension), (base, touching)])
             grid: LoadGrid = run.payload
@@ -144,7 +128,7 @@ class RingSystem:
         return answer
 
     def extension(self, point: Point) -> RingExtension:
-        """Knobs that the effects of a point turn."""
+        """Extension parameters that the effects of a point set."""
         if not point.effects:
             return NO_EXTENSION
         return catalogue_of_effects.extension_of(point.effects)

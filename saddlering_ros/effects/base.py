@@ -7,12 +7,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
-from saddlering_ros.effects.extension import RingExtension
+from saddlering_ros.effects.extension import RingExtension, STAGES
 from saddlering_ros.effects.rig_tests import Outcomes
 from saddlering_ros.errors import SaddleringError
 
-STAGES = ('load path', 'ring', 'measurement')
-"""The way of the signal, in order; an effect turns knobs of one stage only."""
+__all__ = ['STAGES', 'Choice', 'Effect', 'EffectError', 'EffectParameter', 'Variant', 'unit_words']
 
 
 def unit_words(unit: str) -> str:

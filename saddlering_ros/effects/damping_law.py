@@ -60,4 +60,4 @@ class DampingLaw(Effect):
         """Set the share of growing damping, its power and where it levels off."""
         return replace(extension, damping_penetration_share=values['share'],
                        damping_penetration_exponent=values.get('exponent', 0.0),
-                       damping_penetration_levelling=values['levelling'])
+                       damping_penetration_saturation=values['levelling'])

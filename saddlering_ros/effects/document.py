@@ -31,8 +31,8 @@ ADDING = """\
 
 Write one file with a subclass of `Effect` (saddlering_ros/effects/base.py) named after its id: the
 words above, its parameters with bounds, the first of them the one that makes it vanish, and
-`extend`, which turns knobs of `RingExtension` (saddlering_ros/effects/extension.py). Nothing else
-changes: simulator, diagnosis, parameter files and this page find it in the folder.
+`extend`, which sets parameters of `RingExtension` (saddlering_ros/effects/extension.py). Nothing
+else changes: simulator, diagnosis, parameter files and this page find it in the folder.
 """
 
 

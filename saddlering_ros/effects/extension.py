@@ -1,12 +1,13 @@
-"""What can be added to the ring model: one frozen dataclass of knobs, all neutral by default.
+"""What can be added to the ring model: extension parameters, all neutral by default.
 
 An effect of the catalogue (saddlering_ros/effects) is a mapping from its few parameters to these
-knobs. The order of the fields is the way of the signal: load path, ring, measurement.
+extension parameters. The order of the fields is the way of the signal: load path, ring,
+measurement.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from typing import Any
 
 import numpy as np
@@ -56,7 +57,7 @@ class Wear:
 
 @dataclass(frozen=True)
 class RowGeometry:
-    """How one row departs from equal rollers: wear, and for the middle row out-of-roundness.
+    """How one row departs from equal rollers: wear, and for the radial row out-of-roundness.
 
     stiffness: factor on K of the whole row; gap: extra gap of every roller [m], gap_spread [m]: by
     which rollers have more or less of it than their neighbours, evenly from -spread to spread;
@@ -71,65 +72,106 @@ class RowGeometry:
     oval_angle: float = 0.0
 
 
+MOTION, ROLLERS, READING = 'motion', 'rollers', 'reading'
+"""What an extension parameter acts on.
+
+MOTION: loads, friction and damping inside the equation of motion, so that the same rollers touch
+at another time or measured load. ROLLERS: stiffness and gaps of rollers. READING: all that is
+added to the contact motion and to the probes' readings.
+"""
+
+
+STAGES = ('load path', 'ring', 'measurement')
+"""The way of the signal, in order; an effect sets parameters of one stage only."""
+
+
+def declared(stage: str, acts_on: str, neutral: Any) -> Any:
+    """A field for an extension parameter, which does nothing at its neutral value."""
+    return field(default=neutral, metadata={'stage': stage, 'acts_on': acts_on})
+
+
+def in_load_path(neutral: Any) -> Any:
+    """A parameter between the load cell and the ring."""
+    return declared('load path', MOTION, neutral)
+
+
+def in_ring(acts_on: str, neutral: Any) -> Any:
+    """A parameter of the ring itself, and what it acts on."""
+    return declared('ring', acts_on, neutral)
+
+
+def in_measurement(neutral: Any) -> Any:
+    """A parameter of probes, cables and clocks."""
+    return declared('measurement', READING, neutral)
+
+
 @dataclass(frozen=True)
 class RingExtension:
-    """All knobs; a default instance is the plain ring model.
+    """All extension parameters; a default instance is the plain ring model.
 
-    Load path: P [N] at the ring from the measured P_m, elevation [rad], trunnion [m].
-    Ring: geometry of the rows, friction, series compliances, creep, settling, second mode.
-    Measurement: tuples of four are per probe 1..4.
+    A field is the only declaration of a parameter; the kernels read it by its name. Load path: P
+    [N] at the ring from the measured P_m, elevation [rad], trunnion [m]. Ring: geometry of the
+    rows, friction, series compliances, creep, settling, second mode. Measurement: tuples of four
+    are per probe 1..4.
     """
 
     # Load path
-    load_gain: float = 0.0              # P = P_m / (1 + g)
-    load_offset: float = 0.0            # P = P_m - P0 [N]
-    load_nonlinearity: float = 0.0      # P = P_m + 4 c P_m (P_fs - P_m) / P_fs
-    cylinder_friction: Hysteron = field(default_factory=lambda: Hysteron(presliding=2000.0))
-    elevation_error: float = 0.0        # [rad]
-    moment_arm: float = 0.0             # trunnion y_t + e [m]
+    load_gain: float = in_load_path(0.0)  # P = P_m / (1 + g)
+    load_offset: float = in_load_path(0.0)  # P = P_m - P0 [N]
+    load_nonlinearity: float = in_load_path(0.0)  # P = P_m + 4 c P_m (P_fs - P_m) / P_fs
+    cylinder_friction: Hysteron = in_load_path(Hysteron(presliding=2000.0))
+    elevation_error: float = in_load_path(0.0)  # [rad]
+    moment_arm: float = in_load_path(0.0)  # trunnion y_t + e [m]
     # Limit in [rad], presliding in [N]
-    bracket_play: Hysteron = field(default_factory=lambda: Hysteron(presliding=2000.0))
+    bracket_play: Hysteron = in_load_path(Hysteron(presliding=2000.0))
     # Ring
-    upper_row: RowGeometry = field(default_factory=RowGeometry)
-    lower_row: RowGeometry = field(default_factory=RowGeometry)
-    middle_row: RowGeometry = field(default_factory=RowGeometry)
+    upper_row: RowGeometry = in_ring(ROLLERS, RowGeometry())
+    lower_row: RowGeometry = in_ring(ROLLERS, RowGeometry())
+    radial_row: RowGeometry = in_ring(ROLLERS, RowGeometry())
     # Limits of the next two in [N] and [N m], presliding in [m] and [rad]
-    radial_friction: Hysteron = field(default_factory=lambda: Hysteron(presliding=2e-6))
-    tilt_friction: Hysteron = field(default_factory=lambda: Hysteron(presliding=3e-6))
-    damping_penetration_share: float = 0.0     # 0 constant D, 1 all of it grows with p
-    damping_penetration_exponent: float = 0.0  # m of p^m; 0: n of the row
-    damping_penetration_levelling: float = 0.0  # 1 / (p beyond which it grows no more) [1/m]
-    radial_compliance: float = 0.0      # delta_x += c F_x [m/N]
-    axial_compliance: float = 0.0       # delta_y += c F_y [m/N]
-    tilt_compliance: float = 0.0        # gamma += c M [rad/(N m)]
-    opening_compliance: float = 0.0     # gamma += c max(0, M - M0)
-    opening_moment: float = 0.0         # M0 [N m]
-    opening_spread: float = 0.0         # w: M0 spread evenly over M0 - w to M0 + w [N m]
-    creep_radial: float = 0.0           # delta_x += c LP_T(delta_x)
-    creep_axial: float = 0.0            # delta_y, gamma += c LP_T(.)
-    creep_time: float = 10.0            # T [s]
-    settling_x: float = 0.0             # delta_x += s max P so far [m/N]
-    settling_y: float = 0.0
-    settling_tilt: float = 0.0          # [rad/N]
-    resonance_frequency: float = 0.0    # second mode [rad/s]; 0: none
-    resonance_damping: float = 0.05
-    resonance_share: float = 1.0        # share of the motion that the second mode carries
+    radial_friction: Hysteron = in_ring(MOTION, Hysteron(presliding=2e-6))
+    tilt_friction: Hysteron = in_ring(MOTION, Hysteron(presliding=3e-6))
+    damping_penetration_share: float = in_ring(MOTION, 0.0)  # 0 constant D, 1 all grows with p
+    damping_penetration_exponent: float = in_ring(MOTION, 0.0)  # m of p^m; 0: n of the row
+    # 1 / (p beyond which it grows no more) [1/m]
+    damping_penetration_saturation: float = in_ring(MOTION, 0.0)
+    radial_compliance: float = in_ring(READING, 0.0)  # delta_x += c F_x [m/N]
+    axial_compliance: float = in_ring(READING, 0.0)  # delta_y += c F_y [m/N]
+    tilt_compliance: float = in_ring(READING, 0.0)  # gamma += c M [rad/(N m)]
+    opening_compliance: float = in_ring(READING, 0.0)  # gamma += c max(0, M - M0)
+    opening_moment: float = in_ring(READING, 0.0)  # M0 [N m]
+    opening_spread: float = in_ring(READING, 0.0)  # w: M0 spread over M0 - w to M0 + w [N m]
+    creep_radial: float = in_ring(READING, 0.0)  # delta_x += c LP_T(delta_x)
+    creep_axial: float = in_ring(READING, 0.0)  # delta_y, gamma += c LP_T(.)
+    creep_time: float = in_ring(READING, 10.0)  # T [s]
+    settling_x: float = in_ring(READING, 0.0)  # delta_x += s max P so far [m/N]
+    settling_y: float = in_ring(READING, 0.0)
+    settling_tilt: float = in_ring(READING, 0.0)  # [rad/N]
+    resonance_frequency: float = in_ring(READING, 0.0)  # second mode [rad/s]; 0: none
+    resonance_damping: float = in_ring(READING, 0.05)
+    resonance_share: float = in_ring(READING, 1.0)  # share of the motion in the second mode
+    ovalisation: float = in_ring(READING, 0.0)  # d1 and d3 += c F_x [m/N]
     # Measurement
-    ovalisation: float = 0.0            # d1 and d3 += c F_x [m/N]
-    probe_height: float = 0.0           # d1, -d3 += h gamma [m]
-    probe_bracket: Four = NO_PROBE      # d_i += b P [m/N]
-    probe_gain: Four = NO_PROBE         # d_i (1 + g)
-    probe_nonlinearity: Four = NO_PROBE  # d_i += q d_i^2 [1/m]
-    probe_drift: Four = NO_PROBE        # d_i += r t [m/s]
-    probe_lag: Four = NO_PROBE          # low-pass, its time constants together [s]
-    probe_lag_second: Four = NO_PROBE   # share of them in a second stage
-    pickup_cosine: Four = NO_PROBE      # d_i += a cos(w t) + b sin(w t) [m]
-    pickup_sine: Four = NO_PROBE
-    pickup_frequency: float = 50.0      # [Hz]
-    saturation_low: Four = (-1.0, -1.0, -1.0, -1.0)   # d_i clipped here [m]
-    saturation_high: Four = (1.0, 1.0, 1.0, 1.0)
-    clock_offset: float = 0.0           # probes' clock = load's clock + tau [s]
-    clock_skew: float = 0.0             # ... + skew * time [s/s]
+    probe_height: float = in_measurement(0.0)  # d1, -d3 += h gamma [m]
+    probe_bracket: Four = in_measurement(NO_PROBE)  # d_i += b P [m/N]
+    probe_gain: Four = in_measurement(NO_PROBE)  # d_i (1 + g)
+    probe_nonlinearity: Four = in_measurement(NO_PROBE)  # d_i += q d_i^2 [1/m]
+    probe_drift: Four = in_measurement(NO_PROBE)  # d_i += r t [m/s]
+    probe_lag: Four = in_measurement(NO_PROBE)  # low-pass, both time constants [s]
+    probe_lag_second: Four = in_measurement(NO_PROBE)  # share of them in a second stage
+    pickup_cosine: Four = in_measurement(NO_PROBE)  # d_i += a cos(w t) + b sin(w t) [m]
+    pickup_sine: Four = in_measurement(NO_PROBE)
+    pickup_frequency: float = in_measurement(50.0)  # [Hz]
+    saturation_low: Four = in_measurement((-1.0, -1.0, -1.0, -1.0))  # d_i clipped here [m]
+    saturation_high: Four = in_measurement((1.0, 1.0, 1.0, 1.0))
+    clock_offset: float = in_measurement(0.0)  # probes' clock = load's clock + tau [s]
+    clock_skew: float = in_measurement(0.0)  # ... + skew * time [s/s]
+
+    def only(self, stage: str) -> RingExtension:
+        """The same extension without the parameters that act on other stages."""
+        own = {item.name: getattr(self, item.name) for item in fields(self)
+               if item.metadata['acts_on'] == stage}
+        return RingExtension(**own)
 
 
 NO_EXTENSION = RingExtension()
@@ -149,7 +191,7 @@ def set_probe(values: Four, probe: int, value: float) -> Four:
 
 
 def describe(extension: RingExtension) -> dict[str, Any]:
-    """The knobs that differ from neutral, by name."""
+    """The extension parameters that differ from neutral, by name."""
     return {
         name: value for name, value in vars(extension).items()
         if value != getattr(NO_EXTENSION, name)

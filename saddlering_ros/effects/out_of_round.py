@@ -41,6 +41,6 @@ class OutOfRound(Effect):
 
     def extend(self, extension: RingExtension, values: Mapping[str, float]) -> RingExtension:
         """Make the middle row oval."""
-        row = replace(extension.middle_row, oval_amplitude=values['amplitude'],
+        row = replace(extension.radial_row, oval_amplitude=values['amplitude'],
                       oval_angle=values['angle'])
-        return replace(extension, middle_row=row)
+        return replace(extension, radial_row=row)

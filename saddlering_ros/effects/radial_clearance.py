@@ -42,6 +42,6 @@ class RadialClearance(Effect):
 
     def extend(self, extension: RingExtension, values: Mapping[str, float]) -> RingExtension:
         """Widen the middle row by half the change at each side."""
-        middle, half = extension.middle_row, 0.5 * values['change']
-        row = replace(middle, gap=middle.gap + half, gap_spread=abs(half) * values['spread'])
-        return replace(extension, middle_row=row)
+        radial, half = extension.radial_row, 0.5 * values['change']
+        row = replace(radial, gap=radial.gap + half, gap_spread=abs(half) * values['spread'])
+        return replace(extension, radial_row=row)

@@ -9,7 +9,7 @@ from saddlering_ros.effects.base import Choice, Effect, EffectParameter, Variant
 from saddlering_ros.effects.extension import RingExtension
 from saddlering_ros.effects.rig_tests import Outcomes, UNCLEAR
 
-KNOBS = ('settling_x', 'settling_y', 'settling_tilt')
+SETTLING = ('settling_x', 'settling_y', 'settling_tilt')
 
 
 class Settling(Effect):
@@ -50,5 +50,5 @@ class Settling(Effect):
 
     def extend(self, extension: RingExtension, values: Mapping[str, float]) -> RingExtension:
         """Add to the settling of one coordinate."""
-        knob = KNOBS[round(values['coordinate'])]
-        return replace(extension, **{knob: getattr(extension, knob) + values['settling']})
+        name = SETTLING[round(values['coordinate'])]
+        return replace(extension, **{name: getattr(extension, name) + values['settling']})

@@ -42,5 +42,5 @@ class WornSectorRadial(Effect):
 
     def extend(self, extension: RingExtension, values: Mapping[str, float]) -> RingExtension:
         """Wear the middle row."""
-        row = replace(extension.middle_row, wear=worn_arc(values))
-        return replace(extension, middle_row=row)
+        row = replace(extension.radial_row, wear=worn_arc(values))
+        return replace(extension, radial_row=row)

@@ -102,7 +102,7 @@ class RingSimulatorNode(StreamingNode):
         self._warm_up()
         self._tell_in_force(self._in_force)
         self._stream_task = StreamTask(LOAD_TOPIC)
-        self._trouble = 0
+        self._failed_steps = 0
         self.tasks = [
             FunctionTask('zero', self._zero_finding), self._stream_task,
             FunctionTask('solver', self._solver_finding),
@@ -248,9 +248,10 @@ class RingSimulatorNode(StreamingNode):
 
     def _solver_finding(self) -> Finding:
         simulator = self._stream.simulator
-        new, self._trouble = simulator.trouble - self._trouble, simulator.trouble
+        failed = simulator.failed_steps
+        new, self._failed_steps = failed - self._failed_steps, failed
         figures = {'iterations': str(simulator.iterations),
-                   'not converged': str(simulator.trouble)}
+                   'not converged': str(failed)}
         if new > 0:
             return Finding(ERROR, f'{new} steps did not converge and are not published: '
                            'check load and parameters',

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saddlering_ros.rig import ContactParameters, Rig
-from saddlering_ros.ring.kernels.linearised import follow
+from saddlering_ros.ring.kernels.linearised import follow_errors
 from saddlering_ros.ring.model import build_model
 from saddlering_ros.ring.simulator import dynamic_batch
 
@@ -33,6 +33,6 @@ def load_sensitivity(rig: Rig, contact: ContactParameters, elevation: float, tim
     force = np.array([np.cos(elevation), -np.sin(elevation),
                       rig.trunnion.y * np.cos(elevation) + rig.trunnion.x * np.sin(elevation)])
     rate = np.ascontiguousarray(np.gradient(motion, time, axis=0))
-    follow(model.scalars, model.rows.flat, model.rows.uniform, motion, rate, step, force,
-           sensitivity)
+    follow_errors(model.constants, model.rows.flat, model.rows.uniform, motion, rate, step, force,
+                  sensitivity)
     return sensitivity

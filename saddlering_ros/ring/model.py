@@ -1,19 +1,20 @@
-"""From dataclasses to the flat arrays of the kernels: rig, contact law, extension, elevation."""
+"""From dataclasses to what the kernels read: rig, contact law, extension, elevation, rollers."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from saddlering_ros.effects.extension import Hysteron, NO_EXTENSION, RingExtension, RowGeometry
-from saddlering_ros.rig import ContactParameters, Rig, RollerRow
-from saddlering_ros.ring.kernels import layout as at
+from saddlering_ros.rig import ContactParameters, PARAMETER_NAMES, Rig, RollerRow
 
 Floats = NDArray[np.float64]
+Model = NDArray[np.void]
 
 VECTOR = 8
 """Rollers of a row are worked on in groups of so many."""
@@ -24,7 +25,7 @@ FAR_OFF = 1.0
 
 @dataclass(frozen=True)
 class Rows:
-    """Rollers of upper, lower and middle row as the kernels want them.
+    """Rollers of upper, lower and radial row as the kernels want them.
 
     arrays (3, 3, J): per row its cosines (falling), weights (rollers at that cosine times the
     share of the force they carry) and gaps [m]; uniform (3,): whether all gaps of a row are equal.
@@ -42,9 +43,9 @@ class Rows:
 
 @dataclass(frozen=True)
 class RingModel:
-    """One simulator's constants: scalars (M,) by `layout`, and its rows."""
+    """One simulator's constants, an array of one record of `MODEL`, and its rows."""
 
-    scalars: Floats
+    constants: Model
     rows: Rows
 
 
@@ -94,9 +95,9 @@ def _padded(rows: Sequence[Floats]) -> Floats:
 
 
 @lru_cache(maxsize=512)
-def _rows_cached(axial: RollerRow, middle: RollerRow, upper: RowGeometry, lower: RowGeometry,
+def _rows_cached(axial: RollerRow, radial: RollerRow, upper: RowGeometry, lower: RowGeometry,
                  centre: RowGeometry) -> Rows:
-    parts = [_row(axial, upper), _row(axial, lower), _row(middle, centre)]
+    parts = [_row(axial, upper), _row(axial, lower), _row(radial, centre)]
     arrays = _padded([np.stack(part[:3]) for part in parts])
     arrays.flags.writeable = False
     uniform = np.array([part[3] for part in parts])
@@ -107,7 +108,7 @@ def _rows_cached(axial: RollerRow, middle: RollerRow, upper: RowGeometry, lower:
 def rows_of(rig: Rig, extension: RingExtension = NO_EXTENSION) -> Rows:
     """The three rows of a rig under an extension (kept between calls)."""
     rows = _rows_cached(rig.axial_rows, rig.middle_row, extension.upper_row, extension.lower_row,
-                        extension.middle_row)
+                        extension.radial_row)
     if rows.counts[0] == rows.counts[1]:
         return rows
     # The kernels know one count for both axial rows: spread the row that was merged.
@@ -126,82 +127,78 @@ def _spread(row: RollerRow, geometry: RowGeometry) -> Floats:
     return np.stack([full, np.ones(row.rollers), np.full(row.rollers, gap[0])])
 
 
-def _put_hysteron(scalars: Floats, place: int, hysteron: Hysteron) -> None:
-    scalars[place:place + 4] = (hysteron.limit, hysteron.presliding, hysteron.sharpness,
-                                hysteron.initial)
+def _field(name: str, neutral: Any) -> list[tuple[Any, ...]]:
+    """Fields of the model's record for one extension parameter, by its neutral value."""
+    if isinstance(neutral, RowGeometry):
+        return [(f'{name}_stiffness', 'f8')]  # its gaps and wear are in `Rows`
+    if isinstance(neutral, Hysteron):
+        return [(name, [(part.name, 'f8') for part in fields(Hysteron)])]
+    if isinstance(neutral, tuple):
+        return [(name, 'f8', (len(neutral),))]
+    return [(name, 'f8')]
 
 
-def scalars_of(rig: Rig, elevation: float, extension: RingExtension = NO_EXTENSION) -> Floats:
-    """The model's scalars (M,) without the contact law, which `with_contact` puts in."""
-    m = np.zeros(at.MODEL_SIZE)
-    rows = rows_of(rig, extension)
-    m[at.RADIUS] = rig.axial_rows.pitch_radius
-    m[at.MIDDLE_HEIGHT] = rig.middle_row.height
-    m[at.AXIAL_ROLLERS], m[at.MIDDLE_ROLLERS] = rows.counts[0], rows.counts[2]
-    m[at.AXIAL_CLEARANCE] = rig.axial_rows.clearance
-    m[at.MIDDLE_CLEARANCE] = rig.middle_row.clearance
-    m[at.MASS], m[at.INERTIA] = rig.carriage.mass, rig.carriage.inertia
-    m[at.WEIGHT], m[at.WEIGHT_X] = rig.carriage.weight, rig.carriage.weight_x
-    m[at.TRUNNION_X], m[at.TRUNNION_Y] = rig.trunnion.x, rig.trunnion.y
-    m[at.ELEVATION], m[at.FULL_SCALE] = elevation, rig.full_scale_load
-    m[at.COSINE] = np.cos(elevation + extension.elevation_error)
-    m[at.SINE] = np.sin(elevation + extension.elevation_error)
-    m[at.AXIAL_SPAN], m[at.RADIAL_HEIGHT] = rig.probes.axial_span, rig.probes.radial_height
-    m[at.LOAD_GAIN], m[at.LOAD_OFFSET] = extension.load_gain, extension.load_offset
-    m[at.LOAD_CURVE] = extension.load_nonlinearity
-    m[at.ELEVATION_ERROR], m[at.MOMENT_ARM] = extension.elevation_error, extension.moment_arm
-    _put_hysteron(m, at.CYLINDER_LIMIT, extension.cylinder_friction)
-    _put_hysteron(m, at.BRACKET_LIMIT, extension.bracket_play)
-    _put_hysteron(m, at.RADIAL_LIMIT, extension.radial_friction)
-    _put_hysteron(m, at.TILT_LIMIT, extension.tilt_friction)
-    m[at.UPPER_STIFFNESS] = extension.upper_row.stiffness
-    m[at.LOWER_STIFFNESS] = extension.lower_row.stiffness
-    m[at.MIDDLE_STIFFNESS] = extension.middle_row.stiffness
-    m[at.DAMPING_SHARE] = extension.damping_penetration_share
-    m[at.DAMPING_EXPONENT] = extension.damping_penetration_exponent
-    m[at.DAMPING_LEVELLING] = extension.damping_penetration_levelling
-    m[at.RADIAL_COMPLIANCE] = extension.radial_compliance
-    m[at.AXIAL_COMPLIANCE] = extension.axial_compliance
-    m[at.TILT_COMPLIANCE] = extension.tilt_compliance
-    m[at.OPENING_COMPLIANCE] = extension.opening_compliance
-    m[at.OPENING_MOMENT] = extension.opening_moment
-    m[at.OPENING_SPREAD] = extension.opening_spread
-    m[at.CREEP_RADIAL], m[at.CREEP_AXIAL] = extension.creep_radial, extension.creep_axial
-    m[at.CREEP_TIME] = extension.creep_time
-    m[at.SETTLING_X], m[at.SETTLING_Y] = extension.settling_x, extension.settling_y
-    m[at.SETTLING_TILT] = extension.settling_tilt
-    m[at.RESONANCE_FREQUENCY] = extension.resonance_frequency
-    m[at.RESONANCE_DAMPING] = extension.resonance_damping
-    m[at.RESONANCE_SHARE] = extension.resonance_share
-    m[at.OVALISATION], m[at.PROBE_HEIGHT] = extension.ovalisation, extension.probe_height
-    m[at.PICKUP_FREQUENCY] = extension.pickup_frequency
-    m[at.CLOCK_OFFSET], m[at.CLOCK_SKEW] = extension.clock_offset, extension.clock_skew
-    fours = (
-        (at.BRACKET, extension.probe_bracket), (at.GAIN, extension.probe_gain),
-        (at.CURVE, extension.probe_nonlinearity), (at.DRIFT, extension.probe_drift),
-        (at.LAG, extension.probe_lag), (at.LAG_SECOND, extension.probe_lag_second),
-        (at.PICKUP_COSINE, extension.pickup_cosine),
-        (at.PICKUP_SINE, extension.pickup_sine), (at.CLIP_LOW, extension.saturation_low),
-        (at.CLIP_HIGH, extension.saturation_high),
-    )
-    for place, values in fours:
-        m[place:place + 4] = values
-    return m
+RIG_FIELDS = (
+    'radius', 'radial_row_height', 'axial_rollers', 'radial_rollers', 'axial_clearance',
+    'radial_clearance', 'mass', 'inertia', 'weight', 'weight_x', 'trunnion_x', 'trunnion_y',
+    'elevation', 'full_scale', 'cosine', 'sine', 'axial_span', 'probe_plane_height')
+"""Constants of rig and elevation; cosine and sine are of the elevation without bracket play."""
+
+MODEL = np.dtype([
+    *((name, 'f8') for name in (*RIG_FIELDS, *PARAMETER_NAMES)),
+    *(part for item in fields(RingExtension)
+      for part in _field(item.name, getattr(NO_EXTENSION, item.name)))])
+"""The record that the kernels read by name: rig, contact law, every extension parameter.
+
+All numbers are floats, so that a record is a row of floats too.
+"""
+
+def _numbers(extension: RingExtension) -> list[float]:
+    """The extension's numbers in the order of `MODEL`."""
+    numbers: list[float] = []
+    for value in vars(extension).values():
+        if isinstance(value, tuple):
+            numbers += value
+        elif isinstance(value, Hysteron):
+            numbers += value.limit, value.presliding, value.sharpness, value.initial
+        else:
+            numbers.append(value.stiffness if isinstance(value, RowGeometry) else value)
+    return numbers
 
 
-def with_contact(scalars: Floats, contacts: ArrayLike) -> Floats:
-    """Copies of `scalars` (M,) with each contact law of `contacts` (B, 6) put in; shape (B, M)."""
+NO_LAW = (0.0,) * len(PARAMETER_NAMES)
+NO_NUMBERS = _numbers(NO_EXTENSION)
+
+
+def model_of(rig: Rig, elevation: float, extension: RingExtension = NO_EXTENSION) -> Model:
+    """The model's record, an array of one, without the contact law: `with_contact` puts it in."""
+    counts = rows_of(rig, extension).counts
+    at_ring = elevation + extension.elevation_error
+    of_rig = (
+        rig.axial_rows.pitch_radius, rig.middle_row.height, counts[0], counts[2],
+        rig.axial_rows.clearance, rig.middle_row.clearance, rig.carriage.mass,
+        rig.carriage.inertia, rig.carriage.weight, rig.carriage.weight_x, rig.trunnion.x,
+        rig.trunnion.y, elevation, rig.full_scale_load, float(np.cos(at_ring)),
+        float(np.sin(at_ring)),
+        rig.probes.axial_span, rig.probes.radial_height)
+    added = NO_NUMBERS if extension is NO_EXTENSION else _numbers(extension)
+    return np.array([*of_rig, *NO_LAW, *added], dtype=np.float64).view(MODEL)
+
+
+def with_contact(model: Model, contacts: ArrayLike) -> Model:
+    """Copies (B,) of a model's record with each contact law of `contacts` (B, 6) put in."""
     laws = np.atleast_2d(np.asarray(contacts, dtype=np.float64))
-    batch = np.repeat(scalars[None, :], laws.shape[0], axis=0)
-    batch[:, at.K1:at.K1 + 6] = laws
-    return batch
+    batch = np.repeat(model.view(np.float64)[None], laws.shape[0], axis=0)
+    first = len(RIG_FIELDS)
+    batch[:, first:first + laws.shape[1]] = laws
+    return batch.view(MODEL)[:, 0]
 
 
 def build_model(rig: Rig, contact: ContactParameters, elevation: float,
                 extension: RingExtension = NO_EXTENSION) -> RingModel:
     """Constants of one simulator: rig, contact law, elevation [rad] and extension."""
-    scalars = with_contact(scalars_of(rig, elevation, extension), contact.to_array())[0]
-    return RingModel(scalars, rows_of(rig, extension))
+    constants = with_contact(model_of(rig, elevation, extension), contact.to_array())
+    return RingModel(constants, rows_of(rig, extension))
 
 
 def stack_rows(rows: Sequence[Rows]) -> tuple[Floats, NDArray[np.bool_]]:

@@ -27,7 +27,14 @@ from saddlering_ros.rig import (
 )
 from saddlering_ros.ring.kernels import equilibrium, integration
 from saddlering_ros.ring.kernels import layout as at
-from saddlering_ros.ring.model import build_model, rows_of, scalars_of, stack_rows, with_contact
+from saddlering_ros.ring.model import (
+    build_model,
+    Model,
+    model_of,
+    rows_of,
+    stack_rows,
+    with_contact,
+)
 
 Floats = NDArray[np.float64]
 
@@ -53,8 +60,8 @@ class SimulatedRun:
     """A simulated record from its zero window on: M samples, the last M of the record's N mostly.
 
     time (M,) [s]; displacement of (M,) arrays; probes (4, M) [m]; first: index in the record of
-    the first simulated sample; zero: where it was taken; trouble: steps that did not converge,
-    whose samples are NaN (all of them if there was no equilibrium at the zero).
+    the first simulated sample; zero: where it was taken; failed_steps: those that did not
+    converge, whose samples are NaN (all of them if there was no equilibrium at the zero).
     """
 
     time: Floats
@@ -62,7 +69,7 @@ class SimulatedRun:
     probes: Floats
     first: int
     zero: ZeroReading
-    trouble: int
+    failed_steps: int
 
 
 class RingSimulator:
@@ -79,7 +86,7 @@ class RingSimulator:
         self._rig = rig
         extension = extension_of(parameters.effects)
         model = build_model(rig, parameters.contact, elevation, extension)
-        self._m, self._rows, self._uniform = model.scalars, model.rows.flat, model.rows.uniform
+        self._m, self._rows, self._uniform = model.constants, model.rows.flat, model.rows.uniform
         self._max_step = max_step
         self._offset, self._skew = extension.clock_offset, extension.clock_skew
         self._shifted = self._offset != 0.0 or self._skew != 0.0
@@ -97,9 +104,9 @@ class RingSimulator:
         self._asked: deque[float] = deque()
 
     @property
-    def trouble(self) -> int:
+    def failed_steps(self) -> int:
         """Steps so far in which Newton did not converge."""
-        return int(self._state[at.TROUBLE])
+        return int(self._state[at.FAILED_STEPS])
 
     def push(self, time: float, load: float) -> list[SimulatedSample]:
         """Give one load sample, time [s] and load [N]; get the simulated samples that are due."""
@@ -127,7 +134,7 @@ class RingSimulator:
 
     def _start(self, time: float, load: float) -> None:
         if not integration.start(self._m, self._rows, self._uniform, self._state, time, load):
-            self._state[at.TROUBLE] += 1.0
+            self._state[at.FAILED_STEPS] += 1.0
             self._lost = True
 
     def _advance(self, time: Floats, load: Floats) -> Floats:
@@ -186,7 +193,7 @@ class RingSimulator:
             increments = np.array([sample.probes for sample in due]).reshape(-1, 4)
         probes = np.ascontiguousarray(increments.T)
         return SimulatedRun(rest, probes_to_displacement(self._rig.probes, probes), probes,
-                            reading.start, reading, self.trouble)
+                            reading.start, reading, self.failed_steps)
 
 
 def check_record(time: Floats, load: Floats) -> None:
@@ -306,7 +313,7 @@ def probe_batch(rig: Rig, candidates: Sequence[tuple[ArrayLike, RingExtension]],
 
 
 def _batch(rig: Rig, contacts: ArrayLike, elevation: float,
-           extensions: Sequence[RingExtension] | None) -> tuple[Floats, Floats, NDArray[np.bool_]]:
+           extensions: Sequence[RingExtension] | None) -> tuple[Model, Floats, NDArray[np.bool_]]:
     laws = np.atleast_2d(np.asarray(contacts, dtype=np.float64))
     if laws.ndim != 2 or laws.shape[1] != 6:
         raise SimulationError(f'contact laws have shape {laws.shape}: give (B, 6)')
@@ -315,9 +322,9 @@ def _batch(rig: Rig, contacts: ArrayLike, elevation: float,
     if extensions is None or all(extension is extensions[0] for extension in extensions):
         extension = extensions[0] if extensions else NO_EXTENSION
         rows, uniform = stack_rows([rows_of(rig, extension)])
-        return with_contact(scalars_of(rig, elevation, extension), laws), rows, uniform
+        return with_contact(model_of(rig, elevation, extension), laws), rows, uniform
     m = np.concatenate([
-        with_contact(scalars_of(rig, elevation, extension), law)
+        with_contact(model_of(rig, elevation, extension), law)
         for law, extension in zip(laws, extensions, strict=True)
     ])
     rows, uniform = stack_rows([rows_of(rig, extension) for extension in extensions])

@@ -156,7 +156,7 @@ def test_a_step_that_does_not_converge_is_left_out_of_the_residual_and_told(
     def stumbling(*given):
         found = simulate(*given)
         found.displacement.gamma[5] = np.nan
-        return replace(found, trouble=1)
+        return replace(found, failed_steps=1)
 
     monkeypatch.setattr('saddlering_ros.ring.simulate', stumbling)
     assert main(['residual', str(BAG), '--params', str(parameters), '--out', str(out)]) == 0

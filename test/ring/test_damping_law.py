@@ -150,7 +150,7 @@ def test_newton_converges_at_the_ends_of_the_powers(exponent: float, levelling: 
     laws = [TRUE_TO_SCALE, *(ContactParameters.from_array(low * (high / low) ** u) for u in draws)]
     for law in laws:
         run = simulate(RIG, ParameterSet(law, effects), ELEVATION, time, load)
-        assert run.trouble == 0
+        assert run.failed_steps == 0
         assert np.isfinite(run.probes).all()
 
 

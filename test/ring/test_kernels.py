@@ -29,11 +29,6 @@ def test_the_vectorised_power_is_the_libraries_power_to_1e_12(exponent: float) -
 
 
 def test_places_of_the_layout_do_not_overlap_their_arrays_ends() -> None:
-    assert layout.CLIP_HIGH + 4 == layout.COSINE
-    assert layout.SINE + 1 == layout.UPPER_STIFFNESS
-    assert layout.MIDDLE_STIFFNESS + 1 == layout.LAG_SECOND
-    assert layout.LAG_SECOND + 4 == layout.RESONANCE_SHARE
-    assert layout.OPENING_SPREAD + 1 == layout.MODEL_SIZE
     assert layout.LAGGED_TWICE + 4 == layout.LAST_FORCE
     assert layout.LAST_DAMPING + 5 == layout.STATE_SIZE
     assert layout.MOTION + 3 == layout.TOUCHING

@@ -135,7 +135,7 @@ def test_no_load_history_inside_the_bounds_fails(rig, law, elevation, course, na
                       for item in catalogue()[name].parameters} for name in names}
     time, load = history(*course)
     run = simulate(rig, ParameterSet(law, effects), elevation, time, load)
-    assert run.trouble == 0
+    assert run.failed_steps == 0
     assert np.isfinite(run.probes).all()
 
 
@@ -174,7 +174,7 @@ def spike() -> tuple[np.ndarray, np.ndarray]:
 def test_a_step_that_does_not_converge_is_counted_and_has_no_number():
     time, load = spike()
     run = simulate(BASE, ParameterSet(TRUE_TO_SCALE), 0.9, time, load)
-    assert run.trouble == 1
+    assert run.failed_steps == 1
     assert np.flatnonzero(np.isnan(run.probes).any(axis=0)).tolist() == [1500 - run.first]
     assert np.abs(run.probes[:, -1]).max() < 1e-9
     motion = dynamic_batch(BASE, TRUE_TO_SCALE.to_array(), 0.9, time, load)[0]
@@ -203,7 +203,7 @@ def test_a_step_that_newton_cannot_take_is_taken_in_parts(monkeypatch):
     assert len(failed) > 10
     assert all(tried[number + 1][0] == tried[number][0] / 4.0
                for number in failed if (number - 1) not in failed)
-    assert simulator.trouble == 0
+    assert simulator.failed_steps == 0
     assert np.isfinite([sample.probes for sample in samples]).all()
     assert np.abs(samples[-1].probes).max() < 1e-9
 
@@ -222,5 +222,5 @@ def test_the_node_gives_out_nothing_for_it_and_counts_it():
 def test_without_an_equilibrium_at_its_zero_a_run_has_no_numbers():
     time = np.arange(1000) / 1000.0
     run = simulate(BASE, ParameterSet(TRUE_TO_SCALE), 0.9, time, np.full(1000, IMPOSSIBLE))
-    assert run.trouble > 0
+    assert run.failed_steps > 0
     assert np.isnan(run.probes).all()

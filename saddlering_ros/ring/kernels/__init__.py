@@ -6,9 +6,9 @@ those in contact are an interval; their powers, forces and tangents are one loop
 turns into vector code; BDF2 needs one implicit solve a step; the last step's stiffness and damping
 predict the next so well that mostly one Newton iteration is left to do.
 
-Everything here works on flat arrays made by `ring/model.py`; `layout` has the meaning of each
-place. All functions release the GIL. Kernels import from this folder only: its files are what the
-compiled code is kept by.
+`m` is the record of constants made by `ring/model.py` and read by name; the state `s` and the work
+`w` are flat arrays, and `layout` has the meaning of each place. All functions release the GIL.
+Kernels import from this folder only: its files are what the compiled code is kept by.
 """
 
 from saddlering_ros.ring.kernels.equilibrium import static_batch

@@ -60,13 +60,13 @@ def in_contact(rows: Any, base: Any, stride: Any, rollers: Any, uniform: Any, a:
 
 @kernel(fastmath=FAST, **INNER)
 def row_sums(rows: Any, row: Any, rollers: Any, uniform: Any, a: Any, b: Any, da: Any, db: Any,
-             stiffness: Any, exponent: Any, damping: Any, growing: Any, levelling: Any,
+             stiffness: Any, exponent: Any, damping: Any, growing: Any, saturation: Any,
              guess: Any) -> Any:
     """Force sums of one row with penetration p = a + b cos - gap and rate dp/dt = da + db cos.
 
     Returns sum F, sum F cos; stiffness sums k, k cos, k cos^2 with k = dF/dp; damping sums d,
     d cos, d cos^2 with d = dF/d(dp/dt); rollers in contact, the next call's guess. growing: None,
-    or (share, m) of the damping that grows as p^m, as p^exponent for m = 0; levelling: None, or L
+    or (share, m) of the damping that grows as p^m, as p^exponent for m = 0; saturation: None, or L
     of growth as p^m / (1 + (p L)^m). Compiled for each, so that a law not in use costs nothing.
     rows: flat, by `model`; every row is padded with rollers that carry nothing, so that the loop
     may run over whole vectors.
@@ -86,8 +86,8 @@ def row_sums(rows: Any, row: Any, rollers: Any, uniform: Any, a: Any, b: Any, da
         share, growth = growing
         growth = growth if growth > 0.0 else exponent
         constant = damping * (1.0 - share)
-        if levelling is not None:
-            turn = levelling ** growth
+        if saturation is not None:
+            turn = saturation ** growth
         factor = damping * share * (DAMPING_REFERENCE ** (-growth) + turn)
         # For m < 1 the slope of p^m has no bound at p = 0. It is faded as the constant is (C1),
         # over (1 - m) RAMP, so that it goes over without a jump to m >= 1, where it is p^m alone.
@@ -103,7 +103,7 @@ def row_sums(rows: Any, row: Any, rollers: Any, uniform: Any, a: Any, b: Any, da
         if growing is not None:
             rising = power(p, growth - 1.0)
             slope = growth
-            if levelling is not None:
+            if saturation is not None:
                 level = 1.0 / (1.0 + turn * rising * p)
                 rising *= level
                 slope *= level
@@ -144,20 +144,20 @@ def row_energy(rows: Any, row: Any, rollers: Any, a: Any, b: Any, stiffness: Any
 
 @kernel(**INNER)
 def forces_of_rows(m: Any, rows: Any, uniform: Any, q0: Any, q1: Any, q2: Any, v0: Any, v1: Any,
-                   v2: Any, growing: Any, levelling: Any, w: Any) -> Any:
+                   v2: Any, growing: Any, saturation: Any, w: Any) -> Any:
     """`ring_forces` with damping that grows and levels off, or None, as of `row_sums`."""
-    radius, height = m[at.RADIUS], m[at.MIDDLE_HEIGHT]
-    axial, middle = np.uint64(m[at.AXIAL_ROLLERS]), np.uint64(m[at.MIDDLE_ROLLERS])
+    radius, height = m.radius, m.radial_row_height
+    axial, radial = np.uint64(m.axial_rollers), np.uint64(m.radial_rollers)
     w0 = at.TOUCHING
     _, s1, _, _, k2, _, _, d2, w[w0 + 2] = row_sums(
-        rows, 2, middle, uniform[2], 0.0, q0 + height * q2, 0.0, v0 + height * v2,
-        m[at.K2] * m[at.MIDDLE_STIFFNESS], m[at.N2], m[at.D2], growing, levelling, w[w0 + 2])
+        rows, 2, radial, uniform[2], 0.0, q0 + height * q2, 0.0, v0 + height * v2,
+        m.K2 * m.radial_row_stiffness, m.n2, m.D2, growing, saturation, w[w0 + 2])
     up0, up1, ku0, ku1, ku2, du0, du1, du2, w[w0] = row_sums(
         rows, 0, axial, uniform[0], q1, -radius * q2, v1, -radius * v2,
-        m[at.K1] * m[at.UPPER_STIFFNESS], m[at.N1], m[at.D1], growing, levelling, w[w0])
+        m.K1 * m.upper_row_stiffness, m.n1, m.D1, growing, saturation, w[w0])
     low0, low1, kl0, kl1, kl2, dl0, dl1, dl2, w[w0 + 1] = row_sums(
         rows, 1, axial, uniform[1], -q1, radius * q2, -v1, radius * v2,
-        m[at.K1] * m[at.LOWER_STIFFNESS], m[at.N1], m[at.D1], growing, levelling, w[w0 + 1])
+        m.K1 * m.lower_row_stiffness, m.n1, m.D1, growing, saturation, w[w0 + 1])
     w[at.FORCE] = -s1
     w[at.FORCE + 1] = low0 - up0
     w[at.FORCE + 2] = radius * (up1 - low1) - height * s1
@@ -181,24 +181,24 @@ def ring_forces(m: Any, rows: Any, uniform: Any, q0: Any, q1: Any, q2: Any, v0: 
     Fills w: FORCE (3,), STIFFNESS and DAMPING, -dF/dq and -dF/dv, each as its entries 00, 02, 11,
     12, 22 (01 is zero: nothing couples delta_x to delta_y).
     """
-    if m[at.DAMPING_SHARE] == 0.0:
+    growing = (m.damping_penetration_share, m.damping_penetration_exponent)
+    if m.damping_penetration_share == 0.0:
         forces_of_rows(m, rows, uniform, q0, q1, q2, v0, v1, v2, None, None, w)
-    elif m[at.DAMPING_LEVELLING] == 0.0:
-        forces_of_rows(m, rows, uniform, q0, q1, q2, v0, v1, v2,
-                       (m[at.DAMPING_SHARE], m[at.DAMPING_EXPONENT]), None, w)
+    elif m.damping_penetration_saturation == 0.0:
+        forces_of_rows(m, rows, uniform, q0, q1, q2, v0, v1, v2, growing, None, w)
     else:
-        forces_of_rows(m, rows, uniform, q0, q1, q2, v0, v1, v2,
-                       (m[at.DAMPING_SHARE], m[at.DAMPING_EXPONENT]), m[at.DAMPING_LEVELLING], w)
+        forces_of_rows(m, rows, uniform, q0, q1, q2, v0, v1, v2, growing,
+                       m.damping_penetration_saturation, w)
 
 
 @kernel(**INNER)
 def elastic_energy(m: Any, rows: Any, q0: Any, q1: Any, q2: Any) -> Any:
     """Energy [J] in all rollers at motion q."""
-    radius, height = m[at.RADIUS], m[at.MIDDLE_HEIGHT]
-    axial, middle = np.uint64(m[at.AXIAL_ROLLERS]), np.uint64(m[at.MIDDLE_ROLLERS])
-    return (row_energy(rows, 2, middle, 0.0, q0 + height * q2,
-                       m[at.K2] * m[at.MIDDLE_STIFFNESS], m[at.N2])
+    radius, height = m.radius, m.radial_row_height
+    axial, radial = np.uint64(m.axial_rollers), np.uint64(m.radial_rollers)
+    return (row_energy(rows, 2, radial, 0.0, q0 + height * q2,
+                       m.K2 * m.radial_row_stiffness, m.n2)
             + row_energy(rows, 0, axial, q1, -radius * q2,
-                         m[at.K1] * m[at.UPPER_STIFFNESS], m[at.N1])
+                         m.K1 * m.upper_row_stiffness, m.n1)
             + row_energy(rows, 1, axial, -q1, radius * q2,
-                         m[at.K1] * m[at.LOWER_STIFFNESS], m[at.N1]))
+                         m.K1 * m.lower_row_stiffness, m.n1))

@@ -33,7 +33,7 @@ def equilibrium(m: Any, rows: Any, uniform: Any, w: Any, x: Any, y: Any, tilt: A
     The elastic energy is convex, so Newton with a backtracking on total energy converges from
     anywhere. Directions without stiffness (a free play) are held by a small spring there.
     """
-    radius = m[at.RADIUS]
+    radius = m.radius
     e0, e1, e2 = w[at.EXTERNAL], w[at.EXTERNAL + 1], w[at.EXTERNAL + 2]
     ring_forces(m, rows, uniform, x, y, tilt, 0.0, 0.0, 0.0, w)
     scale = abs(e0) + abs(e1) + abs(e2) / radius + 1.0
@@ -44,7 +44,7 @@ def equilibrium(m: Any, rows: Any, uniform: Any, w: Any, x: Any, y: Any, tilt: A
         largest = max(abs(r0), abs(r1), abs(r2) / radius)
         if largest <= 1e-11 * scale:
             return iteration, x, y, tilt
-        soft = 1e-9 * m[at.K1] if iteration < 100 else 1e-6 * m[at.K1]
+        soft = 1e-9 * m.K1 if iteration < 100 else 1e-6 * m.K1
         found, step0, step1, step2 = solve3(
             w[at.STIFFNESS] + soft, w[at.STIFFNESS + 1], w[at.STIFFNESS + 2] + soft,
             w[at.STIFFNESS + 3], w[at.STIFFNESS + 4] + soft * radius * radius, r0, r1, r2)
@@ -88,10 +88,10 @@ def static_run(m: Any, rows: Any, uniform: Any, load: Any, w: Any, q_out: Any) -
         old0, old1, old2 = w[at.EXTERNAL], w[at.EXTERNAL + 1], w[at.EXTERNAL + 2]
         load_at_ring(m, load[n], 0.0, 0.0, w)
         if anew:
-            x = math.copysign(0.5 * m[at.MIDDLE_CLEARANCE] + 1e-5, w[at.EXTERNAL])
-            y = math.copysign(0.5 * m[at.AXIAL_CLEARANCE] + 1e-5, w[at.EXTERNAL + 1])
+            x = math.copysign(0.5 * m.radial_clearance + 1e-5, w[at.EXTERNAL])
+            y = math.copysign(0.5 * m.axial_clearance + 1e-5, w[at.EXTERNAL + 1])
         else:
-            k, radius = at.STIFFNESS, m[at.RADIUS]
+            k, radius = at.STIFFNESS, m.radius
             found, step0, step1, step2 = solve3(
                 w[k], w[k + 1], w[k + 2], w[k + 3], w[k + 4], w[at.EXTERNAL] - old0,
                 w[at.EXTERNAL + 1] - old1, w[at.EXTERNAL + 2] - old2)

@@ -33,21 +33,21 @@ def load_at_ring(m: Any, measured: Any, z_cylinder: Any, z_bracket: Any, w: Any)
 
     Resolved: F_x, F_y, M of the load alone, which series compliances answer to. Returns P.
     """
-    full_scale = m[at.FULL_SCALE]
-    load = measured / (1.0 + m[at.LOAD_GAIN]) - m[at.LOAD_OFFSET]
-    load += 4.0 * m[at.LOAD_CURVE] * measured * (full_scale - measured) / full_scale
-    load -= m[at.CYLINDER_LIMIT] * z_cylinder
-    cosine, sine = m[at.COSINE], m[at.SINE]
-    if m[at.BRACKET_LIMIT] != 0.0:
-        elevation = m[at.ELEVATION] + m[at.ELEVATION_ERROR] + m[at.BRACKET_LIMIT] * z_bracket
+    full_scale = m.full_scale
+    load = measured / (1.0 + m.load_gain) - m.load_offset
+    load += 4.0 * m.load_nonlinearity * measured * (full_scale - measured) / full_scale
+    load -= m.cylinder_friction.limit * z_cylinder
+    cosine, sine = m.cosine, m.sine
+    if m.bracket_play.limit != 0.0:
+        elevation = m.elevation + m.elevation_error + m.bracket_play.limit * z_bracket
         cosine, sine = math.cos(elevation), math.sin(elevation)
     w[at.RESOLVED] = load * cosine
     w[at.RESOLVED + 1] = -load * sine
-    w[at.RESOLVED + 2] = load * ((m[at.TRUNNION_Y] + m[at.MOMENT_ARM]) * cosine
-                                 + m[at.TRUNNION_X] * sine)
+    w[at.RESOLVED + 2] = load * ((m.trunnion_y + m.moment_arm) * cosine
+                                 + m.trunnion_x * sine)
     w[at.EXTERNAL] = w[at.RESOLVED]
-    w[at.EXTERNAL + 1] = w[at.RESOLVED + 1] - m[at.WEIGHT]
-    w[at.EXTERNAL + 2] = w[at.RESOLVED + 2] + m[at.WEIGHT] * m[at.WEIGHT_X]
+    w[at.EXTERNAL + 1] = w[at.RESOLVED + 1] - m.weight
+    w[at.EXTERNAL + 2] = w[at.RESOLVED + 2] + m.weight * m.weight_x
     return load
 
 
@@ -79,30 +79,30 @@ def series_motion(m: Any, s: Any, w: Any) -> Any:
     """w[MOTION] (3,): contact motion, series compliances, settling; then come creep, resonance."""
     highest = s[at.HIGHEST_LOAD]
     moment = w[at.RESOLVED + 2]
-    w[at.MOTION] = (s[at.Q] + m[at.RADIAL_COMPLIANCE] * w[at.RESOLVED]
-                    + m[at.SETTLING_X] * highest)
-    w[at.MOTION + 1] = (s[at.Q + 1] + m[at.AXIAL_COMPLIANCE] * w[at.RESOLVED + 1]
-                        + m[at.SETTLING_Y] * highest)
-    w[at.MOTION + 2] = (s[at.Q + 2] + m[at.TILT_COMPLIANCE] * moment
-                        + m[at.SETTLING_TILT] * highest
-                        + m[at.OPENING_COMPLIANCE] * opened(
-                            moment - m[at.OPENING_MOMENT], m[at.OPENING_SPREAD]))
+    w[at.MOTION] = (s[at.Q] + m.radial_compliance * w[at.RESOLVED]
+                    + m.settling_x * highest)
+    w[at.MOTION + 1] = (s[at.Q + 1] + m.axial_compliance * w[at.RESOLVED + 1]
+                        + m.settling_y * highest)
+    w[at.MOTION + 2] = (s[at.Q + 2] + m.tilt_compliance * moment
+                        + m.settling_tilt * highest
+                        + m.opening_compliance * opened(
+                            moment - m.opening_moment, m.opening_spread))
 
 
 @kernel(**INNER)
 def advance_series(m: Any, s: Any, w: Any, dt: Any) -> Any:
     """Creep and second mode on w[MOTION] over dt, replaced; their states are in s."""
     for i in range(3):
-        amount = m[at.CREEP_RADIAL] if i == 0 else m[at.CREEP_AXIAL]
+        amount = m.creep_radial if i == 0 else m.creep_axial
         if amount != 0.0:
             s[at.CREEP + i] = low_pass(s[at.CREEP + i], s[at.CREEP_INPUT + i], w[at.MOTION + i],
-                                       dt, m[at.CREEP_TIME])
+                                       dt, m.creep_time)
             s[at.CREEP_INPUT + i] = w[at.MOTION + i]
             w[at.MOTION + i] += amount * s[at.CREEP + i]
-    frequency = m[at.RESONANCE_FREQUENCY]
+    frequency = m.resonance_frequency
     if frequency <= 0.0:
         return
-    zeta = min(m[at.RESONANCE_DAMPING], 0.999)
+    zeta = min(m.resonance_damping, 0.999)
     damped = frequency * math.sqrt(1.0 - zeta * zeta)
     decay = math.exp(-zeta * frequency * dt)
     cosine, sine = math.cos(damped * dt), math.sin(damped * dt)
@@ -118,38 +118,38 @@ def advance_series(m: Any, s: Any, w: Any, dt: Any) -> Any:
         s[at.RESONANCE + i] = x_new + new - lag
         s[at.RESONANCE_RATE + i] = rate_new + slope
         s[at.RESONANCE_INPUT + i] = new
-        w[at.MOTION + i] = new + m[at.RESONANCE_SHARE] * (s[at.RESONANCE + i] - new)
+        w[at.MOTION + i] = new + m.resonance_share * (s[at.RESONANCE + i] - new)
 
 
 @kernel(**INNER)
 def read_probes(m: Any, s: Any, w: Any, load: Any, time: Any, dt: Any, out: Any,
                 n: Any) -> Any:
     """Probe increments out[n] (4,) [m] from w[MOTION], with what the measurement adds."""
-    half_span = 0.5 * m[at.AXIAL_SPAN]
+    half_span = 0.5 * m.axial_span
     x = w[at.MOTION] - s[at.ZERO]
     y = w[at.MOTION + 1] - s[at.ZERO + 1]
     tilt = w[at.MOTION + 2] - s[at.ZERO + 2]
-    radial = x + (m[at.RADIAL_HEIGHT] + m[at.PROBE_HEIGHT]) * tilt
-    oval = m[at.OVALISATION] * (w[at.RESOLVED] - s[at.ZERO_FORCE_X])
+    radial = x + (m.probe_plane_height + m.probe_height) * tilt
+    oval = m.ovalisation * (w[at.RESOLVED] - s[at.ZERO_FORCE_X])
     out[n, 0] = radial + oval
     out[n, 1] = y + tilt * half_span
     out[n, 2] = -radial + oval
     out[n, 3] = y - tilt * half_span
     elapsed = time - s[at.START_TIME]
-    angle = 2.0 * math.pi * m[at.PICKUP_FREQUENCY] * elapsed
+    angle = 2.0 * math.pi * m.pickup_frequency * elapsed
     for i in range(4):
-        d = out[n, i] + m[at.BRACKET + i] * (load - s[at.ZERO_LOAD])
-        d = d * (1.0 + m[at.GAIN + i]) + m[at.CURVE + i] * d * d
-        lag = m[at.LAG + i]
+        d = out[n, i] + m.probe_bracket[i] * (load - s[at.ZERO_LOAD])
+        d = d * (1.0 + m.probe_gain[i]) + m.probe_nonlinearity[i] * d * d
+        lag = m.probe_lag[i]
         if lag > 0.0:
-            second = lag * m[at.LAG_SECOND + i]
+            second = lag * m.probe_lag_second[i]
             old = s[at.LAGGED + i]
             s[at.LAGGED + i] = low_pass(old, s[at.LAG_INPUT + i], d, dt, lag - second)
             s[at.LAG_INPUT + i] = d
             d = low_pass(s[at.LAGGED_TWICE + i], old, s[at.LAGGED + i], dt, second)
             s[at.LAGGED_TWICE + i] = d
-        d += m[at.DRIFT + i] * elapsed
-        if m[at.PICKUP_COSINE + i] != 0.0 or m[at.PICKUP_SINE + i] != 0.0:
-            d += (m[at.PICKUP_COSINE + i] * math.cos(angle)
-                  + m[at.PICKUP_SINE + i] * math.sin(angle))
-        out[n, i] = min(max(d, m[at.CLIP_LOW + i]), m[at.CLIP_HIGH + i])
+        d += m.probe_drift[i] * elapsed
+        if m.pickup_cosine[i] != 0.0 or m.pickup_sine[i] != 0.0:
+            d += (m.pickup_cosine[i] * math.cos(angle)
+                  + m.pickup_sine[i] * math.sin(angle))
+        out[n, i] = min(max(d, m.saturation_low[i]), m.saturation_high[i])

@@ -28,30 +28,29 @@ MAX_PREDICTION = 5e-6
 """A predicted move beyond this [m] is not trusted: the step starts from the old rate instead."""
 
 
-@kernel(**OUTER)
-def start(m: Any, rows: Any, uniform: Any, s: Any, time: Any, load: Any) -> Any:
+@kernel(**INNER)
+def rest(m: Any, rows: Any, uniform: Any, s: Any, time: Any, load: Any, w: Any) -> Any:
     """State s at rest under the measured `load` at `time`, zero taken there; False if none."""
-    w = np.zeros(at.WORK_SIZE)
     for i in range(s.size):
         s[i] = 0.0
-    s[at.CYLINDER_Z] = s[at.CYLINDER_Z + 1] = m[at.CYLINDER_INITIAL]
-    s[at.BRACKET_Z] = s[at.BRACKET_Z + 1] = m[at.BRACKET_INITIAL]
-    s[at.RADIAL_Z] = s[at.RADIAL_Z + 1] = m[at.RADIAL_INITIAL]
-    s[at.TILT_Z] = s[at.TILT_Z + 1] = m[at.TILT_INITIAL]
+    s[at.CYLINDER_Z] = s[at.CYLINDER_Z + 1] = m.cylinder_friction.initial
+    s[at.BRACKET_Z] = s[at.BRACKET_Z + 1] = m.bracket_play.initial
+    s[at.RADIAL_Z] = s[at.RADIAL_Z + 1] = m.radial_friction.initial
+    s[at.TILT_Z] = s[at.TILT_Z + 1] = m.tilt_friction.initial
     s[at.MEASURED_LOAD] = load
     s[at.HIGHEST_LOAD] = load
-    true_load = load_at_ring(m, load, m[at.CYLINDER_INITIAL], m[at.BRACKET_INITIAL], w)
-    w[at.EXTERNAL] -= m[at.RADIAL_LIMIT] * m[at.RADIAL_INITIAL]
-    w[at.EXTERNAL + 2] -= m[at.TILT_LIMIT] * m[at.TILT_INITIAL]
+    true_load = load_at_ring(m, load, m.cylinder_friction.initial, m.bracket_play.initial, w)
+    w[at.EXTERNAL] -= m.radial_friction.limit * m.radial_friction.initial
+    w[at.EXTERNAL + 2] -= m.tilt_friction.limit * m.tilt_friction.initial
     found, s[at.Q], s[at.Q + 1], s[at.Q + 2] = equilibrium(
-        m, rows, uniform, w, math.copysign(0.5 * m[at.MIDDLE_CLEARANCE] + 1e-5, w[at.EXTERNAL]),
-        math.copysign(0.5 * m[at.AXIAL_CLEARANCE] + 1e-5, w[at.EXTERNAL + 1]), 0.0)
+        m, rows, uniform, w, math.copysign(0.5 * m.radial_clearance + 1e-5, w[at.EXTERNAL]),
+        math.copysign(0.5 * m.axial_clearance + 1e-5, w[at.EXTERNAL + 1]), 0.0)
     for i in range(3):
         s[at.Q_OLD + i] = s[at.Q + i]
     series_motion(m, s, w)
     for i in range(3):
         s[at.CREEP + i] = s[at.CREEP_INPUT + i] = w[at.MOTION + i]
-        w[at.MOTION + i] *= 1.0 + (m[at.CREEP_RADIAL] if i == 0 else m[at.CREEP_AXIAL])
+        w[at.MOTION + i] *= 1.0 + (m.creep_radial if i == 0 else m.creep_axial)
         s[at.RESONANCE + i] = s[at.RESONANCE_INPUT + i] = w[at.MOTION + i]
         s[at.ZERO + i] = w[at.MOTION + i]
     s[at.ZERO_FORCE_X] = w[at.RESOLVED]
@@ -68,7 +67,7 @@ def predict(m: Any, s: Any, c0: Any, past: Any, w: Any) -> Any:
     formulas v = c0 q + ..., a = c0 v + ...; (False, 0, 0, 0) if that cannot be trusted.
     """
     c1, c2 = past
-    mass, inertia = m[at.MASS], m[at.INERTIA]
+    mass, inertia = m.mass, m.inertia
     b0 = c0 * s[at.Q] + c1 * s[at.Q] + c2 * s[at.Q_OLD]
     b1 = c0 * s[at.Q + 1] + c1 * s[at.Q + 1] + c2 * s[at.Q_OLD + 1]
     b2 = c0 * s[at.Q + 2] + c1 * s[at.Q + 2] + c2 * s[at.Q_OLD + 2]
@@ -86,7 +85,7 @@ def predict(m: Any, s: Any, c0: Any, past: Any, w: Any) -> Any:
         s[k] + c0 * s[d] + mass * square, s[k + 1] + c0 * s[d + 1],
         s[k + 2] + c0 * s[d + 2] + mass * square, s[k + 3] + c0 * s[d + 3],
         s[k + 4] + c0 * s[d + 4] + inertia * square, r0, r1, r2)
-    size = max(abs(x), abs(y), abs(tilt) * m[at.RADIUS])
+    size = max(abs(x), abs(y), abs(tilt) * m.radius)
     return found and size < MAX_PREDICTION, x, y, tilt
 
 
@@ -97,13 +96,13 @@ def keep_step(m: Any, s: Any, h: Any, c0: Any, p: Any, past: Any, q: Any, fricti
     if friction:
         s[at.RADIAL_Z], s[at.RADIAL_Z + 1], _, _ = hysteron(
             s[at.RADIAL_Z], s[at.RADIAL_Z + 1], q[0] - s[at.Q],
-            m[at.RADIAL_PRESLIDING], m[at.RADIAL_SHARPNESS])
+            m.radial_friction.presliding, m.radial_friction.sharpness)
         s[at.TILT_Z], s[at.TILT_Z + 1], _, _ = hysteron(
             s[at.TILT_Z], s[at.TILT_Z + 1], q[2] - s[at.Q + 2],
-            m[at.TILT_PRESLIDING], m[at.TILT_SHARPNESS])
+            m.tilt_friction.presliding, m.tilt_friction.sharpness)
     for i in range(3):
         v = c0 * q[i] + p[i]
-        inertia = m[at.INERTIA] if i == 2 else m[at.MASS]
+        inertia = m.inertia if i == 2 else m.mass
         s[at.LAST_FORCE + i] = inertia * (c0 * v + past[i]) - w[at.EXTERNAL + i]
         s[at.Q_OLD + i], s[at.Q + i] = s[at.Q + i], q[i]
         s[at.V_OLD + i], s[at.V + i] = s[at.V + i], v
@@ -128,7 +127,7 @@ def implicit_step(m: Any, rows: Any, uniform: Any, s: Any, h: Any, friction: Any
         c2 = ratio * ratio / (1.0 + ratio) / h
     else:
         c0, c1, c2 = 1.0 / h, -1.0 / h, 0.0
-    mass, inertia, radius = m[at.MASS], m[at.INERTIA], m[at.RADIUS]
+    mass, inertia, radius = m.mass, m.inertia, m.radius
     p0 = c1 * s[at.Q] + c2 * s[at.Q_OLD]
     p1 = c1 * s[at.Q + 1] + c2 * s[at.Q_OLD + 1]
     p2 = c1 * s[at.Q + 2] + c2 * s[at.Q_OLD + 2]
@@ -154,13 +153,13 @@ def implicit_step(m: Any, rows: Any, uniform: Any, s: Any, h: Any, friction: Any
         rubbing0 = rubbing2 = 0.0
         if friction:
             _, _, z, slope = hysteron(s[at.RADIAL_Z], s[at.RADIAL_Z + 1], q0 - s[at.Q],
-                                      m[at.RADIAL_PRESLIDING], m[at.RADIAL_SHARPNESS])
-            r0 -= m[at.RADIAL_LIMIT] * z
-            rubbing0 = m[at.RADIAL_LIMIT] * slope
+                                      m.radial_friction.presliding, m.radial_friction.sharpness)
+            r0 -= m.radial_friction.limit * z
+            rubbing0 = m.radial_friction.limit * slope
             _, _, z, slope = hysteron(s[at.TILT_Z], s[at.TILT_Z + 1], q2 - s[at.Q + 2],
-                                      m[at.TILT_PRESLIDING], m[at.TILT_SHARPNESS])
-            r2 -= m[at.TILT_LIMIT] * z
-            rubbing2 = m[at.TILT_LIMIT] * slope
+                                      m.tilt_friction.presliding, m.tilt_friction.sharpness)
+            r2 -= m.tilt_friction.limit * z
+            rubbing2 = m.tilt_friction.limit * slope
         k, d = at.STIFFNESS, at.DAMPING
         found, step0, step1, step2 = solve3(
             w[k] + c0 * w[d] + mass * square + rubbing0, w[k + 1] + c0 * w[d + 1],
@@ -210,7 +209,7 @@ def robust_step(m: Any, rows: Any, uniform: Any, s: Any, h: Any, friction: Any, 
 @kernel(**INNER)
 def restart_at_rest(m: Any, rows: Any, uniform: Any, s: Any, w: Any) -> Any:
     """Count a step that did not converge and go on from equilibrium under w[EXTERNAL]."""
-    s[at.TROUBLE] += 1.0
+    s[at.FAILED_STEPS] += 1.0
     s[at.STEP_OLD] = 0.0
     found, x, y, tilt = equilibrium(m, rows, uniform, w, s[at.Q], s[at.Q + 1], s[at.Q + 2])
     if found >= 0:
@@ -225,22 +224,22 @@ def take_load(m: Any, s: Any, measured: Any, w: Any) -> Any:
     """Move the measured load [N] on to its next value; the load path's friction follows it."""
     change = measured - s[at.MEASURED_LOAD]
     z_cylinder = z_bracket = 0.0
-    if m[at.CYLINDER_LIMIT] != 0.0:
+    if m.cylinder_friction.limit != 0.0:
         s[at.CYLINDER_Z], s[at.CYLINDER_Z + 1], z_cylinder, _ = hysteron(
             s[at.CYLINDER_Z], s[at.CYLINDER_Z + 1], change,
-            m[at.CYLINDER_PRESLIDING], m[at.CYLINDER_SHARPNESS])
-    if m[at.BRACKET_LIMIT] != 0.0:
+            m.cylinder_friction.presliding, m.cylinder_friction.sharpness)
+    if m.bracket_play.limit != 0.0:
         s[at.BRACKET_Z], s[at.BRACKET_Z + 1], z_bracket, _ = hysteron(
             s[at.BRACKET_Z], s[at.BRACKET_Z + 1], change,
-            m[at.BRACKET_PRESLIDING], m[at.BRACKET_SHARPNESS])
+            m.bracket_play.presliding, m.bracket_play.sharpness)
     s[at.MEASURED_LOAD] = measured
     s[at.HIGHEST_LOAD] = max(s[at.HIGHEST_LOAD], measured)
     return load_at_ring(m, measured, z_cylinder, z_bracket, w)
 
 
-@kernel(**OUTER)
-def advance(m: Any, rows: Any, uniform: Any, s: Any, time: Any, load: Any, max_step: Any,
-            q_out: Any, d_out: Any) -> Any:
+@kernel(**INNER)
+def follow(m: Any, rows: Any, uniform: Any, s: Any, time: Any, load: Any, max_step: Any,
+           q_out: Any, d_out: Any, w: Any) -> Any:
     """Carry state s over the samples time (N,), load (N,); q_out (N, 3) and d_out (N, 4) filled.
 
     A sample at or before the state's time is answered from the state without stepping. Returns the
@@ -248,12 +247,11 @@ def advance(m: Any, rows: Any, uniform: Any, s: Any, time: Any, load: Any, max_s
     equilibrium there), whose samples are NaN. Live and offline call this one function, for one
     sample or a million.
     """
-    w = np.zeros(at.WORK_SIZE)
-    friction = m[at.RADIAL_LIMIT] != 0.0 or m[at.TILT_LIMIT] != 0.0
+    friction = m.radial_friction.limit != 0.0 or m.tilt_friction.limit != 0.0
     iterations = 0
     true_load = take_load(m, s, s[at.MEASURED_LOAD], w)
     for n in range(time.size):
-        before = s[at.TROUBLE]
+        before = s[at.FAILED_STEPS]
         total = time[n] - s[at.TIME]
         if total > 0.0:
             substeps = max(1, int(math.ceil(total / max_step - 1e-6)))
@@ -274,30 +272,45 @@ def advance(m: Any, rows: Any, uniform: Any, s: Any, time: Any, load: Any, max_s
         read_probes(m, s, w, true_load, time[n], max(total, 0.0), d_out, n)
         for i in range(3):
             q_out[n, i] = s[at.Q + i]
-        if s[at.TROUBLE] != before:
+        if s[at.FAILED_STEPS] != before:
             q_out[n, :] = math.nan
             d_out[n, :] = math.nan
     return iterations
 
 
 @kernel(**OUTER)
+def start(models: Any, rows: Any, uniform: Any, s: Any, time: Any, load: Any) -> Any:
+    """`rest` for models (1,): numba takes an array in a twentieth of the time of a record."""
+    return rest(models[0], rows, uniform, s, time, load, np.zeros(at.WORK_SIZE))
+
+
+@kernel(**OUTER)
+def advance(models: Any, rows: Any, uniform: Any, s: Any, time: Any, load: Any, max_step: Any,
+            q_out: Any, d_out: Any) -> Any:
+    """`follow` for models (1,)."""
+    return follow(models[0], rows, uniform, s, time, load, max_step, q_out, d_out,
+                  np.zeros(at.WORK_SIZE))
+
+
+@kernel(**OUTER)
 def run_batch(m: Any, rows: Any, uniform: Any, time: Any, load: Any, zero_load: Any,
               max_step: Any, q_out: Any, d_out: Any) -> Any:
-    """Simulate each parameter set of m (B, M) over one record; returns sets that had trouble.
+    """Simulate each parameter set of m (B, M) over one record; returns how many had failed steps.
 
     NaN stands for what did not converge.
 
     rows (R, 9 J), uniform (R, 3) with R = B or 1; q_out (B, N, 3), d_out (B, N, 4).
     """
     s = np.zeros(at.STATE_SIZE)
-    troubled = 0
+    w = np.zeros(at.WORK_SIZE)
+    failed = 0
     for b in range(m.shape[0]):
         r = b if rows.shape[0] > 1 else 0
-        found = start(m[b], rows[r], uniform[r], s, time[0], zero_load)
-        advance(m[b], rows[r], uniform[r], s, time, load, max_step, q_out[b], d_out[b])
+        found = rest(m[b], rows[r], uniform[r], s, time[0], zero_load, w)
+        follow(m[b], rows[r], uniform[r], s, time, load, max_step, q_out[b], d_out[b], w)
         if not found:
             q_out[b] = math.nan
             d_out[b] = math.nan
-        if not found or s[at.TROUBLE] > 0.0:
-            troubled += 1
-    return troubled
+        if not found or s[at.FAILED_STEPS] > 0.0:
+            failed += 1
+    return failed

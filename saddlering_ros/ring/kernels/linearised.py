@@ -13,9 +13,10 @@ from saddlering_ros.ring.kernels.options import kernel, OUTER
 
 
 @kernel(**OUTER)
-def follow(m: Any, rows: Any, uniform: Any, q: Any, v: Any, h: Any, force: Any,
+def follow_errors(models: Any, rows: Any, uniform: Any, q: Any, v: Any, h: Any, force: Any,
            sensitivity: Any) -> Any:
     """Fill sensitivity (3, J, J) about a motion q (N, 3), its rate v (N, 3), in steps of h [s]."""
+    m = models[0]
     nodes = sensitivity.shape[1]
     size = q.shape[0] // nodes
     w = np.zeros(at.WORK_SIZE)
@@ -33,11 +34,11 @@ def follow(m: Any, rows: Any, uniform: Any, q: Any, v: Any, h: Any, force: Any,
             c0 = c1 = c2 = 0.0
         square = c0 * c0
         k, d = at.STIFFNESS, at.DAMPING
-        a00 = w[k] + c0 * w[d] + m[at.MASS] * square
+        a00 = w[k] + c0 * w[d] + m.mass * square
         a02 = w[k + 1] + c0 * w[d + 1]
-        a11 = w[k + 2] + c0 * w[d + 2] + m[at.MASS] * square
+        a11 = w[k + 2] + c0 * w[d + 2] + m.mass * square
         a12 = w[k + 3] + c0 * w[d + 3]
-        a22 = w[k + 4] + c0 * w[d + 4] + m[at.INERTIA] * square
+        a22 = w[k + 4] + c0 * w[d + 4] + m.inertia * square
         block = n // size
         for j in range(min(first + 2, nodes)):
             error = 1.0 - share if j == first else (share if j == first + 1 else 0.0)
@@ -49,9 +50,9 @@ def follow(m: Any, rows: Any, uniform: Any, q: Any, v: Any, h: Any, force: Any,
             a2 = c0 * p2 + c1 * state[5, j] + c2 * old[5, j]
             _, x, y, tilt = solve3(
                 a00, a02, a11, a12, a22,
-                force[0] * error - m[at.MASS] * a0 - w[d] * p0 - w[d + 1] * p2,
-                force[1] * error - m[at.MASS] * a1 - w[d + 2] * p1 - w[d + 3] * p2,
-                force[2] * error - m[at.INERTIA] * a2
+                force[0] * error - m.mass * a0 - w[d] * p0 - w[d + 1] * p2,
+                force[1] * error - m.mass * a1 - w[d + 2] * p1 - w[d + 3] * p2,
+                force[2] * error - m.inertia * a2
                 - w[d + 1] * p0 - w[d + 3] * p1 - w[d + 4] * p2)
             for i in range(6):
                 old[i, j] = state[i, j]
