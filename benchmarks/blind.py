@@ -33,7 +33,7 @@ import numpy as np
 from saddlering_ros.diagnosis import diagnose_bags, Verdict
 from saddlering_ros.discrepancy.gain import held_out_gain
 from saddlering_ros.discrepancy.refit import refit, run_refits
-from saddlering_ros.discrepancy.screen import effect_starts
+from saddlering_ros.discrepancy.signatures import effect_starts
 from saddlering_ros.effects import effect as catalogued
 from saddlering_ros.virtual_rig.blind import open_seal, SEALED
 from saddlering_ros.virtual_rig.effects import find_effect
@@ -159,23 +159,24 @@ def size_error(
 def best_gain(verdict: Verdict, names: Sequence[str]) -> float | None:
     """Gain on the held-out run of the extension by the true effects, fitted as causes are."""
     found = verdict.diagnosis
-    likelihood = found.likelihood
-    effects = {item.id: item for item in likelihood.system.effects}
+    metric = found.fits.metric
+    system, ranges = metric.experiment.system, metric.experiment.view_ranges
+    effects = {item.id: item for item in system.effects}
     if not names or any(effects[name].line for name in names):
         return None
     held = [figures.record.run for figures in verdict.runs if figures.record.run.held_out]
-    best = found.before
+    best = found.fits.before
     for name in names:
         less, effect = best, effects[name]
         starts = effect_starts(effect)
-        fits = run_refits(likelihood, [
-            refit(likelihood, less.candidate.plus(effect, variant),
-                  np.concatenate([less.place, start]), full=True)
+        fits = run_refits(metric, [
+            refit(metric, less.candidate.plus(effect, variant),
+                  np.concatenate([less.theta_unit, start]), full_jacobian=True)
             for variant in range(len(effect.variants))
             for start in starts[:: max(1, len(starts) // 3)]
         ])
         best = min(fits, key=lambda fit: fit.misfit)
-    return held_out_gain(likelihood.system, held, found.ranges, found.before, best)
+    return held_out_gain(system, held, ranges, found.fits.before, best)
 
 
 # -- the campaign ------------------------------------------------------------------------------

@@ -93,4 +93,4 @@ if __name__ == '__main__':
                               for k, period in enumerate((4.0, 8.0, 16.0))])
     print(f'hidden: {hidden}\nverdict: {found.verdict}, {found.seconds:.1f} s')
     for cause in found.causes:
-        print(cause.group, dict(cause.estimates), f'gain left out {cause.gain.held_out:.0%}')
+        print(cause.group, dict(cause.parameters), f'gain left out {cause.gain.held_out:.0%}')

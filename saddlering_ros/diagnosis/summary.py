@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from saddlering_ros.diagnosis.diagnose import Verdict
+from saddlering_ros.diagnosis.verdict import Verdict
 from saddlering_ros.diagnosis.wording import (
     Document,
     effects_of,

@@ -3,15 +3,11 @@
 Knows simulators, base parameters, effects and runs; nothing of rings. `diagnose(system, runs)`.
 """
 
-from saddlering_ros.discrepancy.engine import (
-    Cause,
-    diagnose,
-    Diagnosis,
-    Estimate,
-    Settings,
-)
-from saddlering_ros.discrepancy.likelihood import Allowance
+from saddlering_ros.discrepancy.engine import diagnose
 from saddlering_ros.discrepancy.next_test import Proposal
+from saddlering_ros.discrepancy.nuisances import ModelErrorPrior
+from saddlering_ros.discrepancy.results import Cause, Diagnosis, Estimate
+from saddlering_ros.discrepancy.settings import Settings
 from saddlering_ros.discrepancy.system import (
     DiscrepancyError,
     Effect,
@@ -23,12 +19,12 @@ from saddlering_ros.discrepancy.system import (
 )
 
 __all__ = [
-    'Allowance',
     'Cause',
     'Diagnosis',
     'DiscrepancyError',
     'Effect',
     'Estimate',
+    'ModelErrorPrior',
     'Parameter',
     'Point',
     'Proposal',

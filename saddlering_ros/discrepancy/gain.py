@@ -1,4 +1,4 @@
-"""What an extension is worth: residual rms with and without it, on runs fitted and runs not.
+"""What an extension is worth: residual rms with and without it, on runs fitted and runs held out.
 
 One metric, fixed beforehand: the root of the mean, over runs and views, of the squared residual
 over the view's range, each run freed of its mean. Gain = 1 - metric with / metric without.
@@ -11,14 +11,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from saddlering_ros.discrepancy.likelihood import Likelihood
-from saddlering_ros.discrepancy.refit import Fit, PRIOR, Tangent
+from saddlering_ros.discrepancy.candidate import Fit
+from saddlering_ros.discrepancy.metric import Metric
+from saddlering_ros.discrepancy.refit import PRIOR, Tangent
 from saddlering_ros.discrepancy.system import Array, Run, System
 
 
 @dataclass(frozen=True)
 class Gain:
-    """Shares between 0 (nothing) and 1 (all); `held_out` None if no run could be kept apart."""
+    """Shares between 0 (nothing) and 1 (all); `held_out` None if no run could be held out."""
 
     fit: float
     held_out: float | None
@@ -46,12 +47,12 @@ def ratio(before: float, after: float) -> float:
     return max(0.0, 1.0 - float(np.sqrt(after / max(before, 1e-300))))
 
 
-def fitted_gain(likelihood: Likelihood, ranges: Mapping[str, float], less: Fit, fit: Fit) -> float:
+def fitted_gain(metric: Metric, ranges: Mapping[str, float], less: Fit, fit: Fit) -> float:
     """Gain on the runs that were fitted."""
-    views = likelihood.system.views
+    views = metric.experiment.system.views
     return ratio(
         *(
-            power(views, ranges, likelihood.runs, _split(likelihood, item.prediction))
+            power(views, ranges, metric.experiment.runs, _residuals(metric, item))
             for item in (less, fit)
         )
     )
@@ -72,7 +73,7 @@ def held_out_gain(
 
 
 def left_out_gain(
-    likelihood: Likelihood,
+    metric: Metric,
     ranges: Mapping[str, float],
     less: tuple[Fit, Tangent],
     more: tuple[Fit, Tangent],
@@ -81,7 +82,7 @@ def left_out_gain(
     totals = []
     for fit, sensitivities in (less, more):
         parts, start = [], 0
-        for run in likelihood.runs:
+        for run in metric.experiment.runs:
             rows = slice(start, start + run.channels.size)
             start += run.channels.size
             gram = sensitivities.white.T @ sensitivities.white
@@ -89,19 +90,16 @@ def left_out_gain(
             gram += PRIOR**2 * np.eye(gram.shape[0])
             slope = sensitivities.white.T @ fit.whitened
             slope = slope - sensitivities.white[rows].T @ fit.whitened[rows]
-            slope = slope + PRIOR**2 * (fit.place - 0.5)
-            move = np.clip(fit.place - np.linalg.solve(gram, slope), 0.0, 1.0) - fit.place
+            slope = slope + PRIOR**2 * (fit.theta_unit - 0.5)
+            move = (
+                np.clip(fit.theta_unit - np.linalg.solve(gram, slope), 0.0, 1.0) - fit.theta_unit
+            )
             shifted = fit.prediction[rows] + sensitivities.plain[rows] @ move
             residual = shifted.reshape(run.channels.shape) - run.channels
-            parts.append(power(likelihood.system.views, ranges, [run], [residual]))
+            parts.append(power(metric.experiment.system.views, ranges, [run], [residual]))
         totals.append(float(np.mean(parts)))
     return ratio(totals[0], totals[1])
 
 
-def _split(likelihood: Likelihood, prediction: Array) -> list[Array]:
-    parts, start = [], 0
-    for run in likelihood.runs:
-        block = prediction[start : start + run.channels.size].reshape(run.channels.shape)
-        parts.append(block - run.channels)
-        start += run.channels.size
-    return parts
+def _residuals(metric: Metric, fit: Fit) -> list[Array]:
+    return metric.experiment.by_run(fit.prediction - metric.experiment.measured)

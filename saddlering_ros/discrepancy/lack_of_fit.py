@@ -1,4 +1,4 @@
-"""What is left in the residual: tests on generic shapes with their own error rate.
+"""Lack of fit: tests of the residual on generic shapes with their own error rate.
 
 Each family of shapes lives in one coordinate (drive, direction of the drive, its rate, time)
 and one view; its statistic is the whitened misfit it takes after the model's own sensitivities are
@@ -14,19 +14,19 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.stats import f as fisher
 
-from saddlering_ros.discrepancy.likelihood import Likelihood
-from saddlering_ros.discrepancy.refit import Fit
-from saddlering_ros.discrepancy.screen import orthonormal
+from saddlering_ros.discrepancy.candidate import Fit
+from saddlering_ros.discrepancy.change_scale import orthonormal
+from saddlering_ros.discrepancy.metric import Metric
 from saddlering_ros.discrepancy.system import Array, Run
 
 WAVES_PER_RUN = 20
 """Half waves per run that are judged together, as slow structure."""
 
-MOST_CHANCE = 0.01
+MAX_CHANCE = 0.01
 """A band counts if noise alone would leave as much less often than this."""
 
 WAVE_SAMPLES = 4
-"""A half wave needs so many samples: where the swifter structure ends."""
+"""A half wave needs so many samples: where the faster structure ends."""
 
 
 @dataclass(frozen=True)
@@ -42,7 +42,7 @@ class ShapeTest:
 
 
 @dataclass(frozen=True)
-class Structure:
+class SlowResidual:
     """All slow structure left: whitened excess over what noise alone would leave, and its size.
 
     `powers`: mean square by view beyond what noise gives, the worst run's, as shares of range.
@@ -57,8 +57,8 @@ class Structure:
 
 
 @dataclass(frozen=True)
-class Ripple:
-    """Structure too swift for `Structure`: excess in all bands, and the largest that is real.
+class FastResidual:
+    """Structure too fast for `SlowResidual`: excess in all bands, and the largest that is real.
 
     Its view, run and frequency [Hz], the latter a guide only.
     """
@@ -71,32 +71,32 @@ class Ripple:
     frequency: float
 
 
-class Battery:
+class LackOfFitTests:
     """Shapes laid out once for a set of runs; asked for every fit."""
 
-    def __init__(self, likelihood: Likelihood, ranges: dict[str, float], noise_pairs: int) -> None:
-        self._likelihood = likelihood
-        self._ranges = ranges
+    def __init__(self, metric: Metric, noise_pairs: int) -> None:
+        self._metric = metric
+        self._ranges = metric.experiment.view_ranges
         self._pairs = noise_pairs
-        self._structure = _structure_columns(likelihood)
-        self._white = likelihood.whiten(self._structure)
+        self._structure = _structure_columns(metric)
+        self._white = metric.whiten(self._structure)
         gram = self._white.T @ self._white
         gram[np.diag_indices_from(gram)] *= 1.0 + 1e-9
         values, vectors = np.linalg.eigh(gram)
         kept = values > 1e-8 * values[-1]
         self._root = vectors[:, kept] / np.sqrt(values[kept])
         self._dimensions = int(kept.sum())
-        self._bands = _swift_bands(likelihood)
+        self._bands = _fast_bands(metric)
 
-    def ripple(self, fit: Fit) -> Ripple:
-        """Structure swifter than that of `structure`: the band that stands out most, and where.
+    def fast(self, fit: Fit) -> FastResidual:
+        """Structure faster than that of `structure`: the band that stands out most, and where.
 
         Its p-value carries the number of bands; of each band only what is beyond noise counts.
         """
-        likelihood = self._likelihood
-        left = likelihood.without_nuisances(fit.prediction - likelihood.measured())
-        white = likelihood.whiten_plain(left)
-        excess, found = 0.0, Ripple(0.0, 1.0, 0.0, '', '', 0.0)
+        metric = self._metric
+        left = metric.without_nuisances(fit.prediction - metric.experiment.measured)
+        white = metric.whiten_noise(left)
+        excess, found = 0.0, FastResidual(0.0, 1.0, 0.0, '', '', 0.0)
         for band in self._bands:
             channels = zip(band.parts, band.white, strict=True)
             parts = [basis.T @ white[part] for part, basis in channels]
@@ -105,48 +105,48 @@ class Battery:
             p_value = float(fisher.sf(statistic / free, free, self._pairs)) * len(self._bands)
             excess += max(statistic - free, 0.0)
             seen = np.array([basis @ part for basis, part in zip(band.plain, parts, strict=True)])
-            width = likelihood.runs[band.run].width
-            for view, weights in likelihood.system.views.items():
+            width = metric.experiment.runs[band.run].width
+            for view, weights in metric.experiment.system.views.items():
                 power = np.average((weights @ seen) ** 2, weights=width) - weights**2 @ band.noise
                 size = float(np.sqrt(max(power, 0.0))) / self._ranges[view]
-                if p_value < MOST_CHANCE and size > found.visible:
+                if p_value < MAX_CHANCE and size > found.visible:
                     strongest = int(np.argmax(sum(part**2 for part in parts)))
                     frequency = 0.5 * (band.first + strongest) / band.duration
-                    name = likelihood.runs[band.run].name
-                    found = Ripple(0.0, p_value, size, view, name, frequency)
+                    name = metric.experiment.runs[band.run].name
+                    found = FastResidual(0.0, p_value, size, view, name, frequency)
         return replace(found, excess=excess)
 
-    def structure(self, fit: Fit) -> Structure:
+    def slow(self, fit: Fit) -> SlowResidual:
         """Slow structure of the residual as a whole."""
         inner = self._root.T @ (self._white.T @ fit.whitened)
-        free = max(self._dimensions - fit.place.size, 1)
+        free = max(self._dimensions - fit.theta_unit.size, 1)
         statistic = float(inner @ inner)
         p_value = float(fisher.sf(statistic / free, free, self._pairs))
         shape = self._structure @ (self._root @ inner)
         noise = self._structure @ self._root
         visible, where = 0.0, ''
         powers: dict[str, float] = {}
-        likelihood = self._likelihood
-        for view in likelihood.system.views:
-            seen = likelihood.view_residuals(shape, view)
-            expected = _view_variance(likelihood, noise, view)
-            for run, part, variance in zip(likelihood.runs, seen, expected, strict=True):
+        metric = self._metric
+        for view in metric.experiment.system.views:
+            seen = metric.experiment.view_residuals(shape, view)
+            expected = _view_variance(metric, noise, view)
+            for run, part, variance in zip(metric.experiment.runs, seen, expected, strict=True):
                 power = float(np.average(part**2, weights=run.width)) - variance
                 size = float(np.sqrt(max(power, 0.0))) / self._ranges[view]
                 powers[view] = max(powers.get(view, 0.0), size**2)
                 if size > visible:
                     visible, where = size, f'{view} in {run.name}'
-        return Structure(statistic - free, free, p_value, visible, where, powers)
+        return SlowResidual(statistic - free, free, p_value, visible, where, powers)
 
     def shapes(self, fit: Fit, white_columns: Array) -> list[ShapeTest]:
         """Every family, most significant first; p-values carry the number of families."""
-        likelihood = self._likelihood
+        metric = self._metric
         orthogonal = orthonormal(white_columns)
         tests = []
-        for coordinate, shapes in _families(likelihood.runs).items():
-            for view, weights in likelihood.system.views.items():
-                columns = _spread(likelihood, shapes, weights)
-                white = likelihood.whiten(columns)
+        for coordinate, shapes in _families(metric.experiment.runs).items():
+            for view, weights in metric.experiment.system.views.items():
+                columns = _spread(metric, shapes, weights)
+                white = metric.whiten(columns)
                 white = white - orthogonal @ (orthogonal.T @ white)
                 values, vectors = np.linalg.eigh(white.T @ white)
                 kept = values > 1e-8 * max(float(values[-1]), 1e-300)
@@ -158,7 +158,9 @@ class Battery:
                 sizes = [
                     float(np.sqrt(np.average(seen**2, weights=run.width))) / self._ranges[view]
                     for run, seen in zip(
-                        likelihood.runs, likelihood.view_residuals(change, view), strict=True
+                        metric.experiment.runs,
+                        metric.experiment.view_residuals(change, view),
+                        strict=True,
                     )
                 ]
                 p_value = float(fisher.sf(statistic / count, count, self._pairs))
@@ -198,24 +200,25 @@ class _Band:
     noise: Array
 
 
-def _swift_bands(likelihood: Likelihood) -> list[_Band]:
+def _fast_bands(metric: Metric) -> list[_Band]:
     """Octaves of half waves beyond the slow structure, as far as the samples of a run reach."""
     bands = []
-    slices = likelihood.slices()
-    for index, run in enumerate(likelihood.runs):
+    slices = metric.experiment.slices
+    for index, run in enumerate(metric.experiment.runs):
         last = run.time.size // WAVE_SAMPLES
         duration = max(float(np.ptp(run.time)), 1e-300)
-        place = (run.time - run.time[0]) / duration
+        share = (run.time - run.time[0]) / duration
+        pairs = zip(metric.whiteners, slices, strict=True)
+        whiteners = [whitener for whitener, part in pairs if part[0] == index]
         first = WAVES_PER_RUN + 1
         while first <= last:
             stop = min(2 * first - 1, last + 1)
-            waves = np.cos(np.pi * place[:, None] * np.arange(first, stop)[None, :])
+            waves = np.cos(np.pi * share[:, None] * np.arange(first, stop)[None, :])
             white, plain, noise = [], [], []
-            channels = zip(likelihood.factors[index], likelihood.roots[index], strict=True)
-            for factor, root in channels:
-                basis, _ = np.linalg.qr(factor @ waves)
+            for whitener in whiteners:
+                basis, _ = np.linalg.qr(whitener.whiten(waves))
                 white.append(basis)
-                plain.append(root @ basis)
+                plain.append(whitener.colour(basis))
                 noise.append(float(np.average((plain[-1] ** 2).sum(axis=1), weights=run.width)))
             parts = [part for number, _, part in slices if number == index]
             bands.append(_Band(index, first, duration, parts, white, plain, np.array(noise)))
@@ -223,11 +226,11 @@ def _swift_bands(likelihood: Likelihood) -> list[_Band]:
     return bands
 
 
-def _view_variance(likelihood: Likelihood, noise: Array, view: str) -> list[float]:
+def _view_variance(metric: Metric, noise: Array, view: str) -> list[float]:
     """Mean square that noise alone gives the fitted structure, per run, in one view."""
-    weights = likelihood.system.views[view]
+    weights = metric.experiment.system.views[view]
     found, start = [], 0
-    for run in likelihood.runs:
+    for run in metric.experiment.runs:
         count = run.channels.size
         block = noise[start : start + count].reshape(*run.channels.shape, -1)
         start += count
@@ -237,16 +240,16 @@ def _view_variance(likelihood: Likelihood, noise: Array, view: str) -> list[floa
     return found
 
 
-def _structure_columns(likelihood: Likelihood) -> Array:
+def _structure_columns(metric: Metric) -> Array:
     """Cosines of time in every run and channel."""
     columns = []
-    for index, _, part in likelihood.slices():
-        run = likelihood.runs[index]
+    for index, _, part in metric.experiment.slices:
+        run = metric.experiment.runs[index]
         waves = min(WAVES_PER_RUN, run.time.size // 4)
-        place = (run.time - run.time[0]) / max(float(np.ptp(run.time)), 1e-300)
+        share = (run.time - run.time[0]) / max(float(np.ptp(run.time)), 1e-300)
         for wave in range(1, waves + 1):
-            column = np.zeros(likelihood.size)
-            column[part] = np.cos(np.pi * wave * place)
+            column = np.zeros(metric.experiment.size)
+            column[part] = np.cos(np.pi * wave * share)
             columns.append(column)
     return np.column_stack(columns)
 
@@ -259,11 +262,11 @@ def _families(runs: tuple[Run, ...]) -> dict[str, list[list[Array]]]:
     for number, name in enumerate(names):
         low = min(float(run.inputs[name].min()) for run in runs)
         high = max(float(run.inputs[name].max()) for run in runs)
-        places = [(run.inputs[name] - low) / max(high - low, 1e-300) for run in runs]
+        shares = [(run.inputs[name] - low) / max(high - low, 1e-300) for run in runs]
         families[name] = [
             [
-                np.cos(np.pi * wave * place) * (run.group == group)
-                for run, place in zip(runs, places, strict=True)
+                np.cos(np.pi * wave * share) * (run.group == group)
+                for run, share in zip(runs, shares, strict=True)
             ]
             for wave in range(1, 7 if number == 0 else 4)
             for group in groups
@@ -272,9 +275,9 @@ def _families(runs: tuple[Run, ...]) -> dict[str, list[list[Array]]]:
             families['direction'] = [
                 [
                     run.inputs['direction']
-                    * (np.sin(np.pi * wave * place) if wave else 1.0)
+                    * (np.sin(np.pi * wave * share) if wave else 1.0)
                     * (run.group == group)
-                    for run, place in zip(runs, places, strict=True)
+                    for run, share in zip(runs, shares, strict=True)
                 ]
                 for wave in range(3)
                 for group in groups
@@ -290,7 +293,7 @@ def _families(runs: tuple[Run, ...]) -> dict[str, list[list[Array]]]:
     return families
 
 
-def _spread(likelihood: Likelihood, shapes: list[list[Array]], weights: Array) -> Array:
+def _spread(metric: Metric, shapes: list[list[Array]], weights: Array) -> Array:
     """Shapes in a view as stacked columns: the least change of channels that shows as 1 there."""
     pattern = weights / float(weights @ weights)
     return np.column_stack(

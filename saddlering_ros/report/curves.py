@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.signal import welch
 
 from saddlering_ros.bags import plateaus, TestRun
-from saddlering_ros.diagnosis.diagnose import RunFigures, Verdict
+from saddlering_ros.diagnosis.verdict import RunFigures, Verdict
 from saddlering_ros.rig import CHANNELS
 
 Array = NDArray[np.float64]
@@ -74,7 +74,7 @@ class Branches:
 
 def curves_of(verdict: Verdict) -> list[RunCurves]:
     """The runs of a diagnosis."""
-    changed = verdict.diagnosis.after is not verdict.diagnosis.before
+    changed = verdict.diagnosis.fits.after is not verdict.diagnosis.fits.before
     return [_curves(figures, changed) for figures in verdict.runs]
 
 

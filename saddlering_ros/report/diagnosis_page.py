@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from saddlering_ros.diagnosis.diagnose import Verdict
+from saddlering_ros.diagnosis.verdict import Verdict
 from saddlering_ros.diagnosis.wording import Document
 from saddlering_ros.report import background, chapters, html
 from saddlering_ros.report.background import Background, quality_of

@@ -53,7 +53,7 @@ def test_a_small_size_of_the_other_sign_is_looked_for(campaign):
     angle = -0.004
     runs = ('static_50', 'dynamic_50', 'static_70')
     found = diagnose_bags(campaign('elevation_error', angle, 'angle', runs)).diagnosis
-    best = min(found.evidence, key=lambda item: (item.step, item.misfit))
+    best = min(found.search.candidates, key=lambda item: (item.step, item.misfit))
     assert best.effects == ('elevation_error',)
     assert best.values['elevation_error']['angle'] == pytest.approx(angle, rel=0.3)
 

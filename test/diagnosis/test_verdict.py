@@ -108,7 +108,7 @@ def test_the_extended_parameter_file_simulates_better(verdict, campaign, tmp_pat
 def test_words_for_a_terminal_say_verdict_and_cause(verdict):
     text = verdict_text(verdict)
     assert text.startswith(f'verdict: {verdict.verdict}')
-    assert all(cause.effect.id in text for cause in verdict.diagnosis.causes)
+    assert all(cause.effect in text for cause in verdict.diagnosis.causes)
 
 
 def test_the_command_writes_json_parameters_and_report(campaign, tmp_path: Path, capsys):

@@ -31,15 +31,15 @@ def swinging(run: Run, frequency: float, share: float) -> Run:
 def test_noise_alone_gives_no_verdict_and_no_material_swing() -> None:
     found = diagnose(second_system.Axis(), runs(7))
     assert found.verdict == 'none'
-    assert found.ripple_after.visible < 1e-3
+    assert found.residual_after.fast.visible < 1e-3
 
 
 def test_a_swing_too_fast_for_the_drive_is_unknown_and_told_by_its_frequency() -> None:
     found = diagnose(second_system.Axis(), [swinging(run, 4.0, 0.02) for run in runs(7)])
     assert found.verdict == 'unknown'
-    assert found.ripple_after.visible > 1e-3
-    assert found.ripple_after.frequency == pytest.approx(4.0, rel=0.2)
-    assert 'Hz' in ' '.join(found.notes)
+    assert found.residual_after.fast.visible > 1e-3
+    assert found.residual_after.fast.frequency == pytest.approx(4.0, rel=0.2)
+    assert 'Hz' in ' '.join(found.warnings)
 
 
 def test_an_idealised_law_widens_the_interval_of_its_size() -> None:
@@ -49,5 +49,5 @@ def test_an_idealised_law_widens_the_interval_of_its_size() -> None:
             if item.id == 'friction'
         )
 
-    force = diagnose(Idealised(), runs(3, friction={'force': 2.0})).causes[0].estimates['force']
+    force = diagnose(Idealised(), runs(3, friction={'force': 2.0})).causes[0].parameters['force']
     assert 0.1 < force.std / force.value < 0.15

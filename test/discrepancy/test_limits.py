@@ -47,8 +47,8 @@ def diagnosed(size: float, seed: int) -> Diagnosis:
 
 
 def test_a_limit_holds_for_the_dullest_channel_and_the_best_is_told_beside_it() -> None:
-    (limits,) = diagnosed(0.0, 1).detectability
-    dull = next(place for place in limits.places if place.values == {'channel': 1.0})
+    (limits,) = diagnosed(0.0, 1).observability.limits
+    dull = next(place for place in limits.configurations if place.values == {'channel': 1.0})
     assert limits.limit == dull.limit
     assert limits.best_limit == pytest.approx(DULL * dull.limit, rel=0.3)
 
@@ -57,7 +57,7 @@ def found_at(share: float) -> int:
     """Of 15 records those that show a bend of that share of the limit their noise gives."""
     found = 0
     for seed in range(15):
-        (limits,) = diagnosed(0.0, seed).detectability
+        (limits,) = diagnosed(0.0, seed).observability.limits
         found += bool(diagnosed(share * limits.limit, seed).causes)
     return found
 
@@ -83,7 +83,7 @@ def test_a_start_at_which_an_effect_does_nothing_has_no_limit_and_stops_nothing(
 
     seen = Bent().predict('slow', Point(np.ones(1), {}))
     run = recorded('slow', seen + NOISE * np.random.default_rng(1).normal(size=seen.shape))
-    limits = {item.effect: item for item in diagnose(Placed(), [run]).detectability}
+    limits = {item.effect: item for item in diagnose(Placed(), [run]).observability.limits}
     assert not limits['idle'].testable
     assert np.isinf(limits['idle'].limit)
     assert limits['bend'].testable

@@ -9,11 +9,13 @@ import pytest
 from saddlering_ros.discrepancy import (
     diagnose,
     Effect,
-    engine,
     Parameter,
     Point,
+    selection,
 )
-from saddlering_ros.discrepancy.refit import Fit
+from saddlering_ros.discrepancy.candidate import Fit
+from saddlering_ros.discrepancy.model_space import ModelSpace
+from saddlering_ros.discrepancy.results import SearchLog
 
 NOISE = 1e-3
 SHAPES = {'square': LOAD**2, 'cube': LOAD**3, 'both': LOAD**2 - 2.0 * LOAD**3}
@@ -32,21 +34,21 @@ class Bow(System):
 def test_one_effect_takes_the_place_of_two_that_fit_no_better(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    search = engine._Session.forward
+    search = selection.forward
 
-    def misled(session: engine._Session, fit: Fit) -> Fit:
+    def misled(space: ModelSpace, fit: Fit, log: SearchLog) -> Fit:
         """A search that never tries what is both, from the base."""
         if fit.candidate.effects:
-            return search(session, fit)
+            return search(space, fit, log)
         for name in ('square', 'cube'):
-            scores = [score for score in session.scores(fit) if score.effect.id == name]
-            fit = session.fit_with(fit, scores)[0]
+            scores = [score for score in space.scores(fit) if score.effect.id == name]
+            fit = space.fit_each(fit, scores)[0]
         return fit
 
-    monkeypatch.setattr(engine._Session, 'forward', misled)
+    monkeypatch.setattr(selection, 'forward', misled)
     chance = np.random.default_rng(3)
     seen = Bow().predict('slow', Point(np.ones(1), {'both': {'size': 0.2}}))
     seen = seen + NOISE * chance.normal(size=seen.shape)
     (cause,) = diagnose(Bow(), [recorded('slow', seen)]).causes
-    assert cause.effect.id == 'both'
-    assert cause.estimates['size'].value == pytest.approx(0.2, rel=0.1)
+    assert cause.effect == 'both'
+    assert cause.parameters['size'].value == pytest.approx(0.2, rel=0.1)

@@ -47,8 +47,8 @@ def test_correlated_noise_alone_gives_no_cause(seed: int) -> None:
 def test_a_hidden_effect_is_named_and_measured(effect: str, size: float) -> None:
     found = diagnosed(effect, size)
     assert found.verdict == 'named'
-    assert [cause.effect.id for cause in found.causes] == [effect]
-    estimate = found.causes[0].estimates[effect_size(effect)]
+    assert [cause.effect for cause in found.causes] == [effect]
+    estimate = found.causes[0].parameters[effect_size(effect)]
     assert abs(estimate.value - size) < max(5.0 * estimate.std, 0.05 * size)
 
 

@@ -51,18 +51,18 @@ def cause_of(effect: str, parameter: str, value: float) -> Cause:
 def test_a_stop_at_a_sixth_of_the_smallest_start_is_found() -> None:
     cause = cause_of('stop', 'height', 0.02)
     assert cause.group == ('stop',)
-    assert cause.estimates['height'].value == pytest.approx(0.02, rel=0.1)
+    assert cause.parameters['height'].value == pytest.approx(0.02, rel=0.1)
 
 
 def test_a_limit_that_cuts_a_little_is_found() -> None:
     cause = cause_of('clip', 'limit', 0.96)
     assert cause.group == ('clip',)
-    assert cause.estimates['limit'].value == pytest.approx(0.96, abs=0.002)
+    assert cause.parameters['limit'].value == pytest.approx(0.96, abs=0.002)
 
 
 def test_the_limit_of_a_clip_is_told_as_the_clip_and_not_as_its_distance_from_none() -> None:
     chance = np.random.default_rng(1)
     seen = Stopped().predict('slow', Point(np.ones(1), {}))
     found = diagnose(Stopped(), [recorded('slow', seen + NOISE * chance.normal(size=seen.shape))])
-    limits = next(item for item in found.detectability if item.effect == 'clip')
+    limits = next(item for item in found.observability.limits if item.effect == 'clip')
     assert 0.8 < limits.limit <= limits.best_limit < 1.0  # of a reading that goes to 1

@@ -40,5 +40,5 @@ def test_an_effect_that_does_nothing_at_that_bound_is_found_all_the_same() -> No
     found = diagnose(Dragged(), [run])
     (cause,) = found.causes
     assert cause.group == ('turning',)
-    assert cause.estimates['share'].value == pytest.approx(0.9, rel=0.05)
-    assert found.base_before['drag'].value == pytest.approx(0.0, abs=1e-3)
+    assert cause.parameters['share'].value == pytest.approx(0.9, rel=0.05)
+    assert found.base_alone['drag'].value == pytest.approx(0.0, abs=1e-3)

@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from saddlering_ros.discrepancy import Effect, Parameter
-from saddlering_ros.discrepancy.refit import Candidate, Fit
-from saddlering_ros.discrepancy.screen import _with_bends, rank, Signature
+from saddlering_ros.discrepancy.candidate import Candidate, Fit
+from saddlering_ros.discrepancy.ranking import rank
+from saddlering_ros.discrepancy.signatures import Signature, with_amplitude_dependence
 from saddlering_ros.discrepancy.system import Point
 
 TIME = np.linspace(0.0, 1.0, 200)
@@ -23,7 +24,7 @@ def signature(effect: Effect, size: float, white: np.ndarray) -> Signature:
     return Signature(effect, 0, np.array([size]), size, white, white, 1.0, length, 1.0)
 
 
-SEEN = _with_bends(
+SEEN = with_amplitude_dependence(
     [signature(SWING, period, swing(period)) for period in (0.1, 0.12, 0.2)]
     + [signature(GAIN, share, 100.0 * share * TIME) for share in (0.1, 0.2, 0.4)]
 )
@@ -40,11 +41,11 @@ def best(misfit: np.ndarray) -> tuple[str, float]:
     return scores[0].effect.id, float(scores[0].start[0])
 
 
-def test_a_frequency_is_bent_and_a_gain_is_not() -> None:
-    assert {item.effect.id for item in SEEN if item.bent} == {'swing'}
+def test_a_frequency_is_amplitude_dependent_and_a_gain_is_not() -> None:
+    assert {item.effect.id for item in SEEN if item.amplitude_dependent} == {'swing'}
 
 
-def test_a_bent_effect_starts_where_it_was_seen_and_not_at_a_size_scaled() -> None:
+def test_an_amplitude_dependent_effect_starts_where_it_was_seen_and_not_at_a_size_scaled() -> None:
     assert best(0.7 * swing(0.12)) == ('swing', 0.12)
 
 

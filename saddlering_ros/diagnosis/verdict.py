@@ -1,0 +1,159 @@
+"""The verdict on a set of bags: the engine's diagnosis with what the ring adds to it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from saddlering_ros.diagnosis.document import verdict_document
+from saddlering_ros.diagnosis.records import Array, Record
+from saddlering_ros.discrepancy import Diagnosis, Run
+from saddlering_ros.provenance import Provenance
+from saddlering_ros.rig import (
+    CHANNELS,
+    ContactParameters,
+    ParameterSet,
+    ParameterSource,
+    probes_to_displacement,
+    Rig,
+)
+
+
+@dataclass(frozen=True)
+class ChannelFigures:
+    """One channel of one run: rms misfit over the channel's measured range, and the noise's."""
+
+    nrmse_before: float
+    nrmse_after: float
+    noise_floor: float
+
+
+@dataclass(frozen=True)
+class RunFigures:
+    """One run with its channels, and its arrays: displacement (4, N) in the order of CHANNELS."""
+
+    record: Record
+    channels: Mapping[str, ChannelFigures]
+    measured: Array
+    before: Array
+    after: Array
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """The verdict on a set of bags: the engine's diagnosis with what the ring adds to it."""
+
+    diagnosis: Diagnosis
+    runs: tuple[RunFigures, ...]
+    notes: tuple[str, ...]
+    next_test: str | None
+    rig: Rig
+    seed: int
+
+    @property
+    def verdict(self) -> str:
+        return self.diagnosis.verdict
+
+    def extended_parameters(self) -> ParameterSet:
+        """Contact parameters after the diagnosis, with the effects found.
+
+        Steady lines stay out: their phase starts anew with every run.
+        """
+        found = self.diagnosis
+        values = np.array([estimate.value for estimate in found.base.values()])
+        effects = (
+            {
+                cause.effect: {name: item.value for name, item in cause.parameters.items()}
+                for cause in found.causes
+                if not cause.definition.line
+            }
+            if found.verdict in ('named', 'ambiguous')
+            else {}
+        )
+        made = self.provenance(held_out=False)
+        source = ParameterSource(
+            method='diagnose',
+            bags=tuple(origin.path for origin in made.bags),
+            objective=float(found.fits.after.misfit),
+            covariance=found.fits.base_covariance,
+            note=f'verdict {found.verdict}, seed {self.seed}',
+            sha256=tuple(origin.sha256 for origin in made.bags),
+            versions=made.versions_in_words,
+        )
+        return ParameterSet(ContactParameters.from_array(values), effects, source)
+
+    def provenance(self, *, held_out: bool = True) -> Provenance:
+        """Its bags (those held out too, if asked) and what computed it."""
+        return Provenance(
+            tuple(
+                figures.record.test_run.origin
+                for figures in self.runs
+                if held_out or not figures.record.run.held_out
+            )
+        )
+
+    def to_json(self) -> dict[str, Any]:
+        """The contract of interfaces.md, with additions beside it."""
+        return verdict_document(self)
+
+
+def run_figures(
+    rig: Rig, found: Diagnosis, record: Record, before: Array, after: Array
+) -> RunFigures:
+    """Misfits and curves of one run, from predictions before and after (4, N)."""
+    run = record.run
+    seen = [_displacement(rig, item) for item in (run.channels, before, after)]
+    channels = {}
+    for index, name in enumerate(CHANNELS):
+        measured, first, last = (item[index] for item in seen)
+        span = max(float(np.ptp(measured)), 1e-12)
+        weights = found.fits.metric.experiment.system.views[name]
+        noise = _noise_floor(found, run, weights)
+        channels[name] = ChannelFigures(
+            _rms(first - measured) / span, _rms(last - measured) / span, noise / span
+        )
+    return RunFigures(record, channels, *seen)
+
+
+ZERO_SPAN = 0.5
+"""Length of record [s] whose mean is a run's zero."""
+
+
+def _noise_floor(found: Diagnosis, run: Run, weights: Array) -> float:
+    """Rms noise of a view over the run's block means, the zero's own noise with it."""
+    known = found.fits.metric.noise
+    fitted = run.name if (run.name, 0) in known else _alike(found, run)
+    start = float(run.time[0])
+    power = sum(
+        float(weight) ** 2
+        * float(
+            np.mean(
+                known[fitted, channel].since(run.time, run.width, start - ZERO_SPAN, ZERO_SPAN)
+                ** 2
+            )
+        )
+        for channel, weight in enumerate(weights)
+        if weight
+    )
+    return math.sqrt(power)
+
+
+def _alike(found: Diagnosis, run: Run) -> str:
+    """The fitted run whose block means are as long as those of a run held out."""
+    width = float(np.median(run.width))
+    fitted = found.fits.metric.experiment.runs
+    return min(fitted, key=lambda item: abs(np.log(np.median(item.width) / width))).name
+
+
+def _displacement(rig: Rig, increments: Array) -> NDArray[np.float64]:
+    motion = probes_to_displacement(rig.probes, increments)
+    return np.stack([np.asarray(getattr(motion, name)) for name in CHANNELS])
+
+
+def _rms(values: Array) -> float:
+    return float(np.sqrt(np.mean(values**2)))

@@ -1,0 +1,163 @@
+"""Detection limits: what these data could have shown of every effect, wherever it acts."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.stats import f as fisher
+
+from saddlering_ros.discrepancy.signatures import (
+    MIN_SHARE,
+    shapes_tried,
+    Signature,
+    testable_share,
+)
+from saddlering_ros.discrepancy.system import Effect
+
+#: A change of less than this share of what is wanted is none.
+NOTHING = 1e-3
+#: Normal quantile of 0.9: found nine times in ten.
+POWER_QUANTILE = 1.2816
+
+
+@dataclass(frozen=True)
+class Configuration:
+    """Detection and materiality limit of an effect that acts in one way: which probe, which arc.
+
+    `values`: its fixed values and the parameters that shape it, in their units.
+    """
+
+    values: Mapping[str, float]
+    limit: float
+    material_limit: float
+
+
+@dataclass(frozen=True)
+class DetectionLimit:
+    """What these data could have shown of one effect.
+
+    limit: smallest size found nine times in ten at the given error rate, in nine of ten of the
+    `configurations` tried at which it can be found at all (inf: none can); best_limit: at the
+    best of them;
+    material_limit: smallest size that changes a view by the stated share of its range, likewise.
+    Of either sign, the one that shows less. Of an effect whose size is not 0 where it does nothing
+    (a limit of a span) all are values of it, not distances from there.
+    """
+
+    effect: str
+    share: float
+    limit: float
+    best_limit: float
+    material_limit: float
+    unit: str
+    testable: bool
+    configurations: tuple[Configuration, ...] = ()
+
+
+def detection_limits(
+    signatures: Sequence[Signature],
+    error_rate: float,
+    materiality: float,
+    pairs: int,
+) -> list[DetectionLimit]:
+    """What can be found of each effect, and what shows, wherever it acts.
+
+    By the test that a candidate has to pass: with the shapes it was drawn from, the parameters it
+    brings, and the noise known from `pairs` independent differences.
+    """
+    effects: dict[str, list[Signature]] = {}
+    for item in signatures:
+        effects.setdefault(item.effect.id, []).append(item)
+    rate = error_rate / max(shapes_tried(signatures), 1)
+    answers = []
+    for name, members in effects.items():
+        effect = members[0].effect
+        extra = len(effect.parameters)
+        needed = float(np.sqrt(extra * fisher.isf(rate, extra, pairs))) + POWER_QUANTILE
+        share = testable_share(members)
+        reach = max(abs(effect.size.low - effect.neutral), abs(effect.size.high - effect.neutral))
+        shapes: dict[tuple[object, ...], list[Signature]] = {}
+        for item in members:
+            shapes.setdefault(item.shape, []).append(item)
+        configurations = [_limits_at(own, needed, materiality, reach) for own in shapes.values()]
+        limit = _nine_in_ten([item.limit for item in configurations])
+        answers.append(
+            DetectionLimit(
+                name,
+                share,
+                _value(effect, limit),
+                _value(effect, min(item.limit for item in configurations)),
+                _value(effect, _nine_in_ten([item.material_limit for item in configurations])),
+                effect.size.unit,
+                share >= MIN_SHARE and bool(np.isfinite(limit)),
+                tuple(_as_values(effect, item) for item in configurations),
+            )
+        )
+    return answers
+
+
+def _as_values(effect: Effect, configuration: Configuration) -> Configuration:
+    """A configuration whose limits are distances from where the effect does nothing, as sizes."""
+    return replace(
+        configuration,
+        limit=_value(effect, configuration.limit),
+        material_limit=_value(effect, configuration.material_limit),
+    )
+
+
+def _value(effect: Effect, distance: float) -> float:
+    """The size at that distance from where the effect does nothing; inf stays."""
+    if effect.neutral == 0.0 or not np.isfinite(distance):
+        return distance
+    sign = 1.0 if effect.neutral < 0.5 * (effect.size.low + effect.size.high) else -1.0
+    return effect.neutral + sign * distance
+
+
+def _limits_at(
+    members: Sequence[Signature], needed: float, materiality: float, reach: float
+) -> Configuration:
+    """Limits in one variant and shape, whose sizes go to `reach`; of the sign that shows less."""
+    effect, shape = members[0].effect, members[0].theta_unit[1:]
+    values = {
+        item.name: item.from_unit(float(u))
+        for item, u in zip(effect.parameters[1:], shape, strict=True)
+    }
+    values.update(effect.variants[members[0].variant])
+    signs = {np.sign(item.size) for item in members} - {0.0}
+    limit = material = 0.0 if signs else np.inf
+    for sign in signs:
+        own = [item for item in members if np.sign(item.size) == sign]
+        limit = max(limit, _size_at([(abs(item.size), item.length) for item in own], needed))
+        material = max(
+            material, _size_at([(abs(item.size), item.visible) for item in own], materiality)
+        )
+    return Configuration(
+        values, limit if limit <= reach else np.inf, material if material <= reach else np.inf
+    )
+
+
+def _nine_in_ten(limits: Sequence[float]) -> float:
+    """The size that is enough in nine of ten configurations where any is; inf if none is."""
+    finite = [item for item in limits if np.isfinite(item)]
+    return float(np.quantile(finite, 0.9, method='higher')) if finite else float(np.inf)
+
+
+def _size_at(heights: Sequence[tuple[float, float]], wanted: float) -> float:
+    """Size at which a growing height reaches `wanted`, from (size > 0, height) pairs.
+
+    In proportion below the least size and beyond the largest, log-log between; where a size does
+    nothing and the next more than enough, that next one.
+    """
+    sizes, tall = np.array(sorted(heights)).T
+    if not tall.any():
+        return np.inf
+    above = np.flatnonzero(tall >= wanted)
+    first = int(above[0]) if above.size else int(np.flatnonzero(tall)[-1])
+    if first == 0 or not above.size:
+        return float(sizes[first] * wanted / tall[first])
+    if tall[first - 1] < NOTHING * wanted:
+        return float(sizes[first])
+    slope = np.log(wanted / tall[first - 1]) / np.log(tall[first] / tall[first - 1])
+    return float(sizes[first - 1] * (sizes[first] / sizes[first - 1]) ** slope)

@@ -1,0 +1,127 @@
+"""The metric in which misfit is counted: whitened by the noise, nuisance parameters marginalised.
+
+With noise covariance C = L L' per run and channel and nuisance columns G of prior covariance S,
+the metric is (C + G S G')^-1. It is applied as L^-1 followed by the symmetric operator
+I - U (1 - 1/sqrt(1 + s^2)) U', where U, s are the singular vectors and values of L^-1 G S^(1/2).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.linalg import cholesky, solve_triangular
+
+from saddlering_ros.discrepancy.experiment import Experiment
+from saddlering_ros.discrepancy.noise import ChannelNoise
+from saddlering_ros.discrepancy.system import Array
+
+MAX_SPREADS = 2.5
+"""A nuisance parameter larger than so many of its standard deviations is no nuisance."""
+
+FREE_STRENGTH = 1e3
+"""A nuisance parameter so many times the noise is free already."""
+
+JITTER = 1e-6
+"""Noise added to every sample, as a share of the widest channel's range."""
+
+
+@dataclass(frozen=True)
+class DenseWhitener:
+    """Cholesky factor of a noise covariance and its inverse (N, N)."""
+
+    factor: Array
+    inverse: Array
+
+    def whiten(self, columns: Array) -> Array:
+        """L^-1 on columns (N, B) or (N,)."""
+        return np.asarray(self.inverse @ columns)
+
+    def colour(self, columns: Array) -> Array:
+        """L on columns (N, B) or (N,)."""
+        return np.asarray(self.factor @ columns)
+
+
+@dataclass(frozen=True)
+class Metric:
+    """Noise of every run and channel, and the nuisance parameters marginalised.
+
+    directions (n, k): orthonormal, of the nuisances, whitened; strength (k,): their sizes over the
+    noise. A metric is never changed: `marginalise` makes another one.
+    """
+
+    experiment: Experiment
+    noise: Mapping[tuple[str, int], ChannelNoise]
+    whiteners: tuple[DenseWhitener, ...]
+    directions: Array
+    strength: Array
+
+    def marginalise(self, nuisances: Array) -> Metric:
+        """The same noise with these nuisances alone: columns (n, k) times their spreads."""
+        left, values, _ = np.linalg.svd(self.whiten_noise(nuisances), full_matrices=False)
+        kept = values > 1e-3
+        return replace(self, directions=np.ascontiguousarray(left[:, kept]), strength=values[kept])
+
+    def whiten_noise(self, columns: Array) -> Array:
+        """L^-1 on stacked columns (n, B) or (n,): noise alone."""
+        out = np.empty_like(columns)
+        for whitener, (_, _, part) in zip(self.whiteners, self.experiment.slices, strict=True):
+            out[part] = whitener.whiten(columns[part])
+        return out
+
+    def colour_noise(self, columns: Array) -> Array:
+        """L on whitened columns (n, B) or (n,)."""
+        out = np.empty_like(columns)
+        for whitener, (_, _, part) in zip(self.whiteners, self.experiment.slices, strict=True):
+            out[part] = whitener.colour(columns[part])
+        return out
+
+    def whiten(self, columns: Array) -> Array:
+        """The whole metric on stacked columns (n, B) or (n,)."""
+        white = self.whiten_noise(columns)
+        inner = self.directions.T @ white
+        scale = self._shrink if columns.ndim == 1 else self._shrink[:, None]
+        return np.asarray(white - self.directions @ (scale * inner))
+
+    def inflated(self, factor: float, free: Array) -> Array:
+        """Nuisance columns, whitened, `factor` times as large, and columns (n, p) beside them.
+
+        Offsets, whose spread is wide already, stay as they are.
+        """
+        larger = np.where(self.strength < FREE_STRENGTH, factor * self.strength, self.strength)
+        return np.hstack([self.directions * larger, self.whiten_noise(free)])
+
+    def without_nuisances(self, residual: Array) -> Array:
+        """A stacked plain residual less what nuisances of a usual size make of it."""
+        white = self.whiten_noise(residual)
+        seen = self.directions.T @ white
+        spreads = np.clip(
+            self.strength / (1.0 + self.strength**2) * seen, -MAX_SPREADS, MAX_SPREADS
+        )
+        return self.colour_noise(white - self.directions @ (self.strength * spreads))
+
+    @property
+    def free_count(self) -> float:
+        """Dimensions left after the nuisances have taken theirs."""
+        return self.experiment.size - float((1.0 - (1.0 - self._shrink) ** 2).sum())
+
+    @property
+    def _shrink(self) -> Array:
+        return np.asarray(1.0 - 1.0 / np.sqrt(1.0 + self.strength**2))
+
+
+def noise_metric(experiment: Experiment, noise: Mapping[tuple[str, int], ChannelNoise]) -> Metric:
+    """The metric of the noise alone: no nuisance parameters yet."""
+    jitter = float((JITTER * experiment.channel_ranges.max()) ** 2)
+    whiteners = []
+    for index, channel, _ in experiment.slices:
+        run = experiment.runs[index]
+        own = noise[run.name, channel]
+        matrix = own.covariance(run.time, run.width, run.inputs.get('hold'))
+        matrix += np.diag(np.full(run.time.size, jitter))
+        factor = cholesky(matrix, lower=True)
+        inverse = solve_triangular(factor, np.eye(run.time.size), lower=True)
+        whiteners.append(DenseWhitener(factor, inverse))
+    empty = np.zeros((experiment.size, 0))
+    return Metric(experiment, noise, tuple(whiteners), empty, np.zeros(0))

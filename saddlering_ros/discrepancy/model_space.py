@@ -1,0 +1,356 @@
+"""Models fitted in one metric, each fit kept under its candidate, and compared in pairs."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from saddlering_ros.discrepancy import criteria
+from saddlering_ros.discrepancy.candidate import Candidate, Fit, Key
+from saddlering_ros.discrepancy.change_scale import ChangeScale, visible_falls
+from saddlering_ros.discrepancy.lack_of_fit import LackOfFitTests, SlowResidual
+from saddlering_ros.discrepancy.metric import Metric
+from saddlering_ros.discrepancy.ranking import rank, Score
+from saddlering_ros.discrepancy.refit import (
+    Asking,
+    declared_start,
+    refit,
+    run_refits,
+    Tangent,
+    tangent,
+)
+from saddlering_ros.discrepancy.results import Evidence
+from saddlering_ros.discrepancy.settings import Settings, Watch
+from saddlering_ros.discrepancy.signatures import Signature, testable
+from saddlering_ros.discrepancy.system import Array
+
+COARSE_ROUNDS = 4
+"""Rounds of a refit from each of several starts, before the best is refined."""
+
+FULL_JACOBIANS = 2
+"""So many of the best refits of a step are carried on with a full Jacobian."""
+
+AT_BOUND = 1e-3
+"""A parameter this close to a bound, as a share of its range, was stopped by it."""
+
+INFLATION = 4.0
+"""Nuisance parameters so many times their usual size are a form of the effect, not another one."""
+
+FREE_SPREAD = 10.0
+"""Spread that leaves a parameter free, in shares of its range."""
+
+
+@dataclass(frozen=True)
+class NoiseKnowledge:
+    """How many independent differences the noise rests on: in the poorest run, in the richest."""
+
+    pairs: int
+    max_pairs: int
+
+
+class ModelSpace:
+    """Every model that was fitted in one metric; a new metric has a new space."""
+
+    def __init__(
+        self,
+        metric: Metric,
+        base: Fit,
+        base_tangent: Tangent,
+        signatures: Sequence[Signature],
+        scale: ChangeScale,
+        trials: int,
+        known: NoiseKnowledge,
+        settings: Settings,
+        watch: Watch,
+    ) -> None:
+        self.metric, self.base, self.signatures, self.scale = metric, base, signatures, scale
+        self.trials, self.known, self.settings, self.watch = trials, known, settings, watch
+        self.usable = testable(signatures)
+        self.tests = LackOfFitTests(metric, known.max_pairs)
+        self.log_size = float(np.log(metric.free_count))
+        self._fits: dict[Key, Fit] = {}
+        self._tangents = {base.candidate.key: (base, base_tangent)}
+        self._slow: dict[Key, tuple[Fit, SlowResidual]] = {}
+        self._inflated: dict[Key, tuple[Fit, float]] = {}
+
+    # ---- fits
+
+    def keep(self, fit: Fit) -> Fit:
+        """File a fit under its candidate."""
+        self._fits[fit.candidate.key] = fit
+        return fit
+
+    def is_fitted(self, candidate: Candidate) -> bool:
+        """Whether the candidate has a fit already."""
+        return candidate.key in self._fits
+
+    def single_effect_fits(self) -> list[Fit]:
+        """Fits of one effect beside the base."""
+        return [fit for fit in self._fits.values() if len(fit.candidate.effects) == 1]
+
+    def tangent_of(self, fit: Fit) -> Tangent:
+        """All sensitivities of a fit, differenced once."""
+        known = self._tangents.get(fit.candidate.key)
+        if known is None or known[0] is not fit:
+            known = self._tangents[fit.candidate.key] = fit, tangent(self.metric, fit)
+        return known[1]
+
+    def slow_residual(self, fit: Fit) -> SlowResidual:
+        """The slow structure that a fit leaves."""
+        known = self._slow.get(fit.candidate.key)
+        if known is None or known[0] is not fit:
+            known = self._slow[fit.candidate.key] = fit, self.tests.slow(fit)
+        return known[1]
+
+    def scores(self, fit: Fit, skip: Sequence[str] = ()) -> list[Score]:
+        """First-order gains beside `fit` of every testable effect that is not in it."""
+        skipped = [*fit.candidate.ids, *skip]
+        return rank(fit, self.tangent_of(fit).white, self.usable, skipped)
+
+    def penalised(self, fit: Fit) -> float:
+        """Misfit with the price of its parameters (BIC)."""
+        return fit.misfit + fit.theta_unit.size * self.log_size
+
+    def fit_each(self, fit: Fit, scores: Sequence[Score]) -> list[Fit]:
+        """`fit`'s model plus each scored candidate, refitted side by side, the best first."""
+        candidates = [fit.candidate.plus(score.effect, score.variant) for score in scores]
+        wanted = [
+            score
+            for candidate, score in zip(candidates, scores, strict=True)
+            if not self.is_fitted(candidate)
+        ]
+        for found in self.refine(self.coarse_fit(fit, wanted)):
+            self.keep(found)
+        keys = dict.fromkeys(candidate.key for candidate in candidates)
+        return sorted((self._fits[key] for key in keys), key=self.penalised)
+
+    def fit_best(self, fit: Fit, scores: Sequence[Score]) -> list[Fit]:
+        """`fit`'s model plus each scored candidate, coarsely; the best refined and kept."""
+        coarse = sorted(self.coarse_fit(fit, scores), key=self.penalised)
+        found = self.refine(coarse[: self.settings.refits])
+        return sorted((self.keep(item) for item in found), key=self.penalised)
+
+    def coarse_fit(self, fit: Fit, scores: Sequence[Score]) -> list[Fit]:
+        """`fit`'s model plus each scored candidate after a few rounds, from its best start."""
+        base = self.metric.experiment.system.base_parameters
+        stopped = self.stopped_base(fit)
+        freed = fit.theta_unit.copy()
+        freed[: len(base)][stopped] = declared_start(base)[stopped]
+        columns = self.tangent_of(fit).white[:, : len(base)] if scores else None
+        wanted: list[Asking] = []
+        for number, score in enumerate(scores):
+            candidate = fit.candidate.plus(score.effect, score.variant)
+            starts = _starts_of(score, tries_smaller=number < 2)
+            wanted += [
+                refit(
+                    self.metric,
+                    candidate,
+                    np.concatenate([fit.theta_unit, start]),
+                    columns,
+                    rounds=COARSE_ROUNDS,
+                    fresh_base=score.amplitude_dependent,
+                )
+                for start in starts
+            ]
+            if stopped.any():
+                wanted += [
+                    refit(
+                        self.metric,
+                        candidate,
+                        np.concatenate([freed, start]),
+                        rounds=COARSE_ROUNDS,
+                        full_jacobian=True,
+                    )
+                    for start in starts
+                ]
+        best: dict[Key, Fit] = {}
+        for found in self._run(wanted):
+            key = found.candidate.key
+            if key not in best or found.misfit < best[key].misfit:
+                best[key] = found
+        return list(best.values())
+
+    def stopped_base(self, fit: Fit) -> Array:
+        """Which base parameters (B,) a bound stopped: they may have given way to an effect.
+
+        From there the way back to where the effect would show can be long.
+        """
+        theta_unit = fit.theta_unit[: len(self.metric.experiment.system.base_parameters)]
+        return np.asarray(np.minimum(theta_unit, 1.0 - theta_unit) < AT_BOUND)
+
+    def refine(self, fits: Sequence[Fit]) -> list[Fit]:
+        """The same fits brought to their end, the best of them with a full Jacobian."""
+        count = len(self.metric.experiment.system.base_parameters)
+        refined = self._run(
+            [
+                refit(self.metric, fit.candidate, fit.theta_unit, fit.jacobian[:, :count])
+                for fit in fits
+            ]
+        )
+        order = sorted(range(len(refined)), key=lambda item: self.penalised(refined[item]))
+        best = order[:FULL_JACOBIANS]
+        polished = self.refit_full_jacobian([refined[item] for item in best])
+        for number, fit in zip(best, polished, strict=True):
+            refined[number] = fit
+        return refined
+
+    def refit_full_jacobian(self, fits: Sequence[Fit]) -> list[Fit]:
+        """The same fits carried on with every sensitivity differenced at every step."""
+        return refit_full_jacobian(self.metric, fits, self.watch)
+
+    def without(self, fit: Fit, effect_id: str) -> Fit:
+        """The model less one effect, refitted."""
+        candidate = fit.candidate.without(effect_id)
+        if not candidate.effects:
+            return self.base
+        if not self.is_fitted(candidate):
+            count = len(self.metric.experiment.system.base_parameters)
+            kept = [fit.theta_unit[:count]]
+            kept += [
+                fit.theta_unit[part]
+                for effect, _, part in fit.candidate.slices(count)
+                if effect.id != effect_id
+            ]
+            columns = self.tangent_of(self.base).white
+            start = np.concatenate(kept)
+            self.keep(self._run([refit(self.metric, candidate, start, columns)])[0])
+        return self._fits[candidate.key]
+
+    def _run(self, refits: Sequence[Asking]) -> list[Fit]:
+        return run_refits(self.metric, refits, self.watch.check)
+
+    # ---- comparison
+
+    def compare(self, less: Fit, more: Fit) -> Comparison:
+        """What `more` explains beside `less`."""
+        return Comparison(self, less, more)
+
+    def misfit_with_inflated_nuisances(self, fit: Fit) -> float:
+        """Misfit of `fit` if every nuisance parameter were `INFLATION` times its usual size."""
+        if not fit.candidate.effects:
+            return fit.misfit
+        known = self._inflated.get(fit.candidate.key)
+        if known is None or known[0] is not fit:
+            residual = fit.prediction - self.metric.experiment.measured
+            columns = self.metric.inflated(INFLATION, FREE_SPREAD * self.tangent_of(fit).plain)
+            white = self.metric.whiten_noise(residual)
+            inner = columns.T @ white
+            gram = np.eye(inner.size) + columns.T @ columns
+            misfit = float(white @ white - inner @ np.linalg.solve(gram, inner))
+            known = self._inflated[fit.candidate.key] = fit, misfit
+        return known[1]
+
+    def explained(self, less: Fit, more: Fit) -> criteria.Sizes:
+        """Rms share of range that `more` explains beside `less`, per view one number per run.
+
+        No more than what it changes: where the residual is large, a shift of base parameters that
+        changes little makes it fall as much as an effect would.
+        """
+        falls = visible_falls(self.metric, less.prediction, more.prediction)
+        changes = self.scale.by_run(more.prediction - less.prediction)
+        return {view: np.minimum(fall, changes[view]) for view, fall in falls.items()}
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Two fits of one space, `more` with effects that `less` has not, put to the criteria."""
+
+    space: ModelSpace
+    less: Fit
+    more: Fit
+
+    @property
+    def gain(self) -> float:
+        """Fall of the misfit."""
+        return self.less.misfit - self.more.misfit
+
+    @cached_property
+    def p_value(self) -> float:
+        """Of the likelihood ratio test, with all shapes that the candidate was drawn from."""
+        known = self.space.known
+        return criteria.likelihood_ratio_test(
+            self.gain, self._extra, known.pairs, self.space.trials
+        )
+
+    @cached_property
+    def visible(self) -> float:
+        """Largest rms of what is added and base parameters cannot imitate, as share of range."""
+        return self.space.scale.beyond_base(self.more.prediction - self.less.prediction)
+
+    @property
+    def is_real(self) -> bool:
+        return self.p_value < self.space.settings.error_rate
+
+    @property
+    def is_material(self) -> bool:
+        return self.visible >= self.space.settings.materiality
+
+    @cached_property
+    def added(self) -> criteria.Sizes:
+        """What `more` explains beside `less`."""
+        return self.space.explained(self.less, self.more)
+
+    @cached_property
+    def known(self) -> criteria.Sizes:
+        """What `less` explains beside the base."""
+        return self.space.explained(self.space.base, self.less)
+
+    @property
+    def closes_misfit(self) -> bool:
+        """Whether it is beyond doubt and explains all but all of the misfit."""
+        space = self.space
+        left = max(space.slow_residual(self.more).excess, 0.0)
+        inflated = self.less.misfit - space.misfit_with_inflated_nuisances(self.less)
+        return criteria.closes_misfit(self.p_value, self.gain, left, inflated, space.settings)
+
+    @property
+    def exceeds_form_error(self) -> bool:
+        """Whether it is more than the inexact form of the effects in `less` could leave."""
+        if not self.less.candidate.effects:
+            return True
+        return criteria.exceeds_form_error(self.added, self.known, self.space.settings)
+
+    @property
+    def adds_new_channel(self) -> bool:
+        """Whether it shows in a view where no effect of `less` shows."""
+        if self.p_value >= self.space.settings.error_rate**2:
+            return False
+        return criteria.adds_new_channel(self.p_value, self.added, self.known, self.space.settings)
+
+    def evidence(self, step: int = 0) -> Evidence:
+        """The likelihood ratio test as a line of the report's table."""
+        more = self.more
+        return Evidence(
+            step=step,
+            effects=more.candidate.ids,
+            variants=tuple(variant for _, variant in more.candidate.effects),
+            misfit=more.misfit,
+            delta_bic=self.gain - self._extra * self.space.log_size,
+            p_value=self.p_value,
+            visible=self.visible,
+            values=more.point.effects,
+        )
+
+    @property
+    def _extra(self) -> int:
+        return max(1, self.more.theta_unit.size - self.less.theta_unit.size)
+
+
+def refit_full_jacobian(metric: Metric, fits: Sequence[Fit], watch: Watch) -> list[Fit]:
+    """Fits carried on in a metric with every sensitivity differenced at every step."""
+    wanted = [refit(metric, fit.candidate, fit.theta_unit, full_jacobian=True) for fit in fits]
+    return run_refits(metric, wanted, watch.check)
+
+
+def _starts_of(score: Score, tries_smaller: bool) -> list[Array]:
+    """Starts of a candidate: those of other shapes, or else a smaller size of the same shape."""
+    starts = [score.start, *score.others]
+    if tries_smaller and not score.others:
+        size = score.effect.size
+        second = score.start.copy()
+        second[0] = size.to_unit(0.4 * size.from_unit(float(second[0])))
+        starts.append(second)
+    return starts

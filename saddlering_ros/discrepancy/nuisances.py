@@ -1,0 +1,109 @@
+"""Nuisance parameters: what any sound system of the kind does, as columns times a prior spread."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from saddlering_ros.discrepancy.experiment import Experiment
+from saddlering_ros.discrepancy.system import Array, Point
+
+RATE_SHAPES = 4
+"""Shapes over the drive of the error that goes with its rate."""
+
+
+@dataclass(frozen=True)
+class ModelErrorPrior:
+    """How wrong the simulator may be, smoothly, without that being a finding; share of range.
+
+    smooth: over the drive; loop: with its direction; rate: at the fastest change of the drive.
+    instants [s]: how well a channel's time is known beside the drive's, run by run.
+    """
+
+    smooth: float = 3e-4
+    loop: float = 1e-4
+    rate: float = 1.5e-3
+    degree: int = 4
+    instants: float = 7e-4
+
+
+def nuisance_columns(
+    experiment: Experiment, prior: ModelErrorPrior, point: Point, prediction: Array
+) -> Array:
+    """Every nuisance parameter as a column (n, k), as it shows at a point's prediction (n,)."""
+    return np.hstack(
+        [
+            offset_columns(experiment),
+            model_error_columns(experiment, prior),
+            timing_columns(experiment, prior, prediction),
+            system_columns(experiment, point),
+        ]
+    )
+
+
+def offset_columns(experiment: Experiment) -> Array:
+    """A free constant for every run and channel, as columns with a very wide spread."""
+    columns = np.zeros((experiment.size, len(experiment.slices)))
+    for number, (_, _, part) in enumerate(experiment.slices):
+        columns[part, number] = 10.0 * experiment.channel_ranges.max()
+    return columns
+
+
+def model_error_columns(experiment: Experiment, prior: ModelErrorPrior) -> Array:
+    """Smooth model error over the drive, shared inside a group, in every channel."""
+    widest = experiment.channel_ranges.max()
+    rates = [run.inputs['rate'] for run in experiment.runs if 'rate' in run.inputs]
+    fastest = max([1e-300, *(float(np.abs(rate).max()) for rate in rates)])
+    columns: list[Array] = []
+    for group in sorted({run.group for run in experiment.runs}):
+        members = [run for run in experiment.runs if run.group == group]
+        drives = {run.name: next(iter(run.inputs.values())) for run in members}
+        low = min(float(drive.min()) for drive in drives.values())
+        high = max(float(drive.max()) for drive in drives.values())
+        shapes = {}
+        for run in members:
+            place = (drives[run.name] - low) / max(high - low, 1e-300)
+            rate = run.inputs.get('rate', np.zeros(run.time.size)) / fastest
+            direction = run.inputs.get('direction', np.zeros(run.time.size))
+            shapes[run.name] = _error_shapes(prior, place, direction, rate)
+        for channel, span in enumerate(experiment.channel_ranges):
+            scale = max(float(span), 0.2 * float(widest))
+            for number in range(prior.degree + 1 + RATE_SHAPES):
+                column = np.zeros(experiment.size)
+                for index, other, part in experiment.slices:
+                    run = experiment.runs[index]
+                    if other == channel and run.group == group:
+                        column[part] = scale * shapes[run.name][number]
+                columns.append(column)
+    return np.column_stack(columns)
+
+
+def _error_shapes(
+    prior: ModelErrorPrior, place: Array, direction: Array, rate: Array
+) -> list[Array]:
+    """Shapes (N,) of model error at `place` of the drive (0 to 1), each times its spread."""
+    smooth = [prior.smooth * np.cos(np.pi * wave * place) for wave in range(1, prior.degree + 1)]
+    loop = prior.loop * direction * 4.0 * place * (1.0 - place)
+    rates = [prior.rate * rate * np.cos(np.pi * wave * place) for wave in range(RATE_SHAPES)]
+    return [*smooth, loop, *rates]
+
+
+def timing_columns(experiment: Experiment, prior: ModelErrorPrior, prediction: Array) -> Array:
+    """What a channel read a little late shows, in runs whose drive has a rate; columns (n, k)."""
+    columns = []
+    for index, _, part in experiment.slices:
+        run = experiment.runs[index]
+        if np.any(run.inputs.get('rate', 0.0)):
+            column = np.zeros(experiment.size)
+            column[part] = prior.instants * np.gradient(prediction[part], run.time)
+            columns.append(column)
+    return np.array(columns).reshape(-1, experiment.size).T
+
+
+def system_columns(experiment: Experiment, point: Point) -> Array:
+    """The system's own nuisance parameters as stacked columns (n, k)."""
+    parts = experiment.system.disturbances(experiment.runs, point)
+    return np.concatenate(
+        [part.reshape(part.shape[0] * part.shape[1], part.shape[2]) for part in parts]
+    )

@@ -1,0 +1,143 @@
+"""What a search starts from: noise, nuisance parameters, base fit and signatures."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from saddlering_ros.discrepancy.candidate import Candidate, Fit
+from saddlering_ros.discrepancy.change_scale import ChangeScale
+from saddlering_ros.discrepancy.detection_limits import detection_limits
+from saddlering_ros.discrepancy.experiment import Experiment
+from saddlering_ros.discrepancy.metric import Metric, noise_metric
+from saddlering_ros.discrepancy.model_space import (
+    ModelSpace,
+    NoiseKnowledge,
+    refit_full_jacobian,
+)
+from saddlering_ros.discrepancy.nuisances import nuisance_columns, offset_columns
+from saddlering_ros.discrepancy.refit import (
+    declared_start,
+    fit_base,
+    refit,
+    run_refits,
+    tangent,
+)
+from saddlering_ros.discrepancy.results import Observability
+from saddlering_ros.discrepancy.run_noise import learn_noise
+from saddlering_ros.discrepancy.settings import Settings, Watch
+from saddlering_ros.discrepancy.signatures import (
+    angle_matrix,
+    measure_signatures,
+    shapes_tried,
+    whitened_by,
+)
+from saddlering_ros.discrepancy.system import Array, System
+
+MIN_PAIRS = 12
+"""However short the stretches at rest, their many samples tell the level this well."""
+
+BASE_ROUNDS = 25
+"""Rounds of the fit of the base parameters alone, on which everything rests."""
+
+
+def prepare(
+    experiment: Experiment, start: Array | None, settings: Settings, watch: Watch
+) -> ModelSpace:
+    """Noise learnt, nuisance parameters marginalised, base fitted, signatures measured."""
+    watch.progress('noise', 0.0)
+    metric = noise_metric(experiment, learn_noise(experiment.runs))
+    metric = metric.marginalise(offset_columns(experiment))
+    watch.progress('base', 0.05)
+    rough = fit_base(metric, start, settings.seed, watch.check)
+    residual = experiment.by_run(rough.prediction - experiment.measured)
+    metric = noise_metric(experiment, learn_noise(experiment.runs, residual))
+    metric = _with_nuisances(metric, rough, settings)
+    base = _fit_base_again(metric, rough, watch)
+    watch.progress('screen', 0.25)
+    watch.check()
+    sensitivities = tangent(metric, base)
+    scale = ChangeScale(experiment, sensitivities.plain)
+    signatures = measure_signatures(metric, base, sensitivities, scale)
+    lines = sum(bool(effect.line) for effect in experiment.system.effects)
+    trials = max(1, shapes_tried(signatures) + lines)
+    known = _noise_knowledge(metric)
+    return ModelSpace(
+        metric, base, sensitivities, signatures, scale, trials, known, settings, watch
+    )
+
+
+def moved_to(space: ModelSpace, fit: Fit) -> tuple[ModelSpace, Fit]:
+    """Nuisance parameters as they show with the effects found, and base and model fitted anew.
+
+    A load that is wrong by some percent moves the place where rollers begin to touch, and
+    with it what unequal rollers do: seen from the model without it, that is evidence.
+    """
+    metric = _with_nuisances(space.metric, fit, space.settings)
+    base, fit = refit_full_jacobian(metric, [space.base, fit], space.watch)
+    sensitivities = tangent(metric, base)
+    signatures = whitened_by(metric, space.signatures, sensitivities)
+    moved = ModelSpace(
+        metric,
+        base,
+        sensitivities,
+        signatures,
+        space.scale,
+        space.trials,
+        space.known,
+        space.settings,
+        space.watch,
+    )
+    return moved, moved.keep(fit)
+
+
+def _with_nuisances(metric: Metric, fit: Fit, settings: Settings) -> Metric:
+    """The metric with every nuisance parameter marginalised, as it shows at `fit`."""
+    return metric.marginalise(
+        nuisance_columns(metric.experiment, settings.model_error, fit.point, fit.prediction)
+    )
+
+
+def _fit_base_again(metric: Metric, rough: Fit, watch: Watch) -> Fit:
+    """The base fitted in a new metric, from the rough fit and from the declared start.
+
+    A large misfit makes several valleys.
+    """
+    starts = [
+        rough.theta_unit,
+        declared_start(metric.experiment.system.base_parameters),
+    ]
+    wanted = [
+        refit(metric, Candidate(), start, rounds=BASE_ROUNDS, full_jacobian=True)
+        for start in starts
+    ]
+    return min(run_refits(metric, wanted, watch.check), key=lambda fit: fit.misfit)
+
+
+def _noise_knowledge(metric: Metric) -> NoiseKnowledge:
+    """The level of slow noise is as sure as the run that saw most of it makes it."""
+    pairs = [item.pairs for item in metric.noise.values()]
+    return NoiseKnowledge(max(MIN_PAIRS, min(pairs)), max(MIN_PAIRS, max(pairs)))
+
+
+def first_guess(system: System, start: Mapping[str, float] | None) -> Array | None:
+    """First guesses of base parameters in bound-scaled coordinates; the middle where not given."""
+    if start is None:
+        return None
+    return np.array(
+        [
+            item.to_unit(start[item.name]) if item.name in start else 0.5
+            for item in system.base_parameters
+        ]
+    )
+
+
+def observed(space: ModelSpace) -> Observability:
+    """Detection limits, and cosines between signatures, at the base fit."""
+    settings = space.settings
+    limits = detection_limits(
+        space.signatures, settings.error_rate, settings.materiality, space.known.pairs
+    )
+    labels, cosines = angle_matrix(space.signatures)
+    return Observability(tuple(limits), tuple(labels), cosines)

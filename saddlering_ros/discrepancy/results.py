@@ -1,0 +1,127 @@
+"""A diagnosis as numbers and arrays, for console, JSON and report alike."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Literal
+
+from saddlering_ros.discrepancy.candidate import Fit
+from saddlering_ros.discrepancy.detection_limits import DetectionLimit
+from saddlering_ros.discrepancy.gain import Gain
+from saddlering_ros.discrepancy.lack_of_fit import FastResidual, ShapeTest, SlowResidual
+from saddlering_ros.discrepancy.metric import Metric
+from saddlering_ros.discrepancy.system import Array, Effect, Run
+
+Verdict = Literal['none', 'named', 'ambiguous', 'unknown']
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """A fitted number with its standard deviation."""
+
+    value: float
+    std: float
+    unit: str
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """A candidate as it was refitted, and its likelihood ratio test: for the report's table."""
+
+    step: int
+    effects: tuple[str, ...]
+    variants: tuple[int, ...]
+    misfit: float
+    delta_bic: float
+    p_value: float
+    visible: float
+    values: Mapping[str, Mapping[str, float]]
+
+
+@dataclass(frozen=True)
+class Cause:
+    """A cause found: its effect's id, what it cannot be told from, how sure, what it is worth."""
+
+    effect: str
+    definition: Effect
+    variant: int
+    group: tuple[str, ...]
+    parameters: Mapping[str, Estimate]
+    p_value: float
+    delta_bic: float
+    visible: float
+    gain: Gain
+
+
+@dataclass(frozen=True)
+class RunPrediction:
+    """Predictions for one run, (C, N) each, offsets not taken out: without and with the causes."""
+
+    run: Run
+    before: Array
+    after: Array
+
+
+@dataclass
+class SearchLog:
+    """Candidates in the order in which they were refitted, and findings that were immaterial."""
+
+    candidates: list[Evidence] = field(default_factory=list)
+    immaterial: list[Evidence] = field(default_factory=list)
+
+
+@dataclass(frozen=True)
+class Residual:
+    """What a model leaves: slow and fast structure, and tests on shapes in each coordinate."""
+
+    slow: SlowResidual
+    fast: FastResidual
+    shapes: tuple[ShapeTest, ...]
+
+
+@dataclass(frozen=True)
+class Observability:
+    """What these data could show: detection limits, and cosines between signatures."""
+
+    limits: tuple[DetectionLimit, ...]
+    labels: tuple[str, ...]
+    cosines: Array
+
+
+@dataclass(frozen=True)
+class PublishedFits:
+    """Fits of the base and of base and causes with parameters alone, as they are published.
+
+    base_covariance: of the base parameters with the causes in, in their units.
+    """
+
+    metric: Metric
+    before: Fit
+    after: Fit
+    base_covariance: Array
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """Everything found: the verdict first, then what it rests on.
+
+    base: base parameters with the causes in, base_alone without; explained: share of the misfit.
+    """
+
+    verdict: Verdict
+    causes: tuple[Cause, ...]
+    base: Mapping[str, Estimate]
+    base_alone: Mapping[str, Estimate]
+    gain: Gain
+    explained: float
+    next_test: str | None
+    warnings: tuple[str, ...]
+    runs: tuple[RunPrediction, ...]
+    fits: PublishedFits
+    residual_before: Residual
+    residual_after: Residual
+    observability: Observability
+    search: SearchLog
+    simulations: int
+    seconds: float

@@ -1,0 +1,196 @@
+"""Selection of the causes: one effect after another, pruned, checked against alternatives.
+
+`forward` adds effects while the next is real, material and explains more than an inexact form
+could leave. `prune` drops members that explain too little. `simpler` looks for one effect that
+does what several were found for. `check_alternatives` puts every member to the test of the others.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+from saddlering_ros.discrepancy.candidate import Candidate, Fit
+from saddlering_ros.discrepancy.criteria import (
+    alternative_floor,
+    explained_share,
+    indistinguishable,
+    real_and_material,
+)
+from saddlering_ros.discrepancy.model_space import Comparison, ModelSpace
+from saddlering_ros.discrepancy.ranking import best_of_each, Score, shortlist
+from saddlering_ros.discrepancy.results import SearchLog
+
+MAX_SILENT = 2
+"""Immaterial effects kept in the model at most while others are looked for."""
+
+MIN_GAIN = 4.0
+"""First-order gain under which an effect is not refitted."""
+
+MAX_CHECKS = 3
+"""Rounds of alternatives, each after a better one took a member's place."""
+
+Alternatives = Mapping[str, tuple[Fit, ...]]
+"""Models that these data cannot tell from the best, by the member in whose place they stand."""
+
+
+def select(space: ModelSpace, log: SearchLog) -> Fit:
+    """The model that explains the misfit with as few effects as possible."""
+    fit = prune(space, forward(space, space.base, log), log)
+    one = simpler(space, fit, log)
+    if one is fit:
+        return fit
+    return prune(space, forward(space, one, log), log)
+
+
+def forward(space: ModelSpace, current: Fit, log: SearchLog) -> Fit:
+    """Effects one after another while the next is real, material, and something is left.
+
+    What is real but immaterial stays in the model while the search goes on, or a worse name
+    would be found for it, and is left out of the answer.
+    """
+    settings = space.settings
+    silent: list[str] = []
+    steps = settings.max_causes + MAX_SILENT
+    for step in range(steps):
+        space.watch.check()
+        space.watch.progress('name', 0.35 + 0.4 * step / steps)
+        tried = [space.compare(current, fit) for fit in refitted(space, current)]
+        log.candidates += [item.evidence(step + 1) for item in tried]
+        real = [item for item in tried if item.is_real]
+        named = len(current.candidate.effects) - len(silent)
+        wanted = not named or real_and_material(space.slow_residual(current), settings)
+        beyond = [item for item in real if _is_another_cause(item, wanted)]
+        if not beyond or named == settings.max_causes:
+            log.immaterial += [item.evidence(step + 1) for item in real[:3]]
+            break
+        best = beyond[0]
+        if not best.is_material:
+            log.immaterial.append(best.evidence(step + 1))
+            if len(silent) == MAX_SILENT:
+                break
+            silent.append(best.more.candidate.ids[-1])
+        current = best.more
+    for name in silent:
+        current = space.without(current, name)
+    return current
+
+
+def _is_another_cause(item: Comparison, wanted: bool) -> bool:
+    """Whether an effect is a cause beside those found; `wanted`: a real residual is left."""
+    if item.closes_misfit:
+        return True
+    return item.exceeds_form_error if wanted else item.adds_new_channel
+
+
+def refitted(space: ModelSpace, current: Fit) -> list[Fit]:
+    """`current`'s model plus the effects of the largest first-order gain, the best fit first.
+
+    If a base parameter is at its bound, every effect is tried: first-order gains say little there.
+    """
+    scores = space.scores(current)
+    listed = shortlist(scores, MIN_GAIN, space.settings.refits)
+    if current.candidate.effects or not space.stopped_base(current).any():
+        return space.fit_each(current, listed)
+    names = {score.effect.id for score in listed}
+    others = [score for score in best_of_each(scores) if score.effect.id not in names]
+    return space.fit_best(current, [*listed, *others])
+
+
+def prune(space: ModelSpace, fit: Fit, log: SearchLog) -> Fit:
+    """Drop members that explain too little of what is left without them.
+
+    Judged in the view where a member explains most: what another's inexact form leaves in one
+    channel is no reason to doubt a cause that shows in another.
+    """
+    settings = space.settings
+    while len(fit.candidate.effects) > 1:
+        members = [space.compare(space.without(fit, name), fit) for name in fit.candidate.ids]
+        share, weakest = min(
+            ((_share_of_member(item), item) for item in members), key=lambda pair: pair[0]
+        )
+        if share >= settings.min_partial:
+            break
+        if weakest.is_real:
+            log.immaterial.append(weakest.evidence())
+        fit = weakest.less
+    return fit
+
+
+def _share_of_member(item: Comparison) -> float:
+    """Share of the misfit that a member explains; 0 if it is no cause by itself."""
+    space, settings = item.space, item.space.settings
+    if not item.is_real or not item.is_material:
+        return 0.0
+    share = explained_share(
+        space.slow_residual(item.less), space.slow_residual(item.more), settings
+    )
+    if item.closes_misfit:
+        return max(share, settings.min_partial)
+    return share if item.exceeds_form_error else 0.0
+
+
+def simpler(space: ModelSpace, fit: Fit, log: SearchLog) -> Fit:
+    """The one effect that fits better than the several of `fit` do, if there is any.
+
+    Found one after the other, two can share between them what one did that was not on the
+    first shortlist. So every effect is tried.
+    """
+    if len(fit.candidate.effects) < 2:
+        return fit
+    untried = [
+        score
+        for score in best_of_each(space.scores(space.base))
+        if not space.is_fitted(Candidate().plus(score.effect, score.variant))
+    ]
+    found = space.fit_best(space.base, untried)
+    log.candidates += [space.compare(space.base, item).evidence(1) for item in found]
+    return min([fit, *space.single_effect_fits()], key=space.penalised)
+
+
+def check_alternatives(space: ModelSpace, fit: Fit, log: SearchLog) -> tuple[Fit, Alternatives]:
+    """Alternatives to every member; one that fits better takes the member's place."""
+    alternatives: dict[str, tuple[Fit, ...]] = {}
+    for _ in range(MAX_CHECKS):
+        alternatives, better = {}, []
+        for name in fit.candidate.ids:
+            space.watch.check()
+            less = space.without(fit, name)
+            fits = _alternatives_to(space, name, less, fit)
+            alternatives[name] = tuple(
+                item for item in fits if _is_indistinguishable(space, item, fit, less)
+            )
+            material = [item for item in fits if space.compare(less, item).is_material]
+            if material and space.penalised(material[0]) < space.penalised(fit) - 1.0:
+                better.append(material[0])
+        if not better:
+            break
+        fit = prune(space, min(better, key=space.penalised), log)
+    return fit, alternatives
+
+
+def _alternatives_to(space: ModelSpace, name: str, less: Fit, fit: Fit) -> list[Fit]:
+    """`less` with another effect in place of `name`, where the effect is a cause by itself."""
+    taken = less.misfit - fit.misfit
+    listed: Sequence[Score] = shortlist(
+        space.scores(less, [name]), 0.1 * taken, space.settings.refits
+    )
+    answers = []
+    for item in space.fit_each(less, listed):
+        if name in item.candidate.ids:
+            continue
+        comparison = space.compare(less, item)
+        if comparison.exceeds_form_error or comparison.closes_misfit:
+            answers.append(item)
+    return answers
+
+
+def _is_indistinguishable(space: ModelSpace, other: Fit, best: Fit, less: Fit) -> bool:
+    """Whether these data leave `other` open beside `best`; `less` is the model of neither."""
+    return indistinguishable(
+        distance=other.misfit - best.misfit,
+        taken=less.misfit - best.misfit,
+        excess=max(space.slow_residual(best).excess, 0.0),
+        fewer=best.theta_unit.size - other.theta_unit.size,
+        floor=alternative_floor(space.known.pairs, space.settings),
+        settings=space.settings,
+    )
