@@ -16,7 +16,7 @@ VERDICTS = ('none', 'named', 'ambiguous', 'unknown')
 def notes_of(bags) -> str:
     rig = default_rig()
     return ' / '.join(check_set([build_record(rig, read_run(bag), held_out=False)
-                                 for bag in bags]))
+                                 for bag in bags], rig))
 
 
 def test_no_bags_is_an_error_in_one_line():
