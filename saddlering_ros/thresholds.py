@@ -9,6 +9,12 @@ CHANCE = 0.01
 GOOD = 2.0
 """A misfit under so many noise floors is as good as the measurement."""
 
+MAX_COMPARISON_ERROR = 2.0
+"""Comparison error over validation uncertainty (ASME V&V 20) up to which no model error shows."""
+
+MIN_RATING = 0.8
+"""ISO 18571 rating from which a curve is called good."""
+
 
 def allowed_misfit(noise_floor: float | None) -> float:
     """The largest misfit that is as good as the measurement, as a share of the channel's range."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from functools import cached_property
 import json
 from pathlib import Path
@@ -18,6 +18,7 @@ from saddlering_ros.api.tables import columns_of, dataframe, write_csv
 from saddlering_ros.diagnosis import Verdict
 from saddlering_ros.diagnosis.summary import verdict_text
 from saddlering_ros.identification import Identification, Validation
+from saddlering_ros.identification.criteria import Criterion, judge
 from saddlering_ros.identification.summary import identification_text, validation_text
 from saddlering_ros.provenance import add_origins, Origin
 from saddlering_ros.rig import (
@@ -228,6 +229,11 @@ class ValidationResult(Result):
         write_validation_report(path, self.found, runs_of(self.bags), self.rig, identification,
                                 command)
 
+    @property
+    def criteria(self) -> tuple[Criterion, ...]:
+        """Each criterion: whether it is met, and where it is met worst."""
+        return judge(self.found.runs)
+
     def save_plots(self, folder: Path | str) -> list[Path]:
         """One PNG per run in `folder`; the paths written."""
         from saddlering_ros.identification.plots import save_plots
@@ -235,7 +241,8 @@ class ValidationResult(Result):
         return save_plots(self.found, Path(folder))
 
     def _document(self) -> dict[str, Any]:
-        return self.found.to_json()
+        return {**self.found.to_json(),
+                'criteria': [asdict(item) for item in self.criteria]}
 
     def _headline(self) -> str:
         return f'Validation on {len(self.bags)} bags'

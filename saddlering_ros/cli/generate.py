@@ -78,11 +78,17 @@ def _effects(**_: object) -> list[str]:
 
 def run(args: argparse.Namespace) -> int:
     """Generate one bag and say what is in it."""
-    from saddlering_ros.virtual_rig import record_test, VirtualRigError, write_record
+    from saddlering_ros.virtual_rig import (
+        parse_requests,
+        record_test,
+        VirtualRigError,
+        write_record,
+    )
 
     if args.list_effects:
         print(effects_text())
         return 0
+    parse_requests(args.effect, args.form)  # a misspelt effect is worth knowing first
     if args.out is None or args.test is None or args.elevation is None:
         raise VirtualRigError('what to generate is not said: give OUT --test static|dynamic '
                               '--elevation DEG, or --list-effects')

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from saddlering_ros.identification.criteria import judge
 from saddlering_ros.identification.result import Identification, line_contact_ratios
 from saddlering_ros.identification.validation import Validation
 from saddlering_ros.rig import PARAMETER_NAMES, PARAMETER_UNITS, stiffness_per_millimetre
@@ -16,6 +17,23 @@ VALIDATION_COLUMNS = (
     ('zero_return', 'return'), ('time_shift', 'shift ms'), ('iso18571', 'ISO'),
     ('e_over_uval', 'E/u_val'),
 )
+
+COLUMN_WORDS = (
+    ('rmse', 'rms of measured less simulated, less the zero error, in um or urad (1e-6 rad)'),
+    ('nrmse %', "rmse in % of the channel's measured range"),
+    ('noise %', 'rms noise of the measurement in % of the same range'),
+    ('max', 'largest difference, in um or urad'),
+    ('bias', 'mean of measured less simulated, in um or urad'),
+    ('zero', 'part of the bias that is put down to the zero reading, in um or urad'),
+    ('slope', 'slope of measured over simulated; 1 if the stiffness is right'),
+    ('loop %', 'area of the measured loop over load less the simulated one, in % of load range '
+               'times channel range; friction and damping'),
+    ('return', 'measured less simulated at the end of the test, in um or urad'),
+    ('shift ms', 'how much later the measurement is than the simulation; dynamic tests only'),
+    ('ISO', 'overall rating of the curve after ISO 18571, 0 to 1'),
+    ('E/u_val', 'comparison error over validation uncertainty after ASME V&V 20'),
+)
+"""What each column of the table of a validation holds."""
 
 SCALES = {
     'nrmse': 100.0, 'noise_floor': 100.0, 'loop_area': 100.0, 'time_shift': 1e3,
@@ -118,7 +136,7 @@ def _profile_lines(found: Identification) -> list[str]:
 
 
 def validation_text(validation: Validation) -> str:
-    """A table: one line per run and channel; lengths in um, angles in urad."""
+    """A table with a line per run and channel, its columns explained, and every criterion."""
     widths = [max(9, len(title)) for _, title in VALIDATION_COLUMNS]
     head = f'{"channel":8s}  ' + '  '.join(
         title.rjust(width) for (_, title), width in zip(VALIDATION_COLUMNS, widths, strict=True)
@@ -133,8 +151,8 @@ def validation_text(validation: Validation) -> str:
             ]
             lines.append(f'  {channel:8s}  ' + '  '.join(cells))
         lines += [f'  note: {note}' for note in run.notes]
-    lines.append('rmse, max, bias, zero, return in um (1e-6 m) or urad (1e-6 rad); '
-                 'loop % of load range times channel range')
+    lines += ['', 'columns:', *(f'  {title:9s}  {words}' for title, words in COLUMN_WORDS)]
+    lines += ['', 'criteria:', *(f'  {item.line}' for item in judge(validation.runs))]
     return '\n'.join(lines)
 
 

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from saddlering_ros.bags import TestRun
+from saddlering_ros.identification.criteria import judge
 from saddlering_ros.identification.validation import ChannelFigures, RunValidation, Validation
 from saddlering_ros.report import background, chapters, html
 from saddlering_ros.report.background import correlation, quality_of
@@ -52,6 +53,7 @@ def validation_page(
         html.paragraph(', '.join(run.label for run in curves), 'soft'),
         _banner(validation, curves),
         found_by or _parameters(validation.parameters),
+        _criteria(validation),
         _figures(validation),
         chapters.paper_split(curves),
         chapters.residual_map(curves),
@@ -95,6 +97,20 @@ def _banner(validation: Validation, curves: Sequence[RunCurves]) -> str:
     return (f'<div class="verdict {"none" if is_good else "ambiguous"}">'
             + html.paragraph(said, 'headline') + html.paragraph(more)
             + (chapters.proof_picture(shown[0], name) if shown else '') + '</div>')
+
+
+def _criteria(validation: Validation) -> str:
+    """Every criterion with the run and channel that meets it worst."""
+    rows: list[list[str | Cell]] = []
+    for item in judge(validation.runs):
+        scale = 100.0 if item.unit == '%' else 1.0
+        rows.append([
+            item.words, f'{item.bag}, {SYMBOLS[item.channel]}',
+            number(f'{scale * item.value:.3g} {item.unit}'.strip(),
+                   'good' if item.is_met else 'bad'),
+            number(f'{scale * item.limit:.3g} {item.unit}'.strip())])
+    return html.section('Criteria', html.table(
+        ['criterion', 'met worst by', number('value'), number('limit')], rows))
 
 
 def _parameters(parameters: ParameterSet) -> str:

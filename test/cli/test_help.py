@@ -49,6 +49,7 @@ def test_every_command_that_finds_something_can_say_it_in_json_on_stdout(name, c
     (['info', 'bag', '--test', 'statc'], 'did you mean static?'),
     (['generate', 'out', '--test', 'static', '--elevation', '50', '--effect',
       'radial_fricton=5000'], 'did you mean radial_friction?'),
+    (['generate', '--effect', 'radial_fricton=5000'], 'did you mean radial_friction?'),
     (['completion', 'zhs'], 'did you mean zsh?'),
 ])
 def test_what_is_mistyped_is_refused_in_one_line_with_what_was_meant(words, hint, capsys):

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from saddlering_ros.identification import IdentificationError, validate
+from saddlering_ros.identification.criteria import judge
 from saddlering_ros.identification.plots import save_plots
-from saddlering_ros.identification.summary import validation_text
+from saddlering_ros.identification.summary import VALIDATION_COLUMNS, validation_text
 from saddlering_ros.rig import ParameterSet, TRUE_TO_SCALE
 
 TRUTH = ParameterSet(TRUE_TO_SCALE)
@@ -122,8 +123,30 @@ def test_the_json_has_every_figure_of_every_channel(clean):
 
 def test_the_table_has_a_line_per_run_and_channel(clean):
     text = validation_text(clean)
-    assert text.count('gamma') == 2
-    assert text.count('delta_x') == 2
+    for channel in ('gamma', 'delta_x'):
+        assert sum(line.startswith(f'  {channel} ') for line in text.splitlines()) == 2
+
+
+def test_a_simulation_that_is_right_meets_every_criterion(clean):
+    assert {item.id: item.is_met for item in judge(clean.runs)} == {
+        'misfit': True, 'comparison_error': True, 'iso18571': True, 'parity': True}
+
+
+def test_a_criterion_that_fails_names_the_channel_that_fails_it(runs):
+    bent = with_gaps(runs[0], lambda gaps, _, load: gaps + np.array(
+        [[1.0], [0.0], [-1.0], [0.0]]) * 5e-6 * (load / load.max()) ** 2)
+    found = {item.id: item for item in judge(validate([bent], RIG, TRUTH).runs)}
+    assert not found['misfit'].is_met
+    assert found['misfit'].channel == 'delta_x'
+    assert found['misfit'].value > found['misfit'].limit
+    assert found['misfit'].line.startswith('FAILED  rms misfit')
+
+
+def test_the_table_ends_with_its_columns_explained_and_a_line_for_each_criterion(clean):
+    text = validation_text(clean)
+    for _, title in VALIDATION_COLUMNS:
+        assert f'\n  {title:9s}  ' in text
+    assert [line.split()[0] for line in text.splitlines()[-4:]] == ['passed'] * 4
 
 
 def test_pictures_are_written_per_run(clean, tmp_path):

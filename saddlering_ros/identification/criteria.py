@@ -1,0 +1,90 @@
+"""What a validation is judged by: each criterion with the run and channel that meets it worst."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+from saddlering_ros.identification.validation import ChannelFigures, RunValidation
+from saddlering_ros.rig import CHANNELS
+from saddlering_ros.thresholds import (
+    allowed_misfit,
+    GOOD,
+    MATERIAL,
+    MAX_COMPARISON_ERROR,
+    MIN_RATING,
+)
+
+SIMULATED = tuple(name for name in CHANNELS if name != 'parity')
+
+
+@dataclass(frozen=True)
+class Criterion:
+    """One criterion as judged: what is asked, whether it is met, and where it is met worst.
+
+    value and limit in `unit`; bag and channel: where value over limit (or limit over value, where
+    more is better) is largest.
+    """
+
+    id: str
+    words: str
+    is_met: bool
+    value: float
+    limit: float
+    unit: str
+    bag: str
+    channel: str
+
+    @property
+    def line(self) -> str:
+        """'met      rms misfit ...: worst delta_x of static_50, 0.31 % against 0.42 %'."""
+        scale = 100.0 if self.unit == '%' else 1.0
+        unit = f' {self.unit}' if self.unit else ''
+        shown = [f'{scale * number:.3g}{unit}' for number in (self.value, self.limit)]
+        return (f'{"passed" if self.is_met else "FAILED"}  {self.words}: worst {self.channel} of '
+                f'{self.bag}, {shown[0]} against {shown[1]}')
+
+
+def judge(runs: Sequence[RunValidation]) -> tuple[Criterion, ...]:
+    """Every criterion that these runs have figures for."""
+    found = [
+        _worst(runs, SIMULATED, 'misfit', f'rms misfit at most {GOOD:g} x noise, or '
+               f'{100.0 * MATERIAL:g} % of range', '%',
+               lambda item: (item.nrmse, allowed_misfit(item.noise_floor))),
+        _worst(runs, SIMULATED, 'comparison_error', 'comparison error E at most '
+               f'{MAX_COMPARISON_ERROR:g} x its uncertainty u_val (ASME V&V 20)', '',
+               lambda item: (item.e_over_uval, MAX_COMPARISON_ERROR)),
+        _worst(runs, SIMULATED, 'iso18571', f'ISO 18571 rating at least {MIN_RATING:g} (good)', '',
+               lambda item: (item.iso18571, MIN_RATING), more_is_better=True),
+        _worst(runs, ('parity',), 'parity', f'parity at most {GOOD:g} x noise (rigid ring, sound '
+               'probes)', 'um', _parity_figures),
+    ]
+    return tuple(item for item in found if item is not None)
+
+
+Pair = tuple[float | None, float]
+
+
+def _parity_figures(item: ChannelFigures) -> Pair:
+    """Parity and its limit in micrometres: its range is noise, a share of it says nothing."""
+    return 1e6 * item.rmse, 1e6 * GOOD * (item.noise_floor or 0.0) * item.range
+
+
+def _worst(
+    runs: Sequence[RunValidation], channels: Sequence[str], name: str, words: str, unit: str,
+    figures_of: Callable[[ChannelFigures], Pair], *, more_is_better: bool = False,
+) -> Criterion | None:
+    """The criterion at its worst place; None if no channel has the figure."""
+    cases = []
+    for run in runs:
+        for channel in channels:
+            value, limit = figures_of(run.channels[channel])
+            if value is not None:
+                over = limit / max(value, 1e-300) if more_is_better else (
+                    value / max(limit, 1e-300))
+                cases.append((over, value, limit, run.name, channel))
+    if not cases:
+        return None
+    over, value, limit, run_name, channel = max(cases)
+    bag = run_name.rstrip('/').rsplit('/', 1)[-1]
+    return Criterion(name, words, over <= 1.0, value, limit, unit, bag, channel)
