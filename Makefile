@@ -10,11 +10,11 @@ RUN := tools/run.sh
 help:
 	@echo 'make setup        .venv with ROS 2 Jazzy, our messages and this package'
 	@echo 'make demo         from a recorded bag to identified parameters and a report in out/'
-	@echo 'make test         the whole test suite'
+	@echo 'make test         the tests that a change must pass, under five minutes on two cores'
 	@echo 'make coverage     the same, and how much of the package it runs'
 	@echo 'make bench        speed of simulator, bags and nodes: messages per second, loss, latency'
 	@echo 'make bench-identification   recovery, uncertainty, peers; BENCH_ARGS=--quick for a taste'
-	@echo 'make bench-blind  diagnosis of bags whose cause it is not told'
+	@echo 'make bench-blind  300 fresh blind draws, and whether the promised rates are kept'
 	@echo 'make lint         ruff and mypy'
 	@echo 'make docs         the documentation as a site in docs/_build, warnings as errors'
 	@echo 'make lock         requirements/lock/ anew from requirements/*.in'

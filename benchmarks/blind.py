@@ -3,7 +3,7 @@
 python benchmarks/blind.py [--draws N] [--out FILE.jsonl] [--jobs N] [--minutes M] runs the
 campaign of docs/diagnosis.md and prints its table. Every trial is a line of FILE, so a campaign
 that was cut off goes on where it stopped; --table prints the table of what is there. One run is
-held out of every trial.
+held out of every trial. The status is 1 if a promised rate is broken (virtual_rig/scoring.py).
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ from saddlering_ros.discrepancy.signatures import effect_starts
 from saddlering_ros.effects import effect as catalogued
 from saddlering_ros.virtual_rig.blind import open_seal, SEALED
 from saddlering_ros.virtual_rig.effects import find_effect
-from saddlering_ros.virtual_rig.scoring import score
+from saddlering_ros.virtual_rig.scoring import broken_promises, score
 
 KINDS = ('clean', 'single', 'pair', 'outside')
 SHARES = {'clean': 0.2, 'single': 0.5, 'pair': 0.15, 'outside': 0.15}
@@ -369,8 +369,12 @@ def main() -> int:
     if not args.table:
         draws = 20 if args.quick else args.draws
         campaign(plan(draws, args.seed), args.out, args.jobs, args.minutes, tuple(extra))
-    print(table(read_trials(args.out)))
-    return 0
+    trials = read_trials(args.out)
+    print(table(trials))
+    broken = broken_promises([(item.kind, item.score) for item in trials])
+    print('\n'.join(['', *(f'BROKEN: {line}' for line in broken)] if broken else
+                    ['', 'every promised rate is kept']))
+    return 1 if broken else 0
 
 
 if __name__ == '__main__':

@@ -2,13 +2,12 @@
 
 from collections.abc import Callable, Iterator
 import contextlib
-import os
 import signal
-import socket
 from typing import Any
 
 from gate_budget import GateBudget
 import pytest
+from ros_domains import DomainLease
 
 # A shell's background jobs ignore SIGINT, and what they start inherits that; tests that interrupt
 # a program want it as it comes from a terminal.
@@ -19,49 +18,6 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
 def pytest_configure(config: pytest.Config) -> None:
     """Print at the end of a run which tests cost most."""
     config.pluginmanager.register(GateBudget())
-
-
-DOMAINS = range(1, 101)
-"""Domains whose ports lie below Linux's range for outgoing connections (32768 and up)."""
-
-DISCOVERY_PORT = 7400
-PORTS_PER_DOMAIN = 250
-
-
-class DomainLease:
-    """A ROS domain that nobody else on this machine holds, for as long as it is open.
-
-    Another run of these tests is kept out by a lock on an abstract socket of the domain's name,
-    any other ROS by looking whether the domain's discovery port is taken.
-    """
-
-    def __init__(self) -> None:
-        self.number, self._lock = _lease()
-
-    def close(self) -> None:
-        self._lock.close()
-
-
-def _lease() -> tuple[int, socket.socket]:
-    start = os.getpid() % len(DOMAINS)
-    for domain in [*DOMAINS[start:], *DOMAINS[:start]]:
-        if _taken(domain):
-            continue
-        lock = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
-        try:
-            lock.bind(f'\0saddlering_ros-test-domain-{domain}')
-        except OSError:
-            lock.close()
-            continue
-        return domain, lock
-    raise RuntimeError('every ROS domain from 1 to 100 is in use on this machine')
-
-
-def _taken(domain: int) -> bool:
-    """Return whether some participant listens to the multicast discovery of `domain`."""
-    port = DISCOVERY_PORT + PORTS_PER_DOMAIN * domain
-    with open('/proc/net/udp') as table:
-        return any(line.split()[1].endswith(f':{port:04X}') for line in list(table)[1:])
 
 
 @pytest.fixture(autouse=True)

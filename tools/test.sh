@@ -1,9 +1,9 @@
 #!/usr/bin/env bash
-# Run the tests: those that start ROS nodes one after the other, all others on every core.
+# The gate's tests: first those without ROS on every core, then those that start nodes, two at a time.
 #
 #   tools/test.sh [arguments of pytest]
 #
-# Nodes have deadlines to keep, a test that fills the other core would break them.
+# Nodes have deadlines to keep: beside tests that compute on every core some would miss them.
 set -uo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 
@@ -12,7 +12,7 @@ failed=0
 nothing=0
 
 run() {
-  tools/run.sh python -m pytest "$@"
+  tools/run.sh python -m pytest --dist worksteal "$@"
   local status=$?
   case $status in
     0) ;;
@@ -22,7 +22,7 @@ run() {
   esac
 }
 
-run -m 'not ros' --numprocesses auto --dist loadfile "$@"
-run -m ros "$@"
+run -m 'not ros' --numprocesses auto "$@"
+run -m ros --numprocesses 2 "$@"
 [ "$nothing" -lt 2 ] || exit "$no_tests"
 exit "$failed"

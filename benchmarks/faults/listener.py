@@ -69,7 +69,7 @@ class Listener:
             with self.lock:
                 self.executor.spin_once(timeout_sec=0.0)
                 self._take(time.monotonic())
-            time.sleep(0.002)
+            time.sleep(0.005)
 
     def _take(self, now: float) -> None:
         for topic, flow in self._flows.items():

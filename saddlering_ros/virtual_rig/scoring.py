@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
-from saddlering_ros.virtual_rig.campaign import CLEAN, OUTSIDE
+from scipy.stats import binom
+
+from saddlering_ros.virtual_rig.campaign import CLEAN, OUTSIDE, PAIR, SINGLE
 
 LARGEST_GROUP = 4
 """A group of more look-alikes than this is no answer."""
@@ -33,3 +36,38 @@ def score(
     if any(len(group) > LARGEST_GROUP for group in groups):
         return 'vague', found
     return ('right' if found == len(hidden) else 'part'), found
+
+
+@dataclass(frozen=True)
+class Promise:
+    """How often verdicts of some kinds of rig may (or must) have a score."""
+
+    words: str
+    kinds: tuple[str, ...]
+    score: str
+    rate: float
+    is_minimum: bool
+
+
+PROMISES = (
+    Promise('sound rigs with a cause', (CLEAN,), 'false', 0.02, False),
+    Promise('faults with a wrong name', (SINGLE, PAIR, OUTSIDE), 'wrong', 0.02, False),
+    Promise('single effects found', (SINGLE,), 'right', 0.8, True),
+    Promise('effects outside the catalogue called unknown', (OUTSIDE,), 'right', 0.85, True),
+)
+CHANCE = 1e-3
+"""At which a program that just keeps a promise fails it."""
+
+
+def broken_promises(scores: Sequence[tuple[str, str]]) -> list[str]:
+    """Return each promise that a campaign of (kind, score) breaks, in words with its figures."""
+    broken = []
+    for promise in PROMISES:
+        own = [score for kind, score in scores if kind in promise.kinds]
+        count = own.count(promise.score)
+        unlikely = (binom.cdf(count, len(own), promise.rate) if promise.is_minimum
+                    else binom.sf(count - 1, len(own), promise.rate))
+        if own and unlikely < CHANCE:
+            broken.append(f'{promise.words}: {count} of {len(own)}, promised '
+                          f'{"at least" if promise.is_minimum else "at most"} {promise.rate:.0%}')
+    return broken

@@ -26,6 +26,9 @@ from saddlering_ros.streams import batches
 
 OUTPUTS = ('/ring/displacement', '/ring/simulated_displacement', '/ring/residual')
 
+POLL = 0.01
+"""Between two looks at what came [s]; a shorter one takes a core from the nodes."""
+
 
 def wait_until(condition: Callable[[], bool], seconds: float = 60.0, what: str = '') -> None:
     """Poll `condition`; fail with `what` if it does not come true."""
@@ -73,7 +76,7 @@ class Client:
                         self.diagnostics[status.name] = (status.level[0], status.message)
                         if status.level[0]:
                             self.warnings.append(f'{status.name}: {status.message}')
-            time.sleep(0.002)
+            time.sleep(POLL)
 
     def heard(self, topic: str) -> batches.Displacements:
         """All displacements heard on `topic` so far."""

@@ -10,6 +10,7 @@ import subprocess
 import sys
 
 import pytest
+from ros_domains import DomainLease
 from rosnet import Client, Driver, wait_until
 
 from saddlering_ros.ros.launcher import NodeGroup, RING_NODES
@@ -33,10 +34,19 @@ def ended(process: subprocess.Popen[str]) -> Iterator[None]:
         process.kill()
 
 
+@pytest.fixture(scope='module')
+def server(bag_root: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[NodeGroup]:
+    """An identification server for all tests of this file."""
+    lease = DomainLease()
+    with contextlib.closing(lease), NodeGroup(
+            domain_id=lease.number, log_folder=tmp_path_factory.mktemp('log')) as nodes:
+        nodes.start('ring_identification', {'bag_root': str(bag_root)})
+        yield nodes
+
+
 def test_the_client_of_the_identification_prints_progress_and_parameters(
-        bag: Path, bag_root: Path, group: NodeGroup) -> None:
-    group.start('ring_identification', {'bag_root': str(bag_root)})
-    with start(group, 'identify_client.py', bag.name) as client, ended(client):
+        bag: Path, server: NodeGroup) -> None:
+    with start(server, 'identify_client.py', bag.name) as client, ended(client):
         said, _ = client.communicate(timeout=120.0)
     assert 'best' in said
     assert 'K1' in said or 'k1 = ' in said
@@ -44,9 +54,8 @@ def test_the_client_of_the_identification_prints_progress_and_parameters(
 
 
 def test_the_client_ends_a_canceled_goal_with_its_reason(
-        bag: Path, bag_root: Path, group: NodeGroup) -> None:
-    group.start('ring_identification', {'bag_root': str(bag_root)})
-    with start(group, 'identify_client.py', bag.name) as client, ended(client):
+        bag: Path, server: NodeGroup) -> None:
+    with start(server, 'identify_client.py', bag.name) as client, ended(client):
         assert client.stdout is not None
         assert 'best' in client.stdout.readline()  # it runs
         client.send_signal(signal.SIGINT)
