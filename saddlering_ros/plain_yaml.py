@@ -26,7 +26,8 @@ _LOADER = getattr(yaml, 'CSafeLoader', yaml.SafeLoader)
 _NUMBER = re.compile(r'[-+0-9_:.]+')
 
 _UNCLEAR_NUMBER = re.compile(
-    r'[-+]?(?:0[0-9_]+|0[bxo][0-9a-fA-F_]+|[0-9][0-9_]*_[0-9_]*|[0-9]+(?::[0-5]?[0-9])+)')
+    r'[-+]?(?:0[0-9_]+|0b[01_]+|0o[0-7_]+|0x[0-9a-fA-F_]+|[0-9][0-9_]*_[0-9_]*|'
+    r'[0-9]+(?::[0-5]?[0-9])+)')
 """0110 is 72 to YAML 1.1 and to ROS, 110 to YAML 1.2; 1:30 is 90; 1_000 is text to ROS."""
 
 

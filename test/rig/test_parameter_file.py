@@ -143,3 +143,10 @@ def test_a_place_that_is_no_folder_is_refused_in_one_line(tmp_path: Path) -> Non
     (tmp_path / 'file').write_text('')
     with pytest.raises(RigError, match='choose another place'):
         write_parameters(tmp_path / 'file' / 'p.yaml', FULL)
+
+
+def test_a_hash_that_begins_like_a_binary_number_is_read_again(tmp_path):
+    digest = '0b7772d5c8359d7e6fa4f89b173757c7dd88c68592bced24c42b124620ee154d'
+    source = ParameterSource(method='given', bags=('a',), sha256=(digest,))
+    write_parameters(tmp_path / 'p.yaml', ParameterSet(TRUE_TO_SCALE, {}, source))
+    assert read_parameters(tmp_path / 'p.yaml').source.sha256 == (digest,)
