@@ -15,8 +15,8 @@ import time
 import numpy as np
 from rigs import drawn_contact, RIG, virtual_run
 
+from saddlering_ros.estimation.identifiability import WIDTH_95
 from saddlering_ros.identification import IdentificationSettings, identify
-from saddlering_ros.identification.uncertainty import WIDTH_95
 from saddlering_ros.rig import PARAMETER_NAMES
 
 LOGARITHMIC = np.array([name[0] in 'KD' for name in PARAMETER_NAMES])

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from saddlering_ros.bags import TestRun
 from saddlering_ros.errors import Cancelled
+from saddlering_ros.estimation.identifiability import WIDTH_95
 from saddlering_ros.estimation.space import SearchSpace
 from saddlering_ros.identification import swarm
 from saddlering_ros.identification.checks import warnings_of
@@ -23,7 +24,7 @@ from saddlering_ros.identification.objective import (
 )
 from saddlering_ros.identification.observation import Observation
 from saddlering_ros.identification.observing import observe
-from saddlering_ros.identification.refinement import jacobian, refine, Refinement
+from saddlering_ros.identification.refinement import refine, Refinement, stay_at
 from saddlering_ros.identification.result import Identification
 from saddlering_ros.identification.settings import (
     Bounds,
@@ -37,7 +38,6 @@ from saddlering_ros.identification.uncertainty import (
     Profile,
     profile_likelihood,
     stiffness_ellipse,
-    WIDTH_95,
 )
 from saddlering_ros.rig import (
     ContactParameters,
@@ -291,7 +291,7 @@ def _judged(
         observations = [one.coarse() for one in observations]
     objective = WeightedObjective(search.rig, observations, search.settings.channels)
     space = search.space(found.searched, found.contact, log=True)
-    best = _bottom_at(objective, space, found.contact)
+    best = stay_at(objective, space, found.contact)
     trust = assess(objective, space, best, search.bounds)
     contact = found.contact
     cancelled = search.cancelled
@@ -305,6 +305,7 @@ def _judged(
         parameters=ParameterSet(contact, source=ParameterSource(
             method=search.settings.method, bags=bags, objective=found.objective,
             covariance=trust.covariance, note=_note(status, trust.reasons),
+            undetermined=trust.reasons,
         )),
         method=search.settings.method,
         objective=found.objective,
@@ -332,21 +333,6 @@ def _judged(
         cancelled=cancelled,
         notes=tuple(search.notes),
         profiles=drawn,
-    )
-
-
-def _bottom_at(
-    objective: WeightedObjective, space: SearchSpace, contact: ContactParameters
-) -> Refinement:
-    """A `Refinement` record for given contact parameters, without moving them."""
-    point = space.coordinates(contact.to_array())
-    near = 1e-4 * (space.high - space.low)
-    return Refinement(
-        point=point,
-        contact=contact.to_array(),
-        chi_square=float(objective(contact.to_array()[None, :])[0]),
-        jacobian=jacobian(objective, space, point),
-        at_bound=np.asarray((point - space.low < near) | (space.high - point < near)),
     )
 
 

@@ -7,18 +7,14 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import least_squares
 
 from saddlering_ros.errors import Cancelled
+from saddlering_ros.estimation.least_squares import central_differences, minimise, on_bound
 from saddlering_ros.estimation.space import SearchSpace
 from saddlering_ros.identification.objective import WeightedObjective
 from saddlering_ros.rig import ContactParameters
 
 Array = NDArray[np.float64]
-
-DIFFERENCE = 5e-4
-"""Step of the central differences, in coordinates (relative for logarithmic ones)."""
-
 
 @dataclass(frozen=True)
 class Refinement:
@@ -36,16 +32,6 @@ class Refinement:
         return ContactParameters.from_array(self.contact)
 
 
-def jacobian(objective: WeightedObjective, space: SearchSpace, point: Array) -> Array:
-    """Central differences of the residuals, (R, F); all of them in one batch of the simulator."""
-    steps = DIFFERENCE * np.eye(len(point))
-    above = np.minimum(point + steps, space.high)
-    below = np.maximum(point - steps, space.low)
-    residuals = objective.residuals(space.contacts(np.concatenate([above, below])))
-    forward, backward = np.split(residuals, 2)
-    return np.asarray((forward - backward).T / np.diag(above - below))
-
-
 def refine(
     objective: WeightedObjective,
     space: SearchSpace,
@@ -54,26 +40,23 @@ def refine(
 ) -> Refinement:
     """Least squares from coordinates `start` (F,); raises Cancelled when asked to stop."""
 
-    def residuals(point: Array) -> Array:
+    def residuals(points: Array) -> Array:
         if is_cancelled is not None and is_cancelled():
             raise Cancelled
-        return np.asarray(objective.residuals(space.contacts(point[None, :]))[0])
+        return objective.residuals(space.contacts(points))
 
-    margin = 1e-9 * (space.high - space.low)
-    solution = least_squares(
-        residuals,
-        np.clip(start, space.low + margin, space.high - margin),
-        jac=lambda point: jacobian(objective, space, point),
-        bounds=(space.low, space.high),
-        x_scale='jac', ftol=1e-10, xtol=1e-9, gtol=1e-10, max_nfev=60,
-    )
-    point = np.asarray(solution.x)
-    near = 1e-4 * (space.high - space.low)
-    at_bound = (point - space.low < near) | (space.high - point < near)
-    return Refinement(
-        point=point,
-        contact=space.contacts(point)[0],
-        chi_square=2.0 * float(solution.cost),
-        jacobian=jacobian(objective, space, point),
-        at_bound=np.asarray(at_bound),
-    )
+    found = minimise(residuals, start, space.low, space.high)
+    return Refinement(found.point, space.contacts(found.point)[0], found.chi_square,
+                      found.jacobian, found.at_bound)
+
+
+def stay_at(
+    objective: WeightedObjective, space: SearchSpace, contact: ContactParameters
+) -> Refinement:
+    """A `Refinement` at given contact parameters, without moving them."""
+    law = contact.to_array()
+    point = space.coordinates(law)
+    slopes = central_differences(
+        lambda points: objective.residuals(space.contacts(points)), point, space.low, space.high)
+    return Refinement(point, law, float(objective(law[None, :])[0]), slopes,
+                      on_bound(point, space.low, space.high))

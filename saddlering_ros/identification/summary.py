@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from saddlering_ros.estimation.identifiability import undetermined_words
 from saddlering_ros.identification.criteria import judge
 from saddlering_ros.identification.result import Identification, line_contact_ratios
 from saddlering_ros.identification.validation import Validation
@@ -74,8 +75,7 @@ def _parameter_line(found: Identification, index: int, name: str) -> str:
     unit = '' if unit == '1' else f' {unit}'
     if not found.pinned[name]:
         bound = ' (at boundary)' if found.at_bound[name] else ''
-        return (f'    {name}: not determined by these data (best known {value:.6g}{unit}){bound}: '
-                f'{found.reasons[name]}')
+        return '    ' + undetermined_words(name, f'{value:.6g}{unit}{bound}', found.reasons[name])
     std = found.std[index]
     share = 100.0 * std / abs(value)
     low, high = found.intervals[name] or (np.nan, np.nan)
@@ -151,6 +151,10 @@ def validation_text(validation: Validation) -> str:
             ]
             lines.append(f'  {channel:8s}  ' + '  '.join(cells))
         lines += [f'  note: {note}' for note in run.notes]
+    lines += [''] if validation.parameters.source.undetermined else []
+    lines += [
+        undetermined_words(name, f'{getattr(validation.parameters.contact, name):.6g}', reason)
+        for name, reason in validation.parameters.source.undetermined.items()]
     lines += ['', 'columns:', *(f'  {title:9s}  {words}' for title, words in COLUMN_WORDS)]
     lines += ['', 'criteria:', *(f'  {item.line}' for item in judge(validation.runs))]
     return '\n'.join(lines)

@@ -9,12 +9,20 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2, norm
+from scipy.stats import chi2
 
+from saddlering_ros.estimation.identifiability import (
+    collinearity,
+    reason_bound,
+    reason_held,
+    reason_one_elevation,
+    reason_wide,
+    WIDTH_95,
+)
+from saddlering_ros.estimation.least_squares import covariance
 from saddlering_ros.estimation.space import SearchSpace
 from saddlering_ros.identification.objective import predict, WeightedObjective
 from saddlering_ros.identification.observation import Observation
@@ -22,17 +30,6 @@ from saddlering_ros.identification.refinement import refine, Refinement
 from saddlering_ros.rig import PARAMETER_NAMES, Rig
 
 Array = NDArray[np.float64]
-
-WIDTH_95 = float(norm.ppf(0.975))
-
-PINNED_HALF_WIDTH = {
-    'K': float(np.log(1.5)), 'n': 0.5 * (10.0 / 9.0 - 1.0), 'D': float(np.log(2.0)),
-}
-"""Widest half 95 % interval, in (ln K, n, ln D), of a parameter that counts as determined.
-
-K within a factor 1.5; n tells line contact (10/9) from a straight spring (1); D within a factor 2.
-"""
-
 
 @dataclass(frozen=True)
 class Imperfection:
@@ -109,18 +106,18 @@ def assess(
     freedom = max(1, objective.size - len(space.free))
     reduced = best.chi_square / freedom
     widening = max(1.0, reduced, *objective.mean_squares(best.contact))
-    inner = _inverse(best.jacobian) * widening
+    inner = covariance(best.jacobian) * widening
     coordinate_std = _spread_over_six(np.sqrt(np.diag(inner)), space)
     scale = space.scale(best.contact)
-    covariance = _with_bounds_alone(inner * np.outer(scale, scale), space, bounds)
-    std = np.sqrt(np.diag(covariance))
+    whole = _with_bounds_alone(inner * np.outer(scale, scale), space, bounds)
+    std = np.sqrt(np.diag(whole))
     systematic = systematic_shifts(objective, space, best)
     pinned, reasons = _judge(objective, space, best, coordinate_std, systematic)
     return Uncertainty(
         std=np.where([pinned[name] for name in PARAMETER_NAMES], std, np.nan),
         coordinate_std=coordinate_std,
-        covariance=covariance,
-        correlation=np.asarray(covariance / np.outer(std, std)),
+        covariance=whole,
+        correlation=np.asarray(whole / np.outer(std, std)),
         intervals=_intervals(space, best, coordinate_std, pinned),
         systematic=systematic,
         pinned=pinned,
@@ -128,16 +125,6 @@ def assess(
         collinearity=collinearity(best.jacobian, space.names),
         reduced_chi_square=float(reduced),
     )
-
-
-def _inverse(jacobian: Array) -> Array:
-    """(J^T J)^-1 by columns of unit length; directions without effect get a huge variance."""
-    length = np.linalg.norm(jacobian, axis=0)
-    length = np.where(length > 0.0, length, 1e-12)
-    _, singular, rows = np.linalg.svd(jacobian / length, full_matrices=False)
-    singular = np.maximum(singular, 1e-9 * singular[0])
-    inner = (rows.T / singular**2) @ rows
-    return np.asarray(inner / np.outer(length, length))
 
 
 def _spread_over_six(values: Array, space: SearchSpace) -> Array:
@@ -211,9 +198,9 @@ def _judge(
     for index, name in enumerate(PARAMETER_NAMES):
         position = np.flatnonzero(space.free == index)
         if not len(position):
-            reason: str | None = _why_held(name)
+            reason: str | None = reason_held(name)
         elif best.at_bound[position[0]]:
-            reason = f'{name} lies on its bound: what the data ask for may be outside'
+            reason = reason_bound(name)
         else:
             reason = _why_wide(name, index, coordinate_std[index], systematic, elevations)
         pinned[name] = reason is None
@@ -222,58 +209,19 @@ def _judge(
     return pinned, reasons
 
 
-def _why_held(name: str) -> str:
-    if name[0] == 'D':
-        return f'{name} needs a dynamic run: a static reading does not depend on it'
-    return f'{name} was held'
-
-
 def _why_wide(
     name: str, index: int, std: float, systematic: dict[str, Array], elevations: int
 ) -> str | None:
     """Why a free parameter does not count as determined; None when it does."""
-    limit = PINNED_HALF_WIDTH[name[0]]
-    statistical = WIDTH_95 * std
-    if statistical > limit:
-        factor = f'a factor {np.exp(min(statistical, 50.0)):.3g}'
-        what = f'+/- {statistical:.2f}' if name[0] == 'n' else factor
-        advice = 'add a run at another elevation' if elevations < 2 else 'add more or longer runs'
-        if name[0] == 'D':
-            advice = 'add a faster dynamic run'
-        return f'{name} is open within {what} (95 %) on these data: {advice}'
     worst = max(IMPERFECTIONS, key=lambda one: abs(systematic[one.name][index]))
     shift = abs(float(systematic[worst.name][index]))
-    if name[0] == 'D' or elevations > 1 or (name[0] == 'K' and shift + statistical <= limit):
-        return None
-    return (
-        f'{name} from one elevation rests on the curvature alone: {worst.words} would move it by '
-        f'{_shift_words(name, shift)}; add a run at another elevation'
-    )
-
-
-def _shift_words(name: str, shift: float) -> str:
-    return f'{shift:.3f}' if name[0] == 'n' else f'{100.0 * np.expm1(min(shift, 50.0)):.0f} %'
+    return (reason_wide(name, std, elevations)
+            or reason_one_elevation(name, std, shift, worst.words, elevations))
 
 
 def distinct_elevations(observations: Sequence[Observation]) -> int:
     """Number of elevations that differ by more than a degree."""
     return len({round(float(np.degrees(one.elevation))) for one in observations})
-
-
-def collinearity(jacobian: Array, names: Sequence[str]) -> dict[str, float]:
-    """Collinearity index (Brun et al. 2001) of each pair and of all: 1/sqrt(smallest eigenvalue).
-
-    Columns scaled to unit length; 1 is orthogonal, above 10 to 15 means not separable in practice.
-    """
-    length = np.linalg.norm(jacobian, axis=0)
-    unit = jacobian / np.where(length > 0.0, length, 1.0)
-    subsets = [*combinations(range(len(names)), 2), tuple(range(len(names)))]
-    return {
-        ','.join(names[i] for i in subset): float(
-            1.0 / max(np.linalg.svd(unit[:, list(subset)], compute_uv=False)[-1], 1e-12)
-        )
-        for subset in dict.fromkeys(subsets)
-    }
 
 
 def stiffness_ellipse(

@@ -123,6 +123,7 @@ class Validation:
         return {
             'runs': [_run_json(run) for run in self.runs],
             'parameters': {name: float(getattr(contact, name)) for name in PARAMETER_NAMES},
+            'undetermined': dict(self.parameters.source.undetermined),
             'provenance': Provenance(tuple(run.origin for run in self.runs)).as_dict(),
         }
 

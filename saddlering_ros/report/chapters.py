@@ -182,7 +182,8 @@ def identified(found: Document, words: str = '') -> str:
         rows.append([
             code(name), number(quantity(item['value'], unit, item['std'])),
             number(span(*item['interval']) if item['interval'] else '–'),
-            item['reason'] or ('at its bound' if item['at_bound'] else '')])
+            f'not determined by these data: {item["reason"]}' if item['reason'] else
+            ('at its bound' if item['at_bound'] else '')])
     for name, exponent in (('K1', 'n1'), ('K2', 'n2')):
         stiffness, power = (found['parameters'][key]['value'] for key in (name, exponent))
         rows.append([

@@ -121,22 +121,25 @@ def _parameters(parameters: ParameterSet) -> str:
     for name, std in zip(PARAMETER_NAMES, spread, strict=True):
         value = float(getattr(parameters.contact, name))
         unit = PARAMETER_UNITS[name]
-        rows.append([code(name), number(quantity(value, '' if unit == '1' else unit, std)),
-                     number(chapters.interval(value, std))])
+        reason = parameters.source.undetermined.get(name)
+        known = std if reason is None else None
+        rows.append([code(name), number(quantity(value, '' if unit == '1' else unit, known)),
+                     number(chapters.interval(value, known)),
+                     '' if reason is None else f'not determined by these data: {reason}'])
     contact = parameters.contact
     for name, value, power in (('K1', contact.K1, contact.n1), ('K2', contact.K2, contact.n2)):
         shown = quantity(stiffness_per_millimetre(value, power), 'N/mm^n')
-        rows.append([code(name), number(shown), ''])
+        rows.append([code(name), number(shown), '', ''])
     for effect, values in parameters.effects.items():
-        rows += [[code(f'{effect}.{name}'), number(f'{value:.5g} (SI)'), '']
+        rows += [[code(f'{effect}.{name}'), number(f'{value:.5g} (SI)'), '', '']
                  for name, value in values.items()]
     source = parameters.source
     words = 'As given' if source.method == 'given' else f'By {source.method}'
     words += f' from {", ".join(source.bags)}' if source.bags else ''
     return html.section(
         'Parameters',
-        html.table(['parameter', number('value ± standard deviation'), number('95 % interval')],
-                   rows, words + (f': {source.note}' if source.note else '')),
+        html.table(['parameter', number('value ± standard deviation'), number('95 % interval'),
+                    ''], rows, words + (f': {source.note}' if source.note else '')),
         correlation(covariance), html.paragraph(chapters.ASSUMPTION, 'note'))
 
 

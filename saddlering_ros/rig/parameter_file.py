@@ -21,7 +21,7 @@ from saddlering_ros.suggestion import refuse_unknown_keys
 from saddlering_ros.writing import write_text
 
 SOURCE_KEYS = ('method', 'bags', 'objective', 'covariance', 'note', 'sha256', 'versions',
-               'K1_in_N_per_mm_n', 'K2_in_N_per_mm_n')
+               'undetermined', 'K1_in_N_per_mm_n', 'K2_in_N_per_mm_n')
 """Entries of the section `source`."""
 
 Effects = dict[str, dict[str, float]]
@@ -33,7 +33,8 @@ class ParameterSource:
     """Where parameters came from: method, bags, objective reached, covariance (6, 6), a note.
 
     sha256: of each bag, '' where not known, or () (provenance.py says how they are made);
-    versions: of what computed them, in words.
+    versions: of what computed them, in words; undetermined: why the data of these bags do not
+    determine a parameter, by name, where they do not.
     """
 
     method: str = 'given'
@@ -43,6 +44,7 @@ class ParameterSource:
     note: str = ''
     sha256: tuple[str, ...] = ()
     versions: str = ''
+    undetermined: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def origins(self) -> tuple[Origin, ...]:
@@ -129,7 +131,19 @@ def _source(section: Any, where: str) -> ParameterSource:
         covariance=matrix, note=str(section.get('note', '')),
         sha256=_texts(section, 'sha256', where),
         versions=str(section.get('versions', '')),
+        undetermined=_undetermined(section, where),
     )
+
+
+def _undetermined(section: Mapping[str, Any], where: str) -> dict[str, str]:
+    """Reasons by name from a list of texts 'K1: why'."""
+    reasons = {}
+    for text in _texts(section, 'undetermined', where):
+        name, colon, reason = text.partition(': ')
+        if name not in PARAMETER_NAMES or not colon:
+            raise RigError(f"{where}: source.undetermined holds {text!r}: give 'K1: why'")
+        reasons[name] = reason
+    return reasons
 
 
 def _texts(section: Mapping[str, Any], key: str, where: str) -> tuple[str, ...]:
@@ -157,6 +171,9 @@ def parameters_to_mapping(parameters: ParameterSet) -> dict[str, Any]:
     covariance = parameters.source.covariance
     if covariance is not None and np.all(np.isfinite(covariance)):
         source['covariance'] = [float(value) for value in np.ravel(covariance)]
+    if parameters.source.undetermined:
+        source['undetermined'] = [
+            f'{name}: {reason}' for name, reason in parameters.source.undetermined.items()]
     source['note'] = parameters.source.note
     source['K1_in_N_per_mm_n'] = stiffness_per_millimetre(contact.K1, contact.n1)
     source['K2_in_N_per_mm_n'] = stiffness_per_millimetre(contact.K2, contact.n2)

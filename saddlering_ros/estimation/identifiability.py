@@ -1,0 +1,108 @@
+"""Which contact parameters data determine, and the words for it wherever one is printed.
+
+K, n and D are judged in the coordinates (ln K, n, ln D) of `estimation.space`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import norm
+
+Array = NDArray[np.float64]
+
+WIDTH_95 = float(norm.ppf(0.975))
+
+MAX_HALF_WIDTH = {
+    'K': float(np.log(1.5)), 'n': 0.5 * (10.0 / 9.0 - 1.0), 'D': float(np.log(2.0)),
+}
+"""Widest half 95 % interval, in (ln K, n, ln D), of a parameter that counts as determined.
+
+K within a factor 1.5; n tells line contact (10/9) from a straight spring (1); D within a factor 2.
+"""
+
+
+def reason_held(name: str) -> str:
+    """Why a parameter that was not searched is not determined."""
+    if name[0] == 'D':
+        return f'{name} needs a dynamic run: a static reading does not depend on it'
+    return f'{name} was held'
+
+
+def reason_bound(name: str) -> str:
+    """Why a parameter on its bound is not determined."""
+    return f'{name} lies on its bound: what the data ask for may be outside'
+
+
+def reason_wide(name: str, std: float, elevations: int) -> str | None:
+    """Why a parameter of standard deviation `std` (in coordinates) is open; None if it is not."""
+    half = WIDTH_95 * std
+    if half <= MAX_HALF_WIDTH[name[0]]:
+        return None
+    factor = f'a factor {np.exp(min(half, 50.0)):.3g}'
+    what = f'+/- {half:.2f}' if name[0] == 'n' else factor
+    advice = 'add a run at another elevation' if elevations < 2 else 'add more or longer runs'
+    if name[0] == 'D':
+        advice = 'add a faster dynamic run'
+    return f'{name} is open within {what} (95 %) on these data: {advice}'
+
+
+def reason_one_elevation(
+    name: str, std: float, shift: float, imperfection: str, elevations: int
+) -> str | None:
+    """Why a parameter rests on curvature alone; None if it does not.
+
+    shift: what `imperfection`, the worst small one that no fit can see, would do to it
+    (coordinates).
+    """
+    tolerable = shift + WIDTH_95 * std <= MAX_HALF_WIDTH[name[0]]
+    if name[0] == 'D' or elevations > 1 or (name[0] == 'K' and tolerable):
+        return None
+    moved = f'{shift:.3f}' if name[0] == 'n' else f'{100.0 * np.expm1(min(shift, 50.0)):.0f} %'
+    return (f'{name} from one elevation rests on the curvature alone: {imperfection} would move '
+            f'it by {moved}; add a run at another elevation')
+
+
+def coordinate_std(name: str, value: float, std: float) -> float:
+    """Standard deviation in (ln K, n, ln D) of one in the parameter's unit."""
+    return std if name[0] == 'n' else std / max(abs(value), 1e-300)
+
+
+def undetermined_words(name: str, value: str, reason: str) -> str:
+    """A parameter that data do not determine, as every command prints it."""
+    return f'{name}: not determined by these data (best known {value}): {reason}'
+
+
+def still_open(
+    values: Mapping[str, tuple[float, float]], before: Mapping[str, str], elevations: int
+) -> dict[str, str]:
+    """Reasons by name for parameters that a larger model leaves open.
+
+    values: name to value and standard deviation in that model; before: reasons of the contact law
+    alone. What the contact law alone left open stays open, as further unknowns determine nothing.
+    """
+    reasons = dict(before)
+    for name, (value, std) in values.items():
+        reason = reason_wide(name, coordinate_std(name, value, std), elevations)
+        if name not in reasons and reason is not None:
+            reasons[name] = reason
+    return reasons
+
+
+def collinearity(jacobian: Array, names: Sequence[str]) -> dict[str, float]:
+    """Collinearity index (Brun et al. 2001) of each pair and of all: 1/sqrt(smallest eigenvalue).
+
+    Columns scaled to unit length; 1 is orthogonal, above 10 to 15 means not separable in practice.
+    """
+    length = np.linalg.norm(jacobian, axis=0)
+    unit = jacobian / np.where(length > 0.0, length, 1.0)
+    subsets = [*combinations(range(len(names)), 2), tuple(range(len(names)))]
+    return {
+        ','.join(names[i] for i in subset): float(
+            1.0 / max(np.linalg.svd(unit[:, list(subset)], compute_uv=False)[-1], 1e-12)
+        )
+        for subset in dict.fromkeys(subsets)
+    }
