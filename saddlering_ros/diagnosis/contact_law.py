@@ -8,29 +8,34 @@ same runs, so that the same bags give the same K, n, D everywhere.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from saddlering_ros.bags import TestRun
-from saddlering_ros.discrepancy import Diagnosis
-from saddlering_ros.discrepancy.engine import Estimate
+from saddlering_ros.discrepancy import Diagnosis, Estimate
 from saddlering_ros.estimation.identifiability import still_open
-from saddlering_ros.identification import Identification, identify, IdentificationError
+from saddlering_ros.identification import Identification, IdentificationError, identify
 from saddlering_ros.rig import PARAMETER_NAMES, PARAMETER_UNITS, Rig
+
+Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
 class ContactLaw:
-    """Identification of the fitted runs, or None and why; reasons by name before and after.
+    """Contact parameters by name, alone (before) and beside the causes found (after).
 
-    A parameter without a reason is determined by the fitted runs.
+    covariance (6, 6) of those after; reasons by name: why the fitted runs do not determine one;
+    refusal: why the runs could not be identified, '' if they could.
     """
 
-    found: Identification | None
-    refusal: str
+    before: Mapping[str, Estimate]
+    after: Mapping[str, Estimate]
+    covariance: Array
     reasons_before: Mapping[str, str]
     reasons_after: Mapping[str, str]
+    refusal: str = ''
 
     @property
     def notes(self) -> list[str]:
@@ -39,35 +44,39 @@ class ContactLaw:
                 ] if self.refusal else []
 
 
-def identified(
-    runs: Sequence[TestRun], rig: Rig, is_cancelled: Callable[[], bool] | None
-) -> tuple[Identification | None, str]:
-    """The identification of runs, or None and one line on why there is none."""
+def contact_law(
+    diagnosis: Diagnosis, runs: Sequence[TestRun], rig: Rig,
+    is_cancelled: Callable[[], bool] | None = None,
+) -> ContactLaw:
+    """The contact law of the fitted runs: as identified alone, and after a diagnosis."""
     try:
-        return identify(runs, rig, is_cancelled=is_cancelled), ''
+        found = identify(runs, rig, is_cancelled=is_cancelled)
     except IdentificationError as refusal:
-        return None, str(refusal)
+        return refused(diagnosis, str(refusal), elevations_of(runs))
+    return beside_causes(diagnosis, found, elevations_of(runs))
 
 
-def with_contact_law(
-    diagnosis: Diagnosis, identification: Identification | None, refusal: str,
-    runs: Sequence[TestRun],
-) -> tuple[Diagnosis, ContactLaw]:
-    """A diagnosis that gives the contact law as identified, before and, without causes, after."""
-    elevations = len({round(float(np.degrees(run.elevation))) for run in runs})
-    if identification is None:
-        before = still_open(_values(diagnosis.base_before), {}, elevations)
-        after = still_open(_values(diagnosis.base_after), before, elevations)
-        return diagnosis, ContactLaw(None, refusal, before, after)
-    reasons = dict(identification.reasons)
-    estimates = _estimates(identification)
-    diagnosis = replace(diagnosis, base_before=estimates)
+def refused(diagnosis: Diagnosis, refusal: str, elevations: int) -> ContactLaw:
+    """The engine's own estimates, where the runs cannot be identified."""
+    before = still_open(_values(diagnosis.base_alone), {}, elevations)
+    after = still_open(_values(diagnosis.base), before, elevations)
+    return ContactLaw(diagnosis.base_alone, diagnosis.base, diagnosis.fits.base_covariance,
+                      before, after, refusal)
+
+
+def beside_causes(diagnosis: Diagnosis, found: Identification, elevations: int) -> ContactLaw:
+    """As identified; with causes in the model, the engine's estimates after."""
+    before = _estimates(found)
     if not diagnosis.causes:
-        law = ContactLaw(identification, '', reasons, reasons)
-        return replace(diagnosis, base_after=estimates,
-                       base_covariance=identification.covariance), law
-    after = still_open(_values(diagnosis.base_after), reasons, elevations)
-    return diagnosis, ContactLaw(identification, '', reasons, after)
+        return ContactLaw(before, before, found.covariance, found.reasons, found.reasons)
+    after = still_open(_values(diagnosis.base), found.reasons, elevations)
+    return ContactLaw(
+        before, diagnosis.base, diagnosis.fits.base_covariance, found.reasons, after)
+
+
+def elevations_of(runs: Sequence[TestRun]) -> int:
+    """Number of elevations that differ by more than a degree."""
+    return len({round(float(np.degrees(run.elevation))) for run in runs})
 
 
 def _estimates(found: Identification) -> dict[str, Estimate]:

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from saddlering_ros.bags import read_run, TestRun
 from saddlering_ros.diagnosis import next_test
+from saddlering_ros.diagnosis.contact_law import contact_law
 from saddlering_ros.diagnosis.document import signature_cosines
 from saddlering_ros.diagnosis.proposals import course_of, propose
 from saddlering_ros.diagnosis.records import (
@@ -91,7 +92,8 @@ def diagnose_runs(
         run_figures(rig, found, record, residual.before, residual.after)
         for record, residual in zip(records, found.runs, strict=True)
     )
-    notes = [*check_set(records, rig), *found.warnings]
+    law = contact_law(found, runs, rig, is_cancelled)
+    notes = [*check_set(records, rig), *found.warnings, *law.notes]
     notes += [f'{record.run.name}: {note}' for record in records for note in record.test_run.notes]
     sentence = _next_test(found)
     rigs = rigs_of(records)
@@ -99,7 +101,7 @@ def diagnose_runs(
         # What parts one rig from another would get the name of a cause.
         found = replace(found, verdict='unknown')
         sentence = f'Diagnose the bags of each rig apart: {", ".join(rigs)}.'
-    return Verdict(found, figures, tuple(notes), sentence, rig, seed)
+    return Verdict(found, figures, tuple(notes), sentence, rig, seed, law)
 
 
 def _named_apart(records: list[Record]) -> list[Record]:

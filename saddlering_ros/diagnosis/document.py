@@ -14,23 +14,18 @@ from saddlering_ros.discrepancy.results import Evidence
 from saddlering_ros.thresholds import is_left, MATERIAL
 
 if TYPE_CHECKING:
+    from saddlering_ros.diagnosis.contact_law import ContactLaw
     from saddlering_ros.diagnosis.verdict import RunFigures, Verdict
 
 
 def verdict_document(verdict: Verdict) -> dict[str, Any]:
     """The contract of interfaces.md, with additions beside it."""
     found = verdict.diagnosis
-    after: dict[str, float] = {}
-    for name, estimate in found.base.items():
-        after[name], after[f'{name}_std'] = estimate.value, estimate.std
     document = {
         'verdict': found.verdict,
         'causes': _causes(found),
         'runs': [_run_json(figures) for figures in verdict.runs],
-        'parameters': {
-            'before': {name: item.value for name, item in found.base_alone.items()},
-            'after': after,
-        },
+        'parameters': _parameters(verdict.contact_law),
         'next_test': verdict.next_test,
         'detection_limits': [
             {
@@ -97,6 +92,23 @@ def _causes(found: Diagnosis) -> list[dict[str, Any]]:
             }
         )
     return [*described, *({**cause, 'partial': True} for cause in causes)]
+
+
+def _parameters(law: ContactLaw) -> dict[str, Any]:
+    """Values and standard deviations, null for what data do not determine, and the reasons."""
+    after: dict[str, float | None] = {}
+    for name, item in law.after.items():
+        after[name] = item.value
+        after[f'{name}_std'] = None if name in law.reasons_after else item.std
+    return {
+        'before': {name: item.value for name, item in law.before.items()},
+        'after': after,
+        'before_std': {
+            name: None if name in law.reasons_before else item.std
+            for name, item in law.before.items()
+        },
+        'undetermined': {'before': dict(law.reasons_before), 'after': dict(law.reasons_after)},
+    }
 
 
 def _run_json(figures: RunFigures) -> dict[str, Any]:

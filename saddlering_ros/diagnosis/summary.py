@@ -15,6 +15,7 @@ from saddlering_ros.diagnosis.wording import (
     shape_words,
     WORDS,
 )
+from saddlering_ros.estimation.identifiability import undetermined_words
 from saddlering_ros.rig import PARAMETER_NAMES, PARAMETER_UNITS, stiffness_per_millimetre
 from saddlering_ros.rig.quantities import percent, probability, quantity
 
@@ -71,12 +72,16 @@ def _run_line(run: Mapping[str, Any]) -> str:
 
 def _parameter_lines(document: Document) -> list[str]:
     before, after = document['parameters']['before'], document['parameters']['after']
+    open_after = document['parameters'].get('undetermined', {}).get('after', {})
     lines = []
     for name in PARAMETER_NAMES:
         if name in before and name in after:
             unit = PARAMETER_UNITS[name].replace('1', '')
-            lines.append(f'  {name}: {quantity(before[name])} -> '
-                         f'{quantity(after[name], unit, after.get(f"{name}_std"))}')
+            shown = quantity(after[name], unit, after.get(f'{name}_std'))
+            lines.append(f'  {name}: {quantity(before[name])} -> {shown}')
+            if name in open_after:
+                lines[-1] = '  ' + undetermined_words(
+                    name, f'{quantity(before[name])} -> {shown}', open_after[name])
     for row in (1, 2):
         names = (f'K{row}', f'n{row}')
         if all(name in item for name in names for item in (before, after)):

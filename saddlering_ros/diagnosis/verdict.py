@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from saddlering_ros.diagnosis.contact_law import ContactLaw
 from saddlering_ros.diagnosis.document import verdict_document
 from saddlering_ros.diagnosis.records import Array, Record
 from saddlering_ros.discrepancy import Diagnosis, Run
@@ -54,6 +55,7 @@ class Verdict:
     next_test: str | None
     rig: Rig
     seed: int
+    contact_law: ContactLaw
 
     @property
     def verdict(self) -> str:
@@ -65,7 +67,7 @@ class Verdict:
         Steady lines stay out: their phase starts anew with every run.
         """
         found = self.diagnosis
-        values = np.array([estimate.value for estimate in found.base.values()])
+        values = np.array([estimate.value for estimate in self.contact_law.after.values()])
         effects = (
             {
                 cause.effect: {name: item.value for name, item in cause.parameters.items()}
@@ -80,10 +82,11 @@ class Verdict:
             method='diagnose',
             bags=tuple(origin.path for origin in made.bags),
             objective=float(found.fits.after.misfit),
-            covariance=found.fits.base_covariance,
+            covariance=self.contact_law.covariance,
             note=f'verdict {found.verdict}, seed {self.seed}',
             sha256=tuple(origin.sha256 for origin in made.bags),
             versions=made.versions_in_words,
+            undetermined=self.contact_law.reasons_after,
         )
         return ParameterSet(ContactParameters.from_array(values), effects, source)
 

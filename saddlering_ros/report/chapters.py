@@ -207,6 +207,7 @@ def parameters(
 ) -> str:
     """Contact parameters before and after, with intervals, correlation, and the bias removed."""
     first, last = document['parameters']['before'], document['parameters']['after']
+    reasons = document['parameters'].get('undetermined', {}).get('after', {})
     rows: list[list[str | Cell]] = []
     for name in PARAMETER_NAMES:
         if name not in first or name not in last:
@@ -217,16 +218,18 @@ def parameters(
             number(_contact(name, last[name], std)), number(interval(last[name], std)),
             number(_moved(first[name], last[name])),
             number('–' if not std else f'{abs(first[name] - last[name]) / std:.1f}'),
+            f'not determined by these data: {reasons[name]}' if name in reasons else '',
         ])
     for name, exponent in (('K1', 'n1'), ('K2', 'n2')):
         if name in first and name in last:
             rows.append([code(name), *(
                 number(quantity(stiffness_per_millimetre(item[name], item[exponent]), 'N/mm^n'))
-                for item in (first, last)), *[number('')] * 3])
+                for item in (first, last)), *[number('')] * 4])
     return html.section(
         'Contact parameters',
         html.table(['parameter', number(before), number(f'{after} ± standard deviation'),
-                    number('95 % interval'), number('bias removed'), number('bias / std')], rows),
+                    number('95 % interval'), number('bias removed'), number('bias / std'),
+                    ''], rows),
         correlation(covariance),
         html.paragraph(ASSUMPTION + ' K and n of a row are strongly correlated: read them '
                        'together.', 'note'),

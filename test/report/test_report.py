@@ -125,4 +125,4 @@ def test_a_page_on_parameters_shows_the_interval_that_was_identified_not_one_of_
     found['parameters']['n2']['value'] = 1.1
     shown = chapters.identified(found)
     assert '(1.2 to 1.5) × 10⁸' in shown
-    assert '<td class="n">–</td><td>why</td>' in shown
+    assert '<td class="n">–</td><td>not determined by these data: why</td>' in shown
