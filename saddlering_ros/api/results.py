@@ -72,8 +72,11 @@ class Result(ABC):
         """The figure that shows the result best."""
 
     @abstractmethod
-    def write_report(self, path: Path | str, *, command: str = '') -> None:
-        """Write the report: one HTML file that opens offline. command: what to type for it."""
+    def write_report(self, path: Path | str, *, command: str = '') -> tuple[Path, ...]:
+        """Write the report, one HTML file that opens offline, and its curves as CSV beside it.
+
+        command: what to type for it. The paths written.
+        """
 
     @abstractmethod
     def _document(self) -> dict[str, Any]:
@@ -166,12 +169,12 @@ class IdentificationResult(Result, _Parametric):
         """Measured and simulated with these parameters, on the bags they were found from."""
         return self.validation.plot()
 
-    def write_report(self, path: Path | str, *, command: str = '') -> None:
+    def write_report(self, path: Path | str, *, command: str = '') -> tuple[Path, ...]:
         """Write the page: parameters, and simulation beside measurement."""
         from saddlering_ros.report import write_validation_report
 
-        write_validation_report(path, self.validation.found, runs_of(self.bags), self.rig,
-                                self.found.to_json(), command)
+        return write_validation_report(path, self.validation.found, runs_of(self.bags), self.rig,
+                                       self.found.to_json(), command)
 
     def _document(self) -> dict[str, Any]:
         return self.found.to_json()
@@ -222,12 +225,12 @@ class ValidationResult(Result):
     def write_report(
         self, path: Path | str, *, command: str = '',
         identification: Mapping[str, Any] | None = None,
-    ) -> None:
+    ) -> tuple[Path, ...]:
         """Write the page on these parameters; identification: the JSON of what found them."""
         from saddlering_ros.report import write_validation_report
 
-        write_validation_report(path, self.found, runs_of(self.bags), self.rig, identification,
-                                command)
+        return write_validation_report(path, self.found, runs_of(self.bags), self.rig,
+                                       identification, command)
 
     @property
     def criteria(self) -> tuple[Criterion, ...]:
@@ -290,11 +293,11 @@ class DiagnosisResult(Result, _Parametric):
 
         return Plot(figures.misfit(self._document()['runs']))
 
-    def write_report(self, path: Path | str, *, command: str = '') -> None:
+    def write_report(self, path: Path | str, *, command: str = '') -> tuple[Path, ...]:
         """Write the page of the diagnosis."""
         from saddlering_ros.report import write_diagnosis_report
 
-        write_diagnosis_report(self.found, path, command)
+        return write_diagnosis_report(self.found, path, command)
 
     def _document(self) -> dict[str, Any]:
         return self.found.to_json()

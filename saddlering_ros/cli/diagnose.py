@@ -44,6 +44,6 @@ def run(args: argparse.Namespace) -> int:
                          seed=args.seed, on_progress=bar.tell)
     if args.out is not None:
         found.save_parameters(args.out)
-    if args.report is not None:
-        found.write_report(args.report, command=args.command_line)
-    return finish(args, found, args.out, args.report)
+    pages = () if args.report is None else found.write_report(
+        args.report, command=args.command_line)
+    return finish(args, found, args.out, *pages)

@@ -39,10 +39,12 @@ def run(args: argparse.Namespace) -> int:
     identification = _identification(args.identification)
     bags = bags_of(args, args.bags, load_rig(args.rig))
     found = validate(bags, parameters=args.params, rig=args.rig)
-    found.write_report(args.out, command=args.command_line, identification=identification)
+    written = found.write_report(args.out, command=args.command_line,
+                                 identification=identification)
     if tell_json(args, found.to_json()):
         return 0
-    print(f'written: {args.out}')
+    for path in written:
+        print(f'written: {path}')
     return 0
 
 

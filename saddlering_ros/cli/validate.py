@@ -34,7 +34,7 @@ def run(args: argparse.Namespace) -> int:
     bags = bags_of(args, args.bags, load_rig(args.rig))
     with Bar() as bar:
         found = validate(bags, parameters=args.params, rig=args.rig, on_progress=bar.tell)
-    pictures = [] if args.plots is None else found.save_plots(args.plots)
+    written = [] if args.plots is None else found.save_plots(args.plots)
     if args.report is not None:
-        found.write_report(args.report, command=args.command_line)
-    return finish(args, found, *pictures, args.report)
+        written += found.write_report(args.report, command=args.command_line)
+    return finish(args, found, *written)

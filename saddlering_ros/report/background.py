@@ -59,12 +59,13 @@ class Background:
     """What a page says beside its result; whatever is empty is left out.
 
     covariance (6, 6) of the contact parameters in the order of PARAMETER_NAMES; quality by run;
-    command: the command line that made the page.
+    command: the command line that made the page; curves_file: the name of the file of its curves.
     """
 
     covariance: Array | None = None
     quality: Sequence[RunQuality] = field(default=())
     command: str = ''
+    curves_file: str = ''
 
 
 def quality_of(run: TestRun, rig: Rig) -> RunQuality:
@@ -131,17 +132,19 @@ def misfit_reductions(document: Mapping[str, Any], channels: Sequence[str] = CHA
         rows.append([
             str(run['bag']).rstrip('/').rsplit('/', 1)[-1],
             'held out' if run['held_out'] else 'fitted',
-            *(number(_reduction_words(run['channels'].get(name))) for name in channels)])
-    rows.append(['all runs fitted', 'fitted', number(percent(total['fit'])), '', ''])
+            *(number(_reduction_words(run['channels'].get(name))) for name in channels),
+            number('–')])
+    blank = ['–'] * len(channels)
+    rows.append(['all runs fitted', 'fitted', *map(number, blank), number(percent(total['fit']))])
     if total.get('held_out') is not None:
         rows.append([f'all runs {total.get("how") or "held out"}', 'held out',
-                     number(percent(total['held_out'])), '', ''])
+                     *map(number, blank), number(percent(total['held_out']))])
     return html.section('What the cause is worth', html.table(
-        ['run', 'role', *(number(f'misfit reduction in {SYMBOLS[name]}') for name in channels)],
-        rows,
+        ['run', 'role', *(number(f'misfit reduction in {SYMBOLS[name]}') for name in channels),
+         number('in all channels')], rows,
         'Misfit reduction: share by which the rms misfit falls once the cause is in the '
         'simulation; negative where it rises; in brackets where the misfit was within twice the '
-        'noise to begin with. The last rows weigh all channels by their noise.'))
+        'noise to begin with. All channels together are weighted by their noise.'))
 
 
 def _reduction_words(item: Mapping[str, float | None] | None) -> str:
@@ -182,7 +185,9 @@ def _heat(value: float, *, known: bool) -> Cell:
                 f'{value:+.2f}</span>'.replace('-', '−'), is_number=True, is_html=True)
 
 
-def reproduction(document: Mapping[str, Any], command: str = '') -> str:
+def reproduction(
+    document: Mapping[str, Any], command: str = '', curves_file: str = '',
+) -> str:
     """Chapter: the command, the versions and the hashes that lead to the same numbers again."""
     made = document.get('provenance') or {}
     rows: list[list[str | Cell]] = []
@@ -196,4 +201,6 @@ def reproduction(document: Mapping[str, Any], command: str = '') -> str:
         html.commands([command] if command else []),
         html.table(['input', 'SHA-256'], rows, 'Of a bag: of the lines that sha256sum prints for '
                    'its files.'),
+        html.paragraph(f'The curves of every figure: {curves_file}, beside this page, in SI units.'
+                       if curves_file else '', 'note'),
         html.paragraph(f'Made with {versions}.' if versions else '', 'note'))

@@ -14,6 +14,7 @@ from saddlering_ros.diagnosis.wording import (
     effects_of,
     gain_sentence,
     headline,
+    lowered,
     place_of,
     shape_words,
     signature_words,
@@ -47,7 +48,7 @@ def verdict_banner(document: Document, curves: Sequence[RunCurves] = ()) -> str:
         html.paragraph(gain_sentence(document)),
     ]
     if document.get('next_test'):
-        parts.append(html.paragraph(f'Next test: {document["next_test"]}', 'next'))
+        parts.insert(2, html.paragraph(f'Next test: {document["next_test"]}', 'next'))
     parts.append(_proof(document, curves))
     return f'<div class="verdict {verdict}">' + '\n'.join(parts) + '</div>'
 
@@ -118,9 +119,17 @@ def _cause(cause: Mapping[str, Any], document: Document) -> str:
         html.table(['cannot be told apart by these data', 'id', number('evidence (ΔBIC)'),
                     'the measurement that would tell'],
                    _look_alike_rows(cause, document) if len(cause['group']) > 1 else []),
-        html.paragraph('' if known is None or len(cause['group']) > 1
-                       else f'To confirm it: {known.settled_by}', 'note'),
+        html.paragraph(_confirmation(cause, document), 'note'),
     ])
+
+
+def _confirmation(cause: Mapping[str, Any], document: Document) -> str:
+    """What would confirm a cause, unless the next test is there for that."""
+    known = catalogue().get(cause['effect'])
+    is_next = lowered(title_of(cause['effect'])) in (document.get('next_test') or '')
+    if known is None or len(cause['group']) > 1 or is_next:
+        return ''
+    return f'To confirm it: {known.settled_by}'
 
 
 def _cause_parameters(cause: Mapping[str, Any]) -> list[list[str | Cell]]:
@@ -270,7 +279,7 @@ def paper_split(curves: Sequence[RunCurves]) -> str:
         if runs:
             parts.append(html.picture(
                 figures.comparison(runs), f'comparison_{test}',
-                f'{test.capitalize()} tests {words}: δx and γ, measured and simulated; below '
+                f'{test.capitalize()} tests {words}: δx, δy and γ, measured and simulated; below '
                 'each, measured less simulated, with a band of twice the noise floor.'))
     return html.section('Simulation and measurement', *parts)
 
@@ -396,8 +405,16 @@ def _found_from(limits: Mapping[str, Any]) -> str:
     if not limits['testable']:
         return 'cannot be seen'
     dark = sum(place['limit'] is None for place in limits['places'])
-    found = quantity(limits['limit'], limits['unit'])
+    found = _limit(limits, 'limit')
     return f'{found}; at {dark} of {len(limits["places"])} places never' if dark else found
+
+
+def _limit(limits: Mapping[str, Any], key: str) -> str:
+    """A size of an effect's first parameter as people read it."""
+    known = catalogue().get(limits['effect'])
+    if limits[key] is None or known is None:
+        return quantity(limits[key], limits['unit'])
+    return value_words(limits['effect'], known.parameters[0].name, limits[key], limits['unit'])
 
 
 def detection_limits(document: Document) -> str:
@@ -407,8 +424,8 @@ def detection_limits(document: Document) -> str:
         rows.append([
             title_of(item['effect']), code(item['effect']),
             number(_found_from(item), '' if item['testable'] else 'bad'),
-            number(quantity(item['best_limit'], item['unit']) if item['testable'] else ''),
-            number(quantity(item['material_limit'], item['unit'])),
+            number(_limit(item, 'best_limit') if item['testable'] else ''),
+            number(_limit(item, 'material_limit')),
             number(percent(item['share'])),
         ])
     return html.section('What these data could have shown', html.folded(

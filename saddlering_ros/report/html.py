@@ -75,8 +75,10 @@ figure.drawn img { display: none; }
   body { background: #fff; font-size: 12px; }
   main { padding: 0; max-width: none; }
   section, .verdict { border-color: #bbb; padding: 10px 14px; }
-  figure, tr, .verdict { break-inside: avoid; }
-  h2, h3, summary { break-after: avoid; }
+  figure, tr, .verdict, .scroll, table { break-inside: avoid; }
+  thead { display: table-header-group; }
+  h1, h2, h3, summary, caption { break-after: avoid; }
+  p { orphans: 3; widows: 3; }
   .plot { display: none !important; }
   figure.drawn img { display: block; }
   .scroll { overflow: visible; }

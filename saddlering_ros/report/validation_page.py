@@ -14,6 +14,8 @@ from saddlering_ros.identification.validation import ChannelFigures, RunValidati
 from saddlering_ros.report import background, chapters, html
 from saddlering_ros.report.background import correlation, quality_of
 from saddlering_ros.report.curves import curves_of_run, RunCurves
+from saddlering_ros.report.curves_file import curves_path, write_curves
+from saddlering_ros.report.header import head, head_line
 from saddlering_ros.report.html import Cell, code, number
 from saddlering_ros.report.style import SYMBOLS
 from saddlering_ros.rig import (
@@ -32,25 +34,29 @@ from saddlering_ros.thresholds import allowed_misfit
 def write_validation_report(
     path: Path | str, validation: Validation, runs: Sequence[TestRun], rig: Rig,
     identification: Mapping[str, Any] | None = None, command: str = '',
-) -> None:
-    """Write the page of a validation, whole or not at all.
+) -> tuple[Path, Path]:
+    """Write the page of a validation and its curves, whole or not at all; the paths written.
 
     `runs` are those validated, in order; `identification` is the JSON of an identification.
     """
+    beside = curves_path(path)
     write_text_atomically(
-        Path(path), validation_page(validation, runs, rig, identification, command))
+        Path(path), validation_page(validation, runs, rig, identification, command, beside.name))
+    write_curves(beside, curves_of_validation(validation, runs))
+    return Path(path), beside
 
 
 def validation_page(
     validation: Validation, runs: Sequence[TestRun], rig: Rig,
-    identification: Mapping[str, Any] | None = None, command: str = '',
+    identification: Mapping[str, Any] | None = None, command: str = '', curves_file: str = '',
 ) -> str:
-    """The whole page."""
+    """The whole page; curves_file: the name of the file that holds its curves."""
     curves = curves_of_validation(validation, runs)
     found_by = ('' if identification is None else chapters.identified(identification))
     return html.page('How well the parameters predict', [
-        '<h1>How well the parameters predict</h1>',
-        html.paragraph(', '.join(run.label for run in curves), 'soft'),
+        head('How well the parameters predict', rig, [
+            head_line(run, held_out=shown.held_out)
+            for run, shown in zip(runs, curves, strict=True)]),
         _banner(validation, curves),
         found_by or _parameters(validation.parameters),
         _criteria(validation),
@@ -59,7 +65,7 @@ def validation_page(
         chapters.residual_map(curves),
         chapters.residuals(curves),
         background.data_quality([quality_of(run, rig) for run in runs]),
-        background.reproduction(validation.to_json(), command),
+        background.reproduction(validation.to_json(), command, curves_file),
     ])
 
 

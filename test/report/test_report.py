@@ -1,5 +1,7 @@
 """Claims about figures and the one-file page of a verdict."""
 
+import csv
+from dataclasses import replace
 import re
 
 from documents import document, run_curves
@@ -10,8 +12,11 @@ from saddlering_ros.diagnosis.wording import gain_sentence, headline
 from saddlering_ros.report import chapters, figures
 from saddlering_ros.report.background import misfit_reductions, white_noise
 from saddlering_ros.report.curves import branches, spectrum
+from saddlering_ros.report.curves_file import curves_path, write_curves
 from saddlering_ros.report.diagnosis_page import diagnosis_page
+from saddlering_ros.report.header import date_of, head, HeadLine
 from saddlering_ros.report.html import pictures_of
+from saddlering_ros.rig import default_rig
 
 RUNS = [run_curves(), run_curves(degrees=70.0, held_out=True), run_curves('dynamic')]
 
@@ -107,6 +112,38 @@ def test_a_gain_within_the_noise_stands_in_brackets():
     shown = misfit_reductions(said)
     assert '(-100 %)' in shown
     assert '>97 %<' in shown
+
+
+def test_the_head_names_rig_hash_dimensions_dates_and_who_may_be_there():
+    rig = default_rig()
+    line = HeadLine('static_50', 'static', 50.0, 'SR-017', 'third', '2026-11-20 08:00 UTC',
+                    'A. Engineer', held_out=True)
+    shown = head('A title', rig, [line])
+    for words in ('A title', 'SR-017', rig.digest[:12], rig.digest, '2026-11-20 08:00 UTC',
+                  'A. Engineer', 'held out', '600 mm', '97', '25.0 t'):
+        assert words in shown
+    assert 'operator' not in head('A title', rig, [replace(line, operator='')])
+
+
+def test_a_stamp_that_is_no_date_gives_none():
+    assert date_of(1_700_000_000_000_000_000) == '2023-11-14 22:13 UTC'
+    assert date_of(12_000_000_000) == ''
+
+
+def test_the_curves_beside_a_report_are_those_that_it_draws(tmp_path):
+    path = curves_path(tmp_path / 'page.html')
+    write_curves(path, RUNS)
+    with path.open(newline='') as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == sum(run.time.size for run in RUNS)
+    of_second = [row for row in rows if row['bag'] == 'static_70']
+    assert {row['held_out'] for row in of_second} == {'1'}
+    assert [float(row['gamma_simulated_extended']) for row in of_second] == list(RUNS[1].after[2])
+
+
+def test_the_comparison_shows_all_three_displacements():
+    labels = {axes.get_ylabel() for axes in figures.comparison(RUNS[:2]).axes}
+    assert {'δx / µm', 'δy / µm', 'γ / µrad'} <= labels
 
 
 def test_white_noise_is_seen_under_a_curve_and_steps():

@@ -79,13 +79,21 @@ def test_a_table_copies_as_a_table(page):
     copied = page.run("""(() => {
         const all = document.createRange();
         all.selectNode([...document.querySelectorAll('table')].find(
-            (it) => it.innerText.includes('gain in')));
+            (it) => it.innerText.includes('misfit reduction in')));
         getSelection().removeAllRanges();
         getSelection().addRange(all);
         return getSelection().toString(); })()""")
     rows = [line.split('\t') for line in copied.strip().splitlines() if '\t' in line]
-    assert ['static_50', 'fitted', '97 %', '97 %', '97 %'] in [
+    assert ['static_50', 'fitted', '97 %', '97 %', '97 %', '–'] in [
         [cell.strip() for cell in row] for row in rows]
+
+
+def test_no_table_that_fits_on_a_page_is_split_in_print(page):
+    page.send('Emulation.setEmulatedMedia', media='print')
+    kept = page.run('[...document.querySelectorAll("table")].every((it) => '
+                    'getComputedStyle(it).breakInside === "avoid")')
+    page.send('Emulation.setEmulatedMedia', media='')
+    assert kept
 
 
 def test_it_prints_with_pictures_and_everything_unfolded(page):
