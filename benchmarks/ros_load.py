@@ -37,7 +37,7 @@ from saddlering_ros.bags.topics import LOAD, PROBES
 from saddlering_ros.rig import default_rig, ParameterSet, TRUE_TO_SCALE
 from saddlering_ros.ring import simulate
 from saddlering_ros.ros.launcher import ACTION_NODES, NodeGroup, RING_NODES, start_nodes
-from saddlering_ros.ros.lockstep import PROGRESS_TOPIC
+from saddlering_ros.ros.names import PROGRESS
 from saddlering_ros.ros.raw_topics import RawPublisher, RawSubscription
 from saddlering_ros.ros.spin import DataWait
 from saddlering_ros.streams import batches
@@ -137,7 +137,7 @@ def listener(domain: int) -> Any:
     node = Node('listener', context=context)
     try:
         yield (node, RawSubscription(node, '/ring/residual', RingDisplacement),
-               RawSubscription(node, PROGRESS_TOPIC, ReplayProgress))
+               RawSubscription(node, PROGRESS, ReplayProgress))
     finally:
         node.destroy_node()
         rclpy.shutdown(context=context)

@@ -20,7 +20,7 @@ def show(message: IdentifyRing.Impl.FeedbackMessage) -> None:
 def main() -> None:
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     node = rclpy.create_node('identify_client')
-    client = ActionClient(node, IdentifyRing, '/identify_ring')
+    client = ActionClient(node, IdentifyRing, 'identify_ring')
     if not client.wait_for_server(10.0):
         sys.exit('no /identify_ring: start it with ros2 run saddlering_ros ring_identification')
     sent = client.send_goal_async(IdentifyRing.Goal(bags=sys.argv[1:]), feedback_callback=show)

@@ -19,7 +19,7 @@ class ResidualListener(Node):
         super().__init__('residual_listener')
         self.latest: RingDisplacement | None = None
         self.count = 0
-        self.create_subscription(RingDisplacement, '/ring/residual', self.hear,
+        self.create_subscription(RingDisplacement, 'ring/residual', self.hear,
                                  QoSProfile(depth=1000))
         self.create_timer(1.0, self.tell)
 

@@ -14,7 +14,7 @@ from rclpy.serialization import deserialize_message
 from std_srvs.srv import Trigger
 
 from saddlering_interfaces.msg import ReplayProgress, RingDisplacement
-from saddlering_ros.ros.lockstep import PROGRESS_TOPIC
+from saddlering_ros.ros.names import PROGRESS
 from saddlering_ros.ros.raw_topics import RawSubscription
 from saddlering_ros.streams import batches
 
@@ -58,7 +58,7 @@ class Listener:
         self.words: dict[str, str] = {}
         self._flows = {topic: RawSubscription(self.node, topic, RingDisplacement)
                        for topic in OUTPUTS.values()}
-        self._progress = RawSubscription(self.node, PROGRESS_TOPIC, ReplayProgress)
+        self._progress = RawSubscription(self.node, PROGRESS, ReplayProgress)
         self._diagnostics = RawSubscription(self.node, '/diagnostics', DiagnosticArray)
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._serve, daemon=True)

@@ -24,6 +24,9 @@ def add_parser(subparsers: Any) -> None:
                         help='what the address must hold to be let in (default beyond this '
                              'machine: a random one)')
     parser.add_argument('--domain', type=int, help='ROS domain (default: ROS_DOMAIN_ID, or 0)')
+    parser.add_argument('--namespace', default='', metavar='NS',
+                        help='namespace of the rig, so that several rigs share a domain '
+                             '(default: the root)')
     parser.add_argument('--window', type=float, default=600.0, metavar='S',
                         help='longest time shown, in seconds (default 600)')
     parser.add_argument('--json', metavar='FILE',
@@ -37,6 +40,7 @@ def run(args: argparse.Namespace) -> int:
     from saddlering_ros.live.errors import LiveError
     from saddlering_ros.live.server import address, serve
     from saddlering_ros.live.watcher import Watcher
+    from saddlering_ros.ros.names import namespace_of
     from saddlering_ros.ros.transport import prepare_transport
 
     if not 0 <= args.port <= 65535:
@@ -45,7 +49,7 @@ def run(args: argparse.Namespace) -> int:
         raise LiveError(f'--window {args.window:g}: give 1 to 86400 seconds')
     domain = args.domain if args.domain is not None else int(os.environ.get('ROS_DOMAIN_ID') or 0)
     prepare_transport()
-    with Watcher(domain, args.window) as watcher:
+    with Watcher(domain, args.window, namespace_of(args.namespace)) as watcher:
         serve(watcher, address(args.host, args.port, args.token),
               lambda where: _say(args, where.url, domain))
     return 0

@@ -25,6 +25,9 @@ def add_parser(subparsers: Any) -> None:
                         help='elevation of the barrel in degrees, kept in the bag')
     parser.add_argument('--duration', type=float, metavar='S', help='end after so many seconds')
     parser.add_argument('--domain', type=int, help='ROS domain (default: ROS_DOMAIN_ID, or 0)')
+    parser.add_argument('--namespace', default='', metavar='NS',
+                        help='namespace of the rig, so that several rigs share a domain '
+                             '(default: the root)')
     parser.add_argument('--overwrite', action='store_true', help='replace an existing bag')
     parser.add_argument('--json', metavar='FILE',
                         help='write what was recorded as JSON; - for stdout')
@@ -39,6 +42,7 @@ def run(args: argparse.Namespace) -> int:
 
     from saddlering_ros.bags import BagError
     from saddlering_ros.live.recorder import recording
+    from saddlering_ros.ros.names import namespace_of
     from saddlering_ros.ros.transport import prepare_transport
 
     facts = facts_of(args)
@@ -47,7 +51,8 @@ def run(args: argparse.Namespace) -> int:
     domain = args.domain if args.domain is not None else int(os.environ.get('ROS_DOMAIN_ID') or 0)
     prepare_transport()
     began = time.monotonic()
-    with recording(args.out, domain, facts=facts, overwrite=args.overwrite) as node:
+    with recording(args.out, domain, facts=facts, overwrite=args.overwrite,
+                   namespace=namespace_of(args.namespace)) as node:
         if args.json != '-':
             print(f'recording ROS domain {domain} into {args.out}; Ctrl-C ends it', flush=True)
         with contextlib.suppress(KeyboardInterrupt):
@@ -55,7 +60,7 @@ def run(args: argparse.Namespace) -> int:
                 if args.duration is not None and time.monotonic() - began >= args.duration:
                     break
                 time.sleep(0.05)
-        counts = {flow.topic: flow.received for flow in node.inputs}
+        counts = node.counts()
     told = {'bag': str(args.out), 'seconds': time.monotonic() - began, 'messages': counts}
     tell(args, told)
     if not any(counts.values()):

@@ -25,6 +25,9 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument('--rate', type=float, default=1.0,
                         help='speed; 1 is real time, 0 as fast as the nodes follow (default 1)')
     parser.add_argument('--domain', type=int, help='ROS domain (default: ROS_DOMAIN_ID, or 0)')
+    parser.add_argument('--namespace', default='', metavar='NS',
+                        help='namespace of the rig, so that several rigs share a domain '
+                             '(default: the root)')
     parser.add_argument('--record', type=Path, metavar='OUT',
                         help='record everything, results included, into this bag (lossless: the '
                              'replay waits for the recorder)')
@@ -45,6 +48,7 @@ def run(args: argparse.Namespace) -> int:
     from saddlering_ros.rig import load_rig, read_parameters
     from saddlering_ros.ros.errors import NodeError
     from saddlering_ros.ros.launcher import REPLAY_NODES, RING_NODES, start_nodes
+    from saddlering_ros.ros.names import namespace_of
 
     record = read_raw(args.bag)
     load_rig(args.rig)
@@ -68,15 +72,15 @@ def run(args: argparse.Namespace) -> int:
         group = stack.enter_context(start_nodes(
             args.bag, rate=args.rate, domain_id=domain, log_folder=args.log,
             parameters={'ring_simulator': simulator, 'replay_clock': clock},
-            files=[] if args.rig is None else [args.rig]))
+            files=[] if args.rig is None else [args.rig],
+            namespace=namespace_of(args.namespace)))
         if args.json != '-':
             print(f'replaying {args.bag} ({length:.1f} s) in ROS domain {domain}; Ctrl-C ends it',
                   flush=True)
         began = time.monotonic()
         _wait(group, began + patience, length / args.rate if args.rate else None)
         took = time.monotonic() - began
-        counts = {} if recorder is None else {
-            flow.topic: flow.received for flow in recorder.inputs}
+        counts = {} if recorder is None else recorder.counts()
     _tell(args, {'bag': str(args.bag), 'domain': domain, 'duration': length, 'seconds': took,
                  'recorded': None if args.record is None else str(args.record),
                  'messages': counts})
@@ -105,6 +109,7 @@ def _recording(args: argparse.Namespace, facts: Any, domain: int) -> Any:
 
     from saddlering_ros.bags import TestFacts
     from saddlering_ros.live.recorder import recording
+    from saddlering_ros.ros.names import namespace_of
     from saddlering_ros.ros.transport import prepare_transport
 
     os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
@@ -113,7 +118,8 @@ def _recording(args: argparse.Namespace, facts: Any, domain: int) -> Any:
     elevation = facts.elevation_deg if args.elevation is None else args.elevation
     if facts.test is not None and elevation is not None:
         known = TestFacts(facts.test, elevation, facts.rig, facts.run).as_text()
-    return recording(args.record, domain, facts=known, overwrite=args.overwrite)
+    return recording(args.record, domain, facts=known, overwrite=args.overwrite,
+                     namespace=namespace_of(args.namespace))
 
 
 def _tell(args: argparse.Namespace, told: dict[str, Any]) -> None:

@@ -30,7 +30,8 @@ from saddlering_ros.demo.errors import DemoError
 from saddlering_ros.demo.recorder import NAME as RECORDER
 from saddlering_ros.demo.recorder import Recorder, Recording
 from saddlering_ros.ros.launcher import last_line, NodeGroup, REPLAY_NODES, RING_NODES
-from saddlering_ros.ros.lockstep import STATE_TOPIC, to_stamp
+from saddlering_ros.ros.lockstep import to_stamp
+from saddlering_ros.ros.names import DIAGNOSE, DIAGNOSTICS, IDENTIFY, STATE
 from saddlering_ros.ros.spin import spin_streaming
 
 SWITCHED = (*REPLAY_NODES, 'replay_clock')
@@ -121,11 +122,11 @@ class LiveRig:
         stack.callback(self._executor.shutdown, timeout_sec=0.0)
         self._executor.add_node(self._node)
         latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-        self._node.create_subscription(ReplayState, STATE_TOPIC, self._on_state, latched)
-        self._node.create_subscription(DiagnosticArray, '/diagnostics', self._on_diagnostics, 50)
+        self._node.create_subscription(ReplayState, STATE, self._on_state, latched)
+        self._node.create_subscription(DiagnosticArray, DIAGNOSTICS, self._on_diagnostics, 50)
         self._actions = {
-            'identify': ActionClient(self._node, IdentifyRing, '/identify_ring'),
-            'diagnose': ActionClient(self._node, DiagnoseRing, '/diagnose_ring'),
+            'identify': ActionClient(self._node, IdentifyRing, IDENTIFY),
+            'diagnose': ActionClient(self._node, DiagnoseRing, DIAGNOSE),
         }
         for action in self._actions.values():
             stack.callback(action.destroy)

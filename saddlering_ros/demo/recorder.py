@@ -10,14 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saddlering_interfaces.msg import RingDisplacement
-from saddlering_ros.bags import LOAD_TOPIC
 from saddlering_ros.bags.topics import LOAD
+from saddlering_ros.ros.names import DISPLACEMENTS
 from saddlering_ros.ros.raw_topics import RawSubscription
 from saddlering_ros.ros.streaming_node import StreamingNode
 from saddlering_ros.streams import batches
 
 NAME = 'demo_recorder'
-DISPLACEMENTS = ('/ring/displacement', '/ring/simulated_displacement', '/ring/residual')
 
 
 @dataclass(frozen=True)
@@ -50,7 +49,7 @@ class Recorder(StreamingNode):
     def connect(self) -> None:
         """Subscribe to the load and to everything about the ring."""
         self.inputs = [RawSubscription(self, topic, RingDisplacement) for topic in DISPLACEMENTS]
-        self.inputs.append(RawSubscription(self, LOAD_TOPIC, WrenchStamped))
+        self.inputs.append(RawSubscription(self, LOAD.relative, WrenchStamped))
 
     def process_batch(self) -> None:
         """Keep one batch."""

@@ -25,7 +25,8 @@ from saddlering_ros.rig import ParameterSet, Rig
 from saddlering_ros.ros.conversions import parameters_to_message
 from saddlering_ros.ros.diagnostics import ERROR, Finding, OK, to_message
 from saddlering_ros.ros.errors import NodeError
-from saddlering_ros.ros.parameters import declare, declare_rig, Parameter
+from saddlering_ros.ros.names import diagnostic_name, DIAGNOSTICS, PARAMETERS_IN_FORCE, rig_name
+from saddlering_ros.ros.parameters import declare, declare_rig, HARDWARE_ID, Parameter
 from saddlering_ros.ros.roots import bag_below, below, root_folder
 from saddlering_ros.ros.run import run
 
@@ -60,6 +61,7 @@ class ActionNode(Node):
                   'none: bag_root'),
         Parameter('longest_goal', 86400.0, 'a goal that takes longer than this [s] is aborted',
                   low=1.0, high=1e7),
+        HARDWARE_ID,
     )
 
     def __init__(self, name: str) -> None:
@@ -68,19 +70,21 @@ class ActionNode(Node):
         self.rig: Rig = declare_rig(self)
         self.bag_root = root_folder(self, 'bag_root', share_directory() / 'bags')
         self.parameters_root = root_folder(self, 'parameters_root', self.bag_root)
+        self._hardware_id = rig_name(self, self.settings.text('hardware_id'))
         self.stopping = False
         self._busy = threading.Lock()
         self._stage, self._last = 'idle', 'no goal yet'
         self._level = OK
         self._worker = Worker(self.JOB)
         self._done = self.create_guard_condition(lambda: None)
-        self._found = self.create_publisher(RingParameters, '/ring/parameters', LATCHED)
-        self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
+        self._found = self.create_publisher(RingParameters, PARAMETERS_IN_FORCE, LATCHED)
+        self._diagnostics = self.create_publisher(DiagnosticArray, DIAGNOSTICS, 10)
         self.create_timer(1.0, self._diagnose, clock=Clock(clock_type=ClockType.STEADY_TIME))
         self._server = ActionServer(
             self, self.ACTION, self.NAME, execute_callback=self._execute,
             goal_callback=self._on_goal, cancel_callback=self._on_cancel)
-        self.get_logger().info(f'serves {self.NAME}; bags from {self.bag_root}')
+        served = self.resolve_service_name(self.NAME)
+        self.get_logger().info(f'serves {served}; bags from {self.bag_root}')
 
     # --- for subclasses ---
 
@@ -199,7 +203,8 @@ class ActionNode(Node):
 
     def _diagnose(self) -> None:
         finding = Finding(self._level, self._stage, {'last goal': self._last})
-        message = to_message(self.get_name(), [(self.NAME, finding)])
+        message = to_message(
+            diagnostic_name(self), [(f'/{self.NAME}', finding)], self._hardware_id)
         message.header.stamp = self.get_clock().now().to_msg()
         self._diagnostics.publish(message)
 

@@ -21,47 +21,63 @@ from std_msgs.msg import Header
 from saddlering_interfaces.msg import ReplayState, RingDisplacement, RingParameters
 from saddlering_ros.bags.cdr import SECOND
 from saddlering_ros.bags.recording import BagRecording
-from saddlering_ros.bags.topics import TOPICS
+from saddlering_ros.bags.topics import relative, TOPICS
 from saddlering_ros.live.errors import LiveError
+from saddlering_ros.ros.names import (
+    DIAGNOSTICS,
+    DISPLACEMENTS,
+    PARAMETERS_IN_FORCE,
+    STATE,
+    ZERO,
+)
 from saddlering_ros.ros.raw_topics import message_class, RawSubscription
 from saddlering_ros.ros.spin import spin_streaming
 from saddlering_ros.ros.streaming_node import StreamingNode
 
 NAME = 'saddlering_recorder'
-RING_STREAMS = ('/ring/displacement', '/ring/simulated_displacement', '/ring/residual')
-LATCHED: dict[str, Any] = {'/ring/parameters': RingParameters, '/replay/state': ReplayState}
+RING_STREAMS = tuple(f'/{name}' for name in DISPLACEMENTS)
+LATCHED: dict[str, Any] = {f'/{PARAMETERS_IN_FORCE}': RingParameters, f'/{STATE}': ReplayState}
 """Topics whose last message is there for late joiners."""
 
-OTHERS: dict[str, Any] = {'/diagnostics': DiagnosticArray, '/ring/zero': Header}
+OTHERS: dict[str, Any] = {DIAGNOSTICS: DiagnosticArray, f'/{ZERO}': Header}
 _stamp = struct.Struct('<iI')
 
 
 class Recorder(StreamingNode):
-    """Writes every message of the rig's and the ring's topics; a clock in lockstep can wait."""
+    """Writes every message of the topics of rig and ring; a clock in lockstep can wait.
 
-    def __init__(self, bag: BagRecording, context: Any) -> None:
-        super().__init__(NAME, context=context)
+    A bag holds them by the names of the root namespace, whatever the namespace of the rig.
+    """
+
+    def __init__(self, bag: BagRecording, context: Any, namespace: str = '') -> None:
+        super().__init__(NAME, context=context, namespace=namespace)
         self.problem_writing: Exception | None = None
         self._bag = bag
         for topic, kind in {**LATCHED, **OTHERS}.items():
             durability = (DurabilityPolicy.TRANSIENT_LOCAL if topic in LATCHED
                           else DurabilityPolicy.VOLATILE)
             self.create_subscription(
-                kind, topic, lambda message, topic=topic: self._keep(topic, [bytes(message)]),
+                kind, name_of(topic),
+                lambda message, topic=topic: self._keep(topic, [bytes(message)]),
                 QoSProfile(depth=50, durability=durability), raw=True)
 
     def connect(self) -> None:
         """Subscribe to all streams."""
-        self.inputs = [RawSubscription(self, topic, kind) for topic, kind in streams().items()]
+        self.inputs = [RawSubscription(self, name_of(topic), kind)
+                       for topic, kind in streams().items()]
 
     def process_batch(self) -> None:
         """Write what has arrived."""
-        for flow in self.inputs:
+        for topic, flow in zip(streams(), self.inputs, strict=True):
             messages = flow.take()
             if messages:
-                self._keep(flow.topic, messages)
+                self._keep(topic, messages)
                 seconds, rest = _stamp.unpack_from(messages[-1], 4)
                 flow.last_stamp = seconds * SECOND + rest
+
+    def counts(self) -> dict[str, int]:
+        """Messages received of each stream, by the topic's name in the bag."""
+        return {topic: flow.received for topic, flow in zip(streams(), self.inputs, strict=True)}
 
     def _keep(self, topic: str, messages: list[bytes]) -> None:
         now = time.time_ns()
@@ -77,6 +93,11 @@ def streams() -> dict[str, Any]:
     """Message classes of the streams by topic: all of the rig, and what is made of them."""
     return {**{name: message_class(topic.type) for name, topic in TOPICS.items()},
             **dict.fromkeys(RING_STREAMS, RingDisplacement)}
+
+
+def name_of(topic: str) -> str:
+    """The name to subscribe to: relative, but for /diagnostics."""
+    return topic if topic == DIAGNOSTICS else relative(topic)
 
 
 def type_name(kind: Any) -> str:
@@ -100,11 +121,12 @@ def definitions() -> dict[str, str]:
 @contextmanager
 def recording(
     path: Path | str, domain_id: int, *, facts: Mapping[str, str] | None = None,
-    overwrite: bool = False,
+    overwrite: bool = False, namespace: str = '',
 ) -> Iterator[Recorder]:
-    """Record the ROS domain into a bag at `path` until the block ends; yields the recorder.
+    """Record a namespace of the ROS domain into a bag at `path` until the block ends.
 
-    BagError where the bag cannot be written; whatever was heard is in it even if the block raises.
+    Yields the recorder. BagError where the bag cannot be written; whatever was heard is in it even
+    if the block raises.
     """
     topics = {topic: type_name(kind) for topic, kind in {**streams(), **LATCHED, **OTHERS}.items()}
     context = rclpy.Context()
@@ -115,7 +137,7 @@ def recording(
         rclpy.init(context=context, args=[], domain_id=domain_id,
                    signal_handler_options=SignalHandlerOptions.NO)
         stack.callback(rclpy.try_shutdown, context=context)
-        node = Recorder(bag, context)
+        node = Recorder(bag, context, namespace)
         stack.callback(node.destroy_node)
         node.start()
         thread = threading.Thread(target=spin_streaming, args=(node, node), daemon=True)

@@ -21,7 +21,6 @@ from rclpy.qos import DurabilityPolicy, qos_profile_action_status_default, QoSPr
 
 from saddlering_interfaces.action import DiagnoseRing, IdentifyRing
 from saddlering_interfaces.msg import ReplayState, RingDisplacement, RingParameters
-from saddlering_ros.bags import LOAD_TOPIC
 from saddlering_ros.bags.cdr import CdrError
 from saddlering_ros.bags.topics import LOAD
 from saddlering_ros.diagnosis.wording import gain_sentence, headline
@@ -37,13 +36,23 @@ from saddlering_ros.rig import (
 )
 from saddlering_ros.rig.quantities import quantity
 from saddlering_ros.ros.conversions import parameters_from_message
-from saddlering_ros.ros.lockstep import STATE_TOPIC, to_stamp
+from saddlering_ros.ros.lockstep import to_stamp
+from saddlering_ros.ros.names import (
+    DIAGNOSE,
+    DIAGNOSTICS,
+    DISPLACEMENT,
+    IDENTIFY,
+    PARAMETERS_IN_FORCE,
+    RESIDUAL,
+    SIMULATED,
+    STATE,
+)
 from saddlering_ros.ros.raw_topics import RawSubscription
 from saddlering_ros.streams import batches
 
 NAME = 'saddlering_live'
-STREAMS = {'load': LOAD_TOPIC, 'measured': '/ring/displacement',
-           'simulated': '/ring/simulated_displacement', 'residual': '/ring/residual'}
+STREAMS = {'load': LOAD.relative, 'measured': DISPLACEMENT, 'simulated': SIMULATED,
+           'residual': RESIDUAL}
 SCALES = {'load': 1.0 / TONNE, 'measured': 1e6, 'simulated': 1e6, 'residual': 1e6}
 """What the page shows: tonnes, micrometres and microradians."""
 
@@ -57,8 +66,8 @@ SILENT = 3.5
 """A node that has not spoken on /diagnostics for so long [s] is gone."""
 
 NOISE_SAMPLES = 2000
-ACTIONS = {'identify': ('/identify_ring', IdentifyRing),
-           'diagnose': ('/diagnose_ring', DiagnoseRing)}
+ACTIONS = {'identify': (IDENTIFY, IdentifyRing),
+           'diagnose': (DIAGNOSE, DiagnoseRing)}
 RUNNING = (GoalStatus.STATUS_ACCEPTED, GoalStatus.STATUS_EXECUTING, GoalStatus.STATUS_CANCELING)
 LATCHED = QoSProfile(depth=5, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 LEVELS = ('ok', 'warning', 'error', 'silent')
@@ -86,10 +95,13 @@ class Watcher:
     the last messages only and so never wait for a reader, nor does a clock in lockstep for this.
     """
 
-    def __init__(self, domain_id: int | None = None, window: float = 600.0) -> None:
+    def __init__(self, domain_id: int | None = None, window: float = 600.0,
+                 namespace: str = '') -> None:
         self.context = rclpy.Context()
         rclpy.init(context=self.context, args=[], domain_id=domain_id)
-        self.node: Node = rclpy.create_node(NAME, context=self.context)
+        self.node: Node = rclpy.create_node(
+            NAME, namespace=namespace, context=self.context)
+        self._namespace = namespace
         self._executor = SingleThreadedExecutor(context=self.context)
         self._executor.add_node(self.node)
         channels = {name: 1 if name == 'load' else len(CHANNELS) for name in STREAMS}
@@ -108,9 +120,9 @@ class Watcher:
         self._actions = {name: _Action(self, name, path, kind)
                          for name, (path, kind) in ACTIONS.items()}
         subscribe = self.node.create_subscription
-        subscribe(DiagnosticArray, '/diagnostics', self._on_diagnostics, 50)
-        subscribe(RingParameters, '/ring/parameters', self._on_parameters, LATCHED)
-        subscribe(ReplayState, STATE_TOPIC, self._on_replay, LATCHED)
+        subscribe(DiagnosticArray, DIAGNOSTICS, self._on_diagnostics, 50)
+        subscribe(RingParameters, PARAMETERS_IN_FORCE, self._on_parameters, LATCHED)
+        subscribe(ReplayState, STATE, self._on_replay, LATCHED)
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, name=NAME, daemon=True)
 
@@ -206,6 +218,8 @@ class Watcher:
         now = time.monotonic()
         with self.lock:
             for status in message.status:
+                if not in_namespace(status.name, self._namespace):
+                    continue
                 level = LEVELS[min(status.level[0], 3)]
                 self._health[status.name] = (now, {'level': level, 'words': status.message})
 
@@ -243,6 +257,11 @@ class Watcher:
             job = change(self._jobs.get(action))
             if job is not None:
                 self._jobs[action] = job
+
+
+def in_namespace(status: str, namespace: str) -> bool:
+    """Whether a status on /diagnostics is of a node in `namespace` ('' for the root)."""
+    return status.startswith(f'{namespace}/') if namespace else not status.startswith('/')
 
 
 class _Action:

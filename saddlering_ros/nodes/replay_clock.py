@@ -17,7 +17,8 @@ from saddlering_ros.bags import read_raw
 from saddlering_ros.bags.cdr import SECOND
 from saddlering_ros.ros.bag_node import BagNode
 from saddlering_ros.ros.diagnostics import ERROR, Finding, FunctionTask, OK, WARN
-from saddlering_ros.ros.lockstep import LockstepGroup, PROGRESS_TOPIC, STATE_TOPIC, to_time
+from saddlering_ros.ros.lockstep import LockstepGroup, to_time
+from saddlering_ros.ros.names import CLOCK, PROGRESS, STATE
 from saddlering_ros.ros.parameters import Parameter
 from saddlering_ros.ros.raw_topics import RawPublisher, RawSubscription
 from saddlering_ros.ros.registry import names, REPLAY, RING
@@ -67,7 +68,7 @@ class ReplayClockNode(BagNode):
         self.create_service(SetRate, '~/set_rate', self._on_set_rate)
         self.create_service(Seek, '~/seek', self._on_seek)
         self.create_service(Step, '~/step', self._on_step)
-        self._state_publisher = self.create_publisher(ReplayState, STATE_TOPIC, STATE_QOS)
+        self._state_publisher = self.create_publisher(ReplayState, STATE, STATE_QOS)
 
     def configure(self) -> None:
         """Read from when to when the bag goes."""
@@ -92,10 +93,10 @@ class ReplayClockNode(BagNode):
 
     def connect(self) -> None:
         """Publish the clock; hear how far the others are."""
-        self._heard = RawSubscription(self, PROGRESS_TOPIC, ReplayProgress, reliability='reliable',
+        self._heard = RawSubscription(self, PROGRESS, ReplayProgress, reliability='reliable',
                              depth=1000)
         self.inputs = [self._heard]
-        self.outputs = [RawPublisher(self, '/clock', Clock, CLOCK_QOS)]
+        self.outputs = [RawPublisher(self, CLOCK, Clock, CLOCK_QOS)]
 
     def process_batch(self) -> None:
         """Hear the others, and go on at once if that lets time go on."""
@@ -291,7 +292,8 @@ class ReplayClockNode(BagNode):
 
     def _refuse_inactive(self, response: Trigger.Response | Seek.Response) -> bool:
         if not self.active:
-            response.message = 'is not active: ros2 lifecycle set /replay_clock activate'
+            response.message = ('is not active: ros2 lifecycle set '
+                                f'{self.get_fully_qualified_name()} activate')
         return not self.active
 
     def _finding(self) -> Finding:

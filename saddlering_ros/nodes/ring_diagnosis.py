@@ -10,13 +10,14 @@ from saddlering_interfaces.action import DiagnoseRing
 from saddlering_ros.jobs.action_server import ActionNode, serve
 from saddlering_ros.jobs.diagnosis import DiagnosisAnswer, DiagnosisRequest
 from saddlering_ros.ros.errors import NodeError
+from saddlering_ros.ros.names import DIAGNOSE
 
 
 class RingDiagnosisNode(ActionNode):
     """Serves /diagnose_ring."""
 
     ACTION = DiagnoseRing
-    NAME = '/diagnose_ring'
+    NAME = DIAGNOSE
     JOB = 'saddlering_ros.jobs.diagnosis'
 
     def __init__(self) -> None:

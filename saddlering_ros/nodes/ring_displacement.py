@@ -27,6 +27,7 @@ from saddlering_ros.ros.diagnostics import (
     WARN,
 )
 from saddlering_ros.ros.lockstep import to_time
+from saddlering_ros.ros.names import DISPLACEMENT, ZERO
 from saddlering_ros.ros.parameters import declare_rig, Parameter
 from saddlering_ros.ros.raw_topics import RawPublisher, RawSubscription
 from saddlering_ros.ros.run import run_streaming
@@ -34,7 +35,6 @@ from saddlering_ros.ros.streaming_node import INPUT_RELIABILITY, MAX_GAP, Stream
 from saddlering_ros.streams import batches
 from saddlering_ros.streams.displacement import DisplacementStream
 
-ZERO_TOPIC = '/ring/zero'
 ZERO_QOS = QoSProfile(depth=10, durability=DurabilityPolicy.VOLATILE)
 
 
@@ -54,7 +54,7 @@ class RingDisplacementNode(StreamingNode):
         super().__init__('ring_displacement')
         self._rig = declare_rig(self)
         self.create_service(Trigger, '~/zero', self._on_zero)
-        self._zero = self.create_publisher(Header, ZERO_TOPIC, ZERO_QOS)
+        self._zero = self.create_publisher(Header, ZERO, ZERO_QOS)
 
     def configure(self) -> None:
         """Make the stream and what watches it."""
@@ -74,10 +74,10 @@ class RingDisplacementNode(StreamingNode):
     def connect(self) -> None:
         """Subscribe to load and probes; publish the displacement."""
         wanted = self.settings['input_reliability']
-        self.inputs = [RawSubscription(self, LOAD_TOPIC, WrenchStamped, reliability=wanted)]
-        self.inputs += [RawSubscription(self, topic, Range, reliability=wanted)
-                        for topic in PROBE_TOPICS]
-        self.outputs = [RawPublisher(self, '/ring/displacement', RingDisplacement)]
+        self.inputs = [RawSubscription(self, LOAD.relative, WrenchStamped, reliability=wanted)]
+        self.inputs += [RawSubscription(self, topic.relative, Range, reliability=wanted)
+                        for topic in PROBES]
+        self.outputs = [RawPublisher(self, DISPLACEMENT, RingDisplacement)]
 
     def process_batch(self) -> None:
         """One batch: samples in, displacements out."""

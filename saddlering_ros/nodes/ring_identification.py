@@ -12,6 +12,7 @@ from saddlering_ros.jobs.action_server import ActionNode, serve
 from saddlering_ros.jobs.identification import IdentificationAnswer, IdentificationRequest
 from saddlering_ros.rig import PARAMETER_NAMES
 from saddlering_ros.ros.errors import NodeError
+from saddlering_ros.ros.names import IDENTIFY
 
 SWARM_FIELDS = {
     'particles': 'particles', 'iterations': 'iterations', 'c1': 'cognitive', 'c2': 'social',
@@ -27,7 +28,7 @@ class RingIdentificationNode(ActionNode):
     """Serves /identify_ring."""
 
     ACTION = IdentifyRing
-    NAME = '/identify_ring'
+    NAME = IDENTIFY
     JOB = 'saddlering_ros.jobs.identification'
 
     def __init__(self) -> None:

@@ -18,15 +18,13 @@ from saddlering_ros.ros.diagnostics import (
     StreamTask,
     WARN,
 )
+from saddlering_ros.ros.names import DISPLACEMENT, RESIDUAL, SIMULATED
 from saddlering_ros.ros.parameters import declare_rig, Parameter
 from saddlering_ros.ros.raw_topics import RawPublisher, RawSubscription
 from saddlering_ros.ros.run import run_streaming
 from saddlering_ros.ros.streaming_node import INPUT_RELIABILITY, StreamingNode
 from saddlering_ros.streams import batches
 from saddlering_ros.streams.residual import ResidualStream
-
-MEASURED_TOPIC = '/ring/displacement'
-SIMULATED_TOPIC = '/ring/simulated_displacement'
 
 
 class RingResidualNode(StreamingNode):
@@ -44,7 +42,7 @@ class RingResidualNode(StreamingNode):
     def configure(self) -> None:
         """Make the join and what watches it."""
         self._stream = ResidualStream(self._rig.full_scale_load)
-        self._streams = [StreamTask(MEASURED_TOPIC), StreamTask(SIMULATED_TOPIC)]
+        self._streams = [StreamTask(f'/{DISPLACEMENT}'), StreamTask(f'/{SIMULATED}')]
         self._sums = np.zeros(4)
         self._count = 0
         self.tasks = [*self._streams, FunctionTask('zero', self._zero_finding),
@@ -56,8 +54,8 @@ class RingResidualNode(StreamingNode):
         """Subscribe to both displacements; publish their difference."""
         wanted = self.settings['input_reliability']
         self.inputs = [RawSubscription(self, topic, RingDisplacement, reliability=wanted)
-                       for topic in (MEASURED_TOPIC, SIMULATED_TOPIC)]
-        self.outputs = [RawPublisher(self, '/ring/residual', RingDisplacement)]
+                       for topic in (DISPLACEMENT, SIMULATED)]
+        self.outputs = [RawPublisher(self, RESIDUAL, RingDisplacement)]
 
     def process_batch(self) -> None:
         """One batch of either, residuals out."""

@@ -16,7 +16,7 @@ from saddlering_interfaces.msg import RingDisplacement, RingParameters
 from saddlering_ros.bags import LOAD_TOPIC
 from saddlering_ros.bags.topics import LOAD
 from saddlering_ros.errors import SaddleringError
-from saddlering_ros.nodes.ring_displacement import ZERO_QOS, ZERO_TOPIC
+from saddlering_ros.nodes.ring_displacement import ZERO_QOS
 from saddlering_ros.rig import (
     parameters_from_mapping,
     ParameterSet,
@@ -38,6 +38,7 @@ from saddlering_ros.ros.diagnostics import (
 )
 from saddlering_ros.ros.errors import NodeError
 from saddlering_ros.ros.lockstep import to_stamp, to_time
+from saddlering_ros.ros.names import PARAMETERS_IN_FORCE, SIMULATED, ZERO
 from saddlering_ros.ros.parameters import declare_rig, given_sections, Parameter
 from saddlering_ros.ros.raw_topics import RawPublisher, RawSubscription
 from saddlering_ros.ros.run import run_streaming
@@ -45,7 +46,6 @@ from saddlering_ros.ros.streaming_node import INPUT_RELIABILITY, MAX_GAP, Stream
 from saddlering_ros.streams import batches
 from saddlering_ros.streams.simulation import SimulationStream
 
-PARAMETERS_TOPIC = '/ring/parameters'
 LATCHED = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE,
                      durability=DurabilityPolicy.TRANSIENT_LOCAL)
 LATCHED_BY_SEVERAL = QoSProfile(depth=20, reliability=ReliabilityPolicy.RELIABLE,
@@ -86,12 +86,12 @@ class RingSimulatorNode(StreamingNode):
         self.create_service(Trigger, '~/restart', self._on_restart)
         self.create_service(Trigger, '~/zero', self._on_zero)
         if self.settings['follow_zero']:
-            self.create_subscription(Header, ZERO_TOPIC, self._on_zero_message, ZERO_QOS)
+            self.create_subscription(Header, ZERO, self._on_zero_message, ZERO_QOS)
         self._in_force: ParameterSet | None = None
         self._offered: RingParameters | None = None
-        self._teller = self.create_publisher(RingParameters, PARAMETERS_TOPIC, LATCHED)
+        self._teller = self.create_publisher(RingParameters, PARAMETERS_IN_FORCE, LATCHED)
         if self.settings['follow_parameters']:
-            self.create_subscription(RingParameters, PARAMETERS_TOPIC, self._on_parameters,
+            self.create_subscription(RingParameters, PARAMETERS_IN_FORCE, self._on_parameters,
                                      LATCHED_BY_SEVERAL)
 
     def configure(self) -> None:
@@ -112,9 +112,9 @@ class RingSimulatorNode(StreamingNode):
 
     def connect(self) -> None:
         """Subscribe to the load; publish the simulated displacement."""
-        self.inputs = [RawSubscription(self, LOAD_TOPIC, WrenchStamped,
+        self.inputs = [RawSubscription(self, LOAD.relative, WrenchStamped,
                               reliability=self.settings['input_reliability'])]
-        self.outputs = [RawPublisher(self, '/ring/simulated_displacement', RingDisplacement)]
+        self.outputs = [RawPublisher(self, SIMULATED, RingDisplacement)]
         offered, self._offered = self._offered, None
         if offered is not None:
             self._follow(offered)
@@ -229,11 +229,11 @@ class RingSimulatorNode(StreamingNode):
                 self._stream.hold = hold
         except SaddleringError as problem:
             self._refused = str(problem)
-            self.get_logger().error(f'{PARAMETERS_TOPIC}: refused: {problem}')
+            self.get_logger().error(f'/{PARAMETERS_IN_FORCE}: refused: {problem}')
             return
         self._in_force, self._refused = parameters, ''
         self._tell_in_force(parameters)
-        self.get_logger().info(f'parameters from {PARAMETERS_TOPIC}: {message.source}')
+        self.get_logger().info(f'parameters from /{PARAMETERS_IN_FORCE}: {message.source}')
 
     def _zero_finding(self) -> Finding:
         zero = self._stream.simulator.zero

@@ -44,7 +44,7 @@ class BagNode(StreamingNode):
         if not self._first_bag:
             self.get_logger().info(
                 f'no bag given: replays nothing. To replay one of {self._bag_root}: ros2 param '
-                f'set /{self.get_name()} bag PATH, then ros2 lifecycle set')
+                f'set {self.get_fully_qualified_name()} bag PATH, then ros2 lifecycle set')
             return False
         return True
 

@@ -22,6 +22,7 @@ from saddlering_ros.ros.diagnostics import (
     SourcesTask,
     WARN,
 )
+from saddlering_ros.ros.names import CLOCK
 from saddlering_ros.ros.raw_topics import message_class, RawPublisher, RawSubscription
 from saddlering_ros.streams import batches
 
@@ -97,9 +98,9 @@ class ReplayNode(BagNode):
 
     def connect(self) -> None:
         """Listen to the clock; publish the topics."""
-        self._clock_flow = RawSubscription(self, '/clock', Clock, depth=100)
+        self._clock_flow = RawSubscription(self, CLOCK, Clock, depth=100)
         self.inputs = [self._clock_flow]
-        self.outputs = [RawPublisher(self, track.topic.name, message_class(track.topic.type))
+        self.outputs = [RawPublisher(self, track.topic.relative, message_class(track.topic.type))
                         for track in self._tracks]
 
     def process_batch(self) -> None:

@@ -220,12 +220,13 @@ class Events:
         return Finding(OK, 'nothing lost, late or dropped', figures)
 
 
-def to_message(node_name: str, findings: Iterable[tuple[str, Finding]]) -> DiagnosticArray:
+def to_message(node_name: str, findings: Iterable[tuple[str, Finding]],
+               hardware_id: str = 'saddlering') -> DiagnosticArray:
     """The findings of a node's tasks as /diagnostics wants them (no header stamp yet)."""
     message = DiagnosticArray()
     for name, finding in findings:
         message.status.append(DiagnosticStatus(
             level=bytes([finding.level]), name=f'{node_name}: {name}', message=finding.words,
-            hardware_id='saddlering',
+            hardware_id=hardware_id,
             values=[KeyValue(key=key, value=value) for key, value in finding.figures.items()]))
     return message

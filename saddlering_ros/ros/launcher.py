@@ -132,6 +132,7 @@ class NodeGroup:
     domain_id: int | None = None
     log_folder: Path | None = None
     extra_environment: Mapping[str, str] | None = None
+    namespace: str = ''
     processes: dict[str, NodeProcess] = field(default_factory=dict)
 
     def __enter__(self) -> NodeGroup:
@@ -167,9 +168,10 @@ class NodeGroup:
               ) -> NodeProcess:
         """Start the node `name` (a module of saddlering_ros.nodes) in a process of its own."""
         assert self.log_folder is not None
+        renamed = {**({'__ns': self.namespace} if self.namespace else {}), **(remappings or {})}
         log = self.log_folder / f'{name}.log'
         command = [sys.executable, '-m', f'saddlering_ros.nodes.{name}',
-                   *ros_arguments(parameters, files, remappings)]
+                   *ros_arguments(parameters, files, renamed)]
         with log.open('wb') as stream:
             process = subprocess.Popen(
                 command, stdin=subprocess.DEVNULL, stdout=stream, stderr=subprocess.STDOUT,
@@ -234,6 +236,7 @@ def start_nodes(
     rate: float = 0.0, parameters: Mapping[str, Values] | None = None,
     files: Sequence[Path | str] = (), domain_id: int | None = None,
     log_folder: Path | None = None, exit_at_end: bool = True, start_paused: bool = False,
+    namespace: str = '',
 ) -> Any:
     """Replay `bag` to `nodes`; yields the NodeGroup, and ends every process on leaving.
 
@@ -250,7 +253,7 @@ def start_nodes(
         given[name] = {'bag': str(bag), **given.get(name, {})}
     if 'ring_simulator' in nodes and 'elevation_deg' not in given.get('ring_simulator', {}):
         given['ring_simulator'] = {'bag': str(bag), **given.get('ring_simulator', {})}
-    with NodeGroup(domain_id=domain_id, log_folder=log_folder) as group:
+    with NodeGroup(domain_id=domain_id, log_folder=log_folder, namespace=namespace) as group:
         for name in (*nodes, *REPLAY_NODES, 'replay_clock'):
             group.start(name, given.get(name), files=files)
         yield group

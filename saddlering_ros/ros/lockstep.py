@@ -9,8 +9,6 @@ from saddlering_interfaces.msg import ReplayProgress
 from saddlering_ros.bags.cdr import SECOND
 from saddlering_ros.ros.raw_topics import RawPublisher, RawSubscription
 
-PROGRESS_TOPIC = '/replay/progress'
-STATE_TOPIC = '/replay/state'
 PROGRESS_QOS = QoSProfile(depth=200, reliability=ReliabilityPolicy.RELIABLE)
 
 

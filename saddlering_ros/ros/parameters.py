@@ -77,6 +77,10 @@ class Parameter:
         return ''
 
 
+HARDWARE_ID = Parameter(
+    'hardware_id', '', 'identity of the rig in /diagnostics; none: saddlering, and the namespace')
+
+
 class Settings(dict[str, Any]):
     """The values of a node's parameters by name; kept up to date when one is set."""
 

@@ -9,7 +9,7 @@ import importlib
 from pathlib import Path
 import sys
 
-from saddlering_ros.ros.parameters import Parameter, table
+from saddlering_ros.ros.parameters import HARDWARE_ID, Parameter, table
 from saddlering_ros.ros.registry import NodeEntry, NODES, nodes_table
 from saddlering_ros.ros.streaming_node import AUTOSTART, StreamingNode
 
@@ -22,7 +22,7 @@ def parameters_of(node: NodeEntry) -> tuple[Parameter, ...]:
     """All parameters of a node but those of the rig."""
     kind = getattr(importlib.import_module(node.module), node.class_name)
     own: tuple[Parameter, ...] = kind.PARAMETERS
-    return (AUTOSTART, *own) if issubclass(kind, StreamingNode) else own
+    return (AUTOSTART, HARDWARE_ID, *own) if issubclass(kind, StreamingNode) else own
 
 
 def reference() -> str:

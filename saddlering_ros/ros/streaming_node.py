@@ -11,8 +11,9 @@ from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackRet
 from saddlering_interfaces.msg import ReplayProgress
 from saddlering_ros.errors import SaddleringError
 from saddlering_ros.ros.diagnostics import Task, to_message
-from saddlering_ros.ros.lockstep import progress_of, PROGRESS_QOS, PROGRESS_TOPIC
-from saddlering_ros.ros.parameters import declare, Parameter
+from saddlering_ros.ros.lockstep import progress_of, PROGRESS_QOS
+from saddlering_ros.ros.names import diagnostic_name, DIAGNOSTICS, PROGRESS, rig_name
+from saddlering_ros.ros.parameters import declare, HARDWARE_ID, Parameter
 from saddlering_ros.ros.raw_topics import RawPublisher, RawSubscription, RELIABILITIES
 
 HEARTBEAT = 0.2
@@ -43,15 +44,15 @@ class StreamingNode(LifecycleNode):
 
     def __init__(self, name: str, **options: Any) -> None:
         super().__init__(name, **options)
-        self.settings = declare(self, (AUTOSTART, *self.PARAMETERS))
+        self.settings = declare(self, (AUTOSTART, HARDWARE_ID, *self.PARAMETERS))
         self.tasks: list[Task] = []
         self.problem: SaddleringError | None = None
         self.inputs: list[RawSubscription] = []
         self.outputs: list[RawPublisher] = []
         self.active = False
         self.done = False
-        self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
-        self._progress = self.create_publisher(ReplayProgress, PROGRESS_TOPIC, PROGRESS_QOS)
+        self._diagnostics = self.create_publisher(DiagnosticArray, DIAGNOSTICS, 10)
+        self._progress = self.create_publisher(ReplayProgress, PROGRESS, PROGRESS_QOS)
         self._told = self._beat = 0.0
         self._untold = False
         self._diagnosed = time.monotonic()
@@ -194,6 +195,7 @@ class StreamingNode(LifecycleNode):
     def _diagnose(self, now: float) -> None:
         elapsed, self._diagnosed = now - self._diagnosed, now
         message = to_message(
-            self.get_name(), [(task.name, task.report(elapsed)) for task in self.tasks])
+            diagnostic_name(self), [(task.name, task.report(elapsed)) for task in self.tasks],
+            rig_name(self, self.settings.text('hardware_id')))
         message.header.stamp = self.get_clock().now().to_msg()
         self._diagnostics.publish(message)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 import struct
 
 import numpy as np
@@ -17,7 +17,12 @@ Stamps = NDArray[np.int64]
 Floats = NDArray[np.float64]
 
 CHANNEL_FIELDS = ('delta_x', 'delta_y', 'gamma', 'parity')
-_ZERO_FIELDS = ('zero_stamp.sec', 'zero_stamp.nanosec', 'zero_load')
+_OTHER_FIELDS = ('zero_stamp.sec', 'zero_stamp.nanosec', 'zero_load', 'elevation', 'validity')
+NOT_KNOWN = dict(zip(CHANNEL_FIELDS, (1, 2, 4, 8), strict=True))
+"""Bits of `validity` by the channel that is not known; as in RingDisplacement.msg."""
+
+BRIDGED = 16
+"""Bit of `validity`: an impossible reading was refused and interpolated across."""
 
 
 @dataclass(frozen=True)
@@ -33,18 +38,37 @@ class Samples:
         return len(self.stamps)
 
 
+def _not_given() -> Floats:
+    return np.empty(0)
+
+
+def _no_validity() -> NDArray[np.uint8]:
+    return np.empty(0, np.uint8)
+
+
 @dataclass(frozen=True)
 class Displacements:
     """A batch of ring displacements.
 
-    stamps (N,) [ns]; channels (4, N): delta_x, delta_y [m], gamma [rad], parity [m];
-    zero_stamps (N,) [ns] and zero_loads (N,) [N]: the zero they count from.
+    stamps (N,) [ns]; channels (4, N): delta_x, delta_y [m], gamma [rad], parity [m], NaN where not
+    known; zero_stamps (N,) [ns] and zero_loads (N,) [N]: the zero they count from; elevations (N,)
+    [rad], NaN where not known (also if not given); validity (N,): 0, or a sum of the constants of
+    RingDisplacement.msg.
     """
 
     stamps: Stamps
     channels: Floats
     zero_stamps: Stamps
     zero_loads: Floats
+    elevations: Floats = field(default_factory=_not_given)
+    validity: NDArray[np.uint8] = field(default_factory=_no_validity)
+
+    def __post_init__(self) -> None:
+        count = len(self.stamps)
+        if len(self.elevations) != count:
+            object.__setattr__(self, 'elevations', np.full(count, np.nan))
+        if len(self.validity) != count:
+            object.__setattr__(self, 'validity', np.zeros(count, np.uint8))
 
     def __len__(self) -> int:
         return len(self.stamps)
@@ -71,13 +95,15 @@ def join(batches: Sequence[Displacements]) -> Displacements:
         np.concatenate([batch.stamps for batch in batches]),
         np.concatenate([batch.channels for batch in batches], axis=1),
         np.concatenate([batch.zero_stamps for batch in batches]),
-        np.concatenate([batch.zero_loads for batch in batches]))
+        np.concatenate([batch.zero_loads for batch in batches]),
+        np.concatenate([batch.elevations for batch in batches]),
+        np.concatenate([batch.validity for batch in batches]))
 
 
 def pick(batch: Displacements, rows: np.ndarray) -> Displacements:
     """The given rows of a batch."""
     return Displacements(batch.stamps[rows], batch.channels[:, rows], batch.zero_stamps[rows],
-                         batch.zero_loads[rows])
+                         batch.zero_loads[rows], batch.elevations[rows], batch.validity[rows])
 
 
 def in_order(batch: Displacements) -> Displacements:
@@ -107,12 +133,13 @@ def decode_displacements(messages: Sequence[bytes]) -> Displacements:
     """A batch from saddlering_interfaces/RingDisplacement messages."""
     if not messages:
         return no_displacements()
-    found = decode_list(messages, DISPLACEMENT_TYPE, (*CHANNEL_FIELDS, *_ZERO_FIELDS))
+    found = decode_list(messages, DISPLACEMENT_TYPE, (*CHANNEL_FIELDS, *_OTHER_FIELDS))
     fields = found.fields
     zero = fields['zero_stamp.sec'].astype(np.int64) * SECOND + fields['zero_stamp.nanosec']
     return Displacements(
         found.stamps, np.stack([fields[name] for name in CHANNEL_FIELDS]).astype(np.float64),
-        zero, fields['zero_load'].astype(np.float64))
+        zero, fields['zero_load'].astype(np.float64), fields['elevation'].astype(np.float64),
+        fields['validity'].astype(np.uint8))
 
 
 def encode_displacements(batch: Displacements, frame_id: str) -> list[bytes]:
@@ -121,7 +148,8 @@ def encode_displacements(batch: Displacements, frame_id: str) -> list[bytes]:
     channels = dict(zip(CHANNEL_FIELDS, batch.channels, strict=True))
     return encode_list(DISPLACEMENT_TYPE, frame_id, batch.stamps, {
         **channels, 'zero_stamp.sec': second, 'zero_stamp.nanosec': nanosecond,
-        'zero_load': batch.zero_loads})
+        'zero_load': batch.zero_loads, 'elevation': batch.elevations,
+        'validity': batch.validity})
 
 
 def decode_clock(message: bytes) -> int:

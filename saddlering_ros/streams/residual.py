@@ -180,10 +180,12 @@ class _Bridge:
         offset = (self._total / self._count)[:, None]
         channels = result.channels - offset if measured_is_older else result.channels + offset
         zero = pick(newer, after)
-        return Displacements(result.stamps, channels, zero.zero_stamps, zero.zero_loads)
+        return Displacements(result.stamps, channels, zero.zero_stamps, zero.zero_loads,
+                             result.elevations, result.validity)
 
 
 def _difference(measured: Displacements, simulated: Displacements) -> Displacements:
     return Displacements(measured.stamps, measured.channels - simulated.channels,
-                         measured.zero_stamps, measured.zero_loads)
+                         measured.zero_stamps, measured.zero_loads, simulated.elevations,
+                         measured.validity | simulated.validity)
 

@@ -20,7 +20,7 @@ from sensor_msgs.msg import Range
 from saddlering_interfaces.msg import ReplayProgress, RingDisplacement
 from saddlering_ros.bags import LOAD_TOPIC, PROBE_TOPICS
 from saddlering_ros.bags.topics import LOAD, PROBES
-from saddlering_ros.ros.lockstep import PROGRESS_TOPIC
+from saddlering_ros.ros.names import PROGRESS
 from saddlering_ros.ros.raw_topics import RawPublisher, RawSubscription, stream_qos
 from saddlering_ros.streams import batches
 
@@ -56,7 +56,7 @@ class Client:
         self.warnings: list[str] = []
         self.progress: dict[str, ReplayProgress] = {}
         self._actions: list[ActionClient] = []
-        self._progress = RawSubscription(self.node, PROGRESS_TOPIC, ReplayProgress)
+        self._progress = RawSubscription(self.node, PROGRESS, ReplayProgress)
         self._diagnostics = RawSubscription(self.node, '/diagnostics', DiagnosticArray)
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._serve, daemon=True)

@@ -58,19 +58,24 @@ def test_gaps_are_read_by_ros_as_written_and_back(frame: str) -> None:
 
 @pytest.mark.parametrize('frame', FRAMES)
 def test_displacements_are_the_same_bytes_a_message_has(frame: str) -> None:
-    batch = Displacements(STAMPS, np.arange(12.0).reshape(4, 3) / 7.0, STAMPS[::-1], VALUES)
+    batch = Displacements(STAMPS, np.arange(12.0).reshape(4, 3) / 7.0, STAMPS[::-1], VALUES,
+                          np.array([0.5, -0.1, 1.0]), np.array([0, 3, 16], np.uint8))
     messages = encode_displacements(batch, frame)
     for index, raw in enumerate(messages):
         message = deserialize_message(raw, RingDisplacement)
         assert message.header.frame_id == frame
         assert stamp_of(message.zero_stamp) == batch.zero_stamps[index]
         assert message.zero_load == batch.zero_loads[index]
+        assert (message.elevation, message.validity) == (
+            batch.elevations[index], batch.validity[index])
         given = (message.delta_x, message.delta_y, message.gamma, message.parity)
         assert given == tuple(batch.channels[:, index])
     again = decode_displacements([
         serialize_message(deserialize_message(raw, RingDisplacement)) for raw in messages])
     assert np.array_equal(again.channels, batch.channels)
     assert np.array_equal(again.zero_stamps, batch.zero_stamps)
+    assert np.array_equal(again.elevations, batch.elevations)
+    assert np.array_equal(again.validity, batch.validity)
 
 
 def test_messages_of_different_frames_are_read_in_their_order() -> None:

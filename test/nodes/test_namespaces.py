@@ -1,0 +1,72 @@
+"""Two rigs in one ROS domain, each under its namespace, do not hear each other."""
+
+from __future__ import annotations
+
+from contextlib import ExitStack
+from pathlib import Path
+
+from diagnostic_msgs.msg import DiagnosticArray
+import numpy as np
+import pytest
+from rosnet import Client, wait_until
+from std_srvs.srv import Trigger
+
+from saddlering_interfaces.msg import RingDisplacement
+from saddlering_ros.bags import read_run, TestFacts, write_bag
+from saddlering_ros.rig import CHANNELS, default_rig, ParameterSet, TRUE_TO_SCALE
+from saddlering_ros.ring import simulate
+from saddlering_ros.ros.errors import NodeError
+from saddlering_ros.ros.launcher import start_nodes
+from saddlering_ros.ros.names import namespace_of
+from saddlering_ros.ros.raw_topics import RawSubscription
+from saddlering_ros.streams.batches import decode_displacements
+
+SIMULATED = 'ring/simulated_displacement'
+
+
+@pytest.mark.parametrize(('text', 'namespace'), [
+    ('', ''), ('/', ''), ('rig1', '/rig1'), ('/hall/rig1/', '/hall/rig1')])
+def test_a_namespace_is_written_with_one_slash_before_it(text: str, namespace: str) -> None:
+    assert namespace_of(text) == namespace
+
+
+def test_a_namespace_that_ros_refuses_is_refused_in_one_line() -> None:
+    with pytest.raises(NodeError, match='give letters'):
+        namespace_of('rig 1')
+
+
+@pytest.mark.ros
+def test_two_rigs_side_by_side_simulate_each_its_own_elevation(
+        heard: Client, record, bag: Path, bag_root: Path, ros_domain: int, tmp_path: Path,
+        ) -> None:
+    steep = write_bag(bag_root / 'steep', TestFacts('dynamic', 70.0), record.stamps, record.load,
+                      record.probe_stamps, record.gaps, default_rig().probes)
+    bags = {'/rig1': bag, '/rig2': steep}
+    statuses: dict[str, str] = {}
+
+    def hear(message: DiagnosticArray) -> None:
+        statuses.update((status.name, status.hardware_id) for status in message.status)
+
+    with heard.lock:
+        heard.node.create_subscription(DiagnosticArray, '/diagnostics', hear, 100)
+        flows = {space: RawSubscription(heard.node, f'{space}/{SIMULATED}', RingDisplacement)
+                 for space in bags}
+    with ExitStack() as stack:
+        groups = {space: stack.enter_context(start_nodes(
+            path, namespace=space, domain_id=ros_domain, log_folder=tmp_path / space[1:],
+            start_paused=True, nodes=('ring_simulator',))) for space, path in bags.items()}
+        wait_until(lambda: all(flow.publishers() for flow in flows.values()), 80.0)
+        for space, group in groups.items():
+            assert heard.call(Trigger, f'{space}/replay_clock/play').success
+            assert group.wait('replay_clock', 80.0) == 0
+        with heard.lock:
+            found = {space: decode_displacements(flow.take()) for space, flow in flows.items()}
+            nobody = not heard.node.get_publishers_info_by_topic(f'/{SIMULATED}')
+    assert nobody
+    for space, path in bags.items():
+        run = read_run(path)
+        offline = simulate(default_rig(), ParameterSet(TRUE_TO_SCALE), run.elevation, run.time,
+                           run.load)
+        expected = np.stack([getattr(offline.displacement, name) for name in CHANNELS])
+        assert np.array_equal(found[space].channels, expected)
+        assert statuses[f'{space}/ring_simulator: zero'] == f'saddlering{space}'
