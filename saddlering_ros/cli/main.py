@@ -17,6 +17,7 @@ from types import ModuleType
 from typing import NoReturn
 
 from saddlering_ros import __version__, cli
+from saddlering_ros.cli._files import check_files
 from saddlering_ros.cli._parser import examples_text, OneLineParser, UNUSABLE
 from saddlering_ros.errors import SaddleringError
 from saddlering_ros.provenance import code_hash
@@ -71,6 +72,7 @@ def build_parser() -> tuple[argparse.ArgumentParser, dict[str, Run]]:
 def run_reporting(run: Run, args: argparse.Namespace) -> int:
     """Run one subcommand; return its exit status, having said in one line what went wrong."""
     try:
+        check_files(args)
         status = run(args)
         sys.stdout.flush()
         return status

@@ -1,0 +1,124 @@
+"""Claims about outputs: none replaces what a command reads, by whatever name or link."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterator
+import os
+from pathlib import Path
+import shutil
+
+import pytest
+
+from saddlering_ros.cli._files import BAGS_READ, FILES_READ, WRITTEN
+from saddlering_ros.cli.main import build_parser, main
+from saddlering_ros.paths import share_directory
+
+SHIPPED = share_directory() / 'bags' / 'dynamic_50_fast'
+WORDS_OF_PATHS = ('FILE', 'DIR', 'FOLDER', 'OUT', 'BAG')
+
+
+def commands() -> dict[str, argparse.ArgumentParser]:
+    parser, _ = build_parser()
+    choices = next(action.choices for action in parser._actions
+                   if isinstance(action, argparse._SubParsersAction))
+    return dict(choices)
+
+
+def path_arguments(parser: argparse.ArgumentParser) -> list[argparse.Action]:
+    return [action for action in parser._actions
+            if action.type is Path or any(word in str(action.metavar or '')
+                                          for word in WORDS_OF_PATHS)]
+
+
+def cases() -> Iterator[tuple[str, str, str]]:
+    """Each (command, output, input) that there is."""
+    for name, parser in commands().items():
+        names = [action.dest for action in path_arguments(parser)]
+        for output in names:
+            for read in names:
+                if output in WRITTEN and read in (*BAGS_READ, *FILES_READ):
+                    yield name, output, read
+
+
+def test_the_guard_knows_every_argument_that_names_a_file() -> None:
+    known = {*BAGS_READ, *FILES_READ, *WRITTEN}
+    unknown = {(name, action.dest) for name, parser in commands().items()
+               for action in path_arguments(parser) if action.dest not in known}
+    assert not unknown
+
+
+def words(command: str, given: dict[str, Path]) -> list[str]:
+    """A command line with these arguments, and with what else the command asks for."""
+    line = [command]
+    for action in commands()[command]._actions:
+        if action.dest in given or action.required:
+            value = given.get(action.dest, Path('elsewhere'))
+            line += [*action.option_strings[-1:], str(value)]
+    return line
+
+
+@pytest.fixture
+def bag(tmp_path: Path) -> Path:
+    shutil.copytree(SHIPPED, tmp_path / 'own')
+    return tmp_path / 'own'
+
+
+def kept(folder: Path) -> dict[str, bytes]:
+    return {str(path): path.read_bytes() for path in sorted(folder.rglob('*')) if path.is_file()}
+
+
+@pytest.mark.parametrize(('command', 'output', 'read'), list(cases()))
+def test_no_command_takes_an_input_for_an_output(
+        command: str, output: str, read: str, bag: Path, tmp_path: Path,
+        capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / 'file.yaml').write_text('rig: {}')
+    before = kept(tmp_path)
+    if read in BAGS_READ:
+        source = tmp_path if command == 'demo' else bag
+        target = bag / 'metadata.yaml'
+    else:
+        source = target = tmp_path / 'file.yaml'
+    assert main(words(command, {read: source, output: target})) == 2
+    said = capsys.readouterr().err
+    assert said.count('\n') == 1
+    assert 'is read' in said
+    assert kept(tmp_path) == before
+
+
+@pytest.mark.parametrize('make', [
+    lambda bag, link: link.symlink_to(bag / 'metadata.yaml'),
+    lambda bag, link: os.link(bag / 'metadata.yaml', link),
+], ids=['symbolic', 'hard'])
+def test_a_link_to_a_file_of_the_bag_is_no_output(bag: Path, tmp_path: Path, make) -> None:
+    make(bag, tmp_path / 'link.json')
+    before = kept(tmp_path)
+    assert main(['info', str(bag), '--json', str(tmp_path / 'link.json')]) == 2
+    assert kept(tmp_path) == before
+
+
+def test_a_linked_folder_of_the_bag_takes_no_output(bag: Path, tmp_path: Path) -> None:
+    (tmp_path / 'link').symlink_to(bag)
+    assert main(['info', str(bag), '--json', str(tmp_path / 'link' / 'new.json')]) == 2
+    assert main(['info', str(tmp_path / 'link'), '--json', str(bag / 'new.json')]) == 2
+    assert main(['info', str(next(bag.glob('*.mcap'))), '--json', str(bag / 'new.json')]) == 2
+    assert not (bag / 'new.json').exists()
+
+
+def test_two_outputs_are_not_one_file(bag: Path, tmp_path: Path) -> None:
+    out = str(tmp_path / 'one.json')
+    assert main(['displacement', str(bag), '--out', out, '--json', out]) == 2
+    assert not Path(out).exists()
+
+
+def test_a_folder_that_holds_an_input_is_not_replaced(bag: Path, tmp_path: Path) -> None:
+    (bag / 'p.yaml').write_text('precious')
+    assert main(['generate', str(bag), '--test', 'dynamic', '--elevation', '50', '--overwrite',
+                 '--params', str(bag / 'p.yaml')]) == 2
+    assert (bag / 'p.yaml').read_text() == 'precious'
+
+
+def test_an_output_beside_the_bag_is_written(bag: Path, tmp_path: Path) -> None:
+    assert main(['info', str(bag), '--json', str(tmp_path / 'own.json')]) == 0
+    assert (tmp_path / 'own.json').exists()
