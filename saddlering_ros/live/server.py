@@ -11,7 +11,7 @@ import asyncio
 from collections.abc import Awaitable, Callable
 from contextlib import suppress
 from dataclasses import dataclass
-from functools import partial
+from functools import lru_cache, partial
 import gzip
 import hmac
 import ipaddress
@@ -23,6 +23,7 @@ from typing import Any
 
 from aiohttp import web
 
+from saddlering_ros.live.connections import Connection, Door, quiet_log
 from saddlering_ros.live.errors import LiveError
 from saddlering_ros.live.watcher import ACTIONS, Watcher
 
@@ -38,6 +39,10 @@ LOOPBACK = ('localhost', '127.0.0.1', '[::1]')
 POLICY = ("default-src 'none'; script-src 'self'; style-src 'self' 'unsafe-inline'; "
           "img-src 'self' data: blob:; connect-src 'self'; base-uri 'none'; form-action 'none'; "
           "frame-ancestors 'none'")
+
+COMMANDS = ('zero', 'start', 'pause')
+KEEP_ALIVE = 15.0
+"""How long a connection may idle between two requests [s]."""
 
 Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
 
@@ -76,10 +81,12 @@ def application(watcher: Watcher, where: Address) -> web.Application:
     app = web.Application(middlewares=[_guard(where)])
     for path, (name, kind) in FILES.items():
         app.router.add_get(path, partial(_file, (PAGE / name).read_bytes(), kind))
-    app.router.add_get('/plotly.js', partial(_library, _zipped_library()))
+    app.router.add_get('/plotly.js', _library)
     app.router.add_get('/events', partial(_events, watcher, secrets.token_hex(4)))
     app.router.add_post('/cancel/{action}', partial(_cancel, watcher))
     app.router.add_post('/clear', partial(_clear, watcher))
+    for command in COMMANDS:
+        app.router.add_post(f'/{command}', partial(_ask, watcher, command))
     return app
 
 
@@ -94,21 +101,33 @@ def serve(watcher: Watcher, where: Address, on_ready: Callable[[Address], None],
 
 async def _serve(watcher: Watcher, where: Address, on_ready: Callable[[Address], None],
                  until: threading.Event | None) -> None:
-    runner = web.AppRunner(application(watcher, where), access_log=None, shutdown_timeout=0.5)
+    runner = web.AppRunner(application(watcher, where), access_log=None, shutdown_timeout=0.5,
+                           keepalive_timeout=KEEP_ALIVE)
+    loud_again = quiet_log()
     await runner.setup()
+    door = Door()
+    server: asyncio.Server | None = None
     try:
-        site = web.TCPSite(runner, where.host, where.port)
         try:
-            await site.start()
+            server = await asyncio.get_running_loop().create_server(
+                lambda: Connection(_protocol(runner), door), where.host, where.port, backlog=256)
         except OSError as problem:
             raise LiveError(f'{where.host}:{where.port}: cannot be served ({problem.strerror}): '
                             'choose another --host or --port') from problem
-        port = runner.addresses[0][1]
-        on_ready(Address(where.host, port, where.token))
+        on_ready(Address(where.host, server.sockets[0].getsockname()[1], where.token))
         while until is None or not until.is_set():
             await asyncio.sleep(0.2)
     finally:
+        if server is not None:
+            server.close()
         await runner.cleanup()
+        loud_again()
+
+
+def _protocol(runner: web.AppRunner) -> Any:
+    """What speaks HTTP on one connection."""
+    assert runner.server is not None
+    return runner.server()
 
 
 def _guard(where: Address) -> Any:
@@ -151,11 +170,13 @@ async def _file(data: bytes, kind: str, request: web.Request) -> web.Response:
                         headers={'Cache-Control': 'no-cache'})
 
 
-async def _library(data: bytes, request: web.Request) -> web.Response:
+async def _library(request: web.Request) -> web.Response:
+    data = await asyncio.get_running_loop().run_in_executor(None, _zipped_library)
     return web.Response(body=data, content_type='text/javascript', charset='utf-8',
                         headers={'Content-Encoding': 'gzip', 'Cache-Control': 'max-age=86400'})
 
 
+@lru_cache(maxsize=1)
 def _zipped_library() -> bytes:
     from plotly.offline import get_plotlyjs
 
@@ -163,14 +184,14 @@ def _zipped_library() -> bytes:
 
 
 async def _events(watcher: Watcher, boot: str, request: web.Request) -> web.StreamResponse:
-    """Server-sent events: `state` when it changes, `rows` when there are new ones.
+    """Server-sent events: `state` and `now` when they change, `rows` when there are new ones.
 
     What a slow browser has not taken yet is never queued: the next event holds all that is new.
     """
     response = web.StreamResponse(headers={
         'Content-Type': 'text/event-stream', 'Cache-Control': 'no-store'})
     await response.prepare(request)
-    said, version, turn, silent = '', -1, -1, 0
+    said, shown, version, turn, silent = '', '', -1, -1, 0
     await response.write(b'retry: 1000\n\n')
     with suppress(ConnectionError):  # the browser has left
         while True:
@@ -178,6 +199,10 @@ async def _events(watcher: Watcher, boot: str, request: web.Request) -> web.Stre
             if state != said:
                 said = state
                 await _send(response, 'state', state)
+            now = json.dumps(watcher.now())
+            if now != shown:
+                shown = now
+                await _send(response, 'now', now)
             rows = watcher.rows(version, turn)
             if rows is not None:
                 version, turn = rows['version'], rows['turn']
@@ -198,6 +223,10 @@ async def _cancel(watcher: Watcher, request: web.Request) -> web.Response:
     if action not in ACTIONS:
         raise web.HTTPNotFound
     return web.json_response({'asked': watcher.cancel(action)})
+
+
+async def _ask(watcher: Watcher, command: str, request: web.Request) -> web.Response:
+    return web.json_response({'asked': watcher.ask(command)})
 
 
 async def _clear(watcher: Watcher, request: web.Request) -> web.Response:

@@ -172,6 +172,11 @@ class Traces:
         starts = [int(cells.number[0]) for cells in self._cells.values() if len(cells)]
         return min(starts, default=0)
 
+    def means(self, name: str) -> Floats:
+        """Means (C, N) of the cells of a stream, as they are drawn."""
+        cells = self._cells[name]
+        return np.asarray(cells.total / np.maximum(cells.count, 1))
+
     def since(self, turn: int, scales: Mapping[str, float]) -> dict[str, dict[str, Any]]:
         """What changed after `turn`: by stream the cells' numbers, and means and extremes scaled.
 

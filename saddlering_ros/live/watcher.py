@@ -12,21 +12,23 @@ from typing import Any
 
 from action_msgs.msg import GoalStatus, GoalStatusArray
 from diagnostic_msgs.msg import DiagnosticArray
-from geometry_msgs.msg import WrenchStamped
+from geometry_msgs.msg import Vector3Stamped, WrenchStamped
 import numpy as np
 import rclpy
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, qos_profile_action_status_default, QoSProfile
+from sensor_msgs.msg import Range
 
 from saddlering_interfaces.action import DiagnoseRing, IdentifyRing
 from saddlering_interfaces.msg import ReplayState, RingDisplacement, RingParameters
 from saddlering_ros.bags.cdr import CdrError
-from saddlering_ros.bags.topics import LOAD
-from saddlering_ros.diagnosis.wording import gain_sentence, headline
+from saddlering_ros.bags.scatter import white_noise
+from saddlering_ros.bags.topics import ELEVATION, LOAD, PROBES, RigTopic
 from saddlering_ros.errors import SaddleringError
+from saddlering_ros.live.commands import Commands
+from saddlering_ros.live.gauges import Gauges
 from saddlering_ros.live.traces import Traces
-from saddlering_ros.report.background import white_noise
 from saddlering_ros.rig import (
     CHANNELS,
     PARAMETER_NAMES,
@@ -65,7 +67,19 @@ REVIEW = 1.0
 SILENT = 3.5
 """A node that has not spoken on /diagnostics for so long [s] is gone."""
 
-NOISE_SAMPLES = 2000
+BAND_LAG = 3
+"""Drawn means over which the noise of the residual is judged."""
+
+FEWEST_MEANS = 20
+TYPES = {'geometry_msgs/msg/WrenchStamped': WrenchStamped, 'sensor_msgs/msg/Range': Range,
+         'geometry_msgs/msg/Vector3Stamped': Vector3Stamped}
+SENSORS: dict[str, RigTopic] = {
+    'elevation': ELEVATION, **{f'probe_{place}': topic for place, topic in enumerate(PROBES, 1)}}
+"""What is read of the rig besides the load, by the name of its gauge."""
+
+BAG, ELEVATION_KEY = 'bag', 'elevation [deg]'
+"""Keys of /diagnostics whose values the page shows."""
+
 ACTIONS = {'identify': (IDENTIFY, IdentifyRing),
            'diagnose': (DIAGNOSE, DiagnoseRing)}
 RUNNING = (GoalStatus.STATUS_ACCEPTED, GoalStatus.STATUS_EXECUTING, GoalStatus.STATUS_CANCELING)
@@ -111,8 +125,12 @@ class Watcher:
             name: RawSubscription(
                 self.node, topic, WrenchStamped if name == 'load' else RingDisplacement)
             for name, topic in STREAMS.items()}
-        self._recent = np.empty((len(CHANNELS), 0))
-        self._noise: list[float | None] = [None] * len(CHANNELS)
+        self._sensors = {name: RawSubscription(self.node, topic.relative, TYPES[topic.type])
+                         for name, topic in SENSORS.items()}
+        self.gauges = Gauges()
+        self.commands = Commands(self.node)
+        self._band: list[float | None] = [None] * len(CHANNELS)
+        self._facts: dict[str, str] = {}
         self._health: dict[str, tuple[float, dict[str, Any]]] = {}
         self._parameters: dict[str, Any] | None = None
         self._replay: dict[str, Any] | None = None
@@ -151,17 +169,23 @@ class Watcher:
             return {'version': traces.version, 'turn': traces.turn, 'anew': is_new,
                     'width': traces.width / 1e9, 'streams': found}
 
+    def now(self) -> dict[str, Any]:
+        """The name of the test and the numbers of this moment."""
+        with self.lock:
+            return {'test': self._facts.get(BAG, ''),
+                    'gauges': self.gauges.as_page(_number(self._facts.get(ELEVATION_KEY)))}
+
     def state(self) -> dict[str, Any]:
-        """Everything but the streams."""
+        """Everything but the streams and what changes with every sample."""
         with self.lock:
             now = time.monotonic()
             health = [
-                {'name': name, **({'level': 'silent', 'words': 'its node says nothing any more'}
+                {'name': name, **({'level': 'silent', 'words': 'Node offline'}
                                   if now - heard > SILENT else status)}
                 for name, (heard, status) in sorted(self._health.items())]
             return {
                 'health': health, 'parameters': self._parameters, 'replay': self._replay,
-                'noise': self._noise,
+                'band': self._band, 'commands': self.commands.as_page(),
                 'jobs': {name: asdict(job) for name, job in self._jobs.items()}}
 
     def clear(self) -> None:
@@ -172,6 +196,10 @@ class Watcher:
     def cancel(self, action: str) -> bool:
         """Ask the server of an action to cancel what it does; whether there is one to ask."""
         return self._actions[action].cancel()
+
+    def ask(self, command: str) -> bool:
+        """Ask for a zero, a start or a pause; whether there is a node to ask."""
+        return self.commands.ask(command)
 
     # --- hearing ---
 
@@ -189,8 +217,10 @@ class Watcher:
                 self._poll()
             if now - reviewed >= REVIEW:
                 reviewed = now
-                for subscription in self._streams.values():
+                for subscription in (*self._streams.values(), *self._sensors.values()):
                     subscription.review()
+                with self.lock:
+                    self._band = self._band_of_residual()
 
     def _poll(self) -> None:
         for name, subscription in self._streams.items():
@@ -199,20 +229,30 @@ class Watcher:
                 continue
             with contextlib.suppress(CdrError), self.lock:
                 self._take(name, messages)
+        for name, subscription in self._sensors.items():
+            newest = subscription.take()[-1:]
+            if newest:
+                with contextlib.suppress(CdrError), self.lock:
+                    found = batches.decode_samples(newest, SENSORS[name])
+                    self.gauges.push(name, float(found.values[-1]), found.low, found.high)
         for action in self._actions.values():
             action.look_after()
+
+    def _band_of_residual(self) -> list[float | None]:
+        """Noise of the residual's means as they are drawn [um, urad]; None while too few are."""
+        means = self.traces.means('residual')
+        if means.shape[1] < FEWEST_MEANS:
+            return [None] * len(CHANNELS)
+        return [_finite(1e6 * white_noise(channel, BAND_LAG)) for channel in means]
 
     def _take(self, name: str, messages: list[bytes]) -> None:
         if name == 'load':
             load = batches.decode_samples(messages, LOAD)
             self.traces.push(name, load.stamps, load.values[None, :])
+            self.gauges.push(name, float(load.values[-1]))
             return
         batch = batches.decode_displacements(messages)
         self.traces.push(name, batch.stamps, batch.channels)
-        if name == 'measured':
-            recent = np.concatenate([self._recent, batch.channels], axis=1)
-            self._recent = recent[:, -NOISE_SAMPLES:]
-            self._noise = [_finite(1e6 * white_noise(channel)) for channel in self._recent]
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         now = time.monotonic()
@@ -222,6 +262,8 @@ class Watcher:
                     continue
                 level = LEVELS[min(status.level[0], 3)]
                 self._health[status.name] = (now, {'level': level, 'words': status.message})
+                self._facts.update((item.key, item.value) for item in status.values
+                                   if item.key in (BAG, ELEVATION_KEY))
 
     def _on_parameters(self, message: RingParameters) -> None:
         if not getattr(message, 'in_force_in', 'x'):
@@ -335,12 +377,15 @@ class _Action:
         result = answer.result
         ended = Job(goal, state, stage='', share=1.0, words=str(result.message))
         if state == 'done' and self._name == 'diagnose':
+            # The words know the catalogue; the page is served before that is loaded.
+            from saddlering_ros.diagnosis.wording import gain_sentence, headline
+
             document = json.loads(result.verdict_json)
             ended.verdict = document['verdict']
             ended.words = headline(document)
             following = document.get('next_test')
             ended.lines = [line for line in (
-                gain_sentence(document), f'Next test: {following}' if following else '') if line]
+                f'Next test: {following}' if following else '', gain_sentence(document)) if line]
         elif state == 'done':
             report = json.loads(result.report_json)
             ended.lines = [
@@ -356,3 +401,10 @@ def _with(job: Job, **changes: Any) -> Job:
 
 def _finite(value: float) -> float | None:
     return round(value, 5) if np.isfinite(value) else None
+
+
+def _number(text: str | None) -> float | None:
+    try:
+        return None if text is None else float(text)
+    except ValueError:
+        return None

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from pathlib import Path
 import sys
 import time
 
@@ -300,7 +301,8 @@ class ReplayClockNode(BagNode):
         figures = {'time [s]': f'{(self._time - self._start) / 1e9:.3f}',
                    'length [s]': f'{(self._end - self._start) / 1e9:.3f}',
                    'rate': f'{self._rate:g}', 'speed': f'{max(0.0, self._speed):.2f}',
-                   'time-outs': str(self._timeouts)}
+                   'time-outs': str(self._timeouts),
+                   'bag': Path(self.settings.text('bag')).name}
         if self._group.excused and self._lockstep:
             names = ', '.join(sorted(self._group.excused))
             return Finding(ERROR, f'goes on without {names}, which fell behind', figures)

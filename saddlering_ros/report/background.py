@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-import math
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from saddlering_ros.bags import displacement_of_run, TestRun
+from saddlering_ros.bags.scatter import white_noise
 from saddlering_ros.report import html
 from saddlering_ros.report.html import Cell, number
 from saddlering_ros.report.style import SYMBOLS
@@ -19,9 +19,6 @@ from saddlering_ros.rig.quantities import percent, quantity
 from saddlering_ros.thresholds import allowed_misfit
 
 Array = NDArray[np.float64]
-
-MAD_TO_STD = 1.4826
-"""Standard deviation over median absolute deviation, for Gaussian noise."""
 
 GAP_PERIODS = 5.0
 STRONG = 0.9
@@ -84,19 +81,6 @@ def quality_of(run: TestRun, rig: Rig) -> RunQuality:
         noise={name: white_noise(np.asarray(getattr(measured.displacement, name)))
                for name in CHANNELS},
         notes=tuple(run.notes))
-
-
-def white_noise(values: Array) -> float:
-    """Standard deviation of the white noise on samples (N,) of something smooth.
-
-    From second differences, which a straight line has none of and whose variance is six times
-    that of the samples; by their median, which steps do not move.
-    """
-    seen = values[np.isfinite(values)]
-    if seen.size < 3:
-        return math.nan
-    second = np.diff(seen, 2)
-    return float(MAD_TO_STD * np.median(np.abs(second - np.median(second))) / math.sqrt(6.0))
 
 
 def data_quality(runs: Sequence[RunQuality]) -> str:

@@ -122,14 +122,16 @@ def test_a_replay_is_drawn_as_it_happens_and_outlives_reloads_and_restarts(ros_d
     highest = 'Math.max(...[...streams.measured.values()].map((it) => it.high[0]))'
     with served(ros_domain) as where, browser_page() as page:
         page.open(where.url)
-        page.wait('document.querySelector("#link").innerText === "connected"')
+        page.wait('document.querySelector("#link").innerText === "Connected"')
         with start_nodes(BAG, domain_id=ros_domain, rate=RATE) as group:
             page.wait('+document.body.dataset.points > 20', 60.0)
-            shown = page.run('document.querySelectorAll("#loops .scatterlayer .trace").length')
-            assert shown == 6
+            page.wait('document.querySelectorAll(".gauge .span").length === 4')
+            page.wait('/Load[^]*[0-9.]+ t[^]*kN/.test(document.querySelector("#now").innerText)')
+            page.wait('document.querySelectorAll("#loops .scatterlayer .trace").length === 6')
             group.wait('replay_clock', 60.0)
             assert page.wait(f'Math.abs({highest} - {peak}) < 1e-3')
-        for words in ('true to scale', 'N/mm^n', 'probe 4', 'ring_residual', 'replay finished'):
+        for words in ('true to scale', 'N/mm^n', 'probe 4', 'ring_residual', 'Replay finished',
+                      'Test dynamic_50_fast', 'as simulated'):
             page.wait(f'document.body.innerText.includes({json.dumps(words)})')
         assert page.run('document.querySelectorAll("#residuals .shapelayer path").length') == 3
         page.send('Page.reload')
@@ -168,4 +170,4 @@ def test_progress_is_shown_canceled_by_a_click_and_a_verdict_comes(ros_domain):
             assert page.errors == []
         page.wait('document.querySelector("#link").innerText.includes("trying again")')
         with served(ros_domain, where.port):
-            page.wait('document.querySelector("#link").innerText === "connected"', 20.0)
+            page.wait('document.querySelector("#link").innerText === "Connected"', 20.0)

@@ -20,10 +20,10 @@ from saddlering_ros.live.server import address, application, serve
 POST = {'X-Saddlering': 'live'}
 
 
-def asked(where, *requests):
+def asked(where, *requests, watcher=None):
     """Statuses of requests (method, path, headers) by one client, one after another."""
     canceled = []
-    watcher = SimpleNamespace(cancel=lambda name: canceled.append(name) or True)
+    watcher = watcher or SimpleNamespace(cancel=lambda name: canceled.append(name) or True)
 
     async def ask():
         server = TestServer(application(watcher, where))
@@ -49,9 +49,18 @@ def test_a_name_that_points_here_by_trickery_is_refused():
 def test_another_site_cannot_cancel_but_the_page_can():
     statuses, canceled = asked(
         address('127.0.0.1', 0), ('POST', '/cancel/identify', {}),
-        ('POST', '/cancel/identify', POST), ('POST', '/cancel/else', POST))
-    assert statuses == [403, 200, 404]
+        ('POST', '/cancel/identify', POST), ('POST', '/cancel/else', POST), ('POST', '/zero', {}))
+    assert statuses == [403, 200, 404, 403]
     assert canceled == ['identify']
+
+
+def test_zero_start_and_pause_reach_the_nodes():
+    heard = []
+    watcher = SimpleNamespace(ask=lambda name: heard.append(name) or True)
+    statuses, _ = asked(address('127.0.0.1', 0), *(
+        ('POST', f'/{name}', POST) for name in ('zero', 'start', 'pause')), watcher=watcher)
+    assert statuses == [200, 200, 200]
+    assert heard == ['zero', 'start', 'pause']
 
 
 @pytest.mark.parametrize('path', ['/', '/events', '/plotly.js', '/?token=wrong'])

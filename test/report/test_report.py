@@ -8,9 +8,10 @@ from documents import document, run_curves
 import numpy as np
 import pytest
 
+from saddlering_ros.bags.scatter import white_noise
 from saddlering_ros.diagnosis.wording import gain_sentence, headline
 from saddlering_ros.report import chapters, figures
-from saddlering_ros.report.background import misfit_reductions, white_noise
+from saddlering_ros.report.background import misfit_reductions
 from saddlering_ros.report.curves import branches, spectrum
 from saddlering_ros.report.curves_file import curves_path, write_curves
 from saddlering_ros.report.diagnosis_page import diagnosis_page

@@ -22,7 +22,8 @@ const post = (path) => fetch(path, { method: 'POST', headers: { 'X-Saddlering': 
 
 let boot = '';
 let width = 0.01;
-let noise = [];
+let band = [];
+const opened = new Set();
 let streams = {};
 let stale = false;
 
@@ -59,14 +60,18 @@ function loop(name, row) {
   return { x, y };
 }
 
+function means(name, row) {
+  const cells = [...streams[name]].sort((a, b) => a[0] - b[0]);
+  return { x: cells.map(([cell]) => (cell + 0.5) * width),
+    y: cells.map(([, values]) => values.mean[row]) };
+}
+
 function extremes(name, row) {
-  const x = [];
-  const y = [];
-  for (const [cell, values] of [...streams[name]].sort((a, b) => a[0] - b[0])) {
-    x.push((cell + 0.5) * width, (cell + 0.5) * width);
-    y.push(values.low[row], values.high[row]);
-  }
-  return { x, y };
+  const cells = [...streams[name]].sort((a, b) => a[0] - b[0]);
+  const at = cells.map(([cell]) => (cell + 0.5) * width);
+  return { x: [...at, ...[...at].reverse()],
+    y: [...cells.map(([, values]) => values.low[row]),
+      ...cells.map(([, values]) => values.high[row]).reverse()] };
 }
 
 const SETTINGS = { responsive: true, displaylogo: false,
@@ -85,20 +90,20 @@ function layout(across, title) {
     found[`xaxis${suffix}`] = { ...line, title: { text: across, standoff: 4 } };
     found[`yaxis${suffix}`] = { ...line,
       title: { text: `${channel.name} / ${channel.unit}`, standoff: 4 } };
-    if (!title && noise[channel.row]) {
+    if (!title && band[channel.row]) {
       found.shapes.push({ type: 'rect', xref: `x${suffix} domain`, yref: `y${suffix}`, x0: 0,
-        x1: 1, y0: -2 * noise[channel.row], y1: 2 * noise[channel.row], line: { width: 0 },
+        x1: 1, y0: -2 * band[channel.row], y1: 2 * band[channel.row], line: { width: 0 },
         fillcolor: NOISE, opacity: 0.35, layer: 'below' });
     }
   });
   return found;
 }
 
-function trace(points, i, colour, name) {
+function trace(points, i, colour, name, line = { width: 1.6 }) {
   const suffix = i ? i + 1 : '';
   const channel = CHANNELS[i];
   return { ...points, type: 'scatter', mode: 'lines', name, legendgroup: name,
-    showlegend: i === 0, line: { color: colour, width: 1.6 }, xaxis: `x${suffix}`,
+    showlegend: i === 0, line: { color: colour, ...line }, xaxis: `x${suffix}`,
     yaxis: `y${suffix}`,
     hovertemplate: `%{x:.3f}<br>%{y:.3f} ${channel.unit}<extra>${name}</extra>` };
 }
@@ -107,10 +112,13 @@ async function draw() {
   if (stale && !document.hidden && window.Plotly) {
     stale = false;
     const loops = CHANNELS.flatMap((channel, i) => [
-      trace(loop('measured', channel.row), i, MEASURED, 'measured'),
-      trace(loop('simulated', channel.row), i, SIMULATED, 'simulated')]);
-    const residuals = CHANNELS.map((channel, i) =>
-      trace(extremes('residual', channel.row), i, SIMULATED, 'measured less simulated'));
+      { ...trace(loop('measured', channel.row), i, MEASURED, 'measured', { width: 5 }),
+        opacity: 0.4 },
+      trace(loop('simulated', channel.row), i, SIMULATED, 'simulated', { width: 1.4 })]);
+    const residuals = CHANNELS.flatMap((channel, i) => [
+      { ...trace(extremes('residual', channel.row), i, SIMULATED, 'lowest to highest',
+        { width: 0 }), fill: 'toself', fillcolor: 'rgba(209,73,91,0.15)', hoverinfo: 'skip' },
+      trace(means('residual', channel.row), i, SIMULATED, 'mean')]);
     await Plotly.react('loops', loops, layout('load / t', true), SETTINGS);
     await Plotly.react('residuals', residuals, layout('time / s', false), SETTINGS);
     document.body.dataset.points = loops[0].x.length;
@@ -119,10 +127,53 @@ async function draw() {
 }
 
 function showReplay(replay) {
-  byId('replay').textContent = !replay ? 'no replay: a driver, or nothing'
-    : `replay ${replay.state}, ${Math.round(100 * replay.share)} %`
+  byId('replay').textContent = !replay ? 'No replay'
+    : `Replay ${replay.state}, ${Math.round(100 * replay.share)} %`
       + (replay.state === 'playing' && replay.speed ? `, ${replay.speed} times real time` : '')
       + (replay.waiting_for.length ? `; ${replay.waiting_for[0]}` : '');
+}
+
+function gauge(title, value, words, level = 'ok') {
+  const box = make('div', '', level === 'ok' ? 'gauge' : `gauge ${level}`);
+  box.append(make('span', title, 'soft'), make('b', value), make('span', words, 'soft'));
+  return box;
+}
+
+function probeGauge(probe, number) {
+  if (!probe) return gauge(`Probe ${number}`, '–', 'None received');
+  const margin = probe.margin === null ? 'span not stated' : `margin ${probe.margin.toFixed(3)} mm`;
+  const box = gauge(`Probe ${number}`, `${probe.gap.toFixed(4)} mm`, margin, probe.level);
+  if (probe.margin !== null) {
+    const bar = make('div', '', 'span');
+    const mark = make('i');
+    const share = (probe.gap - probe.low) / (probe.high - probe.low);
+    mark.style.left = `${100 * Math.min(Math.max(share, 0), 1)}%`;
+    bar.title = `${probe.low} to ${probe.high} mm`;
+    bar.append(mark);
+    box.append(bar);
+  }
+  return box;
+}
+
+function showNow(now) {
+  const { load, elevation, probes } = now.gauges;
+  byId('test').textContent = now.test ? `Test ${now.test}` : 'Test in progress';
+  document.querySelector('#now .gauges').replaceChildren(
+    gauge('Load', load ? `${load.t.toFixed(2)} t` : '–',
+      load ? `${load.kN.toFixed(1)} kN` : 'None received'),
+    gauge('Elevation', elevation ? `${elevation.deg}°` : '–',
+      elevation ? (elevation.is_measured ? 'measured' : 'as simulated') : 'None received'),
+    ...probes.map((probe, i) => probeGauge(probe, i + 1)));
+}
+
+function showCommands(commands) {
+  const words = [];
+  for (const [name, command] of Object.entries(commands)) {
+    byId(name).disabled = !command.ready;
+    byId(name).title = command.words;
+    if (command.words) words.push(`${name}: ${command.words}`);
+  }
+  byId('answer').textContent = words.join('; ');
 }
 
 function showParameters(parameters) {
@@ -152,23 +203,36 @@ function node(title, items, words) {
 function showHealth(health) {
   const probes = [1, 2, 3, 4].map((number) => {
     const items = health.filter((item) => item.name.endsWith(`/rig/eddy_current_${number}`)
-      && item.name.startsWith('ring_displacement'));
+      && item.name.includes('ring_displacement'));
     return items.length ? node(`probe ${number}`, items, items) : null;
   }).filter(Boolean);
-  const parity = health.filter((item) => item.name === 'ring_displacement: parity');
+  const parity = health.filter((item) => item.name.endsWith('ring_displacement: parity'));
   if (parity.length) probes.push(node('parity of probes 1 and 3', parity, parity));
   byId('probes').replaceChildren(...(probes.length ? probes
-    : [make('p', 'ring_displacement does not speak on /diagnostics', 'soft')]));
+    : [make('p', 'ring_displacement: Node offline', 'soft')]));
   const names = [...new Set(health.map((item) => item.name.split(':')[0]))];
   byId('nodes').replaceChildren(...names.map((name) => {
     const items = health.filter((item) => item.name.split(':')[0] === name);
-    const told = items.filter((item) => item.level !== 'ok');
-    if (told.length === items.length && told.every((item) => item.level === 'silent')) {
-      return node(name, items, [told[0]]);
+    const raised = items.filter((item) => item.level !== 'ok');
+    if (!raised.length) return node(name, items, [{ level: 'ok', words: 'OK' }]);
+    if (raised.length === items.length && raised.every((item) => item.level === 'silent')) {
+      return node(name, items, [raised[0]]);
     }
-    return node(name, items, told.length ? told.map((item) => ({ level: item.level,
-      words: `${item.name.split(': ')[1]}: ${item.words}` })) : [{ level: 'ok', words: 'well' }]);
+    return folded(name, items, raised);
   }));
+}
+
+function folded(name, items, raised) {
+  const box = node(name, items, []);
+  const details = make('details');
+  const count = raised.length === 1 ? '1 warning' : `${raised.length} warnings`;
+  details.open = opened.has(name);
+  details.addEventListener('toggle', () => (details.open ? opened.add(name)
+    : opened.delete(name)));
+  details.append(make('summary', count, worst(raised)), ...raised.map((item) => make('div',
+    `${item.name.split(': ')[1]}: ${item.words}`, item.level)));
+  box.lastElementChild.append(details);
+  return box;
 }
 
 const minutes = (seconds) => (seconds < 90 ? `${Math.round(seconds)} s`
@@ -211,16 +275,17 @@ function showVerdict(job) {
 
 function show(state) {
   showReplay(state.replay);
+  showCommands(state.commands);
   showParameters(state.parameters);
   showHealth(state.health);
   const jobs = Object.entries(state.jobs).map(([name, job]) => showJob(name, job));
   byId('jobs').lastElementChild.replaceChildren(...(jobs.length ? jobs
-    : [make('p', 'no goal is running on /identify_ring or /diagnose_ring', 'soft')]));
+    : [make('p', 'No goal is running on /identify_ring or /diagnose_ring.', 'soft')]));
   showVerdict(state.jobs.diagnose);
-  if (String(state.noise) !== String(noise)) stale = true;
-  noise = state.noise;
-  byId('noise').textContent = noise[0] === null ? 'not known yet' : CHANNELS.map(
-    (channel) => `${channel.name} ${noise[channel.row].toFixed(2)} ${channel.unit}`).join(', ');
+  if (String(state.band) !== String(band)) stale = true;
+  band = state.band;
+  byId('noise').textContent = band[0] === null ? 'not known yet' : CHANNELS.map(
+    (channel) => `${channel.name} ${band[channel.row].toFixed(2)} ${channel.unit}`).join(', ');
 }
 
 function link(words, kind) {
@@ -230,19 +295,22 @@ function link(words, kind) {
 
 function listen() {
   const events = new EventSource('events');
-  events.addEventListener('open', () => link('connected', 'good'));
+  events.addEventListener('open', () => link('Connected', 'good'));
   events.addEventListener('error', () => {
-    link('the server is away; trying again', 'bad');
+    link('Server offline; trying again', 'bad');
     if (events.readyState === EventSource.CLOSED) {
       setTimeout(listen, 2000);
     }
   });
   events.addEventListener('rows', (event) => take(JSON.parse(event.data)));
   events.addEventListener('state', (event) => show(JSON.parse(event.data)));
+  events.addEventListener('now', (event) => showNow(JSON.parse(event.data)));
 }
 
 forget();
-byId('clear').addEventListener('click', () => post('clear'));
+for (const name of ['clear', 'zero', 'start', 'pause']) {
+  byId(name).addEventListener('click', () => post(name));
+}
 addEventListener('visibilitychange', () => { stale = true; });
 listen();
 draw();

@@ -1,0 +1,72 @@
+"""What the page shows as numbers: the load, the elevation and the raw gaps of this moment."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+import math
+import time
+from typing import Any
+
+from saddlering_ros.rig import TONNE
+
+FRESH = 2.0
+"""A reading is current for so long [s]; after that none is shown."""
+
+NARROW, ENDED = 0.10, 0.01
+"""Shares of a probe's span: a margin below NARROW is a warning, one below ENDED an error."""
+
+
+@dataclass(frozen=True)
+class Reading:
+    """A value in SI units, its sensor's range (NaN: not stated), when it came [s, monotonic]."""
+
+    value: float
+    low: float
+    high: float
+    at: float
+
+
+class Gauges:
+    """The newest reading of every sensor by name; from any thread that holds the page's lock."""
+
+    def __init__(self) -> None:
+        self._readings: dict[str, Reading] = {}
+
+    def push(self, name: str, value: float, low: float = math.nan, high: float = math.nan) -> None:
+        """Take a reading: 'load' [N], 'elevation' [rad], 'probe_1' to 'probe_4' [m]."""
+        self._readings[name] = Reading(value, low, high, time.monotonic())
+
+    def as_page(self, assumed_elevation: float | None = None) -> dict[str, Any]:
+        """Load in t and kN, elevation in degrees, gaps in mm with margin; None where none came.
+
+        assumed_elevation [degrees]: what the simulator uses, where the rig measures none.
+        """
+        load, elevation = self._fresh('load'), self._fresh('elevation')
+        return {
+            'load': None if load is None else {
+                't': round(load.value / TONNE, 3), 'kN': round(load.value / 1e3, 2)},
+            'elevation': {'deg': round(math.degrees(elevation.value), 2), 'is_measured': True}
+            if elevation is not None else None if assumed_elevation is None
+            else {'deg': assumed_elevation, 'is_measured': False},
+            'probes': [_probe(self._fresh(f'probe_{number}')) for number in (1, 2, 3, 4)]}
+
+    def _fresh(self, name: str) -> Reading | None:
+        found = self._readings.get(name)
+        return None if found is None or time.monotonic() - found.at > FRESH else found
+
+
+def _probe(found: Reading | None) -> dict[str, Any] | None:
+    """Gap and span in mm, the margin to the nearer end, and how that is to be judged."""
+    if found is None or not math.isfinite(found.value):
+        return None
+    span = found.high - found.low
+    if not span > 0.0:
+        return {'gap': _mm(found.value), 'low': None, 'high': None, 'margin': None, 'level': 'ok'}
+    margin = min(found.value - found.low, found.high - found.value)
+    level = 'ok' if margin >= NARROW * span else 'warning' if margin >= ENDED * span else 'error'
+    return {'gap': _mm(found.value), 'low': _mm(found.low), 'high': _mm(found.high),
+            'margin': _mm(margin), 'level': level}
+
+
+def _mm(value: float) -> float:
+    return round(1e3 * value, 4)

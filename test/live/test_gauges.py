@@ -1,0 +1,41 @@
+"""Claims about the numbers of this moment: units, margins, and nothing shown that is old."""
+
+import math
+
+import pytest
+
+from saddlering_ros.live import gauges
+from saddlering_ros.live.gauges import Gauges
+from saddlering_ros.rig import TONNE
+
+
+def test_a_gap_is_shown_in_millimetres_with_its_margin_to_the_nearer_end():
+    found = Gauges()
+    found.push('probe_2', 0.4e-3, 0.0, 2e-3)
+    probes = found.as_page()['probes']
+    assert probes[1] == {'gap': 0.4, 'low': 0.0, 'high': 2.0, 'margin': 0.4, 'level': 'ok'}
+    assert probes[0] is None
+
+
+@pytest.mark.parametrize(('gap', 'level'), [(1e-3, 'ok'), (1.9e-3, 'warning'), (2e-3, 'error'),
+                                            (2.1e-3, 'error')])
+def test_a_margin_that_is_used_up_is_a_warning_and_then_an_error(gap, level):
+    found = Gauges()
+    found.push('probe_1', gap, 0.0, 2e-3)
+    assert found.as_page()['probes'][0]['level'] == level
+
+
+def test_load_and_elevation_are_in_the_units_of_the_rig_room():
+    found = Gauges()
+    found.push('load', 12.5 * TONNE)
+    assert found.as_page(50.0)['load'] == {'t': 12.5, 'kN': 122.58}
+    assert found.as_page(50.0)['elevation'] == {'deg': 50.0, 'is_measured': False}
+    found.push('elevation', math.radians(49.7))
+    assert found.as_page(50.0)['elevation'] == {'deg': 49.7, 'is_measured': True}
+
+
+def test_a_reading_that_is_old_is_not_shown(monkeypatch):
+    found = Gauges()
+    found.push('load', 1.0)
+    monkeypatch.setattr(gauges, 'FRESH', -1.0)
+    assert found.as_page()['load'] is None
