@@ -8,11 +8,33 @@ examples/second_system.py [effect [size]] [--seed N]
 import argparse
 from types import MappingProxyType
 
+from numba import njit
 import numpy as np
 
 from saddlering_ros.discrepancy import diagnose, Effect, Parameter, Point, RestSegment, Run
 
 STEP = 0.02
+"""Between two samples [s]."""
+SLIP = 2e-5
+"""Travel [m] within which dry friction builds up."""
+
+
+@njit(cache=True)
+def move(stiffness, damping, friction, cubic, offset, width, force, seen):
+    """Write the positions of mass and motor of each point (P,) into seen (P, 2, N)."""
+    for point in range(len(stiffness)):
+        place = held = motor = 0.0                     # held: travel kept by the friction element
+        for index in range(len(force)):
+            drive = force[index] - offset[point]
+            for _ in range(4):                         # overdamped: inertia is not felt
+                grip = friction[point] * min(max((place - held) / SLIP, -1.0), 1.0)
+                slope = (stiffness[point] + 3 * cubic[point] * place**2 + friction[point] / SLIP
+                         + damping[point] / (STEP / 4))
+                spring = stiffness[point] * place + cubic[point] * place**3
+                place += (drive - grip - spring) / slope
+                held = min(max(held, place - SLIP), place + SLIP)
+            motor = min(max(motor, place - width[point] / 2), place + width[point] / 2)
+            seen[point, 0, index], seen[point, 1, index] = place, motor
 
 
 class Axis:
@@ -44,19 +66,8 @@ class Axis:
 
         friction, cubic = knob('friction', 'force'), knob('hardening', 'cubic')
         offset, width = knob('force_offset', 'force'), knob('backlash', 'width')
-        place = np.zeros(len(points))
-        held = np.zeros(len(points))                   # travel kept by the friction element
-        motor = np.zeros(len(points))
         seen = np.empty((len(points), 2, run.time.size))
-        for index, force in enumerate(run.inputs['force']):
-            drive = force - offset
-            for _ in range(4):                         # overdamped: inertia is not felt
-                grip = friction * np.clip((place - held) / 2e-5, -1.0, 1.0)
-                slope = stiffness + 3 * cubic * place**2 + friction / 2e-5 + damping / (STEP / 4)
-                place = place + (drive - grip - stiffness * place - cubic * place**3) / slope
-                held = np.clip(held, place - 2e-5, place + 2e-5)
-            motor = np.clip(motor, place - width / 2, place + width / 2)
-            seen[:, 0, index], seen[:, 1, index] = place, motor
+        move(stiffness, damping, friction, cubic, offset, width, run.inputs['force'], seen)
         for row, late in enumerate(knob('delay', 'time')):
             for channel in range(2):
                 seen[row, channel] = np.interp(run.time - late, run.time, seen[row, channel])

@@ -20,6 +20,18 @@ def pytest_configure(config: pytest.Config) -> None:
     config.pluginmanager.register(GateBudget())
 
 
+FOLDERS_WITH_NODES = ('test/nodes', 'test/live', 'test/cli')
+"""Where tools/test.sh looks for tests marked `ros`."""
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Refuse a test with nodes where the gate would not run it."""
+    for item in items:
+        if item.get_closest_marker('ros') and not item.nodeid.startswith(FOLDERS_WITH_NODES):
+            raise pytest.UsageError(f'{item.nodeid} is marked ros: put it into one of '
+                                    f'{", ".join(FOLDERS_WITH_NODES)}, or change tools/test.sh')
+
+
 @pytest.fixture(autouse=True)
 def _own_ros_domain(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
     """Give tests marked `ros` a domain of their own, for them and the processes they start."""
