@@ -26,7 +26,7 @@ LAYOUTS: dict[str, Fields] = {
     DISPLACEMENT_TYPE: (
         ('delta_x', 'f8'), ('delta_y', 'f8'), ('gamma', 'f8'), ('parity', 'f8'),
         ('zero_stamp.sec', 'i4'), ('zero_stamp.nanosec', 'u4'), ('zero_load', 'f8'),
-        ('elevation', 'f8'), ('validity', 'u1')),
+        ('elevation', 'f8'), ('validity', 'u1'), ('zero_duration', 'f8')),
 }
 """Fields by message type, in the order of the message's definition."""
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 import sys
+import time
 
 from geometry_msgs.msg import WrenchStamped
 from rclpy.qos import DurabilityPolicy, QoSProfile
@@ -35,6 +36,9 @@ from saddlering_ros.ros.streaming_node import INPUT_RELIABILITY, MAX_GAP, Stream
 from saddlering_ros.streams import batches
 from saddlering_ros.streams.displacement import DisplacementStream
 
+FLUSH_AFTER = 0.2
+"""Samples held are taken when nothing has come for this long [s]."""
+
 ZERO_QOS = QoSProfile(depth=10, durability=DurabilityPolicy.VOLATILE)
 
 
@@ -53,6 +57,7 @@ class RingDisplacementNode(StreamingNode):
     def __init__(self) -> None:
         super().__init__('ring_displacement')
         self._rig = declare_rig(self)
+        self._arrived = 0.0
         self.create_service(Trigger, '~/zero', self._on_zero)
         self._zero = self.create_publisher(Header, ZERO, ZERO_QOS)
 
@@ -89,7 +94,19 @@ class RingDisplacementNode(StreamingNode):
                 task.push(samples.stamps)
         for watch, samples in zip(self._saturation, gaps, strict=True):
             watch.push(samples.values)
-        found = self._stream.push(load, gaps)
+        self._arrived = time.monotonic()
+        self._send(self._stream.push(load, gaps))
+
+    def at_intervals(self, now: float) -> float:
+        """Take the samples held for the next ones, once nothing more comes."""
+        if not self._stream.held:
+            return 1.0
+        if now - self._arrived >= FLUSH_AFTER:
+            self._send(self._stream.flush())
+            self._untold = True
+        return FLUSH_AFTER / 2
+
+    def _send(self, found: batches.Displacements) -> None:
         if len(found):
             self._parity.push(found.channels[3])
             self.outputs[0].send(batches.encode_displacements(found, self.settings['frame_id']),
@@ -121,7 +138,9 @@ class RingDisplacementNode(StreamingNode):
                        'go to preload, or call ~/zero')
 
     def _events(self) -> dict[str, int]:
-        return {**self._stream.aligner.counters.as_dict(), 'jumps_ahead': self._stream.jumps_ahead}
+        return {**self._stream.counters.as_dict(), **self._stream.aligner.counters.as_dict(),
+                'jumps_ahead': self._stream.jumps_ahead,
+                'malformed': sum(flow.malformed for flow in self.inputs)}
 
 
 def main(args: Sequence[str] | None = None) -> None:

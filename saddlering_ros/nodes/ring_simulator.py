@@ -16,6 +16,7 @@ from saddlering_interfaces.msg import RingDisplacement, RingParameters
 from saddlering_ros.bags import LOAD_TOPIC
 from saddlering_ros.bags.topics import LOAD
 from saddlering_ros.errors import SaddleringError
+from saddlering_ros.nodes.ring_displacement import FLUSH_AFTER as GUARD_FLUSH_AFTER
 from saddlering_ros.nodes.ring_displacement import ZERO_QOS
 from saddlering_ros.rig import (
     parameters_from_mapping,
@@ -108,7 +109,7 @@ class RingSimulatorNode(StreamingNode):
             FunctionTask('solver', self._solver_finding),
             FunctionTask('parameters', self._parameters_finding),
             SourcesTask(self.sources),
-            Events(lambda: self._stream.counters.as_dict(), harmless=('reordered',))]
+            Events(self._events, harmless=('reordered',))]
 
     def connect(self) -> None:
         """Subscribe to the load; publish the simulated displacement."""
@@ -172,9 +173,13 @@ class RingSimulatorNode(StreamingNode):
 
     def at_intervals(self, now: float) -> float:
         """Simulate what was held back for late samples, once nothing more comes."""
-        if not self._stream.held:
+        if not self._stream.held and not self._stream.guard.holds:
             return 1.0
-        if now - self._arrived >= FLUSH_AFTER:
+        silent = now - self._arrived
+        if self._stream.guard.holds and silent >= GUARD_FLUSH_AFTER:
+            self._send(self._stream.flush_guard())
+            self._untold = True
+        elif self._stream.held and silent >= FLUSH_AFTER:
             self._send(self._stream.flush())
             self._untold = True
         return FLUSH_AFTER / 2
@@ -234,6 +239,10 @@ class RingSimulatorNode(StreamingNode):
         self._in_force, self._refused = parameters, ''
         self._tell_in_force(parameters)
         self.get_logger().info(f'parameters from /{PARAMETERS_IN_FORCE}: {message.source}')
+
+    def _events(self) -> dict[str, int]:
+        return {**self._stream.guard.counters.as_dict(), **self._stream.counters.as_dict(),
+                'malformed': sum(flow.malformed for flow in self.inputs)}
 
     def _zero_finding(self) -> Finding:
         zero = self._stream.simulator.zero

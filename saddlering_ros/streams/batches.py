@@ -17,7 +17,8 @@ Stamps = NDArray[np.int64]
 Floats = NDArray[np.float64]
 
 CHANNEL_FIELDS = ('delta_x', 'delta_y', 'gamma', 'parity')
-_OTHER_FIELDS = ('zero_stamp.sec', 'zero_stamp.nanosec', 'zero_load', 'elevation', 'validity')
+_OTHER_FIELDS = ('zero_stamp.sec', 'zero_stamp.nanosec', 'zero_load', 'elevation', 'validity',
+                 'zero_duration')
 NOT_KNOWN = dict(zip(CHANNEL_FIELDS, (1, 2, 4, 8), strict=True))
 """Bits of `validity` by the channel that is not known; as in RingDisplacement.msg."""
 
@@ -53,7 +54,7 @@ class Displacements:
     stamps (N,) [ns]; channels (4, N): delta_x, delta_y [m], gamma [rad], parity [m], NaN where not
     known; zero_stamps (N,) [ns] and zero_loads (N,) [N]: the zero they count from; elevations (N,)
     [rad], NaN where not known (also if not given); validity (N,): 0, or a sum of the constants of
-    RingDisplacement.msg.
+    RingDisplacement.msg; zero_durations (N,) [s]: how long the zero's samples took.
     """
 
     stamps: Stamps
@@ -62,6 +63,7 @@ class Displacements:
     zero_loads: Floats
     elevations: Floats = field(default_factory=_not_given)
     validity: NDArray[np.uint8] = field(default_factory=_no_validity)
+    zero_durations: Floats = field(default_factory=_not_given)
 
     def __post_init__(self) -> None:
         count = len(self.stamps)
@@ -69,6 +71,8 @@ class Displacements:
             object.__setattr__(self, 'elevations', np.full(count, np.nan))
         if len(self.validity) != count:
             object.__setattr__(self, 'validity', np.zeros(count, np.uint8))
+        if len(self.zero_durations) != count:
+            object.__setattr__(self, 'zero_durations', np.zeros(count))
 
     def __len__(self) -> int:
         return len(self.stamps)
@@ -97,13 +101,15 @@ def join(batches: Sequence[Displacements]) -> Displacements:
         np.concatenate([batch.zero_stamps for batch in batches]),
         np.concatenate([batch.zero_loads for batch in batches]),
         np.concatenate([batch.elevations for batch in batches]),
-        np.concatenate([batch.validity for batch in batches]))
+        np.concatenate([batch.validity for batch in batches]),
+        np.concatenate([batch.zero_durations for batch in batches]))
 
 
 def pick(batch: Displacements, rows: np.ndarray) -> Displacements:
     """The given rows of a batch."""
     return Displacements(batch.stamps[rows], batch.channels[:, rows], batch.zero_stamps[rows],
-                         batch.zero_loads[rows], batch.elevations[rows], batch.validity[rows])
+                         batch.zero_loads[rows], batch.elevations[rows], batch.validity[rows],
+                         batch.zero_durations[rows])
 
 
 def in_order(batch: Displacements) -> Displacements:
@@ -139,7 +145,7 @@ def decode_displacements(messages: Sequence[bytes]) -> Displacements:
     return Displacements(
         found.stamps, np.stack([fields[name] for name in CHANNEL_FIELDS]).astype(np.float64),
         zero, fields['zero_load'].astype(np.float64), fields['elevation'].astype(np.float64),
-        fields['validity'].astype(np.uint8))
+        fields['validity'].astype(np.uint8), fields['zero_duration'].astype(np.float64))
 
 
 def encode_displacements(batch: Displacements, frame_id: str) -> list[bytes]:
@@ -149,7 +155,7 @@ def encode_displacements(batch: Displacements, frame_id: str) -> list[bytes]:
     return encode_list(DISPLACEMENT_TYPE, frame_id, batch.stamps, {
         **channels, 'zero_stamp.sec': second, 'zero_stamp.nanosec': nanosecond,
         'zero_load': batch.zero_loads, 'elevation': batch.elevations,
-        'validity': batch.validity})
+        'validity': batch.validity, 'zero_duration': batch.zero_durations})
 
 
 def decode_clock(message: bytes) -> int:

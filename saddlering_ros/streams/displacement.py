@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from saddlering_ros.bags import AlignedRow, StreamAligner
 from saddlering_ros.bags.cdr import SECOND
@@ -16,6 +17,12 @@ from saddlering_ros.rig import (
     ZeroWindow,
 )
 from saddlering_ros.streams.batches import Displacements, join, no_displacements, Samples
+from saddlering_ros.streams.guard import (
+    GuardCounters,
+    load_limits,
+    probe_limits,
+    SampleGuard,
+)
 
 
 class DisplacementStream:
@@ -30,6 +37,10 @@ class DisplacementStream:
         self._rig = rig
         self._max_gap = round(max_gap * SECOND)
         self.aligner = StreamAligner()
+        self.counters = GuardCounters()
+        self._load_guard = SampleGuard(load_limits(rig), self.counters)
+        self._gap_guards = [SampleGuard(probe_limits(rig), self.counters) for _ in range(4)]
+        self._zero_duration = 0.0
         self.jumps_ahead = 0
         self.rows = 0
         self.newest_stamp = 0
@@ -62,6 +73,21 @@ class DisplacementStream:
 
     def push(self, load: Samples, gaps: Sequence[Samples]) -> Displacements:
         """Take a batch of the load and of each of the four probes; return what is due."""
+        return self._align(
+            self._load_guard.push(load),
+            [guard.push(samples) for guard, samples in zip(self._gap_guards, gaps, strict=True)])
+
+    @property
+    def held(self) -> bool:
+        """Whether a sample waits for the next one to tell whether it is an outlier."""
+        return self._load_guard.holds or any(guard.holds for guard in self._gap_guards)
+
+    def flush(self) -> Displacements:
+        """Take the samples held: nothing has come for a while."""
+        return self._align(self._load_guard.flush(),
+                           [guard.flush() for guard in self._gap_guards])
+
+    def _align(self, load: Samples, gaps: Sequence[Samples]) -> Displacements:
         rows: list[AlignedRow] = []
         push_load, push_gap = self.aligner.push_load, self.aligner.push_gap
         for stamp, value in zip(load.stamps.tolist(), load.values.tolist(), strict=True):
@@ -114,6 +140,7 @@ class DisplacementStream:
             return []
         due = self._waiting[-(reading.end - reading.start) - 1:]
         self.zero, self.zero_stamp, self._waiting = reading, due[0].stamp, []
+        self._zero_duration = (due[-2].stamp - due[0].stamp) / SECOND
         return due
 
     def _convert(self, rows: list[AlignedRow]) -> list[Displacements]:
@@ -126,4 +153,12 @@ class DisplacementStream:
         return [Displacements(
             stamps, np.stack([found.delta_x, found.delta_y, found.gamma, found.parity]),
             np.full(len(rows), self.zero_stamp, dtype=np.int64),
-            np.full(len(rows), self.zero.load))]
+            np.full(len(rows), self.zero.load), validity=self._bridged(stamps),
+            zero_durations=np.full(len(rows), self._zero_duration))]
+
+    def _bridged(self, stamps: NDArray[np.int64]) -> NDArray[np.uint8]:
+        """The mark of rows that were interpolated across a reading that was refused."""
+        marks = np.zeros(len(stamps), np.uint8)
+        for guard in self._gap_guards:
+            marks |= guard.marks(stamps)
+        return marks

@@ -147,7 +147,9 @@ class ResidualStream:
             mine = rows[(zeros == np.array(pair)[:, None]).all(axis=0)]
             self._bridges = {key: value for key, value in self._bridges.items()
                              if key == tuple(pair)}
-            bridge = self._bridges.setdefault(tuple(pair), _Bridge(max(pair)))
+            newer = measured if pair[0] > pair[1] else simulated
+            bridge = self._bridges.setdefault(
+                tuple(pair), _Bridge(max(pair), float(newer.zero_durations[mine[0]])))
             found.append(bridge.across(pick(measured, mine), pick(simulated, mine)))
         return join([batch for batch in found if len(batch)])
 
@@ -156,13 +158,13 @@ class _Bridge:
     """From the older of two zeros to the newer one, by what the older side did meanwhile.
 
     A node that was started again has zeroed anew; its partner has not, but has gone on. The mean
-    of the partner's displacement over the new zero's window is what it would have zeroed by;
+    of the partner's displacement over the samples of the new zero is what it would have zeroed by;
     displacements add up, so subtracting it puts both on the new zero.
     """
 
-    def __init__(self, newer: int) -> None:
+    def __init__(self, newer: int, duration: float) -> None:
         self._newer = newer
-        self._until = newer + round(WINDOW_SECONDS * SECOND)
+        self._until = newer + (round(duration * SECOND) or round(WINDOW_SECONDS * SECOND) - 1)
         self._total = np.zeros(4)
         self._count = 0
 
@@ -170,10 +172,10 @@ class _Bridge:
         """Measured minus simulated, both from the newer zero; nothing until its window is over."""
         measured_is_older = int(measured.zero_stamps[0]) < self._newer
         older, newer = (measured, simulated) if measured_is_older else (simulated, measured)
-        inside = (older.stamps >= self._newer) & (older.stamps < self._until)
+        inside = (older.stamps >= self._newer) & (older.stamps <= self._until)
         self._total += older.channels[:, inside].sum(axis=1)
         self._count += int(inside.sum())
-        after = np.flatnonzero(older.stamps >= self._until)
+        after = np.flatnonzero(older.stamps > self._until)
         if self._count < FEWEST_SAMPLES or not len(after):
             return no_displacements()
         result = _difference(pick(measured, after), pick(simulated, after))
@@ -181,11 +183,11 @@ class _Bridge:
         channels = result.channels - offset if measured_is_older else result.channels + offset
         zero = pick(newer, after)
         return Displacements(result.stamps, channels, zero.zero_stamps, zero.zero_loads,
-                             result.elevations, result.validity)
+                             result.elevations, result.validity, zero.zero_durations)
 
 
 def _difference(measured: Displacements, simulated: Displacements) -> Displacements:
     return Displacements(measured.stamps, measured.channels - simulated.channels,
                          measured.zero_stamps, measured.zero_loads, simulated.elevations,
-                         measured.validity | simulated.validity)
+                         measured.validity | simulated.validity, measured.zero_durations)
 

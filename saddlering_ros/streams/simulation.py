@@ -5,7 +5,6 @@ from __future__ import annotations
 from bisect import bisect_left
 from collections import deque
 from dataclasses import dataclass, fields
-from math import isfinite
 
 import numpy as np
 
@@ -15,6 +14,7 @@ from saddlering_ros.bags.cdr import SECOND
 from saddlering_ros.rig import CHANNELS, ParameterSet, Rig
 from saddlering_ros.ring import RingSimulator, SimulatedSample
 from saddlering_ros.streams.batches import Displacements, no_displacements, Samples
+from saddlering_ros.streams.guard import load_limits, SampleGuard
 
 LONGEST_HOLD_NS = 50_000_000
 """No load sample is held back longer than this to let an earlier one overtake it."""
@@ -25,14 +25,13 @@ class SimulationCounters:
     """What could not be simulated, by reason; all zero on a healthy stream.
 
     late: samples stamped before one already simulated; duplicates: stamps seen twice; reordered:
-    samples put in order in time; not_finite; jumps: restarts after stamps that jumped;
+    samples put in order in time; jumps: restarts after stamps that jumped;
     not_converged: states that the solver did not find, which are not given out.
     """
 
     late: int = 0
     duplicates: int = 0
     reordered: int = 0
-    not_finite: int = 0
     jumps: int = 0
     not_converged: int = 0
 
@@ -54,6 +53,8 @@ class SimulationStream:
                  max_step: float = 1e-3, max_gap: float = 10.0) -> None:
         self._max_gap = round(max_gap * SECOND)
         self.simulator = RingSimulator(rig, parameters, elevation, max_step)
+        self.elevation = elevation
+        self.guard = SampleGuard(load_limits(rig))
         self.counters = SimulationCounters()
         self.hold = 0
         self.load = float('nan')
@@ -67,6 +68,7 @@ class SimulationStream:
         self._newest = 0
         self._pushed: deque[tuple[float, int]] = deque()
         self.zero_stamp = 0
+        self._zero_duration = 0.0
 
     def restart(self, *, zero_anywhere: bool = False) -> None:
         """Start anew; the next samples near preload (or at any load) make the zero."""
@@ -95,18 +97,23 @@ class SimulationStream:
 
     def push(self, load: Samples) -> Displacements:
         """Take a batch of load samples; return the states that are due."""
+        self._take(self.guard.push(load))
+        return self._release(self._newest - self.hold)
+
+    def _take(self, load: Samples) -> None:
         for stamp, value in zip(load.stamps.tolist(), load.values.tolist(), strict=True):
             self._insert(stamp, value)
-        return self._release(self._newest - self.hold)
 
     def flush(self) -> Displacements:
         """Simulate what is held back: no sample has come for a while."""
         return self._release(self._newest)
 
+    def flush_guard(self) -> Displacements:
+        """Simulate the sample that waits for the next one to tell whether it is an outlier."""
+        self._take(self.guard.flush())
+        return self.flush()
+
     def _insert(self, stamp: int, load: float) -> None:
-        if not isfinite(load):
-            self.counters.not_finite += 1
-            return
         if self._jumped(stamp):
             self.counters.jumps += 1
             self.restart()
@@ -152,8 +159,12 @@ class SimulationStream:
             self._pushed.append((time, stamp))
             self._last, self.load = stamp, load
             new = self.simulator.push(time, load)
+            is_first = bool(new) and not self.zero_stamp
+            own = self._stamps_of(new)
+            if is_first:
+                self._zero_duration = self._duration_of_zero(own)
             states += new
-            stamps += self._stamps_of(new)
+            stamps += own
         return self._batch(states, stamps)
 
     def _stamps_of(self, states: list[SimulatedSample]) -> list[int]:
@@ -164,6 +175,13 @@ class SimulationStream:
             stamps.append(self._pushed.popleft()[1])
             self.zero_stamp = self.zero_stamp or stamps[0]
         return stamps
+
+    def _duration_of_zero(self, stamps: list[int]) -> float:
+        """How long the samples of the zero took [s]; they are the first states to come out."""
+        zero = self.simulator.zero
+        assert zero is not None
+        last = min(zero.end - zero.start, len(stamps)) - 1
+        return (stamps[max(last, 0)] - stamps[0]) / SECOND
 
     def _batch(self, states: list[SimulatedSample], stamps: list[int]) -> Displacements:
         zero = self.simulator.zero
@@ -176,4 +194,6 @@ class SimulationStream:
         times = np.array(stamps, dtype=np.int64)[found]
         return Displacements(times, np.ascontiguousarray(channels[:, found]),
                              np.full(len(times), self.zero_stamp, dtype=np.int64),
-                             np.full(len(times), zero.load))
+                             np.full(len(times), zero.load),
+                             np.full(len(times), self.elevation), self.guard.marks(times),
+                             np.full(len(times), self._zero_duration))

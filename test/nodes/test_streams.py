@@ -217,3 +217,29 @@ def test_displacements_from_different_zeros_are_not_subtracted(other) -> None:
     assert len(stream.push(pair(stamps, 3.0), pair(stamps, 1.0, **other))) == 0
     assert stream.counters.zero_differs == 10
     assert not stream.zeros_agree
+
+
+@pytest.mark.parametrize('window', [100, 500])
+def test_the_bridge_averages_over_the_window_of_the_newer_zero(window: int) -> None:
+    """The measured side zeroed anew over 0.1 s of a drifting signal; 0.5 s would bias it."""
+    stamps = np.arange(1, 2001) * 1_000_000
+    motion = stamps * 1e-9  # both sides drift alike: the residual is zero
+    older = Displacements(stamps, np.tile(motion, (4, 1)), np.full(2000, 5),
+                          np.full(2000, 100.0))
+    new = slice(1000, None)
+    count = len(stamps[new])
+    newer = Displacements(
+        stamps[new], np.tile(motion[new] - motion[1000:1000 + window].mean(), (4, 1)),
+        np.full(count, stamps[1000]), np.full(count, 100.0),
+        zero_durations=np.full(count, (window - 1) * 1e-3))
+    found = ResidualStream(FULL_SCALE_LOAD).push(newer, older)
+    assert len(found)
+    assert np.abs(found.channels).max() < 1e-12
+
+
+def test_the_simulation_and_the_displacement_state_how_long_their_zero_took(record) -> None:
+    _, measured = measure(record)
+    simulated = simulation().push(samples(record.stamps, record.load))
+    assert 0.1 <= measured.zero_durations[-1] <= 0.5
+    assert set(measured.zero_durations.tolist()) == {measured.zero_durations[0]}
+    assert abs(simulated.zero_durations[-1] - measured.zero_durations[-1]) < 3e-3

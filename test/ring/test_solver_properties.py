@@ -31,6 +31,7 @@ from saddlering_ros.ring import (
 )
 from saddlering_ros.ring.kernels import integration
 from saddlering_ros.streams.batches import Samples
+from saddlering_ros.streams.guard import Limits, SampleGuard
 from saddlering_ros.streams.simulation import SimulationStream
 
 BASE = default_rig()
@@ -212,6 +213,7 @@ def test_the_node_gives_out_nothing_for_it_and_counts_it():
     time, load = spike()
     stamps = 10 ** 18 + np.round(time * 1e9).astype(np.int64)
     stream = SimulationStream(BASE, ParameterSet(TRUE_TO_SCALE), 0.9)
+    stream.guard = SampleGuard(Limits(-np.inf, np.inf))  # which would refuse such a load
     given_out = stream.push(Samples(stamps, load))
     assert np.isfinite(given_out.channels).all()
     assert stamps[1500] not in given_out.stamps

@@ -1,0 +1,234 @@
+"""A guard before each stream: an impossible stamp or reading costs itself and no other sample.
+
+The rule. A sample is refused at once if its stamp is not set (0 or less), or its reading is not
+finite or beyond what the rig can do. A sample whose stamp or reading leaps away from the last one
+is held until the next one comes: if that goes on from where the last sound sample was, the one
+held was an outlier and is refused; otherwise it was a true leap, and both are given out. So a
+clock that was set, a seek and a step of the load pass, one sample later.
+
+The rule looks at stamps and readings in their order of arrival, never at the wall clock, so nodes
+that hear the same samples refuse the same ones.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass, fields
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from saddlering_ros.bags.alignment import GAP_HISTORY, gap_limit, JITTER_NS
+from saddlering_ros.rig import Rig
+from saddlering_ros.streams.batches import BRIDGED, Samples
+
+MAX_OVERLOAD = 1.5
+"""A load beyond this share of full scale is no load of the cylinder."""
+
+FASTEST_FULL_SCALE = 0.1
+"""The hydraulics need at least this time [s] for a change of the load by full scale."""
+
+LOAD_NOISE_SHARE = 0.01
+"""Noise of the load as a share of full scale that is no leap at any rate."""
+
+
+MAX_REMEMBERED = 100
+"""Refused readings whose neighbours are still to be marked."""
+
+
+@dataclass(frozen=True)
+class Limits:
+    """What a reading can be: low to high.
+
+    rate [1/s], noise: a change by more than noise + rate * dt is a leap.
+    """
+
+    low: float
+    high: float
+    rate: float = math.inf
+    noise: float = math.inf
+
+
+def load_limits(rig: Rig) -> Limits:
+    """Limits of the cylinder's load [N]."""
+    full = rig.full_scale_load
+    return Limits(-MAX_OVERLOAD * full, MAX_OVERLOAD * full, full / FASTEST_FULL_SCALE,
+                  LOAD_NOISE_SHARE * full)
+
+
+def probe_limits(rig: Rig) -> Limits:
+    """Limits of a probe's gap [m]: its range, and as much again at either end."""
+    low, high = rig.probes.min_range, rig.probes.max_range
+    return Limits(low - (high - low), high + (high - low))
+
+
+@dataclass
+class GuardCounters:
+    """Samples refused, by reason.
+
+    without_stamp: the stamp is 0 or less; not_finite; impossible: beyond the limits;
+    leaps_of_stamp, leaps_of_reading: one sample away from those before and after.
+    """
+
+    without_stamp: int = 0
+    not_finite: int = 0
+    impossible: int = 0
+    leaps_of_stamp: int = 0
+    leaps_of_reading: int = 0
+
+    def as_dict(self) -> dict[str, int]:
+        """Every counter by name."""
+        return {field.name: getattr(self, field.name) for field in fields(self)}
+
+
+class SampleGuard:
+    """Passes the sound samples of one stream on, in batches; counts those it refuses."""
+
+    def __init__(self, limits: Limits, counters: GuardCounters | None = None) -> None:
+        self.limits = limits
+        self.counters = counters or GuardCounters()
+        self.refused: list[int] = []
+        self._steps: deque[int] = deque(maxlen=GAP_HISTORY)
+        self._last: tuple[int, float] | None = None
+        self._held: tuple[int, float] | None = None
+
+    @property
+    def holds(self) -> bool:
+        """Whether a sample waits for the next one."""
+        return self._held is not None
+
+    def push(self, samples: Samples) -> Samples:
+        """The sound samples that are due, in order of arrival."""
+        if not len(samples):
+            return samples
+        if self._is_plain(samples):
+            self._remember(samples)
+            return samples
+        sound: list[tuple[int, float]] = []
+        for stamp, value in zip(samples.stamps.tolist(), samples.values.tolist(), strict=True):
+            if self._is_possible(stamp, value):
+                sound += self._judge((stamp, value))
+        return self._batch(sound, samples)
+
+    def flush(self) -> Samples:
+        """The sample held: nothing has come for a while that could tell what it is."""
+        held, self._held = self._held, None
+        if held is None:
+            return Samples(np.empty(0, np.int64), np.empty(0))
+        self._accept(held)
+        return Samples(np.array([held[0]], np.int64), np.array([held[1]]))
+
+    def marks(self, stamps: NDArray[np.int64]) -> NDArray[np.uint8]:
+        """BRIDGED at the first of the `stamps` (N,) at or after each reading that was refused.
+
+        A refused reading before which all of them lie is remembered for the next call.
+        """
+        marks = np.zeros(len(stamps), np.uint8)
+        refused, self.refused = self.refused, []
+        for stamp in refused:
+            after = np.flatnonzero(stamps >= stamp)
+            if len(after):
+                marks[max(after[0] - 1, 0):after[0] + 1] = BRIDGED
+            else:
+                self.refused = [*self.refused, stamp][-MAX_REMEMBERED:]
+        return marks
+
+    def _is_plain(self, samples: Samples) -> bool:
+        """Whether every sample of the batch goes on from the one before (the usual case)."""
+        if self._held is not None or self._last is None or len(self._steps) < GAP_HISTORY:
+            return False
+        values = np.concatenate(([self._last[1]], samples.values))
+        stamps = np.concatenate(([self._last[0]], samples.stamps))
+        if not (samples.values >= self.limits.low).all() or not (
+                samples.values <= self.limits.high).all():
+            return False
+        steps = np.diff(stamps)
+        if steps.min() <= 0 or steps.max() > gap_limit(list(self._steps)):
+            return False
+        leap = self.limits.noise + self.limits.rate * 1e-9 * steps
+        return bool((np.abs(np.diff(values)) <= leap).all())
+
+    def _remember(self, samples: Samples) -> None:
+        assert self._last is not None
+        recent = np.concatenate(([self._last[0]], samples.stamps))[-GAP_HISTORY - 1:]
+        self._steps.extend(np.diff(recent).tolist())
+        self._last = int(samples.stamps[-1]), float(samples.values[-1])
+
+    def _is_possible(self, stamp: int, value: float) -> bool:
+        if stamp <= 0:
+            self.counters.without_stamp += 1
+            return False
+        if not math.isfinite(value):
+            self.counters.not_finite += 1
+        elif not self.limits.low <= value <= self.limits.high:
+            self.counters.impossible += 1
+        else:
+            return True
+        self.refused.append(stamp)
+        return False
+
+    def _judge(self, sample: tuple[int, float]) -> list[tuple[int, float]]:
+        """What is due now that `sample` has come."""
+        if self._held is None:
+            if self._goes_on(self._last, sample):
+                return self._accept(sample)
+            self._held = sample
+            return []
+        held = self._held
+        self._held = None
+        if self._has_overtaken(held, sample):
+            return self._accept(sample) + self._accept(held)
+        if self._goes_on(self._last, sample) and not self._between(held, sample):
+            self._refuse(held)
+            return self._accept(sample)
+        due = self._accept(held)
+        return due + self._judge(sample)
+
+    def _goes_on(self, last: tuple[int, float] | None, sample: tuple[int, float]) -> bool:
+        if last is None:
+            return True
+        return self._follows(last[0], sample[0]) and self._is_near(last, sample)
+
+    def _follows(self, last: int, stamp: int) -> bool:
+        return -JITTER_NS <= stamp - last <= gap_limit(list(self._steps))
+
+    def _is_near(self, last: tuple[int, float], sample: tuple[int, float]) -> bool:
+        elapsed = abs(sample[0] - last[0]) * 1e-9
+        return abs(sample[1] - last[1]) <= self.limits.noise + self.limits.rate * elapsed
+
+    def _has_overtaken(self, held: tuple[int, float], sample: tuple[int, float]) -> bool:
+        """Whether the one held came early by no more than an ordinary gap."""
+        return (self._goes_on(self._last, sample) and self._is_near(held, sample)
+                and 0 < held[0] - sample[0] <= gap_limit(list(self._steps)))
+
+    def _between(self, held: tuple[int, float], sample: tuple[int, float]) -> bool:
+        """Whether the one held lies on the way from the last sample to this one."""
+        assert self._last is not None
+        in_time = self._last[0] < held[0] < sample[0]
+        return in_time and self._is_near(self._last, held) and self._is_near(held, sample)
+
+    def _refuse(self, held: tuple[int, float]) -> None:
+        assert self._last is not None
+        if self._follows(self._last[0], held[0]):
+            self.counters.leaps_of_reading += 1
+            self.refused.append(held[0])
+        else:
+            self.counters.leaps_of_stamp += 1
+
+    def _accept(self, sample: tuple[int, float]) -> list[tuple[int, float]]:
+        if self._last is not None:
+            step = sample[0] - self._last[0]
+            if step < -JITTER_NS:
+                self._steps.clear()
+            elif step > 0:
+                self._steps.append(step)
+        if self._last is None or sample[0] > self._last[0] or (
+                sample[0] < self._last[0] - JITTER_NS):
+            self._last = sample
+        return [sample]
+
+    def _batch(self, sound: list[tuple[int, float]], samples: Samples) -> Samples:
+        return Samples(np.array([stamp for stamp, _ in sound], np.int64),
+                       np.array([value for _, value in sound], np.float64), samples.low,
+                       samples.high)

@@ -1,0 +1,115 @@
+"""An impossible stamp or reading costs itself and no other sample."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from saddlering_ros.rig import default_rig, ParameterSet, TRUE_TO_SCALE
+from saddlering_ros.streams.batches import BRIDGED, join, Samples
+from saddlering_ros.streams.displacement import DisplacementStream
+from saddlering_ros.streams.guard import load_limits, probe_limits, SampleGuard
+from saddlering_ros.streams.simulation import SimulationStream
+
+RIG = default_rig()
+MS = 1_000_000
+START = 10**18
+
+
+def through(guard: SampleGuard, stamps, values, pace: int = 7) -> list[tuple[int, float]]:
+    found: list[tuple[int, float]] = []
+    for start in range(0, len(stamps), pace):
+        part = slice(start, start + pace)
+        due = guard.push(Samples(np.asarray(stamps[part], np.int64), np.asarray(values[part])))
+        found += zip(due.stamps.tolist(), due.values.tolist(), strict=True)
+    return found
+
+
+def steady(count: int = 100) -> tuple[list[int], list[float]]:
+    return [START + MS * index for index in range(count)], [1e5] * count
+
+
+@pytest.mark.parametrize('pace', [1, 7, 100])
+@pytest.mark.parametrize(('name', 'stamp', 'value'), [
+    ('without_stamp', 0, 1e5), ('without_stamp', -5, 1e5), ('not_finite', None, np.nan),
+    ('impossible', None, 50 * 9806.65), ('impossible', None, 3e38),
+    ('leaps_of_stamp', START + 10**18, 1e5), ('leaps_of_stamp', START - 10**17, 1e5),
+    ('leaps_of_stamp', START + 250 * MS, 1e5), ('leaps_of_reading', None, 2.2e5)])
+def test_one_outlier_is_refused_and_every_other_sample_passes(
+        name: str, stamp: int | None, value: float, pace: int) -> None:
+    stamps, values = steady()
+    sound = list(zip(stamps, values, strict=True))
+    stamps.insert(50, stamps[49] + MS // 2 if stamp is None else stamp)
+    values.insert(50, value)
+    guard = SampleGuard(load_limits(RIG))
+    assert through(guard, stamps, values, pace) == sound
+    assert {key: count for key, count in guard.counters.as_dict().items() if count} == {name: 1}
+
+
+@pytest.mark.parametrize('shift', [-100.0, 0.2, 3600.0])
+def test_a_clock_that_was_set_passes_whole(shift: float) -> None:
+    stamps, values = steady()
+    stamps[50:] = [stamp + round(shift * 1e9) for stamp in stamps[50:]]
+    guard = SampleGuard(load_limits(RIG))
+    assert through(guard, stamps, values) == list(zip(stamps, values, strict=True))
+    assert not any(guard.counters.as_dict().values())
+
+
+def test_a_step_of_the_load_passes_whole() -> None:
+    stamps, values = steady()
+    values[50:] = [2.2e5] * 50
+    guard = SampleGuard(load_limits(RIG))
+    assert through(guard, stamps, values) == list(zip(stamps, values, strict=True))
+
+
+def test_the_last_sample_behind_a_gap_passes_when_nothing_more_comes() -> None:
+    stamps, values = steady()
+    stamps[-1] += 10**9
+    guard = SampleGuard(load_limits(RIG))
+    assert through(guard, stamps, values)[-1][0] == stamps[-2]
+    assert guard.flush().stamps.tolist() == [stamps[-1]]
+
+
+def test_a_reading_far_beyond_a_probes_range_is_impossible_and_one_at_its_end_is_not() -> None:
+    guard = SampleGuard(probe_limits(RIG))
+    found = through(guard, [START, START + MS, START + 2 * MS], [1e-3, 3e38, 2e-3])
+    assert [value for _, value in found] == [1e-3, 2e-3]
+
+
+def load_of(record, **changes: tuple[int, float]) -> Samples:
+    stamps, load = record.stamps.copy(), record.load.copy()
+    for name, (row, value) in changes.items():
+        (stamps if name == 'stamp' else load)[row] = value
+    return Samples(stamps, load)
+
+
+@pytest.mark.parametrize('changes', [
+    {'load': (900, 50 * 9806.65)}, {'load': (900, -2e5)}, {'stamp': (900, 0)},
+    {'stamp': (900, 4 * 10**18)}])
+def test_one_bad_load_leaves_the_simulation_within_a_micrometre(record, changes) -> None:
+    def simulate(load: Samples):
+        stream = SimulationStream(RIG, ParameterSet(TRUE_TO_SCALE), np.radians(50.0))
+        parts = [stream.push(Samples(load.stamps[start:start + 40], load.values[start:start + 40]))
+                 for start in range(0, len(load), 40)]
+        return join([batch for batch in parts if len(batch)])
+
+    whole, other = simulate(load_of(record)), simulate(load_of(record, **changes))
+    assert len(other) == len(whole) - 1
+    _, ours, theirs = np.intersect1d(whole.stamps, other.stamps, return_indices=True)
+    assert np.abs(whole.channels[:, ours] - other.channels[:, theirs]).max() < 1e-6
+
+
+def test_an_impossible_gap_is_bridged_and_marked(record) -> None:
+    gaps = [gap.copy() for gap in record.gaps]
+    gaps[0][900] = 1.0
+    stream = DisplacementStream(RIG)
+    found = stream.push(Samples(record.stamps, record.load), [
+        Samples(record.probe_stamps[probe], gaps[probe]) for probe in range(4)])
+    whole = DisplacementStream(RIG).push(Samples(record.stamps, record.load), [
+        Samples(record.probe_stamps[probe], record.gaps[probe]) for probe in range(4)])
+    assert np.array_equal(found.stamps, whole.stamps)
+    assert np.abs(found.channels - whole.channels).max() < 3e-6
+    marked = found.stamps[found.validity == BRIDGED]
+    assert 1 <= len(marked) <= 2
+    assert np.abs(marked - record.probe_stamps[0][900]).max() <= 2 * MS
+    assert stream.counters.impossible == 1
