@@ -102,20 +102,27 @@ def _rows_cached(axial: RollerRow, radial: RollerRow, upper: RowGeometry, lower:
     arrays.flags.writeable = False
     uniform = np.array([part[3] for part in parts])
     counts = (parts[0][0].size, parts[1][0].size, parts[2][0].size)
-    return Rows(arrays, uniform, counts)
+    if counts[0] == counts[1]:
+        return Rows(arrays, uniform, counts)
+    # The kernels know one count for both axial rows: spread the row that was merged.
+    wide = [_spread(axial, geometry) for geometry in (upper, lower)]
+    return Rows(_padded([*wide, arrays[2]]), np.array([False, False, uniform[2]]),
+                (axial.rollers, axial.rollers, counts[2]))
 
 
 def rows_of(rig: Rig, extension: RingExtension = NO_EXTENSION) -> Rows:
     """The three rows of a rig under an extension (kept between calls)."""
-    rows = _rows_cached(rig.axial_rows, rig.middle_row, extension.upper_row, extension.lower_row,
+    return _rows_cached(rig.axial_rows, rig.middle_row, extension.upper_row, extension.lower_row,
                         extension.radial_row)
-    if rows.counts[0] == rows.counts[1]:
-        return rows
-    # The kernels know one count for both axial rows: spread the row that was merged.
-    wide = [_spread(rig.axial_rows, geometry)
-            for geometry in (extension.upper_row, extension.lower_row)]
-    return Rows(_padded([*wide, rows.arrays[2]]), np.array([False, False, rows.uniform[2]]),
-                (rig.axial_rows.rollers, rig.axial_rows.rollers, rows.counts[2]))
+
+
+def spread_rows(rig: Rig, extension: RingExtension) -> Rows:
+    """The three rows with a place for every roller, whether mirror twins are alike or not."""
+    parts = [_spread(row, geometry) for row, geometry in (
+        (rig.axial_rows, extension.upper_row), (rig.axial_rows, extension.lower_row),
+        (rig.middle_row, extension.radial_row))]
+    return Rows(_padded(parts), np.zeros(3, dtype=bool),
+                (rig.axial_rows.rollers, rig.axial_rows.rollers, rig.middle_row.rollers))
 
 
 def _spread(row: RollerRow, geometry: RowGeometry) -> Floats:
@@ -170,9 +177,13 @@ NO_LAW = (0.0,) * len(PARAMETER_NAMES)
 NO_NUMBERS = _numbers(NO_EXTENSION)
 
 
-def model_of(rig: Rig, elevation: float, extension: RingExtension = NO_EXTENSION) -> Model:
-    """The model's record, an array of one, without the contact law: `with_contact` puts it in."""
-    counts = rows_of(rig, extension).counts
+def model_of(rig: Rig, elevation: float, extension: RingExtension = NO_EXTENSION,
+             counts: tuple[int, int, int] | None = None) -> Model:
+    """The model's record, an array of one, without the contact law: `with_contact` puts it in.
+
+    counts: places in the three rows, where they are not those of `rows_of`.
+    """
+    counts = counts or rows_of(rig, extension).counts
     at_ring = elevation + extension.elevation_error
     of_rig = (
         rig.axial_rows.pitch_radius, rig.middle_row.height, counts[0], counts[2],

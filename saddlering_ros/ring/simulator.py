@@ -209,6 +209,18 @@ def check_record(time: Floats, load: Floats) -> None:
         raise SimulationError(f'time does not rise at sample {index}: sort or cut the record')
 
 
+def check_simulation(time: ArrayLike, load: ArrayLike, elevation: float,
+                     max_step: float) -> tuple[Floats, Floats]:
+    """Time and load (N,) as the kernels want them; SimulationError if they cannot be simulated."""
+    if not np.isfinite(elevation):
+        raise SimulationError(f'elevation is {elevation}: give a finite angle [rad]')
+    seconds = np.ascontiguousarray(time, dtype=np.float64)
+    force = np.ascontiguousarray(load, dtype=np.float64)
+    check_record(seconds, force)
+    _check_step(max_step)
+    return seconds, force
+
+
 def _check_step(max_step: float) -> None:
     if not 0.0 < max_step < np.inf:
         raise SimulationError(f'longest step is {max_step}: give a finite time above zero [s]')
@@ -241,7 +253,8 @@ def _slices(count: int) -> list[slice]:
     return [slice(a, b) for a, b in pairwise(edges) if b > a]
 
 
-def _in_parallel(task: object, count: int) -> None:
+def in_parallel(task: object, count: int) -> None:
+    """Run task(slice) over `count` items, on as many threads as `threads` allows."""
     parts = _slices(count)
     if len(parts) == 1:
         task(parts[0])  # type: ignore[operator]
@@ -268,7 +281,7 @@ def static_batch(rig: Rig, contacts: ArrayLike, elevation: float, loads: ArrayLi
         own = part if rows.shape[0] > 1 else slice(None)
         equilibrium.static_batch(m[part], rows[own], uniform[own], force, q[part])
 
-    _in_parallel(solve, m.shape[0])
+    in_parallel(solve, m.shape[0])
     return np.ascontiguousarray(q.transpose(0, 2, 1))
 
 
@@ -303,13 +316,16 @@ def probe_batch(rig: Rig, candidates: Sequence[tuple[ArrayLike, RingExtension]],
     _, increments = _simulate_batch(rig, contacts, elevation, time, load, zero_load, extensions,
                                     max_step)
     seconds = np.asarray(time, dtype=np.float64)
-    for row, extension in zip(increments, extensions, strict=True):
-        if extension.clock_offset == 0.0 and extension.clock_skew == 0.0:
-            continue
-        wanted = seconds - extension.clock_offset - extension.clock_skew * (seconds - seconds[0])
-        for channel in range(4):
-            row[:, channel] = np.interp(wanted, seconds, row[:, channel])
-    return np.ascontiguousarray(increments.transpose(0, 2, 1))
+    return np.stack([of_probes_clock(row.T, extension, seconds)
+                     for row, extension in zip(increments, extensions, strict=True)])
+
+
+def of_probes_clock(increments: Floats, extension: RingExtension, seconds: Floats) -> Floats:
+    """Readings (4, N) as they are at the times (N,) [s] of the probes' own clock."""
+    if extension.clock_offset == 0.0 and extension.clock_skew == 0.0:
+        return increments
+    wanted = seconds - extension.clock_offset - extension.clock_skew * (seconds - seconds[0])
+    return np.stack([np.interp(wanted, seconds, row) for row in increments])
 
 
 def _batch(rig: Rig, contacts: ArrayLike, elevation: float,
@@ -336,11 +352,8 @@ def _simulate_batch(rig: Rig, contacts: ArrayLike, elevation: float, time: Array
                     extensions: Sequence[RingExtension] | None,
                     max_step: float) -> tuple[Floats, Floats]:
     m, rows, uniform = _batch(rig, contacts, elevation, extensions)
-    seconds = np.ascontiguousarray(time, dtype=np.float64)
-    force = np.ascontiguousarray(load, dtype=np.float64)
-    check_record(seconds, force)
+    seconds, force = check_simulation(time, load, elevation, max_step)
     zero = float(force[0]) if zero_load is None else zero_load
-    _check_step(max_step)
     if not np.isfinite(zero):
         raise SimulationError(f'zero load is {zero}: give a finite load [N]')
     motion = np.empty((m.shape[0], seconds.size, 3))
@@ -351,7 +364,7 @@ def _simulate_batch(rig: Rig, contacts: ArrayLike, elevation: float, time: Array
         integration.run_batch(m[part], rows[own], uniform[own], seconds, force, zero,
                               max_step, motion[part], increments[part])
 
-    _in_parallel(run, m.shape[0])
+    in_parallel(run, m.shape[0])
     return motion, increments
 
 

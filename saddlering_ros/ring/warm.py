@@ -9,9 +9,15 @@ import time
 
 import numpy as np
 
+from saddlering_ros.effects.extension import NO_EXTENSION
 from saddlering_ros.rig import default_rig, ParameterSet, TRUE_TO_SCALE
 from saddlering_ros.ring.kernels.options import kernel
 from saddlering_ros.ring.load_sensitivity import load_sensitivity
+from saddlering_ros.ring.sensitivity import (
+    motion_sensitivities,
+    probe_sensitivities,
+    static_sensitivities,
+)
 from saddlering_ros.ring.simulator import dynamic_batch, simulate, static_response
 
 
@@ -22,8 +28,12 @@ def warm() -> float:
     seconds = np.linspace(0.0, 0.59, 60)
     load = np.full(seconds.size, rig.preload)
     contact = TRUE_TO_SCALE.to_array()
-    static_response(rig, contact, elevation, load[:2])
+    still = static_response(rig, contact, elevation, load[:2])
+    static_sensitivities(rig, contact, elevation, still)
     dynamic_batch(rig, contact[None], elevation, seconds, load)
+    motion_sensitivities(rig, contact, elevation, seconds, load)
+    plain = contact, NO_EXTENSION
+    probe_sensitivities(rig, [(plain, [plain])], elevation, seconds, load)
     load_sensitivity(rig, TRUE_TO_SCALE, elevation, seconds, load, 6)
     simulate(rig, ParameterSet(TRUE_TO_SCALE), elevation, seconds, load)
     return time.perf_counter() - began

@@ -47,6 +47,13 @@ def rest(m: Any, rows: Any, uniform: Any, s: Any, time: Any, load: Any, w: Any) 
         math.copysign(0.5 * m.axial_clearance + 1e-5, w[at.EXTERNAL + 1]), 0.0)
     for i in range(3):
         s[at.Q_OLD + i] = s[at.Q + i]
+    take_zero(m, s, true_load, time, w)
+    return found >= 0
+
+
+@kernel(**INNER)
+def take_zero(m: Any, s: Any, true_load: Any, time: Any, w: Any) -> Any:
+    """The motion at rest under true_load [N] at `time` is where probes read zero."""
     series_motion(m, s, w)
     for i in range(3):
         s[at.CREEP + i] = s[at.CREEP_INPUT + i] = w[at.MOTION + i]
@@ -56,7 +63,6 @@ def rest(m: Any, rows: Any, uniform: Any, s: Any, time: Any, load: Any, w: Any) 
     s[at.ZERO_FORCE_X] = w[at.RESOLVED]
     s[at.ZERO_LOAD] = true_load
     s[at.START_TIME] = s[at.TIME] = time
-    return found >= 0
 
 
 @kernel(**INNER)

@@ -50,13 +50,8 @@ def widest_vectors(typing_context: Any) -> Any:
 
 
 @kernel(fastmath=FAST, inline='always', **INNER)
-def power(p: Any, exponent: Any) -> Any:
-    """P ** exponent for a positive normal number p, relative error below 1e-13.
-
-    log2 by its atanh series on the mantissa, exp2 by a polynomial, both fitted at Chebyshev
-    points (relative error 3e-14 and 2e-14), both summed in pairs (Estrin) for a short chain; no
-    branch and no call, so that a loop over it becomes vector code on any x86-64 or ARM.
-    """
+def log2_of(p: Any) -> Any:
+    """Logarithm to base 2 of a positive normal number p."""
     pattern = bits_of(p)
     whole = (pattern - SQRT_HALF_BITS) >> 52
     m = float_of(pattern - (whole << 52))
@@ -66,7 +61,12 @@ def power(p: Any, exponent: Any) -> Any:
     series = ((2.8853900817778504 + z * 0.9617966941123595)
               + z2 * ((0.5770779426302618 + z * 0.41220922733052445)
                       + z2 * (0.3199066608891474 + z * 0.28288718263073565)))
-    y = exponent * ((float_of(whole + INTEGER_FLOAT_BITS) - INTEGER_FLOAT) + s * series)
+    return (float_of(whole + INTEGER_FLOAT_BITS) - INTEGER_FLOAT) + s * series
+
+
+@kernel(fastmath=FAST, inline='always', **INNER)
+def exp2_of(y: Any) -> Any:
+    """2 ** y where that is a normal number."""
     k = np.rint(y)
     f = y - k
     f2 = f * f
@@ -78,3 +78,14 @@ def power(p: Any, exponent: Any) -> Any:
             + f4 * 1.0205905413765595e-07)
     scale = float_of((bits_of(k + INTEGER_FLOAT) - INTEGER_FLOAT_BITS + 1023) << 52)
     return scale + scale * (f * (low + f4 * high))
+
+
+@kernel(fastmath=FAST, inline='always', **INNER)
+def power(p: Any, exponent: Any) -> Any:
+    """P ** exponent for a positive normal number p, relative error below 1e-13.
+
+    log2 by its atanh series on the mantissa, exp2 by a polynomial, both fitted at Chebyshev
+    points (relative error 3e-14 and 2e-14), both summed in pairs (Estrin) for a short chain; no
+    branch and no call, so that a loop over it becomes vector code on any x86-64 or ARM.
+    """
+    return exp2_of(exponent * log2_of(p))

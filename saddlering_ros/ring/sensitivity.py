@@ -1,0 +1,223 @@
+"""How motions and readings change with contact law, loads, friction, rollers: exact tangents.
+
+One simulation and one pass along it give the change by every parameter at once, where differences
+take a simulation each. What acts inside the equation of motion is differentiated by the implicit
+function theorem (`kernels/tangents.py`); what is added to motion and readings is computed anew,
+which costs next to nothing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from saddlering_ros.effects.extension import RingExtension
+from saddlering_ros.rig import Rig
+from saddlering_ros.ring.kernels import integration, tangents
+from saddlering_ros.ring.model import (
+    MODEL,
+    Model,
+    model_of,
+    Rows,
+    rows_of,
+    spread_rows,
+    with_contact,
+)
+from saddlering_ros.ring.simulator import check_simulation, in_parallel, of_probes_clock
+
+Floats = NDArray[np.float64]
+Candidate = tuple[ArrayLike, RingExtension]
+
+
+def _columns(*names: str) -> list[int]:
+    """Places of fields of the model's record, and of all their parts, in its row of floats."""
+    places: list[int] = []
+    for name in names:
+        kind, start = MODEL.fields[name][:2]  # type: ignore[index]
+        places += range(start // 8, (start + kind.itemsize) // 8)
+    return places
+
+
+K, N, D = (_columns(a, a, b) for a, b in (('K1', 'K2'), ('n1', 'n2'), ('D1', 'D2')))
+"""Of the upper, the lower and the radial row, as below."""
+
+FACTORS = _columns('upper_row_stiffness', 'lower_row_stiffness', 'radial_row_stiffness')
+GROWTH = _columns('damping_penetration_share', 'damping_penetration_exponent',
+                  'damping_penetration_saturation')
+FRICTIONS = _columns('radial_friction', 'tilt_friction')
+LOADS = _columns('load_gain', 'load_offset', 'load_nonlinearity', 'elevation_error', 'moment_arm',
+                 'cosine', 'sine', 'cylinder_friction', 'bracket_play')
+
+
+@dataclass(frozen=True)
+class Responses:
+    """Readings (4, N) [m] of a candidate, and (P, 4, N) of its neighbours to first order."""
+
+    centre: Floats
+    neighbours: Floats
+
+
+@dataclass(frozen=True)
+class _Path:
+    """The steps of a simulation: time (M,), load (M,), motion (M, 3), places (N,) of samples."""
+
+    time: Floats
+    load: Floats
+    motion: Floats
+    samples: NDArray[np.intp]
+
+
+def motion_sensitivities(rig: Rig, contact: ArrayLike, elevation: float, time: ArrayLike,
+                         load: ArrayLike, max_step: float = 1e-3) -> tuple[Floats, Floats]:
+    """Motion (3, N) of a contact law (6,) from rest at load[0], and its derivatives (6, 3, N).
+
+    The derivatives are by K1, n1, D1, K2, n2, D2, in SI.
+    """
+    seconds, force = check_simulation(time, load, elevation, max_step)
+    model = with_contact(model_of(rig, elevation), contact)
+    rows = rows_of(rig)
+    path = _simulate(model, rows, seconds, force, float(force[0]), max_step)
+    law = _unit_laws(model)
+    none = np.zeros((path.time.size, 3, 6))
+    changes = _tangents(model, rows, law, none, np.zeros((6, 2, 4)), [], path)
+    return (np.ascontiguousarray(path.motion[path.samples].T),
+            np.ascontiguousarray(changes[path.samples].transpose(2, 1, 0)))
+
+
+def static_sensitivities(rig: Rig, contact: ArrayLike, elevation: float,
+                         equilibria: Floats) -> Floats:
+    """Derivatives (6, 3, N) of equilibria (3, N) by the contact law (6,), in SI."""
+    model = with_contact(model_of(rig, elevation), contact)
+    rows = rows_of(rig)
+    path = np.ascontiguousarray(equilibria.T)
+    out = np.empty((path.shape[0], 3, 6))
+    tangents.static_tangents(model, rows.flat, rows.uniform, _unit_laws(model), path, out)
+    return np.ascontiguousarray(out.transpose(2, 1, 0))
+
+
+def probe_sensitivities(rig: Rig, groups: Sequence[tuple[Candidate, Sequence[Candidate]]],
+                        elevation: float, time: ArrayLike, load: ArrayLike,
+                        zero_load: float | None = None,
+                        max_step: float = 1e-3) -> list[Responses]:
+    """Readings of each candidate and of its neighbours, those to first order in their distance.
+
+    A group is a candidate (contact law, extension) and its neighbours, a small step aside each.
+    Arguments and readings are those of `simulator.probe_batch`.
+    """
+    seconds, force = check_simulation(time, load, elevation, max_step)
+    zero = float(force[0]) if zero_load is None else zero_load
+    found: list[Responses | None] = [None] * len(groups)
+
+    def run(part: slice) -> None:
+        for index in range(part.start, part.stop):
+            centre, neighbours = groups[index]
+            found[index] = _responses(rig, centre, neighbours, elevation, seconds, force, zero,
+                                      max_step)
+
+    in_parallel(run, len(groups))
+    return [item for item in found if item is not None]
+
+
+def _responses(rig: Rig, centre: Candidate, neighbours: Sequence[Candidate], elevation: float,
+               time: Floats, load: Floats, zero_load: float, max_step: float) -> Responses:
+    contact, extension = centre
+    model = with_contact(model_of(rig, elevation, extension), contact)
+    others = [with_contact(model_of(rig, elevation, extra), law) for law, extra in neighbours]
+    rows = rows_of(rig, extension)
+    rollers = [rows_of(rig, extra) for _, extra in neighbours]
+    path = _simulate(model, rows, time, load, zero_load, max_step)
+    readings = _read(model, zero_load, time, load, path.motion[path.samples])
+    # Directions that move rollers come first: the kernel knows them by their number.
+    order = sorted(range(len(others)), key=lambda index: rollers[index] is rows)
+    moved = [rollers[index] for index in order if rollers[index] is not rows]
+    geometry = []
+    if moved:
+        along = spread_rows(rig, extension)
+        geometry = [spread_rows(rig, neighbours[index][1]).flat - along.flat
+                    for index in order[:len(moved)]]
+        rows = along
+        model = with_contact(model_of(rig, elevation, extension, counts=rows.counts), contact)
+    own, aside = _floats(model), np.concatenate([_floats(others[index]) for index in order])
+    external = np.zeros((path.time.size, 3, len(others)))
+    loaded = np.flatnonzero((aside[:, LOADS] != own[:, LOADS]).any(axis=1))
+    course = _external(model, zero_load, path)
+    for number in loaded.tolist():
+        external[:, :, number] = _external(others[order[number]], zero_load, path) - course
+    law = np.ascontiguousarray((_laws(aside) - _laws(own)).transpose(1, 2, 0))
+    friction = (aside[:, FRICTIONS] - own[:, FRICTIONS]).reshape(-1, 2, 4)
+    changes = _tangents(model, rows, law, external, friction, geometry, path)
+    answers = np.empty((len(others), time.size, 4))
+    for number, index in enumerate(order):
+        motion = path.motion[path.samples] + changes[path.samples, :, number]
+        answers[index] = _read(others[index], zero_load, time, load, motion)
+    return Responses(
+        of_probes_clock(readings.T, extension, time),
+        np.array([of_probes_clock(answer.T, extra, time)
+                  for answer, (_, extra) in zip(answers, neighbours, strict=True)]))
+
+
+def _simulate(model: Model, rows: Rows, time: Floats, load: Floats, zero_load: float,
+              max_step: float) -> _Path:
+    """The motion at every step that the simulator takes."""
+    total = np.diff(time)
+    parts = np.maximum(1, np.ceil(total / max_step - 1e-6)).astype(np.intp)
+    samples = np.concatenate([[0], np.cumsum(parts)])
+    share = (np.arange(1, samples[-1] + 1) - np.repeat(samples[:-1], parts)) / np.repeat(
+        parts, parts)
+    fine_time = np.append(time[0], np.repeat(time[:-1], parts) + share * np.repeat(total, parts))
+    fine_load = np.append(
+        load[0], np.repeat(load[:-1], parts) + share * np.repeat(np.diff(load), parts))
+    if parts.size:  # the load at rest is the zero's, whatever the first sample's
+        first = np.arange(1, parts[0] + 1)
+        fine_load[first] = zero_load + (load[1] - zero_load) * first / parts[0]
+    motion = np.empty((1, fine_time.size, 3))
+    integration.run_batch(model, rows.flat[None], rows.uniform[None], fine_time, fine_load,
+                          zero_load, np.inf, motion, np.empty((1, fine_time.size, 4)))
+    return _Path(fine_time, fine_load, motion[0], samples)
+
+
+def _tangents(model: Model, rows: Rows, law: Floats, external: Floats, friction: Floats,
+              geometry: Sequence[Floats], path: _Path) -> Floats:
+    changes = np.empty((path.time.size, 3, law.shape[2]))
+    rollers = np.array(geometry) if geometry else np.empty((0, rows.flat.size))
+    if not tangents.motion_tangents(model, rows.flat, rows.uniform, law, external, friction,
+                                    rollers, path.time, path.motion, changes):
+        changes[:] = np.nan
+    return changes
+
+
+def _external(model: Model, zero_load: float, path: _Path) -> Floats:
+    external = np.empty((path.time.size, 3))
+    tangents.load_course(model, zero_load, path.load, external)
+    return external
+
+
+def _read(model: Model, zero_load: float, time: Floats, load: Floats, motion: Floats) -> Floats:
+    out = np.empty((time.size, 4))
+    tangents.read_course(model, zero_load, time, load, np.ascontiguousarray(motion), out)
+    return out
+
+
+def _floats(model: Model) -> Floats:
+    return model.view(np.float64).reshape(model.size, -1)
+
+
+def _laws(models: Floats) -> Floats:
+    """Laws (B, 3, LAW) of upper, lower and radial row; an exponent of 0 stands for the row's n."""
+    share, exponent, saturation = (models[:, [place] * 3] for place in GROWTH)
+    exponent = np.where(exponent > 0.0, exponent, models[:, N])
+    return np.stack([models[:, K] * models[:, FACTORS], models[:, N], models[:, D], share,
+                     exponent, saturation], axis=-1)
+
+
+def _unit_laws(model: Model) -> Floats:
+    """Change (3, LAW, 6) of the rows' laws by one unit of each contact parameter."""
+    factors = _floats(model)[0, FACTORS]
+    unit = np.zeros((3, tangents.LAW, 6))
+    for row, first in ((0, 0), (1, 0), (2, 3)):
+        unit[row, 0, first] = factors[row]
+        unit[row, 1, first + 1] = unit[row, 2, first + 2] = 1.0
+    return unit

@@ -1,0 +1,106 @@
+"""Claims about exact sensitivities: those of the readable reference, and of every effect."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from saddlering_ros.effects import catalogue, Effect, extension_of, NO_EXTENSION
+from saddlering_ros.rig import (
+    ContactParameters,
+    default_rig,
+    FULL_SCALE_LOAD,
+    PARAMETER_NAMES,
+    TRUE_TO_SCALE,
+)
+from saddlering_ros.ring import probe_batch, reference, static_batch
+from saddlering_ros.ring.sensitivity import (
+    motion_sensitivities,
+    probe_sensitivities,
+    static_sensitivities,
+)
+
+RIG, ELEVATION = default_rig(), 0.9
+LAW = TRUE_TO_SCALE.to_array()
+STEP = 2e-3
+TIME = STEP * np.arange(60)
+LOAD = np.interp(TIME, [0.0, 0.06, 0.118], [RIG.preload, FULL_SCALE_LOAD, 0.3 * FULL_SCALE_LOAD])
+# Slow enough for the solver to take every step whole: it is not smooth where it divides one.
+SLOW = STEP * np.arange(150)
+SLOW_LOAD = np.interp(SLOW, [0.0, 0.16, 0.3], [RIG.preload, 0.6 * FULL_SCALE_LOAD, RIG.preload])
+EACH = pytest.mark.parametrize('index', range(6), ids=PARAMETER_NAMES)
+
+
+def aside(index: int, share: float) -> list[ContactParameters]:
+    """The law with one parameter a share more, and a share less."""
+    return [ContactParameters.from_array(np.where(np.arange(6) == index, LAW * (1.0 + by), LAW))
+            for by in (share, -share)]
+
+
+@EACH
+def test_a_motion_changes_with_the_contact_law_as_the_reference_does(index: int) -> None:
+    _, slopes = motion_sensitivities(RIG, LAW, ELEVATION, TIME, LOAD, STEP)
+    more, less = (reference.simulate_dynamic(RIG, law, ELEVATION, TIME, LOAD)
+                  for law in aside(index, 3e-5))
+    expected = (more - less) / (6e-5 * LAW[index])
+    assert slopes[index] == pytest.approx(expected, rel=1e-4, abs=2e-5 * np.abs(expected).max())
+
+
+@pytest.mark.parametrize('index', [0, 1, 3, 4], ids=['K1', 'n1', 'K2', 'n2'])
+def test_equilibria_change_with_the_contact_law_as_the_reference_does(index: int) -> None:
+    loads = np.linspace(RIG.preload, FULL_SCALE_LOAD, 5)
+    still = static_batch(RIG, LAW[None], ELEVATION, loads)[0]
+    slopes = static_sensitivities(RIG, LAW, ELEVATION, still)
+    more, less = (np.stack([reference.static_equilibrium(RIG, law, load, ELEVATION)
+                            for load in loads], axis=1) for law in aside(index, 3e-5))
+    expected = (more - less) / (6e-5 * LAW[index])
+    assert slopes[index] == pytest.approx(expected, rel=1e-5, abs=1e-5 * np.abs(expected).max())
+
+
+def test_damping_changes_no_equilibrium() -> None:
+    still = static_batch(RIG, LAW[None], ELEVATION, [RIG.preload, FULL_SCALE_LOAD])[0]
+    assert not static_sensitivities(RIG, LAW, ELEVATION, still)[[2, 5]].any()
+
+
+@pytest.mark.parametrize('one', catalogue().values(), ids=list(catalogue()))
+def test_readings_change_with_every_parameter_of_an_effect_as_differences_say(
+        one: Effect) -> None:
+    for variant in one.variants[:2]:
+        usual = {item.name: min(item.scale, 0.9 * item.high) for item in one.parameters}
+        values = one.complete({**usual, **variant.values})
+        centre = extension_of({one.id: values})
+        for item in one.parameters:
+            step = 2e-6 * (item.high - item.low)
+            pair = [(LAW, extension_of({one.id: {**values, item.name: values[item.name] + by}}))
+                    for by in (step, -step)]
+            more, less = probe_batch(RIG, pair, ELEVATION, SLOW, SLOW_LOAD, max_step=STEP)
+            found = probe_sensitivities(RIG, [((LAW, centre), pair)], ELEVATION, SLOW, SLOW_LOAD,
+                                        max_step=STEP)[0].neighbours
+            largest = np.abs(more - less).max()
+            assert found[0] - found[1] == pytest.approx(
+                more - less, abs=5e-3 * largest + 1e-14), (variant, item.name)
+
+
+def test_the_response_itself_is_that_of_a_simulation_in_the_same_steps() -> None:
+    extension = extension_of({'film_creep': {'share': 0.1}, 'radial_friction': {'force': 500.0}})
+    load = np.append(2.0 * LOAD[0], LOAD[1:])
+    arguments = ELEVATION, TIME, load, RIG.preload, 0.3 * STEP
+    plain = probe_batch(RIG, [(LAW, extension)], *arguments)[0]
+    found = probe_sensitivities(RIG, [((LAW, extension), [(LAW, extension)])], *arguments)[0]
+    assert found.centre == pytest.approx(plain, abs=1e-13)
+    assert found.neighbours[0] == pytest.approx(plain, abs=1e-13)
+
+
+def test_an_effect_that_is_not_there_yet_has_a_slope() -> None:
+    """As the first step away from a sound ring needs it."""
+    for effects in ({'radial_friction': {'force': 1.0}}, {'load_offset': {'offset': 1.0}},
+                    {'cylinder_friction': {'force': 1.0}}, {'worn_sector_axial': {'wear': 1e-4}}):
+        there = LAW, extension_of(effects)
+        plain = LAW, NO_EXTENSION
+        without, with_it = probe_batch(RIG, [plain, there], ELEVATION, SLOW, SLOW_LOAD,
+                                       max_step=STEP)
+        found = probe_sensitivities(RIG, [(plain, [there])], ELEVATION, SLOW, SLOW_LOAD,
+                                    max_step=STEP)[0]
+        expected = with_it - without
+        assert found.neighbours[0] - found.centre == pytest.approx(
+            expected, abs=2e-2 * np.abs(expected).max()), effects
