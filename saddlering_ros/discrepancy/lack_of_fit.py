@@ -16,6 +16,7 @@ from scipy.stats import f as fisher
 
 from saddlering_ros.discrepancy.candidate import Fit
 from saddlering_ros.discrepancy.change_scale import orthonormal
+from saddlering_ros.discrepancy.fast_bands import fast_bands
 from saddlering_ros.discrepancy.metric import Metric
 from saddlering_ros.discrepancy.system import Array, Run
 
@@ -24,9 +25,6 @@ WAVES_PER_RUN = 20
 
 MAX_CHANCE = 0.01
 """A band counts if noise alone would leave as much less often than this."""
-
-WAVE_SAMPLES = 4
-"""A half wave needs so many samples: where the faster structure ends."""
 
 
 @dataclass(frozen=True)
@@ -86,7 +84,7 @@ class LackOfFitTests:
         kept = values > 1e-8 * values[-1]
         self._root = vectors[:, kept] / np.sqrt(values[kept])
         self._dimensions = int(kept.sum())
-        self._bands = _fast_bands(metric)
+        self._bands = fast_bands(metric, WAVES_PER_RUN + 1)
 
     def fast(self, fit: Fit) -> FastResidual:
         """Structure faster than that of `structure`: the band that stands out most, and where.
@@ -98,19 +96,19 @@ class LackOfFitTests:
         white = metric.whiten_noise(left)
         excess, found = 0.0, FastResidual(0.0, 1.0, 0.0, '', '', 0.0)
         for band in self._bands:
-            channels = zip(band.parts, band.white, strict=True)
-            parts = [basis.T @ white[part] for part, basis in channels]
+            parts = band.coefficients(white)
             free = sum(part.size for part in parts)
             statistic = float(sum(part @ part for part in parts))
             p_value = float(fisher.sf(statistic / free, free, self._pairs)) * len(self._bands)
             excess += max(statistic - free, 0.0)
-            seen = np.array([basis @ part for basis, part in zip(band.plain, parts, strict=True)])
+            seen = band.seen(parts)
             width = metric.experiment.runs[band.run].width
             for view, weights in metric.experiment.system.views.items():
-                power = np.average((weights @ seen) ** 2, weights=width) - weights**2 @ band.noise
+                shown = float(np.average((weights @ seen) ** 2, weights=width))
+                power = shown - float(weights**2 @ band.noise)
                 size = float(np.sqrt(max(power, 0.0))) / self._ranges[view]
                 if p_value < MAX_CHANCE and size > found.visible:
-                    strongest = int(np.argmax(sum(part**2 for part in parts)))
+                    strongest = int(np.argmax(np.sum([part**2 for part in parts], axis=0)))
                     frequency = 0.5 * (band.first + strongest) / band.duration
                     name = metric.experiment.runs[band.run].name
                     found = FastResidual(0.0, p_value, size, view, name, frequency)
@@ -180,50 +178,6 @@ class LackOfFitTests:
             ),
             key=lambda item: (item.p_value, -item.statistic / item.dimensions),
         )
-
-
-@dataclass(frozen=True)
-class _Band:
-    """An octave of half waves in one run: per channel its samples and bases (N, k).
-
-    first: number of the first half wave; duration [s] of the run;
-    white: orthonormal in whitened samples; plain: the same waves as they are measured; noise (C,):
-    mean square that noise alone gives them.
-    """
-
-    run: int
-    first: int
-    duration: float
-    parts: list[slice]
-    white: list[Array]
-    plain: list[Array]
-    noise: Array
-
-
-def _fast_bands(metric: Metric) -> list[_Band]:
-    """Octaves of half waves beyond the slow structure, as far as the samples of a run reach."""
-    bands = []
-    slices = metric.experiment.slices
-    for index, run in enumerate(metric.experiment.runs):
-        last = run.time.size // WAVE_SAMPLES
-        duration = max(float(np.ptp(run.time)), 1e-300)
-        share = (run.time - run.time[0]) / duration
-        pairs = zip(metric.whiteners, slices, strict=True)
-        whiteners = [whitener for whitener, part in pairs if part[0] == index]
-        first = WAVES_PER_RUN + 1
-        while first <= last:
-            stop = min(2 * first - 1, last + 1)
-            waves = np.cos(np.pi * share[:, None] * np.arange(first, stop)[None, :])
-            white, plain, noise = [], [], []
-            for whitener in whiteners:
-                basis, _ = np.linalg.qr(whitener.whiten(waves))
-                white.append(basis)
-                plain.append(whitener.colour(basis))
-                noise.append(float(np.average((plain[-1] ** 2).sum(axis=1), weights=run.width)))
-            parts = [part for number, _, part in slices if number == index]
-            bands.append(_Band(index, first, duration, parts, white, plain, np.array(noise)))
-            first = stop
-    return bands
 
 
 def _view_variance(metric: Metric, noise: Array, view: str) -> list[float]:

@@ -11,10 +11,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.linalg import cholesky, solve_triangular
 
 from saddlering_ros.discrepancy.experiment import Experiment
-from saddlering_ros.discrepancy.noise import ChannelNoise
+from saddlering_ros.discrepancy.noise import build_whitener, ChannelNoise, Whitener
 from saddlering_ros.discrepancy.system import Array
 
 MAX_SPREADS = 2.5
@@ -28,22 +27,6 @@ JITTER = 1e-6
 
 
 @dataclass(frozen=True)
-class DenseWhitener:
-    """Cholesky factor of a noise covariance and its inverse (N, N)."""
-
-    factor: Array
-    inverse: Array
-
-    def whiten(self, columns: Array) -> Array:
-        """L^-1 on columns (N, B) or (N,)."""
-        return np.asarray(self.inverse @ columns)
-
-    def colour(self, columns: Array) -> Array:
-        """L on columns (N, B) or (N,)."""
-        return np.asarray(self.factor @ columns)
-
-
-@dataclass(frozen=True)
 class Metric:
     """Noise of every run and channel, and the nuisance parameters marginalised.
 
@@ -53,7 +36,7 @@ class Metric:
 
     experiment: Experiment
     noise: Mapping[tuple[str, int], ChannelNoise]
-    whiteners: tuple[DenseWhitener, ...]
+    whiteners: tuple[Whitener, ...]
     directions: Array
     strength: Array
 
@@ -117,11 +100,15 @@ def noise_metric(experiment: Experiment, noise: Mapping[tuple[str, int], Channel
     whiteners = []
     for index, channel, _ in experiment.slices:
         run = experiment.runs[index]
-        own = noise[run.name, channel]
-        matrix = own.covariance(run.time, run.width, run.inputs.get('hold'))
-        matrix += np.diag(np.full(run.time.size, jitter))
-        factor = cholesky(matrix, lower=True)
-        inverse = solve_triangular(factor, np.eye(run.time.size), lower=True)
-        whiteners.append(DenseWhitener(factor, inverse))
+        whiteners.append(
+            build_whitener(
+                noise[run.name, channel],
+                run.time,
+                run.width,
+                run.inputs.get('hold'),
+                np.isfinite(run.channels[channel]),
+                jitter,
+            )
+        )
     empty = np.zeros((experiment.size, 0))
     return Metric(experiment, noise, tuple(whiteners), empty, np.zeros(0))

@@ -14,6 +14,9 @@ from saddlering_ros.discrepancy.noise.process import (
 )
 from saddlering_ros.discrepancy.system import Array, DiscrepancyError
 
+OVERLAP = 0.1
+"""Share of a block by which the one before it may overlap it, as stamps that jitter do."""
+
 
 @dataclass(frozen=True)
 class Whitener:
@@ -78,7 +81,9 @@ def build_whitener(
     own = noise.white / width + noise.floor + jitter
     own = own + mean_variance(ratio) @ variance
     gap = np.diff(time, prepend=time[0]) - 0.5 * (width + np.append(width[0], width[:-1]))
-    gaps = np.exp(-np.maximum(gap, 0.0)[:, None] / tau)
+    # Blocks may overlap by the jitter of their stamps; distances along the run stay exact so.
+    gap = np.maximum(gap, -OVERLAP * np.minimum(width, np.append(width[0], width[:-1])))
+    gaps = np.exp(-gap[:, None] / tau)
     inside = np.exp(-ratio)
     ahead, behind = variance * edge, edge
     if noise.held > 0.0:

@@ -1,0 +1,159 @@
+"""Octaves of half waves in one run, faster than the slow structure, in whitened samples.
+
+A narrow octave is laid out as an orthonormal basis. A wide one is read from the cosine transform
+of the whitened samples, which costs N log N; whitened waves are waves nearly, as long as the noise
+changes little over an octave.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Protocol
+
+import numpy as np
+from scipy.fft import dct, idct
+
+from saddlering_ros.discrepancy.metric import Metric
+from saddlering_ros.discrepancy.noise import Whitener
+from saddlering_ros.discrepancy.system import Array, Run
+
+WAVE_SAMPLES = 4
+"""A half wave needs so many samples: where the faster structure ends."""
+
+MAX_BASIS = 512
+"""Half waves at most that are laid out as a basis."""
+
+NOISE_DRAWS = 8
+"""Draws from which the plain size of a wide octave's noise is known, to a few percent."""
+
+
+class Band(Protocol):
+    """One octave of one run.
+
+    first: number of the first half wave; duration [s] of the run; noise (C,): mean square that
+    noise alone gives each channel in this octave.
+    """
+
+    @property
+    def run(self) -> int: ...
+
+    @property
+    def first(self) -> int: ...
+
+    @property
+    def duration(self) -> float: ...
+
+    @property
+    def noise(self) -> Array: ...
+
+    def coefficients(self, white: Array) -> list[Array]:
+        """Of stacked whitened samples (n,): each channel's share in this octave, unit variance."""
+        ...
+
+    def seen(self, coefficients: Sequence[Array]) -> Array:
+        """The same share as it is measured (C, N)."""
+        ...
+
+
+@dataclass(frozen=True)
+class BasisBand:
+    """A narrow octave: per channel its samples and its bases (N, k), whitened and as measured."""
+
+    run: int
+    first: int
+    duration: float
+    parts: list[slice]
+    white: list[Array]
+    plain: list[Array]
+    noise: Array
+
+    def coefficients(self, white: Array) -> list[Array]:
+        return [basis.T @ white[part] for part, basis in zip(self.parts, self.white, strict=True)]
+
+    def seen(self, coefficients: Sequence[Array]) -> Array:
+        pairs = zip(self.plain, coefficients, strict=True)
+        return np.array([basis @ coefficient for basis, coefficient in pairs])
+
+
+@dataclass(frozen=True)
+class TransformBand:
+    """A wide octave: half waves `first` to `stop` of the cosine transform."""
+
+    run: int
+    first: int
+    duration: float
+    stop: int
+    parts: list[slice]
+    whiteners: list[Whitener]
+    width: Array
+
+    def coefficients(self, white: Array) -> list[Array]:
+        return [dct(white[part], norm='ortho')[self.first : self.stop] for part in self.parts]
+
+    def seen(self, coefficients: Sequence[Array]) -> Array:
+        rows = []
+        for whitener, item in zip(self.whiteners, coefficients, strict=True):
+            rows.append(self._measured(whitener, item[:, None])[:, 0])
+        return np.array(rows)
+
+    @cached_property
+    def noise(self) -> Array:
+        random = np.random.default_rng(0)
+        drawn = random.normal(size=(self.stop - self.first, NOISE_DRAWS))
+        return np.array(
+            [
+                float(
+                    np.average(
+                        (self._measured(whitener, drawn) ** 2).mean(axis=1), weights=self.width
+                    )
+                )
+                for whitener in self.whiteners
+            ]
+        )
+
+    def _measured(self, whitener: Whitener, coefficients: Array) -> Array:
+        spectrum = np.zeros((self.width.size, coefficients.shape[1]))
+        spectrum[self.first : self.stop] = coefficients
+        return whitener.colour(np.asarray(idct(spectrum, axis=0, norm='ortho')))
+
+
+def fast_bands(metric: Metric, first: int) -> list[Band]:
+    """Octaves from half wave number `first` on, as far as the samples of a run reach."""
+    bands: list[Band] = []
+    slices = metric.experiment.slices
+    for index, run in enumerate(metric.experiment.runs):
+        last = run.time.size // WAVE_SAMPLES
+        pairs = zip(metric.whiteners, slices, strict=True)
+        whiteners = [whitener for whitener, part in pairs if part[0] == index]
+        parts = [part for number, _, part in slices if number == index]
+        begin = first
+        while begin <= last:
+            stop = min(2 * begin - 1, last + 1)
+            build = _basis_band if stop - begin <= MAX_BASIS else _transform_band
+            bands.append(build(index, run, begin, stop, parts, whiteners))
+            begin = stop
+    return bands
+
+
+def _basis_band(
+    index: int, run: Run, first: int, stop: int, parts: list[slice], whiteners: list[Whitener]
+) -> Band:
+    duration = max(float(np.ptp(run.time)), 1e-300)
+    share = (run.time - run.time[0]) / duration
+    waves = np.cos(np.pi * share[:, None] * np.arange(first, stop)[None, :])
+    white, plain, noise = [], [], []
+    for whitener in whiteners:
+        basis, _ = np.linalg.qr(whitener.whiten(waves))
+        white.append(basis)
+        plain.append(whitener.colour(basis))
+        noise.append(float(np.average((plain[-1] ** 2).sum(axis=1), weights=run.width)))
+    return BasisBand(index, first, duration, parts, white, plain, np.array(noise))
+
+
+def _transform_band(
+    index: int, run: Run, first: int, stop: int, parts: list[slice], whiteners: list[Whitener]
+) -> Band:
+    duration = max(float(np.ptp(run.time)), 1e-300)
+    return TransformBand(index, first, duration, stop, parts, whiteners, run.width)
