@@ -30,6 +30,9 @@ K and n of one contact are so nearly alike that the bend of their curves over a 
 this long passes for a difference, and a refit creeps along their valley without an end.
 """
 
+LOAD_STEP = 500.0
+"""Change of the load [N] by which its sensitivity is differenced."""
+
 CURVATURE = 1.5
 """Standard deviation of the square of a standard normal number, nearly."""
 
@@ -126,6 +129,21 @@ class RingSystem:
             answer.append(np.concatenate([block.reshape(*run.channels.shape, -1), own], axis=2))
             start += run.channels.size
         return answer
+
+    def targets(self, run: Run, point: Point) -> dict[str, Array]:
+        """What a newton more at the ring changes: a law may add to the load it feels."""
+        extension = self.extension(point)
+        less, more = (
+            replace(extension, load_offset=extension.load_offset + sign * LOAD_STEP)
+            for sign in (1.0, -1.0)
+        )
+        answers = self._simulated(run, [(point.base, less), (point.base, more)])
+        return {'hydraulic_load': (answers[1] - answers[0]) / (2.0 * LOAD_STEP)}
+
+    def start_of(self, run: Run) -> float:
+        """The start of the zero window."""
+        grid: LoadGrid = run.payload
+        return float(grid.time[0])
 
     def extension(self, point: Point) -> RingExtension:
         """Extension parameters that the effects of a point set."""

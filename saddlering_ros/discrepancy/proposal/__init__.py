@@ -1,0 +1,16 @@
+"""A law proposed for a misfit that nothing in the catalogue explains: pure functions of arrays."""
+
+from saddlering_ros.discrepancy.proposal.matching import LawParameter, Term
+from saddlering_ros.discrepancy.proposal.misfit import Misfit, ObservedRun
+from saddlering_ros.discrepancy.proposal.of_fit import propose_for
+from saddlering_ros.discrepancy.proposal.propose import (
+    Alternative,
+    describe,
+    LawProposal,
+    propose_law,
+)
+
+__all__ = [
+    'Alternative', 'LawParameter', 'LawProposal', 'Misfit', 'ObservedRun', 'Term', 'describe',
+    'propose_for', 'propose_law',
+]

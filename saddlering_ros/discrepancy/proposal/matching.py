@@ -1,0 +1,249 @@
+"""A fitted block matched to a simple law, by BIC; otherwise given as a curve with its band."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import minimize
+
+from saddlering_ros.discrepancy.proposal.blocks import (
+    ANGLE_WAVES,
+    Block,
+    DIRECTION_PIECES,
+    LOAD_PIECES,
+    RATE_PIECES,
+    Spline,
+    TIME_PIECES,
+)
+from saddlering_ros.discrepancy.proposal.forms import Coordinates, Form, forms_of
+from saddlering_ros.discrepancy.proposal.memory import relaxations, stop_operators
+from saddlering_ros.discrepancy.proposal.misfit import (
+    ANGLE,
+    DIRECTION,
+    LOAD,
+    Misfit,
+    RATE,
+    stacked,
+    TIME,
+)
+from saddlering_ros.discrepancy.proposal.selection import BlockFit
+from saddlering_ros.discrepancy.system import Array
+
+CURVE_POINTS = 65
+STEP = 1e-3
+"""Share of a shape parameter by which its sensitivity is differenced."""
+
+
+@dataclass(frozen=True)
+class LawParameter:
+    """One number of a law with its standard deviation; `unit` in words of channel and coordinate.
+
+    kind: 'amplitude', or 'shape'.
+    """
+
+    value: float
+    std: float
+    unit: str
+    kind: str
+
+
+@dataclass(frozen=True)
+class Term:
+    """One addition to one target: a simple law, or a curve with its band.
+
+    at, values, band (K,): the curve over its coordinate, its value and standard deviation; for a
+    simple law the law's own. weights: of plays and relaxations, at their reaches or lags.
+    """
+
+    target: str
+    coordinate: str
+    law: str
+    words: str
+    parameters: Mapping[str, LawParameter]
+    at: Array
+    values: Array
+    band: Array
+    freedom: float
+    form: Form | None = None
+    block: Block | None = None
+
+    def evaluate(self, coordinates: Coordinates) -> Array:
+        """The addition (N,) along one run."""
+        if self.form is not None:
+            shape = [item.value for item in self.parameters.values() if item.kind == 'shape']
+            sizes = [item.value for item in self.parameters.values() if item.kind == 'amplitude']
+            return np.asarray(self.form.columns(coordinates, shape) @ np.array(sizes))
+        if self.law == 'plays':
+            return np.asarray(stop_operators(coordinates[LOAD], self.at) / self.at @ self.values)
+        if self.law == 'relaxation':
+            memory = relaxations(coordinates[TIME], coordinates[LOAD], self.at)
+            return np.asarray(memory @ self.values)
+        along = LOAD if self.coordinate == DIRECTION else self.coordinate
+        curve = np.interp(coordinates[along], self.at, self.values)
+        return curve * coordinates[DIRECTION] if self.coordinate == DIRECTION else curve
+
+
+def match_law(misfit: Misfit, fit: BlockFit, wanted: Array) -> Term:
+    """The simple law that is as good as the block by BIC, or the block's own curve."""
+    left = float(wanted @ wanted) - fit.taken
+    curve_bic = _bic(left, fit.freedom, misfit.size)
+    best: tuple[float, Form, Array] | None = None
+    for form in forms_of(fit.block.coordinate, fit.block.kind):
+        own, shape = _search(misfit, fit, form, wanted)
+        bic = _bic(own, form.count, misfit.size)
+        if best is None or bic < best[0]:
+            best = bic, form, shape
+    if best is not None and best[0] <= curve_bic:
+        return _law_term(misfit, fit, best[1], best[2], wanted)
+    return _curve_term(misfit, fit, left)
+
+
+def _bic(left: float, count: float, size: int) -> float:
+    return size * float(np.log(max(left, 1e-300) / size)) + count * float(np.log(size))
+
+
+def _columns(misfit: Misfit, target: str, form: Form, shapes: list[Array]) -> Array:
+    parts = tuple(
+        np.hstack([form.columns(run.coordinates, shape) for shape in shapes])
+        for run in misfit.runs
+    )
+    return misfit.columns(target, parts)
+
+
+def _left(columns: Array, wanted: Array) -> float:
+    """Misfit left after the best amplitudes of columns (n, m)."""
+    gram = columns.T @ columns
+    slope = columns.T @ wanted
+    found = np.linalg.pinv(gram, hermitian=True) @ slope
+    return float(wanted @ wanted - found @ slope)
+
+
+def _search(misfit: Misfit, fit: BlockFit, form: Form, wanted: Array) -> tuple[float, Array]:
+    """Misfit left and shape of the best law of one form."""
+    low, high = fit.block.span
+    if form.name == 'exponential memory' and fit.block.settings is not None:
+        constants = fit.block.settings['constants']
+        low, high = float(constants[0]), float(constants[-1])
+    shapes = [np.array(shape) for shape in form.grid(low, high)]
+    columns = _columns(misfit, fit.target, form, shapes)
+    width = len(form.amplitudes)
+    lefts = [
+        _left(columns[:, number * width : (number + 1) * width], wanted)
+        for number in range(len(shapes))
+    ]
+    best = int(np.argmin(lefts))
+    start = shapes[best]
+    # The scale of a power goes with its size: it is no shape to search.
+    free = np.arange(start.size) if form.name != 'power' else np.array([1])
+    if start.size == 0:
+        return lefts[best], start
+
+    def cost(moved: Array) -> float:
+        shape = start.copy()
+        shape[free] = start[free] * np.exp(moved) if np.all(start[free]) else start[free] + moved
+        return _left(_columns(misfit, fit.target, form, [shape]), wanted)
+
+    found = minimize(
+        cost,
+        np.zeros(free.size),
+        method='Nelder-Mead',
+        options={
+            'maxfev': 60,
+            'xatol': 1e-4,
+            'fatol': 1e-7 * max(lefts[best], 1e-300),
+            'initial_simplex': np.vstack([np.zeros(free.size), 0.1 * np.eye(free.size)]),
+        },
+    )
+    if found.fun >= lefts[best]:
+        return lefts[best], start
+    shape = start.copy()
+    shape[free] = start[free] * np.exp(found.x) if np.all(start[free]) else start[free] + found.x
+    return float(found.fun), shape
+
+
+def _law_term(misfit: Misfit, fit: BlockFit, form: Form, shape: Array, wanted: Array) -> Term:
+    columns = _columns(misfit, fit.target, form, [shape])
+    sizes = np.linalg.lstsq(columns, wanted, rcond=None)[0]
+    sensitivities = [columns]
+    free = [index for index in range(shape.size) if form.name != 'power' or index == 1]
+    for index in free:
+        moved = shape.copy()
+        step = STEP * (abs(shape[index]) or 1.0)
+        moved[index] += step
+        beside = _columns(misfit, fit.target, form, [moved])
+        sensitivities.append(((beside - columns) @ sizes / step)[:, None])
+    slopes = np.hstack(sensitivities)
+    left = wanted - columns @ sizes
+    inflation = max(1.0, float(left @ left) / misfit.size)
+    unit = np.maximum(np.sqrt((slopes**2).sum(axis=0)), 1e-300)
+    scaled = slopes / unit
+    covariance = np.linalg.pinv(scaled.T @ scaled, hermitian=True) * inflation
+    covariance = covariance / np.outer(unit, unit)
+    deviations = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    parameters: dict[str, LawParameter] = {}
+    for index, name in enumerate(form.amplitudes):
+        unit = 'target per coordinate' if name == 'slope' else 'target'
+        parameters[name] = LawParameter(float(sizes[index]), float(deviations[index]), unit,
+                                        'amplitude')
+    for index, name in enumerate(form.shapes):
+        std = 0.0
+        if index in free:
+            std = float(deviations[len(form.amplitudes) + free.index(index)])
+        unit = 'coordinate' if name.endswith('*') else 's' if name.endswith('_s') else '1'
+        parameters[name.rstrip('*')] = LawParameter(float(shape[index]), std, unit, 'shape')
+    at = np.linspace(*fit.block.span, CURVE_POINTS)
+    term = Term(fit.target, fit.block.coordinate, form.name, form.words, parameters, at,
+                np.zeros(at.size), np.zeros(at.size), float(form.count), form)
+    if fit.block.kind not in ('plays', 'relaxation'):
+        along = dict.fromkeys((LOAD, RATE, TIME, ANGLE, fit.block.coordinate), at)
+        along[DIRECTION] = np.ones(at.size)
+        values = term.evaluate(along)
+        own = form.columns(along, shape)
+        spread = np.sqrt(
+            np.maximum(np.einsum('ni,ij,nj->n', own, covariance[: own.shape[1], : own.shape[1]],
+                                 own), 0.0)
+        )
+        term = Term(term.target, term.coordinate, term.law, term.words, parameters, at, values,
+                    spread, term.freedom, form)
+    return term
+
+
+PIECES = {LOAD: LOAD_PIECES, DIRECTION: DIRECTION_PIECES, RATE: RATE_PIECES, TIME: TIME_PIECES}
+
+
+def _curve_term(misfit: Misfit, fit: BlockFit, left: float) -> Term:
+    """The block itself: a curve with its band, or weights of plays and relaxations."""
+    block, coefficients = fit.block, fit.coefficients
+    inflation = max(1.0, left / misfit.size)
+    if block.settings is not None:
+        at = next(iter(block.settings.values()))
+        scale = 1.0 if block.kind == 'plays' else 1.0 / (block.span[1] - block.span[0])
+        spread = np.sqrt(np.maximum(np.diag(fit.covariance) * inflation, 0.0))
+        words = {'plays': 'a sum of plays', 'relaxation': 'a sum of relaxations'}[block.kind]
+        return Term(fit.target, block.coordinate, block.kind, words, {}, at,
+                    coefficients * scale, spread * scale, fit.freedom, None, block)
+    at = np.linspace(*block.span, CURVE_POINTS)
+    if block.kind == 'own curve':
+        zero = np.zeros(at.size)
+        return Term(fit.target, block.coordinate, block.kind,
+                    "a curve over time of each run's own", {}, at, zero, zero, fit.freedom)
+    if block.kind == 'harmonics':
+        waves = np.arange(1, ANGLE_WAVES + 1)
+        basis = np.hstack([np.cos(at[:, None] * waves), np.sin(at[:, None] * waves)])
+    else:
+        pieces = PIECES.get(block.coordinate, LOAD_PIECES // 2)
+        basis = Spline(*block.span, pieces).values(at)
+    variance = np.einsum('ni,ij,nj->n', basis, fit.covariance * inflation, basis)
+    return Term(fit.target, block.coordinate, 'curve', 'a smooth curve, given as a table', {}, at,
+                basis @ coefficients, np.sqrt(np.maximum(variance, 0.0)), fit.freedom)
+
+
+def additions(misfit: Misfit, terms: tuple[Term, ...]) -> Array:
+    """Plain stacked change (n,) of the channels by all terms."""
+    total = np.zeros(misfit.size)
+    for term in terms:
+        shapes = tuple(term.evaluate(run.coordinates)[:, None] for run in misfit.runs)
+        total += stacked(misfit.runs, term.target, shapes)[:, 0]
+    return total

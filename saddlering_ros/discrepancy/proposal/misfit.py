@@ -1,0 +1,95 @@
+"""What a law is proposed for: a residual, its coordinates, and the metric in which it counts."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from saddlering_ros.discrepancy.system import Array
+
+LOAD, DIRECTION, RATE, TIME = 'load', 'direction', 'rate', 'time'
+ANGLE, HYSTERESIS = 'angle', 'hysteresis'
+
+
+@dataclass(frozen=True)
+class ObservedRun:
+    """One run: coordinates (N,) by name, and how an addition to a target shows in its channels.
+
+    coordinates: 'load' is the drive; 'direction' and 'rate' are its; 'time' [s] counts from the
+    start of the run; any other name is taken as it is, 'angle' as periodic over 2 pi.
+    targets: name to (C, N), the change of the channels by a unit of the addition, sample by
+    sample.
+    residual (C, N): measured less predicted. slopes (C, N, P): change of the prediction by each
+    base parameter.
+    """
+
+    name: str
+    coordinates: Mapping[str, Array]
+    targets: Mapping[str, Array]
+    residual: Array
+    slopes: Array
+
+    @property
+    def samples(self) -> int:
+        return self.residual.shape[1]
+
+
+@dataclass(frozen=True)
+class Misfit:
+    """Residuals of the fitted runs and their metric.
+
+    whiten: applies the metric to stacked columns (n, B); stacked means runs, then channels, then
+    samples. degrees: degrees of freedom of the noise's level.
+    """
+
+    runs: tuple[ObservedRun, ...]
+    whiten: Callable[[Array], Array]
+    degrees: int
+
+    @property
+    def size(self) -> int:
+        return sum(run.residual.size for run in self.runs)
+
+    @cached_property
+    def rows(self) -> tuple[slice, ...]:
+        """Rows of each run in a stacked vector."""
+        ends = np.cumsum([run.residual.size for run in self.runs])
+        return tuple(
+            slice(int(end) - run.residual.size, int(end))
+            for run, end in zip(self.runs, ends, strict=True)
+        )
+
+    @cached_property
+    def base(self) -> Array:
+        """Orthonormal basis (n, P) of what base parameters can do, whitened."""
+        slopes = [run.slopes.reshape(-1, run.slopes.shape[2]) for run in self.runs]
+        white = self.whiten(np.concatenate(slopes))
+        left, values, _ = np.linalg.svd(white, full_matrices=False)
+        return np.asarray(left[:, values > 1e-8 * max(float(values.max(initial=0.0)), 1e-300)])
+
+    @cached_property
+    def residual(self) -> Array:
+        """The whitened residual (n,), less what base parameters could take."""
+        plain = np.concatenate([run.residual.ravel() for run in self.runs])
+        return self.freed(self.whiten(plain[:, None]))[:, 0]
+
+    def freed(self, white: Array) -> Array:
+        """Whitened columns less what base parameters could do."""
+        return np.asarray(white - self.base @ (self.base.T @ white))
+
+    def columns(self, target: str, shapes: tuple[Array, ...]) -> Array:
+        """Stacked whitened columns (n, k) of an addition of `shapes` (N, k) by run to a target."""
+        return self.freed(self.whiten(stacked(self.runs, target, shapes)))
+
+
+def stacked(runs: tuple[ObservedRun, ...], target: str, shapes: tuple[Array, ...]) -> Array:
+    """Plain stacked columns (n, k) of an addition of `shapes` (N, k) by run to a target."""
+    parts = []
+    for run, shape in zip(runs, shapes, strict=True):
+        pattern = run.targets[target]
+        spread = pattern[:, :, None] * shape[None, :, :]
+        parts.append(spread.reshape(-1, shape.shape[1]))
+    return np.concatenate(parts)

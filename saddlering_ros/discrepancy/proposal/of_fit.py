@@ -1,0 +1,118 @@
+"""A law proposed for a fitted model: its residual, coordinates and targets put together."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Protocol, runtime_checkable
+
+import numpy as np
+
+from saddlering_ros.discrepancy.candidate import Fit
+from saddlering_ros.discrepancy.gain import power
+from saddlering_ros.discrepancy.metric import Metric
+from saddlering_ros.discrepancy.proposal.memory import direction_of
+from saddlering_ros.discrepancy.proposal.misfit import (
+    DIRECTION,
+    LOAD,
+    Misfit,
+    ObservedRun,
+    RATE,
+    TIME,
+)
+from saddlering_ros.discrepancy.proposal.propose import LawProposal, propose_law
+from saddlering_ros.discrepancy.refit import neighbours, tangent
+from saddlering_ros.discrepancy.system import Array, Point, Run, System
+
+DIRECTION_BAND = 0.01
+"""Share of the drive's range by which it must turn back to have another direction."""
+
+NO_COORDINATES = ('hold',)
+"""Inputs that number stretches of a run and are no coordinate."""
+
+
+@runtime_checkable
+class HasTargets(Protocol):
+    """A system that knows more places for an addition than its views and channels."""
+
+    def targets(self, run: Run, point: Point) -> Mapping[str, Array]:
+        """Change of the channels (C, N) by a unit of the addition, by the target's name."""
+        ...
+
+    def start_of(self, run: Run) -> float:
+        """Instant [s] from which time counts in a law."""
+        ...
+
+
+def propose_for(
+    metric: Metric, fit: Fit, runs: Sequence[Run], degrees: int, error_rate: float
+) -> LawProposal | None:
+    """The law that would explain what `fit` leaves; `runs` are those fitted and those held out."""
+    experiment = metric.experiment
+    system = experiment.system
+    observed = []
+    plain = tangent(metric, fit).plain
+    residuals = experiment.by_run(experiment.measured - fit.prediction)
+    start = 0
+    for run, residual in zip(experiment.runs, residuals, strict=True):
+        slopes = plain[start : start + run.channels.size]
+        start += run.channels.size
+        observed.append(
+            _observed(system, run, fit.point, residual, slopes.reshape(*run.channels.shape, -1))
+        )
+    held = [_held_out(system, run, fit) for run in runs if run.held_out]
+    by_name = {run.name: run for run in runs}
+
+    def mean_square(run: ObservedRun, residual: Array) -> float:
+        return power(system.views, experiment.view_ranges, [by_name[run.name]], [residual])
+
+    misfit = Misfit(tuple(observed), metric.whiten, degrees)
+    return propose_law(misfit, mean_square, held, error_rate)
+
+
+def _held_out(system: System, run: Run, fit: Fit) -> ObservedRun:
+    """A held-out run with the slopes of its prediction."""
+    base = system.base_parameters
+    parameters = fit.candidate.parameters(base)
+    asked, steps = neighbours(parameters, fit.theta_unit, range(fit.theta_unit.size))
+    answers = system.predict_many(run, [fit.candidate.point(base, place) for place in asked])
+    slopes = (answers[1:] - answers[:1]) / np.array(steps)[:, None, None]
+    residual = run.channels - answers[0]
+    return _observed(system, run, fit.point, residual, np.moveaxis(slopes, 0, -1))
+
+
+def _observed(
+    system: System, run: Run, point: Point, residual: Array, slopes: Array
+) -> ObservedRun:
+    targets: dict[str, Array] = {}
+    for name, weights in system.views.items():
+        pattern = weights / float(weights @ weights)
+        targets[name] = np.repeat(pattern[:, None], run.time.size, axis=1)
+    for number, name in enumerate(system.channel_names):
+        alone = np.zeros((len(system.channel_names), run.time.size))
+        alone[number] = 1.0
+        if not any(_alike(alone, other) for other in targets.values()):
+            targets[name] = alone
+    begin = float(run.time[0])
+    if isinstance(system, HasTargets):
+        targets.update(system.targets(run, point))
+        begin = system.start_of(run)
+    return ObservedRun(run.name, coordinates_of(run, begin), targets, residual, slopes)
+
+
+def coordinates_of(run: Run, begin: float) -> dict[str, Array]:
+    """Coordinates of a run: the drive, its direction and rate, time, and what else it has."""
+    names = [name for name in run.inputs if name not in NO_COORDINATES]
+    drive = run.inputs[names[0]]
+    found = {name: run.inputs[name] for name in names[1:]}
+    found[LOAD] = drive
+    found[TIME] = run.time - begin
+    if DIRECTION not in found:
+        found[DIRECTION] = direction_of(drive, DIRECTION_BAND * float(np.ptp(drive)))
+    if RATE not in found:
+        found[RATE] = np.gradient(drive, run.time)
+    return found
+
+
+def _alike(one: Array, other: Array) -> bool:
+    """Whether two targets differ by a factor only."""
+    return bool(np.allclose(one / np.abs(one).max(), other / np.abs(other).max()))

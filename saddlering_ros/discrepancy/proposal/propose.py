@@ -1,0 +1,276 @@
+"""A law proposed for what no effect of the catalogue explains.
+
+The whitened residual, freed of base parameters, is offered blocks of shapes on every target; the
+block that predicts most of runs left out in turn is taken, and a second one if it adds enough. A
+block counts only if it passes the same likelihood-ratio gate as a name, with the number of blocks
+tried paid for. The curve is matched to simple laws. The verdict stays unknown.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from saddlering_ros.discrepancy.proposal.blocks import Block, blocks_of, span_of
+from saddlering_ros.discrepancy.proposal.matching import match_law, Term
+from saddlering_ros.discrepancy.proposal.misfit import (
+    DIRECTION,
+    HYSTERESIS,
+    LOAD,
+    Misfit,
+    ObservedRun,
+    RATE,
+    stacked,
+    TIME,
+)
+from saddlering_ros.discrepancy.proposal.selection import BlockFit, fit_block, rank_blocks
+from saddlering_ros.discrepancy.system import Array
+
+MAX_BLOCKS = 2
+MIN_SHARE = 0.1
+"""Share of the misfit that the first block must predict: less describes nothing."""
+
+MIN_SECOND_SHARE = 0.1
+"""Share of the misfit left that a second block must predict."""
+
+ALIKE = 0.9
+"""Another coordinate that predicts this share of the best one's is a doubt."""
+
+BEYOND = 0.02
+"""Share of the range seen by which a held-out run may exceed it."""
+
+BACKFITS = 3
+
+MeanSquare = Callable[[ObservedRun, Array], float]
+"""Mean square of a plain residual (C, N) of a run, over the ranges, as gain is told."""
+
+
+@dataclass(frozen=True)
+class Alternative:
+    """Another target and coordinate, with the share of the misfit that its block predicts."""
+
+    target: str
+    coordinate: str
+    share: float
+
+
+@dataclass(frozen=True)
+class LawProposal:
+    """A law that would explain what is left.
+
+    terms: one or two additions. share: of the whitened misfit taken. p_value: with all blocks paid
+    for. fit, held_out: gain as 1 - rms with / rms without; negative where it predicts worse. move
+    (P,): what base parameters do when the law is in the model. doubts: one sentence each.
+    """
+
+    terms: tuple[Term, ...]
+    share: float
+    p_value: float
+    fit: float
+    held_out: float | None
+    move: Array
+    doubts: tuple[str, ...]
+    alternatives: tuple[Alternative, ...]
+
+    @property
+    def term(self) -> Term:
+        """The term that explains most."""
+        return self.terms[0]
+
+
+def propose_law(
+    misfit: Misfit,
+    mean_square: MeanSquare,
+    held_out: Sequence[ObservedRun] = (),
+    error_rate: float = 0.01,
+) -> LawProposal | None:
+    """The best law of at most two blocks, or None if none passes the gate."""
+    blocks = blocks_of(misfit.runs)
+    targets = list(misfit.runs[0].targets)
+    wanted = misfit.residual
+    total = float(wanted @ wanted)
+    ranked = rank_blocks(misfit, blocks, targets, wanted)
+    trials = len(ranked)
+    first = ranked[0]
+    p_value = first.p_value(misfit.degrees, trials)
+    if p_value > error_rate or first.predicted < MIN_SHARE * total:
+        return None
+    chosen = [first]
+    left = _left(wanted, chosen)
+    second = rank_blocks(misfit, blocks, targets, left)[0]
+    enough = second.predicted >= MIN_SECOND_SHARE * float(left @ left)
+    if enough and second.p_value(misfit.degrees, trials * trials) < error_rate:
+        chosen = _backfitted(misfit, [first, second], wanted)
+    terms = _matched(misfit, chosen, wanted)
+    change = _changes(misfit, terms, chosen)
+    move, white_left = _base_move(misfit, change)
+    fit, held, worse = _gains(misfit, mean_square, terms, change, move, held_out)
+    others = tuple(
+        Alternative(item.target, item.block.coordinate, item.predicted / total)
+        for item in ranked[1:6]
+        if item.predicted > 0.0
+    )
+    doubts = _doubts(misfit, ranked, terms, held_out, worse)
+    share = 1.0 - float(white_left @ white_left) / total
+    return LawProposal(terms, share, p_value, fit, held, move, tuple(doubts), others)
+
+
+def _left(wanted: Array, fits: Sequence[BlockFit]) -> Array:
+    left = wanted.copy()
+    for item in fits:
+        left -= item.white @ item.coefficients
+    return left
+
+
+def _backfitted(misfit: Misfit, fits: list[BlockFit], wanted: Array) -> list[BlockFit]:
+    """Blocks fitted together: each to what the other leaves, in turn; the larger first."""
+    for _ in range(BACKFITS):
+        for number, item in enumerate(fits):
+            rest = [other for place, other in enumerate(fits) if place != number]
+            fits[number] = fit_block(misfit, item.target, item.block, _left(wanted, rest))
+    return sorted(fits, key=lambda item: -item.taken)
+
+
+def _matched(misfit: Misfit, fits: list[BlockFit], wanted: Array) -> tuple[Term, ...]:
+    terms = []
+    for number, item in enumerate(fits):
+        rest = [other for place, other in enumerate(fits) if place != number]
+        terms.append(match_law(misfit, item, _left(wanted, rest)))
+    return tuple(terms)
+
+
+def _changes(misfit: Misfit, terms: tuple[Term, ...], fits: list[BlockFit]) -> list[Array]:
+    """Plain change (C, N) of each run's channels by all terms."""
+    total = np.zeros(misfit.size)
+    for term, item in zip(terms, fits, strict=True):
+        if term.law == 'own curve':
+            shapes = tuple((part @ item.coefficients)[:, None] for part in item.block.shapes)
+        else:
+            shapes = tuple(term.evaluate(run.coordinates)[:, None] for run in misfit.runs)
+        total += stacked(misfit.runs, term.target, shapes)[:, 0]
+    return [
+        total[rows].reshape(run.residual.shape)
+        for rows, run in zip(misfit.rows, misfit.runs, strict=True)
+    ]
+
+
+def _base_move(misfit: Misfit, change: list[Array]) -> tuple[Array, Array]:
+    """What base parameters do (P,) beside the change, and the whitened misfit (n,) left."""
+    plain = np.concatenate(
+        [(run.residual - part).ravel() for run, part in zip(misfit.runs, change, strict=True)]
+    )
+    slopes = np.concatenate([run.slopes.reshape(-1, run.slopes.shape[2]) for run in misfit.runs])
+    joined = misfit.whiten(np.column_stack([plain, slopes]))
+    white, columns = joined[:, 0], joined[:, 1:]
+    # Bound-scaled parameters whose whole range is one standard deviation: idle ones stay.
+    gram = columns.T @ columns + np.eye(columns.shape[1])
+    move = np.linalg.solve(gram, columns.T @ white)
+    return np.asarray(move), np.asarray(white - columns @ move)
+
+
+def _gains(
+    misfit: Misfit,
+    mean_square: MeanSquare,
+    terms: tuple[Term, ...],
+    change: list[Array],
+    move: Array,
+    held_out: Sequence[ObservedRun],
+) -> tuple[float, float | None, list[str]]:
+    """Gain on fitted and on held-out runs, and the names of runs that get worse."""
+    worse = []
+    before, after = [], []
+    for run, part in zip(misfit.runs, change, strict=True):
+        before.append(mean_square(run, run.residual))
+        after.append(mean_square(run, run.residual - part - run.slopes @ move))
+        if after[-1] > before[-1]:
+            worse.append(run.name)
+    fit = _gain(before, after)
+    if not held_out or any(term.law == 'own curve' for term in terms):
+        return fit, None, worse
+    before, after = [], []
+    for run in held_out:
+        part = np.zeros(run.residual.shape)
+        for term in terms:
+            part += run.targets[term.target] * term.evaluate(run.coordinates)
+        before.append(mean_square(run, run.residual))
+        after.append(mean_square(run, run.residual - part - run.slopes @ move))
+        if after[-1] > before[-1]:
+            worse.append(f'{run.name} (held out)')
+    return fit, _gain(before, after), worse
+
+
+def _gain(before: list[float], after: list[float]) -> float:
+    return 1.0 - float(np.sqrt(np.mean(after) / max(float(np.mean(before)), 1e-300)))
+
+
+def _doubts(
+    misfit: Misfit,
+    ranked: list[BlockFit],
+    terms: tuple[Term, ...],
+    held_out: Sequence[ObservedRun],
+    worse: list[str],
+) -> list[str]:
+    best = ranked[0]
+    doubts = [f'{name} gets worse with it' for name in worse]
+    for term in terms:
+        doubts += _outside(misfit, term, held_out)
+        if term.law == 'own curve':
+            doubts.append(
+                f'{term.target} follows time in each run by a curve of its own, which predicts no '
+                'other run'
+            )
+    rivals = {
+        item.block.coordinate
+        for item in ranked[1:]
+        if item.predicted >= ALIKE * best.predicted
+        and item.block.coordinate != best.block.coordinate
+    }
+    for name in sorted(rivals):
+        doubts.append(
+            f'{name} explains within 10 % as much as {best.block.coordinate}: these runs do not '
+            'tell the two apart'
+        )
+    if _one_rate(misfit.runs):
+        doubts.append('the runs move at one rate only: whether the law depends on it is open')
+    if len(misfit.runs) == 1:
+        doubts.append('it was fitted to one run')
+    return doubts
+
+
+def _outside(misfit: Misfit, term: Term, held_out: Sequence[ObservedRun]) -> list[str]:
+    along = LOAD if term.coordinate in (DIRECTION, HYSTERESIS) else term.coordinate
+    low, high = span_of(misfit.runs, along)
+    slack = BEYOND * (high - low)
+    beyond = []
+    for run in held_out:
+        seen = run.coordinates[along]
+        if seen.min() < low - slack or seen.max() > high + slack:
+            beyond.append(f'{run.name} (held out) has a {along} outside the range seen')
+    return beyond
+
+
+def _one_rate(runs: tuple[ObservedRun, ...]) -> bool:
+    """Whether all runs that move do so at much the same largest rate."""
+    if any(RATE not in run.coordinates for run in runs):
+        return True
+    fastest = [float(np.abs(run.coordinates[RATE]).max()) for run in runs]
+    moving = [rate for rate in fastest if rate > 0.0]
+    return len(moving) < 2 or max(moving) < 1.5 * min(moving)
+
+
+def describe(term: Term) -> str:
+    """One sentence on a term."""
+    words = {
+        LOAD: 'the load',
+        DIRECTION: 'the direction of the load times a curve over it',
+        RATE: 'the rate of the load',
+        TIME: 'time',
+        HYSTERESIS: 'the history of the load',
+    }
+    along = words.get(term.coordinate, term.coordinate)
+    return f'{term.target} has an addition that follows {along}: {term.law} ({term.words})'
+
+
+__all__ = ['Alternative', 'Block', 'LawProposal', 'describe', 'propose_law']
