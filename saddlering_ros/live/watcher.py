@@ -67,8 +67,8 @@ REVIEW = 1.0
 SILENT = 3.5
 """A node that has not spoken on /diagnostics for so long [s] is gone."""
 
-BAND_LAG = 3
-"""Drawn means over which the noise of the residual is judged."""
+BAND_LAG = 30
+"""Drawn means over which the noise of the residual is judged, at most: slow noise counts too."""
 
 FEWEST_MEANS = 20
 TYPES = {'geometry_msgs/msg/WrenchStamped': WrenchStamped, 'sensor_msgs/msg/Range': Range,
@@ -243,7 +243,8 @@ class Watcher:
         means = self.traces.means('residual')
         if means.shape[1] < FEWEST_MEANS:
             return [None] * len(CHANNELS)
-        return [_finite(1e6 * white_noise(channel, BAND_LAG)) for channel in means]
+        lag = min(BAND_LAG, means.shape[1] // 6)
+        return [_finite(1e6 * white_noise(channel, lag)) for channel in means]
 
     def _take(self, name: str, messages: list[bytes]) -> None:
         if name == 'load':
