@@ -14,6 +14,7 @@ from saddlering_ros.bags.info import bag_info, BagInfo, TopicInfo
 from saddlering_ros.bags.measured import displacement_of_run, MeasuredRun
 from saddlering_ros.bags.plateaus import plateau_means, PlateauMeans, Plateaus, plateaus
 from saddlering_ros.bags.reader import RawRecord, RawTopic, read_raw, read_run, TestRun
+from saddlering_ros.bags.repeats import refuse_repeats
 from saddlering_ros.bags.topics import LOAD_TOPIC, PROBE_TOPICS, RIG_TOPICS
 from saddlering_ros.bags.writer import write_bag
 
@@ -21,6 +22,6 @@ __all__ = [
     'LOAD_TOPIC', 'PROBE_TOPICS', 'RIG_TOPICS', 'AlignedRow', 'AlignmentCounters', 'BagError',
     'BagInfo', 'FoundFacts', 'MeasuredRun', 'PlateauMeans', 'Plateaus', 'RawRecord', 'RawTopic',
     'StreamAligner', 'TestFacts', 'TestRun', 'TopicInfo', 'align', 'bag_info',
-    'displacement_of_run', 'plateau_means', 'plateaus', 'read_raw', 'read_run', 'seconds',
-    'seconds_array', 'write_bag',
+    'displacement_of_run', 'plateau_means', 'plateaus', 'read_raw', 'read_run', 'refuse_repeats',
+    'seconds', 'seconds_array', 'write_bag',
 ]

@@ -98,7 +98,7 @@ def find_facts(
     conflicts = []
     for key in KEYS:
         first, second = _clean(custom_data.get(key)), _clean(record.get(key))
-        if first is not None and second is not None and not _same(key, first, second):
+        if first is not None and second is not None and not same_fact(key, first, second):
             conflicts.append(
                 f'{key} is {first!r} in metadata.yaml and {second!r} in the MCAP record {RECORD}: '
                 f'correct one{_overrule(key)}')
@@ -140,7 +140,8 @@ def _clean(value: object) -> str | None:
     return None if value is None or not str(value).strip() else str(value).strip()
 
 
-def _same(key: str, first: str, second: str) -> bool:
+def same_fact(key: str, first: str, second: str) -> bool:
+    """Whether two texts say the same of a test."""
     if key == 'elevation_deg':
         one, other = _number(first), _number(second)
         if one is not None and other is not None:

@@ -20,15 +20,16 @@ from saddlering_ros.bags.errors import BagError
 from saddlering_ros.bags.facts import FoundFacts
 from saddlering_ros.bags.plateaus import plateaus
 from saddlering_ros.bags.reader import (
+    notes_on_rig,
     raw_topic,
     RawRecord,
     RawTopic,
     run_of_record,
     TestRun,
 )
+from saddlering_ros.bags.record_quality import topic_quality, UNKNOWN_QUALITY
 from saddlering_ros.bags.scan import Scan, scan
 from saddlering_ros.bags.topics import LOAD_TOPIC, PROBE_TOPICS, RIG_TOPICS
-from saddlering_ros.bags.wiring import wiring_notes
 from saddlering_ros.rig import default_rig, Rig
 
 
@@ -38,7 +39,9 @@ class TopicInfo:
 
     type and count of all topics; of the rig's also rate [Hz] (by the median period), start and
     duration [s] relative to the earliest stamp, gaps in the stamps (count, longest [s]), and
-    the lowest and highest reading [SI].
+    the lowest and highest reading [SI], the share of readings equal to the one before, the rate
+    [Hz] at which they are new, their greatest common step and white noise [SI], the bandwidth of
+    that noise [Hz] (NaN where it cannot be told), and how many are spikes.
     """
 
     topic: str
@@ -52,6 +55,12 @@ class TopicInfo:
     lowest: float = math.nan
     highest: float = math.nan
     frame_id: str = ''
+    repeated: float = math.nan
+    update_rate: float = math.nan
+    resolution: float = math.nan
+    noise: float = math.nan
+    bandwidth: float = math.nan
+    spikes: int = 0
 
 
 @dataclass(frozen=True)
@@ -118,12 +127,13 @@ def bag_info(
     rig = rig or default_rig()
     problems += _faults_of_readings(found.path, raw, rig)
     run = None
+    record = RawRecord(found.path, raw, facts, found.notes)
     if not problems:
-        run = _try_run(RawRecord(found.path, raw, facts, found.notes), facts, rig, problems)
+        run = _try_run(record, facts, rig, problems)
     count = None
     if run is not None:
         notes += run.notes
-        notes += wiring_notes(rig, run.elevation, run.load, run.gaps)
+        notes += notes_on_rig(rig, run, record)
         count = _plateau_count(run, problems)
     return _assemble(found, facts, raw, count, problems, notes)
 
@@ -203,11 +213,15 @@ def _topics(found: Scan, raw: dict[str, RawTopic], start: int | None) -> tuple[T
 def _rig_topic(raw: RawTopic, kind: str, count: int, start: int) -> TopicInfo:
     intervals = np.diff(raw.stamps)
     gaps = intervals[gap_mask(raw.stamps)]
+    is_finite = bool(np.isfinite(raw.values).all())
+    seen = topic_quality(raw.stamps, raw.values) if is_finite else UNKNOWN_QUALITY
     return TopicInfo(
         raw.topic, kind, count, 1e9 / float(np.median(intervals)),
         (int(raw.stamps[0]) - start) / 1e9, int(raw.stamps[-1] - raw.stamps[0]) / 1e9,
         len(gaps), float(gaps.max()) / 1e9 if len(gaps) else 0.0,
-        float(raw.values.min()), float(raw.values.max()), raw.frame_id)
+        float(raw.values.min()), float(raw.values.max()), raw.frame_id,
+        seen.repeated, seen.update_rate, seen.resolution, seen.noise, seen.bandwidth,
+        int(seen.spikes.size))
 
 
 def _plain(value: Any) -> Any:

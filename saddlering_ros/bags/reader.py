@@ -23,6 +23,13 @@ from saddlering_ros.bags.checks import (
 from saddlering_ros.bags.directory import open_directory
 from saddlering_ros.bags.errors import BagError
 from saddlering_ros.bags.facts import FoundFacts
+from saddlering_ros.bags.record_quality import (
+    notes_between,
+    quality_notes,
+    topic_quality,
+    TopicQuality,
+)
+from saddlering_ros.bags.rig_notes import rig_notes
 from saddlering_ros.bags.scan import Scan, scan, ScannedTopic
 from saddlering_ros.bags.stamps import put_in_order
 from saddlering_ros.bags.topics import (
@@ -96,7 +103,8 @@ class TestRun:
     the probes on the load's stamps, NaN outside a probe's own span and inside its gaps; notes:
     what is wrong with the bag without keeping it from being used; sha256: of the bag's files
     ('' for a run that was never in a bag); others: readings (N,) of the optional topics of the rig
-    that the bag holds, by name, aligned alike.
+    that the bag holds, by name, aligned alike; spikes (5, N): where the load and the four probes
+    read a spike (None: nowhere).
     """
 
     __test__ = False
@@ -113,7 +121,18 @@ class TestRun:
     gaps: NDArray[np.float64]
     notes: list[str] = field(default_factory=list)
     sha256: str = ''
+    spikes: NDArray[np.bool_] | None = None
     others: dict[str, NDArray[np.float64]] = field(default_factory=dict)
+
+    def without_spikes(self) -> TestRun:
+        """The same with spikes left out: NaN in the gaps, a straight line in the load."""
+        if self.spikes is None or not self.spikes.any():
+            return self
+        struck = self.spikes[0]
+        load = self.load.copy()
+        load[struck] = np.interp(self.time[struck], self.time[~struck], self.load[~struck])
+        return replace(self, load=load, gaps=np.where(self.spikes[1:], np.nan, self.gaps),
+                       spikes=None)
 
     @property
     def origin(self) -> Origin:
@@ -176,8 +195,15 @@ def read_run(
     run = replace(run_of_record(record, facts, rig), sha256=open_directory(path).sha256())
     run = run if elevation is None else replace(run, elevation=float(elevation))
     if rig is not None:
-        run.notes.extend(wiring_notes(rig, run.elevation, run.load, run.gaps))
+        run.notes.extend(notes_on_rig(rig, run, record))
     return run
+
+
+def notes_on_rig(rig: Rig, run: TestRun, record: RawRecord) -> list[str]:
+    """What looks wrong with a run on this rig: its wiring, its zero, its kind, its units."""
+    spans = [(record[name].min_range, record[name].max_range) for name in PROBE_TOPICS]
+    return [*wiring_notes(rig, run.elevation, run.load, run.gaps),
+            *rig_notes(rig, run.test, run.time, run.load, spans)]
 
 
 def usable_facts(
@@ -210,6 +236,8 @@ def run_of_record(
         notes += notes_on_probe(
             raw.topic, raw.stamps, raw.values, raw.min_range, raw.max_range,
             gap_mask(raw.stamps), aligned)
+    found = record_quality(record)
+    notes += record_quality_notes(record, found)
     if np.isfinite(gaps).all(axis=0).sum() < FEWEST_SAMPLES:
         raise BagError(
             f'{where}: all four probes read together at fewer than {FEWEST_SAMPLES} load stamps: '
@@ -223,7 +251,40 @@ def run_of_record(
         name=name, path=record.path, test=facts.test,
         elevation=math.radians(facts.elevation_deg), rig=facts.rig, run=facts.run,
         stamps=load.stamps, time=seconds_array(load.stamps, int(load.stamps[0])),
-        load=load.values, gaps=gaps, notes=notes, others=others)
+        load=load.values, gaps=gaps, notes=notes,
+        spikes=_spikes(load, probes, found), others=others)
+
+
+def record_quality(record: RawRecord) -> dict[str, TopicQuality]:
+    """What the readings of the load and of each probe show of the logger."""
+    return {name: topic_quality(record[name].stamps, record[name].values)
+            for name in (LOAD_TOPIC, *PROBE_TOPICS)}
+
+
+def record_quality_notes(record: RawRecord, found: dict[str, TopicQuality]) -> list[str]:
+    """The same in words, a line each."""
+    notes = []
+    for name, quality in found.items():
+        notes += quality_notes(name, quality, 'N' if name == LOAD_TOPIC else 'm')
+    load = record[LOAD_TOPIC]
+    seconds = float(load.stamps[-1] - load.stamps[0]) * 1e-9
+    return notes + notes_between(
+        found[LOAD_TOPIC], [found[name] for name in PROBE_TOPICS], seconds)
+
+
+def _spikes(
+    load: RawTopic, probes: Sequence[RawTopic], found: dict[str, TopicQuality],
+) -> NDArray[np.bool_] | None:
+    """Which of the load's samples (5, N) a spike of the load or of a probe reaches."""
+    if not any(one.spikes.size for one in found.values()):
+        return None
+    rows = []
+    for raw in (load, *probes):
+        struck = np.zeros(len(raw))
+        struck[found[raw.topic].spikes] = 1.0
+        reached = align(load.stamps, raw.stamps, struck)
+        rows.append(np.nan_to_num(reached) > 0.0)
+    return np.array(rows)
 
 
 def raw_topic(found: Scan, name: str) -> RawTopic:

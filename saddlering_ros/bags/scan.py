@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -19,7 +19,7 @@ from saddlering_ros.bags.directory import (
     plain_file,
 )
 from saddlering_ros.bags.errors import BagError
-from saddlering_ros.bags.facts import find_facts, FoundFacts, RECORD
+from saddlering_ros.bags.facts import find_facts, FoundFacts, KEYS, RECORD, same_fact
 from saddlering_ros.bags.mcap_file import (
     Block,
     Channel,
@@ -103,6 +103,7 @@ class Scan:
     schema_encodings: set[str] = field(default_factory=set)
     message_count: int = 0
     size: int = 0
+    contradictions: list[str] = field(default_factory=list)
     log_start: int | None = None
     log_stop: int | None = None
 
@@ -165,7 +166,8 @@ def scan(path: Path | str, topics: Collection[str] | None = None) -> Scan:
                 result.cuts.append(cut)
     except BagError as damage:
         result.damage = damage
-    result.facts = find_facts(directory.custom_data, records, recorder)
+    facts = find_facts(directory.custom_data, records, recorder)
+    result.facts = replace(facts, conflicts=(*facts.conflicts, *result.contradictions))
     return result
 
 
@@ -189,10 +191,24 @@ def _scan_file(
                         f'{path}: {result.size} bytes unpack to more than {LARGEST_EXPANSION} '
                         'times as many: no recorder made this file; take another')
         finally:
-            records.update(file.metadata.get(RECORD, {}))
+            _take_facts(result, records, file.metadata.get(RECORD, {}), path)
             text = file.metadata.get('rosbag2', {}).get('serialized_metadata', '')
             recorder.update(custom_data_of(text) if text else {})
             _take_summary(result, file)
+
+
+def _take_facts(
+    result: Scan, records: dict[str, str], own: Mapping[str, str], path: Path,
+) -> None:
+    """Facts of one more file of the bag; those that contradict an earlier file's are noted."""
+    for key, value in own.items():
+        if key in KEYS and same_fact(key, records.setdefault(key, value), value):
+            continue
+        if key in KEYS:
+            result.contradictions.append(
+                f'{key} is {records[key]!r} in one file and {value!r} in {path.name}: these are '
+                'two tests, give each a folder of its own')
+    records.update({key: value for key, value in own.items() if key not in records})
 
 
 def _take_summary(result: Scan, file: McapFile) -> None:

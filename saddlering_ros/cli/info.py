@@ -81,7 +81,8 @@ def _print_info(info: BagInfo, rig: Rig) -> None:
     for note in info.notes:
         console.print(Text(f'  note: {note}', style='yellow'))
     if not info.problems:
-        console.print(Text('  usable', style='green'))
+        console.print(Text('  usable, but read the notes' if info.notes else '  usable',
+                           style='yellow' if info.notes else 'green'))
     console.print()
 
 

@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from saddlering_ros.bags import read_run, TestRun
+from saddlering_ros.bags import read_run, refuse_repeats, TestRun
 from saddlering_ros.diagnosis import next_test
 from saddlering_ros.diagnosis.contact_law import contact_law
 from saddlering_ros.diagnosis.document import signature_cosines
@@ -70,6 +70,7 @@ def diagnose_runs(
     rig = rig or default_rig()
     if not runs:
         raise DiagnosisError('no runs to diagnose: give at least one')
+    refuse_repeats(runs, hold_out)
     records = [build_record(rig, run, held_out=False) for run in runs]
     records += [build_record(rig, run, held_out=True) for run in hold_out]
     records = _named_apart(records)

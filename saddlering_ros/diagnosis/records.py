@@ -69,6 +69,7 @@ class Record:
 
 def build_record(rig: Rig, test_run: TestRun, *, held_out: bool) -> Record:
     """Block means, load grid and stretches at rest of one bag."""
+    test_run = test_run.without_spikes()
     measured = displacement_of_run(rig, test_run)
     good = measured.complete & np.isfinite(measured.load)
     good[: measured.zero.start] = False

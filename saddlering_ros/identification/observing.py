@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from saddlering_ros.bags import TestRun
+from saddlering_ros.bags import refuse_repeats, TestRun
 from saddlering_ros.estimation.blocks import block_means, filled
 from saddlering_ros.estimation.whitening import Whitening
 from saddlering_ros.identification.checks import run_name
@@ -39,6 +39,7 @@ def observe(
     """
     if not runs:
         raise IdentificationError('no runs to identify from: give at least one bag')
+    refuse_repeats(runs)
     prepared = [prepare(run, rig, fit_rate, contact) for run in runs]
     observed = [
         _observe_dynamic(one, prepared, fit_rate)

@@ -60,6 +60,7 @@ def prepare(
 ) -> PreparedRun:
     """A run with all that its observation needs; IdentificationError where it cannot be used."""
     name = run_name(run)
+    run = run.without_spikes()
     check_run(run, rig)
     try:
         measured = displacement_of_run(rig, run)

@@ -15,7 +15,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from saddlering_ros.bags import BagError, displacement_of_run, MeasuredRun, plateaus, TestRun
+from saddlering_ros.bags import (
+    BagError,
+    displacement_of_run,
+    MeasuredRun,
+    plateaus,
+    refuse_repeats,
+    TestRun,
+)
 from saddlering_ros.estimation.noise import (
     ChannelNoise,
     fit_channel,
@@ -157,6 +164,7 @@ def validate(
     """
     if not runs:
         raise IdentificationError('no runs to validate on: give at least one bag')
+    refuse_repeats(runs)
     compared = []
     for number, run in enumerate(runs):
         if before_run is not None:
@@ -213,6 +221,7 @@ class _Comparison:
 
 def _compare(run: TestRun, rig: Rig, parameters: ParameterSet) -> _Comparison:
     name = run_name(run)
+    run = run.without_spikes()
     try:
         measured = displacement_of_run(rig, run)
         found = plateaus(run) if run.test == 'static' else None

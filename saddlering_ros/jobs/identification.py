@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import json
 from typing import Any
 
-from saddlering_ros.bags import read_run
+from saddlering_ros.bags import read_run, refuse_repeats
 from saddlering_ros.identification import (
     IdentificationSettings,
     identify,
@@ -50,6 +50,7 @@ def run(request: IdentificationRequest, on_progress: Callable[[Progress], None],
     """Identify, and judge the result on the bags held out (on all bags if there are none)."""
     runs = [read_run(bag, rig=request.rig) for bag in request.bags]
     kept_back = [read_run(bag, rig=request.rig) for bag in request.validation_bags]
+    refuse_repeats(runs, kept_back)
     found = identify(runs, request.rig, request.settings, on_progress=on_progress)
     judged: Any = validate(kept_back or runs, request.rig, found.parameters).to_json()
     return IdentificationAnswer(found.parameters, found.objective, found.status,

@@ -1,0 +1,322 @@
+"""What readings show of the logger: repeats, resolution, bandwidth, spikes, stalls, drift.
+
+Every check looks at the readings of one topic as recorded, at no model of the ring. A check that
+cannot tell stays silent: a quiet sensor behind a coarse converter shows no bandwidth.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+HELD_SHARE = 0.5
+"""Readings of which more than this share repeat the one before may be held."""
+
+HELD_STEPS = 2.0
+"""Held readings change by more than this many steps of the converter at once (rms)."""
+
+STALL_SAMPLES = 20
+STALL_SIZE = 8.0
+"""Equal readings in a row that may be a stall, and by how many usual changes it ends at once."""
+
+STALL_STEPS = 3.0
+"""... and by how many steps of the converter."""
+
+STALL_CHANCE = 1e-6
+"""A run of equal readings that chance makes more often than this is none."""
+
+SPIKE_SIZE = 10.0
+"""A reading further than this many standard deviations from its four neighbours is a spike."""
+
+EQUAL_AT_LIMIT = 20
+"""Readings equal to the largest or smallest one, in a row, that show a limit."""
+
+QUIET_SECONDS = 0.8
+"""Length [s] of the beginning of a record in which the bandwidth of the noise is looked for."""
+
+MIN_QUIET_SAMPLES = 100
+
+BAND_LIMIT = 0.1
+"""A noise whose bandwidth is under this share of the sampling rate is band-limited."""
+
+BAND_RATIO = 3.0
+"""Load and probes whose bandwidths differ by more than this factor lag differently."""
+
+COARSE_SHARE = 1.5
+"""A converter's step over this many standard deviations of the noise is coarse."""
+
+MAX_GROWTH = 4.0
+"""Changes over 40 readings that exceed those over 10 by more (mean square) are a movement."""
+
+LOOKED_AT = 1_000_000
+"""The converter's step is read from so many readings at most."""
+
+DRIFT_MIN, DRIFT_MAX = 5e-5, 1e-2
+"""Rates of load and probes that differ by a share between these were meant to be equal."""
+
+DRIFT_SECONDS = 1e-3
+"""A drift between clocks that is larger than this at the end of the record [s] gets a note."""
+
+
+@dataclass(frozen=True)
+class TopicQuality:
+    """What one topic's readings show.
+
+    rate [Hz] by the median period; mean_rate [Hz] over the record (NaN if stamps have gaps);
+    repeated: share of readings equal to the one before; update_rate [Hz]: of readings
+    that are new, under `rate` if held; resolution: greatest common step (0 if none shows); noise:
+    rms white noise of a reading; bandwidth [Hz] of the noise (NaN if it cannot be told); spikes:
+    indices of single readings out of line; stall (start, count): the longest run of equal readings
+    that chance or rest do not explain (count 0: none); limit (value, count): the largest or
+    smallest reading, where it is repeated as only a limit does.
+    """
+
+    rate: float
+    mean_rate: float
+    repeated: float
+    update_rate: float
+    resolution: float
+    noise: float
+    bandwidth: float
+    spikes: NDArray[np.intp]
+    stall: tuple[int, int]
+    limit: tuple[float, int]
+
+    @property
+    def is_held(self) -> bool:
+        """Whether readings are published more often than they are taken."""
+        return self.update_rate < 0.75 * self.rate
+
+    @property
+    def is_coarse(self) -> bool:
+        """Whether the converter's step, and not the sensor's noise, limits the readings."""
+        return self.resolution > COARSE_SHARE * self.noise
+
+
+UNKNOWN_QUALITY = TopicQuality(
+    *[math.nan] * 7, np.zeros(0, dtype=np.intp), (0, 0), (math.nan, 0))
+
+
+def topic_quality(stamps: NDArray[np.int64], values: Floats) -> TopicQuality:
+    """Look at readings (N,) at stamps (N,) [ns]."""
+    rate = 1e9 / max(float(np.median(np.diff(stamps))), 1.0)
+    changes = np.diff(values)
+    repeated = float(np.mean(changes == 0.0))
+    resolution = common_step(values)
+    new = changes[changes != 0.0]
+    held = (repeated > HELD_SHARE and new.size > 10
+            and float(np.sqrt(np.mean(new**2))) > HELD_STEPS * max(resolution, 1e-300)
+            and _evenly_held(changes))
+    update_rate = rate * (1.0 - repeated) if held else rate
+    fresh = values[np.append(True, changes != 0.0)] if held else values
+    runs = _equal_runs(values)
+    noise = white_noise(fresh)
+    # A coarse converter repeats its largest reading, too.
+    is_fine = resolution <= COARSE_SHARE * noise
+    limit = _limit(values, runs, repeated) if is_fine else (math.nan, 0)
+    stall = (0, 0) if held else _stall(values, changes, runs, resolution)
+    spikes = np.zeros(0, dtype=np.intp) if held else spikes_of(values)
+    return TopicQuality(
+        rate, _mean_rate(stamps), repeated, update_rate, resolution, noise,
+        _bandwidth(fresh, update_rate, resolution), spikes, stall, limit)
+
+
+def _mean_rate(stamps: NDArray[np.int64]) -> float:
+    """Readings per second over a record without gaps, NaN if there are some."""
+    periods = np.diff(stamps)
+    if float(periods.max()) > 1.9 * float(np.median(periods)):
+        return math.nan
+    return 1e9 * (stamps.size - 1) / float(stamps[-1] - stamps[0])
+
+
+def common_step(values: Floats) -> float:
+    """Greatest common step of readings (N,), 0 if none shows."""
+    levels = np.unique(values[:LOOKED_AT])
+    if levels.size < 3:
+        return float(np.ptp(levels)) if levels.size > 1 else 0.0
+    steps = np.diff(levels)
+    steps = steps[steps > 1e-9 * float(np.abs(levels).max())]
+    if not steps.size:
+        return 0.0
+    smallest = float(steps.min())
+    multiples = steps / smallest
+    is_regular = float(np.mean(np.abs(multiples - np.round(multiples)) < 0.05)) > 0.95
+    return smallest if is_regular and levels.size < 0.9 * min(values.size, LOOKED_AT) else 0.0
+
+
+def white_noise(values: Floats) -> float:
+    """Standard deviation of white noise on readings of something smooth, by second differences."""
+    if values.size < 3:
+        return math.nan
+    second = np.diff(values, 2)
+    robust = 1.4826 * float(np.median(np.abs(second - np.median(second)))) / math.sqrt(6.0)
+    if robust > 0.0:
+        return robust
+    kept = np.abs(second) <= np.quantile(np.abs(second), 0.99)
+    return float(np.sqrt(np.mean(second[kept] ** 2) / 6.0))
+
+
+def spikes_of(values: Floats) -> NDArray[np.intp]:
+    """Indices of single readings (or pairs) far from the readings on both sides.
+
+    A reading is compared with the median of five about it, which keeps a step of the signal.
+    """
+    if values.size < 10:
+        return np.zeros(0, dtype=np.intp)
+    from scipy.ndimage import median_filter
+
+    away = np.abs(values - median_filter(values, 5, mode='nearest'))
+    step = common_step(values)
+    scale = max(1.4826 * float(np.median(away)), 0.5 * white_noise(values), 0.5 * step)
+    # What moves fast in the neighbourhood is no spike.
+    change = np.abs(np.diff(values, append=values[-1]))
+    around = median_filter(change, 9, mode='nearest')
+    return np.flatnonzero(away > SPIKE_SIZE * np.maximum(scale, 0.5 * around))
+
+
+def _evenly_held(changes: Floats) -> bool:
+    """Whether new readings come at even distances, as those of a slower clock do."""
+    apart = np.diff(np.flatnonzero(changes != 0.0))
+    usual = float(np.median(apart))
+    return usual >= 2.0 and float(np.mean(np.abs(apart - usual) <= 1.0)) > 0.6
+
+
+def _equal_runs(values: Floats) -> NDArray[np.int64]:
+    """Runs of equal readings as rows (start, count)."""
+    starts = np.flatnonzero(np.append(True, np.diff(values) != 0.0))
+    return np.stack([starts, np.diff(np.append(starts, values.size))], axis=1)
+
+
+def _limit(values: Floats, runs: NDArray[np.int64], repeated: float) -> tuple[float, int]:
+    """The largest or smallest reading where it is repeated as only a limit does, and how often."""
+    for extreme in (float(values.max()), float(values.min())):
+        at = values[runs[:, 0]] == extreme
+        longest = int(runs[at, 1].max())
+        if longest >= EQUAL_AT_LIMIT and _unlikely(longest, repeated, values.size):
+            return extreme, int(np.sum(values == extreme))
+    return math.nan, 0
+
+
+def _unlikely(count: int, repeated: float, samples: int) -> bool:
+    share = min(max(repeated, 1e-3), 1.0 - 1e-9)
+    return samples * share ** (count - 1) < STALL_CHANCE
+
+
+def _stall(
+    values: Floats, changes: Floats, runs: NDArray[np.int64], resolution: float
+) -> tuple[int, int]:
+    """The longest run of equal readings that ends in a jump, or that chance does not make."""
+    new = np.abs(changes[changes != 0.0])
+    if new.size < 20:
+        return 0, 0
+    usual = float(np.median(new))
+    for start, count in runs[np.argsort(runs[:, 1])[::-1][:5]].tolist():
+        end = start + count
+        if count < STALL_SAMPLES:
+            break
+        if values[start] in (values.max(), values.min()) or end >= values.size:
+            continue
+        about = np.concatenate([changes[max(0, start - 3 * count):start],
+                                changes[end:end + 3 * count]])
+        local = float(np.mean(about == 0.0)) if about.size else 1.0
+        jump = abs(float(values[end] - values[start]))
+        jumped = jump > max(STALL_SIZE * usual, STALL_STEPS * resolution)
+        fine = 2.0 * resolution < usual
+        if jumped or (fine and _unlikely(count, local, values.size)):
+            return int(start), int(count)
+    return 0, 0
+
+
+def _bandwidth(values: Floats, rate: float, resolution: float) -> float:
+    """Bandwidth [Hz] of the noise at the beginning of a record, where the load is at rest.
+
+    By the mean square change over one sample and over many: equal for white noise; of a
+    first-order low-pass at f the first is 1 - exp(-2 pi f / rate) of the second.
+    """
+    count = int(QUIET_SECONDS * rate)
+    quiet = values[:count]
+    if quiet.size < MIN_QUIET_SAMPLES:
+        return math.nan
+    quiet = quiet - np.polyval(np.polyfit(np.arange(quiet.size), quiet, 1), np.arange(quiet.size))
+    lags = [lag for lag in (1, 2, 5, 10, 20, 40) if lag < quiet.size // 4]
+    seen = np.array([float(np.mean((quiet[lag:] - quiet[:-lag]) ** 2)) for lag in lags])
+    moving = len(lags) > 2 and lags[-1] == 40 and seen[-1] > MAX_GROWTH * seen[lags.index(10)]
+    if moving:
+        return math.nan
+    rounding = resolution**2 / 6.0
+    largest = float(seen.max()) - rounding
+    if largest < 4.0 * rounding or largest <= 0.0:
+        return math.nan
+    share = min(max((float(seen[0]) - rounding) / largest, 1e-4), 0.999)
+    return -math.log1p(-share) * rate / (2.0 * math.pi)
+
+
+# -- in words ------------------------------------------------------------------------------------
+
+
+def quality_notes(topic: str, found: TopicQuality, unit: str) -> list[str]:
+    """One line for each thing that makes a topic's readings doubtful."""
+    notes = []
+    if found.is_held:
+        notes.append(
+            f'{topic}: {100.0 * found.repeated:.0f} % of consecutive readings are equal: taken at '
+            f'about {found.update_rate:.3g} Hz and published at {found.rate:.4g} Hz; readings are '
+            f'up to {1e3 / found.update_rate:.3g} ms old, which shifts D1 and D2: record at the '
+            "sensor's own rate")
+    elif found.is_coarse:
+        notes.append(
+            f'{topic}: its resolution of {_in_unit(found.resolution, unit)} is coarser than its '
+            f'noise ({_in_unit(found.noise, unit)} rms): the noise cannot be read from it; use a '
+            'finer range of the converter')
+    if found.spikes.size:
+        notes.append(
+            f'{topic}: {found.spikes.size} of its readings are spikes, the first at sample '
+            f'{int(found.spikes[0])}: identification and diagnosis leave them out')
+    start, count = found.stall
+    if count:
+        notes.append(
+            f'{topic}: {count} equal readings in a row from {start / found.rate:.2f} s on: the '
+            'converter or the logger stood still')
+    value, often = found.limit
+    if often:
+        notes.append(
+            f'{topic}: {often} readings equal the {_in_unit(value, unit)} that no other exceeds: '
+            'the sensor or its amplifier is at a limit')
+    return notes
+
+
+def notes_between(
+    load: TopicQuality, probes: Sequence[TopicQuality], seconds: float
+) -> list[str]:
+    """What the load's readings and the probes' show of each other over a record of `seconds`."""
+    notes = []
+    known = [one.bandwidth for one in probes if math.isfinite(one.bandwidth)]
+    if known and math.isfinite(load.bandwidth):
+        slow, fast = sorted((load.bandwidth, float(np.median(known))))
+        is_limited = slow < BAND_LIMIT * load.rate and not load.is_held
+        if is_limited and fast > BAND_RATIO * slow:
+            name = 'the load seems' if slow == load.bandwidth else 'the probes seem'
+            lag = 1.0 / (2.0 * math.pi * slow) - 1.0 / (2.0 * math.pi * fast)
+            notes.append(
+                f'{name} low-passed at about {slow:.2g} Hz, the other readings at '
+                f'{fast:.2g} Hz or not at all: a lag of some {1e3 * lag:.1f} ms, which shifts D1 '
+                'and D2: give all channels the same filter')
+    rates = [one.mean_rate for one in probes if math.isfinite(one.mean_rate)]
+    if rates and math.isfinite(load.mean_rate):
+        share = float(np.median(rates)) / load.mean_rate - 1.0
+        if DRIFT_MIN < abs(share) < DRIFT_MAX and abs(share) * seconds > DRIFT_SECONDS:
+            notes.append(
+                f'load and probes are stamped at rates that differ by {100.0 * abs(share):.3g} %: '
+                'if all were set to one rate, a clock drifts, by '
+                f'{1e3 * abs(share) * seconds:.3g} ms over the record, which shifts D1 and D2')
+    return notes
+
+
+def _in_unit(value: float, unit: str) -> str:
+    return f'{value:.3g} N' if unit == 'N' else f'{value * 1e6:.3g} um'

@@ -1,0 +1,87 @@
+"""What is odd about a test on its rig: its zero, its kind, the units of its readings.
+
+Units are judged by what the rig must show: a test begins at the rig's preload, and a probe
+publishes the span that the rig file gives. A note says what a record looks like; it is read as it
+stands.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from saddlering_ros.bags.plateaus import find_holds
+from saddlering_ros.rig import Rig, zero_of_record
+
+Floats = NDArray[np.float64]
+
+FORCE_UNITS = {'kgf': 9.80665, 'daN': 10.0, 'lbf': 4.4482216, 'kips': 4448.2216}
+LENGTH_UNITS = {'inches': 0.0254, 'feet': 0.3048, 'millimetres': 1e-3, 'mils': 25.4e-6,
+                'micrometres': 1e-6, 'centimetres': 1e-2}
+
+UNIT_TOLERANCE = 0.03
+"""A ratio this close to that of a unit looks like that unit."""
+
+PEAK_TOLERANCE = 1.1
+"""A record in another unit stays under this share of full scale in that unit, and above ..."""
+
+PEAK_SHARE = 0.3
+
+MIN_HOLDS = 8
+MIN_HELD_SHARE = 0.6
+"""A dynamic record with so many holds, over such a share of its time, looks like a static test."""
+
+
+def rig_notes(
+    rig: Rig, test: str, time: Floats, load: Floats, spans: list[tuple[float, float]],
+) -> list[str]:
+    """One line each for a test of a kind on a rig; spans [m] as the probes publish them."""
+    kept = np.isfinite(load)
+    return [*_unit_of_load(rig, time[kept], load[kept]), *_unit_of_probes(rig, spans),
+            *_kind(test, time[kept], load[kept])]
+
+
+def _unit_of_load(rig: Rig, time: Floats, load: Floats) -> list[str]:
+    zero = zero_of_record(rig, time, load)
+    start, peak = zero.load, float(load.max())
+    looks = [
+        name for name, factor in FORCE_UNITS.items()
+        if rig.preload > 0.0 and abs(start * factor / rig.preload - 1.0) < UNIT_TOLERANCE
+        and PEAK_SHARE < peak * factor / rig.full_scale_load < PEAK_TOLERANCE
+    ]
+    if looks:
+        return [f'the load begins at {start:.4g} and ends at {peak:.4g} at most, which looks like '
+                f'{" or ".join(looks)} (the preload is {rig.preload:.4g} N): publish newtons, or '
+                f'K comes out about {FORCE_UNITS[looks[0]]:.2g} times too small']
+    if not zero.near_preload:
+        return [f'the record starts at {rig.force_words(start)}, not near the preload '
+                f'({rig.force_words(rig.preload)}): displacements count from there']
+    return []
+
+
+def _unit_of_probes(rig: Rig, spans: list[tuple[float, float]]) -> list[str]:
+    notes = []
+    wanted = rig.probes.max_range
+    for number, (_, high) in enumerate(spans, start=1):
+        if not math.isfinite(high) or abs(high / wanted - 1.0) < UNIT_TOLERANCE:
+            continue
+        looks = [name for name, factor in LENGTH_UNITS.items()
+                 if abs(high * factor / wanted - 1.0) < UNIT_TOLERANCE]
+        if looks:
+            notes.append(
+                f'probe {number} publishes a span up to {high:.4g} m and the rig file gives '
+                f'{wanted:.4g} m, which looks like {looks[0]}: publish metres')
+    return notes
+
+
+def _kind(test: str, time: Floats, load: Floats) -> list[str]:
+    if test != 'dynamic':
+        return []
+    holds = find_holds(time, load)
+    held = sum(float(time[stop - 1] - time[start]) for start, stop in holds)
+    if len(holds) < MIN_HOLDS or held < MIN_HELD_SHARE * float(time[-1] - time[0]):
+        return []
+    return [f'the load is held at {len(holds)} levels, which looks like a static test: give '
+            '--test static, or correct the facts of the bag']

@@ -1,0 +1,120 @@
+"""Records that read well and are not what they seem: units, kind, zero, repeats, spikes."""
+
+from dataclasses import replace
+import math
+from pathlib import Path
+import shutil
+
+import numpy as np
+import pytest
+
+from saddlering_ros.bags import (
+    bag_info,
+    BagError,
+    LOAD_TOPIC,
+    PROBE_TOPICS,
+    read_run,
+    refuse_repeats,
+    TestRun,
+)
+from saddlering_ros.bags.rig_notes import rig_notes
+from saddlering_ros.rig import default_rig, TONNE
+
+RIG = default_rig()
+SPANS = [(0.0, 2e-3)] * 4
+TIME = np.arange(0.0, 10.0, 0.01)
+RAMP = RIG.preload + 24.0 * TONNE * np.clip(1.2 - np.abs(TIME - 5.0) / 2.5, 0.0, 1.0)
+
+
+def test_a_sound_ramp_has_no_note():
+    assert rig_notes(RIG, 'dynamic', TIME, RAMP, SPANS) == []
+
+
+@pytest.mark.parametrize(('newtons', 'unit'), [
+    (9.80665, 'kgf'), (10.0, 'daN'), (4.4482216, 'lbf'),
+])
+def test_a_load_in_a_unit_that_stays_inside_the_range_looks_like_it(newtons, unit):
+    (note,) = rig_notes(RIG, 'dynamic', TIME, RAMP / newtons, SPANS)
+    assert 'looks like' in note
+    assert unit in note
+
+
+@pytest.mark.parametrize(('metres', 'unit'), [(0.0254, 'inches'), (0.3048, 'feet')])
+def test_a_span_converted_with_the_readings_looks_like_its_unit(metres, unit):
+    notes = rig_notes(RIG, 'dynamic', TIME, RAMP, [(0.0, 2e-3 / metres)] * 4)
+    assert len(notes) == 4
+    assert f'looks like {unit}' in notes[0]
+
+
+def test_a_record_that_starts_at_fifteen_tonnes_is_noted():
+    (note,) = rig_notes(RIG, 'dynamic', TIME, np.maximum(RAMP, 15.0 * TONNE), SPANS)
+    assert note.startswith('the record starts at 15.0 t, not near the preload (0.5 t)')
+
+
+def test_steps_that_are_held_look_like_a_static_test():
+    time = np.arange(0.0, 60.0, 0.02)
+    levels = TONNE * np.concatenate([np.arange(1, 11), np.arange(9, 0, -1)])
+    random = np.random.default_rng(0)
+    load = np.interp(time % 3.0, [0.0, 0.5], [0.0, 1.0])
+    held = levels[np.minimum((time / 3.0).astype(int), 18)]
+    before = np.concatenate([[RIG.preload], levels])[np.minimum((time / 3.0).astype(int), 18)]
+    load = before + (held - before) * load + random.normal(0.0, 50.0, time.size)
+    load[time > 57.0] = TONNE
+    notes = rig_notes(RIG, 'dynamic', time, load, SPANS)
+    assert [note for note in notes if 'looks like a static test' in note]
+    assert not [note for note in rig_notes(RIG, 'static', time, load, SPANS) if 'static' in note]
+
+
+def run(seed=0, start=0):
+    random = np.random.default_rng(seed)
+    load = RAMP + random.normal(0.0, 50.0, TIME.size)
+    gaps = 1e-3 + random.normal(0.0, 3e-7, (4, TIME.size))
+    stamps = (1e9 * TIME).astype(np.int64) + start
+    return TestRun('a', Path(f'bag_{seed}_{start}'), 'dynamic', math.radians(50.0), '', '',
+                   stamps, TIME, load, gaps)
+
+
+def test_the_same_recording_under_another_name_and_a_part_of_it_are_refused():
+    first = run()
+    refuse_repeats([first, run(seed=1)])
+    with pytest.raises(BagError, match='holds the same recording as'):
+        refuse_repeats([first, replace(first, path=Path('copy'))])
+    part = replace(first, path=Path('part'), stamps=first.stamps[300:], load=first.load[300:],
+                   time=first.time[300:], gaps=first.gaps[:, 300:])
+    with pytest.raises(BagError, match='is fitted: hold out another one'):
+        refuse_repeats([first], [part])
+
+
+def test_a_copied_bag_with_other_log_times_is_the_same_recording(tmp_path, recording):
+    first = read_run(recording.write(tmp_path / 'one'))
+    second = read_run(recording.write(tmp_path / 'two', log_delay=5_000_000))
+    with pytest.raises(BagError, match='same recording'):
+        refuse_repeats([first, second])
+
+
+def test_a_spike_costs_itself_and_is_counted(tmp_path, recording):
+    load = recording.values[LOAD_TOPIC].copy()
+    load[400] += 50.0 * TONNE
+    gap = recording.values[PROBE_TOPICS[2]].copy()
+    gap[600] += 2e-4
+    struck = recording.changed(LOAD_TOPIC, values=load).changed(PROBE_TOPICS[2], values=gap)
+    seen = read_run(struck.write(tmp_path / 'bag'))
+    sound = read_run(recording.write(tmp_path / 'sound'))
+    kept = seen.without_spikes()
+    assert sum('1 of its readings are spikes' in note for note in seen.notes) == 2
+    assert kept.load[400] == pytest.approx(sound.load[400], abs=500.0)
+    lost = np.isnan(kept.gaps[2]) & ~np.isnan(seen.gaps[2])
+    assert np.flatnonzero(lost).tolist() in ([599, 600], [600, 601])
+    assert bag_info(tmp_path / 'bag').topics[0].spikes == 1
+
+
+def test_two_tests_in_one_folder_are_refused(tmp_path, recording):
+    bag = recording.write(tmp_path / 'bag')
+    later = {name: stamps + 10**11 for name, stamps in recording.stamps.items()}
+    other = replace(recording, stamps=later, facts=recording.facts | {
+        'test': 'static', 'elevation_deg': '70'})
+    second = other.write(tmp_path / 'other')
+    shutil.copy(second / 'other_0.mcap', bag / 'bag_1.mcap')
+    (bag / 'metadata.yaml').unlink()
+    with pytest.raises(BagError, match='these are two tests'):
+        read_run(bag)

@@ -1,0 +1,93 @@
+"""What readings show of the logger: each fault has its line, a sound record has none."""
+
+import numpy as np
+import pytest
+
+from saddlering_ros.bags.record_quality import notes_between, quality_notes, topic_quality
+
+STEP, NOISE, RATE = 30.5e-9, 0.3e-6, 1000.0
+
+
+def record(rate=RATE, seconds=8.0, noise=NOISE, step=STEP, seed=0, drift=0.0):
+    """Stamps [ns] and readings [m]: at rest for a second, then up and down by 120 um."""
+    random = np.random.default_rng(seed)
+    time = np.arange(int(seconds * rate)) / rate
+    motion = 120e-6 * np.clip(1.0 - np.abs(time / seconds - 0.55) / 0.4, 0.0, 1.0)
+    values = 1e-3 + motion + noise * random.normal(size=time.size)
+    stamps = np.rint(1e9 * (1.0 + drift) * time).astype(np.int64)
+    return stamps, step * np.rint(values / step)
+
+
+def notes(stamps, values):
+    return quality_notes('probe', topic_quality(stamps, values), 'm')
+
+
+@pytest.mark.parametrize('rate', [50.0, 200.0, 1000.0, 5000.0])
+@pytest.mark.parametrize('noise', [0.1e-6, 0.3e-6, 1e-6])
+def test_a_sound_record_has_no_line(rate, noise):
+    stamps, values = record(rate, noise=noise)
+    assert notes(stamps, values) == []
+    found = topic_quality(stamps, values)
+    assert found.noise == pytest.approx(noise, rel=0.15)
+    assert found.resolution == pytest.approx(STEP, rel=1e-3)
+
+
+def test_readings_held_at_fifty_hertz_are_named_with_their_rate():
+    stamps, values = record()
+    (line,) = notes(stamps, values[np.arange(values.size) // 20 * 20])
+    assert '95 % of consecutive readings are equal' in line
+    assert topic_quality(stamps, values[np.arange(values.size) // 20 * 20]).update_rate == (
+        pytest.approx(50.0, rel=0.05))
+
+
+@pytest.mark.parametrize('step', [0.7e-6, 2e-6, 5e-6])
+def test_a_coarse_resolution_is_named_and_no_stall(step):
+    (line,) = notes(*record(step=step))
+    assert f'resolution of {step * 1e6:.3g} um' in line
+
+
+def test_single_spikes_are_found_each_and_nothing_else():
+    stamps, values = record()
+    struck = np.array([100, 2500, 4000, 7000])
+    values[struck] += 20e-6
+    assert topic_quality(stamps, values).spikes.tolist() == struck.tolist()
+
+
+def test_two_hundred_equal_readings_while_the_ring_moves_are_a_stall():
+    stamps, values = record()
+    values[3000:3200] = values[3000]
+    (line,) = notes(stamps, values)
+    assert '200 equal readings in a row from 3.00 s on' in line
+
+
+def test_a_reading_cut_off_below_its_peak_is_at_a_limit():
+    stamps, values = record()
+    (line,) = notes(stamps, np.minimum(values, 1e-3 + 0.95 * 120e-6))
+    assert 'at a limit' in line
+
+
+def low_passed(values, frequency):
+    share = 1.0 - np.exp(-2.0 * np.pi * frequency / RATE)
+    out, state = np.empty_like(values), values[0]
+    for index, value in enumerate(values):
+        state += share * (value - state)
+        out[index] = state
+    return STEP * np.rint(out / STEP)
+
+
+def test_a_load_of_twenty_hertz_beside_probes_of_five_hundred_lags():
+    stamps, values = record()
+    probes = [topic_quality(*record(seed=seed)) for seed in range(1, 5)]
+    slow = topic_quality(stamps, low_passed(values, 20.0))
+    assert slow.bandwidth == pytest.approx(20.0, rel=0.3)
+    (line,) = notes_between(slow, probes, 8.0)
+    assert line.startswith('the load seems low-passed at about')
+    assert notes_between(topic_quality(stamps, values), probes, 8.0) == []
+
+
+def test_a_clock_that_drifts_by_a_thousandth_is_named_and_another_rate_is_not():
+    load = topic_quality(*record())
+    drifting = [topic_quality(*record(seed=seed, drift=1e-3)) for seed in range(1, 5)]
+    (line,) = notes_between(load, drifting, 8.0)
+    assert 'rates that differ by 0.0999 %' in line
+    assert notes_between(load, [topic_quality(*record(rate=500.0))] * 4, 8.0) == []
