@@ -100,7 +100,9 @@ class TopicQuality:
 
 
 UNKNOWN_QUALITY = TopicQuality(
-    *[math.nan] * 7, np.zeros(0, dtype=np.intp), (0, 0), (math.nan, 0))
+    math.nan, math.nan, math.nan, math.nan, math.nan, math.nan, math.nan,
+    np.zeros(0, dtype=np.intp), (0, 0), (math.nan, 0))
+"""Of readings that are no numbers."""
 
 
 def topic_quality(stamps: NDArray[np.int64], values: Floats) -> TopicQuality:
