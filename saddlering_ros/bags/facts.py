@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 import math
 
 from saddlering_ros.bags.errors import BagError
@@ -12,13 +12,20 @@ RECORD = 'saddlering.test'
 """Name of the MCAP metadata record that holds the facts."""
 
 KEYS = ('test', 'elevation_deg', 'rig', 'run')
+DETAILS = ('date', 'service_hours', 'operator', 'rig_hash', 'import_map', 'import_sources')
+"""What a bag may say besides: of the test, of the rig's description (Rig.digest), and of the
+files that the bag was imported from."""
+
 KINDS = ('static', 'dynamic')
 LOWEST_ELEVATION, HIGHEST_ELEVATION = -10.0, 90.0
 
 
 @dataclass(frozen=True)
 class TestFacts:
-    """What a bag says of its test: kind, elevation [degrees], rig and run as free text."""
+    """What a bag says of its test: kind, elevation [degrees], rig and run as free text.
+
+    details: further texts by their key in DETAILS.
+    """
 
     __test__ = False
 
@@ -26,6 +33,7 @@ class TestFacts:
     elevation_deg: float
     rig: str = ''
     run: str = ''
+    details: Mapping[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         check_kind(self.test, 'facts')
@@ -36,7 +44,7 @@ class TestFacts:
         elevation = repr(float(self.elevation_deg)).removesuffix('.0')
         return {
             'test': self.test, 'elevation_deg': elevation,
-            'rig': self.rig, 'run': self.run,
+            'rig': self.rig, 'run': self.run, **self.details,
         }
 
 
@@ -48,6 +56,7 @@ class FoundFacts:
     elevation_deg: float | None = None
     rig: str = ''
     run: str = ''
+    details: Mapping[str, str] = field(default_factory=dict)
     conflicts: tuple[str, ...] = ()
     faults: tuple[str, ...] = ()
 
@@ -96,7 +105,7 @@ def find_facts(
     """
     values: dict[str, str] = {}
     conflicts = []
-    for key in KEYS:
+    for key in (*KEYS, *DETAILS):
         first, second = _clean(custom_data.get(key)), _clean(record.get(key))
         if first is not None and second is not None and not same_fact(key, first, second):
             conflicts.append(
@@ -111,7 +120,8 @@ def find_facts(
     faults: list[str] = []
     test = _kind(values.get('test'), faults)
     elevation = _elevation(values.get('elevation_deg'), faults)
-    return FoundFacts(test, elevation, values.get('rig', ''), values.get('run', ''),
+    details = {key: values[key] for key in DETAILS if key in values}
+    return FoundFacts(test, elevation, values.get('rig', ''), values.get('run', ''), details,
                       tuple(conflicts), tuple(faults))
 
 
