@@ -140,6 +140,8 @@ class _Writer(Rosbag2Writer):
         for key, value in metadata.items():
             self.set_custom_data(key, value)
 
+        self.first_stamp, self.last_stamp = 1 << 62, 0
+
         def storage(folder: Path, compression: CompressionMode) -> _Storage:
             return _Storage(folder, metadata)
 
@@ -153,8 +155,13 @@ class _Writer(Rosbag2Writer):
         self.storage.write_chunk(parts)
         for connection, stamps, _ in parts:
             self.counts[connection.id] += len(stamps)
-            self.min_timestamp = min(self.min_timestamp, int(stamps.min()))
-            self.max_timestamp = max(self.max_timestamp, int(stamps.max()))
+            self.first_stamp = min(self.first_stamp, int(stamps.min()))
+            self.last_stamp = max(self.last_stamp, int(stamps.max()))
+
+    def close(self) -> None:
+        """Write metadata.yaml with what the chunks held."""
+        self.min_timestamp, self.max_timestamp = self.first_stamp, self.last_stamp
+        super().close()
 
 
 class _Storage:

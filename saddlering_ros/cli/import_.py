@@ -1,0 +1,116 @@
+"""`saddlering import`: measured files of a data logger as a bag."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any, TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from saddlering_ros.importing import ImportResult
+
+
+def add_parser(subparsers: Any) -> None:
+    """Declare the subcommand."""
+    parser = subparsers.add_parser(
+        'import', help='CSV, TDMS, MAT, HDF5 and MDF4 files of a data logger as a bag',
+        description='Write measured files as a bag, by a map of columns to channels (MAP.yaml). '
+                    'Units are stated in the map, never guessed.')
+    parser.add_argument('files', nargs='+', type=Path, metavar='FILE', help='measured files')
+    parser.add_argument('--map', type=Path, metavar='MAP.yaml',
+                        help='which column is which channel, in which unit')
+    parser.add_argument('--out', type=Path, metavar='BAG',
+                        help='the bag to write; a folder of bags if the map splits runs')
+    parser.add_argument('--draft', action='store_true',
+                        help='print what is in the files and propose a map, written to --map')
+    parser.add_argument('--rig', type=Path,
+                        help='rig file: its hash goes into the bag, its probes give the range')
+    parser.add_argument('--preview', type=Path, metavar='FILE.png',
+                        help='a picture of load and gaps over time')
+    parser.add_argument('--overwrite', action='store_true', help='replace a bag at --out')
+
+
+def run(args: argparse.Namespace) -> int:
+    """Draft a map, or write the bag and print what is in it."""
+    return _draft(args) if args.draft else _import(args)
+
+
+def _draft(args: argparse.Namespace) -> int:
+    from saddlering_ros.importing import draft_map, ImportingError, open_sources
+    from saddlering_ros.writing import write_text
+
+    if args.map is not None and args.map.exists():
+        raise ImportingError(f'{args.map}: exists already, a draft does not replace it: choose '
+                             'another name, or remove it first')
+    draft = draft_map(open_sources(args.files))
+    if args.map is None:
+        import sys
+
+        print(*draft.seen, sep='\n', file=sys.stderr)
+        print(draft.text, end='')
+        return 0
+    write_text(args.map, draft.text, ImportingError)
+    print(*draft.seen, sep='\n')
+    print(f'written: {args.map}; complete every TODO in it, then: saddlering import '
+          f'{" ".join(map(str, args.files))} --map {args.map} --out BAG')
+    return 0
+
+
+def _import(args: argparse.Namespace) -> int:
+    import sys
+
+    from saddlering_ros.importing import import_files, ImportingError, read_map, save_preview
+    from saddlering_ros.rig import load_rig
+
+    if args.map is None or args.out is None:
+        raise ImportingError('--map and --out are both needed: give --map MAP.yaml --out BAG, or '
+                             'start with --draft --map MAP.yaml')
+    mapping = read_map(args.map)
+    rig = load_rig(args.rig) if args.rig is not None else None
+    result = import_files(args.files, mapping, args.out, rig=rig, overwrite=args.overwrite,
+                          on_progress=_counter())
+    if args.preview is not None:
+        save_preview(args.preview, result.runs)
+    for line in result.warnings:
+        print(f'saddlering import: warning: {line}', file=sys.stderr)
+    _print_runs(result)
+    if args.preview is not None:
+        print(f'written: {args.preview}')
+    print(f'next: saddlering info {result.runs[0].path}'
+          + (f' --rig {args.rig}' if args.rig is not None else ''))
+    return 0
+
+
+def _counter() -> Any:
+    """A callback that shows the number of samples on a terminal."""
+    import sys
+
+    if not sys.stderr.isatty():
+        return None
+
+    def show(samples: int) -> None:
+        print(f'\r{samples} samples', end='\r', file=sys.stderr, flush=True)
+
+    return show
+
+
+def _print_runs(result: ImportResult) -> None:
+    from saddlering_ros.importing.clock import words_of
+
+    for run in result.runs:
+        start = min(first for first, _ in run.spans.values())
+        stop = max(last for _, last in run.spans.values())
+        print(f'{run.path}: {run.metadata.test} test at {run.metadata.elevation_deg:g} deg, '
+              f'{(stop - start) / 1e9:.3f} s from {words_of(start)}')
+        for name, count in run.counts.items():
+            low = min(run.envelopes[name].lowest)
+            high = max(run.envelopes[name].highest)
+            print(f'  {name}: {count} samples, {_reading(name, low)} to {_reading(name, high)}')
+
+
+def _reading(name: str, value: float) -> str:
+    import math
+
+    if name.startswith('eddy'):
+        return f'{value * 1e3:.4f} mm'
+    return f'{math.degrees(value):.3f} deg' if name == 'elevation' else f'{value / 1e3:.3f} kN'

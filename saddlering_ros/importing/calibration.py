@@ -1,0 +1,143 @@
+"""From a recorded reading to the quantity in SI: by unit, scale, polynomial or table."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+import re
+
+import numpy as np
+from numpy.typing import NDArray
+
+from saddlering_ros.importing.errors import ImportingError
+from saddlering_ros.importing.units import known_unit, Unit, unit_of
+from saddlering_ros.suggestion import did_you_mean
+
+Floats = NDArray[np.float64]
+
+LARGEST_TABLE = 1 << 20
+"""Longest calibration table that is read [bytes]."""
+
+
+@dataclass(frozen=True)
+class Linear:
+    """reading * scale + offset, in `unit`."""
+
+    unit: Unit
+    scale: float = 1.0
+    offset: float = 0.0
+
+    def apply(self, readings: Floats) -> Floats:
+        """Readings in SI; where scale is 1 and offset 0, nothing but the unit changes them."""
+        values = readings if self.scale == 1.0 else readings * self.scale
+        values = values if self.offset == 0.0 else values + self.offset
+        return self.unit.to_si(values)
+
+
+@dataclass(frozen=True)
+class Polynomial:
+    """c0 + c1 reading + c2 reading^2 + ..., in `unit`."""
+
+    unit: Unit
+    coefficients: tuple[float, ...]
+
+    def apply(self, readings: Floats) -> Floats:
+        """Readings in SI."""
+        values = np.polynomial.polynomial.polyval(readings, np.array(self.coefficients))
+        return self.unit.to_si(np.asarray(values, dtype=np.float64))
+
+
+@dataclass(frozen=True)
+class Table:
+    """A calibration table: linear between its points, NaN outside of them."""
+
+    unit: Unit
+    readings: tuple[float, ...]
+    values: tuple[float, ...]
+
+    def apply(self, readings: Floats) -> Floats:
+        """Readings in SI."""
+        found = np.interp(readings, self.readings, self.values, left=np.nan, right=np.nan)
+        return self.unit.to_si(found)
+
+
+Calibration = Linear | Polynomial | Table
+
+
+def read_table(path: Path, reading_unit: Unit, value_unit: Unit | None) -> Table:
+    """The table in a CSV file: two columns, the reading and the quantity.
+
+    The first line gives their units, "V;mm" or "reading [V], gap [mm]"; `value_unit` of the map
+    does it where there is no such line. Decimal comma with a semicolon or tab between columns.
+    """
+    lines = _lines(path)
+    delimiter = next((mark for mark in ('\t', ';') if mark in lines[0]), ',')
+    header, rows = [], []
+    for number, line in enumerate(lines, 1):
+        cells = [cell.strip() for cell in line.split(delimiter)]
+        if len(cells) != 2:
+            raise ImportingError(f'{path}, line {number}: has {len(cells)} columns: a calibration '
+                                 'table has two, the reading and the quantity')
+        numbers = [_number(cell, delimiter) for cell in cells]
+        if None not in numbers:
+            rows.append(numbers)
+        elif number == 1:
+            header = [_unit_in(cell) for cell in cells]
+        else:
+            raise ImportingError(f'{path}, line {number}: {line!r} holds no two numbers: correct '
+                                 'the table')
+    if header and header[0] is not None and header[0].name != reading_unit.name:
+        raise ImportingError(f'{path}: its readings are in {header[0].name}, the map gives the '
+                             f'column in {reading_unit.name}: correct one')
+    unit = value_unit or (header[1] if header else None)
+    if unit is None:
+        raise ImportingError(f'{path}: does not give the unit of its second column: make its '
+                             f'first line "{reading_unit.name}{delimiter}mm", or give table_unit')
+    readings, values = (tuple(float(row[i] or 0.0) for row in rows) for i in (0, 1))
+    steps = np.diff(readings)
+    if len(readings) < 2 or not (np.all(steps > 0) or np.all(steps < 0)):
+        raise ImportingError(f'{path}: its readings must rise, or fall, from line to line, and be '
+                             'at least two: sort the table')
+    if steps[0] < 0:
+        readings, values = readings[::-1], values[::-1]
+    return Table(unit, readings, values)
+
+
+def scaled_unit(text: str, reading_unit: Unit, where: str) -> Unit:
+    """The unit of reading * scale, from a scale_unit like mm/V."""
+    above, slash, below = text.partition('/')
+    if not slash or known_unit(below) is None or known_unit(below) != reading_unit:
+        raise ImportingError(f'{where}.scale_unit is {text!r}: give the unit of the quantity over '
+                             f'that of the column, like mm/{reading_unit.name}'
+                             + did_you_mean(text, [f'mm/{reading_unit.name}']))
+    return unit_of(above, f'{where}.scale_unit')
+
+
+def _lines(path: Path) -> list[str]:
+    try:
+        if not path.is_file() or path.stat().st_size > LARGEST_TABLE:
+            raise ImportingError(f'{path}: is no calibration table (a regular file of at most '
+                                 '1 MB): check the path')
+        text = path.read_text(encoding='utf-8-sig')
+    except (OSError, UnicodeDecodeError) as problem:
+        raise ImportingError(f'{path}: cannot be read: check the path of the calibration '
+                             'table') from problem
+    lines = [line for line in text.splitlines() if line.strip()]
+    if not lines:
+        raise ImportingError(f'{path}: is empty: give a calibration table')
+    return lines
+
+
+def _number(cell: str, delimiter: str) -> float | None:
+    text = cell.replace(',', '.') if delimiter != ',' else cell
+    try:
+        value = float(text)
+    except ValueError:
+        return None
+    return value if np.isfinite(value) else None
+
+
+def _unit_in(cell: str) -> Unit | None:
+    """The unit in a heading: 'mm', 'gap [mm]', 'gap (mm)' or 'gap in mm'."""
+    bracket = re.search(r'[\[(]\s*([^\])]+?)\s*[\])]', cell)
+    return known_unit(bracket[1] if bracket else cell.split()[-1] if cell.split() else '')

@@ -1,0 +1,221 @@
+"""From what a file says of time to stamps: nanoseconds since 1970-01-01 UTC, exact to the last."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import datetime, timedelta, timezone, tzinfo
+from decimal import Decimal, InvalidOperation
+import re
+from typing import Any
+from zoneinfo import ZoneInfo, ZoneInfoNotFoundError
+
+import numpy as np
+from numpy.typing import NDArray
+
+from saddlering_ros.importing.errors import ImportingError
+from saddlering_ros.importing.units import Unit
+
+Stamps = NDArray[np.int64]
+
+SECOND = 1_000_000_000
+ISO = 'iso'
+"""The format of times like 2026-11-20T08:00:00.123Z; a blank may stand for the T."""
+
+FILE = 'file'
+"""The format of a column that the file itself declares to hold dates."""
+
+EXACT_UP_TO = 1e6
+"""Seconds up to which a float64, rounded to nanoseconds, gives a decimal's last digit."""
+
+MISSING = np.iinfo(np.int64).min
+"""The stamp of a row whose time cannot be read."""
+
+_FRACTION = re.compile(r'^(.*:\d{2})[.,](\d+)(.*)$', re.S)
+_EPOCH = datetime(1970, 1, 1, tzinfo=timezone.utc)
+
+
+@dataclass(frozen=True)
+class RegularTime:
+    """Rows at a constant rate [Hz] from `start` [ns] on."""
+
+    rate: float
+    start: int
+
+    def stamps(self, first: int, count: int) -> Stamps:
+        """Stamps of `count` rows from row `first` on."""
+        rows = np.arange(first, first + count)
+        period = SECOND / self.rate
+        if period == round(period):
+            return np.asarray(self.start + rows * round(period), dtype=np.int64)
+        return np.asarray(self.start + np.rint(rows * period).astype(np.int64))
+
+
+@dataclass(frozen=True)
+class CountedTime:
+    """A column of numbers, in `unit`, counted from `start` [ns]."""
+
+    column: str
+    unit: Unit
+    start: int
+
+    def stamps(self, cells: NDArray[Any]) -> Stamps:
+        """Stamps of cells as texts, or as numbers where the file holds numbers."""
+        if cells.dtype.kind == 'f':
+            return self._of_numbers(cells)
+        if cells.dtype.kind == 'i':
+            return self._of_whole_numbers(cells)
+        texts = [str(cell).strip().replace(',', '.') for cell in cells]
+        numbers = np.array([_float(text) for text in texts])
+        seconds = np.abs(numbers) * float(self.unit.factor)
+        if np.nanmax(seconds, initial=0.0) < EXACT_UP_TO:
+            return self._of_numbers(numbers)
+        return np.array([self._of_text(text) for text in texts], dtype=np.int64)
+
+    def _of_numbers(self, numbers: NDArray[np.float64]) -> Stamps:
+        scale = self.unit.factor * SECOND
+        with np.errstate(invalid='ignore'):
+            nanoseconds = np.rint(numbers * float(scale)) if scale.denominator == 1 else \
+                np.rint(numbers / float(1 / scale))
+        good = np.isfinite(nanoseconds) & (np.abs(nanoseconds) < 9.2e18)
+        result = np.full(len(numbers), MISSING, dtype=np.int64)
+        result[good] = nanoseconds[good].astype(np.int64) + self.start
+        return result
+
+    def _of_whole_numbers(self, numbers: NDArray[np.int64]) -> Stamps:
+        scale = self.unit.factor * SECOND
+        if scale.denominator == 1 and np.abs(numbers).max(initial=0) < 9.2e18 / scale:
+            return np.asarray(numbers * int(scale) + self.start, dtype=np.int64)
+        return self._of_numbers(numbers.astype(np.float64))
+
+    def _of_text(self, text: str) -> int:
+        try:
+            number = Decimal(text) * self.unit.factor.numerator * SECOND
+            found = int((number / self.unit.factor.denominator).to_integral_value())
+        except (InvalidOperation, ValueError, OverflowError):
+            return MISSING
+        stamp = found + self.start
+        return stamp if abs(stamp) < 9.2e18 else MISSING
+
+
+@dataclass(frozen=True)
+class DatedTime:
+    """Columns with date and time as text, joined by a blank; `zone` where the text has none."""
+
+    columns: tuple[str, ...]
+    format: str
+    zone: tzinfo | None
+
+    def stamps(self, cells: Sequence[NDArray[Any]]) -> Stamps:
+        """Stamps of the cells (N,) of each column; MISSING where a text cannot be read."""
+        if len(cells) == 1 and cells[0].dtype.kind == 'i':
+            return np.asarray(cells[0], dtype=np.int64)
+        if self.format == FILE:
+            raise ImportingError(f"column {self.columns[0]} holds no dates of the file's own "
+                                 'kind: give format: iso, or like "%d.%m.%Y %H:%M:%S"')
+        texts = cells[0].tolist() if len(cells) == 1 else [
+            ' '.join(map(str, row)) for row in zip(*(c.tolist() for c in cells), strict=True)]
+        known: dict[str, int] = {}
+        result = np.empty(len(texts), dtype=np.int64)
+        for row, text in enumerate(texts):
+            base, fraction = _parted(str(text).strip())
+            whole = known.get(base)
+            if whole is None:
+                whole = known[base] = self._whole_seconds(base)
+            result[row] = MISSING if whole == MISSING else whole + fraction
+        return result
+
+    def _whole_seconds(self, text: str) -> int:
+        try:
+            found = parse_moment(text, self.format)
+        except ValueError:
+            return MISSING
+        if found.tzinfo is None:
+            if self.zone is None:
+                raise ImportingError(f'the times of column {self.columns[-1]} ({text!r}) have no '
+                                     'time zone: add zone: to time:, like UTC or Europe/Berlin')
+            found = found.replace(tzinfo=self.zone)
+        return _nanoseconds(found)
+
+
+@dataclass(frozen=True)
+class FileTime:
+    """The time that the file itself gives each channel, as TDMS and MDF do."""
+
+    start: int | None = None
+
+
+TimeSource = RegularTime | CountedTime | DatedTime | FileTime
+
+
+def zone_of(name: object, where: str) -> tzinfo:
+    """The time zone of that name: UTC, Europe/Berlin, +01:00."""
+    text = str(name).strip()
+    offset = re.fullmatch(r'([+-])(\d{1,2}):?(\d{2})', text)
+    if offset:
+        span = timedelta(hours=int(offset[2]), minutes=int(offset[3]))
+        return timezone(span if offset[1] == '+' else -span)
+    if text.upper() in ('UTC', 'Z', 'GMT'):
+        return timezone.utc
+    try:
+        return ZoneInfo(text)
+    except (ZoneInfoNotFoundError, ValueError, OSError) as problem:
+        raise ImportingError(f'{where} is {text!r}, which is no time zone that is known: give '
+                             'UTC, a name like Europe/Berlin, or +01:00') from problem
+
+
+def start_of(value: object, zone: tzinfo | None, where: str) -> int:
+    """A start [ns] from a map: text, or what YAML makes of a date that is not in quotes."""
+    if isinstance(value, datetime):
+        found, fraction = value, 0
+    else:
+        base, fraction = _parted(str(value).strip())
+        try:
+            found = parse_moment(base, ISO)
+        except ValueError as problem:
+            raise ImportingError(f'{where} is {value!r}: give a date and time like '
+                                 '"2026-11-20T08:00:00Z"') from problem
+    if found.tzinfo is None:
+        if zone is None:
+            raise ImportingError(f'{where} is {value!r} without a time zone: write it with Z or '
+                                 '+01:00, or add zone:')
+        found = found.replace(tzinfo=zone)
+    return _nanoseconds(found) + fraction
+
+
+def parse_moment(text: str, format_: str) -> datetime:
+    """A date and time to the second; ValueError where the text is another."""
+    if format_ != ISO:
+        return datetime.strptime(text, format_)
+    plain = re.sub(r'[Zz]$', '+00:00', text).replace('/', '-')
+    plain = re.sub(r'([+-]\d\d)(\d\d)$', r'\1:\2', plain)
+    if not re.match(r'\d{4}-\d\d-\d\d[T ]\d\d:\d\d', plain):
+        raise ValueError(text)
+    return datetime.fromisoformat(plain)
+
+
+def words_of(stamp: int) -> str:
+    """A stamp as people read it, in UTC."""
+    whole, rest = divmod(int(stamp), SECOND)
+    moment = _EPOCH + timedelta(seconds=whole)
+    return f'{moment:%Y-%m-%d %H:%M:%S}.{rest // 1_000_000:03d} UTC'
+
+
+def _parted(text: str) -> tuple[str, int]:
+    """The text without its fraction of a second, and the fraction [ns]."""
+    found = _FRACTION.match(text)
+    if found is None:
+        return text, 0
+    return found[1] + found[3], int(found[2][:9].ljust(9, '0'))
+
+
+def _nanoseconds(moment: datetime) -> int:
+    span = moment - _EPOCH
+    return ((span.days * 86400 + span.seconds) * 1_000_000 + span.microseconds) * 1000
+
+
+def _float(text: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        return float('nan')

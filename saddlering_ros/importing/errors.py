@@ -1,0 +1,7 @@
+"""The error of this layer."""
+
+from saddlering_ros.errors import SaddleringError
+
+
+class ImportingError(SaddleringError):
+    """A measured file or its map cannot be used; one line that says what, where, what to do."""

@@ -1,0 +1,142 @@
+"""HDF5 files, and MATLAB's from version 7.3 on, which are such files, by h5py."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+
+from saddlering_ros.importing.errors import ImportingError
+from saddlering_ros.importing.source import as_numbers, Column, NUMBER, slices, Source, TEXT
+
+MOST_COLUMNS = 4096
+_UNITS = ('unit', 'units', 'Unit', 'Units', 'UNITS', 'UNIT')
+
+
+@dataclass(frozen=True)
+class _Place:
+    """Where a column lies: dataset, field of a compound type, or row or column of a matrix."""
+
+    dataset: str
+    field: str = ''
+    index: int = -1
+    across: bool = False
+
+    def read(self, file: h5py.File, part: slice) -> NDArray[Any]:
+        """Its values in a slice of rows."""
+        dataset = file[self.dataset]
+        if self.field:
+            return np.asarray(dataset.fields(self.field)[part])
+        if self.index < 0:
+            return np.asarray(dataset[part]) if dataset.ndim == 1 else np.ravel(
+                dataset[:, part] if dataset.shape[0] == 1 else dataset[part])
+        return np.asarray(dataset[self.index, part] if self.across else dataset[part, self.index])
+
+
+class Hdf5Source(Source):
+    """An HDF5 file; a column is a dataset, a field of a table, or path:3 of a matrix.
+
+    The rows of a matrix lie along its longer side.
+    """
+
+    FORMAT = 'HDF5'
+
+    def __init__(self, path: Path) -> None:
+        super().__init__(path)
+        try:
+            self._file = h5py.File(path, 'r')
+            self._places: dict[str, _Place] = {}
+            columns: list[Column] = []
+            self._file.visititems(lambda name, item: self._visit(name, item, columns))
+        except (OSError, RuntimeError, KeyError) as problem:
+            raise ImportingError(f'{path}: is damaged, or no HDF5 file ({problem}): save it '
+                                 'again') from problem
+        self._columns = tuple(columns[:MOST_COLUMNS])
+
+    @property
+    def columns(self) -> tuple[Column, ...]:
+        """Its columns in the order of the file."""
+        return self._columns
+
+    def blocks(
+        self, names: Sequence[str], as_text: Collection[str] = (),
+    ) -> Iterator[dict[str, NDArray[Any]]]:
+        """Columns of equal length, slice by slice."""
+        self.check_equal_rows(names)
+        for part in slices(self.column(names[0]).rows or 0):
+            yield {name: self._read(name, part) for name in names}
+
+    def _read(self, name: str, part: slice) -> NDArray[Any]:
+        try:
+            values = self._places[name].read(self._file, part)
+        except (OSError, RuntimeError) as problem:
+            raise ImportingError(f'{self.path}: {name} cannot be read ({problem}): save the file '
+                                 'again') from problem
+        return _texts(values) if self.column(name).kind == TEXT else as_numbers(values)
+
+    def _visit(self, name: str, item: Any, columns: list[Column]) -> None:
+        if not isinstance(item, h5py.Dataset) or name.startswith('#') or item.size < 2:
+            return
+        unit = _unit_of(item)
+        if item.dtype.names:
+            for field in item.dtype.names:
+                self._add(columns, f'{name}/{field}', _Place(name, field), item.shape[0],
+                          item.dtype[field], unit)
+        elif item.ndim == 1 or (item.ndim == 2 and 1 in item.shape):
+            self._add(columns, name, _Place(name), max(item.shape), item.dtype, unit)
+        elif item.ndim == 2:
+            across = item.shape[1] > item.shape[0]
+            for index in range(min(*item.shape, MOST_COLUMNS)):
+                self._add(columns, f'{name}:{index + 1}', _Place(name, '', index, across),
+                          max(item.shape), item.dtype, unit)
+
+    def _add(self, columns: list[Column], name: str, place: _Place, rows: int, kind: np.dtype[Any],
+             unit: str) -> None:
+        if kind.kind not in 'fiuSOU':
+            return
+        is_text = kind.kind in 'SU' or (kind.kind == 'O' and h5py.check_string_dtype(kind))
+        if kind.kind == 'O' and not is_text:
+            return
+        self._places[name] = place
+        first = place.read(self._file, slice(0, min(rows, 3)))
+        shown = _texts(first) if is_text else first
+        columns.append(Column(name, unit, rows, TEXT if is_text else NUMBER,
+                              tuple(map(str, shown)), others=_others(name)))
+
+
+class Matlab73Source(Hdf5Source):
+    """A MATLAB file of version 7.3: variables, and fields of structs as struct/field."""
+
+    FORMAT = 'MAT 7.3'
+
+    def _visit(self, name: str, item: Any, columns: list[Column]) -> None:
+        kind = item.attrs.get('MATLAB_class', b'')
+        if bytes(kind) in (b'char', b'cell', b'function_handle') or 'MATLAB_empty' in item.attrs:
+            return
+        super()._visit(name, item, columns)
+
+
+def _others(name: str) -> tuple[str, ...]:
+    """/path with a leading slash, path with dots as MATLAB writes it, and the last part."""
+    return tuple(dict.fromkeys(
+        (f'/{name}', name.replace('/', '.'), name.rpartition('/')[2])))
+
+
+def _unit_of(item: Any) -> str:
+    for key in _UNITS:
+        value = item.attrs.get(key)
+        if isinstance(value, bytes):
+            return value.decode('utf-8', 'replace')
+        if isinstance(value, str):
+            return value
+    return ''
+
+
+def _texts(values: NDArray[Any]) -> NDArray[np.object_]:
+    return np.array([value.decode('utf-8', 'replace') if isinstance(value, bytes) else str(value)
+                     for value in values], dtype=object)

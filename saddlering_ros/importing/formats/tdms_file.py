@@ -1,0 +1,103 @@
+"""TDMS files of LabVIEW and DIAdem, by npTDMS: scaled readings, each channel with its own time."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+from nptdms import TdmsFile
+import numpy as np
+from numpy.typing import NDArray
+
+from saddlering_ros.importing.errors import ImportingError
+from saddlering_ros.importing.source import (
+    as_numbers,
+    Column,
+    MOMENT,
+    NUMBER,
+    slices,
+    Source,
+    TEXT,
+    Timing,
+)
+
+_LABVIEW = -2_082_844_800
+"""1904-01-01, from which LabVIEW counts, in seconds since 1970."""
+
+
+class TdmsSource(Source):
+    """A TDMS file, read in slices; every scaling that it holds is applied by npTDMS."""
+
+    FORMAT = 'TDMS'
+
+    def __init__(self, path: Path) -> None:
+        super().__init__(path)
+        try:
+            self._file = TdmsFile.open(path, raw_timestamps=True)
+            channels = [channel for group in self._file.groups() for channel in group.channels()]
+        except Exception as problem:  # npTDMS has no error class of its own
+            raise ImportingError(f'{path}: is damaged, or a TDMS file that is not understood '
+                                 f'({problem}): save it again') from problem
+        self._channels = {f'{channel.group_name}/{channel.name}': channel for channel in channels}
+        self._columns = tuple(self._column(name) for name in self._channels)
+
+    @property
+    def columns(self) -> tuple[Column, ...]:
+        """Its channels as group/channel; the name of the channel alone will do."""
+        return self._columns
+
+    def blocks(
+        self, names: Sequence[str], as_text: Collection[str] = (),
+    ) -> Iterator[dict[str, NDArray[Any]]]:
+        """Channels of equal length, slice by slice."""
+        self.check_equal_rows(names)
+        for part in slices(len(self._channels[names[0]])):
+            yield {name: self._read(name, part) for name in names}
+
+    def _read(self, name: str, part: slice) -> NDArray[Any]:
+        try:
+            values = self._channels[name].read_data(part.start, part.stop - part.start)
+        except Exception as problem:
+            raise ImportingError(f'{self.path}: channel {name} cannot be read ({problem}): save '
+                                 'the file again') from problem
+        if self.column(name).kind == MOMENT:
+            return _nanoseconds(values)
+        return np.asarray(values, dtype=object) if self.column(name).kind == TEXT \
+            else as_numbers(values)
+
+    def _column(self, name: str) -> Column:
+        channel = self._channels[name]
+        rows = len(channel)
+        kind = _kind(channel)
+        first = channel.read_data(0, min(rows, 3)) if rows else []
+        return Column(
+            name, str(channel.properties.get('unit_string', '') or
+                      channel.properties.get('NI_UnitDescription', '')), rows, kind,
+            tuple(map(str, first)), _timing(channel), (channel.name,))
+
+
+def _kind(channel: Any) -> str:
+    kind = channel.data_type.__name__ if channel.data_type is not None else ''
+    return MOMENT if kind == 'TimeStamp' else TEXT if kind == 'String' else NUMBER
+
+
+def _nanoseconds(moments: Any) -> NDArray[np.int64]:
+    """Moments, as seconds since 1904 and fractions of 2^-64 s, to the nearest nanosecond."""
+    high = (moments.second_fractions >> np.uint64(32)).astype(np.int64)
+    fraction = (high * 1_000_000_000 + (1 << 31)) >> 32
+    return np.asarray((moments.seconds + _LABVIEW) * 1_000_000_000 + fraction, dtype=np.int64)
+
+
+def _timing(channel: Any) -> Timing | None:
+    """The waveform's own time, if the channel has one."""
+    properties = channel.properties
+    period = float(properties.get('wf_increment', 0.0) or 0.0)
+    if period <= 0.0:
+        return None
+    start = properties.get('wf_start_time')
+    stamp = None
+    if start is not None and start.seconds > 86400:  # otherwise LabVIEW's zero: no time was set
+        fraction = (start.second_fractions * 1_000_000_000 + (1 << 63)) >> 64
+        stamp = (start.seconds + _LABVIEW) * 1_000_000_000 + fraction
+    return Timing(stamp, float(properties.get('wf_start_offset', 0.0) or 0.0), period)

@@ -1,0 +1,351 @@
+"""The map of an import (MAP.yaml): which column is which channel, in which unit, at what time."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from datetime import date, datetime
+import math
+from pathlib import Path
+from typing import Any
+
+from saddlering_ros.bags.facts import DETAILS
+from saddlering_ros.bags.topics import RANGE_TYPE, RigTopic, TOPICS
+from saddlering_ros.importing.calibration import (
+    Calibration,
+    Linear,
+    Polynomial,
+    read_table,
+    scaled_unit,
+)
+from saddlering_ros.importing.clock import (
+    CountedTime,
+    DatedTime,
+    FileTime,
+    RegularTime,
+    start_of,
+    TimeSource,
+    zone_of,
+)
+from saddlering_ros.importing.errors import ImportingError
+from saddlering_ros.importing.units import (
+    ANGLE,
+    FORCE,
+    LENGTH,
+    PRESSURE,
+    TIME,
+    Unit,
+    unit_of,
+    units_of,
+)
+from saddlering_ros.plain_yaml import read_strict_yaml
+from saddlering_ros.suggestion import refuse_unknown_keys
+
+CHANNELS: dict[str, RigTopic] = {
+    name.rpartition('/')[2]: topic for name, topic in TOPICS.items()}
+"""The rig's topics by the names that a map has for them."""
+
+REQUIRED = tuple(name for name, topic in CHANNELS.items() if topic.required)
+
+QUANTITIES = {'N': FORCE, 'm': LENGTH, 'rad': ANGLE}
+"""What a topic holds, by its unit in the bag."""
+
+TO_DO = 'TODO'
+"""Stands in a draft where people must state something."""
+
+TIME_KEYS = ('column', 'unit', 'format', 'zone', 'start', 'rate', 'from')
+CHANNEL_KEYS = ('column', 'unit', 'scale', 'scale_unit', 'offset', 'table', 'table_unit',
+                'polynomial', 'polynomial_unit', 'polarity', 'delay', 'range', 'piston_area',
+                'rod_pressure', 'rod_area', 'time', 'file')
+TEST_KEYS = ('test', 'elevation_deg', 'rig', 'run',
+             *(key for key in DETAILS if not key.startswith(('import', 'rig_hash'))))
+SPLIT_KEYS = ('by', 'column', 'seconds', 'runs')
+
+
+@dataclass(frozen=True)
+class ChannelMap:
+    """One channel: its column, the way to SI, and its clock.
+
+    delay [s]: the reading lags the quantity by so much, its stamp is that much earlier;
+    polarity: -1 turns the reading's sign before anything else; range [m] of a probe, () if not
+    given; second: column of the rod side's pressure, with areas [m2] of both sides.
+    """
+
+    name: str
+    topic: RigTopic
+    column: str
+    calibration: Calibration
+    time: TimeSource | None = None
+    file: str = '*'
+    delay: float = 0.0
+    polarity: float = 1.0
+    range: tuple[float, ...] = ()
+    second: str = ''
+    areas: tuple[float, float] = (0.0, 0.0)
+
+
+@dataclass(frozen=True)
+class Split:
+    """How one recording is cut into runs: by the values of a column, or where time leaps.
+
+    seconds: a leap; runs: test metadata of each run, by value of the column or in their order.
+    """
+
+    by: str
+    column: str = ''
+    seconds: float = 1.0
+    runs: tuple[tuple[str, Mapping[str, str]], ...] = ()
+
+
+@dataclass(frozen=True)
+class ImportMap:
+    """A whole map; `text` is the file as it was read."""
+
+    channels: tuple[ChannelMap, ...]
+    time: TimeSource
+    test: Mapping[str, str]
+    split: Split | None = None
+    csv: Mapping[str, Any] = field(default_factory=dict)
+    text: str = ''
+
+
+def read_map(path: Path) -> ImportMap:
+    """The map at `path`; ImportingError with one line for whatever cannot be used."""
+    document = read_strict_yaml(path, ImportingError)
+    return parse_map(document, str(path), path.parent, path.read_text(encoding='utf-8'))
+
+
+def parse_map(document: Any, where: str, folder: Path, text: str = '') -> ImportMap:
+    """A map from plain values; tables are looked for in `folder`."""
+    if not isinstance(document, Mapping):
+        raise ImportingError(f'{where}: is no map: give time:, channels: and test:')
+    refuse_unknown_keys(document, ('time', 'channels', 'test', 'split', 'csv'), '', where,
+                        ImportingError)
+    for key in ('time', 'channels', 'test'):
+        if not isinstance(document.get(key), Mapping):
+            raise ImportingError(f'{where}: {key}: is missing, or has no entries: add this '
+                                 'section')
+    _refuse_todo(document, '', where)
+    given = document['channels']
+    refuse_unknown_keys(given, tuple(CHANNELS), 'channels', where, ImportingError)
+    missing = [name for name in REQUIRED if name not in given]
+    if missing:
+        raise ImportingError(f'{where}: channels.{missing[0]} is missing: a bag needs '
+                             f'{", ".join(REQUIRED)}')
+    channels = tuple(_channel(name, given[name], where, folder) for name in given)
+    csv = document.get('csv') or {}
+    return ImportMap(channels, _time(document['time'], f'{where}: time'),
+                     _test(document['test'], f'{where}: test'),
+                     _split(document.get('split'), where), _section(csv, f'{where}: csv'), text)
+
+
+def _refuse_todo(value: Any, name: str, where: str) -> None:
+    """A draft that has not been completed is refused at its first gap."""
+    if isinstance(value, Mapping):
+        for key, item in value.items():
+            _refuse_todo(item, f'{name}.{key}' if name else str(key), where)
+    elif isinstance(value, list):
+        for item in value:
+            _refuse_todo(item, name, where)
+    elif value == TO_DO:
+        raise ImportingError(f'{where}: {name} is still {TO_DO}: state it')
+
+
+def _section(value: Any, where: str) -> Mapping[str, Any]:
+    if not isinstance(value, Mapping):
+        raise ImportingError(f'{where} is {value!r}: give a section with entries')
+    return value
+
+
+# -- time --------------------------------------------------------------------------------------
+
+
+def _time(section: Any, where: str) -> TimeSource:
+    section = _section(section, where)
+    file, _, name = where.partition(': ')
+    refuse_unknown_keys(section, TIME_KEYS, name, file, ImportingError)
+    zone = zone_of(section['zone'], f'{where}.zone') if 'zone' in section else None
+    start = start_of(section['start'], zone, f'{where}.start') if 'start' in section else None
+    if 'from' in section:
+        if section['from'] != 'file':
+            raise ImportingError(f'{where}.from is {section["from"]!r}: the only choice is file')
+        return FileTime(start)
+    if 'rate' in section:
+        rate = _number(section['rate'], f'{where}.rate')
+        if start is None:
+            raise ImportingError(f'{where}: a rate needs a start, like "2026-11-20T08:00:00Z"')
+        if rate <= 0:
+            raise ImportingError(f'{where}.rate is {rate:g}: give samples per second')
+        return RegularTime(rate, start)
+    columns = section.get('column')
+    if columns is None:
+        raise ImportingError(f'{where}: give column: (with unit: or format:), rate: and start:, '
+                             'or from: file')
+    names = tuple(map(str, columns)) if isinstance(columns, list) else (str(columns),)
+    if 'unit' in section and 'format' not in section:
+        unit = unit_of(section['unit'], f'{where}.unit')
+        if unit.quantity != TIME or len(names) != 1:
+            raise ImportingError(f'{where}.unit is {unit.name}: give a unit of time '
+                                 f'({", ".join(units_of(TIME))}) and one column')
+        return CountedTime(names[0], unit, start or 0)
+    if 'format' not in section:
+        raise ImportingError(f'{where}: the unit of the time is not stated: give unit: s (ms, us, '
+                             'ns) for numbers, format: iso or like "%d.%m.%Y %H:%M:%S" for dates')
+    return DatedTime(names, str(section['format']).replace('.%f', '').replace(',%f', ''), zone)
+
+
+# -- channels ----------------------------------------------------------------------------------
+
+
+def _channel(name: str, section: Any, file: str, folder: Path) -> ChannelMap:
+    where = f'{file}: channels.{name}'
+    section = _section(section, where)
+    refuse_unknown_keys(section, CHANNEL_KEYS, f'channels.{name}', file, ImportingError)
+    if 'column' not in section:
+        raise ImportingError(f'{where}: which column? give column:')
+    if section.get('unit') in (None, ''):
+        raise ImportingError(f'{where}: the unit of column {section["column"]!r} is not stated: '
+                             'give unit:, it is never guessed')
+    topic = CHANNELS[name]
+    unit = unit_of(section['unit'], f'{where}.unit')
+    calibration = _calibration(section, unit, where, folder)
+    areas = _areas(section, calibration.unit, where)
+    wanted = PRESSURE if areas[0] else QUANTITIES[topic.unit]
+    if calibration.unit.quantity != wanted:
+        raise ImportingError(
+            f'{where}: is a {calibration.unit.quantity} ({calibration.unit.name}) where a '
+            f'{wanted} is needed: {_remedy(calibration.unit, wanted)}')
+    polarity = _number(section.get('polarity', 1), f'{where}.polarity')
+    if polarity not in (-1.0, 1.0):
+        raise ImportingError(f'{where}.polarity is {polarity:g}: give 1 or -1')
+    return ChannelMap(
+        name, topic, str(section['column']), calibration,
+        _time(section['time'], f'{file}: channels.{name}.time') if 'time' in section else None,
+        str(section.get('file', '*')), _number(section.get('delay', 0.0), f'{where}.delay'),
+        polarity, _range(section.get('range'), topic, where),
+        str(section.get('rod_pressure', '')), areas)
+
+
+def _remedy(unit: Unit, wanted: str) -> str:
+    if unit.quantity == PRESSURE and wanted == FORCE:
+        return 'give piston_area: in m2 (and rod_pressure:, rod_area:)'
+    known = ', '.join(units_of(wanted))
+    return (f'give a table:, or scale: with scale_unit: like {units_of(wanted)[0]}/{unit.name}, '
+            f'or correct the unit ({known})')
+
+
+def _calibration(section: Mapping[str, Any], unit: Unit, where: str, folder: Path) -> Calibration:
+    kinds = [key for key in ('table', 'polynomial', 'scale') if key in section]
+    if len(kinds) > 1:
+        raise ImportingError(f'{where}: {kinds[0]} and {kinds[1]} are both given: give one')
+    if 'table' in section:
+        if 'offset' in section:
+            raise ImportingError(f'{where}: offset does not go with a table: put it into the '
+                                 'table')
+        value_unit = unit_of(section['table_unit'], f'{where}.table_unit') \
+            if 'table_unit' in section else None
+        return read_table(folder / str(section['table']), unit, value_unit)
+    if 'polynomial' in section:
+        numbers = section['polynomial']
+        if not isinstance(numbers, list) or not numbers or 'offset' in section:
+            raise ImportingError(f'{where}.polynomial is {numbers!r}: give [c0, c1, c2, ..], the '
+                                 'offset is c0')
+        if 'polynomial_unit' not in section:
+            raise ImportingError(f'{where}: the unit of what the polynomial gives is not stated: '
+                                 'add polynomial_unit:')
+        return Polynomial(unit_of(section['polynomial_unit'], f'{where}.polynomial_unit'),
+                          tuple(_number(number, f'{where}.polynomial') for number in numbers))
+    result = scaled_unit(str(section['scale_unit']), unit, where) \
+        if 'scale_unit' in section else unit
+    return Linear(result, _number(section.get('scale', 1.0), f'{where}.scale'),
+                  _number(section.get('offset', 0.0), f'{where}.offset'))
+
+
+def _areas(section: Mapping[str, Any], unit: Unit, where: str) -> tuple[float, float]:
+    piston = _number(section.get('piston_area', 0.0), f'{where}.piston_area')
+    rod = _number(section.get('rod_area', 0.0), f'{where}.rod_area')
+    if ('rod_area' in section) != ('rod_pressure' in section):
+        raise ImportingError(f'{where}: rod_pressure and rod_area belong together: give both')
+    for key, area in (('piston_area', piston), ('rod_area', rod)):
+        if key in section and not 0.0 < area < 10.0:
+            raise ImportingError(f'{where}.{key} is {area:g}: give an area in m2')
+    if 'rod_area' in section and not piston:
+        raise ImportingError(f'{where}: rod_area needs piston_area: give both, in m2')
+    if piston and unit.quantity != PRESSURE:
+        raise ImportingError(f'{where}: piston_area is for a pressure, and the column is in '
+                             f'{unit.name}: correct one')
+    return piston, rod
+
+
+def _range(value: Any, topic: RigTopic, where: str) -> tuple[float, ...]:
+    if value is None:
+        return ()
+    if topic.type != RANGE_TYPE:
+        raise ImportingError(f'{where}.range: only a probe has a range: remove it')
+    if not isinstance(value, list) or len(value) != 2:
+        raise ImportingError(f'{where}.range is {value!r}: give [low, high] in metres')
+    low, high = (_number(end, f'{where}.range') for end in value)
+    if not 0.0 <= low < high <= 1.0:
+        raise ImportingError(f'{where}.range is [{low:g}, {high:g}]: give [low, high] in metres, '
+                             'like [0, 0.002]')
+    return low, high
+
+
+def _number(value: Any, where: str) -> float:
+    try:
+        if isinstance(value, bool):
+            raise ValueError
+        number = float(value)
+    except (TypeError, ValueError) as problem:
+        raise ImportingError(f'{where} is {value!r}: give a number') from problem
+    if not math.isfinite(number):
+        raise ImportingError(f'{where} is {value!r}: give a finite number')
+    return number
+
+
+# -- test and split ----------------------------------------------------------------------------
+
+
+def _test(section: Any, where: str) -> dict[str, str]:
+    file, _, name = where.partition(': ')
+    section = _section(section, where)
+    refuse_unknown_keys(section, TEST_KEYS, name, file, ImportingError)
+    return {str(key): _plain_text(value, f'{where}.{key}')
+            for key, value in section.items() if value is not None}
+
+
+def _plain_text(value: Any, where: str) -> str:
+    if isinstance(value, (dict, list)):
+        raise ImportingError(f'{where} is {value!r}: give a text or a number')
+    if isinstance(value, (datetime, date)):
+        return value.isoformat()
+    if isinstance(value, float) and value == int(value) and abs(value) < 1e15:
+        return str(int(value))
+    return str(value).strip()
+
+
+def _split(section: Any, file: str) -> Split | None:
+    if section is None:
+        return None
+    where = f'{file}: split'
+    section = _section(section, where)
+    refuse_unknown_keys(section, SPLIT_KEYS, 'split', file, ImportingError)
+    by = section.get('by')
+    if by not in ('column', 'gap'):
+        raise ImportingError(f'{where}.by is {by!r}: give column or gap')
+    if (by == 'column') != ('column' in section):
+        raise ImportingError(f'{where}: by: column needs column:, by: gap has none')
+    seconds = _number(section.get('seconds', 1.0), f'{where}.seconds')
+    if seconds <= 0:
+        raise ImportingError(f'{where}.seconds is {seconds:g}: give the gap between two runs in s')
+    runs = section.get('runs') or {}
+    if by == 'column' and isinstance(runs, Mapping):
+        pairs = tuple((_plain_text(key, where), _test(values, f'{where}.runs'))
+                      for key, values in runs.items())
+    elif by == 'gap' and isinstance(runs, (list, Mapping)):
+        pairs = tuple((str(i), _test(values, f'{where}.runs'))
+                      for i, values in enumerate(runs or [], 1))
+    else:
+        raise ImportingError(f'{where}.runs: give a section by value of the column, or a list of '
+                             'sections in order of time for by: gap')
+    return Split(str(by), str(section.get('column', '')), seconds, pairs)

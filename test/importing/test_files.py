@@ -1,0 +1,166 @@
+"""Claims about files as loggers leave them: what is wrong is named, never passed on."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from test_maps import convert, document, plain_table, PROBE, readings, refusal, ROWS, stamps, TIME
+
+from saddlering_ros.bags import read_raw
+from saddlering_ros.importing import (
+    draft_map,
+    import_files,
+    ImportingError,
+    open_sources,
+    read_map,
+    save_preview,
+)
+
+
+def lines(**columns: list[str]) -> list[str]:
+    return plain_table(**columns).splitlines()
+
+
+def test_rows_of_another_width_are_left_out_and_counted(tmp_path: Path) -> None:
+    text = lines()
+    text[10] += ';7'
+    result = convert(tmp_path, '\n'.join(text) + '\n', document())
+    assert len(readings(tmp_path)) == ROWS - 1
+    assert result.warnings == (
+        f'{tmp_path}/a.csv: rows left out as they have not 3 columns: 1, first line 11 with 4',)
+
+
+def test_cells_that_are_no_number_are_left_out_of_their_channel(tmp_path: Path) -> None:
+    force = ['ERR' if i in (3, 4) else f'{i}' for i in range(ROWS)]
+    result = convert(tmp_path, plain_table(F=force), document())
+    assert len(readings(tmp_path)) == ROWS - 2
+    assert len(readings(tmp_path, 'eddy_current_1')) == ROWS
+    assert "cells of column 'F' that are no number, left out: 2, first 'ERR'" in result.warnings[0]
+
+
+def test_one_time_that_cannot_be_read_or_goes_back_costs_its_row_alone(tmp_path: Path) -> None:
+    many = 200
+    time = [f'{0.01 * i:.2f}' for i in range(many)]
+    columns = {'t': time, 'F': ['1'] * many, 'w': ['1'] * many}
+    for bad, words in (('noon', 'their time cannot be read: 1, first row 101'),
+                       ('0.5', 'their time goes back: 1, first row 101, by up to 0.49 s')):
+        folder = tmp_path / bad
+        folder.mkdir()
+        result = convert(folder, plain_table(**{**columns, 't': [*time[:100], bad, *time[101:]]}),
+                         document())
+        assert len(readings(folder)) == many - 1
+        assert any(words in line for line in result.warnings)
+
+
+def test_two_runs_in_one_file_are_refused_until_the_map_splits_them(tmp_path: Path) -> None:
+    twice = [f'{0.01 * (i % 25):.2f}' for i in range(ROWS)]
+    assert 'several runs in one file need split' in refusal(
+        tmp_path, document(), plain_table(t=twice))
+    result = convert(tmp_path, plain_table(t=twice),
+                     document(split={'by': 'gap', 'seconds': 0.1,
+                                     'runs': [{'elevation_deg': 0}, {'elevation_deg': 60}]}))
+    assert [run.metadata.elevation_deg for run in result.runs] == [0.0, 60.0]
+    assert [run.counts['hydraulic_load'] for run in result.runs] == [25, 25]
+    assert [run.path.name for run in result.runs] == ['1', '2']
+
+
+def test_a_column_splits_runs_and_names_them(tmp_path: Path) -> None:
+    run = ['up'] * 20 + [''] * 5 + ['down'] * 25
+    result = convert(tmp_path, plain_table(run=run), document(
+        split={'by': 'column', 'column': 'run',
+               'runs': {'up': {'elevation_deg': 30}, 'down': {'elevation_deg': 60}}}))
+    assert [run.path.name for run in result.runs] == ['up', 'down']
+    assert [run.counts['eddy_current_4'] for run in result.runs] == [20, 25]
+    assert [run.metadata.elevation_deg for run in result.runs] == [30.0, 60.0]
+
+
+def test_several_files_are_pieces_of_one_record_in_order_of_time(tmp_path: Path) -> None:
+    text = lines()
+    (tmp_path / 'z.csv').write_text('\n'.join(text[:26]) + '\n')
+    (tmp_path / 'b.csv').write_text('\n'.join([text[0], *text[26:]]) + '\n')
+    convert(tmp_path, plain_table(), document())
+    whole = stamps(tmp_path)
+    import_files([tmp_path / 'b.csv', tmp_path / 'z.csv'], read_map(tmp_path / 'map.yaml'),
+                 tmp_path / 'bag', overwrite=True)
+    assert np.array_equal(stamps(tmp_path), whole)
+
+
+def test_channels_of_two_files_with_rates_of_their_own_make_one_bag(tmp_path: Path) -> None:
+    (tmp_path / 'load.csv').write_text('t,F\n' + ''.join(f'{i / 10},{i}\n' for i in range(10)))
+    (tmp_path / 'gaps.csv').write_text('t,w\n' + ''.join(f'{i / 100},1\n' for i in range(100)))
+    convert(tmp_path, plain_table(), document())
+    import_files([tmp_path / 'load.csv', tmp_path / 'gaps.csv'], read_map(tmp_path / 'map.yaml'),
+                 tmp_path / 'bag', overwrite=True)
+    assert len(readings(tmp_path)) == 10
+    assert len(readings(tmp_path, 'eddy_current_3')) == 100
+
+
+PREAMBLE = 'Messung;Prüfstand\nBearbeiter;x\n\nZeit [s];Kraft;Weg;Weg\ns;kN;V;V\n'
+
+
+def test_lines_before_the_headings_units_below_and_equal_names_are_seen(tmp_path: Path) -> None:
+    path = tmp_path / 'a.csv'
+    rows = ''.join(f'{i / 100:.2f};{i},5;1,{i};2,{i}\n'.replace('.', ',') for i in range(30))
+    path.write_bytes((PREAMBLE + rows).encode('latin-1'))
+    (source,) = open_sources([path])
+    assert [column.name for column in source.columns] == ['Zeit [s]', 'Kraft', 'Weg', 'Weg#2']
+    assert [column.unit for column in source.columns] == ['s', 'kN', 'V', 'V']
+    assert source.settings()['first_line'] == 6
+    assert "2 columns are named 'Weg'" in source.warnings.all()[0]
+
+
+def test_a_draft_keeps_what_it_knows_and_is_refused_until_completed(tmp_path: Path) -> None:
+    path = tmp_path / 'a.csv'
+    head = 'Zeit [s];Kraft [kN];Weg1 [V];Weg2 [V];Weg3 [V];Weg4 [V]\n'
+    path.write_text(head + ''.join(f'{i / 100};{i}.5;1;2;3;4\n' for i in range(30)))
+    draft = draft_map(open_sources([path]))
+    assert 'hydraulic_load: {column: "Kraft [kN]", unit: kN}' in draft.text
+    assert 'eddy_current_3: {column: "Weg3 [V]", unit: V, scale: TODO' in draft.text
+    (tmp_path / 'map.yaml').write_text(draft.text)
+    with pytest.raises(ImportingError, match='is still TODO: state it'):
+        read_map(tmp_path / 'map.yaml')
+    completed = draft.text.replace('scale: TODO, scale_unit: TODO', 'scale: 0.2, scale_unit: mm/V')
+    for old, new in (('range: TODO', 'range: [0, 0.002]'), ('test: TODO', 'test: static'),
+                     ('deg: TODO', 'deg: 30')):
+        completed = completed.replace(old, new)
+    (tmp_path / 'map.yaml').write_text(completed)
+    result = import_files([path], read_map(tmp_path / 'map.yaml'), tmp_path / 'bag')
+    assert read_raw(tmp_path / 'bag').facts.test == 'static'
+    save_preview(tmp_path / 'a.png', result.runs)
+    assert (tmp_path / 'a.png').read_bytes().startswith(b'\x89PNG')
+
+
+@pytest.mark.parametrize(('content', 'words'), [
+    (b'', 'is empty'),
+    (b'\0\1\2\3' * 40, 'is neither a text file nor of another format'),
+    (b'hello world\n' * 9, 'no columns of numbers were found'),
+    (b'TDSm' + bytes(60), 'is damaged, or a TDMS file'),
+    (b'MDF     4.10    ' + bytes(60), 'is damaged'),
+    (b'MDF     3.30    ' + bytes(60), 'is of MDF version 3.30'),
+    (b'\x89HDF\r\n\x1a\n' + bytes(60), 'is damaged, or no HDF5 file'),
+    (b'MATLAB 5.0 MAT-file'.ljust(124) + b'\0\1IM' + bytes(9), 'is damaged, or a MATLAB file'),
+])
+def test_a_file_that_cannot_be_read_is_refused_in_one_line(
+        tmp_path: Path, content: bytes, words: str) -> None:
+    path = tmp_path / 'a.dat'
+    path.write_bytes(content)
+    with pytest.raises(ImportingError) as caught:
+        open_sources([path])
+    assert words in str(caught.value)
+    assert str(path) in str(caught.value)
+    assert '\n' not in str(caught.value)
+
+
+def test_a_bag_that_is_there_is_not_replaced_and_a_failed_import_leaves_nothing(
+        tmp_path: Path) -> None:
+    convert(tmp_path, plain_table(), document())
+    with pytest.raises(ValueError, match='exists already'):
+        convert(tmp_path, plain_table(), document())
+    empty: dict[str, Any] = document(probe={**PROBE, 'column': 'v'}, time=TIME)
+    (tmp_path / 'other').mkdir()
+    words = refusal(tmp_path / 'other', empty, plain_table(v=['nan'] * ROWS))
+    assert 'eddy_current_1 has no sample' in words
+    assert sorted(path.name for path in (tmp_path / 'other').iterdir()) == ['a.csv', 'map.yaml']

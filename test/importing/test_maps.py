@@ -1,0 +1,181 @@
+"""Claims about maps: units are stated, a reading is its calibration in SI, and nothing else."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+from logger_files import CHANNELS, map_text
+import numpy as np
+import pytest
+
+from saddlering_ros.bags import read_raw
+from saddlering_ros.importing import import_files, ImportingError, ImportResult, read_map
+from saddlering_ros.rig import default_rig
+
+ROWS = 50
+TIME = {'column': 't', 'unit': 's', 'start': '2026-11-20T08:00:00Z'}
+LOAD = {'column': 'F', 'unit': 'kN'}
+PROBE = {'column': 'w', 'unit': 'mm', 'range': [0, 0.002]}
+TEST = {'test': 'dynamic', 'elevation_deg': 50}
+
+
+def document(load: dict[str, Any] | None = None, probe: dict[str, Any] | None = None,
+             **sections: Any) -> dict[str, Any]:
+    channels = {name: dict(probe or PROBE) for name in CHANNELS[1:]}
+    return {'time': TIME, 'channels': {CHANNELS[0]: load or LOAD, **channels}, 'test': TEST,
+            **sections}
+
+
+def table(**columns: list[str]) -> str:
+    rows = zip(*columns.values(), strict=True)
+    return '\n'.join([';'.join(columns), *(';'.join(row) for row in rows)]) + '\n'
+
+
+def plain_table(**columns: list[str]) -> str:
+    given = {'t': [f'{0.01 * i:.2f}' for i in range(ROWS)],
+             'F': [f'{10 + i / 7:.4f}' for i in range(ROWS)],
+             'w': [f'{1 + i / 900:.5f}' for i in range(ROWS)]}
+    return table(**{**given, **columns})
+
+
+def convert(folder: Path, text: str, map_: dict[str, Any], **options: Any) -> ImportResult:
+    (folder / 'a.csv').write_text(text)
+    (folder / 'map.yaml').write_text(json.dumps(map_))
+    return import_files([folder / 'a.csv'], read_map(folder / 'map.yaml'), folder / 'bag',
+                        **options)
+
+
+def readings(folder: Path, name: str = CHANNELS[0]) -> np.ndarray:
+    values: np.ndarray = read_raw(folder / 'bag').topics[f'/rig/{name}'].values
+    return values
+
+
+def refusal(folder: Path, map_: Any, text: str = '', **options: Any) -> str:
+    with pytest.raises(ImportingError) as caught:
+        convert(folder, text or plain_table(), map_, **options)
+    assert '\n' not in str(caught.value)
+    return str(caught.value)
+
+
+def cells(text: str, name: str) -> np.ndarray:
+    head, *rows = [line.split(';') for line in text.split()]
+    return np.array([float(row[head.index(name)]) for row in rows])
+
+
+@pytest.mark.parametrize(('entry', 'expected'), [
+    ({'unit': 'N'}, lambda v: v),
+    ({'unit': 'kN'}, lambda v: v * 1000.0),
+    ({'unit': 't'}, lambda v: v * 9806.65),
+    ({'unit': 'lbf'}, lambda v: v * 4.4482216152605),
+    ({'unit': 'kN', 'scale': 2.5, 'offset': -3.0}, lambda v: (v * 2.5 - 3.0) * 1000.0),
+    ({'unit': 'kN', 'polarity': -1}, lambda v: -v * 1000.0),
+    ({'unit': 'V', 'scale': 50.0, 'scale_unit': 'kN/V'}, lambda v: v * 50.0 * 1000.0),
+    ({'unit': 'V', 'polynomial': [1.0, 2.0, 0.5], 'polynomial_unit': 'kN'},
+     lambda v: (1.0 + v * (2.0 + v * 0.5)) * 1000.0),
+    ({'unit': 'bar', 'piston_area': 0.0123}, lambda v: v * 1e5 * 0.0123),
+    ({'unit': 'bar', 'piston_area': 0.0123, 'rod_pressure': 'w', 'rod_area': 0.0085},
+     lambda v: v * 1e5 * 0.0123 - cells(plain_table(), 'w') * 1e5 * 0.0085),
+])
+def test_a_load_is_its_calibration_in_si_to_the_last_bit(
+        tmp_path: Path, entry: dict[str, Any], expected: Any) -> None:
+    convert(tmp_path, plain_table(), document({'column': 'F', **entry}))
+    assert np.array_equal(readings(tmp_path), expected(cells(plain_table(), 'F')))
+
+
+def test_a_gap_is_its_calibration_table_and_a_reading_outside_is_left_out(tmp_path: Path) -> None:
+    (tmp_path / 'probe.csv').write_text('V;mm\n1,0;0,2\n1,02;0,5\n1,04;1,9\n')
+    probe = {'column': 'w', 'unit': 'V', 'table': 'probe.csv', 'range': [0, 0.002]}
+    result = convert(tmp_path, plain_table(), document(probe=probe))
+    volts = cells(plain_table(), 'w')
+    inside = volts <= 1.04
+    assert 0 < inside.sum() < ROWS
+    expected = np.interp(volts[inside], [1.0, 1.02, 1.04], [0.2, 0.5, 1.9]) / 1000.0
+    assert np.array_equal(readings(tmp_path, CHANNELS[2]), np.float32(expected))
+    assert any('outside of its calibration table, left out: ' in line for line in result.warnings)
+
+
+def test_a_decimal_comma_reads_as_a_decimal_point(tmp_path: Path) -> None:
+    convert(tmp_path, plain_table().replace('.', ','), document())
+    assert np.array_equal(readings(tmp_path), cells(plain_table(), 'F') * 1000.0)
+
+
+def test_a_delay_moves_the_stamps_of_its_channel_alone(tmp_path: Path) -> None:
+    convert(tmp_path, plain_table(), document(probe={**PROBE, 'delay': 0.004}))
+    topics = read_raw(tmp_path / 'bag').topics
+    shift = topics['/rig/hydraulic_load'].stamps - topics['/rig/eddy_current_1'].stamps
+    assert set(shift.tolist()) == {4_000_000}
+
+
+def stamps(folder: Path) -> np.ndarray:
+    found: np.ndarray = read_raw(folder / 'bag').topics['/rig/hydraulic_load'].stamps
+    return found
+
+
+EIGHT = 1_795_161_600_000_000_000
+"""2026-11-20 08:00:00 UTC."""
+
+
+@pytest.mark.parametrize(('time', 'columns', 'first'), [
+    (TIME, {}, EIGHT),
+    ({'rate': 100, 'start': '2026-11-20T08:00:00Z'}, {}, EIGHT),
+    ({'column': 'd', 'format': 'iso', 'zone': 'Europe/Berlin'},
+     {'d': [f'2026-11-20 09:00:00.{i:02d}' for i in range(ROWS)]}, EIGHT),
+    ({'column': 'd', 'format': 'iso'},
+     {'d': [f'2026-11-20T08:00:00.{i:02d}Z' for i in range(ROWS)]}, EIGHT),
+    ({'column': ['d', 'e'], 'format': '%d.%m.%Y %H:%M:%S', 'zone': 'UTC'},
+     {'d': ['20.11.2026'] * ROWS, 'e': [f'08:00:00,{i:02d}' for i in range(ROWS)]}, EIGHT),
+    ({'column': 'd', 'unit': 's'},
+     {'d': [f'1795161600.{i:02d}0000001' for i in range(ROWS)]}, EIGHT + 1),
+    ({'column': 'd', 'unit': 'ms', 'start': '2026-11-20T08:00:00Z'},
+     {'d': [str(10 * i) for i in range(ROWS)]}, EIGHT),
+])
+def test_every_way_to_state_the_time_gives_the_same_stamps(
+        tmp_path: Path, time: dict[str, Any], columns: dict[str, list[str]], first: int) -> None:
+    convert(tmp_path, plain_table(**columns), document(time=time))
+    assert np.array_equal(stamps(tmp_path), first + np.arange(ROWS) * 10_000_000)
+
+
+@pytest.mark.parametrize(('map_', 'words'), [
+    (document({'column': 'F'}), "channels.hydraulic_load: the unit of column 'F' is not stated"),
+    (document({'column': 'F', 'unit': 'kn'}), 'did you mean kN?'),
+    (document({'column': 'F', 'unit': 'V'}), 'is a voltage (V) where a force is needed'),
+    (document({'column': 'F', 'unit': 'bar'}), 'give piston_area'),
+    (document({'column': 'Q', 'unit': 'kN'}), "no file has a column 'Q' (there are: t, #1, F,"),
+    (document({**LOAD, 'scal': 2}), 'has unknown entries (scal): did you mean scale?'),
+    (document({**LOAD, 'scale': 2, 'table': 'x.csv'}), 'table and scale are both given'),
+    (document({**LOAD, 'scale': 'big'}), "scale is 'big': give a number"),
+    (document({'column': 'F', 'unit': 'V', 'scale': 1, 'scale_unit': 'kN/mV'}), 'like mm/V'),
+    (document({'column': 'F', 'unit': 'TODO'}), 'hydraulic_load.unit is still TODO: state it'),
+    (document(probe={**PROBE, 'range': [2, 0]}), 'give [low, high] in metres'),
+    (document(probe={'column': 'w', 'unit': 'mm'}), 'the range of the probe is not stated'),
+    (document(time={'column': 't'}), 'the unit of the time is not stated'),
+    (document(time={'rate': 100}), 'a rate needs a start'),
+    (document(time={'rate': 100, 'start': '2026-11-20T08:00:00'}), 'without a time zone'),
+    (document(time={'column': 't', 'unit': 'kN'}), 'give a unit of time'),
+    (document(test={'test': 'dynamic'}), 'test.elevation_deg is missing in the map'),
+    (document(test={'test': 'fast', 'elevation_deg': 5}), "test is 'fast': give static or dyn"),
+    (document(test={**TEST, 'elevatoin': 5}), 'did you mean elevation_deg?'),
+    (document(split={'by': 'gaps'}), 'give column or gap'),
+    ({'time': TIME}, 'channels: is missing'),
+    ([1], 'is no map'),
+])
+def test_a_map_that_leaves_something_open_is_refused(
+        tmp_path: Path, map_: Any, words: str) -> None:
+    assert words in refusal(tmp_path, map_)
+
+
+def test_the_rig_gives_the_range_of_its_probes_and_its_hash(tmp_path: Path) -> None:
+    rig = default_rig()
+    convert(tmp_path, plain_table(), document(probe={'column': 'w', 'unit': 'mm'}), rig=rig)
+    raw = read_raw(tmp_path / 'bag')
+    assert raw.facts.details['rig_hash'] == rig.digest
+
+
+def test_the_map_of_the_contract_reads(tmp_path: Path) -> None:
+    text = map_text('{column: Time, unit: s, zone: UTC}').replace(
+        'column: hydraulic_load, unit: N',
+        'column: "Kraft*", unit: kN, scale: 1, offset: 0')
+    (tmp_path / 'map.yaml').write_text(text)
+    assert read_map(tmp_path / 'map.yaml').channels[0].column == 'Kraft*'

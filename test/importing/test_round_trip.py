@@ -1,0 +1,70 @@
+"""Claims about formats: a bag written in any of them comes back equal to the last bit."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+from logger_files import CHANNELS, make_record, map_text, Record, write_mdf4, WRITERS
+import numpy as np
+import pytest
+
+from saddlering_ros.bags import read_raw
+from saddlering_ros.importing import import_files, ImportResult, open_sources, read_map
+
+
+def imported(tmp_path: Path, file: Path, text: str, **options: object) -> ImportResult:
+    (tmp_path / 'map.yaml').write_text(text)
+    return import_files([file], read_map(tmp_path / 'map.yaml'), tmp_path / 'bag', **options)
+
+
+def assert_equal_to(record: Record, bag: Path) -> None:
+    raw = read_raw(bag)
+    for name, values in record.readings().items():
+        topic = raw.topics[f'/rig/{name}']
+        assert np.array_equal(topic.stamps, record.stamps)
+        assert np.array_equal(topic.values, values)
+
+
+@pytest.mark.parametrize('name', WRITERS)
+def test_a_bag_comes_back_from_every_format_to_the_last_bit(tmp_path: Path, name: str) -> None:
+    record = make_record()
+    if name == 'TDMS':  # npTDMS writes moments to the microsecond
+        record = replace(record, stamps=record.stamps // 1000 * 1000)
+    file, write = tmp_path / WRITERS[name][0], WRITERS[name][1]
+    time = write(file, record)
+    (source,) = open_sources([file])
+    assert name == source.FORMAT
+    result = imported(tmp_path, file, map_text(time))
+    assert_equal_to(record, tmp_path / 'bag')
+    assert result.warnings == ()
+
+
+def test_plain_records_of_mdf4_read_as_zipped_ones(tmp_path: Path) -> None:
+    record = make_record()
+    time = write_mdf4(tmp_path / 'a.mf4', record, zipped=False)
+    imported(tmp_path, tmp_path / 'a.mf4', map_text(time))
+    assert_equal_to(record, tmp_path / 'bag')
+
+
+def test_what_the_map_says_of_the_test_and_where_it_came_from_is_in_the_bag(
+        tmp_path: Path) -> None:
+    file, write = tmp_path / 'a.csv', WRITERS['CSV'][1]
+    text = map_text(write(file, make_record()))
+    imported(tmp_path, file, text)
+    found = read_raw(tmp_path / 'bag').facts
+    (source,) = open_sources([file])
+    assert (found.test, found.elevation_deg, found.rig) == ('dynamic', 50.0, 'SR-017')
+    assert found.details['operator'] == 'J. Doe'
+    assert found.details['service_hours'] == '120'
+    assert found.details['date'] == '2026-11-20'
+    assert found.details['import_map'].strip() == text.strip()
+    assert source.sha256 in found.details['import_sources']
+
+
+def test_more_rows_than_a_block_are_written_in_order(tmp_path: Path) -> None:
+    record = make_record(rows=150_000, period=100_000)
+    time = WRITERS['HDF5'][1](tmp_path / 'a.h5', record)
+    result = imported(tmp_path, tmp_path / 'a.h5', map_text(time))
+    assert_equal_to(record, tmp_path / 'bag')
+    assert result.runs[0].counts == dict.fromkeys(CHANNELS, 150_000)
