@@ -35,7 +35,7 @@ def write_files(folder: Path, rows: int) -> dict[str, tuple[Path, str]]:
     with (folder / 'a.csv').open('w') as file:
         file.write(','.join(table) + '\n')
         for row in zip(*(column.tolist() for column in table.values()), strict=True):
-            file.write('%.4f,%.5f,%.6f,%.6f,%.6f,%.6f\n' % row)
+            file.write('{:.4f},{:.5f},{:.6f},{:.6f},{:.6f},{:.6f}\n'.format(*row))
     with h5py.File(folder / 'a.h5', 'w') as file:
         for name, values in table.items():
             file.create_dataset(name, data=values, chunks=True)

@@ -29,6 +29,13 @@ EXAMPLES: dict[str, tuple[tuple[str, str], ...]] = {
         ('saddlering identify bags/static_50 bags/dynamic_50 --method paper --seed 3',
          'by the published two-step swarm'),
     ),
+    'import': (
+        ('saddlering import docs/data/static_30.csv --draft',
+         'what is in a file, and a first map of it'),
+        ('saddlering import docs/data/static_30.csv --map docs/data/map_static_30.yaml '
+         '--rig docs/data/rig.yaml --out measured/static_30 --preview measured/static_30.png',
+         'the file as a bag, and a picture of it'),
+    ),
     'info': (
         ('saddlering info bags/static_50', 'what is in a bag'),
         ('saddlering info bags/static_50 bags/dynamic_50 --json -', 'the same for a program'),

@@ -6,6 +6,8 @@ import argparse
 from pathlib import Path
 from typing import Any, TYPE_CHECKING
 
+from saddlering_ros.cli._json import tell_json
+
 if TYPE_CHECKING:
     from saddlering_ros.importing import ImportResult
 
@@ -27,6 +29,8 @@ def add_parser(subparsers: Any) -> None:
                         help='rig file: its hash goes into the bag, its probes give the range')
     parser.add_argument('--preview', type=Path, metavar='FILE.png',
                         help='a picture of load and gaps over time')
+    parser.add_argument('--json', metavar='FILE',
+                        help='write what was imported as JSON; - for stdout')
     parser.add_argument('--overwrite', action='store_true', help='replace a bag at --out')
 
 
@@ -73,6 +77,8 @@ def _import(args: argparse.Namespace) -> int:
         save_preview(args.preview, result.runs)
     for line in result.warnings:
         print(f'saddlering import: warning: {line}', file=sys.stderr)
+    if tell_json(args, result.as_dict()):
+        return 0
     _print_runs(result)
     if args.preview is not None:
         print(f'written: {args.preview}')

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 import fnmatch
 from pathlib import Path
 import re
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -59,6 +60,18 @@ class ImportResult:
 
     runs: tuple[ImportedRun, ...]
     warnings: tuple[str, ...]
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain data for JSON: stamps in ns, readings in SI."""
+        runs = [{
+            'bag': str(run.path), 'metadata': run.metadata.as_text(),
+            'channels': {name: {
+                'samples': count, 'first': run.spans[name][0], 'last': run.spans[name][1],
+                'lowest': min(run.envelopes[name].lowest),
+                'highest': max(run.envelopes[name].highest)}
+                for name, count in run.counts.items()},
+        } for run in self.runs]
+        return {'runs': runs, 'warnings': list(self.warnings)}
 
 
 def open_sources(files: Sequence[Path], mapping: ImportMap | None = None) -> list[Source]:

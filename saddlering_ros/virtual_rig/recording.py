@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 import math
 from pathlib import Path
 
@@ -143,8 +143,9 @@ def record_test(plan: TestPlan) -> TestRecord:
 
 def write_record(path: Path | str, record: TestRecord, rig: Rig, *,
                  overwrite: bool = False) -> Path:
-    """Write the record as a bag, complete or not at all."""
-    return write_bag(path, record.facts, record.load_stamps, record.load, record.probe_stamps,
+    """Write the record as a bag, complete or not at all; the hash of `rig` goes into it."""
+    facts = replace(record.facts, details={**record.facts.details, 'rig_hash': rig.digest})
+    return write_bag(path, facts, record.load_stamps, record.load, record.probe_stamps,
                      record.gaps, rig.probes, log_delay=record.log_delay, overwrite=overwrite)
 
 

@@ -66,6 +66,8 @@ def test_commands_stand_in_blocks_that_can_be_run_or_say_why_not(page):
 def test_every_command_of_a_page_does_what_it_says(page, tmp_path, monkeypatch, capsys):
     (tmp_path / 'bags').symlink_to(ROOT / 'bags')
     (tmp_path / 'config').symlink_to(ROOT / 'config')
+    (tmp_path / 'docs').mkdir()
+    (tmp_path / 'docs' / 'data').symlink_to(ROOT / 'docs' / 'data')
     monkeypatch.chdir(tmp_path)
     for line in lines_run(page):
         words = shlex.split(line)[1:]

@@ -5,9 +5,19 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+from map_documents import (
+    convert,
+    document,
+    plain_table,
+    PROBE,
+    readings,
+    refusal,
+    ROWS,
+    stamps,
+    TIME,
+)
 import numpy as np
 import pytest
-from test_maps import convert, document, plain_table, PROBE, readings, refusal, ROWS, stamps, TIME
 
 from saddlering_ros.bags import read_raw
 from saddlering_ros.importing import (

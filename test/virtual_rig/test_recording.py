@@ -133,3 +133,8 @@ def test_a_test_that_cannot_be_carried_out_is_refused_in_one_line(make):
     with pytest.raises(VirtualRigError) as caught:
         make()
     assert '\n' not in str(caught.value)
+
+
+def test_the_bag_names_the_rig_by_its_hash(short, tmp_path):
+    path = write_record(tmp_path / 'run', short, RIG)
+    assert read_raw(path).facts.details['rig_hash'] == RIG.digest
