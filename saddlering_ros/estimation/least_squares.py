@@ -13,6 +13,9 @@ Array = NDArray[np.float64]
 Residuals = Callable[[Array], Array]
 """From points (B, F) to whitened residuals (B, R)."""
 
+Slopes = Callable[[Array], Array]
+"""From a point (F,) to the Jacobian (R, F) of the whitened residuals."""
+
 DIFFERENCE = 5e-4
 """Step of the central differences, in coordinates (relative for logarithmic ones)."""
 
@@ -38,18 +41,21 @@ def central_differences(residuals: Residuals, point: Array, low: Array, high: Ar
     return np.asarray((forward - backward).T / np.diag(above - below))
 
 
-def minimise(residuals: Residuals, start: Array, low: Array, high: Array) -> Minimum:
-    """Least squares inside the box from `start` (F,)."""
+def minimise(residuals: Residuals, start: Array, low: Array, high: Array,
+             slopes: Slopes | None = None) -> Minimum:
+    """Least squares inside the box from `start` (F,); central differences without `slopes`."""
     margin = 1e-9 * (high - low)
+    if slopes is None:
+        def slopes(point: Array) -> Array:
+            return central_differences(residuals, point, low, high)
     solution = least_squares(
         lambda point: np.asarray(residuals(point[None, :])[0]),
         np.clip(start, low + margin, high - margin),
-        jac=lambda point: central_differences(residuals, point, low, high),
+        jac=slopes,
         bounds=(low, high), x_scale='jac', ftol=1e-10, xtol=1e-9, gtol=1e-10, max_nfev=60,
     )
     point = np.asarray(solution.x)
-    return Minimum(point, 2.0 * float(solution.cost),
-                   central_differences(residuals, point, low, high), on_bound(point, low, high))
+    return Minimum(point, 2.0 * float(solution.cost), slopes(point), on_bound(point, low, high))
 
 
 def on_bound(point: Array, low: Array, high: Array) -> NDArray[np.bool_]:

@@ -16,6 +16,8 @@ from saddlering_ros.identification.observation import Observation
 from saddlering_ros.identification.observing import SETTLING_STEP
 from saddlering_ros.rig import PARAMETER_NAMES, Rig
 from saddlering_ros.ring import dynamic_batch, static_batch
+from saddlering_ros.ring.sensitivity import motion_sensitivities, static_sensitivities
+from saddlering_ros.ring.simulator import in_parallel
 
 Array = NDArray[np.float64]
 
@@ -51,6 +53,24 @@ def predict(rig: Rig, contacts: Array, observation: Observation) -> Array:
     return np.asarray(blocks - zero)
 
 
+def predict_slopes(rig: Rig, contact: Array, observation: Observation) -> Array:
+    """Derivatives (6, 3, N) of `predict` by the contact parameters (6,)."""
+    loads = np.append(observation.zero_load, observation.load)
+    if not observation.dynamic and observation.spans is None:
+        still = static_batch(rig, contact, observation.elevation, loads)[0]
+        slopes = static_sensitivities(rig, contact, observation.elevation, still)
+        return np.asarray(slopes[:, :, 1:] - slopes[:, :, :1])
+    zero = static_batch(rig, contact, observation.elevation, loads[:1])[0]
+    at_zero = static_sensitivities(rig, contact, observation.elevation, zero)
+    _, moving = motion_sensitivities(
+        rig, contact, observation.elevation, observation.fine_time, observation.fine_load,
+        _longest_step(observation))
+    if observation.spans is not None:
+        return np.asarray(span_means(moving, *observation.spans.T) - at_zero)
+    blocks = moving.reshape(*moving.shape[:2], -1, observation.per_block).mean(axis=-1)
+    return np.asarray(blocks - at_zero)
+
+
 def _longest_step(observation: Observation) -> float:
     if observation.spans is not None:
         return 2.0 * SETTLING_STEP
@@ -83,6 +103,18 @@ class WeightedObjective:
             worst = contacts[int(np.argmax(np.isnan(residuals).any(axis=1)))]
             raise IdentificationError(_not_a_number(worst))
         return residuals
+
+    def slopes(self, contact: Array) -> Array:
+        """Derivatives (6, R) of the whitened residuals by the contact parameters (6,)."""
+        self.evaluations += 1
+        raw: list[Array] = [np.empty(0)] * len(self.observations)
+
+        def differentiate(part: slice) -> None:
+            for index in range(part.start, part.stop):
+                raw[index] = predict_slopes(self.rig, contact, self.observations[index])
+
+        in_parallel(differentiate, len(raw))
+        return np.concatenate(self.whiten(raw), axis=1)
 
     def mean_squares(self, contact: Array) -> list[float]:
         """Mean square of the whitened residuals of each run at a contact law (6,)."""

@@ -9,12 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saddlering_ros.errors import Cancelled
-from saddlering_ros.estimation.least_squares import central_differences, minimise, on_bound
+from saddlering_ros.estimation.least_squares import minimise, on_bound
 from saddlering_ros.estimation.space import SearchSpace
 from saddlering_ros.identification.objective import WeightedObjective
 from saddlering_ros.rig import ContactParameters
 
 Array = NDArray[np.float64]
+
 
 @dataclass(frozen=True)
 class Refinement:
@@ -45,7 +46,8 @@ def refine(
             raise Cancelled
         return objective.residuals(space.contacts(points))
 
-    found = minimise(residuals, start, space.low, space.high)
+    found = minimise(residuals, start, space.low, space.high,
+                     lambda point: _slopes(objective, space, point))
     return Refinement(found.point, space.contacts(found.point)[0], found.chi_square,
                       found.jacobian, found.at_bound)
 
@@ -56,7 +58,11 @@ def stay_at(
     """A `Refinement` at given contact parameters, without moving them."""
     law = contact.to_array()
     point = space.coordinates(law)
-    slopes = central_differences(
-        lambda points: objective.residuals(space.contacts(points)), point, space.low, space.high)
-    return Refinement(point, law, float(objective(law[None, :])[0]), slopes,
-                      on_bound(point, space.low, space.high))
+    return Refinement(point, law, float(objective(law[None, :])[0]),
+                      _slopes(objective, space, point), on_bound(point, space.low, space.high))
+
+
+def _slopes(objective: WeightedObjective, space: SearchSpace, point: Array) -> Array:
+    """Jacobian (R, F) of the whitened residuals by the coordinates at a point (F,)."""
+    contact = space.contacts(point)[0]
+    return np.asarray(objective.slopes(contact)[space.free].T * space.scale(contact))

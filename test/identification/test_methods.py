@@ -170,6 +170,18 @@ def test_residuals_of_the_truth_are_white(four_runs):
     assert abs(np.corrcoef(residuals[:-1], residuals[1:])[0, 1]) < 0.1
 
 
+def test_slopes_of_the_residuals_are_those_of_differences(four_runs):
+    observations = observe(four_runs[:2], RIG, fit_rate=50.0)
+    objective = WeightedObjective(
+        RIG, [*observations, observations[0].coarse(), observations[1].coarse()], (0, 1, 2))
+    law = TRUE_TO_SCALE.to_array()
+    aside = 1e-5 * np.diag(law)
+    more, less = np.split(objective.residuals(np.concatenate([law + aside, law - aside])), 2)
+    differences = (more - less) / (2e-5 * law[:, None])
+    for own, pair in zip(objective.slopes(law), differences, strict=True):
+        assert own == pytest.approx(pair, abs=1e-4 * np.abs(pair).max())
+
+
 def test_a_ring_still_settling_on_its_plateaus_is_no_misfit():
     sluggish = replace(TRUE_TO_SCALE, D2=2e7, K2=3e7)
     runs = [static_run(50.0, contact=sluggish, seed=1),
