@@ -33,6 +33,7 @@ from saddlering_ros.bags.rig_notes import rig_notes
 from saddlering_ros.bags.scan import Scan, scan, ScannedTopic
 from saddlering_ros.bags.stamps import put_in_order
 from saddlering_ros.bags.topics import (
+    ELEVATION,
     LOAD_TOPIC,
     PROBE_TOPICS,
     RIG_TOPICS,
@@ -41,6 +42,9 @@ from saddlering_ros.bags.topics import (
 from saddlering_ros.bags.wiring import wiring_notes
 from saddlering_ros.provenance import Origin
 from saddlering_ros.rig import default_rig, Rig
+
+ELEVATION_TOLERANCE_DEG = 0.5
+"""An inclinometer that differs by more [degrees] contradicts the elevation stated."""
 
 
 @dataclass(frozen=True)
@@ -192,6 +196,8 @@ def read_run(
     """
     record = read_raw(path)
     facts = usable_facts(record.path, record.facts, test, elevation)
+    if elevation is None:
+        check_measured_elevation(record, facts)
     run = replace(run_of_record(record, facts, rig), sha256=open_directory(path).sha256())
     run = run if elevation is None else replace(run, elevation=float(elevation))
     if rig is not None:
@@ -214,6 +220,17 @@ def usable_facts(
     if facts.problems:
         raise BagError(f'{path}: {facts.problems[0]}')
     return facts
+
+
+def check_measured_elevation(record: RawRecord, facts: FoundFacts) -> None:
+    """Raise BagError if the bag's inclinometer contradicts the elevation that it states."""
+    if ELEVATION.name not in record.topics or facts.elevation_deg is None:
+        return
+    measured = math.degrees(float(np.median(record[ELEVATION.name].values)))
+    if not abs(measured - facts.elevation_deg) <= ELEVATION_TOLERANCE_DEG:
+        raise BagError(
+            f'{record.path}: elevation_deg is {facts.elevation_deg:g} and {ELEVATION.name} '
+            f'measured {measured:.2f} deg: give --elevation DEG')
 
 
 def run_of_record(

@@ -27,6 +27,7 @@ from saddlering_ros.ros.diagnostics import ERROR, Finding, OK, to_message
 from saddlering_ros.ros.errors import NodeError
 from saddlering_ros.ros.names import diagnostic_name, DIAGNOSTICS, PARAMETERS_IN_FORCE, rig_name
 from saddlering_ros.ros.parameters import declare, declare_rig, HARDWARE_ID, Parameter
+from saddlering_ros.ros.rig_agreement import RigAgreement
 from saddlering_ros.ros.roots import bag_below, below, root_folder
 from saddlering_ros.ros.run import run
 
@@ -68,6 +69,7 @@ class ActionNode(Node):
         super().__init__(name)
         self.settings = declare(self, self.PARAMETERS)
         self.rig: Rig = declare_rig(self)
+        self._agreement = RigAgreement(self, self.rig)
         self.bag_root = root_folder(self, 'bag_root', share_directory() / 'bags')
         self.parameters_root = root_folder(self, 'parameters_root', self.bag_root)
         self._hardware_id = rig_name(self, self.settings.text('hardware_id'))
@@ -204,7 +206,9 @@ class ActionNode(Node):
     def _diagnose(self) -> None:
         finding = Finding(self._level, self._stage, {'last goal': self._last})
         message = to_message(
-            diagnostic_name(self), [(f'/{self.NAME}', finding)], self._hardware_id)
+            diagnostic_name(self), [
+                (f'/{self.NAME}', finding), ('rig', self._agreement.report(1.0))],
+            self._hardware_id)
         message.header.stamp = self.get_clock().now().to_msg()
         self._diagnostics.publish(message)
 

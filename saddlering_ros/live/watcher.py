@@ -267,7 +267,7 @@ class Watcher:
                                    if item.key in (BAG, ELEVATION_KEY))
 
     def _on_parameters(self, message: RingParameters) -> None:
-        if not getattr(message, 'in_force_in', 'x'):
+        if not message.applied_by:
             return  # only offered
         try:
             parameters = parameters_from_message(message)

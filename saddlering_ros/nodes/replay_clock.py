@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+import math
 from pathlib import Path
 import sys
 import time
@@ -14,7 +15,7 @@ from std_srvs.srv import Trigger
 
 from saddlering_interfaces.msg import ReplayProgress, ReplayState
 from saddlering_interfaces.srv import Seek, SetRate, Step
-from saddlering_ros.bags import read_raw
+from saddlering_ros.bags import RawRecord, read_raw
 from saddlering_ros.bags.cdr import SECOND
 from saddlering_ros.ros.bag_node import BagNode
 from saddlering_ros.ros.diagnostics import ERROR, Finding, FunctionTask, OK, WARN
@@ -38,6 +39,9 @@ LONGEST_STRIDE = SECOND // 2
 
 LINGER = 0.5
 
+HEED = 0.1
+"""The clock stands this long [s] after it has told of its bag."""
+
 WORDS = {ReplayState.WAITING: 'waiting', ReplayState.PLAYING: 'playing',
          ReplayState.PAUSED: 'paused', ReplayState.FINISHED: 'at its end'}
 
@@ -59,6 +63,8 @@ class ReplayClockNode(BagNode):
         Parameter('timeout', 5.0, 'a node that does not catch up for this long [s] is reported, '
                   'and no longer waited for until it does', low=0.1, high=3600.0),
         Parameter('start_paused', False, 'wait for ~/play'),
+        Parameter('elevation_deg', math.nan, 'elevation of the test [deg], in place of what the '
+                  'bag states; nan: as the bag states', low=-10.0, high=90.0, nan_allowed=True),
         Parameter('exit_at_end', False, 'leave when the bag is at its end'),
     )
 
@@ -75,6 +81,7 @@ class ReplayClockNode(BagNode):
         """Read from when to when the bag goes."""
         record = read_raw(self.bag_path())
         self._start, self._end = record.start - 1, record.stop
+        self._bag, self._elevation = str(record.path), self._elevation_of(record)
         self._time = self._start
         self._rate = self.settings['rate']
         self._lockstep = self.settings['lockstep']
@@ -92,12 +99,21 @@ class ReplayClockNode(BagNode):
         self._speed_from = (time.monotonic(), self._time)
         self.tasks = [FunctionTask('replay', self._finding)]
 
+    def _elevation_of(self, record: RawRecord) -> float:
+        """The elevation [rad] that is told to the others; NaN if the bag does not state it."""
+        given, stated = self.settings['elevation_deg'], record.facts.elevation_deg
+        if math.isnan(given) and stated is not None:
+            given = stated
+        return math.radians(given)
+
     def connect(self) -> None:
         """Publish the clock; hear how far the others are."""
         self._heard = RawSubscription(self, PROGRESS, ReplayProgress, reliability='reliable',
                              depth=1000)
         self.inputs = [self._heard]
         self.outputs = [RawPublisher(self, CLOCK, Clock, CLOCK_QOS)]
+        self._began = time.monotonic()
+        self._say_state(self._began)
 
     def process_batch(self) -> None:
         """Hear the others, and go on at once if that lets time go on."""
@@ -126,6 +142,8 @@ class ReplayClockNode(BagNode):
 
     def _wait(self, now: float) -> None:
         self._waiting_for = self._group.absent()
+        if now - self._began < HEED:
+            return  # so that everyone has heard of the bag and its elevation
         if not self._waiting_for:
             self._enter(self._after_waiting, now)
         elif now - self._began > self.settings['timeout']:
@@ -210,7 +228,7 @@ class ReplayClockNode(BagNode):
         self._state_publisher.publish(ReplayState(
             state=self._state, now=to_time(self._time), start=to_time(self._start),
             end=to_time(self._end), rate=self._rate, speed=max(0.0, self._speed),
-            waiting_for=self._waiting_for))
+            waiting_for=self._waiting_for, bag=self._bag, elevation=self._elevation))
 
     # --- services ---
 

@@ -27,10 +27,12 @@ from saddlering_ros.ros.diagnostics import (
     StreamTask,
     WARN,
 )
+from saddlering_ros.ros.elevation import ElevationWatch
 from saddlering_ros.ros.lockstep import to_time
 from saddlering_ros.ros.names import DISPLACEMENT, ZERO
 from saddlering_ros.ros.parameters import declare_rig, Parameter
 from saddlering_ros.ros.raw_topics import RawPublisher, RawSubscription
+from saddlering_ros.ros.rig_agreement import RigAgreement
 from saddlering_ros.ros.run import run_streaming
 from saddlering_ros.ros.streaming_node import INPUT_RELIABILITY, MAX_GAP, StreamingNode
 from saddlering_ros.streams import batches
@@ -57,6 +59,8 @@ class RingDisplacementNode(StreamingNode):
     def __init__(self) -> None:
         super().__init__('ring_displacement')
         self._rig = declare_rig(self)
+        self._agreement = RigAgreement(self, self._rig)
+        self._watch = ElevationWatch(self)
         self._arrived = 0.0
         self.create_service(Trigger, '~/zero', self._on_zero)
         self._zero = self.create_publisher(Header, ZERO, ZERO_QOS)
@@ -73,7 +77,7 @@ class RingDisplacementNode(StreamingNode):
         self._parity = ParityTask(self.settings['parity_noise'])
         self.tasks = [
             FunctionTask('zero', self._zero_finding), *self._streams, *self._saturation,
-            self._parity, SourcesTask(self.sources),
+            self._parity, self._agreement, SourcesTask(self.sources),
             Events(self._events, harmless=('reordered',))]
 
     def connect(self) -> None:
@@ -95,6 +99,7 @@ class RingDisplacementNode(StreamingNode):
         for watch, samples in zip(self._saturation, gaps, strict=True):
             watch.push(samples.values)
         self._arrived = time.monotonic()
+        self._stream.elevation = self._watch.resolve().value
         self._send(self._stream.push(load, gaps))
 
     def at_intervals(self, now: float) -> float:

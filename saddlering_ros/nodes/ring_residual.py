@@ -10,6 +10,7 @@ import numpy as np
 from saddlering_interfaces.msg import RingDisplacement
 from saddlering_ros.rig import CHANNELS
 from saddlering_ros.ros.diagnostics import (
+    ERROR,
     Events,
     Finding,
     FunctionTask,
@@ -21,6 +22,7 @@ from saddlering_ros.ros.diagnostics import (
 from saddlering_ros.ros.names import DISPLACEMENT, RESIDUAL, SIMULATED
 from saddlering_ros.ros.parameters import declare_rig, Parameter
 from saddlering_ros.ros.raw_topics import RawPublisher, RawSubscription
+from saddlering_ros.ros.rig_agreement import RigAgreement
 from saddlering_ros.ros.run import run_streaming
 from saddlering_ros.ros.streaming_node import INPUT_RELIABILITY, StreamingNode
 from saddlering_ros.streams import batches
@@ -38,6 +40,7 @@ class RingResidualNode(StreamingNode):
     def __init__(self) -> None:
         super().__init__('ring_residual')
         self._rig = declare_rig(self)
+        self._agreement = RigAgreement(self, self._rig)
 
     def configure(self) -> None:
         """Make the join and what watches it."""
@@ -47,7 +50,7 @@ class RingResidualNode(StreamingNode):
         self._count = 0
         self.tasks = [*self._streams, FunctionTask('zero', self._zero_finding),
                       FunctionTask('residual', self._residual_finding),
-                      SourcesTask(self.sources),
+                      self._agreement, SourcesTask(self.sources),
                       Events(lambda: self._stream.counters.as_dict())]
 
     def connect(self) -> None:
@@ -76,6 +79,9 @@ class RingResidualNode(StreamingNode):
     def _zero_finding(self) -> Finding:
         measured, simulated = self._stream.waiting
         figures = {'measured waiting': str(measured), 'simulated waiting': str(simulated)}
+        if not self._stream.elevations_agree:
+            return Finding(ERROR, 'measured and simulated are at different elevations and are not '
+                           'subtracted: correct elevation_deg of ring_simulator', figures)
         if not self._stream.zeros_agree:
             return Finding(WARN, 'measured and simulated count from different zeros and are not '
                            'subtracted: call /ring_displacement/zero', figures)

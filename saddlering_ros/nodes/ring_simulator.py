@@ -37,11 +37,13 @@ from saddlering_ros.ros.diagnostics import (
     StreamTask,
     WARN,
 )
+from saddlering_ros.ros.elevation import Elevation, ElevationWatch
 from saddlering_ros.ros.errors import NodeError
 from saddlering_ros.ros.lockstep import to_stamp, to_time
 from saddlering_ros.ros.names import PARAMETERS_IN_FORCE, SIMULATED, ZERO
 from saddlering_ros.ros.parameters import declare_rig, given_sections, Parameter
 from saddlering_ros.ros.raw_topics import RawPublisher, RawSubscription
+from saddlering_ros.ros.rig_agreement import RigAgreement
 from saddlering_ros.ros.run import run_streaming
 from saddlering_ros.ros.streaming_node import INPUT_RELIABILITY, MAX_GAP, StreamingNode
 from saddlering_ros.streams import batches
@@ -54,6 +56,9 @@ LATCHED_BY_SEVERAL = QoSProfile(depth=20, reliability=ReliabilityPolicy.RELIABLE
 """For a reader: its queue is shared by all who publish there, this node among them, and each
 keeps its last message; a queue of one would let one's message push out another's unread."""
 ASSUMED_ELEVATION_DEG = 50.0
+FUTURE_NS = 60_000_000_000
+"""Parameters stamped later than this from now [ns] are refused."""
+
 FLUSH_AFTER = 0.02
 """Samples held back are simulated when nothing has come for this long [s]."""
 
@@ -71,7 +76,8 @@ class RingSimulatorNode(StreamingNode):
         Parameter('follow_zero', True, 'zero anew when ring_displacement is asked to'),
         Parameter('bag', '', 'a bag whose elevation is taken, unless elevation_deg is given'),
         Parameter('elevation_deg', math.nan, 'elevation of the load [deg]; nan: as the bag says, '
-                  'or 50 without a bag', low=-10.0, high=90.0, nan_allowed=True),
+                  'else as rig/elevation measures, else 50', low=-10.0, high=90.0,
+                  nan_allowed=True, while_inactive=True),
         Parameter('max_step', 1e-3, 'longest time step of the integration [s]', low=1e-6,
                   high=0.1),
         Parameter('frame_id', 'ring', 'frame of the displacement: reference point C of the ring'),
@@ -80,6 +86,10 @@ class RingSimulatorNode(StreamingNode):
     def __init__(self) -> None:
         super().__init__('ring_simulator')
         self._rig = declare_rig(self)
+        self._agreement = RigAgreement(self, self._rig)
+        self._watch = ElevationWatch(self, self._on_elevation)
+        self._elevation = math.nan
+        self._elevation_source = ''
         self._given = given_sections(self, ('contact', 'effects', 'source'))
         self._arrived = 0.0
         self._refused = ''
@@ -98,7 +108,8 @@ class RingSimulatorNode(StreamingNode):
     def configure(self) -> None:
         """Read parameters and elevation; compile and make the simulation."""
         self._in_force = self._read_parameters()
-        self._elevation = self._read_elevation()
+        self._started_with = self._elevation_of_bag()
+        self._take_elevation()
         self._make(self._in_force)
         self._warm_up()
         self._tell_in_force(self._in_force)
@@ -108,6 +119,7 @@ class RingSimulatorNode(StreamingNode):
             FunctionTask('zero', self._zero_finding), self._stream_task,
             FunctionTask('solver', self._solver_finding),
             FunctionTask('parameters', self._parameters_finding),
+            FunctionTask('elevation', self._elevation_finding), self._agreement,
             SourcesTask(self.sources),
             Events(self._events, harmless=('reordered',))]
 
@@ -116,6 +128,7 @@ class RingSimulatorNode(StreamingNode):
         self.inputs = [RawSubscription(self, LOAD.relative, WrenchStamped,
                               reliability=self.settings['input_reliability'])]
         self.outputs = [RawPublisher(self, SIMULATED, RingDisplacement)]
+        self._on_elevation()
         offered, self._offered = self._offered, None
         if offered is not None:
             self._follow(offered)
@@ -132,16 +145,36 @@ class RingSimulatorNode(StreamingNode):
         return ParameterSet(
             TRUE_TO_SCALE, source=ParameterSource(method='default', note='true to scale'))
 
-    def _read_elevation(self) -> float:
-        bag, given = self.settings.text('bag'), self.settings['elevation_deg']
-        if not math.isnan(given):
-            return math.radians(given)
-        if not bag:
-            self.get_logger().warning(
-                f'no elevation_deg and no bag: {ASSUMED_ELEVATION_DEG:g} deg is assumed')
-            return math.radians(ASSUMED_ELEVATION_DEG)
+    def _elevation_of_bag(self) -> float:
+        bag = self.settings.text('bag')
+        if not bag or not math.isnan(self.settings['elevation_deg']):
+            return math.nan
         from saddlering_ros.ros.bag_replay import bag_elevation
         return bag_elevation(bag)
+
+    def _take_elevation(self) -> bool:
+        """Settle the elevation to simulate at; whether it is another than before."""
+        found = self._watch.resolve(math.radians(self.settings['elevation_deg']),
+                                    self._started_with)
+        if math.isnan(found.value):
+            found = Elevation(math.radians(ASSUMED_ELEVATION_DEG), 'assumed')
+            if self._elevation_source != 'assumed':
+                self.get_logger().warning(
+                    f'no elevation_deg and no bag: {ASSUMED_ELEVATION_DEG:g} deg is assumed')
+        changed = found.value != self._elevation
+        self._elevation, self._elevation_source = found.value, found.source
+        return changed
+
+    def _on_elevation(self) -> None:
+        """The bag or the inclinometer tells of an elevation: simulate at it, if it counts."""
+        if self._in_force is None or not self._take_elevation():
+            return
+        hold = self._stream.hold
+        self._make(self._in_force)
+        self._stream.hold = hold
+        self._tell_in_force(self._in_force)
+        self.get_logger().info(f'elevation {math.degrees(self._elevation):.3f} deg, '
+                               f'{self._elevation_source}: starts anew')
 
     def _make(self, parameters: ParameterSet) -> None:
         self._stream = SimulationStream(
@@ -151,7 +184,8 @@ class RingSimulatorNode(StreamingNode):
     def _tell_in_force(self, parameters: ParameterSet) -> None:
         """Say on /ring/parameters what is simulated with, kept there for late joiners."""
         message = parameters_to_message(parameters, self.get_clock().now().to_msg())
-        message.in_force_in = self.get_fully_qualified_name()
+        message.in_force_in = message.applied_by = self.get_fully_qualified_name()
+        message.elevation, message.rig_hash = self._elevation, self._agreement.digest
         self._teller.publish(message)
 
     def _warm_up(self) -> None:
@@ -169,7 +203,8 @@ class RingSimulatorNode(StreamingNode):
         self._arrived = time.monotonic()
         self.inputs[0].last_stamp = int(load.stamps[-1])
         self._stream_task.push(load.stamps)
-        self._send(self._stream.push(load))
+        if not self._watch.contradiction(self._elevation):
+            self._send(self._stream.push(load))
 
     def at_intervals(self, now: float) -> float:
         """Simulate what was held back for late samples, once nothing more comes."""
@@ -211,17 +246,26 @@ class RingSimulatorNode(StreamingNode):
             self._stream.zero_after(to_stamp(message.stamp))
 
     def _on_parameters(self, message: RingParameters) -> None:
-        stamp = to_stamp(message.header.stamp)
-        if message.in_force_in or stamp < self._parameters_stamp:
-            return  # two servers publish here, each keeping its last for late joiners
-        self._parameters_stamp = stamp
-        if self.active:
-            self._follow(message)
-        else:
-            self._offered = message
+        if message.in_force_in or message.applied_by:
+            return
+        stamp = to_stamp(message.header.stamp) or time.time_ns()
+        if stamp > time.time_ns() + FUTURE_NS:
+            self._refuse('its stamp lies in the future: stamp it with the time of now, or 0')
+        elif stamp < self._parameters_stamp:
+            # Of two servers that publish here, each keeps its last for late joiners.
+            self._refuse('its stamp is older than that of the parameters in force: stamp it with '
+                         'the time of now, or 0')
+        elif not self.active:
+            self._offered, self._parameters_stamp = message, stamp
+        elif self._follow(message):
+            self._parameters_stamp = stamp
 
-    def _follow(self, message: RingParameters) -> None:
-        """Start anew with the parameters of a message, if they can be used.
+    def _refuse(self, why: str) -> None:
+        self._refused = why
+        self.get_logger().error(f'/{PARAMETERS_IN_FORCE}: refused: {why}')
+
+    def _follow(self, message: RingParameters) -> bool:
+        """Start anew with the parameters of a message; whether they can be used.
 
         The same numbers from another source change nothing in what is simulated: no restart, which
         would cost samples and the zero.
@@ -233,12 +277,24 @@ class RingSimulatorNode(StreamingNode):
                 self._make(parameters)
                 self._stream.hold = hold
         except SaddleringError as problem:
-            self._refused = str(problem)
-            self.get_logger().error(f'/{PARAMETERS_IN_FORCE}: refused: {problem}')
-            return
+            self._refuse(str(problem))
+            return False
         self._in_force, self._refused = parameters, ''
         self._tell_in_force(parameters)
         self.get_logger().info(f'parameters from /{PARAMETERS_IN_FORCE}: {message.source}')
+        return True
+
+    def _elevation_finding(self) -> Finding:
+        figures = {'elevation [deg]': f'{math.degrees(self._elevation):.3f}',
+                   'source': self._elevation_source}
+        wrong = self._watch.contradiction(self._elevation)
+        if wrong:
+            return Finding(ERROR, f'nothing is simulated: {wrong}', figures)
+        if self._elevation_source == 'assumed':
+            return Finding(WARN, f'{ASSUMED_ELEVATION_DEG:g} deg is assumed: give elevation_deg',
+                           figures)
+        return Finding(OK, f'{math.degrees(self._elevation):.3f} deg, {self._elevation_source}',
+                       figures)
 
     def _events(self) -> dict[str, int]:
         return {**self._stream.guard.counters.as_dict(), **self._stream.counters.as_dict(),

@@ -248,6 +248,8 @@ def start_nodes(
     clock = {'bag': str(bag), 'lockstep': lockstep, 'rate': float(rate),
              'exit_at_end': exit_at_end, 'start_paused': start_paused,
              'participants': [*REPLAY_NODES, *streaming]}
+    if 'elevation_deg' in given.get('ring_simulator', {}):
+        clock['elevation_deg'] = given['ring_simulator']['elevation_deg']
     given['replay_clock'] = {**clock, **given.get('replay_clock', {})}
     for name in REPLAY_NODES:
         given[name] = {'bag': str(bag), **given.get(name, {})}

@@ -20,6 +20,9 @@ CLOCK = 'clock'
 DIAGNOSTICS = '/diagnostics'
 """Absolute, as every tool expects it; statuses there carry the full name of their node."""
 
+RIG = 'ring/rig'
+"""Kept for late joiners: the hash of each node's rig."""
+
 IDENTIFY = 'identify_ring'
 DIAGNOSE = 'diagnose_ring'
 

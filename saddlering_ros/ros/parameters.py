@@ -36,7 +36,8 @@ class Parameter:
     """One parameter of a node.
 
     low, high: range of a number, both included; choices: what a text may be; changeable: may be
-    set while the node runs (else it is read only); nan_allowed: NaN stands for `not given`.
+    set while the node runs (else it is read only), while_inactive: only while a lifecycle node is
+    not active; nan_allowed: NaN stands for `not given`.
     """
 
     name: str
@@ -47,11 +48,13 @@ class Parameter:
     choices: tuple[str, ...] = ()
     changeable: bool = False
     nan_allowed: bool = False
+    while_inactive: bool = False
 
     def descriptor(self) -> ParameterDescriptor:
         """What `ros2 param describe` shows."""
         descriptor = ParameterDescriptor(
-            name=self.name, description=self.words, read_only=not self.changeable)
+            name=self.name, description=self.words,
+            read_only=not (self.changeable or self.while_inactive))
         if self.choices:
             descriptor.additional_constraints = f'one of: {", ".join(self.choices)}'
         bounded = math.isfinite(self.low) and math.isfinite(self.high) and not self.nan_allowed
@@ -100,6 +103,9 @@ def declare(node: Node, parameters: Sequence[Parameter]) -> Settings:
         for change in changes:
             known = by_name.get(change.name)
             reason = known.refusal(change.value) if known is not None else ''
+            if known is not None and known.while_inactive and getattr(node, 'active', False):
+                reason = (f'{known.name} takes effect when the node is activated: ros2 lifecycle '
+                          f'set {node.get_fully_qualified_name()} deactivate first')
             if reason:
                 return SetParametersResult(successful=False, reason=reason)
         return SetParametersResult(successful=True)
@@ -158,7 +164,8 @@ def table(parameters: Sequence[Parameter]) -> str:
         if math.isfinite(parameter.low) and math.isfinite(parameter.high):
             limits = f'{parameter.low:g} to {parameter.high:g}'
         default = f'`{parameter.default!r}`' if parameter.default != '' else 'none'
-        when = ' (changeable)' if parameter.changeable else ''
+        when = ' (changeable)' if parameter.changeable else (
+            ' (while inactive)' if parameter.while_inactive else '')
         lines.append(f'| `{parameter.name}`{when} | {default} | {limits} | {parameter.words} |')
     return '\n'.join(lines)
 
@@ -192,17 +199,50 @@ def _rig_values(rig: Rig) -> dict[str, Any]:
 def declare_rig(node: Node) -> Rig:
     """The rig from the node's parameters `rig.*` and `bounds.*`: what config/rig.yaml gives it.
 
-    Every value has the default of the shipped file. Raises RigError with one line on a bad one.
+    Without any of them it is the shipped one. A part of a rig is refused, as commands refuse it:
+    the rest would be that of another rig. Raises RigError with one line on a bad one.
     """
+    given = set(node._parameter_overrides)
+    is_given = any(name.startswith('rig.') for name in given)
     nested: dict[str, Any] = {}
     for name, default in _rig_values(default_rig()).items():
         descriptor = ParameterDescriptor(
-            name=name, description='of the rig, SI units; see config/rig.yaml', read_only=True,
-            dynamic_typing=True)
+            name=name, description=rig_words(name), read_only=True, dynamic_typing=True)
         value = node.declare_parameter(name, default, descriptor).value
-        _put(nested, name.split('.'), value if isinstance(value, (int, float, str)) else
-             list(value))
+        if not is_given or name in given:
+            _put(nested, name.split('.'), value if isinstance(value, (int, float, str)) else
+                 list(value))
     return rig_from_parameters(nested, f'parameters of {node.get_name()}')
+
+
+_RIG_WORDS = {
+    'rig.axial_rows.rollers': 'rollers of the upper and of the lower row',
+    'rig.axial_rows.pitch_radius': 'pitch radius of the axial rows [m]',
+    'rig.axial_rows.clearance': 'ring clearance of the axial rows [m], half at each side',
+    'rig.middle_row.rollers': 'rollers of the radial row',
+    'rig.middle_row.pitch_radius': 'pitch radius of the radial row [m]',
+    'rig.middle_row.clearance': 'ring clearance of the radial row [m], half at each side',
+    'rig.middle_row.height': 'height of the radial row over the reference point C [m]',
+    'rig.carriage.mass': 'mass of the slewing parts [kg]',
+    'rig.carriage.inertia': 'their inertia about C [kg m2]',
+    'rig.carriage.weight': 'their dead weight [N]',
+    'rig.carriage.weight_x': 'where the dead weight acts, x [m]',
+    'rig.trunnion.x': 'where the load acts, x [m] from C',
+    'rig.trunnion.y': 'where the load acts, y [m] from C',
+    'rig.probes.axial_span': 'distance of the axial probes 2 and 4 [m]',
+    'rig.probes.radial_height': 'height of the radial probes 1 and 3 over C [m]',
+    'rig.probes.polarity': 'per probe 1, or -1 where its gap shrinks as the formulas grow',
+    'rig.probes.min_range': 'low end of what a probe can read [m]',
+    'rig.probes.max_range': 'high end of what a probe can read [m]',
+    'rig.preload': 'load that closes the gaps of the rig [N]; displacements count from there',
+    'rig.full_scale_load': 'full scale of the hydraulic cylinder [N]',
+    'rig.force_unit': 'unit of forces on screens: t or kN',
+}
+
+
+def rig_words(name: str) -> str:
+    """What a parameter of the rig means."""
+    return _RIG_WORDS.get(name) or f'[low, high] of {name.removeprefix("bounds.")} in a search'
 
 
 def given_sections(node: Node, sections: Sequence[str]) -> dict[str, Any]:

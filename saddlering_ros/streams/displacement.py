@@ -41,6 +41,7 @@ class DisplacementStream:
         self._load_guard = SampleGuard(load_limits(rig), self.counters)
         self._gap_guards = [SampleGuard(probe_limits(rig), self.counters) for _ in range(4)]
         self._zero_duration = 0.0
+        self.elevation = float('nan')
         self.jumps_ahead = 0
         self.rows = 0
         self.newest_stamp = 0
@@ -153,7 +154,8 @@ class DisplacementStream:
         return [Displacements(
             stamps, np.stack([found.delta_x, found.delta_y, found.gamma, found.parity]),
             np.full(len(rows), self.zero_stamp, dtype=np.int64),
-            np.full(len(rows), self.zero.load), validity=self._bridged(stamps),
+            np.full(len(rows), self.zero.load), np.full(len(rows), self.elevation),
+            validity=self._bridged(stamps),
             zero_durations=np.full(len(rows), self._zero_duration))]
 
     def _bridged(self, stamps: NDArray[np.int64]) -> NDArray[np.uint8]:

@@ -24,17 +24,23 @@ MOST_WAITING = 20_000
 """Samples of one side kept while its partner says nothing: 20 s at 1 kHz."""
 
 
+ELEVATION_TOLERANCE = np.radians(0.5)
+"""Elevations that differ by more [rad] are of two tests."""
+
+
 @dataclass
 class JoinCounters:
     """What was not subtracted, by reason.
 
     measured_alone, simulated_alone: samples without a partner of their stamp; zero_differs:
-    pairs that count from different zeros; jumps: stamps that jumped back.
+    pairs that count from different zeros; elevation_differs: pairs at different elevations;
+    jumps: stamps that jumped back.
     """
 
     measured_alone: int = 0
     simulated_alone: int = 0
     zero_differs: int = 0
+    elevation_differs: int = 0
     jumps: int = 0
 
     def as_dict(self) -> dict[str, int]:
@@ -94,6 +100,7 @@ class ResidualStream:
         self._measured, self._simulated = _Side(), _Side()
         self.counters = JoinCounters()
         self.zeros_agree = True
+        self.elevations_agree = True
         self._bridges: dict[tuple[int, ...], _Bridge] = {}
 
     def reset(self) -> None:
@@ -120,9 +127,22 @@ class ResidualStream:
         before = int(stamps[-1]) - KEEP_NS
         self.counters.measured_alone += self._measured.forget(mine, before)
         self.counters.simulated_alone += self._simulated.forget(other, before)
-        return self._subtract(measured, simulated)
+        return self._subtract(*self._of_one_elevation(measured, simulated))
+
+    def _of_one_elevation(self, measured: Displacements, simulated: Displacements,
+                          ) -> tuple[Displacements, Displacements]:
+        """The pairs whose elevations, where both are known, are the same."""
+        differs = np.abs(measured.elevations - simulated.elevations) > ELEVATION_TOLERANCE
+        self.elevations_agree = not differs[-1]
+        if not differs.any():
+            return measured, simulated
+        self.counters.elevation_differs += int(differs.sum())
+        rows = np.flatnonzero(~differs)
+        return pick(measured, rows), pick(simulated, rows)
 
     def _subtract(self, measured: Displacements, simulated: Displacements) -> Displacements:
+        if not len(measured):
+            return no_displacements()
         apart = np.abs(measured.zero_stamps - simulated.zero_stamps)
         same = apart <= round(WINDOW_SECONDS * SECOND)
         same &= np.abs(measured.zero_loads - simulated.zero_loads) <= self._load_tolerance

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from saddlering_ros.bags import read_raw, read_run, RIG_TOPICS, StreamAligner
-from saddlering_ros.bags.topics import RigTopic, TOPICS, WRENCH_TYPE
+from saddlering_ros.bags import BagError, read_raw, read_run, RIG_TOPICS, StreamAligner
+from saddlering_ros.bags.topics import ELEVATION, RigTopic, TOPICS, WRENCH_TYPE
 from saddlering_ros.streams.batches import decode_samples, encode_samples, Samples
 
 CELL = RigTopic('/rig/second_load_cell', WRENCH_TYPE, 'wrench.force.z', 'N', 'second_load_cell',
@@ -72,3 +72,15 @@ def test_a_bag_without_an_optional_topic_is_whole(tmp_path: Path, recording) -> 
     run = read_run(recording.write(tmp_path / 'bag'))
     assert run.others == {}
     assert run.notes == []
+
+
+def test_an_inclinometer_that_contradicts_the_stated_elevation_is_an_error(
+        tmp_path: Path, recording, stamps) -> None:
+    for degrees, name in ((50.2, 'near'), (70.0, 'far')):
+        recording.write(tmp_path / name, others={
+            ELEVATION.name: (stamps[:3], np.radians([degrees] * 3))})
+    assert np.allclose(read_run(tmp_path / 'near').elevation, np.radians(50.0))
+    with pytest.raises(BagError, match=r'70\.00 deg: give --elevation'):
+        read_run(tmp_path / 'far')
+    assert np.allclose(read_run(tmp_path / 'far', elevation=np.radians(70.0)).elevation,
+                       np.radians(70.0))

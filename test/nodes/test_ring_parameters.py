@@ -76,7 +76,20 @@ def test_a_following_simulator_takes_what_is_offered_and_not_what_another_one_ha
     with heard.lock:
         offer.publish(message(4, k1=4.0e10))
     wait_until(lambda: in_force(said)[-1].k1 == 4.0e10, what='it follows the new offer')
-    assert {one.k1 for one in in_force(said)} == {TRUE_TO_SCALE.K1, 2.0e10, 4.0e10}
+    with heard.lock:
+        offer.publish(message(2**31 - 1, k1=3.0e10))  # 2038: refused, and blocks no later one
+    wait_until(lambda: 'lies in the future' in group.processes['ring_simulator'].said(),
+               what='it refuses the future')
+    with heard.lock:
+        offer.publish(message(5, k1=5.0e10))
+    wait_until(lambda: in_force(said)[-1].k1 == 5.0e10, what='a good one after that')
+    with heard.lock:
+        offer.publish(message(0, k1=6.0e10))  # as `ros2 topic pub` stamps it
+    wait_until(lambda: in_force(said)[-1].k1 == 6.0e10, what='one without a stamp counts as now')
+    with heard.lock:
+        offer.publish(message(6, k1=3.0e10))
+    wait_until(lambda: 'older than' in group.processes['ring_simulator'].said(), what='an old one')
+    assert {one.k1 for one in in_force(said)} == {TRUE_TO_SCALE.K1, 2.0e10, 4.0e10, 5.0e10, 6.0e10}
 
 
 def test_the_parameters_it_has_already_do_not_restart_a_simulation(

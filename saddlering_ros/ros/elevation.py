@@ -1,0 +1,86 @@
+"""The elevation of the load: where a node takes it from, and what contradicts it.
+
+The first that is known counts: the node's own setting, the bag that is replayed (replay/state),
+the bag that the node was started with, the inclinometer (rig/elevation).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+import math
+
+from geometry_msgs.msg import Vector3Stamped
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+
+from saddlering_interfaces.msg import ReplayState
+from saddlering_ros.bags.topics import ELEVATION
+from saddlering_ros.ros.names import STATE
+
+LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+OF_ANY_SENSOR = QoSProfile(depth=5, reliability=ReliabilityPolicy.BEST_EFFORT)
+
+SAME_BAG = math.radians(0.01)
+"""Elevations of a setting and of a bag that differ by more contradict each other."""
+
+SAME_MEASURED = math.radians(0.5)
+"""An inclinometer that differs by more from the elevation in use contradicts it."""
+
+MOVED = math.radians(0.1)
+"""An elevation taken from the inclinometer is taken anew when it has moved by this."""
+
+LOWEST, HIGHEST = math.radians(-10.0), math.radians(90.0)
+
+
+@dataclass(frozen=True)
+class Elevation:
+    """An elevation [rad] (NaN: not known) and where it comes from, in words."""
+
+    value: float
+    source: str
+
+
+class ElevationWatch:
+    """Hears of the elevation on replay/state and rig/elevation; `on_news` is called on changes."""
+
+    def __init__(self, node: Node, on_news: Callable[[], None] = lambda: None) -> None:
+        self.of_bag = self.measured = math.nan
+        self.impossible = 0
+        self._on_news = on_news
+        node.create_subscription(ReplayState, STATE, self._on_state, LATCHED)
+        node.create_subscription(Vector3Stamped, ELEVATION.relative, self._on_measured,
+                                 OF_ANY_SENSOR)
+
+    def resolve(self, given: float = math.nan, started_with: float = math.nan) -> Elevation:
+        """The elevation that counts; given, started_with: setting and first bag [rad], or NaN."""
+        sources = ((given, 'set'), (self.of_bag, 'of the bag replayed'),
+                   (started_with, 'of the bag given'), (self.measured, 'measured'))
+        for value, source in sources:
+            if not math.isnan(value):
+                return Elevation(value, source)
+        return Elevation(math.nan, 'not known')
+
+    def contradiction(self, used: float) -> str:
+        """What contradicts the elevation in use [rad], in words; '' if nothing does."""
+        for value, limit, whose in ((self.of_bag, SAME_BAG, 'the bag replayed is of'),
+                                    (self.measured, SAME_MEASURED, 'rig/elevation measures')):
+            if abs(value - used) > limit:  # False for NaN
+                return (f'{whose} {math.degrees(value):.2f} deg, and '
+                        f'{math.degrees(used):.2f} deg is set: correct elevation_deg')
+        return ''
+
+    def _on_state(self, message: ReplayState) -> None:
+        value = float(message.elevation)
+        if value != self.of_bag and not (math.isnan(value) and math.isnan(self.of_bag)):
+            self.of_bag = value
+            self._on_news()
+
+    def _on_measured(self, message: Vector3Stamped) -> None:
+        value = float(message.vector.x)
+        if not LOWEST <= value <= HIGHEST:
+            self.impossible += 1
+            return
+        if math.isnan(self.measured) or abs(value - self.measured) > MOVED:
+            self.measured = value
+            self._on_news()

@@ -1,0 +1,104 @@
+"""One elevation and one rig for all nodes: followed where they are known, else an error."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+from lifecycle_msgs.msg import Transition
+from lifecycle_msgs.srv import ChangeState
+import numpy as np
+import pytest
+from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
+from rcl_interfaces.srv import SetParameters
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from rosnet import Client, wait_until
+
+from saddlering_interfaces.msg import RingParameters
+from saddlering_ros.bags import TestFacts, write_bag
+from saddlering_ros.rig import default_rig, FULL_SCALE_LOAD
+from saddlering_ros.rig.description import shipped_rig_file
+from saddlering_ros.ros.launcher import NodeGroup
+from saddlering_ros.streams.batches import Displacements
+from saddlering_ros.streams.residual import ResidualStream
+
+KEPT = QoSProfile(depth=20, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+
+
+def set_parameter(heard: Client, node: str, name: str, value: str | float) -> Any:
+    kind = (ParameterValue(type=ParameterType.PARAMETER_STRING, string_value=value)
+            if isinstance(value, str) else
+            ParameterValue(type=ParameterType.PARAMETER_DOUBLE, double_value=value))
+    request = SetParameters.Request(parameters=[Parameter(name=name, value=kind)])
+    return heard.call(SetParameters, f'/{node}/set_parameters', request).results[0]
+
+
+def lead(heard: Client, node: str, *transitions: int) -> None:
+    for transition in transitions:
+        request = ChangeState.Request(transition=Transition(id=transition))
+        assert heard.call(ChangeState, f'/{node}/change_state', request).success
+
+
+DEACTIVATE, ACTIVATE = Transition.TRANSITION_DEACTIVATE, Transition.TRANSITION_ACTIVATE
+ANEW = (DEACTIVATE, Transition.TRANSITION_CLEANUP, Transition.TRANSITION_CONFIGURE, ACTIVATE)
+
+
+@pytest.mark.ros
+def test_the_simulator_follows_the_bag_and_refuses_what_contradicts_it(
+        group: NodeGroup, heard: Client, record, bag: Path, bag_root: Path, tmp_path: Path,
+        ) -> None:
+    steep = write_bag(bag_root / 'steeper', TestFacts('dynamic', 70.0), record.stamps,
+                      record.load, record.probe_stamps, record.gaps, default_rig().probes)
+    said: list[RingParameters] = []
+    with heard.lock:
+        heard.node.create_subscription(RingParameters, '/ring/parameters', said.append, KEPT)
+    shipped = shipped_rig_file()
+    assert shipped is not None
+    other = tmp_path / 'other.yaml'
+    other.write_text(shipped.read_text().replace('axial_span: 1.30', 'axial_span: 1.20'))
+    group.start('ring_simulator')
+    group.start('ring_residual', files=[other])
+    group.start('replay_clock', {'bag': str(bag), 'start_paused': True,
+                                 'participants': ['nobody']})
+    wait_until(lambda: bool(said), 80.0, 'the simulator tells its parameters')
+    assert said[-1].applied_by == '/ring_simulator'
+    assert said[-1].rig_hash == default_rig().digest
+
+    # Another bag, swapped in by lifecycle: the simulator goes on at its elevation.
+    assert set_parameter(heard, 'replay_clock', 'bag', str(steep)).successful
+    lead(heard, 'replay_clock', *ANEW)
+    wait_until(lambda: math.isclose(said[-1].elevation, math.radians(70.0)), what='70 deg')
+    refused = set_parameter(heard, 'ring_simulator', 'elevation_deg', 50.0)
+    assert not refused.successful
+    assert 'deactivate first' in refused.reason
+
+    # An elevation that is set contradicts it: an error, and nothing is simulated.
+    lead(heard, 'ring_simulator', DEACTIVATE)
+    assert set_parameter(heard, 'ring_simulator', 'elevation_deg', 50.0).successful
+    lead(heard, 'ring_simulator', ACTIVATE)
+    wait_until(lambda: heard.diagnostics.get('ring_simulator: elevation', (0, ''))[0] == 2,
+               what='an error')
+    assert '70.00 deg, and 50.00 deg is set' in heard.diagnostics['ring_simulator: elevation'][1]
+
+    # The residual was given another rig file.
+    for node in ('ring_simulator', 'ring_residual'):
+        wait_until(lambda node=node: heard.diagnostics.get(f'{node}: rig', (0, ''))[0] == 2,
+                   what='the rigs differ')
+    assert '/ring_residual' in heard.diagnostics['ring_simulator: rig'][1]
+
+
+def test_displacements_at_different_elevations_are_not_subtracted() -> None:
+    stamps = np.arange(1, 11)
+
+    def side(degrees: float) -> Displacements:
+        return Displacements(stamps, np.ones((4, 10)), np.full(10, 5), np.full(10, 100.0),
+                             np.full(10, np.radians(degrees)))
+
+    join = ResidualStream(FULL_SCALE_LOAD)
+    assert len(join.push(side(50.0), side(70.0))) == 0
+    assert join.counters.elevation_differs == 10
+    assert not join.elevations_agree
+    join = ResidualStream(FULL_SCALE_LOAD)
+    found = join.push(side(math.nan), side(70.0))
+    assert np.allclose(found.elevations, np.radians(70.0))
