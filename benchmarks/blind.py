@@ -160,7 +160,7 @@ def best_gain(verdict: Verdict, names: Sequence[str]) -> float | None:
     """Gain on the held-out run of the extension by the true effects, fitted as causes are."""
     found = verdict.diagnosis
     metric = found.fits.metric
-    system, ranges = metric.experiment.system, metric.experiment.view_ranges
+    system = metric.experiment.system
     effects = {item.id: item for item in system.effects}
     if not names or any(effects[name].line for name in names):
         return None
@@ -176,7 +176,7 @@ def best_gain(verdict: Verdict, names: Sequence[str]) -> float | None:
             for start in starts[:: max(1, len(starts) // 3)]
         ])
         best = min(fits, key=lambda fit: fit.misfit)
-    return held_out_gain(system, held, ranges, found.fits.before, best)
+    return held_out_gain(metric.experiment, held, found.fits.before, best)
 
 
 # -- the campaign ------------------------------------------------------------------------------

@@ -1,7 +1,7 @@
 """The engine on another machine: a motor-driven axis with something hidden in it, diagnosed.
 
 A mass on a spring and damper, moved by a measured force; hidden may be dry friction, backlash, an
-offset of the force, a late clock or a gain error of its second sensor. Run it: python
+offset of the force, a late clock or a gain error of its second sensor. RunBlocks it: python
 examples/second_system.py [effect [size]] [--seed N]
 """
 
@@ -11,7 +11,14 @@ from types import MappingProxyType
 from numba import njit
 import numpy as np
 
-from saddlering_ros.discrepancy import diagnose, Effect, Parameter, Point, RestSegment, Run
+from saddlering_ros.discrepancy import (
+    diagnose_system,
+    Effect,
+    Parameter,
+    Point,
+    RestSegment,
+    RunBlocks,
+)
 
 STEP = 0.02
 """Between two samples [s]."""
@@ -43,22 +50,22 @@ class Axis:
     channel_names = ('scale', 'encoder')
     views = MappingProxyType({'scale': np.array([1.0, 0.0]), 'encoder': np.array([0.0, 1.0])})
     base_parameters = (
-        Parameter('stiffness', 2e3, 5e4, scale='log', unit='N/m'),
-        Parameter('damping', 50.0, 5e3, scale='log', unit='N s/m'),
+        Parameter(2e3, 5e4, scale='log', unit='N/m', name='stiffness'),
+        Parameter(50.0, 5e3, scale='log', unit='N s/m', name='damping'),
     )
     effects = (
-        Effect('friction', (Parameter('force', 0.0, 40.0, unit='N'),)),
-        Effect('backlash', (Parameter('width', 0.0, 2e-3, unit='m'),)),
-        Effect('force_offset', (Parameter('force', -40.0, 40.0, unit='N'),)),
-        Effect('delay', (Parameter('time', 0.0, 0.2, unit='s'),)),
-        Effect('encoder_gain', (Parameter('gain', -0.1, 0.1),)),
-        Effect('hardening', (Parameter('cubic', -2e8, 2e8, unit='N/m^3'),)),
+        Effect('friction', {'force': Parameter(0.0, 40.0, unit='N')}),
+        Effect('backlash', {'width': Parameter(0.0, 2e-3, unit='m')}),
+        Effect('force_offset', {'force': Parameter(-40.0, 40.0, unit='N')}),
+        Effect('delay', {'time': Parameter(0.0, 0.2, unit='s')}),
+        Effect('encoder_gain', {'gain': Parameter(-0.1, 0.1)}),
+        Effect('hardening', {'cubic': Parameter(-2e8, 2e8, unit='N/m^3')}),
     )
 
-    def disturbances(self, runs: list[Run], point: Point) -> list[np.ndarray]:
+    def disturbances(self, runs: list[RunBlocks], point: Point) -> list[np.ndarray]:
         return [np.zeros((2, run.time.size, 0)) for run in runs]
 
-    def predict_many(self, run: Run, points: list[Point]) -> np.ndarray:
+    def predict_many(self, run: RunBlocks, points: list[Point]) -> np.ndarray:
         stiffness, damping = np.array([point.base for point in points]).T
 
         def knob(effect: str, name: str) -> np.ndarray:
@@ -75,12 +82,12 @@ class Axis:
         return seen
 
 
-def measure(seed: int, effects: dict, period: float, noise: float = 2e-6) -> Run:
+def measure(seed: int, effects: dict, period: float, noise: float = 2e-6) -> RunBlocks:
     """A ramp up and down with AR(1) noise, at rest before and after, as a machine gives it."""
     random = np.random.default_rng(seed)
     time = np.arange(0.0, 2 * period + 8.0, STEP)
     force = np.interp(time, [0, 4, 4 + period, 4 + 2 * period], [0.0, 0.0, 200.0, 0.0])
-    run = Run(f'ramp of {period:g} s', 'axis', time, np.full(time.size, STEP),
+    run = RunBlocks(f'ramp of {period:g} s', 'axis', time, np.full(time.size, STEP),
               np.zeros((2, time.size)), {'force': force, 'direction': np.sign(np.gradient(force))})
     truth = Axis().predict_many(run, [Point(np.array([1.2e4, 6e2]), effects)])[0]
     white = random.normal(size=(2, time.size)) * noise
@@ -88,7 +95,7 @@ def measure(seed: int, effects: dict, period: float, noise: float = 2e-6) -> Run
         white[:, index] += 0.8 * white[:, index - 1]
     channels = truth + white
     rest = (RestSegment(channels[:, time < 4.0], STEP),)
-    return Run(run.name, run.group, time, run.width, channels, run.inputs, rest)
+    return RunBlocks(run.name, run.group, time, run.width, channels, run.inputs, rest)
 
 
 if __name__ == '__main__':
@@ -100,7 +107,7 @@ if __name__ == '__main__':
     effect = next(item for item in Axis.effects if item.id == chosen.effect)
     size = 0.1 * effect.size.high if chosen.size is None else chosen.size
     hidden = {effect.id: {effect.size.name: size}}
-    found = diagnose(Axis(), [measure(chosen.seed + k, hidden, period)
+    found = diagnose_system(Axis(), [measure(chosen.seed + k, hidden, period)
                               for k, period in enumerate((4.0, 8.0, 16.0))])
     print(f'hidden: {hidden}\nverdict: {found.verdict}, {found.seconds:.1f} s')
     for cause in found.causes:

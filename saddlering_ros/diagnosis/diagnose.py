@@ -20,7 +20,7 @@ from saddlering_ros.diagnosis.records import (
 )
 from saddlering_ros.diagnosis.ring_system import RingSystem
 from saddlering_ros.diagnosis.verdict import run_figures, Verdict
-from saddlering_ros.discrepancy import diagnose, Diagnosis, Settings
+from saddlering_ros.discrepancy import diagnose_system, Diagnosis, Settings
 from saddlering_ros.effects import catalogue
 from saddlering_ros.rig import ContactParameters, ParameterSet, Rig
 from saddlering_ros.thresholds import is_left, MATERIAL
@@ -80,7 +80,7 @@ def diagnose_runs(
             zip(ContactParameters.__dataclass_fields__, parameters.contact.to_array(), strict=True)
         )
     system = RingSystem(rig)
-    found = diagnose(
+    found = diagnose_system(
         system,
         [record.run for record in records],
         settings or Settings(seed=seed),

@@ -8,7 +8,7 @@ import numpy as np
 
 from saddlering_ros.diagnosis.next_test import Course
 from saddlering_ros.diagnosis.records import LoadGrid
-from saddlering_ros.discrepancy import Proposal, Run
+from saddlering_ros.discrepancy import Proposal, RunBlocks
 from saddlering_ros.rig import force_words, Rig
 
 SLOW, FAST, CYCLES = 'Record a slow ramp', 'Record a fast ramp', 'Record two cycles'
@@ -22,7 +22,7 @@ def course_of(sentence: str | None) -> Course | None:
     return Course(kinds[0], sentence) if sentence and kinds else None
 
 
-def propose(rig: Rig, runs: Sequence[Run]) -> list[Proposal]:
+def propose(rig: Rig, runs: Sequence[RunBlocks]) -> list[Proposal]:
     """Runs that this rig could make at the elevations on hand and at others."""
     full, low = rig.full_scale_load, rig.preload
     peak = force_words(full, rig.force_unit, 0)
@@ -49,7 +49,9 @@ def propose(rig: Rig, runs: Sequence[Run]) -> list[Proposal]:
     return proposals
 
 
-def _course(degrees: float, times: Sequence[float], loads: Sequence[float], full: float) -> Run:
+def _course(
+    degrees: float, times: Sequence[float], loads: Sequence[float], full: float
+) -> RunBlocks:
     """An empty run along a course of load."""
     blocks = 250
     edge = np.linspace(times[0], times[-1], 2 * blocks + 1)
@@ -68,7 +70,7 @@ def _course(degrees: float, times: Sequence[float], loads: Sequence[float], full
     centre = time.reshape(blocks, 2).mean(axis=1)
     width = np.full(blocks, float(np.diff(edge)[0]) * 2.0)
     drive = load.reshape(blocks, 2).mean(axis=1)
-    return Run(
+    return RunBlocks(
         'proposal',
         f'{degrees:.1f} deg',
         centre,

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saddlering_ros.bags import displacement_of_run, MeasuredRun, plateaus, TestRun
-from saddlering_ros.discrepancy import RestSegment, Run
+from saddlering_ros.discrepancy import RestSegment, RunBlocks
 from saddlering_ros.errors import SaddleringError
 from saddlering_ros.estimation.blocks import span_means
 from saddlering_ros.estimation.rest import quiet_stretches, stretches_at_rest
@@ -64,7 +64,7 @@ class Record:
 
     test_run: TestRun
     measured: MeasuredRun
-    run: Run
+    run: RunBlocks
 
 
 def build_record(rig: Rig, test_run: TestRun, *, held_out: bool) -> Record:
@@ -90,7 +90,7 @@ def _static(
     load: Array,
     probes: Array,
     held_out: bool,
-) -> Run:
+) -> RunBlocks:
     found = plateaus(test_run)
     hold, branch = [], []
     blocks: list[Span] = []
@@ -132,7 +132,7 @@ def _dynamic(
     load: Array,
     probes: Array,
     held_out: bool,
-) -> Run:
+) -> RunBlocks:
     step = float(np.median(np.diff(time)))
     duration = float(time[-1] - time[0])
     length = max(SHORTEST_BLOCK, duration / DYNAMIC_BLOCKS, step)
@@ -235,7 +235,7 @@ def _run(
     held_out: bool,
     hold: Array,
     branch: Array | None,
-) -> Run:
+) -> RunBlocks:
     load = grid.block_means(grid.load)
     direction = (
         _direction(load, rig.limits.reversal_band) if branch is None else _carried(branch)
@@ -249,7 +249,7 @@ def _run(
         inputs['rate'] = np.zeros(load.size)
     degrees = np.degrees(test_run.elevation)
     name = test_run.path.name or test_run.name
-    return Run(
+    return RunBlocks(
         name,
         f'{degrees:.1f} deg',
         means.time,

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from saddlering_ros import effects as catalogue_of_effects
 from saddlering_ros.diagnosis.records import LoadGrid
 from saddlering_ros.diagnosis.scatter import compressed, Course, known_rigs, scatter_columns
-from saddlering_ros.discrepancy import Effect, Parameter, Point, Run
+from saddlering_ros.discrepancy import Effect, Parameter, Point, RunBlocks
 from saddlering_ros.effects.extension import MOTION, NO_EXTENSION, RingExtension
 from saddlering_ros.rig import PARAMETER_NAMES, PARAMETER_UNITS, Rig, TRUE_TO_SCALE
 from saddlering_ros.ring.simulator import probe_batch
@@ -54,9 +54,9 @@ class RingSystem:
         )
         return tuple(
             Parameter(
-                name,
                 *self.rig.bounds[name],
-                start=float(starts[name]),
+                name=name,
+                start=float(np.clip(starts[name], *self.rig.bounds[name])),
                 scale='linear' if name.startswith('n') else 'log',
                 unit=units[name],
                 step=FINE_STEP,
@@ -78,10 +78,12 @@ class RingSystem:
             'parity': np.array([0.5, 0.0, 0.5, 0.0]),
         }
 
-    def predict_many(self, run: Run, points: Sequence[Point]) -> Array:
+    def predict_many(self, run: RunBlocks, points: Sequence[Point]) -> Array:
         return self._simulated(run, [(point.base, self.extension(point)) for point in points])
 
-    def _simulated(self, run: Run, candidates: Sequence[tuple[Array, RingExtension]]) -> Array:
+    def _simulated(
+        self, run: RunBlocks, candidates: Sequence[tuple[Array, RingExtension]]
+    ) -> Array:
         grid: LoadGrid = run.payload
         simulated = probe_batch(
             self.rig,
@@ -95,7 +97,7 @@ class RingSystem:
         means = grid.block_means(np.nan_to_num(simulated, nan=1e-3, posinf=1e-3, neginf=-1e-3))
         return np.clip(means, -1e-2, 1e-2)
 
-    def disturbances(self, runs: Sequence[Run], point: Point) -> list[Array]:
+    def disturbances(self, runs: Sequence[RunBlocks], point: Point) -> list[Array]:
         """Unequal rollers of a sound ring; clearances and a weight not known exactly.
 
         Where rollers begin to touch, a little load moves the ring far: what one of them does there
@@ -155,30 +157,29 @@ class RingSystem:
 def engine_effect(effect: catalogue_of_effects.Effect) -> Effect:
     """A ring effect in the engine's words; its amplitude comes first."""
     ordered = sorted(effect.parameters, key=lambda item: not item.amplitude)
-    parameters = tuple(
-        Parameter(
-            item.name,
+    parameters = {
+        item.name: Parameter(
             item.low,
             item.high,
-            start=item.start,
+            start=float(np.clip(item.start, item.low, item.high)),
             unit=item.unit,
+            neutral=item.neutral if item is ordered[0] else None,
             scale='log' if item.logarithmic else 'linear',
             step=FINE_STEP
             if item.logarithmic
             else float(np.clip(0.003 * abs(item.scale) / (item.high - item.low), 1e-6, 0.02)),
         )
         for item in ordered
-    )
+    }
     return Effect(
-        effect.id,
-        parameters,
-        tuple(dict(variant.values) for variant in effect.variants),
-        _starts(effect),
         effect.title,
-        effect.settled_by,
-        ordered[0].neutral,
-        _line_channels(effect) if effect.line else (),
-        effect.form,
+        parameters,
+        variants=tuple(dict(variant.values) for variant in effect.variants),
+        starts=_starts(effect),
+        settled_by=effect.settled_by,
+        line=_line_channels(effect) if effect.line else (),
+        form=effect.form,
+        id=effect.id,
     )
 
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from saddlering_ros.diagnosis.contact_law import ContactLaw
 from saddlering_ros.diagnosis.document import verdict_document
 from saddlering_ros.diagnosis.records import Array, Record
-from saddlering_ros.discrepancy import Diagnosis, Run
+from saddlering_ros.discrepancy import Diagnosis, RunBlocks
 from saddlering_ros.provenance import Provenance
 from saddlering_ros.rig import (
     CHANNELS,
@@ -127,7 +127,7 @@ ZERO_SPAN = 0.5
 """Length of record [s] whose mean is a run's zero."""
 
 
-def _noise_floor(found: Diagnosis, run: Run, weights: Array) -> float:
+def _noise_floor(found: Diagnosis, run: RunBlocks, weights: Array) -> float:
     """Rms noise of a view over the run's block means, the zero's own noise with it."""
     known = found.fits.metric.noise
     fitted = run.name if (run.name, 0) in known else _alike(found, run)
@@ -146,7 +146,7 @@ def _noise_floor(found: Diagnosis, run: Run, weights: Array) -> float:
     return math.sqrt(power)
 
 
-def _alike(found: Diagnosis, run: Run) -> str:
+def _alike(found: Diagnosis, run: RunBlocks) -> str:
     """The fitted run whose block means are as long as those of a run held out."""
     width = float(np.median(run.width))
     fitted = found.fits.metric.experiment.runs

@@ -1,11 +1,17 @@
 """Generic discrepancy engine: what a simulator gets wrong, named, with its error rate kept.
 
-Knows simulators, base parameters, effects and runs; nothing of rings. `diagnose(system, runs)`.
+Declare a `Model` of any machine and `diagnose(model, runs)`. What lies under it, `diagnose_system`
+of anything that follows `System`, is for simulators with nuisance parameters of their own.
 """
 
-from saddlering_ros.discrepancy.engine import diagnose
+from saddlering_ros.discrepancy.assumptions import Assumptions
+from saddlering_ros.discrepancy.engine import diagnose_system
+from saddlering_ros.discrepancy.model import Channel, Model, Run
+from saddlering_ros.discrepancy.model_check import check
+from saddlering_ros.discrepancy.model_diagnosis import diagnose
 from saddlering_ros.discrepancy.next_test import Proposal
-from saddlering_ros.discrepancy.nuisances import ModelErrorPrior
+from saddlering_ros.discrepancy.noise import Noise
+from saddlering_ros.discrepancy.priors import ModelErrorPrior
 from saddlering_ros.discrepancy.results import Cause, Diagnosis, Estimate
 from saddlering_ros.discrepancy.settings import Settings
 from saddlering_ros.discrepancy.system import (
@@ -14,23 +20,30 @@ from saddlering_ros.discrepancy.system import (
     Parameter,
     Point,
     RestSegment,
-    Run,
+    RunBlocks,
     System,
 )
 
 __all__ = [
+    'Assumptions',
     'Cause',
+    'Channel',
     'Diagnosis',
     'DiscrepancyError',
     'Effect',
     'Estimate',
+    'Model',
     'ModelErrorPrior',
+    'Noise',
     'Parameter',
     'Point',
     'Proposal',
     'RestSegment',
     'Run',
+    'RunBlocks',
     'Settings',
     'System',
+    'check',
     'diagnose',
+    'diagnose_system',
 ]

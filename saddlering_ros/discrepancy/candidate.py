@@ -28,7 +28,7 @@ class Candidate:
         return tuple(effect.id for effect, _ in self.effects)
 
     def parameters(self, base: Sequence[Parameter]) -> tuple[Parameter, ...]:
-        own = [parameter for effect, _ in self.effects for parameter in effect.parameters]
+        own = [parameter for effect, _ in self.effects for parameter in effect.ordered]
         return (*base, *own)
 
     def plus(self, effect: Effect, variant: int) -> Candidate:
@@ -41,7 +41,7 @@ class Candidate:
         """Each effect, its variant, and its positions among parameters after `fixed` base ones."""
         start = fixed
         for effect, variant in self.effects:
-            stop = start + len(effect.parameters)
+            stop = start + len(effect.ordered)
             yield effect, variant, slice(start, stop)
             start = stop
 
@@ -57,7 +57,7 @@ class Candidate:
         for effect, variant, part in self.slices(len(base)):
             own = {
                 item.name: item.from_unit(float(u))
-                for item, u in zip(effect.parameters, theta_unit[part], strict=True)
+                for item, u in zip(effect.ordered, theta_unit[part], strict=True)
             }
             effects[effect.id] = {**own, **effect.variants[variant]}
         return Point(values, effects)
@@ -78,3 +78,4 @@ class Fit:
     prediction: Array
     point: Point
     history: tuple[float, ...] = field(default=())
+    converged: bool = True

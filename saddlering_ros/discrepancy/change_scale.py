@@ -27,7 +27,7 @@ def visible_falls(metric: Metric, less: Array, more: Array) -> dict[str, Array]:
             strict=True,
         )
         powers = [
-            float(np.average(before**2 - after**2, weights=run.width))
+            experiment.mean_square(before, run, view) - experiment.mean_square(after, run, view)
             for run, before, after in seen
         ]
         falls[view] = np.sqrt(np.maximum(powers, 0.0)) / experiment.view_ranges[view]
@@ -65,7 +65,7 @@ class ChangeScale:
         """One part per view and run, its squares adding up to the mean square share of range."""
         experiment = self._experiment
         return [
-            seen * np.sqrt(run.width / run.width.sum()) / experiment.view_ranges[view]
+            seen * experiment.root_weights(run, view) / experiment.view_ranges[view]
             for view in experiment.system.views
             for run, seen in zip(
                 experiment.runs, experiment.view_residuals(change, view), strict=True

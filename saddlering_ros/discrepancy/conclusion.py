@@ -8,12 +8,22 @@ from dataclasses import dataclass
 import numpy as np
 
 from saddlering_ros.discrepancy.candidate import Fit
-from saddlering_ros.discrepancy.criteria import crowded, real_and_material
-from saddlering_ros.discrepancy.gain import fitted_gain, Gain, held_out_gain, left_out_gain
+from saddlering_ros.discrepancy.criteria import (
+    crowded,
+    exceeds_form_error,
+    real_and_material,
+)
+from saddlering_ros.discrepancy.gain import (
+    fitted_gain,
+    Gain,
+    held_out_gain,
+    left_out_gain,
+    plain_fits,
+)
 from saddlering_ros.discrepancy.metric import Metric
 from saddlering_ros.discrepancy.model_space import AT_BOUND, ModelSpace, refit_full_jacobian
 from saddlering_ros.discrepancy.nuisances import offset_columns
-from saddlering_ros.discrepancy.refit import Tangent, tangent
+from saddlering_ros.discrepancy.refit import Tangent
 from saddlering_ros.discrepancy.results import (
     Cause,
     Estimate,
@@ -24,7 +34,7 @@ from saddlering_ros.discrepancy.results import (
     Verdict,
 )
 from saddlering_ros.discrepancy.selection import Alternatives
-from saddlering_ros.discrepancy.system import Array, Effect, Parameter, Run, System
+from saddlering_ros.discrepancy.system import Array, Effect, Parameter, RunBlocks, System
 
 
 @dataclass(frozen=True)
@@ -52,22 +62,15 @@ def judge(
     """The verdict: whether the causes stand alone, and whether they explain what is wrong."""
     settings = space.settings
     share = explained_share_of(before, after) if fit.candidate.effects else 0.0
-    left = real_and_material(after.slow, settings) or real_and_material(after.fast, settings)
+    left = _is_left(space, after)
     warnings: list[str] = []
     verdict: Verdict = 'none'
     if fit.candidate.effects:
         ambiguous = any(alternatives.get(name) for name in fit.candidate.ids)
-        verdict = 'ambiguous' if ambiguous else 'named'
-        members = (space.explained(space.without(fit, name), fit) for name in fit.candidate.ids)
-        if left and share < settings.min_total:
-            verdict = 'unknown'
-        elif crowded(members, settings):
-            verdict = 'unknown'
-            warnings.append(
-                f'{len(fit.candidate.effects)} effects were needed for one channel: so many bend '
-                'to anything, and none of them is sure'
-            )
-        elif left:
+        doubts = _doubts(space, fit, after, share)
+        verdict = 'unknown' if doubts else 'ambiguous' if ambiguous else 'named'
+        warnings += doubts
+        if left and not doubts:
             warnings.append(
                 f'{100 * (1 - share):.0f} % of the misfit is left after the extension, most '
                 f'of it in {after.slow.where}: its form may differ, or something small is '
@@ -82,6 +85,85 @@ def judge(
             f'{fast.run}, {100 * fast.visible:.2f} % of range, unexplained'
         )
     return Judgement(verdict, share, tuple(warnings))
+
+
+def _is_left(space: ModelSpace, after: Residual) -> bool:
+    """Whether anything real and material is left, in all or in one channel of one run."""
+    settings = space.settings
+    if real_and_material(after.slow, settings) or real_and_material(after.fast, settings):
+        return True
+    return bool(_unexplained(space, after))
+
+
+def _unexplained(space: ModelSpace, after: Residual) -> list[str]:
+    """Channels and runs in which more is left than the noise and the declared model error."""
+    experiment = space.metric.experiment
+    if experiment.assumptions.form_error > 0.0:
+        return []  # judged view by view, against the form of the effects
+    found = [
+        f'{channel} in {run}'
+        for (channel, run), chance in after.slow.chances.items()
+        if chance < space.settings.error_rate
+        and after.slow.sizes[channel][_number(experiment.runs, run)] >= space.settings.materiality
+    ]
+    found += [
+        f'{item.view} along {item.coordinate}'
+        for item in after.shapes
+        if item.p_value < space.settings.error_rate and item.visible >= space.settings.materiality
+    ]
+    return found
+
+
+def _number(runs: Sequence[RunBlocks], name: str) -> int:
+    return next(number for number, run in enumerate(runs) if run.name == name)
+
+
+def _doubts(space: ModelSpace, fit: Fit, after: Residual, share: float) -> list[str]:
+    """Why causes that are real have no name, a sentence each."""
+    settings, assumptions = space.settings, space.metric.experiment.assumptions
+    doubts = []
+    if _is_left(space, after):
+        where = ', '.join(_unexplained(space, after)) or after.slow.where or after.fast.view
+        known = space.explained(space.base, fit)
+        beyond = exceeds_form_error(
+            after.slow.sizes, known, assumptions.form_error, settings.materiality
+        )
+        if share < settings.min_total or beyond or assumptions.form_error == 0.0:
+            doubts.append(
+                f'{100 * (1 - share):.0f} % of the misfit is left, more than noise and model '
+                f'error in {where}: {" and ".join(fit.candidate.ids)} can be part of the '
+                'cause only'
+            )
+    members = [space.explained(space.without(fit, name), fit) for name in fit.candidate.ids]
+    if crowded(members, settings):
+        doubts.append(
+            f'{len(fit.candidate.effects)} effects were needed for one channel: so many bend '
+            'to anything, and none of them is sure'
+        )
+    return [*doubts, *_shapes_at_bounds(space, fit)]
+
+
+def _shapes_at_bounds(space: ModelSpace, fit: Fit) -> list[str]:
+    """A sentence for every determined parameter beside a size that its bounds stopped."""
+    white = space.tangent_of(fit).white
+    deviations = np.sqrt(np.diag(np.linalg.inv(white.T @ white + np.eye(white.shape[1]))))
+    sentences = []
+    count = len(space.metric.experiment.system.base_parameters)
+    for effect, _, part in fit.candidate.slices(count):
+        places = zip(effect.ordered, fit.theta_unit[part], deviations[part], strict=True)
+        for item, theta_unit, deviation in list(places)[1:]:
+            edge = min(theta_unit, 1.0 - theta_unit)
+            if edge < AT_BOUND and deviation < DETERMINED and not item.periodic:
+                sentences.append(
+                    f'{effect.id}: its {item.name} stands at the bound of '
+                    f'{item.from_unit(float(theta_unit)):.3g} {item.unit}: the shape of the cause '
+                    'is another than the bounds allow, so it has no name'
+                )
+    return sentences
+
+
+DETERMINED = 0.2
+"""A parameter whose standard deviation is under this share of its range is determined."""
 
 
 def explained_share_of(before: Residual, after: Residual) -> float:
@@ -99,14 +181,21 @@ class Publication:
     """
 
     def __init__(
-        self, space: ModelSpace, fit: Fit, before: Residual, after: Residual, runs: Sequence[Run]
+        self,
+        space: ModelSpace,
+        fit: Fit,
+        before: Residual,
+        after: Residual,
+        runs: Sequence[RunBlocks],
     ) -> None:
         experiment = space.metric.experiment
         self.experiment, self.runs = experiment, list(runs)
         self.metric: Metric = space.metric.marginalise(offset_columns(experiment))
         less = {name: space.without(fit, name) for name in fit.candidate.ids}
         judged = [space.base, fit, *less.values()]
-        self.base, self.fit, *others = refit_full_jacobian(self.metric, judged, space.watch)
+        self.base, self.fit, *others = refit_full_jacobian(
+            self.metric, judged, space.settings.max_rounds, space.watch
+        )
         self.less = dict(zip(less, others, strict=True))
         self.base_covariance = _covariance(
             space.tangent_of(space.base), before, self.base.theta_unit - space.base.theta_unit
@@ -114,7 +203,10 @@ class Publication:
         self.covariance = _covariance(
             space.tangent_of(fit), after, self.fit.theta_unit - fit.theta_unit
         )
-        self._tangents: dict[str, Tangent] = {}
+        fitted = [self.base, self.fit, *others]
+        plain = plain_fits(experiment, fitted, space.settings.max_rounds, space.watch)
+        self._plain = dict(zip((item.candidate.key for item in fitted), plain, strict=True))
+        self.converged = all(item.converged for item in [*fitted, *plain])
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -176,26 +268,16 @@ class Publication:
 
     def _gain(self, less: Fit) -> Gain:
         """Gain over `less` on the fitted runs, and on runs held out or left out in turn."""
-        if less is self.fit:
+        if less is self.fit or not self.fit.candidate.effects:
             return Gain(0.0, 0.0, 'none')
-        ranges = self.experiment.view_ranges
-        fitted = fitted_gain(self.metric, ranges, less, self.fit)
+        before, after = self._plain[less.candidate.key], self._plain[self.fit.candidate.key]
+        fitted = fitted_gain(self.experiment, before, after)
         held = [run for run in self.runs if run.held_out]
         if held:
-            value = held_out_gain(self.experiment.system, held, ranges, less, self.fit)
-            return Gain(fitted, value, 'held out')
+            return Gain(fitted, held_out_gain(self.experiment, held, before, after), 'held out')
         if len(self.experiment.runs) < 2:
             return Gain(fitted, None, 'one run only')
-        value = left_out_gain(
-            self.metric, ranges, (less, self._tangent(less)), (self.fit, self._tangent(self.fit))
-        )
-        return Gain(fitted, value, 'left out in turn')
-
-    def _tangent(self, fit: Fit) -> Tangent:
-        name = ' '.join(fit.candidate.ids)
-        if name not in self._tangents:
-            self._tangents[name] = tangent(self.metric, fit)
-        return self._tangents[name]
+        return Gain(fitted, left_out_gain(self.experiment, before, after), 'left out in turn')
 
     def sizes_at_bounds(self) -> list[str]:
         """A sentence for every effect as large as its bounds allow."""
@@ -250,7 +332,7 @@ def _effect_estimates(
 ) -> dict[str, Estimate]:
     """An effect's parameters, and the fixed values of its variant."""
     estimates = {}
-    for item, u, deviation in zip(effect.parameters, theta_unit, deviations, strict=True):
+    for item, u, deviation in zip(effect.ordered, theta_unit, deviations, strict=True):
         value = item.from_unit(float(u))
         std = float(deviation) * item.slope(float(u))
         if item is effect.size:
@@ -262,7 +344,7 @@ def _effect_estimates(
 
 
 def _predictions(
-    system: System, runs: Sequence[Run], before: Fit, after: Fit
+    system: System, runs: Sequence[RunBlocks], before: Fit, after: Fit
 ) -> tuple[RunPrediction, ...]:
     answers = []
     for run in runs:

@@ -47,20 +47,22 @@ def closes_misfit(
     return gain * settings.min_partial > inflated_gain
 
 
-def exceeds_form_error(added: Sizes, known: Sizes, settings: Settings) -> bool:
-    """Whether `added` is more than the inexact form of the effects that explain `known` leaves.
+def exceeds_form_error(
+    added: Sizes, known: Sizes, form_error: float, materiality: float
+) -> list[str]:
+    """Views in which `added` is more than the inexact form of what explains `known` could leave.
 
     Judged in every view of every run. A form leaves `form_error` of the misfit it explains
     where it acts, and by way of the base parameters, which give way to it, that share of this
     in the other runs; in a view where it has no part, what is immaterial.
     """
-    share = settings.form_error
+    views = []
     for view, size in added.items():
         own = known[view] ** 2
-        form = np.sqrt(share * (own + share * own.max()))
-        if np.any(size > np.maximum(form, settings.materiality)):
-            return True
-    return False
+        form = np.sqrt(form_error * (own + form_error * own.max()))
+        if np.any(size > np.maximum(form, materiality)):
+            views.append(view)
+    return views
 
 
 def adds_new_channel(p_value: float, added: Sizes, known: Sizes, settings: Settings) -> bool:

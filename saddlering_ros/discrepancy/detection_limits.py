@@ -74,7 +74,7 @@ def detection_limits(
     answers = []
     for name, members in effects.items():
         effect = members[0].effect
-        extra = len(effect.parameters)
+        extra = len(effect.ordered)
         needed = float(np.sqrt(extra * fisher.isf(rate, extra, pairs))) + POWER_QUANTILE
         share = testable_share(members)
         reach = max(abs(effect.size.low - effect.neutral), abs(effect.size.high - effect.neutral))
@@ -122,7 +122,7 @@ def _limits_at(
     effect, shape = members[0].effect, members[0].theta_unit[1:]
     values = {
         item.name: item.from_unit(float(u))
-        for item, u in zip(effect.parameters[1:], shape, strict=True)
+        for item, u in zip(effect.ordered[1:], shape, strict=True)
     }
     values.update(effect.variants[members[0].variant])
     signs = {np.sign(item.size) for item in members} - {0.0}

@@ -10,29 +10,32 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 import time as clock
 
+from saddlering_ros.discrepancy.assumptions import Assumptions
 from saddlering_ros.discrepancy.conclusion import judge, Publication, residual_of
-from saddlering_ros.discrepancy.experiment import Experiment
+from saddlering_ros.discrepancy.experiment import Experiment, refuse_repeats
 from saddlering_ros.discrepancy.next_test import choose_next, Proposal
 from saddlering_ros.discrepancy.preparation import first_guess, moved_to, observed, prepare
 from saddlering_ros.discrepancy.results import Diagnosis, SearchLog
 from saddlering_ros.discrepancy.selection import (
     Alternatives,
     check_alternatives,
+    forward,
     prune,
     select,
 )
 from saddlering_ros.discrepancy.settings import Progress, Settings, Watch
 from saddlering_ros.discrepancy.steady_lines import find_steady_lines
-from saddlering_ros.discrepancy.system import Run, System
+from saddlering_ros.discrepancy.system import RunBlocks, System
 from saddlering_ros.threads import one_blas_thread
 
 
 @one_blas_thread()
-def diagnose(
+def diagnose_system(
     system: System,
-    runs: Sequence[Run],
+    runs: Sequence[RunBlocks],
     settings: Settings | None = None,
     *,
+    assumptions: Assumptions | None = None,
     start: Mapping[str, float] | None = None,
     proposals: Sequence[Proposal] = (),
     on_progress: Progress | None = None,
@@ -41,7 +44,8 @@ def diagnose(
     """Where `system` and `runs` differ, and why. `start` are first guesses of base parameters."""
     settings, watch = settings or Settings(), Watch(on_progress, is_cancelled)
     began = clock.monotonic()
-    experiment = Experiment(system, [run for run in runs if not run.held_out])
+    refuse_repeats(runs)
+    experiment = Experiment(system, [run for run in runs if not run.held_out], assumptions)
 
     space = prepare(experiment, first_guess(system, start), settings, watch)
     observability = observed(space)
@@ -51,6 +55,8 @@ def diagnose(
     watch.progress('alternatives', 0.75)
     if fit.candidate.effects:
         space, fit = moved_to(space, fit)
+        if experiment.assumptions.relearns:  # with less noise, more may show
+            fit = forward(space, fit, log)
         fit = prune(space, fit, log)
         fit, alternatives = check_alternatives(space, fit, log)
     before, after = residual_of(space, space.base), residual_of(space, fit)
@@ -67,10 +73,13 @@ def diagnose(
         pairs = [(fit, other) for others in alternatives.values() for other in others]
         sentence = choose_next(space.metric, space.tangent_of(fit), pairs, proposals)
     published = Publication(space, fit, before, after, runs)
+    verdict = judgement.verdict
+    if lines.causes and verdict == 'none':
+        verdict = 'named'
     causes = [*published.causes(evidence, alternatives), *lines.causes]
-    named_by_line = lines.causes and judgement.verdict == 'none'
+    causes = [replace(cause, partial=verdict == 'unknown') for cause in causes]
     return Diagnosis(
-        verdict='named' if named_by_line else judgement.verdict,
+        verdict=verdict,
         causes=tuple(sorted(causes, key=lambda cause: -cause.visible)),
         base=published.base_with_causes(),
         base_alone=published.base_alone(),
@@ -78,6 +87,7 @@ def diagnose(
         explained=judgement.explained,
         next_test=sentence,
         warnings=(*judgement.warnings, *published.sizes_at_bounds()),
+        converged=space.base.converged and fit.converged and published.converged,
         runs=published.predictions(),
         fits=published.fits(),
         residual_before=before,

@@ -10,7 +10,8 @@ from functools import cached_property
 
 import numpy as np
 
-from saddlering_ros.discrepancy.system import Array, DiscrepancyError, Point, Run, System
+from saddlering_ros.discrepancy.assumptions import Assumptions
+from saddlering_ros.discrepancy.system import Array, DiscrepancyError, Point, RunBlocks, System
 
 EMPTY_VIEW = 0.1
 """A view whose range is under this share of its neighbours' is empty but for what is wrong."""
@@ -21,10 +22,16 @@ MIN_VIEW_SHARE = 0.2
 class Experiment:
     """Fitted runs and their simulator; `simulations` counts how often it was asked."""
 
-    def __init__(self, system: System, runs: Sequence[Run]) -> None:
+    def __init__(
+        self,
+        system: System,
+        runs: Sequence[RunBlocks],
+        assumptions: Assumptions | None = None,
+    ) -> None:
         if not runs:
             raise DiscrepancyError('diagnose: every run is held out; leave at least one to fit')
         self.system, self.runs = system, tuple(runs)
+        self.assumptions = assumptions or Assumptions()
         self.simulations = 0
 
     @cached_property
@@ -83,16 +90,57 @@ class Experiment:
         return blocks
 
     def view_residuals(self, residual: Array, view: str) -> list[Array]:
-        """A stacked residual seen in one view, run by run, each freed of its mean."""
+        """A stacked residual seen in one view, run by run, freed of a mean that means nothing."""
         weights = self.system.views[view]
-        seen = []
-        for run, block in zip(self.runs, self.by_run(residual), strict=True):
-            combined = weights @ block
-            seen.append(combined - np.average(combined, weights=run.width))
-        return seen
+        return [
+            self.freed(weights @ block, run, view)
+            for run, block in zip(self.runs, self.by_run(residual), strict=True)
+        ]
+
+    def freed(self, seen: Array, run: RunBlocks, view: str) -> Array:
+        """What is seen in one view (N,) or (N, k) less its mean, where a constant is free."""
+        channels = np.flatnonzero(self.system.views[view])
+        if not any(self.assumptions.frees_constant(int(channel)) for channel in channels):
+            return seen
+        mean = np.average(seen, axis=0, weights=sample_weights(self.system, run, view))
+        return np.asarray(seen - mean)
+
+    def root_weights(self, run: RunBlocks, view: str) -> Array:
+        """Roots (N,) of the shares that samples have in a mean square over time."""
+        weights = sample_weights(self.system, run, view)
+        return np.asarray(np.sqrt(weights / weights.sum()))
+
+    def mean_square(self, seen: Array, run: RunBlocks, view: str) -> float:
+        """Mean square over time of what is seen in a view (N,), missing samples left out."""
+        return float(np.average(seen**2, weights=sample_weights(self.system, run, view)))
 
 
-def view_ranges(system: System, runs: Sequence[Run]) -> dict[str, float]:
+def refuse_repeats(runs: Sequence[RunBlocks]) -> None:
+    """Refuse the same name or the same content twice: nothing is both fitted and held out."""
+    for number, run in enumerate(runs):
+        for other in runs[:number]:
+            if run.channels.shape == other.channels.shape and (
+                np.array_equal(run.channels, other.channels)
+                and np.array_equal(run.time - run.time[0], other.time - other.time[0])
+            ):
+                what = 'one is held out' if run.held_out != other.held_out else 'it counts once'
+                raise DiscrepancyError(
+                    f'runs {other.name} and {run.name} are the same recording: give it once '
+                    f'({what})'
+                )
+            if run.name == other.name:
+                raise DiscrepancyError(f'two runs are called {run.name}: give each its own name')
+
+
+def sample_weights(system: System, run: RunBlocks, view: str) -> Array:
+    """Time (N,) that each sample counts for in a view: 0 where a channel of it is missing."""
+    if run.present is None:
+        return run.width
+    channels = np.flatnonzero(system.views[view])
+    return np.asarray(run.width * run.present[channels].all(axis=0))
+
+
+def view_ranges(system: System, runs: Sequence[RunBlocks]) -> dict[str, float]:
     """Range that a misfit in each view is compared with.
 
     A view that ought to be empty (parity) is compared with the widest view made of channels it

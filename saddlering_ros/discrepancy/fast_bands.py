@@ -17,7 +17,7 @@ from scipy.fft import dct, idct
 
 from saddlering_ros.discrepancy.metric import Metric
 from saddlering_ros.discrepancy.noise import Whitener
-from saddlering_ros.discrepancy.system import Array, Run
+from saddlering_ros.discrepancy.system import Array, RunBlocks
 
 WAVE_SAMPLES = 4
 """A half wave needs so many samples: where the faster structure ends."""
@@ -138,7 +138,7 @@ def fast_bands(metric: Metric, first: int) -> list[Band]:
 
 
 def _basis_band(
-    index: int, run: Run, first: int, stop: int, parts: list[slice], whiteners: list[Whitener]
+    index: int, run: RunBlocks, first: int, stop: int, parts: list[slice], whiteners: list[Whitener]
 ) -> Band:
     duration = max(float(np.ptp(run.time)), 1e-300)
     share = (run.time - run.time[0]) / duration
@@ -153,7 +153,7 @@ def _basis_band(
 
 
 def _transform_band(
-    index: int, run: Run, first: int, stop: int, parts: list[slice], whiteners: list[Whitener]
+    index: int, run: RunBlocks, first: int, stop: int, parts: list[slice], whiteners: list[Whitener]
 ) -> Band:
     duration = max(float(np.ptp(run.time)), 1e-300)
     return TransformBand(index, first, duration, stop, parts, whiteners, run.width)

@@ -1,105 +1,152 @@
-"""What an extension is worth: residual rms with and without it, on runs fitted and runs held out.
+"""What an extension is worth: residual rms with and without it, on runs fitted and held out.
 
 One metric, fixed beforehand: the root of the mean, over runs and views, of the squared residual
-over the view's range, each run freed of its mean. Gain = 1 - metric with / metric without.
+over the view's range, each run freed of constants that mean nothing. Gain = 1 - metric with /
+metric without; it is negative where the extension predicts worse. Base and extension are each
+fitted in this very metric, on the fitted runs alone.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from saddlering_ros.discrepancy.candidate import Fit
-from saddlering_ros.discrepancy.metric import Metric
-from saddlering_ros.discrepancy.refit import PRIOR, Tangent
-from saddlering_ros.discrepancy.system import Array, Run, System
+from saddlering_ros.discrepancy.experiment import Experiment
+from saddlering_ros.discrepancy.refit import declared_start, PRIOR, refit, run_refits, tangent
+from saddlering_ros.discrepancy.settings import Watch
+from saddlering_ros.discrepancy.system import Array, RunBlocks
 
 
 @dataclass(frozen=True)
 class Gain:
-    """Shares between 0 (nothing) and 1 (all); `held_out` None if no run could be held out."""
+    """Shares, 1 for all; `held_out` None if no run could be held out."""
 
     fit: float
     held_out: float | None
     how: str
 
 
-def power(
-    views: Mapping[str, Array],
-    ranges: Mapping[str, float],
-    runs: Sequence[Run],
-    residuals: Sequence[Array],
+@dataclass(frozen=True)
+class GainMetric:
+    """The metric of the gain for refits: weighted residuals in every view, `unit` as one."""
+
+    experiment: Experiment
+    unit: float = 1.0
+
+    def whiten(self, columns: Array) -> Array:
+        """Stacked columns (n, B) or (n,) as their views, weighted by time, over their range."""
+        if columns.ndim == 2:
+            return np.column_stack([self.whiten(column) for column in columns.T])
+        experiment = self.experiment
+        parts = [
+            seen * experiment.root_weights(run, view) / experiment.view_ranges[view]
+            for view in experiment.system.views
+            for run, seen in zip(
+                experiment.runs, experiment.view_residuals(columns, view), strict=True
+            )
+        ]
+        return np.concatenate(parts) / self.unit
+
+
+def plain_fits(
+    experiment: Experiment, fits: Sequence[Fit], rounds: int, watch: Watch
+) -> list[Fit]:
+    """The same models, each fitted as well as it can be in the metric of the gain.
+
+    A base without effects starts from its declared start too: whitened and plain least squares
+    can lie in different valleys.
+    """
+    base = experiment.system.base_parameters
+    answers = []
+    for fit in fits:
+        start = GainMetric(experiment).whiten(fit.prediction - experiment.measured)
+        unit = max(float(np.sqrt(start @ start / start.size)), 1e-12)
+        metric = GainMetric(experiment, unit)
+        starts = [fit.theta_unit]
+        declared = fit.theta_unit.copy()
+        declared[: len(base)] = declared_start(base)
+        starts.append(declared)
+        wanted = [
+            refit(metric, fit.candidate, item, rounds=rounds, full_jacobian=True)
+            for item in starts
+        ]
+        answers.append(min(run_refits(metric, wanted, watch.check), key=lambda item: item.misfit))
+    return answers
+
+
+def mean_square(
+    experiment: Experiment, runs: Sequence[RunBlocks], residuals: Sequence[Array]
 ) -> float:
-    """Mean squared residual (C, N) per run over views, relative to range."""
+    """Mean over runs and views of squared residuals (C, N), relative to range."""
     parts = []
     for run, residual in zip(runs, residuals, strict=True):
-        for name, weights in views.items():
-            seen = weights @ residual
-            seen = seen - np.average(seen, weights=run.width)
-            parts.append(float(np.average(seen**2, weights=run.width)) / ranges[name] ** 2)
+        for view, weights in experiment.system.views.items():
+            seen = experiment.freed(weights @ residual, run, view)
+            parts.append(
+                experiment.mean_square(seen, run, view) / experiment.view_ranges[view] ** 2
+            )
     return float(np.mean(parts))
 
 
 def ratio(before: float, after: float) -> float:
-    """Gain from two mean squares, never under nought."""
-    return max(0.0, 1.0 - float(np.sqrt(after / max(before, 1e-300))))
+    """Gain from two mean squares; negative where it became worse."""
+    if before <= 0.0:
+        return 0.0 if after <= 0.0 else -np.inf
+    return 1.0 - float(np.sqrt(after / before))
 
 
-def fitted_gain(metric: Metric, ranges: Mapping[str, float], less: Fit, fit: Fit) -> float:
+def fitted_gain(experiment: Experiment, less: Fit, fit: Fit) -> float:
     """Gain on the runs that were fitted."""
-    views = metric.experiment.system.views
-    return ratio(
-        *(
-            power(views, ranges, metric.experiment.runs, _residuals(metric, item))
-            for item in (less, fit)
+    before, after = (
+        mean_square(
+            experiment,
+            experiment.runs,
+            experiment.by_run(item.prediction - experiment.measured),
         )
+        for item in (less, fit)
     )
+    return ratio(before, after)
 
 
-def held_out_gain(
-    system: System, held: Sequence[Run], ranges: Mapping[str, float], less: Fit, fit: Fit
-) -> float:
-    """Gain on sealed runs, nothing refitted."""
+def held_out_gain(experiment: Experiment, held: Sequence[RunBlocks], less: Fit, fit: Fit) -> float:
+    """Gain on held-out runs, nothing refitted."""
     before, after = [], []
     for run in held:
-        both = system.predict_many(run, [less.point, fit.point])
+        both = experiment.system.predict_many(run, [less.point, fit.point])
         before.append(both[0] - run.channels)
         after.append(both[1] - run.channels)
-    return ratio(
-        power(system.views, ranges, held, before), power(system.views, ranges, held, after)
-    )
+    return ratio(mean_square(experiment, held, before), mean_square(experiment, held, after))
 
 
-def left_out_gain(
-    metric: Metric,
-    ranges: Mapping[str, float],
-    less: tuple[Fit, Tangent],
-    more: tuple[Fit, Tangent],
-) -> float:
+def left_out_gain(experiment: Experiment, less: Fit, more: Fit) -> float:
     """Gain on each run predicted from the others: one Gauss-Newton step without it."""
-    totals = []
-    for fit, sensitivities in (less, more):
-        parts, start = [], 0
-        for run in metric.experiment.runs:
-            rows = slice(start, start + run.channels.size)
-            start += run.channels.size
-            gram = sensitivities.white.T @ sensitivities.white
-            gram -= sensitivities.white[rows].T @ sensitivities.white[rows]
-            gram += PRIOR**2 * np.eye(gram.shape[0])
-            slope = sensitivities.white.T @ fit.whitened
-            slope = slope - sensitivities.white[rows].T @ fit.whitened[rows]
-            slope = slope + PRIOR**2 * (fit.theta_unit - 0.5)
-            move = (
-                np.clip(fit.theta_unit - np.linalg.solve(gram, slope), 0.0, 1.0) - fit.theta_unit
-            )
-            shifted = fit.prediction[rows] + sensitivities.plain[rows] @ move
-            residual = shifted.reshape(run.channels.shape) - run.channels
-            parts.append(power(metric.experiment.system.views, ranges, [run], [residual]))
-        totals.append(float(np.mean(parts)))
-    return ratio(totals[0], totals[1])
+    return ratio(_left_out(experiment, less), _left_out(experiment, more))
 
 
-def _residuals(metric: Metric, fit: Fit) -> list[Array]:
-    return metric.experiment.by_run(fit.prediction - metric.experiment.measured)
+def _left_out(experiment: Experiment, fit: Fit) -> float:
+    """Mean square of each run predicted from the others."""
+    start = GainMetric(experiment).whiten(fit.prediction - experiment.measured)
+    metric = GainMetric(experiment, max(float(np.sqrt(start @ start / start.size)), 1e-12))
+    residual = metric.whiten(fit.prediction - experiment.measured)
+    sensitivities = tangent(metric, fit)
+    lengths = [run.time.size for _ in experiment.system.views for run in experiment.runs]
+    edges = np.concatenate([[0], np.cumsum(lengths)])
+    totals, first = [], 0
+    for number, run in enumerate(experiment.runs):
+        rows = np.zeros(residual.size, bool)
+        for view in range(len(experiment.system.views)):
+            block = view * len(experiment.runs) + number
+            rows[edges[block] : edges[block + 1]] = True
+        white = sensitivities.white[~rows]
+        gram = white.T @ white + PRIOR**2 * np.eye(white.shape[1])
+        slope = white.T @ residual[~rows] + PRIOR**2 * (fit.theta_unit - 0.5)
+        theta_unit = np.clip(fit.theta_unit - np.linalg.solve(gram, slope), 0.0, 1.0)
+        part = slice(first, first + run.channels.size)
+        first = part.stop
+        moved = fit.prediction[part] + sensitivities.plain[part] @ (theta_unit - fit.theta_unit)
+        left = moved.reshape(run.channels.shape) - run.channels
+        totals.append(mean_square(experiment, [run], [left]))
+    return float(np.mean(totals))

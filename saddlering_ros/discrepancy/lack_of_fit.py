@@ -14,11 +14,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.stats import f as fisher
 
+from saddlering_ros.discrepancy.assumptions import Assumptions
 from saddlering_ros.discrepancy.candidate import Fit
 from saddlering_ros.discrepancy.change_scale import orthonormal
+from saddlering_ros.discrepancy.experiment import sample_weights
 from saddlering_ros.discrepancy.fast_bands import fast_bands
 from saddlering_ros.discrepancy.metric import Metric
-from saddlering_ros.discrepancy.system import Array, Run
+from saddlering_ros.discrepancy.system import Array, RunBlocks
 
 WAVES_PER_RUN = 20
 """Half waves per run that are judged together, as slow structure."""
@@ -43,7 +45,9 @@ class ShapeTest:
 class SlowResidual:
     """All slow structure left: whitened excess over what noise alone would leave, and its size.
 
-    `powers`: mean square by view beyond what noise gives, the worst run's, as shares of range.
+    powers: mean square by view beyond what noise gives, the worst run's, as shares of range;
+    sizes (R,): its root by view, run by run; chances: by channel and run, the chance that noise
+    alone leaves as much there, with the number of channels and runs in it.
     """
 
     excess: float
@@ -52,6 +56,8 @@ class SlowResidual:
     visible: float
     where: str
     powers: Mapping[str, float]
+    sizes: Mapping[str, Array]
+    chances: Mapping[tuple[str, str], float]
 
 
 @dataclass(frozen=True)
@@ -76,9 +82,10 @@ class LackOfFitTests:
         self._metric = metric
         self._ranges = metric.experiment.view_ranges
         self._pairs = noise_pairs
-        self._structure = _structure_columns(metric)
+        self._structure, self._counts = _structure_columns(metric)
         self._white = metric.whiten(self._structure)
         gram = self._white.T @ self._white
+        self._gram = gram.copy()
         gram[np.diag_indices_from(gram)] *= 1.0 + 1e-9
         values, vectors = np.linalg.eigh(gram)
         kept = values > 1e-8 * values[-1]
@@ -104,9 +111,9 @@ class LackOfFitTests:
             seen = band.seen(parts)
             width = metric.experiment.runs[band.run].width
             for view, weights in metric.experiment.system.views.items():
-                shown = float(np.average((weights @ seen) ** 2, weights=width))
-                power = shown - float(weights**2 @ band.noise)
-                size = float(np.sqrt(max(power, 0.0))) / self._ranges[view]
+                power = float(np.average((weights @ seen) ** 2, weights=width))
+                power -= float(weights**2 @ band.noise)
+                size = max(power, 0.0) ** 0.5 / self._ranges[view]
                 if p_value < MAX_CHANCE and size > found.visible:
                     strongest = int(np.argmax(np.sum([part**2 for part in parts], axis=0)))
                     frequency = 0.5 * (band.first + strongest) / band.duration
@@ -124,24 +131,49 @@ class LackOfFitTests:
         noise = self._structure @ self._root
         visible, where = 0.0, ''
         powers: dict[str, float] = {}
+        sizes: dict[str, Array] = {}
         metric = self._metric
         for view in metric.experiment.system.views:
             seen = metric.experiment.view_residuals(shape, view)
             expected = _view_variance(metric, noise, view)
+            own = []
             for run, part, variance in zip(metric.experiment.runs, seen, expected, strict=True):
-                power = float(np.average(part**2, weights=run.width)) - variance
+                power = metric.experiment.mean_square(part, run, view) - variance
                 size = float(np.sqrt(max(power, 0.0))) / self._ranges[view]
+                own.append(size)
                 powers[view] = max(powers.get(view, 0.0), size**2)
                 if size > visible:
                     visible, where = size, f'{view} in {run.name}'
-        return SlowResidual(statistic - free, free, p_value, visible, where, powers)
+            sizes[view] = np.array(own)
+        return SlowResidual(
+            statistic - free, free, p_value, visible, where, powers, sizes, self._chances(fit)
+        )
+
+    def _chances(self, fit: Fit) -> dict[tuple[str, str], float]:
+        """Chance that noise alone leaves as much slow structure in each channel of each run."""
+        experiment = self._metric.experiment
+        names = experiment.system.channel_names
+        slopes = self._white.T @ fit.whitened
+        chances, start = {}, 0
+        for (index, channel, _), count in zip(experiment.slices, self._counts, strict=True):
+            run = experiment.runs[index]
+            own = slice(start, start + count)
+            start += count
+            gram = self._gram[own, own]
+            statistic = float(slopes[own] @ np.linalg.lstsq(gram, slopes[own], rcond=1e-8)[0])
+            pairs = min(self._pairs, max(self._metric.noise[run.name, channel].pairs, 1))
+            chance = float(fisher.sf(statistic / count, count, pairs)) * len(self._counts)
+            chances[names[channel], run.name] = min(1.0, chance)
+        return chances
 
     def shapes(self, fit: Fit, white_columns: Array) -> list[ShapeTest]:
         """Every family, most significant first; p-values carry the number of families."""
         metric = self._metric
         orthogonal = orthonormal(white_columns)
         tests = []
-        for coordinate, shapes in _families(metric.experiment.runs).items():
+        for coordinate, shapes in _families(
+            metric.experiment.runs, metric.experiment.assumptions
+        ).items():
             for view, weights in metric.experiment.system.views.items():
                 columns = _spread(metric, shapes, weights)
                 white = metric.whiten(columns)
@@ -154,7 +186,7 @@ class LackOfFitTests:
                 statistic = float(inner @ inner)
                 change = columns @ (root @ inner)
                 sizes = [
-                    float(np.sqrt(np.average(seen**2, weights=run.width))) / self._ranges[view]
+                    metric.experiment.mean_square(seen, run, view) ** 0.5 / self._ranges[view]
                     for run, seen in zip(
                         metric.experiment.runs,
                         metric.experiment.view_residuals(change, view),
@@ -189,28 +221,40 @@ def _view_variance(metric: Metric, noise: Array, view: str) -> list[float]:
         block = noise[start : start + count].reshape(*run.channels.shape, -1)
         start += count
         combined = np.einsum('c,cnk->nk', weights, block)
-        combined = combined - np.average(combined, axis=0, weights=run.width)
-        found.append(float(np.average((combined**2).sum(axis=1), weights=run.width)))
+        combined = metric.experiment.freed(combined, run, view)
+        weights_of_time = sample_weights(metric.experiment.system, run, view)
+        found.append(float(np.average((combined**2).sum(axis=1), weights=weights_of_time)))
     return found
 
 
-def _structure_columns(metric: Metric) -> Array:
-    """Cosines of time in every run and channel."""
-    columns = []
-    for index, _, part in metric.experiment.slices:
-        run = metric.experiment.runs[index]
+def _structure_columns(metric: Metric) -> tuple[Array, list[int]]:
+    """Cosines of time in every run and channel, and how many each has.
+
+    Where a constant is a misfit it is one of them.
+    """
+    experiment = metric.experiment
+    columns, counts = [], []
+    for index, channel, part in experiment.slices:
+        run = experiment.runs[index]
         waves = min(WAVES_PER_RUN, run.time.size // 4)
         share = (run.time - run.time[0]) / max(float(np.ptp(run.time)), 1e-300)
-        for wave in range(1, waves + 1):
-            column = np.zeros(metric.experiment.size)
-            column[part] = np.cos(np.pi * wave * share)
+        present = 1.0 if run.present is None else run.present[channel]
+        first = 1 if experiment.assumptions.frees_constant(channel) else 0
+        for wave in range(first, waves + 1):
+            column = np.zeros(experiment.size)
+            column[part] = present * np.cos(np.pi * wave * share)
             columns.append(column)
-    return np.column_stack(columns)
+        counts.append(waves + 1 - first)
+    return np.column_stack(columns), counts
 
 
-def _families(runs: tuple[Run, ...]) -> dict[str, list[list[Array]]]:
-    """Coordinate to shapes; each shape is one array per run."""
-    names = [name for name in runs[0].inputs if name not in ('direction', 'hold')]
+def _families(
+    runs: tuple[RunBlocks, ...], assumptions: Assumptions
+) -> dict[str, list[list[Array]]]:
+    """Coordinate to shapes, one array per run each."""
+    special, (first, others) = assumptions.special_inputs, assumptions.coordinate_waves
+    shared = [name for name in runs[0].inputs if all(name in run.inputs for run in runs)]
+    names = [name for name in shared if name not in special]
     families: dict[str, list[list[Array]]] = {}
     groups = sorted({run.group for run in runs})
     for number, name in enumerate(names):
@@ -222,10 +266,10 @@ def _families(runs: tuple[Run, ...]) -> dict[str, list[list[Array]]]:
                 np.cos(np.pi * wave * share) * (run.group == group)
                 for run, share in zip(runs, shares, strict=True)
             ]
-            for wave in range(1, 7 if number == 0 else 4)
+            for wave in range(1, (first if number == 0 else others) + 1)
             for group in groups
         ]
-        if number == 0 and 'direction' in runs[0].inputs:
+        if number == 0 and 'direction' in special and 'direction' in shared:
             families['direction'] = [
                 [
                     run.inputs['direction']

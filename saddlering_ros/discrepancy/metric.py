@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import Protocol
 
 import numpy as np
 
@@ -24,6 +25,17 @@ FREE_STRENGTH = 1e3
 
 JITTER = 1e-6
 """Noise added to every sample, as a share of the widest channel's range."""
+
+
+class Whitening(Protocol):
+    """A metric that a refit can work in."""
+
+    @property
+    def experiment(self) -> Experiment: ...
+
+    def whiten(self, columns: Array) -> Array:
+        """Stacked columns (n, B) or (n,) in units of their usual size."""
+        ...
 
 
 @dataclass(frozen=True)
@@ -100,15 +112,9 @@ def noise_metric(experiment: Experiment, noise: Mapping[tuple[str, int], Channel
     whiteners = []
     for index, channel, _ in experiment.slices:
         run = experiment.runs[index]
-        whiteners.append(
-            build_whitener(
-                noise[run.name, channel],
-                run.time,
-                run.width,
-                run.inputs.get('hold'),
-                np.isfinite(run.channels[channel]),
-                jitter,
-            )
-        )
+        present = None if run.present is None else run.present[channel]
+        own = noise[run.name, channel]
+        hold = run.inputs.get('hold') if 'hold' in experiment.assumptions.special_inputs else None
+        whiteners.append(build_whitener(own, run.time, run.width, hold, present, jitter))
     empty = np.zeros((experiment.size, 0))
     return Metric(experiment, noise, tuple(whiteners), empty, np.zeros(0))

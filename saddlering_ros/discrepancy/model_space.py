@@ -122,10 +122,11 @@ class ModelSpace:
             for candidate, score in zip(candidates, scores, strict=True)
             if not self.is_fitted(candidate)
         ]
-        for found in self.refine(self.coarse_fit(fit, wanted)):
-            self.keep(found)
+        for item in self.refine(self.coarse_fit(fit, wanted)):
+            self.keep(item)
         keys = dict.fromkeys(candidate.key for candidate in candidates)
-        return sorted((self._fits[key] for key in keys), key=self.penalised)
+        found = [self._fits[key] for key in keys if key in self._fits]
+        return sorted(found, key=self.penalised)
 
     def fit_best(self, fit: Fit, scores: Sequence[Score]) -> list[Fit]:
         """`fit`'s model plus each scored candidate, coarsely; the best refined and kept."""
@@ -171,7 +172,7 @@ class ModelSpace:
             key = found.candidate.key
             if key not in best or found.misfit < best[key].misfit:
                 best[key] = found
-        return list(best.values())
+        return [item for item in best.values() if np.isfinite(item.misfit)]
 
     def stopped_base(self, fit: Fit) -> Array:
         """Which base parameters (B,) a bound stopped: they may have given way to an effect.
@@ -186,7 +187,13 @@ class ModelSpace:
         count = len(self.metric.experiment.system.base_parameters)
         refined = self._run(
             [
-                refit(self.metric, fit.candidate, fit.theta_unit, fit.jacobian[:, :count])
+                refit(
+                    self.metric,
+                    fit.candidate,
+                    fit.theta_unit,
+                    fit.jacobian[:, :count],
+                    rounds=self.settings.rounds,
+                )
                 for fit in fits
             ]
         )
@@ -199,7 +206,7 @@ class ModelSpace:
 
     def refit_full_jacobian(self, fits: Sequence[Fit]) -> list[Fit]:
         """The same fits carried on with every sensitivity differenced at every step."""
-        return refit_full_jacobian(self.metric, fits, self.watch)
+        return refit_full_jacobian(self.metric, fits, self.settings.rounds, self.watch)
 
     def without(self, fit: Fit, effect_id: str) -> Fit:
         """The model less one effect, refitted."""
@@ -216,7 +223,11 @@ class ModelSpace:
             ]
             columns = self.tangent_of(self.base).white
             start = np.concatenate(kept)
-            self.keep(self._run([refit(self.metric, candidate, start, columns)])[0])
+            self.keep(
+                self._run(
+                    [refit(self.metric, candidate, start, columns, rounds=self.settings.rounds)]
+                )[0]
+            )
         return self._fits[candidate.key]
 
     def _run(self, refits: Sequence[Asking]) -> list[Fit]:
@@ -311,7 +322,12 @@ class Comparison:
         """Whether it is more than the inexact form of the effects in `less` could leave."""
         if not self.less.candidate.effects:
             return True
-        return criteria.exceeds_form_error(self.added, self.known, self.space.settings)
+        settings = self.space.settings
+        return bool(
+            criteria.exceeds_form_error(
+                self.added, self.known, settings.form_error, settings.materiality
+            )
+        )
 
     @property
     def adds_new_channel(self) -> bool:
@@ -339,9 +355,14 @@ class Comparison:
         return max(1, self.more.theta_unit.size - self.less.theta_unit.size)
 
 
-def refit_full_jacobian(metric: Metric, fits: Sequence[Fit], watch: Watch) -> list[Fit]:
+def refit_full_jacobian(
+    metric: Metric, fits: Sequence[Fit], rounds: int, watch: Watch
+) -> list[Fit]:
     """Fits carried on in a metric with every sensitivity differenced at every step."""
-    wanted = [refit(metric, fit.candidate, fit.theta_unit, full_jacobian=True) for fit in fits]
+    wanted = [
+        refit(metric, fit.candidate, fit.theta_unit, rounds=rounds, full_jacobian=True)
+        for fit in fits
+    ]
     return run_refits(metric, wanted, watch.check)
 
 

@@ -15,7 +15,7 @@ from scipy.linalg import cholesky, solve_triangular
 from saddlering_ros.discrepancy.candidate import Candidate, Fit
 from saddlering_ros.discrepancy.metric import Metric
 from saddlering_ros.discrepancy.refit import neighbours, Tangent
-from saddlering_ros.discrepancy.system import Array, Run
+from saddlering_ros.discrepancy.system import Array, RunBlocks
 
 
 @dataclass(frozen=True)
@@ -23,7 +23,7 @@ class Proposal:
     """A run that could be made: a sentence to say, and the run with empty channels."""
 
     sentence: str
-    run: Run
+    run: RunBlocks
 
 
 def choose_next(
@@ -42,7 +42,7 @@ def choose_next(
     return max(scored, key=lambda item: item[0])[1].sentence
 
 
-def separation(metric: Metric, known: Tangent, pair: tuple[Fit, Fit], run: Run) -> float:
+def separation(metric: Metric, known: Tangent, pair: tuple[Fit, Fit], run: RunBlocks) -> float:
     """Whitened distance of two fits on `run` and the old data, base parameters free."""
     system = metric.experiment.system
     base = system.base_parameters

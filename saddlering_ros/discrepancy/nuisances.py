@@ -2,52 +2,39 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from saddlering_ros.discrepancy.experiment import Experiment
+from saddlering_ros.discrepancy.priors import FREE_OFFSET, ModelErrorPrior
 from saddlering_ros.discrepancy.system import Array, Point
 
 RATE_SHAPES = 4
 """Shapes over the drive of the error that goes with its rate."""
 
 
-@dataclass(frozen=True)
-class ModelErrorPrior:
-    """How wrong the simulator may be, smoothly, without that being a finding; share of range.
-
-    smooth: over the drive; loop: with its direction; rate: at the fastest change of the drive.
-    instants [s]: how well a channel's time is known beside the drive's, run by run.
-    """
-
-    smooth: float = 3e-4
-    loop: float = 1e-4
-    rate: float = 1.5e-3
-    degree: int = 4
-    instants: float = 7e-4
-
-
-def nuisance_columns(
-    experiment: Experiment, prior: ModelErrorPrior, point: Point, prediction: Array
-) -> Array:
+def nuisance_columns(experiment: Experiment, point: Point, prediction: Array) -> Array:
     """Every nuisance parameter as a column (n, k), as it shows at a point's prediction (n,)."""
-    return np.hstack(
-        [
-            offset_columns(experiment),
-            model_error_columns(experiment, prior),
-            timing_columns(experiment, prior, prediction),
-            system_columns(experiment, point),
-        ]
-    )
+    columns = [offset_columns(experiment)]
+    prior = experiment.assumptions.model_error
+    if prior is not None:
+        columns.append(model_error_columns(experiment, prior))
+        columns.append(timing_columns(experiment, prior, prediction))
+    columns.append(system_columns(experiment, point))
+    return np.hstack(columns)
 
 
 def offset_columns(experiment: Experiment) -> Array:
-    """A free constant for every run and channel, as columns with a very wide spread."""
-    columns = np.zeros((experiment.size, len(experiment.slices)))
-    for number, (_, _, part) in enumerate(experiment.slices):
-        columns[part, number] = 10.0 * experiment.channel_ranges.max()
-    return columns
+    """A constant for every run and channel, with a very wide spread where it is free."""
+    declared = experiment.assumptions.offsets
+    columns = []
+    for _, channel, part in experiment.slices:
+        free = FREE_OFFSET * experiment.channel_ranges.max()
+        spread = float(free) if declared is None else declared[channel]
+        if spread > 0.0:
+            column = np.zeros(experiment.size)
+            column[part] = spread
+            columns.append(column)
+    return np.array(columns).reshape(-1, experiment.size).T
 
 
 def model_error_columns(experiment: Experiment, prior: ModelErrorPrior) -> Array:

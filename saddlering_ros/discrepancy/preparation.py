@@ -25,7 +25,6 @@ from saddlering_ros.discrepancy.refit import (
     tangent,
 )
 from saddlering_ros.discrepancy.results import Observability
-from saddlering_ros.discrepancy.run_noise import learn_noise
 from saddlering_ros.discrepancy.settings import Settings, Watch
 from saddlering_ros.discrepancy.signatures import (
     angle_matrix,
@@ -47,13 +46,15 @@ def prepare(
 ) -> ModelSpace:
     """Noise learnt, nuisance parameters marginalised, base fitted, signatures measured."""
     watch.progress('noise', 0.0)
-    metric = noise_metric(experiment, learn_noise(experiment.runs))
+    metric = noise_metric(experiment, experiment.assumptions.learn_noise(experiment.runs, None))
     metric = metric.marginalise(offset_columns(experiment))
     watch.progress('base', 0.05)
     rough = fit_base(metric, start, settings.seed, watch.check)
     residual = experiment.by_run(rough.prediction - experiment.measured)
-    metric = noise_metric(experiment, learn_noise(experiment.runs, residual))
-    metric = _with_nuisances(metric, rough, settings)
+    metric = noise_metric(
+        experiment, experiment.assumptions.learn_noise(experiment.runs, residual)
+    )
+    metric = _with_nuisances(metric, rough)
     base = _fit_base_again(metric, rough, watch)
     watch.progress('screen', 0.25)
     watch.check()
@@ -74,8 +75,10 @@ def moved_to(space: ModelSpace, fit: Fit) -> tuple[ModelSpace, Fit]:
     A load that is wrong by some percent moves the place where rollers begin to touch, and
     with it what unequal rollers do: seen from the model without it, that is evidence.
     """
-    metric = _with_nuisances(space.metric, fit, space.settings)
-    base, fit = refit_full_jacobian(metric, [space.base, fit], space.watch)
+    metric = _with_nuisances(_relearnt(space.metric, fit), fit)
+    base, fit = refit_full_jacobian(
+        metric, [space.base, fit], space.settings.max_rounds, space.watch
+    )
     sensitivities = tangent(metric, base)
     signatures = whitened_by(metric, space.signatures, sensitivities)
     moved = ModelSpace(
@@ -85,18 +88,25 @@ def moved_to(space: ModelSpace, fit: Fit) -> tuple[ModelSpace, Fit]:
         signatures,
         space.scale,
         space.trials,
-        space.known,
+        _noise_knowledge(metric),
         space.settings,
         space.watch,
     )
     return moved, moved.keep(fit)
 
 
-def _with_nuisances(metric: Metric, fit: Fit, settings: Settings) -> Metric:
+def _with_nuisances(metric: Metric, fit: Fit) -> Metric:
     """The metric with every nuisance parameter marginalised, as it shows at `fit`."""
-    return metric.marginalise(
-        nuisance_columns(metric.experiment, settings.model_error, fit.point, fit.prediction)
-    )
+    return metric.marginalise(nuisance_columns(metric.experiment, fit.point, fit.prediction))
+
+
+def _relearnt(metric: Metric, fit: Fit) -> Metric:
+    """The noise learnt again from what a fit leaves, where it is learnt from residuals."""
+    experiment = metric.experiment
+    if not experiment.assumptions.relearns:
+        return metric
+    residual = experiment.by_run(fit.prediction - experiment.measured)
+    return noise_metric(experiment, experiment.assumptions.learn_noise(experiment.runs, residual))
 
 
 def _fit_base_again(metric: Metric, rough: Fit, watch: Watch) -> Fit:

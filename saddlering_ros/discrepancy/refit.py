@@ -11,14 +11,21 @@ from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.optimize import lsq_linear
 
 from saddlering_ros.discrepancy.candidate import Candidate, Fit
-from saddlering_ros.discrepancy.metric import Metric
-from saddlering_ros.discrepancy.system import Array, Parameter, Point
+from saddlering_ros.discrepancy.metric import Whitening
+from saddlering_ros.discrepancy.system import Array, DiscrepancyError, Parameter, Point
 
 #: The whole range of a parameter counts as so many standard deviations: keeps idle ones still.
 PRIOR = 1.0
+
+PERIODIC_REACH = 0.25
+"""A step turns a periodic parameter by so much of its period at most."""
+
+MIN_MOVE = 1e-6
+"""A step shorter than this, in shares of every range, ends a refit."""
 
 QUIET_ROUNDS, FAILED_ROUNDS = 2, 4
 """A refit ends after so many rounds in a row of no account, or of steps that led uphill."""
@@ -28,7 +35,7 @@ Asking = Generator[list[Point], Array, Fit]
 
 
 def refit(
-    metric: Metric,
+    metric: Whitening,
     candidate: Candidate,
     start: Array,
     base_columns: Array | None = None,
@@ -49,13 +56,12 @@ def refit(
     count, fixed = start.size, len(base)
     full_jacobian = full_jacobian or base_columns is None
     differenced = list(range(count)) if full_jacobian else list(range(fixed, count))
-    columns = np.zeros((metric.experiment.size, count))
-    if base_columns is not None:
-        columns[:, :fixed] = base_columns
 
     def around(theta_unit: Array) -> tuple[list[Point], list[float]]:
         thetas, steps = neighbours(parameters, theta_unit, differenced)
         return [candidate.point(base, item) for item in thetas], steps
+
+    periodic = np.array([item.periodic for item in parameters])
 
     def read(answer: Array, steps: list[float]) -> tuple[Array, Array, Array]:
         joined = metric.whiten(
@@ -64,26 +70,34 @@ def refit(
                 + [(answer[:, 1 + k] - answer[:, 0]) / step for k, step in enumerate(steps)]
             )
         )
-        return joined[:, 0], joined[:, 1:], answer[:, 0]
+        return joined[:, 0], _differences(joined[:, 1:]), answer[:, 0]
 
     def cost(residual: Array, theta_unit: Array) -> float:
-        return float(residual @ residual + PRIOR**2 * ((theta_unit - 0.5) ** 2).sum())
+        apart = np.where(periodic, 0.0, theta_unit - 0.5)
+        value = float(residual @ residual + PRIOR**2 * (apart**2).sum())
+        return value if np.isfinite(value) else np.inf
 
-    theta_unit = np.clip(start, 0.0, 1.0)
+    theta_unit = _inside(start, periodic)
     usual = differenced
     if fresh_base:
         differenced = list(range(count))
     asked, steps = around(theta_unit)
     residual, fresh, prediction = read((yield asked), steps)
+    columns = np.zeros((residual.size, count))
+    if base_columns is not None:
+        columns[:, :fixed] = base_columns
     columns[:, differenced] = fresh
     differenced = usual
     best = cost(residual, theta_unit)
-    history, damping, quiet, failed = [best], 1e-3, 0, 0
+    history, damping, quiet, failed, converged = [best], 1e-3, 0, 0, False
     for _ in range(rounds):
-        move = _bounded_step(columns, residual, theta_unit, damping)
-        if np.abs(move).max() < 1e-6:
+        if not np.isfinite(best):
             break
-        trial = theta_unit + move
+        move = _bounded_step(columns, residual, theta_unit, damping, periodic)
+        converged = bool(np.abs(move).max() < MIN_MOVE)
+        if converged:
+            break
+        trial = _inside(theta_unit + move, periodic)
         asked, steps = around(trial)
         new_residual, fresh, new_prediction = read((yield asked), steps)
         value = cost(new_residual, trial)
@@ -103,18 +117,30 @@ def refit(
             damping = min(damping * 12.0, 1e6)
             failed += 1
         history.append(best)
-        if quiet >= QUIET_ROUNDS or failed >= FAILED_ROUNDS:
+        converged = quiet >= QUIET_ROUNDS or failed >= FAILED_ROUNDS
+        if converged:
             break
     return Fit(
         candidate,
         theta_unit,
-        float(residual @ residual),
+        float(residual @ residual) if np.isfinite(best) else np.inf,
         residual,
         columns,
         prediction,
         candidate.point(base, theta_unit),
         tuple(history),
+        converged,
     )
+
+
+def _differences(columns: Array) -> Array:
+    """Sensitivities (n, k); none where the simulator failed one step aside."""
+    return np.where(np.isfinite(columns).all(axis=0), columns, 0.0)
+
+
+def _inside(theta_unit: Array, periodic: NDArray[np.bool_]) -> Array:
+    """Bound-scaled parameters between 0 and 1; periodic ones go round."""
+    return np.where(periodic, theta_unit % 1.0, np.clip(theta_unit, 0.0, 1.0))
 
 
 def neighbours(
@@ -126,7 +152,7 @@ def neighbours(
     asked, steps = [theta_unit], []
     for index in differenced:
         step = parameters[index].step
-        if theta_unit[index] + step > 1.0:
+        if theta_unit[index] + step > 1.0 and not parameters[index].periodic:
             step = -step
         moved = theta_unit.copy()
         moved[index] += step
@@ -143,38 +169,46 @@ class Tangent:
     white: Array
 
 
-def tangent(metric: Metric, fit: Fit) -> Tangent:
+def tangent(metric: Whitening, fit: Fit) -> Tangent:
     """Finite differences of every parameter at the fit."""
     base = metric.experiment.system.base_parameters
     parameters = fit.candidate.parameters(base)
     thetas, steps = neighbours(parameters, fit.theta_unit, range(fit.theta_unit.size))
     answers = metric.experiment.predict([fit.candidate.point(base, item) for item in thetas])
-    plain = (answers[:, 1:] - answers[:, :1]) / np.array(steps)
+    plain = _differences((answers[:, 1:] - answers[:, :1]) / np.array(steps))
     return Tangent(plain, metric.whiten(plain))
 
 
-def _bounded_step(columns: Array, residual: Array, theta_unit: Array, damping: float) -> Array:
+def _bounded_step(
+    columns: Array,
+    residual: Array,
+    theta_unit: Array,
+    damping: float,
+    periodic: NDArray[np.bool_],
+) -> Array:
     """Damped Gauss-Newton step that stays between 0 and 1."""
     gram = columns.T @ columns
     slope = columns.T @ residual
     gram[np.diag_indices_from(gram)] += PRIOR**2
-    slope = slope + PRIOR**2 * (theta_unit - 0.5)
+    slope = slope + PRIOR**2 * np.where(periodic, 0.0, theta_unit - 0.5)
     gram[np.diag_indices_from(gram)] *= 1.0 + damping
     # In coordinates scaled by the diagonal: K and n of one contact are all but parallel.
     scale = 1.0 / np.sqrt(np.diag(gram))
     scaled = gram * np.outer(scale, scale)
     free = -np.linalg.solve(scaled, slope * scale) * scale
-    if np.all((theta_unit + free >= 0.0) & (theta_unit + free <= 1.0)):
-        return free
+    least = np.where(periodic, -PERIODIC_REACH, -theta_unit)
+    most = np.where(periodic, PERIODIC_REACH, 1.0 - theta_unit)
+    if np.all((free >= least) & (free <= most)):
+        return np.asarray(free)
     root = np.linalg.cholesky(scaled + 1e-12 * np.eye(theta_unit.size)).T
     target = -np.linalg.solve(root.T, slope * scale)
-    low, high = -theta_unit / scale, (1.0 - theta_unit) / scale
+    low, high = least / scale, most / scale
     answer = lsq_linear(root, target, bounds=(low - 1e-12, high + 1e-12), method='bvls')
-    return np.clip(theta_unit + answer.x * scale, 0.0, 1.0) - theta_unit
+    return np.asarray(np.clip(answer.x * scale, least, most))
 
 
 def run_refits(
-    metric: Metric,
+    metric: Whitening,
     refits: Sequence[Asking],
     check: Callable[[], None] = lambda: None,
 ) -> list[Fit]:
@@ -200,11 +234,11 @@ def run_refits(
 
 def declared_start(base: Sequence[Parameter]) -> Array:
     """The start that each parameter declares, the middle of its range where it does not."""
-    return np.array([0.5 if item.start is None else item.to_unit(item.start) for item in base])
+    return np.array([item.first_guess for item in base])
 
 
 def fit_base(
-    metric: Metric,
+    metric: Whitening,
     start: Array | None,
     seed: int,
     check: Callable[[], None] = lambda: None,
@@ -224,11 +258,17 @@ def fit_base(
             metric.experiment.predict([empty.point(base, theta_unit) for theta_unit in asked])
             - metric.experiment.measured[:, None]
         )
-        order = np.argsort((whitened**2).sum(axis=0))
+        order = np.argsort(np.nan_to_num((whitened**2).sum(axis=0), nan=np.inf))
         thetas = [asked[int(order[0])], asked[int(order[1])]]
     fits = run_refits(
         metric,
         [refit(metric, empty, item, rounds=25, full_jacobian=True) for item in thetas],
         check,
     )
-    return min(fits, key=lambda fit: fit.misfit)
+    best = min(fits, key=lambda fit: fit.misfit)
+    if not np.isfinite(best.misfit):
+        raise DiscrepancyError(
+            'simulator: it fails at every start of the base parameters that was tried; give each '
+            'parameter a start at which it runs'
+        )
+    return best

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Literal
 
 from saddlering_ros.discrepancy.candidate import Fit
@@ -11,7 +12,7 @@ from saddlering_ros.discrepancy.detection_limits import DetectionLimit
 from saddlering_ros.discrepancy.gain import Gain
 from saddlering_ros.discrepancy.lack_of_fit import FastResidual, ShapeTest, SlowResidual
 from saddlering_ros.discrepancy.metric import Metric
-from saddlering_ros.discrepancy.system import Array, Effect, Run
+from saddlering_ros.discrepancy.system import Array, Effect, RunBlocks
 
 Verdict = Literal['none', 'named', 'ambiguous', 'unknown']
 
@@ -41,7 +42,10 @@ class Evidence:
 
 @dataclass(frozen=True)
 class Cause:
-    """A cause found: its effect's id, what it cannot be told from, how sure, what it is worth."""
+    """A cause found: its effect's id, what it cannot be told from, how sure, what it is worth.
+
+    partial: it is real, and something else is wrong beside it.
+    """
 
     effect: str
     definition: Effect
@@ -52,13 +56,14 @@ class Cause:
     delta_bic: float
     visible: float
     gain: Gain
+    partial: bool = False
 
 
 @dataclass(frozen=True)
 class RunPrediction:
     """Predictions for one run, (C, N) each, offsets not taken out: without and with the causes."""
 
-    run: Run
+    run: RunBlocks
     before: Array
     after: Array
 
@@ -106,7 +111,8 @@ class PublishedFits:
 class Diagnosis:
     """Everything found: the verdict first, then what it rests on.
 
-    base: base parameters with the causes in, base_alone without; explained: share of the misfit.
+    base: base parameters with the causes in, base_alone without; explained: share of the misfit;
+    warnings: what should make a reader doubt it; converged: every fit the verdict rests on.
     """
 
     verdict: Verdict
@@ -117,6 +123,7 @@ class Diagnosis:
     explained: float
     next_test: str | None
     warnings: tuple[str, ...]
+    converged: bool
     runs: tuple[RunPrediction, ...]
     fits: PublishedFits
     residual_before: Residual
@@ -125,3 +132,15 @@ class Diagnosis:
     search: SearchLog
     simulations: int
     seconds: float
+
+    def summary(self) -> str:
+        """The verdict in plain lines."""
+        from saddlering_ros.discrepancy.summary import summary_text
+
+        return summary_text(self)
+
+    def write_report(self, path: Path | str) -> None:
+        """One HTML page, with nothing to load from elsewhere."""
+        from saddlering_ros.discrepancy.page import write_page
+
+        write_page(self, Path(path))

@@ -13,7 +13,7 @@ from saddlering_ros.discrepancy.noise import (
     measure_noise,
     TIME_CONSTANTS,
 )
-from saddlering_ros.discrepancy.system import Array, DiscrepancyError, RestSegment, Run
+from saddlering_ros.discrepancy.system import Array, DiscrepancyError, RestSegment, RunBlocks
 
 SEEN_SHARE = 0.25
 """A stretch at rest shows noise of time constants up to this share of its length."""
@@ -23,7 +23,7 @@ FEW_STRETCHES = 10
 
 
 def learn_noise(
-    runs: Sequence[Run], residuals: Sequence[Array] | None = None
+    runs: Sequence[RunBlocks], residuals: Sequence[Array] | None = None
 ) -> dict[tuple[str, int], ChannelNoise]:
     """Noise by run name and channel; runs sampled alike share what is learnt from all of them.
 
@@ -90,12 +90,12 @@ def _going_on(noise: ChannelNoise, segments: Sequence[RestSegment]) -> ChannelNo
     return replace(noise, slow=slow)
 
 
-def _sampling(run: Run) -> int:
+def _sampling(run: RunBlocks) -> int:
     """Class of sampling rates a run belongs to; -1 for one without rest."""
     return round(20 * np.log10(run.rest[0].step)) if run.rest else -1
 
 
-def _held_series(run: Run, residual: Array) -> HeldSeries | None:
+def _held_series(run: RunBlocks, residual: Array) -> HeldSeries | None:
     """Means of a residual over consecutive holds, if the run is made of holds."""
     hold = run.inputs.get('hold')
     if hold is None:

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
-from saddlering_ros.discrepancy.nuisances import ModelErrorPrior
 from saddlering_ros.errors import Cancelled
 
 Progress = Callable[[str, float], None]
@@ -26,7 +25,8 @@ class Settings:
     out of a group do; alternative_share: an alternative stays in the group while its misfit is
     within this share of the residual's; form_error: share of the misfit an effect explains by
     which its idealised form may err: alternatives as close as that stay in its group, and a
-    further cause smaller than that in the same view is no cause.
+    further cause smaller than that in the same view is no cause; rounds: least-squares rounds of
+    each candidate; max_rounds: of the fits on which the verdict rests.
     """
 
     error_rate: float = 0.01
@@ -38,7 +38,8 @@ class Settings:
     alternative_rate: float = 1e-4
     alternative_share: float = 0.33
     form_error: float = 0.1
-    model_error: ModelErrorPrior = field(default_factory=ModelErrorPrior)
+    rounds: int = 8
+    max_rounds: int = 60
     seed: int = 0
 
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
+from itertools import pairwise, product
 
 import numpy as np
 
@@ -16,7 +16,7 @@ from saddlering_ros.discrepancy.candidate import Candidate, Fit
 from saddlering_ros.discrepancy.change_scale import ChangeScale, orthonormal
 from saddlering_ros.discrepancy.metric import Metric
 from saddlering_ros.discrepancy.refit import Tangent
-from saddlering_ros.discrepancy.system import Array, Effect, Point
+from saddlering_ros.discrepancy.system import Array, Effect, Parameter, Point
 
 #: An effect of which less than this share is left beside the base parameters cannot be tested.
 MIN_SHARE = 0.02
@@ -29,6 +29,8 @@ MIN_STRAIGHT = 0.9
 SMALLER, STANDS_OUT, MAX_SMALLER = 0.3, 12.0, 4
 #: So many simulations are asked for at once.
 BATCH = 64
+#: Sizes tried of an effect without starts, as shares of its reach, and shapes, of their range.
+SIZES, SHAPES, MAX_SHAPES = (0.03, 0.15, 0.6), (0.15, 0.85), 16
 
 
 @dataclass(frozen=True)
@@ -67,24 +69,52 @@ def effect_starts(effect: Effect) -> list[Array]:
         return [
             np.array(
                 [
-                    item.to_unit(start[item.name])
-                    if item.name in start
-                    else 0.5
-                    if item.start is None
-                    else item.to_unit(item.start)
-                    for item in effect.parameters
+                    item.to_unit(start[item.name]) if item.name in start else item.first_guess
+                    for item in effect.ordered
                 ]
             )
             for start in effect.starts
         ]
-    shape = [
-        0.5 if item.start is None else item.to_unit(item.start) for item in effect.parameters[1:]
-    ]
-    reach = max(abs(effect.size.high), abs(effect.size.low))
+    usual = [item.first_guess for item in effect.ordered[1:]]
+    sizes = _sizes(effect)
+    starts = [np.array([size, *usual]) for size in sizes]
+    for shape in _other_shapes(effect.ordered[1:]):
+        starts.append(np.array([sizes[len(SIZES) // 2], *shape]))
+    return starts
+
+
+def _sizes(effect: Effect) -> list[float]:
+    """Bound-scaled sizes to both sides of where the effect does nothing."""
+    size, neutral = effect.size, effect.neutral
+    if size.scale == 'log':
+        return [0.2, 0.5, 0.8]
+    origin = min(max(neutral, size.low), size.high)
     return [
-        np.array([effect.size.to_unit(min(effect.size.high, part * reach)), *shape])
-        for part in (0.03, 0.15, 0.6)
+        size.to_unit(origin + part * (end - origin))
+        for end in (size.high, size.low)
+        if end != origin
+        for part in SIZES
     ]
+
+
+def _other_shapes(shapes: Sequence[Parameter]) -> list[list[float]]:
+    """Shapes beside the usual one: all together while they are few, else one at a time."""
+    if not shapes:
+        return []
+    usual = [item.first_guess for item in shapes]
+    choices = [
+        [(u + turn) % 1.0 for turn in (0.0, 0.25, 0.5, 0.75)] if item.periodic else [u, *SHAPES]
+        for item, u in zip(shapes, usual, strict=True)
+    ]
+    if np.prod([len(item) for item in choices]) <= MAX_SHAPES:
+        found = [list(item) for item in product(*choices)]
+    else:
+        found = [
+            [*usual[:number], value, *usual[number + 1 :]]
+            for number, values in enumerate(choices)
+            for value in values
+        ]
+    return [item for item in found if item != usual]
 
 
 def measure_signatures(
@@ -131,6 +161,7 @@ def _measured(
     ]
     part = metric.experiment.predict(points) - fit.prediction[:, None]
     left, lengths, shares = _beyond(metric, part, orthogonal)
+    shown = [bool(np.isfinite(column).all()) for column in part.T]
     return [
         Signature(
             effect,
@@ -144,6 +175,7 @@ def _measured(
             scale.beyond_base(part[:, column]),
         )
         for column, (effect, variant, theta_unit) in enumerate(starts)
+        if shown[column]
     ]
 
 

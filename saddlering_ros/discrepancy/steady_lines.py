@@ -13,7 +13,7 @@ from saddlering_ros.discrepancy.gain import Gain
 from saddlering_ros.discrepancy.lines import find_line, Line, line_gain
 from saddlering_ros.discrepancy.results import Cause, Estimate, Evidence
 from saddlering_ros.discrepancy.settings import Settings
-from saddlering_ros.discrepancy.system import Effect, RestSegment, Run
+from saddlering_ros.discrepancy.system import Effect, RestSegment, RunBlocks
 
 
 @dataclass(frozen=True)
@@ -26,7 +26,7 @@ class SteadyLines:
 
 
 def find_steady_lines(
-    experiment: Experiment, runs: Sequence[Run], settings: Settings, trials: int
+    experiment: Experiment, runs: Sequence[RunBlocks], settings: Settings, trials: int
 ) -> SteadyLines:
     """Lines in the stretches at rest of the fitted runs, for every effect that is a line."""
     rest = [segment for run in experiment.runs for segment in run.rest]
@@ -102,7 +102,7 @@ def _parameters(effect: Effect, variant: int, line: Line) -> dict[str, Estimate]
     # Channels brought to common instants by straight lines have lost up to this of a swing.
     lost = (2.0 * np.pi * line.frequency * line.step) ** 2 / 8.0
     deviation = float(np.hypot(deviation, lost * amplitude))
-    cosine, sine, frequency = effect.parameters
+    cosine, sine, frequency = effect.ordered
     return {
         cosine.name: Estimate(amplitude, deviation, cosine.unit),
         sine.name: Estimate(0.0, deviation, sine.unit),

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 import math
 from typing import Any, Literal, Protocol
 
@@ -24,71 +25,125 @@ class DiscrepancyError(SaddleringError):
 class Parameter:
     """A number that may be fitted, searched between `low` and `high` on a straight or log scale.
 
-    `step` is the share of the range by which sensitivities are differenced.
+    start: first guess, the middle where it is not given; neutral: the value at which an effect of
+    this size does nothing (0 where it is not given); step: share of the range by which
+    sensitivities are differenced; periodic: `high` is `low` again, as of an angle. The name is
+    given by the mapping in which a parameter stands.
     """
 
-    name: str
     low: float
     high: float
+    unit: str = ''
     start: float | None = None
     scale: Literal['linear', 'log'] = 'linear'
-    unit: str = ''
+    neutral: float | None = None
     step: float = 2e-3
+    periodic: bool = False
+    name: str = ''
 
     def __post_init__(self) -> None:
-        if not self.low < self.high:
-            raise DiscrepancyError(f'parameter {self.name}: low must lie under high')
+        if not (math.isfinite(self.low) and math.isfinite(self.high) and self.low < self.high):
+            raise DiscrepancyError(
+                f'parameter {self.name}: low must lie under high, and both be finite, not '
+                f'{self.low:g} and {self.high:g}'
+            )
+        if self.scale not in ('linear', 'log'):
+            raise DiscrepancyError(
+                f'parameter {self.name}: scale is {self.scale!r}: say linear or log'
+            )
         if self.scale == 'log' and self.low <= 0.0:
             raise DiscrepancyError(f'parameter {self.name}: a log scale needs a low above zero')
+        inside = self.start is None or self.low <= self.start <= self.high
+        if not (inside or self.periodic):
+            raise DiscrepancyError(
+                f'parameter {self.name}: start {self.start:g} is outside {self.low:g} to '
+                f'{self.high:g}'
+            )
+
+    @classmethod
+    def angle(cls, unit: str = 'rad', start: float | None = None) -> Parameter:
+        """An angle or phase, of any value: a full turn is where it began."""
+        turn = 360.0 if unit == 'deg' else 2.0 * math.pi
+        return cls(0.0, turn, unit=unit, start=start, periodic=True)
 
     def to_unit(self, value: float) -> float:
-        """Place of `value` between the bounds, 0 to 1."""
+        """Bound-scaled coordinate of `value`, 0 to 1."""
         if self.scale == 'log':
             floor = self.low * 1e-3
             return math.log(max(value, floor) / self.low) / math.log(self.high / self.low)
         return (value - self.low) / (self.high - self.low)
 
-    def from_unit(self, place: float) -> float:
-        """Value at `place` between the bounds."""
+    def from_unit(self, coordinate: float) -> float:
+        """Value at a bound-scaled coordinate."""
         if self.scale == 'log':
-            return float(self.low * (self.high / self.low) ** place)
-        return float(self.low + place * (self.high - self.low))
+            return float(self.low * (self.high / self.low) ** coordinate)
+        if self.periodic:
+            coordinate %= 1.0
+        return float(self.low + coordinate * (self.high - self.low))
 
-    def slope(self, place: float) -> float:
-        """Derivative of the value by its place: carries a standard error back to units."""
+    def slope(self, coordinate: float) -> float:
+        """Derivative of the value by its coordinate: carries a standard error back to units."""
         if self.scale == 'log':
-            return self.from_unit(place) * math.log(self.high / self.low)
+            return self.from_unit(coordinate) * math.log(self.high / self.low)
         return self.high - self.low
+
+    @property
+    def first_guess(self) -> float:
+        """Bound-scaled coordinate of the start, the middle where it is not given."""
+        return 0.5 if self.start is None else self.to_unit(self.start)
 
 
 @dataclass(frozen=True)
 class Effect:
-    """One possible cause: its first parameter is its size, `neutral` of it meaning absent.
+    """One possible cause: its first parameter is its size, neutral where that does nothing.
 
     `variants` are discrete choices inside one cause, such as which of four sensors; each is a
     set of fixed values passed on with the fitted ones. `starts` are first guesses tried by the
-    screening; left empty, three sizes between the bounds are tried.
+    screening; left empty, several sizes and shapes between the bounds are tried.
 
     `line`, the channels that each variant acts on, makes it a steady line looked for in stretches
     at rest and not fitted; its parameters are then cosine, sine and frequency [Hz].
 
     `form`: standard deviation of the size, as a share of it, that comes from the law being an
-    idealised one; no residual tells it.
+    idealised one; no residual tells it. The id is given by the mapping in which an effect stands;
+    an effect without one goes by its title.
     """
 
-    id: str
-    parameters: tuple[Parameter, ...]
+    title: str
+    parameters: Mapping[str, Parameter]
     variants: tuple[Mapping[str, float], ...] = ({},)
     starts: tuple[Mapping[str, float], ...] = ()
-    title: str = ''
     settled_by: str = ''
-    neutral: float = 0.0
     line: tuple[tuple[int, ...], ...] = ()
     form: float = 0.0
+    id: str = ''
+
+    def __post_init__(self) -> None:
+        if not self.parameters:
+            raise DiscrepancyError(f'effect {self.title}: give it a parameter, its size')
+        if not self.id:
+            object.__setattr__(self, 'id', self.title)
+        for start in self.starts:
+            unknown = [name for name in start if name not in self.parameters]
+            if unknown:
+                raise DiscrepancyError(
+                    f'effect {self.id}: a start names {", ".join(unknown)}, which is none of '
+                    f'{", ".join(self.parameters)}'
+                )
+
+    @cached_property
+    def ordered(self) -> tuple[Parameter, ...]:
+        """The parameters with their names, the size first."""
+        return tuple(replace(item, name=name) for name, item in self.parameters.items())
 
     @property
     def size(self) -> Parameter:
-        return self.parameters[0]
+        return self.ordered[0]
+
+    @property
+    def neutral(self) -> float:
+        """Size at which the effect does nothing."""
+        return 0.0 if self.size.neutral is None else self.size.neutral
 
     @property
     def one_sided(self) -> bool:
@@ -118,12 +173,13 @@ class RestSegment:
 
 
 @dataclass(frozen=True)
-class Run:
-    """One record: `channels` (C, N) are means over `width` (N,) seconds about `time` (N,).
+class RunBlocks:
+    """One run as the engine fits it: `channels` (C, N) are means over `width` (N,) about `time`.
 
     `group` names runs made under one setting (they share their systematic model error).
     `inputs` are the coordinates that a residual may depend on, the first being the drive;
-    `payload` is for the simulator alone.
+    `payload` is for the simulator alone. `present` (C, N), where given, is false where a sample is
+    missing; the channel is 0 there.
     """
 
     name: str
@@ -135,6 +191,7 @@ class Run:
     rest: tuple[RestSegment, ...] = ()
     held_out: bool = False
     payload: Any = None
+    present: NDArray[np.bool_] | None = None
 
     def __post_init__(self) -> None:
         if self.channels.ndim != 2 or self.channels.shape[1] != self.time.size:
@@ -162,11 +219,11 @@ class System(Protocol):
         """Combinations of channels a person looks at: name to weights (C,)."""
         ...
 
-    def predict_many(self, run: Run, points: Sequence[Point]) -> Array:
+    def predict_many(self, run: RunBlocks, points: Sequence[Point]) -> Array:
         """Channels (B, C, N) of `run` for every point; a constant per channel is of no account."""
         ...
 
-    def disturbances(self, runs: Sequence[Run], point: Point) -> Sequence[Array]:
+    def disturbances(self, runs: Sequence[RunBlocks], point: Point) -> Sequence[Array]:
         """What is wrong with any such system and no cause: per run columns (C, N, k), k the same.
 
         Each column is one standard deviation of one small unknown at `point` (base values, and

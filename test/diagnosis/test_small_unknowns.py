@@ -12,7 +12,7 @@ from saddlering_ros.diagnosis import records
 from saddlering_ros.diagnosis.records import build_record
 from saddlering_ros.diagnosis.ring_system import CURVATURE, RingSystem
 from saddlering_ros.diagnosis.scatter import CLEARANCE_UNKNOWN, Course, scatter_columns
-from saddlering_ros.discrepancy import Point, Run
+from saddlering_ros.discrepancy import Point, RunBlocks
 from saddlering_ros.rig import default_rig, TRUE_TO_SCALE
 
 BASE = TRUE_TO_SCALE.to_array()
@@ -21,7 +21,7 @@ KNOWN = 6
 
 
 @pytest.fixture(scope='module')
-def fast(campaign) -> Run:
+def fast(campaign) -> RunBlocks:
     rig = default_rig()
     bag = next(bag for bag in campaign() if bag.name == 'dynamic_50_fast')
     return build_record(rig, read_run(bag), held_out=False).run

@@ -7,7 +7,7 @@ from types import MappingProxyType
 
 import numpy as np
 
-from saddlering_ros.discrepancy import Parameter, Point, RestSegment, Run
+from saddlering_ros.discrepancy import Parameter, Point, RestSegment, RunBlocks
 
 STEP = 0.05
 TIME = np.arange(0.0, 20.0, STEP)
@@ -19,20 +19,20 @@ class System:
 
     channel_names: tuple[str, ...] = ('one',)
     views: Mapping[str, np.ndarray] = MappingProxyType({'one': np.array([1.0])})
-    base_parameters: tuple[Parameter, ...] = (Parameter('slope', 0.5, 2.0),)
+    base_parameters: tuple[Parameter, ...] = (Parameter(0.5, 2.0, name='slope'),)
 
-    def disturbances(self, runs: Sequence[Run], point: Point) -> list[np.ndarray]:
+    def disturbances(self, runs: Sequence[RunBlocks], point: Point) -> list[np.ndarray]:
         return [np.zeros((len(self.channel_names), run.time.size, 0)) for run in runs]
 
-    def predict_many(self, run: Run, points: Sequence[Point]) -> np.ndarray:
+    def predict_many(self, run: RunBlocks, points: Sequence[Point]) -> np.ndarray:
         return np.array([self.predict(run.name, point) for point in points])
 
     def predict(self, name: str, point: Point) -> np.ndarray:
         raise NotImplementedError
 
 
-def recorded(name: str, seen: np.ndarray, rest: Sequence[RestSegment] = ()) -> Run:
+def recorded(name: str, seen: np.ndarray, rest: Sequence[RestSegment] = ()) -> RunBlocks:
     """A run of `seen` (C, N); at rest before the load comes, if not at `rest`."""
     inputs = {'load': LOAD, 'direction': np.sign(np.gradient(LOAD))}
     quiet = tuple(rest) or (RestSegment(seen[:, TIME < 4.0], STEP),)
-    return Run(name, 'bench', TIME, np.full(TIME.size, STEP), seen, inputs, quiet)
+    return RunBlocks(name, 'bench', TIME, np.full(TIME.size, STEP), seen, inputs, quiet)

@@ -11,8 +11,8 @@ from saddlering_ros.discrepancy.signatures import Signature, with_amplitude_depe
 from saddlering_ros.discrepancy.system import Point
 
 TIME = np.linspace(0.0, 1.0, 200)
-SWING = Effect('swing', (Parameter('period', 0.0, 1.0),))
-GAIN = Effect('gain', (Parameter('share', 0.0, 1.0),))
+SWING = Effect('swing', {'period': Parameter(0.0, 1.0)})
+GAIN = Effect('gain', {'share': Parameter(0.0, 1.0)})
 
 
 def swing(period: float) -> np.ndarray:

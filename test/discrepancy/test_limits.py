@@ -8,7 +8,14 @@ from bench import LOAD, recorded, System
 import numpy as np
 import pytest
 
-from saddlering_ros.discrepancy import diagnose, Diagnosis, Effect, Parameter, Point, Settings
+from saddlering_ros.discrepancy import (
+    diagnose_system,
+    Diagnosis,
+    Effect,
+    Parameter,
+    Point,
+    Settings,
+)
 
 NOISE = 5e-3
 DULL = 0.25
@@ -23,7 +30,7 @@ class Bent(System):
     effects = (
         Effect(
             'bend',
-            (Parameter('size', -0.5, 0.5),),
+            {'size': Parameter(-0.5, 0.5)},
             variants=({'channel': 0.0}, {'channel': 1.0}),
         ),
     )
@@ -43,7 +50,7 @@ def diagnosed(size: float, seed: int) -> Diagnosis:
     seen = Bent().predict('slow', point)
     run = recorded('slow', seen + NOISE * chance.normal(size=seen.shape))
     # As rare an error as each of many candidates is allowed.
-    return diagnose(Bent(), [run], Settings(error_rate=1e-4))
+    return diagnose_system(Bent(), [run], Settings(error_rate=1e-4))
 
 
 def test_a_limit_holds_for_the_dullest_channel_and_the_best_is_told_beside_it() -> None:
@@ -72,10 +79,10 @@ def test_a_start_at_which_an_effect_does_nothing_has_no_limit_and_stops_nothing(
 
     class Placed(Bent):
         effects = (
-            Effect('bend', (Parameter('size', -0.5, 0.5),), variants=({'channel': 0.0},)),
+            Effect('bend', {'size': Parameter(-0.5, 0.5)}, variants=({'channel': 0.0},)),
             Effect(
                 'idle',
-                (Parameter('size', -0.5, 0.5), Parameter('place', 0.0, 1.0)),
+                {'size': Parameter(-0.5, 0.5), 'place': Parameter(0.0, 1.0)},
                 variants=({'channel': 1.0},),
                 starts=({'place': 0.2},),
             ),
@@ -83,7 +90,7 @@ def test_a_start_at_which_an_effect_does_nothing_has_no_limit_and_stops_nothing(
 
     seen = Bent().predict('slow', Point(np.ones(1), {}))
     run = recorded('slow', seen + NOISE * np.random.default_rng(1).normal(size=seen.shape))
-    limits = {item.effect: item for item in diagnose(Placed(), [run]).observability.limits}
+    limits = {item.effect: item for item in diagnose_system(Placed(), [run]).observability.limits}
     assert not limits['idle'].testable
     assert np.isinf(limits['idle'].limit)
     assert limits['bend'].testable

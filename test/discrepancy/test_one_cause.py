@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from saddlering_ros.discrepancy import (
-    diagnose,
+    diagnose_system,
     Effect,
     Parameter,
     Point,
@@ -24,7 +24,7 @@ SHAPES = {'square': LOAD**2, 'cube': LOAD**3, 'both': LOAD**2 - 2.0 * LOAD**3}
 class Bow(System):
     """One channel straight in the load, bent by a square, a cube, or by one thing that is both."""
 
-    effects = tuple(Effect(name, (Parameter('size', -0.5, 0.5),)) for name in SHAPES)
+    effects = tuple(Effect(name, {'size': Parameter(-0.5, 0.5)}) for name in SHAPES)
 
     def predict(self, name: str, point: Point) -> np.ndarray:
         bent = [values['size'] * SHAPES[name] for name, values in point.effects.items()]
@@ -49,6 +49,6 @@ def test_one_effect_takes_the_place_of_two_that_fit_no_better(
     chance = np.random.default_rng(3)
     seen = Bow().predict('slow', Point(np.ones(1), {'both': {'size': 0.2}}))
     seen = seen + NOISE * chance.normal(size=seen.shape)
-    (cause,) = diagnose(Bow(), [recorded('slow', seen)]).causes
+    (cause,) = diagnose_system(Bow(), [recorded('slow', seen)]).causes
     assert cause.effect == 'both'
     assert cause.parameters['size'].value == pytest.approx(0.2, rel=0.1)

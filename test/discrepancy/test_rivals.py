@@ -7,7 +7,7 @@ import numpy as np
 
 from saddlering_ros.discrepancy import (
     Cause,
-    diagnose,
+    diagnose_system,
     Effect,
     Parameter,
     Point,
@@ -24,8 +24,8 @@ class Bow(System):
     """One channel straight in the load, and two ways in which it may be bent."""
 
     effects = (
-        Effect('square', (Parameter('size', -0.2, 0.2),)),
-        Effect('cube', (Parameter('size', -0.2, 0.2),)),
+        Effect('square', {'size': Parameter(-0.2, 0.2)}),
+        Effect('cube', {'size': Parameter(-0.2, 0.2)}),
     )
 
     def predict(self, name: str, point: Point) -> np.ndarray:
@@ -41,7 +41,7 @@ def found(stretches: int) -> Cause:
     seen = seen + NOISE * chance.normal(size=seen.shape)
     rest = [RestSegment(NOISE * chance.normal(size=(1, 80)), STEP) for _ in range(stretches)]
     exact = Settings(form_error=0.0)
-    (cause,) = diagnose(Bow(), [recorded('slow', seen, rest)], exact).causes
+    (cause,) = diagnose_system(Bow(), [recorded('slow', seen, rest)], exact).causes
     return cause
 
 

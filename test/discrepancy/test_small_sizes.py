@@ -8,7 +8,7 @@ import pytest
 
 from saddlering_ros.discrepancy import (
     Cause,
-    diagnose,
+    diagnose_system,
     Effect,
     Parameter,
     Point,
@@ -21,13 +21,12 @@ class Stopped(System):
     """One channel straight in the load, less a part that ends at a stop."""
 
     effects = (
-        Effect('stop', (Parameter('height', 0.0, 4.0),)),
-        Effect('square', (Parameter('size', -0.2, 0.2),)),
+        Effect('stop', {'height': Parameter(0.0, 4.0)}),
+        Effect('square', {'size': Parameter(-0.2, 0.2)}),
         Effect(
             'clip',
-            (Parameter('limit', 0.1, 3.0),),
+            {'limit': Parameter(0.1, 3.0, neutral=3.0)},
             starts=tuple({'limit': limit} for limit in (0.3, 0.6, 1.2)),
-            neutral=3.0,
         ),
     )
 
@@ -44,7 +43,7 @@ def cause_of(effect: str, parameter: str, value: float) -> Cause:
     chance = np.random.default_rng(1)
     seen = Stopped().predict('slow', Point(np.ones(1), {effect: {parameter: value}}))
     seen = seen + NOISE * chance.normal(size=seen.shape)
-    (cause,) = diagnose(Stopped(), [recorded('slow', seen)]).causes
+    (cause,) = diagnose_system(Stopped(), [recorded('slow', seen)]).causes
     return cause
 
 
@@ -63,6 +62,7 @@ def test_a_limit_that_cuts_a_little_is_found() -> None:
 def test_the_limit_of_a_clip_is_told_as_the_clip_and_not_as_its_distance_from_none() -> None:
     chance = np.random.default_rng(1)
     seen = Stopped().predict('slow', Point(np.ones(1), {}))
-    found = diagnose(Stopped(), [recorded('slow', seen + NOISE * chance.normal(size=seen.shape))])
+    run = recorded('slow', seen + NOISE * chance.normal(size=seen.shape))
+    found = diagnose_system(Stopped(), [run])
     limits = next(item for item in found.observability.limits if item.effect == 'clip')
     assert 0.8 < limits.limit <= limits.best_limit < 1.0  # of a reading that goes to 1

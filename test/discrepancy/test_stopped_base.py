@@ -6,7 +6,7 @@ from bench import LOAD, recorded, STEP, System
 import numpy as np
 import pytest
 
-from saddlering_ros.discrepancy import diagnose, Effect, Parameter, Point
+from saddlering_ros.discrepancy import diagnose_system, Effect, Parameter, Point
 
 RATE = np.gradient(LOAD, STEP)
 NOISE = 1e-4
@@ -17,10 +17,13 @@ POWERS = range(2, 11)
 class Dragged(System):
     """One channel straight in the load, and dragged in proportion to its rate."""
 
-    base_parameters = (Parameter('slope', 0.5, 2.0), Parameter('drag', 1e-6, 1.0, start=0.5))
+    base_parameters = (
+        Parameter(0.5, 2.0, name='slope'),
+        Parameter(1e-6, 1.0, start=0.5, name='drag'),
+    )
     effects = (
-        Effect('turning', (Parameter('share', 0.0, 1.0),)),
-        *(Effect(f'power_{power}', (Parameter('size', -0.2, 0.2),)) for power in POWERS),
+        Effect('turning', {'share': Parameter(0.0, 1.0)}),
+        *(Effect(f'power_{power}', {'size': Parameter(-0.2, 0.2)}) for power in POWERS),
     )
 
     def predict(self, name: str, point: Point) -> np.ndarray:
@@ -37,7 +40,7 @@ def test_an_effect_that_does_nothing_at_that_bound_is_found_all_the_same() -> No
     chance = np.random.default_rng(1)
     seen = Dragged().predict('slow', Point(np.array([1.0, 0.5]), {'turning': {'share': 0.9}}))
     run = recorded('slow', seen + NOISE * chance.normal(size=seen.shape))
-    found = diagnose(Dragged(), [run])
+    found = diagnose_system(Dragged(), [run])
     (cause,) = found.causes
     assert cause.group == ('turning',)
     assert cause.parameters['share'].value == pytest.approx(0.9, rel=0.05)

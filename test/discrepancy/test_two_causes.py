@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from saddlering_ros.discrepancy import (
-    diagnose,
+    diagnose_system,
     Diagnosis,
     Effect,
     Parameter,
@@ -27,11 +27,11 @@ class Spring(System):
 
     channel_names = ('one', 'two')
     views = MappingProxyType({'one': np.array([1.0, 0.0]), 'two': np.array([0.0, 1.0])})
-    base_parameters = (Parameter('first', 0.5, 2.0), Parameter('second', 0.5, 2.0))
+    base_parameters = (Parameter(0.5, 2.0, name='first'), Parameter(0.5, 2.0, name='second'))
     effects = (
-        Effect('late', (Parameter('size', -0.5, 0.5),)),
-        Effect('bend', (Parameter('size', -0.6, 0.6),)),
-        Effect('other_bend', (Parameter('size', -0.2, 0.2),)),
+        Effect('late', {'size': Parameter(-0.5, 0.5)}),
+        Effect('bend', {'size': Parameter(-0.6, 0.6)}),
+        Effect('other_bend', {'size': Parameter(-0.2, 0.2)}),
     )
 
     def predict(self, name: str, point: Point) -> np.ndarray:
@@ -54,7 +54,7 @@ def diagnosed(inexact: float, **sizes: float) -> Diagnosis:
         seen[0] += (name == 'fast') * inexact * sizes['late'] * np.sin(6.0 * np.pi * PHASE)
         seen += NOISE * chance.normal(size=seen.shape)
         runs.append(recorded(name, seen))
-    return diagnose(Spring(), runs)
+    return diagnose_system(Spring(), runs)
 
 
 def names(found: Diagnosis) -> set[str]:

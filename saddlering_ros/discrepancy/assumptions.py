@@ -1,0 +1,40 @@
+"""What the engine supposes of noise, offsets and model error before it has seen a residual."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+
+from saddlering_ros.discrepancy.noise import ChannelNoise
+from saddlering_ros.discrepancy.priors import FREE_OFFSET, ModelErrorPrior
+from saddlering_ros.discrepancy.run_noise import learn_noise
+from saddlering_ros.discrepancy.system import Array, RunBlocks
+
+NoiseByRun = Mapping[tuple[str, int], ChannelNoise]
+LearnNoise = Callable[[Sequence[RunBlocks], Sequence[Array] | None], NoiseByRun]
+"""Noise by run name and channel, from runs and, once there are some, residuals (C, N) a run."""
+
+
+@dataclass(frozen=True)
+class Assumptions:
+    """Noise, offsets and model error of a system.
+
+    learn_noise: how noise is known; relearns: it is learnt again from the residual of a model with
+    the causes found; offsets: spread of each channel's constant, None where they are free;
+    model_error: smooth error over the drive, None for none; form_error: share of the misfit an
+    effect explains by which its form may err and a name still stands; special_inputs: inputs of a
+    meaning of their own: the direction of the drive, and the number of the hold;
+    coordinate_waves: half waves that are tested along the first coordinate and along each other.
+    """
+
+    learn_noise: LearnNoise = learn_noise
+    relearns: bool = False
+    offsets: tuple[float, ...] | None = None
+    model_error: ModelErrorPrior | None = field(default_factory=ModelErrorPrior)
+    form_error: float = 0.1
+    special_inputs: frozenset[str] = frozenset({'direction', 'hold'})
+    coordinate_waves: tuple[int, int] = (6, 3)
+
+    def frees_constant(self, channel: int) -> bool:
+        """Whether a constant in a channel means nothing."""
+        return self.offsets is None or self.offsets[channel] >= FREE_OFFSET

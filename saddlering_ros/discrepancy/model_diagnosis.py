@@ -1,0 +1,96 @@
+"""`diagnose`: what a declared model gets wrong in runs, for any machine."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from saddlering_ros.discrepancy.engine import diagnose_system
+from saddlering_ros.discrepancy.model import Model, Run
+from saddlering_ros.discrepancy.model_system import ModelSystem
+from saddlering_ros.discrepancy.noise import overestimated, overestimated_sentence
+from saddlering_ros.discrepancy.results import Diagnosis, RunPrediction
+from saddlering_ros.discrepancy.settings import Progress, Settings
+from saddlering_ros.discrepancy.system import DiscrepancyError, RunBlocks
+
+MODEL_SETTINGS = Settings(form_error=0.02, rounds=20, max_rounds=100)
+"""How strict a diagnosis of a declared model is: its laws are taken to be nearly exact."""
+
+
+def diagnose(
+    model: Model,
+    runs: Sequence[Run],
+    *,
+    hold_out: Sequence[Run] = (),
+    settings: Settings | None = None,
+    on_progress: Progress | None = None,
+    is_cancelled: Callable[[], bool] | None = None,
+) -> Diagnosis:
+    """Where `model` and `runs` differ, and why; what an extension is worth on `hold_out`."""
+    system, blocks = prepared(model, runs, hold_out)
+    found = diagnose_system(
+        system,
+        blocks,
+        settings or MODEL_SETTINGS,
+        assumptions=system.assumptions(),
+        on_progress=on_progress,
+        is_cancelled=is_cancelled,
+    )
+    found = _with_noise_doubts(found)
+    warnings = [*found.warnings, *system.failure_sentences()]
+    if not found.converged:
+        warnings.append(
+            'a fit the verdict rests on had not converged: give Settings(max_rounds=...) more '
+            'rounds, narrower bounds or better starts'
+        )
+    predictions = tuple(_in_units(item, system) for item in found.runs)
+    return replace(found, warnings=tuple(warnings), runs=predictions)
+
+
+def prepared(
+    model: Model, runs: Sequence[Run], hold_out: Sequence[Run] = ()
+) -> tuple[ModelSystem, list[RunBlocks]]:
+    """The model as a system, and its runs as the engine fits them."""
+    if not runs:
+        raise DiscrepancyError('diagnose: no runs: give at least one')
+    system = ModelSystem(model, runs)
+    blocks = [system.blocks(run, held_out=False) for run in runs]
+    blocks += [system.blocks(run, held_out=True) for run in hold_out]
+    return system, blocks
+
+
+def _with_noise_doubts(found: Diagnosis) -> Diagnosis:
+    """The same with a warning, and no name, where the misfit is far under the noise."""
+    metric, fit = found.fits.metric, found.fits.after
+    experiment = metric.experiment
+    white = metric.whiten(fit.prediction - experiment.measured)
+    sentences = []
+    for index, channel, part in experiment.slices:
+        run, name = experiment.runs[index], experiment.system.channel_names[channel]
+        count = part.stop - part.start if run.present is None else run.present[channel].sum()
+        free = max(int(count) - fit.theta_unit.size - 1, 1)
+        statistic = float(white[part] @ white[part])
+        if overestimated(statistic, free, metric.noise[run.name, channel].pairs):
+            sentences.append(overestimated_sentence(statistic, free, f'{name} in {run.name}'))
+    if not sentences:
+        return found
+    causes = tuple(replace(cause, partial=True) for cause in found.causes)
+    return replace(
+        found,
+        verdict='unknown' if causes else found.verdict,
+        causes=causes,
+        warnings=(*sentences, *found.warnings),
+    )
+
+
+def _in_units(item: RunPrediction, system: ModelSystem) -> RunPrediction:
+    """A run and its predictions in the channels' own units."""
+    scale = system.scales[:, None]
+    measured = item.run.channels * scale
+    if item.run.present is not None:
+        measured = np.where(item.run.present, measured, 0.0)
+    return RunPrediction(
+        replace(item.run, channels=measured), item.before * scale, item.after * scale
+    )

@@ -1,0 +1,68 @@
+"""A diagnosis in plain lines."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from saddlering_ros.discrepancy.results import Cause, Diagnosis, Estimate
+
+WORDS = {
+    'none': 'nothing is wrong that these data could show',
+    'named': 'the cause stands out',
+    'ambiguous': 'these data cannot tell several causes apart',
+    'unknown': 'something is wrong that no known cause explains',
+}
+
+
+def summary_text(found: Diagnosis) -> str:
+    """Verdict, causes, what the extension is worth, parameters, warnings."""
+    lines = [f'verdict: {found.verdict} ({WORDS[found.verdict]})']
+    for cause in found.causes:
+        lines += _cause_lines(cause)
+    if found.causes:
+        lines.append(f'misfit reduction: {gain_words(found.gain.fit, found.gain.held_out)}')
+    if found.verdict == 'unknown':
+        shapes = [item for item in found.residual_after.shapes if item.p_value < 0.01][:4]
+        lines += [
+            f'  left: {item.view} along {item.coordinate}, {100 * item.visible:.2g} % of range'
+            for item in shapes
+        ]
+    lines += ['', 'base parameters (alone -> with the causes):']
+    lines += parameter_lines(found.base_alone, found.base)
+    lines += [f'warning: {item}' for item in found.warnings]
+    if not found.converged:
+        lines.append('not converged: a fit the verdict rests on ended before its optimum')
+    return '\n'.join(lines)
+
+
+def _cause_lines(cause: Cause) -> list[str]:
+    values = ', '.join(f'{name} {estimate_words(item)}' for name, item in cause.parameters.items())
+    part = ' (part of the cause only)' if cause.partial else ''
+    lines = [f'  {cause.effect}: {cause.definition.title}{part}', f'    {values}']
+    lines.append(
+        f'    misfit reduction {gain_words(cause.gain.fit, cause.gain.held_out)}; '
+        f'p {cause.p_value:.1e}'
+    )
+    if len(cause.group) > 1:
+        lines.append(f'    these data cannot tell it from: {", ".join(cause.group[1:])}')
+    return lines
+
+
+def gain_words(fitted: float, held_out: float | None) -> str:
+    """Misfit reductions as percentages."""
+    words = f'{100 * fitted:.1f} % on fitted runs'
+    return words if held_out is None else f'{words}, {100 * held_out:.1f} % on held-out runs'
+
+
+def estimate_words(item: Estimate) -> str:
+    """A value with its standard deviation and unit."""
+    spread = f' +/- {item.std:.2g}' if item.std else ''
+    return f'{item.value:.5g}{spread} {item.unit}'.rstrip()
+
+
+def parameter_lines(alone: Mapping[str, Estimate], found: Mapping[str, Estimate]) -> list[str]:
+    """One line a base parameter."""
+    return [
+        f'  {name}: {estimate_words(alone[name])} -> {estimate_words(item)}'
+        for name, item in found.items()
+    ]

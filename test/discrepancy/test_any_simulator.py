@@ -1,0 +1,125 @@
+"""Claims on the public face, made of the examples: named, none, unknown, in any unit."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+import importlib.util
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+import pytest
+
+from saddlering_ros.discrepancy import diagnose, Diagnosis, Effect, Model, Parameter, Run
+
+FOLDER = Path(__file__).parents[2] / 'examples' / 'any_simulator'
+NAMES = sorted(path.stem for path in FOLDER.glob('*.py'))
+
+
+def example(name: str) -> ModuleType:
+    spec = importlib.util.spec_from_file_location(f'example_{name}', FOLDER / f'{name}.py')
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def hidden_effect(module: ModuleType) -> str:
+    return next(iter(module.HIDDEN)).split('.')[0]
+
+
+def records(module: ModuleType, hidden: dict[str, float]) -> list[Run]:
+    return [module.record('first', 1, hidden), module.record('second', 2, hidden)]
+
+
+def names(found: Diagnosis) -> list[str]:
+    return [cause.effect for cause in found.causes]
+
+
+@pytest.mark.parametrize('name', NAMES)
+def test_what_is_hidden_is_named_and_its_size_is_right(name: str) -> None:
+    module = example(name)
+    found = diagnose(module.model, records(module, module.HIDDEN))
+    assert (found.verdict, names(found)) == ('named', [hidden_effect(module)])
+    size = next(iter(found.causes[0].parameters.values()))
+    true = next(iter(module.HIDDEN.values()))
+    assert abs(size.value - true) < 4.0 * size.std
+    assert found.converged
+
+
+@pytest.mark.parametrize('name', NAMES)
+def test_where_nothing_is_hidden_nothing_is_found(name: str) -> None:
+    module = example(name)
+    assert diagnose(module.model, records(module, {})).verdict == 'none'
+
+
+@pytest.mark.parametrize('name', NAMES)
+def test_what_is_in_no_catalogue_gets_no_name(name: str) -> None:
+    module = example(name)
+    effects = dict(module.model.effects)
+    absent = effects.pop(hidden_effect(module))
+    gone = {f'{hidden_effect(module)}.{item}': 0.0 for item in absent.parameters}
+
+    def simulate(parameters: dict[str, float], run: Run) -> dict[str, np.ndarray]:
+        return module.simulate({**module.TRUE, **gone, **parameters}, run)
+
+    model = replace(module.model, simulate=simulate, effects=effects)
+    assert diagnose(model, records(module, module.HIDDEN)).verdict == 'unknown'
+
+
+def in_other_units(module: ModuleType, channel: float, time: float, parameter: float) -> Model:
+    """The same machine with its channels, its time and its parameters in other units."""
+
+    def simulate(parameters: dict[str, float], run: Run) -> dict[str, np.ndarray]:
+        usual = {name: value / scale.get(name, 1.0) for name, value in parameters.items()}
+        seen = module.simulate(usual, replace(run, time=run.time / time))
+        return {name: channel * np.asarray(values) for name, values in seen.items()}
+
+    def scaled(item: Parameter) -> Parameter:
+        if item.periodic:
+            return item
+        neutral = None if item.neutral is None else item.neutral * parameter
+        return replace(
+            item, low=item.low * parameter, high=item.high * parameter, neutral=neutral
+        )
+
+    base = {name: scaled(item) for name, item in module.model.base.items()}
+    effects: dict[str, Effect] = {}
+    scale = dict.fromkeys(base, parameter)
+    for key, effect in module.model.effects.items():
+        own = {name: scaled(item) for name, item in effect.parameters.items()}
+        effects[key] = replace(effect, parameters=own)
+        scale.update(
+            {f'{key}.{name}': parameter for name, item in own.items() if not item.periodic}
+        )
+    channels = {
+        name: replace(
+            item,
+            offset=item.offset if isinstance(item.offset, str) else item.offset * channel,
+            noise=replace(item.noise, std=item.noise.std * channel)
+            if hasattr(item.noise, 'std')
+            else item.noise,
+        )
+        for name, item in module.model.channels.items()
+    }
+    return Model(simulate, base, effects, channels)
+
+
+@pytest.mark.parametrize('units', [(1e6, 1e-3, 1e3), (1e-6, 1e3, 1e-3)])
+@pytest.mark.parametrize('name', NAMES)
+def test_a_verdict_is_the_same_in_any_unit(name: str, units: tuple[float, float, float]) -> None:
+    module = example(name)
+    usual = records(module, module.HIDDEN)[:1]
+    other = [
+        replace(
+            run,
+            time=run.time * units[1],
+            outputs={key: values * units[0] for key, values in run.outputs.items()},
+        )
+        for run in usual
+    ]
+    first = diagnose(module.model, usual)
+    second = diagnose(in_other_units(module, *units), other)
+    assert (second.verdict, names(second)) == (first.verdict, names(first))
+    assert second.gain.fit == pytest.approx(first.gain.fit, abs=1e-3)
