@@ -163,7 +163,7 @@ def engine_effect(effect: catalogue_of_effects.Effect) -> Effect:
             item.high,
             start=float(np.clip(item.start, item.low, item.high)),
             unit=item.unit,
-            neutral=item.neutral if item is ordered[0] else None,
+            neutral=item.neutral if item.amplitude or item is ordered[0] else None,
             scale='log' if item.logarithmic else 'linear',
             step=FINE_STEP
             if item.logarithmic

@@ -150,16 +150,23 @@ def _shapes_at_bounds(space: ModelSpace, fit: Fit) -> list[str]:
     sentences = []
     count = len(space.metric.experiment.system.base_parameters)
     for effect, _, part in fit.candidate.slices(count):
-        places = zip(effect.ordered, fit.theta_unit[part], deviations[part], strict=True)
-        for item, theta_unit, deviation in list(places)[1:]:
-            edge = min(theta_unit, 1.0 - theta_unit)
-            if edge < AT_BOUND and deviation < DETERMINED and not item.periodic:
-                sentences.append(
-                    f'{effect.id}: its {item.name} stands at the bound of '
-                    f'{item.from_unit(float(theta_unit)):.3g} {item.unit}: the shape of the cause '
-                    'is another than the bounds allow, so it has no name'
-                )
+        shapes = zip(effect.ordered, fit.theta_unit[part], deviations[part], strict=True)
+        sentences += [
+            f'{effect.id}: its {item.name} stands at the bound of '
+            f'{item.from_unit(float(theta_unit)):.3g} {item.unit}: the shape of the cause '
+            'is another than the bounds allow, so it has no name'
+            for item, theta_unit, deviation in list(shapes)[1:]
+            if deviation < DETERMINED and _is_stopped(item, float(theta_unit))
+        ]
     return sentences
+
+
+def _is_stopped(shape: Parameter, theta_unit: float) -> bool:
+    """Whether a bound stopped a shape; one that is its neutral value or its start is no stop."""
+    if shape.periodic or min(theta_unit, 1.0 - theta_unit) >= AT_BOUND:
+        return False
+    bound = shape.high if theta_unit > 0.5 else shape.low
+    return bound not in (shape.neutral, shape.start)
 
 
 DETERMINED = 0.2
@@ -203,10 +210,12 @@ class Publication:
         self.covariance = _covariance(
             space.tangent_of(fit), after, self.fit.theta_unit - fit.theta_unit
         )
-        fitted = [self.base, self.fit, *others]
-        plain = plain_fits(experiment, fitted, space.settings.max_rounds, space.watch)
-        self._plain = dict(zip((item.candidate.key for item in fitted), plain, strict=True))
-        self.converged = all(item.converged for item in [*fitted, *plain])
+        fitted = {item.candidate.key: item for item in (self.base, self.fit, *others)}
+        plain = plain_fits(
+            experiment, list(fitted.values()), space.settings.max_rounds, space.watch
+        )
+        self._plain = dict(zip(fitted, plain, strict=True))
+        self.converged = all(item.converged for item in [*fitted.values(), *plain])
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:

@@ -66,9 +66,8 @@ def plain_fits(
         unit = max(float(np.sqrt(start @ start / start.size)), 1e-12)
         metric = GainMetric(experiment, unit)
         starts = [fit.theta_unit]
-        declared = fit.theta_unit.copy()
-        declared[: len(base)] = declared_start(base)
-        starts.append(declared)
+        if not fit.candidate.effects:
+            starts.append(declared_start(base))
         wanted = [
             refit(metric, fit.candidate, item, rounds=rounds, full_jacobian=True)
             for item in starts

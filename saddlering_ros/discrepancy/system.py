@@ -26,8 +26,8 @@ class Parameter:
     """A number that may be fitted, searched between `low` and `high` on a straight or log scale.
 
     start: first guess, the middle where it is not given; neutral: the value at which an effect of
-    this size does nothing (0 where it is not given); step: share of the range by which
-    sensitivities are differenced; periodic: `high` is `low` again, as of an angle. The name is
+    this size does nothing (0 where it is not given), of a shape its natural end; step: share of
+    the range by which sensitivities are differenced; periodic: `high` is `low` again, as of an angle. The name is
     given by the mapping in which a parameter stands.
     """
 
