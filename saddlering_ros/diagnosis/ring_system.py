@@ -132,7 +132,7 @@ class RingSystem:
             start += run.channels.size
         return answer
 
-    def targets(self, run: Run, point: Point) -> dict[str, Array]:
+    def targets(self, run: RunBlocks, point: Point) -> dict[str, Array]:
         """What a newton more at the ring changes: a law may add to the load it feels."""
         extension = self.extension(point)
         less, more = (
@@ -142,7 +142,7 @@ class RingSystem:
         answers = self._simulated(run, [(point.base, less), (point.base, more)])
         return {'hydraulic_load': (answers[1] - answers[0]) / (2.0 * LOAD_STEP)}
 
-    def start_of(self, run: Run) -> float:
+    def start_of(self, run: RunBlocks) -> float:
         """The start of the zero window."""
         grid: LoadGrid = run.payload
         return float(grid.time[0])

@@ -138,7 +138,12 @@ def fast_bands(metric: Metric, first: int) -> list[Band]:
 
 
 def _basis_band(
-    index: int, run: RunBlocks, first: int, stop: int, parts: list[slice], whiteners: list[Whitener]
+    index: int,
+    run: RunBlocks,
+    first: int,
+    stop: int,
+    parts: list[slice],
+    whiteners: list[Whitener],
 ) -> Band:
     duration = max(float(np.ptp(run.time)), 1e-300)
     share = (run.time - run.time[0]) / duration
@@ -153,7 +158,12 @@ def _basis_band(
 
 
 def _transform_band(
-    index: int, run: RunBlocks, first: int, stop: int, parts: list[slice], whiteners: list[Whitener]
+    index: int,
+    run: RunBlocks,
+    first: int,
+    stop: int,
+    parts: list[slice],
+    whiteners: list[Whitener],
 ) -> Band:
     duration = max(float(np.ptp(run.time)), 1e-300)
     return TransformBand(index, first, duration, stop, parts, whiteners, run.width)

@@ -27,8 +27,8 @@ class Parameter:
 
     start: first guess, the middle where it is not given; neutral: the value at which an effect of
     this size does nothing (0 where it is not given), of a shape its natural end; step: share of
-    the range by which sensitivities are differenced; periodic: `high` is `low` again, as of an angle. The name is
-    given by the mapping in which a parameter stands.
+    the range by which sensitivities are differenced; periodic: `high` is `low` again, as of an
+    angle. The name is given by the mapping in which a parameter stands.
     """
 
     low: float

@@ -7,8 +7,8 @@ from typing import Protocol, runtime_checkable
 
 import numpy as np
 
+from saddlering_ros.discrepancy import gain
 from saddlering_ros.discrepancy.candidate import Fit
-from saddlering_ros.discrepancy.gain import power
 from saddlering_ros.discrepancy.metric import Metric
 from saddlering_ros.discrepancy.proposal.memory import direction_of
 from saddlering_ros.discrepancy.proposal.misfit import (
@@ -21,7 +21,7 @@ from saddlering_ros.discrepancy.proposal.misfit import (
 )
 from saddlering_ros.discrepancy.proposal.propose import LawProposal, propose_law
 from saddlering_ros.discrepancy.refit import neighbours, tangent
-from saddlering_ros.discrepancy.system import Array, Point, Run, System
+from saddlering_ros.discrepancy.system import Array, Point, RunBlocks, System
 
 DIRECTION_BAND = 0.01
 """Share of the drive's range by which it must turn back to have another direction."""
@@ -34,17 +34,17 @@ NO_COORDINATES = ('hold',)
 class HasTargets(Protocol):
     """A system that knows more places for an addition than its views and channels."""
 
-    def targets(self, run: Run, point: Point) -> Mapping[str, Array]:
+    def targets(self, run: RunBlocks, point: Point) -> Mapping[str, Array]:
         """Change of the channels (C, N) by a unit of the addition, by the target's name."""
         ...
 
-    def start_of(self, run: Run) -> float:
+    def start_of(self, run: RunBlocks) -> float:
         """Instant [s] from which time counts in a law."""
         ...
 
 
 def propose_for(
-    metric: Metric, fit: Fit, runs: Sequence[Run], degrees: int, error_rate: float
+    metric: Metric, fit: Fit, runs: Sequence[RunBlocks], degrees: int, error_rate: float
 ) -> LawProposal | None:
     """The law that would explain what `fit` leaves; `runs` are those fitted and those held out."""
     experiment = metric.experiment
@@ -63,13 +63,13 @@ def propose_for(
     by_name = {run.name: run for run in runs}
 
     def mean_square(run: ObservedRun, residual: Array) -> float:
-        return power(system.views, experiment.view_ranges, [by_name[run.name]], [residual])
+        return gain.mean_square(experiment, [by_name[run.name]], [residual])
 
     misfit = Misfit(tuple(observed), metric.whiten, degrees)
     return propose_law(misfit, mean_square, held, error_rate)
 
 
-def _held_out(system: System, run: Run, fit: Fit) -> ObservedRun:
+def _held_out(system: System, run: RunBlocks, fit: Fit) -> ObservedRun:
     """A held-out run with the slopes of its prediction."""
     base = system.base_parameters
     parameters = fit.candidate.parameters(base)
@@ -81,7 +81,7 @@ def _held_out(system: System, run: Run, fit: Fit) -> ObservedRun:
 
 
 def _observed(
-    system: System, run: Run, point: Point, residual: Array, slopes: Array
+    system: System, run: RunBlocks, point: Point, residual: Array, slopes: Array
 ) -> ObservedRun:
     targets: dict[str, Array] = {}
     for name, weights in system.views.items():
@@ -99,7 +99,7 @@ def _observed(
     return ObservedRun(run.name, coordinates_of(run, begin), targets, residual, slopes)
 
 
-def coordinates_of(run: Run, begin: float) -> dict[str, Array]:
+def coordinates_of(run: RunBlocks, begin: float) -> dict[str, Array]:
     """Coordinates of a run: the drive, its direction and rate, time, and what else it has."""
     names = [name for name in run.inputs if name not in NO_COORDINATES]
     drive = run.inputs[names[0]]
