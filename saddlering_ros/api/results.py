@@ -216,11 +216,12 @@ class ValidationResult(Result):
     def plot(self) -> Plot:
         """Measured and simulated, one column a run: static ones over load, or else over time."""
         from saddlering_ros.report import figures
+        from saddlering_ros.report.drawing import draw
         from saddlering_ros.report.validation_page import curves_of_validation
 
         curves = curves_of_validation(self.found, runs_of(self.bags))
         static = [item for item in curves if item.test == 'static']
-        return Plot(figures.comparison((static or curves)[:3]))
+        return Plot(draw(figures.comparison((static or curves)[:3])))
 
     def write_report(
         self, path: Path | str, *, command: str = '',
@@ -290,8 +291,9 @@ class DiagnosisResult(Result, _Parametric):
     def plot(self) -> Plot:
         """Misfit of every run and channel before and after, beside the noise."""
         from saddlering_ros.report import figures
+        from saddlering_ros.report.drawing import draw
 
-        return Plot(figures.misfit(self._document()['runs']))
+        return Plot(draw(figures.misfit(self._document()['runs'])))
 
     def write_report(self, path: Path | str, *, command: str = '') -> tuple[Path, ...]:
         """Write the page of the diagnosis."""

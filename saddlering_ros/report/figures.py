@@ -1,24 +1,29 @@
-"""The figures of a report; each function draws one and returns it, every axis with its unit."""
+"""The figures of a report as charts; each function describes one, every axis with its unit."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from functools import wraps
-from typing import Any, ParamSpec
+from collections.abc import Mapping, Sequence
+from typing import Any
 
-from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
-from matplotlib.patches import Patch
-from matplotlib.ticker import FuncFormatter
 import numpy as np
 
+from saddlering_ros.report.charts import (
+    Band,
+    Chart,
+    HeatMap,
+    line,
+    markers,
+    Panel,
+    Series,
+    Ticks,
+    without_inner_labels,
+)
 from saddlering_ros.report.curves import Array, branches, RunCurves, spectrum
 from saddlering_ros.report.style import (
     AFTER,
     axis_label,
     BEFORE,
     DOWN,
-    drawing,
     MEASURED,
     MICRO,
     MICRO_UNITS,
@@ -31,110 +36,99 @@ from saddlering_ros.rig import CHANNELS, TONNE
 SHOWN = CHANNELS[:3]
 """Channels of the comparison; the published tests show delta_x and gamma only."""
 
-Options = ParamSpec('Options')
+BLUE_TO_PURPLE = ('#f7fcfd', '#e0ecf4', '#bfd3e6', '#9ebcda', '#8c96c6', '#8c6bb1', '#88419d',
+                  '#810f7c', '#4d004b')
+BROWN_TO_PURPLE = ('#7f3b08', '#b35806', '#e08214', '#fdb863', '#fee0b6', '#f7f7f7', '#d8daeb',
+                   '#b2abd2', '#8073ac', '#542788', '#2d004b')
+"""Colours by Cynthia Brewer (colorbrewer2.org), which colour-blind readers tell apart."""
+
+MAIN, STRIP = 3.0, 1.25
+"""Heights of a channel and of its residual below."""
 
 
-def _styled(draw: Callable[Options, Figure]) -> Callable[Options, Figure]:
-    @wraps(draw)
-    def drawn(*args: Options.args, **kwargs: Options.kwargs) -> Figure:
-        with drawing():
-            return draw(*args, **kwargs)
-    return drawn
-
-
-@_styled
-def comparison(runs: Sequence[RunCurves], channels: Sequence[str] = SHOWN) -> Figure:
+def comparison(runs: Sequence[RunCurves], channels: Sequence[str] = SHOWN) -> Chart:
     """Measured and simulated channels of some runs side by side, each with its residual below.
 
     A static run is drawn over its load, a dynamic one over time.
     """
-    heights = [3.0, 1.25] * len(channels)
-    figure = Figure(figsize=(min(11.4, 1.0 + 5.2 * len(runs)), 1.0 + 3.0 * len(channels)),
-                    layout='constrained')
-    grid = figure.subplots(2 * len(channels), len(runs), squeeze=False,
-                           gridspec_kw={'height_ratios': heights}, sharex='col')
+    panels = []
     for column, run in enumerate(runs):
-        for row, channel in enumerate(channels):
-            main, strip = grid[2 * row][column], grid[2 * row + 1][column]
-            _compare(main, strip, run, channel)
-        role = 'verification' if run.held_out else 'identification'
-        grid[0][column].set_title(f'{run.name}: {run.elevation_deg:g}°, {role}')
-        grid[-1][column].set_xlabel('load / t' if run.test == 'static' else 'time / s')
-    handles, labels = grid[0][0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc='outside lower center', ncols=5)
-    return figure
+        for place, channel in enumerate(channels):
+            panels += _compared(run, channel, 2 * place, column, with_title=place == 0)
+    return Chart(
+        tuple(without_inner_labels(panels, 2 * len(channels))),
+        width=min(11.4, 1.0 + 5.2 * len(runs)), height=1.0 + 3.0 * len(channels),
+        heights=(MAIN, STRIP) * len(channels), columns=len(runs), shares_x=True)
 
 
-@_styled
-def proof(run: RunCurves, channel: str) -> Figure:
+def proof(run: RunCurves, channel: str) -> Chart:
     """One channel of one run, measured and simulated, with its residual below."""
-    figure = Figure(figsize=(9.4, 4.4), layout='constrained')
-    main, strip = figure.subplots(2, 1, gridspec_kw={'height_ratios': [3.0, 1.25]}, sharex=True)
-    _compare(main, strip, run, channel)
-    strip.set_xlabel('load / t' if run.test == 'static' else 'time / s')
-    handles, labels = main.get_legend_handles_labels()
-    figure.legend(handles, labels, loc='outside lower center', ncols=5)
-    return figure
+    panels = _compared(run, channel, 0, 0, with_title=False)
+    return Chart(tuple(without_inner_labels(panels, 2)), width=9.4, height=4.4,
+                 heights=(MAIN, STRIP), shares_x=True)
 
 
-def _compare(main: Any, strip: Any, run: RunCurves, channel: str) -> None:
-    row = CHANNELS.index(channel)
-    over = run.load / TONNE if run.test == 'static' else run.time
-    measured, before, after = (MICRO * item[row] for item in (run.measured, run.before, run.after))
-    if run.test == 'static':
+def _compared(
+    run: RunCurves, channel: str, row: int, column: int, *, with_title: bool,
+) -> list[Panel]:
+    """A channel as measured and simulated, and the residual below."""
+    place = CHANNELS.index(channel)
+    is_static = run.test == 'static'
+    over, across = (run.load / TONNE, 'load / t') if is_static else (run.time, 'time / s')
+    measured, before, after = (MICRO * item[place] for item in (
+        run.measured, run.before, run.after))
+    if is_static:
         up = run.direction > 0.0
-        main.plot(over[up], measured[up], '^', ms=4.5, mfc='none', color=UP,
-                  label='measured, load rising')
-        main.plot(over[~up], measured[~up], 'v', ms=4.5, mfc='none', color=DOWN,
-                  label='measured, load falling')
+        seen = [markers(over[up], measured[up], '^', UP, 'measured, load rising', is_open=True),
+                markers(over[~up], measured[~up], 'v', DOWN, 'measured, load falling',
+                        is_open=True)]
     else:
-        main.plot(over, measured, color=MEASURED, lw=2.4, alpha=0.55, label='measured')
+        seen = [line(over, measured, MEASURED, 'measured', width=2.4, opacity=0.55)]
     alone = 'simulated, contact law alone' if run.is_extended else 'simulated'
-    simulations = [(before, BEFORE, '-', alone)]
+    versions = [(before, BEFORE, '-', alone)]
     if run.is_extended:
-        simulations.append((after, AFTER, '--', 'simulated, extended model'))
-    for values, colour, line, label in simulations:
-        main.plot(over, values, line, color=colour, label=label)
-        strip.plot(over, measured - values, color=colour, lw=0.9)
-    band = 2.0 * MICRO * run.noise[channel]
-    strip.axhspan(-band, band, color=NOISE, alpha=0.3, lw=0.0)
-    strip.axhline(0.0, color=NOISE, lw=0.8)
-    main.set_ylabel(axis_label(channel))
-    strip.set_ylabel(f'misfit\n{MICRO_UNITS[channel]}')
+        versions.append((after, AFTER, '--', 'simulated, extended model'))
+    role = 'verification' if run.held_out else 'identification'
+    size = 2.0 * MICRO * run.noise[channel]
+    return [
+        Panel(row, column, across, axis_label(channel),
+              (*seen, *(line(over, values, colour, name, dash)
+                        for values, colour, dash, name in versions)),
+              title=f'{run.name}: {run.elevation_deg:g}°, {role}' if with_title else ''),
+        Panel(row + 1, column, across, f'misfit\n{MICRO_UNITS[channel]}',
+              tuple(line(over, measured - values, colour, width=0.9)
+                    for values, colour, _, _ in versions),
+              bands=(Band(-size, size),), levels=(0.0,))]
 
 
-@_styled
-def misfit(runs: Sequence[Mapping[str, Any]], channels: Sequence[str] = CHANNELS[:3]) -> Figure:
+def misfit(runs: Sequence[Mapping[str, Any]], channels: Sequence[str] = CHANNELS[:3]) -> Chart:
     """Misfit before and after against the noise floor, for the `runs` of a verdict's JSON."""
-    rows = [(run, name) for run in runs for name in channels if name in run['channels']]
-    figure = Figure(figsize=(8.6, 0.9 + 0.235 * len(rows) + 0.12 * len(runs)),
-                    layout='constrained')
-    axes = figure.subplots()
-    height, heights, ticks, previous = 0.0, [], [], None
-    for run, name in rows:
-        if previous is not None and run is not previous:
-            height += 0.6
-            axes.axhline(height - 0.8, color='#e4e8ec', lw=0.8)
-        previous = run
-        _misfit_row(axes, height, run['channels'][name])
-        heights.append(height)
-        ticks.append(f'{_short(run)}   {SYMBOLS[name]}')
-        height += 1.0
-    axes.set(yticks=heights, yticklabels=ticks, xscale='log', ylim=(height - 0.3, -0.8),
-             xlabel="rms misfit / % of the channel's range in the run")
-    axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f'{value:g}'))
-    axes.grid(axis='y', visible=False)
-    _legend_once(figure, axes)
-    return figure
+    height, heights, words, series = 0.0, [], [], []
+    for run in runs:
+        for name in channels:
+            if name not in run['channels']:
+                continue
+            series += _misfit_row(height, run['channels'][name])
+            heights.append(height)
+            words.append(f'{_short(run)}   {SYMBOLS[name]}')
+            height += 1.0
+        height += 0.6
+    panel = Panel(
+        0, 0, "rms misfit / % of the channel's range in the run", 'run and channel',
+        tuple(series), x_is_log=True, y_ticks=Ticks(tuple(heights), tuple(words)),
+        y_range=(height - 0.9, -0.8), shows_y_label=False, has_y_grid=False)
+    return Chart((panel,), width=8.6, height=1.2 + 0.235 * len(words) + 0.12 * len(runs),
+                 legend_columns=3)
 
 
-def _misfit_row(axes: Any, height: float, item: Mapping[str, float]) -> None:
+def _misfit_row(height: float, item: Mapping[str, float]) -> list[Series]:
     before, after, floor = (100.0 * max(item[key] or 0.0, 1e-6) for key in
                             ('nrmse_before', 'nrmse_after', 'noise_floor'))
-    axes.plot([before, after], [height, height], color='#cbd2d9', lw=2.0, zorder=1)
-    axes.plot(floor, height, '|', ms=12, mew=2.0, color=NOISE, label='noise floor', zorder=2)
-    axes.plot(before, height, 'o', ms=6.5, color=BEFORE, label='contact law alone', zorder=3)
-    axes.plot(after, height, 'D', ms=4.5, color=AFTER, label='extended model', zorder=4)
+    at = [height]
+    return [line([before, after], [height, height], '#cbd2d9', width=2.0),
+            markers([floor], at, '|', NOISE, 'noise floor', size=12.0),
+            markers([before], at, 'o', BEFORE, 'contact law alone', size=6.5),
+            markers([after], at, 'D', AFTER, 'extended model', size=4.5)]
 
 
 def _short(run: Mapping[str, Any]) -> str:
@@ -142,38 +136,16 @@ def _short(run: Mapping[str, Any]) -> str:
     return f'{name}{" (held out)" if run.get("held_out") else ""}'
 
 
-def _legend_once(figure: Figure, axes: Any) -> None:
-    handles, labels = axes.get_legend_handles_labels()
-    unique = dict(zip(labels, handles, strict=True))
-    figure.legend(unique.values(), unique.keys(), loc='outside upper center', ncols=3)
-
-
-@_styled
-def residuals(run: RunCurves) -> Figure:
-    """Where measurement and simulation part in one run: four channels over all that matters."""
+def residuals(run: RunCurves) -> Chart:
+    """The misfit of one run: four channels over all that matters."""
     views = [_over_load, _both_branches, _over_time, _over_frequency]
     if run.test != 'static':
         views.insert(3, _over_rate)
-    figure = Figure(figsize=(11.4, 8.0))
-    grid = figure.subplots(len(CHANNELS), len(views), sharex='col')
-    figure.subplots_adjust(left=0.062, right=0.995, bottom=0.095, top=0.945, wspace=0.27,
-                           hspace=0.12)
-    for row, channel in enumerate(CHANNELS):
-        for column, view in enumerate(views):
-            axes = grid[row][column]
-            title, label = view(axes, run, channel)
-            if row == 0:
-                axes.set_title(title, fontsize=9.0)
-            if row == len(CHANNELS) - 1:
-                axes.set_xlabel(label)
-            axes.tick_params(labelsize=7.5)
-        grid[row][0].set_ylabel(axis_label(channel))
-    figure.align_ylabels(grid[:, 0])
-    handles: list[Any] = [Line2D([], [], color=colour, label=label)
-                          for _, colour, label in _versions(run)]
-    handles.append(Patch(color=NOISE, alpha=0.3, lw=0.0, label='± 2 × noise floor'))
-    figure.legend(handles=handles, loc='lower center', ncols=3)
-    return figure
+    panels = [view(run, channel, row, column)
+              for row, channel in enumerate(CHANNELS) for column, view in enumerate(views)]
+    return Chart(tuple(without_inner_labels(panels, len(CHANNELS))), width=11.4, height=8.0,
+                 heights=(1.0,) * len(CHANNELS), columns=len(views), shares_x=True,
+                 legend_columns=3)
 
 
 def _versions(run: RunCurves) -> list[tuple[bool, str, str]]:
@@ -182,76 +154,78 @@ def _versions(run: RunCurves) -> list[tuple[bool, str, str]]:
     return [(False, BEFORE, 'contact law alone'), (True, AFTER, 'extended model')]
 
 
-def _misfits(run: RunCurves, channel: str) -> list[tuple[Array, str]]:
-    return [(MICRO * run.residual(channel, extended=extended), colour)
-            for extended, colour, _ in _versions(run)]
+def _misfits(run: RunCurves, channel: str) -> list[tuple[Array, str, str]]:
+    return [(MICRO * run.residual(channel, extended=extended), colour, name)
+            for extended, colour, name in _versions(run)]
 
 
-def _band(axes: Any, run: RunCurves, channel: str) -> None:
+def _view(
+    run: RunCurves, channel: str, row: int, column: int, label: str, title: str,
+    series: Sequence[Series], *, with_band: bool = True,
+) -> Panel:
+    """One view of a channel's misfit, with twice the noise floor as a band."""
     size = 2.0 * MICRO * run.noise[channel]
-    axes.axhspan(-size, size, color=NOISE, alpha=0.3, lw=0.0)
+    bands = (Band(-size, size, name='± 2 × noise floor'),) if with_band else ()
+    return Panel(row, column, label, axis_label(channel), tuple(series), bands,
+                 title=title if row == 0 else '', shows_y_label=column == 0)
 
 
-def _over_load(axes: Any, run: RunCurves, channel: str) -> tuple[str, str]:
-    for values, colour in _misfits(run, channel):
+def _over_load(run: RunCurves, channel: str, row: int, column: int) -> Panel:
+    series = []
+    for values, colour, _ in _misfits(run, channel):
         for sign, mark in ((1.0, '^'), (-1.0, 'v')):
             here = np.sign(run.direction) == sign
-            axes.plot(run.load[here] / TONNE, values[here], mark, ms=2.6, mew=0.6, mfc='none',
-                      color=colour)
-    _band(axes, run, channel)
-    return '▵ load rising, ▿ falling', 'load / t'
+            series.append(markers(run.load[here] / TONNE, values[here], mark, colour, size=2.6,
+                                  is_open=True))
+    return _view(run, channel, row, column, 'load / t', '▵ load rising, ▿ falling', series)
 
 
-def _both_branches(axes: Any, run: RunCurves, channel: str) -> tuple[str, str]:
-    for values, colour in _misfits(run, channel):
+def _both_branches(run: RunCurves, channel: str, row: int, column: int) -> Panel:
+    series = []
+    for values, colour, _ in _misfits(run, channel):
         found = branches(run.load, run.direction, values)
-        axes.plot(found.load / TONNE, found.mean, '-', color=colour)
-        axes.plot(found.load / TONNE, found.half_difference, ':', lw=1.8, color=colour)
-    _band(axes, run, channel)
-    return '— mean, ··· half-difference', 'load / t'
+        series += [line(found.load / TONNE, found.mean, colour),
+                   line(found.load / TONNE, found.half_difference, colour, dash=':', width=1.8)]
+    return _view(run, channel, row, column, 'load / t', '— mean, ··· half-difference', series)
 
 
-def _over_time(axes: Any, run: RunCurves, channel: str) -> tuple[str, str]:
-    for values, colour in _misfits(run, channel):
-        axes.plot(run.time, values, '-', lw=0.8, color=colour)
-    _band(axes, run, channel)
-    return 'over time', 'time / s'
+def _over_time(run: RunCurves, channel: str, row: int, column: int) -> Panel:
+    series = [line(run.time, values, colour, name, width=0.8)
+              for values, colour, name in _misfits(run, channel)]
+    return _view(run, channel, row, column, 'time / s', 'over time', series)
 
 
-def _over_rate(axes: Any, run: RunCurves, channel: str) -> tuple[str, str]:
+def _over_rate(run: RunCurves, channel: str, row: int, column: int) -> Panel:
     rate = np.gradient(run.load, run.time)
     size = max(1, round(0.1 / float(np.median(np.diff(run.time)))))
     rate = np.convolve(rate, np.ones(size) / size, mode='same') / TONNE
-    for values, colour in _misfits(run, channel):
-        axes.plot(rate, values, '.', ms=2.2, color=colour)
-    _band(axes, run, channel)
-    return 'over load rate', 'load rate / (t/s)'
+    series = [markers(rate, values, '.', colour, size=2.2)
+              for values, colour, _ in _misfits(run, channel)]
+    return _view(run, channel, row, column, 'load rate / (t/s)', 'over load rate', series)
 
 
-def _over_frequency(axes: Any, run: RunCurves, channel: str) -> tuple[str, str]:
-    for values, colour in _misfits(run, channel):
+def _over_frequency(run: RunCurves, channel: str, row: int, column: int) -> Panel:
+    series = []
+    for values, colour, _ in _misfits(run, channel):
         frequency, density = spectrum(run.time, values)
-        axes.loglog(frequency, np.maximum(density, 1e-9), color=colour, lw=1.0)
-    axes.minorticks_off()
-    return 'spectrum, µm or µrad / √Hz', 'frequency / Hz'
+        series.append(line(frequency, np.maximum(density, 1e-9), colour, width=1.0))
+    return Panel(row, column, 'frequency / Hz', f'{axis_label(channel)} / √Hz', tuple(series),
+                 title='spectrum, µm or µrad / √Hz' if row == 0 else '', shows_y_label=False,
+                 x_is_log=True, y_is_log=True)
 
 
-@_styled
-def look_alikes(cosines: Mapping[str, Mapping[str, float]]) -> Figure:
+def look_alikes(cosines: Mapping[str, Mapping[str, float]]) -> Chart:
     """Heat map of how much the signatures of two effects look alike in these data."""
     labels, matrix = ordered_cosines(cosines)
     size = 2.6 + 0.165 * len(labels)
-    figure = Figure(figsize=(size + 1.0, size), layout='constrained')
-    axes = figure.subplots()
-    shown = axes.imshow(matrix, cmap='BuPu', vmin=0.0, vmax=1.0)
-    places = range(len(labels))
-    axes.set_xticks(places, labels, rotation=90, fontsize=7.5)
-    axes.set_yticks(places, labels, fontsize=7.5)
-    axes.grid(visible=False)
-    axes.tick_params(length=0)
-    bar = figure.colorbar(shown, ax=axes, shrink=0.6, pad=0.02)
-    bar.set_label('|cosine| between two signatures (1: cannot be told apart)')
-    return figure
+    places = tuple(float(place) for place in range(len(labels)))
+    names = tuple(labels)
+    heat = HeatMap(matrix, BLUE_TO_PURPLE, 0.0, 1.0, names, names,
+                   '|cosine| between two signatures (1: cannot be told apart)')
+    panel = Panel(0, 0, 'cause', 'cause', heat=heat, shows_x_label=False, shows_y_label=False,
+                  x_ticks=Ticks(places, names, 7.5, is_upright=True),
+                  y_ticks=Ticks(places, names, 7.5))
+    return Chart((panel,), width=size + 1.0, height=size)
 
 
 def ordered_cosines(cosines: Mapping[str, Mapping[str, float]]) -> tuple[list[str], Array]:
@@ -277,37 +251,33 @@ MAP_LIMIT = 10.0
 """Noise floors at which the colour of a residual map ends."""
 
 
-@_styled
-def residual_map(runs: Sequence[RunCurves], channels: Sequence[str] = CHANNELS[:3]) -> Figure:
+def residual_map(runs: Sequence[RunCurves], channels: Sequence[str] = CHANNELS[:3]) -> Chart:
     """Mean misfit in noise floors: load across, runs and branches down, channel by channel."""
     versions = [(False, 'measured less simulated')]
     if any(run.is_extended for run in runs):
         versions = [(False, 'contact law alone'), (True, 'extended model')]
     rows = [(run, sign) for run in runs for sign in (1.0, -1.0)]
-    figure = Figure(figsize=(11.4, 0.9 + len(channels) * (0.45 + 0.19 * len(rows))),
-                    layout='constrained')
-    grid = figure.subplots(len(channels), len(versions), squeeze=False)
-    shown: Any = None
+    names = tuple(f'{run.name} {"rising" if sign > 0 else "falling"}' for run, sign in rows)
     top = max(float(run.load.max()) for run in runs)
+    loads = tuple(f'{level * top / TONNE / MAP_LEVELS:.1f} t' for level in range(MAP_LEVELS + 1))
+    marks = tuple(float(level) for level in range(0, MAP_LEVELS + 1, 5))
+    x_ticks = Ticks(marks, tuple(f'{mark * top / TONNE / MAP_LEVELS:.0f} t' for mark in marks),
+                    7.5)
+    y_ticks = Ticks(tuple(float(place) for place in range(len(rows))), names, 7.5)
+    panels: list[Panel] = []
     for place, channel in enumerate(channels):
         for column, (extended, words) in enumerate(versions):
-            axes = grid[place][column]
             values = np.array([_map_row(*row, channel, extended, top) for row in rows])
-            shown = axes.imshow(values, cmap='PuOr', vmin=-MAP_LIMIT, vmax=MAP_LIMIT,
-                                aspect='auto')
-            axes.set_facecolor('#dde3e9')
-            ticks = range(0, MAP_LEVELS + 1, 5)
-            labels = [f'{tick * top / TONNE / MAP_LEVELS:.0f} t' for tick in ticks]
-            axes.set_xticks(list(ticks), labels, fontsize=7.5)
-            names = [f'{run.name} {"rising" if sign > 0 else "falling"}' for run, sign in rows]
-            axes.set_yticks(range(len(rows)), names, fontsize=7.5)
-            axes.tick_params(labelleft=column == 0)
-            axes.grid(visible=False)
-            axes.set_title(f'{SYMBOLS[channel]}, {words}')
-            axes.set_xlabel('load / t' if place == len(channels) - 1 else '')
-    bar = figure.colorbar(shown, ax=grid, shrink=0.8, pad=0.02, extend='both')
-    bar.set_label('mean misfit / noise floor')
-    return figure
+            heat = HeatMap(values, BROWN_TO_PURPLE, -MAP_LIMIT, MAP_LIMIT, names, loads,
+                           'mean misfit / noise floor' if not panels else '', '#dde3e9')
+            is_last = place == len(channels) - 1
+            panels.append(Panel(
+                place, column, 'load', 'run and branch', heat=heat,
+                title=f'{SYMBOLS[channel]}, {words}', shows_x=is_last, shows_x_label=False,
+                shows_y=column == 0, shows_y_label=False, x_ticks=x_ticks, y_ticks=y_ticks))
+    return Chart(tuple(panels), width=11.4,
+                 height=0.9 + len(channels) * (0.45 + 0.19 * len(rows)),
+                 heights=(1.0,) * len(channels), columns=len(versions))
 
 
 def _map_row(run: RunCurves, sign: float, channel: str, extended: bool, top: float) -> Array:

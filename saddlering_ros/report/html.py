@@ -14,6 +14,8 @@ from matplotlib.figure import Figure
 from PIL import Image
 
 from saddlering_ros.report import interactive
+from saddlering_ros.report.charts import Chart
+from saddlering_ros.report.drawing import draw
 
 RESOLUTION = 100
 """Pixels per inch of a picture."""
@@ -185,13 +187,13 @@ def table(
             f'<tbody>{body}</tbody></table></div>')
 
 
-def picture(figure: Figure, name: str, caption: str) -> str:
-    """A figure as picture and as data to draw it from; `name` is what it is called as a file."""
-    data = base64.b64encode(png(figure)).decode()
-    chart = interactive.as_script(interactive.chart_of(figure), escape(name))
+def picture(chart: Chart, name: str, caption: str) -> str:
+    """A chart as picture and as data to draw it from; `name` is what it is called as a file."""
+    data = base64.b64encode(png(draw(chart))).decode()
+    script = interactive.as_script(interactive.chart_of(chart), escape(name))
     return (f'<figure><img id="{escape(name)}" alt="{escape(caption)}" '
             f'src="data:image/png;base64,{data}">'
-            f'<figcaption>{escape(caption)}</figcaption>{chart}</figure>')
+            f'<figcaption>{escape(caption)}</figcaption>{script}</figure>')
 
 
 def pictures_of(document: str) -> dict[str, bytes]:

@@ -1,70 +1,75 @@
-"""Figures to zoom into: what matplotlib has drawn, said again as plotly.js wants it.
-
-Each figure is drawn once. Its picture is what is printed, mailed and read without scripts; from
-the same lines, bands and images a browser makes a figure to zoom into and to read values off.
-"""
+"""Charts as plotly.js draws them: figures to zoom into and to read values off."""
 
 from __future__ import annotations
 
 import base64
+from collections.abc import Sequence
 from functools import lru_cache
 import gzip
 import json
 from typing import Any
 
-from matplotlib.axes import Axes
-from matplotlib.colors import to_hex
-from matplotlib.figure import Figure
-from matplotlib.legend import Legend
-from matplotlib.lines import Line2D
-from matplotlib.patches import Patch, Rectangle
 import numpy as np
 from numpy.typing import NDArray
+
+from saddlering_ros.report.charts import Band, Chart, HeatMap, Panel, Series, Ticks
+from saddlering_ros.report.style import NOISE
 
 PIXELS_PER_INCH = 100.0
 DIGITS = 7
 """Significant digits of a coordinate: finer than any screen."""
 
-SYMBOLS = {'^': 'triangle-up', 'v': 'triangle-down', 'o': 'circle', 'D': 'diamond', '.': 'circle',
+MARKERS = {'^': 'triangle-up', 'v': 'triangle-down', 'o': 'circle', 'D': 'diamond', '.': 'circle',
            '|': 'line-ns'}
 DASHES = {'-': 'solid', '--': 'dash', ':': 'dot', '-.': 'dashdot'}
 GRID, EDGE, INK = '#e4e8ec', '#7b8794', '#26323d'
+COLUMN_GAP, ROW_GAP, TITLED_GAP = 0.06, 0.035, 0.075
+BAR = 0.085
+"""Share of the width that a colour bar takes."""
 
-Chart = dict[str, Any]
+FEW_DECADES = 2.0
+"""An axis over no more decades than this has ticks at 2 and 5 as well."""
+
+LEGEND_PIXELS = 60.0
+"""Room below the panels for labels and legend."""
+
+Plotly = dict[str, Any]
 
 
-def chart_of(figure: Figure) -> Chart:
-    """`data`, `layout` and `height` [px] of a figure for plotly.js."""
-    figure.draw_without_rendering()
-    names = _names_by_colour(figure)
-    drawn = [axes for axes in figure.axes if axes.get_label() != '<colorbar>']
-    traces: list[Chart] = []
-    layout: Chart = {
-        'margin': {'l': 6, 'r': 6, 't': 34, 'b': 6}, 'paper_bgcolor': '#fff', 'shapes': [],
-        'plot_bgcolor': '#fff', 'hovermode': 'closest', 'annotations': [],
-        'font': {'size': 12, 'color': INK},
+def chart_of(chart: Chart) -> Plotly:
+    """`data`, `layout` and `height` [px] of a chart for plotly.js."""
+    height = chart.height * PIXELS_PER_INCH
+    layout: Plotly = {
+        'margin': {'l': 6, 'r': 6, 't': 48, 'b': 6}, 'paper_bgcolor': '#fff', 'shapes': [],
+        'plot_bgcolor': _background(chart), 'hovermode': 'closest', 'annotations': [],
+        'font': {'size': 12, 'color': INK}, 'hoverlabel': {'align': 'left'},
         'legend': {'orientation': 'h', 'x': 0.5, 'xanchor': 'center', 'y': 0.0,
                    'yanchor': 'bottom', 'yref': 'container'},
-        'hoverlabel': {'align': 'left'},
+        'showlegend': bool(chart.named),
     }
-    said: set[str] = set()
-    for number, axes in enumerate(drawn, start=1):
+    traces: list[Plotly] = []
+    shown: set[str] = set()
+    first_of_column: dict[int, str] = {}
+    for number, panel in enumerate(chart.panels, start=1):
         suffix = '' if number == 1 else str(number)
-        traces += _traces(axes, suffix, names, said)
-        layout['shapes'] += _shapes(axes, suffix)
-        layout['annotations'] += _title(axes)
-        if axes.images:
-            layout['plot_bgcolor'] = to_hex(axes.get_facecolor())
-        layout[f'xaxis{suffix}'] = _axis(axes, 'x', suffix, drawn)
-        layout[f'yaxis{suffix}'] = _axis(axes, 'y', suffix, drawn)
-    traces += _patches(figure)
-    _show_scale(figure, traces)
-    layout['showlegend'] = bool(said)
-    return {'data': traces, 'layout': layout,
-            'height': round(float(figure.get_figheight()) * PIXELS_PER_INCH)}
+        across, up = _domains(chart, panel, height)
+        first = first_of_column.setdefault(panel.column, suffix)
+        layout[f'xaxis{suffix}'] = _x_axis(panel, across, suffix)
+        layout[f'yaxis{suffix}'] = _y_axis(panel, up, suffix)
+        if chart.shares_x and first != suffix:
+            layout[f'xaxis{suffix}']['matches'] = f'x{first}'
+        layout['shapes'] += _shapes(panel, suffix)
+        layout['annotations'] += _title(panel, across, up)
+        if panel.heat is not None:
+            traces.append(_heat_map(panel.heat, suffix, up))
+        for series in panel.series:
+            traces.append(_trace(series, panel, suffix, is_first=series.name not in shown))
+            shown.add(series.name)
+    traces += [_patch(item) for item in chart.named if isinstance(item, Band)]
+    return {'data': traces, 'layout': layout, 'height': round(height)}
 
 
-def as_script(chart: Chart, name: str) -> str:
+def as_script(chart: Plotly, name: str) -> str:
     """The chart as a zipped block of data in a page."""
     text = _zipped(json.dumps(chart, separators=(',', ':'), allow_nan=False))
     return f'<script type="application/octet-stream" data-chart="{name}">{text}</script>'
@@ -82,212 +87,141 @@ def _zipped(text: str) -> str:
     return base64.b64encode(gzip.compress(text.encode(), 9, mtime=0)).decode()
 
 
-def _names_by_colour(figure: Figure) -> dict[str, str]:
-    """What the figure's legends call a colour, for lines that carry no label."""
-    names = {}
-    for legend in _legends(figure):
-        for handle, text in zip(legend.legend_handles, legend.get_texts(), strict=True):
-            if isinstance(handle, Line2D):
-                names[to_hex(handle.get_color())] = text.get_text()
-    return names
+def _background(chart: Chart) -> str:
+    return next((panel.heat.background for panel in chart.panels if panel.heat), '#fff')
 
 
-def _show_scale(figure: Figure, traces: list[Chart]) -> None:
-    """Put the figure's colour bar beside its last heat map."""
-    bars = [axes for axes in figure.axes if axes.get_label() == '<colorbar>']
-    maps = [trace for trace in traces if trace['type'] == 'heatmap']
-    if not bars or not maps:
-        return
-    place = bars[0].get_position()
-    maps[-1] |= {'showscale': True, 'colorbar': {
-        'x': float(place.x0), 'xanchor': 'left', 'thickness': 12, 'outlinewidth': 0,
-        'y': 0.5 * float(place.y0 + place.y1), 'len': float(place.height),
-        'title': {'text': bars[0].get_ylabel(), 'side': 'right'}}}
+Span = tuple[float, float]
 
 
-def _patches(figure: Figure) -> list[Chart]:
-    """Traces without points that put the bands' names into the legend."""
-    return [
-        {'type': 'scatter', 'x': [None], 'y': [None], 'mode': 'markers', 'name': text.get_text(),
-         'marker': {'symbol': 'square', 'size': 11, 'color': to_hex(handle.get_facecolor())},
-         'opacity': float(handle.get_alpha() or 1.0), 'hoverinfo': 'skip'}
-        for legend in _legends(figure)
-        for handle, text in zip(legend.legend_handles, legend.get_texts(), strict=True)
-        if isinstance(handle, Patch)]
+def _domains(chart: Chart, panel: Panel, height: float) -> tuple[Span, Span]:
+    """Where a panel lies in the figure, across and up, as shares."""
+    has_bar = any(item.heat is not None and item.heat.label for item in chart.panels)
+    right = 1.0 - (BAR if has_bar else 0.0)
+    width = (right - COLUMN_GAP * (chart.columns - 1)) / chart.columns
+    left = panel.column * (width + COLUMN_GAP)
+    bottom = LEGEND_PIXELS / height if chart.named else 0.0
+    is_titled = any(item.title for item in chart.panels if item.row)
+    gap = (TITLED_GAP if is_titled else ROW_GAP) if len(chart.heights) > 1 else 0.0
+    free = 1.0 - bottom - gap * (len(chart.heights) - 1)
+    unit = free / sum(chart.heights)
+    top = 1.0 - sum(unit * ratio + gap for ratio in chart.heights[:panel.row])
+    low = top - unit * chart.heights[panel.row]
+    return (round(left, 5), round(left + width, 5)), (round(low, 5), round(top, 5))
 
 
-def _legends(figure: Figure) -> list[Legend]:
-    own = [axes.get_legend() for axes in figure.axes]
-    return [*figure.legends, *(legend for legend in own if legend is not None)]
+def _x_axis(panel: Panel, domain: Span, suffix: str) -> Plotly:
+    label = panel.x_label if panel.shows_x_label else ''
+    return {**_axis(domain, f'y{suffix}', label, panel.x_ticks, is_log=panel.x_is_log,
+                    decades=_decades([item.x for item in panel.series])),
+            'showticklabels': panel.shows_x, 'showgrid': panel.heat is None}
 
 
-def _traces(axes: Axes, suffix: str, names: dict[str, str], said: set[str]) -> list[Chart]:
-    traces = [
-        _line(line, axes, suffix, names, said) for line in axes.get_lines()
-        if line.get_transform() == axes.transData
-    ]
-    for image in axes.get_images():
-        traces.append(_heat_map(axes, image, suffix))
-    return traces
+def _y_axis(panel: Panel, domain: Span, suffix: str) -> Plotly:
+    label = panel.y_label if panel.shows_y and panel.shows_y_label else ''
+    found = {**_axis(domain, f'x{suffix}', label, panel.y_ticks, is_log=panel.y_is_log,
+                     decades=_decades([item.y for item in panel.series])),
+             'showticklabels': panel.shows_y,
+             'showgrid': panel.heat is None and panel.has_y_grid}
+    if panel.y_range is not None:
+        found['range'] = list(panel.y_range)
+    elif panel.heat is not None:
+        found['autorange'] = 'reversed'
+    return found
 
 
-def _line(line: Line2D, axes: Axes, suffix: str, names: dict[str, str],
-          said: set[str]) -> Chart:
-    label = str(line.get_label())
-    colour = to_hex(line.get_color())
-    name = names.get(colour, '') if label.startswith('_') else label
-    trace: Chart = {
-        'type': 'scatter', 'x': _numbers(line.get_xdata()), 'y': _numbers(line.get_ydata()),
+def _axis(
+    domain: Span, anchor: str, label: str, ticks: Ticks | None, *, is_log: bool, decades: float,
+) -> Plotly:
+    found: Plotly = {
+        'domain': list(domain), 'anchor': anchor, 'gridcolor': GRID, 'linecolor': EDGE,
+        'showline': True, 'zeroline': False, 'ticks': 'outside', 'ticklen': 3,
+        'type': 'log' if is_log else 'linear',
+        'title': {'text': label.replace('\n', '<br>'), 'standoff': 4, 'font': {'size': 12}}}
+    if is_log:
+        found |= {'dtick': 1 if decades > FEW_DECADES else 'D2', 'exponentformat': 'none'}
+    if ticks is not None:
+        found |= {'tickvals': list(ticks.at), 'ticktext': list(ticks.words),
+                  'tickfont': {'size': 11}}
+    return found
+
+
+def _decades(values: Sequence[NDArray[np.float64]]) -> float:
+    """Decades from the smallest positive value to the largest."""
+    positive = np.concatenate([item[item > 0.0] for item in values] or [np.ones(1)])
+    return float(np.log10(positive.max() / positive.min())) if positive.size else 0.0
+
+
+def _trace(series: Series, panel: Panel, suffix: str, *, is_first: bool) -> Plotly:
+    name = series.name
+    value = '%{y}' if panel.y_ticks is not None else '%{y:.4g}'
+    words = f'{panel.x_label}: %{{x:.4g}}<br>{panel.y_label}: {value}'.replace('\n', ' / ')
+    trace: Plotly = {
+        'type': 'scatter', 'x': _numbers(series.x), 'y': _numbers(series.y),
         'xaxis': f'x{suffix}', 'yaxis': f'y{suffix}', 'name': name, 'legendgroup': name,
-        'showlegend': bool(name) and name not in said,
-        'hovertemplate': f'{_hover_words(axes)}<extra>{name}</extra>',
-    }
-    said.update([name] if name else [])
-    marker, style = str(line.get_marker()), str(line.get_linestyle())
-    if marker in SYMBOLS:
-        trace['marker'] = _marker(line, marker, colour)
-    if style in DASHES:
-        trace['line'] = {'color': colour, 'dash': DASHES[style],
-                         'width': round(1.25 * float(line.get_linewidth()), 2)}
-    trace['mode'] = '+'.join(
-        part for part, here in (('lines', style in DASHES), ('markers', marker in SYMBOLS))
-        if here) or 'lines'
-    alpha = line.get_alpha()
-    if alpha is not None:
-        trace['opacity'] = float(alpha)
+        'showlegend': bool(name) and is_first, 'hovertemplate': f'{words}<extra>{name}</extra>',
+        'mode': '+'.join(part for part, here in (
+            ('lines', series.dash), ('markers', series.marker)) if here) or 'lines'}
+    if series.dash:
+        trace['line'] = {'color': series.colour, 'dash': DASHES[series.dash],
+                         'width': round(1.25 * series.width, 2)}
+    if series.marker:
+        trace['marker'] = _marker(series)
+    if series.opacity < 1.0:
+        trace['opacity'] = series.opacity
     return trace
 
 
-def _marker(line: Line2D, marker: str, colour: str) -> Chart:
-    is_open = str(line.get_markerfacecolor()) == 'none' or marker == '|'
-    found: Chart = {
-        'symbol': SYMBOLS[marker] + ('-open' if is_open else ''), 'color': colour,
-        'size': round(1.3 * float(line.get_markersize()) * (0.7 if marker == '.' else 1.0), 1)}
-    if marker == '|':
+def _marker(series: Series) -> Plotly:
+    is_open = series.is_open or series.marker == '|'
+    found: Plotly = {
+        'symbol': MARKERS[series.marker] + ('-open' if is_open else ''), 'color': series.colour,
+        'size': round(1.3 * series.size * (0.7 if series.marker == '.' else 1.0), 1)}
+    if series.marker == '|':
         found['line'] = {'width': 2}
     return found
 
 
-def _heat_map(axes: Axes, image: Any, suffix: str) -> Chart:
-    values = np.asarray(image.get_array(), dtype=np.float64)
-    colours = [[float(place), to_hex(image.get_cmap()(place))]
-               for place in np.linspace(0.0, 1.0, 9)]
-    columns, rows = ([text.get_text() for text in axis.get_ticklabels()]
-                     for axis in (axes.xaxis, axes.yaxis))
-    low, high = image.get_clim()
+def _heat_map(heat: HeatMap, suffix: str, up: Span) -> Plotly:
+    last = len(heat.colours) - 1
     return {
-        'type': 'heatmap', 'z': [_numbers(row) for row in values], 'zmin': low, 'zmax': high,
-        'colorscale': colours, 'showscale': False, 'xaxis': f'x{suffix}', 'yaxis': f'y{suffix}',
-        'x0': 0, 'dx': 1, 'y0': 0, 'dy': 1,
-        'customdata': [[f'{_at(rows, i)}<br>{_at(columns, j)}' for j in range(values.shape[1])]
-                       for i in range(values.shape[0])],
+        'type': 'heatmap', 'z': [_numbers(row) for row in heat.values], 'zmin': heat.low,
+        'zmax': heat.high, 'colorscale': [
+            [place / last, colour] for place, colour in enumerate(heat.colours)],
+        'xaxis': f'x{suffix}', 'yaxis': f'y{suffix}', 'x0': 0, 'dx': 1, 'y0': 0, 'dy': 1,
+        'customdata': [[f'{row}<br>{column}' for column in heat.columns] for row in heat.rows],
         'hovertemplate': '%{customdata}<br>%{z:.3g}<extra></extra>', 'hoverongaps': False,
-    }
+        'showscale': bool(heat.label), 'colorbar': {
+            'x': 1.0, 'xanchor': 'right', 'thickness': 12, 'outlinewidth': 0, 'len': 0.7,
+            'title': {'text': heat.label, 'side': 'right'}}}
 
 
-def _at(labels: list[str], place: int) -> str:
-    return labels[place] if place < len(labels) else ''
+def _shapes(panel: Panel, suffix: str) -> list[Plotly]:
+    """Bands and straight lines across the whole of the panel."""
+    place = {'xref': f'x{suffix} domain', 'yref': f'y{suffix}', 'x0': 0, 'x1': 1}
+    return [
+        *({'type': 'rect', **place, 'y0': band.low, 'y1': band.high, 'line': {'width': 0},
+           'layer': 'below', 'fillcolor': band.colour, 'opacity': band.opacity}
+          for band in panel.bands),
+        *({'type': 'line', **place, 'y0': level, 'y1': level,
+           'line': {'color': NOISE, 'width': 1}} for level in panel.levels)]
 
 
-def _hover_words(axes: Axes) -> str:
-    """'load / t: 12.3' above 'δx / µm: 45.6', with labels of the column's foot and row's head."""
-    across = axes.get_xlabel() or next(
-        (other.get_xlabel() for other in axes.get_shared_x_axes().get_siblings(axes)
-         if other.get_xlabel()), 'x')
-    up = axes.get_ylabel().replace('\n', ' / ') or _left_label(axes) or 'y'
-    value = '%{y:.4g}' if axes.yaxis.get_ticklabels() else '%{y}'
-    return f'{across}: %{{x:.4g}}<br>{up}: {value}'
-
-
-def _left_label(axes: Axes) -> str:
-    """The label of the axes at the left end of the same row."""
-    place = axes.get_subplotspec()
-    figure = axes.figure
-    if place is None or figure is None:
-        return ''
-    for other in figure.axes:
-        there = other.get_subplotspec()
-        if (there is not None and there.rowspan == place.rowspan
-                and there.get_gridspec() is place.get_gridspec() and other.get_ylabel()):
-            return other.get_ylabel()
-    return ''
-
-
-def _shapes(axes: Axes, suffix: str) -> list[Chart]:
-    """Bands and straight lines across the whole of the axes."""
-    shapes: list[Chart] = []
-    for patch in axes.patches:
-        if isinstance(patch, Rectangle):
-            low, size = float(patch.get_y()), float(patch.get_height())
-            shapes.append({
-                'type': 'rect', 'xref': f'x{suffix} domain', 'yref': f'y{suffix}', 'x0': 0,
-                'x1': 1, 'y0': low, 'y1': low + size, 'line': {'width': 0}, 'layer': 'below',
-                'fillcolor': to_hex(patch.get_facecolor()),
-                'opacity': float(patch.get_alpha() or 1.0)})
-    for line in axes.get_lines():
-        if line.get_transform() != axes.transData:
-            height = float(np.asarray(line.get_ydata(), dtype=np.float64)[0])
-            shapes.append({
-                'type': 'line', 'xref': f'x{suffix} domain', 'yref': f'y{suffix}', 'x0': 0,
-                'x1': 1, 'y0': height, 'y1': height,
-                'line': {'color': to_hex(line.get_color()), 'width': 1}})
-    return shapes
-
-
-def _title(axes: Axes) -> list[Chart]:
-    text = axes.get_title()
-    if not text:
+def _title(panel: Panel, across: Span, up: Span) -> list[Plotly]:
+    if not panel.title:
         return []
-    place = axes.get_position()
-    return [{'text': text, 'xref': 'paper', 'yref': 'paper', 'showarrow': False,
-             'x': 0.5 * (place.x0 + place.x1), 'y': place.y1, 'yanchor': 'bottom',
+    return [{'text': panel.title, 'xref': 'paper', 'yref': 'paper', 'showarrow': False,
+             'x': 0.5 * (across[0] + across[1]), 'y': up[1], 'yanchor': 'bottom',
              'xanchor': 'center'}]
 
 
-def _axis(axes: Axes, way: str, suffix: str, drawn: list[Axes]) -> Chart:
-    own = axes.xaxis if way == 'x' else axes.yaxis
-    place = axes.get_position()
-    low, high = (place.x0, place.x1) if way == 'x' else (place.y0, place.y1)
-    limits = axes.get_xlim() if way == 'x' else axes.get_ylim()
-    is_log = own.get_scale() == 'log'
-    parameters = own.get_tick_params()
-    shown = parameters.get('labelbottom' if way == 'x' else 'labelleft', True)
-    found: Chart = {
-        'domain': [round(float(low), 5), round(float(high), 5)],
-        'anchor': f'{"y" if way == "x" else "x"}{suffix}', 'showgrid': not axes.images,
-        'gridcolor': GRID, 'linecolor': EDGE, 'showline': True, 'zeroline': False,
-        'ticks': 'outside', 'ticklen': 3, 'showticklabels': bool(shown),
-        'title': {'text': own.get_label_text().replace('\n', '<br>'), 'standoff': 4,
-                  'font': {'size': 12}},
-        'type': 'log' if is_log else 'linear',
-        'range': [float(np.log10(end)) if is_log else float(end) for end in limits],
-    }
-    if is_log:
-        decades = abs(np.log10(limits[1] / limits[0]))
-        found |= {'dtick': 1 if decades > 2.0 else 'D2', 'exponentformat': 'none'}
-    labels = [text.get_text() for text in own.get_ticklabels()]
-    if _has_words(labels):
-        found |= {'tickvals': [float(tick) for tick in own.get_ticklocs()], 'ticktext': labels,
-                  'tickfont': {'size': 11}}
-    if way == 'x':
-        first = _first_sharing(axes, drawn)
-        if first is not axes:
-            number = drawn.index(first) + 1
-            found['matches'] = 'x' if number == 1 else f'x{number}'
-    return found
+def _patch(band: Band) -> Plotly:
+    """A trace without points that puts a band's name into the legend."""
+    return {'type': 'scatter', 'x': [None], 'y': [None], 'mode': 'markers', 'name': band.name,
+            'marker': {'symbol': 'square', 'size': 11, 'color': band.colour},
+            'opacity': band.opacity, 'hoverinfo': 'skip'}
 
 
-def _first_sharing(axes: Axes, drawn: list[Axes]) -> Axes:
-    shared = axes.get_shared_x_axes()
-    return next(other for other in drawn if other is axes or shared.joined(other, axes))
-
-
-def _has_words(labels: list[str]) -> bool:
-    return any(text and not text.lstrip('−-').replace('.', '').isdigit() and '$' not in text
-               for text in labels)
-
-
-def _numbers(values: Any) -> list[float | None]:
-    found: NDArray[np.float64] = np.asarray(values, dtype=np.float64)
+def _numbers(values: NDArray[np.float64]) -> list[float | None]:
     return [float(f'{value:.{DIGITS}g}') if np.isfinite(value) else None
-            for value in found.tolist()]
+            for value in np.asarray(values, dtype=np.float64).tolist()]

@@ -15,8 +15,10 @@ from saddlering_ros.report.background import misfit_reductions
 from saddlering_ros.report.curves import branches, spectrum
 from saddlering_ros.report.curves_file import curves_path, write_curves
 from saddlering_ros.report.diagnosis_page import diagnosis_page
+from saddlering_ros.report.drawing import draw
 from saddlering_ros.report.header import date_of, head, HeadLine
 from saddlering_ros.report.html import pictures_of
+from saddlering_ros.report.interactive import chart_of
 from saddlering_ros.rig import default_rig
 
 RUNS = [run_curves(), run_curves(degrees=70.0, held_out=True), run_curves('dynamic')]
@@ -56,20 +58,50 @@ def test_text_from_bags_cannot_break_the_page():
     assert '&lt;script&gt;' in shown
 
 
-@pytest.mark.parametrize('draw', [
-    lambda: figures.comparison(RUNS[:2]), lambda: figures.residuals(RUNS[2]),
-    lambda: figures.misfit(document()['runs']),
-    lambda: figures.look_alikes(document()['signature_cosines']),
-], ids=['comparison', 'residuals', 'misfit', 'look-alikes'])
-def test_every_axis_at_the_edge_of_a_figure_is_labelled(draw):
-    figure = draw()
-    labelled = [axes for axes in figure.axes if axes.get_xlabel() or axes.get_ylabel()
-                or axes.get_title() or axes.get_yticklabels()]
-    assert labelled
+CHARTS = {
+    'comparison': lambda: figures.comparison(RUNS[:2]), 'proof': lambda: figures.proof(
+        RUNS[2], 'gamma'), 'residuals': lambda: figures.residuals(RUNS[2]),
+    'misfit': lambda: figures.misfit(document()['runs']),
+    'look-alikes': lambda: figures.look_alikes(document()['signature_cosines']),
+    'residual map': lambda: figures.residual_map(RUNS)}
+
+
+@pytest.mark.parametrize('name', CHARTS)
+def test_every_axis_names_what_is_read_off_and_those_at_the_edge_show_it(name):
+    chart = CHARTS[name]()
+    assert all(panel.x_label and panel.y_label for panel in chart.panels)
+    figure = draw(chart)
     bottom = [axes for axes in figure.axes
               if axes.get_subplotspec() is not None and axes.get_subplotspec().is_last_row()
               and not axes.images and axes.get_label() != '<colorbar>']
     assert all(axes.get_xlabel() for axes in bottom)
+
+
+@pytest.mark.parametrize('name', CHARTS)
+def test_picture_and_interactive_figure_show_the_same_data(name):
+    chart = CHARTS[name]()
+    drawn, seen = draw(chart), chart_of(chart)
+    lines = [axes.get_lines() for axes in drawn.axes if axes.get_label() != '<colorbar>']
+    series = [item for panel in chart.panels for item in panel.series]
+    traces = [item for item in seen['data'] if item['type'] == 'scatter' and item['x'] != [None]]
+    assert len(traces) == len(series)
+    for item, trace in zip(series, traces, strict=True):
+        assert np.allclose(np.array(trace['y'], float), item.y, rtol=1e-6, equal_nan=True)
+    levels = sum(len(panel.levels) for panel in chart.panels)
+    assert sum(map(len, lines)) == len(series) + levels
+    heats = [panel for panel in chart.panels if panel.heat is not None]
+    assert sum(item['type'] == 'heatmap' for item in seen['data']) == len(heats)
+
+
+def test_panels_of_an_interactive_figure_do_not_overlap():
+    layout = chart_of(figures.comparison(RUNS[:2]))['layout']
+    boxes = [(layout[f'xaxis{n}']['domain'], layout[f'yaxis{n}']['domain'])
+             for n in ['', *range(2, 13)]]
+    for number, (across, up) in enumerate(boxes):
+        for other_across, other_up in boxes[:number]:
+            apart = (across[0] >= other_across[1] or across[1] <= other_across[0]
+                     or up[0] >= other_up[1] or up[1] <= other_up[0])
+            assert apart
 
 
 def test_none_is_said_plainly_and_without_a_gain():
@@ -143,7 +175,7 @@ def test_the_curves_beside_a_report_are_those_that_it_draws(tmp_path):
 
 
 def test_the_comparison_shows_all_three_displacements():
-    labels = {axes.get_ylabel() for axes in figures.comparison(RUNS[:2]).axes}
+    labels = {panel.y_label for panel in figures.comparison(RUNS[:2]).panels}
     assert {'δx / µm', 'δy / µm', 'γ / µrad'} <= labels
 
 
