@@ -10,6 +10,7 @@ from saddlering_ros.api.inputs import (
     as_parameters,
     as_rig,
     BagLike,
+    check_rig,
     origins,
     ParametersLike,
     RigLike,
@@ -28,7 +29,8 @@ def identify(
     bounds: Mapping[str, tuple[float, float]] | None = None, particles: int = 20,
     iterations: int = 50, accuracy: float | None = None, stagnation: int | None = None,
     log_stiffness: bool = False, use_delta_y: bool | None = None, profiles: bool = False,
-    seed: int = 0, on_progress: OnProgress | None = None, is_cancelled: IsCancelled | None = None,
+    seed: int = 0, trust_rig: bool = False, on_progress: OnProgress | None = None,
+    is_cancelled: IsCancelled | None = None,
 ) -> IdentificationResult:
     """Find the contact parameters K1, n1, D1, K2, n2, D2 from static and dynamic bags.
 
@@ -37,6 +39,7 @@ def identify(
     bounds: (low, high) in SI units by parameter, over the rig's. particles, iterations, accuracy
     (objective) and stagnation (iterations without gain) control the swarm, seed its random start.
     log_stiffness and use_delta_y change the paper's method; profiles adds profile likelihoods.
+    A bag that states another rig than `rig` is refused, unless trust_rig.
     on_progress is called with a `Progress`; once is_cancelled returns True, `Cancelled` is raised
     with the result so far as its `partial`. Raises SaddleringError for what cannot be used.
     """
@@ -47,6 +50,7 @@ def identify(
     known = as_rig(rig)
     settings.bounds_for(known)
     given = as_bags(bags, known)
+    check_rig(given, known, rig, trust_rig)
 
     def tell(step: SearchStep) -> None:
         if on_progress is not None:
@@ -63,7 +67,8 @@ def identify(
 
 def validate(
     bags: BagLike | Iterable[BagLike], *, parameters: ParametersLike, rig: RigLike = None,
-    on_progress: OnProgress | None = None, is_cancelled: IsCancelled | None = None,
+    trust_rig: bool = False, on_progress: OnProgress | None = None,
+    is_cancelled: IsCancelled | None = None,
 ) -> ValidationResult:
     """Compare a simulation with bags, channel by channel, with the noise beside it.
 
@@ -72,6 +77,7 @@ def validate(
     """
     known, law = as_rig(rig), as_parameters(parameters)
     given = as_bags(bags, known)
+    check_rig(given, known, rig, trust_rig)
 
     def before(number: int) -> None:
         check(is_cancelled, 'validate')
@@ -85,7 +91,8 @@ def validate(
 def diagnose(
     bags: BagLike | Iterable[BagLike], *, hold_out: BagLike | Iterable[BagLike] = (),
     rig: RigLike = None, parameters: ParametersLike | None = None, seed: int = 0,
-    on_progress: OnProgress | None = None, is_cancelled: IsCancelled | None = None,
+    trust_rig: bool = False, on_progress: OnProgress | None = None,
+    is_cancelled: IsCancelled | None = None,
 ) -> DiagnosisResult:
     """Show what the simulation lacks in bags, name the cause, and measure it on held-out bags.
 
@@ -96,6 +103,7 @@ def diagnose(
     known = as_rig(rig)
     law = None if parameters is None else as_parameters(parameters)
     fitted, held = as_bags(bags, known), as_bags(hold_out, known)
+    check_rig([*fitted, *held], known, rig, trust_rig)
 
     def tell(stage: str, share: float) -> None:
         if on_progress is not None:

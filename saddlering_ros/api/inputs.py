@@ -11,7 +11,13 @@ from typing import Any, TYPE_CHECKING
 
 from saddlering_ros.api.errors import ApiError
 from saddlering_ros.api.tables import dataframe
-from saddlering_ros.bags import displacement_of_run, MeasuredRun, read_run, TestRun
+from saddlering_ros.bags import (
+    displacement_of_run,
+    MeasuredRun,
+    read_run,
+    refuse_other_rig,
+    TestRun,
+)
 from saddlering_ros.bags.samples import measured_samples
 from saddlering_ros.provenance import Origin
 from saddlering_ros.rig import load_rig, ParameterSet, read_parameters, Rig, TONNE
@@ -127,6 +133,12 @@ def as_bag(given: BagLike, rig: Rig) -> Bag:
 def runs_of(bags: Sequence[Bag]) -> list[TestRun]:
     """The arrays of bags."""
     return [bag.run for bag in bags]
+
+
+def check_rig(bags: Sequence[Bag], known: Rig, given: RigLike, trust_rig: bool) -> None:
+    """Refuse bags that state another rig than the one in use, unless the user trusts it."""
+    if not trust_rig:
+        refuse_other_rig(runs_of(bags), known, is_given=given is not None)
 
 
 def as_rig(given: RigLike) -> Rig:

@@ -15,6 +15,7 @@ from saddlering_ros.bags.measured import displacement_of_run, MeasuredRun
 from saddlering_ros.bags.plateaus import plateau_means, PlateauMeans, Plateaus, plateaus
 from saddlering_ros.bags.reader import RawRecord, RawTopic, read_raw, read_run, TestRun
 from saddlering_ros.bags.repeats import refuse_repeats
+from saddlering_ros.bags.same_rig import refuse_other_rig, rig_in_words
 from saddlering_ros.bags.topics import LOAD_TOPIC, PROBE_TOPICS, RIG_TOPICS
 from saddlering_ros.bags.writer import write_bag
 
@@ -22,6 +23,6 @@ __all__ = [
     'LOAD_TOPIC', 'PROBE_TOPICS', 'RIG_TOPICS', 'AlignedRow', 'AlignmentCounters', 'BagError',
     'BagInfo', 'FoundFacts', 'MeasuredRun', 'PlateauMeans', 'Plateaus', 'RawRecord', 'RawTopic',
     'StreamAligner', 'TestFacts', 'TestRun', 'TopicInfo', 'align', 'bag_info',
-    'displacement_of_run', 'plateau_means', 'plateaus', 'read_raw', 'read_run', 'refuse_repeats',
-    'seconds', 'seconds_array', 'write_bag',
+    'displacement_of_run', 'plateau_means', 'plateaus', 'read_raw', 'read_run',
+    'refuse_other_rig', 'refuse_repeats', 'rig_in_words', 'seconds', 'seconds_array', 'write_bag',
 ]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 import math
 from pathlib import Path
@@ -107,7 +107,8 @@ class TestRun:
     the probes on the load's stamps, NaN outside a probe's own span and inside its gaps; notes:
     what is wrong with the bag without keeping it from being used; sha256: of the bag's files
     ('' for a run that was never in a bag); others: readings (N,) of the optional topics of the rig
-    that the bag holds, by name, aligned alike; spikes (5, N): where the load and the four probes
+    that the bag holds, by name, aligned alike; details: further test metadata by key, such as
+    rig_hash; spikes (5, N): where the load and the four probes
     read a spike (None: nowhere).
     """
 
@@ -127,6 +128,7 @@ class TestRun:
     sha256: str = ''
     spikes: NDArray[np.bool_] | None = None
     others: dict[str, NDArray[np.float64]] = field(default_factory=dict)
+    details: Mapping[str, str] = field(default_factory=dict)
 
     def without_spikes(self) -> TestRun:
         """The same with spikes left out: NaN in the gaps, a straight line in the load."""
@@ -137,6 +139,11 @@ class TestRun:
         load[struck] = np.interp(self.time[struck], self.time[~struck], self.load[~struck])
         return replace(self, load=load, gaps=np.where(self.spikes[1:], np.nan, self.gaps),
                        spikes=None)
+
+    @property
+    def rig_hash(self) -> str:
+        """Hash of the rig's description that the bag states ('' if it states none)."""
+        return self.details.get('rig_hash', '')
 
     @property
     def origin(self) -> Origin:
@@ -269,7 +276,7 @@ def run_of_record(
         elevation=math.radians(facts.elevation_deg), rig=facts.rig, run=facts.run,
         stamps=load.stamps, time=seconds_array(load.stamps, int(load.stamps[0])),
         load=load.values, gaps=gaps, notes=notes,
-        spikes=_spikes(load, probes, found), others=others)
+        spikes=_spikes(load, probes, found), others=others, details=facts.details)
 
 
 def record_quality(record: RawRecord) -> dict[str, TopicQuality]:

@@ -43,6 +43,12 @@ def bags_of(args: argparse.Namespace, paths: Sequence[str], rig: Rig) -> list[Ba
             for path in paths]
 
 
+def add_trust_option(parser: argparse.ArgumentParser) -> None:
+    """The option to go on although a bag states another rig."""
+    parser.add_argument('--trust-rig', action='store_true',
+                        help='go on although a bag states another rig than --rig')
+
+
 def add_parameter_option(parser: argparse.ArgumentParser) -> None:
     """The parameter file that is simulated with."""
     parser.add_argument('--params', type=Path, required=True, metavar='FILE',

@@ -11,7 +11,7 @@ from saddlering_ros.cli._result import finish
 
 def add_parser(subparsers: Any) -> None:
     """Declare the subcommand."""
-    from saddlering_ros.cli._samples import add_fact_options
+    from saddlering_ros.cli._samples import add_fact_options, add_trust_option
 
     parser = subparsers.add_parser('diagnose', help='show and name what the simulation gets wrong')
     parser.add_argument('bags', nargs='+', metavar='BAG', help='runs to explain')
@@ -29,6 +29,7 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument('--out', type=Path, help='write the extended parameter file here')
     parser.add_argument('--seed', type=int, default=0, help='seed of the base fit (default 0)')
     add_fact_options(parser)
+    add_trust_option(parser)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -41,7 +42,8 @@ def run(args: argparse.Namespace) -> int:
     fitted, held_out = bags_of(args, args.bags, rig), bags_of(args, args.hold_out, rig)
     with Bar() as bar:
         found = diagnose(fitted, hold_out=held_out, rig=args.rig, parameters=args.params,
-                         seed=args.seed, on_progress=bar.tell)
+                         seed=args.seed, trust_rig=args.trust_rig,
+                         on_progress=bar.tell)
     if args.out is not None:
         found.save_parameters(args.out)
     pages = () if args.report is None else found.write_report(

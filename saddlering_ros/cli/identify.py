@@ -11,7 +11,7 @@ from saddlering_ros.cli._result import finish
 
 def add_parser(subparsers: Any) -> None:
     """Declare the subcommand."""
-    from saddlering_ros.cli._samples import add_fact_options
+    from saddlering_ros.cli._samples import add_fact_options, add_trust_option
 
     parser = subparsers.add_parser('identify', help='find the contact parameters from bags')
     parser.add_argument('bags', nargs='+', metavar='BAG', help='runs to fit, static and dynamic')
@@ -36,6 +36,7 @@ def add_parser(subparsers: Any) -> None:
                         help="use delta_y in the paper's method too")
     parser.add_argument('--profiles', action='store_true', help='profile likelihoods as well')
     add_fact_options(parser)
+    add_trust_option(parser)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -51,7 +52,8 @@ def run(args: argparse.Namespace) -> int:
             bags, rig=args.rig, method=args.method, bounds=bounds, particles=args.particles,
             iterations=args.iterations, accuracy=args.accuracy, stagnation=args.stagnation,
             log_stiffness=args.log_stiffness, use_delta_y=True if args.use_delta_y else None,
-            profiles=args.profiles, seed=args.seed, on_progress=bar.tell)
+            profiles=args.profiles, seed=args.seed, trust_rig=args.trust_rig,
+            on_progress=bar.tell)
     if args.out is not None:
         found.save_parameters(args.out)
     pages = () if args.report is None else found.write_report(

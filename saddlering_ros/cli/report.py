@@ -11,7 +11,7 @@ from saddlering_ros.cli._json import tell_json
 
 def add_parser(subparsers: Any) -> None:
     """Declare the subcommand."""
-    from saddlering_ros.cli._samples import add_fact_options
+    from saddlering_ros.cli._samples import add_fact_options, add_trust_option
 
     parser = subparsers.add_parser(
         'report', help='a page on parameters: how they were found, how well they predict',
@@ -28,6 +28,7 @@ def add_parser(subparsers: Any) -> None:
                         help='the page to write')
     parser.add_argument('--json', metavar='FILE', help='write all figures as JSON; - for stdout')
     add_fact_options(parser)
+    add_trust_option(parser)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -38,7 +39,7 @@ def run(args: argparse.Namespace) -> int:
     read_parameters(args.params)  # a fault there is reported before any bag is read
     identification = _identification(args.identification)
     bags = bags_of(args, args.bags, load_rig(args.rig))
-    found = validate(bags, parameters=args.params, rig=args.rig)
+    found = validate(bags, parameters=args.params, rig=args.rig, trust_rig=args.trust_rig)
     written = found.write_report(args.out, command=args.command_line,
                                  identification=identification)
     if tell_json(args, found.to_json()):

@@ -11,7 +11,7 @@ from saddlering_ros.cli._result import finish
 
 def add_parser(subparsers: Any) -> None:
     """Declare the subcommand."""
-    from saddlering_ros.cli._samples import add_fact_options
+    from saddlering_ros.cli._samples import add_fact_options, add_trust_option
 
     parser = subparsers.add_parser('validate', help='compare a simulation with bags')
     parser.add_argument('bags', nargs='+', metavar='BAG', help='runs to predict')
@@ -22,6 +22,7 @@ def add_parser(subparsers: Any) -> None:
                         help='simulated and measured over load and time, one picture per run')
     parser.add_argument('--report', type=Path, metavar='FILE.html', help='write a report')
     add_fact_options(parser)
+    add_trust_option(parser)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -33,7 +34,8 @@ def run(args: argparse.Namespace) -> int:
     read_parameters(args.params)  # a fault there is reported before any bag is read
     bags = bags_of(args, args.bags, load_rig(args.rig))
     with Bar() as bar:
-        found = validate(bags, parameters=args.params, rig=args.rig, on_progress=bar.tell)
+        found = validate(bags, parameters=args.params, rig=args.rig,
+                         trust_rig=args.trust_rig, on_progress=bar.tell)
     written = [] if args.plots is None else found.save_plots(args.plots)
     if args.report is not None:
         written += found.write_report(args.report, command=args.command_line)

@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from saddlering_ros.bags import read_run, refuse_repeats, TestRun
+from saddlering_ros.bags import read_run, refuse_other_rig, refuse_repeats, TestRun
 from saddlering_ros.diagnosis import next_test
 from saddlering_ros.diagnosis.contact_law import contact_law
 from saddlering_ros.diagnosis.document import signature_cosines
@@ -43,15 +43,10 @@ def diagnose_bags(
     if not bags:
         raise DiagnosisError('no bags to diagnose: give at least one')
     rig = rig or default_rig()
-    return diagnose_runs(
-        [read_run(bag, rig=rig) for bag in bags],
-        [read_run(bag, rig=rig) for bag in hold_out],
-        rig,
-        parameters,
-        on_progress,
-        is_cancelled,
-        seed,
-    )
+    runs = [read_run(bag, rig=rig) for bag in bags]
+    held_out = [read_run(bag, rig=rig) for bag in hold_out]
+    refuse_other_rig([*runs, *held_out], rig, is_given=True)
+    return diagnose_runs(runs, held_out, rig, parameters, on_progress, is_cancelled, seed)
 
 
 def diagnose_runs(

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import json
 from typing import Any
 
-from saddlering_ros.bags import read_run, refuse_repeats
+from saddlering_ros.bags import read_run, refuse_other_rig, refuse_repeats
 from saddlering_ros.identification import (
     IdentificationSettings,
     identify,
@@ -51,6 +51,7 @@ def run(request: IdentificationRequest, on_progress: Callable[[Progress], None],
     runs = [read_run(bag, rig=request.rig) for bag in request.bags]
     kept_back = [read_run(bag, rig=request.rig) for bag in request.validation_bags]
     refuse_repeats(runs, kept_back)
+    refuse_other_rig([*runs, *kept_back], request.rig, is_given=True)
     found = identify(runs, request.rig, request.settings, on_progress=on_progress)
     judged: Any = validate(kept_back or runs, request.rig, found.parameters).to_json()
     return IdentificationAnswer(found.parameters, found.objective, found.status,

@@ -1,0 +1,46 @@
+"""Whether bags were recorded on the rig that they are to be judged by: hashes of its description.
+
+A forgotten rig file simulates another ring: everything misfits, and what is advised is wrong.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from saddlering_ros.bags.errors import BagError
+from saddlering_ros.bags.reader import TestRun
+from saddlering_ros.rig import Rig, short_digest
+
+UNDESCRIBED = ('', 'virtual rig')
+"""Names of rigs for which no file is asked: none, and the one of the shipped bags."""
+
+
+def refuse_other_rig(runs: Sequence[TestRun], rig: Rig, *, is_given: bool) -> None:
+    """BagError if a run states the hash of another rig than `rig`.
+
+    is_given: whether `rig` was named by the user, or is the shipped one for want of another. A run
+    that names a rig without its hash gets a note in that case.
+    """
+    for run in runs:
+        if run.rig_hash and run.rig_hash != rig.digest:
+            raise BagError(_refusal(run, rig, is_given))
+        if not (run.rig_hash or is_given or run.rig in UNDESCRIBED):
+            note = (f'the bag names the rig {run.rig!r} and no rig file is given: the shipped rig '
+                    f'is simulated ({rig_in_words(rig)}); give --rig if that is another')
+            if note not in run.notes:
+                run.notes.append(note)
+
+
+def rig_in_words(rig: Rig) -> str:
+    """What a rig is at first sight, and its hash."""
+    return (f'{rig.axial_rows.rollers} rollers in a row, '
+            f'{rig.force_words(rig.full_scale_load, 0)}, hash {short_digest(rig.digest)}')
+
+
+def _refusal(run: TestRun, rig: Rig, is_given: bool) -> str:
+    name = f' {run.rig!r}' if run.rig else ''
+    known = f'was recorded on the rig{name} with the hash {short_digest(run.rig_hash)}'
+    given = 'the rig given is another' if is_given else \
+        'no rig is given, and the shipped one is another'
+    return (f'{run.path}: {known}, {given} ({rig_in_words(rig)}): is this the right ring? Give '
+            'its file with --rig, or --trust-rig to go on with this one')
