@@ -55,6 +55,20 @@ def add_parameter_option(parser: argparse.ArgumentParser) -> None:
                         help='parameter file, as identification writes it')
 
 
+def add_effects_option(parser: argparse.ArgumentParser) -> None:
+    """The folder of the user's own effects."""
+    parser.add_argument('--effects', type=Path, metavar='DIR',
+                        help='folder of your own effects, one YAML file each')
+
+
+def take_effects(args: argparse.Namespace) -> None:
+    """Take the user's own effects into the catalogue, if a folder is given."""
+    from saddlering_ros.effects import use_folder
+
+    if args.effects is not None:
+        use_folder(args.effects)
+
+
 def simulated_samples(
     run: TestRun, simulated: SimulatedRun,
 ) -> tuple[DisplacementSamples, list[str]]:

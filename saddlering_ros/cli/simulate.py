@@ -10,6 +10,7 @@ def add_parser(subparsers: Any) -> None:
     """Declare the subcommand."""
     from saddlering_ros.cli._samples import (
         add_bag_options,
+        add_effects_option,
         add_output_options,
         add_parameter_option,
     )
@@ -18,16 +19,24 @@ def add_parser(subparsers: Any) -> None:
         'simulate', help="simulated ring displacement under a bag's load, as the live node does")
     add_bag_options(parser)
     add_parameter_option(parser)
+    add_effects_option(parser)
     add_output_options(parser)
 
 
 def run(args: argparse.Namespace) -> int:
     """Read, simulate, deliver."""
     from saddlering_ros.bags import read_run
-    from saddlering_ros.cli._samples import check_outputs, deliver, radians, simulated_samples
+    from saddlering_ros.cli._samples import (
+        check_outputs,
+        deliver,
+        radians,
+        simulated_samples,
+        take_effects,
+    )
     from saddlering_ros.rig import load_rig, read_parameters
 
     check_outputs(args)
+    take_effects(args)
     rig = load_rig(args.rig)
     parameters = read_parameters(args.params)
     test_run = read_run(args.bag, test=args.test, elevation=radians(args.elevation), rig=rig)

@@ -14,7 +14,9 @@ from saddlering_ros.diagnosis.records import LoadGrid
 from saddlering_ros.diagnosis.scatter import compressed, Course, known_rigs, scatter_columns
 from saddlering_ros.discrepancy import Effect, Parameter, Point, RunBlocks
 from saddlering_ros.effects.extension import MOTION, NO_EXTENSION, RingExtension
+from saddlering_ros.effects.law import Law
 from saddlering_ros.rig import PARAMETER_NAMES, PARAMETER_UNITS, Rig, TRUE_TO_SCALE
+from saddlering_ros.ring.additions import Additions
 from saddlering_ros.ring.simulator import probe_batch
 
 Array = NDArray[np.float64]
@@ -79,7 +81,22 @@ class RingSystem:
         }
 
     def predict_many(self, run: RunBlocks, points: Sequence[Point]) -> Array:
-        return self._simulated(run, [(point.base, self.extension(point)) for point in points])
+        answer = self._simulated(run, [(point.base, self.extension(point)) for point in points])
+        for number, point in enumerate(points):
+            laws = catalogue_of_effects.laws_of(point.effects)
+            if laws:
+                answer[number] = self._with_laws(run, point, laws, answer[number])
+        return answer
+
+    def _with_laws(self, run: RunBlocks, point: Point, laws: Sequence[Law], plain: Array) -> Array:
+        """Channels (C, N) with the user's own laws, from those without."""
+        grid: LoadGrid = run.payload
+        additions = Additions(self.rig, laws, float(grid.time[0]), grid.zero_load)
+        at_ring, added = additions.push(grid.time, grid.load)
+        if not np.array_equal(at_ring, grid.load):
+            changed = replace(run, payload=replace(grid, load=at_ring))
+            plain = self._simulated(changed, [(point.base, self.extension(point))])[0]
+        return plain + grid.block_means(np.ascontiguousarray(added.T))
 
     def _simulated(
         self, run: RunBlocks, candidates: Sequence[tuple[Array, RingExtension]]

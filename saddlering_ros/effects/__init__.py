@@ -7,6 +7,8 @@ import difflib
 from functools import lru_cache
 import importlib
 import inspect
+import os
+from pathlib import Path
 import pkgutil
 
 from saddlering_ros.effects.base import (
@@ -18,28 +20,64 @@ from saddlering_ros.effects.base import (
     Variant,
 )
 from saddlering_ros.effects.extension import NO_EXTENSION, RingExtension
+from saddlering_ros.effects.law import Law, LawEffect, read_law_effect
 
 __all__ = [
     'NO_EXTENSION', 'STAGES', 'Choice', 'Effect', 'EffectError', 'EffectParameter',
-    'RingExtension', 'Variant', 'catalogue', 'effect', 'extension_of',
+    'RingExtension', 'Variant', 'catalogue', 'effect', 'extension_of', 'laws_of', 'use_folder',
 ]
+
+FOLDER_VARIABLE = 'SADDLERING_EFFECTS'
+"""Environment variable that holds the folder of the user's own effects."""
 
 
 @lru_cache(maxsize=1)
-def _found() -> dict[str, Effect]:
+def _shipped() -> dict[str, Effect]:
     found: dict[str, Effect] = {}
     for module_info in pkgutil.iter_modules(__path__):
         module = importlib.import_module(f'{__name__}.{module_info.name}')
         for _, cls in inspect.getmembers(module, inspect.isclass):
             is_here = cls.__module__ == module.__name__
-            if is_here and issubclass(cls, Effect) and not inspect.isabstract(cls):
+            if not (is_here and issubclass(cls, Effect)) or inspect.isabstract(cls):
+                continue
+            if cls is not LawEffect:
                 found[cls.id] = cls()
-    return dict(sorted(found.items()))
+    return found
+
+
+@lru_cache(maxsize=4)
+def _of_folder(folder: str) -> dict[str, Effect]:
+    """Effects of a user's folder, one file each."""
+    path = Path(folder)
+    if not path.is_dir():
+        raise EffectError(f'{folder}: is no folder: give a folder of effect files (*.yaml)')
+    found: dict[str, Effect] = {}
+    for file in sorted(path.glob('*.yaml')):
+        own = read_law_effect(file)
+        if own.id in _shipped() or own.id in found:
+            raise EffectError(f'{file}: the id {own.id} is taken: give the effect another id')
+        found[own.id] = own
+    return found
+
+
+def use_folder(folder: Path | str) -> None:
+    """Take the effects of a user's folder into the catalogue of this process.
+
+    EffectError for a file that is no effect. A process that is started by this one takes them too.
+    """
+    _of_folder(str(folder))
+    os.environ[FOLDER_VARIABLE] = str(folder)
+
+
+def _found() -> dict[str, Effect]:
+    folder = os.environ.get(FOLDER_VARIABLE, '')
+    own = _of_folder(folder) if folder else {}
+    return dict(sorted({**_shipped(), **own}.items()))
 
 
 def catalogue() -> dict[str, Effect]:
-    """Every effect of this folder by its id, in alphabetical order (the caller's own dict)."""
-    return dict(_found())
+    """Every effect by its id, in alphabetical order, those of the user's folder included."""
+    return _found()
 
 
 def effect(effect_id: str) -> Effect:
@@ -59,3 +97,12 @@ def extension_of(effects: Mapping[str, Mapping[str, float]]) -> RingExtension:
         one = effect(effect_id)
         extension = one.extend(extension, one.complete(values))
     return extension
+
+
+def laws_of(effects: Mapping[str, Mapping[str, float]]) -> tuple[Law, ...]:
+    """The laws of a user's own effects among `effects`, with their sizes."""
+    return tuple(
+        one.bound(one.complete(values))
+        for one, values in ((effect(name), values) for name, values in effects.items())
+        if isinstance(one, LawEffect)
+    )

@@ -13,7 +13,7 @@ import os
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from saddlering_ros.effects import extension_of
+from saddlering_ros.effects import extension_of, laws_of
 from saddlering_ros.effects.extension import NO_EXTENSION, RingExtension
 from saddlering_ros.errors import SaddleringError
 from saddlering_ros.rig import (
@@ -25,6 +25,7 @@ from saddlering_ros.rig import (
     ZeroReading,
     ZeroWindow,
 )
+from saddlering_ros.ring.additions import Additions
 from saddlering_ros.ring.kernels import equilibrium, integration
 from saddlering_ros.ring.kernels import layout as at
 from saddlering_ros.ring.model import (
@@ -85,6 +86,8 @@ class RingSimulator:
         _check_step(max_step)
         self._rig = rig
         extension = extension_of(parameters.effects)
+        self._laws = laws_of(parameters.effects)
+        self._additions: Additions | None = None
         model = build_model(rig, parameters.contact, elevation, extension)
         self._m, self._rows, self._uniform = model.constants, model.rows.flat, model.rows.uniform
         self._max_step = max_step
@@ -133,11 +136,20 @@ class RingSimulator:
         return self._samples(np.ascontiguousarray(rows[:, 0]), np.ascontiguousarray(rows[:, 1]))
 
     def _start(self, time: float, load: float) -> None:
+        if self._laws:
+            self._additions = Additions(self._rig, self._laws, time, load)
         if not integration.start(self._m, self._rows, self._uniform, self._state, time, load):
             self._state[at.FAILED_STEPS] += 1.0
             self._lost = True
 
     def _advance(self, time: Floats, load: Floats) -> Floats:
+        """Increments (N, 4) of the probes, the user's own laws in them."""
+        if self._additions is None:
+            return self._moved(time, load)
+        at_ring, added = self._additions.push(time, load)
+        return self._moved(time, at_ring) + added
+
+    def _moved(self, time: Floats, load: Floats) -> Floats:
         motion, increments = np.empty((time.size, 3)), np.empty((time.size, 4))
         self.iterations += integration.advance(self._m, self._rows, self._uniform, self._state,
                                               time, load, self._max_step, motion, increments)

@@ -1,0 +1,202 @@
+"""A user's own effect: a law in one coordinate, added to the load or to a reading.
+
+The law is a table that comes from a file, such as the one that a diagnosis writes for a misfit
+that no effect of the catalogue explains; its size is the only parameter. No kernel knows it: it is
+added sample by sample to the load that the ring feels, or to what the probes read.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from saddlering_ros.effects.base import Effect, EffectError, EffectParameter
+from saddlering_ros.effects.extension import RingExtension
+from saddlering_ros.plain_yaml import read_strict_yaml
+
+Floats = NDArray[np.float64]
+
+LOAD_TARGET = 'hydraulic_load'
+TARGETS = (LOAD_TARGET, 'delta_x', 'delta_y', 'gamma', 'parity', 'eddy_current_1',
+           'eddy_current_2', 'eddy_current_3', 'eddy_current_4')
+"""What a law may be added to: channels in metres, gamma in radians, the load in newtons."""
+
+COORDINATES = ('load', 'direction', 'rate', 'time', 'hysteresis', 'relaxation')
+"""What a table of a law stands over: load [N], direction times a table over load, rate [N/s],
+time [s] since the zero; weights of plays over their reaches [N], of relaxations over their time
+constants [s].
+"""
+
+MIN_POINTS = {'hysteresis': 1, 'relaxation': 1}
+MAX_POINTS = 4096
+RATE_TIME = 0.1
+"""Time constant [s] of the filter by which the rate of the load is seen."""
+
+
+@dataclass(frozen=True)
+class Law:
+    """One law: `values` (K,) over `at` (K,) of its coordinate, times `size`.
+
+    turn [N]: the load must turn back by more than this to have another direction.
+    """
+
+    target: str
+    coordinate: str
+    at: tuple[float, ...]
+    values: tuple[float, ...]
+    turn: float
+    size: float = 1.0
+
+
+class LawHistory:
+    """The value of a law along a record: live and offline are this object.
+
+    Every sample is computed in the same way, however many are given at once.
+    """
+
+    def __init__(self, law: Law, time: float, load: float) -> None:
+        self._law = law
+        self._at, self._values = np.array(law.at), np.array(law.values)
+        self._begin = self._last = time
+        self._load = self._slow = self._extreme = load
+        self._sign = 1.0
+        self._state = np.full(self._at.size, load if law.coordinate == 'hysteresis' else 0.0)
+        self._zero = self._value(time, load)
+
+    def push(self, time: Floats, load: Floats) -> Floats:
+        """Values (N,) at samples (N,), less the value at the start."""
+        if self._law.coordinate in ('load', 'time'):
+            along = load if self._law.coordinate == 'load' else time - self._begin
+            values = self._law.size * np.interp(along, self._at, self._values)
+            return np.asarray(values - self._zero)
+        pairs = zip(time.tolist(), load.tolist(), strict=True)
+        return np.array([self._value(t, p) - self._zero for t, p in pairs])
+
+    def _value(self, time: float, load: float) -> float:
+        law, step = self._law, time - self._last
+        change, self._last, self._load = load - self._load, time, load
+        if law.coordinate == 'hysteresis':
+            np.clip(self._state, load - self._at, load + self._at, out=self._state)
+            return law.size * float(((load - self._state) / self._at) @ self._values)
+        if law.coordinate == 'relaxation':
+            ratio = step / self._at
+            whole = np.where(ratio > 0.0, -np.expm1(-ratio) / np.where(ratio > 0, ratio, 1.0), 1.0)
+            self._state = np.exp(-ratio) * self._state + change * whole
+            return law.size * float(self._state @ self._values)
+        along = load
+        if law.coordinate == 'time':
+            along = time - self._begin
+        elif law.coordinate == 'rate':
+            self._slow += (load - self._slow) * -float(np.expm1(-step / RATE_TIME))
+            along = (load - self._slow) / RATE_TIME
+        value = law.size * float(np.interp(along, self._at, self._values))
+        if law.coordinate != 'direction':
+            return value
+        if self._sign * (load - self._extreme) > 0.0:
+            self._extreme = load
+        elif self._sign * (self._extreme - load) > law.turn:
+            self._sign, self._extreme = -self._sign, load
+        return self._sign * value
+
+
+class LawEffect(Effect):
+    """An effect of the user's own folder; what the class attributes of others are, it reads."""
+
+    def __init__(self, effect_id: str, law: Law, parameter: EffectParameter,
+                 words: Mapping[str, str]) -> None:
+        for name, value in {
+            'id': effect_id, 'title': words['title'], 'words': words['words'],
+            'settled_by': words['settled_by'], 'parameters': (parameter,),
+            'stage': 'load path' if law.target == LOAD_TARGET else 'measurement',
+            'channels': _channels(law.target),
+        }.items():
+            setattr(self, name, value)
+        self.law = law
+
+    def extend(self, extension: RingExtension, values: Mapping[str, float]) -> RingExtension:
+        """Nothing: the law is added beside the extension, see `bound`."""
+        return extension
+
+    def bound(self, values: Mapping[str, float]) -> Law:
+        """The law with its size."""
+        return replace(self.law, size=values['size'])
+
+
+def _channels(target: str) -> tuple[str, ...]:
+    if target == LOAD_TARGET:
+        return 'delta_x', 'delta_y', 'gamma'
+    if target.startswith('eddy_current'):
+        return ('delta_x', 'parity') if target[-1] in '13' else ('delta_y', 'gamma')
+    return (target,)
+
+
+def read_law_effect(path: Path) -> LawEffect:
+    """The effect of one file; EffectError in one line for whatever is wrong with it."""
+    document = read_strict_yaml(path, EffectError)
+    if not isinstance(document, Mapping):
+        raise EffectError(f'{path}: is no effect: give id, target, coordinate, size and table')
+    target = _choice(path, document, 'target', TARGETS)
+    coordinate = _choice(path, document, 'coordinate', COORDINATES)
+    table = _mapping(path, document, 'table')
+    at, values = _numbers(path, table, 'at'), _numbers(path, table, 'values')
+    least = MIN_POINTS.get(coordinate, 2)
+    if len(at) != len(values) or not least <= len(at) <= MAX_POINTS:
+        raise EffectError(f'{path}: table: give {least} to {MAX_POINTS} numbers under at and as '
+                          'many under values')
+    if any(b <= a for a, b in pairwise(at)):
+        raise EffectError(f'{path}: table.at must rise from number to number')
+    if least == 1 and at[0] <= 0.0:
+        raise EffectError(f'{path}: table.at must be above zero for {coordinate}')
+    size = _mapping(path, document, 'size')
+    numbers = {key: _number(path, size, f'size.{key}', key)
+               for key in ('low', 'high', 'scale', 'start')}
+    if not numbers['low'] <= numbers['start'] <= numbers['high'] or numbers['scale'] <= 0.0:
+        raise EffectError(f'{path}: size: start must lie from low to high, and scale above zero')
+    words = {key: str(document.get(key, '')) for key in ('title', 'words', 'settled_by', 'unit')}
+    words['title'] = words['title'] or path.stem
+    turn = _number(path, document, 'turn', 'turn') if 'turn' in document else 0.0
+    parameter = EffectParameter('size', words['unit'] or '1', numbers['low'], numbers['high'],
+                                numbers['scale'], numbers['start'], 'size of the law',
+                                amplitude=True)
+    law = Law(target, coordinate, tuple(at), tuple(values), turn)
+    return LawEffect(str(document.get('id', path.stem)), law, parameter, words)
+
+
+def _choice(path: Path, document: Mapping[str, Any], key: str, allowed: tuple[str, ...]) -> str:
+    value = document.get(key)
+    if value not in allowed:
+        raise EffectError(f'{path}: {key} is {value!r}: choose from {", ".join(allowed)}')
+    return str(value)
+
+
+def _mapping(path: Path, document: Mapping[str, Any], key: str) -> Mapping[str, Any]:
+    value = document.get(key)
+    if not isinstance(value, Mapping):
+        raise EffectError(f'{path}: {key} is missing: see docs/own_effects.md for the fields')
+    return value
+
+
+def _numbers(path: Path, table: Mapping[str, Any], key: str) -> list[float]:
+    value = table.get(key)
+    if not isinstance(value, list):
+        raise EffectError(f'{path}: table.{key} is missing: give a list of numbers')
+    return [_finite(path, f'table.{key}', item) for item in value]
+
+
+def _number(path: Path, document: Mapping[str, Any], name: str, key: str) -> float:
+    if key not in document:
+        raise EffectError(f'{path}: {name} is missing: give a number')
+    return _finite(path, name, document[key])
+
+
+def _finite(path: Path, name: str, value: Any) -> float:
+    good = isinstance(value, int | float) and not isinstance(value, bool) and np.isfinite(value)
+    if not good:
+        raise EffectError(f'{path}: {name} holds {value!r}: give finite numbers')
+    return float(value)

@@ -1,0 +1,50 @@
+"""What a user's own laws add to the load that the ring feels and to what the probes read."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from saddlering_ros.effects.law import Law, LawHistory, LOAD_TARGET
+from saddlering_ros.rig import Rig
+
+Floats = NDArray[np.float64]
+
+
+class Additions:
+    """All laws along one record, from its zero on; what they add there is zero."""
+
+    def __init__(self, rig: Rig, laws: Sequence[Law], time: float, load: float) -> None:
+        both = [(law, LawHistory(law, time, load)) for law in laws]
+        self._of_load = [history for law, history in both if law.target == LOAD_TARGET]
+        self._of_probes = [
+            (probe_pattern(rig, law.target), history)
+            for law, history in both
+            if law.target != LOAD_TARGET
+        ]
+
+    def push(self, time: Floats, load: Floats) -> tuple[Floats, Floats]:
+        """The load (N,) at the ring, and what is added to the probes' increments (N, 4)."""
+        at_ring = load.copy()
+        for history in self._of_load:
+            at_ring += history.push(time, load)
+        added = np.zeros((time.size, 4))
+        for pattern, history in self._of_probes:
+            added += history.push(time, load)[:, None] * pattern
+        return at_ring, added
+
+
+def probe_pattern(rig: Rig, target: str) -> Floats:
+    """Change of the four probes' increments by one unit of a channel or of one probe."""
+    half = 0.5 * rig.probes.axial_span
+    patterns = {
+        'delta_x': (1.0, 0.0, -1.0, 0.0),
+        'delta_y': (0.0, 1.0, 0.0, 1.0),
+        'gamma': (0.0, half, 0.0, -half),
+        'parity': (1.0, 0.0, 1.0, 0.0),
+    }
+    if target in patterns:
+        return np.array(patterns[target])
+    return np.array([float(target == f'eddy_current_{probe}') for probe in (1, 2, 3, 4)])
