@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
 import json
 from pathlib import Path
@@ -300,6 +300,20 @@ class DiagnosisResult(Result, _Parametric):
         from saddlering_ros.report import write_diagnosis_report
 
         return write_diagnosis_report(self.found, path, command)
+
+    def with_effect_files(self, folder: Path | str) -> DiagnosisResult:
+        """The same verdict, the effects of a proposed law written into `folder`, a file each.
+
+        Nothing is written where no law is proposed. `saddlering ... --effects FOLDER` takes them.
+        """
+        from saddlering_ros.diagnosis.proposed_law import write_effect_files
+
+        law = self.found.diagnosis.law
+        if law is None:
+            return self
+        paths = write_effect_files(law, Path(folder), self.found.rig.full_scale_load)
+        return replace(
+            self, found=replace(self.found, effect_files=tuple(str(path) for path in paths)))
 
     def _document(self) -> dict[str, Any]:
         return self.found.to_json()

@@ -11,7 +11,11 @@ from saddlering_ros.cli._result import finish
 
 def add_parser(subparsers: Any) -> None:
     """Declare the subcommand."""
-    from saddlering_ros.cli._samples import add_fact_options, add_trust_option
+    from saddlering_ros.cli._samples import (
+        add_effects_option,
+        add_fact_options,
+        add_trust_option,
+    )
 
     parser = subparsers.add_parser('diagnose', help='show and name what the simulation gets wrong')
     parser.add_argument('bags', nargs='+', metavar='BAG', help='runs to explain')
@@ -28,6 +32,10 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument('--report', type=Path, metavar='FILE.html', help='write a report')
     parser.add_argument('--out', type=Path, help='write the extended parameter file here')
     parser.add_argument('--seed', type=int, default=0, help='seed of the base fit (default 0)')
+    parser.add_argument('--propose', type=Path, metavar='DIR',
+                        help='write the effect file of a proposed law here (default, with '
+                             '--json FILE: FILE without its suffix, _effects)')
+    add_effects_option(parser)
     add_fact_options(parser)
     add_trust_option(parser)
 
@@ -36,16 +44,28 @@ def run(args: argparse.Namespace) -> int:
     """Diagnose and print, write or emit the verdict."""
     from saddlering_ros import diagnose, load_rig
     from saddlering_ros.cli._progress import Bar
-    from saddlering_ros.cli._samples import bags_of
+    from saddlering_ros.cli._samples import bags_of, take_effects
 
+    take_effects(args)
     rig = load_rig(args.rig)
     fitted, held_out = bags_of(args, args.bags, rig), bags_of(args, args.hold_out, rig)
     with Bar() as bar:
         found = diagnose(fitted, hold_out=held_out, rig=args.rig, parameters=args.params,
                          seed=args.seed, trust_rig=args.trust_rig,
                          on_progress=bar.tell)
+    folder = _effect_folder(args)
+    if folder is not None:
+        found = found.with_effect_files(folder)
     if args.out is not None:
         found.save_parameters(args.out)
     pages = () if args.report is None else found.write_report(
         args.report, command=args.command_line)
     return finish(args, found, args.out, *pages)
+
+
+def _effect_folder(args: argparse.Namespace) -> Path | None:
+    """Where the effect file of a proposed law is written."""
+    if args.propose is not None or args.json in (None, '-'):
+        return args.propose
+    file = Path(args.json)
+    return file.with_name(f'{file.stem}_effects')

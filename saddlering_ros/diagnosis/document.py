@@ -7,6 +7,7 @@ from typing import Any, TYPE_CHECKING
 
 import numpy as np
 
+from saddlering_ros.diagnosis.proposed_law import proposal_document
 from saddlering_ros.diagnosis.wording import shape_words, swing_words
 from saddlering_ros.discrepancy import Cause, Diagnosis
 from saddlering_ros.discrepancy.lack_of_fit import ShapeTest
@@ -60,6 +61,7 @@ def verdict_document(verdict: Verdict) -> dict[str, Any]:
             'held_out': found.gain.held_out,
             'how': found.gain.how,
         },
+        'proposal': proposal_document(found.law, verdict.effect_files),
         'notes': list(verdict.notes),
         'provenance': verdict.provenance().as_dict(),
         'seed': verdict.seed,

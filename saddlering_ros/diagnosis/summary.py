@@ -37,11 +37,32 @@ def document_text(document: Document) -> str:
     if document['verdict'] == 'unknown':
         lines.append('What nothing in the catalogue explains:')
         lines += [f'  {shape_words(item)}' for item in document['causes'] if 'shape' in item]
+    lines += proposal_lines(document)
     lines += ['', "Misfit by run and channel, rms in % of the channel's range "
               '(contact law alone / extended model / noise):']
     lines += [_run_line(run) for run in document['runs']]
     lines += ['', 'Contact parameters (before -> after):', *_parameter_lines(document)]
     return '\n'.join([*lines, *(f'note: {note}' for note in document['notes'])])
+
+
+def proposal_lines(document: Document) -> list[str]:
+    """The proposed law, what it is worth, and what makes it doubtful."""
+    law = document.get('proposal')
+    if not law:
+        return []
+    lines = ['', 'A law that would explain it (a proposal; the verdict stays unknown):']
+    for term in law['terms']:
+        lines.append(f'  {term["channel"]} += {term["law"]} in {term["coordinate"]}: '
+                     f'{term["formula"]}')
+        lines += [
+            f'    {name} {item["value"]:.4g} ± {item["std"]:.2g} {item["unit"]}'
+            for name, item in term['parameters'].items()]
+    gain = law['gain']
+    kept = gain['held_out']
+    held_out = '' if kept is None else f', {percent(kept)} on held-out runs'
+    lines.append(f'  misfit reduction {percent(gain["fit"])} on fitted runs{held_out}')
+    lines += [f'  doubt: {doubt}' for doubt in law['doubts']]
+    return [*lines, *(f'  effect file: {path}' for path in law['effect_files'])]
 
 
 def _cause_lines(cause: Mapping[str, Any]) -> list[str]:

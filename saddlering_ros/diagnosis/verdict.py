@@ -47,7 +47,10 @@ class RunFigures:
 
 @dataclass(frozen=True)
 class Verdict:
-    """The verdict on a set of bags: the engine's diagnosis with what the ring adds to it."""
+    """The verdict on a set of bags: the engine's diagnosis with what the ring adds to it.
+
+    effect_files: where the effects of a proposed law were written, if they were.
+    """
 
     diagnosis: Diagnosis
     runs: tuple[RunFigures, ...]
@@ -56,6 +59,7 @@ class Verdict:
     rig: Rig
     seed: int
     contact_law: ContactLaw
+    effect_files: tuple[str, ...] = ()
 
     @property
     def verdict(self) -> str:

@@ -15,6 +15,7 @@ from saddlering_ros.discrepancy.conclusion import judge, Publication, residual_o
 from saddlering_ros.discrepancy.experiment import Experiment, refuse_repeats
 from saddlering_ros.discrepancy.next_test import choose_next, Proposal
 from saddlering_ros.discrepancy.preparation import first_guess, moved_to, observed, prepare
+from saddlering_ros.discrepancy.proposal import propose_for
 from saddlering_ros.discrepancy.results import Diagnosis, SearchLog
 from saddlering_ros.discrepancy.selection import (
     Alternatives,
@@ -27,6 +28,9 @@ from saddlering_ros.discrepancy.settings import Progress, Settings, Watch
 from saddlering_ros.discrepancy.steady_lines import find_steady_lines
 from saddlering_ros.discrepancy.system import RunBlocks, System
 from saddlering_ros.threads import one_blas_thread
+
+PARTIAL_SUBJECT = 0.5
+"""A law is proposed beside partial causes that explain this share of the misfit, else alone."""
 
 
 @one_blas_thread()
@@ -72,6 +76,13 @@ def diagnose_system(
     if judgement.verdict == 'ambiguous':
         pairs = [(fit, other) for others in alternatives.values() for other in others]
         sentence = choose_next(space.metric, space.tangent_of(fit), pairs, proposals)
+    law = None
+    if judgement.verdict == 'unknown':
+        watch.progress('propose', 0.9)
+        subject = fit if judgement.explained >= PARTIAL_SUBJECT else space.base
+        law = propose_for(
+            space.metric, subject, runs, space.known.max_pairs, settings.error_rate
+        )
     published = Publication(space, fit, before, after, runs)
     verdict = judgement.verdict
     if lines.causes and verdict == 'none':
@@ -90,6 +101,7 @@ def diagnose_system(
         converged=space.base.converged and fit.converged and published.converged,
         runs=published.predictions(),
         fits=published.fits(),
+        law=law,
         residual_before=before,
         residual_after=after,
         observability=replace(observability, limits=(*observability.limits, *lines.limits)),

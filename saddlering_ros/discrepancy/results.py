@@ -12,6 +12,7 @@ from saddlering_ros.discrepancy.detection_limits import DetectionLimit
 from saddlering_ros.discrepancy.gain import Gain
 from saddlering_ros.discrepancy.lack_of_fit import FastResidual, ShapeTest, SlowResidual
 from saddlering_ros.discrepancy.metric import Metric
+from saddlering_ros.discrepancy.proposal import LawProposal
 from saddlering_ros.discrepancy.system import Array, Effect, RunBlocks
 
 Verdict = Literal['none', 'named', 'ambiguous', 'unknown']
@@ -112,7 +113,11 @@ class Diagnosis:
     """Everything found: the verdict first, then what it rests on.
 
     base: base parameters with the causes in, base_alone without; explained: share of the misfit;
+<<<<<<< HEAD
     warnings: what should make a reader doubt it; converged: every fit the verdict rests on.
+=======
+    law: a law proposed for what no cause explains, with `unknown` only.
+>>>>>>> 5de205a (Propose a law after unknown, in JSON, summary and as an effect file)
     """
 
     verdict: Verdict
@@ -126,6 +131,7 @@ class Diagnosis:
     converged: bool
     runs: tuple[RunPrediction, ...]
     fits: PublishedFits
+    law: LawProposal | None
     residual_before: Residual
     residual_after: Residual
     observability: Observability

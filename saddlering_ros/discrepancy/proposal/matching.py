@@ -192,7 +192,8 @@ def _law_term(misfit: Misfit, fit: BlockFit, form: Form, shape: Array, wanted: A
         if index in free:
             std = float(deviations[len(form.amplitudes) + free.index(index)])
         unit = 'coordinate' if name.endswith('*') else 's' if name.endswith('_s') else '1'
-        parameters[name.rstrip('*')] = LawParameter(float(shape[index]), std, unit, 'shape')
+        plain = name.rstrip('*').removesuffix('_s')
+        parameters[plain] = LawParameter(float(shape[index]), std, unit, 'shape')
     at = np.linspace(*fit.block.span, CURVE_POINTS)
     term = Term(fit.target, fit.block.coordinate, form.name, form.words, parameters, at,
                 np.zeros(at.size), np.zeros(at.size), float(form.count), form)

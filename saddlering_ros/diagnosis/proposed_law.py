@@ -1,0 +1,142 @@
+"""A proposed law in the words of the rig: its JSON, and an effect file for the user's folder."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+import yaml
+
+from saddlering_ros.discrepancy.proposal import describe, LawProposal, Term
+from saddlering_ros.rig import write_text_atomically
+
+TABLE_POINTS = 1025
+"""Points of the table of a simple law: a step as narrow as a hundredth of the range is seen."""
+
+TURN = 0.01
+"""Share of the full scale by which the load must turn back to have another direction."""
+
+REACH = 3.0
+"""Sizes that a fit of the effect file may take, in sizes of the law as proposed."""
+
+CHANNELS = {f'd{probe}': f'eddy_current_{probe}' for probe in (1, 2, 3, 4)}
+UNITS = {'gamma': 'rad', 'hydraulic_load': 'N'}
+ALONG = {'load': 'N', 'direction': 'N', 'hysteresis': 'N', 'rate': 'N/s', 'time': 's'}
+
+
+def channel_of(term: Term) -> str:
+    """What a term adds to, as bags and effect files name it."""
+    return CHANNELS.get(term.target, term.target)
+
+
+def unit_of(channel: str) -> str:
+    """Unit of an addition to a channel."""
+    return UNITS.get(channel, 'm')
+
+
+def proposal_document(law: LawProposal | None, files: tuple[str, ...]) -> dict[str, Any] | None:
+    """The contract of interfaces.md, with additions beside it; `files` hold the effects."""
+    if law is None:
+        return None
+    terms = [_term_document(term) for term in law.terms]
+    return {
+        **terms[0],
+        'gain': {'fit': law.fit, 'held_out': law.held_out},
+        'share': law.share,
+        'p_value': law.p_value,
+        'doubts': list(law.doubts),
+        'effect_file': files[0] if files else None,
+        'effect_files': list(files),
+        'terms': terms,
+        'alternatives': [
+            {'channel': CHANNELS.get(item.target, item.target), 'coordinate': item.coordinate,
+             'share': item.share}
+            for item in law.alternatives
+        ],
+    }
+
+
+def _term_document(term: Term) -> dict[str, Any]:
+    channel = channel_of(term)
+    target, along = unit_of(channel), ALONG.get(term.coordinate, '1')
+    units = {'target': target, 'coordinate': along, 'target per coordinate': f'{target}/{along}'}
+    return {
+        'channel': channel,
+        'coordinate': term.coordinate,
+        'law': term.law,
+        'formula': term.words,
+        'parameters': {
+            name: {'value': item.value, 'std': item.std, 'unit': units.get(item.unit, item.unit),
+                   'interval_95': [item.value - 1.96 * item.std, item.value + 1.96 * item.std]}
+            for name, item in term.parameters.items()
+        },
+        'curve': {
+            'at': term.at.tolist(), 'at_unit': along, 'values': term.values.tolist(),
+            'std': term.band.tolist(), 'unit': target,
+        },
+    }
+
+
+def write_effect_files(law: LawProposal, folder: Path, full_scale_load: float) -> list[Path]:
+    """One file a term that can be simulated; none for curves of each run's own."""
+    paths = []
+    for term in law.terms:
+        if term.law == 'own curve':
+            continue
+        folder.mkdir(parents=True, exist_ok=True)
+        path = folder / f'{effect_id(term)}.yaml'
+        write_text_atomically(path, effect_text(term, full_scale_load))
+        paths.append(path)
+    return paths
+
+
+def effect_id(term: Term) -> str:
+    """Id of the effect that a term becomes."""
+    return f'proposed_{channel_of(term)}_{term.coordinate}'
+
+
+def effect_text(term: Term, full_scale_load: float) -> str:
+    """The effect file of one term."""
+    coordinate, at, values = _table(term)
+    size = float(np.abs(values).max()) or 1.0
+    channel = channel_of(term)
+    document: Mapping[str, Any] = {
+        'id': effect_id(term),
+        'title': f'Proposed: {term.law} in {term.coordinate}, added to {channel}',
+        'words': describe(term),
+        'settled_by': 'A run at another rate and elevation: the law must hold there unchanged.',
+        'target': channel,
+        'coordinate': coordinate,
+        'unit': unit_of(channel),
+        'turn': TURN * full_scale_load,
+        'size': {'low': -REACH * size, 'high': REACH * size, 'scale': size, 'start': size},
+        'table': {
+            'at': [float(f'{value:.9g}') for value in at],
+            'values': [float(f'{value / size:.6g}') for value in values],
+        },
+    }
+    return yaml.safe_dump(document, sort_keys=False, default_flow_style=None, width=98)
+
+
+def _table(term: Term) -> tuple[str, NDArray[np.float64], NDArray[np.float64]]:
+    """Coordinate of the effect file, and the law over it."""
+    if term.law == 'relaxation':
+        return 'relaxation', term.at, term.values
+    if term.law == 'plays':
+        used = term.values != 0.0
+        return 'hysteresis', term.at[used], term.values[used]
+    if term.law == 'exponential memory':
+        one = np.array([term.parameters['lag'].value])
+        return 'relaxation', one, np.array([term.parameters['slope'].value])
+    if term.law == 'play':
+        one = np.array([abs(term.parameters['reach'].value)])
+        return 'hysteresis', one, np.array([term.parameters['size'].value])
+    if term.form is None:
+        return term.coordinate, term.at, term.values
+    at = np.linspace(term.at[0], term.at[-1], TABLE_POINTS)
+    along = dict.fromkeys(('load', 'rate', 'time', 'angle', term.coordinate), at)
+    along['direction'] = np.ones(at.size)
+    return term.coordinate, at, term.evaluate(along)
