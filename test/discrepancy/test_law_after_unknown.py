@@ -1,0 +1,57 @@
+"""Claims on the law that a diagnosis proposes once its verdict is unknown."""
+
+from __future__ import annotations
+
+from bench import LOAD, recorded, System, TIME
+import numpy as np
+import pytest
+
+from saddlering_ros.discrepancy import Diagnosis, diagnose, Point, Run
+
+NOISE = 0.003
+
+
+class Bench(System):
+    """A load seen through a slope; no effect is known."""
+
+    effects = ()
+
+    def predict(self, name: str, point: Point) -> np.ndarray:
+        return (point.base[0] * LOAD)[None, :]
+
+
+def runs(size: float) -> list[Run]:
+    """Three runs, the last held out, with a step at 0.6 of the load that no effect makes."""
+    random = np.random.default_rng(3)
+    law = size * (0.5 + 0.5 * np.tanh((LOAD - 0.6) / 0.02))
+    seen = [
+        (1.2 * LOAD + law + random.normal(size=TIME.size) * NOISE)[None, :]
+        for _ in range(3)
+    ]
+    made = [recorded(f'run {k}', item) for k, item in enumerate(seen)]
+    held = made[2]
+    return [*made[:2], Run(held.name, held.group, held.time, held.width, held.channels,
+                           held.inputs, held.rest, True)]
+
+
+@pytest.fixture(scope='module')
+def found() -> Diagnosis:
+    return diagnose(Bench(), runs(0.05))
+
+
+def test_the_verdict_stays_unknown_and_carries_the_law(found: Diagnosis) -> None:
+    assert found.verdict == 'unknown'
+    assert found.law is not None
+    assert (found.law.term.coordinate, found.law.term.law) == ('load', 'step')
+    assert found.law.term.parameters['size'].value == pytest.approx(0.05, rel=0.05)
+
+
+def test_the_law_is_worth_as_much_on_the_run_held_out(found: Diagnosis) -> None:
+    assert found.law.fit > 0.7
+    assert found.law.held_out > 0.7
+
+
+def test_a_clean_rig_gets_no_proposal() -> None:
+    clean = diagnose(Bench(), runs(0.0))
+    assert clean.verdict == 'none'
+    assert clean.law is None
