@@ -6,7 +6,7 @@ from bench import LOAD, recorded, System, TIME
 import numpy as np
 import pytest
 
-from saddlering_ros.discrepancy import Diagnosis, diagnose, Point, Run
+from saddlering_ros.discrepancy import diagnose_system, Diagnosis, Point, RunBlocks
 
 NOISE = 0.003
 
@@ -20,7 +20,7 @@ class Bench(System):
         return (point.base[0] * LOAD)[None, :]
 
 
-def runs(size: float) -> list[Run]:
+def runs(size: float) -> list[RunBlocks]:
     """Three runs, the last held out, with a step at 0.6 of the load that no effect makes."""
     random = np.random.default_rng(3)
     law = size * (0.5 + 0.5 * np.tanh((LOAD - 0.6) / 0.02))
@@ -30,13 +30,13 @@ def runs(size: float) -> list[Run]:
     ]
     made = [recorded(f'run {k}', item) for k, item in enumerate(seen)]
     held = made[2]
-    return [*made[:2], Run(held.name, held.group, held.time, held.width, held.channels,
+    return [*made[:2], RunBlocks(held.name, held.group, held.time, held.width, held.channels,
                            held.inputs, held.rest, True)]
 
 
 @pytest.fixture(scope='module')
 def found() -> Diagnosis:
-    return diagnose(Bench(), runs(0.05))
+    return diagnose_system(Bench(), runs(0.05))
 
 
 def test_the_verdict_stays_unknown_and_carries_the_law(found: Diagnosis) -> None:
@@ -52,6 +52,6 @@ def test_the_law_is_worth_as_much_on_the_run_held_out(found: Diagnosis) -> None:
 
 
 def test_a_clean_rig_gets_no_proposal() -> None:
-    clean = diagnose(Bench(), runs(0.0))
+    clean = diagnose_system(Bench(), runs(0.0))
     assert clean.verdict == 'none'
     assert clean.law is None
