@@ -75,6 +75,8 @@ class ChangeScale:
 
 def orthonormal(columns: Array) -> Array:
     """Orthonormal basis of columns, by a Gram matrix with its weak directions left out."""
+    if columns.shape[1] == 0:
+        return columns
     scale = np.sqrt((columns**2).sum(axis=0))
     scaled = columns / np.where(scale > 0.0, scale, 1.0)
     values, vectors = np.linalg.eigh(scaled.T @ scaled)

@@ -9,6 +9,7 @@ import numpy as np
 
 from saddlering_ros.discrepancy.candidate import Fit
 from saddlering_ros.discrepancy.criteria import (
+    alternative_floor,
     crowded,
     exceeds_form_error,
     real_and_material,
@@ -144,33 +145,41 @@ def _doubts(space: ModelSpace, fit: Fit, after: Residual, share: float) -> list[
 
 
 def _shapes_at_bounds(space: ModelSpace, fit: Fit) -> list[str]:
-    """A sentence for every determined parameter beside a size that its bounds stopped."""
+    """A sentence for every shape of a cause that its bounds stopped.
+
+    Stopped: beyond the bound the misfit would fall by more than noise and the form of the effect
+    can explain. A shape that stands at its neutral value or its start is not stopped.
+    """
+    experiment, settings = space.metric.experiment, space.settings
     white = space.tangent_of(fit).white
-    deviations = np.sqrt(np.diag(np.linalg.inv(white.T @ white + np.eye(white.shape[1]))))
+    variances = np.diag(np.linalg.inv(white.T @ white + np.eye(white.shape[1])))
+    slopes = white.T @ fit.whitened
+    floor = alternative_floor(space.known.pairs, settings)
+    taken = max(space.base.misfit - fit.misfit, 0.0)
     sentences = []
-    count = len(space.metric.experiment.system.base_parameters)
-    for effect, _, part in fit.candidate.slices(count):
-        shapes = zip(effect.ordered, fit.theta_unit[part], deviations[part], strict=True)
-        sentences += [
-            f'{effect.id}: its {item.name} stands at the bound of '
-            f'{item.from_unit(float(theta_unit)):.3g} {item.unit}: the shape of the cause '
-            'is another than the bounds allow, so it has no name'
-            for item, theta_unit, deviation in list(shapes)[1:]
-            if deviation < DETERMINED and _is_stopped(item, float(theta_unit))
-        ]
+    for effect, _, part in fit.candidate.slices(len(experiment.system.base_parameters)):
+        shapes = zip(
+            effect.ordered, fit.theta_unit[part], slopes[part], variances[part], strict=True
+        )
+        for item, theta_unit, slope, variance in list(shapes)[1:]:
+            outward = slope if theta_unit < 0.5 else -slope
+            beyond = max(float(outward), 0.0) ** 2 * variance
+            allowed = max(floor, experiment.assumptions.form_error * taken)
+            if beyond > allowed and _is_at_bound(item, float(theta_unit)):
+                sentences.append(
+                    f'{effect.id}: its {item.name} stands at the bound of '
+                    f'{item.from_unit(float(theta_unit)):.3g} {item.unit}: the shape of the '
+                    'cause is another than the bounds allow, so it has no name'
+                )
     return sentences
 
 
-def _is_stopped(shape: Parameter, theta_unit: float) -> bool:
-    """Whether a bound stopped a shape; one that is its neutral value or its start is no stop."""
+def _is_at_bound(shape: Parameter, theta_unit: float) -> bool:
+    """Whether a shape stands at a bound that is neither its neutral value nor its start."""
     if shape.periodic or min(theta_unit, 1.0 - theta_unit) >= AT_BOUND:
         return False
     bound = shape.high if theta_unit > 0.5 else shape.low
     return bound not in (shape.neutral, shape.start)
-
-
-DETERMINED = 0.2
-"""A parameter whose standard deviation is under this share of its range is determined."""
 
 
 def explained_share_of(before: Residual, after: Residual) -> float:

@@ -1,0 +1,157 @@
+"""Claims on what makes a reader doubt a name: bounds, failures, bad declarations, repeats."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from saddlering_ros.discrepancy import (
+    Channel,
+    check,
+    diagnose,
+    DiscrepancyError,
+    Effect,
+    Model,
+    Noise,
+    Parameter,
+    Run,
+)
+
+TIME = np.linspace(0.0, 10.0, 400)
+DRIVE = np.sin(TIME) + 0.5 * np.sin(2.3 * TIME)
+STD = 0.01
+
+
+def simulate(parameters: dict[str, float], run: Run) -> dict[str, np.ndarray]:
+    """A gain, and a dead zone about it whose width is the shape of the effect."""
+    bent = np.tanh(DRIVE / parameters.get('bend.width', 1.0))
+    return {'seen': parameters['gain'] * DRIVE + parameters.get('bend.size', 0.0) * bent}
+
+
+BEND = Effect('A bend', {'size': Parameter(-2, 2), 'width': Parameter(0.1, 1.0, start=0.5)})
+MODEL = Model(
+    simulate, {'gain': Parameter(0.5, 2.0)}, {'bend': BEND}, {'seen': Channel(offset='free')}
+)
+
+
+def record(name: str, size: float = 0.3, gain: float = 1.0, seed: int = 1) -> Run:
+    run = Run(name, TIME, outputs={'seen': TIME}, coordinates={'drive': DRIVE})
+    values = {'gain': gain, 'bend.size': size, 'bend.width': 0.3}
+    seen = simulate(values, run)['seen'] + STD * np.random.default_rng(seed).normal(size=400)
+    return replace(run, outputs={'seen': seen})
+
+
+def test_a_shape_that_its_bound_stopped_is_no_name() -> None:
+    narrow = replace(BEND, parameters={'size': Parameter(-2, 2), 'width': Parameter(0.6, 1.0)})
+    found = diagnose(replace(MODEL, effects={'bend': narrow}), [record('a')])
+    assert found.verdict == 'unknown'
+    assert [(cause.effect, cause.partial) for cause in found.causes] == [('bend', True)]
+    assert diagnose(MODEL, [record('a')]).verdict == 'named'
+
+
+def test_an_extension_that_predicts_worse_has_a_negative_gain() -> None:
+    other = record('b', size=0.0, gain=1.3, seed=2)  # as the base alone would have it
+    found = diagnose(MODEL, [record('a')], hold_out=[other])
+    assert found.gain.fit > 0.5
+    assert found.gain.held_out is not None
+    assert found.gain.held_out < -0.2
+
+
+def test_points_at_which_a_simulator_fails_are_lost_alone_and_counted() -> None:
+    def fragile(parameters: dict[str, float], run: Run) -> dict[str, np.ndarray]:
+        if parameters['gain'] > 1.8:
+            raise ArithmeticError('too stiff')
+        if parameters['gain'] < 0.6:
+            return {'seen': np.full(run.time.size, np.nan)}
+        return simulate(parameters, run)
+
+    found = diagnose(replace(MODEL, simulate=fragile), [record('a')])
+    assert (found.verdict, found.causes[0].effect) == ('named', 'bend')
+    assert 'too stiff' in ' '.join(found.warnings)
+
+
+def test_a_simulator_that_always_fails_is_an_error_that_tells_why() -> None:
+    def broken(parameters: dict[str, float], run: Run) -> dict[str, np.ndarray]:
+        raise KeyError('stiffness')
+
+    with pytest.raises(DiscrepancyError, match='stiffness'):
+        diagnose(replace(MODEL, simulate=broken), [record('a')])
+
+
+def test_noise_declared_far_too_large_gives_no_name_and_a_warning() -> None:
+    channel = Channel(offset='free', noise=Noise.white(0.5))
+    found = diagnose(replace(MODEL, channels={'seen': channel}), [record('a')])
+    assert found.verdict in ('none', 'unknown')
+    assert 'noise overestimated' in ' '.join(found.warnings)
+
+
+def test_a_recording_is_not_both_fitted_and_held_out() -> None:
+    with pytest.raises(DiscrepancyError, match='same recording'):
+        diagnose(MODEL, [record('a')], hold_out=[record('b')])
+    with pytest.raises(DiscrepancyError, match='two runs are called a'):
+        diagnose(MODEL, [record('a'), record('a', seed=2)])
+
+
+def test_a_constant_is_a_misfit_unless_it_is_free_or_usual() -> None:
+    straight = replace(MODEL, effects={})
+
+    def verdict(offset) -> str:
+        run = record('a', size=0.0)
+        run = replace(run, outputs={'seen': run.outputs['seen'] + 0.2})
+        return diagnose(
+            replace(straight, channels={'seen': Channel(offset=offset)}), [run]
+        ).verdict
+
+    assert [verdict(offset) for offset in ('free', 0.2, 0.01, 'none')] == [
+        'none', 'none', 'unknown', 'unknown'
+    ]
+
+
+@pytest.mark.parametrize(
+    ('declare', 'words'),
+    [
+        (lambda: diagnose(MODEL, []), 'no runs'),
+        (lambda: replace(MODEL, channels={}), 'no channels'),
+        (lambda: Run('a', TIME[:3], outputs={'seen': TIME[:3]}), 'at least 8'),
+        (lambda: Run('a', TIME[::-1], outputs={'seen': TIME}), 'must rise'),
+        (lambda: Run('a', TIME, outputs={'seen': TIME[:9]}), 'shape'),
+        (lambda: diagnose(MODEL, [Run('a', TIME, outputs={'sean': TIME})]), 'no output seen'),
+        (lambda: Channel(offset='fre'), 'offset'),
+        (lambda: Parameter(2, 1), 'low must lie under high'),
+        (lambda: Effect('x', {'size': Parameter(0, 1)}, starts=({'sise': 1.0},)), 'sise'),
+        (lambda: replace(MODEL, base={'bend.size': Parameter(0, 1)}), 'two parameters'),
+    ],
+)
+def test_what_is_declared_wrongly_is_told_in_one_line(declare, words: str) -> None:
+    with pytest.raises(DiscrepancyError, match=words) as caught:
+        declare()
+    assert '\n' not in str(caught.value)
+
+
+def test_a_check_tells_what_cannot_be_seen_before_anything_is_diagnosed() -> None:
+    idle = Effect('Nothing', {'size': Parameter(0, 1)})
+    copy = Effect('More gain', {'more': Parameter(-0.5, 0.5)})
+
+    def also(parameters: dict[str, float], run: Run) -> dict[str, np.ndarray]:
+        gain = parameters['gain'] + parameters['copy.more']
+        return simulate({**parameters, 'gain': gain}, run)
+
+    model = replace(
+        MODEL, simulate=also, effects={**MODEL.effects, 'idle': idle, 'copy': copy}
+    )
+    lines = str(check(model, [record('a')]))
+    assert 'effect idle: changes nothing' in lines
+    assert 'effect copy: cannot be told from the base' in lines
+    assert 'base gain' in lines
+
+
+def test_the_summary_and_the_page_tell_verdict_cause_and_gain(tmp_path) -> None:
+    found = diagnose(MODEL, [record('a')], hold_out=[record('b', seed=2)])
+    assert 'verdict: named' in found.summary()
+    assert 'A bend' in found.summary()
+    found.write_report(tmp_path / 'report.html')
+    page = (tmp_path / 'report.html').read_text()
+    assert 'Verdict: named' in page
+    assert 'seen in b, held out' in page
