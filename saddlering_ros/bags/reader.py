@@ -108,8 +108,8 @@ class TestRun:
     what is wrong with the bag without keeping it from being used; sha256: of the bag's files
     ('' for a run that was never in a bag); others: readings (N,) of the optional topics of the rig
     that the bag holds, by name, aligned alike; details: further test metadata by key, such as
-    rig_hash; spikes (5, N): where the load and the four probes
-    read a spike (None: nowhere).
+    rig_hash; spikes (5, N): where the load and the four probes read a spike (None: nowhere);
+    quality: what each topic's readings show of the logger.
     """
 
     __test__ = False
@@ -127,6 +127,7 @@ class TestRun:
     notes: list[str] = field(default_factory=list)
     sha256: str = ''
     spikes: NDArray[np.bool_] | None = None
+    quality: dict[str, TopicQuality] = field(default_factory=dict)
     others: dict[str, NDArray[np.float64]] = field(default_factory=dict)
     details: Mapping[str, str] = field(default_factory=dict)
 
@@ -276,7 +277,8 @@ def run_of_record(
         elevation=math.radians(facts.elevation_deg), rig=facts.rig, run=facts.run,
         stamps=load.stamps, time=seconds_array(load.stamps, int(load.stamps[0])),
         load=load.values, gaps=gaps, notes=notes,
-        spikes=_spikes(load, probes, found), others=others, details=facts.details)
+        spikes=_spikes(load, probes, found), quality=found, others=others,
+        details=facts.details)
 
 
 def record_quality(record: RawRecord) -> dict[str, TopicQuality]:

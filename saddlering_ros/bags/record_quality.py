@@ -274,7 +274,7 @@ def quality_notes(topic: str, found: TopicQuality, unit: str) -> list[str]:
     elif found.is_coarse:
         notes.append(
             f'{topic}: its resolution of {_in_unit(found.resolution, unit)} is coarser than its '
-            f'noise ({_in_unit(found.noise, unit)} rms): the noise cannot be read from it; use a '
+            f'noise ({_in_unit(found.noise, unit)} rms): rounding counts as noise; use a '
             'finer range of the converter')
     if found.spikes.size:
         notes.append(

@@ -14,6 +14,7 @@ from saddlering_ros.bags import displacement_of_run, MeasuredRun, plateaus, Test
 from saddlering_ros.discrepancy import RestSegment, RunBlocks
 from saddlering_ros.errors import SaddleringError
 from saddlering_ros.estimation.blocks import span_means
+from saddlering_ros.estimation.probe_rounding import probe_rounding
 from saddlering_ros.estimation.rest import quiet_stretches, stretches_at_rest
 from saddlering_ros.rig import Rig
 
@@ -74,12 +75,15 @@ def build_record(rig: Rig, test_run: TestRun, *, held_out: bool) -> Record:
     good = measured.complete & np.isfinite(measured.load)
     good[: measured.zero.start] = False
     time, load, probes = measured.time[good], measured.load[good], measured.d[:, good]
+    rounding = probe_rounding(test_run)
+    quiet = probes if rounding is None else probes + rounding[:, good]
     if time.size < LEAST_SAMPLES:
         raise DiagnosisError(
             f'{test_run.path}: {time.size} complete samples are too few to diagnose: record longer'
         )
     build = _static if test_run.test == 'static' else _dynamic
-    return Record(test_run, measured, build(rig, test_run, measured, time, load, probes, held_out))
+    both = (probes, quiet)
+    return Record(test_run, measured, build(rig, test_run, measured, time, load, both, held_out))
 
 
 def _static(
@@ -88,9 +92,10 @@ def _static(
     measured: MeasuredRun,
     time: Array,
     load: Array,
-    probes: Array,
+    both: tuple[Array, Array],
     held_out: bool,
 ) -> RunBlocks:
+    probes, quiet = both
     found = plateaus(test_run)
     hold, branch = [], []
     blocks: list[Span] = []
@@ -111,7 +116,7 @@ def _static(
             branch.append(float(found.branch[number]))
         settled = inside[time[inside] >= test_run.time[found.start[number]]]
         if settled.size >= 8:
-            rest.append(RestSegment(probes[:, settled], step, f'{int(found.branch[number])}'))
+            rest.append(RestSegment(quiet[:, settled], step, f'{int(found.branch[number])}'))
     return _run(
         rig,
         test_run,
@@ -130,9 +135,10 @@ def _dynamic(
     measured: MeasuredRun,
     time: Array,
     load: Array,
-    probes: Array,
+    both: tuple[Array, Array],
     held_out: bool,
 ) -> RunBlocks:
+    probes, quiet = both
     step = float(np.median(np.diff(time)))
     duration = float(time[-1] - time[0])
     length = max(SHORTEST_BLOCK, duration / DYNAMIC_BLOCKS, step)
@@ -140,7 +146,7 @@ def _dynamic(
     starts = np.flatnonzero(np.diff(number, prepend=-1))
     stops = np.append(starts[1:], time.size)
     rests = stretches_at_rest(time, load, rig.limits.rest_band)
-    rest = [RestSegment(probes[:, begin:end], step) for begin, end in quiet_stretches(rests)]
+    rest = [RestSegment(quiet[:, begin:end], step) for begin, end in quiet_stretches(rests)]
     hold = np.arange(starts.size, dtype=float)
     change = np.abs(load[stops - 1] - load[starts]) / rig.full_scale_load
     parts = np.clip(np.ceil(change / PART_CHANGE), *MOVING_PARTS)

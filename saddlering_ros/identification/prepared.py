@@ -12,10 +12,11 @@ from scipy.ndimage import uniform_filter1d
 from saddlering_ros.bags import BagError, displacement_of_run, MeasuredRun, plateaus, TestRun
 from saddlering_ros.estimation.blocks import block_means, filled
 from saddlering_ros.estimation.noise import fit_noise, NoiseModel, parity_ratios, ParityNoise
+from saddlering_ros.estimation.probe_rounding import probe_rounding
 from saddlering_ros.estimation.rest import quiet_stretches, stretches_at_rest
 from saddlering_ros.identification.checks import check_run, clipped_words, run_name, saturated
 from saddlering_ros.identification.errors import IdentificationError
-from saddlering_ros.rig import ContactParameters, ParameterSet, Rig
+from saddlering_ros.rig import ContactParameters, ParameterSet, probes_to_displacement, Rig
 from saddlering_ros.ring import simulate
 
 Array = NDArray[np.float64]
@@ -42,7 +43,7 @@ class PreparedRun:
     """A run with its displacement and where it is at rest (start, stop index pairs).
 
     load (N,) that the model is driven with; explained (3, N): what it explains of the displacement
-    at rest.
+    at rest; rounding (3, N): errors of coarse converters that rest hides.
     """
 
     run: TestRun
@@ -53,6 +54,7 @@ class PreparedRun:
     rests: list[tuple[int, int]]
     branch: Array | None
     interval: float
+    rounding: Array | float = 0.0
 
 
 def prepare(
@@ -74,6 +76,7 @@ def prepare(
     load = _smoothed(measured.load, size)
     explained = (_load_slope(displacement, load)[:, None] * load if contact is None
                  else _simulated(rig, contact, run, measured.time, load))
+    rounding = _rounding(run, rig)
     if run.test == 'static':
         found = plateaus(run)
         rests = list(zip(found.start.tolist(), found.stop.tolist(), strict=True))
@@ -83,14 +86,24 @@ def prepare(
         if len(rests) < MIN_READINGS:
             raise IdentificationError(clipped_words(name))
         return PreparedRun(
-            run, measured, displacement, load, explained, rests, branch[seen], interval
+            run, measured, displacement, load, explained, rests, branch[seen], interval, rounding
         )
     if np.mean(np.isfinite(displacement[0])) < MIN_SHARE_READ:
         raise IdentificationError(clipped_words(name))
     rests = quiet_stretches(
         stretches_at_rest(measured.time, measured.load, rig.limits.rest_band))
     rests = rests or [(measured.zero.start, measured.zero.end)]
-    return PreparedRun(run, measured, displacement, load, explained, rests, None, interval)
+    return PreparedRun(
+        run, measured, displacement, load, explained, rests, None, interval, rounding)
+
+
+def _rounding(run: TestRun, rig: Rig) -> Array | float:
+    """What the probes' hidden rounding errors are in the displacement, (3, N)."""
+    errors = probe_rounding(run)
+    if errors is None:
+        return 0.0
+    moved = probes_to_displacement(rig.probes, errors)
+    return np.stack([moved.delta_x, moved.delta_y, moved.gamma])
 
 
 def _smoothed(load: Array, size: int) -> Array:
@@ -162,6 +175,8 @@ def rest_blocks(one: PreparedRun, size: int) -> list[Array]:
     segments = []
     for start, stop in one.rests:
         motion, explained = one.displacement[:, start:stop], one.explained[:, start:stop]
+        if isinstance(one.rounding, np.ndarray):
+            motion = motion + one.rounding[:, start:stop]
         good = np.all(np.isfinite(motion + explained), axis=0)
         if np.count_nonzero(good) >= 4 * size:
             slow = uniform_filter1d(explained[:, good], width, axis=1, mode='nearest')
