@@ -236,8 +236,8 @@ def sound() -> Sound:
     return Sound(records, runs, identify(runs, default_rig()))
 
 
-def severities(fault: Fault, rounds: int) -> Iterator[float]:
-    for number in range(rounds):
+def severities(fault: Fault, rounds: int, first: int = 0) -> Iterator[float]:
+    for number in range(first, rounds):
         yield fault.obvious / FALL**number
 
 
@@ -303,6 +303,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument('--only', nargs='*')
     parser.add_argument('--rounds', type=int, default=4)
+    parser.add_argument('--first', type=int, default=0, help='leave out so many severities')
     parser.add_argument('--json', type=Path)
     args = parser.parse_args()
     known = sound()
@@ -311,7 +312,7 @@ def main() -> None:
         if args.only and not any(word in name for word in args.only):
             continue
         results[name] = []
-        for severity in severities(fault, args.rounds):
+        for severity in severities(fault, args.rounds, args.first):
             found = outcome(known, fault, severity)
             results[name].append(found)
             print(f'{name}: {severity:.3g} {fault.unit}: {found.figure} {found.move:.2f}'

@@ -24,6 +24,7 @@ from saddlering_ros.bags.directory import open_directory
 from saddlering_ros.bags.errors import BagError
 from saddlering_ros.bags.facts import FoundFacts
 from saddlering_ros.bags.record_quality import (
+    doubtful_lag,
     notes_between,
     quality_notes,
     topic_quality,
@@ -145,6 +146,14 @@ class TestRun:
     def rig_hash(self) -> str:
         """Hash of the rig's description that the bag states ('' if it states none)."""
         return self.details.get('rig_hash', '')
+
+    @property
+    def doubtful_lag(self) -> float:
+        """How far [s] load and probes may be apart in time, by what the readings show."""
+        if not self.quality:
+            return 0.0
+        probes = [self.quality[name] for name in PROBE_TOPICS]
+        return doubtful_lag(self.quality[LOAD_TOPIC], probes, float(self.time[-1]))
 
     @property
     def origin(self) -> Origin:

@@ -298,26 +298,54 @@ def notes_between(
 ) -> list[str]:
     """What the load's readings and the probes' show of each other over a record of `seconds`."""
     notes = []
-    known = [one.bandwidth for one in probes if math.isfinite(one.bandwidth)]
-    if known and math.isfinite(load.bandwidth):
-        slow, fast = sorted((load.bandwidth, float(np.median(known))))
-        is_limited = slow < BAND_LIMIT * load.rate and not load.is_held
-        if is_limited and fast > BAND_RATIO * slow:
-            name = 'the load seems' if slow == load.bandwidth else 'the probes seem'
-            lag = 1.0 / (2.0 * math.pi * slow) - 1.0 / (2.0 * math.pi * fast)
-            notes.append(
-                f'{name} low-passed at about {slow:.2g} Hz, the other readings at '
-                f'{fast:.2g} Hz or not at all: a lag of some {1e3 * lag:.1f} ms, which shifts D1 '
-                'and D2: give all channels the same filter')
-    rates = [one.mean_rate for one in probes if math.isfinite(one.mean_rate)]
-    if rates and math.isfinite(load.mean_rate):
-        share = float(np.median(rates)) / load.mean_rate - 1.0
-        if DRIFT_MIN < abs(share) < DRIFT_MAX and abs(share) * seconds > DRIFT_SECONDS:
-            notes.append(
-                f'load and probes are stamped at rates that differ by {100.0 * abs(share):.3g} %: '
-                'if all were set to one rate, a clock drifts, by '
-                f'{1e3 * abs(share) * seconds:.3g} ms over the record, which shifts D1 and D2')
+    lag = _filter_lag(load, probes)
+    if lag:
+        slow, name = ((load.bandwidth, 'the load seems') if lag > 0.0 else
+                      (_median([one.bandwidth for one in probes]), 'the probes seem'))
+        notes.append(
+            f'{name} low-passed at about {slow:.2g} Hz and the other readings not, or less: a lag '
+            f'of some {1e3 * abs(lag):.1f} ms, which shifts D1 and D2: give all channels the same '
+            'filter')
+    share = _rate_share(load, probes, seconds)
+    if share:
+        notes.append(
+            f'load and probes are stamped at rates that differ by {100.0 * abs(share):.3g} %: '
+            'if all were set to one rate, a clock drifts, by '
+            f'{1e3 * abs(share) * seconds:.3g} ms over the record, which shifts D1 and D2')
     return notes
+
+
+def doubtful_lag(load: TopicQuality, probes: Sequence[TopicQuality], seconds: float) -> float:
+    """How far [s] readings of load and probes may be apart in time by all that they show."""
+    ages = [0.5 / one.update_rate if one.is_held else 0.0 for one in (load, *probes)]
+    age = ages[0] - _median(ages[1:])
+    drift = abs(_rate_share(load, probes, seconds)) * seconds
+    return abs(age + _filter_lag(load, probes)) + drift
+
+
+def _filter_lag(load: TopicQuality, probes: Sequence[TopicQuality]) -> float:
+    """By how much [s] a filter makes the load late, less that of the probes; 0 if none shows."""
+    if load.is_held or any(one.is_held for one in probes):
+        return 0.0
+    late, other = load.bandwidth, _median([one.bandwidth for one in probes])
+    if not (math.isfinite(late) and math.isfinite(other)):
+        return 0.0
+    if min(late, other) > BAND_LIMIT * load.rate or max(late, other) < BAND_RATIO * min(
+            late, other):
+        return 0.0
+    return (1.0 / late - 1.0 / other) / (2.0 * math.pi)
+
+
+def _rate_share(load: TopicQuality, probes: Sequence[TopicQuality], seconds: float) -> float:
+    """By what share the probes' rate exceeds the load's, if that may be a drift; else 0."""
+    share = _median([one.mean_rate for one in probes]) / load.mean_rate - 1.0
+    is_drift = DRIFT_MIN < abs(share) < DRIFT_MAX and abs(share) * seconds > DRIFT_SECONDS
+    return share if is_drift else 0.0
+
+
+def _median(values: Sequence[float]) -> float:
+    known = [value for value in values if math.isfinite(value)]
+    return float(np.median(known)) if known else math.nan
 
 
 def _in_unit(value: float, unit: str) -> str:

@@ -19,7 +19,7 @@ from saddlering_ros.diagnosis.records import (
     rigs_of,
 )
 from saddlering_ros.diagnosis.ring_system import RingSystem
-from saddlering_ros.diagnosis.verdict import run_figures, Verdict
+from saddlering_ros.diagnosis.verdict import run_figures, RunFigures, Verdict
 from saddlering_ros.discrepancy import diagnose_system, Diagnosis, Settings
 from saddlering_ros.effects import catalogue
 from saddlering_ros.rig import ContactParameters, ParameterSet, Rig
@@ -91,6 +91,9 @@ def diagnose_runs(
     law = contact_law(found, runs, rig, is_cancelled)
     notes = [*check_set(records, rig), *found.warnings, *law.notes]
     notes += [f'{record.run.name}: {note}' for record in records for note in record.test_run.notes]
+    if found.verdict == 'unknown' and _is_rounding(figures):
+        found = replace(found, verdict='none', causes=())
+        notes.append('no misfit exceeds the noise with the rounding of the coarse probes in it')
     sentence = _next_test(found)
     rigs = rigs_of(records)
     if len(rigs) > 1 and found.verdict != 'none':
@@ -112,6 +115,16 @@ def _named_apart(records: list[Record]) -> list[Record]:
             record = replace(record, run=run)
         answer.append(record)
     return answer
+
+
+def _is_rounding(figures: Sequence[RunFigures]) -> bool:
+    """Whether probes are so coarse that all that is left may be their rounding."""
+    is_coarse = any(
+        quality.is_coarse
+        for run in figures for quality in run.record.test_run.quality.values())
+    return is_coarse and all(
+        item.nrmse_before <= item.noise_floor
+        for run in figures for item in run.channels.values())
 
 
 def _next_test(found: Diagnosis) -> str | None:

@@ -60,6 +60,7 @@ class Observation:
     likewise, averaged over spans (N, 2), start and stop of each plateau in the grid, since rings
     of much damping have not come to rest there. Without spans its readings are equilibria. weight
     (3, N) is 0 where a reading is missing. load_errors: what the load cell's noise does to it.
+    doubtful_lag [s]: how far load and probes may be apart in time by what the readings show.
     """
 
     name: str
@@ -79,6 +80,7 @@ class Observation:
     spans: NDArray[np.intp] | None = None
     weight: Array | float = 1.0
     load_errors: LoadErrors | None = None
+    doubtful_lag: float = 0.0
 
     def coarse(self) -> Observation:
         """The same run simulated at its readings alone: for a swarm, which needs no more."""

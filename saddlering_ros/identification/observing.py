@@ -128,7 +128,7 @@ def _observe_dynamic(
         correlation=noise.correlation, standard_error=np.stack(error),
         fine_time=block_means(time, size // per_block)[:fine],
         fine_load=block_means(one.load[span], size // per_block)[:fine],
-        per_block=per_block,
+        per_block=per_block, doubtful_lag=one.run.doubtful_lag,
         weight=np.isfinite(means).astype(np.float64),
     )
 

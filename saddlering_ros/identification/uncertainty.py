@@ -64,13 +64,16 @@ def _wider_middle(rig: Rig) -> Rig:
     return replace(rig, middle_row=replace(row, clearance=row.clearance + 5e-6))
 
 
+DELAY = 1e-3
+"""Delay [s] of the probes whose effect is reported."""
+
 IMPERFECTIONS = (
     Imperfection('load_nonlinearity', '0.1 % of full scale load nonlinearity', load=_bent),
     Imperfection('axial_clearance', '5 um of axial clearance', rig=_wider_axial),
     Imperfection('radial_clearance', '5 um of radial clearance', rig=_wider_middle),
     Imperfection('elevation', '0.1 deg of elevation', elevation=float(np.radians(0.1))),
     Imperfection('load_gain', '0.5 % of load gain', load=lambda load, _: 1.005 * load),
-    Imperfection('delay', '1 ms between the clocks of load and probes', delay=1e-3),
+    Imperfection('delay', '1 ms between the clocks of load and probes', delay=DELAY),
 )
 """Small errors no fit can see from inside; what each would do to the parameters is reported."""
 
@@ -106,12 +109,15 @@ def assess(
     freedom = max(1, objective.size - len(space.free))
     reduced = best.chi_square / freedom
     widening = max(1.0, reduced, *objective.mean_squares(best.contact))
-    inner = covariance(best.jacobian) * widening
+    systematic = systematic_shifts(objective, space, best)
+    # What logger and filters may have put between load and probes, as far as readings show it.
+    lag = max(one.doubtful_lag for one in objective.observations)
+    late = systematic['delay'][space.free] * lag / DELAY
+    inner = covariance(best.jacobian) * widening + np.outer(late, late)
     coordinate_std = _spread_over_six(np.sqrt(np.diag(inner)), space)
     scale = space.scale(best.contact)
     whole = _with_bounds_alone(inner * np.outer(scale, scale), space, bounds)
     std = np.sqrt(np.diag(whole))
-    systematic = systematic_shifts(objective, space, best)
     pinned, reasons = _judge(objective, space, best, coordinate_std, systematic)
     return Uncertainty(
         std=np.where([pinned[name] for name in PARAMETER_NAMES], std, np.nan),

@@ -16,6 +16,7 @@ from identification_records import (
 import numpy as np
 import pytest
 
+from saddlering_ros.bags import TestRun
 from saddlering_ros.identification import (
     IdentificationError,
     IdentificationSettings,
@@ -347,3 +348,13 @@ def test_the_papers_swarm_searches_stiffness_on_the_scale_asked_for(
     stiffness, exponent = boxes[0][0][:2]
     assert stiffness == pytest.approx(low)
     assert exponent == pytest.approx(1.0)
+
+
+def test_a_lag_that_readings_show_widens_the_interval_of_the_damping(monkeypatch):
+    runs = [static_run(50.0), dynamic_run(50.0)]
+    found = identify(runs, RIG)
+    monkeypatch.setattr(TestRun, 'doubtful_lag', 5e-3)
+    wider = identify(runs, RIG)
+    shift = abs(found.systematic['delay'][2]) * 5.0 * found.parameters.contact.D1
+    assert wider.std[2] == pytest.approx(np.hypot(found.std[2], shift), rel=1e-3)
+    assert wider.std[2] > 3.0 * found.std[2]
