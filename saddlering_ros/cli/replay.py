@@ -9,6 +9,14 @@ from typing import Any
 from saddlering_ros.cli._json import tell_json
 
 RECORDER = 'saddlering_recorder'
+PLAYS, AT_END = 'replay is playing', 'replay is at its end'
+"""What replay_clock logs when it starts and when every sample is out."""
+
+START_PATIENCE = 60.0
+"""How long the nodes may take until the replay starts [s]."""
+
+LAST_MESSAGES = 5.0
+"""How long the last messages may take to the recorder [s]."""
 
 
 def add_parser(subparsers: Any) -> None:
@@ -78,7 +86,13 @@ def run(args: argparse.Namespace) -> int:
             print(f'replaying {args.bag} ({length:.1f} s) in ROS domain {domain}; Ctrl-C ends it',
                   flush=True)
         began = time.monotonic()
-        _wait(group, began + patience, length / args.rate if args.rate else None)
+        try:
+            _wait(group, began + patience, length / args.rate if args.rate else None)
+            if recorder is not None:
+                _wait_for_all(recorder, {name: len(record[name]) for name in record})
+        except BaseException:
+            _leave_incomplete(recorder)
+            raise
         took = time.monotonic() - began
         counts = {} if recorder is None else recorder.counts()
     _tell(args, {'bag': str(args.bag), 'domain': domain, 'duration': length, 'seconds': took,
@@ -88,19 +102,74 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _wait(group: Any, deadline: float, seconds: float | None) -> None:
-    """Wait until the bag is at its end; a bar on a terminal where the time is known."""
+    """Wait until the bag is at its end; a bar on a terminal where the time is known.
+
+    NodeError if the clock leaves before that, or the replay does not start.
+    """
+    import sys
     import time
 
     from saddlering_ros.cli._progress import Bar
+    from saddlering_ros.ros.errors import NodeError
+    from saddlering_ros.ros.launcher import last_line
 
-    began = time.monotonic()
+    began, told = time.monotonic(), ''
+    clock = group.processes['replay_clock']
     with Bar() as bar:
-        while group.processes['replay_clock'].running and time.monotonic() < deadline:
+        while clock.running and time.monotonic() < deadline:
             group.check()
+            _check_all_run(group)
+            said = clock.said()
+            waits = [line for line in said.splitlines() if 'still waits for' in line]
+            if waits and waits[-1] != told:
+                told = waits[-1]
+                print(f'note: the replay {told[told.index("still waits for"):]}', file=sys.stderr)
+            if PLAYS not in said and time.monotonic() - began > START_PATIENCE:
+                raise NodeError(f'the replay does not start: {last_line(said)}: see whether that '
+                                'node runs')
             if seconds is not None:
                 bar.show('replay', min((time.monotonic() - began) / seconds, 0.99))
             time.sleep(0.02)
     group.wait('replay_clock', 0.1)
+    group.check()
+    ends = [line for line in clock.said().splitlines() if AT_END in line]
+    if not ends:
+        raise NodeError(f'replay_clock left before the bag was at its end: '
+                        f'{last_line(clock.said())}: replay it again')
+    if 'without' in ends[-1]:
+        raise NodeError(f'{ends[-1][ends[-1].index(AT_END):]}, which fell behind: replay it again')
+
+
+def _check_all_run(group: Any) -> None:
+    """NodeError if a node has left, with whatever status, before the clock did."""
+    from saddlering_ros.ros.errors import NodeError
+
+    gone = [name for name, node in group.processes.items() if not node.running]
+    if gone and group.processes['replay_clock'].running:
+        raise NodeError(f'{gone[0]} left before the bag was at its end: replay it again')
+
+
+def _wait_for_all(recorder: Any, sent: dict[str, int]) -> None:
+    """Wait until the recorder has every sample of every topic; NodeError if some do not come."""
+    import time
+
+    from saddlering_ros.ros.errors import NodeError
+
+    deadline = time.monotonic() + LAST_MESSAGES
+    while recorder.missing(sent):
+        if time.monotonic() > deadline:
+            raise NodeError(f'the recording is not whole: {recorder.missing(sent)}: replay it '
+                            'again')
+        time.sleep(0.02)
+
+
+def _leave_incomplete(recorder: Any) -> None:
+    """Keep what was recorded under another name, and say where."""
+    import sys
+
+    if recorder is not None:
+        place = recorder.keep_as_incomplete()
+        print(f'note: what was recorded until then is in {place}', file=sys.stderr)
 
 
 def _recording(args: argparse.Namespace, facts: Any, domain: int) -> Any:

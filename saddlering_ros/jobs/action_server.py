@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable, Sequence
 import signal
 import threading
@@ -35,6 +36,14 @@ LATCHED = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE,
                      durability=DurabilityPolicy.TRANSIENT_LOCAL)
 MOST_BAGS = 100
 """Bags of one goal."""
+
+DEEP = QoSProfile(depth=2000, reliability=ReliabilityPolicy.RELIABLE)
+"""Requests that may wait: of 50 goals at once the default queue keeps 10, and drops the others."""
+
+ANSWER_PERIOD = 0.05
+"""Goals and cancels are answered this far apart [s], if more than a few come at once."""
+
+ANSWERS_AT_ONCE = 5
 
 SHUTTING_DOWN = 'the server is shutting down'
 FAREWELL = 0.3
@@ -74,6 +83,7 @@ class ActionNode(Node):
         self.parameters_root = root_folder(self, 'parameters_root', self.bag_root)
         self._hardware_id = rig_name(self, self.settings.text('hardware_id'))
         self.stopping = False
+        self._answered: deque[float] = deque()
         self._busy = threading.Lock()
         self._stage, self._last = 'idle', 'no goal yet'
         self._level = OK
@@ -84,7 +94,9 @@ class ActionNode(Node):
         self.create_timer(1.0, self._diagnose, clock=Clock(clock_type=ClockType.STEADY_TIME))
         self._server = ActionServer(
             self, self.ACTION, self.NAME, execute_callback=self._execute,
-            goal_callback=self._on_goal, cancel_callback=self._on_cancel)
+            goal_callback=self._on_goal, cancel_callback=self._on_cancel,
+            goal_service_qos_profile=DEEP, cancel_service_qos_profile=DEEP,
+            result_service_qos_profile=DEEP)
         served = self.resolve_service_name(self.NAME)
         self.get_logger().info(f'serves {served}; bags from {self.bag_root}')
 
@@ -116,7 +128,16 @@ class ActionNode(Node):
 
     # --- the life of a goal ---
 
+    def _pace(self) -> None:
+        """Let a moment pass between answers: a client's queue of them holds ten by default."""
+        now = time.monotonic()
+        self._answered.append(now)
+        if len(self._answered) > ANSWERS_AT_ONCE:
+            due = self._answered.popleft() + ANSWERS_AT_ONCE * ANSWER_PERIOD
+            time.sleep(max(0.0, due - now))
+
     def _on_goal(self, goal: Any) -> GoalResponse:
+        self._pace()
         if self._busy.locked() or self.stopping:
             self.get_logger().warning(
                 f'goal rejected: another one is running ({self._stage}); cancel it or wait')
@@ -125,6 +146,7 @@ class ActionNode(Node):
         return GoalResponse.ACCEPT
 
     def _on_cancel(self, goal_handle: ServerGoalHandle) -> CancelResponse:
+        self._pace()
         return CancelResponse.ACCEPT
 
     async def _execute(self, goal_handle: ServerGoalHandle) -> Any:

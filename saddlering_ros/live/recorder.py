@@ -18,7 +18,12 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.signals import SignalHandlerOptions
 from std_msgs.msg import Header
 
-from saddlering_interfaces.msg import ReplayState, RingDisplacement, RingParameters
+from saddlering_interfaces.msg import (
+    ReplayProgress,
+    ReplayState,
+    RingDisplacement,
+    RingParameters,
+)
 from saddlering_ros.bags.cdr import SECOND
 from saddlering_ros.bags.recording import BagRecording
 from saddlering_ros.bags.topics import relative, TOPICS
@@ -27,6 +32,7 @@ from saddlering_ros.ros.names import (
     DIAGNOSTICS,
     DISPLACEMENTS,
     PARAMETERS_IN_FORCE,
+    PROGRESS,
     STATE,
     ZERO,
 )
@@ -53,6 +59,8 @@ class Recorder(StreamingNode):
         super().__init__(NAME, context=context, namespace=namespace)
         self.problem_writing: Exception | None = None
         self._bag = bag
+        self._published: dict[str, int] = {}
+        self.create_subscription(ReplayProgress, PROGRESS, self._hear, 200)
         for topic, kind in {**LATCHED, **OTHERS}.items():
             durability = (DurabilityPolicy.TRANSIENT_LOCAL if topic in LATCHED
                           else DurabilityPolicy.VOLATILE)
@@ -74,6 +82,23 @@ class Recorder(StreamingNode):
                 self._keep(topic, messages)
                 seconds, rest = _stamp.unpack_from(messages[-1], 4)
                 flow.last_stamp = seconds * SECOND + rest
+
+    def _hear(self, message: ReplayProgress) -> None:
+        self._published.update(zip(message.outputs, map(int, message.published), strict=False))
+
+    def missing(self, sent: Mapping[str, int]) -> str:
+        """What has not come of the samples `sent` by topic and of what nodes tell to have sent."""
+        words = []
+        for topic, flow in zip(streams(), self.inputs, strict=True):
+            due = max(sent.get(topic, 0), self._published.get(flow.topic, 0))
+            if flow.received < due:
+                words.append(f'{flow.received} of {due} on {topic}')
+        return ', '.join(words)
+
+    def keep_as_incomplete(self) -> Path:
+        """Leave what was recorded beside its place; where that is."""
+        self._bag.path = self._bag.path.with_name(f'{self._bag.path.name}.incomplete')
+        return self._bag.path
 
     def counts(self) -> dict[str, int]:
         """Messages received of each stream, by the topic's name in the bag."""

@@ -19,6 +19,7 @@ from saddlering_ros.bags import RawRecord, read_raw
 from saddlering_ros.bags.cdr import SECOND
 from saddlering_ros.ros.bag_node import BagNode
 from saddlering_ros.ros.diagnostics import ERROR, Finding, FunctionTask, OK, WARN
+from saddlering_ros.ros.errors import NodeError
 from saddlering_ros.ros.lockstep import LockstepGroup, to_time
 from saddlering_ros.ros.names import CLOCK, PROGRESS, STATE
 from saddlering_ros.ros.parameters import Parameter
@@ -47,7 +48,12 @@ WORDS = {ReplayState.WAITING: 'waiting', ReplayState.PLAYING: 'playing',
 
 
 class ReplayClockNode(BagNode):
-    """Publishes /clock over the time of a bag."""
+    """Publishes /clock over the time of a bag.
+
+    It tells nobody of its own progress: it would hear that itself.
+    """
+
+    TELLS_PROGRESS = False
 
     PARAMETERS = (
         *BagNode.PARAMETERS,
@@ -85,6 +91,9 @@ class ReplayClockNode(BagNode):
         self._time = self._start
         self._rate = self.settings['rate']
         self._lockstep = self.settings['lockstep']
+        if self._rate == 0.0 and not self._lockstep:
+            raise NodeError('replay_clock: rate is 0, which is as fast as the nodes follow: give '
+                            'lockstep:=true too, or a rate above 0')
         self._window = max(1, round(self.settings['window'] * SECOND))
         self._group = LockstepGroup([name for name in self.settings['participants'] if name])
         self._state = ReplayState.WAITING
@@ -210,8 +219,10 @@ class ReplayClockNode(BagNode):
         self._advanced = now
         if state != ReplayState.WAITING:
             self._waiting_for = []
+        left = sorted(self._group.excused) if state == ReplayState.FINISHED else []
         self.get_logger().info(f'replay is {WORDS[state]}, at '
-                               f'{(self._time - self._start) / 1e9:.3f} s')
+                               f'{(self._time - self._start) / 1e9:.3f} s'
+                               + (f', without {", ".join(left)}' if left else ''))
         self._say_state(now)
 
     def _say_time(self, now: float) -> None:
@@ -319,6 +330,7 @@ class ReplayClockNode(BagNode):
         figures = {'time [s]': f'{(self._time - self._start) / 1e9:.3f}',
                    'length [s]': f'{(self._end - self._start) / 1e9:.3f}',
                    'rate': f'{self._rate:g}', 'speed': f'{max(0.0, self._speed):.2f}',
+                   'malformed progress': str(self._group.malformed),
                    'time-outs': str(self._timeouts),
                    'bag': Path(self.settings.text('bag')).name}
         if self._group.excused and self._lockstep:

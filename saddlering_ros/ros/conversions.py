@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-
 from builtin_interfaces.msg import Time
 import numpy as np
 
@@ -18,7 +16,7 @@ FIELDS = ('k1', 'n1', 'd1', 'k2', 'n2', 'd2')
 
 def parameters_to_message(parameters: ParameterSet, stamp: Time) -> RingParameters:
     """A RingParameters message that says what `parameters` holds."""
-    message = RingParameters(source=words_of(parameters.source), elevation=math.nan)
+    message = RingParameters(source=words_of(parameters.source))
     message.header.stamp = stamp
     for name, value in zip(FIELDS, parameters.contact.to_array().tolist(), strict=True):
         setattr(message, name, value)

@@ -47,12 +47,21 @@ class LockstepGroup:
 
     def __init__(self, names: list[str]) -> None:
         self.names = names
+        self.malformed = 0
         self.said: dict[str, ReplayProgress] = {}
         self.heard: dict[str, float] = {}
         self.excused: set[str] = set()
 
     def hear(self, message: ReplayProgress, now: float) -> None:
-        """Take a node's word at monotonic `now` [s]."""
+        """Take a node's word at monotonic `now` [s].
+
+        What others publish here is not kept, nor a message whose lists do not belong together.
+        """
+        if message.node not in self.names:
+            return
+        if not _is_whole(message):
+            self.malformed += 1
+            return
         self.said[message.node] = message
         self.heard[message.node] = now
 
@@ -105,3 +114,11 @@ class LockstepGroup:
             if stamp and topic in last and stamp != last[topic]:
                 return f'is {(last[topic] - stamp) / 1e9:.3f} s behind on {topic}'
         return ''
+
+
+def _is_whole(message: ReplayProgress) -> bool:
+    """Whether every topic has its stamp and its counts."""
+    taken, given = len(message.inputs), len(message.outputs)
+    return (len(message.input_stamps) == len(message.received) == len(message.publishers) == taken
+            and len(message.output_stamps) == len(message.published)
+            == len(message.subscriptions) == given)

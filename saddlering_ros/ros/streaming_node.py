@@ -41,6 +41,7 @@ class StreamingNode(LifecycleNode):
     """
 
     PARAMETERS: ClassVar[tuple[Parameter, ...]] = ()
+    TELLS_PROGRESS: ClassVar[bool] = True
 
     def __init__(self, name: str, **options: Any) -> None:
         super().__init__(name, **options)
@@ -165,7 +166,7 @@ class StreamingNode(LifecycleNode):
         """Deal with what has arrived."""
         if self.active:
             self.process_batch()
-            self._untold = True
+            self._untold = self.TELLS_PROGRESS
             self._tell(time.monotonic(), PROGRESS_PERIOD)
 
     def tick(self, now: float) -> float:
@@ -185,7 +186,7 @@ class StreamingNode(LifecycleNode):
         return min(wait, PROGRESS_PERIOD) if self._untold else wait
 
     def _tell(self, now: float, period: float) -> None:
-        if not self.active or now - self._told < period:
+        if not self.active or not self.TELLS_PROGRESS or now - self._told < period:
             return
         self._told, self._untold = now, False
         if self._progress.get_subscription_count():

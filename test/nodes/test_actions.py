@@ -73,6 +73,12 @@ def test_identification_refuses_cancels_and_publishes_what_it_found(
         heard.node.create_subscription(RingParameters, '/ring/parameters', found.append, LATCHED)
     goals = Goals(heard, IdentifyRing, '/identify_ring')
 
+    # Fifty goals at once that cannot be used: every one is answered.
+    time.sleep(1.0)  # until both ends of the replies are matched
+    with heard.lock:
+        sent = [goals.client.send_goal_async(IdentifyRing.Goal()) for _ in range(50)]
+    wait_until(lambda: all(future.done() for future in sent), 30.0, 'all fifty are answered')
+
     # What cannot be used is aborted at once, with the reason.
     for goal, words in [
             ({'bags': []}, 'names no bags'),

@@ -36,7 +36,7 @@ def run_node(name: str, parameters: dict[str, object]) -> subprocess.CompletedPr
     ('ring_simulator', {'elevation_deg': 'steep'}, 'elevation_deg is'),
     ('hydraulic_load', {'bag_root': '/nowhere'}, 'give a folder that exists'),
     ('ring_displacement', {'input_reliability': 'perhaps'}, 'give one of auto, reliable'),
-    ('ring_displacement', {'rig.probes.axial_span': 1.2}, 'rig.axial_rows is missing'),
+    ('ring_displacement', {'rig.probes.axial_span': 1.2}, 'is missing: add this section'),
     ('ring_simulator', {'parameters_file': '/nowhere/p.yaml'}, '/nowhere/p.yaml'),
     ('ring_simulator', {'contact.K1': 8.0e7}, 'contact.n1 is missing'),
     ('ring_simulator', {'contact.K1': 8.0e7, 'parameters_file': 'p.yaml'}, 'give one of them'),
