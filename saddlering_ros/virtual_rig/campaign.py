@@ -20,7 +20,13 @@ from saddlering_ros.virtual_rig.effects import (
 )
 from saddlering_ros.virtual_rig.errors import VirtualRigError
 from saddlering_ros.virtual_rig.physics import PhysicalRig
-from saddlering_ros.virtual_rig.recording import Instruments, record_test, TestPlan, write_record
+from saddlering_ros.virtual_rig.recording import (
+    EPOCH,
+    Instruments,
+    record_test,
+    TestPlan,
+    write_record,
+)
 from saddlering_ros.virtual_rig.rollers import Scatter
 from saddlering_ros.virtual_rig.schedule import dynamic_schedule, static_schedule
 
@@ -30,6 +36,10 @@ KINDS = (CLEAN, SINGLE, PAIR, OUTSIDE)
 
 REFERENCE_PENETRATION = 1e-4
 """Penetration [m] at which stiffness is compared when the exponent is drawn too."""
+
+HOURS = 20_000
+BETWEEN_RUNS = 900
+"""Campaigns begin within so many hours of each other; their runs follow so many seconds apart."""
 
 
 @dataclass(frozen=True)
@@ -144,10 +154,11 @@ def plan_run(truth: Truth, run: RunPlan, settings: RecordSettings, rig: Rig) -> 
     else:
         schedule = dynamic_schedule(rig, duration=settings.duration, speed=run.speed)
         rate = settings.dynamic_rate
-    stream = np.random.SeedSequence([truth.seed, list(RUNS).index(run.name)])
-    seed = int(stream.generate_state(1)[0])
+    number = list(RUNS).index(run.name)
+    seed = int(np.random.SeedSequence([truth.seed, number]).generate_state(1)[0])
+    begin = EPOCH + 3600 * (truth.seed % HOURS) + BETWEEN_RUNS * number
     return TestPlan(physical, schedule, seed, truth.instruments, rate, rig_name='virtual rig',
-                    run_name=run.name)
+                    run_name=run.name, begin=begin)
 
 
 def _draw_contact(chance: np.random.Generator) -> ContactParameters:

@@ -54,7 +54,10 @@ class Instruments:
 
 @dataclass(frozen=True)
 class TestPlan:
-    """A test to be generated: the rig, what is done to it, how it is recorded, seed of chance."""
+    """A test to be generated: the rig, what is done to it, how it is recorded, seed of chance.
+
+    begin: when it starts [whole s since 1970]; None leaves it to chance.
+    """
 
     __test__ = False
 
@@ -67,6 +70,7 @@ class TestPlan:
     step: float | None = None
     rig_name: str = 'virtual rig'
     run_name: str = ''
+    begin: int | None = None
 
     def __post_init__(self) -> None:
         for name in ('rate', 'probe_rate'):
@@ -117,6 +121,8 @@ def record_test(plan: TestPlan) -> TestRecord:
     for request in physical.requests('recording'):
         request.effect.act(recording, request.values, request.form)
     begin = EPOCH + 3600 * int(chance[1].integers(0, 20_000))
+    if plan.begin is not None:
+        begin = plan.begin
     load_rate = plan.load_rate
     probe_rate = plan.probe_rate if plan.probe_rate is not None else load_rate
     margin = 2.0 / min(load_rate, probe_rate)
