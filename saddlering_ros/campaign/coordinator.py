@@ -1,0 +1,155 @@
+"""Handing tasks to an executor, a few at a time, until every session has its result."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Sequence
+from concurrent.futures import CancelledError, Executor, FIRST_COMPLETED, Future, wait
+from dataclasses import dataclass, replace
+import time
+
+from saddlering_ros.campaign.errors import CampaignError, CampaignInterruptedError
+from saddlering_ros.campaign.runner import execute
+from saddlering_ros.campaign.store import Status, Store
+from saddlering_ros.campaign.task import SessionTask
+from saddlering_ros.errors import SaddleringError
+
+TASKS_A_SLOT = 2
+"""Tasks submitted at most for each slot: one that runs and one that waits."""
+
+MAX_LOST_WORKERS = 3
+"""A task is given up after so many workers died while they had it, guilty or not."""
+
+STATUS_SECONDS = 1.0
+HEARTBEAT = 2.0
+"""Longest time [s] between two looks at whether the executor is alive."""
+
+
+@dataclass(frozen=True)
+class Summary:
+    """Of all sessions of a campaign, how many have a result, how many of these are failures.
+
+    computed: in this run; faults: failures of our own, not of the bags.
+    """
+
+    total: int
+    done: int
+    failed: int
+    computed: int
+    faults: int
+
+
+@dataclass
+class _Count:
+    done: int = 0
+    failed: int = 0
+    computed: int = 0
+    faults: int = 0
+
+    def add(self, document: dict[str, object], *, new: bool) -> None:
+        self.done += 1
+        self.computed += new
+        if document['status'] == 'failed':
+            self.failed += 1
+            self.faults += document.get('kind') != 'refused'
+
+
+def run_campaign(
+    tasks: Sequence[SessionTask], store: Store, executor: Executor, slots: int, *,
+    retry: bool = False, alive: Callable[[], bool] = lambda: True,
+    on_status: Callable[[Status], None] = lambda status: None,
+) -> Summary:
+    """Compute what the store lacks until every task has a result; `retry` repeats failures.
+
+    alive: whether the executor still works; where it does not, or a result cannot be written, the
+    campaign ends with CampaignError and goes on with the next call.
+    """
+    store.prepare()
+    count, waiting = _Count(), deque[SessionTask]()
+    for task in tasks:
+        found = store.read_result(task.key)
+        if found is None:
+            waiting.append(task)
+        elif retry and found['status'] == 'failed':
+            waiting.append(replace(task, attempt=int(found.get('attempt', 0)) + 1))
+        else:
+            count.add(found, new=False)
+    began = last = time.time()
+
+    def status(running: bool) -> Status:
+        return Status(len(tasks), count.done, count.failed, began, time.time(), slots,
+                      count.computed, running)
+
+    running: dict[Future[str], SessionTask] = {}
+    lost: dict[str, int] = {}
+    store.write_status(status(True))
+    try:
+        while waiting or running:
+            while waiting and len(running) < TASKS_A_SLOT * slots:
+                task = waiting.popleft()
+                running[executor.submit(execute, task.as_dict(), str(store.folder.resolve()))] = (
+                    task)
+            finished, _ = wait(running, timeout=HEARTBEAT, return_when=FIRST_COMPLETED)
+            if not finished and not alive():
+                raise _gone(count.done, len(tasks))
+            for future in finished:
+                task = running.pop(future)
+                document = _result(future, task, store, lost)
+                if document is None:
+                    if not alive():
+                        raise _gone(count.done, len(tasks))
+                    waiting.append(task)
+                else:
+                    count.add(document, new=True)
+            if time.time() - last >= STATUS_SECONDS:
+                last = time.time()
+                store.write_status(status(True))
+                on_status(status(True))
+    finally:
+        for future in running:
+            future.cancel()
+        store.write_status(status(False))
+    on_status(status(False))
+    return Summary(len(tasks), count.done, count.failed, count.computed, count.faults)
+
+
+def _result(
+    future: Future[str], task: SessionTask, store: Store, lost: dict[str, int]
+) -> dict[str, object] | None:
+    """The result that a finished future stands for; None where the task must be given again."""
+    try:
+        key = future.result()
+    except SaddleringError:
+        raise  # the store cannot be written: no other task would fare better
+    except (Exception, CancelledError) as problem:
+        return _of_lost_worker(task, store, lost, problem)
+    document = store.read_result(key)
+    if document is None:
+        raise CampaignError(f'{store.place_of(key)}: was reported as written and is not there: '
+                            'workers and coordinator must see the same --out folder')
+    return document
+
+
+def _of_lost_worker(
+    task: SessionTask, store: Store, lost: dict[str, int], problem: BaseException
+) -> dict[str, object] | None:
+    found = store.read_result(task.key)
+    if found is not None and int(found.get('attempt', 0)) >= task.attempt:
+        return found  # written before its worker died
+    lost[task.key] = lost.get(task.key, 0) + 1
+    if lost[task.key] < MAX_LOST_WORKERS:
+        return None
+    document: dict[str, object] = {
+        'key': task.key, 'attempt': task.attempt, 'task': task.as_dict(), 'seed': task.seed,
+        'seconds': 0.0, 'status': 'failed', 'kind': 'worker',
+        'reason': f'{MAX_LOST_WORKERS} workers died while they had it '
+                  f'({type(problem).__name__}): run the campaign with --retry',
+    }
+    store.write_result(document)
+    return document
+
+
+def _gone(done: int, total: int) -> CampaignInterruptedError:
+    return CampaignInterruptedError(
+        f'the scheduler does not answer any more; {done} of {total} sessions have a result: start '
+        'it again and repeat the command')

@@ -1,0 +1,103 @@
+"""The store of a campaign: a folder with a result file a session, tables made from them, status.
+
+Results are written whole and are named by the key of their task, so that any number of workers
+may write into one store and a campaign that was interrupted goes on with what is missing.
+"""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+import json
+from pathlib import Path
+from typing import Any
+
+from saddlering_ros.campaign.errors import CampaignError
+from saddlering_ros.writing import write_text
+
+RESULTS, REPORTS, STATUS = 'results', 'reports', 'status.json'
+
+
+@dataclass(frozen=True)
+class Status:
+    """How far a campaign is: sessions, times [s since 1970], whether it is still running."""
+
+    total: int
+    done: int
+    failed: int
+    started: float
+    updated: float
+    slots: int
+    computed: int
+    running: bool
+
+    @property
+    def throughput(self) -> float:
+        """Sessions an hour of this run, 0 before the first."""
+        passed = self.updated - self.started
+        return 3600.0 * self.computed / passed if passed > 0.0 and self.computed else 0.0
+
+    @property
+    def seconds_left(self) -> float | None:
+        """Time to the end at this throughput, None before the first result."""
+        if not self.throughput:
+            return None
+        return 3600.0 * (self.total - self.done) / self.throughput
+
+
+@dataclass(frozen=True)
+class Store:
+    """A store at `folder`."""
+
+    folder: Path
+
+    @property
+    def reports(self) -> Path:
+        """Where the pages of single sessions are."""
+        return self.folder / REPORTS
+
+    def prepare(self) -> None:
+        """Make the folders; CampaignError where that is impossible."""
+        try:
+            (self.folder / RESULTS).mkdir(parents=True, exist_ok=True)
+            self.reports.mkdir(exist_ok=True)
+        except OSError as problem:
+            raise CampaignError(f'{self.folder}: cannot be made ({problem.strerror}): choose '
+                                'another --out') from problem
+
+    def place_of(self, key: str) -> Path:
+        """Path of the result of a task."""
+        return self.folder / RESULTS / f'{key}.json'
+
+    def has_result(self, key: str, attempt: int = 0) -> bool:
+        """Whether a whole result of this or a later attempt is there."""
+        found = self.read_result(key)
+        return found is not None and int(found.get('attempt', 0)) >= attempt
+
+    def read_result(self, key: str) -> dict[str, Any] | None:
+        """The result of a task; None where there is none, or only a damaged file."""
+        return _read(self.place_of(key), key)
+
+    def write_result(self, document: dict[str, Any]) -> None:
+        """Keep a result, whole or not at all."""
+        write_text(self.place_of(document['key']), json.dumps(document) + '\n', CampaignError)
+
+    def write_status(self, status: Status) -> None:
+        """Say how far the campaign is."""
+        write_text(self.folder / STATUS, json.dumps(asdict(status)) + '\n', CampaignError)
+
+    def read_status(self) -> Status:
+        """How far the campaign is; CampaignError where there is no campaign."""
+        try:
+            return Status(**json.loads((self.folder / STATUS).read_text(encoding='utf-8')))
+        except (OSError, ValueError, TypeError) as problem:
+            raise CampaignError(f'{self.folder}: holds no campaign: give the --out of a '
+                                'campaign') from problem
+
+
+def _read(path: Path, key: str) -> dict[str, Any] | None:
+    try:
+        document = json.loads(path.read_text(encoding='utf-8'))
+    except (OSError, ValueError):
+        return None
+    whole = isinstance(document, dict) and document.get('key') == key and 'status' in document
+    return document if whole else None

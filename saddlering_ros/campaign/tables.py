@@ -1,0 +1,169 @@
+"""Results compacted into Parquet: verdicts, parameters with covariance, detection limits.
+
+Results are read one at a time and written in groups of rows, so that memory does not grow with
+the number of sessions.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from datetime import datetime, timezone
+from pathlib import Path
+from typing import Any
+
+import pyarrow
+import pyarrow.parquet
+
+from saddlering_ros.campaign.errors import CampaignError
+from saddlering_ros.campaign.store import Store
+from saddlering_ros.campaign.task import SessionTask
+from saddlering_ros.writing import whole_file
+
+GROUP = 500
+"""Sessions whose rows are held in memory at a time."""
+
+_TEXT, _NUMBER = pyarrow.string(), pyarrow.float64()
+_SESSION = [
+    ('key', _TEXT), ('session', _TEXT), ('ring', _TEXT), ('bench', _TEXT),
+    ('time', pyarrow.timestamp('ms', tz='UTC')), ('service_hours', _NUMBER),
+]
+_CAUSE = pyarrow.struct([
+    ('effect', _TEXT), ('group', pyarrow.list_(_TEXT)), ('size', _NUMBER), ('std', _NUMBER),
+    ('unit', _TEXT), ('p_value', _NUMBER), ('misfit_reduction', _NUMBER),
+    ('misfit_reduction_held_out', _NUMBER), ('partial', pyarrow.bool_()),
+])
+VERDICTS = pyarrow.schema([
+    *_SESSION, ('maintenance', pyarrow.bool_()), ('status', _TEXT), ('kind', _TEXT),
+    ('reason', _TEXT), ('verdict', _TEXT), ('causes', pyarrow.list_(_CAUSE)),
+    ('p_value', _NUMBER), ('misfit_reduction', _NUMBER), ('misfit_reduction_held_out', _NUMBER),
+    ('next_test', _TEXT), ('report', _TEXT), ('bags', pyarrow.list_(_TEXT)),
+    ('bag_sha256', pyarrow.list_(_TEXT)), ('rig_file', _TEXT), ('rig_sha256', _TEXT),
+    ('code', _TEXT), ('seed', pyarrow.int64()), ('seconds', _NUMBER),
+])
+PARAMETERS = pyarrow.schema([
+    *_SESSION, ('parameter', _TEXT), ('value', _NUMBER), ('std', _NUMBER),
+    ('covariance', pyarrow.list_(_NUMBER)),
+])
+LIMITS = pyarrow.schema([
+    *_SESSION, ('effect', _TEXT), ('limit', _NUMBER), ('material_limit', _NUMBER),
+    ('unit', _TEXT), ('testable', pyarrow.bool_()),
+])
+
+Rows = list[dict[str, Any]]
+
+
+def results_of(
+    store: Store, tasks: Iterable[SessionTask]
+) -> Iterator[tuple[SessionTask, dict[str, Any]]]:
+    """The tasks that have a result, each with it, one at a time.
+
+    Names, rings and times are the tasks' own: a result does not depend on them.
+    """
+    for task in tasks:
+        found = store.read_result(task.key)
+        if found is not None:
+            yield task, found
+
+
+def write_tables(store: Store, tasks: Sequence[SessionTask]) -> None:
+    """verdicts.parquet, parameters.parquet and detection_limits.parquet, each whole or not."""
+    for name, schema, rows_of in (
+        ('verdicts', VERDICTS, verdict_rows), ('parameters', PARAMETERS, parameter_rows),
+        ('detection_limits', LIMITS, limit_rows),
+    ):
+        rows = (row for task, result in results_of(store, tasks) for row in rows_of(task, result))
+        _write(store.folder / f'{name}.parquet', schema, rows)
+
+
+def verdict_rows(task: SessionTask, result: Mapping[str, Any]) -> Rows:
+    """The one row of a session in verdicts.parquet; of a failed one without a verdict."""
+    document = result.get('verdict') or {}
+    causes = document.get('causes', [])
+    gain = document.get('gain') or {}
+    return [{
+        **_session(task), 'maintenance': task.maintenance, 'status': result['status'],
+        'kind': result.get('kind'), 'reason': result.get('reason'),
+        'verdict': document.get('verdict'), 'causes': [_cause(item) for item in causes],
+        'p_value': p_value_of(document) if document else None,
+        'misfit_reduction': gain.get('fit'), 'misfit_reduction_held_out': gain.get('held_out'),
+        'next_test': document.get('next_test'), 'report': result.get('report') or None,
+        'bags': [bag.path for bag in task.bags],
+        'bag_sha256': [bag.sha256 for bag in task.bags],
+        'rig_file': task.rig or None, 'rig_sha256': task.rig_sha256 or None,
+        'code': (result.get('versions') or {}).get('code'), 'seed': result['seed'],
+        'seconds': result['seconds'],
+    }]
+
+
+def parameter_rows(task: SessionTask, result: Mapping[str, Any]) -> Rows:
+    """A row a contact parameter; its covariance is the row of the session's matrix."""
+    document = result.get('verdict') or {}
+    after = (document.get('parameters') or {}).get('after') or {}
+    names = [name for name in after if not name.endswith('_std')]
+    covariance = result.get('covariance') or [[None] * len(names)] * len(names)
+    return [
+        {**_session(task), 'parameter': name, 'value': after[name],
+         'std': after.get(f'{name}_std'), 'covariance': list(covariance[row])}
+        for row, name in enumerate(names)
+    ]
+
+
+def limit_rows(task: SessionTask, result: Mapping[str, Any]) -> Rows:
+    """A row an effect of the catalogue: the size that this session could have shown."""
+    document = result.get('verdict') or {}
+    return [
+        {**_session(task), **{name: item.get(name) for name in (
+            'effect', 'limit', 'material_limit', 'unit', 'testable')}}
+        for item in document.get('detection_limits') or []
+    ]
+
+
+def p_value_of(document: Mapping[str, Any]) -> float:
+    """Chance that a sound ring gives so strong a finding; 1 where nothing material was found.
+
+    The engine's p-values count all effects tried, so that one of a session needs no correction.
+    """
+    if document.get('verdict') in (None, 'none'):
+        return 1.0
+    found = [(item.get('evidence') or item).get('p_value') for item in document['causes']]
+    return min([float(value) for value in found if value is not None], default=1.0)
+
+
+def _session(task: SessionTask) -> dict[str, Any]:
+    time = task.time
+    return {
+        'key': task.key, 'session': task.name, 'ring': task.ring, 'bench': task.bench,
+        'time': None if time is None else datetime.fromtimestamp(time, timezone.utc),
+        'service_hours': task.service_hours,
+    }
+
+
+def _cause(item: Mapping[str, Any]) -> dict[str, Any]:
+    name = item.get('effect')
+    parameters = item.get('parameters') or {}
+    size: Mapping[str, Any] = next(iter(parameters.values()), {})
+    gain = item.get('gain') or {}
+    return {
+        'effect': name or item.get('shape'), 'group': item.get('group') or [],
+        'size': size.get('value'), 'std': size.get('std'), 'unit': size.get('unit'),
+        'p_value': (item.get('evidence') or item).get('p_value'),
+        'misfit_reduction': gain.get('fit'), 'misfit_reduction_held_out': gain.get('held_out'),
+        'partial': bool(item.get('partial', name is None)),
+    }
+
+
+def _write(path: Path, schema: pyarrow.Schema, rows: Iterable[dict[str, Any]]) -> None:
+    with whole_file(path, CampaignError) as temporary, \
+            pyarrow.parquet.ParquetWriter(temporary, schema) as writer:
+        for group in _groups(rows):
+            writer.write_table(pyarrow.Table.from_pylist(group, schema=schema))
+
+
+def _groups(rows: Iterable[dict[str, Any]]) -> Iterator[Rows]:
+    group: Rows = []
+    for row in rows:
+        group.append(row)
+        if len(group) == GROUP:
+            yield group
+            group = []
+    yield group

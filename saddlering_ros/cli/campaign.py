@@ -1,0 +1,200 @@
+"""`saddlering campaign`: every bag under a folder, a verdict a session, and the fleet's report."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any, TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from saddlering_ros.campaign import FoundBag, Session, SessionTask, Store, Summary
+    from saddlering_ros.campaign.store import Status
+    from saddlering_ros.fleet.judgement import Fleet
+
+STATUS = 'status'
+
+
+def add_parser(subparsers: Any) -> None:
+    """Declare the subcommand."""
+    parser = subparsers.add_parser(
+        'campaign', help='a verdict for every session of bags under a folder, and their fleet')
+    parser.add_argument('folder', metavar='FOLDER', help='where the bags are; or the word status')
+    parser.add_argument('store', nargs='?', type=Path, metavar='STORE',
+                        help='after the word status: the campaign to look at')
+    parser.add_argument('--out', type=Path, metavar='STORE',
+                        help='folder for the results; run again, it computes what is missing')
+    parser.add_argument('--scheduler', metavar='ADDRESS',
+                        help='a Dask scheduler (default: processes of this machine)')
+    parser.add_argument('--jobs', type=int, metavar='N',
+                        help='sessions at a time on this machine (default: its processors)')
+    parser.add_argument('--rig', type=Path, help='rig file (default: the shipped rig)')
+    parser.add_argument('--manifest', type=Path, metavar='FILE.csv',
+                        help='sessions as this table groups the bags (an edited manifest.csv)')
+    parser.add_argument('--gap', type=float, default=24.0, metavar='HOURS',
+                        help='a longer time without a test begins another session (default 24)')
+    parser.add_argument('--hold-out', type=float, metavar='DEG',
+                        help='hold out the tests at this elevation')
+    parser.add_argument('--plan', action='store_true', help='show the sessions and stop')
+    parser.add_argument('--retry', action='store_true', help='repeat the sessions that failed')
+    parser.add_argument('--time-limit', type=float, default=1800.0, metavar='S',
+                        help='longest time for one session (default 1800)')
+    parser.add_argument('--memory-limit', type=float, default=6.0, metavar='GB',
+                        help='most memory for one session (default 6)')
+    parser.add_argument('--reports', choices=('flagged', 'none'), default='flagged',
+                        help='a page for every session with a finding (default), or for none')
+    parser.add_argument('--limit', action='append', default=[], metavar='NAME=VALUE',
+                        help='a limit of K or D, as K1=6e7 (SI): gives remaining life')
+
+
+def run(args: argparse.Namespace) -> int:
+    """Find, group, show, compute, compact, judge the fleet."""
+    if args.folder == STATUS and args.store is not None:
+        return _show_status(args.store)
+    from saddlering_ros.campaign import (
+        CampaignError,
+        find_bags,
+        Limits,
+        Store,
+        tasks_of,
+        write_manifest,
+    )
+    from saddlering_ros.campaign.fleet_files import write_fleet
+    from saddlering_ros.campaign.tables import write_tables
+    from saddlering_ros.cli._progress import Bar
+    from saddlering_ros.fleet import limits_from_text
+    from saddlering_ros.rig import load_rig
+
+    _check(args)
+    load_rig(args.rig)
+    limits = limits_from_text(args.limit)
+    with Bar() as bar:
+        bags = find_bags(args.folder, lambda count: bar.show('find', 0.0, f'{count} bags'))
+    if not bags:
+        raise CampaignError(f'{args.folder}: holds no bags: give the folder that holds them')
+    sessions = _sessions(args, bags)
+    _print_plan(sessions)
+    if args.plan:
+        return 0
+    store = Store(args.out)
+    store.prepare()
+    write_manifest(store.folder, sessions)
+    tasks = tasks_of(
+        sessions, args.rig, Limits(args.time_limit, int(args.memory_limit * 2**30)),
+        reports=store.reports if args.reports == 'flagged' else None)
+    summary = _compute(args, tasks, store)
+    write_tables(store, tasks)
+    _print_fleet(write_fleet(store, tasks, limits))
+    print(_outcome(summary, store))
+    return 1 if summary.faults else 0
+
+
+def _check(args: argparse.Namespace) -> None:
+    from saddlering_ros.campaign import CampaignError
+
+    if args.out is None:
+        raise CampaignError('no --out: give the folder for the results')
+    if args.store is not None:
+        raise CampaignError(f'{args.store}: one folder of bags at a time; the results go to --out')
+    for name in ('gap', 'time_limit', 'memory_limit'):
+        if not getattr(args, name) > 0.0:
+            raise CampaignError(f'--{name.replace("_", "-")} is {getattr(args, name):g}: '
+                                'give a number above 0')
+    if args.jobs is not None and args.jobs < 1:
+        raise CampaignError(f'--jobs is {args.jobs}: give 1 or more')
+
+
+def _sessions(args: argparse.Namespace, bags: list[FoundBag]) -> list[Session]:
+    from saddlering_ros.campaign import group_sessions, Grouping, read_manifest
+
+    if args.manifest is not None:
+        return read_manifest(args.manifest, bags)
+    return group_sessions(bags, Grouping(args.gap * 3600.0, args.hold_out))
+
+
+def _print_plan(sessions: list[Session]) -> None:
+    from rich.table import Table
+
+    from saddlering_ros.campaign.manifest import session_table
+    from saddlering_ros.cli._console import stdout_console
+
+    rows = session_table(sessions)
+    table = Table(box=None, pad_edge=False)
+    for name in rows[0]:
+        table.add_column(name)
+    for row in rows[:MAX_SHOWN]:
+        table.add_row(*map(str, row.values()))
+    console = stdout_console()
+    console.print(table)
+    if len(rows) > MAX_SHOWN:
+        console.print(f'... and {len(rows) - MAX_SHOWN} more: see manifest.csv')
+    bags = sum(len(session.members) for session in sessions)
+    console.print(f'{len(sessions)} sessions of {len({item.ring for item in sessions})} rings, '
+                  f'{bags} bags')
+
+
+MAX_SHOWN = 40
+"""Sessions listed before a campaign starts."""
+
+
+def _compute(args: argparse.Namespace, tasks: Sequence[SessionTask], store: Store) -> Summary:
+    import sys
+
+    from saddlering_ros.campaign import run_campaign
+    from saddlering_ros.campaign.executors import dask_workers, local_workers
+    from saddlering_ros.cli._progress import Bar
+
+    workers = local_workers(args.jobs) if args.scheduler is None else dask_workers(args.scheduler)
+    with workers as found, Bar() as bar:
+        if found.warning:
+            print(f'saddlering campaign: {found.warning}', file=sys.stderr)
+        return run_campaign(
+            tasks, store, found.executor, found.slots, retry=args.retry, alive=found.alive,
+            on_status=lambda status: bar.show(
+                'campaign', status.done / max(status.total, 1), words_of(status)))
+
+
+def words_of(status: Status) -> str:
+    """How far a campaign is, in words."""
+    left = status.seconds_left
+    parts = [f'{status.done} of {status.total} sessions', f'{status.failed} failed']
+    if status.throughput:
+        parts.append(f'{status.throughput:.0f} an hour')
+    if left is not None and status.done < status.total:
+        parts.append(f'{left / 60.0:.0f} min left')
+    return ', '.join(parts)
+
+
+def _show_status(folder: Path) -> int:
+    import time
+
+    from saddlering_ros.campaign import Store
+
+    status = Store(folder).read_status()
+    state = 'running' if status.running else (
+        'finished' if status.done == status.total else 'stopped: repeat the command to go on')
+    if status.running and time.time() - status.updated > STALE:
+        state = 'not heard of for a minute: repeat the command to go on'
+    print(f'{words_of(status)}; {state}')
+    return 0
+
+
+STALE = 60.0
+"""A campaign whose status is older than this [s] was killed."""
+
+
+def _print_fleet(fleet: Fleet) -> None:
+    """The rings and rigs that need a person, a line each."""
+    for drift in fleet.rigs:
+        print(f'rig {drift.owner}: its rings drift together: {drift.next_test}')
+    for item in [item for item in fleet.rings if item.reasons][:MAX_SHOWN]:
+        print(f'ring {item.ring}: {"; ".join(item.reasons)}')
+
+
+def _outcome(summary: Summary, store: Store) -> str:
+    words = (f'{summary.done} of {summary.total} sessions have a result, {summary.computed} of '
+             f'them new; written: {store.folder / "report.html"}')
+    if summary.failed:
+        words += f'; {summary.failed} failed: verdicts.parquet has the reasons'
+    return words

@@ -1,0 +1,10 @@
+"""What many sessions say together: of rings, of rigs, over time. It knows results, not bags."""
+
+from saddlering_ros.fleet.errors import FleetError
+from saddlering_ros.fleet.judgement import fleet_document, judge_fleet, limits_from_text
+from saddlering_ros.fleet.observations import COORDINATES, figures_of, SessionFigures
+
+__all__ = [
+    'COORDINATES', 'FleetError', 'SessionFigures', 'figures_of', 'fleet_document', 'judge_fleet',
+    'limits_from_text',
+]

@@ -1,0 +1,196 @@
+"""Drifts of rings and of rigs: whose they are, and what they cannot be told from.
+
+A load cell that drifts scales every stiffness and damping of every ring that its rig tests. So
+(1) a drift of all coordinates alike is a group of ring and load cell, and (2) rings of one rig
+that drift together in calendar time are the rig's fault, not the rings'.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import binomtest, chi2
+
+from saddlering_ros.fleet.error_control import benjamini_hochberg
+from saddlering_ros.fleet.history import follow, History, Series
+from saddlering_ros.fleet.observations import COORDINATES, SessionFigures
+
+Array = NDArray[np.float64]
+
+SCALED = ('stiffness_1', 'damping_1', 'stiffness_2', 'damping_2')
+"""Coordinates that a gain of the load changes, all by the same amount."""
+
+MIN_RINGS_OF_RIG = 4
+"""A rig with fewer rings cannot be told from its rings."""
+
+EQUAL_LEVEL = 0.01
+"""Drifts are alike unless they differ at this level."""
+
+HOUR, YEAR = 3600.0, 365.25 * 24 * 3600.0
+
+
+@dataclass(frozen=True)
+class RingHistory:
+    """Histories of a ring's coordinates; `clock` is service_hours [h] or calendar [years]."""
+
+    ring: str
+    bench: str
+    clock: str
+    of: Mapping[str, History]
+
+
+@dataclass(frozen=True)
+class Drift:
+    """A significant drift: of which ring or rig, its slopes a unit of the clock, its causes.
+
+    group: causes that these data cannot tell apart; next_test: what would.
+    """
+
+    owner: str
+    kind: str
+    clock: str
+    slopes: Mapping[str, tuple[float, float]]
+    p_value: float
+    group: tuple[str, ...]
+    next_test: str
+
+
+DEAD_WEIGHT = (
+    'Hang a known dead weight on the load cell: a wrong reading blames the load cell, a right one '
+    'the contact of the ring.'
+)
+RIG_CHECK = (
+    'Test a ring that has been in store on this rig, and check the load cell with a dead weight: '
+    'if the stored ring has changed too, the rig is at fault.'
+)
+
+
+def histories_of(ring: str, sessions: Sequence[SessionFigures]) -> RingHistory:
+    """Histories of every coordinate that enough sessions measured."""
+    hours = np.array([session.service_hours for session in sessions])
+    by_hours = bool(np.isfinite(hours).all()) and len(sessions) > 1 and np.ptp(hours) > 0.0
+    times = hours if by_hours else np.array([session.time for session in sessions]) / YEAR
+    found: dict[str, History] = {}
+    for number, name in enumerate(COORDINATES):
+        series = _series(sessions, times, number)
+        history = None if series is None else follow(series)
+        if history is not None:
+            found[name] = history
+    return RingHistory(ring, sessions[-1].bench, 'service_hours' if by_hours else 'years', found)
+
+
+def _series(sessions: Sequence[SessionFigures], times: Array, number: int) -> Series | None:
+    values = np.array([session.value[number] for session in sessions])
+    spread = np.array([session.covariance[number, number] for session in sessions])
+    good = np.isfinite(values) & np.isfinite(spread) & (spread > 0.0) & np.isfinite(times)
+    if good.sum() < 2:
+        return None
+    serviced = np.cumsum([session.maintenance for session in sessions])[good]
+    renewed = np.concatenate([[False], np.diff(serviced) > 0])
+    order = np.argsort(times[good], kind='stable')
+    return Series(times[good][order], values[good][order], np.sqrt(spread[good])[order],
+                  renewed[order])
+
+
+def significant_drifts(
+    histories: Sequence[RingHistory], level: float
+) -> tuple[list[Drift], list[Drift]]:
+    """Drifts of rings and of rigs, at most the share `level` of each falsely found.
+
+    A ring whose drift is no larger than that of its rig is not listed.
+    """
+    rigs = _rig_drifts(histories, level)
+    common = {drift.owner: drift.slopes for drift in rigs}
+    tests = [(item, *_joint_test(item, common.get(item.bench, {}))) for item in histories]
+    stands = benjamini_hochberg([p_value for _, _, p_value in tests], level)
+    rings = [
+        _ring_drift(item, slopes, p_value)
+        for (item, slopes, p_value), found in zip(tests, stands, strict=True) if found
+    ]
+    return rings, rigs
+
+
+def _joint_test(
+    item: RingHistory, common: Mapping[str, tuple[float, float]]
+) -> tuple[dict[str, tuple[float, float]], float]:
+    """Slopes of a ring beyond its rig's, and the p-value of none (Bonferroni over coordinates)."""
+    slopes: dict[str, tuple[float, float]] = {}
+    p_values = []
+    for name, history in item.of.items():
+        slope, std = history.slope, history.slope_std
+        p_value = history.drift_p_value
+        if name in common and math.isfinite(std):
+            shared, shared_std = common[name]
+            slope, wide = slope - shared, math.hypot(std, shared_std)
+            p_value = float(chi2.sf((slope / wide) ** 2, 1)) if p_value < 1.0 else 1.0
+            std = wide
+        slopes[name] = (slope, std)
+        p_values.append(p_value)
+    return slopes, min(1.0, len(p_values) * min(p_values, default=1.0))
+
+
+def _ring_drift(
+    item: RingHistory, slopes: dict[str, tuple[float, float]], p_value: float
+) -> Drift:
+    if scales_alike(slopes):
+        return Drift(item.ring, 'ring', item.clock, slopes, p_value,
+                     ('contact_stiffness', 'load_gain'), DEAD_WEIGHT)
+    strongest = max(slopes, key=lambda name: abs(slopes[name][0] / slopes[name][1]))
+    return Drift(item.ring, 'ring', item.clock, slopes, p_value, (strongest,),
+                 'Repeat the test after the next service: a drift that starts anew is wear.')
+
+
+def scales_alike(slopes: Mapping[str, tuple[float, float]]) -> bool:
+    """Whether one gain of the load explains the slopes of all stiffnesses and dampings."""
+    known = [slopes[name] for name in SCALED if name in slopes and math.isfinite(slopes[name][1])]
+    if len(known) < 2:
+        return True
+    values, deviations = np.array(known).T
+    weight = 1.0 / deviations**2
+    mean = float((weight * values).sum() / weight.sum())
+    apart = float((weight * (values - mean) ** 2).sum())
+    alike = chi2.sf(apart, len(known) - 1) > EQUAL_LEVEL
+    return bool(alike)
+
+
+def _rig_drifts(histories: Sequence[RingHistory], level: float) -> list[Drift]:
+    """Rigs most of whose rings drift the same way by a like amount."""
+    benches: dict[str, list[RingHistory]] = {}
+    for item in histories:
+        benches.setdefault(item.bench, []).append(item)
+    found: list[tuple[str, str, dict[str, tuple[float, float]], float]] = []
+    for bench, items in sorted(benches.items()):
+        if bench and len(items) >= MIN_RINGS_OF_RIG:
+            slopes, p_value = _common_slopes(items)
+            found.append((bench, items[0].clock, slopes, p_value))
+    stands = benjamini_hochberg([p_value for *_, p_value in found], level)
+    return [
+        Drift(bench, 'rig', clock, slopes, p_value,
+              ('load_gain',) if scales_alike(slopes) else tuple(slopes), RIG_CHECK)
+        for (bench, clock, slopes, p_value), real in zip(found, stands, strict=True) if real
+    ]
+
+
+def _common_slopes(items: Sequence[RingHistory]) -> tuple[dict[str, tuple[float, float]], float]:
+    """Median slope of a rig's rings in every coordinate, and the p-value of the sign test.
+
+    By sign and median: a few rings that wear fast move neither.
+    """
+    slopes: dict[str, tuple[float, float]] = {}
+    p_values = []
+    for name in SCALED:
+        known = [item.of[name] for item in items
+                 if name in item.of and math.isfinite(item.of[name].slope_std)]
+        if len(known) < MIN_RINGS_OF_RIG:
+            continue
+        values = np.array([history.slope for history in known])
+        median = float(np.median(values))
+        spread = 1.4826 * float(np.median(np.abs(values - median)))
+        slopes[name] = (median, 1.2533 * spread / math.sqrt(values.size))
+        rising = int((values > 0.0).sum())
+        p_values.append(float(binomtest(rising, values.size).pvalue))
+    return slopes, min(1.0, len(p_values) * min(p_values, default=1.0))

@@ -1,0 +1,267 @@
+"""The judgement of a fleet: which sessions, rings and rigs need a person, and why."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from saddlering_ros.fleet.drifts import Drift, histories_of, RingHistory, significant_drifts
+from saddlering_ros.fleet.error_control import (
+    benjamini_hochberg,
+    e_benjamini_hochberg,
+    e_value_of_sessions,
+)
+from saddlering_ros.fleet.errors import FleetError
+from saddlering_ros.fleet.observations import (
+    by_ring,
+    COORDINATES,
+    PARAMETERS,
+    REFERENCE_PENETRATION,
+    SessionFigures,
+)
+from saddlering_ros.fleet.random_effects import (
+    combined,
+    fit_population,
+    MIN_RINGS,
+    Population,
+    scatter_inflation,
+    unlike_sisters,
+    Unlikeness,
+)
+from saddlering_ros.fleet.remaining_life import remaining_life, RemainingLife
+
+Array = NDArray[np.float64]
+
+LEVEL = 0.05
+"""Largest share of false findings among sessions, among rings, and among drifts."""
+
+
+@dataclass(frozen=True)
+class RingJudgement:
+    """One ring: its sessions, whether they hold a finding, and how it compares and drifts."""
+
+    ring: str
+    bench: str
+    sessions: tuple[SessionFigures, ...]
+    e_value: float
+    finding: bool
+    unlike: Unlikeness | None
+    history: RingHistory
+    drift: Drift | None
+    life: Mapping[str, RemainingLife]
+
+    @property
+    def concern(self) -> float:
+        """Order of the table: rings that need a person first."""
+        unlike = self.unlike is not None and self.unlike.stands
+        marks = (self.drift is not None, self.finding, unlike)
+        return float(sum(marks)) + min(math.log10(max(self.e_value, 1.0)), 99.0) / 100.0
+
+    @property
+    def reasons(self) -> tuple[str, ...]:
+        """Why the ring needs a person, in words; none if it does not."""
+        answer = []
+        if self.finding:
+            names = sorted({name for item in self.sessions for name in item.causes})
+            answer.append('finding: ' + (', '.join(names) or 'cause unknown'))
+        if self.unlike is not None and self.unlike.stands:
+            strongest = COORDINATES[int(np.argmax(np.abs(self.unlike.z_scores)))]
+            answer.append(f'unlike its sisters in {strongest}')
+        if self.drift is not None:
+            answer.append('drifts: ' + ' or '.join(self.drift.group))
+        return tuple(answer)
+
+
+@dataclass(frozen=True)
+class Fleet:
+    """Everything found about a fleet."""
+
+    sessions: tuple[SessionFigures, ...]
+    session_stands: NDArray[np.bool_]
+    rings: tuple[RingJudgement, ...]
+    rigs: tuple[Drift, ...]
+    population: Population | None
+    inflation: float
+    limits: Mapping[str, float]
+    level: float = LEVEL
+
+
+def judge_fleet(
+    sessions: Sequence[SessionFigures], limits: Mapping[str, float] | None = None,
+    level: float = LEVEL,
+) -> Fleet:
+    """The judgement on all sessions; `limits`: of K and D (SI) by name, for remaining life."""
+    limits = limits or {}
+    judged = [item for item in sessions if item.verdict != 'failed']
+    stands = benjamini_hochberg([item.p_value for item in judged], level)
+    rings = by_ring(judged)
+    inflation = scatter_inflation([_measured(own) for own in rings.values()])
+    unlike, population = _compared(rings, inflation, level)
+    histories = {ring: histories_of(ring, _inflated(own, inflation))
+                 for ring, own in rings.items()}
+    drifting, rigs = significant_drifts(list(histories.values()), level)
+    of_ring = {item.owner: item for item in drifting}
+    evidence = {ring: e_value_of_sessions([item.p_value for item in own])
+                for ring, own in rings.items()}
+    findings = dict(zip(evidence, e_benjamini_hochberg(list(evidence.values()), level),
+                        strict=True))
+    answer = [
+        RingJudgement(
+            ring, own[-1].bench, tuple(own), evidence[ring], bool(findings[ring]),
+            unlike.get(ring), histories[ring], of_ring.get(ring),
+            _lives(histories[ring], own, limits, level, drifts=ring in of_ring))
+        for ring, own in rings.items()
+    ]
+    answer.sort(key=lambda item: (-item.concern, item.ring))
+    return Fleet(tuple(judged), stands, tuple(answer), tuple(rigs), population, inflation, limits,
+                 level)
+
+
+def _measured(sessions: Sequence[SessionFigures]) -> tuple[list[Array], list[Array]]:
+    """Values and covariances of the sessions that measured every coordinate."""
+    good = [item for item in sessions if np.isfinite(item.covariance).all()]
+    return [item.value for item in good], [item.covariance for item in good]
+
+
+def _inflated(sessions: Sequence[SessionFigures], inflation: float) -> list[SessionFigures]:
+    return [replace(item, covariance=inflation * item.covariance) for item in sessions]
+
+
+def _compared(
+    rings: Mapping[str, Sequence[SessionFigures]], inflation: float, level: float
+) -> tuple[dict[str, Unlikeness], Population | None]:
+    known = {ring: _measured(own) for ring, own in rings.items()}
+    known = {ring: found for ring, found in known.items() if found[0]}
+    if len(known) < MIN_RINGS:
+        return {}, None
+    pairs = [combined(values, covariances, inflation) for values, covariances in known.values()]
+    means = np.array([mean for mean, _ in pairs])
+    covariances = np.array([covariance for _, covariance in pairs])
+    found = unlike_sisters(means, covariances, level)
+    usual = np.array([not item.stands for item in found])
+    return dict(zip(known, found, strict=True)), fit_population(means[usual], covariances[usual])
+
+
+def _lives(
+    history: RingHistory, sessions: Sequence[SessionFigures], limits: Mapping[str, float],
+    level: float, *, drifts: bool,
+) -> dict[str, RemainingLife]:
+    answer = {}
+    for name, limit in limits.items():
+        coordinate = COORDINATES[PARAMETERS.index(name)]
+        if coordinate not in history.of:
+            continue
+        life = remaining_life(history.of[coordinate], _as_coordinate(name, limit, sessions),
+                              level, drifts=drifts)
+        if life is not None:
+            answer[name] = life
+    return answer
+
+
+def _as_coordinate(name: str, limit: float, sessions: Sequence[SessionFigures]) -> float:
+    """A limit of K or D on the scale of its coordinate, K at the ring's own mean exponent."""
+    if name.startswith('D'):
+        return math.log(limit)
+    exponent = float(np.nanmean([item.value[PARAMETERS.index(name) + 1] for item in sessions]))
+    return math.log(limit) + (exponent - 1.0) * math.log(REFERENCE_PENETRATION)
+
+
+def limits_from_text(texts: Sequence[str]) -> dict[str, float]:
+    """Limits given as NAME=VALUE; FleetError names the one that cannot be used."""
+    limits = {}
+    for text in texts:
+        name, _, value = text.partition('=')
+        allowed = [item for item in PARAMETERS if not item.startswith('n')]
+        if name not in allowed:
+            raise FleetError(f'--limit {text}: give one of {", ".join(allowed)} as K1=6e7')
+        try:
+            limits[name] = float(value)
+        except ValueError:
+            raise FleetError(f'--limit {text}: {value!r} is not a number') from None
+        if not (math.isfinite(limits[name]) and limits[name] > 0.0):
+            raise FleetError(f'--limit {text}: give a number above 0 (SI units)')
+    return limits
+
+
+def fleet_document(fleet: Fleet) -> dict[str, Any]:
+    """fleet.json: plain data, numbers that are not finite as null."""
+    verdicts: dict[str, int] = {}
+    for session in fleet.sessions:
+        verdicts[session.verdict] = verdicts.get(session.verdict, 0) + 1
+    document: dict[str, Any] = _plain({
+        'level': fleet.level,
+        'sessions': {
+            'total': len(fleet.sessions), 'verdicts': verdicts,
+            'findings': [item.key for item, real in zip(
+                fleet.sessions, fleet.session_stands, strict=True) if real],
+        },
+        'scatter_inflation': fleet.inflation,
+        'coordinates': list(COORDINATES),
+        'reference_penetration': REFERENCE_PENETRATION,
+        'population': None if fleet.population is None else {
+            'mean': fleet.population.mean.tolist(),
+            'mean_covariance': fleet.population.mean_covariance.tolist(),
+            'between_rings': fleet.population.between.tolist(),
+        },
+        'rigs': [_drift_document(item) for item in fleet.rigs],
+        'rings': [_ring_document(item) for item in fleet.rings],
+    })
+    return document
+
+
+def _ring_document(item: RingJudgement) -> dict[str, Any]:
+    return {
+        'ring': item.ring, 'rig': item.bench, 'reasons': list(item.reasons),
+        'sessions': [session.key for session in item.sessions],
+        'e_value': item.e_value, 'finding': item.finding,
+        'unlike_sisters': None if item.unlike is None else {
+            'p_value': item.unlike.p_value, 'stands': item.unlike.stands,
+            'z_scores': dict(zip(COORDINATES, item.unlike.z_scores.tolist(), strict=True)),
+        },
+        'drift': None if item.drift is None else _drift_document(item.drift),
+        'history': {
+            'clock': item.history.clock,
+            'coordinates': {name: _history_document(found)
+                            for name, found in item.history.of.items()},
+        },
+        'remaining_life': {
+            name: {'median': life.median, 'low': life.low, 'high': life.high,
+                   'clock': item.history.clock}
+            for name, life in item.life.items()
+        },
+    }
+
+
+def _history_document(found: Any) -> dict[str, Any]:
+    return {
+        'time': found.series.time.tolist(), 'value': found.series.value.tolist(),
+        'std': found.series.std.tolist(), 'renewed': found.series.renewed.tolist(),
+        'level': found.level.tolist(), 'level_std': found.level_std.tolist(),
+        'slope': found.slope, 'slope_std': found.slope_std,
+        'drift_p_value': found.drift_p_value, 'predictions': found.predictions,
+        'coverage': found.coverage,
+    }
+
+
+def _drift_document(item: Drift) -> dict[str, Any]:
+    return {
+        'owner': item.owner, 'kind': item.kind, 'clock': item.clock,
+        'slopes': {name: {'value': value, 'std': std}
+                   for name, (value, std) in item.slopes.items()},
+        'p_value': item.p_value, 'group': list(item.group), 'next_test': item.next_test,
+    }
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _plain(item) for key, item in value.items()}
+    if isinstance(value, list):
+        return [_plain(item) for item in value]
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value

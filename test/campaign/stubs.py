@@ -1,0 +1,91 @@
+"""Judging functions that take no time, for tests of everything around them."""
+
+from __future__ import annotations
+
+import json
+import os
+from pathlib import Path
+import signal
+import time
+from typing import Any
+
+from saddlering_ros.campaign.task import SessionTask
+from saddlering_ros.errors import SaddleringError
+
+NAMES = ('K1', 'n1', 'D1', 'K2', 'n2', 'D2')
+VALUES = (1.3e8, 1.11, 3e6, 1.3e8, 1.11, 3e6)
+
+
+def verdict_document(verdict: str = 'none') -> dict[str, Any]:
+    """What a diagnosis answers, as small as the tables need it."""
+    after = dict(zip(NAMES, VALUES, strict=True))
+    after |= {f'{name}_std': 0.01 * value for name, value in after.items()}
+    causes = [] if verdict == 'none' else [{
+        'effect': 'radial_friction', 'group': ['radial_friction'],
+        'parameters': {'force': {'value': 5e3, 'std': 100.0, 'unit': 'N'}},
+        'evidence': {'p_value': 1e-9, 'delta_bic': 50.0},
+        'gain': {'fit': 0.8, 'held_out': 0.7},
+    }]
+    return {
+        'verdict': verdict, 'causes': causes, 'parameters': {'before': {}, 'after': after},
+        'next_test': None, 'gain': {'fit': 0.0, 'held_out': 0.0},
+        'detection_limits': [{'effect': 'radial_friction', 'limit': 300.0,
+                              'material_limit': 200.0, 'unit': 'N', 'testable': True}],
+    }
+
+
+def judge(task: SessionTask) -> dict[str, Any]:
+    """A verdict by the ring's name; each call leaves a mark beside the bags."""
+    mark(task)
+    if 'refused' in task.ring:
+        raise SaddleringError(f'{task.name}: the load never rises: repeat the test')
+    if 'broken' in task.ring:
+        raise ZeroDivisionError('no such thing')
+    verdict = 'named' if 'friction' in task.ring else 'none'
+    covariance = [[(0.01 * VALUES[row]) ** 2 if row == column else 0.0 for column in range(6)]
+                  for row in range(6)]
+    return {'verdict': verdict_document(verdict), 'covariance': covariance, 'report': ''}
+
+
+def slowly(task: SessionTask) -> dict[str, Any]:
+    """The same after a while."""
+    mark(task)
+    time.sleep(0.4)
+    return judge(task)
+
+
+def forever(task: SessionTask) -> dict[str, Any]:
+    """Never answers."""
+    mark(task)
+    time.sleep(3600.0)
+    return {}
+
+
+def greedy(task: SessionTask) -> dict[str, Any]:
+    """Takes memory until it gets no more."""
+    parts = []
+    while True:
+        parts.append(bytearray(1 << 24))
+
+
+def killed(task: SessionTask) -> dict[str, Any]:
+    """Dies as by the kernel's out-of-memory killer."""
+    mark(task)
+    os.kill(os.getpid(), signal.SIGKILL)
+    return {}
+
+
+def mark(task: SessionTask) -> None:
+    """One line more in a file beside the bags: how often a session was judged."""
+    folder = Path(task.bags[0].path).parent.parent / 'marks'
+    folder.mkdir(exist_ok=True)
+    with (folder / task.key).open('a') as file:
+        file.write(json.dumps({'process': os.getpid()}) + '\n')
+
+
+def marks(folder: Path) -> dict[str, list[int]]:
+    """Processes that judged each session under `folder`, by key."""
+    return {
+        path.name: [json.loads(line)['process'] for line in path.read_text().splitlines()]
+        for path in (folder / 'marks').glob('*')
+    }

@@ -1,0 +1,188 @@
+"""Tasks run in processes with limits; nothing is lost, and nothing done twice that was done."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+import json
+import os
+from pathlib import Path
+import signal
+import subprocess
+import sys
+import threading
+import time
+
+from conftest import write_bag
+import pyarrow.parquet
+import pytest
+from stubs import marks
+
+from saddlering_ros.campaign import (
+    CampaignError,
+    CampaignInterruptedError,
+    find_bags,
+    group_sessions,
+    Limits,
+    run_campaign,
+    Store,
+    tasks_of,
+)
+from saddlering_ros.campaign.executors import local_workers
+from saddlering_ros.campaign.tables import write_tables
+
+HERE = Path(__file__).resolve().parent
+
+
+@pytest.fixture(autouse=True)
+def _stubs_can_be_imported(monkeypatch):
+    monkeypatch.setenv('PYTHONPATH', os.pathsep.join([str(HERE), os.getcwd()]))
+
+
+def tasks(folder, compute='judge', **limits):
+    return tasks_of(group_sessions(find_bags(folder)), None, Limits(**limits),
+                    compute=f'stubs:{compute}')
+
+
+def run(folder, store, compute='judge', *, retry=False, jobs=2, **limits):
+    with local_workers(jobs) as workers:
+        return run_campaign(tasks(folder, compute, **limits), store, workers.executor,
+                            workers.slots, retry=retry)
+
+
+def test_every_session_gets_a_result_and_a_second_run_computes_nothing(works, tmp_path):
+    store = Store(tmp_path / 'store')
+    first, second = run(works, store), run(works, store)
+    assert (first.total, first.computed, first.failed) == (4, 4, 0)
+    assert (second.done, second.computed) == (4, 0)
+    assert all(len(processes) == 1 for processes in marks(works).values())
+
+
+def test_the_tables_hold_verdicts_parameters_and_limits(works, tmp_path):
+    store = Store(tmp_path / 'store')
+    run(works, store)
+    write_tables(store, tasks(works))
+    verdicts = pyarrow.parquet.read_table(store.folder / 'verdicts.parquet').to_pylist()
+    assert {row['ring']: row['verdict'] for row in verdicts} == {
+        'SR-1': 'none', 'SR-2': 'none', 'SR-3-friction': 'named'}
+    cause, = next(row['causes'] for row in verdicts if row['verdict'] == 'named')
+    assert (cause['effect'], cause['size'], cause['group']) == (
+        'radial_friction', 5e3, ['radial_friction'])
+    parameters = pyarrow.parquet.read_table(store.folder / 'parameters.parquet').to_pylist()
+    assert len(parameters) == 24
+    assert parameters[0]['covariance'][0] == pytest.approx(parameters[0]['std']**2)
+    limits = pyarrow.parquet.read_table(store.folder / 'detection_limits.parquet')
+    assert limits.num_rows == 4
+
+
+@pytest.mark.parametrize(('compute', 'kind', 'words'), [
+    ('forever', 'timeout', 'no verdict within 0.5 s'), ('greedy', 'memory', 'needs more than'),
+    ('killed', 'killed', 'status -9'),
+])
+def test_a_session_beyond_its_limits_is_a_result_with_its_reason(
+        tmp_path, compute, kind, words):
+    write_bag(tmp_path / 'works', 'SR-1', 'static_50')
+    store = Store(tmp_path / 'store')
+    limits = {'seconds': 0.5} if compute == 'forever' else {'memory': 1 << 28}
+    summary = run(tmp_path / 'works', store, compute, **limits)
+    task, = tasks(tmp_path / 'works', compute)
+    found = store.read_result(task.key)
+    assert (summary.failed, summary.faults, found['kind']) == (1, 1, kind)
+    assert words in found['reason']
+
+
+def test_a_bag_that_is_refused_is_no_failure_of_ours(tmp_path):
+    write_bag(tmp_path / 'works', 'refused', 'static_50')
+    write_bag(tmp_path / 'works', 'broken', 'static_50')
+    write_bag(tmp_path / 'works', 'SR-1', 'static_50')
+    summary = run(tmp_path / 'works', Store(tmp_path / 'store'))
+    assert (summary.done, summary.failed, summary.faults) == (3, 2, 1)
+
+
+def test_retry_repeats_the_failures_alone(tmp_path):
+    works, store = tmp_path / 'works', Store(tmp_path / 'store')
+    write_bag(works, 'broken', 'static_50')
+    write_bag(works, 'SR-1', 'static_50')
+    run(works, store)
+    assert run(works, store).computed == 0
+    assert run(works, store, retry=True).computed == 1
+    assert sorted(len(processes) for processes in marks(works).values()) == [1, 2]
+
+
+def test_a_result_half_written_is_computed_again(works, tmp_path):
+    store = Store(tmp_path / 'store')
+    run(works, store)
+    victim = tasks(works)[0]
+    place = store.place_of(victim.key)
+    place.write_text(place.read_text()[:100])
+    assert run(works, store).computed == 1
+    assert store.read_result(victim.key)['status'] == 'done'
+
+
+def test_a_store_that_cannot_be_written_ends_the_campaign_with_one_line(works, tmp_path):
+    store = Store(tmp_path / 'store')
+    store.prepare()
+    (store.folder / 'results').rmdir()
+    (store.folder / 'results').symlink_to('/proc/self/fd')
+    with pytest.raises(CampaignError, match='cannot be written'):
+        run(works, store)
+
+
+def test_stopping_ends_what_is_computed_and_writes_nothing(tmp_path):
+    write_bag(tmp_path / 'works', 'SR-1', 'static_50')
+    store = Store(tmp_path / 'store')
+
+    def stop_soon(workers):
+        while not marks(tmp_path / 'works'):
+            time.sleep(0.02)
+        for runner in workers.runners:
+            runner.stop()
+
+    with local_workers(1) as workers:
+        threading.Thread(target=stop_soon, args=(workers,), daemon=True).start()
+        with pytest.raises(CampaignInterruptedError):
+            run_campaign(tasks(tmp_path / 'works', 'forever'), store, workers.executor, 1)
+    assert not list((store.folder / 'results').iterdir())
+
+
+def test_a_client_killed_at_any_moment_loses_and_repeats_nothing(works, tmp_path):
+    for number in range(6):
+        write_bag(works, f'SR-{10 + number}', 'static_50')
+    store = Store(tmp_path / 'store')
+    script = (f'import sys; sys.path.insert(0, {str(HERE)!r})\n'
+              'from pathlib import Path\nfrom test_running import run\n'
+              'from saddlering_ros.campaign import Store\n'
+              'run(Path(sys.argv[1]), Store(Path(sys.argv[2])), "slowly")')
+    for moment in (2, 5):
+        process = subprocess.Popen([sys.executable, '-c', script, works, store.folder])
+        end = time.monotonic() + 60.0
+        while len(finished(store)) < moment and time.monotonic() < end:
+            time.sleep(0.02)
+        process.send_signal(signal.SIGKILL)
+        process.wait()
+    before = finished(store)
+    time.sleep(0.3)  # children of the dead client must be gone
+    judged = marks(works)
+    summary = run(works, store, 'slowly')
+    assert summary.done == summary.total == 10
+    again = {key: len(found) for key, found in marks(works).items()}
+    assert all(again[key] == len(judged[key]) for key in before)
+    assert not any(alive(found[-1]) for found in marks(works).values())
+
+
+def test_keys_hold_the_limits_of_nothing_but_the_result(works):
+    first, second = tasks(works, seconds=1.0)[0], tasks(works, seconds=2.0)[0]
+    assert first.key == second.key
+    assert first.seed == replace(first, attempt=3).seed
+
+
+def finished(store):
+    folder = store.folder / 'results'
+    return {path.stem for path in folder.glob('[0-9a-f]*.json')
+            if json.loads(path.read_text())['status'] == 'done'} if folder.exists() else set()
+
+
+def alive(process):
+    try:
+        return 'saddlering_ros.campaign' in Path(f'/proc/{process}/cmdline').read_text()
+    except OSError:
+        return False

@@ -1,0 +1,120 @@
+"""Bags are found at any depth and grouped into sessions of one ring."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+import shutil
+
+from conftest import write_bag
+import pytest
+
+from saddlering_ros.campaign import (
+    CampaignError,
+    find_bags,
+    group_sessions,
+    Grouping,
+    read_manifest,
+    tasks_of,
+    write_manifest,
+)
+
+BAGS = Path(__file__).resolve().parents[2] / 'bags'
+
+
+def names(folder, **options):
+    return {session.name: sorted(bag.path.name for bag in session.of_role('fit'))
+            for session in group_sessions(find_bags(folder), Grouping(**options))}
+
+
+def test_tests_of_one_ring_within_a_day_are_one_session(works):
+    assert names(works) == {
+        'SR-1 2026-01-05': ['dynamic_70', 'static_50'], 'SR-1 2026-01-12': ['static_50_again'],
+        'SR-2 2026-01-05': ['dynamic_70', 'static_50'],
+        'SR-3-friction 2026-01-05': ['dynamic_70', 'static_50'],
+    }
+
+
+def test_a_longer_gap_joins_sessions(works):
+    assert len(names(works, gap=30 * 86400.0)) == 3
+
+
+def test_an_elevation_is_held_out_where_another_is_left(works):
+    sessions = group_sessions(find_bags(works), Grouping(hold_out=70.0))
+    assert [len(item.of_role('hold_out')) for item in sessions] == [1, 0, 1, 1]
+
+
+def test_split_bare_and_nested_bags_are_found(tmp_path):
+    shutil.copytree(BAGS / 'static_50', tmp_path / 'a/b/c/static_50')
+    bare = tmp_path / 'loose'
+    bare.mkdir()
+    shutil.copy(BAGS / 'dynamic_50_fast/dynamic_50_fast_0.mcap', bare / 'one.mcap')
+    split = tmp_path / 'split'
+    split.mkdir()
+    for part in range(2):
+        (split / f'split_{part}.mcap').write_text(f'part {part}')
+    found = find_bags(tmp_path)
+    assert [bag.path.relative_to(tmp_path).as_posix() for bag in found] == [
+        'a/b/c/static_50', 'loose/one.mcap', 'split']
+    assert found[1].fact('test') == 'dynamic'
+    assert found[1].time == pytest.approx(found[0].time, abs=86400.0)
+
+
+def test_the_date_that_a_bag_states_counts_over_its_stamps(tmp_path):
+    write_bag(tmp_path, 'SR-9', 'static_50', date='2031-02-03')
+    session, = group_sessions(find_bags(tmp_path))
+    assert session.date == '2031-02-03'
+
+
+def test_a_second_copy_of_a_recording_is_skipped(works):
+    shutil.copytree(works / 'SR-2', works / 'copy')
+    sessions = group_sessions(find_bags(works))
+    copies = [member for item in sessions for member in item.members if member.role == 'skip']
+    assert len(copies) == 2
+    assert 'same recording as' in copies[0].note
+
+
+def test_a_damaged_bag_is_a_session_with_its_reason(works):
+    (works / 'SR-2/static_50/metadata.yaml').write_text('{')
+    broken = [item for item in group_sessions(find_bags(works)) if item.problem]
+    assert len(broken) == 1
+    assert 'metadata.yaml' in broken[0].problem
+
+
+def test_an_edited_manifest_overrides_the_grouping(works, tmp_path):
+    bags = find_bags(works)
+    write_manifest(tmp_path, group_sessions(bags))
+    path = tmp_path / 'manifest.csv'
+    rows = list(csv.DictReader(path.open()))
+    for row in rows:
+        row['session'] = 'all of SR-1' if row['ring'] == 'SR-1' else row['session']
+    with path.open('w', newline='') as file:
+        writer = csv.DictWriter(file, rows[0])
+        writer.writeheader()
+        writer.writerows(rows)
+    sessions = {item.name: item for item in read_manifest(path, bags)}
+    assert len(sessions['all of SR-1'].members) == 3
+    assert len(sessions) == 3
+
+
+@pytest.mark.parametrize(('text', 'words'), [
+    ('bag\nx\n', "has no column 'session'"),
+    ('bag,session\nnowhere,a\n', 'line 2: nowhere is not under the folder'),
+])
+def test_a_manifest_that_cannot_be_used_is_one_line(works, tmp_path, text, words):
+    path = tmp_path / 'm.csv'
+    path.write_text(text)
+    with pytest.raises(CampaignError, match=words):
+        read_manifest(path, find_bags(works))
+
+
+def test_a_key_follows_contents_and_roles_but_not_places(works, tmp_path):
+    before = {task.key for task in tasks_of(group_sessions(find_bags(works)))}
+    moved = tmp_path / 'moved'
+    shutil.move(works, moved)
+    assert {task.key for task in tasks_of(group_sessions(find_bags(moved)))} == before
+    held_out = tasks_of(group_sessions(find_bags(moved), Grouping(hold_out=70.0)))
+    assert len({task.key for task in held_out} & before) == 1
+    (moved / 'SR-1/static_50/static_50_0.mcap').write_text('other readings')
+    changed = {task.key for task in tasks_of(group_sessions(find_bags(moved)))}
+    assert len(changed - before) == 1
