@@ -37,6 +37,11 @@ def verdict_document(verdict: str = 'none') -> dict[str, Any]:
 def judge(task: SessionTask) -> dict[str, Any]:
     """A verdict by the ring's name; each call leaves a mark beside the bags."""
     mark(task)
+    return answer(task)
+
+
+def answer(task: SessionTask) -> dict[str, Any]:
+    """What `judge` answers."""
     if 'refused' in task.ring:
         raise SaddleringError(f'{task.name}: the load never rises: repeat the test')
     if 'broken' in task.ring:
@@ -51,7 +56,7 @@ def slowly(task: SessionTask) -> dict[str, Any]:
     """The same after a while."""
     mark(task)
     time.sleep(0.4)
-    return judge(task)
+    return answer(task)
 
 
 def forever(task: SessionTask) -> dict[str, Any]:
