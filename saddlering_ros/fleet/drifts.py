@@ -13,7 +13,7 @@ import math
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import binomtest, chi2
+from scipy.stats import chi2, ttest_1samp
 
 from saddlering_ros.fleet.error_control import benjamini_hochberg
 from saddlering_ros.fleet.history import follow, History, Series
@@ -26,6 +26,9 @@ SCALED = ('stiffness_1', 'damping_1', 'stiffness_2', 'damping_2')
 
 MIN_RINGS_OF_RIG = 4
 """A rig with fewer rings cannot be told from its rings."""
+
+MOST_RINGS = 0.75
+"""Share of a rig's rings that must drift the same way."""
 
 EQUAL_LEVEL = 0.01
 """Drifts are alike unless they differ at this level."""
@@ -176,21 +179,34 @@ def _rig_drifts(histories: Sequence[RingHistory], level: float) -> list[Drift]:
 
 
 def _common_slopes(items: Sequence[RingHistory]) -> tuple[dict[str, tuple[float, float]], float]:
-    """Median slope of a rig's rings in every coordinate, and the p-value of the sign test.
+    """Median slope of a rig's rings in every scaled coordinate, and the p-value of none.
 
-    By sign and median: a few rings that wear fast move neither.
+    A load cell moves all scaled coordinates alike, so one number a ring is tested: their mean.
+    Student's test over rings, and most must drift the same way: a few that wear fast widen the
+    spread and do not pass for a rig.
     """
     slopes: dict[str, tuple[float, float]] = {}
-    p_values = []
     for name in SCALED:
-        known = [item.of[name] for item in items
-                 if name in item.of and math.isfinite(item.of[name].slope_std)]
-        if len(known) < MIN_RINGS_OF_RIG:
-            continue
-        values = np.array([history.slope for history in known])
-        median = float(np.median(values))
-        spread = 1.4826 * float(np.median(np.abs(values - median)))
-        slopes[name] = (median, 1.2533 * spread / math.sqrt(values.size))
-        rising = int((values > 0.0).sum())
-        p_values.append(float(binomtest(rising, values.size).pvalue))
-    return slopes, min(1.0, len(p_values) * min(p_values, default=1.0))
+        values = np.array([item.of[name].slope for item in items if _sloped(item, name)])
+        if values.size >= MIN_RINGS_OF_RIG:
+            spread = 1.4826 * float(np.median(np.abs(values - np.median(values))))
+            slopes[name] = (float(np.median(values)), 1.2533 * spread / math.sqrt(values.size))
+    gains = np.array([_gain_slope(item) for item in items])
+    gains = gains[np.isfinite(gains)]
+    if gains.size < MIN_RINGS_OF_RIG:
+        return slopes, 1.0
+    together = max(np.mean(gains > 0.0), np.mean(gains < 0.0))
+    return slopes, float(ttest_1samp(gains, 0.0).pvalue) if together >= MOST_RINGS else 1.0
+
+
+def _sloped(item: RingHistory, name: str) -> bool:
+    return name in item.of and math.isfinite(item.of[name].slope_std)
+
+
+def _gain_slope(item: RingHistory) -> float:
+    """Weighted mean slope of a ring's scaled coordinates, NaN where none is known."""
+    known = [item.of[name] for name in SCALED if _sloped(item, name)]
+    if not known:
+        return math.nan
+    weight = np.array([1.0 / history.slope_std**2 for history in known])
+    return float(weight @ np.array([history.slope for history in known]) / weight.sum())

@@ -10,10 +10,10 @@ likelihood; a drift is tested by a slope that is constant beside a level that wa
 from __future__ import annotations
 
 from dataclasses import dataclass
+import math
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import minimize
 from scipy.stats import binom
 from scipy.stats import t as student
 
@@ -24,6 +24,9 @@ DIFFUSE = 1e4
 
 MIN_SESSIONS = 4
 """Fewer sessions between two services show no trend."""
+
+COARSE_REACH, FINE_REACH, GRID = 12.0, 0.5, 4
+"""Logarithms of both noises are searched on grids of 2 GRID + 1 points a side, each finer."""
 
 COVERAGE = 0.95
 MIN_PREDICTIONS = 3
@@ -45,14 +48,18 @@ class Series:
 
 @dataclass(frozen=True)
 class Forecast:
-    """State after the last reading: level, slope, their covariance (2, 2), noise a unit time."""
+    """State after the last reading, from which the future is simulated.
+
+    covariance (2, 2) of level and slope, with `free` degrees of freedom; level_noise: variance
+    that the level gains a unit of time.
+    """
 
     time: float
     level: float
     slope: float
     covariance: Array
+    free: int
     level_noise: float
-    slope_noise: float
 
 
 @dataclass(frozen=True)
@@ -101,19 +108,32 @@ def follow(series: Series) -> History | None:
     unit = float(np.median(series.std))
     scaled = Series(series.time / span, series.value / unit, series.std / unit, series.renewed)
     level_noise, slope_noise = _noises(scaled)
-    level, deviation, surprises, state, spread, _ = _filtered(scaled, level_noise, slope_noise)
-    slope, slope_std, p_value = drift(scaled)
+    found = _filtered(scaled, level_noise, slope_noise)
+    trend = drift(scaled)
     back = np.array([unit, unit / span])
     forecast = Forecast(
-        float(series.time[-1]), float(state[0] * unit), float(state[1] * unit / span),
-        spread * np.outer(back, back), level_noise * unit**2 / span,
-        slope_noise * unit**2 / span**3)
-    return History(series, level * unit, deviation * unit, slope * unit / span,
-                   slope_std * unit / span, p_value, surprises, forecast)
+        float(series.time[-1]), found.state[0] * unit, trend.slope * unit / span,
+        trend.covariance * np.outer(back, back), trend.free, level_noise * unit**2 / span)
+    return History(series, found.level * unit, found.level_std * unit, trend.slope * unit / span,
+                   trend.slope_std * unit / span, trend.p_value, found.surprises, forecast)
 
 
-def drift(series: Series) -> tuple[float, float, float]:
-    """Slope, its deviation, and the p-value of no slope, by generalised least squares.
+@dataclass(frozen=True)
+class Trend:
+    """A constant slope: p-value of none; covariance (2, 2) of the last level and the slope.
+
+    free: degrees of freedom of the covariance.
+    """
+
+    slope: float
+    slope_std: float
+    p_value: float
+    covariance: Array
+    free: int
+
+
+def drift(series: Series) -> Trend:
+    """The slope of a series and whether there is one, by generalised least squares.
 
     Each stretch between services has a level of its own, which wanders; how much is estimated
     from the same data, so the test is Student's.
@@ -123,7 +143,7 @@ def drift(series: Series) -> tuple[float, float, float]:
     design = np.column_stack([series.time, levels])
     free = series.value.size - design.shape[1]
     if free < MIN_SESSIONS - 2:
-        return 0.0, float('inf'), 1.0
+        return Trend(0.0, math.inf, 1.0, np.full((2, 2), np.inf), max(free, 0))
     same = stretch[:, None] == stretch
     begun = np.array([series.time[stretch == own].min() for own in stretch])
     elapsed = series.time - begun
@@ -143,10 +163,12 @@ def drift(series: Series) -> tuple[float, float, float]:
     grid = np.concatenate([[-40.0], np.linspace(-8.0, 12.0, 41)])
     best = min(grid, key=lambda value: fit(value)[0])
     _, found, spread, left = fit(best)
-    inflation = max(1.0, left / free)
-    deviation = float(np.sqrt(spread[0, 0] * inflation))
+    spread = spread * max(1.0, left / free)
+    last = np.concatenate([[series.time[-1]], levels[-1]])
+    both = np.stack([last, np.eye(last.size)[0]])
+    deviation = float(np.sqrt(spread[0, 0]))
     p_value = float(2.0 * student.sf(abs(found[0]) / deviation, free))
-    return float(found[0]), deviation, p_value
+    return Trend(float(found[0]), deviation, p_value, both @ spread @ both.T, free)
 
 
 def _noises(series: Series) -> tuple[float, float]:
@@ -154,50 +176,57 @@ def _noises(series: Series) -> tuple[float, float]:
     if series.value.size < MIN_SESSIONS:
         return 0.0, 0.0
 
-    def cost(logs: Array) -> float:
-        return -_filtered(series, float(np.exp(logs[0])), float(np.exp(logs[1])))[5]
+    centre, reach = (0.0, 0.0), COARSE_REACH
+    while reach > FINE_REACH:
+        shifts = [reach * step / GRID for step in range(-GRID, GRID + 1)]
+        centre = max(
+            ((centre[0] + one, centre[1] + other) for one in shifts for other in shifts),
+            key=lambda logs: _filtered(series, math.exp(logs[0]), math.exp(logs[1])).likelihood)
+        reach /= GRID
+    return math.exp(centre[0]), math.exp(centre[1])
 
-    starts = [np.array(start) for start in ((-6.0, -6.0), (2.0, -6.0), (-6.0, 2.0))]
-    bounds = [(-14.0, 14.0)] * 2
-    best = min((minimize(cost, start, method='L-BFGS-B', bounds=bounds) for start in starts),
-               key=lambda item: float(item.fun))
-    return float(np.exp(best.x[0])), float(np.exp(best.x[1]))
+
+@dataclass(frozen=True)
+class _Pass:
+    """One pass of the filter: level, deviation, surprises (N,), last state, log likelihood."""
+
+    level: Array
+    level_std: Array
+    surprises: Array
+    state: tuple[float, float]
+    covariance: Array
+    likelihood: float
 
 
-def _filtered(
-    series: Series, level_noise: float, slope_noise: float
-) -> tuple[Array, Array, Array, Array, Array, float]:
-    """Level, deviation, surprises (N,), last state (2,), covariance (2, 2), log likelihood."""
-    state = np.array([series.value[0], 0.0])
-    spread = np.diag([DIFFUSE**2, DIFFUSE**2])
+def _filtered(series: Series, level_noise: float, slope_noise: float) -> _Pass:
+    """The Kalman filter of the local linear trend, in plain numbers: matrices cost more here."""
+    level, slope = float(series.value[0]), 0.0
+    p_level, p_both, p_slope = DIFFUSE**2, 0.0, DIFFUSE**2
     levels, deviations, surprises = [], [], []
-    likelihood = 0.0
-    known = 0
-    for index, (now, value, std) in enumerate(
-            zip(series.time, series.value, series.std, strict=True)):
+    likelihood, known, before = 0.0, 0, float(series.time[0])
+    readings = zip(series.time.tolist(), series.value.tolist(), series.std.tolist(),
+                   series.renewed.tolist(), strict=True)
+    for index, (now, value, std, renewed) in enumerate(readings):
+        step, before = now - before, now
         if index:
-            step = float(now - series.time[index - 1])
-            move = np.array([[1.0, step], [0.0, 1.0]])
-            noise = np.array([
-                [level_noise * step + slope_noise * step**3 / 3.0, slope_noise * step**2 / 2.0],
-                [slope_noise * step**2 / 2.0, slope_noise * step]])
-            state, spread = move @ state, move @ spread @ move.T + noise
-        if index and series.renewed[index]:
-            spread[0, :] = spread[:, 0] = 0.0
-            spread[0, 0] = DIFFUSE**2
-            known = min(known, 1)
-        variance = spread[0, 0] + std**2
-        apart = value - state[0]
+            level += slope * step
+            p_level += step * (2.0 * p_both + step * p_slope) + (
+                level_noise * step + slope_noise * step**3 / 3.0)
+            p_both += step * p_slope + 0.5 * slope_noise * step**2
+            p_slope += slope_noise * step
+        if index and renewed:
+            p_level, p_both, known = DIFFUSE**2, 0.0, min(known, 1)
+        variance, apart = p_level + std**2, value - level
         predicted = known >= 2 and variance < 0.01 * DIFFUSE**2
-        surprises.append(apart / np.sqrt(variance) if predicted else np.nan)
+        surprises.append(apart / math.sqrt(variance) if predicted else math.nan)
         if predicted:
-            likelihood -= 0.5 * (np.log(variance) + apart**2 / variance)
-        gain = spread[:, 0] / variance
-        state = state + gain * apart
-        spread = spread - np.outer(gain, spread[0])
-        spread = 0.5 * (spread + spread.T)
+            likelihood -= 0.5 * (math.log(variance) + apart**2 / variance)
+        gain, slope_gain = p_level / variance, p_both / variance
+        level, slope = level + gain * apart, slope + slope_gain * apart
+        p_level, p_both, p_slope = (
+            (1.0 - gain) * p_level, (1.0 - gain) * p_both, p_slope - slope_gain * p_both)
         known += 1
-        levels.append(state[0])
-        deviations.append(np.sqrt(max(spread[0, 0], 0.0)))
-    return (np.array(levels), np.array(deviations), np.array(surprises), state, spread,
-            float(likelihood))
+        levels.append(level)
+        deviations.append(math.sqrt(max(p_level, 0.0)))
+    return _Pass(np.array(levels), np.array(deviations), np.array(surprises), (level, slope),
+                 np.array([[p_level, p_both], [p_both, p_slope]]), likelihood)

@@ -34,6 +34,7 @@ from saddlering_ros.fleet.random_effects import (
     Unlikeness,
 )
 from saddlering_ros.fleet.remaining_life import remaining_life, RemainingLife
+from saddlering_ros.threads import one_blas_thread
 
 Array = NDArray[np.float64]
 
@@ -91,6 +92,7 @@ class Fleet:
     level: float = LEVEL
 
 
+@one_blas_thread()
 def judge_fleet(
     sessions: Sequence[SessionFigures], limits: Mapping[str, float] | None = None,
     level: float = LEVEL,

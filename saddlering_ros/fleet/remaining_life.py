@@ -12,7 +12,7 @@ from saddlering_ros.fleet.history import Forecast, History
 
 Array = NDArray[np.float64]
 
-PATHS, STEPS = 4000, 240
+PATHS, STEPS = 4000, 400
 HORIZON = 20.0
 """Longest time looked ahead, in times that the mean trend takes to the limit."""
 
@@ -44,25 +44,23 @@ def remaining_life(history: History, limit: float, level: float, *, drifts: bool
     distance = limit - forecast.level
     if distance == 0.0 or history.slope * distance <= 0.0:
         return None
-    return first_passage(forecast, limit, history.slope, history.slope_std)
+    return first_passage(forecast, limit)
 
 
-def first_passage(
-    forecast: Forecast, limit: float, slope: float, slope_std: float, seed: int = 0
-) -> RemainingLife | None:
+def first_passage(forecast: Forecast, limit: float, seed: int = 0) -> RemainingLife:
     """First passage of simulated futures through `limit`.
 
-    The slope is that of all readings (`slope`, `slope_std`): the last slope of the filter alone
-    knows only the last readings where the slope wanders.
+    Last level and slope err together: a slope that is too steep has led to a level that is too
+    far. Few sessions leave their covariance uncertain, so the errors are Student's.
     """
     distance = limit - forecast.level
-    scale = abs(distance / slope)
-    step = HORIZON * scale / STEPS
+    step = HORIZON * abs(distance / forecast.slope) / STEPS
     chance = np.random.default_rng(seed)
-    level = forecast.level + math.sqrt(max(forecast.covariance[0, 0], 0.0)) * (
-        chance.standard_normal(PATHS))
-    slopes = slope + slope_std * chance.standard_normal(PATHS)
-    times = np.full(PATHS, np.inf)
+    root = np.linalg.cholesky(forecast.covariance + 1e-12 * np.diag(np.diag(forecast.covariance)))
+    errors = root @ chance.standard_normal((2, PATHS))
+    errors *= np.sqrt(forecast.free / chance.chisquare(forecast.free, PATHS))
+    level, slopes = forecast.level + errors[0], forecast.slope + errors[1]
+    times = np.where((level - limit) * np.sign(distance) >= 0.0, 0.0, np.inf)
     for number in range(1, STEPS + 1):
         before = level
         level = before + slopes * step

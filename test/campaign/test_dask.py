@@ -12,10 +12,8 @@ import sys
 import threading
 import time
 
-from conftest import write_bag
+from campaign_stubs import marks, tasks, write_bag
 import pytest
-from stubs import marks
-from test_running import tasks
 
 from saddlering_ros.campaign import CampaignError, CampaignInterruptedError, run_campaign, Store
 from saddlering_ros.campaign.executors import dask_workers

@@ -12,20 +12,15 @@ import sys
 import threading
 import time
 
-from conftest import write_bag
+from campaign_stubs import marks, tasks, write_bag
 import pyarrow.parquet
 import pytest
-from stubs import marks
 
 from saddlering_ros.campaign import (
     CampaignError,
     CampaignInterruptedError,
-    find_bags,
-    group_sessions,
-    Limits,
     run_campaign,
     Store,
-    tasks_of,
 )
 from saddlering_ros.campaign.executors import local_workers
 from saddlering_ros.campaign.tables import write_tables
@@ -36,11 +31,6 @@ HERE = Path(__file__).resolve().parent
 @pytest.fixture(autouse=True)
 def _stubs_can_be_imported(monkeypatch):
     monkeypatch.setenv('PYTHONPATH', os.pathsep.join([str(HERE), os.getcwd()]))
-
-
-def tasks(folder, compute='judge', **limits):
-    return tasks_of(group_sessions(find_bags(folder)), None, Limits(**limits),
-                    compute=f'stubs:{compute}')
 
 
 def run(folder, store, compute='judge', *, retry=False, jobs=2, **limits):

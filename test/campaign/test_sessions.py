@@ -6,7 +6,7 @@ import csv
 from pathlib import Path
 import shutil
 
-from conftest import write_bag
+from campaign_stubs import write_bag
 import pytest
 
 from saddlering_ros.campaign import (

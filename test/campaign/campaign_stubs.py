@@ -1,4 +1,4 @@
-"""Judging functions that take no time, for tests of everything around them."""
+"""Bags without readings and judging functions that take no time, for tests around them."""
 
 from __future__ import annotations
 
@@ -9,8 +9,14 @@ import signal
 import time
 from typing import Any
 
-from saddlering_ros.campaign.task import SessionTask
+import yaml
+
+from saddlering_ros.campaign.discovery import find_bags
+from saddlering_ros.campaign.sessions import group_sessions
+from saddlering_ros.campaign.task import Limits, SessionTask, tasks_of
 from saddlering_ros.errors import SaddleringError
+
+START = 1_767_600_000
 
 NAMES = ('K1', 'n1', 'D1', 'K2', 'n2', 'D2')
 VALUES = (1.3e8, 1.11, 3e6, 1.3e8, 1.11, 3e6)
@@ -94,3 +100,27 @@ def marks(folder: Path) -> dict[str, list[int]]:
         path.name: [json.loads(line)['process'] for line in path.read_text().splitlines()]
         for path in (folder / 'marks').glob('*')
     }
+
+
+def write_bag(folder: Path, ring: str, name: str, *, day: float = 0.0, elevation: float = 50.0,
+              **facts: str) -> Path:
+    """A rosbag2 directory whose recording is one line of text."""
+    bag = folder / ring / name
+    bag.mkdir(parents=True)
+    (bag / f'{name}_0.mcap').write_text(f'{ring} {name} {day} {facts}')
+    custom = {'test': name.partition('_')[0], 'elevation_deg': f'{elevation:g}', 'rig': ring,
+              **facts}
+    information = {
+        'relative_file_paths': [f'{name}_0.mcap'], 'storage_identifier': 'mcap',
+        'custom_data': custom,
+        'starting_time': {'nanoseconds_since_epoch': int((START + 86400 * day) * 1e9)},
+    }
+    (bag / 'metadata.yaml').write_text(
+        yaml.safe_dump({'rosbag2_bagfile_information': information}))
+    return bag
+
+
+def tasks(folder: Path, compute: str = 'judge', **limits: float) -> list[SessionTask]:
+    """Tasks of the bags under `folder`, judged by a function of this file."""
+    sessions = group_sessions(find_bags(folder))
+    return tasks_of(sessions, None, Limits(**limits), compute=f'campaign_stubs:{compute}')

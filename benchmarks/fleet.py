@@ -1,0 +1,210 @@
+"""A simulated fleet with hidden truths: false discoveries, drifts, rigs, histories, life.
+
+python benchmarks/fleet.py [--rings N] [--sessions N] [--fleets N] [--seed N] simulates what
+sessions report (values with covariances), not bags, and scores the judgement of the fleet:
+
+clean rings, rings unlike their sisters, rings whose axial stiffness wears with service hours,
+rigs whose load cell drifts, and rings with a cause of the catalogue.
+"""
+
+from __future__ import annotations
+
+import os
+
+os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
+
+import argparse
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+import math
+import sys
+import time as clock
+
+import numpy as np
+from numpy.typing import NDArray
+
+from saddlering_ros.fleet import COORDINATES, judge_fleet, SessionFigures
+from saddlering_ros.fleet.drifts import YEAR
+from saddlering_ros.fleet.history import follow, Series
+from saddlering_ros.fleet.remaining_life import first_passage
+
+Array = NDArray[np.float64]
+
+MEAN = np.array([17.45, 1.11, 14.9, 17.45, 1.11, 14.9])
+BETWEEN = np.array([0.06, 0.006, 0.10, 0.06, 0.006, 0.10])
+WITHIN = np.array([0.012, 0.004, 0.03, 0.012, 0.004, 0.03])
+"""Spread of sound rings and error of one session in COORDINATES."""
+
+CORRELATION = -0.5
+"""Of stiffness at the reference penetration and exponent, in the error of one session."""
+
+SOUND, UNLIKE, WEARING, CAUSE = 'sound', 'unlike', 'wearing', 'cause'
+WEAR = -0.05
+"""Change of log stiffness of a wearing ring over its whole history, a session."""
+
+CELL_DRIFT = -0.02
+"""Change of the logarithm of every stiffness and damping a session, on a rig that drifts."""
+
+
+@dataclass
+class Truth:
+    """What is hidden: kind of every ring, and the rigs that drift."""
+
+    kind: dict[str, str] = field(default_factory=dict)
+    rig: dict[str, str] = field(default_factory=dict)
+    drifting_rigs: set[str] = field(default_factory=set)
+
+
+def session_covariance() -> Array:
+    """Error covariance (6, 6) of one session."""
+    correlation = np.eye(6)
+    for first, second in ((0, 1), (3, 4)):
+        correlation[first, second] = correlation[second, first] = CORRELATION
+    return np.asarray(correlation * np.outer(WITHIN, WITHIN))
+
+
+def draw_fleet(
+    rings: int, sessions: int, seed: int, *, rigs: int = 10, bad_rigs: int = 1
+) -> tuple[list[SessionFigures], Truth]:
+    """Sessions of a fleet, and what is hidden in it."""
+    chance = np.random.default_rng(seed)
+    covariance = session_covariance()
+    root = np.linalg.cholesky(covariance)
+    truth = Truth(drifting_rigs={f'rig-{number}' for number in range(bad_rigs)})
+    found = []
+    for number in range(rings):
+        ring, rig = f'SR-{number:04d}', f'rig-{number % rigs}'
+        kind = chance.choice([SOUND, UNLIKE, WEARING, CAUSE], p=[0.82, 0.06, 0.06, 0.06])
+        truth.kind[ring], truth.rig[ring] = str(kind), rig
+        mean = MEAN + BETWEEN * chance.standard_normal(6)
+        if kind == UNLIKE:
+            mean[int(chance.choice([0, 2, 3, 5]))] += float(chance.choice([-1, 1])) * 0.6
+        first = float(chance.uniform(0.0, 0.5))
+        for session in range(sessions):
+            value = mean + root @ chance.standard_normal(6)
+            if kind == WEARING:
+                value[0] += WEAR * session
+            if rig in truth.drifting_rigs:
+                value[[0, 2, 3, 5]] += CELL_DRIFT * session
+            p_value = float(chance.uniform())
+            caused = kind == CAUSE and chance.uniform() < 0.9
+            if caused:
+                p_value = float(10.0 ** -chance.uniform(4.0, 12.0))
+            verdict = 'named' if p_value < 0.01 else 'none'
+            years = 2026.0 - 1970.0 + first + 0.5 * session
+            found.append(SessionFigures(
+                f'{ring}-{session}', f'{ring} {session}', ring, rig, years * YEAR,
+                400.0 * (session + first), False, verdict,
+                p_value if verdict == 'named' else 1.0, value, covariance,
+                {'radial_friction': (5e3, 200.0)} if caused else {}))
+    return found, truth
+
+
+def score(sessions: Sequence[SessionFigures], truth: Truth) -> dict[str, tuple[int, int]]:
+    """(counted, of) for every rate of the table."""
+    fleet = judge_fleet(sessions)
+    kinds = truth.kind
+    drifting = {item.ring for item in fleet.rings if item.drift is not None}
+    unlike = {item.ring for item in fleet.rings if item.unlike and item.unlike.stands}
+    findings = {item.ring for item in fleet.rings if item.finding}
+    blamed = {item.owner for item in fleet.rigs}
+    single = [item for item, real in zip(fleet.sessions, fleet.session_stands, strict=True)
+              if real]
+
+    def rings(kind: str) -> set[str]:
+        return {ring for ring, own in kinds.items() if own == kind}
+
+    on_bad = {ring for ring, rig in truth.rig.items() if rig in truth.drifting_rigs}
+    inside, predicted = 0, 0
+    for item in fleet.rings:
+        for history in item.history.of.values():
+            inside += round(history.coverage * history.predictions) if history.predictions else 0
+            predicted += history.predictions
+    return {
+        'findings of sessions that are false': (
+            sum(kinds[item.ring] != CAUSE for item in single), len(single)),
+        'rings with a cause found': (len(findings & rings(CAUSE)), len(rings(CAUSE))),
+        'findings of rings that are false': (len(findings - rings(CAUSE)), len(findings)),
+        'unlike rings found': (len(unlike & rings(UNLIKE)), len(rings(UNLIKE))),
+        'rings called unlike that are sound': (
+            len(unlike - rings(UNLIKE) - rings(WEARING) - on_bad), len(unlike)),
+        'wearing rings found': (len(drifting & rings(WEARING)), len(rings(WEARING))),
+        'drifts of rings that are false': (len(drifting - rings(WEARING)), len(drifting)),
+        'rings of the drifting rig blamed for it': (
+            len(drifting & on_bad - rings(WEARING)), len(on_bad - rings(WEARING))),
+        'drifting rigs blamed': (len(blamed & truth.drifting_rigs), len(truth.drifting_rigs)),
+        'sound rigs blamed': (len(blamed - truth.drifting_rigs),
+                              len(set(truth.rig.values()) - truth.drifting_rigs)),
+        'predictions inside their 95 % interval': (inside, predicted),
+    }
+
+
+def life_scores(fleets: int, seed: int) -> list[str]:
+    """Remaining life of wearing rings: coverage, alpha-lambda, prognostic horizon.
+
+    Saxena and others, Int. J. Progn. Health Manag. 1 (2010): alpha-lambda is the share of
+    predictions within alpha of the true remaining life at lambda of the way to the limit.
+    """
+    chance = np.random.default_rng(seed)
+    limit, slope, noise = -0.5, -0.05, 0.012
+    held = {0.5: [0, 0, 0], 0.7: [0, 0, 0], 0.9: [0, 0, 0]}
+    horizons = []
+    for _ in range(fleets):
+        rate = slope * float(np.exp(0.3 * chance.standard_normal()))
+        end = limit / rate
+        begun = math.nan
+        for share in np.arange(0.3, 0.96, 0.1):
+            times = np.arange(0.0, share * end, 1.0)
+            if times.size < 5:
+                continue
+            value = rate * times + noise * chance.standard_normal(times.size)
+            history = follow(Series(times, value, np.full(times.size, noise),
+                                    np.zeros(times.size, dtype=bool)))
+            if history is None or history.drift_p_value > 0.05 or not history.predicts_well:
+                continue
+            life = first_passage(history.forecast, limit)
+            left = end - float(times[-1])
+            near = abs(life.median - left) <= 0.2 * left
+            begun = begun if near and not math.isnan(begun) else (left / end if near else math.nan)
+            for stage, counts in held.items():
+                if abs(share - stage) < 0.05:
+                    counts[0] += life.low <= left <= life.high
+                    counts[1] += near
+                    counts[2] += 1
+        if not math.isnan(begun):
+            horizons.append(begun)
+    lines = [
+        f'at {stage:.0%} of life: 90 % interval holds the truth {held_[0]}/{held_[2]}, within '
+        f'20 % of it {held_[1]}/{held_[2]}' for stage, held_ in held.items()
+    ]
+    lines.append(f'prognostic horizon (within 20 % from then on): median '
+                 f'{np.median(horizons):.0%} of life left, {len(horizons)} of {fleets} rings')
+    return lines
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument('--rings', type=int, default=200)
+    parser.add_argument('--sessions', type=int, default=8)
+    parser.add_argument('--fleets', type=int, default=10)
+    parser.add_argument('--seed', type=int, default=0)
+    args = parser.parse_args()
+    total: dict[str, list[int]] = {}
+    began = clock.monotonic()
+    for number in range(args.fleets):
+        sessions, truth = draw_fleet(args.rings, args.sessions, args.seed + number)
+        for name, (count, of) in score(sessions, truth).items():
+            own = total.setdefault(name, [0, 0])
+            own[0] += count
+            own[1] += of
+    print(f'{args.fleets} fleets of {args.rings} rings with {args.sessions} sessions each, '
+          f'{(clock.monotonic() - began) / args.fleets:.1f} s a fleet; '
+          f'coordinates {", ".join(COORDINATES)}')
+    for name, (count, of) in total.items():
+        print(f'{name}: {count}/{of} = {100.0 * count / max(of, 1):.1f} %')
+    print('\n'.join(life_scores(100, args.seed)))
+    return 0
+
+
+if __name__ == '__main__':
+    sys.exit(main())
