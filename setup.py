@@ -52,6 +52,8 @@ setup(
         # on a Jazzy of its own, pip would put a second rclpy over the system's.
         'ros': required('ros'),
         'test': required('test'),
+        # `saddlering campaign` on a Dask cluster.
+        'cluster': required('cluster'),
     },
     entry_points={
         'console_scripts': [

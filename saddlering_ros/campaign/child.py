@@ -1,10 +1,9 @@
 """The process behind one slot: it loads the program once and forks a child for every session.
 
-    python -m saddlering_ros.campaign.child        (started by SessionRunner, never by hand)
-
-Each line on standard input is a task with the path of its answer; each line on standard output
-reports how its child ended. A fork costs milliseconds where a new interpreter costs seconds. The
-child has one thread, its own memory limit, and is killed at its time limit or with its parent.
+`SessionRunner` starts it. Each line on standard input is a task with the path of its answer; each
+line on standard output reports how its child ended. A fork costs milliseconds where a new
+interpreter costs seconds. The child has one thread, its own memory limit, and is killed at its
+time limit or with its parent.
 """
 
 from __future__ import annotations
@@ -115,7 +114,3 @@ def _attempt(
 
 def _failure(kind: str, reason: str) -> dict[str, Any]:
     return {'status': 'failed', 'kind': kind, 'reason': reason}
-
-
-if __name__ == '__main__':
-    main()

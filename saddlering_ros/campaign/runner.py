@@ -23,6 +23,10 @@ ONE_THREAD = dict.fromkeys(
     ('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS', 'MKL_NUM_THREADS', 'SADDLERING_THREADS'), '1')
 
 
+START = 'from saddlering_ros.campaign.child import main; main()'
+"""What the child process runs; by name, because this module has imported its module already."""
+
+
 class SessionRunner:
     """A slot: the child process that judges sessions one after the other."""
 
@@ -72,7 +76,7 @@ class SessionRunner:
         if self._process is None or self._process.poll() is not None:
             self.close()
             self._process = subprocess.Popen(
-                [sys.executable, '-m', 'saddlering_ros.campaign.child'], text=True,
+                [sys.executable, '-c', START], text=True,
                 stdin=subprocess.PIPE, stdout=subprocess.PIPE, env={**os.environ, **ONE_THREAD})
         return self._process
 

@@ -3,6 +3,12 @@
 from __future__ import annotations
 
 EXAMPLES: dict[str, tuple[tuple[str, str], ...]] = {
+    'campaign': (
+        ('saddlering campaign bags --out campaign --plan', 'which bags are there, and which '
+         'sessions they make'),
+        ('saddlering campaign bags --out campaign', 'a verdict for each; again: what is missing'),
+        ('saddlering campaign status campaign', 'how far it is'),
+    ),
     'completion': (
         ('eval "$(saddlering completion bash)"', 'in this shell; put it into ~/.bashrc for good'),
     ),
@@ -73,6 +79,7 @@ EXAMPLES: dict[str, tuple[tuple[str, str], ...]] = {
 }
 
 UNTRIED = {
+    'campaign': 'test/campaign tests it',
     'completion': 'changes the shell it is typed in', 'demo': 'test/cli/test_demo.py runs it',
     'live': 'serves until it is ended', 'record': 'records until it is ended',
     'replay': 'test/cli/test_numbers_out.py replays a bag and records it',
