@@ -26,6 +26,6 @@ def session_verdict(task: SessionTask) -> dict[str, Any]:
         report = f'{place.parent.name}/{place.name}'
     return {
         'verdict': verdict.to_json(),
-        'covariance': verdict.diagnosis.base_covariance.tolist(),
+        'covariance': verdict.contact_law.covariance.tolist(),
         'report': report,
     }

@@ -133,7 +133,7 @@ def _joint_test(
             std = wide
         slopes[name] = (slope, std)
         p_values.append(p_value)
-    return slopes, min(1.0, len(p_values) * min(p_values, default=1.0))
+    return slopes, min([1.0, *(len(p_values) * value for value in p_values)])
 
 
 def _ring_drift(

@@ -94,6 +94,11 @@ def test_a_wearing_ring_drifts_and_its_sisters_do_not():
     assert drifting is fleet.rings[0]
 
 
+def test_one_session_does_not_drift():
+    fleet = judge_fleet(sessions_of('SR-1', STILL, count=1))
+    assert [item.reasons for item in fleet.rings] == [()]
+
+
 def test_a_drift_of_everything_alike_may_be_the_load_cell():
     fleet = fleet_of({**{f'SR-{number}': STILL for number in range(6)}, 'SR-gain': LOAD_CELL})
     drift = next(item.drift for item in fleet.rings if item.drift is not None)
