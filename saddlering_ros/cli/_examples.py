@@ -67,6 +67,11 @@ EXAMPLES: dict[str, tuple[tuple[str, str], ...]] = {
         ('saddlering residual bags/static_70 --params params.yaml --out residual.parquet',
          'measured less simulated, sample by sample'),
     ),
+    'rig': (
+        ('saddlering rig --draft my_rig.yaml --set axial_rows.rollers=48 '
+         '--set full_scale_load=98066.5', 'a rig file to complete, and a drawing of that ring'),
+        ('saddlering rig --check bags/static_50', 'whether a bag fits the rig'),
+    ),
     'simulate': (
         ('saddlering simulate bags/static_70 --params params.yaml --out simulated.csv',
          'what the model gives under the load of a bag'),

@@ -1,0 +1,103 @@
+"""`saddlering rig`: a rig file, its drawing, and what bags say against it."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any, TYPE_CHECKING
+
+from saddlering_ros.cli._json import tell_json
+
+if TYPE_CHECKING:
+    from saddlering_ros.rig import Rig
+
+
+def add_parser(subparsers: Any) -> None:
+    """Declare the subcommand."""
+    from saddlering_ros.cli._samples import add_fact_options
+
+    parser = subparsers.add_parser(
+        'rig', help='describe your ring: a commented rig file, its drawing, a check against bags',
+        description='Write a commented rig file and a drawing of that ring, draw a rig file, or '
+                    'hold bags against it.')
+    parser.add_argument('--rig', type=Path, help='rig file (default: the shipped rig)')
+    parser.add_argument('--draft', type=Path, nargs='?', const=Path('rig.yaml'),
+                        metavar='FILE.yaml',
+                        help='write a commented rig file (default rig.yaml) and, beside it, its '
+                             'drawing as SVG')
+    parser.add_argument('--set', action='append', default=[], metavar='NAME=VALUE',
+                        help='an entry of the draft in SI units, like axial_rows.rollers=48 (may '
+                             'be repeated)')
+    parser.add_argument('--drawing', type=Path, metavar='FILE',
+                        help='write the drawing here (.svg, .png or .pdf)')
+    parser.add_argument('--check', nargs='+', default=[], metavar='BAG',
+                        help='print what in these bags speaks against the rig file')
+    add_fact_options(parser)
+    parser.add_argument('--json', metavar='FILE',
+                        help='write the rig and what was found as JSON; - for stdout')
+
+
+def run(args: argparse.Namespace) -> int:
+    """Draft, draw, check; status 2 if a bag speaks against the rig."""
+    import sys
+
+    from saddlering_ros.rig import load_rig, RigError
+
+    rig = load_rig(args.rig)
+    if args.set and args.draft is None:
+        raise RigError('--set states an entry of a draft: give --draft as well')
+    written: list[Path] = []
+    if args.draft is not None:
+        rig, written = _draft(args, rig)
+    if args.drawing is not None:
+        from saddlering_ros.rig.drawing import save_drawing
+
+        save_drawing(args.drawing, rig, 50.0 if args.elevation is None else args.elevation)
+        written.append(args.drawing)
+    found = {bag: _check(args, bag, rig) for bag in args.check}
+    doubts = sum(len(lines) for lines in found.values())
+    if not tell_json(args, {'rig_hash': rig.digest, 'written': [str(path) for path in written],
+                            'checked': found}):
+        _print(rig, written, found)
+    if doubts:
+        sys.stdout.flush()
+        print(f'saddlering rig: {doubts} things in the bags speak against the rig file: correct '
+              'it, or the map of the import', file=sys.stderr)
+    return 2 if doubts else 0
+
+
+def _draft(args: argparse.Namespace, rig: Rig) -> tuple[Rig, list[Path]]:
+    from saddlering_ros.rig import RigError
+    from saddlering_ros.rig.draft import draft_rig_file
+    from saddlering_ros.rig.drawing import save_drawing
+    from saddlering_ros.writing import write_text
+
+    if args.draft.exists():
+        raise RigError(f'{args.draft}: exists already, a draft does not replace it: choose '
+                       'another name, or remove it first')
+    text, drafted = draft_rig_file(rig, args.set)
+    write_text(args.draft, text, RigError)
+    picture = args.draft.with_suffix('.svg')
+    save_drawing(picture, drafted)
+    return drafted, [args.draft, picture]
+
+
+def _check(args: argparse.Namespace, bag: str, rig: Rig) -> list[str]:
+    from saddlering_ros.bags import read_raw, read_run
+    from saddlering_ros.bags.rig_check import check_rig
+    from saddlering_ros.cli._samples import radians
+
+    test_run = read_run(bag, test=args.test, elevation=radians(args.elevation), rig=rig)
+    return check_rig(rig, read_raw(bag), test_run)
+
+
+def _print(rig: Rig, written: list[Path], found: dict[str, list[str]]) -> None:
+    from saddlering_ros.bags import rig_in_words
+
+    print(f'rig: {rig_in_words(rig)}')
+    for path in written:
+        print(f'written: {path}')
+    for bag, lines in found.items():
+        print(f'{bag}: {"nothing speaks against the rig file" if not lines else ""}'.rstrip())
+        for line in lines:
+            print(f'  {line}')

@@ -1,0 +1,71 @@
+"""Claims about the rig wizard: a draft reads back, a drawing shows it, a check finds faults."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+import json
+from pathlib import Path
+
+import pytest
+
+from saddlering_ros.bags import read_raw, read_run
+from saddlering_ros.bags.rig_check import check_rig
+from saddlering_ros.cli.main import main
+from saddlering_ros.rig import default_rig, load_rig, Rig, RigError
+from saddlering_ros.rig.draft import draft_rig_file, ENTRIES
+from saddlering_ros.rig.drawing import drawing_svg, save_drawing
+
+RIG = default_rig()
+BAG = Path(__file__).resolve().parents[2] / 'bags' / 'static_70'
+
+
+def test_a_draft_reads_back_as_the_rig_with_what_was_stated(tmp_path: Path) -> None:
+    text, rig = draft_rig_file(RIG, ['axial_rows.rollers=48', 'probes.polarity=1,1,-1,1'])
+    (tmp_path / 'rig.yaml').write_text(text)
+    assert load_rig(tmp_path / 'rig.yaml') == rig
+    assert (rig.axial_rows.rollers, rig.probes.polarity) == (48, (1.0, 1.0, -1.0, 1.0))
+    assert text.count('(TO CHECK)') == len(ENTRIES) - 2
+    assert draft_rig_file(RIG, [])[1] == RIG
+
+
+@pytest.mark.parametrize(('entry', 'words'), [
+    ('axial_rows.roller=48', 'did you mean axial_rows.rollers?'),
+    ('preload=much', 'give a number'),
+    ('axial_rows.rollers=2', 'give a number from 3'),
+])
+def test_an_entry_that_cannot_be_stated_is_refused(entry: str, words: str) -> None:
+    with pytest.raises(RigError) as caught:
+        draft_rig_file(RIG, [entry])
+    assert words in str(caught.value)
+
+
+def test_the_drawing_names_probes_with_their_signs_and_the_dimensions(tmp_path: Path) -> None:
+    rig = replace(RIG, probes=replace(RIG.probes, polarity=(1.0, 1.0, -1.0, 1.0)))
+    save_drawing(tmp_path / 'rig.png', rig)
+    assert (tmp_path / 'rig.png').read_bytes().startswith(b'\x89PNG')
+    svg = drawing_svg(rig)
+    for words in ('1 (+)', '3 (−)', 'L = 1.3 m', rig.digest[:12], '2 x 97 rollers'):
+        assert words in svg
+    with pytest.raises(RigError, match='no drawing of this kind'):
+        save_drawing(tmp_path / 'rig.txt', rig)
+
+
+@pytest.mark.parametrize(('rig', 'words'), [
+    (replace(RIG, probes=replace(RIG.probes, polarity=(1.0, -1.0, 1.0, 1.0))), 'polarity'),
+    (replace(RIG, probes=replace(RIG.probes, max_range=1e-3)), 'states a range of 0 to 2 mm'),
+    (replace(RIG, full_scale_load=8e5), 'rig.full_scale_load'),
+    (replace(RIG, preload=2e4), 'the record starts at 0.50 t'),
+])
+def test_a_bag_speaks_against_a_wrong_rig_file(rig: Rig, words: str) -> None:
+    found = check_rig(rig, read_raw(BAG), read_run(BAG, rig=rig))
+    assert any(words in line for line in found)
+
+
+def test_a_wrong_elevation_and_another_hash_are_found_and_a_right_rig_is_not(
+        capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(['rig', '--check', str(BAG), '--json', '-']) == 0
+    assert json.loads(capsys.readouterr().out)['checked'] == {str(BAG): []}
+    assert main(['rig', '--check', str(BAG), '--elevation', '20']) == 2
+    assert 'tilt and lift fit an elevation of about 5' in capsys.readouterr().out
+    run = replace(read_run(BAG), details={'rig_hash': 'f' * 64})
+    assert 'a rig with the hash ffffffffffff' in check_rig(RIG, read_raw(BAG), run)[0]
