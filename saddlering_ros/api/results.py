@@ -16,6 +16,7 @@ from saddlering_ros.api.errors import ApiError
 from saddlering_ros.api.inputs import Bag, runs_of
 from saddlering_ros.api.tables import columns_of, dataframe, write_csv
 from saddlering_ros.diagnosis import Verdict
+from saddlering_ros.diagnosis.contract import CauseEntry, causes_of, VerdictDocument
 from saddlering_ros.diagnosis.summary import verdict_text
 from saddlering_ros.identification import Identification, Validation
 from saddlering_ros.identification.criteria import Criterion, judge
@@ -258,6 +259,11 @@ class DiagnosisResult(Result, _Parametric):
 
     found: Verdict
 
+    @cached_property
+    def document(self) -> VerdictDocument:
+        """The verdict as typed plain data, which everything is printed from."""
+        return self.found.to_json()
+
     @property
     def verdict(self) -> str:
         """'none', 'named', 'ambiguous' or 'unknown'."""
@@ -266,7 +272,7 @@ class DiagnosisResult(Result, _Parametric):
     @property
     def causes(self) -> tuple[str, ...]:
         """Ids of the causes, the strongest first."""
-        return tuple(cause['effect'] for cause in self._document()['causes'] if 'effect' in cause)
+        return tuple(cause['effect'] for cause in causes_of(self.document))
 
     @property
     def next_test(self) -> str | None:
@@ -285,15 +291,14 @@ class DiagnosisResult(Result, _Parametric):
     def columns(self) -> dict[str, list[Any]]:
         """One row a parameter of a cause: size, std, unit, misfit reduction, p-value."""
         return columns_of([
-            row for cause in self._document()['causes'] if 'effect' in cause
-            for row in _cause_rows(cause)])
+            row for cause in causes_of(self.document) for row in _cause_rows(cause)])
 
     def plot(self) -> Plot:
         """Misfit of every run and channel before and after, beside the noise."""
         from saddlering_ros.report import figures
         from saddlering_ros.report.drawing import draw
 
-        return Plot(draw(figures.misfit(self._document()['runs'])))
+        return Plot(draw(figures.misfit(self.document['runs'])))
 
     def write_report(self, path: Path | str, *, command: str = '') -> tuple[Path, ...]:
         """Write the page of the diagnosis."""
@@ -316,15 +321,15 @@ class DiagnosisResult(Result, _Parametric):
             self, found=replace(self.found, effect_files=tuple(str(path) for path in paths)))
 
     def _document(self) -> dict[str, Any]:
-        return self.found.to_json()
+        return dict(self.document)
 
     def _headline(self) -> str:
         from saddlering_ros.diagnosis.wording import headline
 
-        return f'Verdict: {self.verdict}. {headline(self._document())}'
+        return f'Verdict: {self.verdict}. {headline(self.document)}'
 
 
-def _cause_rows(cause: Mapping[str, Any]) -> Sequence[dict[str, Any]]:
+def _cause_rows(cause: CauseEntry) -> Sequence[dict[str, Any]]:
     return [
         {'cause': cause['effect'], 'title': cause['title'], 'parameter': name,
          'value': item['value'], 'std': item['std'], 'unit': item['unit'],

@@ -64,18 +64,20 @@ def summary(outcome: Outcome) -> str:
 
     verdict = outcome.verdict
     lines = ['', f'Verdict: {verdict["verdict"]}. {headline(verdict)}']
+    if verdict.get('next_test'):
+        lines.append(f'Next test: {verdict["next_test"]}')
     lines += [f'  {cause["effect"]}: {parameter_words(cause)}' for cause in effects_of(verdict)]
     lines += [gain_sentence(verdict), '', "Misfit in % of the channel's range:",
               f'  {"run":24s} {"channel":8s} {"identified":>11s} {"extended":>9s} {"noise":>7s}']
     for entry in figures.misfit_table(outcome.curves):
         for name in figures.JUDGED:
             item = entry['channels'][name]
-            lines.append(f'  {entry["bag"]:24s} {name:8s} {100 * item["nrmse_before"]:11.2f} '
-                         f'{100 * item["nrmse_after"]:9.2f} {100 * item["noise_floor"]:7.2f}')
+            shares = (item['nrmse_before'], item['nrmse_after'], item['noise_floor'])
+            shown = ['-' if share is None else f'{100.0 * share:.2f}' for share in shares]
+            lines.append(f'  {entry["bag"]:24s} {name:8s} {shown[0]:>11s} {shown[1]:>9s} '
+                         f'{shown[2]:>7s}')
     second = outcome.verified[0].elevation_deg
     before, after = (figures.overall(outcome.verified, extended=item) for item in (False, True))
-    lines += ['', f'Gain measured live at {second:g} deg, held out until then: misfit '
+    lines += ['', f'Misfit reduction measured live at {second:g} deg, held out until then: '
               f'{percent(before)} -> {percent(after)}, {percent(outcome.gain)} less.']
-    if verdict.get('next_test'):
-        lines.append(f'Next test: {verdict["next_test"]}')
     return '\n'.join(line for line in lines if line is not None)

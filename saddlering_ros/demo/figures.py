@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Sequence
 
 import numpy as np
 
 from saddlering_ros.bags import TestRun
+from saddlering_ros.diagnosis.contract import RunEntry
 from saddlering_ros.report.curves import Array, curves_of_run, RunCurves
 from saddlering_ros.rig import CHANNELS, ParameterSet, Rig
 from saddlering_ros.ring import simulate
@@ -16,7 +16,7 @@ JUDGED = CHANNELS[:3]
 
 
 def curves(
-    run: TestRun, measured: Array, before: Array, after: Array, verdict: Mapping[str, Any] | None,
+    run: TestRun, measured: Array, before: Array, after: Array, verdict: RunEntry | None,
     *, held_out: bool,
 ) -> RunCurves:
     """A run's curves from its channels (4, samples) at the load's stamps."""
@@ -48,7 +48,7 @@ def overall(runs: Sequence[RunCurves], *, extended: bool) -> float:
     return float(np.sqrt(np.mean(parts)))
 
 
-def misfit_table(runs: Sequence[RunCurves]) -> list[dict[str, Any]]:
+def misfit_table(runs: Sequence[RunCurves]) -> list[RunEntry]:
     """The misfits as a verdict's `runs` have them."""
     return [
         {'bag': run.name, 'test': run.test, 'elevation_deg': run.elevation_deg,

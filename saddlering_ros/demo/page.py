@@ -15,7 +15,8 @@ FOUND_BY = ('What /identify_ring returned, before anything was known of a missin
 
 def demo_page(outcome: Outcome, command: str) -> str:
     """The whole page; `command` is what to type to get it again."""
-    document = {**outcome.verdict, 'runs': figures.misfit_table(outcome.curves)}
+    document = outcome.verdict.copy()
+    document['runs'] = figures.misfit_table(outcome.curves)
     return html.page('saddlering demo', [
         '<h1>From recorded bags to a named cause</h1>',
         html.paragraph(_lead(outcome), 'soft'),
@@ -55,7 +56,7 @@ def _tiles(outcome: Outcome) -> str:
     return html.tiles([
         (percent(before), 'misfit of the runs held out, contact law alone'),
         (percent(after), 'with the extended model, replayed again'),
-        (percent(outcome.gain), 'gain measured live'),
+        (percent(outcome.gain), 'misfit reduction measured live'),
         (f'{messages:,}'.replace(',', ' '), 'messages heard live, '
          + (f'{lost} lost' if lost else 'none lost')),
         (f'{outcome.seconds:.0f} s', 'for the whole story'),

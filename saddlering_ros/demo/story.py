@@ -18,6 +18,7 @@ from saddlering_ros.demo.console import Console
 from saddlering_ros.demo.live import LiveRig
 from saddlering_ros.demo.plan import elevation_of, Plan
 from saddlering_ros.demo.recorder import Recording
+from saddlering_ros.diagnosis.contract import RunEntry, VerdictDocument
 from saddlering_ros.diagnosis.wording import headline
 from saddlering_ros.report.curves import RunCurves
 from saddlering_ros.rig import default_rig, ParameterSet, Rig, write_parameters
@@ -48,7 +49,7 @@ class Outcome:
     identified: ParameterSet
     identification: dict[str, Any]
     extended: ParameterSet
-    verdict: dict[str, Any]
+    verdict: VerdictDocument
     curves: tuple[RunCurves, ...]
     replays: tuple[Replayed, ...]
     seconds: float
@@ -144,7 +145,7 @@ class _Story:
         self.console.say(f'      {report["evaluations"]} simulations in {report["elapsed"]:.1f} s')
         return self._sourced(result.parameters, 'identify'), report
 
-    def _diagnose(self, live: LiveRig, file: Path) -> tuple[ParameterSet, dict[str, Any]]:
+    def _diagnose(self, live: LiveRig, file: Path) -> tuple[ParameterSet, VerdictDocument]:
         def show(feedback: DiagnoseRing.Feedback) -> None:
             self.console.stage(feedback.stage, feedback.progress, '')
 
@@ -169,7 +170,7 @@ class _Story:
 
     def _live_curves(
         self, run: TestRun, before: dict[str, Recording], after: dict[str, Recording],
-        verdict: dict[str, Any],
+        verdict: VerdictDocument,
     ) -> RunCurves:
         name = run.path.name
         measured, first = before[name].at(run.stamps)
@@ -178,7 +179,7 @@ class _Story:
 
     def _offline_curves(
         self, run: TestRun, first: dict[str, Recording], identified: ParameterSet,
-        extended: ParameterSet, verdict: dict[str, Any],
+        extended: ParameterSet, verdict: VerdictDocument,
     ) -> RunCurves:
         """Measured live, simulated here with both parameter sets: the same code as the node's."""
         measured, _ = first[run.path.name].at(run.stamps)
@@ -190,7 +191,7 @@ def _names(runs: tuple[TestRun, ...]) -> list[str]:
     return [run.path.name for run in runs]
 
 
-def _entry(verdict: dict[str, Any], run: TestRun) -> dict[str, Any] | None:
+def _entry(verdict: VerdictDocument, run: TestRun) -> RunEntry | None:
     """The run's part of the verdict."""
     found = [item for item in verdict['runs'] if Path(item['bag']).name == run.path.name]
     return found[0] if found else None

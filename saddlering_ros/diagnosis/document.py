@@ -7,6 +7,7 @@ from typing import Any, TYPE_CHECKING
 
 import numpy as np
 
+from saddlering_ros.diagnosis.contract import ShapeEntry, VerdictDocument
 from saddlering_ros.diagnosis.proposed_law import proposal_document
 from saddlering_ros.diagnosis.wording import shape_words, swing_words
 from saddlering_ros.discrepancy import Cause, Diagnosis
@@ -19,7 +20,7 @@ if TYPE_CHECKING:
     from saddlering_ros.diagnosis.verdict import RunFigures, Verdict
 
 
-def verdict_document(verdict: Verdict) -> dict[str, Any]:
+def verdict_document(verdict: Verdict) -> VerdictDocument:
     """The contract of interfaces.md, with additions beside it."""
     found = verdict.diagnosis
     document = {
@@ -67,7 +68,7 @@ def verdict_document(verdict: Verdict) -> dict[str, Any]:
         'seed': verdict.seed,
         'seconds': found.seconds,
     }
-    answer: dict[str, Any] = _finite(document)
+    answer: VerdictDocument = _finite(document)
     return answer
 
 
@@ -81,7 +82,9 @@ def _causes(found: Diagnosis) -> list[dict[str, Any]]:
     shapes = [
         _shape_json(shape) for shape in left.shapes if is_left(shape.p_value, shape.visible)
     ]
-    described = [{'shape': shape_words(shape), **shape} for shape in shapes[:4]]
+    described: list[dict[str, Any]] = [
+        {'shape': shape_words(shape), **shape} for shape in shapes[:4]
+    ]
     fast = left.fast
     if fast.visible >= MATERIAL:
         described.append(
@@ -170,7 +173,7 @@ def _candidate_json(item: Evidence) -> dict[str, Any]:
     }
 
 
-def _shape_json(item: ShapeTest) -> dict[str, Any]:
+def _shape_json(item: ShapeTest) -> ShapeEntry:
     return {
         'channel': item.view,
         'coordinate': item.coordinate,

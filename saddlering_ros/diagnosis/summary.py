@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
-
+from saddlering_ros.diagnosis.contract import CauseEntry, RunEntry, shapes_of
 from saddlering_ros.diagnosis.verdict import Verdict
 from saddlering_ros.diagnosis.wording import (
     Document,
@@ -36,7 +34,7 @@ def document_text(document: Document) -> str:
         lines += _cause_lines(cause)
     if document['verdict'] == 'unknown':
         lines.append('What nothing in the catalogue explains:')
-        lines += [f'  {shape_words(item)}' for item in document['causes'] if 'shape' in item]
+        lines += [f'  {shape_words(item)}' for item in shapes_of(document)]
     lines += proposal_lines(document)
     lines += ['', "Misfit by run and channel, rms in % of the channel's range "
               '(contact law alone / extended model / noise):']
@@ -65,7 +63,7 @@ def proposal_lines(document: Document) -> list[str]:
     return [*lines, *(f'  effect file: {path}' for path in law['effect_files'])]
 
 
-def _cause_lines(cause: Mapping[str, Any]) -> list[str]:
+def _cause_lines(cause: CauseEntry) -> list[str]:
     gain = cause['gain']
     kept = gain['held_out']
     held_out = '' if kept is None else f', {percent(kept)} on held-out runs'
@@ -81,11 +79,11 @@ def _cause_lines(cause: Mapping[str, Any]) -> list[str]:
     return lines
 
 
-def _run_line(run: Mapping[str, Any]) -> str:
+def _run_line(run: RunEntry) -> str:
     shares = ', '.join(
         f'{name} ' + ' / '.join(
-            '-' if item[key] is None else f'{100.0 * item[key]:.2f}'
-            for key in ('nrmse_before', 'nrmse_after', 'noise_floor'))
+            '-' if share is None else f'{100.0 * share:.2f}'
+            for share in (item['nrmse_before'], item['nrmse_after'], item['noise_floor']))
         for name, item in run['channels'].items())
     name = str(run['bag']).rstrip('/').rsplit('/', 1)[-1]
     return f'  {name}{" (held out)" if run["held_out"] else ""}: {shares}'

@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 import math
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from saddlering_ros.diagnosis.contact_law import ContactLaw
+from saddlering_ros.diagnosis.contract import VerdictDocument
 from saddlering_ros.diagnosis.document import verdict_document
 from saddlering_ros.diagnosis.records import Array, Record
 from saddlering_ros.discrepancy import Diagnosis, RunBlocks
@@ -104,7 +104,7 @@ class Verdict:
             )
         )
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> VerdictDocument:
         """The contract of interfaces.md, with additions beside it."""
         return verdict_document(self)
 

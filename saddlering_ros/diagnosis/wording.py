@@ -3,13 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
-from typing import Any
 
+from saddlering_ros.diagnosis.contract import (
+    CandidateEntry,
+    CauseEntry,
+    causes_of,
+    ShapeEntry,
+    shapes_of,
+    SizeEntry,
+    VerdictDocument,
+)
 from saddlering_ros.effects import catalogue
 from saddlering_ros.rig.quantities import percent, quantity, signed_percent
 from saddlering_ros.thresholds import CHANCE, MATERIAL
 
-Document = Mapping[str, Any]
+Document = VerdictDocument
 
 COORDINATES = {
     'load': 'follows the load', 'direction': 'changes sign with the direction of the load',
@@ -33,9 +41,9 @@ def lowered(title: str) -> str:
     return title[:1].lower() + title[1:] if title[1:2].islower() else title
 
 
-def effects_of(document: Document) -> list[Mapping[str, Any]]:
+def effects_of(document: Document) -> list[CauseEntry]:
     """The causes that are effects of the catalogue (an unknown's shapes left out)."""
-    return [cause for cause in document['causes'] if 'effect' in cause]
+    return causes_of(document)
 
 
 def headline(document: Document) -> str:
@@ -46,7 +54,7 @@ def headline(document: Document) -> str:
                 "or smaller than 0.1 % of a channel's range.")
     if verdict == 'unknown':
         return ('Something is wrong that no cause in the catalogue explains. '
-                + _shapes(document['causes']))
+                + _shapes(shapes_of(document)))
     causes = effects_of(document)
     if verdict == 'ambiguous':
         return ('Something is missing from the simulation. '
@@ -57,8 +65,8 @@ def headline(document: Document) -> str:
 
 def gain_sentence(document: Document) -> str:
     """What the extension is worth, on runs held out where there are some."""
-    gain = document.get('gain') or {}
-    if document['verdict'] == 'none' or gain.get('fit') is None:
+    gain = document.get('gain')
+    if document['verdict'] == 'none' or gain is None or gain.get('fit') is None:
         return ''
     fitted = percent(gain['fit'])
     if gain.get('held_out') is None:
@@ -70,14 +78,14 @@ def gain_sentence(document: Document) -> str:
     return f'With it the misfit falls by {kept} on {how} ({fitted} where fitted).'
 
 
-def size_of(cause: Mapping[str, Any]) -> str:
+def size_of(cause: CauseEntry) -> str:
     """Where a cause acts and the size of its first parameter: 'probe 2 gain +3.0 ± 0.2 %'."""
     name, item = next((name, item) for name, item in cause['parameters'].items()
                       if name not in choices_of(cause['effect']))
     return ' '.join(filter(None, (place_of(cause), parameter_value(cause['effect'], name, item))))
 
 
-def parameter_words(cause: Mapping[str, Any]) -> str:
+def parameter_words(cause: CauseEntry) -> str:
     """Where a cause acts, and all its fitted parameters, in one line."""
     choices = choices_of(cause['effect'])
     parts = [place_of(cause)] + [
@@ -87,7 +95,7 @@ def parameter_words(cause: Mapping[str, Any]) -> str:
     return ', '.join(filter(None, parts)) or size_of(cause)
 
 
-def parameter_value(effect_id: str, name: str, item: Mapping[str, Any]) -> str:
+def parameter_value(effect_id: str, name: str, item: SizeEntry) -> str:
     """A parameter with its value and error, in the unit and with the sign that make sense."""
     return f'{name} {value_words(effect_id, name, item["value"], item["unit"], item["std"])}'
 
@@ -109,7 +117,7 @@ def choices_of(effect_id: str) -> frozenset[str]:
     return frozenset() if known is None else frozenset(choice.name for choice in known.choices)
 
 
-def place_of(cause: Mapping[str, Any]) -> str:
+def place_of(cause: CauseEntry) -> str:
     """The variant of a cause in words, for instance which probe; '' where it has one form only."""
     names = choices_of(cause['effect'])
     choices = {name: item['value'] for name, item in cause['parameters'].items() if name in names}
@@ -135,7 +143,7 @@ def signature_words(label: str) -> str:
     return f'{effect_id}, {words}' if words else effect_id
 
 
-def why_lost(item: Mapping[str, Any], best: Mapping[str, Any], chosen: Collection[str],
+def why_lost(item: CandidateEntry, best: CandidateEntry, chosen: Collection[str],
              alike: Collection[str]) -> str:
     """What became of a candidate beside the best of its step, and why."""
     effect_id = item['effects'][-1]
@@ -155,7 +163,7 @@ def why_lost(item: Mapping[str, Any], best: Mapping[str, Any], chosen: Collectio
     return f'lost: {behind:.3g} less evidence than the best'
 
 
-def shape_words(shape: Mapping[str, Any]) -> str:
+def shape_words(shape: ShapeEntry) -> str:
     """'delta_x follows the load, 0.4 % of range rms'; a swing has words of its own."""
     if shape.get('shape'):
         return str(shape['shape'])
@@ -169,19 +177,19 @@ def swing_words(channel: str, frequency: float, run: str, share_of_range: float)
             f'{percent(share_of_range)} of range rms')
 
 
-def _shapes(causes: Sequence[Mapping[str, Any]]) -> str:
-    shapes = [shape_words(cause) for cause in causes if 'coordinate' in cause]
+def _shapes(left: Sequence[ShapeEntry]) -> str:
+    shapes = [shape_words(shape) for shape in left]
     return f'What is left: {"; ".join(shapes)}.' if shapes else ''
 
 
-def _open_cause(cause: Mapping[str, Any]) -> str:
+def _open_cause(cause: CauseEntry) -> str:
     if len(cause['group']) == 1:
         return f'One cause is {lowered(title_of(cause["effect"]))}{_size(cause)}.'
     names = [lowered(title_of(name)) for name in cause['group']]
     return f'These data cannot tell which it is: {" or ".join(names)}.'
 
 
-def _size(cause: Mapping[str, Any]) -> str:
+def _size(cause: CauseEntry) -> str:
     return f' ({size_of(cause)})'
 
 

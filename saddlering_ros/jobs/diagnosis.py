@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import json
 
 from saddlering_ros.diagnosis import diagnose_bags
+from saddlering_ros.diagnosis.contract import causes_of
 from saddlering_ros.jobs.plain_types import PARAMETER_TYPES, RIG_TYPES
 from saddlering_ros.rig import ParameterSet, read_parameters, Rig
 
@@ -44,6 +45,6 @@ def run(request: DiagnosisRequest, on_progress: Callable[[tuple[str, float]], No
         request.bags, request.hold_out, request.rig, start, seed=request.seed,
         on_progress=lambda stage, share: on_progress((stage, share)))
     document = found.to_json()
-    causes = [cause['effect'] for cause in document['causes'] if 'effect' in cause]
+    causes = [cause['effect'] for cause in causes_of(document)]
     words = found.verdict + (f': {", ".join(causes)}' if causes else '')
     return DiagnosisAnswer(found.verdict, json.dumps(document), words, found.extended_parameters())

@@ -4,10 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 import math
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
+from saddlering_ros.diagnosis.contract import (
+    CandidateEntry,
+    CauseEntry,
+    ChannelEntry,
+    LimitEntry,
+    ShapeEntry,
+    shapes_of,
+)
 from saddlering_ros.diagnosis.wording import (
     choices_of,
     Document,
@@ -78,13 +86,13 @@ def proof_picture(run: RunCurves, channel: str) -> str:
 def causes(document: Document) -> str:
     """Each cause with its numbers, its look-alikes and what would settle it."""
     parts = [_cause(cause, document) for cause in effects_of(document)]
-    shapes = [shape_words(cause) for cause in document['causes'] if 'coordinate' in cause]
+    shapes = [shape_words(shape) for shape in shapes_of(document)]
     if shapes:
         parts.insert(0, html.paragraph('The residual has this shape:') + html.bullets(shapes))
     return html.section('Causes', *parts)
 
 
-def _look_alike_rows(cause: Mapping[str, Any], document: Document) -> list[list[str | Cell]]:
+def _look_alike_rows(cause: CauseEntry, document: Document) -> list[list[str | Cell]]:
     """The causes these data cannot tell from this one, with the measurement that would."""
     evidence = {item['effects'][-1]: item['delta_bic'] for item in reversed(
         document.get('candidates') or []) if item['effects']}
@@ -98,7 +106,7 @@ def _look_alike_rows(cause: Mapping[str, Any], document: Document) -> list[list[
     return rows
 
 
-def _cause(cause: Mapping[str, Any], document: Document) -> str:
+def _cause(cause: CauseEntry, document: Document) -> str:
     effect_id = cause['effect']
     known = catalogue().get(effect_id)
     rows = _cause_parameters(cause)
@@ -123,7 +131,7 @@ def _cause(cause: Mapping[str, Any], document: Document) -> str:
     ])
 
 
-def _confirmation(cause: Mapping[str, Any], document: Document) -> str:
+def _confirmation(cause: CauseEntry, document: Document) -> str:
     """What would confirm a cause, unless the next test is there for that."""
     known = catalogue().get(cause['effect'])
     is_next = lowered(title_of(cause['effect'])) in (document.get('next_test') or '')
@@ -132,7 +140,7 @@ def _confirmation(cause: Mapping[str, Any], document: Document) -> str:
     return f'To confirm it: {known.settled_by}'
 
 
-def _cause_parameters(cause: Mapping[str, Any]) -> list[list[str | Cell]]:
+def _cause_parameters(cause: CauseEntry) -> list[list[str | Cell]]:
     """Where the cause acts, and each fitted parameter with its meaning."""
     effect_id = cause['effect']
     known = catalogue().get(effect_id)
@@ -175,14 +183,14 @@ def misfit(document: Document) -> str:
     )
 
 
-def _mark(value: float | None, item: Mapping[str, float | None]) -> str:
+def _mark(value: float | None, item: ChannelEntry) -> str:
     floor = item['noise_floor']
     if value is None or floor is None:
         return ''
     return 'bad' if value > allowed_misfit(floor) else 'good'
 
 
-def identified(found: Document, words: str = '') -> str:
+def identified(found: Mapping[str, Any], words: str = '') -> str:
     """What an identification found: values, errors, intervals, and what it cannot determine."""
     rows: list[list[str | Cell]] = []
     for name in PARAMETER_NAMES:
@@ -319,7 +327,7 @@ def residuals(curves: Sequence[RunCurves]) -> str:
 
 def shape_tests(document: Document) -> str:
     """Tests on what is left: channel by coordinate, before and after."""
-    shapes = document.get('shapes') or {}
+    shapes = document.get('shapes')
     if not shapes:
         return ''
     before = {(item['channel'], item['coordinate']): item for item in shapes['before']}
@@ -339,7 +347,7 @@ def shape_tests(document: Document) -> str:
     )
 
 
-def _shape_cell(before: Mapping[str, Any] | None, after: Mapping[str, Any] | None) -> Cell:
+def _shape_cell(before: ShapeEntry | None, after: ShapeEntry | None) -> Cell:
     if before is None or after is None:
         return number('–')
     shares = ' → '.join(percent(item['share_of_range']) for item in (before, after))
@@ -380,7 +388,7 @@ def candidates(document: Document) -> str:
     return html.section('Evidence', *parts)
 
 
-def _candidate(item: Mapping[str, Any]) -> list[str | Cell]:
+def _candidate(item: CandidateEntry) -> list[str | Cell]:
     last = item['effects'][-1]
     values = item['parameters'].get(last, {})
     return [
@@ -400,7 +408,7 @@ def _fitted_words(effect_id: str, values: Mapping[str, float]) -> str:
                               for name, value in values.items() if name in units])
 
 
-def _found_from(limits: Mapping[str, Any]) -> str:
+def _found_from(limits: LimitEntry) -> str:
     """The size found nine times in ten, and how many of the places tried stay dark."""
     if not limits['testable']:
         return 'cannot be seen'
@@ -409,12 +417,13 @@ def _found_from(limits: Mapping[str, Any]) -> str:
     return f'{found}; at {dark} of {len(limits["places"])} places never' if dark else found
 
 
-def _limit(limits: Mapping[str, Any], key: str) -> str:
+def _limit(limits: LimitEntry, key: Literal['limit', 'best_limit', 'material_limit']) -> str:
     """A size of an effect's first parameter as people read it."""
     known = catalogue().get(limits['effect'])
-    if limits[key] is None or known is None:
-        return quantity(limits[key], limits['unit'])
-    return value_words(limits['effect'], known.parameters[0].name, limits[key], limits['unit'])
+    size = limits[key]
+    if size is None or known is None:
+        return quantity(size, limits['unit'])
+    return value_words(limits['effect'], known.parameters[0].name, size, limits['unit'])
 
 
 def detection_limits(document: Document) -> str:

@@ -33,10 +33,10 @@ class HeadLine:
 
 def head_line(run: TestRun, *, held_out: bool = False) -> HeadLine:
     """What the head says of one run."""
-    details: dict[str, str] = getattr(run, 'details', {})
     return HeadLine(
         run.path.name, run.test, round(float(np.degrees(run.elevation)), 2), run.rig, run.run,
-        details.get('date', '') or date_of(int(run.stamps[0])), details.get('operator', ''),
+        run.details.get('date', '') or date_of(int(run.stamps[0])),
+        run.details.get('operator', ''),
         held_out)
 
 

@@ -8,6 +8,7 @@ from documents import document, run_curves
 import numpy as np
 import pytest
 
+from saddlering_ros.bags import read_run, TestFacts, write_bag
 from saddlering_ros.bags.scatter import white_noise
 from saddlering_ros.diagnosis.wording import gain_sentence, headline
 from saddlering_ros.report import chapters, figures
@@ -16,7 +17,7 @@ from saddlering_ros.report.curves import branches, spectrum
 from saddlering_ros.report.curves_file import curves_path, write_curves
 from saddlering_ros.report.diagnosis_page import diagnosis_page
 from saddlering_ros.report.drawing import draw
-from saddlering_ros.report.header import date_of, head, HeadLine
+from saddlering_ros.report.header import date_of, head, head_line, HeadLine
 from saddlering_ros.report.html import pictures_of
 from saddlering_ros.report.interactive import chart_of
 from saddlering_ros.rig import default_rig
@@ -156,6 +157,17 @@ def test_the_head_names_rig_hash_dimensions_dates_and_who_may_be_there():
                   'A. Engineer', 'held out', '600 mm', '97', '25.0 t'):
         assert words in shown
     assert 'operator' not in head('A title', rig, [replace(line, operator='')])
+
+
+def test_date_and_operator_come_from_the_bag(tmp_path):
+    facts = TestFacts('static', 50.0, 'SR-017', details={'operator': 'A. Engineer',
+                                                         'date': '2026-11-20'})
+    stamps = np.arange(200, dtype=np.int64) * 10_000_000
+    gaps = [np.full(200, 1e-3) + 1e-8 * np.arange(200)] * 4
+    path = write_bag(tmp_path / 'bag', facts, stamps, 5e3 + np.arange(200.0), [stamps] * 4, gaps,
+                     default_rig().probes)
+    found = head_line(read_run(path), held_out=False)
+    assert (found.date, found.operator, found.rig) == ('2026-11-20', 'A. Engineer', 'SR-017')
 
 
 def test_a_stamp_that_is_no_date_gives_none():
