@@ -44,9 +44,11 @@ def run(args: argparse.Namespace) -> int:
     from saddlering_ros import identify, load_rig
     from saddlering_ros.cli._progress import Bar
     from saddlering_ros.cli._samples import bags_of
+    from saddlering_ros.identification import IdentificationSettings
 
-    bounds = parse_bounds(args.bounds)
-    bags = bags_of(args, args.bags, load_rig(args.rig))
+    bounds, rig = parse_bounds(args.bounds), load_rig(args.rig)
+    IdentificationSettings(bounds=bounds).bounds_for(rig)  # a fault is reported before any reading
+    bags = bags_of(args, args.bags, rig)
     with Bar() as bar:
         found = identify(
             bags, rig=args.rig, method=args.method, bounds=bounds, particles=args.particles,

@@ -7,6 +7,7 @@ import sys
 
 from saddlering_ros.effects import catalogue
 from saddlering_ros.effects.base import Effect, EffectParameter, STAGES
+from saddlering_ros.effects.rig_tests import RIG_TESTS
 
 OPENING = """\
 # Catalogue of effects
@@ -43,7 +44,17 @@ def catalogue_page() -> str:
     for stage in STAGES:
         parts.append(f'\n## {stage.capitalize()}\n')
         parts += [_section(effect) for effect in effects if effect.stage == stage]
-    return '\n'.join([*parts, ADDING])
+    return '\n'.join([*parts, *_tests(), ADDING])
+
+
+def _tests() -> Iterator[str]:
+    """The tests that the next test of a verdict is chosen from."""
+    yield ('\n## Tests that tell causes apart\n\nThe next test of a verdict is the one that gives '
+           'most of the open causes an outcome of their own; of tests that tell as much, the '
+           'first in this table.\n\n| test | what to do | what other causes show |\n|---|---|---|')
+    for test in RIG_TESTS:
+        yield f'| `{test.id}` | {test.instruction} | {test.otherwise or "may show anything"} |'
+    yield ''
 
 
 def _overview(effects: list[Effect]) -> Iterator[str]:
@@ -64,6 +75,10 @@ def _section(effect: Effect) -> str:
     lines += [_parameter(parameter) for parameter in effect.parameters]
     lines += [f'\nChoice `{choice.name}`: {choice.words}.' for choice in effect.choices]
     lines.append(f'\nSettled by: {_sentence(effect.settled_by)}\n')
+    shown = [f'`{test.id}`: {words}' for test in RIG_TESTS
+             if (words := getattr(effect.outcomes, test.id))]
+    if shown:
+        lines.append(f'[Tests](#tests-that-tell-causes-apart) would show {"; ".join(shown)}.\n')
     return '\n'.join(lines)
 
 
