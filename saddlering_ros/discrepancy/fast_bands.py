@@ -25,6 +25,9 @@ WAVE_SAMPLES = 4
 MAX_BASIS = 512
 """Half waves at most that are laid out as a basis."""
 
+MAX_BASIS_NUMBERS = 2_000_000
+"""And numbers that such a basis holds: the cost of laying it out grows with them."""
+
 NOISE_DRAWS = 8
 """Draws from which the plain size of a wide octave's noise is known, to a few percent."""
 
@@ -131,7 +134,9 @@ def fast_bands(metric: Metric, first: int) -> list[Band]:
         begin = first
         while begin <= last:
             stop = min(2 * begin - 1, last + 1)
-            build = _basis_band if stop - begin <= MAX_BASIS else _transform_band
+            count = stop - begin
+            narrow = count <= MAX_BASIS and count * run.time.size <= MAX_BASIS_NUMBERS
+            build = _basis_band if narrow else _transform_band
             bands.append(build(index, run, begin, stop, parts, whiteners))
             begin = stop
     return bands
