@@ -6,7 +6,6 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import lru_cache
 import hashlib
-from importlib import metadata
 from pathlib import Path
 import platform
 from typing import Any
@@ -29,6 +28,8 @@ def sha256_of_file(path: Path | str) -> str:
 @lru_cache(maxsize=1)
 def versions_in_use() -> dict[str, str]:
     """Versions of this package, of Python and of the libraries that compute, by name."""
+    from importlib import metadata  # which takes longer than all else that `--help` needs
+
     found = {'saddlering_ros': __version__, 'code': code_hash(),
              'python': platform.python_version()}
     for name in COMPUTING:

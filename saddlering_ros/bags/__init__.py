@@ -1,4 +1,11 @@
-"""Bags in and out: reading, alignment, plateaus, writing, and what is wrong with a bag."""
+"""Bags in and out: reading, alignment, plateaus, writing, and what is wrong with a bag.
+
+Writing is imported when it is first used: its libraries take a quarter of a second.
+"""
+
+from __future__ import annotations
+
+from typing import Any, TYPE_CHECKING
 
 from saddlering_ros.bags.alignment import (
     align,
@@ -17,7 +24,9 @@ from saddlering_ros.bags.reader import RawRecord, RawTopic, read_raw, read_run, 
 from saddlering_ros.bags.repeats import refuse_repeats
 from saddlering_ros.bags.same_rig import refuse_other_rig, rig_in_words
 from saddlering_ros.bags.topics import LOAD_TOPIC, PROBE_TOPICS, RIG_TOPICS
-from saddlering_ros.bags.writer import write_bag
+
+if TYPE_CHECKING:
+    from saddlering_ros.bags.writer import write_bag
 
 __all__ = [
     'LOAD_TOPIC', 'PROBE_TOPICS', 'RIG_TOPICS', 'AlignedRow', 'AlignmentCounters', 'BagError',
@@ -26,3 +35,12 @@ __all__ = [
     'displacement_of_run', 'plateau_means', 'plateaus', 'read_raw', 'read_run',
     'refuse_other_rig', 'refuse_repeats', 'rig_in_words', 'seconds', 'seconds_array', 'write_bag',
 ]
+
+
+def __getattr__(name: str) -> Any:
+    """Import `write_bag` on its first use."""
+    if name == 'write_bag':
+        from saddlering_ros.bags.writer import write_bag
+
+        return write_bag
+    raise AttributeError(f'module {__name__!r} has no attribute {name!r}')

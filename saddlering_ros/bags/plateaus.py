@@ -345,8 +345,6 @@ def _modelled(
     what such noise would give after the mean of n samples was taken from it, exactly. The
     relaxation is taken to last n/2 samples at most, since a longer one looks the same.
     """
-    from scipy.optimize import nnls  # here, since most runs need none of scipy
-
     size = len(covariance)
     lags = np.arange(size)
     used = slice(0, max(size // 2, 3))
@@ -357,12 +355,34 @@ def _modelled(
     for relaxation in np.geomspace(0.5, max(size / 2.0, 1.0), 40):
         slow = np.exp(-lags / relaxation)
         seen = np.stack([_after_mean(white), _after_mean(slow)])[:, used] * weight
-        amounts, residual = nnls(seen.T, covariance[used] * weight)
+        amounts, residual = _two_amounts(seen, covariance[used] * weight)
         if residual < misfit:
             misfit = residual
             best = amounts[1] * np.exp(-np.arange(length) / relaxation)
             best[0] += amounts[0]
     return best
+
+
+def _two_amounts(
+    shapes: NDArray[np.float64], target: NDArray[np.float64],
+) -> tuple[NDArray[np.float64], float]:
+    """Amounts (2,), not negative, of two shapes (2, n) nearest to a target (n,); the misfit."""
+    gram, moments = shapes @ shapes.T, shapes @ target
+    determinant = gram[0, 0] * gram[1, 1] - gram[0, 1] ** 2
+    candidates = [np.zeros(2)]
+    if determinant > 0.0:
+        both = np.array([gram[1, 1] * moments[0] - gram[0, 1] * moments[1],
+                         gram[0, 0] * moments[1] - gram[0, 1] * moments[0]]) / determinant
+        if (both >= 0.0).all():
+            candidates.append(both)
+    for index in (0, 1):
+        if gram[index, index] > 0.0 and moments[index] > 0.0:
+            alone = np.zeros(2)
+            alone[index] = moments[index] / gram[index, index]
+            candidates.append(alone)
+    misfits = [float(np.linalg.norm(target - amounts @ shapes)) for amounts in candidates]
+    best = int(np.argmin(misfits))
+    return candidates[best], misfits[best]
 
 
 def _after_mean(covariance: NDArray[np.float64]) -> NDArray[np.float64]:

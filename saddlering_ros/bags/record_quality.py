@@ -31,6 +31,9 @@ STALL_STEPS = 3.0
 STALL_CHANCE = 1e-6
 """A run of equal readings that chance makes more often than this is none."""
 
+MEDIAN_BLOCK = 1 << 16
+"""Readings whose running median is taken at a time: a few megabytes of windows."""
+
 SPIKE_SIZE = 10.0
 """A reading further than this many standard deviations from its four neighbours is a spike."""
 
@@ -171,15 +174,28 @@ def spikes_of(values: Floats) -> NDArray[np.intp]:
     """
     if values.size < 10:
         return np.zeros(0, dtype=np.intp)
-    from scipy.ndimage import median_filter
-
-    away = np.abs(values - median_filter(values, 5, mode='nearest'))
+    away = np.abs(values - _running_median(values, 5))
     step = common_step(values)
     scale = max(1.4826 * float(np.median(away)), 0.5 * white_noise(values), 0.5 * step)
     # What moves fast in the neighbourhood is no spike.
     change = np.abs(np.diff(values, append=values[-1]))
-    around = median_filter(change, 9, mode='nearest')
+    around = _running_median(change, 9)
     return np.flatnonzero(away > SPIKE_SIZE * np.maximum(scale, 0.5 * around))
+
+
+def _running_median(values: Floats, width: int) -> Floats:
+    """The median of `width` (odd) readings about each; at the ends the last one is repeated.
+
+    As scipy.ndimage.median_filter(mode='nearest'), whose import takes longer than the bag.
+    """
+    half = width // 2
+    padded = np.pad(values, half, mode='edge')
+    result = np.empty_like(values, dtype=np.float64)
+    for start in range(0, len(values), MEDIAN_BLOCK):
+        stop = min(start + MEDIAN_BLOCK, len(values))
+        windows = np.lib.stride_tricks.sliding_window_view(padded[start:stop + 2 * half], width)
+        result[start:stop] = np.partition(windows, half, axis=1)[:, half]
+    return result
 
 
 def _evenly_held(changes: Floats) -> bool:

@@ -10,11 +10,11 @@ from pathlib import Path
 
 from saddlering_ros.errors import SaddleringError
 
-BAGS_READ = ('bag', 'bags', 'hold_out')
+BAGS_READ = ('bag', 'bags', 'hold_out', 'check')
 """Arguments that name bags."""
-FILES_READ = ('rig', 'params', 'identification')
+FILES_READ = ('rig', 'params', 'identification', 'files', 'map')
 """Arguments that name files that are read."""
-WRITTEN = ('out', 'json', 'report', 'plots', 'record', 'log')
+WRITTEN = ('out', 'preview', 'drawing', 'json', 'report', 'plots', 'record', 'log')
 """Arguments that name what is written."""
 FOLDERS_FILLED = (('demo', 'out'), ('validate', 'plots'), ('replay', 'log'))
 """Outputs that are folders to put files into: what is in them already stays."""

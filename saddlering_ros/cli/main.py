@@ -14,13 +14,12 @@ import shlex
 import signal
 import sys
 from types import ModuleType
-from typing import NoReturn
+from typing import Any, NoReturn
 
 from saddlering_ros import __version__, cli
 from saddlering_ros.cli._files import check_files
 from saddlering_ros.cli._parser import examples_text, OneLineParser, UNUSABLE
 from saddlering_ros.errors import SaddleringError
-from saddlering_ros.provenance import code_hash
 
 DONE = 0
 OUR_FAILURE = 1
@@ -54,8 +53,7 @@ def build_parser() -> tuple[argparse.ArgumentParser, dict[str, Run]]:
         description='Test rig, simulator and diagnosis of a saddle bearing.',
         epilog=examples_text('saddlering'),
     )
-    parser.add_argument('--version', action='version',
-                        version=f'saddlering {__version__} (code {code_hash()})')
+    parser.add_argument('--version', action=_Version, help='show the version and leave')
     _add_traceback(parser, default=False)
     subparsers = parser.add_subparsers(dest='command', metavar='COMMAND', required=True)
     runs: dict[str, Run] = {}
@@ -112,6 +110,19 @@ def main(argv: Sequence[str] | None = None) -> int:
         return run_reporting(runs[args.command], args)
     except KeyboardInterrupt:
         return INTERRUPTED
+
+
+class _Version(argparse.Action):
+    """Prints the version; the hash of the code is taken only then."""
+
+    def __init__(self, option_strings: Sequence[str], dest: str, **options: Any) -> None:
+        super().__init__(option_strings, argparse.SUPPRESS, nargs=0, **options)
+
+    def __call__(self, parser: argparse.ArgumentParser, *_: Any) -> None:
+        from saddlering_ros.provenance import code_hash
+
+        print(f'saddlering {__version__} (code {code_hash()})')
+        parser.exit()
 
 
 def _add_traceback(parser: argparse.ArgumentParser, default: object) -> None:

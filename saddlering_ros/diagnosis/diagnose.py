@@ -6,7 +6,13 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from saddlering_ros.bags import read_run, refuse_other_rig, refuse_repeats, TestRun
+from saddlering_ros.bags import (
+    read_run,
+    refuse_other_rig,
+    refuse_repeats,
+    rig_in_words,
+    TestRun,
+)
 from saddlering_ros.diagnosis import next_test
 from saddlering_ros.diagnosis.contact_law import contact_law
 from saddlering_ros.diagnosis.document import signature_cosines
@@ -94,7 +100,7 @@ def diagnose_runs(
     if found.verdict == 'unknown' and _is_rounding(figures):
         found = replace(found, verdict='none', causes=())
         notes.append('no misfit exceeds the noise with the rounding of the coarse probes in it')
-    sentence = _next_test(found)
+    sentence = _geometry_first(_next_test(found), found, [*runs, *hold_out], rig)
     rigs = rigs_of(records)
     if len(rigs) > 1 and found.verdict != 'none':
         # What parts one rig from another would get the name of a cause.
@@ -125,6 +131,20 @@ def _is_rounding(figures: Sequence[RunFigures]) -> bool:
     return is_coarse and all(
         item.nrmse_before <= item.noise_floor
         for run in figures for item in run.channels.values())
+
+
+def _geometry_first(
+    sentence: str | None, found: Diagnosis, runs: Sequence[TestRun], rig: Rig,
+) -> str | None:
+    """The advice with the rig file before the hardware, where no hash vouches for the file.
+
+    A wrong dimension misfits in a shape that no cause has; nothing need be unscrewed to see that.
+    """
+    if found.verdict != 'unknown' or all(run.rig_hash == rig.digest for run in runs):
+        return sentence
+    first = (f'First compare the rig file with the ring ({rig_in_words(rig)}): saddlering rig '
+             '--check BAG and its drawing show a wrong dimension, span, polarity or elevation.')
+    return f'{first} {sentence}' if sentence else first
 
 
 def _next_test(found: Diagnosis) -> str | None:

@@ -140,3 +140,19 @@ def test_forces_and_lengths_are_printed_as_they_are_read_with_si_beside(capsys):
     assert 't (4.81 to 237.10 kN)' in shown
     assert ' kN ' in shown
     assert ' um ' in shown
+
+
+def test_help_and_info_do_not_import_what_they_do_not_need():
+    for words, unwanted in ((['--help'], ('numpy', 'rich', 'importlib.metadata')),
+                            (['info', 'bags/static_50'], ('scipy', 'rosbags', 'matplotlib',
+                                                          'numba', 'pyarrow'))):
+        program = ('import sys\nfrom saddlering_ros.cli.main import main\n'
+                   f'try:\n    main({words!r})\nexcept SystemExit:\n    pass\n'
+                   f'print([name for name in {unwanted!r} if name in sys.modules])')
+        done = subprocess.run([sys.executable, '-S', '-c', _WITH_SITE + program], cwd=ROOT,
+                              capture_output=True, text=True, check=True)
+        assert done.stdout.splitlines()[-1] == '[]'
+
+
+_WITH_SITE = f'import sys\nsys.path[:0] = {sys.path!r}\n'
+"""The packages without what the environment imports at every start of Python."""
