@@ -8,9 +8,9 @@ from datetime import datetime, timezone
 import numpy as np
 
 from saddlering_ros.fleet.history import History
-from saddlering_ros.fleet.observations import SessionFigures
+from saddlering_ros.fleet.observations import Array, SessionFigures
 
-WIDTH, HEIGHT, MARGIN = 210, 96, 22
+WIDTH, HEIGHT, MARGIN = 176, 96, 30
 
 COLOURS = {
     'none': '#2f8f4e', 'named': '#1f6fb2', 'ambiguous': '#d9930d', 'unknown': '#d1495b',
@@ -27,12 +27,14 @@ def history_drawing(history: History, title: str, clock: str) -> str:
     series = history.series
     first = history.level[0]
     relative = not title.startswith('exponent')
-    factor = 100.0 if relative else 1.0
-    value, level = (factor * (item - first) if relative else item
-                    for item in (series.value, history.level))
-    reach = 2.0 * factor * series.std
+
+    def shown(numbers: Array) -> Array:
+        return np.asarray(100.0 * np.expm1(numbers - first)) if relative else numbers
+
+    value, level = shown(series.value), shown(history.level)
+    bottom, top = shown(series.value - 2.0 * series.std), shown(series.value + 2.0 * series.std)
     left, right = float(series.time[0]), float(series.time[-1])
-    low, high = float((value - reach).min()), float((value + reach).max())
+    low, high = float(bottom.min()), float(top.max())
     pad = 0.08 * max(high - low, 1e-9)
 
     def x(time: float) -> float:
@@ -46,17 +48,17 @@ def history_drawing(history: History, title: str, clock: str) -> str:
         if renewed:
             parts.append(f'<line x1="{x(time):.1f}" x2="{x(time):.1f}" y1="16" y2="{HEIGHT - 16}" '
                          f'stroke="{SOFT}" stroke-dasharray="3 2"/>')
-    for time, number, wide in zip(series.time, value, reach, strict=True):
-        parts.append(f'<line x1="{x(time):.1f}" x2="{x(time):.1f}" y1="{y(number - wide):.1f}" '
-                     f'y2="{y(number + wide):.1f}" stroke="{SOFT}"/>')
+    for time, number, under, over in zip(series.time, value, bottom, top, strict=True):
+        parts.append(f'<line x1="{x(time):.1f}" x2="{x(time):.1f}" y1="{y(under):.1f}" '
+                     f'y2="{y(over):.1f}" stroke="{SOFT}"/>')
         parts.append(f'<circle cx="{x(time):.1f}" cy="{y(number):.1f}" r="2" fill="{INK}"/>')
     points = ' '.join(f'{x(time):.1f},{y(number):.1f}'
                       for time, number in zip(series.time, level, strict=True))
     parts.append(f'<polyline points="{points}" fill="none" stroke="#1f6fb2" stroke-width="1.5"/>')
-    unit = ' %' if relative else ''
+    unit, digits = (' %', 0) if relative else ('', 3)
     for number in (low, high):
         parts.append(f'<text x="0" y="{y(number) + 3:.1f}" font-size="8" fill="{SOFT}">'
-                     f'{number:.3g}{unit}</text>')
+                     f'{number:.{digits}f}{unit}</text>')
     unit = 'h' if clock == 'service_hours' else 'years'
     parts.append(f'<text x="{WIDTH - 4}" y="{HEIGHT - 3}" font-size="8" fill="{SOFT}" '
                  f'text-anchor="end">{right - left:.4g} {unit}</text>')

@@ -72,6 +72,19 @@ RIG_CHECK = (
 )
 
 
+def words_of(group: Sequence[str]) -> str:
+    """A group of coordinates or causes as a person reads it."""
+    return ' or '.join(NAMES.get(name, name.replace('_', ' ')) for name in group)
+
+
+NAMES = {
+    'stiffness_1': 'stiffness of the axial rows', 'stiffness_2': 'stiffness of the radial row',
+    'damping_1': 'damping of the axial rows', 'damping_2': 'damping of the radial row',
+    'exponent_1': 'exponent of the axial rows', 'exponent_2': 'exponent of the radial row',
+    'load_gain': 'gain of the load cell', 'contact_stiffness': 'contact of the ring',
+}
+
+
 def histories_of(ring: str, sessions: Sequence[SessionFigures]) -> RingHistory:
     """Histories of every coordinate that enough sessions measured."""
     hours = np.array([session.service_hours for session in sessions])

@@ -10,7 +10,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from saddlering_ros.fleet.drifts import Drift, histories_of, RingHistory, significant_drifts
+from saddlering_ros.fleet.drifts import (
+    Drift,
+    histories_of,
+    RingHistory,
+    significant_drifts,
+    words_of,
+)
 from saddlering_ros.fleet.error_control import (
     benjamini_hochberg,
     e_benjamini_hochberg,
@@ -69,12 +75,12 @@ class RingJudgement:
         answer = []
         if self.finding:
             names = sorted({name for item in self.sessions for name in item.causes})
-            answer.append('finding: ' + (', '.join(names) or 'cause unknown'))
+            answer.append('finding: ' + (', '.join(names).replace('_', ' ') or 'cause unknown'))
         if self.unlike is not None and self.unlike.stands:
             strongest = COORDINATES[int(np.argmax(np.abs(self.unlike.z_scores)))]
-            answer.append(f'unlike its sisters in {strongest}')
+            answer.append(f'unlike its sisters in {words_of([strongest])}')
         if self.drift is not None:
-            answer.append('drifts: ' + ' or '.join(self.drift.group))
+            answer.append(f'drifts: {words_of(self.drift.group)}')
         return tuple(answer)
 
 

@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Sequence
 import html as markup
+import math
 
 from saddlering_ros.fleet.drawing import history_drawing, verdicts_drawing
-from saddlering_ros.fleet.drifts import Drift
+from saddlering_ros.fleet.drifts import Drift, words_of
 from saddlering_ros.fleet.judgement import Fleet, RingJudgement
 from saddlering_ros.fleet.observations import COORDINATES
 from saddlering_ros.report import html
@@ -15,7 +16,15 @@ from saddlering_ros.report import html
 MAX_DRAWN = 40
 """Rings whose histories are drawn."""
 
-CSS = '<style>.row { display: flex; flex-wrap: wrap; gap: 4px 14px; }</style>'
+CSS = ('<style>.row { display: flex; flex-wrap: wrap; gap: 4px 8px; }\n'
+       'td:nth-child(-n+2) { white-space: nowrap; }</style>')
+
+
+UNLIKE_TEST = (
+    'Test the ring on another rig. If it differs there too, measure its clearances; if it does '
+    'not, the rig is at fault.'
+)
+"""What parts a ring that differs from the rig that tested it."""
 
 
 def fleet_page(fleet: Fleet, failures: Sequence[tuple[str, str]]) -> str:
@@ -54,21 +63,30 @@ def _needs_a_person(fleet: Fleet, flagged: Sequence[RingJudgement]) -> str:
 
 
 def _rig_line(drift: Drift) -> str:
-    return (f'Rig {drift.owner}: most of its rings drift together ({" or ".join(drift.group)}), '
+    return (f'Rig {drift.owner}: most of its rings drift together ({words_of(drift.group)}), '
             f'so the rig is at fault and not the rings. {drift.next_test}')
 
 
 def _next_test(item: RingJudgement) -> str:
     if item.drift is not None:
         return item.drift.next_test
-    return next((session.next_test for session in reversed(item.sessions) if session.next_test),
-                '')
+    found = next((session.next_test for session in reversed(item.sessions) if session.next_test),
+                 '')
+    if not found and item.unlike is not None and item.unlike.stands:
+        return UNLIKE_TEST
+    return found
 
 
 def _life(item: RingJudgement) -> str:
     unit = 'h' if item.history.clock == 'service_hours' else 'years'
-    return '; '.join(f'{name}: {life.median:.3g} {unit} ({life.low:.3g} to {life.high:.3g})'
-                     for name, life in item.life.items())
+    return '; '.join(
+        f'{name}: {_long(life.median)} {unit} ({_long(life.low)} to {_long(life.high)})'
+        for name, life in item.life.items())
+
+
+def _long(time: float) -> str:
+    """A time of three digits, without an exponent."""
+    return 'beyond the horizon' if math.isinf(time) else f'{float(f"{time:.3g}"):g}'
 
 
 def _links(item: RingJudgement) -> html.Cell:

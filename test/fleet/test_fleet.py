@@ -177,7 +177,7 @@ def test_document_and_page_name_who_needs_a_person():
     fleet = fleet_of({**{f'SR-{number}': STILL for number in range(5)}, 'SR-worn': WEAR},
                      limits={'K1': 1e7})
     document = json.loads(json.dumps(fleet_document(fleet), allow_nan=False))
-    assert document['rings'][0]['reasons'] == ['drifts: stiffness_1']
+    assert document['rings'][0]['reasons'] == ['drifts: stiffness of the axial rows']
     assert document['rings'][0]['remaining_life']['K1']['median'] > 0.0
     page = fleet_page(fleet, [('SR-9 2026-01-01', 'no unloading branch')])
     assert 'SR-worn' in page
