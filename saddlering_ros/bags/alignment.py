@@ -32,6 +32,12 @@ GAP_FLOOR_NS = 5_000_000
 JITTER_NS = 250_000_000
 """A stamp further back than this behind its topic's newest one is a clock that jumped back."""
 
+DEAD_AFTER_NS = 2_000_000_000
+"""A live probe without a sample for this long, while the load goes on, does not read, and rows go
+out without it. Longer than any step of a replay in lockstep."""
+
+NEVER = np.iinfo(np.int64).max
+
 PROBES = 4
 """Channels of the ring's rig; an aligner can be made for more."""
 
@@ -104,7 +110,8 @@ class AlignedRow(NamedTuple):
     """One load sample and what the four probes read at its stamp.
 
     `stamp` [ns]; `time` [s] since the first load stamp (after the last restart); `load` [N];
-    `gaps` (4,) [m]; `restart` counts how often the load's stamps jumped back before this row.
+    `gaps` (4,) [m], NaN for a probe that does not
+    read; `restart` counts how often the load's stamps jumped back before this row.
     """
 
     stamp: int
@@ -124,6 +131,7 @@ class AlignmentCounters:
     late_loads:    load samples that came after a row with a later stamp had gone out
     duplicates:    samples with a stamp already taken, load and probes together
     reordered:     samples that came late, and still in time to be put in order
+    degraded:      rows that went out without the reading of a probe that does not read
     not_finite:    NaN or infinite samples
     overflow:      probe samples thrown away since no load came for them
     load_jumps:    times the load's stamps jumped back (each one restarts the aligner)
@@ -136,6 +144,7 @@ class AlignmentCounters:
     late_loads: int = 0
     duplicates: int = 0
     reordered: int = 0
+    degraded: int = 0
     not_finite: int = 0
     overflow: int = 0
     load_jumps: int = 0
@@ -155,16 +164,19 @@ _WAIT = 0
 _SERVED = 1
 _BEFORE = 2
 _GAP = 3
+_ABSENT = 4
 
 
 class _ProbeBuffer:
     """The recent samples of one probe, in stamp order, and the place the load has reached."""
 
-    __slots__ = ('counters', 'cursor', 'jumped', 'limit', 'newest', 'stamps', 'value', 'values')
+    __slots__ = ('counters', 'cursor', 'dead_after', 'jumped', 'limit', 'newest', 'stamps',
+                 'value', 'values')
 
-    def __init__(self, counters: AlignmentCounters, limit: int) -> None:
+    def __init__(self, counters: AlignmentCounters, limit: int, dead_after: int) -> None:
         self.counters = counters
         self.limit = limit
+        self.dead_after = dead_after
         self.stamps: list[int] = []
         self.values: list[float] = []
         self.cursor = 0
@@ -216,12 +228,16 @@ class _ProbeBuffer:
         del self.values[:count]
         self.cursor = max(0, self.cursor - count)
 
-    def serve(self, stamp: int) -> int:
-        """Put the reading at `stamp` into `value`, or say why there is none (yet)."""
+    def serve(self, stamp: int, run_start: int, newest: int) -> int:
+        """Put the reading at `stamp` into `value`, or say why there is none (yet).
+
+        run_start, newest: stamps of the load [ns] between which it has gone on without a leap; a
+        probe that has been silent for more than `dead_after` of them is absent.
+        """
         stamps, index = self.stamps, self.cursor
         last = len(stamps) - 1
         if last < 0:
-            return _WAIT
+            return _ABSENT if newest - run_start > self.dead_after else _WAIT
         while index < last and stamps[index + 1] <= stamp:
             index += 1
         while index > 0 and stamps[index] > stamp:
@@ -232,12 +248,15 @@ class _ProbeBuffer:
             self.value = self.values[index]
             return _SERVED
         if before > stamp:
-            return _BEFORE
+            return _ABSENT if before - run_start > self.dead_after else _BEFORE
         if index == last:
-            return _WAIT
+            silent = newest - max(before, run_start)
+            is_dead = silent > self.dead_after and silent > gap_limit(self._history())
+            return _ABSENT if is_dead else _WAIT
         interval = stamps[index + 1] - before
         if interval > GAP_FLOOR_NS and interval > gap_limit(self._history()):
-            return _GAP
+            went_on = stamps[index + 1] - max(before, run_start)
+            return _ABSENT if went_on > self.dead_after else _GAP
         low = self.values[index]
         weight = float(stamp - before) / float(interval)
         self.value = low + (self.values[index + 1] - low) * weight
@@ -264,19 +283,25 @@ class StreamAligner:
     rows carry, so that a consumer can zero anew. Stamps that jump ahead need no restart: the gap
     rule keeps anything from being interpolated across.
 
+    A probe that has been silent for more than `dead_after` [ns] of the load's stamps does not
+    read: rows go out without it (NaN). In a batch, push the probes before the load.
+
     Memory is bounded: at most `max_pending` load samples spanning at most `max_wait` [s] wait for
     probes, and at most `max_samples` samples of each probe wait for the load.
     """
 
     def __init__(
-        self, *, channels: int = PROBES, max_wait: float = 5.0, max_pending: int = 50_000,
-        max_samples: int = 50_000,
+        self, *, channels: int = PROBES, dead_after: int = NEVER, max_wait: float = 5.0,
+        max_pending: int = 50_000, max_samples: int = 50_000,
     ) -> None:
         self.counters = AlignmentCounters()
         self.restarts = 0
         self._max_wait = round(max_wait * 1e9)
+        self._dead_after = dead_after
+        self._run_start = 0
         self._max_pending = max_pending
-        self._probes = [_ProbeBuffer(self.counters, max_samples) for _ in range(channels)]
+        self._probes = [_ProbeBuffer(self.counters, max_samples, dead_after)
+                        for _ in range(channels)]
         self._pending: deque[tuple[int, float]] = deque()
         self._epoch: int | None = None
         self._newest: int | None = None
@@ -364,6 +389,8 @@ class StreamAligner:
         pending = self._pending
         while pending:
             stamp, load = pending[0]
+            if self._last_out is None or stamp - self._last_out > self._dead_after:
+                self._run_start = stamp
             outcome = self._serve(stamp)
             if outcome == _WAIT:
                 if not self._overdue(stamp):
@@ -374,20 +401,24 @@ class StreamAligner:
             elif outcome == _GAP:
                 self.counters.in_gap += 1
             else:
+                self.counters.degraded += outcome == _ABSENT
                 rows.append(self._row(stamp, load))
             pending.popleft()
             self._last_out = stamp
         return rows
 
     def _serve(self, stamp: int) -> int:
-        outcome = _SERVED
+        assert self._newest is not None
+        outcomes = set()
         for probe in self._probes:
-            of_probe = probe.serve(stamp)
-            if of_probe > _SERVED:
-                return of_probe
-            if of_probe == _WAIT:
-                outcome = _WAIT
-        return outcome
+            outcome = probe.serve(stamp, self._run_start, self._newest)
+            if outcome == _ABSENT:
+                probe.value = nan
+            outcomes.add(outcome)
+        for outcome in (_BEFORE, _GAP, _WAIT, _ABSENT):
+            if outcome in outcomes:
+                return outcome
+        return _SERVED
 
     def _overdue(self, stamp: int) -> bool:
         newest = self._newest

@@ -94,7 +94,6 @@ class ReplayClockNode(BagNode):
         if self._rate == 0.0 and not self._lockstep:
             raise NodeError('replay_clock: rate is 0, which is as fast as the nodes follow: give '
                             'lockstep:=true too, or a rate above 0')
-        self._window = max(1, round(self.settings['window'] * SECOND))
         self._group = LockstepGroup([name for name in self.settings['participants'] if name])
         self._state = ReplayState.WAITING
         self._after_waiting = (ReplayState.PAUSED if self.settings['start_paused']
@@ -149,6 +148,10 @@ class ReplayClockNode(BagNode):
 
     # --- time ---
 
+    def _window(self) -> int:
+        """Bag time per step in lockstep [ns]; may be set while the node runs."""
+        return max(1, round(self.settings['window'] * SECOND))
+
     def _wait(self, now: float) -> None:
         self._waiting_for = self._group.absent()
         if now - self._began < HEED:
@@ -182,9 +185,9 @@ class ReplayClockNode(BagNode):
         if behind:
             return
         self._readmit()
-        if self._rate and now - self._advanced < self._window / (self._rate * SECOND):
+        if self._rate and now - self._advanced < self._window() / (self._rate * SECOND):
             return
-        self._advance(self._window, now)
+        self._advance(self._window(), now)
 
     def _give_up_on(self, behind: list[str]) -> None:
         self._timeouts += 1
@@ -315,7 +318,7 @@ class ReplayClockNode(BagNode):
             response.success = False
             response.message = f'duration is {request.duration:g} s: give 0 or more'
             return response
-        self._stop_at = self._time + (round(request.duration * SECOND) or self._window)
+        self._stop_at = self._time + (round(request.duration * SECOND) or self._window())
         self._enter(ReplayState.PLAYING, time.monotonic())
         response.message = f'goes on to {(self._stop_at - self._start) / 1e9:.3f} s'
         return response

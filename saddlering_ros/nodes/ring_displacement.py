@@ -17,6 +17,7 @@ from saddlering_ros.bags import LOAD_TOPIC, PROBE_TOPICS
 from saddlering_ros.bags.topics import LOAD, PROBES
 from saddlering_ros.rig import TONNE
 from saddlering_ros.ros.diagnostics import (
+    ERROR,
     Events,
     Finding,
     FunctionTask,
@@ -74,9 +75,10 @@ class RingDisplacementNode(StreamingNode):
                          for topic in (LOAD_TOPIC, *PROBE_TOPICS)]
         self._saturation = [SaturationTask(topic, probes.min_range, probes.max_range)
                             for topic in PROBE_TOPICS]
-        self._parity = ParityTask(self.settings['parity_noise'])
+        self._parity = ParityTask(lambda: float(self.settings['parity_noise']))
         self.tasks = [
-            FunctionTask('zero', self._zero_finding), *self._streams, *self._saturation,
+            FunctionTask('zero', self._zero_finding),
+            FunctionTask('probes', self._probes_finding), *self._streams, *self._saturation,
             self._parity, self._agreement, SourcesTask(self.sources),
             Events(self._events, harmless=('reordered',))]
 
@@ -118,7 +120,12 @@ class RingDisplacementNode(StreamingNode):
                                  int(found.stamps[-1]))
 
     def _on_zero(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        if not self.active or not self._stream.newest_stamp:
+        if not self.active:
+            response.success = False
+            response.message = ('is not active: ros2 lifecycle set '
+                                f'{self.get_fully_qualified_name()} activate')
+            return response
+        if not self._stream.newest_stamp:
             response.success = False
             response.message = 'no aligned samples yet: nothing to zero'
             return response
@@ -130,6 +137,16 @@ class RingDisplacementNode(StreamingNode):
                             f'{stamp / 1e9:.3f} s, at {self._stream.load / TONNE:.2f} t; '
                             'the simulator follows')
         return response
+
+    def _probes_finding(self) -> Finding:
+        missing = [number for number, count in enumerate(self._stream.take_missing(), 1) if count]
+        lost = {1: 'delta_x', 2: 'delta_y and gamma', 3: 'delta_x', 4: 'delta_y and gamma'}
+        if not missing:
+            return Finding(OK, 'all four read')
+        channels = ' and '.join(sorted({lost[number] for number in missing}))
+        probes = ', '.join(map(str, missing))
+        return Finding(ERROR, f'probe {probes} does not read, {channels} not known: see to the '
+                       'probe, then call ~/zero; the other channels go on')
 
     def _zero_finding(self) -> Finding:
         stream = self._stream

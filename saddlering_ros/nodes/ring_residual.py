@@ -47,7 +47,7 @@ class RingResidualNode(StreamingNode):
         self._stream = ResidualStream(self._rig.full_scale_load)
         self._streams = [StreamTask(f'/{DISPLACEMENT}'), StreamTask(f'/{SIMULATED}')]
         self._sums = np.zeros(4)
-        self._count = 0
+        self._count = np.zeros(4, np.int64)
         self.tasks = [*self._streams, FunctionTask('zero', self._zero_finding),
                       FunctionTask('residual', self._residual_finding),
                       self._agreement, SourcesTask(self.sources),
@@ -71,8 +71,8 @@ class RingResidualNode(StreamingNode):
                 task.push(batch.stamps)
         residual = self._stream.push(measured, simulated)
         if len(residual):
-            self._sums += (residual.channels ** 2).sum(axis=1)
-            self._count += len(residual)
+            self._sums += np.nansum(residual.channels ** 2, axis=1)
+            self._count += np.isfinite(residual.channels).sum(axis=1)
             self.outputs[0].send(batches.encode_displacements(residual, self.settings['frame_id']),
                                  int(residual.stamps[-1]))
 
@@ -88,13 +88,13 @@ class RingResidualNode(StreamingNode):
         return Finding(OK, 'measured and simulated count from the same zero', figures)
 
     def _residual_finding(self) -> Finding:
-        if not self._count:
+        if not self._count.any():
             return Finding(OK, 'no residual yet')
-        rms = np.sqrt(self._sums / self._count)
+        rms = np.sqrt(self._sums / np.maximum(self._count, 1))
         figures = {f'rms {name} [{"urad" if name == "gamma" else "um"}]': f'{value * 1e6:.3f}'
                    for name, value in zip(CHANNELS, rms.tolist(), strict=True)}
         self._sums = np.zeros(4)
-        count, self._count = self._count, 0
+        count, self._count = int(self._count.max()), np.zeros(4, np.int64)
         return Finding(OK, f'{count} residuals', figures)
 
 

@@ -234,7 +234,9 @@ class RingSimulatorNode(StreamingNode):
 
     def _on_zero(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         response.success = self.active and bool(self._stream.newest_stamp)
-        response.message = 'no load yet: nothing to zero'
+        response.message = ('no load yet: nothing to zero' if self.active else
+                            'is not active: ros2 lifecycle set '
+                            f'{self.get_fully_qualified_name()} activate')
         if response.success:
             self._stream.zero_after(self._stream.newest_stamp)
             response.message = ('starts anew, zeroed at the first steady stretch from '

@@ -42,8 +42,10 @@ def probes_to_displacement(probes: Probes, increments: ArrayLike) -> Displacemen
     """
     first, second, third, fourth = np.asarray(increments, dtype=np.float64)
     gamma = np.arctan((second - fourth) / probes.axial_span)
+    # Without a height, delta_x is known even where an axial probe, and so gamma, is not.
+    lean = gamma * probes.radial_height if probes.radial_height else 0.0
     return Displacement(
-        delta_x=(first - third) / 2.0 - gamma * probes.radial_height,
+        delta_x=(first - third) / 2.0 - lean,
         delta_y=(second + fourth) / 2.0, gamma=gamma, parity=(first + third) / 2.0,
     )
 

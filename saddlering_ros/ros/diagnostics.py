@@ -44,17 +44,18 @@ class StreamTask:
         self.name = f'stream {topic}'
         self.lowest_rate, self.gap_periods, self.floor = lowest_rate, gap_periods, floor
         self.total = self.gaps = self.late = 0
-        self.longest_gap = 0.0
         self._median = math.nan
         self._last: int | None = None
         self._clear()
 
     def _clear(self) -> None:
         self._count = self._new_gaps = self._new_late = 0
+        self.longest_gap = 0.0
         self._first_stamp: int | None = None
 
     def push(self, stamps: NDArray[np.int64]) -> None:
-        """Take the stamps [ns] of a batch, in the order of arrival."""
+        """Take the stamps [ns] of a batch, in the order of arrival; those not set are left out."""
+        stamps = stamps[stamps > 0]
         if not len(stamps):
             return
         self._count += len(stamps)
@@ -85,7 +86,7 @@ class StreamTask:
         figures = {
             'rate [1/s]': f'{rate:.1f}', 'period by stamps [ms]': f'{self._median * 1e3:.4g}',
             'messages': str(self.total), 'gaps': str(self.gaps), 'late': str(self.late),
-            'longest gap [s]': f'{self.longest_gap:.4g}'}
+            'longest gap of this period [s]': f'{self.longest_gap:.4g}'}
         level, words = OK, f'{rate:.0f} messages a second'
         if self._count == 0:
             level, words = STALE, 'no messages' if self.total else 'nothing received yet'
@@ -112,13 +113,14 @@ class SaturationTask:
         self._margin = math.inf
 
     def push(self, values: NDArray[np.float64]) -> None:
-        """Take the gaps [m] of a batch."""
+        """Take the gaps [m] of a batch; those that are not finite are counted elsewhere."""
+        values = values[np.isfinite(values)]
         if not len(values):
             return
         edge = 0.002 * (self.high - self.low)
         self._margin = min(self._margin, float(np.min(values)) - self.low,
                            self.high - float(np.max(values)))
-        outside = (values <= self.low + edge) | (values >= self.high - edge) | ~np.isfinite(values)
+        outside = (values <= self.low + edge) | (values >= self.high - edge)
         self._new += int(outside.sum())
 
     def report(self, elapsed: float) -> Finding:
@@ -138,13 +140,14 @@ class ParityTask:
 
     name = 'parity'
 
-    def __init__(self, noise: float, sigmas: float = 5.0) -> None:
-        self._limit = sigmas * noise
+    def __init__(self, noise: Callable[[], float], sigmas: float = 5.0) -> None:
+        self._noise, self._sigmas = noise, sigmas
         self._sum = self._peak = 0.0
         self._count = 0
 
     def push(self, parity: NDArray[np.float64]) -> None:
-        """Take the parities [m] of a batch."""
+        """Take the parities [m] of a batch; NaN where a probe is missing."""
+        parity = parity[np.isfinite(parity)]
         if len(parity):
             self._sum += float(np.sum(parity))
             self._count += len(parity)
@@ -154,12 +157,12 @@ class ParityTask:
         """Mean and peak of the period."""
         if not self._count:
             return Finding(OK, 'no displacement yet')
-        mean = self._sum / self._count
+        mean, limit = self._sum / self._count, self._sigmas * self._noise()
         figures = {'mean [um]': f'{mean * 1e6:.3f}', 'peak [um]': f'{self._peak * 1e6:.3f}',
-                   'limit of the mean [um]': f'{self._limit * 1e6:.3f}'}
+                   'limit of the mean [um]': f'{limit * 1e6:.3f}'}
         self._sum = self._peak = 0.0
         self._count = 0
-        if abs(mean) > self._limit:
+        if abs(mean) > limit:
             return Finding(WARN, f'{mean * 1e6:.1f} um, beyond noise: probes 1 and 3 do not see '
                            'the same rigid ring', figures)
         return Finding(OK, 'zero within noise', figures)

@@ -78,6 +78,13 @@ class Displacements:
         return len(self.stamps)
 
 
+def unknown(channels: Floats) -> NDArray[np.uint8]:
+    """Bits of `validity` (N,) for the channels (4, N) that are NaN."""
+    bits = np.array(list(NOT_KNOWN.values()), np.uint8)[:, None]
+    marks: NDArray[np.uint8] = (np.isnan(channels) * bits).sum(axis=0, dtype=np.uint8)
+    return marks
+
+
 def no_samples() -> Samples:
     """An empty batch of samples."""
     return Samples(np.empty(0, np.int64), np.empty(0))

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from math import isfinite
 
 import numpy as np
 from numpy.typing import NDArray
 
 from saddlering_ros.bags import AlignedRow, StreamAligner
+from saddlering_ros.bags.alignment import DEAD_AFTER_NS
 from saddlering_ros.bags.cdr import SECOND
 from saddlering_ros.rig import (
     gap_increment,
@@ -16,7 +18,13 @@ from saddlering_ros.rig import (
     ZeroReading,
     ZeroWindow,
 )
-from saddlering_ros.streams.batches import Displacements, join, no_displacements, Samples
+from saddlering_ros.streams.batches import (
+    Displacements,
+    join,
+    no_displacements,
+    Samples,
+    unknown,
+)
 from saddlering_ros.streams.guard import (
     GuardCounters,
     load_limits,
@@ -36,12 +44,13 @@ class DisplacementStream:
     def __init__(self, rig: Rig, *, max_gap: float = 10.0) -> None:
         self._rig = rig
         self._max_gap = round(max_gap * SECOND)
-        self.aligner = StreamAligner()
+        self.aligner = StreamAligner(dead_after=DEAD_AFTER_NS)
         self.counters = GuardCounters()
         self._load_guard = SampleGuard(load_limits(rig), self.counters)
         self._gap_guards = [SampleGuard(probe_limits(rig), self.counters) for _ in range(4)]
         self._zero_duration = 0.0
         self.elevation = float('nan')
+        self._missing = np.zeros(4, np.int64)
         self.jumps_ahead = 0
         self.rows = 0
         self.newest_stamp = 0
@@ -67,6 +76,11 @@ class DisplacementStream:
         """Take a new zero from the first steady stretch after `stamp` [ns], at whatever load."""
         self._asked_after = stamp
 
+    def take_missing(self) -> list[int]:
+        """Rows without a reading (or a zero) of each probe since the last call."""
+        missing, self._missing = self._missing, np.zeros(4, np.int64)
+        return [int(count) for count in missing]
+
     @property
     def waiting_for_zero(self) -> bool:
         """Whether displacements are held back until a zero is found."""
@@ -91,12 +105,12 @@ class DisplacementStream:
     def _align(self, load: Samples, gaps: Sequence[Samples]) -> Displacements:
         rows: list[AlignedRow] = []
         push_load, push_gap = self.aligner.push_load, self.aligner.push_gap
-        for stamp, value in zip(load.stamps.tolist(), load.values.tolist(), strict=True):
-            rows += push_load(stamp, value)
         for probe, samples in enumerate(gaps):
             for stamp, value in zip(samples.stamps.tolist(), samples.values.tolist(),
                                     strict=True):
                 rows += push_gap(probe, stamp, value)
+        for stamp, value in zip(load.stamps.tolist(), load.values.tolist(), strict=True):
+            rows += push_load(stamp, value)
         return self._displacements(rows)
 
     def _displacements(self, rows: list[AlignedRow]) -> Displacements:
@@ -106,6 +120,8 @@ class DisplacementStream:
         batches: list[Displacements] = []
         ready: list[AlignedRow] = []
         for row in rows:
+            if not _is_of_use(row):
+                continue
             if self._breaks(row):
                 batches += self._convert(ready)
                 ready = []
@@ -150,12 +166,17 @@ class DisplacementStream:
         gaps = np.array([row.gaps for row in rows]).T
         increments = gap_increment(self._rig.probes, gaps, np.array(self.zero.gaps))
         found = probes_to_displacement(self._rig.probes, increments)
+        self._missing += np.isnan(gaps).sum(axis=1)
+        channels = np.stack([found.delta_x, found.delta_y, found.gamma, found.parity])
+        known = np.isfinite(channels[:3]).any(axis=0)
+        rows = [row for row, is_known in zip(rows, known.tolist(), strict=True) if is_known]
+        channels = np.ascontiguousarray(channels[:, known])
         stamps = np.array([row.stamp for row in rows], dtype=np.int64)
         return [Displacements(
-            stamps, np.stack([found.delta_x, found.delta_y, found.gamma, found.parity]),
+            stamps, channels,
             np.full(len(rows), self.zero_stamp, dtype=np.int64),
             np.full(len(rows), self.zero.load), np.full(len(rows), self.elevation),
-            validity=self._bridged(stamps),
+            validity=self._bridged(stamps) | unknown(channels),
             zero_durations=np.full(len(rows), self._zero_duration))]
 
     def _bridged(self, stamps: NDArray[np.int64]) -> NDArray[np.uint8]:
@@ -164,3 +185,9 @@ class DisplacementStream:
         for guard in self._gap_guards:
             marks |= guard.marks(stamps)
         return marks
+
+
+def _is_of_use(row: AlignedRow) -> bool:
+    """Whether both radial or both axial probes read."""
+    first, second, third, fourth = row.gaps
+    return isfinite(first + third) or isfinite(second + fourth)

@@ -1,0 +1,69 @@
+"""A probe that does not read costs the channels that need it, and no other."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from saddlering_ros.rig import default_rig
+from saddlering_ros.streams.batches import Displacements, join, Samples
+from saddlering_ros.streams.displacement import DisplacementStream
+
+RIG = default_rig()
+NO_DELTA_X, NO_DELTA_Y, NO_GAMMA, NO_PARITY = 1, 2, 4, 8
+
+
+def measured(record, dead: int | None = None, since: int = 0, until: int = 10**9,
+             pace: int = 50) -> tuple[DisplacementStream, Displacements]:
+    """The record twice as slow (8 s), with probe `dead` silent for the rows since to until."""
+    start = int(record.stamps[0])
+    stream, parts = DisplacementStream(RIG), []
+    for first in range(0, len(record.stamps), pace):
+        rows = np.arange(first, min(first + pace, len(record.stamps)))
+        gaps = []
+        for probe in range(4):
+            kept = rows if probe != dead else rows[(rows < since) | (rows >= until)]
+            stamps = start + 2 * (record.probe_stamps[probe][kept] - start)
+            gaps.append(Samples(stamps, record.gaps[probe][kept]))
+        load = Samples(start + 2 * (record.stamps[rows] - start), record.load[rows])
+        parts.append(stream.push(load, gaps))
+    return stream, join([part for part in parts if len(part)])
+
+
+@pytest.mark.parametrize('pace', [20, 200])
+@pytest.mark.parametrize(('probe', 'missing'), [
+    (0, NO_DELTA_X | NO_PARITY), (1, NO_DELTA_Y | NO_GAMMA), (2, NO_DELTA_X | NO_PARITY),
+    (3, NO_DELTA_Y | NO_GAMMA)])
+def test_a_probe_that_dies_leaves_the_channels_that_do_not_need_it(
+        record, probe: int, missing: int, pace: int) -> None:
+    _, whole = measured(record)
+    stream, found = measured(record, dead=probe, since=900, pace=pace)
+    assert len(found) > len(whole) - 5
+    _, ours, theirs = np.intersect1d(found.stamps, whole.stamps, return_indices=True)
+    found_, whole_ = found.channels[:, ours], whole.channels[:, theirs]
+    for index, bit in enumerate((NO_DELTA_X, NO_DELTA_Y, NO_GAMMA, NO_PARITY)):
+        if missing & bit:
+            assert np.isnan(found_[index, 910:]).all()
+        else:
+            assert np.array_equal(found_[index], whole_[index])
+    assert set(found.validity[:890].tolist()) == {0}
+    assert set(found.validity[910:].tolist()) == {missing}
+    assert [index for index, count in enumerate(stream.take_missing()) if count] == [probe]
+    assert stream.take_missing() == [0, 0, 0, 0]
+
+
+def test_a_probe_that_comes_back_is_measured_with_again(record) -> None:
+    _, found = measured(record, dead=0, since=600, until=1500)
+    assert found.validity[-1] == 0
+    assert np.isfinite(found.channels[:, -1]).all()
+
+
+def test_a_probe_that_never_reads_is_missing_from_the_start(record) -> None:
+    _, found = measured(record, dead=1)
+    assert set(found.validity.tolist()) == {NO_DELTA_Y | NO_GAMMA}
+    assert np.isfinite(found.channels[0]).all()
+
+
+def test_a_short_gap_is_no_dead_probe(record) -> None:
+    _, found = measured(record, dead=0, since=600, until=800)
+    assert set(found.validity.tolist()) == {0}
