@@ -292,7 +292,10 @@ class Publication:
         fitted = fitted_gain(self.experiment, before, after)
         held = [run for run in self.runs if run.held_out]
         if held:
-            return Gain(fitted, held_out_gain(self.experiment, held, before, after), 'held out')
+            value = held_out_gain(self.experiment, held, before, after)
+            if not np.isfinite(value):
+                return Gain(fitted, None, 'the simulator failed on a held-out run')
+            return Gain(fitted, value, 'held out')
         if len(self.experiment.runs) < 2:
             return Gain(fitted, None, 'one run only')
         return Gain(fitted, left_out_gain(self.experiment, before, after), 'left out in turn')

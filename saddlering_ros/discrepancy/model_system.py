@@ -109,7 +109,11 @@ class ModelSystem:
         for number, outputs in enumerate(self._simulated(asked, source)):
             if outputs is None:
                 continue
-            rows = self._rows(outputs, source) / self.scales[:, None]
+            rows, why = self._rows(outputs, source)
+            if rows is None:
+                self._lost(source, asked[number], why)
+                continue
+            rows = rows / self.scales[:, None]
             if run.present is not None:
                 rows = np.where(run.present, rows, 0.0)
             if np.all(np.abs(rows - run.channels) < DIVERGED):
@@ -182,7 +186,12 @@ class ModelSystem:
         """What the simulator answers, None where it raises."""
         if self.model.simulate_many is not None:
             try:
-                return list(self.model.simulate_many([dict(item) for item in asked], run))
+                found: list[Outputs | None] = list(
+                    self.model.simulate_many([dict(item) for item in asked], run)
+                )
+                if len(found) == len(asked):
+                    return found
+                raise ValueError(f'{len(found)} answers to {len(asked)} points')
             except Exception as error:
                 if len(asked) == 1:
                     self._lost(run, asked[0], _words(error))
@@ -198,7 +207,13 @@ class ModelSystem:
                 answers.append(None)
         return answers
 
-    def _rows(self, outputs: Outputs, run: Run) -> Array:
+    def _rows(self, outputs: Outputs, run: Run) -> tuple[Array | None, str]:
+        """Channels (C, N) of one answer, or why there are none."""
+        if not isinstance(outputs, Mapping):
+            raise DiscrepancyError(
+                f'simulator: it answered {type(outputs).__name__} for run {run.name}: return a '
+                'mapping from channel to values'
+            )
         missing = [name for name in self.channel_names if name not in outputs]
         if missing:
             raise DiscrepancyError(
@@ -207,11 +222,8 @@ class ModelSystem:
         rows = [np.asarray(outputs[name], dtype=np.float64) for name in self.channel_names]
         for name, row in zip(self.channel_names, rows, strict=True):
             if row.shape != run.time.shape:
-                raise DiscrepancyError(
-                    f'simulator: channel {name} has shape {row.shape} for run {run.name}, time '
-                    f'{run.time.shape}'
-                )
-        return np.array(rows)
+                return None, f'channel {name} has shape {row.shape}, time {run.time.shape}'
+        return np.array(rows), ''
 
     def _lost(self, run: Run, values: Mapping[str, float], why: str) -> None:
         self.failures[f'run {run.name}: {why}'] += 1

@@ -51,6 +51,15 @@ def test_a_shape_that_its_bound_stopped_is_no_name() -> None:
     assert diagnose(MODEL, [record('a')]).verdict == 'named'
 
 
+def test_a_cause_that_is_real_and_leaves_something_visible_is_part_of_the_cause_only() -> None:
+    run = record('a')
+    drift = 0.1 * (TIME / TIME[-1]) ** 2
+    found = diagnose(MODEL, [replace(run, outputs={'seen': run.outputs['seen'] + drift})])
+    assert found.verdict == 'unknown'
+    assert [(cause.effect, cause.partial) for cause in found.causes] == [('bend', True)]
+    assert 'part of the cause only' in found.summary()
+
+
 def test_an_extension_that_predicts_worse_has_a_negative_gain() -> None:
     other = record('b', size=0.0, gain=1.3, seed=2)  # as the base alone would have it
     found = diagnose(MODEL, [record('a')], hold_out=[other])
@@ -63,6 +72,8 @@ def test_points_at_which_a_simulator_fails_are_lost_alone_and_counted() -> None:
     def fragile(parameters: dict[str, float], run: Run) -> dict[str, np.ndarray]:
         if parameters['gain'] > 1.8:
             raise ArithmeticError('too stiff')
+        if parameters['gain'] > 1.7:
+            return {'seen': DRIVE[:100]}  # a solver that gave up
         if parameters['gain'] < 0.6:
             return {'seen': np.full(run.time.size, np.nan)}
         return simulate(parameters, run)
@@ -78,6 +89,17 @@ def test_a_simulator_that_always_fails_is_an_error_that_tells_why() -> None:
 
     with pytest.raises(DiscrepancyError, match='stiffness'):
         diagnose(replace(MODEL, simulate=broken), [record('a')])
+
+
+def test_a_batch_simulator_is_asked_for_many_points_at_once() -> None:
+    asked: list[int] = []
+
+    def many(points: list[dict[str, float]], run: Run) -> list[dict[str, np.ndarray]]:
+        asked.append(len(points))
+        return [simulate(point, run) for point in points]
+
+    found = diagnose(replace(MODEL, simulate_many=many), [record('a')])
+    assert (found.verdict, max(asked) > 10) == ('named', True)
 
 
 def test_noise_declared_far_too_large_gives_no_name_and_a_warning() -> None:
