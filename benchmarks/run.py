@@ -23,6 +23,7 @@ SHORT: dict[str, tuple[str, ...]] = {
     'uncertainty': ('--quick',),
     'fuzz': ('--quick',),
     'faults': ('--quick',),
+    'logger_faults': ('--rounds', '1'),
 }
 
 

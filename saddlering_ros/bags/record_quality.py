@@ -45,11 +45,12 @@ QUIET_SECONDS = 0.8
 
 MIN_QUIET_SAMPLES = 100
 
-BAND_LIMIT = 0.1
+BAND_LIMIT = 0.2
 """A noise whose bandwidth is under this share of the sampling rate is band-limited."""
 
-BAND_RATIO = 3.0
-"""Load and probes whose bandwidths differ by more than this factor lag differently."""
+BAND_RATIO = 2.0
+"""Load and probes are filtered differently if their bandwidths, each over its own rate, differ by
+more than this factor."""
 
 COARSE_SHARE = 1.5
 """A converter's step over this many standard deviations of the noise is coarse."""
@@ -343,13 +344,17 @@ def _filter_lag(load: TopicQuality, probes: Sequence[TopicQuality]) -> float:
     """By how much [s] a filter makes the load late, less that of the probes; 0 if none shows."""
     if load.is_held or any(one.is_held for one in probes):
         return 0.0
-    late, other = load.bandwidth, _median([one.bandwidth for one in probes])
-    if not (math.isfinite(late) and math.isfinite(other)):
+    lags = []
+    shares = []
+    for bandwidth, rate in (
+            (load.bandwidth, load.rate),
+            (_median([one.bandwidth for one in probes]), _median([one.rate for one in probes]))):
+        shares.append(bandwidth / rate)
+        is_limited = bandwidth < BAND_LIMIT * rate
+        lags.append(1.0 / (2.0 * math.pi * bandwidth) if is_limited else 0.0)
+    if not (all(map(math.isfinite, shares)) and max(shares) > BAND_RATIO * min(shares)):
         return 0.0
-    if min(late, other) > BAND_LIMIT * load.rate or max(late, other) < BAND_RATIO * min(
-            late, other):
-        return 0.0
-    return (1.0 / late - 1.0 / other) / (2.0 * math.pi)
+    return lags[0] - lags[1]
 
 
 def _rate_share(load: TopicQuality, probes: Sequence[TopicQuality], seconds: float) -> float:

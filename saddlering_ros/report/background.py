@@ -14,7 +14,7 @@ from saddlering_ros.bags.scatter import white_noise
 from saddlering_ros.report import html
 from saddlering_ros.report.html import Cell, number
 from saddlering_ros.report.style import SYMBOLS
-from saddlering_ros.rig import CHANNELS, PARAMETER_NAMES, Rig, TONNE
+from saddlering_ros.rig import CHANNELS, FORCE_UNITS, force_words, PARAMETER_NAMES, Rig
 from saddlering_ros.rig.quantities import percent, quantity
 from saddlering_ros.thresholds import allowed_misfit
 
@@ -32,7 +32,8 @@ class RunQuality:
     duration [s]; rate [Hz] by the median period; load [N] lowest and highest; incomplete: load
     samples at which a probe has no reading; gaps in the load's stamps, longest_gap [s];
     zero_load [N] and whether that is the preload; noise: white noise of a sample [m, rad] by
-    channel; notes: what is wrong with the bag without keeping it from being used.
+    channel; notes: what is wrong with the bag without keeping it from being used;
+    force_unit: in which loads are shown.
     """
 
     name: str
@@ -49,6 +50,7 @@ class RunQuality:
     is_zeroed_at_preload: bool
     noise: Mapping[str, float]
     notes: tuple[str, ...] = ()
+    force_unit: str = 't'
 
 
 @dataclass(frozen=True)
@@ -80,7 +82,7 @@ def quality_of(run: TestRun, rig: Rig) -> RunQuality:
         is_zeroed_at_preload=measured.zero.near_preload,
         noise={name: white_noise(np.asarray(getattr(measured.displacement, name)))
                for name in CHANNELS},
-        notes=tuple(run.notes))
+        notes=tuple(run.notes), force_unit=rig.force_unit)
 
 
 def data_quality(runs: Sequence[RunQuality]) -> str:
@@ -88,11 +90,13 @@ def data_quality(runs: Sequence[RunQuality]) -> str:
     rows: list[list[str | Cell]] = [[
         run.name, number(f'{run.samples}'), number(f'{run.duration:.1f} s'),
         number(f'{run.rate:.4g} Hz'),
-        number(f'{run.load[0] / TONNE:.2f} to {run.load[1] / TONNE:.2f} t'),
+        number(f'{run.load[0] / FORCE_UNITS[run.force_unit]:.2f} to '
+               f'{force_words(run.load[1], run.force_unit, 2)}'),
         number(f'{run.incomplete}', 'bad' if run.incomplete > 0.01 * run.samples else ''),
         number('none' if not run.gaps else f'{run.gaps} (≤ {run.longest_gap:.3g} s)',
                'bad' if run.gaps else ''),
-        number(f'{run.zero_load / TONNE:.3f} t', '' if run.is_zeroed_at_preload else 'bad'),
+        number(force_words(run.zero_load, run.force_unit, 3),
+               '' if run.is_zeroed_at_preload else 'bad'),
         *(number(quantity(run.noise[name], 'rad' if name == 'gamma' else 'm'))
           for name in CHANNELS)] for run in runs]
     said = [f'{run.name}: {note}' for run in runs for note in run.notes]
