@@ -12,6 +12,7 @@ from saddlering_ros.report.background import Background, quality_of
 from saddlering_ros.report.curves import curves_of, RunCurves
 from saddlering_ros.report.curves_file import curves_path, write_curves
 from saddlering_ros.report.header import head, head_line
+from saddlering_ros.report.proposal import proposal
 from saddlering_ros.rig import write_text_atomically
 
 NOTHING = Background()
@@ -57,6 +58,7 @@ def diagnosis_chapters(
     """Everything below the verdict, most important first."""
     return [
         chapters.causes(document),
+        proposal(document),
         background.misfit_reductions(document),
         chapters.misfit(document),
         chapters.paper_split(curves),

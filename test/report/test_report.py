@@ -20,6 +20,7 @@ from saddlering_ros.report.drawing import draw
 from saddlering_ros.report.header import date_of, head, head_line, HeadLine
 from saddlering_ros.report.html import pictures_of
 from saddlering_ros.report.interactive import chart_of
+from saddlering_ros.report.proposal import proposal
 from saddlering_ros.rig import default_rig
 
 RUNS = [run_curves(), run_curves(degrees=70.0, held_out=True), run_curves('dynamic')]
@@ -124,6 +125,20 @@ def test_unknown_describes_the_shape_that_is_left():
              'share_of_range': 0.02}
     said = headline(document('unknown', causes=[shape]))
     assert 'gamma follows time, 2.0 % of range' in said
+
+
+def test_a_proposed_law_is_shown_with_its_curve_its_worth_and_its_doubts():
+    term = {'channel': 'gamma', 'coordinate': 'load', 'law': 'line', 'formula': 'gamma += a P',
+            'parameters': {'a': {'value': 2e-10, 'std': 1e-11, 'unit': 'rad/N'}},
+            'curve': {'at': [0.0, 1e5, 2e5], 'at_unit': 'N', 'values': [0.0, 2e-5, 4e-5],
+                      'std': [0.0, 1e-6, 2e-6], 'unit': 'rad'}}
+    law = {**term, 'gain': {'fit': 0.8, 'held_out': 0.7}, 'doubts': ['one rate only'],
+           'terms': [term], 'effect_files': ['mine.yaml']}
+    shown = proposal(document('unknown', causes=[], proposal=law))
+    for words in ('gamma += line in load', '80\u00a0%', '70\u00a0%', 'one rate only', 'mine.yaml'):
+        assert words in shown
+    assert set(pictures_of(shown)) == {'proposal_1'}
+    assert proposal(document()) == ''
 
 
 def test_half_difference_of_the_branches_is_the_loop_and_nothing_else():

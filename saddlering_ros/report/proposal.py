@@ -1,0 +1,67 @@
+"""Chapter: the law that would explain what no known cause explains."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from saddlering_ros.diagnosis.contract import VerdictDocument
+from saddlering_ros.report import html
+from saddlering_ros.report.charts import Chart, line, Panel
+from saddlering_ros.report.html import Cell, code, number
+from saddlering_ros.report.style import AFTER, MICRO, MICRO_UNITS
+from saddlering_ros.rig.quantities import percent, quantity
+
+SCALES = {'N': (1e-3, 'kN'), 'N/s': (1e-3, 'kN/s'), 's': (1.0, 's'), '1': (1.0, '')}
+"""Factor and unit of a coordinate on screens."""
+
+
+def proposal(document: VerdictDocument) -> str:
+    """The proposed law with its curve, its worth and its doubts; nothing where there is none."""
+    law = document.get('proposal')
+    if not law:
+        return ''
+    gain = law['gain']
+    kept = gain['held_out']
+    worth = f'With it the misfit falls by {percent(gain["fit"])} on fitted runs' + (
+        '.' if kept is None else f' and by {percent(kept)} on held-out runs.')
+    parts = [html.paragraph('A proposal; the verdict stays unknown.', 'soft'),
+             html.paragraph(worth)]
+    for place, term in enumerate(law['terms']):
+        parts += _term(term, place)
+    parts += [html.heading('Doubts') if law['doubts'] else '', html.bullets(law['doubts'])]
+    if law['effect_files']:
+        parts.append(html.paragraph(
+            f'Effect file, for the next diagnosis: {", ".join(law["effect_files"])}.', 'note'))
+    return html.section('A law that would explain it', *parts)
+
+
+def _term(term: Mapping[str, Any], place: int) -> list[str]:
+    rows: list[list[str | Cell]] = [
+        [code(name), number(quantity(item['value'], item['unit'], item['std']))]
+        for name, item in term['parameters'].items()]
+    words = f'{term["channel"]} += {term["law"]} in {term["coordinate"]}'
+    return [
+        html.heading(words), html.commands([term['formula']]),
+        html.table(['parameter', number('value ± standard deviation')], rows),
+        html.picture(_curve(term), f'proposal_{place + 1}', f'{words}: what is added, with twice '
+                     'its standard deviation (dotted).')]
+
+
+def _curve(term: Mapping[str, Any]) -> Chart:
+    """What the term adds over its coordinate."""
+    curve = term['curve']
+    factor, unit = SCALES.get(curve['at_unit'], (1.0, curve['at_unit']))
+    at = factor * np.array(curve['at'], float)
+    is_load = curve['unit'] == 'N'
+    scale = 1e-3 if is_load else MICRO
+    values, spread = (scale * np.array(curve[key], float) for key in ('values', 'std'))
+    shown = 'kN' if is_load else MICRO_UNITS.get(term['channel'], 'µm')
+    across = term['coordinate'] + (f' / {unit}' if unit else '')
+    series = (line(at, values, AFTER, 'proposed law'),
+              line(at, values - 2.0 * spread, AFTER, dash=':'),
+              line(at, values + 2.0 * spread, AFTER, dash=':'))
+    panel = Panel(0, 0, across, f'{term["channel"]} / {shown}', series, levels=(0.0,))
+    return Chart((panel,), width=7.0, height=3.2)
