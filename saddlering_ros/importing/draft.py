@@ -93,12 +93,12 @@ def _time(columns: Sequence[Column]) -> list[str]:
         return [f'column: {_quoted(moments[0].name)}', 'format: file']
     texts = [column for column in columns if column.kind == TEXT and column.samples]
     dated = [column for column in texts
-             if _TIME.search(column.name) or _is_date(column.samples[0])]
+             if _TIME.search(_last_part(column)) or _is_date(column.samples[0])]
     if dated:
         return _dated(dated)
     for column in columns:
         unit = known_unit(column.unit)
-        if _TIME.search(column.name) and column.kind == NUMBER:
+        if _TIME.search(_last_part(column)) and column.kind == NUMBER:
             stated = unit.name if unit is not None and unit.quantity == TIME else TO_DO
             return [f'column: {_quoted(column.name)}',
                     f'unit: {stated}                  # s, ms, us, ns, min, h',
@@ -132,27 +132,32 @@ def _dated(columns: Sequence[Column]) -> list[str]:
 def _chosen(columns: Sequence[Column]) -> dict[str, Column]:
     """A column for each channel: by its unit and name; numbers 1 to 4 for the probes."""
     numbers = [column for column in columns if column.kind == NUMBER
-               and not (_TIME.search(column.name) and not _LOAD.search(column.name))]
+               and not (_TIME.search(_last_part(column)) and not _LOAD.search(_last_part(column)))]
     chosen: dict[str, Column] = {}
 
     def is_load(column: Column) -> bool:
         unit = known_unit(column.unit)
-        return bool(_LOAD.search(column.name)) or (
+        return bool(_LOAD.search(_last_part(column))) or (
             unit is not None and unit.quantity in (FORCE, PRESSURE))
 
     def is_probe(column: Column) -> bool:
         unit = known_unit(column.unit)
-        return not is_load(column) and (bool(_PROBE.search(column.name)) or (
+        return not is_load(column) and (bool(_PROBE.search(_last_part(column))) or (
             unit is not None and unit.quantity == LENGTH))
 
     load = _first(numbers, is_load)
     if load is not None:
         chosen['hydraulic_load'] = load
     for column in numbers:
-        found = _NUMBERED.search(column.name.rpartition('/')[2])
+        found = _NUMBERED.search(_last_part(column))
         if found and is_probe(column):
             chosen.setdefault(f'eddy_current_{found[1]}', column)
     return chosen
+
+
+def _last_part(column: Column) -> str:
+    """The name without the groups before it."""
+    return column.name.rpartition('/')[2]
 
 
 def _first(columns: Sequence[Column], which: Callable[[Column], bool]) -> Column | None:
