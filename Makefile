@@ -5,7 +5,7 @@ export PYTHON
 
 RUN := tools/run.sh
 
-.PHONY: help setup setup-test demo test coverage bench bench-identification bench-blind lint docs lock clean
+.PHONY: help setup setup-docs setup-test demo test coverage bench bench-identification bench-blind lint docs lock clean
 
 help:
 	@echo 'make setup        .venv with ROS 2 Jazzy, our messages and this package'
@@ -54,7 +54,10 @@ lint: setup-test
 	@$(RUN) ruff check .
 	@$(RUN) mypy saddlering_ros
 
-docs: setup-test
+setup-docs:
+	@tools/set_up.sh docs
+
+docs: setup-docs
 	@$(RUN) python -m sphinx --fail-on-warning --keep-going --quiet -b html docs docs/_build
 
 lock:

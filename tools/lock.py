@@ -52,6 +52,9 @@ def lock(version: str) -> None:
     tests = {name: number for name, number in everything.items() if name not in base}
     write(f'{version}-wheels', base, f'ROS 2 Jazzy and all else, for Python {version}')
     write(f'{version}-test', tests, f'what the tests add, for Python {version}')
+    needed = resolve(python, ['ros', 'build', 'run', 'docs'], pins)
+    docs = {name: number for name, number in needed.items() if name not in base}
+    write(f'{version}-docs', docs, f'what `make docs` adds, for Python {version}')
     write(f'{version}-coverage', resolve(python, ['coverage']),
           f'what `make coverage` adds, for Python {version}')
     if version == JAZZY_PYTHON:

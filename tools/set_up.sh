@@ -231,6 +231,9 @@ main() {
   case ${1:-} in test | coverage)
     install_locked test_packages "$base_version-test" 'installing what the tests need' ;;
   esac
+  if [ "${1:-}" = docs ]; then
+    install_locked docs_packages "$base_version-docs" 'installing what the documentation needs'
+  fi
   if [ "${1:-}" = coverage ]; then
     install_locked coverage_packages "$base_version-coverage" 'installing what measures the tests'
   fi

@@ -122,7 +122,7 @@ def top_level_imports(path: Path) -> set[str]:
 
 
 @pytest.mark.parametrize('python', ['3.10', '3.11', '3.12', '3.13'])
-@pytest.mark.parametrize('kind', ['wheels', 'test', 'coverage'])
+@pytest.mark.parametrize('kind', ['wheels', 'test', 'docs', 'coverage'])
 def test_every_python_has_exact_pins(python, kind):
     lines = (ROOT / 'requirements' / 'lock' / f'{python}-{kind}.txt').read_text().splitlines()
     pins = [line for line in lines if not line.startswith('#')]
