@@ -6,14 +6,22 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 import ctypes
 import errno
+import fcntl
 import os
 from pathlib import Path
 import tempfile
+import time
 
 from saddlering_ros.errors import SaddleringError
 
 _AT_FDCWD = -100
 _EXCHANGE = 2
+
+RANDOM_LETTERS = 8
+"""By which the names of temporary files differ (tempfile.mkstemp)."""
+
+MIN_AGE = 60.0
+"""A temporary file younger than this [s] may not be locked by its writer yet."""
 
 
 @contextmanager
@@ -32,9 +40,11 @@ def whole_file(path: Path | str, error: type[SaddleringError] = SaddleringError)
             yield place
             return
         place.parent.mkdir(parents=True, exist_ok=True)
+        _sweep(place)
         handle, name = tempfile.mkstemp(
             prefix=f'.{place.name}.', suffix=place.suffix, dir=place.parent)
-        os.close(handle)
+        with suppress(OSError):  # some file systems know no locks: nothing is swept there
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except OSError as problem:
         raise _unwritable(path, problem, error) from problem
     temporary = Path(name)
@@ -48,6 +58,26 @@ def whole_file(path: Path | str, error: type[SaddleringError] = SaddleringError)
         raise _unwritable(path, problem, error) from problem
     finally:
         temporary.unlink(missing_ok=True)
+        os.close(handle)
+
+
+def _sweep(place: Path) -> None:
+    """Remove what a writer of `place` that was killed has left: a writer alive holds a lock."""
+    prefix, suffix = f'.{place.name}.', place.suffix
+    for left in place.parent.iterdir():
+        middle = left.name[len(prefix):len(left.name) - len(suffix)]
+        if not (left.name.startswith(prefix) and left.name.endswith(suffix)
+                and len(middle) == RANDOM_LETTERS):
+            continue
+        with suppress(OSError):
+            if time.time() - left.stat().st_mtime < MIN_AGE:
+                continue
+            handle = os.open(left, os.O_RDONLY | os.O_NOFOLLOW)
+            try:
+                fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                left.unlink()
+            finally:
+                os.close(handle)
 
 
 def write_text(path: Path | str, text: str,

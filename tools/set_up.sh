@@ -92,7 +92,11 @@ digest_of_files() {
     xargs -0 sha256sum
 }
 
-done_already() { [ "$(cat "$stamps/$1" 2>/dev/null)" = "$2" ]; }
+done_already() {
+  [ "$(cat "$stamps/$1" 2>/dev/null)" = "$2" ] && return
+  [ -z "${SADDLERING_SET_UP_CHECK:-}" ] || { echo "set-up: $1 is out of date" >&2; exit 3; }
+  return 1
+}
 
 mark_done() {
   mkdir -p "$stamps"

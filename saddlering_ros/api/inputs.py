@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any, TYPE_CHECKING
 
 from saddlering_ros.api.errors import ApiError
+from saddlering_ros.api.progress import OnProgress, Progress
 from saddlering_ros.api.tables import dataframe
 from saddlering_ros.bags import (
     displacement_of_run,
@@ -101,17 +102,20 @@ BagLike = Bag | TestRun | Path | str
 
 def read_bag(
     path: Path | str, *, rig: RigLike = None, test: str | None = None,
-    elevation_deg: float | None = None,
+    elevation_deg: float | None = None, on_progress: OnProgress | None = None,
 ) -> Bag:
     """Read a bag once; pass the result on to `identify`, `validate` and `diagnose`.
 
     path: a rosbag2 directory or an .mcap file. rig: the rig it was recorded on, with which its
     wiring is checked. test ('static' or 'dynamic') and elevation_deg [degrees] win over what the
-    bag itself states. Raises BagError, with one line, if the bag cannot be used.
+    bag itself states. on_progress hears how much was read (task 'read'). Raises BagError, with one
+    line, if the bag cannot be used.
     """
     known = as_rig(rig)
     elevation = None if elevation_deg is None else math.radians(elevation_deg)
-    return Bag(read_run(path, test=test, elevation=elevation, rig=known), known)
+    tell = on_progress or (lambda progress: None)
+    return Bag(read_run(path, test=test, elevation=elevation, rig=known,
+                        on_progress=lambda share: tell(Progress('read', str(path), share))), known)
 
 
 def as_bags(given: BagLike | Iterable[BagLike], rig: Rig) -> list[Bag]:

@@ -14,8 +14,8 @@ __all__ = ['Cancelled', 'IsCancelled', 'OnProgress', 'Progress', 'check']
 class Progress:
     """One report of a running computation.
 
-    task: 'identify', 'validate' or 'diagnose'; stage: the step it is at, in words; share: how much
-    of that task or stage is done, 0 to 1; detail: a figure worth showing, or ''.
+    task: 'read', 'identify', 'validate' or 'diagnose'; stage: the step it is at, in words; share:
+    how much of that task or stage is done, 0 to 1; detail: a figure worth showing, or ''.
     """
 
     task: str

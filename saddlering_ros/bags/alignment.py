@@ -26,6 +26,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 GAP_PERIODS = 5
+BLOCK = 1 << 20
+"""Load stamps aligned at a time, so that a long record needs little memory beside its own."""
+
 GAP_HISTORY = 15
 GAP_LEAST_HISTORY = 3
 GAP_FLOOR_NS = 5_000_000
@@ -92,18 +95,29 @@ def align(
     aligned = np.full(len(load_stamps), nan)
     if not len(stamps):
         return aligned
+    is_gap = gap_mask(stamps)
+    for start in range(0, len(load_stamps), BLOCK):
+        rows = slice(start, start + BLOCK)
+        _align_block(load_stamps[rows], stamps, values, is_gap, aligned[rows])
+    return aligned
+
+
+def _align_block(
+    load_stamps: NDArray[np.int64], stamps: NDArray[np.int64], values: NDArray[np.float64],
+    is_gap: NDArray[np.bool_], aligned: NDArray[np.float64],
+) -> None:
+    """Write the values on some of the load's stamps into `aligned`."""
     before = np.searchsorted(stamps, load_stamps, side='right') - 1
     inside = before >= 0
     exact = inside & (stamps[before] == load_stamps)
     aligned[exact] = values[before[exact]]
     between = np.flatnonzero(inside & ~exact & (before < len(stamps) - 1))
     low = before[between]
-    usable = ~gap_mask(stamps)[low]
+    usable = ~is_gap[low]
     between, low = between[usable], low[usable]
     elapsed = (load_stamps[between] - stamps[low]).astype(np.float64)
     interval = (stamps[low + 1] - stamps[low]).astype(np.float64)
     aligned[between] = values[low] + (values[low + 1] - values[low]) * (elapsed / interval)
-    return aligned
 
 
 class AlignedRow(NamedTuple):

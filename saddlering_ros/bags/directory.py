@@ -51,6 +51,11 @@ class BagDirectory:
             name = name.removesuffix(suffix)
         return name
 
+    @property
+    def size(self) -> int:
+        """Bytes of its files; one that is not there any more counts nothing."""
+        return sum(file.stat().st_size for file in self.files if file.exists())
+
     def sha256(self) -> str:
         """One hash of all that is read: of a bare file its own, of a directory sha256_of_files."""
         if self.path.is_dir():
@@ -75,6 +80,17 @@ def open_directory(path: Path | str) -> BagDirectory:
     if not path.is_file() or not path.name.endswith(SUFFIXES):
         raise BagError(f'{path}: is not a bag: give a rosbag2 directory or an .mcap file')
     return _of_file(path)
+
+
+def announced(path: Path | str) -> str:
+    """What a bag holds by its metadata.yaml and the size of its files, before it is read."""
+    try:
+        directory = open_directory(path)
+    except BagError:
+        return ''
+    count = directory.message_count
+    messages = '' if count is None else f'{count} messages, '
+    return f'{messages}{directory.size / 1e6:.1f} MB'
 
 
 @contextmanager

@@ -28,7 +28,7 @@ from saddlering_ros.bags.reader import (
     TestRun,
 )
 from saddlering_ros.bags.record_quality import topic_quality, UNKNOWN_QUALITY
-from saddlering_ros.bags.scan import Scan, scan
+from saddlering_ros.bags.scan import OnShare, Scan, scan
 from saddlering_ros.bags.topics import LOAD_TOPIC, PROBE_TOPICS, RIG_TOPICS
 from saddlering_ros.rig import default_rig, Rig
 
@@ -105,13 +105,13 @@ class BagInfo:
 
 def bag_info(
     path: Path | str, *, test: str | None = None, elevation: float | None = None,
-    rig: Rig | None = None,
+    rig: Rig | None = None, on_progress: OnShare = lambda share: None,
 ) -> BagInfo:
     """Look at the bag at `path`; BagError only if there is no bag at all.
 
-    `test`, `elevation` [rad] and `rig` (default: the shipped one) as in `read_run`.
+    `test`, `elevation` [rad], `rig` (default: the shipped one) and `on_progress` as in `read_run`.
     """
-    found = scan(path)
+    found = scan(path, on_progress=on_progress)
     degrees = None if elevation is None else math.degrees(elevation)
     facts = found.facts.overruled(test, degrees)
     problems, notes = [], []

@@ -100,6 +100,8 @@ class McapFile:
     message_count: int = 0
     log_start: int | None = None
     log_stop: int | None = None
+    share: float = 0.0
+    """How much of the file's bytes `blocks` has passed, 0 to 1."""
     _schemas: dict[int, tuple[str, str, bytes]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -133,6 +135,7 @@ class McapFile:
                 if len(loose):
                     yield self._counted(loose.block(buffer))
                 raise
+            self.share = stop / size
             if opcode == MESSAGE:
                 loose.add(buffer, position, stop, self)
                 if len(loose) >= BLOCK_MESSAGES:

@@ -31,7 +31,7 @@ from saddlering_ros.bags.record_quality import (
     TopicQuality,
 )
 from saddlering_ros.bags.rig_notes import rig_notes
-from saddlering_ros.bags.scan import Scan, scan, ScannedTopic
+from saddlering_ros.bags.scan import OnShare, Scan, scan, ScannedTopic
 from saddlering_ros.bags.stamps import put_in_order
 from saddlering_ros.bags.topics import (
     ELEVATION,
@@ -166,7 +166,10 @@ class TestRun:
         return np.asarray(np.isfinite(self.gaps).all(axis=0))
 
 
-def read_raw(path: Path | str, topics: Sequence[str] | None = None) -> RawRecord:
+def read_raw(
+    path: Path | str, topics: Sequence[str] | None = None,
+    on_progress: OnShare = lambda share: None,
+) -> RawRecord:
     """The rig topics of the bag at `path` as recorded.
 
     All topics of the rig unless `topics` names some; an optional one that the bag does not hold,
@@ -180,7 +183,7 @@ def read_raw(path: Path | str, topics: Sequence[str] | None = None) -> RawRecord
         raise BagError(
             f'{path}: {min(unknown)} is no topic of the rig: ask for some of '
             f'{", ".join(TOPICS)}')
-    found = scan(path, wanted)
+    found = scan(path, wanted, on_progress)
     if found.damage is not None:
         assert found.fault is not None
         raise found.fault
@@ -203,15 +206,16 @@ def raw_record(found: Scan, wanted: Sequence[str]) -> RawRecord:
 
 def read_run(
     path: Path | str, *, test: str | None = None, elevation: float | None = None,
-    rig: Rig | None = None,
+    rig: Rig | None = None, on_progress: OnShare = lambda share: None,
 ) -> TestRun:
     """The test recorded in the bag at `path`, aligned on the load's stamps.
 
     `test` and `elevation` [rad], where given, win over what the bag says. Raises BagError with
     one line on anything that makes the bag unusable. Given the `rig`, the run's notes also say
-    which probes look swapped, stuck, dead or of the wrong polarity on it.
+    which probes look swapped, stuck, dead or of the wrong polarity on it. `on_progress` gets the
+    share of the bag's bytes that was read.
     """
-    record = read_raw(path)
+    record = read_raw(path, on_progress=on_progress)
     facts = usable_facts(record.path, record.facts, test, elevation)
     if elevation is None:
         check_measured_elevation(record, facts)
@@ -263,7 +267,9 @@ def run_of_record(
     for raw in probes:
         check_probe_unit(f'{where}: {raw.topic}', raw.values, raw.min_range, raw.max_range)
         check_overlap(where, load.stamps, raw.topic, raw.stamps)
-    gaps = np.stack([align(load.stamps, raw.stamps, raw.values) for raw in probes])
+    gaps = np.empty((len(probes), len(load)))
+    for row, raw in zip(gaps, probes, strict=True):
+        row[:] = align(load.stamps, raw.stamps, raw.values)
     notes = [*record.notes, *load.notes, *notes_on_load(load.stamps)]
     for raw, aligned in zip(probes, gaps, strict=True):
         notes += raw.notes
@@ -345,7 +351,7 @@ def raw_topic(found: Scan, name: str) -> RawTopic:
             f'{where}: holds {topic.count} messages, too few for a test: check that its driver '
             'ran, and record again')
     stamps, values = topic.stamps, topic.values
-    order = put_in_order(where, stamps, topic.log_times, values)
+    order = put_in_order(where, stamps, lambda: topic.log_times, values)
     stamps, values = stamps[order.keep], values[order.keep]
     if len(stamps) < fewest:
         raise BagError(f'{where}: holds {len(stamps)} different stamps, too few for a test: '
@@ -356,6 +362,8 @@ def raw_topic(found: Scan, name: str) -> RawTopic:
     if order.duplicates:
         notes.append(f'{name}: {order.duplicates} messages with a stamp already taken left out')
     low, high = _span(topic, notes)
+    if not found.cuts and found.damage is None:  # they count what is readable
+        topic.release()
     return RawTopic(name, TOPICS[name].type, topic.frame_id, stamps, values, low, high,
                     tuple(notes))
 

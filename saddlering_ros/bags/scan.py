@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Collection, Mapping
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,6 +43,9 @@ readings that never change do not compress so far. Of other topics only the head
 ALWAYS_ALLOWED = 1 << 24
 """Bytes of messages about which a file's size is not asked."""
 
+OnShare = Callable[[float], None]
+"""Called with the share of a bag that was read, 0 to 1."""
+
 
 @dataclass
 class ScannedTopic:
@@ -56,34 +60,87 @@ class ScannedTopic:
     count: int = 0
     fault: str = ''
     frame_id: str = ''
-    _parts: list[tuple[Readings, NDArray[np.int64]]] = field(default_factory=list)
+    _parts: list[_Part] = field(default_factory=list)
 
     def add(self, readings: Readings, log_times: NDArray[np.int64]) -> None:
-        """Take in what a block says."""
+        """Take in what a block holds."""
         self.frame_id = self.frame_id or readings.frame_id
-        if len(readings.spans) and (readings.spans == readings.spans[0]).all():
-            readings = replace(readings, spans=readings.spans[:1].copy())
-        self._parts.append((readings, log_times))
+        spans = readings.spans
+        if len(spans) and (spans == spans[0]).all():
+            spans = spans[:1].copy()
+        self._parts.append(_Part(
+            _narrow(readings.stamps), _single(readings.values), spans, _narrow(log_times)))
+
+    def release(self) -> None:
+        """Forget the readings, once they are held elsewhere."""
+        self._parts.clear()
 
     @property
     def stamps(self) -> NDArray[np.int64]:
-        parts = [readings.stamps for readings, _ in self._parts]
-        return np.concatenate(parts) if parts else np.empty(0, np.int64)
+        return _joined([part.stamps for part in self._parts])
 
     @property
     def values(self) -> NDArray[np.float64]:
-        parts = [readings.values for readings, _ in self._parts]
-        return np.concatenate(parts) if parts else np.empty(0)
+        found = np.empty(sum(len(part.values) for part in self._parts))
+        place = 0
+        for part in self._parts:
+            found[place:place + len(part.values)] = part.values
+            place += len(part.values)
+        return found
 
     @property
     def spans(self) -> NDArray[np.float64]:
-        parts = [readings.spans for readings, _ in self._parts]
+        parts = [part.spans for part in self._parts]
         return np.concatenate(parts) if parts else np.empty((0, 2))
 
     @property
     def log_times(self) -> NDArray[np.int64]:
-        parts = [log_times for _, log_times in self._parts]
-        return np.concatenate(parts) if parts else np.empty(0, np.int64)
+        return _joined([part.log_times for part in self._parts])
+
+
+@dataclass(frozen=True)
+class _Part:
+    """Messages of one block: a long record is held in these, each number as narrow as it goes."""
+
+    stamps: _Times
+    values: NDArray[np.float64] | NDArray[np.float32]
+    spans: NDArray[np.float64]
+    log_times: _Times
+
+
+class _Times(NamedTuple):
+    """Times (N,) [ns] as distances from the first of them."""
+
+    first: int
+    since: NDArray[np.int64] | NDArray[np.int32]
+
+
+def _narrow(times: NDArray[np.int64]) -> _Times:
+    """Times within two seconds of the first as 32-bit distances, others as they are."""
+    if not len(times):
+        return _Times(0, times)
+    since = times - times[0]
+    limit = np.iinfo(np.int32).max
+    if -limit <= since.min() and since.max() <= limit:
+        return _Times(int(times[0]), since.astype(np.int32))
+    return _Times(0, times)
+
+
+def _single(values: NDArray[np.float64]) -> NDArray[np.float64] | NDArray[np.float32]:
+    """Values in single precision if all of them are exactly that, as those of a Range are."""
+    with np.errstate(over='ignore'):
+        single = values.astype(np.float32)
+    return single if np.array_equal(single, values, equal_nan=True) else values
+
+
+def _joined(parts: Sequence[_Times]) -> NDArray[np.int64]:
+    found = np.empty(sum(len(part.since) for part in parts), np.int64)
+    place = 0
+    for part in parts:
+        found[place:place + len(part.since)] = part.since
+        found[place:place + len(part.since)] += part.first
+        place += len(part.since)
+    return found
 
 
 @dataclass
@@ -148,20 +205,26 @@ class Scan:
         return BagError(f'{_said(problem)}; {self.readable_part}: {advice}')
 
 
-def scan(path: Path | str, topics: Collection[str] | None = None) -> Scan:
+def scan(
+    path: Path | str, topics: Collection[str] | None = None,
+    on_progress: OnShare = lambda share: None,
+) -> Scan:
     """Read the bag at `path`, decoding the rig's `topics` (None: all of them) among all others.
 
-    Raises BagError only where there is no bag to read at all.
+    `on_progress` gets the share of its bytes that was read, after each block. Raises BagError
+    only where there is no bag to read at all.
     """
     wanted = (*RIG_TOPICS, *optional_topics()) if topics is None else topics
     directory = open_directory(path)
     result = Scan(directory)
+    whole = max(1, directory.size)
     records: dict[str, str] = {}
     recorder: dict[str, str] = {}
     try:
         for file in directory.files:
             try:
-                _scan_file(result, file, wanted, records, recorder)
+                _scan_file(result, file, wanted, records, recorder,
+                           lambda so_far: on_progress(min(1.0, so_far / whole)))
             except CutOffError as cut:
                 result.cuts.append(cut)
     except BagError as damage:
@@ -178,14 +241,16 @@ def _said(problem: BagError) -> str:
 
 def _scan_file(
     result: Scan, path: Path, topics: Collection[str], records: dict[str, str],
-    recorder: dict[str, str],
+    recorder: dict[str, str], on_bytes: Callable[[float], None],
 ) -> None:
-    result.size += path.stat().st_size
+    before, own = result.size, path.stat().st_size
+    result.size += own
     with plain_file(path) as plain:
         file = McapFile(plain, str(path))
         try:
             for block in file.blocks():
                 _take_block(result, file, block, topics)
+                on_bytes(before + own * file.share)
                 if result.unpacked > max(ALWAYS_ALLOWED, LARGEST_EXPANSION * result.size):
                     raise BagError(
                         f'{path}: {result.size} bytes unpack to more than {LARGEST_EXPANSION} '

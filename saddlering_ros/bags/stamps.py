@@ -11,6 +11,7 @@ less away: two passes over the same stretch of time; or if messages stored later
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -38,9 +39,9 @@ LONGEST_LEAP_NS = 3600 * 1_000_000_000
 
 @dataclass(frozen=True)
 class StampOrder:
-    """Which messages to keep, in stamp order (indices), and what was done to get there."""
+    """Which messages to keep, in stamp order (indices; a slice if all), and what was done."""
 
-    keep: NDArray[np.int64]
+    keep: NDArray[np.int64] | slice
     reordered: int
     duplicates: int
 
@@ -48,17 +49,23 @@ class StampOrder:
 def put_in_order(
     where: str,
     stamps: NDArray[np.int64],
-    log_times: NDArray[np.int64],
+    log_times: Callable[[], NDArray[np.int64]],
     values: NDArray[np.float64],
 ) -> StampOrder:
-    """Order of the messages (N,) of a topic by stamp, without repeated ones; BagError if none."""
+    """Order of the messages (N,) of a topic by stamp, without repeated ones; BagError if none.
+
+    Log times [ns] are asked for only if messages came late: a long record is spared them.
+    """
     if len(stamps) > 1 and not stamps.any():
         raise BagError(f'{where}: all stamps are zero: let the driver fill header.stamp')
+    if len(stamps) and (stamps[1:] > stamps[:-1]).all():
+        _check_leaps(where, stamps)
+        return StampOrder(slice(None), 0, 0)
     lateness = _lateness(stamps)
     late = lateness > 0
     order = np.argsort(stamps, kind='stable')
     if late.any():
-        _check_late(where, stamps, log_times, lateness, order)
+        _check_late(where, stamps, log_times(), lateness, order)
     ordered = stamps[order]
     _check_leaps(where, ordered)
     keep = _without_duplicates(where, ordered, values[order])

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from types import TracebackType
 from typing import Any, TYPE_CHECKING
 
 if TYPE_CHECKING:
     from saddlering_ros.api.progress import Progress
+    from saddlering_ros.bags.scan import OnShare
 
 
 class Bar:
@@ -46,6 +48,13 @@ class Bar:
             self.show(progress.stage, progress.share, progress.detail)
         else:
             self.show(progress.task, progress.share, progress.stage)
+
+    def reading(self, path: Path | str) -> OnShare:
+        """What shows how much of a bag was read."""
+        from saddlering_ros.bags.directory import announced
+
+        words = announced(path)
+        return lambda share: self.show(f'read {Path(path).name}', share, words)
 
     def show(self, task: str, share: float, words: str = '') -> None:
         """A task is done to this share (0 to 1); `words` say what it is at."""

@@ -38,9 +38,22 @@ def add_fact_options(parser: argparse.ArgumentParser) -> None:
 def bags_of(args: argparse.Namespace, paths: Sequence[str], rig: Rig) -> list[Bag]:
     """The bags at these paths, read once, with what the fact options say."""
     from saddlering_ros import read_bag
+    from saddlering_ros.cli._progress import Bar
 
-    return [read_bag(path, rig=rig, test=args.test, elevation_deg=args.elevation)
-            for path in paths]
+    with Bar() as bar:
+        return [read_bag(path, rig=rig, test=args.test, elevation_deg=args.elevation,
+                         on_progress=bar.tell)
+                for path in paths]
+
+
+def read_shown(args: argparse.Namespace, rig: Rig) -> TestRun:
+    """The test of the one bag of a command, with a bar of how much was read."""
+    from saddlering_ros.bags import read_run
+    from saddlering_ros.cli._progress import Bar
+
+    with Bar() as bar:
+        return read_run(args.bag, test=args.test, elevation=radians(args.elevation), rig=rig,
+                        on_progress=bar.reading(args.bag))
 
 
 def add_trust_option(parser: argparse.ArgumentParser) -> None:

@@ -18,14 +18,14 @@ def add_parser(subparsers: Any) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Read, zero, compute, deliver."""
-    from saddlering_ros.bags import displacement_of_run, read_run
+    from saddlering_ros.bags import displacement_of_run
     from saddlering_ros.bags.samples import measured_samples
-    from saddlering_ros.cli._samples import check_outputs, deliver, radians
+    from saddlering_ros.cli._samples import check_outputs, deliver, read_shown
     from saddlering_ros.rig import load_rig
 
     check_outputs(args)
     rig = load_rig(args.rig)
-    test_run = read_run(args.bag, test=args.test, elevation=radians(args.elevation), rig=rig)
+    test_run = read_shown(args, rig)
     measured = displacement_of_run(rig, test_run)
     notes = list(test_run.notes)
     if not measured.zero.near_preload:

@@ -29,6 +29,7 @@ def run(args: argparse.Namespace) -> int:
     import sys
 
     from saddlering_ros.bags import bag_info, BagError
+    from saddlering_ros.cli._progress import Bar
     from saddlering_ros.cli._samples import radians
     from saddlering_ros.rig import load_rig
 
@@ -37,7 +38,9 @@ def run(args: argparse.Namespace) -> int:
     documents = []
     for bag in args.bags:
         try:
-            info = bag_info(bag, test=args.test, elevation=radians(args.elevation), rig=rig)
+            with Bar() as bar:
+                info = bag_info(bag, test=args.test, elevation=radians(args.elevation), rig=rig,
+                                on_progress=bar.reading(bag))
         except BagError as problem:
             problems.append(str(problem))
             documents.append({'path': bag, 'usable': False, 'problems': [str(problem)]})

@@ -94,8 +94,23 @@ def run_reporting(run: Run, args: argparse.Namespace) -> int:
         return _complain_of_ourselves(error, args)
 
 
+def open_closed_streams() -> None:
+    """Give a process started with a closed standard stream (`>&-`) the null device in its place.
+
+    A file opened later would take the stream's number, and get what is printed.
+    """
+    for number, name, mode in ((0, 'stdin', 'r'), (1, 'stdout', 'w'), (2, 'stderr', 'w')):
+        if getattr(sys, name) is None:
+            null = os.open(os.devnull, os.O_RDWR)
+            if null != number:
+                os.dup2(null, number)
+                os.close(null)
+            setattr(sys, name, os.fdopen(number, mode))
+
+
 def main(argv: Sequence[str] | None = None) -> int:
     """Run `saddlering` with `argv` (default: the process's own); return the exit status."""
+    open_closed_streams()
     for name in ('SIGTERM', 'SIGHUP'):
         signal.signal(getattr(signal, name), _leave)
     try:

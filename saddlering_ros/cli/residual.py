@@ -25,15 +25,15 @@ def run(args: argparse.Namespace) -> int:
     """Read, measure, simulate, subtract where both have a sample, deliver."""
     import numpy as np
 
-    from saddlering_ros.bags import displacement_of_run, read_run
+    from saddlering_ros.bags import displacement_of_run
     from saddlering_ros.bags.samples import DisplacementSamples, measured_samples
-    from saddlering_ros.cli._samples import check_outputs, deliver, radians, simulated_samples
+    from saddlering_ros.cli._samples import check_outputs, deliver, read_shown, simulated_samples
     from saddlering_ros.rig import CHANNELS, Displacement, load_rig, read_parameters
 
     check_outputs(args)
     rig = load_rig(args.rig)
     parameters = read_parameters(args.params)
-    test_run = read_run(args.bag, test=args.test, elevation=radians(args.elevation), rig=rig)
+    test_run = read_shown(args, rig)
 
     from saddlering_ros.ring import simulate
 

@@ -25,11 +25,10 @@ def add_parser(subparsers: Any) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Read, simulate, deliver."""
-    from saddlering_ros.bags import read_run
     from saddlering_ros.cli._samples import (
         check_outputs,
         deliver,
-        radians,
+        read_shown,
         simulated_samples,
         take_effects,
     )
@@ -39,7 +38,7 @@ def run(args: argparse.Namespace) -> int:
     take_effects(args)
     rig = load_rig(args.rig)
     parameters = read_parameters(args.params)
-    test_run = read_run(args.bag, test=args.test, elevation=radians(args.elevation), rig=rig)
+    test_run = read_shown(args, rig)
 
     from saddlering_ros.ring import simulate
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -25,6 +25,9 @@ NEAR_PRELOAD_SHARE = 0.04
 
 FEWEST_SAMPLES = 5
 """A steady stretch with fewer samples is none."""
+
+BLOCK = 8192
+"""Samples of a record looked at together."""
 
 
 @dataclass(frozen=True)
@@ -113,8 +116,17 @@ def zero_of_record(rig: Rig, time: NDArray[np.float64], load: NDArray[np.float64
     rows = np.empty((len(time), 0)) if gaps is None else np.asarray(gaps, dtype=np.float64).T
     for anywhere in (False, True):
         window = ZeroWindow(rig, anywhere=anywhere)
-        for seconds, force, row in zip(time.tolist(), load.tolist(), rows.tolist(), strict=True):
+        for seconds, force, row in _samples(time, load, rows):
             reading = window.push(seconds, force, row)
             if reading is not None:
                 return reading
     return ZeroReading(float(load[0]), tuple(rows[0].tolist()), 0, 1, False)
+
+
+def _samples(time: NDArray[np.float64], load: NDArray[np.float64], rows: NDArray[np.float64],
+             ) -> Iterator[tuple[float, float, list[float]]]:
+    """Each sample as Python's numbers, made by the block: the zero of most records comes soon."""
+    for start in range(0, len(time), BLOCK):
+        block = slice(start, start + BLOCK)
+        yield from zip(time[block].tolist(), load[block].tolist(), rows[block].tolist(),
+                       strict=True)

@@ -28,6 +28,10 @@ def root_folder(node: WithSettings, parameter: str, default: Path) -> Path:
     return root.resolve()
 
 
+MAX_SHOWN = 200
+"""Characters of a name that an error repeats."""
+
+
 def below(root: Path, name: str, what: str) -> Path:
     """The file or folder `name` (relative to `root`, or absolute), which must lie below `root`.
 
@@ -36,14 +40,16 @@ def below(root: Path, name: str, what: str) -> Path:
     path = Path(name)
     try:
         real = (path if path.is_absolute() else root / path).resolve()
+        is_there = real.exists()
     except (OSError, RuntimeError, ValueError) as problem:
         raise NodeError(
-            f'{what} {name!r}: cannot be resolved: give a path below {root}') from problem
+            f'{what} {name[:MAX_SHOWN]!r}: cannot be resolved: give a path below {root}'
+        ) from problem
     if not name or not real.is_relative_to(root):
         parameter = 'bag_root' if what == 'bag' else 'parameters_root'
         raise NodeError(f'{what} {name!r} is not below {root}: put it there, or set the '
                         f"node's parameter {parameter}")
-    if not real.exists():
+    if not is_there:
         raise NodeError(f'{what} {name!r} is not in {root}: check the name')
     return real
 

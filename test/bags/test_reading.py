@@ -272,3 +272,10 @@ def test_reading_leaves_the_bag_as_it_was(tmp_path, recording):
     read_run(copy)
     copy.chmod(0o755)
     assert {file.name: file.read_bytes() for file in copy.iterdir()} == before
+
+
+def test_reading_reports_how_much_of_the_bag_it_has_read(tmp_path, recording):
+    shares = []
+    read_raw(recording.write(tmp_path / 'bag'), on_progress=shares.append)
+    assert shares == sorted(shares)
+    assert 0.0 < shares[0] <= shares[-1] <= 1.0

@@ -1,6 +1,7 @@
 """Claims about the `saddlering` command itself: statuses, one line on stderr, nothing else."""
 
 import argparse
+import json
 import os
 from pathlib import Path
 import signal
@@ -164,3 +165,12 @@ def test_a_signal_closes_what_is_open(tmp_path, number, status):
     _, err = child.communicate(timeout=30)
     assert (child.returncode, err) == (status, '')
     assert (tmp_path / 'closed').exists()
+
+
+def test_with_standard_output_closed_a_command_still_ends_well(tmp_path):
+    bag = ROOT / 'bags' / 'dynamic_50_fast'
+    command = f'{sys.executable} -m saddlering_ros.cli.main info {bag} --json info.json >&-'
+    done = subprocess.run(['bash', '-c', command], cwd=tmp_path, capture_output=True, text=True,
+                          check=False)
+    assert (done.returncode, done.stderr) == (0, '')
+    assert json.loads((tmp_path / 'info.json').read_text())

@@ -201,3 +201,19 @@ def test_a_recording_that_ends_in_the_middle_keeps_all_but_its_last_seconds(
     run = read_run(kept)
     assert 'cut off' in ' '.join(run.notes)
     assert stamps[-1] - run.stamps[-1] < 10e9
+
+
+def test_what_a_killed_writer_left_is_swept_and_what_a_living_one_writes_is_not(tmp_path):
+    target = tmp_path / 'report.html'
+    with whole_file(target) as alive:
+        dead = tmp_path / '.report.html.abcdefgh.html'
+        other = tmp_path / '.report.html.backup.html'
+        for file in (dead, other):
+            file.write_text('half')
+        for file in (alive, dead, other):
+            os.utime(file, (0, 0))
+        write_text(target, 'new')
+        assert alive.exists()
+        assert not dead.exists()
+        assert other.exists()
+    assert not alive.exists()

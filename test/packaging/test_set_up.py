@@ -94,8 +94,11 @@ def test_a_machine_without_wheels_is_told_to_source_a_ros(project):
 @pytest.mark.skipif(not (ROOT / '.venv' / 'stamps' / 'python').is_file(),
                     reason='this is not an environment that set-up made')
 def test_a_second_set_up_finds_nothing_to_do():
-    environment = {**os.environ, 'PIP_NO_INDEX': '1'}
+    # Of an environment that is out of date nothing is removed under the feet of other tests.
+    environment = {**os.environ, 'PIP_NO_INDEX': '1', 'SADDLERING_SET_UP_CHECK': '1'}
     recorded = (ROOT / '.venv' / 'stamps' / 'python').read_text().strip()
     done = subprocess.run(['tools/set_up.sh'], cwd=ROOT, env={**environment, 'PYTHON': recorded},
                           text=True, capture_output=True, timeout=60, check=False)
+    if done.returncode == 3:
+        pytest.skip(f'{done.stderr.strip()}: make setup')
     assert (done.returncode, done.stdout, done.stderr) == (0, '', '')

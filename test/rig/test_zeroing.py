@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import tracemalloc
+
 import numpy as np
 import pytest
 
@@ -114,3 +116,14 @@ def test_a_window_asked_to_open_anywhere_opens_at_a_high_load() -> None:
     readings = [window.push(t, p) for t, p in zip(time, load, strict=True)]
     reading = next(item for item in readings if item is not None)
     assert (reading.start, reading.near_preload) == (0, False)
+
+
+def test_the_zero_of_a_long_record_takes_no_memory_of_its_length() -> None:
+    time = np.arange(1_000_000) / 10e3
+    load = np.full(time.size, RIG.preload)
+    tracemalloc.start()
+    zero = zero_of_record(RIG, time, load, np.ones((4, time.size)))
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert zero.near_preload
+    assert peak < 10_000_000
