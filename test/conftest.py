@@ -6,6 +6,7 @@ import signal
 from typing import Any
 
 from gate_budget import GateBudget
+from hypothesis import settings
 import pytest
 from ros_domains import DomainLease
 
@@ -13,6 +14,11 @@ from ros_domains import DomainLease
 # a program want it as it comes from a terminal.
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+# The same examples at every run; fresh ones by --hypothesis-profile=default.
+settings.register_profile('gate', derandomize=True, database=None, deadline=None)
+settings.load_profile('gate')
 
 
 def pytest_configure(config: pytest.Config) -> None:

@@ -136,7 +136,8 @@ def faulty(recording, fault):
         stamps += np.random.default_rng(place).integers(-10 ** 7, 10 ** 7, len(stamps))
     else:
         stamps, values = stamps[:place], values[:place]
-    return recording.changed(topic, stamps, values)
+    # A message before 1970 cannot be written.
+    return recording.changed(topic, np.maximum(stamps, 0), values)
 
 
 @QUICK

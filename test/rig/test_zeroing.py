@@ -121,8 +121,9 @@ def test_a_window_asked_to_open_anywhere_opens_at_a_high_load() -> None:
 def test_the_zero_of_a_long_record_takes_no_memory_of_its_length() -> None:
     time = np.arange(1_000_000) / 10e3
     load = np.full(time.size, RIG.preload)
+    gaps = np.ones((4, time.size))
     tracemalloc.start()
-    zero = zero_of_record(RIG, time, load, np.ones((4, time.size)))
+    zero = zero_of_record(RIG, time, load, gaps)
     _, peak = tracemalloc.get_traced_memory()
     tracemalloc.stop()
     assert zero.near_preload
