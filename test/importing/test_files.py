@@ -108,6 +108,25 @@ def test_channels_of_two_files_with_rates_of_their_own_make_one_bag(tmp_path: Pa
     assert len(readings(tmp_path, 'eddy_current_3')) == 100
 
 
+@pytest.mark.parametrize('change', [
+    lambda text: text.encode('utf-16'),
+    lambda text: text.encode('utf-8-sig'),
+    lambda text: text.replace(';', '\t').encode(),
+    lambda text: text.replace(';', ' ').encode(),
+    lambda text: text.replace('\n', ';\r\n').encode(),
+    lambda text: ('# made by a logger\n# a;b;c;d\n' + text).encode(),
+])
+def test_encodings_delimiters_and_line_ends_make_no_difference(
+        tmp_path: Path, change: Any) -> None:
+    convert(tmp_path, plain_table(), document())
+    expected = readings(tmp_path)
+    (tmp_path / 'a.csv').write_bytes(change(plain_table()))
+    result = import_files([tmp_path / 'a.csv'], read_map(tmp_path / 'map.yaml'),
+                          tmp_path / 'bag', overwrite=True)
+    assert np.array_equal(readings(tmp_path), expected)
+    assert result.warnings == ()
+
+
 PREAMBLE = 'Messung;Prüfstand\nBearbeiter;x\n\nZeit [s];Kraft;Weg;Weg\ns;kN;V;V\n'
 
 

@@ -41,7 +41,7 @@ class CsvSource(Source):
 
     def describe(self) -> list[str]:
         """The shape of the file."""
-        names = {'\t': 'tab', ';': 'semicolon', ',': 'comma', '|': 'bar'}
+        names = {'\t': 'tab', ';': 'semicolon', ',': 'comma', '|': 'bar', ' ': 'blank'}
         shape = self.shape
         return [f'{names.get(shape.delimiter, repr(shape.delimiter))} between columns, decimal '
                 f'{"comma" if shape.decimal == "," else "point"}, {shape.encoding}; names in line '

@@ -15,7 +15,7 @@ from saddlering_ros.suggestion import refuse_unknown_keys
 
 SNIFFED_BYTES = 1 << 18
 SNIFFED_LINES = 400
-DELIMITERS = ('\t', ';', ',', '|')
+DELIMITERS = ('\t', ';', ',', '|', ' ')
 
 NUMBER = {mark: re.compile(rf'\s*[-+]?(\d+{mark}?\d*|{mark}\d+)([eE][-+]?\d+)?\s*')
           for mark in (r'\.', ',')}
@@ -111,7 +111,7 @@ def _sniffed(
                                       delimiter=delimiter, decimal=decimal)
     if not best[0]:
         raise ImportingError(f'{path}: no columns of numbers were found: state csv: {{delimiter, '
-                             'decimal, header_line, first_line}} in the map')
+                             'decimal, header_line, first_line} in the map')
     return best[1]
 
 
