@@ -30,7 +30,7 @@ from saddlering_ros.bags.record_quality import (
     topic_quality,
     TopicQuality,
 )
-from saddlering_ros.bags.rig_notes import rig_notes
+from saddlering_ros.bags.rig_notes import parity_notes, rig_notes
 from saddlering_ros.bags.scan import OnShare, Scan, scan, ScannedTopic
 from saddlering_ros.bags.stamps import put_in_order
 from saddlering_ros.bags.topics import (
@@ -229,7 +229,9 @@ def read_run(
 def notes_on_rig(rig: Rig, run: TestRun, record: RawRecord) -> list[str]:
     """What looks wrong with a run on this rig: its wiring, its zero, its kind, its units."""
     spans = [(record[name].min_range, record[name].max_range) for name in PROBE_TOPICS]
-    return [*wiring_notes(rig, run.elevation, run.load, run.gaps),
+    wiring = wiring_notes(rig, run.elevation, run.load, run.gaps)
+    parity = [] if wiring else parity_notes(rig, run.load, run.gaps)
+    return [*wiring, *parity,
             *rig_notes(rig, run.test, run.time, run.load, spans)]
 
 

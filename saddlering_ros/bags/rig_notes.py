@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saddlering_ros.bags.plateaus import find_holds
-from saddlering_ros.rig import Rig, zero_of_record
+from saddlering_ros.rig import gap_increment, Rig, zero_of_record
 
 Floats = NDArray[np.float64]
 
@@ -29,9 +29,42 @@ PEAK_TOLERANCE = 1.1
 
 PEAK_SHARE = 0.3
 
+PARTS = 20
+"""Parts of a record over which the parity is averaged."""
+
 MIN_HOLDS = 8
 MIN_HELD_SHARE = 0.6
 """A dynamic record with so many holds, over such a share of its time, looks like a static test."""
+
+
+PARITY_SHARE = 0.004
+"""Share of the largest motion by which the parity may follow the load without a note."""
+
+PARITY_ERRORS = 5.0
+"""... and so many standard deviations of its means over a twentieth of the record."""
+
+
+def parity_notes(rig: Rig, load: Floats, gaps: Floats) -> list[str]:
+    """One line if the parity of the radial probes in gaps (4, N) [m] follows the load (N,) [N].
+
+    The parity (d1 + d3)/2 of a rigid ring is zero whatever its contact does.
+    """
+    kept = np.isfinite(gaps).all(axis=0) & np.isfinite(load)
+    count = np.count_nonzero(kept) // PARTS
+    if count < 5 or float(np.ptp(load[kept])) < 0.1 * rig.full_scale_load:
+        return []
+    increments = gap_increment(rig.probes, gaps[:, kept], gaps[:, kept][:, 0])
+    rows = np.stack([*increments, 0.5 * (increments[0] + increments[2]), load[kept]])
+    means = rows[:, :PARTS * count].reshape(6, PARTS, count).mean(axis=2)
+    parity, force = means[4], means[5]
+    slope, start = np.polyfit(force, parity, 1)
+    moved = abs(float(slope)) * float(np.ptp(force))
+    spread = float(np.std(parity - start - slope * force, ddof=2))
+    if moved < max(PARITY_SHARE * float(np.ptp(means[:4], axis=1).max()), PARITY_ERRORS * spread):
+        return []
+    return [f'the parity of probes 1 and 3 follows the load by {moved * 1e6:.2g} um; that of a '
+            'rigid ring does not: cross-talk, a gain, a bracket or the ring itself (diagnose '
+            'reports which)']
 
 
 def rig_notes(

@@ -17,7 +17,7 @@ from saddlering_ros.bags import (
     refuse_repeats,
     TestRun,
 )
-from saddlering_ros.bags.rig_notes import rig_notes
+from saddlering_ros.bags.rig_notes import parity_notes, rig_notes
 from saddlering_ros.rig import default_rig, TONNE
 
 RIG = default_rig()
@@ -118,3 +118,19 @@ def test_two_tests_in_one_folder_are_refused(tmp_path, recording):
     (bag / 'metadata.yaml').unlink()
     with pytest.raises(BagError, match='these are two tests'):
         read_run(bag)
+
+
+def parity_of(share, noise=3e-7):
+    """Gaps of a rigid ring with a share of probe 2 in the readings of probe 1."""
+    random = np.random.default_rng(0)
+    motion = 100e-6 * (RAMP - RIG.preload) / RIG.full_scale_load
+    gaps = 1e-3 + np.outer([0.5, 1.0, -0.5, -1.0], motion)
+    gaps[0] += share * motion
+    return gaps + random.normal(0.0, noise, gaps.shape)
+
+
+def test_cross_talk_of_two_percent_moves_the_parity_and_noise_does_not():
+    assert parity_notes(RIG, RAMP, parity_of(0.0)) == []
+    assert parity_notes(RIG, RAMP, parity_of(0.0, noise=1e-6)) == []
+    (note,) = parity_notes(RIG, RAMP, parity_of(0.02))
+    assert 'follows the load by 0.9' in note
