@@ -62,7 +62,7 @@ class Axis:
         Effect('hardening', {'cubic': Parameter(-2e8, 2e8, unit='N/m^3')}),
     )
 
-    def disturbances(self, runs: list[RunBlocks], point: Point) -> list[np.ndarray]:
+    def nuisances(self, runs: list[RunBlocks], point: Point) -> list[np.ndarray]:
         return [np.zeros((2, run.time.size, 0)) for run in runs]
 
     def predict_many(self, run: RunBlocks, points: list[Point]) -> np.ndarray:

@@ -114,7 +114,7 @@ class RingSystem:
         means = grid.block_means(np.nan_to_num(simulated, nan=1e-3, posinf=1e-3, neginf=-1e-3))
         return np.clip(means, -1e-2, 1e-2)
 
-    def disturbances(self, runs: Sequence[RunBlocks], point: Point) -> list[Array]:
+    def nuisances(self, runs: Sequence[RunBlocks], point: Point) -> list[Array]:
         """Unequal rollers of a sound ring; clearances and a weight not known exactly.
 
         Where rollers begin to touch, a little load moves the ring far: what one of them does there

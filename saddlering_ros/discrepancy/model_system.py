@@ -122,7 +122,7 @@ class ModelSystem:
                 self._lost(source, asked[number], 'no finite answer')
         return answers
 
-    def disturbances(self, runs: Sequence[RunBlocks], point: Point) -> list[Array]:
+    def nuisances(self, runs: Sequence[RunBlocks], point: Point) -> list[Array]:
         """No nuisance parameters of its own."""
         return [np.zeros((*run.channels.shape, 0)) for run in runs]
 

@@ -90,7 +90,7 @@ def timing_columns(experiment: Experiment, prior: ModelErrorPrior, prediction: A
 
 def system_columns(experiment: Experiment, point: Point) -> Array:
     """The system's own nuisance parameters as stacked columns (n, k)."""
-    parts = experiment.system.disturbances(experiment.runs, point)
+    parts = experiment.system.nuisances(experiment.runs, point)
     return np.concatenate(
         [part.reshape(part.shape[0] * part.shape[1], part.shape[2]) for part in parts]
     )

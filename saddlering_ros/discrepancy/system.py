@@ -223,11 +223,11 @@ class System(Protocol):
         """Channels (B, C, N) of `run` for every point; a constant per channel is of no account."""
         ...
 
-    def disturbances(self, runs: Sequence[RunBlocks], point: Point) -> Sequence[Array]:
+    def nuisances(self, runs: Sequence[RunBlocks], point: Point) -> Sequence[Array]:
         """What is wrong with any such system and no cause: per run columns (C, N, k), k the same.
 
-        Each column is one standard deviation of one small unknown at `point` (base values, and
-        the effects found), shared by all runs; k = 0 for a simulator that is right but for its
-        causes.
+        Each column is one standard deviation of one nuisance parameter at `point` (base values,
+        and the effects found), shared by all runs; k = 0 for a simulator that is right but for
+        its causes.
         """
         ...

@@ -15,13 +15,13 @@ LOAD = np.interp(TIME, [0, 4, 12, 20], [0.0, 0.0, 1.0, 0.0])
 
 
 class System:
-    """What systems without disturbances share; `predict` (C, N) is theirs, of run and point."""
+    """What systems without nuisances share; `predict` (C, N) is theirs, of run and point."""
 
     channel_names: tuple[str, ...] = ('one',)
     views: Mapping[str, np.ndarray] = MappingProxyType({'one': np.array([1.0])})
     base_parameters: tuple[Parameter, ...] = (Parameter(0.5, 2.0, name='slope'),)
 
-    def disturbances(self, runs: Sequence[RunBlocks], point: Point) -> list[np.ndarray]:
+    def nuisances(self, runs: Sequence[RunBlocks], point: Point) -> list[np.ndarray]:
         return [np.zeros((len(self.channel_names), run.time.size, 0)) for run in runs]
 
     def predict_many(self, run: RunBlocks, points: Sequence[Point]) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""Claims on rivals: a look-alike leaves the group only by what is known of the noise."""
+"""Claims on alternatives: a look-alike leaves the group only by what is known of the noise."""
 
 from __future__ import annotations
 

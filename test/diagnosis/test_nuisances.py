@@ -8,12 +8,11 @@ import numpy as np
 import pytest
 
 from saddlering_ros.bags import read_run
-from saddlering_ros.diagnosis import records
 from saddlering_ros.diagnosis.records import build_record
 from saddlering_ros.diagnosis.ring_system import CURVATURE, RingSystem
 from saddlering_ros.diagnosis.scatter import CLEARANCE_UNKNOWN, Course, scatter_columns
 from saddlering_ros.discrepancy import Point, RunBlocks
-from saddlering_ros.rig import default_rig, TRUE_TO_SCALE
+from saddlering_ros.rig import default_rig, limits, TRUE_TO_SCALE
 
 BASE = TRUE_TO_SCALE.to_array()
 KNOWN = 6
@@ -33,7 +32,7 @@ def centred(columns: np.ndarray) -> np.ndarray:
 
 def test_the_clearance_column_is_what_the_simulator_makes_of_a_clearance(fast):
     system = RingSystem(default_rig())
-    columns = system.disturbances([fast], Point(BASE))[0]
+    columns = system.nuisances([fast], Point(BASE))[0]
     column = columns[:, :, -KNOWN] + columns[:, :, -KNOWN // 2] / CURVATURE
     change = {'axial_clearance': {'change': CLEARANCE_UNKNOWN}}
     more, usual = system.predict_many(fast, [Point(BASE, change), Point(BASE)])
@@ -51,7 +50,7 @@ def test_unequal_rollers_show_at_the_load_that_the_ring_feels(campaign):
     usual, with_gain = (
         np.linalg.norm(columns[0][3, rising, :-KNOWN], axis=1)
         for columns in (
-            RingSystem(rig).disturbances([run], point)
+            RingSystem(rig).nuisances([run], point)
             for point in (Point(BASE), Point(BASE, gain))
         )
     )
@@ -78,7 +77,7 @@ def test_holds_in_the_play_of_the_ring_are_left_out(campaign, monkeypatch):
     rig = default_rig()
     run = read_run(next(bag for bag in campaign() if bag.name == 'static_50'))
     usual = build_record(rig, run, held_out=False).run
-    monkeypatch.setattr(records, 'LEAST_LOAD', 0.3)
+    monkeypatch.setattr(limits, 'HOLD_SHARE', 0.3)
     fewer = build_record(rig, run, held_out=False).run
     kept = usual.inputs['load'] > 0.3 * rig.full_scale_load
     assert 0 < kept.sum() < kept.size
