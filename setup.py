@@ -30,7 +30,7 @@ def required(name):
 setup(
     name=PACKAGE,
     version='0.1.0',
-    description='Test rig, simulator and diagnosis of a saddle bearing, on ROS 2.',
+    description='Test rig, simulator and diagnosis of a saddle ring, on ROS 2.',
     maintainer='Seed 74823868 maintainers',
     maintainer_email='maintainers@users.noreply.h-seed-74823868.example',
     license='Apache-2.0',

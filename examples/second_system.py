@@ -68,17 +68,17 @@ class Axis:
     def predict_many(self, run: RunBlocks, points: list[Point]) -> np.ndarray:
         stiffness, damping = np.array([point.base for point in points]).T
 
-        def knob(effect: str, name: str) -> np.ndarray:
+        def values_of(effect: str, name: str) -> np.ndarray:
             return np.array([point.effects.get(effect, {}).get(name, 0.0) for point in points])
 
-        friction, cubic = knob('friction', 'force'), knob('hardening', 'cubic')
-        offset, width = knob('force_offset', 'force'), knob('backlash', 'width')
+        friction, cubic = values_of('friction', 'force'), values_of('hardening', 'cubic')
+        offset, width = values_of('force_offset', 'force'), values_of('backlash', 'width')
         seen = np.empty((len(points), 2, run.time.size))
         move(stiffness, damping, friction, cubic, offset, width, run.inputs['force'], seen)
-        for row, late in enumerate(knob('delay', 'time')):
+        for row, late in enumerate(values_of('delay', 'time')):
             for channel in range(2):
                 seen[row, channel] = np.interp(run.time - late, run.time, seen[row, channel])
-        seen[:, 1] *= 1.0 + knob('encoder_gain', 'gain')[:, None]
+        seen[:, 1] *= 1.0 + values_of('encoder_gain', 'gain')[:, None]
         return seen
 
 

@@ -50,7 +50,7 @@ def build_parser() -> tuple[argparse.ArgumentParser, dict[str, Run]]:
     """Return the parser, and what runs each subcommand it knows."""
     parser = OneLineParser(
         prog='saddlering',
-        description='Test rig, simulator and diagnosis of a saddle bearing.',
+        description='Test rig, simulator and diagnosis of a saddle ring.',
         epilog=examples_text('saddlering'),
     )
     parser.add_argument('--version', action=_Version, help='show the version and leave')
