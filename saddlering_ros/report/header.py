@@ -12,6 +12,7 @@ from saddlering_ros.bags import TestRun
 from saddlering_ros.report import html
 from saddlering_ros.report.html import Cell, number
 from saddlering_ros.rig import Rig, RollerRow, short_digest
+from saddlering_ros.rig.drawing import drawing_svg
 
 EARLIEST = 946_684_800_000_000_000
 """Stamps [ns] before the year 2000 count from some other zero and give no date."""
@@ -65,11 +66,17 @@ def head(title: str, rig: Rig, tests: Sequence[HeadLine]) -> str:
         f'{short_digest(digest)}</code></p>',
         html.table([columns[place] for place in shown],
                    [[row[place] for place in shown] for row in rows]),
-        html.folded('Dimensions of the rig', html.table(
+        html.folded('Dimensions of the rig', _picture(rig, tests) + html.table(
             ['dimension', number('value')],
             [(html.Cell(name), number(value)) for name, value in dimensions(rig)],
             f'Rig hash {digest}')),
     ])
+
+
+def _picture(rig: Rig, tests: Sequence[HeadLine]) -> str:
+    """The drawing of the rig, its load at the elevation of the first test."""
+    svg = drawing_svg(rig, tests[0].elevation_deg) if tests else drawing_svg(rig)
+    return f'<div role="img" aria-label="Drawing of the rig with probes and signs">{svg}</div>'
 
 
 def dimensions(rig: Rig) -> list[tuple[str, str]]:

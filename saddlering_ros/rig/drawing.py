@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
+import re
 from typing import Any
 
 from saddlering_ros.rig.description import Rig
@@ -32,7 +33,8 @@ def drawing_svg(rig: Rig, elevation_deg: float = DRAWN_ELEVATION_DEG) -> str:
 
     text = StringIO()
     _save(rig_figure(rig, elevation_deg), text, 'svg')
-    return text.getvalue()[text.getvalue().index('<svg'):]
+    svg = text.getvalue()[text.getvalue().index('<svg'):]
+    return re.sub(r'width="[^"]*" height="[^"]*"', 'width="100%"', svg, count=1)
 
 
 def _save(figure: Any, place: Any, kind: str) -> None:
