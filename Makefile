@@ -5,7 +5,7 @@ export PYTHON
 
 RUN := tools/run.sh
 
-.PHONY: help setup setup-docs setup-test demo test coverage bench bench-identification bench-blind lint docs lock clean
+.PHONY: help setup setup-docs setup-test demo test coverage bench bench-identification bench-blind lint docs workspace lock clean
 
 help:
 	@echo 'make setup        .venv with ROS 2 Jazzy, our messages and this package'
@@ -17,6 +17,7 @@ help:
 	@echo 'make bench-blind  300 fresh blind draws, and whether the promised rates are kept'
 	@echo 'make lint         ruff and mypy'
 	@echo 'make docs         the documentation as a site in docs/_build, warnings as errors'
+	@echo 'make workspace WS=FOLDER   both packages side by side for rosdep and colcon'
 	@echo 'make lock         requirements/lock/ anew from requirements/*.in'
 	@echo 'make clean        remove .venv, out/ and what builds leave'
 
@@ -59,6 +60,9 @@ setup-docs:
 
 docs: setup-docs
 	@$(RUN) python -m sphinx --fail-on-warning --keep-going --quiet -b html docs docs/_build
+
+workspace:
+	@tools/workspace.sh "$(WS)"
 
 lock:
 	@python3 tools/lock.py

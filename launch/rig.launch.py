@@ -1,84 +1,140 @@
-"""Start every node of the suite, on one rig description.
+"""Start the nodes of one rig.
 
-    ros2 launch saddlering_ros rig.launch.py elevation:=50      on a rig, or beside ros2 bag play
-    ros2 launch saddlering_ros rig.launch.py bag:=PATH          replay a bag
+    ros2 launch saddlering_ros rig.launch.py elevation:=50 replay:=false      on a rig
+    ros2 launch saddlering_ros rig.launch.py bag:=PATH                        replay a bag
+    ros2 launch saddlering_ros rig.launch.py namespace:=rig1 elevation:=50    one of several rigs
 
-Without a bag the three replay nodes wait unconfigured; whatever publishes the topics of the rig
-drives the rest: a driver of the hardware, or `ros2 bag play PATH --clock` with use_sim_time:=true.
+Without a bag the replay nodes are left out unless replay:=true, with which they wait for one.
+Whatever publishes the topics of the rig drives the rest: a driver of the hardware, or
+`ros2 bag play PATH --clock` with use_sim_time:=true.
 """
 
 from pathlib import Path
 
 from launch import LaunchDescription
-from launch.actions import DeclareLaunchArgument, OpaqueFunction
+from launch.actions import DeclareLaunchArgument, ExecuteProcess, OpaqueFunction
 from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
-from launch_ros.actions import Node
-from launch_ros.substitutions import FindPackageShare
+from launch_ros.actions import LifecycleNode, Node
+from launch_ros.substitutions import FindPackagePrefix, FindPackageShare
 
+from saddlering_ros.bags.topics import TOPICS
 from saddlering_ros.ros.registry import ACTION, CLOCK, NODES, REPLAY, RING
 
 PACKAGE = 'saddlering_ros'
+
+ARGUMENTS = {
+    'bag': ('', 'bag to replay; empty: none'),
+    'elevation': ('', 'elevation of the load in degrees; empty: as the bag states'),
+    'parameters': ('', 'contact parameters to simulate with; empty: true to scale'),
+    'bag_root': ('', 'folder of the bags that goals may name; empty: that of the bag replayed, or '
+                 'the shipped ones'),
+    'parameters_root': ('', 'folder of the parameter files that goals may name; empty: bag_root'),
+    'rate': ('1.0', 'speed of the replay'),
+    'namespace': ('', 'namespace of the rig; empty: the root'),
+    'hardware_id': ('', 'identity of the rig in /diagnostics; empty: by the namespace'),
+    'record': ('', 'bag to record everything into; empty: record nothing'),
+    'log_level': ('info', 'debug, info, warn, error or fatal'),
+}
+CHOICES = {
+    'lockstep': ('false', ['true', 'false'],
+                 'replay waits for the nodes; with rate:=0 it runs as fast as they follow'),
+    'replay': ('', ['', 'true', 'false'], 'start the replay nodes; empty: with a bag'),
+    'servers': ('true', ['true', 'false'], 'start the action servers'),
+    'respawn': ('false', ['true', 'false'], 'start a node again that has ended'),
+    'autostart': ('true', ['true', 'false'],
+                  'nodes configure and activate themselves; false: leave both to ros2 lifecycle'),
+    'use_sim_time': ('', ['', 'true', 'false'], 'follow the clock; empty: when a bag is replayed'),
+}
+TOPIC_ARGUMENTS = {f'{topic.relative.rpartition("/")[2]}_topic': topic.relative
+                   for topic in TOPICS.values()}
+"""Name of the argument that renames a topic of the rig, and the topic."""
 
 
 def generate_launch_description():
     """Return the arguments, and what starts the nodes from them."""
     rig = PathJoinSubstitution([FindPackageShare(PACKAGE), 'config', 'rig.yaml'])
     return LaunchDescription([
-        DeclareLaunchArgument('bag', default_value='', description='bag to replay; empty: none'),
-        DeclareLaunchArgument(
-            'elevation', default_value='',
-            description='elevation of the load in degrees; empty: as the bag says'),
         DeclareLaunchArgument('rig', default_value=rig, description='rig description'),
-        DeclareLaunchArgument(
-            'parameters', default_value='',
-            description='contact parameters to simulate with; empty: true to scale'),
-        DeclareLaunchArgument(
-            'bag_root', default_value='',
-            description='folder of the bags that goals may name; empty: that of the bag replayed, '
-                        'or the shipped ones'),
-        DeclareLaunchArgument(
-            'parameters_root', default_value='',
-            description='folder of the parameter files that goals may name; empty: bag_root'),
-        DeclareLaunchArgument('rate', default_value='1.0', description='speed of the replay'),
-        DeclareLaunchArgument(
-            'lockstep', default_value='false', choices=['true', 'false'],
-            description='replay waits for the nodes; with rate:=0 it runs as fast as they follow'),
-        DeclareLaunchArgument(
-            'use_sim_time', default_value='', choices=['', 'true', 'false'],
-            description='follow /clock; empty: when a bag is replayed'),
+        *(DeclareLaunchArgument(name, default_value=default, description=words)
+          for name, (default, words) in ARGUMENTS.items()),
+        *(DeclareLaunchArgument(name, default_value=default, choices=choices, description=words)
+          for name, (default, choices, words) in CHOICES.items()),
+        *(DeclareLaunchArgument(name, default_value=topic, description=f'name of topic {topic}')
+          for name, topic in TOPIC_ARGUMENTS.items()),
         OpaqueFunction(function=start_nodes),
     ])
 
 
 def start_nodes(context):
     """Return the nodes, each with what it needs of the arguments."""
-    given = {name: LaunchConfiguration(name).perform(context) for name in (
-        'bag', 'elevation', 'rig', 'parameters', 'bag_root', 'parameters_root', 'rate', 'lockstep',
-        'use_sim_time')}
-    bag, rig, contact = (as_path(given[name]) for name in ('bag', 'rig', 'parameters'))
+    given = {name: LaunchConfiguration(name).perform(context)
+             for name in ('rig', *ARGUMENTS, *CHOICES, *TOPIC_ARGUMENTS)}
+    namespace = '/' + given['namespace'].strip('/') if given['namespace'].strip('/') else ''
+    kinds = [RING]
+    if given['servers'] == 'true':
+        kinds.append(ACTION)
+    if given['replay'] == 'true' or (not given['replay'] and given['bag']):
+        kinds += [REPLAY, CLOCK]
+    common = {
+        'namespace': namespace, 'output': 'screen', 'respawn': given['respawn'] == 'true',
+        'arguments': ['--ros-args', '--log-level', given['log_level']],
+        'remappings': remappings(given, namespace),
+    }
+    parameters = parameters_by_kind(given)
+    nodes = []
+    for node in (node for kind in kinds for node in NODES if node.kind == kind):
+        own = [simulation(given)] if node.name == 'ring_simulator' else []
+        make = Node if node.kind == ACTION else LifecycleNode
+        nodes.append(make(
+            package=PACKAGE, executable=node.name, name=node.name, **common,
+            parameters=[as_path(given['rig']), *parameters[node.kind], *own]))
+    return [*nodes, *recorder(given, namespace)]
+
+
+def parameters_by_kind(given):
+    """Return the parameters of the nodes of each kind."""
+    bag = as_path(given['bag'])
+    every = {'hardware_id': given['hardware_id']}
+    autostart = {'autostart': given['autostart'] == 'true'}
+    replay = {'bag': bag, 'autostart': given['autostart'] == 'true' and bool(bag)}
+    clock = {'rate': number('rate', given), 'lockstep': given['lockstep'] == 'true'}
+    if given['elevation']:
+        clock['elevation_deg'] = number('elevation', given)
     sim_time = {'use_sim_time': given['use_sim_time'] == 'true' or (
         not given['use_sim_time'] and bool(bag))}
-
-    replay = {'bag': bag, 'autostart': bool(bag)}
-    clock = {'rate': number('rate', given), 'lockstep': given['lockstep'] == 'true'}
-    simulation = {'parameters_file': contact}
-    if given['elevation']:
-        simulation['elevation_deg'] = number('elevation', given)
-    elif bag:
-        simulation['bag'] = bag
-
     roots = {
         'bag_root': as_path(given['bag_root']) or (str(Path(bag).parent) if bag else ''),
         'parameters_root': as_path(given['parameters_root']),
     }
+    return {ACTION: [every, roots], CLOCK: [every, replay, clock], REPLAY: [every, replay],
+            RING: [every, autostart, sim_time]}
 
-    of_kind = {ACTION: [roots], CLOCK: [replay, clock], REPLAY: [replay], RING: [sim_time]}
-    of_node = {'ring_simulator': [simulation]}
-    return [
-        Node(package=PACKAGE, executable=node.name, name=node.name, output='screen',
-             parameters=[rig, *of_kind[node.kind], *of_node.get(node.name, [])])
-        for kind in (RING, ACTION, REPLAY, CLOCK) for node in NODES if node.kind == kind
-    ]
+
+def simulation(given):
+    """Return the parameters of the simulator alone."""
+    found = {'parameters_file': as_path(given['parameters'])}
+    if given['elevation']:
+        found['elevation_deg'] = number('elevation', given)
+    elif given['bag']:
+        found['bag'] = as_path(given['bag'])
+    return found
+
+
+def remappings(given, namespace):
+    """Return the topics that have other names, and the clock of the namespace."""
+    found = [(topic, given[name]) for name, topic in TOPIC_ARGUMENTS.items()
+             if given[name] != topic]
+    return found + ([('/clock', f'{namespace}/clock')] if namespace else [])
+
+
+def recorder(given, namespace):
+    """Return the process that records, if one is wanted."""
+    if not given['record']:
+        return []
+    program = PathJoinSubstitution([FindPackagePrefix(PACKAGE), 'lib', PACKAGE, 'saddlering'])
+    return [ExecuteProcess(
+        cmd=[program, 'record', as_path(given['record']), '--namespace', namespace or '/'],
+        output='screen')]
 
 
 def as_path(text):

@@ -187,12 +187,16 @@ build_interfaces() {
   mark_done interfaces "$wanted"
 }
 
+shared_files() {
+  find package.xml config launch bags -type f -not -path '*/__pycache__/*' | LC_ALL=C sort
+}
+
 # Editable: what stands in the working tree is what runs. An editable install leaves out what ROS
 # tools look for under lib/ and share/: links to the commands and to the working tree put it there.
 install_package() {
   local wanted program shared
-  wanted=$(digest_of_files setup.py setup.cfg package.xml resource requirements/*.in |
-    digest "$environment")
+  wanted=$({ digest_of_files setup.py setup.cfg package.xml resource requirements/*.in \
+      saddlering_ros/ros/registry.py; shared_files; } | digest "$environment")
   done_already package "$wanted" && return
   echo 'set-up: installing saddlering_ros'
   quietly 'installing saddlering_ros' install --no-build-isolation --editable .
@@ -201,7 +205,10 @@ install_package() {
 for entry in distribution("saddlering_ros").entry_points: print(entry.name)'); do
     ln -sfn "../../bin/$program" "$environment/lib/saddlering_ros/$program"
   done
-  for shared in package.xml config launch bags; do
+  # Links to files, not to folders: ros2 launch walks the folders and follows no link on its way.
+  rm -rf "$environment/share/saddlering_ros"
+  for shared in $(shared_files); do
+    mkdir -p "$environment/share/saddlering_ros/$(dirname "$shared")"
     ln -sfn "$here/$shared" "$environment/share/saddlering_ros/$shared"
   done
   ln -sfn "$here/resource/saddlering_ros" \

@@ -9,6 +9,7 @@ import runpy
 import shutil
 import subprocess
 import sys
+import types
 import xml.etree.ElementTree as ElementTree
 
 import pytest
@@ -190,6 +191,75 @@ def test_a_new_node_is_a_module_and_an_entry(tmp_path):
     assert 'inclinometer = saddlering_ros.nodes.inclinometer:main' in said.stdout
     assert "('inclinometer', 'ring_displacement'" in said.stdout
     assert '| inclinometer | a bus | rig/elevation |' in said.stdout
+
+
+class Made:
+    """What a launch file makes: its kind, and what it was given."""
+
+    def __init__(self, *values, **given):
+        self.values, self.given = values, given
+
+    def perform(self, context):
+        return context[self.values[0]]
+
+
+@pytest.fixture
+def launched(monkeypatch):
+    """The nodes that the launch file starts for some arguments, with stand-ins for launch."""
+    kinds = {name: type(name, (Made,), {}) for name in (
+        'LaunchDescription', 'DeclareLaunchArgument', 'ExecuteProcess', 'OpaqueFunction',
+        'LaunchConfiguration', 'PathJoinSubstitution', 'LifecycleNode', 'Node',
+        'FindPackagePrefix', 'FindPackageShare')}
+    for module in ('launch', 'launch.actions', 'launch.substitutions', 'launch_ros',
+                   'launch_ros.actions', 'launch_ros.substitutions'):
+        monkeypatch.setitem(sys.modules, module, types.SimpleNamespace(**kinds))
+    found = runpy.run_path(str(ROOT / 'launch' / 'rig.launch.py'))
+    arguments = found['generate_launch_description']().values[0]
+    defaults = {item.values[0]: item.given['default_value'] for item in arguments
+                if isinstance(item, kinds['DeclareLaunchArgument'])}
+
+    def start(**given):
+        made = found['start_nodes']({**defaults, 'rig': '/rig.yaml', **given})
+        return {item.given.get('executable', 'record'): item for item in made}
+
+    return start
+
+
+def test_the_launch_file_leaves_out_what_is_not_wanted(launched):
+    assert set(launched()) == set(names('ring', 'action'))
+    assert set(launched(bag='b')) == NODES
+    assert set(launched(bag='b', replay='false', servers='false')) == set(names('ring'))
+    assert 'record' in launched(record='out')
+
+
+def test_the_launch_file_hands_everything_on(launched):
+    nodes = launched(bag='/bags/b', namespace='rig1', elevation='60', log_level='warn',
+                     respawn='true', autostart='false', hydraulic_load_topic='mine/load')
+    for name, node in nodes.items():
+        assert node.given['namespace'] == '/rig1'
+        assert node.given['respawn'] is True
+        assert node.given['arguments'] == ['--ros-args', '--log-level', 'warn']
+        assert ('rig/hydraulic_load', 'mine/load') in node.given['remappings']
+        assert ('/clock', '/rig1/clock') in node.given['remappings']
+        kind = 'Node' if name in names('action') else 'LifecycleNode'
+        assert type(node).__name__ == kind
+    merged = {name: {key: value for part in node.given['parameters'][1:]
+                     for key, value in part.items()} for name, node in nodes.items()}
+    assert merged['ring_simulator']['elevation_deg'] == 60.0
+    assert merged['replay_clock']['elevation_deg'] == 60.0
+    assert merged['ring_residual']['autostart'] is False
+    assert merged['hydraulic_load']['bag'] == '/bags/b'
+
+
+def test_a_workspace_holds_both_packages_side_by_side(tmp_path):
+    made = subprocess.run([ROOT / 'tools' / 'workspace.sh', tmp_path / 'ws'], check=True,
+                          capture_output=True, text=True)
+    assert 'rosdep install --from-paths src --ignore-src' in made.stdout
+    found = {path.parent.name for path in (tmp_path / 'ws' / 'src').glob('*/package.xml')}
+    assert found == {'saddlering_ros', 'saddlering_interfaces'}
+    inside = subprocess.run([ROOT / 'tools' / 'workspace.sh', ROOT / 'out'], check=False,
+                            capture_output=True, text=True)
+    assert inside.returncode == 2
 
 
 def test_the_messages_are_those_of_this_version():
