@@ -6,7 +6,14 @@ from bench import LOAD, recorded, System, TIME
 import numpy as np
 import pytest
 
-from saddlering_ros.discrepancy import diagnose_system, Diagnosis, Point, RunBlocks
+from saddlering_ros.discrepancy import (
+    diagnose_system,
+    Diagnosis,
+    Effect,
+    Parameter,
+    Point,
+    RunBlocks,
+)
 
 NOISE = 0.003
 
@@ -20,9 +27,9 @@ class Bench(System):
         return (point.base[0] * LOAD)[None, :]
 
 
-def runs(size: float) -> list[RunBlocks]:
+def runs(size: float, seed: int = 3) -> list[RunBlocks]:
     """Three runs, the last held out, with a step at 0.6 of the load that no effect makes."""
-    random = np.random.default_rng(3)
+    random = np.random.default_rng(seed)
     law = size * (0.5 + 0.5 * np.tanh((LOAD - 0.6) / 0.02))
     seen = [
         (1.2 * LOAD + law + random.normal(size=TIME.size) * NOISE)[None, :]
@@ -55,3 +62,24 @@ def test_a_clean_rig_gets_no_proposal() -> None:
     clean = diagnose_system(Bench(), runs(0.0))
     assert clean.verdict == 'none'
     assert clean.law is None
+
+
+class BenchWithTheLaw(Bench):
+    """The same bench with the proposed law in its catalogue, its size free."""
+
+    def __init__(self, law) -> None:
+        self.law, peak = law, float(np.abs(law.term.values).max())
+        self.effects = (Effect('proposed', {'size': Parameter(-3.0 * peak, 3.0 * peak)}),)
+
+    def predict(self, name: str, point: Point) -> np.ndarray:
+        size = point.effects.get('proposed', {}).get('size', 0.0)
+        term = self.law.term
+        shape = term.evaluate({'load': LOAD}) / np.abs(term.values).max()
+        return (point.base[0] * LOAD + size * shape)[None, :]
+
+
+def test_the_law_put_into_the_catalogue_is_named_on_fresh_data(found: Diagnosis) -> None:
+    again = diagnose_system(BenchWithTheLaw(found.law), runs(0.05, seed=17))
+    assert again.verdict == 'named'
+    assert again.causes[0].effect == 'proposed'
+    assert again.causes[0].parameters['size'].value == pytest.approx(0.05, rel=0.05)

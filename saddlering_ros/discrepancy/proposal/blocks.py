@@ -88,7 +88,7 @@ def blocks_of(runs: tuple[ObservedRun, ...]) -> list[Block]:
         blocks.append(_direction(runs))
     if RATE in names and span_of(runs, RATE)[0] < span_of(runs, RATE)[1]:
         blocks += [_curve(runs, RATE, RATE_PIECES), _relaxation(runs)]
-    blocks += [_curve(runs, TIME, TIME_PIECES), _own_time(runs)]
+    blocks.append(_curve(runs, TIME, TIME_PIECES))
     if ANGLE in names:
         blocks.append(_angle(runs))
     known = {LOAD, DIRECTION, RATE, TIME, ANGLE}
@@ -132,7 +132,7 @@ def _relaxation(runs: tuple[ObservedRun, ...]) -> Block:
     return Block(RATE, 'relaxation', shapes, np.eye(LAGS), (low, high), False, settings)
 
 
-def _own_time(runs: tuple[ObservedRun, ...]) -> Block:
+def own_curves(runs: tuple[ObservedRun, ...]) -> Block:
     """A curve over time of each run's own: described, and nothing that predicts another run."""
     columns, penalty = [], np.zeros((0, 0))
     for number, run in enumerate(runs):

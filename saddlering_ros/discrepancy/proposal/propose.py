@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from saddlering_ros.discrepancy.proposal.blocks import Block, blocks_of, span_of
+from saddlering_ros.discrepancy.proposal.blocks import Block, blocks_of, own_curves, span_of
 from saddlering_ros.discrepancy.proposal.matching import match_law, Term
 from saddlering_ros.discrepancy.proposal.misfit import (
     DIRECTION,
@@ -34,6 +34,9 @@ MIN_SHARE = 0.1
 
 MIN_SECOND_SHARE = 0.1
 """Share of the misfit left that a second block must predict."""
+
+OWN_CURVES = 0.3
+"""Where no law that holds for all runs predicts this share, a curve of each run's own is tried."""
 
 ALIKE = 0.9
 """Another coordinate that predicts this share of the best one's is a doubt."""
@@ -92,6 +95,12 @@ def propose_law(
     wanted = misfit.residual
     total = float(wanted @ wanted)
     ranked = rank_blocks(misfit, blocks, targets, wanted)
+    if ranked[0].predicted < OWN_CURVES * total:
+        own = own_curves(misfit.runs)
+        ranked = sorted(
+            [*ranked, *rank_blocks(misfit, [own], targets, wanted)],
+            key=lambda fit: -fit.predicted,
+        )
     trials = len(ranked)
     first = ranked[0]
     p_value = first.p_value(misfit.degrees, trials)
