@@ -24,7 +24,8 @@ class Assumptions:
     model_error: smooth error over the drive, None for none; form_error: share of the misfit an
     effect explains by which its form may err and a name still stands; special_inputs: inputs of a
     meaning of their own: the direction of the drive, and the number of the hold;
-    coordinate_waves: half waves that are tested along the first coordinate and along each other.
+    coordinate_waves: half waves that are tested along the first coordinate and along each other;
+    proposes_law: a law is proposed where no cause explains the misfit.
     """
 
     learn_noise: LearnNoise = learn_noise
@@ -34,6 +35,7 @@ class Assumptions:
     form_error: float = 0.1
     special_inputs: frozenset[str] = frozenset({'direction', 'hold'})
     coordinate_waves: tuple[int, int] = (6, 3)
+    proposes_law: bool = True
 
     def frees_constant(self, channel: int) -> bool:
         """Whether a constant in a channel means nothing."""

@@ -77,7 +77,7 @@ def diagnose_system(
         pairs = [(fit, other) for others in alternatives.values() for other in others]
         sentence = choose_next(space.metric, space.tangent_of(fit), pairs, proposals)
     law = None
-    if judgement.verdict == 'unknown':
+    if judgement.verdict == 'unknown' and experiment.assumptions.proposes_law:
         watch.progress('propose', 0.9)
         subject = fit if judgement.explained >= PARTIAL_SUBJECT else space.base
         law = propose_for(

@@ -142,6 +142,7 @@ class ModelSystem:
             form_error=0.0,
             special_inputs=frozenset(),
             coordinate_waves=(COORDINATE_WAVES, COORDINATE_WAVES),
+            proposes_law=False,  # its numbers would be in shares of range
         )
 
     def learn_noise(

@@ -102,6 +102,8 @@ def _observed(
 def coordinates_of(run: RunBlocks, begin: float) -> dict[str, Array]:
     """Coordinates of a run: the drive, its direction and rate, time, and what else it has."""
     names = [name for name in run.inputs if name not in NO_COORDINATES]
+    if not names:
+        return {TIME: run.time - begin}
     drive = run.inputs[names[0]]
     found = {name: run.inputs[name] for name in names[1:]}
     found[LOAD] = drive
