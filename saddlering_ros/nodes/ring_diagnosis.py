@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+import json
 import sys
 from typing import Any
 
 from saddlering_interfaces.action import DiagnoseRing
 from saddlering_ros.jobs.action_server import ActionNode, serve
 from saddlering_ros.jobs.diagnosis import DiagnosisAnswer, DiagnosisRequest
+from saddlering_ros.ros.conversions import causes_to_messages
 from saddlering_ros.ros.errors import NodeError
 from saddlering_ros.ros.names import DIAGNOSE
 
@@ -38,6 +40,9 @@ class RingDiagnosisNode(ActionNode):
     def fill(self, result: Any, answer: DiagnosisAnswer) -> None:
         """The verdict."""
         result.verdict, result.verdict_json = answer.verdict, answer.verdict_json
+        document = json.loads(answer.verdict_json)
+        result.causes = causes_to_messages(document)
+        result.next_test = document.get('next_test') or ''
 
 
 def main(args: Sequence[str] | None = None) -> None:

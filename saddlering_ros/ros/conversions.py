@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import Any
+
 from builtin_interfaces.msg import Time
 import numpy as np
 
-from saddlering_interfaces.msg import RingParameters
+from saddlering_interfaces.msg import DiagnosedCause, RingParameters
 from saddlering_ros.rig import ContactParameters, ParameterSet, ParameterSource
 from saddlering_ros.rig.parameter_file import Effects
 from saddlering_ros.ros.errors import NodeError
@@ -66,3 +69,27 @@ def words_of(source: ParameterSource) -> str:
     if source.bags:
         words += f' from {", ".join(source.bags)}'
     return f'{words} ({source.note})' if source.note else words
+
+
+def causes_to_messages(document: Mapping[str, Any]) -> list[DiagnosedCause]:
+    """The causes of a verdict document (`diagnose --json`) as messages; NaN for null."""
+    return [_cause_to_message(cause) for cause in document['causes'] if 'effect' in cause]
+
+
+def _cause_to_message(cause: Mapping[str, Any]) -> DiagnosedCause:
+    items = cause['parameters']
+    values = [float(item['value']) for item in items.values()]
+    stds = [_number(item['std']) for item in items.values()]
+    return DiagnosedCause(
+        effect=cause['effect'], group=list(cause['group']), parameter_names=list(items),
+        units=[item['unit'] for item in items.values()], values=values, stds=stds,
+        lower=[value - 1.96 * std for value, std in zip(values, stds, strict=True)],
+        upper=[value + 1.96 * std for value, std in zip(values, stds, strict=True)],
+        p_value=_number(cause['evidence'].get('p_value')),
+        delta_bic=_number(cause['evidence'].get('delta_bic')),
+        misfit_reduction_fit=_number(cause['gain'].get('fit')),
+        misfit_reduction_held_out=_number(cause['gain'].get('held_out')))
+
+
+def _number(value: float | None) -> float:
+    return float('nan') if value is None else float(value)
