@@ -87,10 +87,15 @@ def simulated_samples(
 ) -> tuple[DisplacementSamples, list[str]]:
     """What the live simulator would publish of a run, and what is to be said of it."""
     from saddlering_ros.bags.samples import DisplacementSamples
+    from saddlering_ros.ring import SimulationError
 
     rows = slice(simulated.first, simulated.first + len(simulated.time))
     samples = DisplacementSamples(
         run.stamps[rows], simulated.time, run.load[rows], simulated.displacement).finite()
+    if not len(samples):
+        raise SimulationError(f'{run.path}: no sample could be simulated: the solver finds no '
+                              'equilibrium of this ring: check contact.K1 and contact.K2 of the '
+                              'parameter file, and the rig file')
     notes = list(run.notes)
     if simulated.failed_steps:
         notes.append(f'the solver did not converge in {simulated.failed_steps} steps: '

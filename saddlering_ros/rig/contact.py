@@ -9,6 +9,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from saddlering_ros.rig.errors import RigError
 
+EXPONENTS = (0.5, 5.0)
+"""Range of n in F = K p^n; far outside it the solver fails at touch-down and takes for ever."""
+
 
 @dataclass(frozen=True)
 class ContactParameters:
@@ -31,6 +34,10 @@ class ContactParameters:
                 raise RigError(
                     f'contact.{field.name} is {value!r}: give a finite number above zero'
                 )
+            low, high = EXPONENTS
+            if field.name[0] == 'n' and not low <= value <= high:
+                raise RigError(f'contact.{field.name} is {value!r}: give {low:g} to {high:g} '
+                               '(line contact 1.11, point contact 1.5)')
             object.__setattr__(self, field.name, float(value))
 
     def to_array(self) -> NDArray[np.float64]:

@@ -9,7 +9,7 @@ import math
 from pathlib import Path
 from typing import Any
 
-from saddlering_ros.rig.contact import PARAMETER_NAMES
+from saddlering_ros.rig.contact import EXPONENTS, PARAMETER_NAMES
 from saddlering_ros.rig.digest import rig_digest
 from saddlering_ros.rig.errors import RigError
 from saddlering_ros.rig.limits import LoadLimits
@@ -226,6 +226,9 @@ def check_bounds(bounds: Mapping[str, Pair], where: str) -> dict[str, Pair]:
         if not (math.isfinite(low) and math.isfinite(high) and smallest <= low < high):
             raise RigError(f'{where}: bounds.{name} is [{low:g}, {high:g}]: '
                            'give [low, high] with 0 < low < high')
+        if name.startswith('n') and not EXPONENTS[0] <= low < high <= EXPONENTS[1]:
+            raise RigError(f'{where}: bounds.{name} is [{low:g}, {high:g}]: '
+                           f'give [low, high] from {EXPONENTS[0]:g} to {EXPONENTS[1]:g}')
     return dict(bounds)
 
 

@@ -62,12 +62,16 @@ class Responses:
 
 @dataclass(frozen=True)
 class _Path:
-    """The steps of a simulation: time (M,), load (M,), motion (M, 3), places (N,) of samples."""
+    """The steps of a simulation: time, load (M,), motion (M, 3); samples' places, readings (N, 4).
+
+    The first is the rest at the zero.
+    """
 
     time: Floats
     load: Floats
     motion: Floats
     samples: NDArray[np.intp]
+    readings: Floats
 
 
 def motion_sensitivities(rig: Rig, contact: ArrayLike, elevation: float, time: ArrayLike,
@@ -85,6 +89,15 @@ def motion_sensitivities(rig: Rig, contact: ArrayLike, elevation: float, time: A
     changes = _tangents(model, rows, law, none, np.zeros((6, 2, 4)), [], path)
     return (np.ascontiguousarray(path.motion[path.samples].T),
             np.ascontiguousarray(changes[path.samples].transpose(2, 1, 0)))
+
+
+def steps_taken(rig: Rig, contact: ArrayLike, elevation: float, time: ArrayLike, load: ArrayLike,
+                max_step: float = 1e-3) -> tuple[Floats, Floats, Floats]:
+    """Time (M,) [s], load (M,) [N], motion (3, M) at every step of a run from rest at load[0]."""
+    seconds, force = check_simulation(time, load, elevation, max_step)
+    model = with_contact(model_of(rig, elevation), contact)
+    path = _simulate(model, rows_of(rig), seconds, force, float(force[0]), max_step)
+    return path.time, path.load, np.ascontiguousarray(path.motion.T)
 
 
 def static_sensitivities(rig: Rig, contact: ArrayLike, elevation: float,
@@ -129,7 +142,6 @@ def _responses(rig: Rig, centre: Candidate, neighbours: Sequence[Candidate], ele
     rows = rows_of(rig, extension)
     rollers = [rows_of(rig, extra) for _, extra in neighbours]
     path = _simulate(model, rows, time, load, zero_load, max_step)
-    readings = _read(model, zero_load, time, load, path.motion[path.samples])
     # Directions that move rollers come first: the kernel knows them by their number.
     order = sorted(range(len(others)), key=lambda index: rollers[index] is rows)
     moved = [rollers[index] for index in order if rollers[index] is not rows]
@@ -154,29 +166,34 @@ def _responses(rig: Rig, centre: Candidate, neighbours: Sequence[Candidate], ele
         motion = path.motion[path.samples] + changes[path.samples, :, number]
         answers[index] = _read(others[index], zero_load, time, load, motion)
     return Responses(
-        of_probes_clock(readings.T, extension, time),
+        of_probes_clock(path.readings.T, extension, time),
         np.array([of_probes_clock(answer.T, extra, time)
                   for answer, (_, extra) in zip(answers, neighbours, strict=True)]))
 
 
 def _simulate(model: Model, rows: Rows, time: Floats, load: Floats, zero_load: float,
               max_step: float) -> _Path:
-    """The motion at every step that the simulator takes."""
-    total = np.diff(time)
-    parts = np.maximum(1, np.ceil(total / max_step - 1e-6)).astype(np.intp)
-    samples = np.concatenate([[0], np.cumsum(parts)])
-    share = (np.arange(1, samples[-1] + 1) - np.repeat(samples[:-1], parts)) / np.repeat(
-        parts, parts)
-    fine_time = np.append(time[0], np.repeat(time[:-1], parts) + share * np.repeat(total, parts))
-    fine_load = np.append(
-        load[0], np.repeat(load[:-1], parts) + share * np.repeat(np.diff(load), parts))
-    if parts.size:  # the load at rest is the zero's, whatever the first sample's
-        first = np.arange(1, parts[0] + 1)
-        fine_load[first] = zero_load + (load[1] - zero_load) * first / parts[0]
-    motion = np.empty((1, fine_time.size, 3))
-    integration.run_batch(model, rows.flat[None], rows.uniform[None], fine_time, fine_load,
-                          zero_load, np.inf, motion, np.empty((1, fine_time.size, 4)))
-    return _Path(fine_time, fine_load, motion[0], samples)
+    """A run, and the motion at every step that the simulator takes."""
+    motion, readings = np.empty((time.size, 3)), np.empty((time.size, 4))
+    room = 2 + int(np.maximum(1.0, np.ceil(np.diff(time) / max_step)).sum())
+    while True:
+        record = np.empty((room, 5))
+        record[0] = 0.0
+        integration.run_recorded(model, rows.flat, rows.uniform, time, load, zero_load, max_step,
+                                 motion, readings, record)
+        steps = int(record[0, 0])
+        if steps < room:
+            break
+        room = steps + 1
+    lengths = record[1:steps + 1, 0].copy()
+    samples = np.searchsorted(time[0] + np.append(0.0, np.cumsum(lengths)),
+                              time - 1e-6 * max_step)
+    # A step twice the one before is still of second order: rounding must not make it more.
+    lengths[1:][lengths[1:] > 1.5 * lengths[:-1]] *= 1.0 - 1e-8
+    return _Path(time[0] + np.append(0.0, np.cumsum(lengths)),
+                 np.append(zero_load, record[1:steps + 1, 1]),
+                 np.concatenate([motion[:1], record[1:steps + 1, 2:]]),
+                 np.minimum(samples, steps), np.ascontiguousarray(readings))
 
 
 def _tangents(model: Model, rows: Rows, law: Floats, external: Floats, friction: Floats,

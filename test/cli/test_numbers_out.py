@@ -4,6 +4,7 @@ from dataclasses import replace
 import errno
 import json
 from pathlib import Path
+import re
 import threading
 
 from diagnostic_msgs.msg import DiagnosticArray
@@ -162,3 +163,22 @@ def test_a_step_that_does_not_converge_is_left_out_of_the_residual_and_told(
     assert main(['residual', str(BAG), '--params', str(parameters), '--out', str(out)]) == 0
     assert 'did not converge in 1 steps' in capsys.readouterr().out
     assert 'nan' not in out.read_text()
+
+
+def test_a_ring_without_an_equilibrium_is_an_error_not_an_empty_table(tmp_path, capsys):
+    soft, out = tmp_path / 'soft.yaml', tmp_path / 'simulated.csv'
+    write_parameters(soft, ParameterSet(replace(TRUE_TO_SCALE, K1=1000.0)))
+    assert main(['simulate', str(BAG), '--params', str(soft), '--out', str(out)]) == 2
+    told = capsys.readouterr().err
+    assert 'no sample could be simulated' in told
+    assert told.count('\n') == 1
+    assert not out.exists()
+
+
+@pytest.mark.parametrize('exponent', [1e-300, 0.4, 6.0])
+def test_an_exponent_that_no_contact_has_is_refused_at_once(exponent, parameters, tmp_path,
+                                                            capsys):
+    strange = tmp_path / 'strange.yaml'
+    strange.write_text(re.sub(r'n1: [^,}\n]*', f'n1: {exponent:.1e}', parameters.read_text()))
+    assert main(['simulate', str(BAG), '--params', str(strange)]) == 2
+    assert 'contact.n1' in capsys.readouterr().err

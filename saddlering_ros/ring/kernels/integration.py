@@ -24,6 +24,21 @@ STEP_TOLERANCE = 5e-11
 
 MAX_ITERATIONS = 60
 
+MAX_STEP_ERROR = 5e-8
+"""A step whose estimated error is larger [m] is divided, down to MIN_FRACTION of it."""
+
+USUAL_STEP = 1e-3
+"""Beyond this step [s] the error that is allowed grows as an error does, with its third power:
+who steps more coarsely accepts that, and the same motions are divided at any step."""
+
+MIN_FRACTION = 1.0 / 256.0
+
+TOO_COARSE = -2
+"""What a step returns whose error is larger than allowed."""
+
+FRICTION_STATES = 4
+"""Of the load path: two each of cylinder and bracket."""
+
 MAX_PREDICTION = 5e-6
 """A predicted move beyond this [m] is not trusted: the step starts from the old rate instead."""
 
@@ -33,6 +48,7 @@ def rest(m: Any, rows: Any, uniform: Any, s: Any, time: Any, load: Any, w: Any) 
     """State s at rest under the measured `load` at `time`, zero taken there; False if none."""
     for i in range(s.size):
         s[i] = 0.0
+    s[at.FRACTION] = 1.0
     s[at.CYLINDER_Z] = s[at.CYLINDER_Z + 1] = m.cylinder_friction.initial
     s[at.BRACKET_Z] = s[at.BRACKET_Z + 1] = m.bracket_play.initial
     s[at.RADIAL_Z] = s[at.RADIAL_Z + 1] = m.radial_friction.initial
@@ -119,10 +135,13 @@ def keep_step(m: Any, s: Any, h: Any, c0: Any, p: Any, past: Any, q: Any, fricti
 
 
 @kernel(**INNER)
-def implicit_step(m: Any, rows: Any, uniform: Any, s: Any, h: Any, friction: Any, w: Any) -> Any:
-    """One BDF2 step of h seconds (backward Euler after a start or a jump in h); iterations or -1.
+def implicit_step(m: Any, rows: Any, uniform: Any, s: Any, h: Any, friction: Any, allowed: Any,
+                  w: Any) -> Any:
+    """One BDF2 step of h seconds (backward Euler after a start or a jump in h).
 
     Unknown is q; v and a follow from the difference formulas. friction: the state's hysterons.
+    Returns the iterations; -1 if Newton fails, TOO_COARSE if the error exceeds `allowed` [m]: the
+    state is as before then.
     """
     h_old = s[at.STEP_OLD]
     ratio = h / h_old if h_old > 0.0 else 0.0
@@ -182,16 +201,83 @@ def implicit_step(m: Any, rows: Any, uniform: Any, s: Any, h: Any, friction: Any
         q0, q1, q2 = q0 + limit * step0, q1 + limit * step1, q2 + limit * step2
         previous = size
         if size < STEP_TOLERANCE and limit == 1.0:
+            error = step_error(m, s, h, q0, q1, q2)
+            if error > allowed:
+                return TOO_COARSE
+            s[at.STEP_ERROR] = error
             keep_step(m, s, h, c0, (p0, p1, p2), (past0, past1, past2), (q0, q1, q2), friction, w)
             return iteration + 1
     return -1
 
 
 @kernel(**INNER)
-def robust_step(m: Any, rows: Any, uniform: Any, s: Any, h: Any, friction: Any, w: Any) -> Any:
+def step_error(m: Any, s: Any, h: Any, q0: Any, q1: Any, q2: Any) -> Any:
+    """Estimate [m] of what a step of h adds to the error of q, by an explicit step beside it.
+
+    For smooth motions the explicit step q + h v + h^2 a / 2 is 5/12 h^3 d3q/dt3 off BDF2, and
+    BDF2 about half of that off the truth. A tilt counts at the pitch radius.
+    """
+    bend = 0.5 * h * h / s[at.STEP_OLD] if s[at.STEP_OLD] > 0.0 else 0.0
+    e0 = q0 - s[at.Q] - h * s[at.V] - bend * (s[at.V] - s[at.V_OLD])
+    e1 = q1 - s[at.Q + 1] - h * s[at.V + 1] - bend * (s[at.V + 1] - s[at.V_OLD + 1])
+    e2 = q2 - s[at.Q + 2] - h * s[at.V + 2] - bend * (s[at.V + 2] - s[at.V_OLD + 2])
+    return 0.5 * max(abs(e0), abs(e1), abs(e2) * m.radius)
+
+
+@kernel(**INNER)
+def careful_step(m: Any, rows: Any, uniform: Any, s: Any, h: Any, load: Any, friction: Any,
+                 record: Any, w: Any) -> Any:
+    """A step of h to a measured load [N], divided where its error asks for it.
+
+    The load is linear in between. The first fraction that is tried is the one that the last step
+    ended with. A fraction halves where its error is too large and doubles where that allows it,
+    so that BDF2 goes on. Returns the iterations and the load at the ring [N]. record: None, or
+    (S, 5) for each step's length [s], measured load, q; its first number counts the steps.
+    """
+    before = s[at.MEASURED_LOAD]
+    fraction = s[at.FRACTION]
+    done, iterations, true_load = 0.0, 0, 0.0
+    largest = MAX_STEP_ERROR * max(1.0, h / USUAL_STEP) ** 3
+    while done < 1.0:
+        for i in range(FRICTION_STATES):
+            w[at.LOAD_BACKUP + i] = s[at.CYLINDER_Z + i]
+        highest, measured = s[at.HIGHEST_LOAD], s[at.MEASURED_LOAD]
+        reached = done + fraction
+        aim = load if reached >= 1.0 else before + (load - before) * reached
+        true_load = take_load(m, s, aim, w)
+        allowed = largest if fraction > MIN_FRACTION else math.inf
+        used = robust_step(m, rows, uniform, s, h * fraction, friction, allowed, w)
+        if used == TOO_COARSE:
+            for i in range(FRICTION_STATES):
+                s[at.CYLINDER_Z + i] = w[at.LOAD_BACKUP + i]
+            s[at.HIGHEST_LOAD], s[at.MEASURED_LOAD] = highest, measured
+            fraction *= 0.5
+            continue
+        if used < 0:
+            restart_at_rest(m, rows, uniform, s, w)
+        iterations += max(used, 0)
+        done = reached
+        if record is not None:
+            record[0, 0] += 1.0
+            number = int(record[0, 0])
+            if number < record.shape[0]:
+                record[number, 0], record[number, 1] = h * fraction, aim
+                for i in range(3):
+                    record[number, 2 + i] = s[at.Q + i]
+        # A step of twice the length has eight times the error.
+        if (fraction < 1.0 and s[at.STEP_ERROR] < 0.05 * largest
+                and done % (2.0 * fraction) == 0.0):
+            fraction *= 2.0
+    s[at.FRACTION] = fraction
+    return iterations, true_load
+
+
+@kernel(**INNER)
+def robust_step(m: Any, rows: Any, uniform: Any, s: Any, h: Any, friction: Any, allowed: Any,
+                w: Any) -> Any:
     """One implicit step; where Newton fails on a kink, the same step in 4, 16 ... 4096 parts."""
-    used = implicit_step(m, rows, uniform, s, h, friction, w)
-    if used >= 0:
+    used = implicit_step(m, rows, uniform, s, h, friction, allowed, w)
+    if used != -1:
         return used
     for i in range(at.STATE_SIZE):
         w[at.BACKUP + i] = s[i]
@@ -200,7 +286,7 @@ def robust_step(m: Any, rows: Any, uniform: Any, s: Any, h: Any, friction: Any, 
         pieces *= 4
         used = 0
         for _ in range(pieces):
-            more = implicit_step(m, rows, uniform, s, h / pieces, friction, w)
+            more = implicit_step(m, rows, uniform, s, h / pieces, friction, math.inf, w)
             if more < 0:
                 used = -1
                 break
@@ -245,13 +331,13 @@ def take_load(m: Any, s: Any, measured: Any, w: Any) -> Any:
 
 @kernel(**INNER)
 def follow(m: Any, rows: Any, uniform: Any, s: Any, time: Any, load: Any, max_step: Any,
-           q_out: Any, d_out: Any, w: Any) -> Any:
+           q_out: Any, d_out: Any, record: Any, w: Any) -> Any:
     """Carry state s over the samples time (N,), load (N,); q_out (N, 3) and d_out (N, 4) filled.
 
-    A sample at or before the state's time is answered from the state without stepping. Returns the
-    number of Newton iterations; s[TROUBLE] counts steps that did not converge (state restarted at
-    equilibrium there), whose samples are NaN. Live and offline call this one function, for one
-    sample or a million.
+    A sample at or before the state's time is answered from the state without stepping. Returns
+    the number of Newton iterations; s[FAILED_STEPS] counts steps that did not converge (state
+    restarted at equilibrium there), whose samples are NaN. Live and offline call this one
+    function, for one sample or a million.
     """
     friction = m.radial_friction.limit != 0.0 or m.tilt_friction.limit != 0.0
     iterations = 0
@@ -267,11 +353,9 @@ def follow(m: Any, rows: Any, uniform: Any, s: Any, time: Any, load: Any, max_st
                 measured = load[n]
                 if k < substeps:
                     measured = load_old + (load[n] - load_old) * k / substeps
-                true_load = take_load(m, s, measured, w)
-                used = robust_step(m, rows, uniform, s, h, friction, w)
-                if used < 0:
-                    restart_at_rest(m, rows, uniform, s, w)
-                iterations += max(used, 0)
+                used, true_load = careful_step(m, rows, uniform, s, h, measured, friction, record,
+                                               w)
+                iterations += used
             s[at.TIME] = time[n]
         series_motion(m, s, w)
         advance_series(m, s, w, max(total, 0.0))
@@ -294,8 +378,18 @@ def start(models: Any, rows: Any, uniform: Any, s: Any, time: Any, load: Any) ->
 def advance(models: Any, rows: Any, uniform: Any, s: Any, time: Any, load: Any, max_step: Any,
             q_out: Any, d_out: Any) -> Any:
     """`follow` for models (1,)."""
-    return follow(models[0], rows, uniform, s, time, load, max_step, q_out, d_out,
+    return follow(models[0], rows, uniform, s, time, load, max_step, q_out, d_out, None,
                   np.zeros(at.WORK_SIZE))
+
+
+@kernel(**OUTER)
+def run_recorded(models: Any, rows: Any, uniform: Any, time: Any, load: Any, zero_load: Any,
+                 max_step: Any, q_out: Any, d_out: Any, record: Any) -> Any:
+    """`run_batch` of models (1,) that also keeps every step, see `careful_step`."""
+    s, w = np.zeros(at.STATE_SIZE), np.zeros(at.WORK_SIZE)
+    found = rest(models[0], rows, uniform, s, time[0], zero_load, w)
+    follow(models[0], rows, uniform, s, time, load, max_step, q_out, d_out, record, w)
+    return found and s[at.FAILED_STEPS] == 0.0
 
 
 @kernel(**OUTER)
@@ -313,7 +407,8 @@ def run_batch(m: Any, rows: Any, uniform: Any, time: Any, load: Any, zero_load: 
     for b in range(m.shape[0]):
         r = b if rows.shape[0] > 1 else 0
         found = rest(m[b], rows[r], uniform[r], s, time[0], zero_load, w)
-        follow(m[b], rows[r], uniform[r], s, time, load, max_step, q_out[b], d_out[b], w)
+        follow(m[b], rows[r], uniform[r], s, time, load, max_step, q_out[b], d_out[b], None,
+               w)
         if not found:
             q_out[b] = math.nan
             d_out[b] = math.nan

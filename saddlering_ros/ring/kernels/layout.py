@@ -30,7 +30,10 @@ LAGGED_TWICE = 54
 LAST_FORCE = 58
 LAST_STIFFNESS = 61
 LAST_DAMPING = 66
-STATE_SIZE = 71
+# Estimated error of the last step [m]; the part of a step that it was taken in
+STEP_ERROR = 71
+FRACTION = 72
+STATE_SIZE = 73
 
 # Work of one kernel call, not kept between calls
 FORCE = 0
@@ -40,5 +43,6 @@ EXTERNAL = 13
 RESOLVED = 16
 MOTION = 19
 TOUCHING = 22        # rollers in contact of each row when last summed
-BACKUP = 25          # of the state
+LOAD_BACKUP = 25     # friction of the load path
+BACKUP = 29          # of the state
 WORK_SIZE = BACKUP + STATE_SIZE
