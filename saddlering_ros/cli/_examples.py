@@ -76,6 +76,10 @@ EXAMPLES: dict[str, tuple[tuple[str, str], ...]] = {
         ('saddlering simulate bags/static_70 --params params.yaml --out simulated.csv',
          'what the model gives under the load of a bag'),
     ),
+    'watch': (
+        ('saddlering watch bags/dynamic_70 --params params.yaml',
+         'whether a test would have raised the alarm, when, and in which channel'),
+    ),
     'validate': (
         ('saddlering validate bags/static_70 bags/dynamic_70 --params params.yaml '
          '--plots pictures',

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from saddlering_ros import Bag, Rig
     from saddlering_ros.bags import TestRun
     from saddlering_ros.bags.samples import DisplacementSamples
-    from saddlering_ros.rig import ZeroReading
+    from saddlering_ros.rig import ParameterSet, ZeroReading
     from saddlering_ros.ring import SimulatedRun
 
 PER_MILLION = 1e6
@@ -121,6 +121,30 @@ def check_outputs(args: argparse.Namespace) -> None:
         raise BagError('--out - and --json -: only one of them can have stdout')
     if args.out is not None and args.out != '-':
         check_table_path(Path(args.out))
+
+
+def residual_samples(
+    run: TestRun, rig: Rig, parameters: ParameterSet,
+) -> tuple[DisplacementSamples, ZeroReading, list[str]]:
+    """Measured less simulated displacement where both have a sample, as the live node has it."""
+    import numpy as np
+
+    from saddlering_ros.bags import displacement_of_run
+    from saddlering_ros.bags.samples import DisplacementSamples, measured_samples
+    from saddlering_ros.rig import CHANNELS, Displacement
+    from saddlering_ros.ring import simulate
+
+    measured = displacement_of_run(rig, run)
+    seen = measured_samples(measured)
+    found, notes = simulated_samples(
+        run, simulate(rig, parameters, run.elevation, run.time, run.load))
+    _, here, there = np.intersect1d(
+        seen.stamps, found.stamps, assume_unique=True, return_indices=True)
+    left = Displacement(**{
+        name: (np.asarray(getattr(seen.displacement, name))[here]
+               - np.asarray(getattr(found.displacement, name))[there]) for name in CHANNELS})
+    samples = DisplacementSamples(seen.stamps[here], seen.time[here], seen.load[here], left)
+    return samples, measured.zero, notes
 
 
 def radians(degrees: float | None) -> float | None:

@@ -29,6 +29,9 @@ def run(args: argparse.Namespace) -> int:
     from saddlering_ros.bags.samples import DisplacementSamples, measured_samples
     from saddlering_ros.cli._samples import check_outputs, deliver, read_shown, simulated_samples
     from saddlering_ros.rig import CHANNELS, Displacement, load_rig, read_parameters
+    from saddlering_ros.bags import read_run
+    from saddlering_ros.cli._samples import check_outputs, deliver, radians, residual_samples
+    from saddlering_ros.rig import load_rig, read_parameters
 
     check_outputs(args)
     rig = load_rig(args.rig)
@@ -49,4 +52,7 @@ def run(args: argparse.Namespace) -> int:
                - np.asarray(getattr(found.displacement, name))[there]) for name in CHANNELS})
     samples = DisplacementSamples(seen.stamps[here], seen.time[here], seen.load[here], left)
     deliver(args, test_run, samples, measured.zero, 'measured less simulated', notes)
+    test_run = read_run(args.bag, test=args.test, elevation=radians(args.elevation), rig=rig)
+    samples, zero, notes = residual_samples(test_run, rig, parameters)
+    deliver(args, test_run, samples, zero, 'measured less simulated', notes)
     return 0

@@ -1,0 +1,95 @@
+"""An alarm with a promise: in the mean no more than one false alarm in so many blocks.
+
+A mixture Shiryaev-Roberts e-detector (Shin, Ramdas and Rinaldo, N. Engl. J. Stat. Data Sci. 2
+(2024) 229). For a mean of at most m in units of the noise, exp(l (x - m) - l^2 / 2) has a mean of
+at most 1, whatever l > 0. The sum over all possible onsets, R' = (R + 1) exp(...), has a mean of
+at most the number of blocks, so the mean time to a false alarm at R >= A is at least A blocks. A
+mixture of l looks for small and large changes at once; both signs of every channel share A.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+SIZES = np.geomspace(0.06, 4.0, 10)
+"""Changes beyond materiality that are looked for, in standard deviations of one block."""
+
+LARGEST = 6.0
+"""A block counts for no more than this beyond materiality: one wild block is not a change."""
+
+MAX_LOG = 600.0
+
+
+@dataclass(frozen=True)
+class Alarm:
+    """An alarm: number of the block, channel, sign, block of the likely onset, evidence.
+
+    size: mean innovation since the onset, in standard deviations of one block.
+    """
+
+    block: int
+    channel: int
+    sign: int
+    since: int
+    evidence: float
+    size: float
+
+
+def threshold_of(false_alarm_hours: float, block_seconds: float) -> float:
+    """Blocks in the time in which one false alarm is allowed."""
+    return 3600.0 * false_alarm_hours / block_seconds
+
+
+class Detector:
+    """Evidence of a change in any of `channels`, block by block."""
+
+    def __init__(self, channels: int, blocks_a_false_alarm: float) -> None:
+        self.threshold = math.log(blocks_a_false_alarm * 2 * channels)
+        self._channels = channels
+        self._signs = np.repeat([1.0, -1.0], channels)[:, None]
+        self.block = 0
+        self.reset()
+
+    def reset(self) -> None:
+        """Begin anew: nothing of the past counts."""
+        shape = (2 * self._channels, SIZES.size)
+        self._evidence = np.full(shape, -np.inf)
+        self._run = np.zeros(shape)
+        self._since = np.full(shape, self.block)
+        self._sums = np.zeros(shape)
+
+    @property
+    def evidence(self) -> Array:
+        """Logarithm of the evidence, (2, channels): upward, downward."""
+        top = self._evidence.max(axis=1, keepdims=True)
+        top = np.where(np.isfinite(top), top, 0.0)
+        mixed = top[:, 0] + np.log(np.exp(self._evidence - top).mean(axis=1) + 1e-300)
+        return np.asarray(mixed.reshape(2, self._channels))
+
+    def step(self, innovations: Array, materiality: Array) -> Alarm | None:
+        """Take one block: innovations and materiality (channels,) in standard deviations."""
+        signed = self._signs * np.tile(innovations, 2)[:, None]
+        beyond = np.minimum(signed - np.tile(materiality, 2)[:, None], LARGEST)
+        gain = SIZES * beyond - 0.5 * SIZES**2
+        self._evidence = np.minimum(np.logaddexp(self._evidence, 0.0) + gain, MAX_LOG)
+        fresh = self._run <= 0.0
+        self._since = np.where(fresh, self.block, self._since)
+        self._sums = np.where(fresh, 0.0, self._sums) + signed
+        self._run = np.maximum(self._run, 0.0) + gain
+        evidence = self.evidence
+        place = int(np.argmax(evidence))
+        self.block += 1
+        if evidence.flat[place] < self.threshold:
+            return None
+        best = int(np.argmax(self._run[place]))
+        since = int(self._since[place, best])
+        return Alarm(
+            self.block - 1, place % self._channels, 1 if place < self._channels else -1, since,
+            float(evidence.flat[place]),
+            float(self._sums[place, best]) / max(self.block - since, 1))

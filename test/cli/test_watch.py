@@ -1,0 +1,36 @@
+"""`saddlering watch` as a person types it."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from saddlering_ros.cli.main import main
+from saddlering_ros.rig import ParameterSet, TRUE_TO_SCALE, write_parameters
+
+BAG = str(Path(__file__).resolve().parents[2] / 'bags' / 'dynamic_50_fast')
+
+
+@pytest.fixture(name='parameters')
+def parameters_fixture(tmp_path):
+    path = tmp_path / 'params.yaml'
+    write_parameters(path, ParameterSet(TRUE_TO_SCALE))
+    return str(path)
+
+
+def test_a_wrong_model_alarms_and_a_generous_materiality_does_not(parameters, capsys):
+    assert main(['watch', BAG, '--params', parameters, '--json', '-']) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found['alarm']['channel'] in ('delta_x', 'delta_y', 'gamma')
+    assert found['alarm']['since'] <= found['alarm']['time']
+    assert main(['watch', BAG, '--params', parameters, '--materiality', '100']) == 0
+    assert 'no alarm in' in capsys.readouterr().out
+
+
+def test_a_rate_of_false_alarms_that_cannot_be_is_one_line(parameters, capsys):
+    assert main(['watch', BAG, '--params', parameters, '--false-alarm-hours', '0']) == 2
+    error = capsys.readouterr().err
+    assert 'false_alarm_hours must be above 0' in error
+    assert error.count('\n') == 1
