@@ -40,14 +40,13 @@ def run(args: argparse.Namespace) -> int:
 
     import numpy as np
 
-    from saddlering_ros.bags import read_run
     from saddlering_ros.cli._json import tell_json
-    from saddlering_ros.cli._samples import radians, residual_samples
+    from saddlering_ros.cli._samples import read_shown, residual_samples
     from saddlering_ros.monitoring import MonitorSettings, watch
     from saddlering_ros.rig import load_rig, read_parameters
 
     rig, parameters = load_rig(args.rig), read_parameters(args.params)
-    test_run = read_run(args.bag, test=args.test, elevation=radians(args.elevation), rig=rig)
+    test_run = read_shown(args, rig)
     samples, _, notes = residual_samples(test_run, rig, parameters)
     settings = MonitorSettings(
         _materiality(rig, parameters, test_run.elevation, args.materiality),
