@@ -10,14 +10,18 @@ from pathlib import Path
 
 from saddlering_ros.errors import SaddleringError
 
-BAGS_READ = ('bag', 'bags', 'hold_out', 'check')
+BAGS_READ = ('bag', 'bags', 'folder', 'hold_out', 'check')
 """Arguments that name bags."""
-FILES_READ = ('rig', 'params', 'identification', 'files', 'map')
+FILES_READ = ('rig', 'params', 'identification', 'store', 'manifest', 'effects', 'files', 'map')
 """Arguments that name files that are read."""
-WRITTEN = ('out', 'preview', 'drawing', 'json', 'report', 'plots', 'record', 'log')
+WRITTEN = ('out', 'preview', 'drawing', 'json', 'report', 'plots', 'record', 'log', 'draft',
+           'propose')
 """Arguments that name what is written."""
-FOLDERS_FILLED = (('demo', 'out'), ('validate', 'plots'), ('replay', 'log'))
+FOLDERS_FILLED = (('demo', 'out'), ('campaign', 'out'), ('diagnose', 'propose'),
+                  ('validate', 'plots'), ('replay', 'log'))
 """Outputs that are folders to put files into: what is in them already stays."""
+FOLDERS_OF_BAGS = ('demo', 'campaign')
+"""Commands that are given a folder with bags below it."""
 BAG_FILES = ('metadata.yaml', '*.mcap', '*.mcap.zstd')
 
 
@@ -53,21 +57,21 @@ def _named(args: argparse.Namespace, names: tuple[str, ...]) -> Iterator[_Named]
     for name in names:
         value = getattr(args, name, None)
         for text in value if isinstance(value, list) else [value]:
-            if text is None or str(text) == '-':
+            if not isinstance(text, (str, Path)) or str(text) == '-':
                 continue
             path = Path(text)
             if _exists(path) and not (path.is_file() or path.is_dir()):
                 continue
-            option = '' if name in ('bag', 'bags') else f'--{name.replace("_", "-")} '
+            option = '' if name in ('bag', 'bags', 'folder') else f'--{name.replace("_", "-")} '
             yield _Named(path, f'{option}{text}')
 
 
 def _bags(args: argparse.Namespace) -> Iterator[_Named]:
     """Each bag that is read: the folder it is, or the file; for the demo those in the folder."""
     for named in _named(args, BAGS_READ):
-        if args.command == 'demo':
-            yield from (_Named(path, str(path)) for path in sorted(named.path.glob('*'))
-                        if path.is_dir() and _is_bag(path))
+        if args.command in FOLDERS_OF_BAGS:
+            yield from (_Named(file.parent, str(file.parent))
+                        for file in sorted(named.path.rglob(BAG_FILES[0])))
         elif named.path.is_file() and _is_bag(named.path.resolve().parent):
             yield _Named(named.path.resolve().parent, named.words)
         else:

@@ -10,7 +10,7 @@ import shutil
 
 import pytest
 
-from saddlering_ros.cli._files import BAGS_READ, FILES_READ, WRITTEN
+from saddlering_ros.cli._files import BAGS_READ, FILES_READ, FOLDERS_OF_BAGS, WRITTEN
 from saddlering_ros.cli.main import build_parser, main
 from saddlering_ros.paths import share_directory
 
@@ -76,7 +76,7 @@ def test_no_command_takes_an_input_for_an_output(
     (tmp_path / 'file.yaml').write_text('rig: {}')
     before = kept(tmp_path)
     if read in BAGS_READ:
-        source = tmp_path if command == 'demo' else bag
+        source = tmp_path if command in FOLDERS_OF_BAGS else bag
         target = bag / 'metadata.yaml'
     else:
         source = target = tmp_path / 'file.yaml'
