@@ -44,6 +44,8 @@ def add_parser(subparsers: Any) -> None:
                         help='most memory for one session (default 6)')
     parser.add_argument('--reports', choices=('flagged', 'none'), default='flagged',
                         help='a page for every session with a finding (default), or for none')
+    parser.add_argument('--json', metavar='FILE',
+                        help='write what fleet.json holds as JSON; - for stdout')
     parser.add_argument('--limit', action='append', default=[], metavar='NAME=VALUE',
                         help='a limit of K or D, as K1=6e7 (SI): gives remaining life')
 
@@ -52,6 +54,8 @@ def run(args: argparse.Namespace) -> int:
     """Find, group, show, compute, compact, judge the fleet."""
     if args.folder == STATUS and args.store is not None:
         return _show_status(args.store)
+    import json
+
     from saddlering_ros.campaign import (
         CampaignError,
         find_bags,
@@ -62,6 +66,7 @@ def run(args: argparse.Namespace) -> int:
     )
     from saddlering_ros.campaign.fleet_files import write_fleet
     from saddlering_ros.campaign.tables import write_tables
+    from saddlering_ros.cli._json import tell_json
     from saddlering_ros.cli._progress import Bar
     from saddlering_ros.fleet import limits_from_text
     from saddlering_ros.rig import load_rig
@@ -74,7 +79,8 @@ def run(args: argparse.Namespace) -> int:
     if not bags:
         raise CampaignError(f'{args.folder}: holds no bags: give the folder that holds them')
     sessions = _sessions(args, bags)
-    _print_plan(sessions)
+    if args.json != '-':
+        _print_plan(sessions)
     if args.plan:
         return 0
     store = Store(args.out)
@@ -85,8 +91,10 @@ def run(args: argparse.Namespace) -> int:
         reports=store.reports if args.reports == 'flagged' else None)
     summary = _compute(args, tasks, store)
     write_tables(store, tasks)
-    _print_fleet(write_fleet(store, tasks, limits))
-    print(_outcome(summary, store))
+    fleet = write_fleet(store, tasks, limits)
+    if not tell_json(args, json.loads((store.folder / 'fleet.json').read_text())):
+        _print_fleet(fleet)
+        print(_outcome(summary, store))
     return 1 if summary.faults else 0
 
 

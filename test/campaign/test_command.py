@@ -49,6 +49,11 @@ def test_a_store_holds_tables_fleet_and_report(works, judged, capsys):
     assert 'SR-3-friction' in (judged.folder / 'report.html').read_text()
 
 
+def test_the_fleet_is_printed_as_json_alone(works, judged, capsys):
+    assert main(['campaign', str(works), '--out', str(judged.folder), '--json', '-']) == 0
+    assert json.loads(capsys.readouterr().out)['sessions']['total'] == 4
+
+
 def test_status_of_a_campaign(works, judged, capsys):
     main(['campaign', str(works), '--out', str(judged.folder)])
     capsys.readouterr()
