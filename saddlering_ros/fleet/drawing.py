@@ -22,11 +22,11 @@ INK, SOFT = '#26323d', '#9aa5b1'
 def history_drawing(history: History, title: str, clock: str) -> str:
     """Readings with two standard deviations, the filtered level, services as dashed lines.
 
-    Logarithms are drawn as percent of the first level, exponents as they are.
+    Logarithms are drawn as percent of the first level, exponents and sizes as they are.
     """
     series = history.series
     first = history.level[0]
-    relative = not title.startswith('exponent')
+    relative = title.startswith(('stiffness', 'damping'))
 
     def shown(numbers: Array) -> Array:
         return np.asarray(100.0 * np.expm1(numbers - first)) if relative else numbers
@@ -55,10 +55,10 @@ def history_drawing(history: History, title: str, clock: str) -> str:
     points = ' '.join(f'{x(time):.1f},{y(number):.1f}'
                       for time, number in zip(series.time, level, strict=True))
     parts.append(f'<polyline points="{points}" fill="none" stroke="#1f6fb2" stroke-width="1.5"/>')
-    unit, digits = (' %', 0) if relative else ('', 3)
     for number in (low, high):
+        label = f'{number:.0f} %' if relative else f'{number:.4g}'
         parts.append(f'<text x="0" y="{y(number) + 3:.1f}" font-size="8" fill="{SOFT}">'
-                     f'{number:.{digits}f}{unit}</text>')
+                     f'{label}</text>')
     unit = 'h' if clock == 'service_hours' else 'years'
     parts.append(f'<text x="{WIDTH - 4}" y="{HEIGHT - 3}" font-size="8" fill="{SOFT}" '
                  f'text-anchor="end">{right - left:.4g} {unit}</text>')

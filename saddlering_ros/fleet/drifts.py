@@ -30,6 +30,9 @@ MIN_RINGS_OF_RIG = 4
 MOST_RINGS = 0.75
 """Share of a rig's rings that must drift the same way."""
 
+MIN_COMMON = 3.0
+"""A common slope of fewer standard deviations is none."""
+
 EQUAL_LEVEL = 0.01
 """Drifts are alike unless they differ at this level."""
 
@@ -38,7 +41,10 @@ HOUR, YEAR = 3600.0, 365.25 * 24 * 3600.0
 
 @dataclass(frozen=True)
 class RingHistory:
-    """Histories of a ring's coordinates; `clock` is service_hours [h] or calendar [years]."""
+    """Histories of a ring's coordinates and of the sizes of its causes, by name.
+
+    clock: service_hours [h] or calendar [years].
+    """
 
     ring: str
     bench: str
@@ -86,22 +92,30 @@ NAMES = {
 
 
 def histories_of(ring: str, sessions: Sequence[SessionFigures]) -> RingHistory:
-    """Histories of every coordinate that enough sessions measured."""
+    """Histories of every coordinate and cause that enough sessions measured."""
     hours = np.array([session.service_hours for session in sessions])
     by_hours = bool(np.isfinite(hours).all()) and len(sessions) > 1 and np.ptp(hours) > 0.0
     times = hours if by_hours else np.array([session.time for session in sessions]) / YEAR
     found: dict[str, History] = {}
-    for number, name in enumerate(COORDINATES):
-        series = _series(sessions, times, number)
+    readings = {
+        name: (np.array([session.value[number] for session in sessions]),
+               np.array([session.covariance[number, number] for session in sessions]))
+        for number, name in enumerate(COORDINATES)
+    }
+    for name in sorted({name for session in sessions for name in session.causes}):
+        sizes = np.array([session.causes.get(name, (np.nan, np.nan)) for session in sessions])
+        readings[name] = sizes[:, 0], sizes[:, 1] ** 2
+    for name, (values, spread) in readings.items():
+        series = _series(sessions, times, values, spread)
         history = None if series is None else follow(series)
         if history is not None:
             found[name] = history
     return RingHistory(ring, sessions[-1].bench, 'service_hours' if by_hours else 'years', found)
 
 
-def _series(sessions: Sequence[SessionFigures], times: Array, number: int) -> Series | None:
-    values = np.array([session.value[number] for session in sessions])
-    spread = np.array([session.covariance[number, number] for session in sessions])
+def _series(
+    sessions: Sequence[SessionFigures], times: Array, values: Array, spread: Array
+) -> Series | None:
     good = np.isfinite(values) & np.isfinite(spread) & (spread > 0.0) & np.isfinite(times)
     if good.sum() < 2:
         return None
@@ -161,16 +175,19 @@ def _ring_drift(
 
 
 def scales_alike(slopes: Mapping[str, tuple[float, float]]) -> bool:
-    """Whether one gain of the load explains the slopes of all stiffnesses and dampings."""
+    """Whether a gain of the load explains the slopes of all stiffnesses and dampings.
+
+    Their common slope must be there, and none may differ from it.
+    """
     known = [slopes[name] for name in SCALED if name in slopes and math.isfinite(slopes[name][1])]
     if len(known) < 2:
-        return True
+        return False
     values, deviations = np.array(known).T
     weight = 1.0 / deviations**2
     mean = float((weight * values).sum() / weight.sum())
     apart = float((weight * (values - mean) ** 2).sum())
     alike = chi2.sf(apart, len(known) - 1) > EQUAL_LEVEL
-    return bool(alike)
+    return bool(alike and abs(mean) * math.sqrt(weight.sum()) > MIN_COMMON)
 
 
 def _rig_drifts(histories: Sequence[RingHistory], level: float) -> list[Drift]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 import json
 import math
 
@@ -92,6 +93,17 @@ def test_a_wearing_ring_drifts_and_its_sisters_do_not():
     assert drifting.ring == 'SR-worn'
     assert drifting.drift.group == ('stiffness_1',)
     assert drifting is fleet.rings[0]
+
+
+def test_the_size_of_a_cause_has_a_history_of_its_own():
+    sessions = [
+        replace(session, causes={'radial_friction': (1e3 + 500.0 * number, 50.0)})
+        for number, session in enumerate(sessions_of('SR-1', STILL))
+    ]
+    ring, = judge_fleet(sessions).rings
+    history = ring.history.of['radial_friction']
+    assert history.slope * 500.0 == pytest.approx(500.0, rel=0.05)
+    assert ring.drift.group == ('radial_friction',)
 
 
 def test_one_session_does_not_drift():
