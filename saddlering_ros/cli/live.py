@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from pathlib import Path
 from typing import Any
 
 from saddlering_ros.cli._json import tell_json
@@ -27,6 +28,8 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument('--namespace', default='', metavar='NS',
                         help='namespace of the rig, so that several rigs share a domain '
                              '(default: the root)')
+    parser.add_argument('--rig', type=Path,
+                        help='rig file of the drawing on the page (default: the shipped rig)')
     parser.add_argument('--window', type=float, default=600.0, metavar='S',
                         help='longest time shown, in seconds (default 600)')
     parser.add_argument('--json', metavar='FILE',
@@ -40,6 +43,7 @@ def run(args: argparse.Namespace) -> int:
     from saddlering_ros.live.errors import LiveError
     from saddlering_ros.live.server import address, serve
     from saddlering_ros.live.watcher import Watcher
+    from saddlering_ros.rig import load_rig
     from saddlering_ros.ros.names import namespace_of
     from saddlering_ros.ros.transport import prepare_transport
 
@@ -48,10 +52,11 @@ def run(args: argparse.Namespace) -> int:
     if not 1.0 <= args.window <= 86400.0:
         raise LiveError(f'--window {args.window:g}: give 1 to 86400 seconds')
     domain = args.domain if args.domain is not None else int(os.environ.get('ROS_DOMAIN_ID') or 0)
+    rig = load_rig(args.rig)
     prepare_transport()
     with Watcher(domain, args.window, namespace_of(args.namespace)) as watcher:
         serve(watcher, address(args.host, args.port, args.token),
-              lambda where: _say(args, where.url, domain))
+              lambda where: _say(args, where.url, domain), rig=rig)
     return 0
 
 

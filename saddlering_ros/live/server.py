@@ -26,6 +26,7 @@ from aiohttp import web
 from saddlering_ros.live.connections import Connection, Door, quiet_log
 from saddlering_ros.live.errors import LiveError
 from saddlering_ros.live.watcher import ACTIONS, Watcher
+from saddlering_ros.rig import default_rig, Rig
 
 PAGE = Path(__file__).parent / 'page'
 FILES = {'/': ('page.html', 'text/html'), '/live.js': ('live.js', 'text/javascript'),
@@ -76,12 +77,13 @@ def address(host: str, port: int, token: str = '') -> Address:
     return found if token or found.is_loopback else Address(host, port, secrets.token_urlsafe(18))
 
 
-def application(watcher: Watcher, where: Address) -> web.Application:
-    """The web application."""
+def application(watcher: Watcher, where: Address, rig: Rig | None = None) -> web.Application:
+    """The web application; `rig` (default: the shipped one) is the ring that it draws."""
     app = web.Application(middlewares=[_guard(where)])
     for path, (name, kind) in FILES.items():
         app.router.add_get(path, partial(_file, (PAGE / name).read_bytes(), kind))
     app.router.add_get('/plotly.js', _library)
+    app.router.add_get('/rig.svg', partial(_drawing, rig or default_rig()))
     app.router.add_get('/events', partial(_events, watcher, secrets.token_hex(4)))
     app.router.add_post('/cancel/{action}', partial(_cancel, watcher))
     app.router.add_post('/clear', partial(_clear, watcher))
@@ -91,17 +93,17 @@ def application(watcher: Watcher, where: Address) -> web.Application:
 
 
 def serve(watcher: Watcher, where: Address, on_ready: Callable[[Address], None],
-          until: threading.Event | None = None) -> None:
+          until: threading.Event | None = None, rig: Rig | None = None) -> None:
     """Serve until interrupted, or until the event is set; LiveError if it cannot be served.
 
     Port 0 takes a free one; `on_ready` is told the address in the end.
     """
-    asyncio.run(_serve(watcher, where, on_ready, until))
+    asyncio.run(_serve(watcher, where, on_ready, until, rig))
 
 
 async def _serve(watcher: Watcher, where: Address, on_ready: Callable[[Address], None],
-                 until: threading.Event | None) -> None:
-    runner = web.AppRunner(application(watcher, where), access_log=None, shutdown_timeout=0.5,
+                 until: threading.Event | None, rig: Rig | None) -> None:
+    runner = web.AppRunner(application(watcher, where, rig), access_log=None, shutdown_timeout=0.5,
                            keepalive_timeout=KEEP_ALIVE)
     loud_again = quiet_log()
     await runner.setup()
@@ -181,6 +183,18 @@ def _zipped_library() -> bytes:
     from plotly.offline import get_plotlyjs
 
     return gzip.compress(get_plotlyjs().encode(), 6)
+
+
+async def _drawing(rig: Rig, request: web.Request) -> web.Response:
+    text = await asyncio.get_running_loop().run_in_executor(None, _drawn, rig)
+    return web.Response(text=text, content_type='image/svg+xml', charset='utf-8',
+                        headers={'Cache-Control': 'no-cache'})
+
+
+def _drawn(rig: Rig) -> str:
+    from saddlering_ros.rig.drawing import drawing_svg
+
+    return drawing_svg(rig)
 
 
 async def _events(watcher: Watcher, boot: str, request: web.Request) -> web.StreamResponse:

@@ -15,7 +15,7 @@ import pytest
 
 from saddlering_ros.cli.main import main
 from saddlering_ros.live.errors import LiveError
-from saddlering_ros.live.server import address, application, serve
+from saddlering_ros.live.server import address, application, PAGE, serve
 
 POST = {'X-Saddlering': 'live'}
 
@@ -40,6 +40,12 @@ def test_this_machine_is_let_in_without_a_token_and_the_page_allows_its_own_scri
     assert address('127.0.0.1', 0).token == ''
     assert asked(address('127.0.0.1', 0), ('GET', '/', {}), ('GET', '/live.js', {}))[0] == [
         200, 200]
+
+
+def test_the_page_shows_the_drawing_of_the_ring():
+    assert asked(address('127.0.0.1', 0), ('GET', '/rig.svg', {}))[0] == [200]
+    page = (PAGE / 'page.html').read_text(encoding='utf-8')
+    assert 'src="rig.svg"' in page
 
 
 def test_a_name_that_points_here_by_trickery_is_refused():
