@@ -31,7 +31,7 @@ RIM = 10.0
 def tanks(pump, step, start, law, extra):  # type: ignore[no-untyped-def]
     """Level of the lower tank (N,): Bernoulli outflow, Euler steps.
 
-    law: outflow of the upper tank, inflow and outflow of the lower one, gain of the pump. extra:
+    law: outflow of the upper tank, feed and outflow of the lower one, gain of the pump. extra:
     share of what rises over the rim that is spilt; share of that which falls into the lower tank;
     curvature of the pump; change of the exponent of the outflow.
     """

@@ -96,7 +96,9 @@ def _facts(info: BagInfo, rig: Rig) -> list[tuple[str, str]]:
     elevation = 'not said' if found.elevation_deg is None else f'{found.elevation_deg:g} deg'
     low, high = info.load_range
     rows = [('test', found.test or 'not said'), ('elevation', elevation)]
-    rows += [(name, value) for name, value in (('rig', found.rig), ('run', found.run)) if value]
+    rows += [(name, value) for name, value in (
+        ('rig', found.rig), ('rig hash', found.details.get('rig_hash', '')[:12]),
+        ('run', found.run)) if value]
     files = '1 file' if info.files == 1 else f'{info.files} files'
     rows.append(('storage', f'{files}, {info.size / 1e6:.2f} MB, {info.message_count} messages, '
                  f'compression {", ".join(info.compressions) or "unknown"}'))

@@ -28,6 +28,9 @@ K, N, D = 9e7, 1.12, 3e6
 EXPONENTS = pytest.mark.parametrize('exponent', [0.2, 0.25, 0.5, 0.95, 1.0, 1.12, 1.5, 2.0, 8.0])
 LEVELLINGS = pytest.mark.parametrize('levelling', [None, 1e3, 5e4, 2e5])
 DEPTHS = np.geomspace(1e-10, 2e-4, 121)
+SOLVER = 5e-10
+"""What dividing a step where the load jumps moves a probe [m]: one row's jump divides the step of
+all, and files of before were simulated without it. Another law moves it by 1e-7."""
 
 
 def one_roller(p: float, rate: float, share: float, exponent: float,
@@ -170,7 +173,7 @@ def test_a_file_from_before_the_exponent_was_free_gives_the_numbers_it_gave() ->
                          *short_cycle())[0]
     assert probes[:2, [300, 500, 900]] == pytest.approx(np.array([
         [3.3613215928348015e-05, 0.00011670884415007244, 0.00019404834015192895],
-        [3.677316144508779e-05, 8.41725402609321e-05, 8.08834279215772e-05]]), abs=1e-12)
+        [3.677316144508779e-05, 8.41725402609321e-05, 8.08834279215772e-05]]), abs=SOLVER)
 
 
 def test_a_file_from_before_growth_could_level_off_gives_the_numbers_it_gave() -> None:
@@ -178,7 +181,7 @@ def test_a_file_from_before_growth_could_level_off_gives_the_numbers_it_gave() -
                          *short_cycle())[0]
     assert probes[:2, [300, 500, 900]] == pytest.approx(np.array([
         [2.8083769178234217e-05, 0.00013752418185535435, 0.00020979948330640546],
-        [3.0479814263298237e-05, 8.339055815806434e-05, 8.113307134531445e-05]]), abs=1e-12)
+        [3.0479814263298237e-05, 8.339055815806434e-05, 8.113307134531445e-05]]), abs=SOLVER)
 
 
 def test_an_exponent_left_out_is_that_of_each_row() -> None:
@@ -186,8 +189,8 @@ def test_an_exponent_left_out_is_that_of_each_row() -> None:
         probe_batch(RIG, candidates({'damping_law': {'share': 0.7, **exponent}}, UNLIKE_ROWS),
                     ELEVATION, *short_cycle())[0]
         for exponent in ({}, {'exponent': UNLIKE_ROWS.n1}, {'exponent': UNLIKE_ROWS.n2}))
-    assert axial[1::2] == pytest.approx(left_out[1::2], abs=1e-15)
-    assert middle[0::2] == pytest.approx(left_out[0::2], abs=1e-15)
+    assert axial[1::2] == pytest.approx(left_out[1::2], abs=SOLVER)
+    assert middle[0::2] == pytest.approx(left_out[0::2], abs=SOLVER)
     assert np.abs(axial[0] - left_out[0]).max() > 1e-7
     assert np.abs(middle[1] - left_out[1]).max() > 1e-7
 
