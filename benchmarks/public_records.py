@@ -76,7 +76,7 @@ def cascaded_tanks(file: Path, without: str) -> tuple[Model, Run, Run]:
         'overflow': Effect('Overflow of the upper tank', {
             'spilt': Parameter(0, 1), 'caught': Parameter(0, 1)}),
         'pump': Effect('Curved characteristic of the pump', {'curvature': Parameter(-0.1, 0.1)}),
-        'outlet': Effect('Outflow unlike a square root', {'exponent': Parameter(-0.3, 0.3)}),
+        'outlet': Effect('Discharge unlike a square root', {'exponent': Parameter(-0.3, 0.3)}),
     }
     effects.pop(without, None)
     model = Model(
