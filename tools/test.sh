@@ -1,9 +1,9 @@
 #!/usr/bin/env bash
-# The gate's tests: first those without ROS on every core, then those that start nodes, two at a time.
+# The gate's tests: first those without ROS on every core, then those that start nodes, in turn.
 #
 #   tools/test.sh [arguments of pytest]
 #
-# Nodes have deadlines to keep: beside tests that compute on every core some would miss them.
+# Nodes have deadlines to keep: beside other tests some would miss them.
 set -uo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 
@@ -24,6 +24,6 @@ run() {
 }
 
 run -m 'not ros' --numprocesses auto "$@"
-run -m ros --numprocesses 2 "${@:-${with_nodes[@]}}"
+run -m ros --numprocesses 0 "${@:-${with_nodes[@]}}"
 [ "$nothing" -lt 2 ] || exit "$no_tests"
 exit "$failed"
