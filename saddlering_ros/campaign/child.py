@@ -49,12 +49,13 @@ def main() -> None:
 
 
 def _load(name: str) -> Callable[[SessionTask], dict[str, Any]]:
-    """The computing function, its module loaded here so that every child has it."""
+    """The computing function; what its module prepares here, every child has without loading."""
     module, _, function = name.partition(':')
     found: Callable[[SessionTask], dict[str, Any]] = getattr(
         importlib.import_module(module), function)
-    if name.startswith('saddlering_ros.campaign.verdict:'):
-        importlib.import_module('saddlering_ros.diagnosis')
+    prepare = getattr(importlib.import_module(module), 'prepare', None)
+    if prepare is not None:
+        prepare()
     return found
 
 

@@ -2,11 +2,21 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
 from saddlering_ros.campaign.sessions import FIT, HOLD_OUT
 from saddlering_ros.campaign.task import SessionTask
+
+
+@lru_cache(maxsize=1)
+def prepare() -> None:
+    """Load the program and its compiled kernels once, before children are forked."""
+    from saddlering_ros import diagnosis  # noqa: F401
+    from saddlering_ros.ring.warm import warm
+
+    warm()
 
 
 def session_verdict(task: SessionTask) -> dict[str, Any]:
