@@ -10,6 +10,7 @@ from saddlering_ros.api.inputs import (
     as_parameters,
     as_rig,
     BagLike,
+    check_parameters,
     check_rig,
     origins,
     ParametersLike,
@@ -78,6 +79,7 @@ def validate(
     known, law = as_rig(rig), as_parameters(parameters)
     given = as_bags(bags, known)
     check_rig(given, known, rig, trust_rig)
+    check_parameters(law, known, trust_rig)
 
     def before(number: int) -> None:
         check(is_cancelled, 'validate')
@@ -104,6 +106,8 @@ def diagnose(
     law = None if parameters is None else as_parameters(parameters)
     fitted, held = as_bags(bags, known), as_bags(hold_out, known)
     check_rig([*fitted, *held], known, rig, trust_rig)
+    if law is not None:
+        check_parameters(law, known, trust_rig)
 
     def tell(stage: str, share: float) -> None:
         if on_progress is not None:

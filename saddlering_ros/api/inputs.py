@@ -21,7 +21,14 @@ from saddlering_ros.bags import (
 )
 from saddlering_ros.bags.samples import measured_samples
 from saddlering_ros.provenance import Origin
-from saddlering_ros.rig import load_rig, ParameterSet, read_parameters, Rig, TONNE
+from saddlering_ros.rig import (
+    load_rig,
+    ParameterSet,
+    read_parameters,
+    Rig,
+    short_digest,
+    TONNE,
+)
 
 if TYPE_CHECKING:
     import pandas
@@ -143,6 +150,16 @@ def check_rig(bags: Sequence[Bag], known: Rig, given: RigLike, trust_rig: bool) 
     """Refuse bags that state another rig than the one in use, unless the user trusts it."""
     if not trust_rig:
         refuse_other_rig(runs_of(bags), known, is_given=given is not None)
+
+
+def check_parameters(law: ParameterSet, known: Rig, trust_rig: bool) -> None:
+    """Refuse parameters that were found on another rig, unless the user trusts the rig."""
+    found = law.source.rig_hash
+    if found and found != known.digest and not trust_rig:
+        raise ApiError(
+            f'the parameters were found on the rig with the hash {short_digest(found)}, the rig '
+            f'in use has {short_digest(known.digest)}: give its file with --rig, or --trust-rig '
+            'to go on with this one')
 
 
 def as_rig(given: RigLike) -> Rig:

@@ -91,6 +91,7 @@ class Verdict:
             sha256=tuple(origin.sha256 for origin in made.bags),
             versions=made.versions_in_words,
             undetermined=self.contact_law.reasons_after,
+            rig_hash=self.rig.digest,
         )
         return ParameterSet(ContactParameters.from_array(values), effects, source)
 

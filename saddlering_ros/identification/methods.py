@@ -305,7 +305,7 @@ def _judged(
         parameters=ParameterSet(contact, source=ParameterSource(
             method=search.settings.method, bags=bags, objective=found.objective,
             covariance=trust.covariance, note=_note(status, trust.reasons),
-            undetermined=trust.reasons,
+            undetermined=trust.reasons, rig_hash=search.rig.digest,
         )),
         method=search.settings.method,
         objective=found.objective,

@@ -21,7 +21,7 @@ from saddlering_ros.suggestion import refuse_unknown_keys
 from saddlering_ros.writing import write_text
 
 SOURCE_KEYS = ('method', 'bags', 'objective', 'covariance', 'note', 'sha256', 'versions',
-               'undetermined', 'K1_in_N_per_mm_n', 'K2_in_N_per_mm_n')
+               'undetermined', 'rig_hash', 'K1_in_N_per_mm_n', 'K2_in_N_per_mm_n')
 """Entries of the section `source`."""
 
 Effects = dict[str, dict[str, float]]
@@ -34,7 +34,8 @@ class ParameterSource:
 
     sha256: of each bag, '' where not known, or () (provenance.py says how they are made);
     versions: of what computed them, in words; undetermined: why the data of these bags do not
-    determine a parameter, by name, where they do not.
+    determine a parameter, by name, where they do not; rig_hash: digest of the rig they hold for,
+    '' where not known.
     """
 
     method: str = 'given'
@@ -45,6 +46,7 @@ class ParameterSource:
     sha256: tuple[str, ...] = ()
     versions: str = ''
     undetermined: Mapping[str, str] = field(default_factory=dict)
+    rig_hash: str = ''
 
     @property
     def origins(self) -> tuple[Origin, ...]:
@@ -132,6 +134,7 @@ def _source(section: Any, where: str) -> ParameterSource:
         sha256=_texts(section, 'sha256', where),
         versions=str(section.get('versions', '')),
         undetermined=_undetermined(section, where),
+        rig_hash=str(section.get('rig_hash', '')),
     )
 
 
@@ -171,6 +174,8 @@ def parameters_to_mapping(parameters: ParameterSet) -> dict[str, Any]:
     covariance = parameters.source.covariance
     if covariance is not None and np.all(np.isfinite(covariance)):
         source['covariance'] = [float(value) for value in np.ravel(covariance)]
+    if parameters.source.rig_hash:
+        source['rig_hash'] = parameters.source.rig_hash
     if parameters.source.undetermined:
         source['undetermined'] = [
             f'{name}: {reason}' for name, reason in parameters.source.undetermined.items()]

@@ -159,3 +159,15 @@ def test_a_data_frame_needs_pandas_and_the_error_names_it(monkeypatch):
 def test_what_holds_no_parameters_is_refused_in_one_line(bags):
     with pytest.raises(SaddleringError, match='parameters: int holds none'):
         validate(bags, parameters=3)
+
+
+def test_parameters_of_another_rig_are_refused_unless_the_rig_is_trusted(bags, found, tmp_path):
+    rig = saddlering_ros.load_rig()
+    assert found.parameters.source.rig_hash == rig.digest
+    file = tmp_path / 'params.yaml'
+    found.save(file)
+    text = file.read_text().replace(rig.digest, 'f' * 64)
+    file.write_text(text)
+    with pytest.raises(SaddleringError, match='found on the rig with the hash ffff'):
+        saddlering_ros.validate(bags, parameters=file)
+    assert saddlering_ros.validate(bags, parameters=file, trust_rig=True)
