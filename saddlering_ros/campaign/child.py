@@ -104,14 +104,15 @@ def _attempt(
     try:
         return {'status': 'done', **compute(task)}
     except SaddleringError as problem:
-        return _failure('refused', ' '.join(str(problem).split()))
+        return failure('refused', ' '.join(str(problem).split()))
     except MemoryError:
-        return _failure('memory', f'{task.name}: needs more than {task.limits.memory >> 20} MB: '
+        return failure('memory', f'{task.name}: needs more than {task.limits.memory >> 20} MB: '
                                   'give a larger --memory-limit')
     except Exception as problem:
         words = ' '.join(str(problem).split())
-        return _failure('failed', f'{type(problem).__name__}: {words}')
+        return failure('failed', f'{type(problem).__name__}: {words}')
 
 
-def _failure(kind: str, reason: str) -> dict[str, Any]:
+def failure(kind: str, reason: str) -> dict[str, Any]:
+    """What a result holds instead of a verdict."""
     return {'status': 'failed', 'kind': kind, 'reason': reason}

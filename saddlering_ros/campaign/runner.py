@@ -13,7 +13,7 @@ import threading
 import time
 from typing import Any
 
-from saddlering_ros.campaign.child import TIMED_OUT
+from saddlering_ros.campaign.child import failure, TIMED_OUT
 from saddlering_ros.campaign.errors import CampaignInterruptedError
 from saddlering_ros.campaign.store import Store
 from saddlering_ros.campaign.task import SessionTask, task_from
@@ -38,7 +38,7 @@ class SessionRunner:
         """The result document of a task; a failure of any kind is a result too."""
         began = time.monotonic()
         if task.problem:
-            answer: dict[str, Any] = _failed('refused', task.problem)
+            answer: dict[str, Any] = failure('refused', task.problem)
         else:
             answer = self._ask(task)
         return {
@@ -61,13 +61,13 @@ class SessionRunner:
                 self.close()
                 if self._stopped:
                     raise CampaignInterruptedError('the campaign was stopped') from None
-                return _failed('killed', 'the process that judges sessions was killed: '
+                return failure('killed', 'the process that judges sessions was killed: '
                                          'run the campaign with --retry')
             if report['how'] == TIMED_OUT:
-                return _failed('timeout', f'no verdict within {task.limits.seconds:g} s: '
+                return failure('timeout', f'no verdict within {task.limits.seconds:g} s: '
                                           'give a larger --time-limit')
             if report['status'] != 0 or not place.exists():
-                return _failed('killed', f'its process ended with status {report["status"]}: '
+                return failure('killed', f'its process ended with status {report["status"]}: '
                                          'run the campaign with --retry')
             answer: dict[str, Any] = json.loads(place.read_text(encoding='utf-8'))
             return answer
@@ -129,7 +129,3 @@ def execute(document: dict[str, Any], folder: str) -> str:
         return task.key
     store.write_result(runner_of_this_thread().run(task))
     return task.key
-
-
-def _failed(kind: str, reason: str) -> dict[str, Any]:
-    return {'status': 'failed', 'kind': kind, 'reason': reason}

@@ -72,9 +72,3 @@ def covariance(jacobian: Array) -> Array:
     singular = np.maximum(singular, 1e-9 * singular[0])
     inner = (rows.T / singular**2) @ rows
     return np.asarray(inner / np.outer(length, length))
-
-
-def covariance_with_prior(jacobian: Array, precision: float) -> Array:
-    """(J^T J + p I)^-1: the same where every coordinate has a prior variance of 1/p."""
-    gram = jacobian.T @ jacobian + precision * np.eye(jacobian.shape[1])
-    return np.asarray(np.linalg.inv(gram))

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize
-from scipy.stats import chi2, norm
+from scipy.stats import chi2
 
 from saddlering_ros.fleet.error_control import benjamini_hochberg
 
@@ -162,8 +162,3 @@ def _judged(
     stands = benjamini_hochberg(p_values, level)
     return [Unlikeness(z, p, bool(found))
             for z, p, found in zip(z_scores, p_values, stands, strict=True)]
-
-
-def two_sided(z_score: float) -> float:
-    """p-value of a z-score, whatever its sign."""
-    return float(2.0 * norm.sf(abs(z_score)))
