@@ -16,7 +16,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from saddlering_ros.effects.extension import RingExtension
 from saddlering_ros.rig import Rig
-from saddlering_ros.ring.kernels import integration, tangents
+from saddlering_ros.ring.kernels import courses, integration, tangents
+from saddlering_ros.ring.kernels.row_tangents import LAW
 from saddlering_ros.ring.model import (
     MODEL,
     Model,
@@ -208,13 +209,13 @@ def _tangents(model: Model, rows: Rows, law: Floats, external: Floats, friction:
 
 def _external(model: Model, zero_load: float, path: _Path) -> Floats:
     external = np.empty((path.time.size, 3))
-    tangents.load_course(model, zero_load, path.load, external)
+    courses.load_course(model, zero_load, path.load, external)
     return external
 
 
 def _read(model: Model, zero_load: float, time: Floats, load: Floats, motion: Floats) -> Floats:
     out = np.empty((time.size, 4))
-    tangents.read_course(model, zero_load, time, load, np.ascontiguousarray(motion), out)
+    courses.read_course(model, zero_load, time, load, np.ascontiguousarray(motion), out)
     return out
 
 
@@ -233,7 +234,7 @@ def _laws(models: Floats) -> Floats:
 def _unit_laws(model: Model) -> Floats:
     """Change (3, LAW, 6) of the rows' laws by one unit of each contact parameter."""
     factors = _floats(model)[0, FACTORS]
-    unit = np.zeros((3, tangents.LAW, 6))
+    unit = np.zeros((3, LAW, 6))
     for row, first in ((0, 0), (1, 0), (2, 3)):
         unit[row, 0, first] = factors[row]
         unit[row, 1, first + 1] = unit[row, 2, first + 2] = 1.0

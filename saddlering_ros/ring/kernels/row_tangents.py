@@ -1,0 +1,248 @@
+"""Tangents of the ring's forces: how the sums over the rollers of a row change.
+
+One pass over the rollers of a row at one motion gives what all directions of a tangent need.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from saddlering_ros.ring.kernels import layout as at
+from saddlering_ros.ring.kernels.contact import (
+    DAMPING_REFERENCE,
+    in_contact,
+    MIN_FORCE,
+    RAMP,
+)
+from saddlering_ros.ring.kernels.options import FAST, INNER, kernel
+from saddlering_ros.ring.kernels.vector_math import exp2_of, log2_of, widest_vectors
+
+LAW = 6
+"""Parameters of one row: K, n, D, and share, exponent and saturation of growing damping."""
+
+PARTS = 6 + 2 * LAW + 1
+"""Of a row: k and d times 1, cos, cos^2; forces per parameter times 1, cos; its next guess."""
+
+LN2 = math.log(2.0)
+
+
+@kernel(fastmath=FAST, **INNER)
+def row_tangents(rows: Any, row: Any, rollers: Any, uniform: Any, a: Any, b: Any, da: Any,
+                 db: Any, law: Any, growing: Any, saturation: Any, part: Any) -> Any:
+    """Fill part (PARTS,) of one row; penetration, rate and law as in `contact.row_sums`.
+
+    law (K, n, D); growing: None or (share, exponent); saturation: None or the parameter.
+    """
+    widest_vectors()
+    stiffness, exponent, damping = law
+    stride = np.uint64(rows.size) // np.uint64(9)
+    base = np.uint64(row) * np.uint64(3) * stride
+    first, touching = in_contact(rows, base, stride, rollers, uniform, a, b,
+                                 np.uint64(part[PARTS - 1]))
+    for i in range(PARTS - 1):
+        part[i] = 0.0
+    part[PARTS - 1] = float(touching)
+    if touching == np.uint64(0):
+        return
+    count = (touching + np.uint64(7)) & ~np.uint64(7)
+    cosines = base + first
+    weights, gaps = cosines + stride, cosines + np.uint64(2) * stride
+    k0 = k1 = k2 = d0 = d1 = d2 = 0.0
+    e0 = e1 = n0 = n1 = c0 = c1 = s0 = s1 = m0 = m1 = l0 = l1 = 0.0
+    share, growth, factor, steepness, turn = 0.0, 0.0, 0.0, 0.0, 0.0
+    factor_slope = level_log = turn_slope = 0.0
+    if growing is not None:
+        share, growth = growing
+        growth = growth if growth > 0.0 else exponent
+        constant = DAMPING_REFERENCE ** (-growth)
+        factor_slope = -math.log(DAMPING_REFERENCE) * constant
+        if saturation is not None:
+            turn = saturation ** growth
+            level_log = math.log(saturation)
+            turn_slope = growth * turn / saturation
+            factor_slope += turn * level_log
+        factor = constant + turn
+        factor_slope /= factor
+        steepness = 1.0 / (RAMP * max(1.0 - growth, 1e-20))
+    for j in range(count):
+        c = rows[cosines + j]
+        p = max(a + b * c - rows[gaps + j], 1e-30)
+        rate = da + db * c
+        binary = log2_of(p)
+        natural = LN2 * binary
+        relative = exp2_of((exponent - 1.0) * binary)
+        u = min(p * (1.0 / RAMP), 1.0)
+        shape = (1.0 - share) * (u * u * (3.0 - 2.0 * u))
+        shape_slope = (1.0 - share) * (6.0 / RAMP) * (u - u * u)
+        by_share = by_exponent = by_saturation = 0.0
+        if growing is not None:
+            rising = exp2_of((growth - 1.0) * binary)
+            slope, log_slope = growth, factor_slope + natural
+            if saturation is not None:
+                level = 1.0 / (1.0 + turn * rising * p)
+                log_slope -= turn * rising * p * level * (level_log + natural)
+                by_saturation = turn_slope * (1.0 / factor - rising * p * level)
+                rising *= level
+                slope *= level
+            rising *= factor
+            w = min(p * steepness, 1.0)
+            fade = w * w * (3.0 - 2.0 * w)
+            swing = 6.0 * w * (w - w * w)
+            grown = rising * p * fade
+            by_share = damping * rate * (grown - u * u * (3.0 - 2.0 * u))
+            by_exponent = damping * rate * share * (
+                grown * log_slope + rising * p * swing * (steepness * RAMP))
+            by_saturation *= damping * rate * share * grown
+            shape += share * grown
+            shape_slope += share * rising * (slope * fade + swing)
+        elastic = relative * p
+        d = damping * shape
+        force = stiffness * elastic + d * rate
+        k = exponent * stiffness * relative + damping * shape_slope * rate
+        carries = rows[weights + j] if force > MIN_FORCE else 0.0
+        k *= carries
+        d *= carries
+        elastic *= carries
+        by_damping = carries * shape * rate
+        k0 += k
+        k1 += k * c
+        k2 += k * c * c
+        d0 += d
+        d1 += d * c
+        d2 += d * c * c
+        e0 += elastic
+        e1 += elastic * c
+        n0 += elastic * natural
+        n1 += elastic * natural * c
+        c0 += by_damping
+        c1 += by_damping * c
+        if growing is not None:
+            s0 += carries * by_share
+            s1 += carries * by_share * c
+            m0 += carries * by_exponent
+            m1 += carries * by_exponent * c
+            l0 += carries * by_saturation
+            l1 += carries * by_saturation * c
+    part[0], part[1], part[2], part[3], part[4], part[5] = k0, k1, k2, d0, d1, d2
+    part[6], part[7], part[8], part[9] = e0, e1, stiffness * n0, stiffness * n1
+    part[10], part[11], part[12], part[13] = c0, c1, s0, s1
+    part[14], part[15], part[16], part[17] = m0, m1, l0, l1
+
+
+@kernel(**INNER)
+def rows_tangents(m: Any, rows: Any, uniform: Any, q: Any, v: Any, growing: Any, saturation: Any,
+                  parts: Any) -> Any:
+    """Fill parts (3, PARTS) of upper, lower and radial row at motion q (3,) and its rate v."""
+    radius, height = m.radius, m.radial_row_height
+    axial, radial = np.uint64(m.axial_rollers), np.uint64(m.radial_rollers)
+    row_tangents(rows, 0, axial, uniform[0], q[1], -radius * q[2], v[1], -radius * v[2],
+                 (m.K1 * m.upper_row_stiffness, m.n1, m.D1), growing, saturation, parts[0])
+    row_tangents(rows, 1, axial, uniform[1], -q[1], radius * q[2], -v[1], radius * v[2],
+                 (m.K1 * m.lower_row_stiffness, m.n1, m.D1), growing, saturation, parts[1])
+    row_tangents(rows, 2, radial, uniform[2], 0.0, q[0] + height * q[2], 0.0,
+                 v[0] + height * v[2], (m.K2 * m.radial_row_stiffness, m.n2, m.D2), growing,
+                 saturation, parts[2])
+
+
+@kernel(**INNER)
+def ring_tangents(m: Any, rows: Any, uniform: Any, q: Any, v: Any, grows: Any,
+                  parts: Any) -> Any:
+    """`rows_tangents` with the damping law in use, or one that a direction brings in."""
+    growing = (m.damping_penetration_share, m.damping_penetration_exponent)
+    if not grows:
+        rows_tangents(m, rows, uniform, q, v, None, None, parts)
+    elif m.damping_penetration_saturation == 0.0:
+        rows_tangents(m, rows, uniform, q, v, growing, None, parts)
+    else:
+        rows_tangents(m, rows, uniform, q, v, growing, m.damping_penetration_saturation, parts)
+
+
+@kernel(fastmath=FAST, **INNER)
+def row_geometry(rows: Any, change: Any, row: Any, rollers: Any, a: Any, b: Any, da: Any, db: Any,
+                 m: Any, law: Any) -> Any:
+    """Change of sum F and sum F cos of a row by a change (9 J,) of its weights and gaps."""
+    stiffness, exponent, damping = law
+    stride = rows.size // 9
+    base = row * 3 * stride
+    share, growth = m.damping_penetration_share, m.damping_penetration_exponent
+    growth = growth if growth > 0.0 else exponent
+    turn = m.damping_penetration_saturation ** growth
+    if m.damping_penetration_saturation == 0.0:
+        turn = 0.0
+    factor = DAMPING_REFERENCE ** (-growth) + turn
+    steepness = 1.0 / (RAMP * max(1.0 - growth, 1e-20))
+    s0 = s1 = 0.0
+    for j in range(base, base + rollers):
+        c = rows[j]
+        p = a + b * c - rows[2 * stride + j]
+        if p <= 0.0:
+            continue
+        rate = da + db * c
+        u = min(p / RAMP, 1.0)
+        w = min(p * steepness, 1.0)
+        fade = w * w * (3.0 - 2.0 * w)
+        rising = p ** (growth - 1.0)
+        level = 1.0 / (1.0 + turn * rising * p)
+        grown = factor * rising * level
+        elastic = stiffness * p ** (exponent - 1.0)
+        force = elastic * p + damping * rate * (
+            (1.0 - share) * u * u * (3.0 - 2.0 * u) + share * grown * p * fade)
+        slope = exponent * elastic + damping * rate * (
+            (1.0 - share) * 6.0 / RAMP * (u - u * u)
+            + share * grown * (growth * level * fade + 6.0 * w * (w - w * w)))
+        if force > MIN_FORCE:
+            by = change[stride + j] * force - rows[stride + j] * slope * change[2 * stride + j]
+            s0 += by
+            s1 += by * c
+    return s0, s1
+
+
+@kernel(**INNER)
+def forces_by_geometry(m: Any, rows: Any, change: Any, q: Any, v: Any, by: Any,
+                       j: Any) -> Any:
+    """Add to by[:, j] the change of the ring's forces by a change (9 J,) of its rollers."""
+    radius, height = m.radius, m.radial_row_height
+    axial, radial = int(m.axial_rollers), int(m.radial_rollers)
+    up0, up1 = row_geometry(rows, change, 0, axial, q[1], -radius * q[2], v[1], -radius * v[2], m,
+                            (m.K1 * m.upper_row_stiffness, m.n1, m.D1))
+    low0, low1 = row_geometry(rows, change, 1, axial, -q[1], radius * q[2], -v[1],
+                              radius * v[2], m, (m.K1 * m.lower_row_stiffness, m.n1, m.D1))
+    _, s1 = row_geometry(rows, change, 2, radial, 0.0, q[0] + height * q[2], 0.0,
+                         v[0] + height * v[2], m, (m.K2 * m.radial_row_stiffness, m.n2, m.D2))
+    by[0, j] -= s1
+    by[1, j] += low0 - up0
+    by[2, j] += radius * (up1 - low1) - height * s1
+
+
+@kernel(fastmath=FAST, **INNER)
+def forces_by_law(m: Any, parts: Any, law: Any, count: Any, by: Any) -> Any:
+    """Add to by (3, P) the change of the ring's forces by changes of the rows' laws (3, LAW, P).
+
+    count: how many of the LAW parameters change. Directions are the last axis: vector code.
+    """
+    radius, height = m.radius, m.radial_row_height
+    for i in range(count):
+        up0, up1 = parts[0, 6 + 2 * i], radius * parts[0, 7 + 2 * i]
+        low0, low1 = parts[1, 6 + 2 * i], radius * parts[1, 7 + 2 * i]
+        s1 = parts[2, 7 + 2 * i]
+        for j in range(law.shape[2]):
+            upper, lower, radial = law[0, i, j], law[1, i, j], s1 * law[2, i, j]
+            by[0, j] -= radial
+            by[1, j] += low0 * lower - up0 * upper
+            by[2, j] += up1 * upper - low1 * lower - height * radial
+
+
+@kernel(**INNER)
+def matrices(m: Any, parts: Any, w: Any) -> Any:
+    """w[STIFFNESS] and w[DAMPING] from parts (3, PARTS), as `contact.ring_forces` fills them."""
+    radius, height = m.radius, m.radial_row_height
+    for place, i in ((at.STIFFNESS, 0), (at.DAMPING, 3)):
+        w[place] = parts[2, i + 2]
+        w[place + 1] = height * parts[2, i + 2]
+        w[place + 2] = parts[0, i] + parts[1, i]
+        w[place + 3] = -radius * (parts[0, i + 1] + parts[1, i + 1])
+        w[place + 4] = (radius * radius * (parts[0, i + 2] + parts[1, i + 2])
+                        + height * height * parts[2, i + 2])
