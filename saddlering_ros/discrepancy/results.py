@@ -113,11 +113,8 @@ class Diagnosis:
     """Everything found: the verdict first, then what it rests on.
 
     base: base parameters with the causes in, base_alone without; explained: share of the misfit;
-    <<<<<<< HEAD
     warnings: what should make a reader doubt it; converged: every fit the verdict rests on.
-    =======
     law: a law proposed for what no cause explains, with `unknown` only.
-    >>>>>>> 5de205a (Propose a law after unknown, in JSON, summary and as an effect file)
     """
 
     verdict: Verdict
