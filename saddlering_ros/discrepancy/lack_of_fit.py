@@ -15,6 +15,7 @@ import numpy as np
 from scipy.stats import f as fisher
 
 from saddlering_ros.discrepancy.assumptions import Assumptions
+from saddlering_ros.discrepancy.block_columns import Block, BlockColumns, Index
 from saddlering_ros.discrepancy.candidate import Fit
 from saddlering_ros.discrepancy.change_scale import orthonormal
 from saddlering_ros.discrepancy.experiment import sample_weights
@@ -24,6 +25,9 @@ from saddlering_ros.discrepancy.system import Array, RunBlocks
 
 WAVES_PER_RUN = 20
 """Half waves per run that are judged together, as slow structure."""
+
+TIME_WAVES = 8
+"""Half waves along the time of each run, as one family of shapes."""
 
 MAX_CHANCE = 0.01
 """A band counts if noise alone would leave as much less often than this."""
@@ -82,15 +86,17 @@ class LackOfFitTests:
         self._metric = metric
         self._ranges = metric.experiment.view_ranges
         self._pairs = noise_pairs
-        self._structure, self._counts = _structure_columns(metric)
-        self._white = metric.whiten(self._structure)
-        gram = self._white.T @ self._white
-        self._gram = gram.copy()
+        self._structure = _structure_columns(metric)
+        gram = self._structure.gram.copy()
         gram[np.diag_indices_from(gram)] *= 1.0 + 1e-9
         values, vectors = np.linalg.eigh(gram)
         kept = values > 1e-8 * values[-1]
         self._root = vectors[:, kept] / np.sqrt(values[kept])
         self._dimensions = int(kept.sum())
+        self._variances = {
+            view: _view_variance(metric, self._structure, self._root, view)
+            for view in metric.experiment.system.views
+        }
         self._bands = fast_bands(metric, WAVES_PER_RUN + 1)
 
     def fast(self, fit: Fit) -> FastResidual:
@@ -123,19 +129,19 @@ class LackOfFitTests:
 
     def slow(self, fit: Fit) -> SlowResidual:
         """Slow structure of the residual as a whole."""
-        inner = self._root.T @ (self._white.T @ fit.whitened)
+        slopes = self._structure.products(fit.whitened)
+        inner = self._root.T @ slopes
         free = max(self._dimensions - fit.theta_unit.size, 1)
         statistic = float(inner @ inner)
         p_value = float(fisher.sf(statistic / free, free, self._pairs))
-        shape = self._structure @ (self._root @ inner)
-        noise = self._structure @ self._root
+        shape = self._structure.combined(self._root @ inner)
         visible, where = 0.0, ''
         powers: dict[str, float] = {}
         sizes: dict[str, Array] = {}
         metric = self._metric
         for view in metric.experiment.system.views:
             seen = metric.experiment.view_residuals(shape, view)
-            expected = _view_variance(metric, noise, view)
+            expected = self._variances[view]
             own = []
             for run, part, variance in zip(metric.experiment.runs, seen, expected, strict=True):
                 power = metric.experiment.mean_square(part, run, view) - variance
@@ -145,158 +151,171 @@ class LackOfFitTests:
                 if size > visible:
                     visible, where = size, f'{view} in {run.name}'
             sizes[view] = np.array(own)
+        chances = self._chances(slopes)
         return SlowResidual(
-            statistic - free, free, p_value, visible, where, powers, sizes, self._chances(fit)
+            statistic - free, free, p_value, visible, where, powers, sizes, chances
         )
 
-    def _chances(self, fit: Fit) -> dict[tuple[str, str], float]:
+    def _chances(self, slopes: Array) -> dict[tuple[str, str], float]:
         """Chance that noise alone leaves as much slow structure in each channel of each run."""
         experiment = self._metric.experiment
         names = experiment.system.channel_names
-        slopes = self._white.T @ fit.whitened
-        chances, start = {}, 0
-        for (index, channel, _), count in zip(experiment.slices, self._counts, strict=True):
-            run = experiment.runs[index]
-            own = slice(start, start + count)
-            start += count
-            gram = self._gram[own, own]
-            statistic = float(slopes[own] @ np.linalg.lstsq(gram, slopes[own], rcond=1e-8)[0])
+        blocks = self._structure.blocks
+        chances = {}
+        for block in blocks:
+            number, channel, _ = experiment.slices[block.slot]
+            run = experiment.runs[number]
+            gram = self._structure.gram[np.ix_(block.index, block.index)]
+            own = slopes[block.index]
+            count = own.size
+            statistic = float(own @ np.linalg.lstsq(gram, own, rcond=1e-8)[0])
             pairs = min(self._pairs, max(self._metric.noise[run.name, channel].pairs, 1))
-            chance = float(fisher.sf(statistic / count, count, pairs)) * len(self._counts)
+            chance = float(fisher.sf(statistic / count, count, pairs)) * len(blocks)
             chances[names[channel], run.name] = min(1.0, chance)
         return chances
 
     def shapes(self, fit: Fit, white_columns: Array) -> list[ShapeTest]:
         """Every family, most significant first; p-values carry the number of families."""
-        metric = self._metric
+        experiment = self._metric.experiment
         orthogonal = orthonormal(white_columns)
-        tests = []
-        for coordinate, shapes in _families(
-            metric.experiment.runs, metric.experiment.assumptions
-        ).items():
-            for view, weights in metric.experiment.system.views.items():
-                columns = _spread(metric, shapes, weights)
-                white = metric.whiten(columns)
-                white = white - orthogonal @ (orthogonal.T @ white)
-                values, vectors = np.linalg.eigh(white.T @ white)
-                kept = values > 1e-8 * max(float(values[-1]), 1e-300)
-                root = vectors[:, kept] / np.sqrt(values[kept])
-                inner = root.T @ (white.T @ fit.whitened)
-                count = int(kept.sum())
-                statistic = float(inner @ inner)
-                change = columns @ (root @ inner)
-                sizes = [
-                    metric.experiment.mean_square(seen, run, view) ** 0.5 / self._ranges[view]
-                    for run, seen in zip(
-                        metric.experiment.runs,
-                        metric.experiment.view_residuals(change, view),
-                        strict=True,
-                    )
-                ]
-                p_value = float(fisher.sf(statistic / count, count, self._pairs))
-                tests.append(ShapeTest(view, coordinate, p_value, statistic, count, max(sizes)))
+        families = _families(experiment.runs, experiment.assumptions)
+        tests = [
+            self._shape_test(fit, orthogonal, coordinate, family, view)
+            for coordinate, family in families.items()
+            for view in experiment.system.views
+        ]
         total = len(tests)
         return sorted(
-            (
-                ShapeTest(
-                    item.view,
-                    item.coordinate,
-                    min(1.0, item.p_value * total),
-                    item.statistic,
-                    item.dimensions,
-                    item.visible,
-                )
-                for item in tests
-            ),
+            (replace(item, p_value=min(1.0, item.p_value * total)) for item in tests),
             key=lambda item: (item.p_value, -item.statistic / item.dimensions),
         )
 
+    def _shape_test(
+        self, fit: Fit, orthogonal: Array, coordinate: str, family: Family, view: str
+    ) -> ShapeTest:
+        """One family in one view, beside the model's own sensitivities."""
+        metric = self._metric
+        columns = _spread(metric, family, metric.experiment.system.views[view])
+        shared = columns.products(orthogonal)
+        gram = columns.gram - shared @ shared.T
+        values, vectors = np.linalg.eigh(gram)
+        rounding = 1e-13 * float(np.trace(columns.gram))
+        kept = values > max(1e-8 * float(values[-1]), rounding, 1e-300)
+        root = vectors[:, kept] / np.sqrt(values[kept])
+        slopes = columns.products(fit.whitened) - shared @ (orthogonal.T @ fit.whitened)
+        inner = root.T @ slopes
+        count = int(kept.sum())
+        statistic = float(inner @ inner)
+        seen = metric.experiment.view_residuals(columns.combined(root @ inner), view)
+        sizes = [
+            metric.experiment.mean_square(part, run, view) ** 0.5 / self._ranges[view]
+            for run, part in zip(metric.experiment.runs, seen, strict=True)
+        ]
+        p_value = float(fisher.sf(statistic / max(count, 1), count, self._pairs)) if count else 1.0
+        return ShapeTest(view, coordinate, p_value, statistic, max(count, 1), max(sizes))
 
-def _view_variance(metric: Metric, noise: Array, view: str) -> list[float]:
+
+def _view_variance(metric: Metric, columns: BlockColumns, root: Array, view: str) -> list[float]:
     """Mean square that noise alone gives the fitted structure, per run, in one view."""
-    weights = metric.experiment.system.views[view]
-    found, start = [], 0
-    for run in metric.experiment.runs:
-        count = run.channels.size
-        block = noise[start : start + count].reshape(*run.channels.shape, -1)
-        start += count
-        combined = np.einsum('c,cnk->nk', weights, block)
-        combined = metric.experiment.freed(combined, run, view)
-        weights_of_time = sample_weights(metric.experiment.system, run, view)
-        found.append(float(np.average((combined**2).sum(axis=1), weights=weights_of_time)))
+    experiment = metric.experiment
+    weights = experiment.system.views[view]
+    found = []
+    for number, run in enumerate(experiment.runs):
+        own = [item for item in columns.blocks if experiment.slices[item.slot][0] == number]
+        seen, rows = [], []
+        for item in own:
+            weight = weights[experiment.slices[item.slot][1]]
+            if weight:
+                seen.append(weight * item.plain)
+                rows.append(root[item.index])
+        joined = experiment.freed(np.hstack(seen), run, view)
+        share = sample_weights(experiment.system, run, view)
+        gram = joined.T @ (joined * (share / share.sum())[:, None])
+        stacked = np.vstack(rows)
+        found.append(float(np.sum(stacked * (gram @ stacked))))
     return found
 
 
-def _structure_columns(metric: Metric) -> tuple[Array, list[int]]:
-    """Cosines of time in every run and channel, and how many each has.
-
-    Where a constant is a misfit it is one of them.
-    """
+def _structure_columns(metric: Metric) -> BlockColumns:
+    """Cosines of time in every run and channel; a constant too where that is a misfit."""
     experiment = metric.experiment
-    columns, counts = [], []
-    for index, channel, part in experiment.slices:
-        run = experiment.runs[index]
-        waves = min(WAVES_PER_RUN, run.time.size // 4)
-        share = (run.time - run.time[0]) / max(float(np.ptp(run.time)), 1e-300)
-        present = 1.0 if run.present is None else run.present[channel]
+    cosines = [_waves(run.time, min(WAVES_PER_RUN, run.time.size // 4)) for run in experiment.runs]
+    blocks, start = [], 0
+    for slot, (number, channel, _) in enumerate(experiment.slices):
         first = 1 if experiment.assumptions.frees_constant(channel) else 0
-        for wave in range(first, waves + 1):
-            column = np.zeros(experiment.size)
-            column[part] = present * np.cos(np.pi * wave * share)
-            columns.append(column)
-        counts.append(waves + 1 - first)
-    return np.column_stack(columns), counts
+        plain = cosines[number][:, first:]
+        blocks.append(Block(slot, np.arange(start, start + plain.shape[1]), plain))
+        start += plain.shape[1]
+    return BlockColumns(metric, blocks, start)
 
 
-def _families(
-    runs: tuple[RunBlocks, ...], assumptions: Assumptions
-) -> dict[str, list[list[Array]]]:
-    """Coordinate to shapes, one array per run each."""
+def _waves(values: Array, count: int) -> Array:
+    """Cosines (N, 1 + count) of 0 to `count` half waves along `values`, the first constant."""
+    share = (values - values[0]) / max(float(np.ptp(values)), 1e-300)
+    return np.asarray(np.cos(np.pi * share[:, None] * np.arange(count + 1)))
+
+
+@dataclass(frozen=True)
+class Family:
+    """Shapes along one coordinate: by run, the numbers of its shapes and the shapes (N, k)."""
+
+    by_run: tuple[tuple[Index, Array], ...]
+    count: int
+
+
+def _families(runs: tuple[RunBlocks, ...], assumptions: Assumptions) -> dict[str, Family]:
+    """Shapes by coordinate; runs of one group share theirs, those over time are each run's own."""
     special, (first, others) = assumptions.special_inputs, assumptions.coordinate_waves
     shared = [name for name in runs[0].inputs if all(name in run.inputs for run in runs)]
     names = [name for name in shared if name not in special]
-    families: dict[str, list[list[Array]]] = {}
-    groups = sorted({run.group for run in runs})
+    families: dict[str, Family] = {}
     for number, name in enumerate(names):
         low = min(float(run.inputs[name].min()) for run in runs)
         high = max(float(run.inputs[name].max()) for run in runs)
-        shares = [(run.inputs[name] - low) / max(high - low, 1e-300) for run in runs]
-        families[name] = [
-            [
-                np.cos(np.pi * wave * share) * (run.group == group)
-                for run, share in zip(runs, shares, strict=True)
-            ]
-            for wave in range(1, (first if number == 0 else others) + 1)
-            for group in groups
+        shares = [
+            (run.inputs[name] - low)[:, None] / max(high - low, 1e-300) * np.pi for run in runs
         ]
+        waves = np.arange(1, (first if number == 0 else others) + 1)
+        families[name] = _by_group(runs, [np.cos(share * waves) for share in shares])
         if number == 0 and 'direction' in special and 'direction' in shared:
-            families['direction'] = [
+            families['direction'] = _by_group(
+                runs,
                 [
-                    run.inputs['direction']
-                    * (np.sin(np.pi * wave * share) if wave else 1.0)
-                    * (run.group == group)
+                    run.inputs['direction'][:, None]
+                    * np.hstack([np.ones_like(share), np.sin(share * np.arange(1, 3))])
                     for run, share in zip(runs, shares, strict=True)
-                ]
-                for wave in range(3)
-                for group in groups
-            ]
-    families['time'] = [
-        [
-            np.cos(np.pi * wave * (run.time - run.time[0]) / np.ptp(run.time)) * (run is other)
-            for run in runs
-        ]
-        for wave in range(1, 9)
-        for other in runs
-    ]
+                ],
+            )
+    waves_of_time = [_waves(run.time, TIME_WAVES)[:, 1:] for run in runs]
+    families['time'] = Family(
+        tuple(
+            (TIME_WAVES * number + np.arange(TIME_WAVES), part)
+            for number, part in enumerate(waves_of_time)
+        ),
+        TIME_WAVES * len(runs),
+    )
     return families
 
 
-def _spread(metric: Metric, shapes: list[list[Array]], weights: Array) -> Array:
+def _by_group(runs: tuple[RunBlocks, ...], shapes: list[Array]) -> Family:
+    """Shapes (N, k) of each run, the same numbers for the runs of one group."""
+    groups = sorted({run.group for run in runs})
+    each = shapes[0].shape[1]
+    return Family(
+        tuple(
+            (each * groups.index(run.group) + np.arange(each), part)
+            for run, part in zip(runs, shapes, strict=True)
+        ),
+        each * len(groups),
+    )
+
+
+def _spread(metric: Metric, family: Family, weights: Array) -> BlockColumns:
     """Shapes in a view as stacked columns: the least change of channels that shows as 1 there."""
     pattern = weights / float(weights @ weights)
-    return np.column_stack(
-        [
-            np.concatenate([(pattern[:, None] * part[None, :]).ravel() for part in shape])
-            for shape in shapes
-        ]
-    )
+    blocks = []
+    for slot, (number, channel, _) in enumerate(metric.experiment.slices):
+        if weights[channel]:
+            index, part = family.by_run[number]
+            blocks.append(Block(slot, index, pattern[channel] * part))
+    return BlockColumns(metric, blocks, family.count)

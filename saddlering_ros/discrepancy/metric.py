@@ -76,7 +76,7 @@ class Metric:
         """The whole metric on stacked columns (n, B) or (n,)."""
         white = self.whiten_noise(columns)
         inner = self.directions.T @ white
-        scale = self._shrink if columns.ndim == 1 else self._shrink[:, None]
+        scale = self.shrink if columns.ndim == 1 else self.shrink[:, None]
         return np.asarray(white - self.directions @ (scale * inner))
 
     def inflated(self, factor: float, free: Array) -> Array:
@@ -99,10 +99,11 @@ class Metric:
     @property
     def free_count(self) -> float:
         """Dimensions left after the nuisances have taken theirs."""
-        return self.experiment.size - float((1.0 - (1.0 - self._shrink) ** 2).sum())
+        return self.experiment.size - float((1.0 - (1.0 - self.shrink) ** 2).sum())
 
     @property
-    def _shrink(self) -> Array:
+    def shrink(self) -> Array:
+        """Share (k,) of a whitened column along each direction that marginalising takes out."""
         return np.asarray(1.0 - 1.0 / np.sqrt(1.0 + self.strength**2))
 
 
