@@ -16,7 +16,7 @@ from campaign_stubs import marks, tasks, write_bag
 import pytest
 
 from saddlering_ros.campaign import CampaignError, CampaignInterruptedError, run_campaign, Store
-from saddlering_ros.campaign.executors import dask_workers
+from saddlering_ros.campaign.executors import _warning, dask_workers
 
 pytest.importorskip('distributed')
 
@@ -127,3 +127,10 @@ def test_no_scheduler_is_one_line():
     with pytest.raises(CampaignError, match='no Dask scheduler answers at'), \
             dask_workers('tcp://127.0.0.1:9'):
         pass
+
+
+@pytest.mark.parametrize(('address', 'warned'), [
+    ('tcp://127.0.0.1:8786', False), ('localhost:8786', False), ('tls://10.0.0.7:8786', False),
+    ('tcp://10.0.0.7:8786', True), ('10.0.0.7:8786', True)])
+def test_a_scheduler_elsewhere_without_tls_is_warned_of(address, warned):
+    assert bool(_warning(address)) == warned

@@ -1,4 +1,4 @@
-"""What SECURITY.md promises of nodes: roots, limits, plain data, discovery, no code from data."""
+"""Promises of SECURITY.md on nodes: roots, limits, plain data, discovery, no code from data."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import math
 from pathlib import Path
 import shutil
 import socket
+from types import SimpleNamespace
 
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -17,11 +18,13 @@ import pytest
 from saddlering_interfaces.action import IdentifyRing
 from saddlering_ros.jobs import diagnosis as diagnosis_job
 from saddlering_ros.jobs import identification as identification_job
+from saddlering_ros.jobs.action_server import ActionNode
 from saddlering_ros.jobs.identification import IdentificationAnswer, IdentificationRequest
 from saddlering_ros.jobs.plain_data import Channel, PlainDataError
 from saddlering_ros.nodes.ring_identification import settings_of
 from saddlering_ros.paths import share_directory
 from saddlering_ros.rig import default_rig, ParameterSet, ParameterSource, TRUE_TO_SCALE
+from saddlering_ros.ros.diagnostics import OK, SourcesTask, WARN
 from saddlering_ros.ros.errors import NodeError
 from saddlering_ros.ros.parameters import Parameter
 from saddlering_ros.ros.roots import bag_below
@@ -153,13 +156,25 @@ def test_a_goal_cannot_ask_for_memory_or_time_without_end(field) -> None:
         settings_of(IdentifyRing.Goal(**field))
 
 
-# --- parameters and discovery ---
+def test_a_goal_cannot_name_more_than_a_hundred_bags(tmp_path: Path) -> None:
+    node = SimpleNamespace(bag_root=tmp_path)
+    with pytest.raises(NodeError, match='names 101 bags: give at most 100'):
+        ActionNode.bags(node, ['run'] * 101)
+
+
+# --- parameters, publishers and discovery ---
 
 @pytest.mark.parametrize('value', [math.nan, math.inf, -1.0, 1e9])
 def test_a_parameter_out_of_range_is_refused_also_while_running(value: float) -> None:
     parameter = Parameter('rate', 1.0, 'a rate', low=0.0, high=100.0, changeable=True)
     assert parameter.refusal(value)
     assert not parameter.refusal(2.0)
+
+
+@pytest.mark.parametrize(('publishers', 'level'), [(0, OK), (1, OK), (2, WARN)])
+def test_two_sources_of_one_topic_are_reported(publishers: int, level: int) -> None:
+    finding = SourcesTask(lambda: {'/rig/hydraulic_load': publishers}).report(1.0)
+    assert finding.level == level
 
 
 def test_discovery_stays_on_this_machine_unless_the_user_says_otherwise(

@@ -67,22 +67,24 @@ def test_a_fault_in_a_parameter_file_is_refused_with_its_place(
     assert words.replace('3.0', '3') in refusal(tmp_path / 'p.yaml', text).replace('3.0', '3')
 
 
-def test_a_pipe_and_an_endless_device_are_refused_at_once(tmp_path: Path) -> None:
+@pytest.mark.parametrize('read', [load_rig, read_parameters])
+def test_a_pipe_and_an_endless_device_are_refused_at_once(tmp_path: Path, read) -> None:
     pipe = tmp_path / 'pipe'
     os.mkfifo(pipe)
     started = time.monotonic()
     for path in (pipe, Path('/dev/zero')):
         with pytest.raises(RigError, match='give the path of a regular file'):
-            load_rig(path)
+            read(path)
     assert time.monotonic() - started < 1.0
 
 
-def test_a_file_over_a_megabyte_is_refused_by_its_size(tmp_path: Path) -> None:
+@pytest.mark.parametrize('read', [load_rig, read_parameters])
+def test_a_file_over_a_megabyte_is_refused_by_its_size(tmp_path: Path, read) -> None:
     path = tmp_path / 'rig.yaml'
     with path.open('wb') as file:
         file.truncate(3 << 30)
     with pytest.raises(RigError, match='is larger than 1 MB'):
-        load_rig(path)
+        read(path)
 
 
 def test_equal_rigs_have_one_hash_however_they_are_written(tmp_path: Path) -> None:
