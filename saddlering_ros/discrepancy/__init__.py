@@ -19,10 +19,10 @@ from saddlering_ros.discrepancy.system import (
     Effect,
     Parameter,
     Point,
-    RestSegment,
     RunBlocks,
     System,
 )
+from saddlering_ros.estimation.rest import RestSegment
 
 __all__ = [
     'Assumptions',

@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 from scipy.ndimage import median_filter
 from scipy.stats import f as fisher
 
-from saddlering_ros.discrepancy.system import Array, RestSegment
+from saddlering_ros.discrepancy.system import Array
+from saddlering_ros.estimation.rest import RestSegment
 
 LEAST_FREQUENCY = 8.0
 """Slower swings [Hz] are left to the residual tests: they may be the machine's own."""

@@ -13,7 +13,8 @@ from saddlering_ros.discrepancy.noise import (
     measure_noise,
     TIME_CONSTANTS,
 )
-from saddlering_ros.discrepancy.system import Array, DiscrepancyError, RestSegment, RunBlocks
+from saddlering_ros.discrepancy.system import Array, DiscrepancyError, RunBlocks
+from saddlering_ros.estimation.rest import RestSegment
 
 SEEN_SHARE = 0.25
 """A stretch at rest shows noise of time constants up to this share of its length."""

@@ -13,7 +13,8 @@ from saddlering_ros.discrepancy.gain import Gain
 from saddlering_ros.discrepancy.lines import find_line, Line, line_gain
 from saddlering_ros.discrepancy.results import Cause, Estimate, Evidence
 from saddlering_ros.discrepancy.settings import Settings
-from saddlering_ros.discrepancy.system import Effect, RestSegment, RunBlocks
+from saddlering_ros.discrepancy.system import Effect, RunBlocks
+from saddlering_ros.estimation.rest import RestSegment
 
 
 @dataclass(frozen=True)

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saddlering_ros.errors import SaddleringError
+from saddlering_ros.estimation.rest import RestSegment
 
 Array = NDArray[np.float64]
 EffectValues = Mapping[str, Mapping[str, float]]
@@ -156,20 +157,6 @@ class Point:
 
     base: Array
     effects: EffectValues = field(default_factory=dict)
-
-
-@dataclass(frozen=True)
-class RestSegment:
-    """A stretch of record with the system at rest, at its raw rate: where noise is learnt from.
-
-    `values` (C, n) of all channels, `step` seconds between samples. Segments of one `label`
-    share a systematic course (say, creep after a step up), whose mean is taken out before noise is
-    measured.
-    """
-
-    values: Array
-    step: float
-    label: str = ''
 
 
 @dataclass(frozen=True)

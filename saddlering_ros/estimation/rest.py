@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -21,6 +23,20 @@ GUARD_SECONDS = 0.1
 """Time [s] left out before the next movement, at most a fifth of the stretch."""
 
 MIN_SAMPLES = 8
+
+
+@dataclass(frozen=True)
+class RestSegment:
+    """A stretch of record with the system at rest, at its raw rate: where noise is learnt from.
+
+    `values` (C, n) of all channels, `step` seconds between samples. Segments of one `label`
+    share a systematic course (say, creep after a step up), whose mean is taken out before noise is
+    measured.
+    """
+
+    values: Array
+    step: float
+    label: str = ''
 
 
 def stretches_at_rest(time: Array, load: Array, band: float) -> Stretches:

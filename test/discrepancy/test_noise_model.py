@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from saddlering_ros.discrepancy import DiscrepancyError, RestSegment
+from saddlering_ros.discrepancy import RestSegment
 from saddlering_ros.discrepancy.noise import measure_noise
+from saddlering_ros.estimation.errors import EstimationError
 
 STEP = 0.01
 
@@ -42,5 +43,5 @@ def test_the_covariance_is_one_of_noise() -> None:
 
 
 def test_no_rest_is_said_in_one_line() -> None:
-    with pytest.raises(DiscrepancyError, match='no stretch at rest'):
+    with pytest.raises(EstimationError, match='no stretch at rest'):
         measure_noise([], 1)

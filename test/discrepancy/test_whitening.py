@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.linalg import cholesky, solve_triangular
 
-from saddlering_ros.discrepancy import DiscrepancyError
 from saddlering_ros.discrepancy.noise import build_whitener, ChannelNoise
+from saddlering_ros.estimation.errors import EstimationError
 
 SLOW = np.array([0.4, 0.0, 0.2, 0.7, 0.0, 1.5, 0.3, 2.0])
 EVEN = np.arange(120) * 0.05
@@ -74,5 +74,5 @@ def test_noise_since_an_instant_agrees_with_the_dense_covariance() -> None:
 
 def test_noise_without_any_white_part_is_refused_in_one_line() -> None:
     noise = ChannelNoise(0.0, np.zeros(8), 0.0, 10)
-    with pytest.raises(DiscrepancyError, match='some white noise'):
+    with pytest.raises(EstimationError, match='some white noise'):
         build_whitener(noise, EVEN, np.full(120, 0.05))

@@ -10,15 +10,15 @@ from typing import ClassVar
 import numpy as np
 from scipy.optimize import nnls
 
-from saddlering_ros.discrepancy.noise.process import ChannelNoise
 from saddlering_ros.discrepancy.noise.residuals import noise_of_residuals
-from saddlering_ros.discrepancy.noise.stretches import (
+from saddlering_ros.discrepancy.system import Array, DiscrepancyError
+from saddlering_ros.estimation.process import ChannelNoise
+from saddlering_ros.estimation.stretch_noise import (
     ChannelRecord,
     continued,
     noise_of_stretches,
     relaxation_grid,
 )
-from saddlering_ros.discrepancy.system import Array, DiscrepancyError
 
 KNOWN_EXACTLY = 1_000_000
 """Degrees of freedom of a level that was declared and not estimated."""

@@ -14,14 +14,14 @@ from dataclasses import replace
 import numpy as np
 from scipy.fft import dct, idct
 
-from saddlering_ros.discrepancy.noise.allan import allan_columns, allan_variances
-from saddlering_ros.discrepancy.noise.process import ChannelNoise
-from saddlering_ros.discrepancy.noise.stretches import (
+from saddlering_ros.discrepancy.system import Array
+from saddlering_ros.estimation.allan import allan_columns, allan_variances
+from saddlering_ros.estimation.process import ChannelNoise
+from saddlering_ros.estimation.stretch_noise import (
     ChannelRecord,
     noise_of_stretches,
     relaxation_grid,
 )
-from saddlering_ros.discrepancy.system import Array
 
 SLOW_WAVES = 40
 """Half waves a run that a flexible fit takes."""

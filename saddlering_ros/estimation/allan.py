@@ -9,10 +9,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.optimize import nnls
 
-from saddlering_ros.discrepancy.noise.process import mean_correlation, mean_variance
-from saddlering_ros.discrepancy.system import Array
+from saddlering_ros.estimation.process import mean_correlation, mean_variance
+
+Array = NDArray[np.float64]
 
 
 def allan_of_relaxation(ratio: Array) -> Array:

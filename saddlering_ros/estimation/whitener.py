@@ -5,14 +5,17 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
-from saddlering_ros.discrepancy.noise import kernels
-from saddlering_ros.discrepancy.noise.process import (
+from saddlering_ros.estimation import whitening_kernels as kernels
+from saddlering_ros.estimation.errors import EstimationError
+from saddlering_ros.estimation.process import (
     ChannelNoise,
     mean_correlation,
     mean_variance,
 )
-from saddlering_ros.discrepancy.system import Array, DiscrepancyError
+
+Array = NDArray[np.float64]
 
 OVERLAP = 0.1
 """Share of a block by which the one before it may overlap it, as stamps that jitter do."""
@@ -72,7 +75,7 @@ def build_whitener(
     [unit^2] is added to every variance.
     """
     if np.any(np.diff(time) < 0.0):
-        raise DiscrepancyError('noise: the samples of a run must be in order of time')
+        raise EstimationError('noise: the samples of a run must be in order of time')
     parts = noise.parts()
     variance = np.array([item[0] for item in parts])
     tau = np.array([item[1] for item in parts])
@@ -99,7 +102,7 @@ def build_whitener(
         own, ahead, np.ascontiguousarray(behind), gaps, inside, there, pivots, gains
     )
     if bad:
-        raise DiscrepancyError(
+        raise EstimationError(
             f'noise: the covariance is singular at sample {bad - 1}: give the channel some white '
             'noise'
         )

@@ -10,14 +10,17 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
-from saddlering_ros.discrepancy.noise.allan import allan_columns, allan_variances, mixture
-from saddlering_ros.discrepancy.noise.process import (
+from saddlering_ros.estimation.allan import allan_columns, allan_variances, mixture
+from saddlering_ros.estimation.errors import EstimationError
+from saddlering_ros.estimation.process import (
     ChannelNoise,
     mean_correlation,
     mean_variance,
 )
-from saddlering_ros.discrepancy.system import Array, DiscrepancyError
+
+Array = NDArray[np.float64]
 
 PARTS_PER_DECADE = 2
 """Relaxations per decade of time constants: closer ones cannot be told apart."""
@@ -85,7 +88,7 @@ def noise_of_stretches(
     rows = [(np.asarray(row - row.mean()), step) for row in stretches]
     count = sum(row.size for row, _ in rows)
     if count < MIN_SAMPLES:
-        raise DiscrepancyError(
+        raise EstimationError(
             f'noise: {where} holds {count} samples, too few to learn from: give at least '
             f'{MIN_SAMPLES}, or Noise.white(std)'
         )
@@ -93,7 +96,7 @@ def noise_of_stretches(
     used = scales <= max(longest, step) * (1.0 + 1e-9)
     scales, seen, pairs = scales[used], seen[used], pairs[used]
     if not seen.max(initial=0.0) > 0.0:
-        raise DiscrepancyError(
+        raise EstimationError(
             f'noise: {where} does not vary at all: give Noise.white(std) with the resolution of '
             'the instrument'
         )

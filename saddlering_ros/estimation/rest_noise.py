@@ -6,10 +6,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
-from saddlering_ros.discrepancy.noise.allan import allan_columns, allan_variances, mixture
-from saddlering_ros.discrepancy.noise.process import ChannelNoise, mean_variance, TIME_CONSTANTS
-from saddlering_ros.discrepancy.system import Array, DiscrepancyError, RestSegment
+from saddlering_ros.estimation.allan import allan_columns, allan_variances, mixture
+from saddlering_ros.estimation.errors import EstimationError
+from saddlering_ros.estimation.process import ChannelNoise, mean_variance, TIME_CONSTANTS
+from saddlering_ros.estimation.rest import RestSegment
+
+Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -51,7 +55,7 @@ def measure_noise(
     tells too little of slow noise), not its size nor the white part.
     """
     if not segments:
-        raise DiscrepancyError('noise: no stretch at rest in any run; hold the load somewhere')
+        raise EstimationError('noise: no stretch at rest in any run; hold the load somewhere')
     labelled = [segment for segment in segments if segment.label]
     if len(labelled) >= 20:
         segments = labelled
@@ -99,7 +103,7 @@ def _statistics(
     """Allan variances at rest, and second differences from hold to hold."""
     scales, seen, pairs = allan_variances(_without_common_course(segments, channel))
     if scales.size == 0:
-        raise DiscrepancyError('noise: the stretches at rest are too short to learn from')
+        raise EstimationError('noise: the stretches at rest are too short to learn from')
     columns = [allan_columns(scales, time_constants)]
     differences, widths, spacings = [], [], []
     for item in series:

@@ -9,8 +9,10 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import NDArray
 
-from saddlering_ros.discrepancy.system import Array
+Array = NDArray[np.float64]
+
 
 #: Time constants of the mixture [s]; the longest stands for a random walk.
 TIME_CONSTANTS = np.array([0.01, 0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 40.0])

@@ -1,0 +1,7 @@
+"""What estimation raises."""
+
+from saddlering_ros.errors import SaddleringError
+
+
+class EstimationError(SaddleringError):
+    """Records that noise cannot be learnt from, or that cannot be whitened."""
