@@ -10,7 +10,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from saddlering_ros.effects.extension import Hysteron, NO_EXTENSION, RingExtension, RowGeometry
+from saddlering_ros.effects.extension import (
+    Hysteron,
+    NO_EXTENSION,
+    READING,
+    RingExtension,
+    RowGeometry,
+)
 from saddlering_ros.rig import ContactParameters, PARAMETER_NAMES, Rig, RollerRow
 
 Floats = NDArray[np.float64]
@@ -203,6 +209,37 @@ def with_contact(model: Model, contacts: ArrayLike) -> Model:
     first = len(RIG_FIELDS)
     batch[:, first:first + laws.shape[1]] = laws
     return batch.view(MODEL)[:, 0]
+
+
+def stacked_models(rig: Rig, contacts: Floats, elevation: float,
+                   extensions: Sequence[RingExtension]) -> Model:
+    """Records (B,) of contact laws (B, 6), each with its extension."""
+    numbers = np.concatenate([
+        model_of(rig, elevation, extension).view(np.float64) for extension in extensions
+    ]).reshape(len(extensions), -1)
+    first = len(RIG_FIELDS)
+    numbers[:, first:first + contacts.shape[1]] = contacts
+    return numbers.view(MODEL)[:, 0]
+
+
+_MOVES = np.array([
+    item.metadata['acts_on'] != READING
+    for item in fields(RingExtension)
+    for part in _field(item.name, getattr(NO_EXTENSION, item.name))
+    for _ in range(np.dtype([part]).itemsize // 8)])
+
+
+def same_motions(models: Model, rows: Sequence[Rows]) -> NDArray[np.intp]:
+    """For each of the models (B,) with its rows, the first whose rollers move alike.
+
+    Extensions of two such models differ in what is added to the motion and to the readings only.
+    """
+    numbers = models.view(np.float64).reshape(models.size, -1).copy()
+    own = numbers[:, len(RIG_FIELDS) + len(PARAMETER_NAMES):]
+    own[:, ~_MOVES] = 0.0
+    first: dict[tuple[bytes, int], int] = {}
+    keys = [(number.tobytes(), id(row)) for number, row in zip(numbers, rows, strict=True)]
+    return np.array([first.setdefault(key, index) for index, key in enumerate(keys)])
 
 
 def build_model(rig: Rig, contact: ContactParameters, elevation: float,

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from saddlering_ros.effects import extension_of, laws_of
-from saddlering_ros.effects.extension import NO_EXTENSION, RingExtension
+from saddlering_ros.effects.extension import RingExtension
 from saddlering_ros.errors import SaddleringError
 from saddlering_ros.rig import (
     Displacement,
@@ -26,14 +26,17 @@ from saddlering_ros.rig import (
     ZeroWindow,
 )
 from saddlering_ros.ring.additions import Additions
-from saddlering_ros.ring.kernels import equilibrium, integration
+from saddlering_ros.ring.kernels import courses, equilibrium, integration
 from saddlering_ros.ring.kernels import layout as at
 from saddlering_ros.ring.model import (
     build_model,
     Model,
     model_of,
+    Rows,
     rows_of,
+    same_motions,
     stack_rows,
+    stacked_models,
     with_contact,
 )
 
@@ -282,7 +285,8 @@ def static_batch(rig: Rig, contacts: ArrayLike, elevation: float, loads: ArrayLi
     Rows: delta_x, delta_y [m], gamma [rad]. NaN where no equilibrium was found. Raises
     SimulationError where elevation or a load is not finite.
     """
-    m, rows, uniform = _batch(rig, contacts, elevation, extensions)
+    m, every = _models(rig, contacts, elevation, extensions)
+    rows, uniform = stack_rows(every)
     force = np.ascontiguousarray(loads, dtype=np.float64)
     if not np.all(np.isfinite(force)):
         first = int(np.argmin(np.isfinite(force)))
@@ -309,7 +313,9 @@ def dynamic_batch(rig: Rig, contacts: ArrayLike, elevation: float, time: ArrayLi
     NaN where a time step did not converge, and all along for a law that is not finite. Raises
     SimulationError where time, a load, the elevation or the step is not.
     """
-    motion, _ = _simulate_batch(rig, contacts, elevation, time, load, None, None, max_step)
+    m, rows = _models(rig, contacts, elevation, None)
+    seconds, force = check_simulation(time, load, elevation, max_step)
+    motion, _ = _run_batch(m, rows, seconds, force, float(force[0]), max_step)
     return np.ascontiguousarray(motion.transpose(0, 2, 1))
 
 
@@ -325,9 +331,22 @@ def probe_batch(rig: Rig, candidates: Sequence[tuple[ArrayLike, RingExtension]],
     """
     contacts = np.array([np.asarray(contact, dtype=np.float64) for contact, _ in candidates])
     extensions = [extension for _, extension in candidates]
-    _, increments = _simulate_batch(rig, contacts, elevation, time, load, zero_load, extensions,
-                                    max_step)
-    seconds = np.asarray(time, dtype=np.float64)
+    m, rows = _models(rig, contacts, elevation, extensions)
+    seconds, force = check_simulation(time, load, elevation, max_step)
+    zero = float(force[0]) if zero_load is None else zero_load
+    first = same_motions(m, rows)
+    own = np.unique(first)
+    motion, increments = np.empty((len(m), seconds.size, 3)), np.empty((len(m), seconds.size, 4))
+    motion[own], increments[own] = _run_batch(m[own], [rows[index] for index in own.tolist()],
+                                              seconds, force, zero, max_step)
+    others = np.flatnonzero(first != np.arange(first.size))
+    failed = others[~np.isfinite(motion[first[others]]).all(axis=(1, 2))]
+    if failed.size:  # what goes on after a failed step is the simulator's own affair
+        _, increments[failed] = _run_batch(m[failed], [rows[index] for index in failed.tolist()],
+                                           seconds, force, zero, max_step)
+    for index in np.setdiff1d(others, failed).tolist():
+        courses.read_course(m[index:index + 1], zero, seconds, force, motion[first[index]],
+                            increments[index])
     return np.stack([of_probes_clock(row.T, extension, seconds)
                      for row, extension in zip(increments, extensions, strict=True)])
 
@@ -340,43 +359,34 @@ def of_probes_clock(increments: Floats, extension: RingExtension, seconds: Float
     return np.stack([np.interp(wanted, seconds, row) for row in increments])
 
 
-def _batch(rig: Rig, contacts: ArrayLike, elevation: float,
-           extensions: Sequence[RingExtension] | None) -> tuple[Model, Floats, NDArray[np.bool_]]:
+def _models(rig: Rig, contacts: ArrayLike, elevation: float,
+            extensions: Sequence[RingExtension] | None) -> tuple[Model, list[Rows]]:
+    """Records (B,) and rows of contact laws (B, 6); without extensions the plain ring's."""
     laws = np.atleast_2d(np.asarray(contacts, dtype=np.float64))
     if laws.ndim != 2 or laws.shape[1] != 6:
         raise SimulationError(f'contact laws have shape {laws.shape}: give (B, 6)')
     if not np.isfinite(elevation):
         raise SimulationError(f'elevation is {elevation}: give a finite angle [rad]')
-    if extensions is None or all(extension is extensions[0] for extension in extensions):
-        extension = extensions[0] if extensions else NO_EXTENSION
-        rows, uniform = stack_rows([rows_of(rig, extension)])
-        return with_contact(model_of(rig, elevation, extension), laws), rows, uniform
-    m = np.concatenate([
-        with_contact(model_of(rig, elevation, extension), law)
-        for law, extension in zip(laws, extensions, strict=True)
-    ])
-    rows, uniform = stack_rows([rows_of(rig, extension) for extension in extensions])
-    return m, rows, uniform
+    if extensions is None:
+        model = with_contact(model_of(rig, elevation), laws)
+        return model, [rows_of(rig)] * len(laws)
+    return (stacked_models(rig, laws, elevation, extensions),
+            [rows_of(rig, extension) for extension in extensions])
 
 
-def _simulate_batch(rig: Rig, contacts: ArrayLike, elevation: float, time: ArrayLike,
-                    load: ArrayLike, zero_load: float | None,
-                    extensions: Sequence[RingExtension] | None,
-                    max_step: float) -> tuple[Floats, Floats]:
-    m, rows, uniform = _batch(rig, contacts, elevation, extensions)
-    seconds, force = check_simulation(time, load, elevation, max_step)
-    zero = float(force[0]) if zero_load is None else zero_load
-    if not np.isfinite(zero):
-        raise SimulationError(f'zero load is {zero}: give a finite load [N]')
+def _run_batch(m: Model, rows: Sequence[Rows], seconds: Floats, force: Floats, zero_load: float,
+               max_step: float) -> tuple[Floats, Floats]:
+    """Motion (B, N, 3) and probe increments (B, N, 4) of each model over a record."""
+    if not np.isfinite(zero_load):
+        raise SimulationError(f'zero load is {zero_load}: give a finite load [N]')
+    flat, uniform = stack_rows(rows)
     motion = np.empty((m.shape[0], seconds.size, 3))
     increments = np.empty((m.shape[0], seconds.size, 4))
 
     def run(part: slice) -> None:
-        own = part if rows.shape[0] > 1 else slice(None)
-        integration.run_batch(m[part], rows[own], uniform[own], seconds, force, zero,
+        own = part if flat.shape[0] > 1 else slice(None)
+        integration.run_batch(m[part], flat[own], uniform[own], seconds, force, zero_load,
                               max_step, motion[part], increments[part])
 
     in_parallel(run, m.shape[0])
     return motion, increments
-
-
