@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import compress
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +18,7 @@ from saddlering_ros.effects.extension import MOTION, NO_EXTENSION, RingExtension
 from saddlering_ros.effects.law import Law
 from saddlering_ros.rig import PARAMETER_NAMES, PARAMETER_UNITS, Rig, TRUE_TO_SCALE
 from saddlering_ros.ring.additions import Additions
+from saddlering_ros.ring.sensitivity import has_tangent, probe_sensitivities
 from saddlering_ros.ring.simulator import probe_batch
 
 Array = NDArray[np.float64]
@@ -34,6 +36,9 @@ this long passes for a difference, and a refit creeps along their valley without
 
 LOAD_STEP = 500.0
 """Change of the load [N] by which its sensitivity is differenced."""
+
+FAILED = 1e-3
+"""Reading [m] of a simulation that failed: far from any that is measured."""
 
 CURVATURE = 1.5
 """Standard deviation of the square of a standard normal number, nearly."""
@@ -88,6 +93,50 @@ class RingSystem:
                 answer[number] = self._with_laws(run, point, laws, answer[number])
         return answer
 
+    def predict_neighbours(
+        self, run: RunBlocks, groups: Sequence[Sequence[Point]]
+    ) -> list[Array]:
+        """Each group's points (B, C, N): the first simulated, those near it by exact tangents.
+
+        A neighbour whose rollers differ is simulated: the tangent pass would have to follow every
+        roller by itself, which costs more. So is one that has no tangent.
+        """
+        if any(catalogue_of_effects.laws_of(point.effects) for group in groups for point in group):
+            return [self.predict_many(run, group) for group in groups]
+        grid: LoadGrid = run.payload
+        candidates = [
+            [(point.base, self.extension(point)) for point in group] for group in groups
+        ]
+        near = [
+            [has_tangent(self.rig, group[0], other) for other in group[1:]] for group in candidates
+        ]
+        found = probe_sensitivities(
+            self.rig,
+            [
+                (group[0], list(compress(group[1:], own)))
+                for group, own in zip(candidates, near, strict=True)
+            ],
+            grid.elevation,
+            grid.time,
+            grid.load,
+            grid.zero_load,
+            max_step=grid.max_step,
+        )
+        answers, missing = [], []
+        for number, (group, own, response) in enumerate(zip(candidates, near, found, strict=True)):
+            answer = np.empty((len(group), *run.channels.shape))
+            answer[0] = grid.block_means(response.centre)
+            answer[1:][own] = grid.block_means(response.neighbours)
+            answer[1:][np.logical_not(own)] = np.nan
+            answers.append(answer)
+            missing += [(number, index) for index in range(len(group))
+                        if not np.isfinite(answer[index]).all()]
+        if missing:
+            simulated = self._simulated(run, [candidates[a][b] for a, b in missing])
+            for (a, b), values in zip(missing, simulated, strict=True):
+                answers[a][b] = values
+        return [np.clip(answer, -10.0 * FAILED, 10.0 * FAILED) for answer in answers]
+
     def _with_laws(self, run: RunBlocks, point: Point, laws: Sequence[Law], plain: Array) -> Array:
         """Channels (C, N) with the user's own laws, from those without."""
         grid: LoadGrid = run.payload
@@ -111,8 +160,8 @@ class RingSystem:
             grid.zero_load,
             max_step=grid.max_step,
         )
-        means = grid.block_means(np.nan_to_num(simulated, nan=1e-3, posinf=1e-3, neginf=-1e-3))
-        return np.clip(means, -1e-2, 1e-2)
+        means = grid.block_means(_finite(simulated))
+        return np.clip(means, -10.0 * FAILED, 10.0 * FAILED)
 
     def nuisances(self, runs: Sequence[RunBlocks], point: Point) -> list[Array]:
         """Unequal rollers of a sound ring; clearances and a weight not known exactly.
@@ -169,6 +218,11 @@ class RingSystem:
         if not point.effects:
             return NO_EXTENSION
         return catalogue_of_effects.extension_of(point.effects)
+
+
+def _finite(readings: Array) -> Array:
+    """Readings with something far off where the simulation failed."""
+    return np.nan_to_num(readings, nan=FAILED, posinf=FAILED, neginf=-FAILED)
 
 
 def engine_effect(effect: catalogue_of_effects.Effect) -> Effect:

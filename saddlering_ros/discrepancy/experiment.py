@@ -11,7 +11,14 @@ from functools import cached_property
 import numpy as np
 
 from saddlering_ros.discrepancy.assumptions import Assumptions
-from saddlering_ros.discrepancy.system import Array, DiscrepancyError, Point, RunBlocks, System
+from saddlering_ros.discrepancy.system import (
+    Array,
+    DiscrepancyError,
+    Point,
+    RunBlocks,
+    System,
+    SystemWithTangents,
+)
 
 EMPTY_VIEW = 0.1
 """A view whose range is under this share of its neighbours' is empty but for what is wrong."""
@@ -80,6 +87,22 @@ class Experiment:
                 raise DiscrepancyError(f'simulator: wrong shape {batch.shape} for run {run.name}')
             parts.append(batch.reshape(len(points), -1))
         return np.ascontiguousarray(np.concatenate(parts, axis=1).T)
+
+    def predict_neighbours(self, groups: Sequence[Sequence[Point]]) -> list[Array]:
+        """Stacked channels (n, B) of each group: a point, and others a small step aside of it.
+
+        A system that knows its tangents answers by them, any other is asked for every point.
+        """
+        if not isinstance(self.system, SystemWithTangents):
+            answers = self.predict([point for group in groups for point in group])
+            ends = np.cumsum([len(group) for group in groups])
+            return np.split(answers, ends[:-1], axis=1)
+        self.simulations += sum(len(group) for group in groups)
+        runs = [self.system.predict_neighbours(run, groups) for run in self.runs]
+        return [
+            np.concatenate([answer.reshape(len(answer), -1) for answer in parts], axis=1).T
+            for parts in zip(*runs, strict=True)
+        ]
 
     def by_run(self, stacked: Array) -> list[Array]:
         """A stacked vector (n,) as one (C, N) block a run."""

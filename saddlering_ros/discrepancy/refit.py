@@ -170,11 +170,12 @@ class Tangent:
 
 
 def tangent(metric: Whitening, fit: Fit) -> Tangent:
-    """Finite differences of every parameter at the fit."""
+    """Sensitivities to every parameter at the fit."""
     base = metric.experiment.system.base_parameters
     parameters = fit.candidate.parameters(base)
     thetas, steps = neighbours(parameters, fit.theta_unit, range(fit.theta_unit.size))
-    answers = metric.experiment.predict([fit.candidate.point(base, item) for item in thetas])
+    points = [fit.candidate.point(base, item) for item in thetas]
+    answers = metric.experiment.predict_neighbours([points])[0]
     plain = _differences((answers[:, 1:] - answers[:, :1]) / np.array(steps))
     return Tangent(plain, metric.whiten(plain))
 
@@ -218,12 +219,8 @@ def run_refits(
     while waiting:
         check()
         order = list(waiting)
-        answers = metric.experiment.predict([point for key in order for point in waiting[key]])
-        start = 0
-        for number in order:
-            width = len(waiting[number])
-            part = answers[:, start : start + width]
-            start += width
+        answers = metric.experiment.predict_neighbours([waiting[key] for key in order])
+        for number, part in zip(order, answers, strict=True):
             try:
                 waiting[number] = refits[number].send(part)
             except StopIteration as stop:

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 import math
-from typing import Any, Literal, Protocol
+from typing import Any, Literal, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -216,5 +216,20 @@ class System(Protocol):
         Each column is one standard deviation of one nuisance parameter at `point` (base values,
         and the effects found), shared by all runs; k = 0 for a simulator that is right but for
         its causes.
+        """
+        ...
+
+
+@runtime_checkable
+class SystemWithTangents(Protocol):
+    """A `System` that knows its sensitivities, for less than a simulation for every parameter."""
+
+    def predict_neighbours(
+        self, run: RunBlocks, groups: Sequence[Sequence[Point]]
+    ) -> list[Array]:
+        """Channels (B, C, N) of `run` for every group of points.
+
+        Each group's first point is simulated; the others lie a small step aside, and are needed to
+        first order in it only.
         """
         ...

@@ -24,7 +24,9 @@ from saddlering_ros.ring.model import (
     model_of,
     Rows,
     rows_of,
+    same_motions,
     spread_rows,
+    stacked_models,
     with_contact,
 )
 from saddlering_ros.ring.simulator import check_simulation, in_parallel, of_probes_clock
@@ -45,6 +47,7 @@ def _columns(*names: str) -> list[int]:
 K, N, D = (_columns(a, a, b) for a, b in (('K1', 'K2'), ('n1', 'n2'), ('D1', 'D2')))
 """Of the upper, the lower and the radial row, as below."""
 
+CONTACT, (ELEVATION,) = _columns('K1', 'n1', 'D1', 'K2', 'n2', 'D2'), _columns('elevation')
 FACTORS = _columns('upper_row_stiffness', 'lower_row_stiffness', 'radial_row_stiffness')
 GROWTH = _columns('damping_penetration_share', 'damping_penetration_exponent',
                   'damping_penetration_saturation')
@@ -112,6 +115,16 @@ def static_sensitivities(rig: Rig, contact: ArrayLike, elevation: float,
     return np.ascontiguousarray(out.transpose(2, 1, 0))
 
 
+def has_tangent(rig: Rig, centre: Candidate, neighbour: Candidate) -> bool:
+    """Whether one pass along the centre gives a neighbour cheaper than a simulation of it.
+
+    Unequal rollers take as long as several simulations; a saturation that sets in has no slope.
+    """
+    (_, own), (_, other) = centre, neighbour
+    return rows_of(rig, own) is rows_of(rig, other) and (
+        own.damping_penetration_saturation != 0.0 or other.damping_penetration_saturation == 0.0)
+
+
 def probe_sensitivities(rig: Rig, groups: Sequence[tuple[Candidate, Sequence[Candidate]]],
                         elevation: float, time: ArrayLike, load: ArrayLike,
                         zero_load: float | None = None,
@@ -139,37 +152,60 @@ def _responses(rig: Rig, centre: Candidate, neighbours: Sequence[Candidate], ele
                time: Floats, load: Floats, zero_load: float, max_step: float) -> Responses:
     contact, extension = centre
     model = with_contact(model_of(rig, elevation, extension), contact)
-    others = [with_contact(model_of(rig, elevation, extra), law) for law, extra in neighbours]
+    laws = np.array([np.asarray(law, dtype=np.float64) for law, _ in neighbours])
+    extensions = [extra for _, extra in neighbours]
+    others = stacked_models(rig, laws, elevation, extensions)
     rows = rows_of(rig, extension)
-    rollers = [rows_of(rig, extra) for _, extra in neighbours]
+    rollers = [rows_of(rig, extra) for extra in extensions]
     path = _simulate(model, rows, time, load, zero_load, max_step)
+    motions = _neighbouring_motions(rig, model, others, extension, extensions, rollers, zero_load,
+                                    path)
+    answers = np.empty((len(others), 4, time.size))
+    for index, extra in enumerate(extensions):
+        read = _read(others[index:index + 1], zero_load, time, load, motions[index])
+        answers[index] = of_probes_clock(read.T, extra, time)
+    return Responses(of_probes_clock(path.readings.T, extension, time), answers)
+
+
+def _neighbouring_motions(rig: Rig, model: Model, others: Model, extension: RingExtension,
+                          extensions: Sequence[RingExtension], rollers: Sequence[Rows],
+                          zero_load: float, path: _Path) -> list[Floats]:
+    """Motion (N, 3) at the samples of every neighbour; one array for all that move alike."""
+    rows = rows_of(rig, extension)
+    sampled = path.motion[path.samples]
+    motions = [sampled] * len(others)
+    first = same_motions(np.concatenate([_floats(model), _floats(others)]).view(MODEL)[:, 0],
+                         [rows, *rollers])[1:]
+    moving = [index for index in range(len(others)) if first[index] != 0]
+    if not moving:
+        return motions
     # Directions that move rollers come first: the kernel knows them by their number.
-    order = sorted(range(len(others)), key=lambda index: rollers[index] is rows)
-    moved = [rollers[index] for index in order if rollers[index] is not rows]
+    order = sorted(moving, key=lambda index: rollers[index] is rows)
     geometry = []
-    if moved:
+    count = sum(rollers[index] is not rows for index in order)
+    if count:
         along = spread_rows(rig, extension)
-        geometry = [spread_rows(rig, neighbours[index][1]).flat - along.flat
-                    for index in order[:len(moved)]]
+        geometry = [spread_rows(rig, extensions[index]).flat - along.flat
+                    for index in order[:count]]
         rows = along
-        model = with_contact(model_of(rig, elevation, extension, counts=rows.counts), contact)
-    own, aside = _floats(model), np.concatenate([_floats(others[index]) for index in order])
-    external = np.zeros((path.time.size, 3, len(others)))
+        numbers = _floats(model)[0]
+        model = with_contact(
+            model_of(rig, float(numbers[ELEVATION]), extension, counts=rows.counts),
+            numbers[CONTACT])
+    own, aside = _floats(model), _floats(others)[order]
+    external = np.zeros((path.time.size, 3, len(order)))
     loaded = np.flatnonzero((aside[:, LOADS] != own[:, LOADS]).any(axis=1))
-    course = _external(model, zero_load, path)
-    for number in loaded.tolist():
-        external[:, :, number] = _external(others[order[number]], zero_load, path) - course
+    if loaded.size:
+        course = _external(model, zero_load, path)
+        for number in loaded.tolist():
+            other = others[order[number]:order[number] + 1]
+            external[:, :, number] = _external(other, zero_load, path) - course
     law = np.ascontiguousarray((_laws(aside) - _laws(own)).transpose(1, 2, 0))
     friction = (aside[:, FRICTIONS] - own[:, FRICTIONS]).reshape(-1, 2, 4)
     changes = _tangents(model, rows, law, external, friction, geometry, path)
-    answers = np.empty((len(others), time.size, 4))
     for number, index in enumerate(order):
-        motion = path.motion[path.samples] + changes[path.samples, :, number]
-        answers[index] = _read(others[index], zero_load, time, load, motion)
-    return Responses(
-        of_probes_clock(path.readings.T, extension, time),
-        np.array([of_probes_clock(answer.T, extra, time)
-                  for answer, (_, extra) in zip(answers, neighbours, strict=True)]))
+        motions[index] = sampled + changes[path.samples, :, number]
+    return motions
 
 
 def _simulate(model: Model, rows: Rows, time: Floats, load: Floats, zero_load: float,

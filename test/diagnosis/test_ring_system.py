@@ -48,6 +48,26 @@ def test_stiffness_and_exponent_are_told_apart_by_their_slopes_not_by_the_bend_o
     assert np.linalg.norm(fine @ vectors[1] - weak) < 0.1 * np.linalg.norm(weak)
 
 
+def test_neighbours_of_a_point_are_what_simulations_of_them_give(campaign):
+    rig = default_rig()
+    bag = next(bag for bag in campaign() if bag.name == 'static_50')
+    run = build_record(rig, read_run(bag), held_out=False).run
+    system, values = RingSystem(rig), TRUE_TO_SCALE.to_array()
+    law = values * (1.0 + 1e-5 * np.eye(6)[0])
+    friction = {'radial_friction': {'force': 2000.0, 'presliding': 3e-6}}
+    rougher = {'radial_friction': {'force': 2000.1, 'presliding': 3e-6}}
+    oval = {**friction, 'out_of_round': {'amplitude': 1e-9}}
+    ahead = {**friction, 'probe_gain': {'gain': 1e-5, 'probe': 1}}
+    group = [Point(values, friction), Point(law, friction), Point(values, rougher),
+             Point(values, oval), Point(values, ahead)]
+    (found,), simulated = (system.predict_neighbours(run, [group]),
+                           system.predict_many(run, group))
+    assert found[0] == pytest.approx(simulated[0], abs=1e-13)
+    for tangent, difference in zip(found[1:] - found[0], simulated[1:] - simulated[0],
+                                   strict=True):
+        assert tangent == pytest.approx(difference, abs=1e-2 * np.abs(difference).max())
+
+
 @pytest.mark.slow
 def test_a_small_size_of_the_other_sign_is_looked_for(campaign):
     angle = -0.004
