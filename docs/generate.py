@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import argparse
+import ast
 from collections.abc import Callable
 from functools import cached_property
 import inspect
 from pathlib import Path
+import re
 
 import saddlering_ros
 from saddlering_ros.bags.topics import TOPICS as RIG
@@ -135,6 +137,89 @@ def files_page() -> str:
         '[Results](../results.md).', ''])
 
 
+THRESHOLDS = {
+    'Results, wherever they are printed': ('thresholds',),
+    'Limits of loads, as shares of full scale': ('rig.limits',),
+    'Rest and rounding': ('estimation.rest', 'estimation.rounding'),
+    'Identification': ('identification.prepared', 'identification.objective',
+                       'identification.observing', 'identification.load_cell',
+                       'identification.uncertainty'),
+    'Validation': ('identification.validation', 'identification.rating'),
+    'Blocks of a diagnosis': ('diagnosis.records',),
+    'Nuisance parameters of a ring': ('diagnosis.scatter', 'discrepancy.priors'),
+    'Selection of causes': ('discrepancy.settings', 'discrepancy.criteria',
+                            'discrepancy.selection', 'discrepancy.ranking',
+                            'discrepancy.signatures', 'discrepancy.model_space'),
+    'Detection limits and lack of fit': ('discrepancy.detection_limits',
+                                         'discrepancy.lack_of_fit', 'discrepancy.fast_bands',
+                                         'discrepancy.lines'),
+}
+"""The modules whose documented constants a reader of results may want to know."""
+
+
+def thresholds_page() -> str:
+    """Every documented number of the modules in THRESHOLDS, with its docstring."""
+    parts = ['# Thresholds', '', DOCUMENT, 'Numbers by which bags, fits and causes are judged. '
+             '[Identification](../identification.md) and [Diagnosis](../diagnosis.md) explain '
+             'their use.', '']
+    for heading, modules in THRESHOLDS.items():
+        parts += [f'## {heading}', '', '| constant | value | meaning |', '|---|---|---|']
+        for module in modules:
+            parts += [f'| `{module}.{name}` | {_cell(value)} | {_cell(meaning)} |'
+                      for name, value, meaning in _numbers(module)]
+        parts.append('')
+    return '\n'.join(parts)
+
+
+def _numbers(module: str) -> list[tuple[str, str, str]]:
+    """Name, source and docstring of the numbers that a module defines and explains."""
+    file = ROOT / 'saddlering_ros' / (module.replace('.', '/') + '.py')
+    tree = ast.parse(file.read_text(encoding='utf-8'))
+    found = _documented(tree.body)
+    for item in tree.body:
+        if isinstance(item, ast.ClassDef) and item.name == 'Settings':
+            found += [(f'Settings.{name}', value, meaning)
+                      for name, value, meaning in _fields(item)]
+    return found
+
+
+def _documented(body: list[ast.stmt]) -> list[tuple[str, str, str]]:
+    """Upper-case constants that a docstring follows; several in one line share it."""
+    found = []
+    for item, after in zip(body, body[1:], strict=False):
+        if not (isinstance(item, ast.Assign) and isinstance(after, ast.Expr)
+                and isinstance(after.value, ast.Constant)
+                and isinstance(after.value.value, str)):
+            continue
+        names, value = item.targets[0], item.value
+        several = isinstance(names, ast.Tuple) and isinstance(value, ast.Tuple)
+        pairs = zip(names.elts, value.elts, strict=True) if several else [(names, value)]
+        found += [(ast.unparse(name), _value(one), ' '.join(after.value.value.split()))
+                  for name, one in pairs if _is_number(one)]
+    return found
+
+
+def _fields(item: ast.ClassDef) -> list[tuple[str, str, str]]:
+    """Fields of a dataclass with the words of its docstring, `name: words; name: words`."""
+    text = ' '.join((ast.get_docstring(item) or '').split())
+    words = dict(re.findall(r'(?:^|[;.] )(\w+): (.*?)(?=; \w+: |\.$|$)', text))
+    return [(ast.unparse(field.target), _value(field.value), words.get(field.target.id, ''))
+            for field in item.body if isinstance(field, ast.AnnAssign)
+            and isinstance(field.target, ast.Name) and field.value is not None
+            and field.target.id in words]
+
+
+def _is_number(value: ast.expr) -> bool:
+    """Whether an expression holds nothing but numbers and arithmetic."""
+    allowed = (ast.Constant, ast.UnaryOp, ast.USub, ast.BinOp, ast.operator, ast.Tuple, ast.Load)
+    return all(isinstance(part, allowed) and not isinstance(getattr(part, 'value', 0), str)
+               for part in ast.walk(value))
+
+
+def _value(value: ast.expr) -> str:
+    return f'`{ast.unparse(value)}`'
+
+
 def python_page() -> str:
     """Every public name of the package, from its signature and docstring."""
     functions, classes = [], []
@@ -192,7 +277,7 @@ def _first_line(item: object) -> str:
 
 
 PAGES = {'topics.md': topics_page, 'messages.md': messages_page, 'commands.md': commands_page,
-         'files.md': files_page, 'python.md': python_page}
+         'files.md': files_page, 'python.md': python_page, 'thresholds.md': thresholds_page}
 
 
 def write_reference(folder: Path) -> None:

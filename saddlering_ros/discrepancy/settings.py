@@ -13,20 +13,19 @@ Progress = Callable[[str, float], None]
 
 @dataclass(frozen=True)
 class Settings:
-    """How strict to be. The figures were chosen beforehand; blind trials check them.
+    """How strict to be. The figures were chosen before the blind trials that check them.
 
-    error_rate: chance of any false cause on clean data; materiality: share of a view's range under
-    which a finding is listed only; max_causes: causes at most; refits: candidates refitted at each
-    step;
-    min_partial: share of the remaining misfit that a member of a model must explain, in all or
-    in one view;
-    min_total: share of the misfit that the whole model must explain to be named;
-    alternative_rate: chance that noise alone makes an alternative fit as much worse as those left
-    out of a group do; alternative_share: an alternative stays in the group while its misfit is
-    within this share of the residual's; form_error: share of the misfit an effect explains by
-    which its idealised form may err: alternatives as close as that stay in its group, and a
-    further cause smaller than that in the same view is no cause; rounds: least-squares rounds of
-    each candidate; max_rounds: of the fits on which the verdict rests.
+    error_rate: chance of a false cause on clean data; materiality: share of a channel's range
+    under which a finding is listed only; max_causes: largest number of causes; refits: candidates
+    refitted at each step; min_partial: share of the remaining misfit that a member of a model must
+    explain, in all or in one channel; min_total: share of the misfit that all causes together must
+    explain to be named; alternative_rate: chance that noise alone sets the true cause so far
+    behind an alternative that it leaves the group; alternative_share: an alternative stays in the
+    group while its additional misfit is within this share of the residual; form_error: share of
+    the misfit explained by an effect that its simplified law may leave over (alternatives within
+    this share stay in the group, and a smaller further cause in the same channel is not accepted);
+    rounds: least-squares rounds of each candidate; max_rounds: least-squares rounds of the fits on
+    which the verdict rests; seed: of random starts.
     """
 
     error_rate: float = 0.01
