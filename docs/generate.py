@@ -7,6 +7,7 @@ import ast
 from collections.abc import Callable
 from functools import cached_property
 import inspect
+from itertools import pairwise
 from pathlib import Path
 import re
 
@@ -186,7 +187,7 @@ def _numbers(module: str) -> list[tuple[str, str, str]]:
 def _documented(body: list[ast.stmt]) -> list[tuple[str, str, str]]:
     """Upper-case constants that a docstring follows; several in one line share it."""
     found = []
-    for item, after in zip(body, body[1:], strict=False):
+    for item, after in pairwise(body):
         if not (isinstance(item, ast.Assign) and isinstance(after, ast.Expr)
                 and isinstance(after.value, ast.Constant)
                 and isinstance(after.value.value, str)):
