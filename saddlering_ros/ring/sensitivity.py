@@ -152,19 +152,22 @@ def _responses(rig: Rig, centre: Candidate, neighbours: Sequence[Candidate], ele
                time: Floats, load: Floats, zero_load: float, max_step: float) -> Responses:
     contact, extension = centre
     model = with_contact(model_of(rig, elevation, extension), contact)
+    rows = rows_of(rig, extension)
+    path = _simulate(model, rows, time, load, zero_load, max_step)
+    usual = of_probes_clock(path.readings.T, extension, time)
+    if not neighbours:
+        return Responses(usual, np.empty((0, *usual.shape)))
     laws = np.array([np.asarray(law, dtype=np.float64) for law, _ in neighbours])
     extensions = [extra for _, extra in neighbours]
     others = stacked_models(rig, laws, elevation, extensions)
-    rows = rows_of(rig, extension)
     rollers = [rows_of(rig, extra) for extra in extensions]
-    path = _simulate(model, rows, time, load, zero_load, max_step)
     motions = _neighbouring_motions(rig, model, others, extension, extensions, rollers, zero_load,
                                     path)
     answers = np.empty((len(others), 4, time.size))
     for index, extra in enumerate(extensions):
         read = _read(others[index:index + 1], zero_load, time, load, motions[index])
         answers[index] = of_probes_clock(read.T, extra, time)
-    return Responses(of_probes_clock(path.readings.T, extension, time), answers)
+    return Responses(usual, answers)
 
 
 def _neighbouring_motions(rig: Rig, model: Model, others: Model, extension: RingExtension,
