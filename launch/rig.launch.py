@@ -9,6 +9,7 @@ Whatever publishes the topics of the rig drives the rest: a driver of the hardwa
 `ros2 bag play PATH --clock` with use_sim_time:=true.
 """
 
+import math
 from pathlib import Path
 
 from launch import LaunchDescription
@@ -18,6 +19,8 @@ from launch_ros.actions import LifecycleNode, Node
 from launch_ros.substitutions import FindPackagePrefix, FindPackageShare
 
 from saddlering_ros.bags.topics import TOPICS
+from saddlering_ros.rig import load_rig
+from saddlering_ros.rig.frames import frames_of
 from saddlering_ros.ros.registry import ACTION, CLOCK, NODES, REPLAY, RING
 
 PACKAGE = 'saddlering_ros'
@@ -44,6 +47,10 @@ CHOICES = {
     'autostart': ('true', ['true', 'false'],
                   'nodes configure and activate themselves; false: leave both to ros2 lifecycle'),
     'use_sim_time': ('', ['', 'true', 'false'], 'follow the clock; empty: when a bag is replayed'),
+    'transforms': ('false', ['true', 'false'],
+                   'publish the frames of ring and probes (needs package tf2_ros)'),
+    'analyzers': ('false', ['true', 'false'],
+                  'group /diagnostics (needs package diagnostic_aggregator)'),
 }
 TOPIC_ARGUMENTS = {f'{topic.relative.rpartition("/")[2]}_topic': topic.relative
                    for topic in TOPICS.values()}
@@ -88,7 +95,8 @@ def start_nodes(context):
         nodes.append(make(
             package=PACKAGE, executable=node.name, name=node.name, **common,
             parameters=[as_path(given['rig']), *parameters[node.kind], *own]))
-    return [*nodes, *recorder(given, namespace)]
+    return [*nodes, *recorder(given, namespace), *transforms(given, namespace),
+            *aggregator(given)]
 
 
 def parameters_by_kind(given):
@@ -135,6 +143,36 @@ def recorder(given, namespace):
     return [ExecuteProcess(
         cmd=[program, 'record', as_path(given['record']), '--namespace', namespace or '/'],
         output='screen')]
+
+
+def transforms(given, namespace):
+    """Return a publisher for each frame of the rig, if they are wanted."""
+    if given['transforms'] != 'true':
+        return []
+    elevation = math.radians(number('elevation', given)) if given['elevation'] else None
+    return [Node(
+        package='tf2_ros', executable='static_transform_publisher',
+        name=f'frame_{frame.name}', namespace=namespace,
+        arguments=transform_arguments(frame),
+        remappings=[('/tf_static', f'{namespace}/tf_static')] if namespace else [])
+        for frame in frames_of(load_rig(given['rig']), elevation)]
+
+
+def transform_arguments(frame):
+    """Return a frame as static_transform_publisher takes it."""
+    names = ('x', 'y', 'z', 'qx', 'qy', 'qz', 'qw')
+    values = (*frame.translation, *frame.rotation)
+    numbers = [text for name, value in zip(names, values) for text in (f'--{name}', repr(value))]
+    return [*numbers, '--frame-id', frame.parent, '--child-frame-id', frame.name]
+
+
+def aggregator(given):
+    """Return the node that groups /diagnostics, if it is wanted."""
+    if given['analyzers'] != 'true':
+        return []
+    file = PathJoinSubstitution([FindPackageShare(PACKAGE), 'config', 'analyzers.yaml'])
+    return [Node(package='diagnostic_aggregator', executable='aggregator_node', name='analyzers',
+                 parameters=[file])]
 
 
 def as_path(text):

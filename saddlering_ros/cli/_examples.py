@@ -9,6 +9,11 @@ EXAMPLES: dict[str, tuple[tuple[str, str], ...]] = {
         ('saddlering campaign bags --out campaign', 'a verdict for each; again: what is missing'),
         ('saddlering campaign status campaign', 'how far it is'),
     ),
+    'check-driver': (
+        ('saddlering check-driver', 'is the driver of the rig sound? move the load meanwhile'),
+        ('saddlering check-driver --rig rig.yaml --elevation 30 --rate 1000 --seconds 20',
+         'of your own rig, with the rate that every channel must have'),
+    ),
     'completion': (
         ('eval "$(saddlering completion bash)"', 'in this shell; put it into ~/.bashrc for good'),
     ),
@@ -89,6 +94,7 @@ EXAMPLES: dict[str, tuple[tuple[str, str], ...]] = {
 
 UNTRIED = {
     'campaign': 'test/campaign tests it',
+    'check-driver': 'test/nodes/test_check_driver.py runs it beside the example driver',
     'completion': 'changes the shell it is typed in', 'demo': 'test/cli/test_demo.py runs it',
     'live': 'serves until it is ended', 'record': 'records until it is ended',
     'replay': 'test/cli/test_numbers_out.py replays a bag and records it',

@@ -22,6 +22,8 @@ from saddlering_ros.ros.diagnostics import (
 from saddlering_ros.ros.names import DISPLACEMENT, RESIDUAL, SIMULATED
 from saddlering_ros.ros.parameters import declare_rig, Parameter
 from saddlering_ros.ros.raw_topics import RawPublisher, RawSubscription
+from saddlering_ros.ros.readiness import ReadinessTask
+from saddlering_ros.ros.registry import names, RING
 from saddlering_ros.ros.rig_agreement import RigAgreement
 from saddlering_ros.ros.run import run_streaming
 from saddlering_ros.ros.streaming_node import INPUT_RELIABILITY, StreamingNode
@@ -35,12 +37,15 @@ class RingResidualNode(StreamingNode):
     PARAMETERS = (
         INPUT_RELIABILITY,
         Parameter('frame_id', 'ring', 'frame of the residual: reference point C of the ring'),
+        Parameter('needed_nodes', list(names(RING)), 'nodes that must be active and report nothing '
+                  'but OK for the status `ready to test`'),
     )
 
     def __init__(self) -> None:
         super().__init__('ring_residual')
         self._rig = declare_rig(self)
         self._agreement = RigAgreement(self, self._rig)
+        self._readiness = ReadinessTask(self, self.settings['needed_nodes'])
 
     def configure(self) -> None:
         """Make the join and what watches it."""
@@ -51,7 +56,7 @@ class RingResidualNode(StreamingNode):
         self.tasks = [*self._streams, FunctionTask('zero', self._zero_finding),
                       FunctionTask('residual', self._residual_finding),
                       self._agreement, SourcesTask(self.sources),
-                      Events(lambda: self._stream.counters.as_dict())]
+                      Events(lambda: self._stream.counters.as_dict()), self._readiness]
 
     def connect(self) -> None:
         """Subscribe to both displacements; publish their difference."""

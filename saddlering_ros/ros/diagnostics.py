@@ -13,6 +13,9 @@ from numpy.typing import NDArray
 
 OK, WARN, ERROR, STALE = 0, 1, 2, 3
 
+STATE_TASK, ACTIVE = 'state', 'active'
+"""The status of every lifecycle node by which others know that it is active."""
+
 
 @dataclass(frozen=True)
 class Finding:

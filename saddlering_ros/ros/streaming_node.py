@@ -10,7 +10,15 @@ from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackRet
 
 from saddlering_interfaces.msg import ReplayProgress
 from saddlering_ros.errors import SaddleringError
-from saddlering_ros.ros.diagnostics import Task, to_message
+from saddlering_ros.ros.diagnostics import (
+    ACTIVE,
+    ERROR,
+    Finding,
+    OK,
+    STATE_TASK,
+    Task,
+    to_message,
+)
 from saddlering_ros.ros.lockstep import progress_of, PROGRESS_QOS
 from saddlering_ros.ros.names import diagnostic_name, DIAGNOSTICS, PROGRESS, rig_name
 from saddlering_ros.ros.parameters import declare, HARDWARE_ID, Parameter
@@ -196,7 +204,17 @@ class StreamingNode(LifecycleNode):
     def _diagnose(self, now: float) -> None:
         elapsed, self._diagnosed = now - self._diagnosed, now
         message = to_message(
-            diagnostic_name(self), [(task.name, task.report(elapsed)) for task in self.tasks],
+            diagnostic_name(self),
+            [(STATE_TASK, self._state_finding()),
+             *((task.name, task.report(elapsed)) for task in self.tasks)],
             rig_name(self, self.settings.text('hardware_id')))
         message.header.stamp = self.get_clock().now().to_msg()
         self._diagnostics.publish(message)
+
+    def _state_finding(self) -> Finding:
+        if self.active:
+            return Finding(OK, ACTIVE)
+        if self.problem is not None:
+            return Finding(ERROR, f'not active: {self.problem}')
+        return Finding(OK, 'not active: ros2 lifecycle set '
+                       f'{self.get_fully_qualified_name()} configure, then activate')

@@ -13,6 +13,7 @@ import types
 import xml.etree.ElementTree as ElementTree
 
 import pytest
+import yaml
 
 import saddlering_ros
 from saddlering_ros.ros.registry import names
@@ -250,6 +251,32 @@ def test_the_launch_file_hands_everything_on(launched):
     assert merged['replay_clock']['elevation_deg'] == 60.0
     assert merged['ring_residual']['autostart'] is False
     assert merged['hydraulic_load']['bag'] == '/bags/b'
+
+
+def test_the_launch_file_publishes_frames_and_groups_diagnostics_on_request(launched):
+    rig = str(ROOT / 'config' / 'rig.yaml')
+    nodes = launched(rig=rig, transforms='true', analyzers='true', elevation='60')
+    assert nodes['aggregator_node'].given['package'] == 'diagnostic_aggregator'
+    arguments = nodes['static_transform_publisher'].given['arguments']  # of the last frame
+    given = dict(zip(arguments[::2], arguments[1::2], strict=True))
+    assert given['--frame-id'] == 'ring'
+    assert given['--child-frame-id'] == 'hydraulic_cylinder'
+    assert (given['--x'], given['--y'], given['--z']) == ('0.15', '1.0', '0.0')
+    assert float(given['--qz']) == pytest.approx(-0.5)
+    assert {'tf2_ros', 'diagnostic_aggregator'} <= {
+        depend.text for depend in manifest().iter('exec_depend')}
+
+
+@pytest.mark.parametrize('prefix', ['', '/rig1/'])
+@pytest.mark.parametrize('node', sorted(NODES))
+def test_every_nodes_statuses_have_one_group_of_the_analyzers(node, prefix):
+    analyzers = yaml.safe_load((ROOT / 'config' / 'analyzers.yaml').read_text())
+    groups = {name: group for name, group in analyzers['/**']['ros__parameters'].items()
+              if isinstance(group, dict)}
+    status = f'{prefix}{node}: state'
+    assert [name for name, group in groups.items()
+            if any(part in status for part in group['contains'])] in (
+                ['ring'], ['servers'], ['replay'])
 
 
 def test_a_workspace_holds_both_packages_side_by_side(tmp_path):

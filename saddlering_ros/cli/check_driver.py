@@ -1,0 +1,90 @@
+"""`saddlering check-driver`: what is wrong with a driver of the rig, before its first test."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any, TYPE_CHECKING
+
+from saddlering_ros.cli._json import tell_json
+
+if TYPE_CHECKING:
+    from saddlering_ros.streams.driver_check import DriverFinding, HeardTopic
+
+
+def add_parser(subparsers: Any) -> None:
+    """Declare the subcommand."""
+    parser = subparsers.add_parser(
+        'check-driver', help='listen to a driver of the rig: rates, stamps, range, polarity, sign',
+        description='Listen to the topics of a rig for some seconds and print one line for each '
+                    'thing that is wrong or could not be checked. Status 2 if a fault is found.')
+    parser.add_argument('--seconds', type=float, default=5.0, metavar='S',
+                        help='how long to listen (default 5)')
+    parser.add_argument('--rig', type=Path, help='rig file (default: the shipped rig)')
+    parser.add_argument('--elevation', type=float, default=50.0, metavar='DEG',
+                        help='elevation of the barrel, for the sides to which the probes must '
+                             'move (default 50)')
+    parser.add_argument('--rate', type=float, metavar='HZ', help='rate wanted of every topic')
+    parser.add_argument('--domain', type=int, help='ROS domain (default: ROS_DOMAIN_ID, or 0)')
+    parser.add_argument('--namespace', default='', metavar='NS',
+                        help='namespace of the rig (default: the root)')
+    parser.add_argument('--json', metavar='FILE', help='write the findings as JSON; - for stdout')
+
+
+def run(args: argparse.Namespace) -> int:
+    """Listen, check, print; status 2 if a fault is found."""
+    import math
+    import sys
+
+    from saddlering_ros.bags import BagError
+    from saddlering_ros.rig import load_rig
+    from saddlering_ros.ros.driver_listener import listen
+    from saddlering_ros.ros.names import namespace_of
+    from saddlering_ros.ros.transport import prepare_transport
+    from saddlering_ros.streams.driver_check import check_driver, faults
+
+    if not 0.5 <= args.seconds <= 3600.0:
+        raise BagError(f'--seconds {args.seconds:g}: give 0.5 to 3600')
+    if args.rate is not None and not 0.0 < args.rate < 1e6:
+        raise BagError(f'--rate {args.rate:g}: give hertz above 0')
+    rig, namespace = load_rig(args.rig), namespace_of(args.namespace)
+    prepare_transport()
+    heard = listen(args.domain, namespace, args.seconds)
+    found = check_driver(rig, heard, math.radians(args.elevation), args.rate)
+    count = faults(found)
+    document = {
+        'faults': count,
+        'findings': [{'level': one.level, 'topic': one.topic, 'words': one.words}
+                     for one in found],
+        'topics': {name: _figures(one) for name, one in heard.items()}}
+    if not tell_json(args, document):
+        _print(heard, found)
+    if count:
+        sys.stdout.flush()
+        print(f'saddlering check-driver: {count} fault{"s" * (count > 1)}: mend the driver before '
+              'a test', file=sys.stderr)
+    return 2 if count else 0
+
+
+def _figures(one: HeardTopic) -> dict[str, Any]:
+    from math import isfinite
+
+    import numpy as np
+
+    values = one.values[np.isfinite(one.values)]
+    figures = {'rate': one.rate, 'delay': one.delay,
+               'mean': float(values.mean()) if len(values) else float('nan')}
+    return {'samples': len(one), 'publishers': one.publishers,
+            **{name: value if isfinite(value) else None for name, value in figures.items()}}
+
+
+def _print(heard: dict[str, HeardTopic], found: list[DriverFinding]) -> None:
+    for name, one in heard.items():
+        figures = _figures(one)
+        if figures['rate'] is not None and figures['mean'] is not None:
+            print(f'{name}: {len(one)} samples at {figures["rate"]:.5g} Hz, mean '
+                  f'{figures["mean"]:.6g}, {1e3 * figures["delay"]:.3g} ms from stamp to arrival')
+    for line in found:
+        print(line)
+    if not found:
+        print('nothing is wrong with this driver')

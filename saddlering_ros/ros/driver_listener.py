@@ -1,0 +1,86 @@
+"""Listens to the topics of a rig for some seconds, whoever publishes them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+import math
+import time
+from typing import Any
+
+import numpy as np
+import rclpy
+from rclpy.node import Node
+from rclpy.serialization import deserialize_message
+
+from saddlering_ros.bags.cdr import CdrError
+from saddlering_ros.bags.topics import LOAD, PROBES, RigTopic
+from saddlering_ros.ros.raw_topics import message_class, RawSubscription
+from saddlering_ros.ros.spin import DataWait
+from saddlering_ros.streams.batches import decode_samples
+from saddlering_ros.streams.driver_check import HeardTopic
+
+NAME = 'saddlering_check_driver'
+FIRST_SAMPLE = 5.0
+"""Longest wait [s] for the first sample; the time of listening begins with it."""
+
+POLL = 0.002
+
+
+@dataclass
+class _Flow:
+    topic: RigTopic
+    subscription: RawSubscription
+    messages: list[bytes] = field(default_factory=list)
+    arrivals: list[int] = field(default_factory=list)
+
+    def take(self) -> int:
+        messages = self.subscription.take()
+        self.messages += messages
+        self.arrivals += [time.time_ns()] * len(messages)
+        return len(messages)
+
+    def heard(self, node: Node) -> HeardTopic:
+        infos = node.get_publishers_info_by_topic(self.subscription.topic)
+        types = tuple(sorted({info.topic_type for info in infos}))
+        try:
+            samples = decode_samples(self.messages, self.topic)
+        except CdrError:
+            samples = decode_samples([], self.topic)
+        frame_id = ''
+        if len(samples):
+            first: Any = deserialize_message(self.messages[0], message_class(self.topic.type))
+            frame_id = first.header.frame_id
+        return HeardTopic(
+            samples.stamps, np.array(self.arrivals[:len(samples)], np.int64), samples.values,
+            samples.low, samples.high, frame_id, len(infos), types)
+
+
+def listen(domain: int | None, namespace: str, seconds: float) -> dict[str, HeardTopic]:
+    """The five topics of the rig in `namespace`, by name, over `seconds` from the first sample."""
+    context = rclpy.Context()
+    rclpy.init(context=context, args=[], domain_id=domain)
+    node = rclpy.create_node(NAME, namespace=namespace, context=context)
+    try:
+        flows = [_Flow(topic, RawSubscription(node, topic.relative, message_class(topic.type)))
+                 for topic in (LOAD, *PROBES)]
+        _take_for(node, flows, FIRST_SAMPLE, until_first=True)
+        _take_for(node, flows, seconds, until_first=False)
+        return {flow.topic.name: flow.heard(node) for flow in flows}
+    finally:
+        node.destroy_node()
+        rclpy.try_shutdown(context=context)
+
+
+def _take_for(node: Node, flows: list[_Flow], seconds: float, *, until_first: bool) -> None:
+    """Take what comes for `seconds`, or until the first sample."""
+    wait = DataWait(node.context)
+    end, reviewed = time.monotonic() + seconds, -math.inf
+    while (now := time.monotonic()) < end:
+        if now - reviewed > 0.2:
+            reviewed = now
+            for flow in flows:
+                flow.subscription.review()
+        wait.wait([flow.subscription for flow in flows], POLL)
+        if sum(flow.take() for flow in flows) and until_first:
+            return
+        time.sleep(POLL)

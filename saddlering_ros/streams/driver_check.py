@@ -1,0 +1,307 @@
+"""What is wrong with a driver of the rig, from some seconds of its topics; no ROS in it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from saddlering_ros.bags import BagError
+from saddlering_ros.bags.alignment import align, gap_mask
+from saddlering_ros.bags.checks import check_load_unit, check_probe_unit
+from saddlering_ros.bags.record_quality import white_noise
+from saddlering_ros.bags.topics import LOAD, LOAD_TOPIC, PROBE_TOPICS, PROBES, RigTopic
+from saddlering_ros.bags.wiring import LEAST_LOAD_SPAN, wiring_notes
+from saddlering_ros.rig import Rig
+from saddlering_ros.streams.batches import Samples
+from saddlering_ros.streams.guard import load_limits, probe_limits, SampleGuard
+
+Stamps = NDArray[np.int64]
+Floats = NDArray[np.float64]
+
+FAULT, NOTE = 'fault', 'note'
+
+MIN_SAMPLES = 20
+"""Fewer samples of a topic cannot be judged."""
+
+RATE_TOLERANCE = 0.05
+"""Share by which a rate may differ from the one wanted, and that of arrival from that of stamps."""
+
+CLOCK_LIMIT = 1.0
+"""Stamps that lag behind or lead the clock of this machine by more [s] are of another clock."""
+
+SKEW_LIMIT = 0.010
+"""Stamps of a probe that lag behind the load's by more [s], by the time of arrival."""
+
+SHARED_STAMPS = 0.2
+"""Share of samples with the stamp of the one before that shows stamps of whole blocks."""
+
+SPAN_TOLERANCE = 0.01
+"""A published range may differ from that of the rig file by this share of the span."""
+
+NARROW_MARGIN = 0.1
+"""A gap at rest should be further from both ends of the range than this share of the span."""
+
+
+MOVED = 50.0
+"""Readings that spread by more than this many standard deviations of their noise have moved."""
+
+
+@dataclass(frozen=True)
+class HeardTopic:
+    """What was heard of one topic of the rig.
+
+    stamps (N,) [ns] of the headers and arrivals (N,) [ns] by the clock of this machine, in order
+    of arrival; values (N,) in SI units; low, high: the range last published (NaN: none);
+    publishers: how many there were; types: message types under which the topic was found.
+    """
+
+    stamps: Stamps
+    arrivals: Stamps
+    values: Floats
+    low: float = math.nan
+    high: float = math.nan
+    frame_id: str = ''
+    publishers: int = 1
+    types: tuple[str, ...] = ()
+
+    def __len__(self) -> int:
+        return len(self.stamps)
+
+    @property
+    def rate(self) -> float:
+        """Samples a second by the stamps; NaN if they do not go on."""
+        steps = np.diff(self.stamps)
+        steps = steps[steps > 0]
+        return 1e9 / float(np.median(steps)) if len(steps) else math.nan
+
+    @property
+    def delay(self) -> float:
+        """Median time from stamp to arrival [s]."""
+        return float(np.median(self.arrivals - self.stamps)) / 1e9 if len(self) else math.nan
+
+
+@dataclass(frozen=True)
+class DriverFinding:
+    """One thing found: FAULT (to be mended before a test) or NOTE, the topic, what and remedy."""
+
+    level: str
+    topic: str
+    words: str
+
+    def __str__(self) -> str:
+        return f'{self.level}: {self.topic}: {self.words}'
+
+
+@dataclass
+class _Findings:
+    found: list[DriverFinding] = field(default_factory=list)
+
+    def fault(self, topic: str, words: str) -> None:
+        self.found.append(DriverFinding(FAULT, topic, words))
+
+    def note(self, topic: str, words: str) -> None:
+        self.found.append(DriverFinding(NOTE, topic, words))
+
+
+def check_driver(
+    rig: Rig, heard: Mapping[str, HeardTopic], elevation: float, rate: float | None = None,
+) -> list[DriverFinding]:
+    """What is wrong with the topics `heard` (by name, the five of a rig), faults first.
+
+    elevation [rad] decides to which side a load must move each probe; rate [Hz]: wanted of every
+    topic, if given.
+    """
+    found = _Findings()
+    usable = True
+    for topic in (LOAD, *PROBES):
+        one = heard.get(topic.name)
+        if one is None or len(one) < MIN_SAMPLES:
+            _absent(found, topic, one)
+            usable = False
+            continue
+        _source(found, topic, one)
+        _stamps(found, topic, one, rate)
+        _values(found, rig, topic, one)
+    if usable:
+        _skew(found, heard)
+        _load(found, rig, heard[LOAD_TOPIC])
+        _directions(found, rig, heard, elevation)
+    return sorted(found.found, key=lambda one: one.level != FAULT)
+
+
+def _absent(found: _Findings, topic: RigTopic, one: HeardTopic | None) -> None:
+    wrong = [kind for kind in (() if one is None else one.types) if kind != topic.type]
+    if wrong:
+        found.fault(topic.name, f'is published as {wrong[0]}: publish {topic.type}')
+    elif one is None or not one.publishers:
+        found.fault(topic.name, 'nobody publishes it: start the driver, or remap its topic')
+    else:
+        found.fault(topic.name, f'{len(one)} samples came from {one.publishers} publisher(s): '
+                    'see whether the driver reads its device, or listen longer')
+
+
+def _source(found: _Findings, topic: RigTopic, one: HeardTopic) -> None:
+    if one.publishers > 1:
+        found.fault(topic.name, f'{one.publishers} publishers, whose samples are mixed: end all '
+                    'but one')
+    if one.frame_id != topic.frame_id:
+        found.note(topic.name, f'frame_id is {one.frame_id!r}: set it to {topic.frame_id!r}')
+
+
+def _stamps(found: _Findings, topic: RigTopic, one: HeardTopic, rate: float | None) -> None:
+    unset = int((one.stamps <= 0).sum())
+    if unset:
+        found.fault(topic.name, f'{unset} of {len(one)} stamps are not set: stamp each sample '
+                    'with the time of its measurement')
+        return
+    steps = np.diff(one.stamps)
+    shared, back = int((steps == 0).sum()), int((steps < 0).sum())
+    if shared > SHARED_STAMPS * len(steps):
+        found.fault(topic.name, f'{shared} of {len(one)} samples have the stamp of the one '
+                    'before: stamp each sample of a block with its own time')
+        return
+    if shared:
+        found.fault(topic.name, f'{shared} samples have the stamp of the one before')
+    if back:
+        found.fault(topic.name, f'{back} stamps go back: publish samples in the order of their '
+                    'measurement')
+        return
+    _rates(found, topic, one, rate)
+    if abs(one.delay) > CLOCK_LIMIT:
+        side = 'behind' if one.delay > 0.0 else 'ahead of'
+        found.fault(topic.name, f'stamps are {abs(one.delay):.3g} s {side} the clock of this '
+                    'machine: synchronise the clocks (chrony, PTP), or stamp in UTC')
+
+
+def _rates(found: _Findings, topic: RigTopic, one: HeardTopic, wanted: float | None) -> None:
+    gaps = gap_mask(one.stamps)
+    if gaps.any():
+        longest = float(np.diff(one.stamps)[gaps].max()) / 1e9
+        found.fault(topic.name, f'{int(gaps.sum())} gaps in the stamps, longest {longest:.3g} s: '
+                    'samples are lost in the driver or on the way (best effort on a busy network)')
+    if wanted is not None and abs(one.rate / wanted - 1.0) > RATE_TOLERANCE:
+        found.fault(topic.name, f'comes at {one.rate:.4g} Hz where {wanted:g} Hz is wanted')
+    arrived = float(one.arrivals[-1] - one.arrivals[0])
+    stamped = float(one.stamps[-1] - one.stamps[0])
+    if not gaps.any() and arrived > 1e9 and abs(stamped / arrived - 1.0) > RATE_TOLERANCE:
+        found.fault(topic.name, f'stamps go on by {stamped / 1e9:.3g} s in {arrived / 1e9:.3g} s: '
+                    'stamps count something else than time, or the driver falls behind')
+
+
+def _values(found: _Findings, rig: Rig, topic: RigTopic, one: HeardTopic) -> None:
+    unknown = int((~np.isfinite(one.values)).sum())
+    if unknown:
+        found.fault(topic.name, f'{unknown} of {len(one)} readings are not numbers: leave out '
+                    'what was not measured')
+    values = one.values[np.isfinite(one.values)]
+    if not len(values):
+        return
+    if (values == values[0]).all():
+        found.fault(topic.name, f'the reading never changes ({values[0]:.6g} {topic.unit}): a '
+                    'sensor has noise; see whether it is plugged in')
+    guard = SampleGuard(load_limits(rig) if topic is LOAD else probe_limits(rig))
+    guard.push(Samples(one.stamps, one.values))
+    counts = guard.counters
+    impossible = counts.impossible + counts.leaps_of_reading
+    if impossible and not _in_other_unit(found, rig, topic, values):
+        found.fault(topic.name, f'{impossible} readings that this rig cannot have (from '
+                    f'{values.min():.4g} to {values.max():.4g} {topic.unit}): the nodes refuse '
+                    'them; look for spikes, the unit and the rig file')
+    if topic is not LOAD:
+        _range(found, rig, topic, one, values)
+
+
+def _in_other_unit(found: _Findings, rig: Rig, topic: RigTopic, values: Floats) -> bool:
+    """Whether the readings as a whole are in another unit, which is then a finding."""
+    try:
+        if topic is LOAD:
+            check_load_unit('', values, rig.limits)
+        else:
+            check_probe_unit('', values, rig.probes.min_range, rig.probes.max_range)
+    except BagError as problem:
+        found.fault(topic.name, str(problem).removeprefix(': '))
+        return True
+    return False
+
+
+def _range(
+    found: _Findings, rig: Rig, topic: RigTopic, one: HeardTopic, values: Floats,
+) -> None:
+    low, high = rig.probes.min_range, rig.probes.max_range
+    span = high - low
+    if not one.high > one.low:
+        found.note(topic.name, f'publishes no range: fill in min_range {low:g} and max_range '
+                   f'{high:g}')
+    elif max(abs(one.low - low), abs(one.high - high)) > SPAN_TOLERANCE * span:
+        found.fault(topic.name, f'its range is {one.low:.4g} to {one.high:.4g} m and that of the '
+                    f'rig file {low:.4g} to {high:.4g} m: correct one of them')
+    ended = int(((values <= low) | (values >= high)).sum())
+    margin = min(float(np.median(values)) - low, high - float(np.median(values)))
+    if ended:
+        found.fault(topic.name, f'{ended} of {len(values)} readings at or beyond an end of the '
+                    "range: see to the probe's position and unit")
+    elif margin < NARROW_MARGIN * span:
+        found.note(topic.name, f'the gap is {margin * 1e3:.3g} mm from an end of the range: move '
+                   'the probe to the middle')
+
+
+def _skew(found: _Findings, heard: Mapping[str, HeardTopic]) -> None:
+    load = heard[LOAD_TOPIC].delay
+    for name in PROBE_TOPICS:
+        skew = heard[name].delay - load
+        if abs(skew) > SKEW_LIMIT and abs(load) < CLOCK_LIMIT:
+            found.fault(name, f'stamps are {abs(skew) * 1e3:.3g} ms '
+                        f'{"older" if skew > 0.0 else "younger"} than those of the load that '
+                        'arrive with them: stamp both by one clock, with the time of measurement')
+    rates = [heard[name].rate for name in PROBE_TOPICS]
+    load_rate = heard[LOAD_TOPIC].rate
+    if min(rates) < 0.5 * load_rate:
+        found.note(PROBE_TOPICS[int(np.argmin(rates))], f'comes at {min(rates):.4g} Hz and the '
+                   f'load at {load_rate:.4g} Hz: damping is known better with equal rates')
+
+
+def _load(found: _Findings, rig: Rig, one: HeardTopic) -> None:
+    values = one.values[np.isfinite(one.values)]
+    if not len(values):
+        return
+    low, high = float(values.min()), float(values.max())
+    if low < -rig.limits.negative_max:
+        found.fault(LOAD_TOPIC, f'the load falls to {low:.4g} N: publish a pushing load as '
+                    'positive, and zero the load cell')
+    elif high < rig.limits.unit_min and high - low > MOVED * white_noise(values):
+        _in_other_unit(found, rig, LOAD, values)
+    elif high < rig.limits.unit_min:
+        found.note(LOAD_TOPIC, f'the load is {low:.4g} to {high:.4g} N: at rest without preload, '
+                   f'or not in newtons; sign and unit are known from {rig.preload:.4g} N on')
+
+
+def _directions(
+    found: _Findings, rig: Rig, heard: Mapping[str, HeardTopic], elevation: float,
+) -> None:
+    """Polarity, swapped channels and the sign of the load, if the load moved enough."""
+    load = heard[LOAD_TOPIC]
+    stamps, values = _in_order(load)
+    least = LEAST_LOAD_SPAN * rig.full_scale_load
+    if len(values) < MIN_SAMPLES or float(np.ptp(values)) < least:
+        found.note(LOAD_TOPIC, 'the load did not move: polarity, order of the probes and sign of '
+                   f'the load are not checked; move it by {rig.force_words(least)} meanwhile')
+        return
+    gaps = np.stack([align(stamps, *_in_order(heard[name])) for name in PROBE_TOPICS])
+    for words in wiring_notes(rig, elevation, values, gaps):
+        found.fault('probes', words)
+
+
+def _in_order(one: HeardTopic) -> tuple[Stamps, Floats]:
+    """Stamps, each once and in order, and the finite readings at them."""
+    kept = np.isfinite(one.values) & (one.stamps > 0)
+    stamps, first = np.unique(one.stamps[kept], return_index=True)
+    return stamps, one.values[kept][first]
+
+
+def faults(found: Sequence[DriverFinding]) -> int:
+    """How many of the findings are faults."""
+    return sum(one.level == FAULT for one in found)
