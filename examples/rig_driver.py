@@ -61,7 +61,7 @@ class RigDriver(Node):
             wrench.header.stamp, wrench.header.frame_id = measured, 'hydraulic_cylinder'
             wrench.wrench.force.x = load  # positive: the cylinder pushes
             self.load.publish(wrench)
-            for number, (probe, gap) in enumerate(zip(self.probes, gaps), 1):
+            for number, (probe, gap) in enumerate(zip(self.probes, gaps, strict=True), 1):
                 if math.isfinite(gap):  # leave out what was not measured
                     reading = Range(min_range=MIN_RANGE, max_range=MAX_RANGE, range=gap)
                     reading.header.stamp = measured

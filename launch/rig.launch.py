@@ -162,7 +162,8 @@ def transform_arguments(frame):
     """Return a frame as static_transform_publisher takes it."""
     names = ('x', 'y', 'z', 'qx', 'qy', 'qz', 'qw')
     values = (*frame.translation, *frame.rotation)
-    numbers = [text for name, value in zip(names, values) for text in (f'--{name}', repr(value))]
+    numbers = [text for name, value in zip(names, values, strict=True)
+               for text in (f'--{name}', repr(value))]
     return [*numbers, '--frame-id', frame.parent, '--child-frame-id', frame.name]
 
 

@@ -21,7 +21,7 @@ from saddlering_ros.rig import gap_increment, resolve_load, Rig, TONNE
 
 Floats = NDArray[np.float64]
 
-LEAST_LOAD_SPAN = 0.1
+MIN_LOAD_SPAN = 0.1
 """Share of the full-scale load that must be run through before anything is said."""
 
 CLEAR_SIDE = 0.25
@@ -53,7 +53,7 @@ def wiring_notes(rig: Rig, elevation: float, load: Floats, gaps: Floats) -> list
     """What looks wrong in gaps (4, N) [m] over load (N,) [N] at `elevation` [rad], a line each."""
     kept = np.isfinite(gaps).all(axis=0) & np.isfinite(load)
     load, gaps = load[kept], gaps[:, kept]
-    if len(load) < STUCK_SAMPLES or float(np.ptp(load)) < LEAST_LOAD_SPAN * rig.full_scale_load:
+    if len(load) < STUCK_SAMPLES or float(np.ptp(load)) < MIN_LOAD_SPAN * rig.full_scale_load:
         return []
     stuck = {probe: note for probe in range(4) if (note := _stuck(probe, load, gaps[probe]))}
     increments = gap_increment(rig.probes, gaps, gaps[:, 0])

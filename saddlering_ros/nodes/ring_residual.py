@@ -37,8 +37,8 @@ class RingResidualNode(StreamingNode):
     PARAMETERS = (
         INPUT_RELIABILITY,
         Parameter('frame_id', 'ring', 'frame of the residual: reference point C of the ring'),
-        Parameter('needed_nodes', list(names(RING)), 'nodes that must be active and report nothing '
-                  'but OK for the status `ready to test`'),
+        Parameter('needed_nodes', list(names(RING)), 'nodes that must be active and report '
+                  'nothing but OK for the status `ready to test`'),
     )
 
     def __init__(self) -> None:

@@ -21,7 +21,7 @@ RIG_FRAME, RING_FRAME, CYLINDER_FRAME = 'rig', 'ring', 'hydraulic_cylinder'
 
 @dataclass(frozen=True)
 class Frame:
-    """A frame in its parent's axes: translation (x, y, z) [m], rotation quaternion (x, y, z, w)."""
+    """A frame in its parent's axes: translation (x, y, z) [m], quaternion (x, y, z, w)."""
 
     name: str
     parent: str

@@ -14,7 +14,7 @@ from saddlering_ros.bags.alignment import align, gap_mask
 from saddlering_ros.bags.checks import check_load_unit, check_probe_unit
 from saddlering_ros.bags.record_quality import white_noise
 from saddlering_ros.bags.topics import LOAD, LOAD_TOPIC, PROBE_TOPICS, PROBES, RigTopic
-from saddlering_ros.bags.wiring import LEAST_LOAD_SPAN, wiring_notes
+from saddlering_ros.bags.wiring import MIN_LOAD_SPAN, wiring_notes
 from saddlering_ros.rig import Rig
 from saddlering_ros.streams.batches import Samples
 from saddlering_ros.streams.guard import load_limits, probe_limits, SampleGuard
@@ -28,7 +28,7 @@ MIN_SAMPLES = 20
 """Fewer samples of a topic cannot be judged."""
 
 RATE_TOLERANCE = 0.05
-"""Share by which a rate may differ from the one wanted, and that of arrival from that of stamps."""
+"""Share by which a rate may differ from the one wanted, and arrival from the stamps."""
 
 CLOCK_LIMIT = 1.0
 """Stamps that lag behind or lead the clock of this machine by more [s] are of another clock."""
@@ -285,7 +285,7 @@ def _directions(
     """Polarity, swapped channels and the sign of the load, if the load moved enough."""
     load = heard[LOAD_TOPIC]
     stamps, values = _in_order(load)
-    least = LEAST_LOAD_SPAN * rig.full_scale_load
+    least = MIN_LOAD_SPAN * rig.full_scale_load
     if len(values) < MIN_SAMPLES or float(np.ptp(values)) < least:
         found.note(LOAD_TOPIC, 'the load did not move: polarity, order of the probes and sign of '
                    f'the load are not checked; move it by {rig.force_words(least)} meanwhile')
