@@ -17,6 +17,7 @@ from __future__ import annotations
 
 from bisect import bisect_left
 from collections import deque
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from itertools import pairwise
 from math import isfinite, nan
@@ -38,6 +39,9 @@ JITTER_NS = 250_000_000
 DEAD_AFTER_NS = 2_000_000_000
 """A live probe without a sample for this long, while the load goes on, does not read, and rows go
 out without it. Longer than any step of a replay in lockstep."""
+
+LONGEST_HOLD_NS = 50_000_000
+"""No load sample is held back longer than this [ns] to let an earlier one overtake it."""
 
 NEVER = np.iinfo(np.int64).max
 
@@ -65,6 +69,14 @@ def gap_limit(history: list[int]) -> int:
         return np.iinfo(np.int64).max
     median = sorted(history)[(len(history) - 1) // 2]
     return max(GAP_PERIODS * median, GAP_FLOOR_NS)
+
+
+def longer_hold(hold: int, delay: int) -> int:
+    """How long samples are held back [ns] from now on, after one that came `delay` [ns] too late.
+
+    Twice the delay, so that the next late ones are in time.
+    """
+    return min(max(hold, 2 * delay), LONGEST_HOLD_NS)
 
 
 def gap_mask(stamps: NDArray[np.int64]) -> NDArray[np.bool_]:
@@ -290,7 +302,9 @@ class StreamAligner:
     """Rows aligned on the load's stamps from samples pushed one by one, in any interleaving.
 
     A row comes out as soon as all four probes can say what they read at its load stamp, in the
-    order of the stamps. Late samples are put in order while that is possible. Load
+    order of the stamps. Load samples that overtake each other inside a batch are put in order.
+    Once one has come too late, load samples are held back for twice its delay (at most
+    LONGEST_HOLD_NS), so that the next late ones are in time; `release` gives out those held. Load
     stamps that can never be served are dropped and counted (`counters`). Load
     stamps that jump back (by more than `JITTER_NS`) restart the aligner: what waits is
     dropped, time counts from the new first stamp, and `restarts` goes up, which the
@@ -320,6 +334,8 @@ class StreamAligner:
         self._epoch: int | None = None
         self._newest: int | None = None
         self._last_out: int | None = None
+        self._hold = 0
+        self._released = 0
 
     @property
     def epoch(self) -> int | None:
@@ -331,24 +347,46 @@ class StreamAligner:
         """Load samples that wait for probes."""
         return len(self._pending)
 
+    @property
+    def holds(self) -> bool:
+        """Whether a load sample is held back in case an earlier one still comes."""
+        return bool(self._pending) and self._pending[-1][0] > self._due_until()
+
     def push_load(self, stamp: int, load: float) -> list[AlignedRow]:
         """Take a load sample (ns, N); return the rows that became complete."""
-        if not isfinite(load):
-            self.counters.not_finite += 1
-            return []
-        newest = self._newest
-        if newest is None:
+        return self.push_loads([stamp], [load])
+
+    def push_loads(self, stamps: Sequence[int], loads: Sequence[float]) -> list[AlignedRow]:
+        """Take a batch of load samples (ns, N); return the rows that became complete."""
+        rows: list[AlignedRow] = []
+        for stamp, load in zip(stamps, loads, strict=True):
+            if not isfinite(load):
+                self.counters.not_finite += 1
+            elif self._newest is not None and self._newest - stamp > JITTER_NS:
+                rows += self.release()
+                self._restart(stamp)
+                self._pending.append((stamp, load))
+            else:
+                self._take_load(stamp, load)
+        return rows + self._drain()
+
+    def _take_load(self, stamp: int, load: float) -> None:
+        if self._newest is None:
             self._epoch = self._newest = stamp
-            self._pending.append((stamp, load))
-        elif stamp > newest:
-            self._newest = stamp
-            self._pending.append((stamp, load))
-        elif newest - stamp > JITTER_NS:
-            self._restart(stamp)
-            self._pending.append((stamp, load))
-        else:
+        elif stamp <= self._newest:
             self._insert_load(stamp, load)
+            return
+        self._newest = stamp
+        self._pending.append((stamp, load))
+
+    def release(self) -> list[AlignedRow]:
+        """Hold no load sample back any longer; return the rows that became complete."""
+        self._released = self._newest or 0
         return self._drain()
+
+    def _due_until(self) -> int:
+        """Load stamps up to this one [ns] are not held back."""
+        return max((self._newest or 0) - self._hold, self._released)
 
     def push_gap(self, probe: int, stamp: int, gap: float) -> list[AlignedRow]:
         """Take a sample (ns, m) of a probe (0 is the first); return the rows now complete."""
@@ -374,6 +412,7 @@ class StreamAligner:
             probe.newest = None
             probe.jumped = False
         self._epoch = self._newest = self._last_out = None
+        self._released = 0
 
     def _restart(self, stamp: int) -> None:
         self.counters.load_jumps += 1
@@ -386,10 +425,14 @@ class StreamAligner:
             probe.jumped = False
         self._epoch = self._newest = stamp
         self._last_out = None
+        self._released = 0
 
     def _insert_load(self, stamp: int, load: float) -> None:
         if self._last_out is not None and stamp <= self._last_out:
             self.counters.late_loads += 1
+            if stamp < self._last_out:
+                assert self._newest is not None
+                self._hold = longer_hold(self._hold, self._newest - stamp)
             return
         place = bisect_left(self._pending, (stamp,))
         if place < len(self._pending) and self._pending[place][0] == stamp:
@@ -401,7 +444,8 @@ class StreamAligner:
     def _drain(self) -> list[AlignedRow]:
         rows: list[AlignedRow] = []
         pending = self._pending
-        while pending:
+        due_until = self._due_until()
+        while pending and pending[0][0] <= due_until:
             stamp, load = pending[0]
             if self._last_out is None or stamp - self._last_out > self._dead_after:
                 self._run_start = stamp

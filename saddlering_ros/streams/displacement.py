@@ -88,30 +88,30 @@ class DisplacementStream:
 
     def push(self, load: Samples, gaps: Sequence[Samples]) -> Displacements:
         """Take a batch of the load and of each of the four probes; return what is due."""
-        return self._align(
+        return self._displacements(self._align(
             self._load_guard.push(load),
-            [guard.push(samples) for guard, samples in zip(self._gap_guards, gaps, strict=True)])
+            [guard.push(samples) for guard, samples in zip(self._gap_guards, gaps, strict=True)]))
 
     @property
     def held(self) -> bool:
-        """Whether a sample waits for the next one to tell whether it is an outlier."""
-        return self._load_guard.holds or any(guard.holds for guard in self._gap_guards)
+        """Whether a sample waits for the next one: it may be an outlier, or be overtaken."""
+        return (self.aligner.holds or self._load_guard.holds
+                or any(guard.holds for guard in self._gap_guards))
 
     def flush(self) -> Displacements:
         """Take the samples held: nothing has come for a while."""
-        return self._align(self._load_guard.flush(),
+        rows = self._align(self._load_guard.flush(),
                            [guard.flush() for guard in self._gap_guards])
+        return self._displacements(rows + self.aligner.release())
 
-    def _align(self, load: Samples, gaps: Sequence[Samples]) -> Displacements:
+    def _align(self, load: Samples, gaps: Sequence[Samples]) -> list[AlignedRow]:
         rows: list[AlignedRow] = []
-        push_load, push_gap = self.aligner.push_load, self.aligner.push_gap
+        push_gap = self.aligner.push_gap
         for probe, samples in enumerate(gaps):
             for stamp, value in zip(samples.stamps.tolist(), samples.values.tolist(),
                                     strict=True):
                 rows += push_gap(probe, stamp, value)
-        for stamp, value in zip(load.stamps.tolist(), load.values.tolist(), strict=True):
-            rows += push_load(stamp, value)
-        return self._displacements(rows)
+        return rows + self.aligner.push_loads(load.stamps.tolist(), load.values.tolist())
 
     def _displacements(self, rows: list[AlignedRow]) -> Displacements:
         if not rows:

@@ -9,15 +9,12 @@ from dataclasses import dataclass, fields
 import numpy as np
 
 from saddlering_ros.bags import seconds
-from saddlering_ros.bags.alignment import JITTER_NS
+from saddlering_ros.bags.alignment import JITTER_NS, longer_hold
 from saddlering_ros.bags.cdr import SECOND
 from saddlering_ros.rig import CHANNELS, ParameterSet, Rig
 from saddlering_ros.ring import RingSimulator, SimulatedSample
 from saddlering_ros.streams.batches import Displacements, no_displacements, Samples
 from saddlering_ros.streams.guard import load_limits, SampleGuard
-
-LONGEST_HOLD_NS = 50_000_000
-"""No load sample is held back longer than this to let an earlier one overtake it."""
 
 
 @dataclass
@@ -141,7 +138,7 @@ class SimulationStream:
             self.counters.duplicates += 1
             return
         self.counters.late += 1
-        self.hold = min(max(self.hold, 2 * (self._newest - stamp)), LONGEST_HOLD_NS)
+        self.hold = longer_hold(self.hold, self._newest - stamp)
 
     def _release(self, until: int) -> Displacements:
         count = bisect_left(self._held, (until + 1,))

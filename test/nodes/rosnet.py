@@ -26,6 +26,9 @@ from saddlering_ros.streams import batches
 
 OUTPUTS = ('/ring/displacement', '/ring/simulated_displacement', '/ring/residual')
 
+READERS = ('ring_displacement', 'ring_simulator')
+"""The nodes that read raw topics, the load first."""
+
 POLL = 0.01
 """Between two looks at what came [s]; a shorter one takes a core from the nodes."""
 
@@ -53,6 +56,7 @@ class Client:
                               for topic in OUTPUTS}
         self.raw: dict[str, list[bytes]] = {topic: [] for topic in OUTPUTS}
         self.diagnostics: dict[str, tuple[int, str]] = {}
+        self.figures: dict[str, dict[str, str]] = {}
         self.warnings: list[str] = []
         self.progress: dict[str, ReplayProgress] = {}
         self._actions: list[ActionClient] = []
@@ -74,6 +78,8 @@ class Client:
                 for message in self._diagnostics.take():
                     for status in deserialize_message(message, DiagnosticArray).status:
                         self.diagnostics[status.name] = (status.level[0], status.message)
+                        self.figures[status.name] = {
+                            pair.key: pair.value for pair in status.values}
                         if status.level[0]:
                             self.warnings.append(f'{status.name}: {status.message}')
             time.sleep(POLL)
@@ -104,6 +110,11 @@ class Client:
         return any(count >= readers for said in self.progress.values()
                    for output, count in zip(said.outputs, said.subscriptions, strict=True)
                    if output == topic)
+
+    def counted(self, node: str, *events: str) -> int:
+        """How many of the named events a node has told of on /diagnostics, all in all."""
+        figures = self.figures.get(f'{node}: events', {})
+        return sum(int(figures.get(event, 0)) for event in events)
 
     def ring_nodes_matched(self) -> bool:
         """Whether displacement and simulator are matched with residual and this client."""
@@ -149,16 +160,32 @@ def client(domain: int) -> Iterator[Client]:
 
 
 class Driver:
-    """Publishes the five raw topics as a hardware driver would."""
+    """Publishes the five raw topics as a hardware driver would, in portions.
+
+    A portion waits until the nodes have taken the one before: however slow they are, no queue
+    overflows and no topic runs ahead of another.
+    """
 
     def __init__(self, one: Client, reliable: bool = True) -> None:
         qos = stream_qos(reliable)
+        self.heard = one
         self.load = RawPublisher(one.node, LOAD_TOPIC, WrenchStamped, qos)
         self.probes = [RawPublisher(one.node, topic, Range, qos) for topic in PROBE_TOPICS]
 
     def matched(self, readers_of_load: int, readers_of_probes: int = 1) -> bool:
+        """Whether both ends know of each other; best effort loses what comes before that."""
         return (self.load.subscriptions() >= readers_of_load
-                and all(probe.subscriptions() >= readers_of_probes for probe in self.probes))
+                and all(probe.subscriptions() >= readers_of_probes for probe in self.probes)
+                and all(min(said.publishers, default=1) for said in self._readers()))
+
+    def _readers(self) -> list[ReplayProgress]:
+        return [said for node, said in self.heard.progress.items() if node in READERS]
+
+    def taken(self) -> bool:
+        """Whether every node has taken all that was sent."""
+        sent = [self.load.published, *(probe.published for probe in self.probes)]
+        return all(count >= own for said in self._readers()
+                   for count, own in zip(said.received, sent, strict=False))
 
     def send_load(self, stamps: np.ndarray, load: np.ndarray) -> None:
         if len(stamps):
@@ -173,11 +200,10 @@ class Driver:
 
     def send(self, record: Any, rows: Any = slice(None), pace: int = 50) -> None:
         """Send rows of a record (see conftest) in portions of `pace`, load and probes together."""
-        stamps, load = record.stamps[rows], record.load[rows]
-        for start in range(0, len(stamps), pace):
-            part = slice(start, start + pace)
-            self.send_load(stamps[part], load[part])
+        index = np.arange(len(record.stamps))[rows]
+        for start in range(0, len(index), pace):
+            part = index[start:start + pace]
+            self.send_load(record.stamps[part], record.load[part])
             for probe in range(4):
-                self.send_gap(probe, record.probe_stamps[probe][rows][part],
-                              record.gaps[probe][rows][part])
-            time.sleep(0.01)
+                self.send_gap(probe, record.probe_stamps[probe][part], record.gaps[probe][part])
+            wait_until(self.taken, what='the nodes take a portion')

@@ -100,6 +100,28 @@ def test_probes_out_of_order_change_nothing_if_they_are_there_before_the_load(re
     assert np.array_equal(found.channels, whole.channels)
 
 
+@pytest.mark.parametrize('lead', [-1, 0, 1])
+@pytest.mark.parametrize('pace', [1, 7, 50])
+def test_loads_that_overtake_are_measured_whichever_topic_arrives_first(
+        record, pace: int, lead: int) -> None:
+    """The load comes `lead` portions before the probes; pairs of its samples change places."""
+    order = np.arange(len(record.stamps)).reshape(-1, 2)[:, ::-1].ravel()
+    stream, found = DisplacementStream(RIG), []
+    for start in range(-pace, len(order) + pace, pace):
+        load = order[max(start + lead * pace, 0):max(start + (lead + 1) * pace, 0)]
+        gaps = slice(max(start, 0), max(start + pace, 0))
+        found.append(stream.push(
+            samples(record.stamps[load], record.load[load]),
+            [samples(record.probe_stamps[probe][gaps], record.gaps[probe][gaps])
+             for probe in range(4)]))
+    found.append(stream.flush())
+    measured = join([batch for batch in found if len(batch)])
+    assert stream.aligner.counters.late_loads <= 1  # the first late one
+    assert len(measured) + stream.aligner.counters.dropped == len(order)
+    assert (np.diff(measured.stamps) > 0).all()
+    assert not stream.held
+
+
 @pytest.mark.parametrize('shift', [-100.0, 3600.0])
 def test_a_stamp_jump_zeroes_anew_and_mixes_nothing(record, shift: float) -> None:
     stream, _ = measure(record, slice(0, 1200))
