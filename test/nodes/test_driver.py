@@ -16,7 +16,7 @@ from saddlering_ros.streams.batches import in_order
 from saddlering_ros.streams.displacement import DisplacementStream
 
 pytestmark = pytest.mark.ros
-PORTION = 20
+PORTION = 10
 """Rows sent at a time; their messages fit into the smallest receive buffer of a socket."""
 
 
@@ -44,7 +44,7 @@ def test_best_effort_driver_late_join_zero_and_stamp_jump(
     start(group, heard, driver)
 
     # Joining while the ring is under load: nothing is made up, diagnostics say what is missing.
-    driver.send(record, slice(900, 1100))
+    driver.send(record, slice(900, 1100), PORTION)
     wait_until(lambda: 'waiting for preload' in heard.diagnostics.get(
         'ring_displacement: zero', (0, ''))[1], what='it waits for preload')
     wait_until(lambda: 'waiting for preload' in heard.diagnostics.get(
