@@ -14,6 +14,7 @@ from rosnet import Client, Driver, wait_until
 
 from saddlering_interfaces.action import DiagnoseRing, IdentifyRing
 from saddlering_interfaces.msg import RingParameters
+from saddlering_ros.bags import TestFacts, write_bag
 from saddlering_ros.rig import default_rig
 from saddlering_ros.ros.errors import NodeError
 from saddlering_ros.ros.launcher import NodeGroup
@@ -54,10 +55,10 @@ class Goals:
                 feedback_callback=lambda message: self.feedback.append(message.feedback))
         return self._wait(future)
 
-    def result(self, handle: Any) -> Any:
+    def result(self, handle: Any, seconds: float = 60.0) -> Any:
         with self.heard.lock:
             future = handle.get_result_async()
-        return self._wait(future)
+        return self._wait(future, seconds)
 
     def cancel(self, handle: Any) -> None:
         with self.heard.lock:
@@ -148,6 +149,38 @@ def test_other_nodes_lose_nothing_and_the_server_answers_while_one_identifies(
     assert stage not in ('idle', 'starting')  # still at it, and said so in time
     goals.cancel(long)
     assert goals.result(long).status == GoalStatus.STATUS_CANCELED
+
+
+def test_a_diagnosis_that_succeeds_gives_its_causes_typed_and_as_json(
+        record: Any, bag_root: Path, group: NodeGroup, heard: Client) -> None:
+    gain, at_rest = 0.05, slice(0, 300)
+    gaps = [gap.copy() for gap in record.gaps]
+    gaps[0] += gain * (gaps[0] - gaps[0][at_rest].mean())
+    write_bag(bag_root / 'gain', TestFacts('dynamic', 50.0), record.stamps, record.load,
+              record.probe_stamps, gaps, default_rig().probes)
+    group.start('ring_diagnosis', {'bag_root': str(bag_root)})
+    goals = Goals(heard, DiagnoseRing, '/diagnose_ring')
+    answer = goals.result(goals.send(bags=['gain'], seed=1), 200.0)
+    assert answer.status == GoalStatus.STATUS_SUCCEEDED, answer.result.message
+    result = answer.result
+    document = json.loads(result.verdict_json)
+    assert (result.verdict, result.next_test) == (document['verdict'], document['next_test'])
+    assert result.next_test
+    assert [cause.effect for cause in result.causes] == [
+        cause['effect'] for cause in document['causes']]
+    (cause,), (written,) = result.causes, document['causes']
+    assert 'probe_gain' in cause.group
+    assert list(cause.group) == written['group']
+    found = dict(zip(cause.parameter_names, zip(cause.values, cause.stds, cause.lower, cause.upper,
+                                                strict=True), strict=True))
+    assert found.keys() == written['parameters'].keys()
+    for name, (value, std, low, high) in found.items():
+        size = written['parameters'][name]
+        assert (value, std) == (size['value'], size['std'])
+        assert low <= value <= high
+    assert found['gain'][2] < gain < found['gain'][3]
+    assert cause.misfit_reduction_fit == written['gain']['fit'] > 0.5
+    assert goals.feedback[-1].progress > goals.feedback[0].progress
 
 
 def test_a_goal_that_runs_when_the_server_is_told_to_stop_still_ends(
