@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saddlering_ros.bags.cdr import decode_list, encode_list, readings_of, SECOND
+from saddlering_ros.bags.guard import Samples as Samples
 from saddlering_ros.bags.layouts import DISPLACEMENT_TYPE
 from saddlering_ros.bags.topics import RigTopic
 
@@ -19,24 +20,6 @@ Floats = NDArray[np.float64]
 CHANNEL_FIELDS = ('delta_x', 'delta_y', 'gamma', 'parity')
 _OTHER_FIELDS = ('zero_stamp.sec', 'zero_stamp.nanosec', 'zero_load', 'elevation', 'validity',
                  'zero_duration')
-NOT_KNOWN = dict(zip(CHANNEL_FIELDS, (1, 2, 4, 8), strict=True))
-"""Bits of `validity` by the channel that is not known; as in RingDisplacement.msg."""
-
-BRIDGED = 16
-"""Bit of `validity`: an impossible reading was refused and interpolated across."""
-
-
-@dataclass(frozen=True)
-class Samples:
-    """Readings of one topic: stamps (N,) [ns], values (N,), the ends of its range (or NaN)."""
-
-    stamps: Stamps
-    values: Floats
-    low: float = float('nan')
-    high: float = float('nan')
-
-    def __len__(self) -> int:
-        return len(self.stamps)
 
 
 def _not_given() -> Floats:
@@ -76,13 +59,6 @@ class Displacements:
 
     def __len__(self) -> int:
         return len(self.stamps)
-
-
-def unknown(channels: Floats) -> NDArray[np.uint8]:
-    """Bits of `validity` (N,) for the channels (4, N) that are NaN."""
-    bits = np.array(list(NOT_KNOWN.values()), np.uint8)[:, None]
-    marks: NDArray[np.uint8] = (np.isnan(channels) * bits).sum(axis=0, dtype=np.uint8)
-    return marks
 
 
 def no_samples() -> Samples:

@@ -11,6 +11,13 @@ from numpy.typing import NDArray
 from saddlering_ros.bags import AlignedRow, StreamAligner
 from saddlering_ros.bags.alignment import DEAD_AFTER_NS
 from saddlering_ros.bags.cdr import SECOND
+from saddlering_ros.bags.guard import (
+    GuardCounters,
+    load_limits,
+    probe_limits,
+    SampleGuard,
+)
+from saddlering_ros.bags.validity import unknown
 from saddlering_ros.rig import (
     gap_increment,
     probes_to_displacement,
@@ -23,13 +30,6 @@ from saddlering_ros.streams.batches import (
     join,
     no_displacements,
     Samples,
-    unknown,
-)
-from saddlering_ros.streams.guard import (
-    GuardCounters,
-    load_limits,
-    probe_limits,
-    SampleGuard,
 )
 
 

@@ -11,10 +11,10 @@ import numpy as np
 from saddlering_ros.bags import seconds
 from saddlering_ros.bags.alignment import JITTER_NS, longer_hold
 from saddlering_ros.bags.cdr import SECOND
+from saddlering_ros.bags.guard import load_limits, SampleGuard
 from saddlering_ros.rig import CHANNELS, ParameterSet, Rig
 from saddlering_ros.ring import RingSimulator, SimulatedSample
 from saddlering_ros.streams.batches import Displacements, no_displacements, Samples
-from saddlering_ros.streams.guard import load_limits, SampleGuard
 
 
 @dataclass

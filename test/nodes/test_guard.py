@@ -5,10 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from saddlering_ros.bags.guard import load_limits, probe_limits, SampleGuard
+from saddlering_ros.bags.validity import BRIDGED
 from saddlering_ros.rig import default_rig, ParameterSet, TRUE_TO_SCALE
-from saddlering_ros.streams.batches import BRIDGED, join, Samples
+from saddlering_ros.streams.batches import join, Samples
 from saddlering_ros.streams.displacement import DisplacementStream
-from saddlering_ros.streams.guard import load_limits, probe_limits, SampleGuard
 from saddlering_ros.streams.simulation import SimulationStream
 
 RIG = default_rig()

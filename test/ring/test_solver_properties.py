@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 import numpy as np
 import pytest
 
+from saddlering_ros.bags.guard import Limits, SampleGuard
 from saddlering_ros.effects import catalogue
 from saddlering_ros.rig import (
     Carriage,
@@ -31,7 +32,6 @@ from saddlering_ros.ring import (
 )
 from saddlering_ros.ring.kernels import integration, layout
 from saddlering_ros.streams.batches import Samples
-from saddlering_ros.streams.guard import Limits, SampleGuard
 from saddlering_ros.streams.simulation import SimulationStream
 
 BASE = default_rig()

@@ -20,8 +20,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saddlering_ros.bags.alignment import GAP_HISTORY, gap_limit, JITTER_NS
+from saddlering_ros.bags.validity import BRIDGED
 from saddlering_ros.rig import Rig
-from saddlering_ros.streams.batches import BRIDGED, Samples
 
 MAX_OVERLOAD = 1.5
 """A load beyond this share of full scale is no load of the cylinder."""
@@ -35,6 +35,19 @@ LOAD_NOISE_SHARE = 0.01
 
 MAX_REMEMBERED = 100
 """Refused readings whose neighbours are still to be marked."""
+
+
+@dataclass(frozen=True)
+class Samples:
+    """Readings of one topic: stamps (N,) [ns], values (N,), the ends of its range (or NaN)."""
+
+    stamps: NDArray[np.int64]
+    values: NDArray[np.float64]
+    low: float = float('nan')
+    high: float = float('nan')
+
+    def __len__(self) -> int:
+        return len(self.stamps)
 
 
 @dataclass(frozen=True)

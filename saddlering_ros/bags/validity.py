@@ -1,0 +1,21 @@
+"""Bits of `validity`: which channels of a displacement are not known, or of refused readings."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from saddlering_ros.rig import CHANNELS
+
+NOT_KNOWN = dict(zip(CHANNELS, (1, 2, 4, 8), strict=True))
+"""Bits by the channel that is not known; as in RingDisplacement.msg."""
+
+BRIDGED = 16
+"""Bit of a result that was interpolated across a reading that was refused."""
+
+
+def unknown(channels: NDArray[np.float64]) -> NDArray[np.uint8]:
+    """Bits (N,) for the channels (4, N) that are NaN."""
+    bits = np.array(list(NOT_KNOWN.values()), np.uint8)[:, None]
+    marks: NDArray[np.uint8] = (np.isnan(channels) * bits).sum(axis=0, dtype=np.uint8)
+    return marks
