@@ -23,15 +23,15 @@ DOCUMENT = 'This page is written from the code when the documentation is built.\
 
 TOPICS = {
     **{name: topic.words for name, topic in RIG.items()},
-    '/ring/displacement': 'what the ring did, from the probes',
-    '/ring/simulated_displacement': 'what the model says, at the same stamps',
-    '/ring/residual': 'measured less simulated, at the same stamps',
-    '/ring/parameters': 'contact parameters in force (in_force_in says where) or offered; kept '
-                        'for late joiners',
-    '/ring/zero': 'the stamp from which displacement counts anew',
-    '/replay/state': 'where a replay stands; kept for late joiners',
+    '/ring/displacement': 'measured motion of the ring, from the probes',
+    '/ring/simulated_displacement': 'simulated motion of the ring, at the same stamps',
+    '/ring/residual': 'measured minus simulated motion, at the same stamps',
+    '/ring/parameters': 'contact parameters in force (in_force_in names the node) or offered; '
+                        'kept for late joiners',
+    '/ring/zero': 'the stamp from which a new zero counts',
+    '/replay/state': 'position and state of a replay; kept for late joiners',
     '/diagnostics': 'health of every node, once a second',
-    '/replay/progress': 'how far each node is in a replay in lockstep',
+    '/replay/progress': 'progress of each node in a replay in lockstep',
 }
 
 
@@ -43,7 +43,7 @@ def topics_page() -> str:
     known['/replay/progress'] = 'saddlering_interfaces/msg/ReplayProgress'
     missing = set(known) ^ set(TOPICS)
     if missing:
-        raise SystemExit(f'docs/generate.py: no words for {", ".join(sorted(missing))}')
+        raise SystemExit(f'docs/generate.py: no description of {", ".join(sorted(missing))}')
     rows = [f'| `{topic}` | `{known[topic]}` | {words} |' for topic, words in TOPICS.items()]
     nodes = ', '.join(f'`{name}`' for name in names())
     return '\n'.join([
@@ -53,8 +53,8 @@ def topics_page() -> str:
         '| action | type | served by |', '|---|---|---|',
         '| `/identify_ring` | [IdentifyRing](messages.md) | `ring_identification` |',
         '| `/diagnose_ring` | [DiagnoseRing](messages.md) | `ring_diagnosis` |', '',
-        f'Nodes: {nodes}. What each takes, gives and lets you set stands in '
-        '[Nodes](../nodes.md).', ''])
+        f'Nodes: {nodes}. [Nodes](../nodes.md) lists their topics, services '
+        'and parameters.', ''])
 
 
 def messages_page() -> str:
@@ -74,11 +74,12 @@ def commands_page() -> str:
     action = next(item for item in parser._actions
                   if isinstance(item, argparse._SubParsersAction))
     words = {item.dest: item.help for item in action._choices_actions}
-    parts = ['# Commands', '', DOCUMENT, 'Exit status: 0 done; 1 a failure of our own; 2 unusable '
-             'arguments or input, with one line on stderr that says what, where and what to do; '
-             '130 interrupted. `--json -` prints JSON alone to standard output. Colours and '
-             'progress are for terminals only, and never where `NO_COLOR` is set. After '
-             '`eval "$(saddlering completion bash)"` the tab key completes.', '']
+    parts = ['# Commands', '', DOCUMENT, 'Exit status: 0 done; 1 a defect of the program; 2 '
+             'unusable arguments or input, with one line on stderr that states the fault, the '
+             'place and '
+             'the remedy; 130 interrupted. `--json -` prints only JSON to standard output. '
+             'Colours and progress appear in terminals only, and not if `NO_COLOR` is set. After '
+             '`eval "$(saddlering completion bash)"` the tab key completes commands.', '']
     for name in sorted(runs):
         found = action.choices[name]
         parts += [f'## {name}', '', f'{_sentence(found.description or words[name])}', '',
@@ -127,15 +128,15 @@ def files_page() -> str:
         '(`--params-file`). The shipped one is `config/rig.yaml`:', '', '```yaml',
         (ROOT / 'config' / 'rig.yaml').read_text(encoding='utf-8').rstrip(), '```', '',
         '## Parameters', '', f'A ROS 2 parameter file with the sections {sections}: the contact '
-        'law in SI units, where it came from (bags and their hashes, objective, covariance), and '
+        'law in SI units, its source (bags and their hashes, objective, covariance), and '
         'the effects beyond the contact law. Written by `saddlering identify --out` and '
-        '`saddlering diagnose --out`; any node reads it with `--params-file`.', '',
+        '`saddlering diagnose --out`; any node reads such a file with `--params-file`.', '',
         '## Tables', '', 'CSV or Parquet, by the ending of the name. Columns: '
         + ', '.join(f'`{name}`' for name in COLUMNS)
         + '; stamps in nanoseconds, all else in SI units.', '',
-        '## Bags', '', 'What is read, refused and written: [Bags](../bags.md).', '',
-        '## Layouts', '', '`config/plotjuggler.xml` and `config/foxglove.json`: '
-        '[Results](../results.md).', ''])
+        '## Bags', '', '[Bags](../bags.md) states what is read, refused and written.', '',
+        '## Layouts', '', '`config/plotjuggler.xml` and `config/foxglove.json`; '
+        '[Results](../results.md) shows how to load them.', ''])
 
 
 THRESHOLDS = {

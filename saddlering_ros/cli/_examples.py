@@ -4,35 +4,35 @@ from __future__ import annotations
 
 EXAMPLES: dict[str, tuple[tuple[str, str], ...]] = {
     'campaign': (
-        ('saddlering campaign bags --out campaign --plan', 'which bags are there, and which '
-         'sessions they make'),
-        ('saddlering campaign bags --out campaign', 'a verdict for each; again: what is missing'),
-        ('saddlering campaign status campaign', 'how far it is'),
+        ('saddlering campaign bags --out campaign --plan', 'the bags, and the sessions that '
+         'they form'),
+        ('saddlering campaign bags --out campaign', 'a verdict for each; again: continue'),
+        ('saddlering campaign status campaign', 'its progress'),
     ),
     'check-driver': (
-        ('saddlering check-driver', 'is the driver of the rig sound? move the load meanwhile'),
+        ('saddlering check-driver', 'faults of the driver; move the load meanwhile'),
         ('saddlering check-driver --rig rig.yaml --elevation 30 --rate 1000 --seconds 20',
-         'of your own rig, with the rate that every channel must have'),
+         'for your own rig, with the required rate of every channel'),
     ),
     'completion': (
-        ('eval "$(saddlering completion bash)"', 'in this shell; put it into ~/.bashrc for good'),
+        ('eval "$(saddlering completion bash)"', 'in this shell; add it to ~/.bashrc to keep it'),
     ),
     'demo': (
-        ('saddlering demo --out out', 'the whole story; then open out/report.html'),
+        ('saddlering demo --out out', 'all steps; then open out/report.html'),
     ),
     'diagnose': (
         ('saddlering diagnose bags/static_50 bags/dynamic_50 --hold-out bags/static_70 '
          '--out extended.yaml --report report.html',
-         'name what is missing, judged on a run held out; a page and parameters of it'),
+         'name the missing cause, with a held-out run; write a report and parameters'),
     ),
     'displacement': (
-        ('saddlering displacement bags/static_50', 'what the ring did, in a few lines'),
+        ('saddlering displacement bags/static_50', 'the motion of the ring, in a few lines'),
         ('saddlering displacement bags/static_50 --out ring.csv', 'every sample as a table'),
     ),
     'generate': (
         ('saddlering generate made/friction --test static --elevation 50 '
-         '--effect radial_friction=5000', 'a static test with 5 kN of friction hidden in it'),
-        ('saddlering generate --list-effects', 'what can be hidden'),
+         '--effect radial_friction=5000', 'a static test with a hidden friction of 5 kN'),
+        ('saddlering generate --list-effects', 'the effects that can be hidden'),
     ),
     'identify': (
         ('saddlering identify bags/static_50 bags/dynamic_50 --out params.yaml',
@@ -42,53 +42,54 @@ EXAMPLES: dict[str, tuple[tuple[str, str], ...]] = {
     ),
     'import': (
         ('saddlering import docs/data/static_30.csv --draft',
-         'what is in a file, and a first map of it'),
+         'the content of a file, and a draft of its map'),
         ('saddlering import docs/data/static_30.csv --map docs/data/map_static_30.yaml '
          '--rig docs/data/rig.yaml --out measured/static_30 --preview measured/static_30.png',
-         'the file as a bag, and a picture of it'),
+         'the file as a bag, with a figure'),
     ),
     'info': (
-        ('saddlering info bags/static_50', 'what is in a bag'),
+        ('saddlering info bags/static_50', 'the content of a bag and its faults'),
         ('saddlering info bags/static_50 bags/dynamic_50 --json -', 'the same for a program'),
     ),
     'live': (
         ('saddlering live', 'then, in another terminal: saddlering replay bags/dynamic_50'),
-        ('saddlering live --host 0.0.0.0', 'for other machines; the address printed has a token'),
+        ('saddlering live --host 0.0.0.0', 'for other machines; the printed address contains a '
+                                           'token'),
     ),
     'record': (
         ('saddlering record test_17 --test static --elevation 50',
-         'a test on the rig, ready to be identified from'),
+         'a test on the rig that can be identified and diagnosed'),
     ),
     'replay': (
         ('saddlering replay bags/dynamic_50 --params params.yaml', 'to live nodes, in real time'),
         ('saddlering replay bags/dynamic_50 --params params.yaml --rate 0 --record replayed',
-         'as fast as it goes, results and all into a new bag'),
+         'as fast as possible, with all results in a new bag'),
     ),
     'report': (
         ('saddlering report bags/static_70 --params params.yaml --out parameters.html',
-         'a page on how well parameters predict another test'),
+         'a report on the prediction of another test'),
     ),
     'residual': (
         ('saddlering residual bags/static_70 --params params.yaml --out residual.parquet',
-         'measured less simulated, sample by sample'),
+         'measured minus simulated, sample by sample'),
     ),
     'rig': (
         ('saddlering rig --draft my_rig.yaml --set axial_rows.rollers=48 '
-         '--set full_scale_load=98066.5', 'a rig file to complete, and a drawing of that ring'),
-        ('saddlering rig --check bags/static_50', 'whether a bag fits the rig'),
+         '--set full_scale_load=98066.5', 'a rig file to complete, and a drawing of this ring'),
+        ('saddlering rig --check bags/static_50', 'contradictions between a bag and the rig file'),
     ),
     'simulate': (
         ('saddlering simulate bags/static_70 --params params.yaml --out simulated.csv',
-         'what the model gives under the load of a bag'),
+         'the motion of the model under the load of a bag'),
     ),
     'watch': (
         ('saddlering watch bags/dynamic_70 --params params.yaml',
-         'whether a test would have raised the alarm, when, and in which channel'),
+         'whether, when and in which channel a test raises the alarm'),
     ),
     'validate': (
         ('saddlering validate bags/static_70 bags/dynamic_70 --params params.yaml '
          '--plots pictures',
-         'figures of merit, channel by channel, and a picture of each run'),
+         'figures of merit for each channel, and a figure of each run'),
     ),
 }
 
@@ -102,12 +103,12 @@ UNTRIED = {
 """Commands whose examples no test types as they stand, and why."""
 
 START = (
-    ('saddlering demo', 'everything at once, on the shipped bags'),
-    ('saddlering info bags/static_50', 'what is in a bag'),
+    ('saddlering demo', 'all steps, on the shipped bags'),
+    ('saddlering info bags/static_50', 'the content of a bag and its faults'),
     ('saddlering identify bags/static_50 bags/dynamic_50 --out params.yaml',
      'find the contact parameters'),
     ('saddlering diagnose bags/static_50 bags/dynamic_50 --report report.html',
-     'name what the simulation lacks'),
+     'name the cause that the simulation lacks'),
     ('saddlering live', 'watch a test in the browser'),
 )
 """What the help of saddlering itself shows."""

@@ -15,7 +15,7 @@ def add_parser(subparsers: Any) -> None:
     )
 
     parser = subparsers.add_parser(
-        'residual', help='measured less simulated displacement, as the live node publishes it')
+        'residual', help='measured minus simulated displacement, as the live node publishes it')
     add_bag_options(parser)
     add_parameter_option(parser)
     add_output_options(parser)
@@ -36,5 +36,5 @@ def run(args: argparse.Namespace) -> int:
     parameters = read_parameters(args.params)
     test_run = read_shown(args, rig)
     samples, zero, notes = residual_samples(test_run, rig, parameters)
-    deliver(args, test_run, samples, zero, 'measured less simulated', notes)
+    deliver(args, test_run, samples, zero, 'measured minus simulated', notes)
     return 0

@@ -9,8 +9,8 @@ from saddlering_ros.report.background import quality_of
 from saddlering_ros.report.html import Cell, number
 from saddlering_ros.rig.quantities import percent
 
-FOUND_BY = ('What /identify_ring returned, before anything was known of a missing cause: the '
-            'contact parameters then carry its bias.')
+FOUND_BY = ('The result of /identify_ring, before the diagnosis. The missing cause biases these '
+            'contact parameters.')
 
 
 def demo_page(outcome: Outcome, command: str) -> str:
@@ -44,9 +44,9 @@ def demo_page(outcome: Outcome, command: str) -> str:
 
 def _lead(outcome: Outcome) -> str:
     first, second = outcome.plan.identify, outcome.plan.verify
-    return (f'{", ".join(run.path.name for run in first)} identify; '
-            f'{", ".join(run.path.name for run in second)} verify and were held out. All of it '
-            'was replayed to live ROS 2 nodes; both actions were called by an ordinary client.')
+    return (f'Identified from {", ".join(run.path.name for run in first)}; verified on '
+            f'{", ".join(run.path.name for run in second)}, which were held out. All bags were '
+            'replayed to live ROS 2 nodes, and an ordinary client called both actions.')
 
 
 def _tiles(outcome: Outcome) -> str:
@@ -54,12 +54,12 @@ def _tiles(outcome: Outcome) -> str:
     messages = sum(item.messages for item in outcome.replays)
     lost = sum(item.lost for item in outcome.replays)
     return html.tiles([
-        (percent(before), 'misfit of the runs held out, contact law alone'),
+        (percent(before), 'misfit of held-out runs, contact law alone'),
         (percent(after), 'with the extended model, replayed again'),
         (percent(outcome.gain), 'misfit reduction measured live'),
-        (f'{messages:,}'.replace(',', ' '), 'messages heard live, '
+        (f'{messages:,}'.replace(',', ' '), 'messages received live, '
          + (f'{lost} lost' if lost else 'none lost')),
-        (f'{outcome.seconds:.0f} s', 'for the whole story'),
+        (f'{outcome.seconds:.0f} s', 'for the whole demonstration'),
     ])
 
 
@@ -68,6 +68,6 @@ def _replays(outcome: Outcome) -> str:
         item.bag, item.parameters, number(str(item.messages)), number(f'{item.seconds:.1f}'),
         number(f'{item.speed:.2g}')] for item in outcome.replays]
     return html.section('Replays', html.table(
-        ['bag', 'simulated with', number('messages heard'), number('seconds'),
+        ['bag', 'simulated with', number('messages received'), number('seconds'),
          number('times real time')], rows,
-        'In lockstep: time goes on only when every node has dealt with everything before.'))
+        'In lockstep: the clock waits until every node has processed all messages.'))

@@ -33,7 +33,7 @@ def document_text(document: Document) -> str:
     for cause in effects_of(document):
         lines += _cause_lines(cause)
     if document['verdict'] == 'unknown':
-        lines.append('What nothing in the catalogue explains:')
+        lines.append('Misfit that no effect of the catalogue explains:')
         lines += [f'  {shape_words(item)}' for item in shapes_of(document)]
     lines += proposal_lines(document)
     lines += ['', "Misfit by run and channel, rms in % of the channel's range "
@@ -48,7 +48,7 @@ def proposal_lines(document: Document) -> list[str]:
     law = document.get('proposal')
     if not law:
         return []
-    lines = ['', 'A law that would explain it (a proposal; the verdict stays unknown):']
+    lines = ['', 'A law that would explain the misfit (a proposal; the verdict stays unknown):']
     for term in law['terms']:
         lines.append(f'  {term["channel"]} += {term["law"]} in {term["coordinate"]}: '
                      f'{term["formula"]}')
@@ -75,7 +75,8 @@ def _cause_lines(cause: CauseEntry) -> list[str]:
         f'p {probability(cause["evidence"]["p_value"])}',
     ]
     if len(cause['group']) > 1:
-        lines.append(f'    these data cannot tell it from: {", ".join(cause["group"][1:])}')
+        lines.append('    alternatives that explain these data equally well: '
+                     f'{", ".join(cause["group"][1:])}')
     return lines
 
 

@@ -25,8 +25,9 @@ COORDINATES = {
 }
 
 WORDS = {
-    'none': 'nothing missing that these data could show', 'named': 'the cause stands out',
-    'ambiguous': 'more than one cause explains it', 'unknown': 'no known cause explains it',
+    'none': 'these data show no misfit beyond noise', 'named': 'the cause is identified',
+    'ambiguous': 'several causes explain the misfit',
+    'unknown': 'no known cause explains the misfit',
 }
 
 
@@ -50,32 +51,33 @@ def headline(document: Document) -> str:
     """The verdict in one or two sentences."""
     verdict = document['verdict']
     if verdict == 'none':
-        return ('The simulation lacks nothing that these data could show: what is left is noise, '
+        return ('The simulation lacks nothing that these data could show. The residual is noise, '
                 "or smaller than 0.1 % of a channel's range.")
     if verdict == 'unknown':
-        return ('Something is wrong that no cause in the catalogue explains. '
+        return ('Something is wrong, and no cause of the catalogue explains the misfit. '
                 + _shapes(shapes_of(document)))
     causes = effects_of(document)
     if verdict == 'ambiguous':
-        return ('Something is missing from the simulation. '
+        return ('The simulation lacks a cause. '
                 + ' '.join(_open_cause(cause) for cause in causes))
     found = _joined([f'{lowered(title_of(cause["effect"]))}{_size(cause)}' for cause in causes])
     return f'The simulation lacks {found}.'
 
 
 def gain_sentence(document: Document) -> str:
-    """What the extension is worth, on runs held out where there are some."""
+    """The misfit reduction of the extension, on held-out runs where there are some."""
     gain = document.get('gain')
     if document['verdict'] == 'none' or gain is None or gain.get('fit') is None:
         return ''
     fitted = percent(gain['fit'])
     if gain.get('held_out') is None:
-        return (f'With it the misfit falls by {fitted} on the runs it was fitted to; no run was '
-                'held out to check it on.')
+        return (f'The extended model reduces the misfit by {fitted} on fitted runs. No run was '
+                'held out to check this.')
     kept = percent(gain['held_out'])
-    how = {'held out': 'runs held out, which neither named it nor fitted it',
+    how = {'held out': 'held-out runs',
            'left out in turn': 'runs held out in turn'}.get(gain.get('how', ''), 'other runs')
-    return f'With it the misfit falls by {kept} on {how} ({fitted} where fitted).'
+    return (f'The extended model reduces the misfit by {kept} on {how}, and by {fitted} on '
+            'fitted runs.')
 
 
 def size_of(cause: CauseEntry) -> str:
@@ -145,26 +147,26 @@ def signature_words(label: str) -> str:
 
 def why_lost(item: CandidateEntry, best: CandidateEntry, chosen: Collection[str],
              alike: Collection[str]) -> str:
-    """What became of a candidate beside the best of its step, and why."""
+    """Whether a candidate was chosen or dropped beside the best of its step, and why."""
     effect_id = item['effects'][-1]
     if item is best and effect_id in chosen:
-        return 'chosen: explains most'
+        return 'chosen: it explains most'
     if (item['p_value'] or 0.0) > CHANCE:
-        return 'lost: no better than chance'
+        return 'dropped: no better than chance'
     behind = (best['delta_bic'] or 0.0) - (item['delta_bic'] or 0.0)
     if effect_id in chosen:
         return 'chosen in another step'
     if effect_id in alike:
-        return f'not told apart: {behind:.3g} less evidence, a form like it'
+        return f'alternative: {behind:.3g} less evidence, a similar signature'
     if (item['share_of_range'] or 0.0) < MATERIAL:
-        return 'lost: too small to matter'
+        return 'dropped: too small to matter'
     if item is best:
-        return 'best here, yet not enough to be named'
-    return f'lost: {behind:.3g} less evidence than the best'
+        return 'best of this step, but not enough to be named'
+    return f'dropped: {behind:.3g} less evidence than the best'
 
 
 def shape_words(shape: ShapeEntry) -> str:
-    """'delta_x follows the load, 0.4 % of range rms'; a swing has words of its own."""
+    """'delta_x follows the load, 0.4 % of range rms'; an oscillation has words of its own."""
     if shape.get('shape'):
         return str(shape['shape'])
     words = COORDINATES.get(shape['coordinate'], shape['coordinate'])
@@ -172,21 +174,21 @@ def shape_words(shape: ShapeEntry) -> str:
 
 
 def swing_words(channel: str, frequency: float, run: str, share_of_range: float) -> str:
-    """'gamma swings at about 12 Hz in dynamic_50, 0.3 % of range rms'."""
-    return (f'{channel} swings at about {frequency:.2g} Hz in {run}, '
+    """'gamma oscillates at about 12 Hz in dynamic_50, 0.3 % of range rms'."""
+    return (f'{channel} oscillates at about {frequency:.2g} Hz in {run}, '
             f'{percent(share_of_range)} of range rms')
 
 
 def _shapes(left: Sequence[ShapeEntry]) -> str:
     shapes = [shape_words(shape) for shape in left]
-    return f'What is left: {"; ".join(shapes)}.' if shapes else ''
+    return f'The residual: {"; ".join(shapes)}.' if shapes else ''
 
 
 def _open_cause(cause: CauseEntry) -> str:
     if len(cause['group']) == 1:
         return f'One cause is {lowered(title_of(cause["effect"]))}{_size(cause)}.'
     names = [lowered(title_of(name)) for name in cause['group']]
-    return f'These data cannot tell which it is: {" or ".join(names)}.'
+    return f'These data cannot tell the possible causes apart: {" or ".join(names)}.'
 
 
 def _size(cause: CauseEntry) -> str:

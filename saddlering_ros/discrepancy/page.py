@@ -40,7 +40,7 @@ def _parts(found: Diagnosis) -> Iterator[str]:
     if found.causes:
         yield '<h2>Causes</h2>'
         yield _table(
-            ['cause', 'parameters', 'cannot be told from', 'misfit reduction', 'p'],
+            ['cause', 'parameters', 'alternatives', 'misfit reduction', 'p'],
             [
                 [
                     cause.definition.title + (' (part of it only)' if cause.partial else ''),
@@ -64,7 +64,7 @@ def _parts(found: Diagnosis) -> Iterator[str]:
     )
     yield '<h2>What these data could have shown</h2>'
     yield _table(
-        ['effect', 'found nine times in ten from a size of', 'can be tested'],
+        ['effect', 'size found nine times in ten', 'can be tested'],
         [
             [item.effect, f'{item.limit:.3g} {item.unit}', 'yes' if item.testable else 'no']
             for item in found.observability.limits

@@ -7,10 +7,10 @@ from collections.abc import Mapping
 from saddlering_ros.discrepancy.results import Cause, Diagnosis, Estimate
 
 WORDS = {
-    'none': 'nothing is wrong that these data could show',
-    'named': 'the cause stands out',
-    'ambiguous': 'these data cannot tell several causes apart',
-    'unknown': 'something is wrong that no known cause explains',
+    'none': 'these data show no misfit beyond noise',
+    'named': 'the cause is identified',
+    'ambiguous': 'several causes explain the misfit',
+    'unknown': 'no known cause explains the misfit',
 }
 
 
@@ -24,14 +24,14 @@ def summary_text(found: Diagnosis) -> str:
     if found.verdict == 'unknown':
         shapes = [item for item in found.residual_after.shapes if item.p_value < 0.01][:4]
         lines += [
-            f'  left: {item.view} along {item.coordinate}, {100 * item.visible:.2g} % of range'
+            f'  residual: {item.view} along {item.coordinate}, {100 * item.visible:.2g} % of range'
             for item in shapes
         ]
     lines += ['', 'base parameters (alone -> with the causes):']
     lines += parameter_lines(found.base_alone, found.base)
     lines += [f'warning: {item}' for item in found.warnings]
     if not found.converged:
-        lines.append('not converged: a fit the verdict rests on ended before its optimum')
+        lines.append('not converged: a fit on which the verdict rests ended before its optimum')
     return '\n'.join(lines)
 
 
@@ -44,7 +44,8 @@ def _cause_lines(cause: Cause) -> list[str]:
         f'p {cause.p_value:.1e}'
     )
     if len(cause.group) > 1:
-        lines.append(f'    these data cannot tell it from: {", ".join(cause.group[1:])}')
+        lines.append('    alternatives that explain these data equally well: '
+                     f'{", ".join(cause.group[1:])}')
     return lines
 
 

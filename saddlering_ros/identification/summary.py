@@ -20,16 +20,16 @@ VALIDATION_COLUMNS = (
 )
 
 COLUMN_WORDS = (
-    ('rmse', 'rms of measured less simulated, less the zero error, in um or urad (1e-6 rad)'),
+    ('rmse', 'rms of measured minus simulated, without the zero error, in um or urad (1e-6 rad)'),
     ('nrmse %', "rmse in % of the channel's measured range"),
     ('noise %', 'rms noise of the measurement in % of the same range'),
     ('max', 'largest difference, in um or urad'),
-    ('bias', 'mean of measured less simulated, in um or urad'),
+    ('bias', 'mean of measured minus simulated, in um or urad'),
     ('zero', 'part of the bias that is put down to the zero reading, in um or urad'),
     ('slope', 'slope of measured over simulated; 1 if the stiffness is right'),
     ('loop %', 'area of the measured loop over load less the simulated one, in % of load range '
                'times channel range; friction and damping'),
-    ('return', 'measured less simulated at the end of the test, in um or urad'),
+    ('return', 'measured minus simulated at the end of the test, in um or urad'),
     ('shift ms', 'how much later the measurement is than the simulation; dynamic tests only'),
     ('ISO', 'overall rating of the curve after ISO 18571, 0 to 1'),
     ('E/u_val', 'comparison error over validation uncertainty after ASME V&V 20'),

@@ -62,7 +62,7 @@ class ChannelFigures:
     rmse: root mean square residual over the compared samples, less zero_error; nrmse and
     noise_floor: rmse and rms noise over the range. maximum: largest residual; bias: mean of
     measured - simulated, zero_error included, as in all that follow;
-    slope_ratio: slope of measured over simulated; loop_area: measured less simulated area of the
+    slope_ratio: slope of measured over simulated; loop_area: measured minus simulated area of the
     loop over load, as a share of load range times channel range; zero_return: residual left at
     the end; time_shift [s]: how much later the measurement is (None for a static run);
     iso18571: overall rating 0..1; comparison_error E and validation uncertainty u_val after ASME

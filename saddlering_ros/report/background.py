@@ -86,7 +86,7 @@ def quality_of(run: TestRun, rig: Rig) -> RunQuality:
 
 
 def data_quality(runs: Sequence[RunQuality]) -> str:
-    """Chapter: what each run's data are worth."""
+    """Chapter: the quality of each run's data."""
     rows: list[list[str | Cell]] = [[
         run.name, number(f'{run.samples}'), number(f'{run.duration:.1f} s'),
         number(f'{run.rate:.4g} Hz'),
@@ -105,9 +105,9 @@ def data_quality(runs: Sequence[RunQuality]) -> str:
          number('without all probes'), number('gaps'), number('zero at'),
          *(number(f'noise {SYMBOLS[name]}') for name in CHANNELS)], rows,
         'Noise: white noise of one sample, from second differences. Red: more than 1 % of the '
-        'samples lack a probe, stamps have gaps, or the zero was not taken at preload.'),
+        'samples lack a probe, the stamps have gaps, or the zero is not at preload.'),
         html.bullets(said) if said else html.paragraph(
-            'Nothing else is wrong with these bags.' if runs else '', 'soft'))
+            'These bags have no other fault.' if runs else '', 'soft'))
 
 
 def misfit_reductions(document: Mapping[str, Any], channels: Sequence[str] = CHANNELS[:3]) -> str:
@@ -127,12 +127,12 @@ def misfit_reductions(document: Mapping[str, Any], channels: Sequence[str] = CHA
     if total.get('held_out') is not None:
         rows.append([f'all runs {total.get("how") or "held out"}', 'held out',
                      *map(number, blank), number(percent(total['held_out']))])
-    return html.section('What the cause is worth', html.table(
+    return html.section('Misfit reduction', html.table(
         ['run', 'role', *(number(f'misfit reduction in {SYMBOLS[name]}') for name in channels),
          number('in all channels')], rows,
-        'Misfit reduction: share by which the rms misfit falls once the cause is in the '
-        'simulation; negative where it rises; in brackets where the misfit was within twice the '
-        'noise to begin with. All channels together are weighted by their noise.'))
+        'Misfit reduction: the share by which the cause in the simulation reduces the rms misfit. '
+        'It is negative if the misfit rises, and in brackets if the misfit was within twice the '
+        'noise before. The last column weights the channels by their noise.'))
 
 
 def _reduction_words(item: Mapping[str, float | None] | None) -> str:
@@ -159,8 +159,8 @@ def correlation(covariance: Array | None) -> str:
     strong = [f'{first} and {second}' for i, first in enumerate(PARAMETER_NAMES)
               for j, second in enumerate(PARAMETER_NAMES)
               if i < j and abs(shares[i, j]) > STRONG]
-    words = (f'Read together: {"; ".join(strong)}.' if strong
-             else 'No two are correlated beyond 0.9.')
+    words = (f'Strongly correlated: {"; ".join(strong)}.' if strong
+             else 'No correlation exceeds 0.9.')
     return html.heading('Correlation') + html.table(
         ['', *(number(name) for name in PARAMETER_NAMES)], rows) + html.paragraph(words, 'note')
 
@@ -187,8 +187,8 @@ def reproduction(
     return html.section(
         'To reproduce this result',
         html.commands([command] if command else []),
-        html.table(['input', 'SHA-256'], rows, 'Of a bag: of the lines that sha256sum prints for '
-                   'its files.'),
-        html.paragraph(f'The curves of every figure: {curves_file}, beside this page, in SI units.'
-                       if curves_file else '', 'note'),
+        html.table(['input', 'SHA-256'], rows, 'The hash of a bag is that of the '
+                   'lines which sha256sum prints for its files.'),
+        html.paragraph(f'{curves_file}, beside this page, holds the curves of all figures in SI '
+                       'units.' if curves_file else '', 'note'),
         html.paragraph(f'Made with {versions}.' if versions else '', 'note'))

@@ -48,7 +48,7 @@ ASSUMPTION = ('Every dimension of the rig is an assumption of this project, so t
 
 
 def verdict_banner(document: Document, curves: Sequence[RunCurves] = ()) -> str:
-    """The verdict first, in words; what it is worth, the next test, the picture that proves it."""
+    """The verdict, the next test, the misfit reduction, and the figure that shows the cause."""
     verdict = document['verdict']
     parts = [
         html.paragraph(f'Verdict: {verdict} – {WORDS[verdict]}', 'soft'),
@@ -84,7 +84,7 @@ def proof_picture(run: RunCurves, channel: str) -> str:
 
 
 def causes(document: Document) -> str:
-    """Each cause with its numbers, its look-alikes and what would settle it."""
+    """Each cause with its numbers, its look-alikes and the test that would confirm the cause."""
     parts = [_cause(cause, document) for cause in effects_of(document)]
     shapes = [shape_words(shape) for shape in shapes_of(document)]
     if shapes:
@@ -93,7 +93,7 @@ def causes(document: Document) -> str:
 
 
 def _look_alike_rows(cause: CauseEntry, document: Document) -> list[list[str | Cell]]:
-    """The causes these data cannot tell from this one, with the measurement that would."""
+    """The alternatives to this cause, each with the measurement that tells it apart."""
     evidence = {item['effects'][-1]: item['delta_bic'] for item in reversed(
         document.get('candidates') or []) if item['effects']}
     rows: list[list[str | Cell]] = []
@@ -122,10 +122,10 @@ def _cause(cause: CauseEntry, document: Document) -> str:
             [['misfit reduction on fitted runs', number(percent(gain['fit']))],
              ['misfit reduction on held-out runs', number(percent(gain['held_out']))],
              ["largest share of a channel's range", number(percent(cause['share_of_range']))],
-             ['probability of as much by chance', number(probability(evidence['p_value']))],
+             ['probability by chance alone', number(probability(evidence['p_value']))],
              ['evidence (ΔBIC)', number(f'{evidence["delta_bic"]:.3g}')]]),
-        html.table(['cannot be told apart by these data', 'id', number('evidence (ΔBIC)'),
-                    'the measurement that would tell'],
+        html.table(['alternatives for these data', 'id', number('evidence (ΔBIC)'),
+                    'measurement that tells them apart'],
                    _look_alike_rows(cause, document) if len(cause['group']) > 1 else []),
         html.paragraph(_confirmation(cause, document), 'note'),
     ])
@@ -173,12 +173,12 @@ def misfit(document: Document) -> str:
         'Misfit by run and channel',
         html.picture(
             figures.misfit(runs), 'misfit', 'Rms misfit of each channel in each run: contact law '
-            'alone, extended model, and what noise alone leaves.'),
-        html.folded('The same in numbers', html.table(
+            'alone, extended model, and noise alone.'),
+        html.folded('Table of the figure', html.table(
             ['run', 'test', number('elevation'), 'role', 'channel', number('contact law alone'),
              number('extended model'), number('noise floor')], rows,
             "Rms misfit over the channel's range in that run. Parity is zero for a rigid ring: "
-            'its range is noise, so its shares are large. Red: more than twice the noise '
+            'its range is noise, so that its shares are large. Red: more than twice the noise '
             'floor and more than 0.1 % of range.')),
     )
 
@@ -248,7 +248,7 @@ def parameters(
                     number('95 % interval'), number('bias removed'), number('bias / std'),
                     ''], rows),
         correlation(covariance),
-        html.paragraph(ASSUMPTION + ' K and n of a row are strongly correlated: read them '
+        html.paragraph(ASSUMPTION + ' K and n of a row are strongly correlated: judge them '
                        'together.', 'note'),
     )
 
@@ -267,7 +267,7 @@ def span(low: float, high: float) -> str:
 
 
 def _moved(first: float, last: float) -> str:
-    """How far a value was off: in percent, or as a factor where it is more than half."""
+    """Change of a value: in percent, or as a factor if it is more than half."""
     ratio = first / last
     if abs(ratio - 1.0) < 5e-4:
         return '0 %'
@@ -288,7 +288,7 @@ def paper_split(curves: Sequence[RunCurves]) -> str:
             parts.append(html.picture(
                 figures.comparison(runs), f'comparison_{test}',
                 f'{test.capitalize()} tests {words}: δx, δy and γ, measured and simulated; below '
-                'each, measured less simulated, with a band of twice the noise floor.'))
+                'each, measured minus simulated, with a band of twice the noise floor.'))
     return html.section('Simulation and measurement', *parts)
 
 
@@ -301,32 +301,33 @@ def _one_per_elevation(runs: Sequence[RunCurves]) -> list[RunCurves]:
 
 
 def residual_map(curves: Sequence[RunCurves]) -> str:
-    """Where the misfit sits: every run and branch over load, before and after."""
+    """The misfit over load, by run and branch, before and after."""
     if not curves:
         return ''
     return html.section('Residual map', html.picture(
-        figures.residual_map(curves), 'residual_map', 'Mean of measured less simulated in units '
-        'of the noise floor, over load (across), by run and branch (down). White is as good as '
-        'measured; brown: simulated too large, violet: too small; grey was not measured.'))
+        figures.residual_map(curves), 'residual_map', 'Mean of measured minus simulated in '
+        'units of the noise floor. Columns: load. Rows: run and branch. White: no more than '
+        'noise; '
+        'brown: simulation too large; violet: simulation too small; grey: not measured.'))
 
 
 def residuals(curves: Sequence[RunCurves]) -> str:
     """One figure per run: misfit of every channel over load, branch, time, rate and frequency."""
     parts = [
         html.folded(run.label, html.picture(
-            figures.residuals(run), f'misfit_{run.name}', 'Measured less simulated. Columns: '
+            figures.residuals(run), f'misfit_{run.name}', 'Measured minus simulated. Columns: '
             'over load (triangles up: load rising); mean and half-difference of both '
             'branches; over time; '
             + ('' if run.test == 'static' else 'over load rate; ') + 'amplitude spectrum.'))
         for run in curves
     ]
     return html.section('Misfit, run by run', html.paragraph(
-        'A half-difference that stays away from zero is a loop (friction, creep, delay); a mean '
-        'that curves is stiffness, clearance or load path.', 'soft'), *parts)
+        'A half-difference other than zero is a loop (friction, creep, delay). A curved mean '
+        'comes from stiffness, clearance or the load path.', 'soft'), *parts)
 
 
 def shape_tests(document: Document) -> str:
-    """Tests on what is left: channel by coordinate, before and after."""
+    """Tests on the residual: channel by coordinate, before and after."""
     shapes = document.get('shapes')
     if not shapes:
         return ''
@@ -339,11 +340,11 @@ def shape_tests(document: Document) -> str:
                  for name in coordinates]
         rows.append([code(channel), *(_shape_cell(*pair) for pair in pairs)])
     return html.section(
-        'Does the misfit depend on anything?',
+        'Dependence of the misfit on load, direction, rate and time',
         html.table(['channel', *(number(f'on {name}') for name in coordinates)], rows,
                    'Rms of the part of the misfit that follows each coordinate, as a share of '
-                   'range, and its p-value (noise taken as correlated, as measured at rest); '
-                   'before → after the extension. Red: still p < 0.01 and over 0.1 % of range.'),
+                   'range, and its p-value (with the correlated noise measured at rest); '
+                   'without → with the extension. Red: p < 0.01 and over 0.1 % of range.'),
     )
 
 
@@ -374,11 +375,11 @@ def candidates(document: Document) -> str:
              for item in members[:CANDIDATES_SHOWN]]))
         left = len(members) - CANDIDATES_SHOWN
         parts.append(html.paragraph(
-            f'{left} more were fitted and lost by more.' if left > 0 else '', 'note'))
+            f'{left} further candidates explain less.' if left > 0 else '', 'note'))
     if parts:
         parts.insert(0, html.paragraph(
             'Each candidate was refitted with the contact parameters free, on all fitted runs and '
-            'all four probes. ΔBIC above 10 is strong evidence against the model without it.',
+            'all four probes. ΔBIC above 10 is strong evidence for the candidate.',
             'soft'))
     small = document.get('immaterial') or []
     parts.append(html.heading('Real, but too small to matter') if small else '')
@@ -409,12 +410,12 @@ def _fitted_words(effect_id: str, values: Mapping[str, float]) -> str:
 
 
 def _found_from(limits: LimitEntry) -> str:
-    """The size found nine times in ten, and how many of the places tried stay dark."""
+    """The size found nine times in ten, and the number of configurations that never show."""
     if not limits['testable']:
         return 'cannot be seen'
     dark = sum(place['limit'] is None for place in limits['places'])
     found = _limit(limits, 'limit')
-    return f'{found}; at {dark} of {len(limits["places"])} places never' if dark else found
+    return f'{found}; never in {dark} of {len(limits["places"])} configurations' if dark else found
 
 
 def _limit(limits: LimitEntry, key: Literal['limit', 'best_limit', 'material_limit']) -> str:
@@ -440,12 +441,13 @@ def detection_limits(document: Document) -> str:
     return html.section('What these data could have shown', html.folded(
         'Detection limit of every cause in the catalogue',
         html.table(
-            ['cause', 'id', number('found 9 times in 10 from'), number('at its best place from'),
-             number('matters from'), number('left beside the contact law')], rows,
-            'Size of the first parameter, in nine of ten of the places where the cause may act '
-            '(which probe, which arc) and show at all. "Matters": changes a channel by 0.1 % of '
-            'its range. The last column is the share of its signature that contact parameters '
-            'cannot imitate.'))) if rows else ''
+            ['cause', 'id', number('detection limit'), number('limit, best configuration'),
+             number('material from'), number('own share of signature')], rows,
+            'Detection limit: size of the first parameter that is found nine times in ten, in '
+            'nine '
+            'of ten configurations (probe, arc) in which the cause shows. Material: changes a '
+            'channel by 0.1 % of its range. The last column is the share of the signature that '
+            'contact parameters cannot imitate.'))) if rows else ''
 
 
 def look_alikes(document: Document) -> str:
@@ -458,13 +460,13 @@ def look_alikes(document: Document) -> str:
         for label, row in cosines.items()
     }
     return html.section('Which causes look alike in these data', html.picture(
-        figures.look_alikes(named), 'look_alikes', 'Angle between the changes that two causes '
-        'make, once contact parameters have taken what they can imitate. Dark squares '
-        'off the diagonal are causes these data cannot tell apart; below 0.3 is left white.'))
+        figures.look_alikes(named), 'look_alikes', 'Similarity (cosine) of the changes that two '
+        'causes make, without the part that contact parameters imitate. These data cannot tell '
+        'two causes apart if their square is dark. Values below 0.3 are white.'))
 
 
 def notes(document: Document) -> str:
-    """What the data do not allow, and how the diagnosis was run."""
+    """Limits of the data, and how the diagnosis was run."""
     lines = list(document.get('notes') or [])
     seconds = document.get('seconds')
     if seconds is not None:

@@ -150,7 +150,7 @@ def residuals(run: RunCurves) -> Chart:
 
 def _versions(run: RunCurves) -> list[tuple[bool, str, str]]:
     if not run.is_extended:
-        return [(False, BEFORE, 'measured less simulated')]
+        return [(False, BEFORE, 'measured minus simulated')]
     return [(False, BEFORE, 'contact law alone'), (True, AFTER, 'extended model')]
 
 
@@ -253,7 +253,7 @@ MAP_LIMIT = 10.0
 
 def residual_map(runs: Sequence[RunCurves], channels: Sequence[str] = CHANNELS[:3]) -> Chart:
     """Mean misfit in noise floors: load across, runs and branches down, channel by channel."""
-    versions = [(False, 'measured less simulated')]
+    versions = [(False, 'measured minus simulated')]
     if any(run.is_extended for run in runs):
         versions = [(False, 'contact law alone'), (True, 'extended model')]
     rows = [(run, sign) for run in runs for sign in (1.0, -1.0)]

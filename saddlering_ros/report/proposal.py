@@ -19,13 +19,13 @@ SCALES = {'N': (1e-3, 'kN'), 'N/s': (1e-3, 'kN/s'), 's': (1.0, 's'), '1': (1.0, 
 
 
 def proposal(document: VerdictDocument) -> str:
-    """The proposed law with its curve, its worth and its doubts; nothing where there is none."""
+    """The proposed law with its curve, misfit reduction and doubts; empty without a law."""
     law = document.get('proposal')
     if not law:
         return ''
     gain = law['gain']
     kept = gain['held_out']
-    worth = f'With it the misfit falls by {percent(gain["fit"])} on fitted runs' + (
+    worth = f'The law reduces the misfit by {percent(gain["fit"])} on fitted runs' + (
         '.' if kept is None else f' and by {percent(kept)} on held-out runs.')
     parts = [html.paragraph('A proposal; the verdict stays unknown.', 'soft'),
              html.paragraph(worth)]
@@ -35,7 +35,7 @@ def proposal(document: VerdictDocument) -> str:
     if law['effect_files']:
         parts.append(html.paragraph(
             f'Effect file, for the next diagnosis: {", ".join(law["effect_files"])}.', 'note'))
-    return html.section('A law that would explain it', *parts)
+    return html.section('A law that would explain the misfit', *parts)
 
 
 def _term(term: Mapping[str, Any], place: int) -> list[str]:
@@ -46,12 +46,12 @@ def _term(term: Mapping[str, Any], place: int) -> list[str]:
     return [
         html.heading(words), html.commands([term['formula']]),
         html.table(['parameter', number('value ± standard deviation')], rows),
-        html.picture(_curve(term), f'proposal_{place + 1}', f'{words}: what is added, with twice '
+        html.picture(_curve(term), f'proposal_{place + 1}', f'{words}: the addition, with twice '
                      'its standard deviation (dotted).')]
 
 
 def _curve(term: Mapping[str, Any]) -> Chart:
-    """What the term adds over its coordinate."""
+    """The addition of the term over its coordinate."""
     curve = term['curve']
     factor, unit = SCALES.get(curve['at_unit'], (1.0, curve['at_unit']))
     at = factor * np.array(curve['at'], float)

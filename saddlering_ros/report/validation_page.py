@@ -96,9 +96,9 @@ def _banner(validation: Validation, curves: Sequence[RunCurves]) -> str:
     misfit, floor = item.nrmse or 0.0, item.noise_floor or 0.0
     is_good = misfit <= allowed_misfit(floor)
     said = ('These parameters predict every channel of every run within its noise.' if is_good
-            else f'The simulation misses {SYMBOLS[name]} of {Path(run.name).name} by '
-            f'{percent(misfit)} of its range, where noise leaves {percent(floor)}.')
-    more = ('' if is_good else 'saddlering diagnose on these bags says what is missing.')
+            else f'The misfit of {SYMBOLS[name]} in {Path(run.name).name} is '
+            f'{percent(misfit)} of its range; noise alone would give {percent(floor)}.')
+    more = ('' if is_good else 'saddlering diagnose on these bags finds the missing cause.')
     shown = [run_ for run_ in curves if run_.name == Path(run.name).name]
     return (f'<div class="verdict {"none" if is_good else "ambiguous"}">'
             + html.paragraph(said, 'headline') + html.paragraph(more)
@@ -116,7 +116,7 @@ def _criteria(validation: Validation) -> str:
                    'good' if item.is_met else 'bad'),
             number(f'{scale * item.limit:.3g} {item.unit}'.strip())])
     return html.section('Criteria', html.table(
-        ['criterion', 'met worst by', number('value'), number('limit')], rows))
+        ['criterion', 'worst channel', number('value'), number('limit')], rows))
 
 
 def _parameters(parameters: ParameterSet) -> str:
@@ -170,8 +170,8 @@ def _figures(validation: Validation) -> str:
          number('of range'), number('noise'), number('largest'), number('bias'),
          number('slope ratio'), number('loop'), number('shift'), number('ISO 18571'),
          number('E / u_val')], rows,
-        'Red: more than twice the noise floor and more than 0.1 % of range. Loop: area over load '
-        'that is missing, as a share of load range times channel range. E / u_val: comparison '
+        'Red: more than twice the noise floor and more than 0.1 % of range. Loop: missing '
+        'area over load, as a share of load range times channel range. E / u_val: comparison '
         'error over validation uncertainty (ASME V&V 20).'))
 
 

@@ -115,7 +115,7 @@ def test_none_is_said_plainly_and_without_a_gain():
 def test_ambiguous_names_every_look_alike():
     cause = {**document()['causes'][0], 'group': ['radial_friction', 'settling']}
     said = headline(document('ambiguous', causes=[cause]))
-    assert 'cannot tell which' in said
+    assert 'cannot tell the possible causes apart' in said
     assert 'dry friction in the radial row' in said
     assert ' or ' in said
 
