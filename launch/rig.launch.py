@@ -21,7 +21,7 @@ from launch_ros.substitutions import FindPackagePrefix, FindPackageShare
 from saddlering_ros.bags.topics import TOPICS
 from saddlering_ros.rig import load_rig
 from saddlering_ros.rig.frames import frames_of
-from saddlering_ros.ros.registry import ACTION, CLOCK, NODES, REPLAY, RING
+from saddlering_ros.ros.registry import ACTION, ALARM, CLOCK, NODES, REPLAY, RING
 
 PACKAGE = 'saddlering_ros'
 
@@ -33,6 +33,8 @@ ARGUMENTS = {
                  'the shipped ones'),
     'parameters_root': ('', 'folder of the parameter files that goals may name; empty: bag_root'),
     'rate': ('1.0', 'speed of the replay'),
+    'materiality': ('2.0', 'residual without an alarm, in percent of the motion at full scale'),
+    'false_alarm_hours': ('1000.0', 'hours of testing in which one false alarm is allowed'),
     'namespace': ('', 'namespace of the rig; empty: the root'),
     'hardware_id': ('', 'identity of the rig in /diagnostics; empty: by the namespace'),
     'record': ('', 'bag to record everything into; empty: record nothing'),
@@ -42,6 +44,7 @@ CHOICES = {
     'lockstep': ('false', ['true', 'false'],
                  'replay waits for the nodes; with rate:=0 it runs as fast as they follow'),
     'replay': ('', ['', 'true', 'false'], 'start the replay nodes; empty: with a bag'),
+    'alarm': ('true', ['true', 'false'], 'start the alarm'),
     'servers': ('true', ['true', 'false'], 'start the action servers'),
     'respawn': ('false', ['true', 'false'], 'start a node again that has ended'),
     'autostart': ('true', ['true', 'false'],
@@ -77,7 +80,7 @@ def start_nodes(context):
     given = {name: LaunchConfiguration(name).perform(context)
              for name in ('rig', *ARGUMENTS, *CHOICES, *TOPIC_ARGUMENTS)}
     namespace = '/' + given['namespace'].strip('/') if given['namespace'].strip('/') else ''
-    kinds = [RING]
+    kinds = [RING, ALARM] if given['alarm'] == 'true' else [RING]
     if given['servers'] == 'true':
         kinds.append(ACTION)
     if given['replay'] == 'true' or (not given['replay'] and given['bag']):
@@ -91,6 +94,7 @@ def start_nodes(context):
     nodes = []
     for node in (node for kind in kinds for node in NODES if node.kind == kind):
         own = [simulation(given)] if node.name == 'ring_simulator' else []
+        own += [alarm(given)] if node.kind == ALARM else []
         make = Node if node.kind == ACTION else LifecycleNode
         nodes.append(make(
             package=PACKAGE, executable=node.name, name=node.name, **common,
@@ -106,6 +110,9 @@ def parameters_by_kind(given):
     autostart = {'autostart': given['autostart'] == 'true'}
     replay = {'bag': bag, 'autostart': given['autostart'] == 'true' and bool(bag)}
     clock = {'rate': number('rate', given), 'lockstep': given['lockstep'] == 'true'}
+    if given['alarm'] == 'true':
+        clock['participants'] = [node.name for node in NODES
+                                 if node.kind in (REPLAY, RING, ALARM)]
     if given['elevation']:
         clock['elevation_deg'] = number('elevation', given)
     sim_time = {'use_sim_time': given['use_sim_time'] == 'true' or (
@@ -115,7 +122,7 @@ def parameters_by_kind(given):
         'parameters_root': as_path(given['parameters_root']),
     }
     return {ACTION: [every, roots], CLOCK: [every, replay, clock], REPLAY: [every, replay],
-            RING: [every, autostart, sim_time]}
+            RING: [every, autostart, sim_time], ALARM: [every, autostart, sim_time]}
 
 
 def simulation(given):
@@ -126,6 +133,11 @@ def simulation(given):
     elif given['bag']:
         found['bag'] = as_path(given['bag'])
     return found
+
+
+def alarm(given):
+    """Return the parameters of the alarm alone."""
+    return {name: number(name, given) for name in ('materiality', 'false_alarm_hours')}
 
 
 def remappings(given, namespace):

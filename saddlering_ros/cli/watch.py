@@ -6,15 +6,14 @@ import argparse
 from typing import Any, TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from saddlering_ros.bags import TestRun
     from saddlering_ros.bags.samples import DisplacementSamples
-    from saddlering_ros.monitoring import MonitorSettings, Report
-    from saddlering_ros.rig import ParameterSet, Rig
+    from saddlering_ros.monitoring import Monitor, Sample
 
 MATERIALITY_PERCENT = 2.0
 """Share of the motion at full scale that a residual may have without an alarm [%]."""
-
-SHORT_REST = 2.0
-"""Noise read from less rest than this [s] is not known well enough for the promise."""
 
 
 def add_parser(subparsers: Any) -> None:
@@ -36,83 +35,69 @@ def add_parser(subparsers: Any) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Read, measure, simulate, watch; the alarm in one line."""
-    from dataclasses import asdict
-
-    import numpy as np
-
     from saddlering_ros.cli._json import tell_json
     from saddlering_ros.cli._samples import read_shown, residual_samples
-    from saddlering_ros.monitoring import MonitorSettings, watch
+    from saddlering_ros.monitoring import materiality, Monitor, MonitorSettings, watch
     from saddlering_ros.rig import load_rig, read_parameters
 
     rig, parameters = load_rig(args.rig), read_parameters(args.params)
+    settings = MonitorSettings(false_alarm_hours=args.false_alarm_hours)
     test_run = read_shown(args, rig)
     samples, _, notes = residual_samples(test_run, rig, parameters)
-    settings = MonitorSettings(
-        _materiality(rig, parameters, test_run.elevation, args.materiality),
-        false_alarm_hours=args.false_alarm_hours)
-    residual = np.stack([np.asarray(getattr(samples.displacement, name))
-                         for name in ('delta_x', 'delta_y', 'gamma')])
-    noise, rest = _noise(rig, samples, residual, settings)
-    report = watch(np.asarray(samples.time), residual, np.asarray(samples.load), noise, settings)
-    if rest < SHORT_REST:
-        notes.append(f'the noise is read from {rest:.1f} s of rest: record {SHORT_REST:g} s '
-                     'before the load moves, else the rate of false alarms is not sure')
-    notes += report.lapses
-    document = {'bag': str(test_run.path), 'seconds': report.seconds, 'notes': notes,
+    monitor = Monitor(settings, rig.limits.rest_band, lambda elevation: materiality(
+        rig, parameters.contact, elevation, args.materiality))
+    watch(monitor, _samples(samples, test_run.elevation))
+    _check_watched(monitor, test_run)
+    origin = int(test_run.stamps[0])
+    notes += [f'{1e-9 * (lapse.stamp - origin):.3f} s: {lapse.reason}' for lapse in monitor.lapses]
+    document = {'bag': str(test_run.path), 'seconds': monitor.seconds, 'notes': notes,
                 'false_alarm_hours': args.false_alarm_hours,
-                'materiality': list(settings.materiality),
-                'alarm': None if report.alarm is None else asdict(report.alarm)}
+                'materiality': monitor.materiality.tolist(),
+                'alarm': _alarm_document(monitor, origin)}
     if tell_json(args, document):
         return 0
-    print(_words(report))
+    print(_words(monitor, origin))
     for note in notes:
         print(f'note: {note}')
     return 0
 
 
-def _materiality(
-    rig: Rig, parameters: ParameterSet, elevation: float, percent: float
-) -> tuple[float, float, float]:
-    """What `percent` of the motion from preload to full scale is in each channel."""
+def _samples(samples: DisplacementSamples, elevation: float) -> Iterator[Sample]:
+    """The samples of a residual as the live node takes them."""
     import numpy as np
 
-    from saddlering_ros.ring.simulator import static_response
+    from saddlering_ros.monitoring import Sample
 
-    ends = static_response(rig, parameters.contact.to_array(), elevation,
-                           np.array([rig.preload, rig.full_scale_load]))
-    x, y, gamma = (float(value) for value in 0.01 * percent * np.abs(ends[:, 1] - ends[:, 0]))
-    return x, y, gamma
-
-
-def _noise(
-    rig: Rig, samples: DisplacementSamples, residual: Any, settings: MonitorSettings
-) -> tuple[list[Any], float]:
-    """Noise of the blocks of every channel, and the rest [s] that it is read from."""
-    import numpy as np
-
-    from saddlering_ros.estimation.noise import fit_channel
-    from saddlering_ros.estimation.rest import quiet_stretches, stretches_at_rest
-    from saddlering_ros.monitoring import block_noise, MonitoringError
-
-    time = np.asarray(samples.time)
-    step = float(np.median(np.diff(time)))
-    rests = quiet_stretches(stretches_at_rest(time, np.asarray(samples.load),
-                                              rig.limits.rest_band))
-    if not rests:
-        raise MonitoringError('the load never rests, so the noise is not known: record some '
-                              'seconds before the load moves')
-    count = max(1, round(settings.block / step))
-    found = [block_noise(fit_channel([channel[a:b] for a, b in rests], step), count)
-             for channel in residual]
-    return found, sum(float(time[b - 1] - time[a]) for a, b in rests)
+    columns = [np.asarray(getattr(samples.displacement, name)).tolist()
+               for name in ('delta_x', 'delta_y', 'gamma')]
+    for stamp, load, *residual in zip(samples.stamps.tolist(), samples.load.tolist(), *columns,
+                                      strict=True):
+        yield Sample(stamp, (residual[0], residual[1], residual[2]), load, 0, elevation)
 
 
-def _words(report: Report) -> str:
-    alarm = report.alarm
+def _check_watched(monitor: Monitor, run: TestRun) -> None:
+    """MonitoringError if the record does not show its noise before the load moves."""
+    from saddlering_ros.monitoring import MonitoringError
+
+    if monitor.rest is None:
+        raise MonitoringError(f'{run.path}: the load never rests and then moves, so the noise is '
+                              'not known and nothing is watched: record some seconds before the '
+                              'load moves')
+
+
+def _alarm_document(monitor: Monitor, origin: int) -> dict[str, Any] | None:
+    alarm = monitor.alarm
     if alarm is None:
-        return f'no alarm in {report.seconds:.1f} s'
-    unit = 'urad' if alarm.channel == 'gamma' else 'um'
-    return (f'ALARM at {alarm.time:.2f} s: {alarm.channel} has differed from its model since '
-            f'{alarm.since:.2f} s by {1e6 * alarm.size:+.3g} {unit} in the mean'
-            + (f'; the difference follows {alarm.follows}' if alarm.follows else ''))
+        return None
+    return {'channel': alarm.channel, 'time': 1e-9 * (alarm.stamp - origin),
+            'since': 1e-9 * (alarm.since - origin), 'size': alarm.size,
+            'evidence': alarm.evidence, 'follows': alarm.follows,
+            'first_guess': alarm.first_guess, 'stamp_ns': alarm.stamp, 'since_ns': alarm.since}
+
+
+def _words(monitor: Monitor, origin: int) -> str:
+    from saddlering_ros.monitoring.wording import alarm_words
+
+    if monitor.alarm is None:
+        return f'no alarm in {monitor.seconds:.1f} s'
+    return alarm_words(monitor.alarm, origin)

@@ -1,11 +1,47 @@
 """Whether a ring still behaves as its model while the test runs: innovations and an alarm."""
 
+from saddlering_ros.monitoring.blocks import BlockWatch
+from saddlering_ros.monitoring.cause import first_guess, FIRST_GUESSES
 from saddlering_ros.monitoring.detector import Alarm, Detector, threshold_of
 from saddlering_ros.monitoring.errors import MonitoringError
 from saddlering_ros.monitoring.innovations import block_noise, BlockNoise, Whitener
-from saddlering_ros.monitoring.monitor import Monitor, MonitorSettings, Report, watch
+from saddlering_ros.monitoring.materiality import materiality
+from saddlering_ros.monitoring.monitor import (
+    ALARM,
+    Lapse,
+    LEARNING,
+    Monitor,
+    MonitorSettings,
+    Raised,
+    Sample,
+    WAITING,
+    watch,
+    WATCHING,
+)
+from saddlering_ros.monitoring.rest import RestLearner, RestNoise
 
 __all__ = [
-    'Alarm', 'BlockNoise', 'Detector', 'Monitor', 'MonitorSettings', 'MonitoringError', 'Report',
-    'Whitener', 'block_noise', 'threshold_of', 'watch',
+    'ALARM',
+    'FIRST_GUESSES',
+    'LEARNING',
+    'WAITING',
+    'WATCHING',
+    'Alarm',
+    'BlockNoise',
+    'BlockWatch',
+    'Detector',
+    'Lapse',
+    'Monitor',
+    'MonitorSettings',
+    'MonitoringError',
+    'Raised',
+    'RestLearner',
+    'RestNoise',
+    'Sample',
+    'Whitener',
+    'block_noise',
+    'first_guess',
+    'materiality',
+    'threshold_of',
+    'watch',
 ]

@@ -28,17 +28,13 @@ MAX_LOG = 600.0
 
 @dataclass(frozen=True)
 class Alarm:
-    """An alarm: number of the block, channel, sign, block of the likely onset, evidence.
-
-    size: mean innovation since the onset, in standard deviations of one block.
-    """
+    """An alarm: number of the block, channel, sign, block of the likely onset, log evidence."""
 
     block: int
     channel: int
     sign: int
     since: int
     evidence: float
-    size: float
 
 
 def threshold_of(false_alarm_hours: float, block_seconds: float) -> float:
@@ -62,7 +58,6 @@ class Detector:
         self._evidence = np.full(shape, -np.inf)
         self._run = np.zeros(shape)
         self._since = np.full(shape, self.block)
-        self._sums = np.zeros(shape)
 
     @property
     def evidence(self) -> Array:
@@ -72,15 +67,19 @@ class Detector:
         mixed = top[:, 0] + np.log(np.exp(self._evidence - top).mean(axis=1) + 1e-300)
         return np.asarray(mixed.reshape(2, self._channels))
 
-    def step(self, innovations: Array, materiality: Array) -> Alarm | None:
-        """Take one block: innovations and materiality (channels,) in standard deviations."""
-        signed = self._signs * np.tile(innovations, 2)[:, None]
-        beyond = np.minimum(signed - np.tile(materiality, 2)[:, None], LARGEST)
-        gain = SIZES * beyond - 0.5 * SIZES**2
-        self._evidence = np.minimum(np.logaddexp(self._evidence, 0.0) + gain, MAX_LOG)
-        fresh = self._run <= 0.0
-        self._since = np.where(fresh, self.block, self._since)
-        self._sums = np.where(fresh, 0.0, self._sums) + signed
+    def step(self, values: Array, bounds: Array) -> Alarm | None:
+        """Take one block: values (channels,), and how far their means may lie from 0.
+
+        Both in standard deviations of the values; NaN where a channel is not known, which leaves
+        its evidence as it is.
+        """
+        beyond = np.minimum(
+            self._signs * np.tile(values, 2)[:, None] - np.tile(bounds, 2)[:, None], LARGEST)
+        known = np.isfinite(beyond)
+        gain = np.where(known, SIZES * beyond - 0.5 * SIZES**2, 0.0)
+        grown = np.minimum(np.logaddexp(self._evidence, 0.0) + gain, MAX_LOG)
+        self._evidence = np.where(known, grown, self._evidence)
+        self._since = np.where(self._run <= 0.0, self.block, self._since)
         self._run = np.maximum(self._run, 0.0) + gain
         evidence = self.evidence
         place = int(np.argmax(evidence))
@@ -88,8 +87,6 @@ class Detector:
         if evidence.flat[place] < self.threshold:
             return None
         best = int(np.argmax(self._run[place]))
-        since = int(self._since[place, best])
         return Alarm(
-            self.block - 1, place % self._channels, 1 if place < self._channels else -1, since,
-            float(evidence.flat[place]),
-            float(self._sums[place, best]) / max(self.block - since, 1))
+            self.block - 1, place % self._channels, 1 if place < self._channels else -1,
+            int(self._since[place, best]), float(evidence.flat[place]))

@@ -26,6 +26,10 @@ class BlockNoise:
     wander: float
     memory: float
 
+    def inflated(self, factor: float) -> BlockNoise:
+        """The same noise with its standard deviations `factor` times as large."""
+        return BlockNoise(factor**2 * self.white, factor**2 * self.wander, self.memory)
+
 
 def block_noise(noise: ChannelNoise, samples: int) -> BlockNoise:
     """Noise of the means of `samples` readings, by their covariances at lags of 0 to 2 blocks."""
@@ -40,7 +44,11 @@ def block_noise(noise: ChannelNoise, samples: int) -> BlockNoise:
 
 
 class Whitener:
-    """Innovations of one channel, block by block."""
+    """Innovations of one channel, block by block.
+
+    `response` is what the filter would predict next had every mean so far been 1, the noise apart:
+    means that stay within m of nought have innovations within (1 + response) m.
+    """
 
     def __init__(self, noise: BlockNoise) -> None:
         self._noise = noise
@@ -49,6 +57,7 @@ class Whitener:
     def reset(self) -> None:
         """Forget the past: the zero was renewed, or samples are missing."""
         self._wander, self._variance = 0.0, self._noise.wander
+        self.response = 0.0
 
     def step(self, value: float) -> tuple[float, float]:
         """The innovation of a block's mean in standard deviations, and that deviation."""
@@ -59,4 +68,5 @@ class Whitener:
         wander, variance = self._wander + gain * surprise, (1.0 - gain) * self._variance
         self._wander = noise.memory * wander
         self._variance = noise.memory**2 * variance + (1.0 - noise.memory**2) * noise.wander
+        self.response = noise.memory * (self.response + gain * (1.0 - self.response))
         return surprise / scale, scale

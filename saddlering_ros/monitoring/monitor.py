@@ -2,158 +2,355 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
+import math
 
 import numpy as np
 from numpy.typing import NDArray
 
-from saddlering_ros.monitoring.detector import Alarm, Detector, threshold_of
+from saddlering_ros.monitoring.blocks import BlockWatch
+from saddlering_ros.monitoring.cause import first_guess, FIRST_GUESSES
+from saddlering_ros.monitoring.detector import Alarm
 from saddlering_ros.monitoring.errors import MonitoringError
-from saddlering_ros.monitoring.innovations import BlockNoise, Whitener
+from saddlering_ros.monitoring.rest import RestLearner, RestNoise, SECOND, UNKNOWN
 
 Array = NDArray[np.float64]
 
 CHANNELS = ('delta_x', 'delta_y', 'gamma')
+WAITING, LEARNING, WATCHING, ALARM = range(4)
+"""States of a monitor, numbered as in RingAlarm.msg."""
+
 MAX_GAP = 3.0
 """A longer pause between samples, in blocks, ends the block and the memory of the noise."""
+
+MAX_BACK = 50_000_000
+"""Stamps that go back by more [ns] are of another record."""
+
+SHORT_REST = 2.0
+"""Noise read from less rest than this [s] is not known well enough for the promise."""
+
+HISTORY_BLOCKS = 180_000
+"""Blocks remembered: an hour of 20 ms; an onset before that is stamped with the oldest."""
+
+REFINED_AFTER = (2.0, 10.0)
+"""Times after the alarm [s] at which its size and first guess are taken anew."""
+
+MAX_LAPSES = 20
 
 
 @dataclass(frozen=True)
 class MonitorSettings:
-    """How to watch: block [s], one false alarm in so many hours of testing, materiality (3,).
+    """How to watch: length of a block [s], one false alarm in so many hours of testing."""
 
-    materiality: [m, m, rad] what the residual may be without an alarm, for as long as it likes.
-    """
-
-    materiality: tuple[float, float, float]
     block: float = 0.02
     false_alarm_hours: float = 1000.0
 
     def __post_init__(self) -> None:
-        if not (self.block > 0.0 and self.false_alarm_hours > 0.0):
+        if not (0.0 < self.block < math.inf and 0.0 < self.false_alarm_hours < math.inf):
             raise MonitoringError('monitoring: block and false_alarm_hours must be above 0')
-        if not all(value >= 0.0 for value in self.materiality):
-            raise MonitoringError('monitoring: materiality must be 0 or more')
+
+
+@dataclass(frozen=True)
+class Sample:
+    """A residual [m, m, rad], NaN where not known, with its load [N] and what it belongs to.
+
+    stamp [ns]; zero [ns]: stamp of the zero it counts from; elevation [rad].
+    """
+
+    stamp: int
+    residual: tuple[float, float, float]
+    load: float
+    zero: int = 0
+    elevation: float = math.nan
 
 
 @dataclass(frozen=True)
 class Raised:
-    """A latched alarm in the units of the channel.
+    """A latched alarm in the units of its channel.
 
-    time, since [s]; size [m or rad]: mean residual since the onset; follows: what the residual
-    follows most closely since then (load, rate, direction or none; '' if it is too short to say).
+    stamp, since [ns]: of the alarm and of the likely onset; size [m or rad]: mean residual since
+    then; evidence: its logarithm; follows: a key of FIRST_GUESSES, '' if too short to tell.
     """
 
     channel: str
-    time: float
-    since: float
+    stamp: int
+    since: int
     size: float
     evidence: float
     follows: str
 
+    @property
+    def first_guess(self) -> str:
+        """What often makes a residual follow that."""
+        return FIRST_GUESSES.get(self.follows, 'too short to tell')
+
 
 @dataclass(frozen=True)
-class Report:
-    """What watching a whole record found; lapses: when and why the promise did not hold."""
+class Lapse:
+    """When [ns] and why the promise of the false alarms did not hold, or the evidence ended."""
 
-    blocks: int
-    seconds: float
-    alarm: Raised | None
-    lapses: tuple[str, ...]
+    stamp: int
+    reason: str
 
 
 class Monitor:
-    """Watches residuals (3,) with their time [s] and load [N]; the first alarm is latched."""
+    """Watches residuals with their load; the first alarm is latched until `reset`.
 
-    def __init__(self, noise: Sequence[BlockNoise], settings: MonitorSettings) -> None:
-        self._settings = settings
-        self._whiteners = [Whitener(item) for item in noise]
-        self._detector = Detector(
-            len(noise), threshold_of(settings.false_alarm_hours, settings.block))
-        self._materiality = np.array(settings.materiality)
-        self._means: list[Array] = []
-        self._begin, self._last = np.nan, np.nan
-        self._sum, self._count = np.zeros(len(noise) + 1), 0
+    rest_band [N]: the load is at rest within it; materiality_of: the residual (3,) that is no
+    alarm, by the elevation [rad]. `changes` counts what there is to tell.
+    """
+
+    def __init__(
+        self, settings: MonitorSettings, rest_band: float,
+        materiality_of: Callable[[float], Array],
+    ) -> None:
+        self.settings = settings
+        self._rest_band, self._materiality_of = rest_band, materiality_of
+        self._learner = RestLearner(rest_band, settings.block)
         self.alarm: Raised | None = None
-        self.lapses: list[str] = []
+        self.lapses: list[Lapse] = []
+        self.changes = 0
+        self.blocks = 0
+        self.seconds = 0.0
+        self.materiality = np.zeros(len(CHANNELS))
+        self._begin_anew()
+
+    def _begin_anew(self) -> None:
+        """Forget the record: another one begins."""
+        self._learner.restart()
+        self.rest: RestNoise | None = None
+        self._watch: BlockWatch | None = None
+        self._last: Sample | None = None
+        self._history = _History()
+        self._noise_grew, self._known = False, (True,) * len(CHANNELS)
+        self._clear_block()
+        self._onset: tuple[int, int] | None = None
+        self._refine_at: list[int] = []
 
     @property
-    def blocks(self) -> int:
-        """Blocks judged so far."""
-        return self._detector.block
+    def state(self) -> int:
+        """WAITING, LEARNING, WATCHING or ALARM."""
+        if self.alarm is not None:
+            return ALARM
+        if self._watch is not None:
+            return WATCHING
+        return WAITING if self._last is None else LEARNING
 
-    def renew_zero(self, time: float) -> None:
-        """The zero was taken anew: the evidence so far is of another zero."""
-        self._lapse(time, 'the zero was renewed')
+    @property
+    def stamp(self) -> int:
+        """Stamp of the last sample [ns]; 0 before the first."""
+        return 0 if self._last is None else self._last.stamp
 
-    def step(self, time: float, residual: Array, load: float) -> Raised | None:
-        """Take one sample; the alarm when it is raised, None before and after."""
-        if not (np.isfinite(residual).all() and np.isfinite(load)):
-            return None
-        if time - self._last > MAX_GAP * self._settings.block:
-            self._lapse(time, f'no samples for {time - self._last:.3g} s')
-        self._last = time
-        raised = None
-        if self._count and time - self._begin >= self._settings.block:
-            raised = self._judge()
+    @property
+    def log_evidence(self) -> float:
+        """Logarithm of the strongest evidence so far; -inf while nothing is watched."""
+        return -math.inf if self._watch is None else float(self._watch.detector.evidence.max())
+
+    @property
+    def log_threshold(self) -> float:
+        """At which logarithm of the evidence the alarm is raised; NaN while not known."""
+        return math.nan if self._watch is None else self._watch.detector.threshold
+
+    def reset(self) -> None:
+        """Let go of the alarm and of the evidence; what was learnt of the noise stays."""
+        self.alarm, self._onset = None, None
+        self.lapses.clear()
+        self._clear_evidence()
+        self.changes += 1
+
+    def parameters_changed(self) -> None:
+        """The ring is simulated with other parameters from now on."""
+        if self._last is not None:
+            self._take_materiality(self._last.elevation)
+            self._lapse('the parameters in force changed: the evidence begins anew')
+            self._clear_evidence()
+
+    def step(self, sample: Sample) -> None:
+        """Take one sample."""
+        last = self._last
+        if last is not None and sample.stamp <= last.stamp:
+            if last.stamp - sample.stamp <= MAX_BACK:
+                return
+            self._lapse('the stamps jumped back: noise and evidence begin anew')
+            self._begin_anew()
+            last = None
+        if last is None:
+            self._take_materiality(sample.elevation)
+            self.changes += 1
+        else:
+            self._check_continuity(last, sample)
+        self._last = sample
+        if self._watch is None:
+            self._learn(sample)
+        else:
+            self._add(sample)
+
+    # --- assumptions ---
+
+    def _check_continuity(self, last: Sample, sample: Sample) -> None:
+        """Begin anew what a new zero, a new elevation or a pause makes void."""
+        if sample.zero != last.zero:
+            self._lapse('the zero was renewed: the evidence begins anew', sample.stamp)
+            self._clear_evidence()
+        if not _same(sample.elevation, last.elevation):
+            self._take_materiality(sample.elevation)
+            self._lapse(f'the elevation changed to {math.degrees(sample.elevation):.3f} deg: the '
+                        'evidence begins anew', sample.stamp)
+            self._clear_evidence()
+        pause = (sample.stamp - last.stamp) / SECOND
+        if self.rest is not None and pause > MAX_GAP * self.rest.block + self.rest.interval:
+            self._lapse(f'no samples for {pause:.3g} s: the evidence begins anew', sample.stamp)
+            self._clear_evidence()
+
+    def _take_materiality(self, elevation: float) -> None:
+        self.materiality = np.asarray(self._materiality_of(elevation), dtype=np.float64)
+        if not np.isfinite(self.materiality).all():
+            self._lapse('the ring has no equilibrium at preload or full scale with the parameters '
+                        'in force: nothing is watched')
+
+    def _lapse(self, reason: str, stamp: int | None = None) -> None:
+        self.lapses.append(Lapse(self.stamp if stamp is None else stamp, reason))
+        del self.lapses[:-MAX_LAPSES]
+        self.changes += 1
+
+    def _clear_block(self) -> None:
+        self._sum, self._count = [0.0] * (len(CHANNELS) + 1), 0
+
+    def _clear_evidence(self) -> None:
+        self._clear_block()
+        if self._watch is not None:
+            self._watch.reset()
+
+    # --- learning ---
+
+    def _learn(self, sample: Sample) -> None:
+        found = self._learner.step(sample.stamp, sample.residual, sample.load)
+        if found is None:
+            return
+        self.rest = found
+        self._watch = BlockWatch(found.noise, found.block, self.settings.false_alarm_hours)
+        self.changes += 1
+        lost = [name for name, one in zip(CHANNELS, found.noise, strict=True) if one == UNKNOWN]
+        if lost:
+            self._lapse(f'{" and ".join(lost)} not known while the load rested, and not watched')
+        if not found.first:
+            self._lapse('the noise is read from a rest after a movement, where the ring still '
+                        'creeps: begin the test with a rest')
+        elif found.seconds < SHORT_REST:
+            self._lapse(f'the noise is read from {found.seconds:.1f} s of rest: rest for '
+                        f'{SHORT_REST:g} s before the load moves, else the rate of false alarms '
+                        'is not sure')
+
+    # --- watching ---
+
+    def _add(self, sample: Sample) -> None:
+        """Add a sample to the block, and judge the block once it is whole."""
+        assert self.rest is not None
         if not self._count:
-            self._begin = time
-        self._sum[:-1] += residual
-        self._sum[-1] += load
+            self._block_began = sample.stamp
+        total = self._sum
+        for place, value in enumerate(sample.residual):
+            total[place] += value
+        total[-1] += sample.load
         self._count += 1
-        return raised
+        if self._count == self.rest.samples:
+            self._judge()
 
-    def _judge(self) -> Raised | None:
-        mean = self._sum / self._count
-        self._sum, self._count = np.zeros_like(self._sum), 0
-        self._means.append(np.append(mean, self._begin))
-        found = [whitener.step(float(value)) for whitener, value in
-                 zip(self._whiteners, mean, strict=False)]
-        innovations, scales = np.array(found).T
-        alarm = self._detector.step(innovations, self._materiality / scales)
-        if alarm is None or self.alarm is not None:
-            return None
-        self.alarm = self._raised(alarm)
-        return self.alarm
+    def _judge(self) -> None:
+        assert self._watch is not None
+        assert self.rest is not None
+        mean = np.array(self._sum) / self._count
+        self._clear_block()
+        self.blocks += 1
+        self.seconds += self.rest.block
+        self._check_channels(mean)
+        index = self._history.add(self._block_began, mean)
+        if self.alarm is not None:
+            self._refine(index)
+            return
+        found = self._watch.step(mean[:-1], self.materiality)
+        self._check_noise()
+        if found is not None:
+            self._raise(found, index, self.rest.block)
 
-    def _lapse(self, time: float, reason: str) -> None:
-        self.lapses.append(f'{time:.3f} s: {reason}')
-        self._sum, self._count = np.zeros_like(self._sum), 0
-        for whitener in self._whiteners:
-            whitener.reset()
-        self._detector.reset()
+    def _check_channels(self, mean: Array) -> None:
+        known = tuple(math.isfinite(value) for value in mean[:-1])
+        if known != self._known:
+            self._known = known
+            lost = [name for name, is_known in zip(CHANNELS, known, strict=True) if not is_known]
+            self._lapse(f'{" and ".join(lost)} not known, and not watched' if lost
+                        else 'all channels are known again')
 
-    def _raised(self, alarm: Alarm) -> Raised:
-        since = min(alarm.since, len(self._means) - 1)
-        part = np.array(self._means[since:])
-        return Raised(
-            CHANNELS[alarm.channel], float(self._means[-1][-1]), float(part[0, -1]),
-            float(part[:, alarm.channel].mean()), alarm.evidence,
-            follows(part[:, alarm.channel], part[:, -2]))
+    def _check_noise(self) -> None:
+        assert self._watch is not None
+        grew = self._watch.noise_grew
+        if grew and not self._noise_grew:
+            self._lapse('the noise is far larger than it was at rest: the rate of false alarms is '
+                        'not sure')
+        self._noise_grew = grew
+
+    def _raise(self, found: Alarm, index: int, block: float) -> None:
+        self._onset = (found.channel, index - (found.block - found.since))
+        self.alarm = self._described(
+            Raised(CHANNELS[found.channel], self.stamp, 0, 0.0, found.evidence, ''))
+        self._refine_at = [index + round(seconds / block) for seconds in REFINED_AFTER]
+        self.changes += 1
+
+    def _refine(self, index: int) -> None:
+        """Take size and first guess anew from what has come since the alarm."""
+        if self._onset is not None and self._refine_at and index >= self._refine_at[0]:
+            del self._refine_at[0]
+            assert self.alarm is not None
+            self.alarm = self._described(self.alarm)
+            self.changes += 1
+
+    def _described(self, alarm: Raised) -> Raised:
+        assert self._onset is not None
+        channel, onset = self._onset
+        stamps, rows = self._history.since(onset)
+        known = np.isfinite(rows[:, channel])
+        stamps, rows = stamps[known], rows[known]
+        return replace(
+            alarm, since=int(stamps[0]), size=float(rows[:, channel].mean()),
+            follows=first_guess(rows[:, channel], rows[:, -1], (stamps - stamps[0]) / SECOND,
+                                self._rest_band))
 
 
-def follows(residual: Array, load: Array) -> str:
-    """Which of load, its rate and its direction the residual (N,) follows most closely."""
-    if residual.size < 10:
-        return ''
-    rate = np.gradient(load)
-    regressors = {'load': load, 'rate of the load': rate, 'direction of the load': np.sign(rate)}
-    strength = {
-        name: abs(float(np.corrcoef(residual, values)[0, 1]))
-        for name, values in regressors.items() if np.ptp(values) > 0.0 and np.ptp(residual) > 0.0
-    }
-    best = max(strength, key=lambda name: strength[name], default='')
-    return best if best and strength[best] > 0.5 else 'none of load, rate and direction'
+class _History:
+    """The last HISTORY_BLOCKS blocks: when each began, its means and its load."""
+
+    def __init__(self) -> None:
+        self._stamps = np.zeros(1024, np.int64)
+        self._rows = np.zeros((1024, len(CHANNELS) + 1))
+        self._blocks = 0
+
+    def add(self, stamp: int, row: Array) -> int:
+        """Keep a block; its number."""
+        size = len(self._stamps)
+        if self._blocks == size < HISTORY_BLOCKS:
+            size = min(2 * size, HISTORY_BLOCKS)
+            self._stamps = np.resize(self._stamps, size)
+            self._rows = np.resize(self._rows, (size, self._rows.shape[1]))
+        place = self._blocks % size
+        self._stamps[place], self._rows[place] = stamp, row
+        self._blocks += 1
+        return self._blocks - 1
+
+    def since(self, number: int) -> tuple[NDArray[np.int64], Array]:
+        """Stamps (N,) and rows (N, 4) from the block of that number on, or from the oldest."""
+        size = len(self._stamps)
+        first = max(number, self._blocks - size, 0)
+        places = np.arange(min(first, self._blocks - 1), self._blocks) % size
+        return self._stamps[places], self._rows[places]
 
 
-def watch(
-    time: Array, residual: Array, load: Array, noise: Sequence[BlockNoise],
-    settings: MonitorSettings,
-) -> Report:
-    """Watch a record: time (N,) [s], residual (3, N) [m, m, rad], load (N,) [N]."""
-    monitor = Monitor(noise, settings)
-    for now, values, force in zip(time.tolist(), residual.T, load.tolist(), strict=True):
-        monitor.step(now, values, force)
-    return Report(monitor.blocks, monitor.blocks * settings.block, monitor.alarm,
-                  tuple(monitor.lapses))
+def _same(one: float, other: float) -> bool:
+    return one == other or (math.isnan(one) and math.isnan(other))
+
+
+def watch(monitor: Monitor, samples: Iterable[Sample]) -> Monitor:
+    """Watch a whole record; returns the monitor."""
+    for sample in samples:
+        monitor.step(sample)
+    return monitor

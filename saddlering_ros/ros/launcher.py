@@ -18,11 +18,12 @@ from typing import Any, IO
 
 from saddlering_ros.ros.errors import NodeError
 from saddlering_ros.ros.lifeline import LIFELINE
-from saddlering_ros.ros.registry import ACTION, names, REPLAY, RING
+from saddlering_ros.ros.registry import ACTION, ALARM, names, REPLAY, RING
 from saddlering_ros.ros.transport import transport_environment
 
 REPLAY_NODES = names(REPLAY)
 RING_NODES = names(RING)
+ALARM_NODES = names(ALARM)
 ACTION_NODES = names(ACTION)
 DOMAINS = range(1, 100)
 PATIENCE = (3.0, 1.0)
@@ -244,7 +245,7 @@ def start_nodes(
     when the bag is at its end and everyone has dealt with it. `parameters` by node name.
     """
     given = {name: dict(values) for name, values in (parameters or {}).items()}
-    streaming = [name for name in nodes if name in RING_NODES]
+    streaming = [name for name in nodes if name in (*RING_NODES, *ALARM_NODES)]
     clock = {'bag': str(bag), 'lockstep': lockstep, 'rate': float(rate),
              'exit_at_end': exit_at_end, 'start_paused': start_paused,
              'participants': [*REPLAY_NODES, *streaming]}

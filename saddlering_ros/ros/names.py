@@ -23,6 +23,10 @@ DIAGNOSTICS = '/diagnostics'
 RIG = 'ring/rig'
 """Kept for late joiners: the hash of each node's rig."""
 
+RING_ALARM = 'ring/alarm'
+WITHIN_LIMITS = 'ring/within_limits'
+"""True while no alarm is latched; what a hydraulics interlock acts on."""
+
 IDENTIFY = 'identify_ring'
 DIAGNOSE = 'diagnose_ring'
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-CLOCK, REPLAY, RING, ACTION = 'clock', 'replay', 'ring', 'action'
+CLOCK, REPLAY, RING, ALARM, ACTION = 'clock', 'replay', 'ring', 'alarm', 'action'
 
 
 @dataclass(frozen=True)
@@ -15,7 +15,8 @@ class NodeEntry:
     """One node: its name is that of its executable and of its module in `nodes`.
 
     class_name: its class in that module; kind: CLOCK and REPLAY nodes replay bags, RING nodes
-    follow the rig, ACTION nodes serve an action; takes, gives, services: topics in words.
+    follow the rig, the ALARM node watches them, ACTION nodes serve an action; takes, gives,
+    services: topics in words.
     """
 
     name: str
@@ -44,6 +45,9 @@ NODES = (
               'rig/hydraulic_load, ring/parameters, ring/zero',
               'ring/simulated_displacement, ring/parameters', '~/restart, ~/zero'),
     NodeEntry('ring_residual', 'RingResidualNode', RING, 'both displacements', 'ring/residual'),
+    NodeEntry('ring_alarm', 'RingAlarmNode', ALARM,
+              'ring/residual, rig/hydraulic_load, ring/parameters',
+              'ring/alarm, ring/within_limits', '~/reset'),
     NodeEntry('ring_identification', 'RingIdentificationNode', ACTION, 'bags',
               'identify_ring (action), ring/parameters'),
     NodeEntry('ring_diagnosis', 'RingDiagnosisNode', ACTION, 'bags',

@@ -24,7 +24,9 @@ def test_a_wrong_model_alarms_and_a_generous_materiality_does_not(parameters, ca
     assert main(['watch', BAG, '--params', parameters, '--json', '-']) == 0
     found = json.loads(capsys.readouterr().out)
     assert found['alarm']['channel'] in ('delta_x', 'delta_y', 'gamma')
-    assert found['alarm']['since'] <= found['alarm']['time']
+    assert found['alarm']['since_ns'] < found['alarm']['stamp_ns']
+    assert 0.0 < found['alarm']['since'] < found['alarm']['time'] < 4.4
+    assert any('s of rest' in note for note in found['notes'])
     assert main(['watch', BAG, '--params', parameters, '--materiality', '100']) == 0
     assert 'no alarm in' in capsys.readouterr().out
 

@@ -228,9 +228,11 @@ def launched(monkeypatch):
 
 
 def test_the_launch_file_leaves_out_what_is_not_wanted(launched):
-    assert set(launched()) == set(names('ring', 'action'))
+    assert set(launched()) == set(names('ring', 'alarm', 'action'))
+    assert set(launched(alarm='false')) == set(names('ring', 'action'))
     assert set(launched(bag='b')) == NODES
-    assert set(launched(bag='b', replay='false', servers='false')) == set(names('ring'))
+    assert set(launched(bag='b', replay='false', servers='false', alarm='false')) == set(
+        names('ring'))
     assert 'record' in launched(record='out')
 
 
@@ -250,6 +252,9 @@ def test_the_launch_file_hands_everything_on(launched):
     assert merged['ring_simulator']['elevation_deg'] == 60.0
     assert merged['replay_clock']['elevation_deg'] == 60.0
     assert merged['ring_residual']['autostart'] is False
+    assert merged['ring_alarm'] == {**merged['ring_residual'], 'materiality': 2.0,
+                                    'false_alarm_hours': 1000.0}
+    assert 'ring_alarm' in merged['replay_clock']['participants']
     assert merged['hydraulic_load']['bag'] == '/bags/b'
 
 

@@ -1,0 +1,24 @@
+"""How far a residual may go without an alarm: a share of the ring's own motion."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from saddlering_ros.rig import ContactParameters, Rig
+from saddlering_ros.ring.simulator import static_response
+
+DEFAULT_PERCENT = 2.0
+"""Share of the motion from preload to full scale [%]."""
+
+
+def materiality(
+    rig: Rig, contact: ContactParameters, elevation: float, percent: float = DEFAULT_PERCENT
+) -> NDArray[np.float64]:
+    """What `percent` of the motion from preload to full scale is, (3,) [m, m, rad].
+
+    elevation: of the load [rad].
+    """
+    ends = static_response(rig, contact.to_array(), elevation,
+                           np.array([rig.preload, rig.full_scale_load]))
+    return np.asarray(0.01 * percent * np.abs(ends[:, 1] - ends[:, 0]))

@@ -1,0 +1,123 @@
+"""The noise of the residual, learnt while the load rests, from samples as they come.
+
+The rule is that of `estimation.rest`, without a look ahead: a rest goes on while the mean load of
+each 50 ms stays within a band of the mean before.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from saddlering_ros.estimation.noise import fit_channel
+from saddlering_ros.estimation.rest import (
+    BLOCK_SECONDS,
+    GUARD_SECONDS,
+    MIN_SAMPLES,
+    MIN_SECONDS,
+    SETTLING_SECONDS,
+)
+from saddlering_ros.monitoring.innovations import block_noise, BlockNoise
+
+Array = NDArray[np.float64]
+
+SECOND = 1_000_000_000
+MAX_REST = 20.0
+"""A rest is read no longer than this [s]; then watching begins, whether the load moves or not."""
+
+LEVEL_SIGMAS = 2.0
+"""Noise is taken so many standard deviations of its own estimate above it."""
+
+UNKNOWN = BlockNoise(math.inf, 0.0, 0.0)
+"""Noise of a channel that could not be read while the load rested."""
+
+
+@dataclass(frozen=True)
+class RestNoise:
+    """What a rest shows: noise of block means per channel, the blocks, the rest itself.
+
+    samples: readings in a block; interval [s]: between readings; seconds: length of the rest;
+    first: whether nothing had moved before.
+    """
+
+    noise: tuple[BlockNoise, ...]
+    samples: int
+    interval: float
+    seconds: float
+    first: bool
+
+    @property
+    def block(self) -> float:
+        """Length of a block [s]."""
+        return self.samples * self.interval
+
+
+class RestLearner:
+    """Takes samples until a rest has ended (or is long enough), and then gives its noise."""
+
+    def __init__(self, band: float, block: float) -> None:
+        self._band, self._block = band, block
+        self.restart()
+
+    def restart(self, *, moved: bool = False) -> None:
+        """Begin anew; moved: the load has just moved, so that the ring settles at first."""
+        self._moved = moved
+        self._stamps: list[int] = []
+        self._rows: list[tuple[float, ...]] = []
+        self._rested, self._level = 0, 0.0
+        self._load, self._begin = 0.0, 0
+
+    def step(self, stamp: int, residual: tuple[float, ...], load: float) -> RestNoise | None:
+        """Take a sample: stamp [ns], residual (C,), load [N]; the noise when it is known."""
+        if not self._stamps:
+            self._begin = stamp
+        ended = False
+        if stamp - self._begin >= BLOCK_SECONDS * SECOND:
+            ended = self._end_block(stamp)
+        self._stamps.append(stamp)
+        self._rows.append(residual)
+        self._load += load
+        if not ended and self._stamps[self._rested - 1] - self._stamps[0] < MAX_REST * SECOND:
+            return None
+        return self._finish(ended)
+
+    def _end_block(self, stamp: int) -> bool:
+        """Judge the block that ends; whether the load has left its rest in it."""
+        count = len(self._stamps) - self._rested
+        mean = self._load / count
+        if self._rested and abs(mean - self._level) >= self._band:
+            return True
+        total = self._level * self._rested + self._load
+        self._rested = len(self._stamps)
+        self._level = total / self._rested
+        self._load, self._begin = 0.0, stamp
+        return False
+
+    def _finish(self, ended: bool) -> RestNoise | None:
+        """The noise of the samples at rest; None, and begin anew, if they are too few."""
+        found = self._read(ended)
+        if found is None:
+            self.restart(moved=True)
+        return found
+
+    def _read(self, ended: bool) -> RestNoise | None:
+        stamps, rows = self._stamps[:self._rested], self._rows[:self._rested]
+        if len(stamps) < MIN_SAMPLES:
+            return None
+        interval = float(np.median(np.diff(stamps))) / SECOND
+        count = len(stamps)
+        begin = min(round(SETTLING_SECONDS / interval), count // 2) if self._moved else 0
+        end = count - (min(round(GUARD_SECONDS / interval), (count - begin) // 5) if ended else 0)
+        seconds = (stamps[end - 1] - stamps[begin]) / SECOND
+        if seconds < MIN_SECONDS or end - begin < MIN_SAMPLES:
+            return None
+        samples = max(1, round(self._block / interval))
+        values = np.array(rows[begin:end]).T
+        factor = 1.0 + LEVEL_SIGMAS / math.sqrt(2.0 * (end - begin))
+        noise = tuple(
+            block_noise(fit_channel([channel], interval), samples).inflated(factor)
+            if np.isfinite(channel).all() else UNKNOWN for channel in values)
+        return RestNoise(noise, samples, interval, seconds, not self._moved)

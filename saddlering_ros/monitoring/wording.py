@@ -1,0 +1,43 @@
+"""What a monitor found, in one line: for the command and the node alike."""
+
+from __future__ import annotations
+
+from saddlering_ros.monitoring.monitor import LEARNING, Monitor, Raised, WAITING
+
+_FOLLOWS = {
+    'load': 'the difference follows the load', 'time': 'the difference follows time',
+    'rate': 'the difference follows the rate of the load',
+    'direction': 'the difference follows the direction of the load',
+    'offset': 'the difference is an offset',
+    'unclear': 'the difference follows neither load, rate, direction nor time',
+}
+
+
+def size_words(alarm: Raised) -> str:
+    """The size with its unit."""
+    unit = 'urad' if alarm.channel == 'gamma' else 'um'
+    return f'{1e6 * alarm.size:+.3g} {unit}'
+
+
+def alarm_words(alarm: Raised, origin: int | None = None) -> str:
+    """An alarm in one line; with seconds since `origin` [ns] where it is given."""
+    when, since = '', f'for {1e-9 * (alarm.stamp - alarm.since):.3g} s'
+    if origin is not None:
+        when = f' at {1e-9 * (alarm.stamp - origin):.2f} s'
+        since = f'since {1e-9 * (alarm.since - origin):.2f} s'
+    words = (f'ALARM{when}: {alarm.channel} has differed from its model {since} by '
+             f'{size_words(alarm)} in the mean')
+    if alarm.follows:
+        words += f'; {_FOLLOWS[alarm.follows]}; first guess: {alarm.first_guess}'
+    return words
+
+
+def state_words(monitor: Monitor) -> str:
+    """The state of a monitor in one line."""
+    if monitor.alarm is not None:
+        return alarm_words(monitor.alarm)
+    if monitor.state == WAITING:
+        return 'waiting for samples'
+    if monitor.state == LEARNING:
+        return 'reading the noise while the load rests'
+    return 'no alarm'

@@ -1,0 +1,84 @@
+"""The alarm in real processes: the same as offline, latched, reset, and a limit to act on."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from rosnet import Client, client, wait_until
+from std_msgs.msg import Bool
+from std_srvs.srv import Trigger
+
+from saddlering_interfaces.msg import RingAlarm
+from saddlering_ros.bags import TestFacts, write_bag
+from saddlering_ros.cli.main import main
+from saddlering_ros.rig import default_rig, ParameterSet, TRUE_TO_SCALE, write_parameters
+from saddlering_ros.ros.launcher import ALARM_NODES, RING_NODES, start_nodes
+from saddlering_ros.ros.lockstep import to_stamp
+
+pytestmark = pytest.mark.ros
+LATCHED = QoSProfile(depth=50, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+
+
+@pytest.fixture(name='slipped')
+def slipped_fixture(record: Any, tmp_path: Path) -> Path:
+    """A bag whose radial probes slip by 10 um after 2 s."""
+    late = record.stamps >= record.stamps[0] + 2_000_000_000
+    gaps = [values + sign * 10e-6 * late
+            for values, sign in zip(record.gaps, (1, 0, -1, 0), strict=True)]
+    return write_bag(tmp_path / 'slipped', TestFacts('dynamic', 50.0, 'a rig', 'a run'),
+                     record.stamps, record.load, record.probe_stamps,
+                     [np.float64(np.float32(values)) for values in gaps], default_rig().probes)
+
+
+def listen(one: Client, kind: type, topic: str) -> list:
+    heard: list = []
+    with one.lock:
+        one.node.create_subscription(kind, topic, heard.append, LATCHED)
+    return heard
+
+
+def test_the_alarm_of_a_replay_is_that_of_the_command_and_stays_until_it_is_reset(
+        slipped: Path, ros_domain: int, tmp_path: Path) -> None:
+    parameters, offline = tmp_path / 'params.yaml', tmp_path / 'watch.json'
+    write_parameters(parameters, ParameterSet(TRUE_TO_SCALE))
+    assert main(['watch', str(slipped), '--params', str(parameters), '--json', str(offline)]) == 0
+    expected = json.loads(offline.read_text())
+    with client(ros_domain) as one:
+        told = listen(one, RingAlarm, '/ring/alarm')
+        limits = listen(one, Bool, '/ring/within_limits')
+        with start_nodes(slipped, domain_id=ros_domain, log_folder=tmp_path / 'log',
+                         nodes=(*RING_NODES, *ALARM_NODES), exit_at_end=False) as group:
+            wait_until(lambda: bool(told) and told[-1].state == RingAlarm.ALARM, 120.0,
+                       'the alarm')
+            wait_until(lambda: 'at its end' in group.processes['replay_clock'].said(), 120.0)
+            want = expected['alarm']
+            wait_until(lambda: told[-1].size == want['size'], what='size and guess are refined')
+            alarm = told[-1]
+            assert (alarm.channel, to_stamp(alarm.raised), to_stamp(alarm.since), alarm.size,
+                    alarm.log_evidence, alarm.follows) == (
+                want['channel'], want['stamp_ns'], want['since_ns'], want['size'],
+                want['evidence'], want['follows'])
+            assert alarm.materiality.tolist() == expected['materiality']
+            assert alarm.false_alarm_hours == 1000.0
+            assert [line.partition(' s: ')[2] for line in alarm.lapses] == [
+                line.partition(' s: ')[2] for line in expected['notes'] if ' s: ' in line]
+            assert 'delta_x has differed from its model' in alarm.message
+            wait_until(lambda: not limits[-1].data, what='beyond the limits')
+            wait_until(lambda: one.diagnostics.get('ring_alarm: alarm', (0, ''))[0] == 2,
+                       what='diagnostics tell it')
+
+            with client(ros_domain) as joiner:  # latched: who comes later hears it
+                late = listen(joiner, RingAlarm, '/ring/alarm')
+                wait_until(lambda: bool(late), what='the latched alarm')
+                assert late[0].channel == 'delta_x'
+
+            answer = one.call(Trigger, '/ring_alarm/reset')
+            assert 'alarm of delta_x is reset' in answer.message
+            wait_until(lambda: told[-1].state == RingAlarm.WATCHING, what='it watches again')
+            wait_until(lambda: limits[-1].data, what='within the limits')
+            assert {message.state for message in told} >= {RingAlarm.ALARM, RingAlarm.WATCHING}
