@@ -16,11 +16,12 @@ from diagnostic_msgs.msg import DiagnosticArray
 import rclpy
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.signals import SignalHandlerOptions
-from std_msgs.msg import Header
+from std_msgs.msg import Bool, Header
 
 from saddlering_interfaces.msg import (
     ReplayProgress,
     ReplayState,
+    RingAlarm,
     RingDisplacement,
     RingParameters,
 )
@@ -33,7 +34,9 @@ from saddlering_ros.ros.names import (
     DISPLACEMENTS,
     PARAMETERS_IN_FORCE,
     PROGRESS,
+    RING_ALARM,
     STATE,
+    WITHIN_LIMITS,
     ZERO,
 )
 from saddlering_ros.ros.raw_topics import message_class, RawSubscription
@@ -42,7 +45,9 @@ from saddlering_ros.ros.streaming_node import StreamingNode
 
 NAME = 'saddlering_recorder'
 RING_STREAMS = tuple(f'/{name}' for name in DISPLACEMENTS)
-LATCHED: dict[str, Any] = {f'/{PARAMETERS_IN_FORCE}': RingParameters, f'/{STATE}': ReplayState}
+LATCHED: dict[str, Any] = {
+    f'/{PARAMETERS_IN_FORCE}': RingParameters, f'/{STATE}': ReplayState,
+    f'/{RING_ALARM}': RingAlarm, f'/{WITHIN_LIMITS}': Bool}
 """Topics whose last message is there for late joiners."""
 
 OTHERS: dict[str, Any] = {DIAGNOSTICS: DiagnosticArray, f'/{ZERO}': Header}

@@ -31,7 +31,7 @@ WANDER_SHARE = 0.1
 NOISE_BLOCKS = 500
 """Blocks over which the noise of the moment is compared with that of the rest."""
 
-FEWEST_NOISE_BLOCKS = 200
+MIN_NOISE_BLOCKS = 200
 MAX_NOISE_RATIO = 2.0
 """A variance of the noise that has grown by more no longer supports the promise."""
 
@@ -67,7 +67,7 @@ class BlockWatch:
     @property
     def noise_grew(self) -> bool:
         """Whether the noise of some channel is far larger than it was at rest."""
-        return self._blocks >= FEWEST_NOISE_BLOCKS and bool(
+        return self._blocks >= MIN_NOISE_BLOCKS and bool(
             self._ratio.max() > MAX_NOISE_RATIO)
 
     def step(self, means: Array, materiality: Array) -> Alarm | None:

@@ -19,7 +19,7 @@ FIRST_GUESSES = {
 }
 """What often makes a residual follow each of these."""
 
-FEWEST_BLOCKS = 10
+MIN_BLOCKS = 10
 STEADY_SHARE = 0.35
 """A residual whose scatter is below this share of its mean is an offset."""
 
@@ -33,7 +33,7 @@ def first_guess(residual: Array, load: Array, time: Array, rest_band: float) -> 
 
     load (N,) [N]; time (N,) [s]; rest_band [N]: the load has no direction while it moves by less.
     """
-    if residual.size < FEWEST_BLOCKS:
+    if residual.size < MIN_BLOCKS:
         return ''
     if residual.std() < STEADY_SHARE * abs(residual.mean()):
         return 'offset'

@@ -20,7 +20,7 @@ Array = NDArray[np.float64]
 SIZES = np.geomspace(0.06, 4.0, 10)
 """Changes beyond materiality that are looked for, in standard deviations of one block."""
 
-LARGEST = 6.0
+MAX_BEYOND = 6.0
 """A block counts for no more than this beyond materiality: one wild block is not a change."""
 
 MAX_LOG = 600.0
@@ -74,7 +74,7 @@ class Detector:
         its evidence as it is.
         """
         beyond = np.minimum(
-            self._signs * np.tile(values, 2)[:, None] - np.tile(bounds, 2)[:, None], LARGEST)
+            self._signs * np.tile(values, 2)[:, None] - np.tile(bounds, 2)[:, None], MAX_BEYOND)
         known = np.isfinite(beyond)
         gain = np.where(known, SIZES * beyond - 0.5 * SIZES**2, 0.0)
         grown = np.minimum(np.logaddexp(self._evidence, 0.0) + gain, MAX_LOG)
