@@ -21,11 +21,12 @@ from rclpy.qos import DurabilityPolicy, qos_profile_action_status_default, QoSPr
 from sensor_msgs.msg import Range
 
 from saddlering_interfaces.action import DiagnoseRing, IdentifyRing
-from saddlering_interfaces.msg import ReplayState, RingDisplacement, RingParameters
+from saddlering_interfaces.msg import ReplayState, RingAlarm, RingDisplacement, RingParameters
 from saddlering_ros.bags.cdr import CdrError
 from saddlering_ros.bags.scatter import white_noise
 from saddlering_ros.bags.topics import ELEVATION, LOAD, PROBES, RigTopic
 from saddlering_ros.errors import SaddleringError
+from saddlering_ros.live.alarms import alarm_as_page, with_link
 from saddlering_ros.live.commands import Commands
 from saddlering_ros.live.gauges import Gauges
 from saddlering_ros.live.traces import Traces
@@ -46,6 +47,7 @@ from saddlering_ros.ros.names import (
     IDENTIFY,
     PARAMETERS_IN_FORCE,
     RESIDUAL,
+    RING_ALARM,
     SIMULATED,
     STATE,
 )
@@ -134,6 +136,7 @@ class Watcher:
         self._health: dict[str, tuple[float, dict[str, Any]]] = {}
         self._parameters: dict[str, Any] | None = None
         self._replay: dict[str, Any] | None = None
+        self._alarm: dict[str, Any] | None = None
         self._jobs: dict[str, Job] = {}
         self._actions = {name: _Action(self, name, path, kind)
                          for name, (path, kind) in ACTIONS.items()}
@@ -141,6 +144,7 @@ class Watcher:
         subscribe(DiagnosticArray, DIAGNOSTICS, self._on_diagnostics, 50)
         subscribe(RingParameters, PARAMETERS_IN_FORCE, self._on_parameters, LATCHED)
         subscribe(ReplayState, STATE, self._on_replay, LATCHED)
+        subscribe(RingAlarm, RING_ALARM, self._on_alarm, LATCHED)
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, name=NAME, daemon=True)
 
@@ -185,7 +189,8 @@ class Watcher:
                 for name, (heard, status) in sorted(self._health.items())]
             return {
                 'health': health, 'parameters': self._parameters, 'replay': self._replay,
-                'band': self._band, 'commands': self.commands.as_page(),
+                'alarm': with_link(self._alarm, health), 'band': self._band,
+                'commands': self.commands.as_page(),
                 'jobs': {name: asdict(job) for name, job in self._jobs.items()}}
 
     def clear(self) -> None:
@@ -293,6 +298,11 @@ class Watcher:
             self._replay = {'state': words, 'share': min(max(share, 0.0), 1.0),
                             'speed': round(float(message.speed), 1),
                             'waiting_for': list(message.waiting_for)}
+
+    def _on_alarm(self, message: RingAlarm) -> None:
+        shown = alarm_as_page(message)
+        with self.lock:
+            self._alarm = shown
 
     def set_job(self, action: str, change: Callable[[Job | None], Job | None]) -> None:
         """Change what is known of an action's goal."""

@@ -15,9 +15,10 @@ from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.executors import MultiThreadedExecutor
 
 from saddlering_interfaces.action import DiagnoseRing, IdentifyRing
+from saddlering_interfaces.msg import RingAlarm
 from saddlering_ros.bags import displacement_of_run, read_run
 from saddlering_ros.live.server import address, serve
-from saddlering_ros.live.watcher import Watcher
+from saddlering_ros.live.watcher import LATCHED, Watcher
 from saddlering_ros.paths import share_directory
 from saddlering_ros.rig import default_rig
 from saddlering_ros.ros.launcher import start_nodes
@@ -109,6 +110,14 @@ class Servers:
             time.sleep(0.01)
         said.publish(DiagnosticArray(status=[DiagnosticStatus(name='a_node: task', message='up')]))
 
+    def alarm(self):
+        """Raise an alarm, as ring_alarm does."""
+        said = self.node.create_publisher(RingAlarm, '/ring/alarm', LATCHED)
+        while not said.get_subscription_count():
+            time.sleep(0.01)
+        said.publish(RingAlarm(state=RingAlarm.ALARM, channel='delta_x', size=3.25e-6,
+                               first_guess='a probe that slipped', lapses=['1 s: zero renewed']))
+
     def ask(self, kind):
         client = self.clients[kind]
         assert client.wait_for_server(10.0)
@@ -148,13 +157,17 @@ def test_a_replay_is_drawn_as_it_happens_and_outlives_reloads_and_restarts(ros_d
                 if not url.startswith((where.url, 'data:', 'blob:'))] == []
 
 
-def test_progress_is_shown_canceled_by_a_click_and_a_verdict_comes(ros_domain):
+def test_alarm_and_progress_are_shown_canceled_by_a_click_and_a_verdict_comes(ros_domain):
     chromium()
     with contextlib.closing(Servers(ros_domain)) as servers, browser_page() as page:
         with served(ros_domain) as where:
             page.open(where.url)
             servers.say_well()
             page.wait('document.querySelector("#nodes [data-level=ok]") !== null')
+            servers.alarm()
+            page.wait('document.querySelector("#alarm.alarm")?.innerText.includes("+3.25 µm")')
+            assert 'a probe that slipped' in page.text('#alarm')
+            assert 'zero renewed' in page.text('#alarm')
             servers.ask(IdentifyRing)
             page.wait('document.querySelector(".job[data-action=identify][data-state=running]")'
                       '?.innerText.includes("best 1.25")')

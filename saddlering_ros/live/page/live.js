@@ -273,7 +273,27 @@ function showVerdict(job) {
     ...job.lines.map((line) => make('p', line)));
 }
 
+function showAlarm(alarm) {
+  const place = byId('alarm');
+  place.hidden = !alarm;
+  if (!alarm) return;
+  place.className = `${alarm.state}${alarm.offline ? ' offline' : ''}`;
+  const lapses = alarm.lapses.slice(-3).map((lapse) => make('p', `▲ ${lapse}`, 'soft'));
+  if (alarm.offline) lapses.unshift(make('p', 'ring_alarm: Node offline', 'bad'));
+  if (alarm.state !== 'alarm') {
+    place.replaceChildren(make('p', `Alarm: ${alarm.words}`, 'soft'), ...lapses);
+    return;
+  }
+  const since = new Date(alarm.since / 1e6).toISOString().replace('T', ' ').replace('Z', ' UTC');
+  place.replaceChildren(
+    make('p', 'Alarm: the ring has left its model', 'soft'),
+    make('b', `${alarm.channel} ${alarm.size}`),
+    make('p', `since ${since}, ${alarm.before} s before the alarm`),
+    make('p', `First guess: ${alarm.guess}`), ...lapses);
+}
+
 function show(state) {
+  showAlarm(state.alarm);
   showReplay(state.replay);
   showCommands(state.commands);
   showParameters(state.parameters);

@@ -1,0 +1,40 @@
+"""What the page shows of the alarm, from the message of its node."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from saddlering_interfaces.msg import RingAlarm
+from saddlering_ros.ros.lockstep import to_stamp
+
+STATES = {RingAlarm.WAITING: 'waiting', RingAlarm.LEARNING: 'learning',
+          RingAlarm.WATCHING: 'watching', RingAlarm.ALARM: 'alarm'}
+UNITS = {'delta_x': 'µm', 'delta_y': 'µm', 'gamma': 'µrad'}
+
+
+def alarm_as_page(message: RingAlarm) -> dict[str, Any]:
+    """State, words and lapses; of an alarm its channel, size with unit, duration and guess too.
+
+    before [s]: how long before the alarm its cause began.
+    """
+    shown: dict[str, Any] = {
+        'state': STATES.get(message.state, 'waiting'), 'words': str(message.message),
+        'lapses': [str(lapse).partition(' s: ')[2] or str(lapse) for lapse in message.lapses]}
+    if message.state != RingAlarm.ALARM:
+        return shown
+    before = (to_stamp(message.raised) - to_stamp(message.since)) / 1e9
+    unit = UNITS.get(message.channel, '')
+    return {**shown, 'channel': str(message.channel), 'size': f'{1e6 * message.size:+.3g} {unit}',
+            'since': to_stamp(message.since), 'before': round(before, 3),
+            'follows': str(message.follows), 'guess': str(message.first_guess)}
+
+
+def with_link(
+    shown: dict[str, Any] | None, health: Sequence[dict[str, Any]]
+) -> dict[str, Any] | None:
+    """The same, with `offline`: whether the node of the alarm has reported, and no longer does."""
+    if shown is None:
+        return None
+    levels = [item['level'] for item in health if 'ring_alarm: ' in item['name']]
+    return {**shown, 'offline': bool(levels) and all(level == 'silent' for level in levels)}
