@@ -40,7 +40,8 @@ class ContactLaw:
     @property
     def notes(self) -> list[str]:
         """Why the engine's own values had to be given, if so."""
-        return [f'contact parameters are those of the diagnosis alone: {self.refusal}'
+        return ['the contact parameters are those of the diagnosis, not of an identification: '
+                f'{self.refusal}'
                 ] if self.refusal else []
 
 

@@ -99,13 +99,14 @@ def diagnose_runs(
     notes += [f'{record.run.name}: {note}' for record in records for note in record.test_run.notes]
     if found.verdict == 'unknown' and _is_rounding(figures):
         found = replace(found, verdict='none', causes=())
-        notes.append('no misfit exceeds the noise with the rounding of the coarse probes in it')
+        notes.append('the misfit does not exceed the noise, which includes the rounding of the '
+                     'coarse probes')
     sentence = _geometry_first(_next_test(found), found, [*runs, *hold_out], rig)
     rigs = rigs_of(records)
     if len(rigs) > 1 and found.verdict != 'none':
         # What parts one rig from another would get the name of a cause.
         found = replace(found, verdict='unknown')
-        sentence = f'Diagnose the bags of each rig apart: {", ".join(rigs)}.'
+        sentence = f'Diagnose the bags of each rig separately: {", ".join(rigs)}.'
     return Verdict(found, figures, tuple(notes), sentence, rig, seed, law)
 
 

@@ -46,8 +46,8 @@ def separated(test: RigTest, effects: Sequence[str]) -> int:
 def between(effects: Sequence[str], course: Course | None = None) -> str | None:
     """The test that tells most of these effects apart, with every outcome; None if none does.
 
-    Of tests that tell as much the one that separates the first effect from the others comes
-    first. A load course that the engine weighed gives the details of a test of its kind.
+    Among equal tests, the test that separates the first effect from the others comes
+    first. A load course that the engine simulated gives the details of a test of its kind.
     """
     scored = [(separated(test, effects), _first_separated(test, effects), test)
               for test in RIG_TESTS]
@@ -63,7 +63,7 @@ def between(effects: Sequence[str], course: Course | None = None) -> str | None:
 
 
 def confirming(effect_id: str, alternatives: Sequence[str]) -> str:
-    """What would confirm a named effect, against those that look like it in these data."""
+    """The test that confirms a named effect against its look-alikes in these data."""
     sentence = between([effect_id, *alternatives]) if alternatives else None
     if sentence is not None:
         return f'To confirm {lowered(title_of(effect_id))}: {sentence}'
@@ -98,8 +98,8 @@ def for_unseen(effects: Sequence[str]) -> str | None:
     if not best:
         return None
     causes = ' or '.join(lowered(title_of(name)) for name in best)
-    return (f'Nothing is open. These data cannot show {causes}; to see it: {test.instruction} '
-            f'{_meanings(test, best)}')
+    return (f'No question is open. These data cannot show {causes}. To see such a cause: '
+            f'{test.instruction} {_meanings(test, best)}')
 
 
 CHANNEL_PROBES = {'delta_x': '1 and 3', 'parity': '1 and 3', 'delta_y': '2 and 4',
@@ -107,27 +107,31 @@ CHANNEL_PROBES = {'delta_x': '1 and 3', 'parity': '1 and 3', 'delta_y': '2 and 4
 
 
 def for_shape(channel: str, coordinate: str) -> str:
-    """What to do about a misfit that no known cause explains, by where it is seen."""
+    """The next test for a misfit that no known cause explains, by channel and coordinate."""
     probes = CHANNEL_PROBES.get(channel, '1 and 3')
     sentences = {
         'load': f'Swap probes {probes} and repeat the static test. If the misfit of {channel} '
-        'goes with a probe, the probe is the cause; if it stays, the ring or the load is.',
+        'moves with a probe, the probe is the cause. If the misfit stays, the ring or the load '
+        'is the cause.',
         'direction': 'Record two cycles with holds of 30 s at preload and at full load. If the '
-        f'loop of {channel} comes again and stays open, it is friction; if it closes during the '
-        'holds, creep; if only the first cycle has it, settling.',
-        'rate': f'Repeat the dynamic test four times slower. If the misfit of {channel} shrinks '
-        'with the rate, it is damping or a delay; if it stays, stiffness or friction.',
-        'time': f'Record ten minutes at constant preload. If {channel} moves without any load, it '
-        'is drift or pickup of a probe; if it does not, creep of the ring.',
+        f'loop of {channel} repeats and stays open, friction is the cause. If the loop closes '
+        'during the holds, creep is the cause. If only the first cycle has a loop, settling is '
+        'the cause.',
+        'rate': f'Repeat the dynamic test four times slower. If the misfit of {channel} falls '
+        'with the rate, damping or a delay is the cause. If the misfit stays, stiffness or '
+        'friction is the cause.',
+        'time': f'Record ten minutes at constant preload. If {channel} moves without any load, '
+        'drift or pickup of a probe is the cause. If it does not move, creep of the ring is the '
+        'cause.',
     }
     return sentences.get(coordinate, sentences['load'])
 
 
 def for_swing(channel: str, frequency: float) -> str:
-    """What to do about an unexplained swing."""
+    """The next test for an unexplained oscillation."""
     return (f'Record ten minutes at constant preload, at the highest sampling rate. If {channel} '
-            f'swings at {frequency:.2g} Hz there too, it is pickup of a probe; if it does not, '
-            'the rig swings with the load.')
+            f'oscillates at {frequency:.2g} Hz there too, pickup of a probe is the cause. If it '
+            'does not, the rig oscillates with the load.')
 
 
 def _first_separated(test: RigTest, effects: Sequence[str]) -> int:
@@ -148,7 +152,7 @@ def _meanings(test: RigTest, effects: Sequence[str]) -> str:
     parts = [f'{shown} means {" or ".join(names)}' for shown, names in causes.items()]
     words = _capital('; '.join(parts)) + '.'
     if unclear:
-        words += f' It does not tell {" or ".join(unclear)}.'
+        words += f' The outcome for {" or ".join(unclear)} is open.'
     return words
 
 

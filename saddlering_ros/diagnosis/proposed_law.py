@@ -107,7 +107,8 @@ def effect_text(term: Term, full_scale_load: float) -> str:
         'id': effect_id(term),
         'title': f'Proposed: {term.law} in {term.coordinate}, added to {channel}',
         'words': describe(term),
-        'settled_by': 'A run at another rate and elevation: the law must hold there unchanged.',
+        'settled_by': 'A run at another rate and elevation: the law must hold there without a '
+                      'change.',
         'target': channel,
         'coordinate': coordinate,
         'unit': unit_of(channel),

@@ -79,7 +79,8 @@ def build_record(rig: Rig, test_run: TestRun, *, held_out: bool) -> Record:
     quiet = probes if rounding is None else probes + rounding[:, good]
     if time.size < LEAST_SAMPLES:
         raise DiagnosisError(
-            f'{test_run.path}: {time.size} complete samples are too few to diagnose: record longer'
+            f'{test_run.path}: {time.size} complete samples are too few for a diagnosis: record '
+            'longer'
         )
     build = _static if test_run.test == 'static' else _dynamic
     both = (probes, quiet)
@@ -296,18 +297,18 @@ def rigs_of(records: Sequence[Record]) -> list[str]:
 
 
 def check_set(records: Sequence[Record], rig: Rig) -> list[str]:
-    """What a set of bags cannot tell, in plain sentences."""
+    """Limits of a set of bags, one sentence each."""
     fitted = [record for record in records if not record.run.held_out]
     tests = {record.test_run.test for record in fitted}
     elevations = sorted({round(np.degrees(record.test_run.elevation), 1) for record in fitted})
     rigs = rigs_of(records)
     notes: list[str] = []
     if len(fitted) == 1:
-        notes.append('one run only: the gain on runs not fitted cannot be measured')
+        notes.append('one run only: the misfit reduction on held-out runs cannot be measured')
     if tests == {'static'}:
-        notes.append('static runs only: D1, D2 and everything rate-dependent cannot be judged')
+        notes.append('static runs only: D1, D2 and rate-dependent causes cannot be judged')
     if tests == {'dynamic'}:
-        notes.append('dynamic runs only: slow effects and loops are told from damping poorly')
+        notes.append('dynamic runs only: slow effects and loops are hard to tell from damping')
     if len(elevations) == 1:
         notes.append(
             f'one elevation only ({elevations[0]:g} deg): load gain, elevation error, '
@@ -315,19 +316,21 @@ def check_set(records: Sequence[Record], rig: Rig) -> list[str]:
         )
     if len(rigs) > 1:
         notes.append(
-            f'bags from different rigs ({", ".join(rigs)}), simulated as one: what parts the '
-            'rigs is a misfit too, so no cause is sure; diagnose them apart'
+            f'bags from different rigs ({", ".join(rigs)}), simulated as one: a difference '
+            'between the rigs is a misfit too, so that no cause is certain; diagnose each rig '
+            'separately'
         )
     for record in fitted:
         peak = float(np.max(record.measured.load))
         if peak < rig.limits.threshold_min:
             notes.append(
                 f'{record.run.name}: peak load {rig.force_words(peak)} is under half of full '
-                f'scale ({rig.force_words(rig.full_scale_load)}): thresholds above it cannot show'
+                f'scale ({rig.force_words(rig.full_scale_load)}): effects that begin above this '
+                'load cannot show'
             )
         if float(np.ptp(record.run.time)) < 5.0:
             notes.append(
-                f'{record.run.name}: {np.ptp(record.run.time):.1f} s long: effects slower '
-                'than this cannot show'
+                f'{record.run.name}: {np.ptp(record.run.time):.1f} s long: slower effects cannot '
+                'show'
             )
     return notes

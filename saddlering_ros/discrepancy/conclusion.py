@@ -40,7 +40,7 @@ from saddlering_ros.discrepancy.system import Array, Effect, Parameter, RunBlock
 
 @dataclass(frozen=True)
 class Judgement:
-    """The verdict on the selected model, and what a reader should know beside it."""
+    """The verdict on the selected model, with warnings for the reader."""
 
     verdict: Verdict
     explained: float
@@ -48,7 +48,7 @@ class Judgement:
 
 
 def residual_of(space: ModelSpace, fit: Fit) -> Residual:
-    """What a fit leaves."""
+    """The residual of a fit."""
     shapes = space.tests.shapes(fit, space.tangent_of(fit).white)
     return Residual(space.slow_residual(fit), space.tests.fast(fit), tuple(shapes))
 
@@ -60,7 +60,7 @@ def judge(
     before: Residual,
     after: Residual,
 ) -> Judgement:
-    """The verdict: whether the causes stand alone, and whether they explain what is wrong."""
+    """The verdict: whether the causes have alternatives, and whether they explain the misfit."""
     settings = space.settings
     share = explained_share_of(before, after) if fit.candidate.effects else 0.0
     left = _is_left(space, after)
@@ -73,23 +73,23 @@ def judge(
         warnings += doubts
         if left and not doubts:
             warnings.append(
-                f'{100 * (1 - share):.0f} % of the misfit is left after the extension, most '
-                f'of it in {after.slow.where}: its form may differ, or something small is '
-                'beside it'
+                f'{100 * (1 - share):.0f} % of the misfit remains with the extension, most of it '
+                f'in {after.slow.where}: the law of the cause may differ, or there is a second, '
+                'small cause'
             )
     elif left:
         verdict = 'unknown'
     if real_and_material(after.fast, settings):
         fast = after.fast
         warnings.append(
-            f'{fast.view} swings about {fast.frequency:.2g} Hz in '
-            f'{fast.run}, {100 * fast.visible:.2f} % of range, unexplained'
+            f'{fast.view} oscillates at about {fast.frequency:.2g} Hz in {fast.run} '
+            f'({100 * fast.visible:.2f} % of range), which no cause explains'
         )
     return Judgement(verdict, share, tuple(warnings))
 
 
 def _is_left(space: ModelSpace, after: Residual) -> bool:
-    """Whether anything real and material is left, in all or in one channel of one run."""
+    """Whether a real and material residual remains, in all or in one channel of one run."""
     settings = space.settings
     if real_and_material(after.slow, settings) or real_and_material(after.fast, settings):
         return True
@@ -97,7 +97,7 @@ def _is_left(space: ModelSpace, after: Residual) -> bool:
 
 
 def _unexplained(space: ModelSpace, after: Residual) -> list[str]:
-    """Channels and runs in which more is left than the noise and the declared model error."""
+    """Channels and runs whose residual exceeds the noise and the declared model error."""
     experiment = space.metric.experiment
     if experiment.assumptions.form_error > 0.0:
         return []  # judged view by view, against the form of the effects
@@ -120,7 +120,7 @@ def _number(runs: Sequence[RunBlocks], name: str) -> int:
 
 
 def _doubts(space: ModelSpace, fit: Fit, after: Residual, share: float) -> list[str]:
-    """Why causes that are real have no name, a sentence each."""
+    """Reasons why real causes are not named, one sentence each."""
     settings, assumptions = space.settings, space.metric.experiment.assumptions
     doubts = []
     if _is_left(space, after):
@@ -131,15 +131,15 @@ def _doubts(space: ModelSpace, fit: Fit, after: Residual, share: float) -> list[
         )
         if share < settings.min_total or beyond or assumptions.form_error == 0.0:
             doubts.append(
-                f'{100 * (1 - share):.0f} % of the misfit is left, more than noise and model '
-                f'error in {where}: {" and ".join(fit.candidate.ids)} can be part of the '
-                'cause only'
+                f'{100 * (1 - share):.0f} % of the misfit remains, which is more than noise and '
+                f'model error in {where}: {" and ".join(fit.candidate.ids)} can only be a part '
+                'of the cause'
             )
     members = [space.explained(space.without(fit, name), fit) for name in fit.candidate.ids]
     if crowded(members, settings):
         doubts.append(
-            f'{len(fit.candidate.effects)} effects were needed for one channel: so many bend '
-            'to anything, and none of them is sure'
+            f'{len(fit.candidate.effects)} effects were needed for one channel: so many effects '
+            'can fit any misfit, and none of them is certain'
         )
     return [*doubts, *_shapes_at_bounds(space, fit)]
 
@@ -167,9 +167,9 @@ def _shapes_at_bounds(space: ModelSpace, fit: Fit) -> list[str]:
             allowed = max(floor, experiment.assumptions.form_error * taken)
             if beyond > allowed and _is_at_bound(item, float(theta_unit)):
                 sentences.append(
-                    f'{effect.id}: its {item.name} stands at the bound of '
-                    f'{item.from_unit(float(theta_unit)):.3g} {item.unit}: the shape of the '
-                    'cause is another than the bounds allow, so it has no name'
+                    f'{effect.id}: its {item.name} is at the bound of '
+                    f'{item.from_unit(float(theta_unit)):.3g} {item.unit}: the cause has another '
+                    'shape than the bounds allow, so that it is not named'
                 )
     return sentences
 
@@ -309,9 +309,9 @@ class Publication:
             present = abs(value - effect.neutral) / (size.high - size.low)
             if min(theta_unit, 1.0 - theta_unit) < AT_BOUND < present:
                 sentences.append(
-                    f'{effect.id}: its {size.name} stands at the bound of {value:.3g} '
-                    f'{size.unit}: it is larger than was thought possible, or something else is '
-                    'mixed with it'
+                    f'{effect.id}: its {size.name} is at the bound of {value:.3g} '
+                    f'{size.unit}: the size exceeds the expected range, or another cause '
+                    'contributes'
                 )
         return sentences
 

@@ -36,7 +36,8 @@ class Experiment:
         assumptions: Assumptions | None = None,
     ) -> None:
         if not runs:
-            raise DiscrepancyError('diagnose: every run is held out; leave at least one to fit')
+            raise DiscrepancyError('diagnose: every run is held out: leave at least one run to '
+                                   'fit')
         self.system, self.runs = system, tuple(runs)
         self.assumptions = assumptions or Assumptions()
         self.simulations = 0

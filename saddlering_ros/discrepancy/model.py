@@ -33,7 +33,7 @@ class Channel:
     def __post_init__(self) -> None:
         if isinstance(self.offset, str) and self.offset not in ('free', 'none'):
             raise DiscrepancyError(
-                f"channel: offset is {self.offset!r}: say 'free', 'none' or a standard deviation"
+                f"channel: offset is {self.offset!r}: give 'free', 'none' or a standard deviation"
             )
         if not isinstance(self.offset, str) and not 0.0 <= self.offset < np.inf:
             raise DiscrepancyError(f'channel: offset {self.offset:g}: a standard deviation')
@@ -83,7 +83,7 @@ class Run:
                 )
             if kind == 'coordinates' and not np.all(np.isfinite(array)):
                 raise DiscrepancyError(
-                    f'run {self.name}: coordinate {name} holds a value that is no number'
+                    f'run {self.name}: coordinate {name} has a value that is not a number'
                 )
             answer[name] = array
         return answer
@@ -110,9 +110,11 @@ class Model:
 
     def __post_init__(self) -> None:
         if not self.channels:
-            raise DiscrepancyError('model: no channels: name what the simulator predicts')
+            raise DiscrepancyError('model: no channels: declare the quantities that the '
+                                   'simulator predicts')
         if not self.base:
-            raise DiscrepancyError('model: no base parameters: name what is always fitted')
+            raise DiscrepancyError('model: no base parameters: declare the parameters that are '
+                                   'always fitted')
         names = [*self.base]
         for key, effect in self.effects.items():
             names += [f'{key}.{name}' for name in effect.parameters]

@@ -104,7 +104,7 @@ def _effect_lines(metric: Metric, fit: Fit) -> list[str]:
         elif (lengths / np.maximum(whole, 1e-300)).max() < MIN_SHARE:
             seen = 'cannot be told from the base parameters'
         else:
-            seen = f'stands {lengths.max():.3g} standard deviations out at the best start'
+            seen = f'reaches {lengths.max():.3g} standard deviations at the best start'
         lines.append(f'effect {effect.id}: {seen}')
     return lines
 
@@ -117,5 +117,6 @@ def _residual_lines(metric: Metric, fit: Fit) -> list[str]:
     for index, channel, part in experiment.slices:
         ratio = float(np.sqrt(np.mean(white[part] ** 2)))
         name, run = experiment.system.channel_names[channel], experiment.runs[index].name
-        lines.append(f'{name} in {run}: base fit leaves {ratio:.3g} times the noise')
+        lines.append(f'{name} in {run}: the residual of the base fit is {ratio:.3g} times the '
+                     'noise')
     return lines

@@ -42,8 +42,8 @@ def diagnose(
     warnings = [*found.warnings, *system.failure_sentences()]
     if not found.converged:
         warnings.append(
-            'a fit the verdict rests on had not converged: give Settings(max_rounds=...) more '
-            'rounds, narrower bounds or better starts'
+            'a fit on which the verdict rests had not converged: give more rounds by '
+            'Settings(max_rounds=...), narrower bounds or better starts'
         )
     predictions = tuple(_in_units(item, system) for item in found.runs)
     return replace(found, warnings=tuple(warnings), runs=predictions)

@@ -119,7 +119,7 @@ class ModelSystem:
             if np.all(np.abs(rows - run.channels) < DIVERGED):
                 answers[number] = rows
             else:
-                self._lost(source, asked[number], 'no finite answer')
+                self._lost(source, asked[number], 'no finite result')
         return answers
 
     def nuisances(self, runs: Sequence[RunBlocks], point: Point) -> list[Array]:
@@ -212,13 +212,13 @@ class ModelSystem:
         """Channels (C, N) of one answer, or why there are none."""
         if not isinstance(outputs, Mapping):
             raise DiscrepancyError(
-                f'simulator: it answered {type(outputs).__name__} for run {run.name}: return a '
+                f'simulator: it returned {type(outputs).__name__} for run {run.name}: return a '
                 'mapping from channel to values'
             )
         missing = [name for name in self.channel_names if name not in outputs]
         if missing:
             raise DiscrepancyError(
-                f'simulator: no channel {", ".join(missing)} in its answer for run {run.name}'
+                f'simulator: no channel {", ".join(missing)} in its result for run {run.name}'
             )
         rows = [np.asarray(outputs[name], dtype=np.float64) for name in self.channel_names]
         for name, row in zip(self.channel_names, rows, strict=True):
@@ -231,7 +231,7 @@ class ModelSystem:
         if self.failures.total() == self.calls and self.calls >= MAX_LOST:
             where = ', '.join(f'{name} = {value:.4g}' for name, value in values.items())
             raise DiscrepancyError(
-                f'simulator: it failed at each of {self.calls} points tried; the last: run '
+                f'simulator: it failed at all {self.calls} points; the last: run '
                 f'{run.name}, {why}, at {where}'
             )
 

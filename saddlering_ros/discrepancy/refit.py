@@ -265,7 +265,7 @@ def fit_base(
     best = min(fits, key=lambda fit: fit.misfit)
     if not np.isfinite(best.misfit):
         raise DiscrepancyError(
-            'simulator: it fails at every start of the base parameters that was tried; give each '
-            'parameter a start at which it runs'
+            'simulator: it fails at every start of the base parameters: give each parameter a '
+            'start at which the simulator runs'
         )
     return best

@@ -45,12 +45,12 @@ class Parameter:
     def __post_init__(self) -> None:
         if not (math.isfinite(self.low) and math.isfinite(self.high) and self.low < self.high):
             raise DiscrepancyError(
-                f'parameter {self.name}: low must lie under high, and both be finite, not '
+                f'parameter {self.name}: low must be below high, and both finite, not '
                 f'{self.low:g} and {self.high:g}'
             )
         if self.scale not in ('linear', 'log'):
             raise DiscrepancyError(
-                f'parameter {self.name}: scale is {self.scale!r}: say linear or log'
+                f'parameter {self.name}: scale is {self.scale!r}: give linear or log'
             )
         if self.scale == 'log' and self.low <= 0.0:
             raise DiscrepancyError(f'parameter {self.name}: a log scale needs a low above zero')
@@ -121,14 +121,15 @@ class Effect:
 
     def __post_init__(self) -> None:
         if not self.parameters:
-            raise DiscrepancyError(f'effect {self.title}: give it a parameter, its size')
+            raise DiscrepancyError(f'effect {self.title}: declare at least one parameter, the '
+                                   'size')
         if not self.id:
             object.__setattr__(self, 'id', self.title)
         for start in self.starts:
             unknown = [name for name in start if name not in self.parameters]
             if unknown:
                 raise DiscrepancyError(
-                    f'effect {self.id}: a start names {", ".join(unknown)}, which is none of '
+                    f'effect {self.id}: a start names {", ".join(unknown)}, which are not among '
                     f'{", ".join(self.parameters)}'
                 )
 
@@ -186,7 +187,7 @@ class RunBlocks:
         if self.time.size < 8:
             raise DiscrepancyError(f'run {self.name}: {self.time.size} samples are too few')
         if not np.isfinite(self.channels).all():
-            raise DiscrepancyError(f'run {self.name}: a channel holds a value that is no number')
+            raise DiscrepancyError(f'run {self.name}: a channel has a value that is not a number')
 
 
 class System(Protocol):

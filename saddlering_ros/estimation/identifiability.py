@@ -34,7 +34,7 @@ def reason_held(name: str) -> str:
 
 def reason_bound(name: str) -> str:
     """Why a parameter on its bound is not determined."""
-    return f'{name} lies on its bound: what the data ask for may be outside'
+    return f'{name} is at its bound: the best value may lie outside'
 
 
 def reason_wide(name: str, std: float, elevations: int) -> str | None:
@@ -47,7 +47,7 @@ def reason_wide(name: str, std: float, elevations: int) -> str | None:
     advice = 'add a run at another elevation' if elevations < 2 else 'add more or longer runs'
     if name[0] == 'D':
         advice = 'add a faster dynamic run'
-    return f'{name} is open within {what} (95 %) on these data: {advice}'
+    return f'{name} is known only within {what} (95 %) from these data: {advice}'
 
 
 def reason_one_elevation(
@@ -62,8 +62,8 @@ def reason_one_elevation(
     if name[0] == 'D' or elevations > 1 or (name[0] == 'K' and tolerable):
         return None
     moved = f'{shift:.3f}' if name[0] == 'n' else f'{100.0 * np.expm1(min(shift, 50.0)):.0f} %'
-    return (f'{name} from one elevation rests on the curvature alone: {imperfection} would move '
-            f'it by {moved}; add a run at another elevation')
+    return (f'{name} from one elevation depends on the curvature only: {imperfection} would '
+            f'change it by {moved}; add a run at another elevation')
 
 
 def coordinate_std(name: str, value: float, std: float) -> float:

@@ -89,7 +89,7 @@ def noise_of_stretches(
     count = sum(row.size for row, _ in rows)
     if count < MIN_SAMPLES:
         raise EstimationError(
-            f'noise: {where} holds {count} samples, too few to learn from: give at least '
+            f'noise: {where} has only {count} samples: give at least '
             f'{MIN_SAMPLES}, or Noise.white(std)'
         )
     scales, seen, pairs = allan_variances(rows)
@@ -97,7 +97,7 @@ def noise_of_stretches(
     scales, seen, pairs = scales[used], seen[used], pairs[used]
     if not seen.max(initial=0.0) > 0.0:
         raise EstimationError(
-            f'noise: {where} does not vary at all: give Noise.white(std) with the resolution of '
+            f'noise: {where} does not vary: give Noise.white(std) with the resolution of '
             'the instrument'
         )
     constants = relaxation_grid(step, longest)

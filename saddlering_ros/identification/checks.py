@@ -23,12 +23,13 @@ def warnings_of(run: TestRun, rig: Rig) -> list[str]:
         share = float(np.mean(clipped))
         if share > 0.001:
             warnings.append(
-                f'{name}: probe {probe} is at a limit of its span in {100.0 * share:.1f} % of the '
-                'record: that part is left out'
+                f'{name}: probe {probe} is at a limit of its span in {100.0 * share:.1f} % of '
+                'the record, which is left out'
             )
     noted = any('not near the preload' in note for note in run.notes)
     if not noted and not displacement_of_run(rig, run).zero.near_preload:
-        warnings.append(f'{name}: it does not start near the preload, its zero is taken higher')
+        warnings.append(f'{name}: the record does not start near the preload; its zero is at a '
+                        'higher load')
     return warnings
 
 
@@ -61,7 +62,7 @@ def check_run(run: TestRun, rig: Rig) -> None:
     elif float(np.nanmedian(run.load[-max(1, len(run.load) // 100) :])) > 0.5 * top:
         raise IdentificationError(
             f'{name}: there is no unloading branch (the record ends at '
-            f'{rig.force_words(float(run.load[-1]))}): record the test until the load is off again'
+            f'{rig.force_words(float(run.load[-1]))}): record the test until the load is removed'
         )
 
 
@@ -86,4 +87,4 @@ def _check_static(run: TestRun, rig: Rig, name: str) -> None:
 def clipped_words(name: str) -> str:
     """Message of a run whose probes read too little."""
     return (f'{name}: probes are missing or at a limit of their span in most of the record: '
-            'set their gaps anew and repeat the test')
+            'adjust their gaps and repeat the test')

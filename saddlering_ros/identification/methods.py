@@ -182,9 +182,9 @@ def _by_paper(search: _Search, observations: Sequence[Observation]) -> _Found:
     static, dynamic = _split(observations)
     if not static:
         raise IdentificationError(
-            "the paper's method reads K and n from a static run and none was given: "
-            'add a static bag or use the default method'
-        )
+            "the paper's method needs a static run for K and n: add a static bag or use the "
+            "default "
+            'method')
     channels = search.settings.channels
     averaged = [average_branches(one.coarse(), search.rig.limits.level_step) for one in static]
     contact, objective = search.run_swarm(
@@ -269,7 +269,7 @@ def _note_different_optima(search: _Search, bottoms: Sequence[Refinement]) -> No
     if abs(first - second) > max(0.1, 1e-6 * first):
         search.notes.append(
             f'two starts ended in different optima (chi square {first:.6g} and {second:.6g}): '
-            'the lower one is given'
+            'the result is the better one'
         )
 
 
@@ -354,12 +354,12 @@ def _profiles(
 
 def _status(cancelled: bool, reduced: float, open_names: Sequence[str]) -> str:
     if cancelled:
-        return 'cancelled: the best so far'
+        return 'cancelled: the best result so far'
     parts = []
     if reduced > 2.0:
         parts.append(
-            f'the model misses the runs by {np.sqrt(reduced):.1f} times their noise: '
-            'intervals are widened and may be biased (diagnose says by what)'
+            f'the misfit is {np.sqrt(reduced):.1f} times the noise: intervals are widened and '
+            'may be biased (diagnose finds the cause)'
         )
     if open_names:
         parts.append(f'not determined by these data: {", ".join(open_names)}')

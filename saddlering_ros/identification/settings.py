@@ -42,8 +42,8 @@ class IdentificationSettings:
         unknown = sorted(set(self.bounds) - set(PARAMETER_NAMES))
         if unknown:
             raise IdentificationError(
-                f'bounds for {unknown[0]!r}: there is no such parameter, '
-                f'give {", ".join(PARAMETER_NAMES)}'
+                f'bounds for {unknown[0]!r}: there is no such parameter: give '
+                f'{", ".join(PARAMETER_NAMES)}'
             )
         if self.fit_rate is not None and not self.fit_rate > 0.0:
             raise IdentificationError(

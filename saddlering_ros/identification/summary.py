@@ -25,12 +25,12 @@ COLUMN_WORDS = (
     ('noise %', 'rms noise of the measurement in % of the same range'),
     ('max', 'largest difference, in um or urad'),
     ('bias', 'mean of measured minus simulated, in um or urad'),
-    ('zero', 'part of the bias that is put down to the zero reading, in um or urad'),
+    ('zero', 'part of the bias that the noise of the zero explains, in um or urad'),
     ('slope', 'slope of measured over simulated; 1 if the stiffness is right'),
-    ('loop %', 'area of the measured loop over load less the simulated one, in % of load range '
-               'times channel range; friction and damping'),
+    ('loop %', 'area of the measured loop over load minus that of the simulated loop, in % of '
+               'load range times channel range; shows friction and damping'),
     ('return', 'measured minus simulated at the end of the test, in um or urad'),
-    ('shift ms', 'how much later the measurement is than the simulation; dynamic tests only'),
+    ('shift ms', 'delay of the measurement after the simulation; dynamic tests only'),
     ('ISO', 'overall rating of the curve after ISO 18571, 0 to 1'),
     ('E/u_val', 'comparison error over validation uncertainty after ASME V&V 20'),
 )
@@ -86,7 +86,7 @@ def _parameter_line(found: Identification, index: int, name: str) -> str:
 def _stiffness_lines(found: Identification) -> list[str]:
     contact = found.parameters.contact
     ratios = line_contact_ratios(contact)
-    lines = ['[[Stiffness as ADAMS users know it]]']
+    lines = ['[[Stiffness in N/mm^n, as in ADAMS]]']
     for row, name in ((1, 'axial'), (2, 'middle')):
         stiffness, exponent = getattr(contact, f'K{row}'), getattr(contact, f'n{row}')
         lines.append(
@@ -99,7 +99,7 @@ def _stiffness_lines(found: Identification) -> list[str]:
 
 def _systematic_lines(found: Identification) -> list[str]:
     """The largest shift of each free parameter among the imperfections no fit can see."""
-    lines = ['[[What small imperfections of the rig would do]]']
+    lines = ['[[Effect of small imperfections of the rig]]']
     for name, shift in found.systematic.items():
         words = [
             f'{parameter} {value:+.3f}' if parameter[0] == 'n'

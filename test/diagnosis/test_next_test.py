@@ -30,7 +30,7 @@ def test_every_cause_of_a_known_ambiguity_gets_an_outcome_of_its_own(group):
     sentence = next_test.between(group)
     assert all(lowered(title_of(name)) in sentence for name in group)
     assert sentence.count(' means ') == len(group)
-    assert 'does not tell' not in sentence
+    assert 'is open' not in sentence
 
 
 def test_two_effects_that_no_test_separates_act_on_different_channels():

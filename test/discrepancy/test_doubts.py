@@ -141,7 +141,7 @@ def test_a_constant_is_a_misfit_unless_it_is_free_or_usual() -> None:
         (lambda: Run('a', TIME, outputs={'seen': TIME[:9]}), 'shape'),
         (lambda: diagnose(MODEL, [Run('a', TIME, outputs={'sean': TIME})]), 'no output seen'),
         (lambda: Channel(offset='fre'), 'offset'),
-        (lambda: Parameter(2, 1), 'low must lie under high'),
+        (lambda: Parameter(2, 1), 'low must be below high'),
         (lambda: Effect('x', {'size': Parameter(0, 1)}, starts=({'sise': 1.0},)), 'sise'),
         (lambda: replace(MODEL, base={'bend.size': Parameter(0, 1)}), 'two parameters'),
     ],

@@ -102,7 +102,7 @@ def test_what_it_is_worth_is_measured_on_a_run_held_out() -> None:
 
 def test_a_held_out_load_outside_the_range_seen_is_a_doubt() -> None:
     found = proposed(LAWS['step'][0], peak=1.3)
-    assert any('outside the range seen' in doubt for doubt in found.doubts)
+    assert any('outside the fitted range' in doubt for doubt in found.doubts)
 
 
 def test_coordinates_that_go_together_are_a_doubt() -> None:
@@ -118,4 +118,4 @@ def test_coordinates_that_go_together_are_a_doubt() -> None:
     misfit = Misfit((ramp('a', 1), ramp('b', 2)), lambda columns: columns / NOISE, 1000)
     found = propose_law(misfit, lambda _, residual: float(np.mean(residual**2)))
     assert any('within 10 %' in doubt for doubt in found.doubts)
-    assert any('one rate only' in doubt for doubt in found.doubts)
+    assert any('all runs have one rate' in doubt for doubt in found.doubts)

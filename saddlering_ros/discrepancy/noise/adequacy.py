@@ -25,7 +25,7 @@ def overestimated(statistic: float, dimensions: float, degrees: float) -> bool:
 def overestimated_sentence(statistic: float, dimensions: float, where: str) -> str:
     """The warning for a reader."""
     return (
-        f'noise overestimated in {where}: the misfit is {statistic:.3g} where noise alone leaves '
-        f'about {dimensions:.3g}: nothing can be concluded; give the noise of the channel '
+        f'noise overestimated in {where}: the misfit is {statistic:.3g} where noise alone would '
+        f'give about {dimensions:.3g}: no conclusion is possible; give the noise of the channel '
         '(Noise.white, Noise.from_rest) or a smaller model error'
     )

@@ -198,7 +198,7 @@ class _Spectrum(Noise):
         if float(np.sqrt(np.mean(error**2))) > MAX_SPECTRUM_ERROR:
             raise DiscrepancyError(
                 'noise: the spectrum rises with frequency or has lines, which white noise and '
-                'relaxations cannot follow: give from_rest, or smooth the spectrum'
+                'relaxations cannot represent: give from_rest, or smooth the spectrum'
             )
         white = max(float(solved[0]), 1e-9 * float(self.density.min()))
         noise = ChannelNoise(white, solved[1:], 0.0, KNOWN_EXACTLY, constants)

@@ -229,7 +229,7 @@ def _curve_term(misfit: Misfit, fit: BlockFit, left: float) -> Term:
     if block.kind == 'own curve':
         zero = np.zeros(at.size)
         return Term(fit.target, block.coordinate, block.kind,
-                    "a curve over time of each run's own", {}, at, zero, zero, fit.freedom)
+                    'a separate curve over time for each run', {}, at, zero, zero, fit.freedom)
     if block.kind == 'harmonics':
         waves = np.arange(1, ANGLE_WAVES + 1)
         basis = np.hstack([np.cos(at[:, None] * waves), np.sin(at[:, None] * waves)])

@@ -222,13 +222,13 @@ def _doubts(
     worse: list[str],
 ) -> list[str]:
     best = ranked[0]
-    doubts = [f'{name} gets worse with it' for name in worse]
+    doubts = [f'the law makes {name} worse' for name in worse]
     for term in terms:
         doubts += _outside(misfit, term, held_out)
         if term.law == 'own curve':
             doubts.append(
-                f'{term.target} follows time in each run by a curve of its own, which predicts no '
-                'other run'
+                f'{term.target} follows a separate curve over time in each run, which predicts '
+                'no other run'
             )
     rivals = {
         item.block.coordinate
@@ -238,13 +238,14 @@ def _doubts(
     }
     for name in sorted(rivals):
         doubts.append(
-            f'{name} explains within 10 % as much as {best.block.coordinate}: these runs do not '
-            'tell the two apart'
+            f'{name} explains nearly as much as {best.block.coordinate} (within 10 %): these '
+            'runs do not tell the two apart'
         )
     if _one_rate(misfit.runs):
-        doubts.append('the runs move at one rate only: whether the law depends on it is open')
+        doubts.append('all runs have one rate of loading: whether the law depends on the rate is '
+                      'open')
     if len(misfit.runs) == 1:
-        doubts.append('it was fitted to one run')
+        doubts.append('the law was fitted to one run')
     return doubts
 
 
@@ -256,7 +257,7 @@ def _outside(misfit: Misfit, term: Term, held_out: Sequence[ObservedRun]) -> lis
     for run in held_out:
         seen = run.coordinates[along]
         if seen.min() < low - slack or seen.max() > high + slack:
-            beyond.append(f'{run.name} (held out) has a {along} outside the range seen')
+            beyond.append(f'{run.name} (held out) has a {along} outside the fitted range')
     return beyond
 
 
@@ -273,7 +274,7 @@ def describe(term: Term) -> str:
     """One sentence on a term."""
     words = {
         LOAD: 'the load',
-        DIRECTION: 'the direction of the load times a curve over it',
+        DIRECTION: 'the direction of the load times a curve over the load',
         RATE: 'the rate of the load',
         TIME: 'time',
         HYSTERESIS: 'the history of the load',
