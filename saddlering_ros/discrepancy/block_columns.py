@@ -45,13 +45,13 @@ class BlockColumns:
         total = np.zeros((self.count, self.count))
         for item, white in zip(self.blocks, self._white, strict=True):
             total[np.ix_(item.index, item.index)] += white.T @ white
-        shrink = self._metric.shrink
+        shrink = self._metric.shared.shrink
         return np.asarray(total - (self._along * (2.0 * shrink - shrink**2)) @ self._along.T)
 
     def products(self, columns: Array) -> Array:
         """Products (m, B) or (m,) with whitened stacked columns (n, B) or (n,)."""
         flat = columns[:, None] if columns.ndim == 1 else columns
-        seen = self._metric.shrink[:, None] * (self._metric.directions.T @ flat)
+        seen = self._metric.shared.shrink[:, None] * (self._metric.shared.directions.T @ flat)
         answer = self._noise_products(flat) - self._along @ seen
         return answer[:, 0] if columns.ndim == 1 else answer
 
@@ -66,7 +66,7 @@ class BlockColumns:
     @cached_property
     def _along(self) -> Array:
         """Products (m, K) with the directions of the nuisance parameters."""
-        return self._noise_products(self._metric.directions)
+        return self._noise_products(self._metric.shared.directions)
 
     def _noise_products(self, columns: Array) -> Array:
         """Products (m, B) of the columns whitened by noise alone with stacked columns (n, B)."""

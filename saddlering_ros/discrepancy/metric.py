@@ -16,6 +16,7 @@ import numpy as np
 from saddlering_ros.discrepancy.experiment import Experiment
 from saddlering_ros.discrepancy.noise import build_whitener, ChannelNoise, Whitener
 from saddlering_ros.discrepancy.system import Array
+from saddlering_ros.estimation.shared_errors import SharedErrors
 
 MAX_SPREADS = 2.5
 """A nuisance parameter larger than so many of its standard deviations is no nuisance."""
@@ -42,21 +43,18 @@ class Whitening(Protocol):
 class Metric:
     """Noise of every run and channel, and the nuisance parameters marginalised.
 
-    directions (n, k): orthonormal, of the nuisances, whitened; strength (k,): their sizes over the
-    noise. A metric is never changed: `marginalise` makes another one.
+    shared: the nuisances, errors that the whitened residuals share. A metric is never changed:
+    `marginalise` makes another one.
     """
 
     experiment: Experiment
     noise: Mapping[tuple[str, int], ChannelNoise]
     whiteners: tuple[Whitener, ...]
-    directions: Array
-    strength: Array
+    shared: SharedErrors
 
     def marginalise(self, nuisances: Array) -> Metric:
         """The same noise with these nuisances alone: columns (n, k) times their spreads."""
-        left, values, _ = np.linalg.svd(self.whiten_noise(nuisances), full_matrices=False)
-        kept = values > 1e-3
-        return replace(self, directions=np.ascontiguousarray(left[:, kept]), strength=values[kept])
+        return replace(self, shared=SharedErrors.of(self.whiten_noise(nuisances)))
 
     def whiten_noise(self, columns: Array) -> Array:
         """L^-1 on stacked columns (n, B) or (n,): noise alone."""
@@ -74,37 +72,28 @@ class Metric:
 
     def whiten(self, columns: Array) -> Array:
         """The whole metric on stacked columns (n, B) or (n,)."""
-        white = self.whiten_noise(columns)
-        inner = self.directions.T @ white
-        scale = self.shrink if columns.ndim == 1 else self.shrink[:, None]
-        return np.asarray(white - self.directions @ (scale * inner))
+        return self.shared.apply(self.whiten_noise(columns))
 
     def inflated(self, factor: float, free: Array) -> Array:
         """Nuisance columns, whitened, `factor` times as large, and columns (n, p) beside them.
 
         Offsets, whose spread is wide already, stay as they are.
         """
-        larger = np.where(self.strength < FREE_STRENGTH, factor * self.strength, self.strength)
-        return np.hstack([self.directions * larger, self.whiten_noise(free)])
+        strength = self.shared.strength
+        larger = np.where(strength < FREE_STRENGTH, factor * strength, strength)
+        return np.hstack([self.shared.directions * larger, self.whiten_noise(free)])
 
     def without_nuisances(self, residual: Array) -> Array:
         """A stacked plain residual less what nuisances of a usual size make of it."""
         white = self.whiten_noise(residual)
-        seen = self.directions.T @ white
-        spreads = np.clip(
-            self.strength / (1.0 + self.strength**2) * seen, -MAX_SPREADS, MAX_SPREADS
-        )
-        return self.colour_noise(white - self.directions @ (self.strength * spreads))
+        spreads = np.clip(self.shared.along(white), -MAX_SPREADS, MAX_SPREADS)
+        shared = self.shared.directions @ (self.shared.strength * spreads)
+        return self.colour_noise(white - shared)
 
     @property
     def free_count(self) -> float:
         """Dimensions left after the nuisances have taken theirs."""
-        return self.experiment.size - float((1.0 - (1.0 - self.shrink) ** 2).sum())
-
-    @property
-    def shrink(self) -> Array:
-        """Share (k,) of a whitened column along each direction that marginalising takes out."""
-        return np.asarray(1.0 - 1.0 / np.sqrt(1.0 + self.strength**2))
+        return self.experiment.size - self.shared.dimensions
 
 
 def noise_metric(experiment: Experiment, noise: Mapping[tuple[str, int], ChannelNoise]) -> Metric:
@@ -117,5 +106,4 @@ def noise_metric(experiment: Experiment, noise: Mapping[tuple[str, int], Channel
         own = noise[run.name, channel]
         hold = run.inputs.get('hold') if 'hold' in experiment.assumptions.special_inputs else None
         whiteners.append(build_whitener(own, run.time, run.width, hold, present, jitter))
-    empty = np.zeros((experiment.size, 0))
-    return Metric(experiment, noise, tuple(whiteners), empty, np.zeros(0))
+    return Metric(experiment, noise, tuple(whiteners), SharedErrors.none(experiment.size))

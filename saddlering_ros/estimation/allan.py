@@ -16,6 +16,9 @@ from saddlering_ros.estimation.process import mean_correlation, mean_variance
 
 Array = NDArray[np.float64]
 
+MIN_PAIRS = 4
+"""An Allan variance from fewer differences than this says nothing."""
+
 
 def allan_of_relaxation(ratio: Array) -> Array:
     """Allan variance of unit OU noise at `ratio` time constants."""
@@ -25,6 +28,8 @@ def allan_of_relaxation(ratio: Array) -> Array:
 
 def mixture(columns: Array, seen: Array, pairs: Array) -> Array:
     """Non-negative parts whose statistics come closest to those seen, in relative terms."""
+    if not seen.any():
+        return np.zeros(columns.shape[1])
     floor = max(float(seen.max()) * 1e-9, np.finfo(float).tiny)
     target = np.maximum(seen, floor)
     unit = np.maximum(columns.max(axis=0), np.finfo(float).tiny)
@@ -43,17 +48,36 @@ def allan_columns(scales: Array, time_constants: Array) -> Array:
 
 
 def allan_variances(rows: Sequence[tuple[Array, float]]) -> tuple[Array, Array, Array]:
-    """Averaging times [s], Allan variances and how many differences each rests on."""
+    """Averaging times [s], Allan variances and how many differences each rests on.
+
+    Each of `rows` is (values (N,), step [s]).
+    """
     sums: dict[float, list[float]] = {}
     for row, step in rows:
-        count = 1
-        while row.size // count >= 2:
-            blocks = row[: row.size // count * count].reshape(-1, count).mean(axis=1)
-            difference = np.diff(blocks)
+        total = running_total(row)
+        for count in averaged_counts(row.size):
+            differences = row.size // count - 1
             entry = sums.setdefault(float(f'{count * step:.3g}'), [0.0, 0.0])
-            entry[0] += 0.5 * float(difference @ difference)
-            entry[1] += difference.size
-            count *= 2
-    scales = np.array(sorted(scale for scale, entry in sums.items() if entry[1] >= 4))
+            entry[0] += differences * allan_variance(total, count)
+            entry[1] += differences
+    scales = np.array(sorted(scale for scale, entry in sums.items() if entry[1] >= MIN_PAIRS))
     allan = np.array([sums[scale][0] / sums[scale][1] for scale in scales])
     return scales, allan, np.array([sums[scale][1] for scale in scales])
+
+
+def averaged_counts(size: int) -> list[int]:
+    """How many of `size` values are averaged: two numbers an octave, up to half of them."""
+    octaves = np.arange(0.0, 2.0 * np.log2(max(2.0, 0.5 * size)) + 1e-9)
+    return [int(count) for count in np.unique(np.round(2.0 ** (0.5 * octaves)))
+            if size // count >= 2]
+
+
+def running_total(values: Array) -> Array:
+    """Sums (N + 1,) of the first values of (N,)."""
+    return np.concatenate([[0.0], np.cumsum(values)])
+
+
+def allan_variance(total: Array, count: int) -> float:
+    """Allan variance at means over `count` values, wherever these begin, of a running total."""
+    means = (total[count:] - total[:-count]) / count
+    return 0.5 * float(np.mean((means[count:] - means[:-count]) ** 2))

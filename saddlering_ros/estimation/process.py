@@ -6,7 +6,7 @@ in closed form, so a non-negative mixture of them describes noise at any spacing
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,19 +37,22 @@ class ChannelNoise:
     floor: float = 0.0
 
     def covariance(self, time: Array, width: Array, hold: Array | None = None) -> Array:
-        """Covariance (N, N) of means over `width` about `time`; `hold` (N,) numbers levels."""
-        matrix = np.diag(self.white / width + self.floor)
-        distance = np.abs(time[:, None] - time[None, :])
-        gap = np.maximum(distance - 0.5 * (width[:, None] + width[None, :]), 0.0)
+        """Covariance (N, N) of means over `width` about `time`; `hold` (N,) numbers levels.
+
+        Exact for means over any stretches, also where one reaches into another.
+        """
+        apart = np.abs(time[:, None] - time) - 0.5 * (width[:, None] + width)
+        matrix = np.zeros((time.size, time.size))
         for variance, tau in self.parts():
-            ratio = width / tau
-            shrink = mean_correlation(ratio)
-            part = variance * shrink[:, None] * shrink[None, :] * np.exp(-gap / tau)
-            np.fill_diagonal(part, variance * mean_variance(ratio))
-            matrix += part
+            shrink = mean_correlation(width / tau)
+            part = np.outer(shrink, shrink) * np.exp(-np.maximum(apart, 0.0) / tau)
+            overlap = apart < -1e-9 * width
+            part[overlap] = _of_overlapping(time, width, tau)[overlap]
+            matrix += variance * part
         if self.held > 0.0:
             same = np.eye(time.size) if hold is None else (hold[:, None] == hold[None, :])
             matrix += self.held * same
+        np.fill_diagonal(matrix, self.variances(width))
         return matrix
 
     def parts(self) -> list[tuple[float, float]]:
@@ -77,6 +80,40 @@ class ChannelNoise:
     def deviation(self, width: float) -> float:
         """Standard deviation of one mean over `width` seconds."""
         return float(np.sqrt(self.variances(np.array([width]))[0]))
+
+    def lasting(self, separation: float) -> float:
+        """Covariance of two readings `separation` seconds apart [unit^2]."""
+        return float(sum(variance * np.exp(-separation / tau) for variance, tau in self.parts()))
+
+    def times(self, factor: float) -> ChannelNoise:
+        """The same noise with `factor` times its variance."""
+        return replace(self, white=factor * self.white, slow=factor * self.slow,
+                       held=factor * self.held, floor=factor * self.floor)
+
+    def at_least(self, deviation: float, width: float) -> ChannelNoise:
+        """The same noise, whose means over `width` seconds scatter by `deviation` or more."""
+        least = deviation**2 * width
+        return self if self.white >= least else replace(self, white=least)
+
+
+QUIET = ChannelNoise(0.0, np.zeros(TIME_CONSTANTS.size), 0.0, 1)
+"""No noise at all."""
+
+
+def _of_overlapping(time: Array, width: Array, tau: float) -> Array:
+    """Covariance (N, N) of means of unit OU noise over stretches that may overlap."""
+    start, stop = time - 0.5 * width, time + 0.5 * width
+    integral = (_twice_integrated(stop[:, None] - start, tau)
+                - _twice_integrated(stop[:, None] - stop, tau)
+                - _twice_integrated(start[:, None] - start, tau)
+                + _twice_integrated(start[:, None] - stop, tau))
+    return np.asarray(integral / np.outer(width, width))
+
+
+def _twice_integrated(separation: Array, tau: float) -> Array:
+    """Second antiderivative of exp(-|separation| / tau), of separations [s] of either sign."""
+    apart = np.abs(separation)
+    return np.asarray(tau**2 * np.exp(-apart / tau) + tau * apart)
 
 
 def mean_correlation(ratio: Array) -> Array:

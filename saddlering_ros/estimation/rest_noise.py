@@ -9,11 +9,32 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saddlering_ros.estimation.allan import allan_columns, allan_variances, mixture
+from saddlering_ros.estimation.blocks import block_means
 from saddlering_ros.estimation.errors import EstimationError
 from saddlering_ros.estimation.process import ChannelNoise, mean_variance, TIME_CONSTANTS
 from saddlering_ros.estimation.rest import RestSegment
 
 Array = NDArray[np.float64]
+
+
+MODEL_ERROR = 0.02
+"""Relative error of a mixture of relaxations, as no instrument's noise is one."""
+
+SHORT_MODEL_ERROR = 0.2
+SMOOTHED = 3.5
+"""The same for means over fewer samples than this: interpolated between stamps, samples share
+their neighbours' noise."""
+
+LEVEL_REACH = 1.5
+"""Where the level of a reading counts, time constants up to so many times the longest stretch."""
+
+MIN_NOISE = 1e-9
+"""Noise assumed where a displacement shows less [m, or rad]: one nanometre."""
+
+CORRELATED_OVER = 8
+"""Readings in the means whose steps tell the correlation of channels."""
+
+TOO_SHORT = 'noise: the stretches at rest are too short to learn from'
 
 
 @dataclass(frozen=True)
@@ -101,9 +122,12 @@ def _statistics(
     time_constants: Array,
 ) -> _Statistics:
     """Allan variances at rest, and second differences from hold to hold."""
-    scales, seen, pairs = allan_variances(_without_common_course(segments, channel))
+    rows = _without_common_course(segments, channel)
+    scales, seen, pairs = allan_variances(rows)
     if scales.size == 0:
-        raise EstimationError('noise: the stretches at rest are too short to learn from')
+        raise EstimationError(TOO_SHORT)
+    short = scales < SMOOTHED * min(step for _, step in rows)
+    pairs = 1.0 / (1.0 / pairs + np.where(short, SHORT_MODEL_ERROR, MODEL_ERROR) ** 2)
     columns = [allan_columns(scales, time_constants)]
     differences, widths, spacings = [], [], []
     for item in series:
@@ -177,3 +201,32 @@ def _quantum(segments: Sequence[RestSegment], channel: int) -> float:
         if regular and values.size < 0.5 * sum(segment.values.shape[1] for segment in segments)
         else 0.0
     )
+
+
+def noise_alone(stretches: Sequence[Array], step: float) -> ChannelNoise:
+    """Noise of one channel from its stretches (n_i,) at rest, sampled every `step` [s]."""
+    segments = [RestSegment(row[None, :], step) for row in stretches]
+    longest = max((row.size for row in stretches), default=0) * step
+    noise = measure_noise(segments, 1, longest=LEVEL_REACH * longest)[0]
+    return noise.at_least(MIN_NOISE, step)
+
+
+def channel_correlation(segments: Sequence[RestSegment]) -> Array:
+    """Correlation (C, C) of the channels' noise: of steps between means of a few readings.
+
+    From reading to reading it would be that of interpolation between stamps: of two probes, the
+    one whose stamps lie between those of the load seems the quieter. What is not significant is 0.
+    """
+    steps = np.concatenate(
+        [np.diff(block_means(segment.values, CORRELATED_OVER), axis=1) for segment in segments],
+        axis=1)
+    count = max(1, steps.shape[1])
+    scale = np.sqrt(np.mean(steps**2, axis=1)) if steps.size else np.ones(len(steps))
+    standard = steps / np.where(scale > 0.0, scale, 1.0)[:, None]
+    correlation = standard @ standard.T / count
+    noticeable = np.abs(correlation) > 4.0 / np.sqrt(count)
+    correlation = np.where(noticeable, np.clip(correlation, -0.95, 0.95), 0.0)
+    np.fill_diagonal(correlation, 1.0)
+    if np.linalg.eigvalsh(correlation)[0] < 1e-3:
+        return np.eye(len(correlation))
+    return np.asarray(correlation)

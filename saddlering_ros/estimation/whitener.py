@@ -114,3 +114,9 @@ def _same_level(hold: Array | None, count: int) -> Array:
     if hold is None:
         return np.zeros(count)
     return np.append(0.0, (np.diff(hold) == 0.0).astype(np.float64))
+
+
+def independent(variances: Array) -> Whitener:
+    """Whitener of independent readings of given variances (N,)."""
+    none = np.zeros((variances.size, 0))
+    return Whitener(none, none, none, np.ascontiguousarray(variances), none)

@@ -7,7 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from saddlering_ros.estimation.noise import ChannelNoise, fit_common, SMALLEST_NOISE
+from saddlering_ros.estimation.common_noise import common_noise, SLOW_TIMES
+from saddlering_ros.estimation.process import ChannelNoise
+from saddlering_ros.estimation.rest_noise import MIN_NOISE
 from saddlering_ros.identification.observation import LoadErrors, Observation
 from saddlering_ros.identification.prepared import MAX_SAMPLES, PreparedRun
 from saddlering_ros.rig import ContactParameters, Rig
@@ -34,7 +36,7 @@ def slow_cell_noise(
     for one in held:
         left = [one.explained[:, a:b] - one.displacement[:, a:b] for a, b in one.rests]
         steps = np.concatenate([np.diff(part, axis=1) for part in left], axis=1)
-        precision = 1.0 / np.maximum(np.nanmean(steps**2, axis=1), SMALLEST_NOISE**2)
+        precision = 1.0 / np.maximum(np.nanmean(steps**2, axis=1), MIN_NOISE**2)
         level = np.array([float(np.mean(one.measured.load[a:b])) for a, b in one.rests])
         slopes = static_slopes(rig, contact, float(one.run.elevation), level)
         for (start, stop), part, slope in zip(one.rests, left, slopes.T, strict=True):
@@ -44,16 +46,15 @@ def slow_cell_noise(
             weights.append(float(precision @ slope**2))
             errors.append((precision * slope / weights[-1]) @ part[:, good])
             loads.append(one.measured.load[start:stop][good])
-    return fit_common(loads, errors, weights, held[0].interval) if loads else None
+    return common_noise(loads, errors, weights, held[0].interval) if loads else None
 
 
 def cell_noise(one: PreparedRun, slow: ChannelNoise | None) -> ChannelNoise:
     """Noise [N] of the load cell in a run: white by its second differences, and the slow part."""
     load = one.measured.load
     white = float(np.mean(np.diff(load, 2) ** 2)) / 6.0 if len(load) > 2 else 0.0
-    times = np.ones(1) if slow is None else slow.times
-    return ChannelNoise(
-        one.interval, white, times, np.zeros(1) if slow is None else slow.variances)
+    wander = np.zeros(SLOW_TIMES.size) if slow is None else slow.slow
+    return ChannelNoise(white * one.interval, wander, 0.0, max(1, len(load) - 2), SLOW_TIMES)
 
 
 def load_errors_of(
@@ -66,14 +67,14 @@ def load_errors_of(
     """
     zero, readings = one.measured.zero, len(seen.time)
     at_zero = static_slopes(rig, contact, seen.elevation, np.array([seen.zero_load]))[:, 0]
-    if readings > 2 * MAX_SAMPLES or not noise.standard_deviation > 0.0:
+    if readings > 2 * MAX_SAMPLES or not noise.deviation(one.interval) > 0.0:
         return None
     if not seen.dynamic:
         slopes = static_slopes(rig, contact, seen.elevation, seen.load)
         zero_time = float(np.mean(one.measured.time[zero.start:zero.end]))
-        covariance = noise.covariance_of_means(
-            np.append(seen.time, zero_time),
-            [stop - start for start, stop in [*one.rests, (zero.start, zero.end)]])
+        spans = [stop - start for start, stop in [*one.rests, (zero.start, zero.end)]]
+        covariance = noise.covariance(
+            np.append(seen.time, zero_time), one.interval * np.array(spans, dtype=float))
         answers = slopes[:, :, None] * np.eye(readings, readings + 1)
         return LoadErrors.of(covariance, answers, np.eye(readings + 1)[-1], at_zero)
     interval = float(seen.time[-1] - seen.time[0]) / (readings - 1)
@@ -83,8 +84,7 @@ def load_errors_of(
     answers = load_sensitivity(rig, contact, seen.elevation, time, load, readings)
     first, last = one.measured.time[[zero.start, zero.end - 1]]
     in_zero = ((seen.time >= first) & (seen.time <= last)).astype(np.float64)
-    size = max(1, int(round(interval / one.interval)))
-    covariance = noise.covariance_of_means(seen.time, [size] * readings)
+    covariance = noise.covariance(seen.time, np.full(readings, interval))
     return LoadErrors.of(covariance, answers, in_zero / max(1.0, in_zero.sum()), at_zero)
 
 

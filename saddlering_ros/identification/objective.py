@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saddlering_ros.estimation.blocks import span_means
-from saddlering_ros.estimation.whitening import SharedErrors, Whitening
+from saddlering_ros.estimation.shared_errors import SharedErrors
+from saddlering_ros.estimation.whitener import independent
 from saddlering_ros.identification.errors import IdentificationError
 from saddlering_ros.identification.observation import Observation
 from saddlering_ros.identification.observing import SETTLING_STEP
@@ -85,15 +86,12 @@ class WeightedObjective:
     observations: Sequence[Observation]
     channels: tuple[int, ...]
     evaluations: int = 0
-    shared: list[SharedErrors | None] = field(default_factory=list, repr=False)
+    shared: list[SharedErrors] = field(default_factory=list, repr=False)
 
     def __post_init__(self) -> None:
         # Taken over from another objective of the same runs, whose load was another.
         self.shared = self.shared or [
-            None if one.load_errors is None else SharedErrors.of(
-                one.whiten(one.load_errors.answers[:, list(self.channels)], self.channels))
-            for one in self.observations
-        ]
+            one.shared_errors(self.channels) for one in self.observations]
 
     def residuals(self, contacts: Array) -> Array:
         """Whitened residuals (B, R), simulated - measured, of contact parameters (B, 6)."""
@@ -135,7 +133,7 @@ class WeightedObjective:
             predict(self.rig, contact[None, :], one) - one.displacement
             for one in self.observations])
         corrected = [
-            one if shared is None else one.with_load_less(shared.estimate(part[0]))
+            one.with_load_less(shared.likely(part[0]))
             for one, shared, part in zip(self.observations, self.shared, white, strict=True)
         ]
         return replace(self, observations=corrected)
@@ -143,12 +141,12 @@ class WeightedObjective:
     def whiten(self, raw: Sequence[Array]) -> list[Array]:
         """Residuals (B, R) of unit covariance, of each run, from raw ones (B, 3, N)."""
         return [
-            part if shared is None else shared.apply(part)
+            shared.apply(part.T).T
             for part, shared in zip(self._plainly_white(raw), self.shared, strict=True)
         ]
 
     def _plainly_white(self, raw: Sequence[Array]) -> list[Array]:
-        """The same, as if the load had no errors."""
+        """The same, as if load and zero had no errors."""
         channels = list(self.channels)
         return [
             one.whiten(part[:, channels], self.channels)
@@ -161,12 +159,8 @@ class WeightedObjective:
 
     @property
     def size(self) -> int:
-        """Number of residuals that count; those left out are nought."""
-        chosen = list(self.channels)
-        return sum(
-            int(np.count_nonzero(np.broadcast_to(one.weight, one.displacement.shape)[chosen]))
-            for one in self.observations
-        )
+        """Number of residuals that count; those left out are 0."""
+        return sum(one.readings(channel) for one in self.observations for channel in self.channels)
 
 
 @dataclass
@@ -228,9 +222,9 @@ def average_branches(observation: Observation, level_step: float) -> Observation
         load=load,
         displacement=observation.displacement @ weights.T,
         branch=np.zeros(len(groups)),
-        whitening=tuple(Whitening.of_covariance(np.diag(row)) for row in variance),
+        whitening=tuple(independent(row) for row in variance),
+        zero_error=np.zeros(len(variance)),
         standard_error=np.sqrt(variance),
-        weight=1.0,
         load_errors=None,
         fine_time=time,
         fine_load=load,

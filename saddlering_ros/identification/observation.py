@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cholesky
 
-from saddlering_ros.estimation.whitening import Whitening
-from saddlering_ros.identification.prepared import CHANNEL_COUNT
+from saddlering_ros.estimation.shared_errors import SharedErrors
+from saddlering_ros.estimation.whitener import Whitener
 
 Array = NDArray[np.float64]
 
@@ -54,12 +54,14 @@ class Observation:
 
     time [s] and load [N] (N,); zero_load [N]; displacement (3, N) increments since zero
     [m, m, rad]; branch (N,) +1 loading, -1 unloading, 0 neither; whitening turns each channel's
-    errors into uncorrelated ones of unit variance; correlation (3, 3) of these across channels;
-    standard_error (3, N) of each reading. A dynamic run is simulated on its finer grid,
-    fine_time and fine_load (N * per_block,), and averaged over blocks of per_block; a static one
-    likewise, averaged over spans (N, 2), start and stop of each plateau in the grid, since rings
-    of much damping have not come to rest there. Without spans its readings are equilibria. weight
-    (3, N) is 0 where a reading is missing. load_errors: what the load cell's noise does to it.
+    noise into uncorrelated noise of unit variance, 0 where a reading is missing; correlation
+    (3, 3) of these across channels; zero_error (3,): standard deviation of the zero, an error that
+    all readings share; standard_error (3, N) of each reading, that of the zero included. A dynamic
+    run is simulated on its finer grid, fine_time and fine_load (N * per_block,), and averaged over
+    blocks of per_block; a static one likewise, averaged over spans (N, 2), start and stop of each
+    plateau in the grid, since rings of much damping have not come to rest there. Without spans its
+    readings are equilibria.
+    load_errors: what the load cell's noise does to it.
     doubtful_lag [s]: how far load and probes may be apart in time by what the readings show.
     """
 
@@ -71,14 +73,14 @@ class Observation:
     zero_load: float
     displacement: Array
     branch: Array
-    whitening: tuple[Whitening, ...]
+    whitening: tuple[Whitener, ...]
     correlation: Array
+    zero_error: Array
     standard_error: Array
     fine_time: Array
     fine_load: Array
     per_block: int = 1
     spans: NDArray[np.intp] | None = None
-    weight: Array | float = 1.0
     load_errors: LoadErrors | None = None
     doubtful_lag: float = 0.0
 
@@ -87,13 +89,14 @@ class Observation:
         return replace(self, fine_time=self.time, fine_load=self.load, per_block=1, spans=None)
 
     def with_load_less(self, errors: Array) -> Observation:
-        """A dynamic run whose load is corrected by errors (M,) in units of `load_errors`.
+        """A dynamic run whose load is corrected by errors (M + 3,) as of `shared_errors`.
 
         What these do to its increments is taken off the measured ones: where the model is linear
         its residuals stay as they were.
         """
         if self.load_errors is None or not self.dynamic:
             return self
+        errors = errors[:len(self.load_errors.answers)]
         wrong = errors @ self.load_errors.loads
         return replace(
             self,
@@ -104,15 +107,31 @@ class Observation:
         )
 
     def whiten(self, residuals: Array, channels: Sequence[int]) -> Array:
-        """Uncorrelated residuals (B, C * N) of raw ones (B, C, N) for the given channels."""
-        weight = np.broadcast_to(self.weight, (CHANNEL_COUNT, residuals.shape[-1]))
+        """Residuals (B, C * N) of raw ones (B, C, N) for the given channels, the noise white.
+
+        What readings share, errors of the zero and of the load, is in them yet.
+        """
         rows = np.stack(
             [
-                self.whitening[channel].apply(residuals[:, position] * weight[channel])
+                self.whitening[channel].whiten(np.ascontiguousarray(residuals[:, position].T))
                 for position, channel in enumerate(channels)
-            ],
-            axis=1,
+            ]
         )
         lower = cholesky(self.correlation[np.ix_(channels, channels)], lower=True)
-        mixed = np.einsum('cd,bdn->bcn', np.linalg.inv(lower), rows)
+        mixed = np.einsum('cd,dnb->bcn', np.linalg.inv(lower), rows)
         return np.asarray(mixed.reshape(len(residuals), -1))
+
+    def shared_errors(self, channels: Sequence[int]) -> SharedErrors:
+        """Errors of the load, and then of the zero, that the whitened residuals share."""
+        parts = [] if self.load_errors is None else [self.load_errors.answers]
+        if np.any(self.zero_error):
+            root = cholesky(self.correlation, lower=True) * self.zero_error[:, None]
+            parts.append(np.repeat(root.T[:, :, None], self.time.size, axis=2))
+        if not parts:
+            return SharedErrors.none(len(channels) * self.time.size)
+        answers = np.concatenate(parts)[:, list(channels)]
+        return SharedErrors.of_many(self.whiten(answers, channels).T)
+
+    def readings(self, channel: int) -> int:
+        """Number of readings of a channel that are not missing."""
+        return int(np.count_nonzero(self.whitening[channel].present))

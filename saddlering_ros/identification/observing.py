@@ -10,18 +10,21 @@ from numpy.typing import NDArray
 
 from saddlering_ros.bags import refuse_repeats, TestRun
 from saddlering_ros.estimation.blocks import block_means, filled
-from saddlering_ros.estimation.whitening import Whitening
+from saddlering_ros.estimation.whitener import build_whitener
 from saddlering_ros.identification.checks import run_name
 from saddlering_ros.identification.errors import IdentificationError
 from saddlering_ros.identification.load_cell import cell_noise, load_errors_of, slow_cell_noise
 from saddlering_ros.identification.observation import Observation
 from saddlering_ros.identification.prepared import (
     block_sizes,
-    noise_on_grid,
+    noise_of,
+    NoiseModel,
     prepare,
     PreparedRun,
 )
 from saddlering_ros.rig import ContactParameters, Rig
+
+Array = NDArray[np.float64]
 
 SETTLING_STEP = 0.1
 """Step [s] in which a static run is simulated where the rings' settling counts."""
@@ -41,11 +44,12 @@ def observe(
         raise IdentificationError('no runs to identify from: give at least one bag')
     refuse_repeats(runs)
     prepared = [prepare(run, rig, fit_rate, contact) for run in runs]
+    noise = noise_of(prepared)
     observed = [
-        _observe_dynamic(one, prepared, fit_rate)
+        _observe_dynamic(one, noise[number], fit_rate)
         if one.branch is None
-        else _observe_static(one, prepared, fit_rate)
-        for one in prepared
+        else _observe_static(one, noise[number])
+        for number, one in enumerate(prepared)
     ]
     if contact is None:
         return observed
@@ -56,34 +60,27 @@ def observe(
     ]
 
 
-def _observe_static(
-    one: PreparedRun, runs: Sequence[PreparedRun], fit_rate: float | None
-) -> Observation:
-    size, _ = block_sizes(one.interval, 1, fit_rate or 50.0)
-    noise = noise_on_grid(runs, one, size)
+def _observe_static(one: PreparedRun, noise: NoiseModel) -> Observation:
     measured = one.measured
     spans = [slice(start, stop) for start, stop in one.rests]
     displacement = np.stack(
         [np.nanmean(one.displacement[:, span], axis=1) for span in spans], axis=1
     )
-    counts = [max(1, (stop - start) // size) for start, stop in one.rests]
+    lasting = one.interval * np.array([stop - start for start, stop in one.rests], dtype=float)
     load = np.array([float(np.nanmean(measured.load[span])) for span in spans])
     time = np.array([float(np.mean(measured.time[span])) for span in spans])
-    blocks = _zero_blocks(one, size)
     step = max(1, int(round(SETTLING_STEP / one.interval)))
-    whitening = []
-    error = []
-    for channel in noise.channels:
-        own = channel.covariance_of_means(time, counts)
-        common = channel.variance_of_mean(blocks)
-        whitening.append(Whitening.of_covariance(own, common))
-        error.append(np.sqrt(np.diag(own) + common))
+    zero_error = _zero_error(one, noise)
+    error = np.sqrt([channel.variances(lasting) for channel in noise.channels])
     return Observation(
         name=run_name(one.run), dynamic=False, elevation=float(one.run.elevation),
         time=time, load=load, zero_load=measured.zero.load,
         displacement=displacement, branch=np.asarray(one.branch),
-        whitening=tuple(whitening), correlation=noise.correlation,
-        standard_error=np.stack(error), fine_time=block_means(measured.time, step),
+        whitening=tuple(
+            build_whitener(channel, time, lasting) for channel in noise.channels),
+        correlation=noise.correlation, zero_error=zero_error,
+        standard_error=np.hypot(error, zero_error[:, None]),
+        fine_time=block_means(measured.time, step),
         fine_load=block_means(measured.load, step), spans=_grid_spans(one, step),
     )
 
@@ -97,41 +94,40 @@ def _grid_spans(one: PreparedRun, size: int) -> NDArray[np.intp]:
 
 
 def _observe_dynamic(
-    one: PreparedRun, runs: Sequence[PreparedRun], fit_rate: float | None
+    one: PreparedRun, noise: NoiseModel, fit_rate: float | None
 ) -> Observation:
     measured = one.measured
     good = np.all(np.isfinite(one.displacement), axis=0)
     first, last = int(np.argmax(good)), len(good) - int(np.argmax(good[::-1]))
     span = slice(first, last)
     size, per_block = block_sizes(one.interval, last - first, fit_rate)
-    noise = noise_on_grid(runs, one, size)
     time, load = measured.time[span], measured.load[span]
     means = block_means(one.displacement[:, span], size)
-    displacement = filled(means)
+    displacement, middle = filled(means), block_means(time, size)
     samples = displacement.shape[1]
-    blocks = _zero_blocks(one, size)
-    common = [channel.variance_of_mean(blocks) for channel in noise.channels]
-    error = [
-        np.full(samples, np.hypot(channel.standard_deviation, np.sqrt(zero)))
-        for channel, zero in zip(noise.channels, common, strict=True)
-    ]
+    lasting = np.full(samples, size * one.interval)
+    zero_error = _zero_error(one, noise)
+    error = np.sqrt([channel.variances(lasting) for channel in noise.channels])
     fine = samples * per_block
     mean_load = block_means(load, size)
     return Observation(
         name=run_name(one.run), dynamic=True, elevation=float(one.run.elevation),
-        time=block_means(time, size), load=mean_load, zero_load=measured.zero.load,
+        time=middle, load=mean_load, zero_load=measured.zero.load,
         displacement=displacement, branch=np.sign(np.gradient(mean_load)),
         whitening=tuple(
-            Whitening.of_process(channel, samples, zero)
-            for channel, zero in zip(noise.channels, common, strict=True)
+            build_whitener(channel, middle, lasting, present=np.isfinite(row))
+            for channel, row in zip(noise.channels, means, strict=True)
         ),
-        correlation=noise.correlation, standard_error=np.stack(error),
+        correlation=noise.correlation, zero_error=zero_error,
+        standard_error=np.hypot(error, zero_error[:, None]),
         fine_time=block_means(time, size // per_block)[:fine],
         fine_load=block_means(one.load[span], size // per_block)[:fine],
         per_block=per_block, doubtful_lag=one.run.doubtful_lag,
-        weight=np.isfinite(means).astype(np.float64),
     )
 
 
-def _zero_blocks(one: PreparedRun, size: int) -> int:
-    return max(1, (one.measured.zero.end - one.measured.zero.start) // size)
+def _zero_error(one: PreparedRun, noise: NoiseModel) -> Array:
+    """Standard deviation (3,) of the zero, a mean over its window."""
+    zero = one.measured.zero
+    lasting = one.interval * max(1, zero.end - zero.start)
+    return np.array([channel.deviation(lasting) for channel in noise.channels])

@@ -10,10 +10,19 @@ from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 
 from saddlering_ros.bags import BagError, displacement_of_run, MeasuredRun, plateaus, TestRun
-from saddlering_ros.estimation.blocks import block_means, filled
-from saddlering_ros.estimation.noise import fit_noise, NoiseModel, parity_ratios, ParityNoise
+from saddlering_ros.estimation.blocks import filled
+from saddlering_ros.estimation.errors import EstimationError
+from saddlering_ros.estimation.parity import parity_ratios
 from saddlering_ros.estimation.probe_rounding import probe_rounding
-from saddlering_ros.estimation.rest import quiet_stretches, stretches_at_rest
+from saddlering_ros.estimation.process import ChannelNoise
+from saddlering_ros.estimation.rest import quiet_stretches, RestSegment, stretches_at_rest
+from saddlering_ros.estimation.rest_noise import channel_correlation, LEVEL_REACH, MIN_NOISE
+from saddlering_ros.estimation.sampling_classes import (
+    noise_by_class,
+    Quiet,
+    sampling_class,
+    Silence,
+)
 from saddlering_ros.identification.checks import check_run, clipped_words, run_name, saturated
 from saddlering_ros.identification.errors import IdentificationError
 from saddlering_ros.rig import ContactParameters, ParameterSet, probes_to_displacement, Rig
@@ -33,6 +42,9 @@ SIMULATION_RATE = 250.0
 MIN_READINGS = 5
 MIN_SHARE_READ = 0.3
 """Plateaus of a static run, and share of a dynamic one, that all four probes must have read."""
+
+MIN_REST = 4
+"""Fewer readings than this at rest say nothing."""
 
 SLOW_SECONDS = 0.25
 """Movements of the load slower than this [s] are taken out of what is read at rest."""
@@ -144,29 +156,51 @@ def block_sizes(interval: float, samples: int, fit_rate: float | None) -> tuple[
     return per_block * max(1, size // per_block), per_block
 
 
-def noise_on_grid(runs: Sequence[PreparedRun], like: PreparedRun, size: int) -> NoiseModel:
-    """Noise on the grid of `size` samples a block, from all runs sampled like this one.
+@dataclass(frozen=True)
+class NoiseModel:
+    """Noise of delta_x, delta_y and gamma: a process each, and the correlation (3, 3)."""
 
-    A dynamic run's rests are too short to show the slow part: that is taken from static runs.
-    """
-    alike = [one for one in runs if abs(one.interval / like.interval - 1.0) <= 0.05]
-    segments = [part for one in alike for part in rest_blocks(one, size)]
-    if not segments:
+    channels: tuple[ChannelNoise, ...]
+    correlation: Array
+
+
+def noise_of(runs: Sequence[PreparedRun]) -> list[NoiseModel]:
+    """Noise of each run, learnt from all runs that are sampled alike."""
+    alike: dict[int, list[PreparedRun]] = {}
+    for one in runs:
+        alike.setdefault(sampling_class(one.interval), []).append(one)
+    classes = {key: _quiet(members) for key, members in alike.items()}
+    try:
+        learnt = noise_by_class(classes, CHANNEL_COUNT, LEVEL_REACH)
+    except EstimationError as problem:
         raise IdentificationError(
-            f'{run_name(like.run)}: no stretch at rest of at least {4 * size} samples to read the '
-            'noise from: hold the load before the ramp'
-        )
-    slow = None
-    held = [one for one in runs if one.branch is not None]
-    if held and not any(one.branch is not None for one in alike):
-        count = max(1, int(round(size * like.interval / held[0].interval)))
-        slow = noise_on_grid(held, held[0], count)
-    return fit_noise(segments, size * like.interval, slow, _parity_noise(alike, size),
-                     size)
+            f'{run_name(runs[0].run)}: {problem}: hold the load before the ramp') from problem
+    first = next(iter(learnt))
+    models = {}
+    for key in alike:
+        own = key if key in learnt else first
+        interval = alike[own][0].interval
+        channels = tuple(item.at_least(MIN_NOISE, interval) for item in learnt[own])
+        models[key] = NoiseModel(channels, channel_correlation(classes[own].segments))
+    return [models[sampling_class(one.interval)] for one in runs]
 
 
-def rest_blocks(one: PreparedRun, size: int) -> list[Array]:
-    """Block means (3, n) of a run's stretches at rest, less what the load's movement explains.
+def _quiet(runs: Sequence[PreparedRun]) -> Quiet:
+    """What runs sampled alike show of their noise: at rest, and in the parity if that is noise."""
+    segments = [part for one in runs for part in rest_segments(one)]
+    parities = [parity_at_rest(one.measured) for one in runs]
+    still = [parity[start:stop] for one, parity in zip(runs, parities, strict=True)
+             for start, stop in one.rests]
+    ratios = parity_ratios(parities, still, [segment.values for segment in segments])
+    if ratios is None:
+        return Quiet(segments)
+    records = [RestSegment(parity[None, :], one.interval)
+               for one, parity in zip(runs, parities, strict=True)]
+    return Quiet(segments, silence=Silence(records, ratios))
+
+
+def rest_segments(one: PreparedRun) -> list[RestSegment]:
+    """A run's stretches at rest, less what the load's movement explains.
 
     Only its slow movement: the rest is the cell's noise, which is none of the probes' and would
     make the channels' errors seem correlated.
@@ -178,22 +212,10 @@ def rest_blocks(one: PreparedRun, size: int) -> list[Array]:
         if isinstance(one.rounding, np.ndarray):
             motion = motion + one.rounding[:, start:stop]
         good = np.all(np.isfinite(motion + explained), axis=0)
-        if np.count_nonzero(good) >= 4 * size:
+        if np.count_nonzero(good) >= MIN_REST:
             slow = uniform_filter1d(explained[:, good], width, axis=1, mode='nearest')
-            segments.append(block_means(motion[:, good] - slow, size))
+            segments.append(RestSegment(motion[:, good] - slow, one.interval))
     return segments
-
-
-def _parity_noise(runs: Sequence[PreparedRun], size: int) -> ParityNoise | None:
-    """What the parity of runs sampled alike says about the noise, if it is that alone."""
-    parities = [parity_at_rest(one.measured) for one in runs]
-    still = [parity[None, start:stop] for one, parity in zip(runs, parities, strict=True)
-             for start, stop in one.rests]
-    channels = [part for one in runs for part in rest_blocks(one, 1)]
-    ratios = parity_ratios([parity[None, :] for parity in parities], still, channels)
-    if ratios is None:
-        return None
-    return ParityNoise([block_means(parity[None, :], size) for parity in parities], ratios)
 
 
 def parity_at_rest(measured: MeasuredRun) -> Array:

@@ -23,18 +23,15 @@ from saddlering_ros.bags import (
     refuse_repeats,
     TestRun,
 )
-from saddlering_ros.estimation.noise import (
-    ChannelNoise,
-    fit_channel,
-    fit_noise,
-    NoiseModel,
-    parity_ratios,
-    ParityNoise,
-)
-from saddlering_ros.estimation.rest import stretches_at_rest
+from saddlering_ros.estimation.errors import EstimationError
+from saddlering_ros.estimation.parity import parity_ratios
+from saddlering_ros.estimation.process import ChannelNoise, QUIET
+from saddlering_ros.estimation.rest import RestSegment, stretches_at_rest
+from saddlering_ros.estimation.rest_noise import LEVEL_REACH, noise_alone
+from saddlering_ros.estimation.sampling_classes import noise_by_class, Quiet, Silence
 from saddlering_ros.identification.checks import run_name
 from saddlering_ros.identification.errors import IdentificationError
-from saddlering_ros.identification.prepared import parity_at_rest
+from saddlering_ros.identification.prepared import MIN_REST, parity_at_rest
 from saddlering_ros.identification.rating import rate
 from saddlering_ros.provenance import Origin, Provenance
 from saddlering_ros.rig import CHANNELS, Displacement, PARAMETER_NAMES, ParameterSet, Rig
@@ -43,7 +40,7 @@ from saddlering_ros.ring import simulate, static_batch
 Array = NDArray[np.float64]
 Spans = list[tuple[int, int]]
 
-LARGEST_ZERO_ERROR = 3.0
+MAX_ZERO_ERROR = 3.0
 """Standard errors of the zero beyond which a mean residual is not put down to it."""
 
 LAG = 3
@@ -170,10 +167,10 @@ def validate(
         if before_run is not None:
             before_run(number)
         compared.append(_compare(run, rig, parameters))
-    # Only a static run is long enough to show how slowly the probes' noise wanders.
-    slow = next((one.noise(None) for one in compared if one.run.test == 'static'), None)
+    noise = _noise_of(compared)
     return Validation(
-        tuple(one.judged(rig, parameters, slow) for one in compared), parameters)
+        tuple(one.judged(rig, parameters, own) for one, own in zip(compared, noise, strict=True)),
+        parameters)
 
 
 @dataclass(frozen=True)
@@ -184,39 +181,60 @@ class _Comparison:
     measured: MeasuredRun
     rests: Spans
 
-    def noise(self, slow: NoiseModel | None) -> NoiseModel:
-        """Noise of the four channels; slow: that of a static run, read by the same probes."""
+    @property
+    def interval(self) -> float:
+        """Usual spacing of the samples [s]."""
+        return float(np.median(np.diff(self.run.time)))
+
+    def quiet(self) -> Quiet:
+        """What the run shows of the noise of its four channels."""
         residual = self.run.measured - self.run.simulated
         segments = [residual[:, start:stop] for start, stop in self.rests]
         segments = [part[:, np.all(np.isfinite(part), axis=0)] for part in segments]
-        segments = [part for part in segments if part.shape[1] >= 4]
-        interval = float(np.median(np.diff(self.run.time)))
-        if not segments:
-            quiet = ChannelNoise(interval, 0.0, np.zeros(0), np.zeros(0))
-            return NoiseModel((quiet,) * len(CHANNELS), np.eye(len(CHANNELS)))
-        parity = parity_at_rest(self.measured)[None, :]
-        ratios = parity_ratios([parity], [parity[:, a:b] for a, b in self.rests], segments)
-        known = None if self.run.test == 'static' else slow
-        if ratios is not None:
-            return fit_noise(segments, interval, known, ParityNoise([parity], ratios))
-        # Channels that a model's misfit moves at rest must not lend their shape to each other.
-        alone = [fit_channel([part[row] for part in segments], interval)
-                 for row in range(len(CHANNELS))]
-        return NoiseModel(tuple(alone), np.eye(len(CHANNELS)))
+        segments = [part for part in segments if part.shape[1] >= MIN_REST]
+        rests = [RestSegment(part, self.interval) for part in segments]
+        parity = parity_at_rest(self.measured)
+        ratios = parity_ratios([parity], [parity[a:b] for a, b in self.rests], segments)
+        if ratios is None:
+            return Quiet(rests)
+        return Quiet(rests, silence=Silence([RestSegment(parity[None, :], self.interval)], ratios))
 
     def judged(
-        self, rig: Rig, parameters: ParameterSet, slow: NoiseModel | None
+        self, rig: Rig, parameters: ParameterSet, noise: Sequence[ChannelNoise]
     ) -> RunValidation:
         """The run with all its figures."""
         zero = self.measured.zero
         variance = _input_variance(rig, parameters, self.run, zero.load)
-        for position, (channel, noise) in enumerate(
-                zip(CHANNELS, self.noise(slow).channels, strict=True)):
+        lasting = self.interval * max(1, zero.end - zero.start)
+        for position, (channel, own) in enumerate(zip(CHANNELS, noise, strict=True)):
             self.run.channels[channel] = _figures(
-                self.run, position, self.rests, noise, max(1, zero.end - zero.start),
-                variance[position],
-            )
+                self.run, position, self.rests, own, self.interval, lasting, variance[position])
         return self.run
+
+
+def _noise_of(compared: Sequence[_Comparison]) -> list[Sequence[ChannelNoise]]:
+    """Noise of the four channels of each run.
+
+    Runs whose parity is noise alone learn from each other how slowly it wanders. Elsewhere the
+    model's misfit may move a channel at rest: each then speaks for itself.
+    """
+    shown = [one.quiet() for one in compared]
+    silent = {number: quiet for number, quiet in enumerate(shown)
+              if quiet.silence is not None and quiet.is_usable}
+    learnt = noise_by_class(silent, len(CHANNELS), LEVEL_REACH) if silent else {}
+    return [learnt[number] if number in learnt else _alone(quiet)
+            for number, quiet in enumerate(shown)]
+
+
+def _alone(quiet: Quiet) -> list[ChannelNoise]:
+    answers = []
+    for row in range(len(CHANNELS)):
+        own = [segment.values[row] for segment in quiet.segments]
+        try:
+            answers.append(noise_alone(own, quiet.segments[0].step if own else 1.0))
+        except EstimationError:
+            answers.append(QUIET)
+    return answers
 
 
 def _compare(run: TestRun, rig: Rig, parameters: ParameterSet) -> _Comparison:
@@ -317,8 +335,8 @@ def _input_variance(
 
 
 def _figures(
-    run: RunValidation, position: int, rests: Spans, noise: ChannelNoise, zero_samples: int,
-    input_variance: float,
+    run: RunValidation, position: int, rests: Spans, noise: ChannelNoise, step: float,
+    zero_lasting: float, input_variance: float,
 ) -> ChannelFigures:
     measured, simulated = run.measured[position], run.simulated[position]
     residual = measured - simulated
@@ -331,11 +349,11 @@ def _figures(
         shape_load, shape_measured = run.load[compared], measured[compared]
         shape_simulated = simulated[compared]
     extent = _range(shape_measured, static)
-    zero_noise = math.sqrt(noise.variance_of_mean(zero_samples))
-    zero_error = _zero_error(residual[compared], noise, zero_noise)
+    zero_noise = noise.deviation(zero_lasting)
+    zero_error = _zero_error(residual[compared], noise, step, zero_noise)
     rmse = float(np.sqrt(np.mean((residual[compared] - zero_error) ** 2)))
     reading_noise = math.hypot(
-        _noise_of_means(noise, rests) if static else noise.standard_deviation, zero_noise)
+        _noise_of_means(noise, rests, step) if static else noise.deviation(step), zero_noise)
     error = float(np.sqrt(np.mean((shape_measured - shape_simulated) ** 2)))
     uncertainty = math.hypot(reading_noise, math.sqrt(max(0.0, input_variance)))
     is_simulated = CHANNELS[position] != 'parity'
@@ -347,7 +365,7 @@ def _figures(
         zero_error=zero_error,
         rmse=rmse,
         nrmse=_ratio(rmse, extent),
-        noise_floor=_ratio(_noise_of_sample(residual, rests, noise), extent),
+        noise_floor=_ratio(_noise_of_sample(residual, rests, noise, step), extent),
         maximum=float(np.max(np.abs(shape_measured - shape_simulated))),
         bias=float(np.mean(residual[compared])),
         slope_ratio=_slope_ratio(shape_measured, shape_simulated) if is_simulated else None,
@@ -368,7 +386,9 @@ def _ratio(value: float, over: float) -> float | None:
     return value / over if over > 0.0 else None
 
 
-def _noise_of_sample(residual: Array, rests: Spans, noise: ChannelNoise) -> float:
+def _noise_of_sample(
+    residual: Array, rests: Spans, noise: ChannelNoise, step: float
+) -> float:
     """Rms noise of a sample: half the mean square step over a short lag, and what is left there.
 
     Readings interpolated between stamps are smoother than the fitted noise; a step over more than
@@ -379,22 +399,24 @@ def _noise_of_sample(residual: Array, rests: Spans, noise: ChannelNoise) -> floa
     ] or [np.zeros(0)])
     steps = steps[np.isfinite(steps)]
     if not len(steps):
-        return noise.standard_deviation
-    kept = float(noise.at(np.array(LAG * noise.interval)))
+        return noise.deviation(step)
+    kept = noise.lasting(LAG * step)
     return math.sqrt(0.5 * float(np.mean(steps**2)) + kept)
 
 
-def _noise_of_means(noise: ChannelNoise, rests: Spans) -> float:
+def _noise_of_means(noise: ChannelNoise, rests: Spans, step: float) -> float:
     """Rms noise of the means over stretches at rest."""
-    variances = [noise.variance_of_mean(stop - start) for start, stop in rests]
-    return math.sqrt(float(np.mean(variances))) if variances else 0.0
+    lasting = step * np.array([stop - start for start, stop in rests], dtype=float)
+    return math.sqrt(float(np.mean(noise.variances(lasting)))) if rests else 0.0
 
 
-def _zero_error(residual: Array, noise: ChannelNoise, zero_noise: float) -> float:
+def _zero_error(
+    residual: Array, noise: ChannelNoise, step: float, zero_noise: float
+) -> float:
     """The zero's error as the mean of a residual (N,) tells it, within what its noise allows."""
-    own = noise.variance_of_mean(len(residual))
+    own = noise.deviation(step * len(residual)) ** 2
     share = zero_noise**2 / max(zero_noise**2 + own, 1e-300)
-    limit = LARGEST_ZERO_ERROR * zero_noise
+    limit = MAX_ZERO_ERROR * zero_noise
     return float(np.clip(share * np.mean(residual), -limit, limit))
 
 

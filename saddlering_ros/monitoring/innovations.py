@@ -12,7 +12,7 @@ import math
 
 import numpy as np
 
-from saddlering_ros.estimation.noise import ChannelNoise
+from saddlering_ros.estimation.process import ChannelNoise
 
 
 @dataclass(frozen=True)
@@ -31,10 +31,9 @@ class BlockNoise:
         return BlockNoise(factor**2 * self.white, factor**2 * self.wander, self.memory)
 
 
-def block_noise(noise: ChannelNoise, samples: int) -> BlockNoise:
-    """Noise of the means of `samples` readings, by their covariances at lags of 0 to 2 blocks."""
-    step = samples * noise.interval
-    covariance = noise.covariance_of_means(step * np.arange(3.0), [samples] * 3)
+def block_noise(noise: ChannelNoise, step: float) -> BlockNoise:
+    """Noise of means over blocks of `step` [s], by their covariances at lags of 0 to 2 blocks."""
+    covariance = noise.covariance(step * np.arange(3.0), np.full(3, step))
     here, near, far = (float(value) for value in covariance[0])
     if near <= 0.0 or far <= 0.0:
         return BlockNoise(here, 0.0, 0.0)

@@ -12,7 +12,6 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from saddlering_ros.estimation.noise import fit_channel
 from saddlering_ros.estimation.rest import (
     BLOCK_SECONDS,
     GUARD_SECONDS,
@@ -20,6 +19,7 @@ from saddlering_ros.estimation.rest import (
     MIN_SECONDS,
     SETTLING_SECONDS,
 )
+from saddlering_ros.estimation.rest_noise import noise_alone
 from saddlering_ros.monitoring.innovations import block_noise, BlockNoise
 
 Array = NDArray[np.float64]
@@ -118,6 +118,6 @@ class RestLearner:
         values = np.array(rows[begin:end]).T
         factor = 1.0 + LEVEL_SIGMAS / math.sqrt(2.0 * (end - begin))
         noise = tuple(
-            block_noise(fit_channel([channel], interval), samples).inflated(factor)
+            block_noise(noise_alone([channel], interval), samples * interval).inflated(factor)
             if np.isfinite(channel).all() else UNKNOWN for channel in values)
         return RestNoise(noise, samples, interval, seconds, not self._moved)

@@ -54,8 +54,6 @@ NOT_YET: dict[str, tuple[str, ...]] = {
         'saddlering_ros/bags/wiring.py',
         'saddlering_ros/diagnosis/records.py',
         'saddlering_ros/discrepancy/lines.py',
-        'saddlering_ros/estimation/noise.py',
-        'saddlering_ros/estimation/whitening.py',
         'saddlering_ros/fleet/drifts.py',
         'saddlering_ros/fleet/random_effects.py',
         'saddlering_ros/identification/load_cell.py',

@@ -4,14 +4,11 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from saddlering_ros.estimation.noise import (
-    ChannelNoise,
-    fit_channel,
-    fit_noise,
-    NoiseModel,
-    parity_ratios,
-    ParityNoise,
-)
+from saddlering_ros.estimation.parity import parity_ratios
+from saddlering_ros.estimation.process import ChannelNoise
+from saddlering_ros.estimation.rest import RestSegment
+from saddlering_ros.estimation.rest_noise import channel_correlation, noise_alone
+from saddlering_ros.estimation.sampling_classes import noise_by_class, Quiet, Silence
 
 STEP = 0.02
 
@@ -23,66 +20,69 @@ def segments(memory, count=50, length=200, seed=0, scale=3e-7):
     return list(lfilter([1.0], [1.0, -memory], drive, axis=1)[:, 200:])
 
 
+def rests(parts):
+    """Stretches at rest of rows (C, n) or (n,)."""
+    return [RestSegment(np.atleast_2d(part), STEP) for part in parts]
+
+
+def of_channel(parts):
+    """Noise of the one channel of these stretches (n,)."""
+    return noise_alone(parts, STEP)
+
+
 @pytest.mark.parametrize('memory', [0.0, 0.5, 0.9])
 def test_standard_deviation_is_read_whatever_the_memory(memory):
-    assert fit_channel(segments(memory), STEP).standard_deviation == pytest.approx(3e-7, rel=0.06)
+    assert of_channel(segments(memory)).deviation(STEP) == pytest.approx(3e-7, rel=0.06)
 
 
 @pytest.mark.parametrize('memory', [0.0, 0.6, 0.9])
 def test_the_error_of_a_mean_is_the_scatter_of_means(memory):
     parts = segments(memory, count=400, length=100)
     scatter = np.std([part.mean() for part in parts])
-    stated = np.sqrt(fit_channel(parts, STEP).variance_of_mean(100))
+    stated = of_channel(parts).deviation(100 * STEP)
     assert stated == pytest.approx(scatter, rel=0.15)
 
 
 def test_white_noise_is_white_mostly():
-    noise = fit_channel(segments(0.0), STEP)
-    assert noise.white > 0.95 * noise.standard_deviation**2
+    noise = of_channel(segments(0.0))
+    assert noise.white > 0.95 * STEP * noise.deviation(STEP) ** 2
 
 
 def test_a_slow_wander_counts_in_the_error_of_a_mean_though_stretches_are_short():
     slow = np.exp(-STEP / 4.0)
     fast = segments(0.0, count=60, length=200, scale=3e-7)
     wander = segments(slow, count=60, length=200, seed=1, scale=1e-7)
-    noise = fit_channel([a + b for a, b in zip(fast, wander, strict=True)], STEP)
-    assert np.sqrt(noise.variance_of_mean(200)) == pytest.approx(0.8e-7, rel=0.35)
+    noise = of_channel([a + b for a, b in zip(fast, wander, strict=True)])
+    assert noise.deviation(200 * STEP) == pytest.approx(0.8e-7, rel=0.35)
 
 
-def test_what_longer_stretches_know_of_the_slow_part_is_taken_over():
-    slow = NoiseModel((ChannelNoise(STEP, 1e-14, np.array([4.0]), np.array([4e-14])),), np.eye(1))
-    short = [segment[None] for segment in segments(0.0, count=1, length=30)]
-    noise = fit_noise(short, STEP, slow).channels[0]
-    assert noise.at(np.array([0.0]))[0] == pytest.approx(4e-14, rel=0.2)
+def test_what_long_stretches_know_of_the_slow_part_counts_for_short_ones_too():
+    slow = segments(np.exp(-STEP / 4.0), count=60, length=500, seed=3, scale=2e-7)
+    long = [a + b for a, b in zip(segments(0.0, 60, 500), slow, strict=True)]
+    short = segments(0.0, count=1, length=30, seed=5)
+    found = noise_by_class({0: Quiet(rests(long)), 1: Quiet(rests(short))}, 1, 1.5)
+    assert found[1][0].deviation(4.0) == pytest.approx(found[0][0].deviation(4.0), rel=0.2)
+    assert found[1][0].deviation(4.0) > 3.0 * of_channel(short).deviation(4.0)
 
 
 def test_the_means_of_the_stretches_do_not_count():
     parts = segments(0.3)
     moved = [part + 1e-4 * number for number, part in enumerate(parts)]
-    assert fit_channel(moved, STEP).standard_deviation == pytest.approx(
-        fit_channel(parts, STEP).standard_deviation, rel=1e-6
+    assert of_channel(moved).deviation(STEP) == pytest.approx(
+        of_channel(parts).deviation(STEP), rel=1e-6
     )
 
 
 def test_a_record_without_noise_is_given_the_smallest():
-    assert fit_channel([np.zeros(50)] * 3, STEP).standard_deviation == pytest.approx(1e-9)
-
-
-def test_the_autocovariance_is_that_of_the_process():
-    noise = ChannelNoise(STEP, 2.0, np.array([0.1]), np.array([1.0]))
-    assert noise.autocovariance(4) == pytest.approx(
-        [3.0, *np.exp(-STEP * np.arange(1, 4) / 0.1)]
-    )
+    assert of_channel([np.zeros(50)] * 3).deviation(STEP) == pytest.approx(1e-9)
 
 
 def test_a_common_cause_shows_as_correlation_between_channels():
     random = np.random.default_rng(1)
     common = random.normal(0.0, 3e-7, (40, 1, 100))
     own = random.normal(0.0, 3e-7, (40, 3, 100))
-    model = fit_noise(list(own + common), STEP)
-    assert model.correlation[0, 2] == pytest.approx(0.5, abs=0.06)
-    independent = fit_noise(list(own), STEP)
-    assert np.abs(independent.correlation - np.eye(3)).max() < 0.06
+    assert channel_correlation(rests(own + common))[0, 2] == pytest.approx(0.5, abs=0.06)
+    assert np.abs(channel_correlation(rests(own)) - np.eye(3)).max() < 0.06
 
 
 def wandering(count, length, seed=0):
@@ -99,43 +99,53 @@ def cut(rows, stretch=137, every=300):
     return [rows[:, start:start + stretch] for start in range(0, rows.shape[1] - stretch, every)]
 
 
+def ratios_of(parity, rows):
+    """Noise of channels (C, N) over that of a parity (1, N)."""
+    return parity_ratios([parity[0]], [part[0] for part in cut(parity)], cut(rows))
+
+
 def test_the_parity_of_a_whole_record_shows_the_slow_part_between_the_stretches():
     stated = []
     for seed in range(0, 40, 4):
         rows = wandering(3, 15000, seed)
         parity = 1.5 * wandering(1, 15000, seed + 2)
-        ratios = parity_ratios([parity], cut(parity), cut(rows))
+        ratios = ratios_of(parity, rows)
         assert ratios == pytest.approx(1.0 / 1.5**2, rel=0.15)
-        noise = fit_noise(cut(rows), STEP, parity=ParityNoise([parity], ratios)).channels[0]
-        stated.append(np.sqrt(noise.variance_of_mean(137)))
-    true = ChannelNoise(STEP, 9e-14, np.array([4.0]), np.array([1e-14])).variance_of_mean(137)
-    assert np.median(stated) == pytest.approx(np.sqrt(true), rel=0.1)
-    assert np.std(stated) < 0.2 * np.sqrt(true)
+        silence = Silence(rests([parity]), ratios)
+        noise = Quiet(rests(cut(rows)), silence=silence).noise(3, np.inf)[0]
+        stated.append(noise.deviation(137 * STEP))
+    true = ChannelNoise(9e-14 * STEP, np.array([1e-14]), 0.0, 1, np.array([4.0]))
+    expected = true.deviation(137 * STEP)
+    assert np.median(stated) == pytest.approx(expected, rel=0.1)
+    assert np.std(stated) < 0.2 * expected
 
 
 def test_a_parity_that_something_moves_says_nothing_about_noise():
     rows, parity = wandering(3, 15000), wandering(1, 15000, 2)
     jumps = np.where(np.arange(15000) // 150 % 4 == 3, 2e-6, 0.0)
-    assert parity_ratios([parity], cut(parity), cut(rows)) is not None
-    assert parity_ratios([parity + jumps], cut(parity), cut(rows)) is None
+    assert ratios_of(parity, rows) is not None
+    assert parity_ratios([(parity + jumps)[0]], [part[0] for part in cut(parity)],
+                         cut(rows)) is None
     drift = np.cumsum(np.full(15000, 1e-9))
-    assert parity_ratios([parity + drift], cut(parity + drift), cut(rows)) is None
+    assert ratios_of(parity + drift, rows) is None
 
 
 def test_probes_of_another_kind_say_nothing_about_a_channel():
     rows, parity = wandering(3, 15000), 0.2 * wandering(1, 15000, 2)
-    assert parity_ratios([parity], cut(parity), cut(rows)) is None
+    assert ratios_of(parity, rows) is None
 
 
 def test_the_covariance_of_means_is_that_of_the_values_they_are_means_of():
-    noise = ChannelNoise(STEP, 0.0, np.array([1.0, 4.0]), np.array([2e-14, 1e-14]))
+    noise = ChannelNoise(0.0, np.array([2e-14, 1e-14]), 0.0, 1, np.array([1.0, 4.0]))
     spans = [(0, 25), (0, 300), (340, 600), (650, 900)]
-    values = noise.at(STEP * np.abs(np.subtract.outer(np.arange(900), np.arange(900))))
+    apart = STEP * np.abs(np.subtract.outer(np.arange(900), np.arange(900)))
+    values = 2e-14 * np.exp(-apart) + 1e-14 * np.exp(-apart / 4.0)
     weights = np.zeros((len(spans), 900))
     for row, (start, stop) in zip(weights, spans, strict=True):
         row[start:stop] = 1.0 / (stop - start)
     centres = STEP * np.array([0.5 * (start + stop - 1) for start, stop in spans])
-    stated = noise.covariance_of_means(centres, [stop - start for start, stop in spans])
+    widths = STEP * np.array([stop - start for start, stop in spans], dtype=float)
+    stated = noise.covariance(centres, widths)
     assert stated == pytest.approx(weights @ values @ weights.T, rel=0.01)
 
 
@@ -145,4 +155,4 @@ def test_stamps_between_those_of_the_load_make_no_correlation():
     between = 0.5 * (quiet[:, 1:] + quiet[:, :-1])  # read halfway, interpolated
     front, rear = between, loud[:, 1:]
     parts = [np.stack([0.5 * (a + b), a - b]) for a, b in zip(front, rear, strict=True)]
-    assert fit_noise(parts, STEP).correlation == pytest.approx(np.eye(2), abs=1e-12)
+    assert channel_correlation(rests(parts)) == pytest.approx(np.eye(2), abs=1e-12)

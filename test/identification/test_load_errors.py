@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from saddlering_ros.estimation.noise import fit_common
+from saddlering_ros.estimation.common_noise import common_noise
 from saddlering_ros.identification.objective import WeightedObjective
 from saddlering_ros.identification.observing import observe
 from saddlering_ros.rig import ContactParameters
@@ -49,17 +49,17 @@ def test_noise_that_two_series_share_is_read_whatever_each_has_beside():
     shape = (120, 250)
     shared = wander(random, 20.0, 3.0, 0.02, shape) + random.normal(0.0, 50.0, shape)
     drift = np.linspace(0.0, 100.0, shape[1])
-    found = fit_common(list(shared + drift), list(shared + random.normal(0.0, 80.0, shape)),
+    found = common_noise(list(shared + drift), list(shared + random.normal(0.0, 80.0, shape)),
                        [1.0] * len(shared), 0.02)
-    assert found.white == pytest.approx(50.0**2, rel=0.05)
-    assert np.sqrt(found.variances.sum()) == pytest.approx(20.0, rel=0.35)
+    assert found.white / 0.02 == pytest.approx(50.0**2, rel=0.05)
+    assert np.sqrt(found.slow.sum()) == pytest.approx(20.0, rel=0.35)
 
 
 def test_series_that_share_nothing_have_no_common_noise():
     first, second = np.random.default_rng(1).normal(0.0, 50.0, (2, 100, 200))
-    found = fit_common(list(first), list(second), [1.0] * 100, 0.02)
-    assert found.white < 0.02 * 50.0**2
-    assert found.variances.sum() < 0.02 * 50.0**2
+    found = common_noise(list(first), list(second), [1.0] * 100, 0.02)
+    assert found.white / 0.02 < 0.02 * 50.0**2
+    assert found.slow.sum() < 0.02 * 50.0**2
 
 
 def test_a_noisy_load_is_no_misfit_of_the_truth(objective):

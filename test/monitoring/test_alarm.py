@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from saddlering_ros.estimation.noise import ChannelNoise
+from saddlering_ros.estimation.process import ChannelNoise
 from saddlering_ros.monitoring import (
     ALARM,
     block_noise,
@@ -83,8 +83,8 @@ def test_innovations_of_wandering_noise_are_independent():
 
 
 def test_noise_of_blocks_follows_from_that_of_samples():
-    sampled = ChannelNoise(1e-3, 1.0, np.array([4.0]), np.array([0.1]))
-    found = block_noise(sampled, 20)
+    sampled = ChannelNoise(1e-3, np.array([0.1]), 0.0, 10, np.array([4.0]))
+    found = block_noise(sampled, 0.02)
     assert found.white == pytest.approx(1.0 / 20.0, rel=0.02)
     assert found.wander == pytest.approx(0.1, rel=0.02)
     assert found.memory == pytest.approx(np.exp(-0.02 / 4.0), rel=1e-3)

@@ -1,0 +1,66 @@
+"""Noise that two records have in common, by the Allan variances of their sum and difference."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import nnls
+
+from saddlering_ros.estimation.allan import (
+    allan_columns,
+    allan_variance,
+    averaged_counts,
+    running_total,
+)
+from saddlering_ros.estimation.process import ChannelNoise
+
+Array = NDArray[np.float64]
+
+SLOW_TIMES = np.array([1.0, 2.0, 4.0, 8.0])
+"""Time constants [s] that a common wander may have."""
+
+
+def common_noise(
+    first: Sequence[Array], second: Sequence[Array], weights: Sequence[float], step: float
+) -> ChannelNoise:
+    """Noise that pairs of segments (n_i,), sampled every `step` [s], have in common.
+
+    Each pair weighs `weights`. What is in one alone does not count. Segments of seconds hardly
+    tell a slow time constant, so each of SLOW_TIMES counts by its likelihood.
+    """
+    counts = np.array(averaged_counts(max(map(len, first))))
+    pairs = np.array([[max(0, len(row) // count - 1) for count in counts] for row in first])
+    seen = pairs.sum(axis=0) > 0
+    counts, pairs = counts[seen], pairs[:, seen]
+    share = np.asarray(weights)[:, None] * pairs
+    share = share / share.sum(axis=0)
+    kinds = (
+        [a + b for a, b in zip(first, second, strict=True)],
+        [a - b for a, b in zip(first, second, strict=True)], first, second,
+    )
+    of_sum, of_difference, own, other = (
+        np.sum(share * _variances(kind, counts, pairs), axis=0) for kind in kinds)
+    common, freedom = 0.25 * (of_sum - of_difference), pairs.sum(axis=0)
+    error = np.maximum(np.sqrt((own * other + common**2) / freedom), 1e-300)
+    columns = allan_columns(counts * step, SLOW_TIMES)
+    amounts, likelihood = np.zeros((SLOW_TIMES.size, 2)), np.zeros(SLOW_TIMES.size)
+    for place in range(SLOW_TIMES.size):
+        design = columns[:, [0, 1 + place]] / error[:, None]
+        amounts[place], misfit = nnls(design, common / error)
+        likelihood[place] = -0.5 * misfit**2
+    likelihood = np.exp(likelihood - likelihood.max())
+    likelihood /= likelihood.sum()
+    return ChannelNoise(float(likelihood @ amounts[:, 0]), likelihood * amounts[:, 1], 0.0,
+                        int(freedom[0]), SLOW_TIMES)
+
+
+def _variances(rows: Sequence[Array], counts: Array, pairs: Array) -> Array:
+    """Allan variances (rows, counts); 0 where a row is too short."""
+    answers = np.zeros(pairs.shape)
+    for place, (row, own) in enumerate(zip(rows, pairs, strict=True)):
+        total = running_total(row)
+        for column in np.flatnonzero(own):
+            answers[place, column] = allan_variance(total, int(counts[column]))
+    return answers

@@ -1,0 +1,78 @@
+"""Errors that whitened residuals share, such as a zero's or a clearance's: their part taken out.
+
+Residuals of covariance I + A A' (A: what each error of unit variance does to them) become
+uncorrelated by I - U (1 - 1/sqrt(1 + s^2)) U', U and s being the singular vectors and values of A.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+MIN_STRENGTH = 1e-3
+"""Errors that do less than this, in units of the residuals' own scatter, are left in."""
+
+MIN_STRENGTH_OF_MANY = 0.03
+"""The same where there are hundreds."""
+
+
+@dataclass(frozen=True)
+class SharedErrors:
+    """Independent errors of unit variance that residuals (n,) share.
+
+    directions (n, k) orthonormal, strength (k,) over the residuals' own scatter; mixture (M, k):
+    the part that each of the M errors has in a direction.
+    """
+
+    directions: Array
+    strength: Array
+    mixture: Array
+
+    @classmethod
+    def none(cls, size: int) -> SharedErrors:
+        """No error at all, of residuals (size,)."""
+        return cls(np.zeros((size, 0)), np.zeros(0), np.zeros((0, 0)))
+
+    @classmethod
+    def of(cls, answers: Array) -> SharedErrors:
+        """For residuals that answer by the columns (n, M) to M errors of any size."""
+        left, strength, right = np.linalg.svd(answers, full_matrices=False)
+        kept = strength > MIN_STRENGTH
+        return cls(np.ascontiguousarray(left[:, kept]), strength[kept], right[kept].T)
+
+    @classmethod
+    def of_many(cls, answers: Array) -> SharedErrors:
+        """The same for hundreds of errors, none of which is thousands of times the noise."""
+        variance, mixture = np.linalg.eigh(answers.T @ answers)
+        kept = variance > MIN_STRENGTH_OF_MANY**2
+        strength, mixture = np.sqrt(variance[kept]), mixture[:, kept]
+        return cls(answers @ (mixture / strength), strength, mixture)
+
+    @property
+    def shrink(self) -> Array:
+        """Shares (k,) of residuals along the directions that are taken out."""
+        return np.asarray(1.0 - 1.0 / np.sqrt(1.0 + self.strength**2))
+
+    @property
+    def dimensions(self) -> float:
+        """Dimensions of the residuals that the errors have taken."""
+        return float((1.0 - (1.0 - self.shrink) ** 2).sum())
+
+    def apply(self, columns: Array) -> Array:
+        """Whitened columns (n, B) or (n,)."""
+        inner = self.directions.T @ columns
+        scale = self.shrink if columns.ndim == 1 else self.shrink[:, None]
+        return np.asarray(columns - self.directions @ (scale * inner))
+
+    def along(self, residual: Array) -> Array:
+        """The errors along the directions (k,) that a residual (n,) makes most likely."""
+        share = self.strength / (1.0 + self.strength**2)
+        return np.asarray(share * (self.directions.T @ residual))
+
+    def likely(self, residual: Array) -> Array:
+        """The errors (M,) that a residual (n,) makes most likely."""
+        return np.asarray(self.mixture @ self.along(residual))
