@@ -26,10 +26,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-GAP_PERIODS = 5
-BLOCK = 1 << 20
-"""Load stamps aligned at a time, so that a long record needs little memory beside its own."""
+from saddlering_ros.bags.scratch import blocks, scratch_array
 
+GAP_PERIODS = 5
 GAP_HISTORY = 15
 GAP_LEAST_HISTORY = 3
 GAP_FLOOR_NS = 5_000_000
@@ -56,8 +55,10 @@ def seconds(stamp: int, epoch: int) -> float:
 
 def seconds_array(stamps: NDArray[np.int64], epoch: int) -> NDArray[np.float64]:
     """Seconds from `epoch` to each of `stamps` (both ns); equal bit for bit to `seconds`."""
-    elapsed: NDArray[np.float64] = (stamps - np.int64(epoch)).astype(np.float64)
-    return elapsed / 1e9
+    elapsed: NDArray[np.float64] = scratch_array(stamps.shape, np.float64)
+    for part in blocks(len(stamps), stamps, elapsed):
+        elapsed[part] = (stamps[part] - np.int64(epoch)).astype(np.float64) / 1e9
+    return elapsed
 
 
 def gap_limit(history: list[int]) -> int:
@@ -81,36 +82,48 @@ def longer_hold(hold: int, delay: int) -> int:
 
 def gap_mask(stamps: NDArray[np.int64]) -> NDArray[np.bool_]:
     """Which of the intervals between consecutive `stamps` (N,) are gaps: (N - 1,)."""
-    intervals = np.diff(stamps)
-    mask = np.zeros(len(intervals), dtype=bool)
-    for early in np.flatnonzero(intervals[:GAP_HISTORY] > GAP_FLOOR_NS).tolist():
+    mask = np.zeros(max(len(stamps) - 1, 0), dtype=bool)
+    intervals = np.diff(stamps[:GAP_HISTORY + 1])
+    for early in np.flatnonzero(intervals > GAP_FLOOR_NS).tolist():
         mask[early] = intervals[early] > gap_limit(intervals[:early].tolist())
-    long = np.flatnonzero(intervals[GAP_HISTORY:] > GAP_FLOOR_NS)
-    window = np.arange(GAP_HISTORY)
-    for start in range(0, len(long), 65536):
-        index = long[start:start + 65536]
-        before = np.sort(intervals[index[:, None] + window], axis=1)
-        limit = np.maximum(GAP_PERIODS * before[:, (GAP_HISTORY - 1) // 2], GAP_FLOOR_NS)
-        mask[index + GAP_HISTORY] = intervals[index + GAP_HISTORY] > limit
+    for part in blocks(len(mask) - GAP_HISTORY, stamps, size=65536):
+        _mask_block(np.diff(stamps[part.start:part.stop + GAP_HISTORY + 1]),
+                    mask[part.start + GAP_HISTORY:])
     return mask
+
+
+def _mask_block(intervals: NDArray[np.int64], mask: NDArray[np.bool_]) -> None:
+    """Mark in `mask` which `intervals` behind the first GAP_HISTORY are gaps."""
+    long = np.flatnonzero(intervals[GAP_HISTORY:] > GAP_FLOOR_NS)
+    if not len(long):
+        return
+    before = np.sort(intervals[long[:, None] + np.arange(GAP_HISTORY)], axis=1)
+    limit = np.maximum(GAP_PERIODS * before[:, (GAP_HISTORY - 1) // 2], GAP_FLOOR_NS)
+    mask[long] = intervals[long + GAP_HISTORY] > limit
 
 
 def align(
     load_stamps: NDArray[np.int64],
     stamps: NDArray[np.int64],
     values: NDArray[np.float64],
+    *, aligned: NDArray[np.float64] | None = None, is_gap: NDArray[np.bool_] | None = None,
 ) -> NDArray[np.float64]:
     """Values of a probe on the load's stamps (see the rule above); NaN where it has none.
 
-    `load_stamps` (N,) and `stamps` (M,) [ns] strictly increasing, `values` (M,); returns (N,).
+    `load_stamps` (N,) and `stamps` (M,) [ns] strictly increasing, `values` (M,); returns (N,):
+    `aligned`, if given, filled. is_gap (M - 1,): the gaps in `stamps`, if they are known.
     """
-    aligned = np.full(len(load_stamps), nan)
-    if not len(stamps):
-        return aligned
-    is_gap = gap_mask(stamps)
-    for start in range(0, len(load_stamps), BLOCK):
-        rows = slice(start, start + BLOCK)
-        _align_block(load_stamps[rows], stamps, values, is_gap, aligned[rows])
+    if aligned is None:
+        aligned = scratch_array(load_stamps.shape, np.float64)
+    is_gap = gap_mask(stamps) if is_gap is None else is_gap
+    for rows in blocks(len(load_stamps), load_stamps, stamps, values, aligned):
+        aligned[rows] = nan
+        of_load = load_stamps[rows]
+        # Only the readings about this block, so that its search stays within a few pages.
+        low, high = np.searchsorted(stamps, [of_load[0], of_load[-1]], side='right').tolist()
+        near = slice(max(low - 1, 0), high + 1)
+        if high:
+            _align_block(of_load, stamps[near], values[near], is_gap[near], aligned[rows])
     return aligned
 
 

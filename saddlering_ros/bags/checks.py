@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from saddlering_ros.bags.alignment import gap_mask
 from saddlering_ros.bags.errors import BagError
+from saddlering_ros.bags.scratch import count_where, extremes, spread
 from saddlering_ros.rig import LoadLimits, TONNE
 
 MOST_ABSENT_UNMENTIONED = 0.005
@@ -25,9 +26,9 @@ FAR_OUTSIDE = 20.0
 
 def check_values(where: str, stamps: NDArray[np.int64], values: NDArray[np.float64]) -> None:
     """Raise BagError if any of `values` (N,) at `stamps` (N,) [ns] is NaN or infinite."""
-    bad = ~np.isfinite(values)
-    if not bad.any():
+    if count_where(np.isfinite, values) == len(values):
         return
+    bad = ~np.isfinite(values)
     first = int(np.argmax(bad))
     kinds = ' and '.join(
         name for name, found in (('NaN', np.isnan(values)), ('infinite', np.isinf(values)))
@@ -40,7 +41,7 @@ def check_values(where: str, stamps: NDArray[np.int64], values: NDArray[np.float
 
 def check_load_unit(where: str, load: NDArray[np.float64], limits: LoadLimits) -> None:
     """Raise BagError if the load (N,) cannot be newtons of a pushing cylinder of this rig."""
-    low, high = float(load.min()), float(load.max())
+    low, high = map(float, extremes(load))
     shown = f'the load runs from {low:.4g} to {high:.4g} N'
     if -low > max(high, limits.negative_max):
         raise BagError(f'{where}: {shown}, mostly negative: publish a pushing load as positive')
@@ -58,7 +59,7 @@ def check_probe_unit(
     where: str, gaps: NDArray[np.float64], min_range: float, max_range: float,
 ) -> None:
     """Raise BagError if the gaps (N,) of a probe cannot be metres."""
-    typical = float(np.median(np.abs(gaps)))
+    typical = float(np.median(np.abs(spread(gaps))))
     if _is_span(min_range, max_range) and max_range < LARGEST_SPAN:
         distance = max(min_range - typical, typical - max_range, 0.0)
         limit = FAR_OUTSIDE * (max_range - min_range)
@@ -103,18 +104,19 @@ def notes_on_probe(
 ) -> list[str]:
     """What is odd about a probe's readings; `aligned` (N,) are those on the load's stamps."""
     notes = _notes_on_gaps(topic, stamps, is_gap)
-    absent = int(np.isnan(aligned).sum())
+    absent = count_where(np.isnan, aligned)
     if absent > MOST_ABSENT_UNMENTIONED * len(aligned):
         notes.append(f'{topic}: has no reading at {absent} of {len(aligned)} load stamps')
     if _is_span(min_range, max_range):
-        at_limit = int(((gaps <= min_range) | (gaps >= max_range)).sum())
+        at_limit = count_where(lambda part: (part <= min_range) | (part >= max_range), gaps)
         if at_limit:
             notes.append(
                 f'{topic}: {at_limit} of {len(gaps)} readings are at or beyond the limits of its '
                 f'span ({min_range:g} to {max_range:g} m)')
     else:
         notes.append(f'{topic}: publishes no span (min_range, max_range)')
-    if (gaps == gaps[0]).all():
+    lowest, highest = extremes(gaps)
+    if lowest == highest:
         notes.append(f'{topic}: the reading never changes')
     return notes
 
@@ -125,7 +127,8 @@ def _notes_on_gaps(
     count = int(is_gap.sum())
     if not count:
         return []
-    longest = int(np.diff(stamps)[is_gap].max()) / 1e9
+    before = np.flatnonzero(is_gap)
+    longest = int((stamps[before + 1] - stamps[before]).max()) / 1e9
     return [f'{topic}: {count} gap{"s" * (count > 1)} in the stamps, the longest {longest:.3f} s']
 
 

@@ -27,8 +27,9 @@ from saddlering_ros.bags.reader import (
     run_of_record,
     TestRun,
 )
-from saddlering_ros.bags.record_quality import topic_quality, UNKNOWN_QUALITY
+from saddlering_ros.bags.record_quality import topic_quality, TopicQuality, UNKNOWN_QUALITY
 from saddlering_ros.bags.scan import OnShare, Scan, scan
+from saddlering_ros.bags.scratch import count_where, extremes, spread_changes
 from saddlering_ros.bags.topics import LOAD_TOPIC, PROBE_TOPICS, RIG_TOPICS
 from saddlering_ros.rig import default_rig, Rig
 
@@ -135,7 +136,7 @@ def bag_info(
         notes += run.notes
         notes += notes_on_rig(rig, run, record)
         count = _plateau_count(run, problems)
-    return _assemble(found, facts, raw, count, problems, notes)
+    return _assemble(found, facts, raw, run, count, problems, notes)
 
 
 def _faults_of_readings(path: Path, raw: dict[str, RawTopic], rig: Rig) -> list[str]:
@@ -176,25 +177,28 @@ def _plateau_count(run: TestRun, problems: list[str]) -> int | None:
 
 
 def _assemble(
-    found: Scan, facts: FoundFacts, raw: dict[str, RawTopic], count: int | None,
-    problems: list[str], notes: list[str],
+    found: Scan, facts: FoundFacts, raw: dict[str, RawTopic], run: TestRun | None,
+    count: int | None, problems: list[str], notes: list[str],
 ) -> BagInfo:
     start = min((int(topic.stamps[0]) for topic in raw.values()), default=None)
     stop = max((int(topic.stamps[-1]) for topic in raw.values()), default=None)
     duration = math.nan if start is None or stop is None else (stop - start) / 1e9
-    load = raw[LOAD_TOPIC].values if LOAD_TOPIC in raw else np.array([math.nan])
+    lowest, highest = extremes(
+        raw[LOAD_TOPIC].values if LOAD_TOPIC in raw else np.array([math.nan]))
     return BagInfo(
         path=found.path, name=found.directory.name, files=len(found.directory.files),
         size=found.size, message_count=found.message_count,
         compressions=tuple(sorted(found.compressions)),
         schema_encodings=tuple(sorted(found.schema_encodings)), facts=facts,
-        topics=_topics(found, raw, start), start=start, duration=duration,
-        load_range=(float(np.min(load)), float(np.max(load))), plateaus=count,
+        topics=_topics(found, raw, start, run), start=start, duration=duration,
+        load_range=(float(lowest), float(highest)), plateaus=count,
         sha256=found.directory.sha256(), problems=tuple(dict.fromkeys(problems)),
         notes=tuple(notes))
 
 
-def _topics(found: Scan, raw: dict[str, RawTopic], start: int | None) -> tuple[TopicInfo, ...]:
+def _topics(
+    found: Scan, raw: dict[str, RawTopic], start: int | None, run: TestRun | None,
+) -> tuple[TopicInfo, ...]:
     """The rig's topics first, then all others by name."""
     others = sorted(set(found.topics) - set(RIG_TOPICS))
     infos = []
@@ -204,22 +208,27 @@ def _topics(found: Scan, raw: dict[str, RawTopic], start: int | None) -> tuple[T
             continue
         kind = ', '.join(sorted(scanned.types))
         if name in raw and start is not None:
-            infos.append(_rig_topic(raw[name], kind, scanned.count, start))
+            seen = None if run is None else run.quality.get(name)
+            infos.append(_rig_topic(raw[name], kind, scanned.count, start, seen))
         else:
             infos.append(TopicInfo(name, kind, scanned.count))
     return tuple(infos)
 
 
-def _rig_topic(raw: RawTopic, kind: str, count: int, start: int) -> TopicInfo:
-    intervals = np.diff(raw.stamps)
-    gaps = intervals[gap_mask(raw.stamps)]
-    is_finite = bool(np.isfinite(raw.values).all())
-    seen = topic_quality(raw.stamps, raw.values) if is_finite else UNKNOWN_QUALITY
+def _rig_topic(
+    raw: RawTopic, kind: str, count: int, start: int, seen: TopicQuality | None,
+) -> TopicInfo:
+    before = np.flatnonzero(gap_mask(raw.stamps))
+    gaps = raw.stamps[before + 1] - raw.stamps[before]
+    lowest, highest = map(float, extremes(raw.values))
+    is_finite = count_where(np.isfinite, raw.values) == len(raw.values)
+    if seen is None:
+        seen = topic_quality(raw.stamps, raw.values) if is_finite else UNKNOWN_QUALITY
     return TopicInfo(
-        raw.topic, kind, count, 1e9 / float(np.median(intervals)),
+        raw.topic, kind, count, 1e9 / float(np.median(spread_changes(raw.stamps))),
         (int(raw.stamps[0]) - start) / 1e9, int(raw.stamps[-1] - raw.stamps[0]) / 1e9,
         len(gaps), float(gaps.max()) / 1e9 if len(gaps) else 0.0,
-        float(raw.values.min()), float(raw.values.max()), raw.frame_id,
+        lowest, highest, raw.frame_id,
         seen.repeated, seen.update_rate, seen.resolution, seen.noise, seen.bandwidth,
         int(seen.spikes.size))
 

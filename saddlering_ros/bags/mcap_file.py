@@ -44,6 +44,9 @@ MOST_DECLARATIONS = 200_000
 BLOCK_MESSAGES = 1 << 16
 """Messages per block of a file without chunks."""
 
+GIVEN_BACK = 1 << 24
+"""Bytes of the mapped file that are read before their memory is given back."""
+
 _record_head = struct.Struct('<BQ')
 _message_head = struct.Struct('<BQHIQ')
 _chunk_head = struct.Struct('<QQQI')
@@ -127,7 +130,7 @@ class McapFile:
             raise DamageError(
                 f'{self.name}: is not an MCAP file: give a bag recorded with storage mcap')
         loose = _Collector()
-        position = len(MAGIC)
+        position, seen = len(MAGIC), 0
         while True:
             try:
                 opcode, start, stop = self._record(buffer, position, size)
@@ -141,8 +144,10 @@ class McapFile:
                 if len(loose) >= BLOCK_MESSAGES:
                     yield self._counted(loose.block(buffer))
                     loose = _Collector()
+                    seen = _give_back(buffer, seen, stop)
             elif opcode == CHUNK:
                 yield self._counted(self._chunk(buffer, start, stop, size))
+                seen = _give_back(buffer, seen, stop)
             elif opcode == DATA_END:
                 break
             else:
@@ -474,7 +479,17 @@ def _only_zeros(buffer: mmap.mmap, start: int, stop: int) -> bool:
 
 
 def _checksum(buffer: mmap.mmap, stop: int) -> int:
-    crc = 0
+    crc = seen = 0
     for start in range(0, stop, 1 << 20):
         crc = zlib.crc32(buffer[start:min(start + (1 << 20), stop)], crc)
+        seen = _give_back(buffer, seen, start)
     return crc
+
+
+def _give_back(buffer: mmap.mmap, start: int, stop: int) -> int:
+    """Give the memory of a stretch that was read back to the system; where the next one begins."""
+    if stop - start < GIVEN_BACK:
+        return start
+    first = start // mmap.PAGESIZE * mmap.PAGESIZE
+    buffer.madvise(mmap.MADV_DONTNEED, first, stop - first)
+    return stop

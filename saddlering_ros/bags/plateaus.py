@@ -23,6 +23,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from saddlering_ros.bags.errors import BagError
+from saddlering_ros.bags.scratch import blocks, forget, scratch_array, spread, spread_changes
 
 if TYPE_CHECKING:
     from saddlering_ros.bags.reader import TestRun
@@ -133,6 +134,7 @@ def plateau_means(
         if errors and any(enough):
             found = _standard_errors([part for part in parts if len(part) >= FEWEST_SAMPLES])
             std_error[number, enough] = found
+        forget(channel)
     shape = (*values.shape[:-1], len(spans))
     samples = np.array([last - first for first, last in spans], dtype=np.int64)
     return PlateauMeans(mean.reshape(shape), std_error.reshape(shape), samples)
@@ -160,19 +162,19 @@ def find_holds(time: NDArray[np.float64], load: NDArray[np.float64]) -> list[tup
 
 
 def _range(load: NDArray[np.float64]) -> float:
-    low, high = np.percentile(load, [0.5, 99.5])
+    low, high = np.percentile(spread(load), [0.5, 99.5])
     return float(high - low)
 
 
 def _holds(
     time: NDArray[np.float64], load: NDArray[np.float64], window: float, span: float,
 ) -> list[tuple[int, int]]:
-    period = float(np.median(np.diff(time)))
+    period = float(np.median(spread_changes(time)))
     window = max(window, 4.0 * period)
-    noise = float(np.median(np.abs(np.diff(load)))) / 0.954
+    noise = float(np.median(np.abs(spread_changes(load)))) / 0.954
     samples = window / period
     tolerance = max(STEADY_SHARE * span, NOISE_FACTOR * noise * np.sqrt(2.0 / samples))
-    steady = np.abs(_change(time, load, window)) <= tolerance
+    steady = _steady(time, load, window, tolerance)
     shortest = max(SHORTEST_HOLD if window >= WINDOWS[0] else window, 3 * period)
     stretches = [
         (start, stop) for start, stop in _runs(steady)
@@ -197,38 +199,60 @@ def _extended(
     A hold ends where the mean of `edge` samples leaves its level; these samples and as many
     before them are not part of it.
     """
-    total = np.concatenate([[0.0], np.cumsum(load)])
-    means = (total[edge:] - total[:-edge]) / edge
+    total = _running_sum(load)
     limit = max(tolerance, NOISE_FACTOR * noise / np.sqrt(edge))
     limits = [0, *(start for start, _ in holds[1:]), len(load)]
     extended: list[tuple[int, int]] = []
     for number, (start, stop) in enumerate(holds):
-        away = np.abs(means - np.median(load[start:stop])) > limit
+        level = np.median(load[start:stop])
         low = extended[-1][1] if extended else 0
-        before = np.flatnonzero(away[low:max(start - edge + 1, low)])
+        before = np.flatnonzero(
+            _away(total, edge, low, max(start - edge + 1, low), level) > limit)
         first = low + int(before[-1]) + edge if len(before) else low
-        after = np.flatnonzero(away[stop:limits[number + 1]])
+        after = np.flatnonzero(_away(total, edge, stop, limits[number + 1], level) > limit)
         last = stop + int(after[0]) - edge if len(after) else limits[number + 1]
         extended.append((min(first, start), max(last, stop)))
     return extended
 
 
-def _change(
-    time: NDArray[np.float64], load: NDArray[np.float64], window: float,
+def _away(
+    total: NDArray[np.float64], edge: int, start: int, stop: int, level: float,
 ) -> NDArray[np.float64]:
-    """Mean load over the window after each sample less that over the window before it."""
-    total = np.concatenate([[0.0], np.cumsum(load - load.mean())])
-    first = np.searchsorted(time, time - window, side='left')
-    last = np.searchsorted(time, time + window, side='right')
-    here = np.arange(len(time))
-    before = (total[here + 1] - total[first]) / (here + 1 - first)
-    after = (total[last] - total[here]) / (last - here)
-    return np.asarray(after - before)
+    """How far the means of `edge` samples from each of the samples [start, stop) on lie away."""
+    stop = min(stop, len(total) - edge)
+    means = (total[start + edge:max(stop, start) + edge] - total[start:max(stop, start)]) / edge
+    return np.asarray(np.abs(means - level))
+
+
+def _steady(
+    time: NDArray[np.float64], load: NDArray[np.float64], window: float, tolerance: float,
+) -> NDArray[np.bool_]:
+    """Where the means over the windows after and before a sample differ by little."""
+    total = _running_sum(load, float(load.mean()))
+    steady = np.zeros(len(time), dtype=bool)
+    for part in blocks(len(time), time, load, total):
+        here = np.arange(part.start, part.stop)
+        first = np.searchsorted(time, time[part] - window, side='left')
+        last = np.searchsorted(time, time[part] + window, side='right')
+        before = (total[here + 1] - total[first]) / (here + 1 - first)
+        after = (total[last] - total[here]) / (last - here)
+        steady[part] = np.abs(after - before) <= tolerance
+    return steady
+
+
+def _running_sum(values: NDArray[np.float64], less: float = 0.0) -> NDArray[np.float64]:
+    """Sums (N + 1,) of the first 0 to N values, each less a constant."""
+    total = scratch_array((len(values) + 1,), np.float64)
+    total[0] = 0.0
+    for part in blocks(len(values), values, total):
+        added = np.cumsum(np.append(total[part.start], values[part] - less))
+        total[part.start + 1:part.stop + 1] = added[1:]
+    return total
 
 
 def _runs(mask: NDArray[np.bool_]) -> list[tuple[int, int]]:
     """Stretches [start, stop) over which `mask` holds."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], mask.astype(np.int8), [0]])))
+    edges = np.flatnonzero(np.diff(mask, prepend=False, append=False))
     return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))
 
 

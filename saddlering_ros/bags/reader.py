@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from saddlering_ros.bags.alignment import align, gap_mask, seconds_array
+from saddlering_ros.bags.alignment import align, GAP_HISTORY, gap_mask, seconds_array
 from saddlering_ros.bags.checks import (
     check_load_unit,
     check_overlap,
@@ -32,6 +32,7 @@ from saddlering_ros.bags.record_quality import (
 )
 from saddlering_ros.bags.rig_notes import parity_notes, rig_notes
 from saddlering_ros.bags.scan import OnShare, Scan, scan, ScannedTopic
+from saddlering_ros.bags.scratch import blocks, count_where, scratch_array, scratch_copy
 from saddlering_ros.bags.stamps import put_in_order
 from saddlering_ros.bags.topics import (
     ELEVATION,
@@ -163,7 +164,10 @@ class TestRun:
     @property
     def complete(self) -> NDArray[np.bool_]:
         """Mask (N,) of the load stamps at which all four probes have a reading."""
-        return np.asarray(np.isfinite(self.gaps).all(axis=0))
+        found = np.empty(len(self.stamps), dtype=bool)
+        for part in blocks(len(found), self.gaps):
+            found[part] = np.isfinite(self.gaps[:, part]).all(axis=0)
+        return found
 
 
 def read_raw(
@@ -269,18 +273,17 @@ def run_of_record(
     for raw in probes:
         check_probe_unit(f'{where}: {raw.topic}', raw.values, raw.min_range, raw.max_range)
         check_overlap(where, load.stamps, raw.topic, raw.stamps)
-    gaps = np.empty((len(probes), len(load)))
-    for row, raw in zip(gaps, probes, strict=True):
-        row[:] = align(load.stamps, raw.stamps, raw.values)
+    gaps = scratch_array((len(probes), len(load)), np.float64)
     notes = [*record.notes, *load.notes, *notes_on_load(load.stamps)]
     for raw, aligned in zip(probes, gaps, strict=True):
+        is_gap = gap_mask(raw.stamps)
+        align(load.stamps, raw.stamps, raw.values, aligned=aligned, is_gap=is_gap)
         notes += raw.notes
         notes += notes_on_probe(
-            raw.topic, raw.stamps, raw.values, raw.min_range, raw.max_range,
-            gap_mask(raw.stamps), aligned)
+            raw.topic, raw.stamps, raw.values, raw.min_range, raw.max_range, is_gap, aligned)
     found = record_quality(record)
     notes += record_quality_notes(record, found)
-    if np.isfinite(gaps).all(axis=0).sum() < FEWEST_SAMPLES:
+    if count_where(lambda part: np.isfinite(part).all(axis=0), gaps) < FEWEST_SAMPLES:
         raise BagError(
             f'{where}: all four probes read together at fewer than {FEWEST_SAMPLES} load stamps: '
             'start and stop all recordings together')
@@ -321,13 +324,24 @@ def _spikes(
     """Which of the load's samples (5, N) a spike of the load or of a probe reaches."""
     if not any(one.spikes.size for one in found.values()):
         return None
-    rows = []
-    for raw in (load, *probes):
-        struck = np.zeros(len(raw))
-        struck[found[raw.topic].spikes] = 1.0
-        reached = align(load.stamps, raw.stamps, struck)
-        rows.append(np.nan_to_num(reached) > 0.0)
-    return np.array(rows)
+    return np.array([_reached(load.stamps, raw, found[raw.topic].spikes)
+                     for raw in (load, *probes)])
+
+
+def _reached(
+    load_stamps: NDArray[np.int64], raw: RawTopic, spikes: NDArray[np.intp],
+) -> NDArray[np.bool_]:
+    """Which of the load's samples (N,) are aligned with a spike among a topic's readings."""
+    reached = np.zeros(len(load_stamps), dtype=bool)
+    for spike in spikes.tolist():
+        about = slice(max(spike - GAP_HISTORY - 2, 0), spike + 3)
+        stamps = raw.stamps[about]
+        struck = np.zeros(len(stamps))
+        struck[spike - about.start] = 1.0
+        first, last = np.searchsorted(load_stamps, [stamps[0], stamps[-1]]).tolist()
+        near = slice(first, last + 1)
+        reached[near] |= np.nan_to_num(align(load_stamps[near], stamps, struck)) > 0.0
+    return reached
 
 
 def raw_topic(found: Scan, name: str) -> RawTopic:
@@ -354,7 +368,8 @@ def raw_topic(found: Scan, name: str) -> RawTopic:
             'ran, and record again')
     stamps, values = topic.stamps, topic.values
     order = put_in_order(where, stamps, lambda: topic.log_times, values)
-    stamps, values = stamps[order.keep], values[order.keep]
+    if order.reordered or order.duplicates:
+        stamps, values = scratch_copy(stamps[order.keep]), scratch_copy(values[order.keep])
     if len(stamps) < fewest:
         raise BagError(f'{where}: holds {len(stamps)} different stamps, too few for a test: '
                        'let the driver stamp each sample')

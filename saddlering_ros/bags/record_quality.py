@@ -13,6 +13,14 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from saddlering_ros.bags.scratch import (
+    blocks,
+    count_where,
+    extremes,
+    spread,
+    spread_changes,
+)
+
 Floats = NDArray[np.float64]
 
 HELD_SHARE = 0.5
@@ -30,9 +38,6 @@ STALL_STEPS = 3.0
 
 STALL_CHANCE = 1e-6
 """A run of equal readings that chance makes more often than this is none."""
-
-MEDIAN_BLOCK = 1 << 16
-"""Readings whose running median is taken at a time: a few megabytes of windows."""
 
 SPIKE_SIZE = 10.0
 """A reading further than this many standard deviations from its four neighbours is a spike."""
@@ -111,23 +116,24 @@ UNKNOWN_QUALITY = TopicQuality(
 
 def topic_quality(stamps: NDArray[np.int64], values: Floats) -> TopicQuality:
     """Look at readings (N,) at stamps (N,) [ns]."""
-    rate = 1e9 / max(float(np.median(np.diff(stamps))), 1.0)
-    changes = np.diff(values)
-    repeated = float(np.mean(changes == 0.0))
+    rate = 1e9 / max(float(np.median(spread_changes(stamps))), 1.0)
+    changes = spread_changes(values)
+    repeated = count_where(_repeats, values, ahead=1) / max(len(values) - 1, 1)
     resolution = common_step(values)
     new = changes[changes != 0.0]
     held = (repeated > HELD_SHARE and new.size > 10
             and float(np.sqrt(np.mean(new**2))) > HELD_STEPS * max(resolution, 1e-300)
             and _evenly_held(changes))
     update_rate = rate * (1.0 - repeated) if held else rate
-    fresh = values[np.append(True, changes != 0.0)] if held else values
+    seen = spread(values)
+    fresh = seen[np.append(True, np.diff(seen) != 0.0)] if held else seen
     runs = _equal_runs(values)
     noise = white_noise(fresh)
     # A coarse converter repeats its largest reading, too.
     is_fine = resolution <= COARSE_SHARE * noise
     limit = _limit(values, runs, repeated) if is_fine else (math.nan, 0)
-    stall = (0, 0) if held else _stall(values, changes, runs, resolution)
-    spikes = np.zeros(0, dtype=np.intp) if held else spikes_of(values)
+    stall = (0, 0) if held else _stall(values, new, runs, resolution)
+    spikes = np.zeros(0, dtype=np.intp) if held else spikes_of(values, resolution, noise)
     return TopicQuality(
         rate, _mean_rate(stamps), repeated, update_rate, resolution, noise,
         _bandwidth(fresh, update_rate, resolution), spikes, stall, limit)
@@ -135,8 +141,9 @@ def topic_quality(stamps: NDArray[np.int64], values: Floats) -> TopicQuality:
 
 def _mean_rate(stamps: NDArray[np.int64]) -> float:
     """Readings per second over a record without gaps, NaN if there are some."""
-    periods = np.diff(stamps)
-    if float(periods.max()) > 1.9 * float(np.median(periods)):
+    longest = max(int(np.diff(stamps[part.start:part.stop + 1]).max())
+                  for part in blocks(len(stamps) - 1, stamps))
+    if longest > 1.9 * float(np.median(spread_changes(stamps))):
         return math.nan
     return 1e9 * (stamps.size - 1) / float(stamps[-1] - stamps[0])
 
@@ -168,35 +175,49 @@ def white_noise(values: Floats) -> float:
     return float(np.sqrt(np.mean(second[kept] ** 2) / 6.0))
 
 
-def spikes_of(values: Floats) -> NDArray[np.intp]:
+def spikes_of(values: Floats, step: float, noise: float) -> NDArray[np.intp]:
     """Indices of single readings (or pairs) far from the readings on both sides.
 
-    A reading is compared with the median of five about it, which keeps a step of the signal.
+    A reading is compared with the median of five about it, which keeps a step of the signal. step:
+    of the converter; noise: standard deviation of the readings' white noise.
     """
     if values.size < 10:
         return np.zeros(0, dtype=np.intp)
-    away = np.abs(values - _running_median(values, 5))
-    step = common_step(values)
-    scale = max(1.4826 * float(np.median(away)), 0.5 * white_noise(values), 0.5 * step)
-    # What moves fast in the neighbourhood is no spike.
-    change = np.abs(np.diff(values, append=values[-1]))
-    around = _running_median(change, 9)
-    return np.flatnonzero(away > SPIKE_SIZE * np.maximum(scale, 0.5 * around))
+    usual = 1.4826 * float(np.median(_away_from_neighbours(spread(values))))
+    scale = max(usual, 0.5 * noise, 0.5 * step)
+    found = []
+    for part in blocks(len(values), values):
+        start, stop = max(part.start - 2, 0), part.stop + 2
+        away = _away_from_neighbours(values[start:stop])[part.start - start:]
+        away = away[:part.stop - part.start]
+        far = np.flatnonzero(away > SPIKE_SIZE * scale)
+        around = _usual_change(values, part.start + far)
+        found.append(part.start + far[away[far] > SPIKE_SIZE * 0.5 * around])
+    return np.concatenate(found)
 
 
-def _running_median(values: Floats, width: int) -> Floats:
-    """The median of `width` (odd) readings about each; at the ends the last one is repeated.
+def _away_from_neighbours(values: Floats) -> Floats:
+    """How far each reading (N,) is from the median of five about it; ends are repeated."""
+    padded = np.pad(values, 2, mode='edge')
+    first, second, third, fourth, fifth = (
+        padded[place:place + len(values)] for place in range(5))
+    # The median of three: the fifth, and two that bound the median of the other four.
+    low = np.maximum(np.minimum(first, second), np.minimum(fourth, fifth))
+    high = np.minimum(np.maximum(first, second), np.maximum(fourth, fifth))
+    median = np.maximum(np.minimum(low, high), np.minimum(np.maximum(low, high), third))
+    return np.abs(values - median)
 
-    As scipy.ndimage.median_filter(mode='nearest'), whose import takes longer than the bag.
-    """
-    half = width // 2
-    padded = np.pad(values, half, mode='edge')
-    result = np.empty_like(values, dtype=np.float64)
-    for start in range(0, len(values), MEDIAN_BLOCK):
-        stop = min(start + MEDIAN_BLOCK, len(values))
-        windows = np.lib.stride_tricks.sliding_window_view(padded[start:stop + 2 * half], width)
-        result[start:stop] = np.partition(windows, half, axis=1)[:, half]
-    return result
+
+def _usual_change(values: Floats, places: NDArray[np.intp]) -> Floats:
+    """The median of nine changes about some places (M,): what moves fast there is no spike."""
+    last = len(values) - 1
+    about = np.clip(places[:, None] + np.arange(-4, 5), 0, last)
+    return np.asarray(np.median(np.abs(values[np.minimum(about + 1, last)] - values[about]),
+                                axis=1))
+
+
+def _repeats(values: Floats) -> NDArray[np.bool_]:
+    return np.asarray(values[1:] == values[:-1])
 
 
 def _evenly_held(changes: Floats) -> bool:
@@ -207,18 +228,27 @@ def _evenly_held(changes: Floats) -> bool:
 
 
 def _equal_runs(values: Floats) -> NDArray[np.int64]:
-    """Runs of equal readings as rows (start, count)."""
-    starts = np.flatnonzero(np.append(True, np.diff(values) != 0.0))
-    return np.stack([starts, np.diff(np.append(starts, values.size))], axis=1)
+    """Runs of at least STALL_SAMPLES equal readings as rows (start, count)."""
+    found = []
+    open_at = 0
+    for part in blocks(len(values), values):
+        changed = np.flatnonzero(np.diff(values[part.start:part.stop + 1]) != 0.0)
+        edges = np.concatenate([[open_at], part.start + changed + 1])
+        open_at = int(edges[-1])
+        long = np.flatnonzero(np.diff(edges) >= STALL_SAMPLES)
+        found.append(np.stack([edges[long], np.diff(edges)[long]], axis=1))
+    if len(values) - open_at >= STALL_SAMPLES:
+        found.append(np.array([[open_at, len(values) - open_at]]))
+    return np.concatenate(found)
 
 
 def _limit(values: Floats, runs: NDArray[np.int64], repeated: float) -> tuple[float, int]:
     """The largest or smallest reading where it is repeated as only a limit does, and how often."""
-    for extreme in (float(values.max()), float(values.min())):
-        at = values[runs[:, 0]] == extreme
-        longest = int(runs[at, 1].max())
+    lowest, highest = extremes(values)
+    for extreme in (float(highest), float(lowest)):
+        longest = max(runs[values[runs[:, 0]] == extreme, 1].tolist(), default=0)
         if longest >= EQUAL_AT_LIMIT and _unlikely(longest, repeated, values.size):
-            return extreme, int(np.sum(values == extreme))
+            return extreme, count_where(lambda part, at=extreme: part == at, values)
     return math.nan, 0
 
 
@@ -228,21 +258,22 @@ def _unlikely(count: int, repeated: float, samples: int) -> bool:
 
 
 def _stall(
-    values: Floats, changes: Floats, runs: NDArray[np.int64], resolution: float
+    values: Floats, new: Floats, runs: NDArray[np.int64], resolution: float
 ) -> tuple[int, int]:
-    """The longest run of equal readings that ends in a jump, or that chance does not make."""
-    new = np.abs(changes[changes != 0.0])
-    if new.size < 20:
+    """The longest run of equal readings that ends in a jump, or that chance does not make.
+
+    new: changes of readings that differ from the one before.
+    """
+    if new.size < 20 or not len(runs):
         return 0, 0
-    usual = float(np.median(new))
+    usual = float(np.median(np.abs(new)))
+    limits = extremes(values)
     for start, count in runs[np.argsort(runs[:, 1])[::-1][:5]].tolist():
         end = start + count
-        if count < STALL_SAMPLES:
-            break
-        if values[start] in (values.max(), values.min()) or end >= values.size:
+        if values[start] in limits or end >= values.size:
             continue
-        about = np.concatenate([changes[max(0, start - 3 * count):start],
-                                changes[end:end + 3 * count]])
+        about = np.concatenate([np.diff(values[max(0, start - 3 * count):start + 1]),
+                                np.diff(values[end:end + 3 * count + 1])])
         local = float(np.mean(about == 0.0)) if about.size else 1.0
         jump = abs(float(values[end] - values[start]))
         jumped = jump > max(STALL_SIZE * usual, STALL_STEPS * resolution)

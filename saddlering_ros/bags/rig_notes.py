@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saddlering_ros.bags.plateaus import find_holds
+from saddlering_ros.bags.scratch import complete_rows, count_where, extremes
 from saddlering_ros.rig import gap_increment, Rig, zero_of_record
 
 Floats = NDArray[np.float64]
@@ -49,12 +50,12 @@ def parity_notes(rig: Rig, load: Floats, gaps: Floats) -> list[str]:
 
     The parity (d1 + d3)/2 of a rigid ring is zero whatever its contact does.
     """
-    kept = np.isfinite(gaps).all(axis=0) & np.isfinite(load)
-    count = np.count_nonzero(kept) // PARTS
-    if count < 5 or float(np.ptp(load[kept])) < 0.1 * rig.full_scale_load:
+    load, gaps = complete_rows(load, gaps)
+    count = len(load) // PARTS
+    if count < 5 or float(np.ptp(load)) < 0.1 * rig.full_scale_load:
         return []
-    increments = gap_increment(rig.probes, gaps[:, kept], gaps[:, kept][:, 0])
-    rows = np.stack([*increments, 0.5 * (increments[0] + increments[2]), load[kept]])
+    increments = gap_increment(rig.probes, gaps, gaps[:, 0])
+    rows = np.stack([*increments, 0.5 * (increments[0] + increments[2]), load])
     means = rows[:, :PARTS * count].reshape(6, PARTS, count).mean(axis=2)
     parity, force = means[4], means[5]
     slope, start = np.polyfit(force, parity, 1)
@@ -71,14 +72,16 @@ def rig_notes(
     rig: Rig, test: str, time: Floats, load: Floats, spans: list[tuple[float, float]],
 ) -> list[str]:
     """One line each for a test of a kind on a rig; spans [m] as the probes publish them."""
-    kept = np.isfinite(load)
-    return [*_unit_of_load(rig, time[kept], load[kept]), *_unit_of_probes(rig, spans),
-            *_kind(test, time[kept], load[kept])]
+    if count_where(np.isfinite, load) < len(load):
+        kept = np.isfinite(load)
+        time, load = time[kept], load[kept]
+    return [*_unit_of_load(rig, time, load), *_unit_of_probes(rig, spans),
+            *_kind(test, time, load)]
 
 
 def _unit_of_load(rig: Rig, time: Floats, load: Floats) -> list[str]:
     zero = zero_of_record(rig, time, load)
-    start, peak = zero.load, float(load.max())
+    start, peak = zero.load, float(extremes(load)[1])
     looks = [
         name for name, factor in FORCE_UNITS.items()
         if rig.preload > 0.0 and abs(start * factor / rig.preload - 1.0) < UNIT_TOLERANCE

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field
 import json
 from pathlib import Path
 from typing import Any
@@ -13,8 +13,18 @@ from numpy.typing import NDArray
 
 from saddlering_ros.bags.errors import BagError
 from saddlering_ros.bags.measured import MeasuredRun
+from saddlering_ros.bags.reader import TestRun
+from saddlering_ros.bags.scan import OnShare
+from saddlering_ros.bags.scratch import blocks
 from saddlering_ros.provenance import Provenance
-from saddlering_ros.rig import CHANNELS, Displacement
+from saddlering_ros.rig import (
+    CHANNELS,
+    Displacement,
+    gap_increment,
+    probes_to_displacement,
+    Rig,
+    ZeroReading,
+)
 from saddlering_ros.writing import whole_file
 
 COLUMNS = ('stamp_ns', 'time', 'load', 'delta_x', 'delta_y', 'gamma', 'parity')
@@ -60,6 +70,52 @@ def measured_samples(measured: MeasuredRun) -> DisplacementSamples:
         measured.stamps[kept], measured.time[kept], measured.load[kept], displacement)
 
 
+def measured_blocks(
+    rig: Rig, run: TestRun, zero: ZeroReading, on_progress: OnShare = lambda share: None,
+) -> Iterator[DisplacementSamples]:
+    """The same samples stretch by stretch, so that a long run is never held whole."""
+    for part in blocks(len(run.time), run.stamps, run.time, run.load, run.gaps):
+        kept = np.isfinite(run.gaps[:, part]).all(axis=0)
+        increments = gap_increment(rig.probes, run.gaps[:, part][:, kept], np.array(zero.gaps))
+        yield DisplacementSamples(
+            run.stamps[part][kept], run.time[part][kept], run.load[part][kept],
+            probes_to_displacement(rig.probes, increments))
+        on_progress(part.stop / len(run.time))
+
+
+@dataclass
+class SamplesSummary:
+    """What samples that go by have in common.
+
+    count: of samples; lowest, highest, last, at_peak: of each column by name, the last two at the
+    last sample and where the load is highest.
+    """
+
+    count: int = 0
+    lowest: dict[str, float] = field(default_factory=dict)
+    highest: dict[str, float] = field(default_factory=dict)
+    last: dict[str, float] = field(default_factory=dict)
+    at_peak: dict[str, float] = field(default_factory=dict)
+
+    def watch(self, parts: Iterable[DisplacementSamples]) -> Iterator[DisplacementSamples]:
+        """Pass samples on and take note of them."""
+        for samples in parts:
+            if len(samples):
+                self._add(samples.columns())
+            yield samples
+
+    def _add(self, columns: dict[str, NDArray[Any]]) -> None:
+        peak = int(columns['load'].argmax())
+        if not self.count or columns['load'][peak] > self.at_peak['load']:
+            self.at_peak = {name: float(column[peak]) for name, column in columns.items()}
+        for name, column in columns.items():
+            low, high = float(column.min()), float(column.max())
+            self.lowest[name] = min(low, self.lowest.get(name, low))
+            self.highest[name] = max(high, self.highest.get(name, high))
+            self.last[name] = float(column[-1])
+        self.count += len(columns['load'])
+
+
 def check_table_path(path: Path) -> None:
     """Raise BagError, before any work is done, if no table can be written at `path`."""
     if path.suffix.lower() not in SUFFIXES:
@@ -69,38 +125,44 @@ def check_table_path(path: Path) -> None:
 
 
 def write_samples(
-    path: Path, samples: DisplacementSamples, provenance: Provenance | None = None,
+    path: Path, samples: DisplacementSamples | Iterable[DisplacementSamples],
+    provenance: Provenance | None = None,
 ) -> None:
-    """Write the table at `path` as its suffix says, whole or not at all.
+    """Write the table of samples, or of stretches of them, at `path`, whole or not at all.
 
     CSV numbers are the shortest that read back as the same float. A parquet file carries the
     provenance as the schema's metadata `saddlering.provenance` (JSON); CSV has no place for it.
     """
     check_table_path(path)
+    parts = [samples] if isinstance(samples, DisplacementSamples) else samples
     with whole_file(path, BagError) as temporary:
         if path.suffix.lower() == '.csv':
             with temporary.open('w', encoding='ascii', newline='') as file:
-                file.writelines(csv_lines(samples))
+                file.writelines(csv_lines(parts))
         else:
-            _write_parquet(temporary, samples, provenance)
+            _write_parquet(temporary, parts, provenance)
 
 
-def csv_lines(samples: DisplacementSamples) -> Iterator[str]:
+def csv_lines(parts: Iterable[DisplacementSamples]) -> Iterator[str]:
     """The lines of the CSV file, the names of the columns first."""
-    columns = samples.columns()
-    yield ','.join(columns) + '\n'
-    for row in zip(*(column.tolist() for column in columns.values()), strict=True):
-        yield ','.join(map(repr, row)) + '\n'
+    yield ','.join(COLUMNS) + '\n'
+    for samples in parts:
+        columns = samples.columns()
+        for row in zip(*(column.tolist() for column in columns.values()), strict=True):
+            yield ','.join(map(repr, row)) + '\n'
 
 
 def _write_parquet(
-    path: Path, samples: DisplacementSamples, provenance: Provenance | None,
+    path: Path, parts: Iterable[DisplacementSamples], provenance: Provenance | None,
 ) -> None:
     import pyarrow
     from pyarrow import parquet
 
-    table = pyarrow.table(samples.columns())
-    if provenance is not None:
-        table = table.replace_schema_metadata(
-            {'saddlering.provenance': json.dumps(provenance.as_dict())})
-    parquet.write_table(table, path, compression='zstd')
+    metadata = None if provenance is None else {
+        'saddlering.provenance': json.dumps(provenance.as_dict())}
+    schema = pyarrow.schema(
+        [(name, pyarrow.int64() if name == 'stamp_ns' else pyarrow.float64())
+         for name in COLUMNS], metadata)
+    with parquet.ParquetWriter(path, schema, compression='zstd') as writer:
+        for samples in parts:
+            writer.write_table(pyarrow.table(samples.columns(), schema))

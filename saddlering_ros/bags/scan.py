@@ -31,6 +31,7 @@ from saddlering_ros.bags.mcap_file import (
     Messages,
 )
 from saddlering_ros.bags.schemas import other_fields
+from saddlering_ros.bags.scratch import extremes, GrowingArray, LONG
 from saddlering_ros.bags.topics import optional_topics, RIG_TOPICS, TOPICS
 
 LARGEST_MESSAGE = 1 << 16
@@ -61,6 +62,8 @@ class ScannedTopic:
     fault: str = ''
     frame_id: str = ''
     _parts: list[_Part] = field(default_factory=list)
+    _spans: list[NDArray[np.float64]] = field(default_factory=list)
+    _long: _LongTopic | None = None
 
     def add(self, readings: Readings, log_times: NDArray[np.int64]) -> None:
         """Take in what a block holds."""
@@ -68,19 +71,39 @@ class ScannedTopic:
         spans = readings.spans
         if len(spans) and (spans == spans[0]).all():
             spans = spans[:1].copy()
+        if not self._spans or not np.array_equal(spans[:1], self._spans[-1], equal_nan=True):
+            self._spans.append(spans)
         self._parts.append(_Part(
-            _narrow(readings.stamps), _single(readings.values), spans, _narrow(log_times)))
+            _narrow(readings.stamps), _single(readings.values), _narrow(log_times)))
+        if sum(len(part.values) for part in self._parts) > LONG:
+            self._put_aside()
+
+    def _put_aside(self) -> None:
+        """Move what is held to scratch files."""
+        self._long = self._long or _LongTopic()
+        for part in self._parts:
+            self._long.stamps.append(_joined([part.stamps]))
+            self._long.values.append(part.values)
+            self._long.log_times.append(_joined([part.log_times]))
+        self._parts.clear()
 
     def release(self) -> None:
         """Forget the readings, once they are held elsewhere."""
         self._parts.clear()
+        self._long = None
 
     @property
     def stamps(self) -> NDArray[np.int64]:
-        return _joined([part.stamps for part in self._parts])
+        if self._long is None:
+            return _joined([part.stamps for part in self._parts])
+        self._put_aside()
+        return self._long.stamps.array()
 
     @property
     def values(self) -> NDArray[np.float64]:
+        if self._long is not None:
+            self._put_aside()
+            return self._long.values.array()
         found = np.empty(sum(len(part.values) for part in self._parts))
         place = 0
         for part in self._parts:
@@ -90,12 +113,23 @@ class ScannedTopic:
 
     @property
     def spans(self) -> NDArray[np.float64]:
-        parts = [part.spans for part in self._parts]
-        return np.concatenate(parts) if parts else np.empty((0, 2))
+        return np.concatenate(self._spans) if self._spans else np.empty((0, 2))
 
     @property
     def log_times(self) -> NDArray[np.int64]:
-        return _joined([part.log_times for part in self._parts])
+        if self._long is None:
+            return _joined([part.log_times for part in self._parts])
+        self._put_aside()
+        return self._long.log_times.array()
+
+
+class _LongTopic:
+    """The messages of a topic that are too many to be held in memory."""
+
+    def __init__(self) -> None:
+        self.stamps = GrowingArray(np.int64)
+        self.values = GrowingArray(np.float64)
+        self.log_times = GrowingArray(np.int64)
 
 
 @dataclass(frozen=True)
@@ -104,7 +138,6 @@ class _Part:
 
     stamps: _Times
     values: NDArray[np.float64] | NDArray[np.float32]
-    spans: NDArray[np.float64]
     log_times: _Times
 
 
@@ -186,8 +219,8 @@ class Scan:
         stamps = [of_topic for of_topic in stamps if len(of_topic)]
         if not stamps:
             return 'nothing before that is readable'
-        first = min(int(of_topic.min()) for of_topic in stamps)
-        last = max(int(of_topic.max()) for of_topic in stamps)
+        ends = [extremes(of_topic) for of_topic in stamps]
+        first, last = min(low for low, _ in ends), max(high for _, high in ends)
         count = sum(len(of_topic) for of_topic in stamps)
         said = self.directory.message_count
         whole = '' if said is None or said < self.message_count else (

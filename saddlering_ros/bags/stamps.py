@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from saddlering_ros.bags.alignment import JITTER_NS
 from saddlering_ros.bags.errors import BagError
+from saddlering_ros.bags.scratch import count_where, extremes
 
 MOST_DUPLICATES = 0.01
 """Larger share of stamps taken twice by different readings: the clock stands still at times."""
@@ -56,9 +57,9 @@ def put_in_order(
 
     Log times [ns] are asked for only if messages came late: a long record is spared them.
     """
-    if len(stamps) > 1 and not stamps.any():
+    if len(stamps) > 1 and extremes(stamps) == (0, 0):
         raise BagError(f'{where}: all stamps are zero: let the driver fill header.stamp')
-    if len(stamps) and (stamps[1:] > stamps[:-1]).all():
+    if len(stamps) and not count_where(_goes_back, stamps, ahead=1):
         _check_leaps(where, stamps)
         return StampOrder(slice(None), 0, 0)
     lateness = _lateness(stamps)
@@ -70,6 +71,10 @@ def put_in_order(
     _check_leaps(where, ordered)
     keep = _without_duplicates(where, ordered, values[order])
     return StampOrder(order[keep], int(late.sum()), len(stamps) - int(keep.sum()))
+
+
+def _goes_back(stamps: NDArray[np.int64]) -> NDArray[np.bool_]:
+    return np.asarray(stamps[1:] <= stamps[:-1])
 
 
 def _lateness(stamps: NDArray[np.int64]) -> NDArray[np.int64]:
@@ -131,15 +136,17 @@ def _going_back(where: str, stamps: NDArray[np.int64], index: int, furthest: int
 
 
 def _check_leaps(where: str, ordered: NDArray[np.int64]) -> None:
-    if len(ordered) < 2:
+    if not count_where(_leaps, ordered, ahead=1):
         return
     leaps = np.diff(ordered)
     index = int(np.argmax(leaps))
-    if leaps[index] > LONGEST_LEAP_NS:
-        raise BagError(
-            f'{where}: stamps leap ahead by {leaps[index] / 1e9:.6g} s behind stamp '
-            f'{ordered[index]} ns: the clock was set, or a header.stamp was not filled; '
-            'record again')
+    raise BagError(
+        f'{where}: stamps leap ahead by {leaps[index] / 1e9:.6g} s behind stamp '
+        f'{ordered[index]} ns: the clock was set, or a header.stamp was not filled; record again')
+
+
+def _leaps(stamps: NDArray[np.int64]) -> NDArray[np.bool_]:
+    return np.asarray(np.diff(stamps) > LONGEST_LEAP_NS)
 
 
 def _without_duplicates(

@@ -17,6 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from saddlering_ros.bags.scratch import complete_rows
 from saddlering_ros.rig import gap_increment, resolve_load, Rig, TONNE
 
 Floats = NDArray[np.float64]
@@ -51,8 +52,7 @@ class _Response:
 
 def wiring_notes(rig: Rig, elevation: float, load: Floats, gaps: Floats) -> list[str]:
     """What looks wrong in gaps (4, N) [m] over load (N,) [N] at `elevation` [rad], a line each."""
-    kept = np.isfinite(gaps).all(axis=0) & np.isfinite(load)
-    load, gaps = load[kept], gaps[:, kept]
+    load, gaps = complete_rows(load, gaps)
     if len(load) < STUCK_SAMPLES or float(np.ptp(load)) < MIN_LOAD_SPAN * rig.full_scale_load:
         return []
     stuck = {probe: note for probe in range(4) if (note := _stuck(probe, load, gaps[probe]))}
@@ -99,8 +99,8 @@ def _stuck(probe: int, load: Floats, gap: Floats) -> str:
     low, high = float(load[first:stop].min()), float(load[first:stop].max())
     if stop - first < STUCK_SAMPLES or high - low < STUCK_LOAD_CHANGE * float(np.ptp(load)):
         return ''
-    return (f'probe {probe + 1} stands still at {gap[first] * 1e6:.2f} um for {stop - first} '
-            f'samples while the load passes from {low / TONNE:.2f} to {high / TONNE:.2f} t: it is '
+    return (f'probe {probe + 1} stands still at {gap[first] * 1e6:.2f} um '
+            f'while the load passes from {low / TONNE:.2f} to {high / TONNE:.2f} t: it is '
             'stuck there, or at an end of what it can read')
 
 

@@ -7,11 +7,11 @@ from pathlib import Path
 from typing import Any, TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterable, Sequence
 
     from saddlering_ros import Bag, Rig
     from saddlering_ros.bags import TestRun
-    from saddlering_ros.bags.samples import DisplacementSamples
+    from saddlering_ros.bags.samples import DisplacementSamples, SamplesSummary
     from saddlering_ros.rig import ParameterSet, ZeroReading
     from saddlering_ros.ring import SimulatedRun
 
@@ -155,54 +155,65 @@ def radians(degrees: float | None) -> float | None:
 
 
 def deliver(
-    args: argparse.Namespace, run: TestRun, samples: DisplacementSamples, zero: ZeroReading,
+    args: argparse.Namespace, run: TestRun,
+    samples: DisplacementSamples | Iterable[DisplacementSamples], zero: ZeroReading,
     what: str, notes: list[str],
 ) -> None:
     """Write what was asked for; without --out or --json on stdout, print a summary."""
+    from collections import deque
     import json
     import sys
 
-    from saddlering_ros.bags.samples import csv_lines, write_samples
+    from saddlering_ros.bags.samples import (
+        csv_lines,
+        DisplacementSamples,
+        SamplesSummary,
+        write_samples,
+    )
     from saddlering_ros.provenance import files, Provenance
     from saddlering_ros.rig import write_text_atomically
 
     made = Provenance((run.origin,), files(args.rig, getattr(args, 'params', None)))
-    summary = {**_summary(run, samples, zero, notes), 'provenance': made.as_dict()}
+    seen = SamplesSummary()
+    parts = seen.watch([samples] if isinstance(samples, DisplacementSamples) else samples)
+    if args.out == '-':
+        sys.stdout.writelines(csv_lines(parts))
+    elif args.out is not None:
+        write_samples(Path(args.out), parts, made)
+    deque(parts, maxlen=0)
+    summary = {**_summary(run, seen, zero, notes), 'provenance': made.as_dict()}
     document = json.dumps(summary, indent=2)
-    if args.out is not None and args.out != '-':
-        write_samples(Path(args.out), samples, made)
     if args.json is not None and args.json != '-':
         write_text_atomically(Path(args.json), document + '\n')
     if args.json == '-':
         print(document)
     elif args.out == '-':
-        sys.stdout.writelines(csv_lines(samples))
         for note in notes:
             print(f'saddlering {args.command}: note: {note}', file=sys.stderr)
     else:
-        _print_summary(args, run, samples, zero, what, notes)
+        _print_summary(args, run, seen, zero, what, notes)
 
 
 def _summary(
-    run: TestRun, samples: DisplacementSamples, zero: ZeroReading, notes: list[str],
+    run: TestRun, seen: SamplesSummary, zero: ZeroReading, notes: list[str],
 ) -> dict[str, Any]:
     import math
 
-    columns = samples.columns()
+    from saddlering_ros.bags.scratch import extremes
+
     channels = {
-        name: {'min': float(columns[name].min()), 'max': float(columns[name].max()),
-               'last': float(columns[name][-1])}
-        for name in UNITS} if len(samples) else {}
+        name: {'min': seen.lowest[name], 'max': seen.highest[name], 'last': seen.last[name]}
+        for name in UNITS} if seen.count else {}
     return {
         'bag': str(run.path), 'test': run.test, 'elevation_deg': math.degrees(run.elevation),
-        'samples': len(samples), 'load_samples': len(run.stamps),
-        'duration': float(run.time[-1]), 'load_max': float(run.load.max()),
+        'samples': seen.count, 'load_samples': len(run.stamps),
+        'duration': float(run.time[-1]), 'load_max': float(extremes(run.load)[1]),
         'zero': {'load': zero.load, 'near_preload': zero.near_preload},
         'channels': channels, 'notes': notes}
 
 
 def _print_summary(
-    args: argparse.Namespace, run: TestRun, samples: DisplacementSamples, zero: ZeroReading,
+    args: argparse.Namespace, run: TestRun, seen: SamplesSummary, zero: ZeroReading,
     what: str, notes: list[str],
 ) -> None:
     import math
@@ -216,7 +227,7 @@ def _print_summary(
     console = stdout_console()
     console.print(
         f'{run.name}: {run.test} test at {math.degrees(run.elevation):g} deg, {what} at '
-        f'{len(samples)} of {len(run.stamps)} load stamps over {run.time[-1]:.3f} s')
+        f'{seen.count} of {len(run.stamps)} load stamps over {run.time[-1]:.3f} s')
     console.print(f'zero at {load_rig(args.rig).force_words(zero.load, 3)} ({zero.load:.1f} N)'
                   f'{"" if zero.near_preload else " (not near the preload)"}')
     table = Table(box=box.SIMPLE_HEAD)
@@ -224,13 +235,10 @@ def _print_summary(
     for title in ('lowest', 'highest', 'at peak load', 'last'):
         table.add_column(title, justify='right')
     table.add_column('unit')
-    columns = samples.columns()
-    peak = int(columns['load'].argmax()) if len(samples) else 0
     for name, unit in UNITS.items():
-        if len(samples):
-            values = columns[name] * PER_MILLION
-            shown = (values.min(), values.max(), values[peak], values[-1])
-            table.add_row(name, *(f'{value:.2f}' for value in shown), unit)
+        if seen.count:
+            shown = (seen.lowest, seen.highest, seen.at_peak, seen.last)
+            table.add_row(name, *(f'{of[name] * PER_MILLION:.2f}' for of in shown), unit)
     console.print(table)
     for note in notes:
         console.print(f'note: {note}', highlight=False)

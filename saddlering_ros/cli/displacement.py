@@ -17,18 +17,21 @@ def add_parser(subparsers: Any) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Read, zero, compute, deliver."""
-    from saddlering_ros.bags import displacement_of_run
-    from saddlering_ros.bags.samples import measured_samples
+    """Read, zero, compute and deliver stretch by stretch."""
+    from saddlering_ros.bags.measured import zero_of_run
+    from saddlering_ros.bags.samples import measured_blocks
+    from saddlering_ros.cli._progress import Bar
     from saddlering_ros.cli._samples import check_outputs, deliver, read_shown
     from saddlering_ros.rig import load_rig
 
     check_outputs(args)
     rig = load_rig(args.rig)
     test_run = read_shown(args, rig)
-    measured = displacement_of_run(rig, test_run)
+    zero = zero_of_run(rig, test_run)
     notes = list(test_run.notes)
-    if not measured.zero.near_preload:
+    if not zero.near_preload:
         notes.append('the record has no steady start near the preload; its zero is elsewhere')
-    deliver(args, test_run, measured_samples(measured), measured.zero, 'measured', notes)
+    with Bar() as bar:
+        samples = measured_blocks(rig, test_run, zero, lambda share: bar.show('compute', share))
+        deliver(args, test_run, samples, zero, 'measured', notes)
     return 0

@@ -38,6 +38,8 @@ def run(args: argparse.Namespace) -> int:
     documents = []
     for bag in args.bags:
         try:
+            if args.json != '-':
+                _print_summary(bag)
             with Bar() as bar:
                 info = bag_info(bag, test=args.test, elevation=radians(args.elevation), rig=rig,
                                 on_progress=bar.reading(bag))
@@ -58,6 +60,24 @@ def run(args: argparse.Namespace) -> int:
     return 2
 
 
+def _print_summary(bag: str) -> None:
+    """What is known at once, before the messages are read."""
+    import sys
+
+    from rich.text import Text
+
+    from saddlering_ros.bags.directory import announced
+    from saddlering_ros.bags.summary import summary_of_bag
+    from saddlering_ros.cli._console import stdout_console
+
+    summary = summary_of_bag(bag)
+    known = announced(bag) if summary is None else f'{summary} by its summary'
+    console = stdout_console()
+    console.print(Text(bag, style='bold'))
+    console.print(Text(f'  {known}', style='dim'))
+    sys.stdout.flush()
+
+
 def _print_info(info: BagInfo, rig: Rig) -> None:
     from rich import box
     from rich.table import Table
@@ -66,7 +86,6 @@ def _print_info(info: BagInfo, rig: Rig) -> None:
     from saddlering_ros.cli._console import stdout_console
 
     console = stdout_console()
-    console.print(Text(str(info.path), style='bold'))
     facts = Table(box=None, show_header=False, padding=(0, 2))
     for name, value in _facts(info, rig):
         facts.add_row(name, value)

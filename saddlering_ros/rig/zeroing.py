@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -28,6 +28,10 @@ FEWEST_SAMPLES = 5
 
 BLOCK = 8192
 """Samples of a record looked at together."""
+
+
+Samples = tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]
+"""Time (N,) [s], load (N,) [N] and gaps (4 or none, N) [m] of a stretch of a record."""
 
 
 @dataclass(frozen=True)
@@ -72,6 +76,13 @@ class ZeroWindow:
         """How many of the last samples given the open window holds."""
         return self._samples
 
+    def passes_over(self, loads: NDArray[np.float64]) -> bool:
+        """Whether all these samples lie above the loads at which a window opens; if so, done."""
+        if self._samples or self._anywhere or not (loads > self._highest).all():
+            return False
+        self._count += len(loads)
+        return True
+
     def push(self, time: float, load: float, gaps: Sequence[float] = ()) -> ZeroReading | None:
         """Add a sample: time [s], load [N], gaps [m] (none for a node that sees the load only)."""
         index = self._count
@@ -113,20 +124,27 @@ def zero_of_record(rig: Rig, time: NDArray[np.float64], load: NDArray[np.float64
     Falls back to the first steady stretch at any load, and then to the first sample, when the
     record has none near preload; `near_preload` tells.
     """
-    rows = np.empty((len(time), 0)) if gaps is None else np.asarray(gaps, dtype=np.float64).T
+    rows = np.empty((0, len(time))) if gaps is None else np.asarray(gaps, dtype=np.float64)
+
+    def blocks() -> Iterator[Samples]:
+        for start in range(0, len(time), BLOCK):
+            block = slice(start, start + BLOCK)
+            yield time[block], load[block], rows[:, block]
+
+    return zero_of_blocks(rig, blocks)
+
+
+def zero_of_blocks(rig: Rig, blocks: Callable[[], Iterable[Samples]]) -> ZeroReading:
+    """The zero of a record that comes in blocks of samples, as often as they are asked for."""
     for anywhere in (False, True):
         window = ZeroWindow(rig, anywhere=anywhere)
-        for seconds, force, row in _samples(time, load, rows):
-            reading = window.push(seconds, force, row)
-            if reading is not None:
-                return reading
-    return ZeroReading(float(load[0]), tuple(rows[0].tolist()), 0, 1, False)
-
-
-def _samples(time: NDArray[np.float64], load: NDArray[np.float64], rows: NDArray[np.float64],
-             ) -> Iterator[tuple[float, float, list[float]]]:
-    """Each sample as Python's numbers, made by the block: the zero of most records comes soon."""
-    for start in range(0, len(time), BLOCK):
-        block = slice(start, start + BLOCK)
-        yield from zip(time[block].tolist(), load[block].tolist(), rows[block].tolist(),
-                       strict=True)
+        for time, load, gaps in blocks():
+            if window.passes_over(load):
+                continue
+            for seconds, force, row in zip(time.tolist(), load.tolist(), gaps.T.tolist(),
+                                           strict=True):
+                reading = window.push(seconds, force, row)
+                if reading is not None:
+                    return reading
+    time, load, gaps = next(block for block in iter(blocks()) if len(block[0]))
+    return ZeroReading(float(load[0]), tuple(gaps[:, 0].tolist()), 0, 1, False)

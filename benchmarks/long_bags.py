@@ -1,0 +1,101 @@
+"""Memory and time of commands on bags of growing length at 10 kHz.
+
+    python benchmarks/long_bags.py [--minutes 1 5] [--rate 10000] [--keep FOLDER]
+
+Each bag is written block by block. Each command runs in a process of its own, of which the peak
+of resident memory, the processor time and the time on the clock are printed.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+from pathlib import Path
+import subprocess
+import sys
+import tempfile
+import time
+
+import numpy as np
+
+EPOCH = 1_700_000_000_000_000_000
+BLOCK = 1 << 18
+COMMANDS = {
+    'info': ['info', '{bag}'],
+    'displacement': ['displacement', '{bag}'],
+    'displacement to parquet': ['displacement', '{bag}', '--out', '{out}.parquet'],
+}
+
+
+def main() -> int:
+    """Write the bags, run the commands on each, print the table."""
+    parser = argparse.ArgumentParser(description=__doc__.partition('\n')[0])
+    parser.add_argument('--minutes', type=float, nargs='+', default=[1.0, 5.0])
+    parser.add_argument('--rate', type=float, default=1e4)
+    parser.add_argument('--test', choices=('dynamic', 'static'), default='dynamic')
+    parser.add_argument('--keep', type=Path, help='folder for the bags, which are kept there')
+    args = parser.parse_args()
+    print(f'{"minutes":>8}{"messages":>12}{"MB":>8}  {"command":<26}{"peak MB":>9}{"CPU s":>8}'
+          f'{"s":>8}')
+    with tempfile.TemporaryDirectory(prefix='saddlering-bench-') as scratch:
+        folder = args.keep or Path(scratch)
+        for minutes in args.minutes:
+            bag = folder / f'{args.test}_{minutes:g}'
+            count = int(60.0 * minutes * args.rate)
+            if not bag.exists():
+                write(bag, count, args.rate, args.test)
+            size = sum(file.stat().st_size for file in bag.iterdir()) / 1e6
+            for name, words in COMMANDS.items():
+                command = [word.format(bag=bag, out=Path(scratch) / 'out') for word in words]
+                peak, processor, passed = measured(command)
+                print(f'{minutes:>8g}{5 * count:>12}{size:>8.0f}  {name:<26}{peak:>9.0f}'
+                      f'{processor:>8.1f}{passed:>8.1f}', flush=True)
+    return 0
+
+
+def measured(words: list[str]) -> tuple[float, float, float]:
+    """Peak memory [MB], processor time [s] and time [s] of one command."""
+    start = time.monotonic()
+    child = subprocess.Popen([sys.executable, '-m', 'saddlering_ros.cli.main', *words],
+                             stdout=subprocess.DEVNULL)
+    _, status, usage = os.wait4(child.pid, 0)
+    if status:
+        raise SystemExit(f'{" ".join(words)}: status {status}')
+    return (usage.ru_maxrss / 1024.0, usage.ru_utime + usage.ru_stime,
+            time.monotonic() - start)
+
+
+def write(bag: Path, count: int, rate: float, test: str) -> None:
+    """A bag of `count` messages of each topic: ramps, or steps that are held."""
+    from saddlering_ros.bags.block_writer import BlockBagWriter
+    from saddlering_ros.bags.topics import LOAD_TOPIC, PROBE_TOPICS, TOPICS
+    from saddlering_ros.rig import default_rig
+
+    rig = default_rig()
+    span = (rig.probes.min_range, rig.probes.max_range)
+    topics = [(TOPICS[LOAD_TOPIC], ()), *((TOPICS[name], span) for name in PROBE_TOPICS)]
+    random = np.random.default_rng(0)
+    with BlockBagWriter(bag, topics, {'test': test, 'elevation_deg': '50'}) as writer:
+        for start in range(0, count, BLOCK):
+            time_of = np.arange(start, min(start + BLOCK, count)) / rate
+            load = rig.preload + 0.9 * rig.full_scale_load * shape(time_of, test)
+            load += random.normal(0.0, 50.0, load.size)
+            stamps = EPOCH + np.rint(1e9 * time_of).astype(np.int64)
+            samples = [(stamps, load)]
+            for number, slope in enumerate((4e-10, 3e-10, -4e-10, 2e-10), start=1):
+                gaps = 1e-3 + slope * (load - rig.preload) + random.normal(0.0, 3e-7, load.size)
+                samples.append((stamps + 1000 * number, gaps))
+            writer.write(samples)
+
+
+def shape(time_of: np.ndarray, test: str) -> np.ndarray:
+    """The load's share of its range: ramps of 10 s, or steps of 5 s up and down, after 1 s."""
+    later = np.maximum(time_of - 1.0, 0.0)
+    if test == 'dynamic':
+        return 1.0 - np.abs(1.0 - (later % 20.0) / 10.0)
+    step = np.floor(later / 5.0) % 48
+    return np.minimum(step, 48 - step) / 24.0
+
+
+if __name__ == '__main__':
+    sys.exit(main())

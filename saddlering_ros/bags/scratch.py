@@ -1,0 +1,184 @@
+"""Long arrays in scratch files: the memory that a bag needs does not grow with its length.
+
+An array beyond `LONG` numbers lies in a file without a name, which the system removes with the
+process. It is mapped, and used like any other array. Code that goes through it block by block
+(`blocks`) and forgets what it has used (`forget`) holds one block of it in memory.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+import mmap
+import os
+from pathlib import Path
+import tempfile
+from typing import Any, BinaryIO
+
+import numpy as np
+from numpy.typing import DTypeLike, NDArray
+
+from saddlering_ros.bags.errors import BagError
+
+LONG = 1 << 20
+"""Samples beyond which an array lies in a scratch file: 105 s at 10 kHz."""
+
+BLOCK = 1 << 18
+"""Samples of a long array that are looked at together."""
+
+PARTS = 16
+"""Stretches of a long record from which medians are taken."""
+
+
+def scratch_array(shape: tuple[int, ...], dtype: DTypeLike) -> NDArray[Any]:
+    """An array to be filled, of zeros if it is long; BagError if there is no room for it."""
+    if shape[-1] <= LONG:
+        return np.empty(shape, dtype)
+    file = scratch_file()
+    try:
+        os.truncate(file.fileno(), int(np.prod(shape)) * np.dtype(dtype).itemsize)
+        return _mapped(file, shape, dtype)
+    except OSError as problem:
+        raise no_room(problem) from problem
+
+
+def scratch_copy(values: NDArray[Any]) -> NDArray[Any]:
+    """The same numbers (N,), in a scratch file if there are many."""
+    if len(values) <= LONG:
+        return values
+    copy = scratch_array(values.shape, values.dtype)
+    for part in blocks(len(values)):
+        copy[part] = values[part]
+        forget(copy)
+    return copy
+
+
+def scratch_file() -> BinaryIO:
+    """A file without a name, on a disk where there is a choice: /tmp may be memory."""
+    folder = os.environ.get('TMPDIR') or ('/var/tmp' if os.access('/var/tmp', os.W_OK) else None)
+    try:
+        return tempfile.TemporaryFile(buffering=0, dir=folder)
+    except OSError as problem:
+        raise no_room(problem) from problem
+
+
+def no_room(problem: OSError) -> BagError:
+    """What to do when a scratch file cannot be written."""
+    place = Path(os.environ.get('TMPDIR') or '/var/tmp')
+    return BagError(f'{place}: a long bag needs scratch files there, which cannot be written '
+                    f'({problem.strerror or problem}): let TMPDIR name a folder with more room')
+
+
+def _mapped(file: BinaryIO, shape: tuple[int, ...], dtype: DTypeLike) -> NDArray[Any]:
+    """The file's numbers as a plain array, which holds the mapping."""
+    return np.asarray(np.memmap(file, dtype, 'r+', 0, shape))
+
+
+class GrowingArray:
+    """Numbers (N,) of one kind that come part by part, in a scratch file beyond `LONG`."""
+
+    def __init__(self, dtype: DTypeLike) -> None:
+        self._dtype = np.dtype(dtype)
+        self._file: BinaryIO | None = None
+        self._count = 0
+
+    def __len__(self) -> int:
+        return self._count
+
+    def append(self, values: NDArray[Any]) -> None:
+        """Add numbers at the end; BagError if the disk is full."""
+        self._file = self._file or scratch_file()
+        data = np.ascontiguousarray(values, self._dtype).data.cast('B')
+        try:
+            while data:
+                data = data[self._file.write(data):]
+        except OSError as problem:
+            raise no_room(problem) from problem
+        self._count += len(values)
+
+    def array(self) -> NDArray[Any]:
+        """All of them, mapped."""
+        if self._file is None:
+            return np.empty(0, self._dtype)
+        return _mapped(self._file, (self._count,), self._dtype)
+
+
+def blocks(count: int, *arrays: NDArray[Any], size: int = BLOCK) -> Iterator[slice]:
+    """The rows 0 to `count` in stretches of `size`; after each, `arrays` are forgotten."""
+    for start in range(0, count, size):
+        yield slice(start, min(start + size, count))
+        forget(*arrays)
+
+
+def forget(*arrays: NDArray[Any]) -> None:
+    """Give back the memory in which mapped arrays were seen; their numbers stay in the file."""
+    for array in arrays:
+        mapping = _mapping_of(array)
+        if mapping is not None:
+            mapping.madvise(mmap.MADV_DONTNEED)
+
+
+def _mapping_of(array: NDArray[Any]) -> mmap.mmap | None:
+    base: Any = array
+    while base is not None and not isinstance(base, mmap.mmap):
+        base = getattr(base, 'base', None)
+    return base
+
+
+def stretches(count: int) -> Sequence[slice]:
+    """All rows if they are few, else `PARTS` stretches spread evenly, the first at the start."""
+    if count <= LONG:
+        return [slice(0, count)]
+    size = LONG // PARTS
+    starts = np.linspace(0, count - size, PARTS).astype(int).tolist()
+    return [slice(start, start + size) for start in starts]
+
+
+def spread(values: NDArray[Any]) -> NDArray[Any]:
+    """The numbers (N,) if they are few, else those of `stretches` in a row: about a million."""
+    parts = stretches(len(values))
+    if len(parts) == 1:
+        return values
+    found = np.concatenate([values[part] for part in parts])
+    forget(values)
+    return found
+
+
+def spread_changes(values: NDArray[Any]) -> NDArray[Any]:
+    """Differences of neighbours within the `stretches` of numbers (N,)."""
+    found = np.concatenate([np.diff(values[part]) for part in stretches(len(values))])
+    forget(values)
+    return found
+
+
+def extremes(values: NDArray[Any]) -> tuple[Any, Any]:
+    """Lowest and highest of the numbers (N,), NaN if one of them is."""
+    found = [(values[part].min(), values[part].max()) for part in blocks(len(values), values)]
+    lowest, highest = np.array(found).T
+    return lowest.min(), highest.max()
+
+
+def count_where(
+    test: Callable[..., NDArray[np.bool_]], *arrays: NDArray[Any], ahead: int = 0,
+) -> int:
+    """Of how many rows a test of blocks of `arrays` (..., N) is true.
+
+    With `ahead` each block goes on so many rows into the next one, and the test is true of so
+    many rows less than it is given.
+    """
+    count = arrays[0].shape[-1]
+    return sum(
+        int(np.count_nonzero(test(*(one[..., part.start:part.stop + ahead] for one in arrays))))
+        for part in blocks(count, *arrays))
+
+
+def complete_rows(
+    load: NDArray[np.float64], gaps: NDArray[np.float64],
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Load (M,) and gaps (4, M) where all are finite; of a long record every so many samples."""
+    step = -(-len(load) // LONG)
+    found = []
+    for part in blocks(len(load), load, gaps, size=BLOCK // step * step):
+        rows = np.vstack([load[part][::step], gaps[:, part][:, ::step]])
+        found.append(rows[:, np.isfinite(rows).all(axis=0)])
+    kept = np.concatenate(found, axis=1)
+    return kept[0], kept[1:]

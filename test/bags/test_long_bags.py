@@ -1,0 +1,175 @@
+"""Long bags are read through scratch files: the same numbers, in memory that does not grow."""
+
+import csv
+import os
+import tracemalloc
+
+import numpy as np
+from pyarrow import parquet
+import pytest
+
+from saddlering_ros.bags import (
+    bag_info,
+    displacement_of_run,
+    LOAD_TOPIC,
+    PROBE_TOPICS,
+    read_run,
+    scan,
+    scratch,
+)
+from saddlering_ros.bags.block_writer import BlockBagWriter
+from saddlering_ros.bags.errors import BagError
+from saddlering_ros.bags.measured import zero_of_run
+from saddlering_ros.bags.plateaus import find_holds
+from saddlering_ros.bags.record_quality import topic_quality
+from saddlering_ros.bags.samples import measured_blocks, measured_samples, write_samples
+from saddlering_ros.bags.summary import summary_of_bag
+from saddlering_ros.bags.topics import TOPICS
+from saddlering_ros.rig import default_rig
+
+RIG = default_rig()
+
+
+@pytest.fixture
+def in_small_blocks(monkeypatch):
+    """Arrays beyond a few samples lie in scratch files and are looked at in small blocks."""
+    def use(long=100, block=64):
+        monkeypatch.setattr(scratch, 'LONG', long)
+        monkeypatch.setattr(scan, 'LONG', long)
+        monkeypatch.setitem(scratch.blocks.__kwdefaults__, 'size', block)
+    return use
+
+
+@pytest.fixture
+def struck(recording):
+    """A recording with spikes, a gap in a probe, and late messages."""
+    load = recording.values[LOAD_TOPIC].copy()
+    load[[200, 640]] += 3e5
+    gap = np.delete(recording.stamps[PROBE_TOPICS[1]], slice(300, 340))
+    values = np.delete(recording.values[PROBE_TOPICS[1]], slice(300, 340))
+    return recording.changed(LOAD_TOPIC, values=load).changed(PROBE_TOPICS[1], gap, values)
+
+
+def test_a_run_through_scratch_files_is_the_same_to_the_last_bit(
+    tmp_path, struck, in_small_blocks,
+):
+    bag = struck.write(tmp_path / 'bag')
+    short = read_run(bag, rig=RIG)
+    expected = displacement_of_run(RIG, short)
+    in_small_blocks()
+    long = read_run(bag, rig=RIG)
+    found = displacement_of_run(RIG, long)
+    for name in ('stamps', 'time', 'load', 'gaps', 'spikes'):
+        assert np.array_equal(getattr(long, name), getattr(short, name), equal_nan=name == 'gaps')
+    assert found.zero == expected.zero
+    assert np.array_equal(found.d, expected.d, equal_nan=True)
+    assert [note for note in long.notes if 'spikes' in note or 'gap' in note] == [
+        note for note in short.notes if 'spikes' in note or 'gap' in note]
+
+
+def test_what_is_looked_at_in_blocks_is_what_is_seen_in_the_whole(in_small_blocks):
+    random = np.random.default_rng(0)
+    stamps = np.arange(4000) * 1_000_000
+    time = stamps * 1e-9
+    values = 1e-3 + 1e-4 * np.repeat(np.arange(8) % 5, 500) + random.normal(0.0, 3e-7, 4000)
+    values[[0, 63, 64, 127, 2222, 3999]] += 4e-5
+    values[1900:1960] = values[1900]
+    load = 1e5 + 1e9 * (values - 1e-3)
+    whole, holds = topic_quality(stamps, values), find_holds(time, load)
+    in_small_blocks(long=1 << 20)
+    found = topic_quality(stamps, values)
+    assert len(holds) == 8
+    assert find_holds(time, load) == holds
+    assert found.spikes.tolist() == whole.spikes.tolist()
+    assert {64, 2222} <= set(whole.spikes.tolist())
+    assert whole.stall == (1900, 60)
+    for name in ('rate', 'mean_rate', 'repeated', 'noise', 'stall', 'limit', 'resolution'):
+        assert np.array_equal(getattr(found, name), getattr(whole, name), equal_nan=True), name
+
+
+@pytest.mark.parametrize('suffix', ['csv', 'parquet'])
+def test_a_table_written_in_stretches_is_the_table_written_whole(
+    tmp_path, recording, in_small_blocks, suffix,
+):
+    run = read_run(recording.write(tmp_path / 'bag'), rig=RIG)
+    whole, parts = tmp_path / f'whole.{suffix}', tmp_path / f'parts.{suffix}'
+    write_samples(whole, measured_samples(displacement_of_run(RIG, run)))
+    in_small_blocks()
+    write_samples(parts, measured_blocks(RIG, run, zero_of_run(RIG, run)))
+    if suffix == 'csv':
+        assert parts.read_bytes() == whole.read_bytes()
+        assert len(list(csv.reader(parts.open()))) > 900
+    else:
+        assert parquet.read_table(parts).equals(parquet.read_table(whole))
+
+
+def test_a_record_that_never_comes_near_the_preload_takes_its_zero_at_the_start(
+    tmp_path, recording, in_small_blocks,
+):
+    load = recording.values[LOAD_TOPIC] + 50_000.0
+    run = read_run(recording.changed(LOAD_TOPIC, values=load).write(tmp_path / 'bag'), rig=RIG)
+    expected = zero_of_run(RIG, run)
+    in_small_blocks()
+    assert zero_of_run(RIG, run) == expected
+    assert not expected.near_preload
+
+
+def write(path, count):
+    """A bag of `count` samples a topic at 10 kHz."""
+    random = np.random.default_rng(0)
+    span = (RIG.probes.min_range, RIG.probes.max_range)
+    topics = [(TOPICS[LOAD_TOPIC], ()), *((TOPICS[name], span) for name in PROBE_TOPICS)]
+    stamps = 1_700_000_000_000_000_000 + 100_000 * np.arange(count)
+    load = RIG.preload + 2e5 * np.clip(np.linspace(-0.5, 2.0, count), 0.0, 1.0)
+    with BlockBagWriter(path, topics, {'test': 'dynamic', 'elevation_deg': '50'}) as writer:
+        writer.write([(stamps, load), *(
+            (stamps + 1000, 1e-3 + 4e-10 * load + random.normal(0.0, 3e-7, count))
+            for _ in PROBE_TOPICS)])
+    return path
+
+
+def peak_of(work):
+    tracemalloc.start()
+    try:
+        work()
+        return tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+
+
+def test_memory_does_not_grow_with_the_length_of_a_bag(tmp_path, in_small_blocks):
+    bags = [write(tmp_path / f'bag_{count}', count) for count in (40_000, 160_000)]
+    in_small_blocks(long=10_000, block=10_000)
+
+    def displacement(bag):
+        run = read_run(bag, rig=RIG)
+        for _ in measured_blocks(RIG, run, zero_of_run(RIG, run)):
+            pass
+
+    for work in (displacement, bag_info):
+        work(bags[0])  # what is loaded once
+        short, long = (peak_of(lambda bag=bag, work=work: work(bag)) for bag in bags)
+        assert long < 1.3 * short
+
+
+def test_the_end_of_the_files_says_how_much_there_is(tmp_path, recording):
+    bag = recording.write(tmp_path / 'bag')
+    summary = summary_of_bag(bag)
+    assert (summary.messages, summary.topics) == (5000, 5)
+    assert summary.seconds == pytest.approx(2.0, abs=0.01)
+    file = next(bag.glob('*.mcap'))
+    file.write_bytes(file.read_bytes()[:-40])
+    assert summary_of_bag(bag) is None
+
+
+def test_scratch_files_leave_nothing_and_a_full_disk_is_one_line(tmp_path, monkeypatch):
+    monkeypatch.setenv('TMPDIR', str(tmp_path))
+    monkeypatch.setattr(scratch, 'LONG', 10)
+    array = scratch.scratch_array((4, 100), np.float64)
+    array[2] = 1.0
+    scratch.forget(array)
+    assert array.sum() == 100.0
+    assert os.listdir(tmp_path) == []
+    monkeypatch.setenv('TMPDIR', str(tmp_path / 'none'))
+    with pytest.raises(BagError, match='let TMPDIR name a folder with more room'):
+        scratch.scratch_array((100,), np.float64)
