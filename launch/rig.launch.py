@@ -33,7 +33,7 @@ ARGUMENTS = {
                  'the shipped ones'),
     'parameters_root': ('', 'folder of the parameter files that goals may name; empty: bag_root'),
     'rate': ('1.0', 'speed of the replay'),
-    'materiality': ('2.0', 'residual without an alarm, in percent of the motion at full scale'),
+    'materiality': ('2.0', 'residual without an alarm, in percent of the range to full scale'),
     'false_alarm_hours': ('1000.0', 'hours of testing in which one false alarm is allowed'),
     'namespace': ('', 'namespace of the rig; empty: the root'),
     'hardware_id': ('', 'identity of the rig in /diagnostics; empty: by the namespace'),

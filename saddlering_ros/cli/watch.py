@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from saddlering_ros.monitoring import Monitor, Sample
 
 MATERIALITY_PERCENT = 2.0
-"""Share of the motion at full scale that a residual may have without an alarm [%]."""
+"""Share of the range from preload to full scale that a residual may have without an alarm [%]."""
 
 
 def add_parser(subparsers: Any) -> None:
@@ -27,7 +27,7 @@ def add_parser(subparsers: Any) -> None:
     add_parameter_option(parser)
     parser.add_argument('--materiality', type=float, default=MATERIALITY_PERCENT,
                         metavar='PERCENT', help='residual without an alarm, in percent of the '
-                        f'motion at full scale (default {MATERIALITY_PERCENT:g})')
+                        f'range from preload to full scale (default {MATERIALITY_PERCENT:g})')
     parser.add_argument('--false-alarm-hours', type=float, default=1000.0, metavar='H',
                         help='at most one false alarm in so many hours of testing (default 1000)')
     parser.add_argument('--json', metavar='FILE', help='write the result as JSON; - for stdout')
@@ -46,7 +46,7 @@ def run(args: argparse.Namespace) -> int:
     samples, _, notes = residual_samples(test_run, rig, parameters)
     monitor = Monitor(settings, rig.limits.rest_band, lambda elevation: materiality(
         rig, parameters.contact, elevation, args.materiality))
-    watch(monitor, _samples(samples, test_run.elevation))
+    watch(monitor, monitored_samples(samples, test_run.elevation))
     _check_watched(monitor, test_run)
     origin = int(test_run.stamps[0])
     notes += [f'{1e-9 * (lapse.stamp - origin):.3f} s: {lapse.reason}' for lapse in monitor.lapses]
@@ -62,7 +62,7 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def _samples(samples: DisplacementSamples, elevation: float) -> Iterator[Sample]:
+def monitored_samples(samples: DisplacementSamples, elevation: float) -> Iterator[Sample]:
     """The samples of a residual as the live node takes them."""
     import numpy as np
 

@@ -9,16 +9,19 @@ from saddlering_ros.rig import ContactParameters, Rig
 from saddlering_ros.ring.simulator import static_response
 
 DEFAULT_PERCENT = 2.0
-"""Share of the motion from preload to full scale [%]."""
+"""Share of the range of the motion from preload to full scale [%]."""
+
+LOADS = 26
+"""Loads at which the motion is looked at: a channel may turn back on the way to full scale."""
 
 
 def materiality(
     rig: Rig, contact: ContactParameters, elevation: float, percent: float = DEFAULT_PERCENT
 ) -> NDArray[np.float64]:
-    """What `percent` of the motion from preload to full scale is, (3,) [m, m, rad].
+    """What `percent` of each channel's range from preload to full scale is, (3,) [m, m, rad].
 
     elevation: of the load [rad].
     """
-    ends = static_response(rig, contact.to_array(), elevation,
-                           np.array([rig.preload, rig.full_scale_load]))
-    return np.asarray(0.01 * percent * np.abs(ends[:, 1] - ends[:, 0]))
+    loads = np.linspace(rig.preload, rig.full_scale_load, LOADS)
+    motion = static_response(rig, contact.to_array(), elevation, loads)
+    return np.asarray(0.01 * percent * np.ptp(motion, axis=1))

@@ -55,7 +55,8 @@ class RingAlarmNode(StreamingNode):
         Parameter('false_alarm_hours', 1000.0, 'hours of testing in which one false alarm is '
                   'allowed in the mean', low=1.0, high=1e6, while_inactive=True),
         Parameter('materiality', DEFAULT_PERCENT, 'residual without an alarm, in percent of the '
-                  'motion from preload to full scale', low=0.0, high=100.0, while_inactive=True),
+                  "channel's range from preload to full scale", low=0.0, high=100.0,
+                  while_inactive=True),
         Parameter('block', 0.02, 'time [s] over which residuals are averaged before they are '
                   'judged', low=0.001, high=10.0, while_inactive=True),
         Parameter('frame_id', 'ring', 'frame of the alarm: reference point C of the ring'),

@@ -36,7 +36,7 @@ class AlarmStream:
     """Watches batches of residuals and loads, in any interleaving of the two.
 
     A residual waits until its load is there, and until `use` has said what is simulated with.
-    percent: materiality as a share of the motion from preload to full scale [%].
+    percent: materiality as a share of each channel's range from preload to full scale [%].
     """
 
     def __init__(self, rig: Rig, settings: MonitorSettings, percent: float) -> None:

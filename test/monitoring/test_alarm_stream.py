@@ -5,7 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from saddlering_ros.monitoring import LEARNING, MonitorSettings, Sample, WAITING, watch
+from saddlering_ros.monitoring import (
+    LEARNING,
+    materiality,
+    MonitorSettings,
+    Sample,
+    WAITING,
+    watch,
+)
 from saddlering_ros.rig import default_rig, TRUE_TO_SCALE
 from saddlering_ros.streams.alarm import AlarmStream
 from saddlering_ros.streams.batches import Displacements, no_displacements, no_samples, Samples
@@ -111,3 +118,10 @@ def test_a_load_that_is_lost_costs_its_residual_and_a_replay_from_the_start_begi
     stream.push(part(residual, slice(0, 100)), part(load, slice(0, 100)))
     assert stream.monitor.state == LEARNING
     assert 'jumped back' in stream.monitor.lapses[-1].reason
+
+
+def test_materiality_does_not_vanish_where_a_channel_turns_back_on_the_way():
+    """At 22 degrees delta_y ends where it began, at full scale, and moves by 15 um between."""
+    found = materiality(RIG, TRUE_TO_SCALE, np.radians(22.0), 2.0)
+    assert found[1] == pytest.approx(0.02 * 15e-6, rel=0.1)
+    assert np.array_equal(materiality(RIG, TRUE_TO_SCALE, np.radians(22.0), 4.0), 2.0 * found)
