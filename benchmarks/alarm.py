@@ -197,7 +197,7 @@ class Whole:
 
 
 def whole_test(seed: int, *, dynamic: bool, scale: float) -> Whole:
-    """A test of a drawn ring without fault or scatter of rollers; the model's stiffnesses are off by `scale`."""
+    """A test of a drawn ring without fault or scatter; the model's stiffnesses are `scale` off."""
     chance = np.random.default_rng([seed, 17])
     rig, truth = default_rig(), draw_truth(seed, 'clean')
     schedule = (dynamic_schedule(rig, duration=30.0, cycles=2) if dynamic else

@@ -88,10 +88,14 @@ class Raised:
 
 @dataclass(frozen=True)
 class Lapse:
-    """When [ns] and why the promise of the false alarms did not hold, or the evidence ended."""
+    """When [ns] and why the promise of the false alarms did not hold, or the evidence ended.
+
+    is_lasting: whether it holds for the rest of the record.
+    """
 
     stamp: int
     reason: str
+    is_lasting: bool = False
 
 
 class Monitor:
@@ -155,7 +159,7 @@ class Monitor:
     def reset(self) -> None:
         """Let go of the alarm and of the evidence; what was learnt of the noise stays."""
         self.alarm, self._onset = None, None
-        self.lapses.clear()
+        self.lapses = [lapse for lapse in self.lapses if lapse.is_lasting]
         self._clear_evidence()
         self.changes += 1
 
@@ -172,6 +176,7 @@ class Monitor:
         if last is not None and sample.stamp <= last.stamp:
             if last.stamp - sample.stamp <= MAX_BACK:
                 return
+            self.lapses = [lapse for lapse in self.lapses if not lapse.is_lasting]
             self._lapse('the stamps jumped back: noise and evidence begin anew')
             self._begin_anew()
             last = None
@@ -209,8 +214,8 @@ class Monitor:
             self._lapse('the ring has no equilibrium at preload or full scale with the parameters '
                         'in force: nothing is watched')
 
-    def _lapse(self, reason: str, stamp: int | None = None) -> None:
-        self.lapses.append(Lapse(self.stamp if stamp is None else stamp, reason))
+    def _lapse(self, reason: str, stamp: int | None = None, *, is_lasting: bool = False) -> None:
+        self.lapses.append(Lapse(self.stamp if stamp is None else stamp, reason, is_lasting))
         del self.lapses[:-MAX_LAPSES]
         self.changes += 1
 
@@ -233,14 +238,15 @@ class Monitor:
         self.changes += 1
         lost = [name for name, one in zip(CHANNELS, found.noise, strict=True) if one == UNKNOWN]
         if lost:
-            self._lapse(f'{" and ".join(lost)} not known while the load rested, and not watched')
+            self._lapse(f'{" and ".join(lost)} not known while the load rested, and not watched',
+                        is_lasting=True)
         if not found.first:
             self._lapse('the noise is read from a rest after a movement, where the ring still '
-                        'creeps: begin the test with a rest')
+                        'creeps: begin the test with a rest', is_lasting=True)
         elif found.seconds < SHORT_REST:
             self._lapse(f'the noise is read from {found.seconds:.1f} s of rest: rest for '
                         f'{SHORT_REST:g} s before the load moves, else the rate of false alarms '
-                        'is not sure')
+                        'is not sure', is_lasting=True)
 
     # --- watching ---
 

@@ -46,6 +46,9 @@ LATCHED_BY_SEVERAL = QoSProfile(depth=20, reliability=ReliabilityPolicy.RELIABLE
 HEARTBEAT = 0.1
 """ring/within_limits is repeated this often [s], so that its silence can be noticed."""
 
+RECENT_NS = 10_000_000_000
+"""A lapse that is over is a warning for so long [ns], by the stamps."""
+
 
 class RingAlarmNode(StreamingNode):
     """Watches the residual; publishes a latched alarm, and a limit for an interlock."""
@@ -172,8 +175,10 @@ class RingAlarmNode(StreamingNode):
         return Finding(level, self._words(), figures)
 
     def _promise_finding(self) -> Finding:
-        lapses = self._stream.monitor.lapses
-        figures = {'lapses': str(len(lapses)),
+        monitor = self._stream.monitor
+        lapses = [lapse for lapse in monitor.lapses
+                  if lapse.is_lasting or monitor.stamp - lapse.stamp < RECENT_NS]
+        figures = {'lapses': str(len(monitor.lapses)),
                    'false alarm hours': f'{self.settings["false_alarm_hours"]:g}'}
         if lapses:
             return Finding(WARN, lapses[-1].reason, figures)

@@ -202,6 +202,8 @@ def test_a_short_rest_and_a_rest_after_a_movement_are_reported():
     short = watch(monitor(), record(size=0.0)[1000:])
     assert ['1.0 s of rest' in lapse.reason or '0.9 s of rest' in lapse.reason
             for lapse in short.lapses] == [True]
+    short.reset()  # which leaves what is true of the whole record
+    assert len(short.lapses) == 1
     moving = record(size=0.0, load=lambda time: 1e5 * np.clip(
         np.abs(time - 6.0) - 2.0, 0.0, 1.0))
     late = watch(monitor(), moving[1600:])
