@@ -8,31 +8,42 @@ part: tests against this noise are F tests with so many. A record need not rest.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 from scipy.fft import dct, idct
 
-from saddlering_ros.discrepancy.system import Array
-from saddlering_ros.estimation.allan import allan_columns, allan_variances
+from saddlering_ros.discrepancy.noise.spectrum import (
+    BINS_AN_OCTAVE,
+    exceeds,
+    expected_power,
+    MAX_BINS,
+    parts_of_spectrum,
+    spectrum_above,
+)
+from saddlering_ros.discrepancy.system import Array, DiscrepancyError
 from saddlering_ros.estimation.process import ChannelNoise
 from saddlering_ros.estimation.stretch_noise import (
     ChannelRecord,
-    noise_of_stretches,
+    effective_degrees,
+    MIN_SAMPLES,
     relaxation_grid,
 )
 
 SLOW_WAVES = 40
 """Half waves a run that a flexible fit takes."""
 
-MIN_SAMPLES_PER_WAVE = 5
-"""A run of fewer samples than this for each half wave gets a less flexible fit."""
+MIN_SLOW_WAVES = 20
+"""Half waves that a flexible fit takes of a run of few samples: those that are tested."""
+
+SAMPLES_PER_WAVE, MIN_SAMPLES_PER_WAVE = 10, 5
+"""Samples for each half wave above that number of half waves, and in any run."""
 
 
 def swift_part(values: Array) -> tuple[Array, int]:
     """What a flexible fit over the order of samples leaves (N,); its number of half waves."""
-    waves = min(SLOW_WAVES, values.size // MIN_SAMPLES_PER_WAVE)
+    waves = min(SLOW_WAVES, max(MIN_SLOW_WAVES, values.size // SAMPLES_PER_WAVE))
+    waves = min(waves, values.size // MIN_SAMPLES_PER_WAVE)
     spectrum = dct(values, norm='ortho')
     spectrum[: waves + 1] = 0.0
     return np.asarray(idct(spectrum, norm='ortho')), waves
@@ -43,12 +54,10 @@ def noise_of_residuals(record: ChannelRecord) -> ChannelNoise:
 
     Missing samples are bridged for the flexible fit and left out of the statistics.
     """
-    values, longest = _swift(record)
-    swift = replace(record, values=values)
-    where = f'run {record.run}'
-    noise = noise_of_stretches(list(swift.stretches()), record.step, longest, where)
+    values, waves = _swift(record)
+    noise = _of_spectrum(record, values, waves, None)
     # Below the swift part the level is no surer than at the slowest waves seen.
-    return replace(noise, pairs=min(noise.pairs, max(1, round(record.duration / longest))))
+    return replace(noise, pairs=max(1, min(noise.pairs, 2 * waves)))
 
 
 def widened(noise: ChannelNoise, record: ChannelRecord) -> ChannelNoise:
@@ -57,12 +66,12 @@ def widened(noise: ChannelNoise, record: ChannelRecord) -> ChannelNoise:
     Noise measured at rest is not all there is on most machines. An excess counts if it is half
     the level at some averaging time, and more than chance gives.
     """
-    values, longest = _swift(record)
-    stretches = list(replace(record, values=values).stretches())
-    where = f'run {record.run}'
-    if not _exceeds(stretches, record.step, longest, noise):
+    values, waves = _swift(record)
+    octaves = np.log2(values.size / (waves + 1.0))
+    coarse = spectrum_above(values, waves, max(1, round(BINS_AN_OCTAVE * octaves)))
+    if not exceeds(coarse, expected_power(noise, coarse.frequency, record.step)):
         return noise
-    extra = noise_of_stretches(stretches, record.step, longest, where, known=noise)
+    extra = _of_spectrum(record, values, waves, noise)
     return replace(
         noise,
         white=noise.white + extra.white,
@@ -92,27 +101,34 @@ def with_model_error(
     )
 
 
-def _exceeds(
-    stretches: Sequence[Array], step: float, longest: float, noise: ChannelNoise
-) -> bool:
-    """Whether the Allan variance of `stretches` exceeds that of `noise` at some averaging time."""
-    scales, seen, pairs = allan_variances([(row, step) for row in stretches])
-    used = scales <= max(longest, step) * (1.0 + 1e-9)
-    parts = noise.parts()
-    expected = allan_columns(scales, np.array([tau for _, tau in parts])) @ np.append(
-        noise.white, [variance for variance, _ in parts]
-    )
-    expected = expected + noise.floor * step / scales
-    limit = expected * (1.0 + np.maximum(0.5, 4.0 * np.sqrt(3.0 / pairs)))
-    return bool(np.any(seen[used] > limit[used]))
+def _of_spectrum(
+    record: ChannelRecord, values: Array, waves: int, known: ChannelNoise | None
+) -> ChannelNoise:
+    """Noise of the swift part (N,) of a residual, beyond what is `known`."""
+    sizes = [part.size for part in replace(record, values=values).stretches()]
+    if sum(sizes) < MIN_SAMPLES:
+        raise DiscrepancyError(
+            f'noise: run {record.run} holds {sum(sizes)} samples, too few to learn from: give at '
+            f'least {MIN_SAMPLES}, or Noise.white(std)'
+        )
+    step = record.step
+    spectrum = spectrum_above(values, waves, MAX_BINS)
+    if not spectrum.power.max(initial=0.0) > 0.0:
+        raise DiscrepancyError(
+            f'noise: run {record.run} does not vary at all: give Noise.white(std) with the '
+            'resolution of the instrument'
+        )
+    constants = relaxation_grid(step, 0.5 * record.duration / max(waves, 1))
+    beside = None if known is None else expected_power(known, spectrum.frequency, step)
+    parts = parts_of_spectrum(spectrum, constants, step, beside)
+    white = max(float(parts[0]), 1e-9 * float(spectrum.power.max()) * step)
+    noise = ChannelNoise(white, parts[1:], 0.0, 1, constants)
+    return replace(noise, pairs=effective_degrees(noise, step, sizes))
 
 
-def _swift(record: ChannelRecord) -> tuple[Array, float]:
-    """Swift part (N,) of a residual, NaN where missing; the longest averaging time left [s]."""
+def _swift(record: ChannelRecord) -> tuple[Array, int]:
+    """Swift part (N,) of a residual, NaN where missing; the half waves that were taken."""
     there = np.isfinite(record.values)
     bridged = np.interp(record.time, record.time[there], record.values[there])
     swift, waves = swift_part(bridged)
-    longest = 0.5 * record.duration / max(waves, 1)
-    # The fit took its share of the variance of the samples too.
-    taken = np.sqrt(record.values.size / max(record.values.size - waves - 1.0, 1.0))
-    return np.where(there, swift * taken, np.nan), longest
+    return np.where(there, swift, np.nan), waves
