@@ -7,14 +7,23 @@ cause explains it, which causes cannot be told apart, and what no known cause ex
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 import time as clock
 
 from saddlering_ros.discrepancy.assumptions import Assumptions
+from saddlering_ros.discrepancy.candidate import Fit
 from saddlering_ros.discrepancy.conclusion import judge, Publication, residual_of
 from saddlering_ros.discrepancy.experiment import Experiment, refuse_repeats
+from saddlering_ros.discrepancy.model_space import ModelSpace
 from saddlering_ros.discrepancy.next_test import choose_next, Proposal
-from saddlering_ros.discrepancy.preparation import first_guess, moved_to, observed, prepare
+from saddlering_ros.discrepancy.preparation import (
+    better_base,
+    first_guess,
+    moved_to,
+    observed,
+    prepare,
+    space_about,
+)
 from saddlering_ros.discrepancy.proposal import propose_for
 from saddlering_ros.discrepancy.results import Diagnosis, SearchLog
 from saddlering_ros.discrepancy.selection import (
@@ -31,6 +40,35 @@ from saddlering_ros.threads import one_blas_thread
 
 PARTIAL_SUBJECT = 0.5
 """A law is proposed beside partial causes that explain this share of the misfit, else alone."""
+
+
+MAX_BASES = 3
+"""So many times the search begins again about a better fit of the base."""
+
+
+@dataclass(frozen=True)
+class Search:
+    """The model that a search ends with, the space it is judged in, its alternatives."""
+
+    space: ModelSpace
+    fit: Fit
+    alternatives: Alternatives
+    log: SearchLog
+
+
+def _search(space: ModelSpace) -> Search:
+    """Effects selected, nuisance parameters moved to them, alternatives checked."""
+    log = SearchLog()
+    fit = select(space, log)
+    alternatives: Alternatives = {}
+    space.watch.progress('alternatives', 0.75)
+    if fit.candidate.effects:
+        space, fit = moved_to(space, fit)
+        if space.metric.experiment.assumptions.relearns:  # with less noise, more may show
+            fit = forward(space, fit, log)
+        fit = prune(space, fit, log)
+        fit, alternatives = check_alternatives(space, fit, log)
+    return Search(space, fit, alternatives, log)
 
 
 @one_blas_thread()
@@ -52,17 +90,15 @@ def diagnose_system(
     experiment = Experiment(system, [run for run in runs if not run.held_out], assumptions)
 
     space = prepare(experiment, first_guess(system, start), settings, watch)
+    search = _search(space)
+    for _ in range(MAX_BASES):
+        deeper = better_base(search.space, search.fit)
+        if deeper is None:
+            break
+        space = space_about(experiment, deeper, settings, watch)
+        search = _search(space)
     observability = observed(space)
-    log = SearchLog()
-    fit = select(space, log)
-    alternatives: Alternatives = {}
-    watch.progress('alternatives', 0.75)
-    if fit.candidate.effects:
-        space, fit = moved_to(space, fit)
-        if experiment.assumptions.relearns:  # with less noise, more may show
-            fit = forward(space, fit, log)
-        fit = prune(space, fit, log)
-        fit, alternatives = check_alternatives(space, fit, log)
+    space, fit, alternatives, log = search.space, search.fit, search.alternatives, search.log
     before, after = residual_of(space, space.base), residual_of(space, fit)
     judgement = judge(space, fit, alternatives, before, after)
     lines = find_steady_lines(experiment, runs, settings, space.trials)

@@ -40,6 +40,9 @@ MIN_PAIRS = 12
 BASE_ROUNDS = 25
 """Rounds of the fit of the base parameters alone, on which everything rests."""
 
+MIN_DEEPER, MIN_DEEPER_SHARE = 10.0, 0.01
+"""A valley is deeper by more than this misfit, and by more than this share of it."""
+
 
 def prepare(
     experiment: Experiment, start: Array | None, settings: Settings, watch: Watch
@@ -50,6 +53,13 @@ def prepare(
     metric = metric.marginalise(offset_columns(experiment))
     watch.progress('base', 0.05)
     rough = fit_base(metric, start, settings.seed, watch.check)
+    return space_about(experiment, rough, settings, watch)
+
+
+def space_about(
+    experiment: Experiment, rough: Fit, settings: Settings, watch: Watch
+) -> ModelSpace:
+    """Noise learnt from what a rough fit of the base leaves, base fitted, signatures measured."""
     residual = experiment.by_run(rough.prediction - experiment.measured)
     metric = noise_metric(
         experiment, experiment.assumptions.learn_noise(experiment.runs, residual)
@@ -67,6 +77,28 @@ def prepare(
     return ModelSpace(
         metric, base, sensitivities, signatures, scale, trials, known, settings, watch
     )
+
+
+def better_base(space: ModelSpace, fit: Fit) -> Fit | None:
+    """The base fitted from where the model with effects has it, if that is a deeper valley.
+
+    Without this an effect that does nothing could be named for leading the fit out of a valley.
+    """
+    if not fit.candidate.effects:
+        return None
+    count = space.base.theta_unit.size
+    wanted = [
+        refit(
+            space.metric,
+            Candidate(),
+            fit.theta_unit[:count],
+            rounds=space.settings.rounds,
+            full_jacobian=True,
+        )
+    ]
+    found = run_refits(space.metric, wanted, space.watch.check)[0]
+    gain = space.base.misfit - found.misfit
+    return found if gain > max(MIN_DEEPER, MIN_DEEPER_SHARE * found.misfit) else None
 
 
 def moved_to(space: ModelSpace, fit: Fit) -> tuple[ModelSpace, Fit]:

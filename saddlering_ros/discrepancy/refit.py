@@ -30,6 +30,9 @@ MIN_MOVE = 1e-6
 QUIET_ROUNDS, FAILED_ROUNDS = 2, 4
 """A refit ends after so many rounds in a row of no account, or of steps that led uphill."""
 
+MAX_BASE_STARTS, COARSE_BASE = 6, 6
+"""So many starts of the base are followed for so many rounds before the best are fitted."""
+
 
 Asking = Generator[list[Point], Array, Fit]
 
@@ -256,7 +259,16 @@ def fit_base(
             - metric.experiment.measured[:, None]
         )
         order = np.argsort(np.nan_to_num((whitened**2).sum(axis=0), nan=np.inf))
-        thetas = [asked[int(order[0])], asked[int(order[1])]]
+        coarse = run_refits(
+            metric,
+            [
+                refit(metric, empty, asked[int(number)], rounds=COARSE_BASE, full_jacobian=True)
+                for number in order[:MAX_BASE_STARTS]
+            ],
+            check,
+        )
+        coarse.sort(key=lambda fit: fit.misfit)
+        thetas = [fit.theta_unit for fit in coarse[:2]]
     fits = run_refits(
         metric,
         [refit(metric, empty, item, rounds=25, full_jacobian=True) for item in thetas],

@@ -1,0 +1,59 @@
+"""Claims on a base fit that ends in a wrong valley: it is left, and no effect is named for it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from saddlering_ros.discrepancy import diagnose_system, Effect, Model, Noise, Parameter, Run
+from saddlering_ros.discrepancy.candidate import Candidate
+from saddlering_ros.discrepancy.experiment import Experiment
+from saddlering_ros.discrepancy.model import Channel
+from saddlering_ros.discrepancy.model_diagnosis import MODEL_SETTINGS, prepared
+from saddlering_ros.discrepancy.preparation import better_base, prepare
+from saddlering_ros.discrepancy.refit import refit, run_refits
+from saddlering_ros.discrepancy.settings import Watch
+
+TIME = np.linspace(0.0, 12.0, 400)
+TRUE, WRONG = 1.3, 2.6
+
+
+def simulate(p: dict[str, float], run: Run) -> dict[str, np.ndarray]:
+    turn = p['rate'] * TIME
+    return {'seen': np.cos(turn) + p['fade.size'] * TIME * np.cos(turn)}
+
+
+MODEL = Model(
+    simulate,
+    base={'rate': Parameter(0.5, 4.0)},
+    effects={'fade': Effect('Swing that fades', {'size': Parameter(-0.1, 0.1)})},
+    channels={'seen': Channel(noise=Noise.white(0.01))},
+)
+
+
+@pytest.fixture
+def run() -> Run:
+    noise = 0.01 * np.random.default_rng(1).normal(size=TIME.size)
+    return Run('swing', TIME, {}, {'seen': np.cos(TRUE * TIME) + noise})
+
+
+def test_the_base_is_fitted_from_where_an_effect_has_led_it(run: Run) -> None:
+    system, blocks = prepared(MODEL, [run])
+    experiment = Experiment(system, blocks, system.assumptions())
+    item = MODEL.base['rate']
+    space = prepare(experiment, np.array([item.to_unit(WRONG)]), MODEL_SETTINGS, Watch())
+    fade = Candidate(((system.effects[0], 0),))
+    start = np.array([item.to_unit(TRUE), 0.5])
+    fit = run_refits(space.metric, [refit(space.metric, fade, start)])[0]
+    deeper = better_base(space, fit)
+    assert space.base.misfit > 1e5
+    assert deeper is not None
+    assert item.from_unit(float(deeper.theta_unit[0])) == pytest.approx(TRUE, abs=1e-2)
+    assert better_base(space, space.base) is None
+
+
+def test_a_wrong_start_of_the_base_brings_no_cause(run: Run) -> None:
+    system, blocks = prepared(MODEL, [run])
+    found = diagnose_system(
+        system, blocks, MODEL_SETTINGS, assumptions=system.assumptions(), start={'rate': WRONG})
+    assert found.verdict in ('none', 'unknown')
