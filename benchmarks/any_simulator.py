@@ -1,152 +1,258 @@
-"""The public face on the example machines: detection, false alarms, isolation, unknown recall.
+"""The public face on machines of other people: is what is hidden named, and only that?
 
-python benchmarks/any_simulator.py [--seeds N]: every example of examples/any_simulator with its
-cause hidden in three sizes, with nothing hidden, and with the cause taken out of the catalogue.
-Reported as in the DX competitions, with the coverage of 95 % intervals and the difference of the
-reported misfit reduction from plain least squares.
+    python benchmarks/any_simulator.py [--machines NAME ...] [--seeds 1 2] [--units]
+
+Every effect of every machine is hidden in turn, then hidden while it is not in the catalogue, and
+once nothing is hidden. Reported are the four figures of the DX competitions (detection rate, false
+alarms, isolation, unknown recall), the share of right verdicts, wrong names, coverage of 95 %
+intervals, and the difference of the reported misfit reduction from that of plain least squares.
+--units repeats every case in other units. Machines whose program is not installed are left out by
+name; benchmarks/machines-requirements.txt has the programs.
 """
 
 from __future__ import annotations
 
 import argparse
 from collections import Counter
-from dataclasses import replace
-import importlib.util
-from pathlib import Path
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+import importlib
 import time
-from types import ModuleType
 from typing import Any
 
+from machines.examples import ALSO_HIDDEN
+from machines.examples import machine as example
+from machines.machine import Machine
+from machines.units import in_other_units, run_in_other_units
 import numpy as np
 from scipy.optimize import least_squares
 
 from saddlering_ros.discrepancy import diagnose, Diagnosis, Model, Run
 
-FOLDER = Path(__file__).resolve().parent.parent / 'examples' / 'any_simulator'
-SIZES = (0.4, 1.0, 2.0)
+OTHERS = ('pendulum', 'cart_pole', 'quarter_car', 'four_tank', 'reactor', 'heater',
+          'predator_prey')
+SIZES = (0.6, 2.0)
+"""The true size is drawn between these shares of the one that the machine lists."""
+
+UNITS = (1e4, 1e-2, 1e3)
+"""Factors on channels, time and parameters for the repetition in other units."""
+
+MAX_GAIN_ERROR = 0.05
 
 
-def load(path: Path) -> ModuleType:
-    spec = importlib.util.spec_from_file_location(path.stem, path)
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+@dataclass(frozen=True)
+class Case:
+    """What is hidden and what is in the catalogue; the effect whose size is drawn, or none."""
+
+    name: str
+    model: Model
+    hidden: Mapping[str, float]
+    effect: str = ''
 
 
-def records(module: ModuleType, hidden: dict[str, float], seed: int) -> tuple[list[Run], Run]:
-    """Two runs to fit and one to hold out; the seed draws drive and noise."""
-    runs = [module.record(name, 3 * seed + number, hidden)
-            for number, name in enumerate(('first', 'second', 'third'), start=1)]
-    return runs[:2], runs[2]
+def machines(names: list[str]) -> list[Machine]:
+    """The machines asked for whose simulators are installed."""
+    found = []
+    for name in names:
+        try:
+            found.append(
+                example(name) if name in ALSO_HIDDEN
+                else importlib.import_module(f'machines.{name}').MACHINE)
+        except ImportError as error:
+            print(f'left out: {name}: {error}')
+    return found
 
 
-def rms(model: Model, values: dict[str, float], runs: list[Run]) -> np.ndarray:
+def cases(machine: Machine, seed: int) -> list[Case]:
+    """Every effect present, every effect removed, and nothing hidden."""
+    random = np.random.default_rng([seed, 3])
+    found = [Case('null', machine.model, {})]
+    for effect, values in machine.hidden.items():
+        parameters = machine.model.effects[effect].ordered
+        size = random.uniform(*SIZES)
+        item = parameters[0]
+        neutral = item.neutral or 0.0
+        first = neutral + (values[item.name] - neutral) * (size if neutral == 0.0 else 1.0)
+        hidden = {f'{effect}.{name}': value for name, value in values.items()}
+        hidden[f'{effect}.{item.name}'] = first
+        found.append(Case(f'{effect} present', machine.model, hidden, effect))
+        others = {key: other for key, other in machine.model.effects.items() if key != effect}
+        found.append(Case(f'{effect} removed', _without(machine.model, effect, others), hidden))
+    return found
+
+
+def _without(model: Model, effect: str, others: Mapping[str, Any]) -> Model:
+    gone = {name: value for name, value in model.neutral().items()
+            if name.startswith(f'{effect}.')}
+    simulate = model.simulate
+    return replace(model, effects=others,
+                   simulate=lambda values, run: simulate({**gone, **values}, run))
+
+
+def residuals(model: Model, values: Mapping[str, float], runs: list[Run]) -> np.ndarray:
     """Residuals over range, samples missing left out, free constants taken off."""
     parts = []
     for name, channel in model.channels.items():
         span = max(float(np.ptp(run.outputs[name][np.isfinite(run.outputs[name])]))
                    for run in runs)
         for run in runs:
-            left = np.asarray(model.simulate(values, run)[name]) - run.outputs[name]
-            left = left[np.isfinite(left)]
+            weight = np.gradient(run.time)
+            weight = np.minimum(weight, 3.0 * np.median(weight))
+            left = np.asarray(model.simulate(dict(values), run)[name]) - run.outputs[name]
+            there = np.isfinite(left)
+            left, weight = left[there], weight[there] / weight[there].sum()
             if channel.offset == 'free':
-                left = left - left.mean()
-            parts.append(left / span / np.sqrt(left.size))
+                left = left - weight @ left
+            parts.append(np.nan_to_num(left, nan=1e3) * np.sqrt(weight) / span)
     return np.concatenate(parts)
 
 
 def plain_gain(model: Model, effect: str, found: Diagnosis, runs: list[Run]) -> float:
-    """Misfit reduction of plain least squares from the published values."""
+    """Misfit reduction by scipy's least squares, from the published values and from others."""
     neutral = model.neutral()
-    own = {f'{effect}.{name}': item.value for name, item in found.causes[0].parameters.items()}
+    for key, value in found.causes[0].parameters.items():
+        neutral[f'{effect}.{key}'] = value.value
 
-    def best(names: list[str], values: dict[str, float], bounds: list[Any]) -> float:
-        low, high = np.array(bounds).T
-        start = np.clip([values[name] for name in names], low + 1e-9, high - 1e-9)
+    def best(items: Mapping[str, Any], starts: list[dict[str, float]]) -> float:
+        low = np.array([item.low - 7.0 * item.periodic for item in items.values()])
+        high = np.array([item.high + 7.0 * item.periodic for item in items.values()])
 
         def residual(theta: np.ndarray) -> np.ndarray:
-            return rms(model, {**values, **dict(zip(names, theta, strict=True))}, runs)
+            values = dict(zip(items, map(float, low + theta * (high - low)), strict=True))
+            return residuals(model, {**neutral, **values, **fixed}, runs)
 
-        answer = least_squares(residual, start, bounds=(low, high), x_scale=high - low)
-        return float(np.sqrt(2.0 * answer.cost))
+        costs = []
+        for start in starts:
+            theta = (np.array([start[name] for name in items]) - low) / (high - low)
+            answer = least_squares(
+                residual, np.clip(theta, 1e-6, 1 - 1e-6), bounds=(0.0, 1.0), diff_step=1e-5)
+            costs.append(answer.cost)
+        return float(np.sqrt(min(costs)))
 
-    base = {name: (item.low, item.high) for name, item in model.base.items()}
-    alone = {**neutral, **{name: item.value for name, item in found.base_alone.items()}}
-    full = {**neutral, **own, **{name: item.value for name, item in found.base.items()}}
-    bent = {f'{effect}.{name}': (item.low - (7 if item.periodic else 0),
-                                 item.high + (7 if item.periodic else 0))
-            for name, item in model.effects[effect].parameters.items()}
-    before = best(list(base), alone, list(base.values()))
-    after = best([*base, *bent], full, [*base.values(), *bent.values()])
+    base = dict(model.base)
+    middle = {name: item.from_unit(item.first_guess) for name, item in base.items()}
+    alone = {name: item.value for name, item in found.base_alone.items()}
+    fixed: dict[str, float] = model.neutral()
+    before = best(base, [alone, middle])
+    fixed = {}
+    own = {f'{effect}.{name}': item for name, item in model.effects[effect].parameters.items()}
+    full = {**neutral, **{name: item.value for name, item in found.base.items()}}
+    after = best({**base, **own}, [full])
     return 1.0 - after / before
 
 
-def trial(module: ModuleType, counts: Counter[str], seed: int) -> list[str]:
-    """Every case of one machine and seed; lines on what went wrong."""
-    lines = []
-    effect = next(iter(module.HIDDEN)).split('.')[0]
-    first = next(iter(module.HIDDEN))
-    for size in SIZES:
-        hidden = {**module.HIDDEN, first: module.HIDDEN[first] * size}
-        runs, held_out = records(module, hidden, seed)
-        found = diagnose(module.model, runs, hold_out=[held_out])
-        counts['present'] += 1
-        counts['detected'] += found.verdict != 'none'
-        names = [cause.effect for cause in found.causes]
-        right = found.verdict in ('named', 'ambiguous') and names == [effect]
-        counts['right'] += right
-        if found.verdict in ('named', 'ambiguous') and effect not in names:
-            counts['wrong names'] += 1
-        if right:
-            counts['isolation x 100'] += round(100 / len(found.causes[0].group))
-            item = next(iter(found.causes[0].parameters.values()))
-            counts['covered'] += abs(item.value - hidden[first]) <= 1.96 * item.std
-            apart = abs(found.gain.fit - plain_gain(module.model, effect, found, runs))
-            counts['gain within 0.05'] += apart <= 0.05
-        else:
-            lines.append(f'{module.__name__} seed {seed} size {size}: {found.verdict} {names}')
-            lines += [f'    {warning}' for warning in found.warnings]
-        counts['not converged'] += not found.converged
-    runs, _ = records(module, {}, seed)
-    found = diagnose(module.model, runs)
-    counts['null'] += 1
-    counts['false alarms'] += found.verdict != 'none'
-    if found.verdict != 'none':
-        lines.append(f'{module.__name__} seed {seed} null: {found.verdict}')
-        lines += [f'    {warning}' for warning in found.warnings]
-    gone = dict(module.model.effects)
-    gone.pop(effect)
-    absent = {name: value for name, value in module.model.neutral().items()
-              if name.startswith(f'{effect}.')}
-    model = replace(module.model, effects=gone, simulate=lambda values, run: module.simulate(
-        {**absent, **values}, run))
-    runs, _ = records(module, module.HIDDEN, seed)
-    found = diagnose(model, runs)
-    counts['removed'] += 1
-    counts['unknown recall'] += found.verdict == 'unknown'
-    if found.verdict != 'unknown':
-        counts['wrong names'] += found.verdict != 'none'
-        lines.append(f'{module.__name__} seed {seed} removed: {found.verdict} '
-                     f'{[cause.effect for cause in found.causes]}')
-    return lines
+def judged(case: Case, found: Diagnosis) -> bool:
+    """Whether the verdict is the right one."""
+    if not case.effect:
+        return found.verdict == ('unknown' if case.hidden else 'none')
+    return found.verdict in ('named', 'ambiguous') and len(found.causes) == 1 and (
+        case.effect in found.causes[0].group)
+
+
+def count_numbers(
+    case: Case, found: Diagnosis, truth: Mapping[str, float], runs: list[Run],
+    counts: Counter[str],
+) -> None:
+    """Intervals and gain of a cause that was named rightly."""
+    cause = found.causes[0]
+    counts['isolation x 100'] += round(100 / len(cause.group))
+    if cause.effect != case.effect:
+        return
+    numbers = {name: (item, truth[name]) for name, item in found.base.items()}
+    for name, item in cause.parameters.items():
+        if f'{case.effect}.{name}' in case.hidden:
+            numbers[name] = item, case.hidden[f'{case.effect}.{name}']
+    periods = {name: item.high - item.low if item.periodic else np.inf
+               for name, item in case.model.effects[case.effect].parameters.items()}
+    for name, (item, true) in numbers.items():
+        away = abs(item.value - true)
+        away = min(away, abs(periods.get(name, np.inf) - away))
+        inside = away <= 1.96 * item.std
+        counts['intervals'] += 1
+        counts['intervals that hold'] += inside
+        if not inside:
+            print(f'    {case.name}: {name} {item.value:.5g} +/- {item.std:.2g}, true {true:.5g}')
+    apart = found.gain.fit - plain_gain(case.model, case.effect, found, runs)
+    counts['gains'] += 1
+    counts['gains within 0.05'] += abs(apart) <= MAX_GAIN_ERROR
+    if abs(apart) > MAX_GAIN_ERROR:
+        print(f'    {case.name}: gain {found.gain.fit:.3f}, {apart:+.3f} from plain least squares')
+
+
+def trial(machine: Machine, case: Case, seed: int, units: bool, counts: Counter[str]) -> None:
+    """One case of one machine, counted."""
+    runs = [machine.record(number, seed, case.hidden) for number in (1, 2, 3)]
+    began = time.process_time()
+    found = diagnose(case.model, runs[:2], hold_out=runs[2:])
+    used = time.process_time() - began
+    kind = 'present' if case.effect else 'removed' if case.hidden else 'null'
+    right = judged(case, found)
+    names = [cause.effect for cause in found.causes]
+    counts[kind] += 1
+    counts['cases'] += 1
+    counts['right'] += right
+    counts[f'{kind} right'] += right
+    counts['alarms, ' + kind] += found.verdict != 'none'
+    counts['not converged'] += not found.converged
+    if found.verdict in ('named', 'ambiguous') and not right:
+        truth_in = case.effect and any(case.effect in cause.group for cause in found.causes)
+        counts['truth and more'] += bool(truth_in)
+        counts['wrong names'] += not truth_in
+    if not right or used > 20.0:
+        size = {name: round(value, 5) for name, value in case.hidden.items()}
+        print(f'  {machine.name} {seed}: {case.name} {size}: {found.verdict} {names}, '
+              f'{used:.0f} s')
+        for warning in found.warnings:
+            print(f'      {warning}')
+    if case.effect and right:
+        count_numbers(case, found, machine.truth(seed), runs[:2], counts)
+    if units:
+        channel, clock, parameter = UNITS
+        other = in_other_units(case.model, channel, clock, parameter)
+        seen = [run_in_other_units(run, channel, clock) for run in runs]
+        again = diagnose(other, seen[:2], hold_out=seen[2:])
+        same = again.verdict == found.verdict and names == [item.effect for item in again.causes]
+        counts['in other units'] += 1
+        counts['the same in other units'] += same
+        if not same:
+            print(f'  {machine.name} {seed}: {case.name}: {found.verdict} {names}, in other '
+                  f'units {again.verdict} {[item.effect for item in again.causes]}')
+
+
+def report(name: str, counts: Counter[str]) -> None:
+    """The four figures of the DX competitions and the other targets, as shares."""
+
+    def share(part: str, whole: str) -> str:
+        return f'{counts[part]}/{counts[whole]}'
+
+    print(f'{name}: right {share("right", "cases")}; '
+          f'detection {share("alarms, present", "present")}; '
+          f'false alarms {share("alarms, null", "null")}; '
+          f'isolation {counts["isolation x 100"] / 100:g}/{counts["present"]}; '
+          f'unknown recall {share("removed right", "removed")}; '
+          f'wrong names {counts["wrong names"]}; truth and more {counts["truth and more"]}; '
+          f'intervals {share("intervals that hold", "intervals")}; '
+          f'gains {share("gains within 0.05", "gains")}; '
+          f'units {share("the same in other units", "in other units")}; '
+          f'not converged {counts["not converged"]}', flush=True)
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument('--seeds', type=int, default=6)
-    seeds = parser.parse_args().seeds
+    parser.add_argument('--machines', nargs='*', default=[*OTHERS, *ALSO_HIDDEN])
+    parser.add_argument('--seeds', nargs='*', type=int, default=[1, 2])
+    parser.add_argument('--units', action='store_true')
+    args = parser.parse_args()
     total: Counter[str] = Counter()
-    for path in sorted(FOLDER.glob('*.py')):
+    for machine in machines(args.machines):
         counts: Counter[str] = Counter()
         began = time.process_time()
-        for seed in range(1, seeds + 1):
-            for line in trial(load(path), counts, seed):
-                print(line, flush=True)
-        print(f'{path.stem}: {dict(counts)}, {time.process_time() - began:.0f} s', flush=True)
+        for seed in args.seeds:
+            for case in cases(machine, seed):
+                trial(machine, case, seed, args.units, counts)
+        report(f'{machine.name} ({time.process_time() - began:.0f} s)', counts)
         total += counts
-    print(f'all: {dict(total)}')
+    report('all', total)
 
 
 if __name__ == '__main__':

@@ -1,0 +1,42 @@
+"""The machines of examples/any_simulator, as the other machines are described."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+import importlib.util
+from pathlib import Path
+
+from machines.machine import Machine
+from saddlering_ros.discrepancy import Run
+
+FOLDER = Path(__file__).resolve().parents[2] / 'examples' / 'any_simulator'
+ALSO_HIDDEN = {
+    'closed_loop': {'spring': {'rate': 30.0}},
+    'mask': {'late_damping': {'size': 0.5}},
+    'no_rest': {'drag': {'size': 0.1}},
+    'several_outputs': {'overflow': {'height': 0.3}},
+    'uneven_sampling': {'heater': {'power': 0.02}},
+}
+"""Sizes of the effects that the examples have in their catalogue and do not hide themselves."""
+
+
+def machine(name: str) -> Machine:
+    """One example; its seed draws drive and noise, its parameters stay."""
+    spec = importlib.util.spec_from_file_location(name, FOLDER / f'{name}.py')
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    first = next(iter(module.HIDDEN)).split('.')[0]
+    own = {key.split('.')[1]: value for key, value in module.HIDDEN.items()}
+
+    def record(number: int, seed: int, hidden: Mapping[str, float]) -> Run:
+        run: Run = module.record(f'run {number}', 3 * seed + number, dict(hidden))
+        return run
+
+    def truth(_: int) -> Mapping[str, float]:
+        return {name: module.TRUE[name] for name in module.model.base}
+
+    hidden = {first: own, **ALSO_HIDDEN[name]}
+    return Machine(name, 'examples/any_simulator', 'of this repository', module.model, hidden,
+                   record, truth)

@@ -1,0 +1,72 @@
+"""What a machine of the benchmark is made of."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from saddlering_ros.discrepancy import Model, Run
+
+Array = NDArray[np.float64]
+Record = Callable[[int, int, Mapping[str, float]], Run]
+"""A record of run `number` of the machine that `seed` draws, with parameters of effects hidden."""
+
+DRAWN_SHARE = 0.1
+"""True base parameters differ by up to this share from machine to machine."""
+
+NOISE_SHARE = 0.003
+"""Noise of a sample as a share of the channel's range."""
+
+
+@dataclass(frozen=True)
+class Machine:
+    """A model with what can be hidden in its records: by effect, its true parameters.
+
+    truth: the true base parameters of the machine that a seed draws.
+    """
+
+    name: str
+    source: str
+    licence: str
+    model: Model
+    hidden: Mapping[str, Mapping[str, float]]
+    record: Record
+    truth: Callable[[int], Mapping[str, float]]
+
+
+def drawn(seed: int, values: Mapping[str, float]) -> dict[str, float]:
+    """True base parameters of the machine that `seed` stands for."""
+    random = np.random.default_rng([seed, 1])
+    return {
+        name: value * (1.0 + DRAWN_SHARE * random.uniform(-1.0, 1.0))
+        for name, value in values.items()
+    }
+
+
+def steps(random: np.random.Generator, count: int, low: float, high: float, every: int) -> Array:
+    """A drive of `count` samples that steps to a random level about `every` samples."""
+    levels = np.empty(count)
+    begin = 0
+    while begin < count:
+        end = begin + int(random.integers(every // 2, 2 * every))
+        levels[begin:end] = random.uniform(low, high)
+        begin = end
+    return levels
+
+
+def swings(random: np.random.Generator, time: Array, slow: float, fast: float) -> Array:
+    """A drive of a few sines of frequencies between `slow` and `fast` [1 / time], about 1 high."""
+    frequency = np.geomspace(slow, fast, 4) * random.uniform(0.9, 1.1, 4)
+    phase = random.uniform(0.0, 2.0 * np.pi, 4)
+    total = np.sin(2.0 * np.pi * time[:, None] * frequency + phase).sum(axis=1)
+    return np.asarray(total / 2.0)
+
+
+def noisy(random: np.random.Generator, truth: Array, share: float = NOISE_SHARE) -> Array:
+    """Truth (N,) with white noise and a part of it correlated over a few samples."""
+    white = random.normal(size=truth.size)
+    slow = np.convolve(random.normal(size=truth.size + 4), np.full(5, 5.0**-0.5), 'valid')
+    return np.asarray(truth + share * np.ptp(truth) * (0.8 * white + 0.6 * slow))
