@@ -9,6 +9,7 @@ import errno
 import fcntl
 import os
 from pathlib import Path
+import shutil
 import tempfile
 import time
 
@@ -20,7 +21,7 @@ _EXCHANGE = 2
 RANDOM_LETTERS = 8
 """By which the names of temporary files differ (tempfile.mkstemp)."""
 
-MIN_AGE = 60.0
+MIN_AGE = 2.0
 """A temporary file younger than this [s] may not be locked by its writer yet."""
 
 
@@ -40,7 +41,7 @@ def whole_file(path: Path | str, error: type[SaddleringError] = SaddleringError)
             yield place
             return
         place.parent.mkdir(parents=True, exist_ok=True)
-        _sweep(place)
+        _sweep(place.parent, f'.{place.name}.', place.suffix)
         handle, name = tempfile.mkstemp(
             prefix=f'.{place.name}.', suffix=place.suffix, dir=place.parent)
         with suppress(OSError):  # some file systems know no locks: nothing is swept there
@@ -61,10 +62,28 @@ def whole_file(path: Path | str, error: type[SaddleringError] = SaddleringError)
         os.close(handle)
 
 
-def _sweep(place: Path) -> None:
-    """Remove what a writer of `place` that was killed has left: a writer alive holds a lock."""
-    prefix, suffix = f'.{place.name}.', place.suffix
-    for left in place.parent.iterdir():
+@contextmanager
+def temporary_folder(parent: Path, prefix: str) -> Iterator[Path]:
+    """A folder in `parent` that is removed when the block ends.
+
+    One that a killed process left under the same prefix is removed first. OSError if none can be
+    made.
+    """
+    _sweep(parent, prefix, '')
+    folder = Path(tempfile.mkdtemp(prefix=prefix, dir=parent))
+    handle = os.open(folder, os.O_RDONLY)
+    try:
+        with suppress(OSError):
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        yield folder
+    finally:
+        os.close(handle)
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+def _sweep(parent: Path, prefix: str, suffix: str) -> None:
+    """Remove what writers that were killed have left: a writer alive holds a lock."""
+    for left in parent.iterdir():
         middle = left.name[len(prefix):len(left.name) - len(suffix)]
         if not (left.name.startswith(prefix) and left.name.endswith(suffix)
                 and len(middle) == RANDOM_LETTERS):
@@ -75,7 +94,10 @@ def _sweep(place: Path) -> None:
             handle = os.open(left, os.O_RDONLY | os.O_NOFOLLOW)
             try:
                 fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-                left.unlink()
+                if left.is_dir():
+                    shutil.rmtree(left)
+                else:
+                    left.unlink()
             finally:
                 os.close(handle)
 

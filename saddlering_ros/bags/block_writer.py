@@ -7,10 +7,8 @@ as fast as message by message.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from pathlib import Path
-import shutil
-import tempfile
 from types import TracebackType
 
 import numpy as np
@@ -26,6 +24,7 @@ from saddlering_ros.bags.facts import RECORD
 from saddlering_ros.bags.mcap_blocks import McapBlockFile, MessageBlock
 from saddlering_ros.bags.topics import RigTopic
 from saddlering_ros.bags.writer import _check_target, _put_in_place, _RELIABLE
+from saddlering_ros.writing import temporary_folder
 
 CHUNK_MESSAGES = 1 << 14
 """Messages of one chunk: about 1.5 MB before compression."""
@@ -46,14 +45,15 @@ class BlockBagWriter:
         self.path = Path(path)
         self._topics = tuple(topics)
         self._overwrite = overwrite
+        self._stack = ExitStack()
         _check_target(self.path, overwrite)
         try:
             self.path.parent.mkdir(parents=True, exist_ok=True)
-            self._folder = Path(tempfile.mkdtemp(prefix=f'.{self.path.name}.',
-                                                 dir=self.path.parent))
+            folder = self._stack.enter_context(
+                temporary_folder(self.path.parent, f'.{self.path.name}.'))
         except OSError as problem:
             raise self._unwritable(problem) from problem
-        self._written = self._folder / self.path.name
+        self._written = folder / self.path.name
         self._writer = _Writer(self._written, metadata)
         self._connections: list[Connection] = []
 
@@ -99,7 +99,7 @@ class BlockBagWriter:
         except OSError as fault:
             raise self._unwritable(fault) from fault
         finally:
-            shutil.rmtree(self._folder, ignore_errors=True)
+            self._stack.close()
 
     def _encode(
         self, topic: RigTopic, span: Sequence[float], stamps: NDArray[np.int64],

@@ -14,8 +14,9 @@ import yaml
 import zstandard
 
 from saddlering_ros.bags.errors import BagError
-from saddlering_ros.plain_yaml import LARGEST, parse_yaml
+from saddlering_ros.plain_yaml import LARGEST, parse_yaml, YamlRefused
 from saddlering_ros.provenance import sha256_of_file, sha256_of_files
+from saddlering_ros.writing import temporary_folder
 
 METADATA = 'metadata.yaml'
 INFORMATION = 'rosbag2_bagfile_information'
@@ -99,8 +100,8 @@ def plain_file(path: Path) -> Iterator[Path]:
     if not path.name.endswith('.zstd'):
         yield path
         return
-    with tempfile.TemporaryDirectory(prefix='saddlering-') as folder:
-        plain = Path(folder) / path.name.removesuffix('.zstd')
+    with temporary_folder(Path(tempfile.gettempdir()), 'saddlering-') as folder:
+        plain = folder / path.name.removesuffix('.zstd')
         try:
             with path.open('rb') as source, plain.open('wb') as target:
                 limit = max(LARGEST_EXPANSION * path.stat().st_size, ALWAYS_ALLOWED)
@@ -189,6 +190,9 @@ def parse_metadata(text: str, where: str) -> dict[str, Any]:
     """The part of a rosbag2 metadata text that describes the bag."""
     try:
         document = parse_yaml(text)
+    except YamlRefused as problem:
+        raise BagError(f'{where}: {problem.reason.partition(": ")[0]}: copy the bag again, or '
+                       'remove this file') from problem
     except yaml.YAMLError as problem:
         raise BagError(
             f'{where}: is not YAML: copy the bag again, or remove this file') from problem

@@ -206,21 +206,43 @@ def _extended(
     for number, (start, stop) in enumerate(holds):
         level = np.median(load[start:stop])
         low = extended[-1][1] if extended else 0
-        before = np.flatnonzero(
-            _away(total, edge, low, max(start - edge + 1, low), level) > limit)
-        first = low + int(before[-1]) + edge if len(before) else low
-        after = np.flatnonzero(_away(total, edge, stop, limits[number + 1], level) > limit)
-        last = stop + int(after[0]) - edge if len(after) else limits[number + 1]
+        before = _last_away(total, edge, (low, start - edge + 1), level, limit)
+        first = low if before is None else before + edge
+        after = _first_away(total, edge, (stop, limits[number + 1]), level, limit)
+        last = limits[number + 1] if after is None else after - edge
         extended.append((min(first, start), max(last, stop)))
     return extended
+
+
+def _first_away(
+    total: NDArray[np.float64], edge: int, rows: tuple[int, int], level: float, limit: float,
+) -> int | None:
+    """The first of the samples [start, stop) from which on `edge` samples have another level."""
+    start, stop = rows[0], min(rows[1], len(total) - edge)
+    for part in blocks(stop - start, total):
+        away = _away(total, edge, start + part.start, start + part.stop, level) > limit
+        if away.any():
+            return start + part.start + int(np.argmax(away))
+    return None
+
+
+def _last_away(
+    total: NDArray[np.float64], edge: int, rows: tuple[int, int], level: float, limit: float,
+) -> int | None:
+    """The last of the samples [start, stop) from which on `edge` samples have another level."""
+    start, stop = rows[0], min(rows[1], len(total) - edge)
+    for part in blocks(stop - start, total):
+        away = _away(total, edge, stop - part.stop, stop - part.start, level)[::-1] > limit
+        if away.any():
+            return stop - part.start - 1 - int(np.argmax(away))
+    return None
 
 
 def _away(
     total: NDArray[np.float64], edge: int, start: int, stop: int, level: float,
 ) -> NDArray[np.float64]:
     """How far the means of `edge` samples from each of the samples [start, stop) on lie away."""
-    stop = min(stop, len(total) - edge)
-    means = (total[start + edge:max(stop, start) + edge] - total[start:max(stop, start)]) / edge
+    means = (total[start + edge:stop + edge] - total[start:stop]) / edge
     return np.asarray(np.abs(means - level))
 
 

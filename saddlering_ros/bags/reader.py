@@ -45,6 +45,9 @@ from saddlering_ros.bags.wiring import wiring_notes
 from saddlering_ros.provenance import Origin
 from saddlering_ros.rig import default_rig, Rig
 
+MAX_GAP_SHARE = 0.5
+"""A probe whose record lies in gaps for a larger share is stamped by blocks."""
+
 ELEVATION_TOLERANCE_DEG = 0.5
 """An inclinometer that differs by more [degrees] contradicts the elevation stated."""
 
@@ -286,7 +289,7 @@ def run_of_record(
     if count_where(lambda part: np.isfinite(part).all(axis=0), gaps) < FEWEST_SAMPLES:
         raise BagError(
             f'{where}: all four probes read together at fewer than {FEWEST_SAMPLES} load stamps: '
-            'start and stop all recordings together')
+            + _why_apart(probes))
     assert facts.test is not None
     assert facts.elevation_deg is not None
     others = {name: align(load.stamps, record[name].stamps, record[name].values)
@@ -299,6 +302,19 @@ def run_of_record(
         load=load.values, gaps=gaps, notes=notes,
         spikes=_spikes(load, probes, found), quality=found, others=others,
         details=facts.details)
+
+
+def _why_apart(probes: Sequence[RawTopic]) -> str:
+    """What to do about probes without a common reading, by how their stamps lie."""
+    for raw in probes:
+        intervals = np.diff(raw.stamps)
+        in_gaps = int(intervals[gap_mask(raw.stamps)].sum())
+        if in_gaps > MAX_GAP_SHARE * int(raw.stamps[-1] - raw.stamps[0]):
+            period = float(np.median(intervals)) / 1e6
+            return (f'the stamps of {raw.topic} come in blocks, {period:.3g} ms apart within a '
+                    'block, with gaps between blocks: stamp each sample when it is taken, not '
+                    'when its block arrives')
+    return 'start and stop all recordings together'
 
 
 def record_quality(record: RawRecord) -> dict[str, TopicQuality]:

@@ -10,8 +10,6 @@ from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-import shutil
-import tempfile
 from typing import BinaryIO
 
 from mcap.writer import CompressionType
@@ -36,7 +34,7 @@ from saddlering_ros.bags.errors import BagError
 from saddlering_ros.bags.facts import RECORD, TestFacts
 from saddlering_ros.bags.topics import LOAD, PROBES, RigTopic, TOPICS
 from saddlering_ros.rig import Probes
-from saddlering_ros.writing import exchange, settle
+from saddlering_ros.writing import exchange, settle, temporary_folder
 
 CHUNK_SIZE = 1 << 20
 """Bytes of messages per chunk before compression."""
@@ -78,18 +76,12 @@ def write_bag(
     _check_target(path, overwrite)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        temporary = Path(tempfile.mkdtemp(prefix=f'.{path.name}.', dir=path.parent))
+        with temporary_folder(path.parent, f'.{path.name}.') as temporary:
+            _write_directory(temporary / path.name, facts, channels, log_delay, chunk_size)
+            _put_in_place(temporary / path.name, path)
     except OSError as problem:
         raise BagError(
             f'{path}: cannot be written ({problem.strerror}): choose another place') from problem
-    try:
-        _write_directory(temporary / path.name, facts, channels, log_delay, chunk_size)
-        _put_in_place(temporary / path.name, path)
-    except OSError as problem:
-        raise BagError(
-            f'{path}: cannot be written ({problem.strerror}): choose another place') from problem
-    finally:
-        shutil.rmtree(temporary, ignore_errors=True)
     return path
 
 

@@ -18,6 +18,7 @@ from saddlering_ros.campaign.errors import CampaignInterruptedError
 from saddlering_ros.campaign.store import Store
 from saddlering_ros.campaign.task import SessionTask, task_from
 from saddlering_ros.provenance import versions_in_use
+from saddlering_ros.writing import temporary_folder
 
 ONE_THREAD = dict.fromkeys(
     ('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS', 'MKL_NUM_THREADS', 'SADDLERING_THREADS'), '1')
@@ -47,8 +48,8 @@ class SessionRunner:
         }
 
     def _ask(self, task: SessionTask) -> dict[str, Any]:
-        with tempfile.TemporaryDirectory(prefix='saddlering-') as folder:
-            place = Path(folder) / 'answer.json'
+        with temporary_folder(Path(tempfile.gettempdir()), 'saddlering-') as folder:
+            place = folder / 'answer.json'
             request = json.dumps({'task': task.as_dict(), 'answer': str(place)})
             try:
                 process = self._ready()

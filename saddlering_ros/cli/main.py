@@ -14,11 +14,12 @@ import shlex
 import signal
 import sys
 from types import ModuleType
-from typing import Any, NoReturn
+from typing import Any
 
 from saddlering_ros import __version__, cli
 from saddlering_ros.cli._files import check_files
 from saddlering_ros.cli._parser import examples_text, OneLineParser, UNUSABLE
+from saddlering_ros.cli._signals import leave_by_exception
 from saddlering_ros.errors import SaddleringError
 
 DONE = 0
@@ -111,8 +112,7 @@ def open_closed_streams() -> None:
 def main(argv: Sequence[str] | None = None) -> int:
     """Run `saddlering` with `argv` (default: the process's own); return the exit status."""
     open_closed_streams()
-    for name in ('SIGTERM', 'SIGHUP'):
-        signal.signal(getattr(signal, name), _leave)
+    leave_by_exception()
     try:
         parser, runs = build_parser()
         if '_ARGCOMPLETE' in os.environ:
@@ -143,11 +143,6 @@ class _Version(argparse.Action):
 def _add_traceback(parser: argparse.ArgumentParser, default: object) -> None:
     parser.add_argument('--traceback', action='store_true', default=default,
                         help='show where in the code an error came from')
-
-
-def _leave(number: int, _frame: object) -> NoReturn:
-    """Leave as an exception, so that everything open is closed and every child is ended."""
-    raise SystemExit(128 + number)
 
 
 def _one_line(message: str) -> str:

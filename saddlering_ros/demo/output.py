@@ -7,9 +7,7 @@ from contextlib import contextmanager
 import json
 import os
 from pathlib import Path
-import shutil
 import signal
-import tempfile
 import threading
 from typing import Any
 
@@ -19,6 +17,7 @@ from saddlering_ros.demo.page import demo_page
 from saddlering_ros.demo.story import Outcome
 from saddlering_ros.report.html import pictures_of
 from saddlering_ros.rig import write_parameters
+from saddlering_ros.writing import temporary_folder
 
 
 def check_folder(folder: Path) -> None:
@@ -36,27 +35,29 @@ def write_all(outcome: Outcome, folder: Path, command: str) -> list[Path]:
     `command` is what the report says to type to get it again.
     """
     folder.parent.mkdir(parents=True, exist_ok=True)
-    staging = Path(tempfile.mkdtemp(prefix=f'.{folder.name}.', dir=folder.parent))
     try:
-        page = demo_page(outcome, command)
-        (staging / 'report.html').write_text(page, encoding='utf-8')
-        for name, data in pictures_of(page).items():
-            (staging / f'{name}.png').write_bytes(data)
-        numbers = json.dumps(numbers_of(outcome), indent=2)
-        (staging / 'numbers.json').write_text(numbers + '\n', encoding='utf-8')
-        write_parameters(staging / 'parameters_identified.yaml', outcome.identified)
-        write_parameters(staging / 'parameters_extended.yaml', outcome.extended)
-        files = sorted(staging.iterdir())
-        with _uninterrupted():
-            folder.mkdir(exist_ok=True)
-            for file in files:
-                file.replace(folder / file.name)
+        with temporary_folder(folder.parent, f'.{folder.name}.') as staging:
+            _fill(staging, outcome, command)
+            files = sorted(staging.iterdir())
+            with _uninterrupted():
+                folder.mkdir(exist_ok=True)
+                for file in files:
+                    file.replace(folder / file.name)
         return [folder / file.name for file in files]
     except OSError as problem:
         raise DemoError(f'{folder}: cannot be written ({problem.strerror}): choose another place '
                         '(--out)') from problem
-    finally:
-        shutil.rmtree(staging, ignore_errors=True)
+
+
+def _fill(staging: Path, outcome: Outcome, command: str) -> None:
+    page = demo_page(outcome, command)
+    (staging / 'report.html').write_text(page, encoding='utf-8')
+    for name, data in pictures_of(page).items():
+        (staging / f'{name}.png').write_bytes(data)
+    numbers = json.dumps(numbers_of(outcome), indent=2)
+    (staging / 'numbers.json').write_text(numbers + '\n', encoding='utf-8')
+    write_parameters(staging / 'parameters_identified.yaml', outcome.identified)
+    write_parameters(staging / 'parameters_extended.yaml', outcome.extended)
 
 
 def numbers_of(outcome: Outcome) -> dict[str, Any]:

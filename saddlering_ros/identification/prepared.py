@@ -173,8 +173,9 @@ def noise_of(runs: Sequence[PreparedRun]) -> list[NoiseModel]:
     try:
         learnt = noise_by_class(classes, CHANNEL_COUNT, LEVEL_REACH)
     except EstimationError as problem:
+        least = min(runs, key=lambda one: sum(stop - start for start, stop in one.rests))
         raise IdentificationError(
-            f'{run_name(runs[0].run)}: {problem}: hold the load before the ramp') from problem
+            f'{run_name(least.run)}: {problem}: hold the load before the ramp') from problem
     first = next(iter(learnt))
     models = {}
     for key in alike:

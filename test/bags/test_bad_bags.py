@@ -266,6 +266,16 @@ def test_the_same_elevation_in_other_digits_is_no_disagreement(tmp_path, recordi
     assert read_run(bag).test == 'dynamic'
 
 
+def test_metadata_with_an_alias_or_of_a_megabyte_are_refused_for_that(tmp_path, recording):
+    bag = recording.write(tmp_path / 'bag')
+    for text, words in (('a: &x 1\nb: *x\n', 'holds an alias'),
+                        ('#' * (1 << 20) + '\n', 'is longer than 1048576 characters')):
+        (bag / 'metadata.yaml').write_text(text)
+        line = refusal(bag)
+        assert words in line
+        assert 'not YAML' not in line
+
+
 def test_metadata_that_are_no_yaml(tmp_path, recording):
     bag = recording.write(tmp_path / 'bag')
     (bag / 'metadata.yaml').write_text('{]')

@@ -134,3 +134,29 @@ def test_cross_talk_of_two_percent_moves_the_parity_and_noise_does_not():
     assert parity_notes(RIG, RAMP, parity_of(0.0, noise=1e-6)) == []
     (note,) = parity_notes(RIG, RAMP, parity_of(0.02))
     assert 'follows the load by 0.9' in note
+
+
+def test_stamps_by_arrival_of_a_block_are_told_from_recordings_that_do_not_overlap(
+    tmp_path, recording,
+):
+    changed = recording
+    for number, topic in enumerate((LOAD_TOPIC, *PROBE_TOPICS)):
+        place = np.arange(recording.stamps[topic].size)
+        late = (place // 25 + 1) * 50_000_000 + 3_000_000 * number
+        changed = changed.changed(topic, stamps=recording.stamps[topic][0] + late
+                                  + place % 25 * 10_000)
+    with pytest.raises(BagError, match=r'come in blocks, 0.01 ms apart.* stamp each sample when'):
+        read_run(changed.write(tmp_path / 'bag'))
+
+
+@pytest.mark.filterwarnings('error')
+@pytest.mark.parametrize('unit', [0.0254, 0.3048, 1e-3])
+def test_a_bag_in_another_unit_of_length_is_read_or_refused_without_a_warning(
+    tmp_path, recording, unit,
+):
+    changed = recording
+    for topic in PROBE_TOPICS:
+        changed = changed.changed(topic, values=recording.values[topic] / unit)
+    bag = changed.write(tmp_path / 'bag')
+    info = bag_info(bag, rig=RIG)
+    assert info.problems or info.notes

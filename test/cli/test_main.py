@@ -167,6 +167,23 @@ def test_a_signal_closes_what_is_open(tmp_path, number, status):
     assert (tmp_path / 'closed').exists()
 
 
+@pytest.mark.parametrize(('number', 'status'), [('SIGINT', -2), ('SIGTERM', 143)])
+def test_a_signal_waits_until_compiled_code_has_its_answer(number, status):
+    code = (
+        'import os, signal, time\n'
+        'from saddlering_ros.cli._signals import leave_by_exception\n'
+        'source = "def _numba_unpickle(os, number):\\n'
+        ' os.kill(os.getpid(), number)\\n os.write(1, b\'7\')"\n'
+        'found = {}\n'
+        'exec(compile(source, "/lib/numba/core/serialize.py", "exec"), found)\n'
+        'leave_by_exception()\n'
+        f'found["_numba_unpickle"](os, signal.{number})\n'
+        'time.sleep(30)\n')
+    done = subprocess.run([sys.executable, '-c', code], text=True, capture_output=True, cwd=ROOT,
+                          timeout=60, check=False)
+    assert (done.stdout, done.returncode) == ('7', status)
+
+
 def test_with_standard_output_closed_a_command_still_ends_well(tmp_path):
     bag = ROOT / 'bags' / 'dynamic_50_fast'
     command = f'{sys.executable} -m saddlering_ros.cli.main info {bag} --json info.json >&-'

@@ -14,7 +14,7 @@ import pytest
 from saddlering_ros.bags import BagError, read_run, TestFacts, write_bag
 from saddlering_ros.errors import SaddleringError
 from saddlering_ros.rig import default_rig
-from saddlering_ros.writing import exchange, whole_file, write_text
+from saddlering_ros.writing import exchange, temporary_folder, whole_file, write_text
 
 OLD = 'the old file\n'
 
@@ -201,6 +201,21 @@ def test_a_recording_that_ends_in_the_middle_keeps_all_but_its_last_seconds(
     run = read_run(kept)
     assert 'cut off' in ' '.join(run.notes)
     assert stamps[-1] - run.stamps[-1] < 10e9
+
+
+def test_what_a_killed_writer_of_a_bag_left_is_swept_at_the_next_one(tmp_path):
+    with temporary_folder(tmp_path, '.bag.') as alive:
+        dead = tmp_path / '.bag.abcdefgh'
+        recording = tmp_path / '.bag.recording.abcdefgh'
+        for folder in (dead, recording):
+            (folder / 'bag').mkdir(parents=True)
+        for folder in (alive, dead, recording):
+            os.utime(folder, (0, 0))
+        with temporary_folder(tmp_path, '.bag.'):
+            left = set(tmp_path.iterdir())
+        assert left >= {alive, recording}
+        assert dead not in left
+    assert sorted(tmp_path.iterdir()) == [recording]
 
 
 def test_what_a_killed_writer_left_is_swept_and_what_a_living_one_writes_is_not(tmp_path):
