@@ -10,7 +10,11 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import WrenchStamped
+from lifecycle_msgs.msg import Transition
+from lifecycle_msgs.srv import ChangeState
 import numpy as np
+from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
+from rcl_interfaces.srv import SetParameters
 import rclpy
 from rclpy.action import ActionClient
 from rclpy.executors import SingleThreadedExecutor
@@ -207,3 +211,23 @@ class Driver:
             for probe in range(4):
                 self.send_gap(probe, record.probe_stamps[probe][part], record.gaps[probe][part])
             wait_until(self.taken, what='the nodes take a portion')
+
+
+def set_parameter(heard: Client, node: str, name: str, value: str | float) -> Any:
+    """Set a parameter of a node; what the node answers."""
+    kind = (ParameterValue(type=ParameterType.PARAMETER_STRING, string_value=value)
+            if isinstance(value, str) else
+            ParameterValue(type=ParameterType.PARAMETER_DOUBLE, double_value=value))
+    request = SetParameters.Request(parameters=[Parameter(name=name, value=kind)])
+    return heard.call(SetParameters, f'/{node}/set_parameters', request).results[0]
+
+
+def lead(heard: Client, node: str, *transitions: int) -> None:
+    """Lead a node through transitions of its lifecycle."""
+    for transition in transitions:
+        request = ChangeState.Request(transition=Transition(id=transition))
+        assert heard.call(ChangeState, f'/{node}/change_state', request).success
+
+
+DEACTIVATE, ACTIVATE = Transition.TRANSITION_DEACTIVATE, Transition.TRANSITION_ACTIVATE
+ANEW = (DEACTIVATE, Transition.TRANSITION_CLEANUP, Transition.TRANSITION_CONFIGURE, ACTIVATE)

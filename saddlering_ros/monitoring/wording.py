@@ -21,12 +21,13 @@ def size_words(alarm: Raised) -> str:
 
 def alarm_words(alarm: Raised, origin: int | None = None) -> str:
     """An alarm in one line; with seconds since `origin` [ns] where it is given."""
-    when, since = '', f'for {1e-9 * (alarm.stamp - alarm.since):.3g} s'
+    delay = f'{1e-9 * (alarm.stamp - alarm.since):.3g} s'
+    found = f'ALARM {delay} after the onset'
     if origin is not None:
-        when = f' at {1e-9 * (alarm.stamp - origin):.2f} s'
-        since = f'since {1e-9 * (alarm.since - origin):.2f} s'
-    words = (f'ALARM{when}: {alarm.channel} has differed from its model {since} by '
-             f'{size_words(alarm)} in the mean')
+        found = (f'ALARM at {1e-9 * (alarm.stamp - origin):.2f} s, onset at '
+                 f'{1e-9 * (alarm.since - origin):.2f} s')
+    words = (f'{found}: {alarm.channel} has differed from its model by {size_words(alarm)} in the '
+             'mean since then')
     if alarm.follows:
         words += f'; {_FOLLOWS[alarm.follows]}; first guess: {alarm.first_guess}'
     return words

@@ -91,12 +91,25 @@ class RingAlarmNode(StreamingNode):
                       self._agreement, SourcesTask(self.sources), Events(self._events)]
         self._tell_state()
 
+    def _given(self) -> tuple[float, float, float]:
+        return (self.settings['block'], self.settings['false_alarm_hours'],
+                self.settings['materiality'])
+
     def _make(self) -> AlarmStream:
-        settings = MonitorSettings(self.settings['block'], self.settings['false_alarm_hours'])
-        return AlarmStream(self._rig, settings, self.settings['materiality'])
+        self._made_with = self._given()
+        block, hours, percent = self._made_with
+        return AlarmStream(self._rig, MonitorSettings(block, hours), percent)
 
     def connect(self) -> None:
-        """Subscribe to residual and load."""
+        """Subscribe to residual and load; settings changed meanwhile count from now on."""
+        if self._given() != self._made_with:
+            alarm = self._stream.monitor.alarm
+            self._stream = self._make()
+            self._stream.monitor.alarm = alarm
+            if self._offered is not None:
+                self._use(self._offered)
+            self._told = -1
+            self._tell_state()
         wanted = self.settings['input_reliability']
         self.inputs = [
             RawSubscription(self, RESIDUAL, RingDisplacement, reliability=wanted),

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from rclpy.qos import DurabilityPolicy, QoSProfile
-from rosnet import Client, client, wait_until
+from rosnet import ACTIVATE, Client, client, DEACTIVATE, lead, set_parameter, wait_until
 from std_msgs.msg import Bool
 from std_srvs.srv import Trigger
 
@@ -77,8 +77,15 @@ def test_the_alarm_of_a_replay_is_that_of_the_command_and_stays_until_it_is_rese
                 wait_until(lambda: bool(late), what='the latched alarm')
                 assert late[0].channel == 'delta_x'
 
+            # What is set while it is inactive counts from its activation; the alarm stays.
+            assert not set_parameter(one, 'ring_alarm', 'false_alarm_hours', 500.0).successful
+            lead(one, 'ring_alarm', DEACTIVATE)
+            assert set_parameter(one, 'ring_alarm', 'false_alarm_hours', 500.0).successful
+            lead(one, 'ring_alarm', ACTIVATE)
+            wait_until(lambda: told[-1].false_alarm_hours == 500.0, what='the new rate')
+            assert (told[-1].state, told[-1].size) == (RingAlarm.ALARM, want['size'])
+
             answer = one.call(Trigger, '/ring_alarm/reset')
             assert 'alarm of delta_x is reset' in answer.message
-            wait_until(lambda: told[-1].state == RingAlarm.WATCHING, what='it watches again')
+            wait_until(lambda: told[-1].state < RingAlarm.ALARM, what='it is reset')
             wait_until(lambda: limits[-1].data, what='within the limits')
-            assert {message.state for message in told} >= {RingAlarm.ALARM, RingAlarm.WATCHING}

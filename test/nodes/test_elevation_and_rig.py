@@ -4,16 +4,11 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import Any
 
-from lifecycle_msgs.msg import Transition
-from lifecycle_msgs.srv import ChangeState
 import numpy as np
 import pytest
-from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
-from rcl_interfaces.srv import SetParameters
 from rclpy.qos import DurabilityPolicy, QoSProfile
-from rosnet import Client, wait_until
+from rosnet import ACTIVATE, ANEW, Client, DEACTIVATE, lead, set_parameter, wait_until
 
 from saddlering_interfaces.msg import RingParameters
 from saddlering_ros.bags import TestFacts, write_bag
@@ -24,24 +19,6 @@ from saddlering_ros.streams.batches import Displacements
 from saddlering_ros.streams.residual import ResidualStream
 
 KEPT = QoSProfile(depth=20, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-
-
-def set_parameter(heard: Client, node: str, name: str, value: str | float) -> Any:
-    kind = (ParameterValue(type=ParameterType.PARAMETER_STRING, string_value=value)
-            if isinstance(value, str) else
-            ParameterValue(type=ParameterType.PARAMETER_DOUBLE, double_value=value))
-    request = SetParameters.Request(parameters=[Parameter(name=name, value=kind)])
-    return heard.call(SetParameters, f'/{node}/set_parameters', request).results[0]
-
-
-def lead(heard: Client, node: str, *transitions: int) -> None:
-    for transition in transitions:
-        request = ChangeState.Request(transition=Transition(id=transition))
-        assert heard.call(ChangeState, f'/{node}/change_state', request).success
-
-
-DEACTIVATE, ACTIVATE = Transition.TRANSITION_DEACTIVATE, Transition.TRANSITION_ACTIVATE
-ANEW = (DEACTIVATE, Transition.TRANSITION_CLEANUP, Transition.TRANSITION_CONFIGURE, ACTIVATE)
 
 
 @pytest.mark.ros
