@@ -41,6 +41,8 @@ def add_parser(subparsers: Any) -> None:
                              'replay waits for the recorder)')
     parser.add_argument('--overwrite', action='store_true',
                         help='replace an existing bag with --record')
+    parser.add_argument('--alarm', action='store_true',
+                        help='start ring_alarm too, which watches the residual')
     parser.add_argument('--json', metavar='FILE',
                         help='write what was replayed as JSON; - for stdout')
     parser.add_argument('--log', type=Path, metavar='FOLDER', help='keep what the nodes say here')
@@ -55,7 +57,7 @@ def run(args: argparse.Namespace) -> int:
     from saddlering_ros.bags import read_raw
     from saddlering_ros.rig import load_rig, read_parameters
     from saddlering_ros.ros.errors import NodeError
-    from saddlering_ros.ros.launcher import REPLAY_NODES, RING_NODES, start_nodes
+    from saddlering_ros.ros.launcher import ALARM_NODES, REPLAY_NODES, RING_NODES, start_nodes
     from saddlering_ros.ros.names import namespace_of
 
     record = read_raw(args.bag)
@@ -72,13 +74,14 @@ def run(args: argparse.Namespace) -> int:
     length = (record.stop - record.start) / 1e9
     patience = 120.0 + 10.0 * length / min(args.rate or 1.0, 1.0)
     clock: dict[str, Any] = {}
+    nodes = (*RING_NODES, *ALARM_NODES) if args.alarm else RING_NODES
     with contextlib.ExitStack() as stack:
         recorder = None
         if args.record is not None:
             recorder = stack.enter_context(_recording(args, record.facts, domain))
-            clock['participants'] = [*REPLAY_NODES, *RING_NODES, RECORDER]
+            clock['participants'] = [*REPLAY_NODES, *nodes, RECORDER]
         group = stack.enter_context(start_nodes(
-            args.bag, rate=args.rate, domain_id=domain, log_folder=args.log,
+            args.bag, nodes=nodes, rate=args.rate, domain_id=domain, log_folder=args.log,
             parameters={'ring_simulator': simulator, 'replay_clock': clock},
             files=[] if args.rig is None else [args.rig],
             namespace=namespace_of(args.namespace)))

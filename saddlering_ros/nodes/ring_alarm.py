@@ -71,7 +71,7 @@ class RingAlarmNode(StreamingNode):
         self._agreement = RigAgreement(self, self._rig)
         self._stream = self._make()
         self._offered: RingParameters | None = None
-        self._told, self._latched = -1, False
+        self._published, self._latched = -1, False
         self._beaten = 0.0
         self._teller = self.create_publisher(RingAlarm, RING_ALARM, LATCHED)
         self._limit = self.create_publisher(Bool, WITHIN_LIMITS, LATCHED)
@@ -82,7 +82,7 @@ class RingAlarmNode(StreamingNode):
     def configure(self) -> None:
         """Make the monitor and what watches it; an alarm of before is let go."""
         self._stream = self._make()
-        self._told, self._latched = -1, False
+        self._published, self._latched = -1, False
         if self._offered is not None:
             self._use(self._offered)
         self._streams = [StreamTask(f'/{RESIDUAL}'), StreamTask(LOAD_TOPIC)]
@@ -108,7 +108,7 @@ class RingAlarmNode(StreamingNode):
             self._stream.monitor.alarm = alarm
             if self._offered is not None:
                 self._use(self._offered)
-            self._told = -1
+            self._published = -1
             self._tell_state()
         wanted = self.settings['input_reliability']
         self.inputs = [
@@ -137,10 +137,10 @@ class RingAlarmNode(StreamingNode):
     def _tell_state(self) -> None:
         """Publish the state if it has changed; the limit at once with it."""
         monitor = self._stream.monitor
-        if monitor.changes == self._told:
+        if monitor.changes == self._published:
             return
         rose = monitor.alarm is not None and not self._latched
-        self._told, self._latched = monitor.changes, monitor.alarm is not None
+        self._published, self._latched = monitor.changes, monitor.alarm is not None
         self._limit.publish(Bool(data=monitor.alarm is None))
         self._teller.publish(alarm_message(monitor, self._words(), self.settings['frame_id']))
         if rose and monitor.alarm is not None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 import json
 from pathlib import Path
 from typing import Any
@@ -76,6 +77,8 @@ def test_the_alarm_of_a_replay_is_that_of_the_command_and_stays_until_it_is_rese
                 late = listen(joiner, RingAlarm, '/ring/alarm')
                 wait_until(lambda: bool(late), what='the latched alarm')
                 assert late[0].channel == 'delta_x'
+
+            assert all(before != after for before, after in pairwise(told)), 'told once each'
 
             # What is set while it is inactive counts from its activation; the alarm stays.
             assert not set_parameter(one, 'ring_alarm', 'false_alarm_hours', 500.0).successful
