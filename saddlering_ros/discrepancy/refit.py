@@ -34,7 +34,28 @@ MAX_BASE_STARTS, COARSE_BASE = 6, 6
 """So many starts of the base are followed for so many rounds before the best are fitted."""
 
 
-Asking = Generator[list[Point], Array, Fit]
+WHITENED_AT_ONCE = 8_000_000
+"""Numbers whitened together: one product of matrices is faster than one for every refit."""
+
+
+@dataclass(frozen=True)
+class Asked:
+    """What a refit asks for: a point, and others that lie `steps` aside of it."""
+
+    points: list[Point]
+    steps: list[float]
+
+
+@dataclass(frozen=True)
+class Told:
+    """What it is sent: the whitened residual (n,), sensitivities (n, k), and the prediction."""
+
+    residual: Array
+    columns: Array
+    prediction: Array
+
+
+Asking = Generator[Asked, Told, Fit]
 
 
 def refit(
@@ -47,33 +68,23 @@ def refit(
     full_jacobian: bool = False,
     fresh_base: bool = False,
 ) -> Asking:
-    """Levenberg-Marquardt from `start`; asks for points, is sent predictions (n, B).
+    """Levenberg-Marquardt from `start`; asks for points, is sent residual and sensitivities.
 
     `full_jacobian` differences every column at every step; else the base columns start from
     `base_columns` (`fresh_base`: from differences at `start`, where an effect changes them) and
     are improved as the fit goes.
     """
     base = metric.experiment.system.base_parameters
-    measured = metric.experiment.measured
     parameters = candidate.parameters(base)
     count, fixed = start.size, len(base)
     full_jacobian = full_jacobian or base_columns is None
     differenced = list(range(count)) if full_jacobian else list(range(fixed, count))
 
-    def around(theta_unit: Array) -> tuple[list[Point], list[float]]:
+    def around(theta_unit: Array) -> Asked:
         thetas, steps = neighbours(parameters, theta_unit, differenced)
-        return [candidate.point(base, item) for item in thetas], steps
+        return Asked([candidate.point(base, item) for item in thetas], steps)
 
     periodic = np.array([item.periodic for item in parameters])
-
-    def read(answer: Array, steps: list[float]) -> tuple[Array, Array, Array]:
-        joined = metric.whiten(
-            np.column_stack(
-                [answer[:, 0] - measured]
-                + [(answer[:, 1 + k] - answer[:, 0]) / step for k, step in enumerate(steps)]
-            )
-        )
-        return joined[:, 0], _differences(joined[:, 1:]), answer[:, 0]
 
     def cost(residual: Array, theta_unit: Array) -> float:
         apart = np.where(periodic, 0.0, theta_unit - 0.5)
@@ -84,12 +95,12 @@ def refit(
     usual = differenced
     if fresh_base:
         differenced = list(range(count))
-    asked, steps = around(theta_unit)
-    residual, fresh, prediction = read((yield asked), steps)
+    told = yield around(theta_unit)
+    residual, prediction = told.residual, told.prediction
     columns = np.zeros((residual.size, count))
     if base_columns is not None:
         columns[:, :fixed] = base_columns
-    columns[:, differenced] = fresh
+    columns[:, differenced] = told.columns
     differenced = usual
     best = cost(residual, theta_unit)
     history, damping, quiet, failed, converged = [best], 1e-3, 0, 0, False
@@ -101,18 +112,17 @@ def refit(
         if converged:
             break
         trial = _inside(theta_unit + move, periodic)
-        asked, steps = around(trial)
-        new_residual, fresh, new_prediction = read((yield asked), steps)
-        value = cost(new_residual, trial)
+        told = yield around(trial)
+        value = cost(told.residual, trial)
         if value < best:
             if not full_jacobian:
-                surprise = new_residual - residual - columns @ move
+                surprise = told.residual - residual - columns @ move
                 reach = move[:fixed]
                 if reach @ reach > 0.25 * (move @ move):
                     columns[:, :fixed] += np.outer(surprise, reach) / (move @ move)
             gain = best - value
-            theta_unit, residual, prediction, best = trial, new_residual, new_prediction, value
-            columns[:, differenced] = fresh
+            theta_unit, residual, prediction, best = trial, told.residual, told.prediction, value
+            columns[:, differenced] = told.columns
             damping = max(damping * 0.2, 1e-9)
             quiet = quiet + 1 if gain < max(0.02, 1e-4 * best) else 0
             failed = 0
@@ -222,14 +232,40 @@ def run_refits(
     while waiting:
         check()
         order = list(waiting)
-        answers = metric.experiment.predict_neighbours([waiting[key] for key in order])
-        for number, part in zip(order, answers, strict=True):
+        answers = _told(metric, [waiting[key] for key in order])
+        for number, told in zip(order, answers, strict=True):
             try:
-                waiting[number] = refits[number].send(part)
+                waiting[number] = refits[number].send(told)
             except StopIteration as stop:
                 done[number] = stop.value
                 del waiting[number]
     return [done[number] for number in range(len(refits))]
+
+
+def _told(metric: Whitening, asked: Sequence[Asked]) -> list[Told]:
+    """Residual and sensitivities of each, simulated and whitened together."""
+    experiment = metric.experiment
+    answers = experiment.predict_neighbours([item.points for item in asked])
+    raw = []
+    for item, answer in zip(asked, answers, strict=True):
+        aside = (answer[:, 1:] - answer[:, :1]) / np.array(item.steps)
+        raw.append(np.column_stack([answer[:, 0] - experiment.measured, aside]))
+    together = max(1, WHITENED_AT_ONCE // experiment.size)
+    told, start = [], 0
+    while start < len(raw):
+        stop, width = start + 1, raw[start].shape[1]
+        while stop < len(raw) and width + raw[stop].shape[1] <= together:
+            width += raw[stop].shape[1]
+            stop += 1
+        white = metric.whiten(np.hstack(raw[start:stop]))
+        first = 0
+        for index in range(start, stop):
+            last = first + raw[index].shape[1]
+            told.append(Told(white[:, first].copy(), _differences(white[:, first + 1 : last]),
+                             answers[index][:, 0]))
+            first = last
+        start = stop
+    return told
 
 
 def declared_start(base: Sequence[Parameter]) -> Array:
