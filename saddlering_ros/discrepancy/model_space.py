@@ -11,7 +11,7 @@ import numpy as np
 from saddlering_ros.discrepancy import criteria
 from saddlering_ros.discrepancy.candidate import Candidate, Fit, Key
 from saddlering_ros.discrepancy.change_scale import ChangeScale, visible_falls
-from saddlering_ros.discrepancy.lack_of_fit import LackOfFitTests, SlowResidual
+from saddlering_ros.discrepancy.lack_of_fit import FastResidual, LackOfFitTests, SlowResidual
 from saddlering_ros.discrepancy.metric import Metric
 from saddlering_ros.discrepancy.ranking import rank, Score
 from saddlering_ros.discrepancy.refit import (
@@ -29,6 +29,12 @@ from saddlering_ros.discrepancy.system import Array
 
 COARSE_ROUNDS = 4
 """Rounds of a refit from each of several starts, before the best is refined."""
+
+RACE_ROUNDS = 2
+"""Rounds of a refit that every candidate gets while much is left to explain."""
+
+CLOSE_SHARE = 0.5
+"""After these rounds a refit goes on if it is to take this share of what the best one takes."""
 
 FULL_JACOBIANS = 2
 """So many of the best refits of a step are carried on with a full Jacobian."""
@@ -105,6 +111,10 @@ class ModelSpace:
             known = self._slow[fit.candidate.key] = fit, self.tests.slow(fit)
         return known[1]
 
+    def fast_residual(self, fit: Fit) -> FastResidual:
+        """The structure that a fit leaves which is too fast for `slow_residual`."""
+        return self.tests.fast(fit)
+
     def scores(self, fit: Fit, skip: Sequence[str] = ()) -> list[Score]:
         """First-order gains beside `fit` of every testable effect that is not in it."""
         skipped = [*fit.candidate.ids, *skip]
@@ -122,7 +132,7 @@ class ModelSpace:
             for candidate, score in zip(candidates, scores, strict=True)
             if not self.is_fitted(candidate)
         ]
-        for item in self.refine(self.coarse_fit(fit, wanted)):
+        for item in self.refine(self.coarse_fit(fit, _starts_of_each(wanted))):
             self.keep(item)
         keys = dict.fromkeys(candidate.key for candidate in candidates)
         found = [self._fits[key] for key in keys if key in self._fits]
@@ -130,28 +140,64 @@ class ModelSpace:
 
     def fit_best(self, fit: Fit, scores: Sequence[Score]) -> list[Fit]:
         """`fit`'s model plus each scored candidate, coarsely; the best refined and kept."""
-        coarse = sorted(self.coarse_fit(fit, scores), key=self.penalised)
+        coarse = sorted(self.coarse_fit(fit, _starts_of_each(scores)), key=self.penalised)
         found = self.refine(coarse[: self.settings.refits])
         return sorted((self.keep(item) for item in found), key=self.penalised)
 
-    def coarse_fit(self, fit: Fit, scores: Sequence[Score]) -> list[Fit]:
-        """`fit`'s model plus each scored candidate after a few rounds, from its best start."""
+    def fit_race(self, fit: Fit, first: Sequence[Fit], others: Sequence[Score]) -> list[Fit]:
+        """`first` and the best of `fit`'s model plus `others`, refined and kept, the best first.
+
+        Every candidate is refitted for a few rounds, base parameters free: a first-order gain says
+        little of an effect that the base fit has given way to. Those are refined whose residual,
+        followed down its slopes, would fall by a good share of what the best of all takes.
+        """
+        others = [
+            score
+            for score in others
+            if not self.is_fitted(fit.candidate.plus(score.effect, score.variant))
+        ]
+        if not others:
+            return list(first)
+        coarse = self.coarse_fit(fit, [(score, [score.start]) for score in others], RACE_ROUNDS)
+        coarse.sort(key=self.foreseen)
+        lowest = min(self.foreseen(item) for item in [*first, *coarse])
+        highest = self.penalised(fit) - CLOSE_SHARE * (self.penalised(fit) - lowest)
+        leading: dict[str, Fit] = {}
+        for item in coarse:
+            if self.foreseen(item) < highest:
+                leading.setdefault(item.candidate.ids[-1], item)
+        joining = list(leading.values())[: self.settings.refits]
+        found = [self.keep(item) for item in self.refine(joining)]
+        return sorted([*first, *found], key=self.penalised)
+
+    def foreseen(self, fit: Fit) -> float:
+        """Penalised misfit at the end of the slopes of a fit that may be on its way."""
+        slope = fit.jacobian.T @ fit.whitened
+        gram = fit.jacobian.T @ fit.jacobian + np.eye(slope.size)
+        return self.penalised(fit) - float(slope @ np.linalg.solve(gram, slope))
+
+    def coarse_fit(
+        self,
+        fit: Fit,
+        trials: Sequence[tuple[Score, Sequence[Array]]],
+        rounds: int = COARSE_ROUNDS,
+    ) -> list[Fit]:
+        """`fit`'s model plus each candidate after a few rounds, from the best of its starts."""
         base = self.metric.experiment.system.base_parameters
         stopped = self.stopped_base(fit)
         freed = fit.theta_unit.copy()
         freed[: len(base)][stopped] = declared_start(base)[stopped]
-        columns = self.tangent_of(fit).white[:, : len(base)] if scores else None
+        columns = self.tangent_of(fit).white[:, : len(base)] if trials else None
         wanted: list[Asking] = []
-        for number, score in enumerate(scores):
+        for score, starts in trials:
             candidate = fit.candidate.plus(score.effect, score.variant)
-            starts = _starts_of(score, tries_smaller=number < 2)
             wanted += [
                 refit(
                     self.metric,
                     candidate,
                     np.concatenate([fit.theta_unit, start]),
                     columns,
-                    rounds=COARSE_ROUNDS,
+                    rounds=rounds,
                     fresh_base=score.amplitude_dependent,
                 )
                 for start in starts
@@ -162,7 +208,7 @@ class ModelSpace:
                         self.metric,
                         candidate,
                         np.concatenate([freed, start]),
-                        rounds=COARSE_ROUNDS,
+                        rounds=rounds,
                         full_jacobian=True,
                     )
                     for start in starts
@@ -364,6 +410,13 @@ def refit_full_jacobian(
         for fit in fits
     ]
     return run_refits(metric, wanted, watch.check)
+
+
+def _starts_of_each(scores: Sequence[Score]) -> list[tuple[Score, list[Array]]]:
+    """All starts of each candidate; of the first two a smaller size too."""
+    return [
+        (score, _starts_of(score, tries_smaller=number < 2)) for number, score in enumerate(scores)
+    ]
 
 
 def _starts_of(score: Score, tries_smaller: bool) -> list[Array]:

@@ -7,7 +7,7 @@ does what several were found for. `check_alternatives` puts every member to the 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 
 from saddlering_ros.discrepancy.candidate import Candidate, Fit
 from saddlering_ros.discrepancy.criteria import (
@@ -16,8 +16,8 @@ from saddlering_ros.discrepancy.criteria import (
     indistinguishable,
     real_and_material,
 )
-from saddlering_ros.discrepancy.model_space import Comparison, ModelSpace
-from saddlering_ros.discrepancy.ranking import best_of_each, Score, shortlist
+from saddlering_ros.discrepancy.model_space import CLOSE_SHARE, Comparison, ModelSpace
+from saddlering_ros.discrepancy.ranking import best_of_each, shortlist
 from saddlering_ros.discrepancy.results import SearchLog
 
 MAX_SILENT = 2
@@ -83,17 +83,28 @@ def _is_another_cause(item: Comparison, wanted: bool) -> bool:
 
 
 def refitted(space: ModelSpace, current: Fit) -> list[Fit]:
-    """`current`'s model plus the effects of the largest first-order gain, the best fit first.
+    """`current`'s model plus every effect that could be seen in what is left, the best fit first.
 
-    If a base parameter is at its bound, every effect is tried: first-order gains say little there.
+    First come those of the largest first-order gain. Where one of them is real, or more is left
+    than noise, every variant of every other effect is refitted: each would show at its detection
+    limit, and no cause has a name before all others were tried.
     """
     scores = space.scores(current)
     listed = shortlist(scores, MIN_GAIN, space.settings.refits)
-    if current.candidate.effects or not space.stopped_base(current).any():
-        return space.fit_each(current, listed)
-    names = {score.effect.id for score in listed}
-    others = [score for score in best_of_each(scores) if score.effect.id not in names]
-    return space.fit_best(current, [*listed, *others])
+    first = space.fit_each(current, listed)
+    if not (_is_much_left(space, current)
+            or any(space.compare(current, item).is_real for item in first)):
+        return first
+    others = [score for score in scores if all(score is not item for item in listed)]
+    return space.fit_race(current, first, others)
+
+
+def _is_much_left(space: ModelSpace, fit: Fit) -> bool:
+    """Whether effects beside `fit` could be at work that base parameters conceal."""
+    if space.stopped_base(fit).any() and not fit.candidate.effects:
+        return True
+    slow, fast = space.slow_residual(fit), space.fast_residual(fit)
+    return any(real_and_material(left, space.settings) for left in (slow, fast))
 
 
 def prune(space: ModelSpace, fit: Fit, log: SearchLog) -> Fit:
@@ -155,7 +166,7 @@ def check_alternatives(space: ModelSpace, fit: Fit, log: SearchLog) -> tuple[Fit
         for name in fit.candidate.ids:
             space.watch.check()
             less = space.without(fit, name)
-            fits = _alternatives_to(space, name, less, fit)
+            fits = _alternatives_to(space, name, less, fit, log)
             alternatives[name] = tuple(
                 item for item in fits if _is_indistinguishable(space, item, fit, less)
             )
@@ -168,12 +179,15 @@ def check_alternatives(space: ModelSpace, fit: Fit, log: SearchLog) -> tuple[Fit
     return fit, alternatives
 
 
-def _alternatives_to(space: ModelSpace, name: str, less: Fit, fit: Fit) -> list[Fit]:
+def _alternatives_to(
+    space: ModelSpace, name: str, less: Fit, fit: Fit, log: SearchLog
+) -> list[Fit]:
     """`less` with another effect in place of `name`, where the effect is a cause by itself."""
     taken = less.misfit - fit.misfit
-    listed: Sequence[Score] = shortlist(
-        space.scores(less, [name]), 0.1 * taken, space.settings.refits
-    )
+    scores = space.scores(less, [name])
+    listed = shortlist(scores, 0.1 * taken, space.settings.refits)
+    names = _competitors(less, log) - {score.effect.id for score in listed}
+    listed += [score for score in best_of_each(scores) if score.effect.id in names]
     answers = []
     for item in space.fit_each(less, listed):
         if name in item.candidate.ids:
@@ -182,6 +196,14 @@ def _alternatives_to(space: ModelSpace, name: str, less: Fit, fit: Fit) -> list[
         if comparison.exceeds_form_error or comparison.closes_misfit:
             answers.append(item)
     return answers
+
+
+def _competitors(less: Fit, log: SearchLog) -> set[str]:
+    """Effects that came near the best one beside those of `less` when the next was looked for."""
+    known = set(less.candidate.ids)
+    tried = [item for item in log.candidates if set(item.effects[:-1]) == known]
+    least = CLOSE_SHARE * max((item.delta_bic for item in tried), default=0.0)
+    return {item.effects[-1] for item in tried if item.delta_bic > least}
 
 
 def _is_indistinguishable(space: ModelSpace, other: Fit, best: Fit, less: Fit) -> bool:

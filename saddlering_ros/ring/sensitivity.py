@@ -9,7 +9,7 @@ which costs next to nothing.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -77,6 +77,13 @@ class _Path:
     samples: NDArray[np.intp]
     readings: Floats
 
+    def read_by(self, model: Model, zero_load: float, time: Floats, load: Floats) -> _Path:
+        """The same path, as a model reads it whose rollers move alike; NaN if steps failed."""
+        readings = _read(model, zero_load, time, load, self.motion[self.samples])
+        if not np.isfinite(self.readings).all():
+            readings[:] = np.nan
+        return replace(self, readings=readings)
+
 
 def motion_sensitivities(rig: Rig, contact: ArrayLike, elevation: float, time: ArrayLike,
                          load: ArrayLike, max_step: float = 1e-3) -> tuple[Floats, Floats]:
@@ -135,25 +142,37 @@ def probe_sensitivities(rig: Rig, groups: Sequence[tuple[Candidate, Sequence[Can
     Arguments and readings are those of `simulator.probe_batch`.
     """
     seconds, force = check_simulation(time, load, elevation, max_step)
+    if not groups:
+        return []
     zero = float(force[0]) if zero_load is None else zero_load
-    found: list[Responses | None] = [None] * len(groups)
+    laws = np.array([np.asarray(law, dtype=np.float64) for (law, _), _ in groups])
+    models = stacked_models(rig, laws, elevation, [extra for (_, extra), _ in groups])
+    rows = [rows_of(rig, extra) for (_, extra), _ in groups]
+    alike: dict[int, list[int]] = {}
+    for index, first in enumerate(same_motions(models, rows).tolist()):
+        alike.setdefault(first, []).append(index)
+    members = list(alike.values())
+    found: dict[int, Responses] = {}
 
     def run(part: slice) -> None:
-        for index in range(part.start, part.stop):
-            centre, neighbours = groups[index]
-            found[index] = _responses(rig, centre, neighbours, elevation, seconds, force, zero,
-                                      max_step)
+        for indices in members[part]:
+            first = indices[0]
+            path = _simulate(models[first:first + 1], rows[first], seconds, force, zero, max_step)
+            for index in indices:
+                (_, extension), neighbours = groups[index]
+                own = models[index:index + 1]
+                same = path if index == first else path.read_by(own, zero, seconds, force)
+                found[index] = _responses(rig, own, extension, neighbours, elevation, seconds,
+                                          force, zero, same)
 
-    in_parallel(run, len(groups))
-    return [item for item in found if item is not None]
+    in_parallel(run, len(members))
+    return [found[index] for index in range(len(groups))]
 
 
-def _responses(rig: Rig, centre: Candidate, neighbours: Sequence[Candidate], elevation: float,
-               time: Floats, load: Floats, zero_load: float, max_step: float) -> Responses:
-    contact, extension = centre
-    model = with_contact(model_of(rig, elevation, extension), contact)
-    rows = rows_of(rig, extension)
-    path = _simulate(model, rows, time, load, zero_load, max_step)
+def _responses(rig: Rig, model: Model, extension: RingExtension, neighbours: Sequence[Candidate],
+               elevation: float, time: Floats, load: Floats, zero_load: float,
+               path: _Path) -> Responses:
+    """Readings of a candidate, whose path is known, and of its neighbours."""
     usual = of_probes_clock(path.readings.T, extension, time)
     if not neighbours:
         return Responses(usual, np.empty((0, *usual.shape)))
