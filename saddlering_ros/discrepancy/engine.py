@@ -34,7 +34,7 @@ from saddlering_ros.discrepancy.selection import (
     select,
 )
 from saddlering_ros.discrepancy.settings import Progress, Settings, Watch
-from saddlering_ros.discrepancy.steady_lines import find_steady_lines
+from saddlering_ros.discrepancy.steady_lines import find_steady_lines, find_swing
 from saddlering_ros.discrepancy.system import RunBlocks, System
 from saddlering_ros.threads import one_blas_thread
 
@@ -90,6 +90,11 @@ def diagnose_system(
     experiment = Experiment(system, [run for run in runs if not run.held_out], assumptions)
 
     space = prepare(experiment, first_guess(system, start), settings, watch)
+    swing = find_swing(space.metric, space.base, runs, settings, space.trials)
+    if swing is not None:  # all that follows sees the runs without it
+        runs = swing.runs
+        experiment = Experiment(system, [run for run in runs if not run.held_out], assumptions)
+        space = prepare(experiment, first_guess(system, start), settings, watch)
     search = _search(space)
     for _ in range(MAX_BASES):
         deeper = better_base(search.space, search.fit)
@@ -121,9 +126,10 @@ def diagnose_system(
         )
     published = Publication(space, fit, before, after, runs)
     verdict = judgement.verdict
-    if lines.causes and verdict == 'none':
+    steady = [*lines.causes, *([] if swing is None else [swing.cause])]
+    if steady and verdict == 'none':
         verdict = 'named'
-    causes = [*published.causes(evidence, alternatives), *lines.causes]
+    causes = [*published.causes(evidence, alternatives), *steady]
     causes = [replace(cause, partial=verdict == 'unknown') for cause in causes]
     return Diagnosis(
         verdict=verdict,

@@ -56,8 +56,15 @@ class LineSearch:
     limit: float
 
 
-def find_line(segments: Sequence[RestSegment], error_rate: float) -> LineSearch:
-    """The strongest line that is real at `error_rate`, looked for where sampling is fastest."""
+def find_line(
+    segments: Sequence[RestSegment],
+    error_rate: float,
+    between: tuple[float, float] = (LEAST_FREQUENCY, np.inf),
+) -> LineSearch:
+    """The strongest line that is real at `error_rate`, looked for where sampling is fastest.
+
+    between: the least and the largest frequency [Hz] that it may have.
+    """
     usable = [item for item in segments if item.values.shape[1] >= LEAST_SAMPLES]
     if not usable:
         return LineSearch(None, np.inf)
@@ -68,7 +75,7 @@ def find_line(segments: Sequence[RestSegment], error_rate: float) -> LineSearch:
     frequency = np.fft.rfftfreq(size, step)
     power, ratio, freedom = _ratios(usable, size)
     edge = 4.0 / (step * min(item.values.shape[1] for item in usable))
-    inside = (frequency >= LEAST_FREQUENCY) & (frequency <= frequency[-1] - edge)
+    inside = (frequency >= between[0]) & (frequency <= min(between[1], frequency[-1] - edge))
     if not inside.any():
         return LineSearch(None, np.inf)
     trials = ratio.shape[0] * int(inside.sum())
@@ -126,7 +133,7 @@ def _detrended(values: Array) -> Array:
     return np.asarray(level - np.outer(level @ place / (place @ place), place))
 
 
-def _turns(item: RestSegment, frequency: float) -> Array:
+def turns(item: RestSegment, frequency: float) -> Array:
     """Cosine and sine (n, 2) at a frequency."""
     phase = 2.0 * np.pi * frequency * item.step * np.arange(item.values.shape[1])
     return np.column_stack([np.cos(phase), np.sin(phase)])
@@ -138,9 +145,9 @@ def _measured(segments: Sequence[RestSegment], frequency: float) -> tuple[Array,
     total, noise, worth, weight = np.zeros(channels), np.zeros(channels), 0.0, 0
     for item in segments:
         count = item.values.shape[1]
-        values, turns = _detrended(item.values), _turns(item, frequency)
-        parts = np.linalg.lstsq(turns, values.T, rcond=None)[0]
-        left = ((values.T - turns @ parts) ** 2).mean(axis=0)
+        values, swings = _detrended(item.values), turns(item, frequency)
+        parts = np.linalg.lstsq(swings, values.T, rcond=None)[0]
+        left = ((values.T - swings @ parts) ** 2).mean(axis=0)
         total += count * (parts**2).sum(axis=0) - 4.0 * left
         noise += count * left
         weight += count
@@ -150,15 +157,23 @@ def _measured(segments: Sequence[RestSegment], frequency: float) -> tuple[Array,
     return amplitude, np.sqrt(2.0 * noise) / weight, worth
 
 
+def amplitudes(item: RestSegment, frequency: float) -> tuple[Array, Array]:
+    """Amplitude (C,) of a line in one stretch, and its standard deviation (C,)."""
+    values, swings = _detrended(item.values), turns(item, frequency)
+    parts = np.linalg.lstsq(swings, values.T, rcond=None)[0]
+    left = ((values.T - swings @ parts) ** 2).mean(axis=0)
+    return np.hypot(*parts), np.sqrt(2.0 * left / len(swings))
+
+
 def line_gain(segments: Sequence[RestSegment], frequency: float, amplitude: Array) -> float:
     """1 - rms without / rms with the line, its phase free, over the channels that have it."""
     before = after = 0.0
     having = amplitude > 0.0
     for item in segments:
-        values, turns = _detrended(item.values[having]), _turns(item, frequency)
-        parts = np.linalg.lstsq(turns, values.T, rcond=None)[0]
+        values, swings = _detrended(item.values[having]), turns(item, frequency)
+        parts = np.linalg.lstsq(swings, values.T, rcond=None)[0]
         size = np.maximum(np.hypot(*parts), 1e-300)
-        left = values.T - turns @ (parts * (amplitude[having] / size))
+        left = values.T - swings @ (parts * (amplitude[having] / size))
         before += float((values**2).sum())
         after += float((left**2).sum())
     return max(0.0, 1.0 - float(np.sqrt(after / max(before, 1e-300))))

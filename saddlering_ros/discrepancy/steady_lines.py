@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from saddlering_ros.discrepancy.candidate import Fit
 from saddlering_ros.discrepancy.detection_limits import DetectionLimit
 from saddlering_ros.discrepancy.experiment import Experiment
 from saddlering_ros.discrepancy.gain import Gain
 from saddlering_ros.discrepancy.lines import find_line, Line, line_gain
+from saddlering_ros.discrepancy.metric import Metric
 from saddlering_ros.discrepancy.results import Cause, Estimate, Evidence
 from saddlering_ros.discrepancy.settings import Settings
+from saddlering_ros.discrepancy.slow_lines import find_slow_line
 from saddlering_ros.discrepancy.system import Effect, RunBlocks
 from saddlering_ros.estimation.rest import RestSegment
 
@@ -46,6 +49,38 @@ def find_steady_lines(
         else:
             immaterial.append(_evidence(cause))
     return SteadyLines(tuple(causes), tuple(immaterial), tuple(limits))
+
+
+@dataclass(frozen=True)
+class Swing:
+    """A slow steady line that is a cause, and all runs without it."""
+
+    cause: Cause
+    runs: tuple[RunBlocks, ...]
+
+
+def find_swing(
+    metric: Metric, base: Fit, runs: Sequence[RunBlocks], settings: Settings, trials: int
+) -> Swing | None:
+    """The slow line in what the base fit leaves of whole runs, moving or not, if material."""
+    experiment = metric.experiment
+    effect = next((item for item in experiment.system.effects if item.line), None)
+    if effect is None:
+        return None
+    left = metric.without_nuisances(base.prediction - experiment.measured)
+    fitted = dict(zip([run.name for run in experiment.runs], experiment.by_run(left), strict=True))
+    residuals = [
+        fitted[run.name]
+        if run.name in fitted
+        else experiment.system.predict_many(run, [base.point])[0] - run.channels
+        for run in runs
+    ]
+    found = find_slow_line(experiment, runs, residuals, settings.error_rate / trials)
+    if found is None:
+        return None
+    cause = _cause(experiment, effect, found.line, found.segments, ())
+    cause = replace(cause, gain=replace(cause.gain, how='in what is left, its phase free'))
+    return Swing(cause, found.runs) if cause.visible >= settings.materiality else None
 
 
 def _material_limit(experiment: Experiment, settings: Settings) -> float:
