@@ -19,12 +19,18 @@ from saddlering_ros.effects.base import (
     STAGES,
     Variant,
 )
-from saddlering_ros.effects.extension import NO_EXTENSION, RingExtension
+from saddlering_ros.effects.extension import (
+    NO_EXTENSION,
+    OwnParameter,
+    RingExtension,
+    shared_parameters,
+)
 from saddlering_ros.effects.law import Law, LawEffect, read_law_effect
 
 __all__ = [
     'NO_EXTENSION', 'STAGES', 'Choice', 'Effect', 'EffectError', 'EffectParameter',
-    'RingExtension', 'Variant', 'catalogue', 'effect', 'extension_of', 'laws_of', 'use_folder',
+    'OwnParameter', 'RingExtension', 'Variant', 'catalogue', 'effect', 'extension_of', 'laws_of',
+    'own_parameters', 'use_folder',
 ]
 
 FOLDER_VARIABLE = 'SADDLERING_EFFECTS'
@@ -43,6 +49,18 @@ def _shipped() -> dict[str, Effect]:
             if cls is not LawEffect:
                 found[cls.id] = cls()
     return found
+
+
+@lru_cache(maxsize=1)
+def own_parameters() -> tuple[OwnParameter, ...]:
+    """Extension parameters that the effects of this folder declare themselves, by their names."""
+    found = sorted(item for one in _shipped().values() for item in one.own_parameters)
+    names = [item.name for item in found] + [item.name for item in shared_parameters()]
+    twice = sorted({name for name in names if names.count(name) > 1})
+    if twice:
+        raise EffectError(f'extension parameter {", ".join(twice)} is declared twice: '
+                          'give each its own name')
+    return tuple(found)
 
 
 @lru_cache(maxsize=4)

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
-from saddlering_ros.effects.extension import RingExtension, STAGES
+from saddlering_ros.effects.extension import OwnParameter, RingExtension, STAGES
 from saddlering_ros.effects.rig_tests import Outcomes
 from saddlering_ros.errors import SaddleringError
 
@@ -87,6 +87,7 @@ class Effect(ABC):
     starts: ClassVar[tuple[Mapping[str, float], ...]] = ()
     dynamic_only: ClassVar[bool] = False
     line: ClassVar[bool] = False              # a steady line, at rest too
+    own_parameters: ClassVar[tuple[OwnParameter, ...]] = ()  # extension parameters of its own
     form: ClassVar[float] = 0.0               # share of the size that its idealised law may err
 
     @abstractmethod

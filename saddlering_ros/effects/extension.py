@@ -7,7 +7,8 @@ measurement.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, Field, field, fields, replace
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -105,11 +106,34 @@ def in_measurement(neutral: Any) -> Any:
     return declared('measurement', READING, neutral)
 
 
+@dataclass(frozen=True, order=True)
+class OwnParameter:
+    """An extension parameter that one effect alone sets, declared in that effect's file.
+
+    It does nothing at 0. The kernels read it by its name, as they do the fields of RingExtension.
+    """
+
+    name: str
+    stage: str
+    acts_on: str
+
+    def of(self, extension: RingExtension) -> float:
+        """Its value in an extension."""
+        return dict(extension.own).get(self, 0.0)
+
+    def add(self, extension: RingExtension, value: float) -> RingExtension:
+        """The extension with `value` added to the parameter."""
+        own = {**dict(extension.own), self: self.of(extension) + value}
+        there = ((parameter, number) for parameter, number in own.items() if number)
+        return replace(extension, own=tuple(sorted(there)))
+
+
 @dataclass(frozen=True)
 class RingExtension:
     """All extension parameters; a default instance is the plain ring model.
 
-    A field is the only declaration of a parameter; the kernels read it by its name. Load path: P
+    A field is the only declaration of a parameter that several effects share; `own` holds those
+    that effects declare themselves. The kernels read either by its name. Load path: P
     [N] at the ring from the measured P_m, elevation [rad], trunnion [m]. Ring: geometry of the
     rows, friction, series compliances, creep, settling, second mode. Measurement: tuples of four
     are per probe 1..4.
@@ -150,7 +174,6 @@ class RingExtension:
     resonance_frequency: float = in_ring(READING, 0.0)  # second mode [rad/s]; 0: none
     resonance_damping: float = in_ring(READING, 0.05)
     resonance_share: float = in_ring(READING, 1.0)  # share of the motion in the second mode
-    ovalisation: float = in_ring(READING, 0.0)  # d1 and d3 += c F_x [m/N]
     # Measurement
     probe_height: float = in_measurement(0.0)  # d1, -d3 += h gamma [m]
     probe_bracket: Four = in_measurement(NO_PROBE)  # d_i += b P [m/N]
@@ -167,11 +190,21 @@ class RingExtension:
     clock_offset: float = in_measurement(0.0)  # probes' clock = load's clock + tau [s]
     clock_skew: float = in_measurement(0.0)  # ... + skew * time [s/s]
 
-    def only(self, stage: str) -> RingExtension:
-        """The same extension without the parameters that act on other stages."""
-        own = {item.name: getattr(self, item.name) for item in fields(self)
-               if item.metadata['acts_on'] == stage}
-        return RingExtension(**own)
+    # Declared by effects: parameter and value, in order of their names
+    own: tuple[tuple[OwnParameter, float], ...] = ()
+
+    def only(self, acts_on: str) -> RingExtension:
+        """The same extension without the parameters that act on something else."""
+        kept = {item.name: getattr(self, item.name) for item in shared_parameters()
+                if item.metadata['acts_on'] == acts_on}
+        own = tuple(item for item in self.own if item[0].acts_on == acts_on)
+        return RingExtension(**kept, own=own)
+
+
+@lru_cache(maxsize=1)
+def shared_parameters() -> tuple[Field[Any], ...]:
+    """Extension parameters that are fields, in the order of the signal's way."""
+    return tuple(item for item in fields(RingExtension) if item.metadata)
 
 
 NO_EXTENSION = RingExtension()
@@ -192,7 +225,7 @@ def set_probe(values: Four, probe: int, value: float) -> Four:
 
 def describe(extension: RingExtension) -> dict[str, Any]:
     """The extension parameters that differ from neutral, by name."""
-    return {
-        name: value for name, value in vars(extension).items()
-        if value != getattr(NO_EXTENSION, name)
-    }
+    shared = {item.name: getattr(extension, item.name) for item in shared_parameters()}
+    changed = {name: value for name, value in shared.items()
+               if value != getattr(NO_EXTENSION, name)}
+    return changed | {parameter.name: value for parameter, value in extension.own if value}

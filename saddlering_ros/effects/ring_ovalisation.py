@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
 
 from saddlering_ros.effects.base import Effect, EffectParameter
-from saddlering_ros.effects.extension import RingExtension
+from saddlering_ros.effects.extension import OwnParameter, READING, RingExtension
 from saddlering_ros.effects.rig_tests import Outcomes
+
+OVALISATION = OwnParameter('ovalisation', 'ring', READING)
+"""d1 and d3 += c F_x [m/N]."""
 
 
 class RingOvalisation(Effect):
@@ -29,6 +31,7 @@ class RingOvalisation(Effect):
     )
     stage = 'ring'
     channels = ('parity',)
+    own_parameters = (OVALISATION,)
     parameters = (
         EffectParameter(
             'compliance', 'm/N', -2e-10, 2e-10, 3e-11, 0.0,
@@ -37,4 +40,4 @@ class RingOvalisation(Effect):
 
     def extend(self, extension: RingExtension, values: Mapping[str, float]) -> RingExtension:
         """Add to the ovalisation."""
-        return replace(extension, ovalisation=extension.ovalisation + values['compliance'])
+        return OVALISATION.add(extension, values['compliance'])

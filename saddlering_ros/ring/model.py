@@ -10,12 +10,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from saddlering_ros.effects import own_parameters
 from saddlering_ros.effects.extension import (
     Hysteron,
     NO_EXTENSION,
     READING,
     RingExtension,
     RowGeometry,
+    shared_parameters,
 )
 from saddlering_ros.rig import ContactParameters, PARAMETER_NAMES, Rig, RollerRow
 
@@ -157,26 +159,34 @@ RIG_FIELDS = (
     'elevation', 'full_scale', 'cosine', 'sine', 'axial_span', 'probe_plane_height')
 """Constants of rig and elevation; cosine and sine are of the elevation without bracket play."""
 
+EXTENSION_FIELDS = [
+    (part, item.metadata['stage'], item.metadata['acts_on'])
+    for item in shared_parameters()
+    for part in _field(item.name, getattr(NO_EXTENSION, item.name))
+] + [((item.name, 'f8'), item.stage, item.acts_on) for item in own_parameters()]
+"""Fields of the model's record for extension parameters, with their stage and what they act on."""
+
 MODEL = np.dtype([
     *((name, 'f8') for name in (*RIG_FIELDS, *PARAMETER_NAMES)),
-    *(part for item in fields(RingExtension)
-      for part in _field(item.name, getattr(NO_EXTENSION, item.name)))])
+    *(part for part, _, _ in EXTENSION_FIELDS)])
 """The record that the kernels read by name: rig, contact law, every extension parameter.
 
 All numbers are floats, so that a record is a row of floats too.
 """
 
+
 def _numbers(extension: RingExtension) -> list[float]:
     """The extension's numbers in the order of `MODEL`."""
     numbers: list[float] = []
-    for value in vars(extension).values():
+    for item in shared_parameters():
+        value = getattr(extension, item.name)
         if isinstance(value, tuple):
             numbers += value
         elif isinstance(value, Hysteron):
             numbers += value.limit, value.presliding, value.sharpness, value.initial
         else:
             numbers.append(value.stiffness if isinstance(value, RowGeometry) else value)
-    return numbers
+    return numbers + [item.of(extension) for item in own_parameters()]
 
 
 NO_LAW = (0.0,) * len(PARAMETER_NAMES)
@@ -223,9 +233,8 @@ def stacked_models(rig: Rig, contacts: Floats, elevation: float,
 
 
 _MOVES = np.array([
-    item.metadata['acts_on'] != READING
-    for item in fields(RingExtension)
-    for part in _field(item.name, getattr(NO_EXTENSION, item.name))
+    acts_on != READING
+    for part, _, acts_on in EXTENSION_FIELDS
     for _ in range(np.dtype([part]).itemsize // 8)])
 
 

@@ -14,11 +14,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from saddlering_ros.effects.extension import RingExtension
+from saddlering_ros.effects import own_parameters
+from saddlering_ros.effects.extension import READING, RingExtension
 from saddlering_ros.rig import Rig
 from saddlering_ros.ring.kernels import courses, integration, tangents
 from saddlering_ros.ring.kernels.row_tangents import LAW
 from saddlering_ros.ring.model import (
+    EXTENSION_FIELDS,
     MODEL,
     Model,
     model_of,
@@ -52,8 +54,11 @@ FACTORS = _columns('upper_row_stiffness', 'lower_row_stiffness', 'radial_row_sti
 GROWTH = _columns('damping_penetration_share', 'damping_penetration_exponent',
                   'damping_penetration_saturation')
 FRICTIONS = _columns('radial_friction', 'tilt_friction')
-LOADS = _columns('load_gain', 'load_offset', 'load_nonlinearity', 'elevation_error', 'moment_arm',
-                 'cosine', 'sine', 'cylinder_friction', 'bracket_play')
+LOADS = _columns('cosine', 'sine', *(part[0] for part, stage, _ in EXTENSION_FIELDS
+                                     if stage == 'load path'))
+NO_TANGENT = [item for item in own_parameters()
+              if item.acts_on != READING and item.stage != 'load path']
+"""Parameters of effects' own laws inside the ring's motion: only a simulation has their change."""
 
 
 @dataclass(frozen=True)
@@ -125,9 +130,12 @@ def static_sensitivities(rig: Rig, contact: ArrayLike, elevation: float,
 def has_tangent(rig: Rig, centre: Candidate, neighbour: Candidate) -> bool:
     """Whether one pass along the centre gives a neighbour cheaper than a simulation of it.
 
-    Unequal rollers take as long as several simulations; a saturation that sets in has no slope.
+    Unequal rollers take as long as several simulations; a saturation that sets in has no slope,
+    nor has an effect's own law inside the motion.
     """
     (_, own), (_, other) = centre, neighbour
+    if any(item.of(own) != item.of(other) for item in NO_TANGENT):
+        return False
     return rows_of(rig, own) is rows_of(rig, other) and (
         own.damping_penetration_saturation != 0.0 or other.damping_penetration_saturation == 0.0)
 

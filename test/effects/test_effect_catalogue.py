@@ -23,6 +23,7 @@ from saddlering_ros.effects import (
     Variant,
 )
 from saddlering_ros.effects.document import catalogue_page
+from saddlering_ros.effects.extension import shared_parameters
 from saddlering_ros.rig import (
     CHANNELS,
     ParameterSet,
@@ -57,9 +58,9 @@ def typical_values(one: Effect, variant: Variant) -> dict[str, float]:
 
 def changed_stages(extension: RingExtension) -> set[str]:
     return {
-        field.metadata['stage'] for field in dataclasses.fields(extension)
+        field.metadata['stage'] for field in shared_parameters()
         if getattr(extension, field.name) != getattr(NO_EXTENSION, field.name)
-    }
+    } | {parameter.stage for parameter, _ in extension.own}
 
 
 def test_the_catalogue_holds_exactly_the_agreed_effects() -> None:

@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
-from dataclasses import fields, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 
+from saddlering_ros.effects import own_parameters, OwnParameter
 from saddlering_ros.effects.extension import (
+    describe,
     Hysteron,
     MOTION,
     NO_EXTENSION,
+    READING,
     RingExtension,
     ROLLERS,
     RowGeometry,
+    shared_parameters,
 )
 from saddlering_ros.rig import default_rig, FULL_SCALE_LOAD, TRUE_TO_SCALE
 from saddlering_ros.ring.kernels import integration, layout
@@ -58,7 +62,7 @@ def usual() -> np.ndarray:
     return motion(BUSY)
 
 
-@pytest.mark.parametrize('item', fields(RingExtension), ids=lambda item: item.name)
+@pytest.mark.parametrize('item', shared_parameters(), ids=lambda item: item.name)
 def test_a_parameter_moves_the_contacts_if_it_is_declared_to(item: Any,
                                                              usual: np.ndarray) -> None:
     other = motion(replace(BUSY, **{item.name: changed(getattr(BUSY, item.name))}))
@@ -72,7 +76,24 @@ def test_what_acts_on_one_stage_is_taken_out_of_an_extension_alone() -> None:
     assert kept.resonance_frequency == 0.0
 
 
-def test_the_kernels_read_every_parameter_by_the_name_of_its_field() -> None:
-    for item in fields(RingExtension):
+@pytest.mark.parametrize('item', own_parameters(), ids=lambda item: item.name)
+def test_an_effects_own_parameter_moves_the_contacts_if_it_is_declared_to(
+        item: OwnParameter, usual: np.ndarray) -> None:
+    other = motion(item.add(BUSY, 1e-9))
+    assert np.array_equal(other, usual) == (item.acts_on == READING)
+
+
+def test_the_model_has_every_parameter_by_the_name_of_its_declaration() -> None:
+    for item in shared_parameters():
         name = f'{item.name}_stiffness' if item.metadata['acts_on'] == ROLLERS else item.name
         assert name in (MODEL.names or ())
+    assert {item.name for item in own_parameters()} <= set(MODEL.names or ())
+
+
+def test_an_own_parameter_adds_up_and_is_gone_at_nothing() -> None:
+    item = OwnParameter('some', 'ring', READING)
+    twice = item.add(item.add(NO_EXTENSION, 2.0), 1.0)
+    assert item.of(twice) == 3.0
+    assert item.add(twice, -3.0) == NO_EXTENSION
+    assert twice.only(MOTION) == NO_EXTENSION
+    assert describe(twice) == {'some': 3.0}
