@@ -151,5 +151,5 @@ def test_noise_that_cannot_be_is_refused_in_one_line(make, words: str) -> None:
 
 
 def test_an_interval_without_samples_is_refused_in_one_line() -> None:
-    with pytest.raises(EstimationError, match='the declared rest holds 0 samples'):
+    with pytest.raises(EstimationError, match='the declared rest has only 0 samples'):
         Noise.from_rest([(100.0, 200.0)]).resolve([ChannelRecord('a', TIME, drawn(1))])
