@@ -20,21 +20,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saddlering_ros.bags.alignment import GAP_HISTORY, gap_limit, JITTER_NS
+from saddlering_ros.bags.scratch import blocks
 from saddlering_ros.bags.validity import BRIDGED
 from saddlering_ros.rig import Rig
 
 MAX_OVERLOAD = 1.5
 """A load beyond this share of full scale is no load of the cylinder."""
 
-FASTEST_FULL_SCALE = 0.1
-"""The hydraulics need at least this time [s] for a change of the load by full scale."""
-
-LOAD_NOISE_SHARE = 0.01
-"""Noise of the load as a share of full scale that is no leap at any rate."""
-
+NOISE_SHARE = 0.01
+"""Noise as a share of full scale, or of a probe's span, that is no leap at any rate."""
 
 MAX_REMEMBERED = 100
-"""Refused readings whose neighbours are still to be marked."""
+"""Stretches between sound readings whose rows are still to be marked."""
+
+SHORT = 32
+"""Samples among which an outlier is looked for one by one."""
 
 
 @dataclass(frozen=True)
@@ -66,14 +66,18 @@ class Limits:
 def load_limits(rig: Rig) -> Limits:
     """Limits of the cylinder's load [N]."""
     full = rig.full_scale_load
-    return Limits(-MAX_OVERLOAD * full, MAX_OVERLOAD * full, full / FASTEST_FULL_SCALE,
-                  LOAD_NOISE_SHARE * full)
+    return Limits(-MAX_OVERLOAD * full, MAX_OVERLOAD * full, full / rig.full_scale_time,
+                  NOISE_SHARE * full)
 
 
 def probe_limits(rig: Rig) -> Limits:
-    """Limits of a probe's gap [m]: its range, and as much again at either end."""
-    low, high = rig.probes.min_range, rig.probes.max_range
-    return Limits(low - (high - low), high + (high - low))
+    """Limits of a probe's gap [m]: its range, and as much again at either end.
+
+    The load moves the gap by a part of the probe's span, so the gap cannot pass the span in less
+    time than the load its full scale.
+    """
+    low, span = rig.probes.min_range, rig.probes.max_range - rig.probes.min_range
+    return Limits(low - span, low + 2.0 * span, span / rig.full_scale_time, NOISE_SHARE * span)
 
 
 @dataclass
@@ -98,13 +102,21 @@ class GuardCounters:
 class SampleGuard:
     """Passes the sound samples of one stream on, in batches; counts those it refuses."""
 
-    def __init__(self, limits: Limits, counters: GuardCounters | None = None) -> None:
+    def __init__(self, limits: Limits, counters: GuardCounters | None = None, *,
+                 remembered: int = MAX_REMEMBERED) -> None:
         self.limits = limits
         self.counters = counters or GuardCounters()
-        self.refused: list[int] = []
+        self._remembered = remembered
+        self._bridges: list[tuple[int, int]] = []
+        self._refused_since: int | None = None
         self._steps: deque[int] = deque(maxlen=GAP_HISTORY)
         self._last: tuple[int, float] | None = None
         self._held: tuple[int, float] | None = None
+
+    @property
+    def bridges(self) -> list[tuple[int, int]]:
+        """Stamps [ns] of the sound readings about each that was refused, not yet passed."""
+        return self._bridges
 
     @property
     def holds(self) -> bool:
@@ -118,6 +130,14 @@ class SampleGuard:
         if self._is_plain(samples):
             self._remember(samples)
             return samples
+        if len(samples) > SHORT:
+            half = len(samples) // 2
+            parts = [self.push(Samples(samples.stamps[part], samples.values[part], samples.low,
+                                       samples.high))
+                     for part in (slice(0, half), slice(half, None))]
+            return Samples(np.concatenate([part.stamps for part in parts]),
+                           np.concatenate([part.values for part in parts]), samples.low,
+                           samples.high)
         sound: list[tuple[int, float]] = []
         for stamp, value in zip(samples.stamps.tolist(), samples.values.tolist(), strict=True):
             if self._is_possible(stamp, value):
@@ -132,24 +152,27 @@ class SampleGuard:
         self._accept(held)
         return Samples(np.array([held[0]], np.int64), np.array([held[1]]))
 
-    def marks(self, stamps: NDArray[np.int64]) -> NDArray[np.uint8]:
-        """BRIDGED at the first of the `stamps` (N,) at or after each reading that was refused.
+    def marks(self, stamps: NDArray[np.int64], *, to_next: bool = False) -> NDArray[np.uint8]:
+        """BRIDGED at those `stamps` (N,), in order, that a refused reading would have reached.
 
-        A refused reading before which all of them lie is remembered for the next call.
+        They lie between the sound readings before and after it; with `to_next`, the stamp of the
+        one after it counts as well. A stretch that later stamps may lie in is remembered for the
+        next call.
         """
         marks = np.zeros(len(stamps), np.uint8)
-        refused, self.refused = self.refused, []
-        for stamp in refused:
-            after = np.flatnonzero(stamps >= stamp)
-            if len(after):
-                marks[max(after[0] - 1, 0):after[0] + 1] = BRIDGED
-            else:
-                self.refused = [*self.refused, stamp][-MAX_REMEMBERED:]
+        if not len(stamps) or not self._bridges:
+            return marks
+        for first, last in self._bridges:
+            marks[(stamps > first) & (stamps < last + to_next)] = BRIDGED
+        newest = int(stamps[-1])
+        self._bridges = [bridge for bridge in self._bridges if bridge[1] > newest]
         return marks
 
     def _is_plain(self, samples: Samples) -> bool:
         """Whether every sample of the batch goes on from the one before (the usual case)."""
-        if self._held is not None or self._last is None or len(self._steps) < GAP_HISTORY:
+        if self._held is not None or self._last is None or self._refused_since is not None:
+            return False
+        if len(self._steps) < GAP_HISTORY:
             return False
         values = np.concatenate(([self._last[1]], samples.values))
         stamps = np.concatenate(([self._last[0]], samples.stamps))
@@ -178,8 +201,13 @@ class SampleGuard:
             self.counters.impossible += 1
         else:
             return True
-        self.refused.append(stamp)
+        self._bridge_from_last()
         return False
+
+    def _bridge_from_last(self) -> None:
+        """A reading is refused: rows up to the next sound one are interpolated across it."""
+        if self._refused_since is None and self._last is not None:
+            self._refused_since = self._last[0]
 
     def _judge(self, sample: tuple[int, float]) -> list[tuple[int, float]]:
         """What is due now that `sample` has come."""
@@ -225,7 +253,7 @@ class SampleGuard:
         assert self._last is not None
         if self._follows(self._last[0], held[0]):
             self.counters.leaps_of_reading += 1
-            self.refused.append(held[0])
+            self._bridge_from_last()
         else:
             self.counters.leaps_of_stamp += 1
 
@@ -234,14 +262,68 @@ class SampleGuard:
             step = sample[0] - self._last[0]
             if step < -JITTER_NS:
                 self._steps.clear()
+                self._bridges.clear()
+                self._refused_since = None
             elif step > 0:
                 self._steps.append(step)
+                self._bridge_to(sample[0])
         if self._last is None or sample[0] > self._last[0] or (
                 sample[0] < self._last[0] - JITTER_NS):
             self._last = sample
         return [sample]
 
+    def _bridge_to(self, stamp: int) -> None:
+        if self._refused_since is not None:
+            self._bridges.append((self._refused_since, stamp))
+            del self._bridges[:-self._remembered]
+            self._refused_since = None
+
     def _batch(self, sound: list[tuple[int, float]], samples: Samples) -> Samples:
         return Samples(np.array([stamp for stamp, _ in sound], np.int64),
                        np.array([value for _, value in sound], np.float64), samples.low,
                        samples.high)
+
+
+@dataclass(frozen=True)
+class SoundSamples:
+    """The sound ones of a whole record's samples, in order of their stamps.
+
+    counters: the others, by reason; bridges (M, 2) [ns]: the sound stamps about each refused one.
+    """
+
+    samples: Samples
+    counters: GuardCounters
+    bridges: NDArray[np.int64]
+
+    def bridged(self, stamps: NDArray[np.int64], *, to_next: bool = False) -> NDArray[np.bool_]:
+        """Which of the `stamps` (N,) `SampleGuard.marks` would mark."""
+        found = np.zeros(len(stamps), dtype=bool)
+        for first, last in self.bridges.tolist():
+            found[np.searchsorted(stamps, first, 'right'):
+                  np.searchsorted(stamps, last, 'right' if to_next else 'left')] = True
+        return found
+
+
+def sound_samples(
+    limits: Limits, stamps: NDArray[np.int64], values: NDArray[np.float64],
+) -> SoundSamples:
+    """What a guard makes of a whole record: stamps (N,) [ns] in order, values (N,)."""
+    guard = SampleGuard(limits, remembered=len(stamps) + 1)
+    passed = sum(len(guard.push(Samples(stamps[part], values[part])))
+                 for part in blocks(len(stamps), stamps, values))
+    passed += len(guard.flush())
+    bridges = np.array(guard.bridges, np.int64).reshape(-1, 2)
+    if passed == len(stamps):
+        return SoundSamples(Samples(stamps, values), guard.counters, bridges)
+    return SoundSamples(_passed(limits, stamps, values), guard.counters, bridges)
+
+
+def _passed(
+    limits: Limits, stamps: NDArray[np.int64], values: NDArray[np.float64],
+) -> Samples:
+    guard = SampleGuard(limits)
+    parts = [guard.push(Samples(stamps[part], values[part]))
+             for part in blocks(len(stamps), stamps, values)]
+    parts.append(guard.flush())
+    return Samples(np.concatenate([part.stamps for part in parts]),
+                   np.concatenate([part.values for part in parts]))

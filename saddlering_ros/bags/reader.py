@@ -12,10 +12,7 @@ from numpy.typing import NDArray
 
 from saddlering_ros.bags.alignment import align, GAP_HISTORY, gap_mask, seconds_array
 from saddlering_ros.bags.checks import (
-    check_load_unit,
     check_overlap,
-    check_probe_unit,
-    check_values,
     FEWEST_SAMPLES,
     notes_on_load,
     notes_on_probe,
@@ -23,6 +20,8 @@ from saddlering_ros.bags.checks import (
 from saddlering_ros.bags.directory import open_directory
 from saddlering_ros.bags.errors import BagError
 from saddlering_ros.bags.facts import FoundFacts
+from saddlering_ros.bags.guarded import guarded_topics, node_rows, possible_record
+from saddlering_ros.bags.node_rows import NodeRows
 from saddlering_ros.bags.record_quality import (
     doubtful_lag,
     notes_between,
@@ -114,7 +113,8 @@ class TestRun:
     ('' for a run that was never in a bag); others: readings (N,) of the optional topics of the rig
     that the bag holds, by name, aligned alike; details: further test metadata by key, such as
     rig_hash; spikes (5, N): where the load and the four probes read a spike (None: nowhere);
-    quality: what each topic's readings show of the logger.
+    quality: what each topic's readings show of the logger; node_rows: which rows live nodes
+    publish, and which lie across a refused reading (None: all complete rows, none).
     """
 
     __test__ = False
@@ -135,16 +135,30 @@ class TestRun:
     quality: dict[str, TopicQuality] = field(default_factory=dict)
     others: dict[str, NDArray[np.float64]] = field(default_factory=dict)
     details: Mapping[str, str] = field(default_factory=dict)
+    node_rows: NodeRows | None = None
 
     def without_spikes(self) -> TestRun:
-        """The same with spikes left out: NaN in the gaps, a straight line in the load."""
-        if self.spikes is None or not self.spikes.any():
+        """The same with sound readings only: NaN in the gaps, a straight line in the load.
+
+        Left out are spikes, and what is interpolated across a refused reading. Rows that lack a
+        probe are not complete.
+        """
+        gaps, load = self.gaps, self.load
+        if self.node_rows is not None and self.node_rows.bridged.any():
+            gaps = np.where(self.node_rows.bridged, np.nan, gaps)
+        if self.spikes is not None and self.spikes.any():
+            struck = self.spikes[0]
+            load = load.copy()
+            load[struck] = np.interp(self.time[struck], self.time[~struck], load[~struck])
+            gaps = np.where(self.spikes[1:], np.nan, gaps)
+        if gaps is self.gaps and self.node_rows is None:
             return self
-        struck = self.spikes[0]
-        load = self.load.copy()
-        load[struck] = np.interp(self.time[struck], self.time[~struck], self.load[~struck])
-        return replace(self, load=load, gaps=np.where(self.spikes[1:], np.nan, self.gaps),
-                       spikes=None)
+        return replace(self, load=load, gaps=gaps, spikes=None, node_rows=None)
+
+    @property
+    def given(self) -> NDArray[np.bool_]:
+        """Mask (N,) of the load stamps at which the live nodes publish a displacement."""
+        return self.complete if self.node_rows is None else self.node_rows.given
 
     @property
     def rig_hash(self) -> str:
@@ -267,14 +281,10 @@ def run_of_record(
     record: RawRecord, facts: FoundFacts, rig: Rig | None = None,
 ) -> TestRun:
     """Check the readings and put the probes on the load's stamps."""
-    limits = (rig or default_rig()).limits
     where = str(record.path)
-    load, probes = record[LOAD_TOPIC], [record[topic] for topic in PROBE_TOPICS]
-    for raw in (load, *probes):
-        check_values(f'{where}: {raw.topic}', raw.stamps, raw.values)
-    check_load_unit(f'{where}: {load.topic}', load.values, limits)
+    guarded = guarded_topics(record, rig or default_rig())
+    load, *probes = (one.topic for one in guarded)
     for raw in probes:
-        check_probe_unit(f'{where}: {raw.topic}', raw.values, raw.min_range, raw.max_range)
         check_overlap(where, load.stamps, raw.topic, raw.stamps)
     gaps = scratch_array((len(probes), len(load)), np.float64)
     notes = [*record.notes, *load.notes, *notes_on_load(load.stamps)]
@@ -284,9 +294,14 @@ def run_of_record(
         notes += raw.notes
         notes += notes_on_probe(
             raw.topic, raw.stamps, raw.values, raw.min_range, raw.max_range, is_gap, aligned)
-    found = record_quality(record)
-    notes += record_quality_notes(record, found)
-    if count_where(lambda part: np.isfinite(part).all(axis=0), gaps) < FEWEST_SAMPLES:
+    notes += [note for one in guarded for note in one.notes()]
+    possible = possible_record(record, rig or default_rig())
+    found = record_quality(possible)
+    notes += record_quality_notes(possible, found)
+    rows = node_rows(guarded, gaps)
+    read = (count_where(lambda part: np.isfinite(part).all(axis=0), gaps) if rows is None
+            else int(rows.given.sum()))
+    if read < FEWEST_SAMPLES:
         raise BagError(
             f'{where}: all four probes read together at fewer than {FEWEST_SAMPLES} load stamps: '
             + _why_apart(probes))
@@ -300,8 +315,8 @@ def run_of_record(
         elevation=math.radians(facts.elevation_deg), rig=facts.rig, run=facts.run,
         stamps=load.stamps, time=seconds_array(load.stamps, int(load.stamps[0])),
         load=load.values, gaps=gaps, notes=notes,
-        spikes=_spikes(load, probes, found), quality=found, others=others,
-        details=facts.details)
+        spikes=_spikes(load, possible, found), quality=found, others=others,
+        details=facts.details, node_rows=rows)
 
 
 def _why_apart(probes: Sequence[RawTopic]) -> str:
@@ -335,13 +350,13 @@ def record_quality_notes(record: RawRecord, found: dict[str, TopicQuality]) -> l
 
 
 def _spikes(
-    load: RawTopic, probes: Sequence[RawTopic], found: dict[str, TopicQuality],
+    load: RawTopic, record: RawRecord, found: dict[str, TopicQuality],
 ) -> NDArray[np.bool_] | None:
     """Which of the load's samples (5, N) a spike of the load or of a probe reaches."""
     if not any(one.spikes.size for one in found.values()):
         return None
     return np.array([_reached(load.stamps, raw, found[raw.topic].spikes)
-                     for raw in (load, *probes)])
+                     for raw in (record[name] for name in RIG_TOPICS)])
 
 
 def _reached(

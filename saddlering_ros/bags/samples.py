@@ -12,10 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saddlering_ros.bags.errors import BagError
-from saddlering_ros.bags.measured import MeasuredRun
+from saddlering_ros.bags.measured import given_of, MeasuredRun, validity_of
 from saddlering_ros.bags.reader import TestRun
 from saddlering_ros.bags.scan import OnShare
 from saddlering_ros.bags.scratch import blocks
+from saddlering_ros.bags.validity import BRIDGED, is_published, NOT_KNOWN
 from saddlering_ros.provenance import Provenance
 from saddlering_ros.rig import (
     CHANNELS,
@@ -27,7 +28,7 @@ from saddlering_ros.rig import (
 )
 from saddlering_ros.writing import whole_file
 
-COLUMNS = ('stamp_ns', 'time', 'load', 'delta_x', 'delta_y', 'gamma', 'parity')
+COLUMNS = ('stamp_ns', 'time', 'load', 'delta_x', 'delta_y', 'gamma', 'parity', 'validity')
 SUFFIXES = ('.csv', '.parquet')
 
 
@@ -36,38 +37,44 @@ class DisplacementSamples:
     """Displacements at N stamps, measured or simulated, as the live nodes publish them.
 
     stamps (N,) int64 [ns]; time (N,) [s] since the record's first load stamp; load (N,) [N];
-    displacement: delta_x, delta_y, parity [m] and gamma [rad], of (N,) arrays.
+    displacement: delta_x, delta_y, parity [m] and gamma [rad], of (N,) arrays, NaN where not
+    known; validity (N,): 0 where all four are known from sound readings, else a sum of the
+    constants of RingDisplacement.msg.
     """
 
     stamps: NDArray[np.int64]
     time: NDArray[np.float64]
     load: NDArray[np.float64]
     displacement: Displacement
+    validity: NDArray[np.uint8]
 
     def __len__(self) -> int:
         return len(self.stamps)
 
-    def finite(self) -> DisplacementSamples:
-        """Those samples whose displacement is known."""
-        kept = np.isfinite([getattr(self.displacement, name) for name in CHANNELS]).all(axis=0)
+    def rows(self, kept: NDArray[Any]) -> DisplacementSamples:
+        """The samples that a mask (N,) or indices name."""
         displacement = Displacement(
             **{name: np.asarray(getattr(self.displacement, name))[kept] for name in CHANNELS})
         return DisplacementSamples(self.stamps[kept], self.time[kept], self.load[kept],
-                                   displacement)
+                                   displacement, self.validity[kept])
+
+    def finite(self) -> DisplacementSamples:
+        """Those samples whose displacement is known in every channel."""
+        known = [getattr(self.displacement, name) for name in CHANNELS]
+        return self.rows(np.asarray(np.isfinite(known).all(axis=0)))
 
     def columns(self) -> dict[str, NDArray[Any]]:
         """Every column by its name in `COLUMNS`."""
         channels = {name: np.asarray(getattr(self.displacement, name)) for name in CHANNELS}
-        return {'stamp_ns': self.stamps, 'time': self.time, 'load': self.load, **channels}
+        return {'stamp_ns': self.stamps, 'time': self.time, 'load': self.load, **channels,
+                'validity': self.validity}
 
 
 def measured_samples(measured: MeasuredRun) -> DisplacementSamples:
-    """The samples of a measured run at which all four probes have a reading."""
-    kept = measured.complete
-    displacement = Displacement(
-        **{name: np.asarray(getattr(measured.displacement, name))[kept] for name in CHANNELS})
+    """The samples of a measured run that the live node publishes."""
     return DisplacementSamples(
-        measured.stamps[kept], measured.time[kept], measured.load[kept], displacement)
+        measured.stamps, measured.time, measured.load, measured.displacement,
+        measured.validity).rows(measured.given)
 
 
 def measured_blocks(
@@ -75,11 +82,12 @@ def measured_blocks(
 ) -> Iterator[DisplacementSamples]:
     """The same samples stretch by stretch, so that a long run is never held whole."""
     for part in blocks(len(run.time), run.stamps, run.time, run.load, run.gaps):
-        kept = np.isfinite(run.gaps[:, part]).all(axis=0)
-        increments = gap_increment(rig.probes, run.gaps[:, part][:, kept], np.array(zero.gaps))
-        yield DisplacementSamples(
-            run.stamps[part][kept], run.time[part][kept], run.load[part][kept],
-            probes_to_displacement(rig.probes, increments))
+        increments = gap_increment(rig.probes, run.gaps[:, part], np.array(zero.gaps))
+        found = probes_to_displacement(rig.probes, increments)
+        validity = validity_of(run, found, part)
+        kept = given_of(run, part) & is_published(validity)
+        yield DisplacementSamples(run.stamps[part], run.time[part], run.load[part], found,
+                                  validity).rows(kept)
         on_progress(part.stop / len(run.time))
 
 
@@ -88,7 +96,8 @@ class SamplesSummary:
     """What samples that go by have in common.
 
     count: of samples; lowest, highest, last, at_peak: of each column by name, the last two at the
-    last sample and where the load is highest.
+    last sample and where the load is highest, NaN where not known; validity: how many samples are
+    sound, lack a channel, or were interpolated across a refused reading.
     """
 
     count: int = 0
@@ -96,6 +105,7 @@ class SamplesSummary:
     highest: dict[str, float] = field(default_factory=dict)
     last: dict[str, float] = field(default_factory=dict)
     at_peak: dict[str, float] = field(default_factory=dict)
+    validity: dict[str, int] = field(default_factory=dict)
 
     def watch(self, parts: Iterable[DisplacementSamples]) -> Iterator[DisplacementSamples]:
         """Pass samples on and take note of them."""
@@ -109,11 +119,19 @@ class SamplesSummary:
         if not self.count or columns['load'][peak] > self.at_peak['load']:
             self.at_peak = {name: float(column[peak]) for name, column in columns.items()}
         for name, column in columns.items():
-            low, high = float(column.min()), float(column.max())
-            self.lowest[name] = min(low, self.lowest.get(name, low))
-            self.highest[name] = max(high, self.highest.get(name, high))
+            low, high = float(np.fmin.reduce(column)), float(np.fmax.reduce(column))
+            self.lowest[name] = float(np.fmin(low, self.lowest.get(name, low)))
+            self.highest[name] = float(np.fmax(high, self.highest.get(name, high)))
             self.last[name] = float(column[-1])
         self.count += len(columns['load'])
+        self._count_validity(columns['validity'])
+
+    def _count_validity(self, marks: NDArray[np.uint8]) -> None:
+        found = {'sound': marks == 0,
+                 **{f'without {name}': marks & bit > 0 for name, bit in NOT_KNOWN.items()},
+                 'bridged': marks & BRIDGED > 0}
+        for words, mask in found.items():
+            self.validity[words] = self.validity.get(words, 0) + int(np.count_nonzero(mask))
 
 
 def check_table_path(path: Path) -> None:
@@ -161,8 +179,8 @@ def _write_parquet(
     metadata = None if provenance is None else {
         'saddlering.provenance': json.dumps(provenance.as_dict())}
     schema = pyarrow.schema(
-        [(name, pyarrow.int64() if name == 'stamp_ns' else pyarrow.float64())
-         for name in COLUMNS], metadata)
+        [(name, {'stamp_ns': pyarrow.int64(), 'validity': pyarrow.uint8()}.get(
+            name, pyarrow.float64())) for name in COLUMNS], metadata)
     with parquet.ParquetWriter(path, schema, compression='zstd') as writer:
         for samples in parts:
             writer.write_table(pyarrow.table(samples.columns(), schema))

@@ -19,3 +19,9 @@ def unknown(channels: NDArray[np.float64]) -> NDArray[np.uint8]:
     bits = np.array(list(NOT_KNOWN.values()), np.uint8)[:, None]
     marks: NDArray[np.uint8] = (np.isnan(channels) * bits).sum(axis=0, dtype=np.uint8)
     return marks
+
+
+def is_published(validity: NDArray[np.uint8]) -> NDArray[np.bool_]:
+    """Which rows (N,) have any of delta_x, delta_y and gamma; the others are not published."""
+    nothing = NOT_KNOWN['delta_x'] | NOT_KNOWN['delta_y'] | NOT_KNOWN['gamma']
+    return np.asarray(validity & nothing != nothing)

@@ -86,12 +86,18 @@ def simulated_samples(
     run: TestRun, simulated: SimulatedRun,
 ) -> tuple[DisplacementSamples, list[str]]:
     """What the live simulator would publish of a run, and what is to be said of it."""
+    import numpy as np
+
     from saddlering_ros.bags.samples import DisplacementSamples
+    from saddlering_ros.bags.validity import BRIDGED
     from saddlering_ros.ring import SimulationError
 
     rows = slice(simulated.first, simulated.first + len(simulated.time))
+    bridged = (np.zeros(len(run.stamps), bool) if run.node_rows is None
+               else run.node_rows.load_bridged)
     samples = DisplacementSamples(
-        run.stamps[rows], simulated.time, run.load[rows], simulated.displacement).finite()
+        run.stamps[rows], simulated.time, run.load[rows], simulated.displacement,
+        np.where(bridged[rows], BRIDGED, 0).astype(np.uint8)).finite()
     if not len(samples):
         raise SimulationError(f'{run.path}: no sample could be simulated: the solver finds no '
                               'equilibrium of this ring: check contact.K1 and contact.K2 of the '
@@ -143,7 +149,8 @@ def residual_samples(
     left = Displacement(**{
         name: (np.asarray(getattr(seen.displacement, name))[here]
                - np.asarray(getattr(found.displacement, name))[there]) for name in CHANNELS})
-    samples = DisplacementSamples(seen.stamps[here], seen.time[here], seen.load[here], left)
+    samples = DisplacementSamples(seen.stamps[here], seen.time[here], seen.load[here], left,
+                                  seen.validity[here] | found.validity[there])
     return samples, measured.zero, notes
 
 
@@ -202,14 +209,23 @@ def _summary(
     from saddlering_ros.bags.scratch import extremes
 
     channels = {
-        name: {'min': seen.lowest[name], 'max': seen.highest[name], 'last': seen.last[name]}
+        name: {'min': _or_none(seen.lowest[name]), 'max': _or_none(seen.highest[name]),
+               'last': _or_none(seen.last[name])}
         for name in UNITS} if seen.count else {}
     return {
         'bag': str(run.path), 'test': run.test, 'elevation_deg': math.degrees(run.elevation),
         'samples': seen.count, 'load_samples': len(run.stamps),
         'duration': float(run.time[-1]), 'load_max': float(extremes(run.load)[1]),
         'zero': {'load': zero.load, 'near_preload': zero.near_preload},
-        'channels': channels, 'notes': notes}
+        'validity': seen.validity, 'channels': channels, 'notes': notes}
+
+
+def _or_none(value: float) -> float | None:
+    return value if value == value else None
+
+
+def _shown(value: float) -> str:
+    return f'{value:.2f}' if value == value else 'not known'
 
 
 def _print_summary(
@@ -238,8 +254,12 @@ def _print_summary(
     for name, unit in UNITS.items():
         if seen.count:
             shown = (seen.lowest, seen.highest, seen.at_peak, seen.last)
-            table.add_row(name, *(f'{of[name] * PER_MILLION:.2f}' for of in shown), unit)
+            table.add_row(name, *(_shown(of[name] * PER_MILLION) for of in shown), unit)
     console.print(table)
+    doubtful = ', '.join(f'{count} {words}' for words, count in seen.validity.items()
+                         if count and words != 'sound')
+    if doubtful:
+        notes = [*notes, f'column validity marks {doubtful} of {seen.count} samples']
     for note in notes:
         console.print(f'note: {note}', highlight=False)
     if args.out is not None:

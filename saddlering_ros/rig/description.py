@@ -14,7 +14,12 @@ from saddlering_ros.rig.digest import rig_digest
 from saddlering_ros.rig.errors import RigError
 from saddlering_ros.rig.limits import LoadLimits
 from saddlering_ros.rig.ros_yaml import check_sections, read_ros_parameters
-from saddlering_ros.rig.units import FORCE_UNITS, force_words, FULL_SCALE_LOAD
+from saddlering_ros.rig.units import (
+    FORCE_UNITS,
+    force_words,
+    FULL_SCALE_LOAD,
+    FULL_SCALE_TIME,
+)
 from saddlering_ros.suggestion import did_you_mean, refuse_unknown_keys
 
 
@@ -74,7 +79,10 @@ def _default_bounds() -> dict[str, Pair]:
 
 @dataclass(frozen=True)
 class Rig:
-    """The whole rig; every default is a project assumption, not a measured dimension."""
+    """The whole rig; every default is a project assumption, not a measured dimension.
+
+    full_scale_time [s]: the hydraulics need at least so long to change the load by full scale.
+    """
 
     axial_rows: RollerRow
     middle_row: RollerRow
@@ -84,6 +92,7 @@ class Rig:
     preload: float
     bounds: dict[str, Pair] = field(default_factory=_default_bounds)
     full_scale_load: float = FULL_SCALE_LOAD
+    full_scale_time: float = FULL_SCALE_TIME
     force_unit: str = 't'
 
     @property
@@ -258,6 +267,7 @@ def rig_from_parameters(parameters: Mapping[str, Any], where: str) -> Rig:
         ),
         preload=rig.number('preload', 0.0, 1e9),
         full_scale_load=rig.number('full_scale_load', 1.0, 1e9, default=FULL_SCALE_LOAD),
+        full_scale_time=rig.number('full_scale_time', 1e-4, 1e4, default=FULL_SCALE_TIME),
         force_unit=_force_unit(rig, where),
         bounds=_bounds(bounds, where),
     )

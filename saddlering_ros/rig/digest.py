@@ -13,15 +13,15 @@ if TYPE_CHECKING:
 SHORT_DIGITS = 12
 """Digits of the form for people."""
 
-NOT_OF_THE_RIG = ('bounds', 'force_unit')
-"""Fields of a Rig that say how it is identified and shown, not what it is."""
+NOT_OF_THE_RIG = ('bounds', 'force_unit', 'full_scale_time')
+"""Fields of a Rig by which it is identified, guarded and shown, which are not what it is."""
 
 
 def rig_digest(rig: Rig) -> str:
     """SHA-256 of the rig's canonical description: its SI numbers as JSON, keys sorted.
 
     Numbers are written with the fewest digits that give the same float, -0 as 0. Search
-    bounds and the unit of forces on screens do not belong to the rig and are left out.
+    bounds, the limit of the guard and the unit of forces on screens are left out.
     """
     text = json.dumps(_canonical(asdict(rig)), sort_keys=True, separators=(',', ':'))
     return hashlib.sha256(text.encode()).hexdigest()

@@ -30,6 +30,7 @@ ENTRIES: tuple[tuple[str, str], ...] = (
     ('probes.max_range', 'm'),
     ('preload', "N: closes the rig's gaps; displacements count from here"),
     ('full_scale_load', 'N, of the cylinder; every limit of loads counts from it'),
+    ('full_scale_time', 's: a faster change by full scale is no load, and is refused'),
     ('force_unit', 't or kN: how loads are printed'),
 )
 """Every entry of the section `rig` in the order of the file, with what it means."""

@@ -9,6 +9,10 @@ TONNE = 1000.0 * STANDARD_GRAVITY
 FULL_SCALE_LOAD = 25.0 * TONNE
 """Full scale of the hydraulic cylinder [N] where a rig file gives none: 25 t."""
 
+FULL_SCALE_TIME = 0.1
+"""Least time [s] in which the hydraulics change the load by full scale, where a rig file gives
+none."""
+
 FORCE_UNITS = {'t': TONNE, 'kN': 1e3}
 """Units a rig file can choose for loads on screens (`rig.force_unit`), in newtons."""
 

@@ -190,7 +190,7 @@ def _rig_values(rig: Rig) -> dict[str, Any]:
         'rig.probes.min_range': rig.probes.min_range,
         'rig.probes.max_range': rig.probes.max_range,
         'rig.preload': rig.preload, 'rig.full_scale_load': rig.full_scale_load,
-        'rig.force_unit': rig.force_unit,
+        'rig.full_scale_time': rig.full_scale_time, 'rig.force_unit': rig.force_unit,
     }
     values.update({f'bounds.{name}': list(pair) for name, pair in rig.bounds.items()})
     return values
@@ -236,6 +236,8 @@ _RIG_WORDS = {
     'rig.probes.max_range': 'high end of what a probe can read [m]',
     'rig.preload': 'load that closes the gaps of the rig [N]; displacements count from there',
     'rig.full_scale_load': 'full scale of the hydraulic cylinder [N]',
+    'rig.full_scale_time': 'least time in which the hydraulics change the load by full scale [s]; '
+                           'one sample that leaps faster and back is refused',
     'rig.force_unit': 'unit of forces on screens: t or kN',
 }
 

@@ -192,5 +192,6 @@ class SimulationStream:
         return Displacements(times, np.ascontiguousarray(channels[:, found]),
                              np.full(len(times), self.zero_stamp, dtype=np.int64),
                              np.full(len(times), zero.load),
-                             np.full(len(times), self.elevation), self.guard.marks(times),
+                             np.full(len(times), self.elevation),
+                             self.guard.marks(times, to_next=True),
                              np.full(len(times), self._zero_duration))

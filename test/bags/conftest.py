@@ -126,3 +126,9 @@ def raw():
 def message():
     """The function that makes one CDR message."""
     return cdr
+
+
+@pytest.fixture
+def long_recording() -> Recording:
+    """One of six seconds: longer than a probe may be silent."""
+    return dynamic_recording(3000)

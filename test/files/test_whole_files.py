@@ -37,7 +37,8 @@ from saddlering_ros.writing import write_text
 text = 'new ' * 250_000
 numbers = np.random.default_rng(0).normal(size=50_000)
 samples = DisplacementSamples(np.arange(50_000), numbers, numbers,
-                              Displacement(numbers, numbers, numbers, numbers))
+                              Displacement(numbers, numbers, numbers, numbers),
+                              np.zeros(50_000, np.uint8))
 path = Path(sys.argv[1])
 """
 
@@ -115,7 +116,7 @@ def test_a_folder_is_no_place_for_a_file(tmp_path):
 
 
 def small_bag(path: Path, load: float, **options) -> Path:
-    stamps = np.arange(1000) * 2_000_000
+    stamps = 10**18 + np.arange(1000) * 2_000_000
     return write_bag(path, TestFacts('dynamic', 50.0), stamps,
                      load * (1 + np.arange(1000) / 500), [stamps] * 4,
                      [1e-3 + 1e-7 * np.random.default_rng(0).normal(size=1000)] * 4,

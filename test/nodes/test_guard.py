@@ -73,8 +73,8 @@ def test_the_last_sample_behind_a_gap_passes_when_nothing_more_comes() -> None:
 
 def test_a_reading_far_beyond_a_probes_range_is_impossible_and_one_at_its_end_is_not() -> None:
     guard = SampleGuard(probe_limits(RIG))
-    found = through(guard, [START, START + MS, START + 2 * MS], [1e-3, 3e38, 2e-3])
-    assert [value for _, value in found] == [1e-3, 2e-3]
+    found = through(guard, [START, START + MS, START + 2 * MS], [1.99e-3, 3e38, 2e-3])
+    assert [value for _, value in found] == [1.99e-3, 2e-3]
 
 
 def load_of(record, **changes: tuple[int, float]) -> Samples:

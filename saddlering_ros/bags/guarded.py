@@ -1,0 +1,107 @@
+"""The topics of a recorded test through the guard of the live nodes, which refuses the same."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from saddlering_ros.bags.checks import check_load_unit, check_probe_unit, check_values
+from saddlering_ros.bags.errors import BagError
+from saddlering_ros.bags.guard import (
+    Limits,
+    load_limits,
+    probe_limits,
+    sound_samples,
+    SoundSamples,
+)
+from saddlering_ros.bags.node_rows import complete_rows, degraded_rows, NodeRows
+from saddlering_ros.bags.scratch import extremes, scratch_copy
+from saddlering_ros.bags.topics import LOAD_TOPIC, PROBE_TOPICS
+from saddlering_ros.rig import Rig
+
+if TYPE_CHECKING:
+    from saddlering_ros.bags.reader import RawRecord, RawTopic
+
+MAX_REFUSED_SHARE = 0.05
+"""Of a record of which more is refused, the readings are not single mishaps: the unit, the sensor
+or the rig file is wrong."""
+
+
+@dataclass(frozen=True)
+class GuardedTopic:
+    """A topic of the rig with its sound samples only; sound: what was refused."""
+
+    topic: RawTopic
+    sound: SoundSamples
+
+    def notes(self) -> list[str]:
+        """What was refused, in one line."""
+        counts = {name.replace('_', ' '): count
+                  for name, count in self.sound.counters.as_dict().items() if count}
+        if not counts:
+            return []
+        words = ', '.join(f'{count} {name}' for name, count in counts.items())
+        return [f'{self.topic.topic}: {sum(counts.values())} samples are refused, as live nodes '
+                f'refuse them ({words}): validity marks what is interpolated across them, and '
+                'identification and diagnosis leave it out']
+
+
+def guarded_topics(record: RawRecord, rig: Rig) -> list[GuardedTopic]:
+    """The load and the four probes of `record`; BagError for readings of another unit."""
+    return [_guarded(record, record[name],
+                     load_limits(rig) if name == LOAD_TOPIC else probe_limits(rig), rig)
+            for name in (LOAD_TOPIC, *PROBE_TOPICS)]
+
+
+def _guarded(record: RawRecord, raw: RawTopic, limits: Limits, rig: Rig) -> GuardedTopic:
+    where = f'{record.path}: {raw.topic}'
+    check_values(where, raw.stamps, raw.values)
+    sound = sound_samples(limits, raw.stamps, raw.values)
+    refused = len(raw) - len(sound.samples)
+    many = refused > MAX_REFUSED_SHARE * len(raw)
+    judged = raw.values if many or not refused else sound.samples.values
+    if raw.topic == LOAD_TOPIC:
+        check_load_unit(where, judged, rig.limits)
+    else:
+        check_probe_unit(where, judged, raw.min_range, raw.max_range)
+    if many:
+        raise BagError(
+            f'{where}: {refused} of {len(raw)} readings cannot be those of this rig (from '
+            f'{limits.low:.4g} to {limits.high:.4g}, or change faster than rig.full_scale_time '
+            'allows): correct the rig file, or see to the sensor')
+    if not refused:
+        return GuardedTopic(raw, sound)
+    return GuardedTopic(replace(raw, stamps=scratch_copy(sound.samples.stamps),
+                                values=scratch_copy(sound.samples.values)), sound)
+
+
+def possible_record(record: RawRecord, rig: Rig) -> RawRecord:
+    """The same record without readings beyond the limits; single leaps stay, as spikes."""
+    topics = dict(record.topics)
+    for name in (LOAD_TOPIC, *PROBE_TOPICS):
+        limits = load_limits(rig) if name == LOAD_TOPIC else probe_limits(rig)
+        raw = topics[name]
+        lowest, highest = extremes(raw.values)
+        if not limits.low <= lowest <= highest <= limits.high:
+            is_possible = (raw.values >= limits.low) & (raw.values <= limits.high)
+            topics[name] = replace(raw, stamps=scratch_copy(raw.stamps[is_possible]),
+                                   values=scratch_copy(raw.values[is_possible]))
+    return replace(record, topics=topics)
+
+
+def node_rows(guarded: list[GuardedTopic], gaps: NDArray[np.float64]) -> NodeRows | None:
+    """What the live nodes make of the rows with aligned gaps (4, N); None: all complete rows."""
+    load, *probes = guarded
+    stamps = load.topic.stamps
+    degraded = degraded_rows(stamps, [one.topic.stamps for one in probes], gaps)
+    if not len(degraded) and not any(len(one.sound.bridges) for one in guarded):
+        return None
+    given = complete_rows(gaps)
+    given[degraded] = True
+    bridged = np.zeros(len(stamps), dtype=bool)
+    for one in probes:
+        bridged |= one.sound.bridged(stamps)
+    return NodeRows(given, bridged, load.sound.bridged(stamps, to_next=True))

@@ -1,0 +1,88 @@
+"""Which rows of a whole record the live nodes publish, and which of them are not quite sound.
+
+The rule is that of `StreamAligner`: a probe that has been silent for more than DEAD_AFTER_NS of
+the load's stamps does not read, and rows go out without it; a shorter silence costs the rows in
+it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from saddlering_ros.bags.alignment import DEAD_AFTER_NS, GAP_HISTORY, gap_limit, gap_mask
+from saddlering_ros.bags.scratch import blocks
+
+Stamps = NDArray[np.int64]
+Rows = NDArray[np.intp]
+Mask = NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class NodeRows:
+    """Masks (N,) over a record's load stamps.
+
+    given: at which ring_displacement publishes; bridged: at which a probe's reading is
+    interpolated across a refused one; load_bridged: between which and the stamp before it a load
+    was refused.
+    """
+
+    given: Mask
+    bridged: Mask
+    load_bridged: Mask
+
+
+def complete_rows(gaps: NDArray[np.float64]) -> Mask:
+    """Rows (N,) of aligned gaps (4, N) at which every probe reads."""
+    found = np.empty(gaps.shape[1], dtype=bool)
+    for part in blocks(len(found), gaps):
+        found[part] = np.isfinite(gaps[:, part]).all(axis=0)
+    return found
+
+
+def degraded_rows(
+    load_stamps: Stamps, probe_stamps: list[Stamps], gaps: NDArray[np.float64],
+) -> Rows:
+    """Rows that the nodes give without a probe, of aligned gaps (4, N), NaN where it has none.
+
+    At each of them every probe reads or does not work, and a radial or an axial pair reads.
+    """
+    rows = np.flatnonzero(~complete_rows(gaps))
+    reads = np.isfinite(gaps[:, rows])
+    rows = rows[(reads[0] & reads[2]) | (reads[1] & reads[3])]
+    run_start = _run_starts(load_stamps, rows)
+    for gap, stamps in zip(gaps, probe_stamps, strict=True):
+        answered = np.isfinite(gap[rows])
+        silent = np.flatnonzero(~answered)
+        answered[silent] = _is_absent(load_stamps, stamps, rows[silent], run_start[silent])
+        rows, run_start = rows[answered], run_start[answered]
+    return rows
+
+
+def _is_absent(load_stamps: Stamps, stamps: Stamps, rows: Rows, run_start: Stamps) -> Mask:
+    """At which of some rows without a reading a probe with `stamps` (M,) does not work."""
+    asked = load_stamps[rows]
+    place = np.searchsorted(stamps, asked, side='right') - 1
+    before = np.maximum(stamps[np.maximum(place, 0)], run_start)
+    absent = np.zeros(len(rows), dtype=bool)
+    head, tail = place < 0, place == len(stamps) - 1
+    absent[head] = stamps[0] - run_start[head] > DEAD_AFTER_NS
+    limit = max(DEAD_AFTER_NS, gap_limit(np.diff(stamps[-GAP_HISTORY - 1:]).tolist()))
+    absent[tail] = load_stamps[-1] - before[tail] > limit
+    inside = np.flatnonzero(~head & ~tail)
+    absent[inside] = stamps[place[inside] + 1] - before[inside] > DEAD_AFTER_NS
+    if len(inside):
+        absent[inside] &= gap_mask(stamps)[place[inside]]
+    return absent
+
+
+def _run_starts(load_stamps: Stamps, rows: Rows) -> Stamps:
+    """At some rows, the load stamp from which on it has gone on without a leap."""
+    starts = [0]
+    for part in blocks(len(load_stamps) - 1, load_stamps):
+        steps = np.diff(load_stamps[part.start:part.stop + 1])
+        starts += (part.start + 1 + np.flatnonzero(steps > DEAD_AFTER_NS)).tolist()
+    first = np.array(starts)
+    return np.asarray(load_stamps[first[np.searchsorted(first, rows, side='right') - 1]])
