@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+import math
 import time
 from typing import Any
 
@@ -31,9 +32,10 @@ LEFTOVERS = 1.0
 
 @dataclass
 class Cells:
-    """Cells of one stream, in order: number (N,), count (N,); total, low, high (C, N).
+    """Cells of one stream, in order: number (N,); count, total, low, high (C, N).
 
-    changed (N,): the turn in which the cell changed last.
+    count: samples of each channel that are known; changed (N,): the turn in which the cell changed
+    last.
     """
 
     number: Stamps
@@ -47,21 +49,25 @@ class Cells:
     def none(cls, channels: int) -> Cells:
         """No cells of a stream with so many channels."""
         whole, values = np.empty(0, np.int64), np.empty((channels, 0))
-        return cls(whole, whole.copy(), values, values.copy(), values.copy(), whole.copy())
+        return cls(whole, values.astype(np.int64), values, values.copy(), values.copy(),
+                   whole.copy())
 
     def __len__(self) -> int:
         return len(self.number)
 
 
 def cells_of(number: Stamps, values: Floats, turn: int) -> Cells:
-    """Samples (C, N), each in the cell of that number, as cells."""
+    """Samples (C, N), NaN where not known, each in the cell of that number, as cells."""
     order = np.argsort(number, kind='stable')
     number, values = number[order], values[:, order]
     first = np.flatnonzero(np.diff(number, prepend=number[0] - 1))
+    known = np.isfinite(values)
     return Cells(
-        number[first], np.diff(np.append(first, len(number))),
-        np.add.reduceat(values, first, axis=1), np.minimum.reduceat(values, first, axis=1),
-        np.maximum.reduceat(values, first, axis=1), np.full(len(first), turn, np.int64))
+        number[first], np.add.reduceat(known.astype(np.int64), first, axis=1),
+        np.add.reduceat(np.where(known, values, 0.0), first, axis=1),
+        np.minimum.reduceat(np.where(known, values, np.inf), first, axis=1),
+        np.maximum.reduceat(np.where(known, values, -np.inf), first, axis=1),
+        np.full(len(first), turn, np.int64))
 
 
 def merged(cells: Cells) -> Cells:
@@ -70,7 +76,7 @@ def merged(cells: Cells) -> Cells:
     number = cells.number[order]
     first = np.flatnonzero(np.diff(number, prepend=number[0] - 1))
     return Cells(
-        number[first], np.add.reduceat(cells.count[order], first),
+        number[first], np.add.reduceat(cells.count[:, order], first, axis=1),
         np.add.reduceat(cells.total[:, order], first, axis=1),
         np.minimum.reduceat(cells.low[:, order], first, axis=1),
         np.maximum.reduceat(cells.high[:, order], first, axis=1),
@@ -80,7 +86,8 @@ def merged(cells: Cells) -> Cells:
 def joined(one: Cells, other: Cells) -> Cells:
     """The cells of both."""
     return merged(Cells(
-        np.append(one.number, other.number), np.append(one.count, other.count),
+        np.append(one.number, other.number),
+        np.concatenate([one.count, other.count], axis=1),
         np.concatenate([one.total, other.total], axis=1),
         np.concatenate([one.low, other.low], axis=1),
         np.concatenate([one.high, other.high], axis=1), np.append(one.changed, other.changed)))
@@ -113,8 +120,8 @@ class Traces:
         self._cells = {name: Cells.none(count) for name, count in self._channels.items()}
 
     def push(self, name: str, stamps: Stamps, values: Floats) -> None:
-        """Take samples: stamps (N,) [ns], values (C, N); those not finite are left out."""
-        good = np.isfinite(values).all(axis=0)
+        """Take samples: stamps (N,) [ns], values (C, N), NaN in channels that are not known."""
+        good = np.isfinite(values).any(axis=0)
         stamps, values = stamps[good], values[:, good]
         if not len(stamps):
             return
@@ -165,7 +172,7 @@ class Traces:
             for name, cells in self._cells.items():
                 kept = cells.number >= oldest
                 self._cells[name] = Cells(
-                    cells.number[kept], cells.count[kept], cells.total[:, kept],
+                    cells.number[kept], cells.count[:, kept], cells.total[:, kept],
                     cells.low[:, kept], cells.high[:, kept], cells.changed[kept])
 
     def _first(self) -> int:
@@ -173,12 +180,14 @@ class Traces:
         return min(starts, default=0)
 
     def means(self, name: str) -> Floats:
-        """Means (C, N) of the cells of a stream, as they are drawn."""
+        """Means (C, N) of the cells of a stream, as they are drawn; NaN where not known."""
         cells = self._cells[name]
-        return np.asarray(cells.total / np.maximum(cells.count, 1))
+        return _means(cells.total, cells.count)
 
     def since(self, turn: int, scales: Mapping[str, float]) -> dict[str, dict[str, Any]]:
         """What changed after `turn`: by stream the cells' numbers, and means and extremes scaled.
+
+        None stands for what is not known.
 
         scales: by stream, what its values are multiplied with.
         """
@@ -188,7 +197,7 @@ class Traces:
             if not new.any():
                 continue
             scale = scales[name]
-            mean = cells.total[:, new] / cells.count[new]
+            mean = _means(cells.total[:, new], cells.count[:, new])
             found[name] = {
                 'cell': cells.number[new].tolist(), 'mean': _rounded(scale * mean),
                 'low': _rounded(scale * cells.low[:, new]),
@@ -196,6 +205,14 @@ class Traces:
         return found
 
 
-def _rounded(values: Floats) -> list[list[float]]:
-    found: list[list[float]] = np.round(values, 4).tolist()
-    return found
+def _means(total: Floats, count: Stamps) -> Floats:
+    return np.where(count > 0, total / np.maximum(count, 1), np.nan)
+
+
+def _rounded(values: Floats) -> list[list[float | None]]:
+    rounded = np.round(values, 4)
+    found: list[list[float | None]] = rounded.tolist()
+    if np.isfinite(rounded).all():
+        return found
+    return [[value if value is not None and math.isfinite(value) else None for value in row]
+            for row in found]

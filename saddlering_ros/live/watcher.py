@@ -14,6 +14,7 @@ from action_msgs.msg import GoalStatus, GoalStatusArray
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import Vector3Stamped, WrenchStamped
 import numpy as np
+from numpy.typing import NDArray
 import rclpy
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
@@ -25,6 +26,7 @@ from saddlering_interfaces.msg import ReplayState, RingAlarm, RingDisplacement, 
 from saddlering_ros.bags.cdr import CdrError
 from saddlering_ros.bags.scatter import white_noise
 from saddlering_ros.bags.topics import ELEVATION, LOAD, PROBES, RigTopic
+from saddlering_ros.bags.validity import BRIDGED, NOT_KNOWN
 from saddlering_ros.errors import SaddleringError
 from saddlering_ros.live.alarms import alarm_as_page, with_link
 from saddlering_ros.live.commands import Commands
@@ -132,6 +134,7 @@ class Watcher:
         self.gauges = Gauges()
         self.commands = Commands(self.node)
         self._band: list[float | None] = [None] * len(CHANNELS)
+        self._doubt = ''
         self._facts: dict[str, str] = {}
         self._health: dict[str, tuple[float, dict[str, Any]]] = {}
         self._parameters: dict[str, Any] | None = None
@@ -189,7 +192,7 @@ class Watcher:
                 for name, (heard, status) in sorted(self._health.items())]
             return {
                 'health': health, 'parameters': self._parameters, 'replay': self._replay,
-                'alarm': with_link(self._alarm, health), 'band': self._band,
+                'alarm': with_link(self._alarm, health), 'band': self._band, 'doubt': self._doubt,
                 'commands': self.commands.as_page(),
                 'jobs': {name: asdict(job) for name, job in self._jobs.items()}}
 
@@ -259,6 +262,8 @@ class Watcher:
             return
         batch = batches.decode_displacements(messages)
         self.traces.push(name, batch.stamps, batch.channels)
+        if name == 'residual':
+            self._doubt = doubt_words(batch.validity)
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         now = time.monotonic()
@@ -310,6 +315,15 @@ class Watcher:
             job = change(self._jobs.get(action))
             if job is not None:
                 self._jobs[action] = job
+
+
+def doubt_words(validity: NDArray[np.uint8]) -> str:
+    """What is not known, or not from sound readings, of the newest of some residuals (N,)."""
+    missing = [name for name, bit in NOT_KNOWN.items() if int(validity[-1]) & bit]
+    words = [f'not known: {", ".join(missing)}'] if missing else []
+    if (validity & BRIDGED).any():
+        words.append('interpolated across a refused reading')
+    return '; '.join(words)
 
 
 def in_namespace(status: str, namespace: str) -> bool:

@@ -3,6 +3,7 @@
 import numpy as np
 
 from saddlering_ros.live.traces import Traces
+from saddlering_ros.live.watcher import doubt_words
 
 SECOND = 1_000_000_000
 SCALES = {'load': 1.0, 'measured': 1.0}
@@ -87,3 +88,22 @@ def test_samples_that_are_no_numbers_are_left_out():
     traces = Traces(CHANNELS)
     traces.push('measured', np.array([0, 1]), np.array([[1.0, np.nan], [1.0, 1.0]]))
     assert traces.since(-1, SCALES)['measured']['mean'] == [[1.0], [1.0]]
+
+
+def test_a_channel_that_is_not_known_leaves_the_others_drawn():
+    traces = Traces(CHANNELS, limit=5000)
+    stamps = np.arange(1000, dtype=np.int64) * SECOND // 1000
+    values = np.stack([np.ones(1000), np.ones(1000)])
+    values[1, 500:] = np.nan
+    traces.push('measured', stamps, values)
+    found = traces.since(-1, SCALES)['measured']
+    assert found['mean'][0] == [1.0] * 100
+    assert found['mean'][1] == [1.0] * 50 + [None] * 50
+    assert found['low'][1] == found['high'][1] == found['mean'][1]
+    assert np.isnan(traces.means('measured')[1, 50:]).all()
+
+
+def test_what_is_not_known_of_a_residual_is_said_beside_it():
+    assert doubt_words(np.array([0, 0], np.uint8)) == ''
+    assert doubt_words(np.array([0, 6], np.uint8)) == 'not known: delta_y, gamma'
+    assert doubt_words(np.array([16, 0], np.uint8)) == 'interpolated across a refused reading'

@@ -67,7 +67,8 @@ function means(name, row) {
 }
 
 function extremes(name, row) {
-  const cells = [...streams[name]].sort((a, b) => a[0] - b[0]);
+  const cells = [...streams[name]].filter(([, values]) => values.low[row] !== null)
+    .sort((a, b) => a[0] - b[0]);
   const at = cells.map(([cell]) => (cell + 0.5) * width);
   return { x: [...at, ...[...at].reverse()],
     y: [...cells.map(([, values]) => values.low[row]),
@@ -294,6 +295,7 @@ function showAlarm(alarm) {
 
 function show(state) {
   showAlarm(state.alarm);
+  byId('doubt').textContent = state.doubt;
   showReplay(state.replay);
   showCommands(state.commands);
   showParameters(state.parameters);
