@@ -34,7 +34,7 @@ from saddlering_ros.rig import (
 from saddlering_ros.ring import RingSimulator, simulate
 
 EPOCH = 1_700_000_000_000_000_000
-HEADER = 'stamp_ns,time,load,delta_x,delta_y,gamma,parity'
+HEADER = 'stamp_ns,time,load,delta_x,delta_y,gamma,parity,validity'
 
 
 @pytest.fixture
@@ -139,7 +139,7 @@ def test_csv_goes_to_stdout_alone_on_request(bag, capsys):
     assert main(['displacement', str(bag), '--out', '-']) == 0
     lines = capsys.readouterr().out.splitlines()
     assert lines[0] == HEADER
-    assert all(line.count(',') == 6 for line in lines)
+    assert all(line.count(',') == 7 for line in lines)
 
 
 @pytest.mark.parametrize('command', ['displacement', 'simulate', 'info'])
