@@ -11,6 +11,7 @@ if TYPE_CHECKING:
     from saddlering_ros.bags import TestRun
     from saddlering_ros.bags.samples import DisplacementSamples
     from saddlering_ros.monitoring import Monitor, Sample
+    from saddlering_ros.rig import ParameterSet, Rig
 
 MATERIALITY_PERCENT = 2.0
 """Share of the range from preload to full scale that a residual may have without an alarm [%]."""
@@ -18,12 +19,17 @@ MATERIALITY_PERCENT = 2.0
 
 def add_parser(subparsers: Any) -> None:
     """Declare the subcommand."""
-    from saddlering_ros.cli._samples import add_bag_options, add_parameter_option
+    from pathlib import Path
+
+    from saddlering_ros.cli._samples import add_fact_options, add_parameter_option
 
     parser = subparsers.add_parser(
         'watch', help='raise the alarm that a live test would have raised: the ring no longer '
                       'behaves as its model')
-    add_bag_options(parser)
+    parser.add_argument('bags', nargs='+', metavar='BAG',
+                        help='rosbag2 directories or .mcap files; each is watched by itself')
+    parser.add_argument('--rig', type=Path, help='rig file (default: the shipped rig)')
+    add_fact_options(parser)
     add_parameter_option(parser)
     parser.add_argument('--materiality', type=float, default=MATERIALITY_PERCENT,
                         metavar='PERCENT', help='residual without an alarm, in percent of the '
@@ -34,32 +40,42 @@ def add_parser(subparsers: Any) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Read, measure, simulate, watch; the alarm in one line."""
+    """Read, measure, simulate, watch each bag; the alarm in one line."""
     from saddlering_ros.cli._json import tell_json
-    from saddlering_ros.cli._samples import read_shown, residual_samples
-    from saddlering_ros.monitoring import materiality, Monitor, MonitorSettings, watch
     from saddlering_ros.rig import load_rig, read_parameters
 
     rig, parameters = load_rig(args.rig), read_parameters(args.params)
-    settings = MonitorSettings(false_alarm_hours=args.false_alarm_hours)
-    test_run = read_shown(args, rig)
+    runs = [_watch_bag(args, bag, rig, parameters) for bag in args.bags]
+    document = {'false_alarm_hours': args.false_alarm_hours, 'runs': [
+        {key: value for key, value in found.items() if key != 'words'} for found in runs]}
+    if tell_json(args, document):
+        return 0
+    for found in runs:
+        print(f'{found["bag"]}: {found["words"]}')
+        for note in found['notes']:
+            print(f'  note: {note}')
+    return 0
+
+
+def _watch_bag(
+    args: argparse.Namespace, bag: str, rig: Rig, parameters: ParameterSet
+) -> dict[str, Any]:
+    """What watching one bag gives: its part of the document, and words."""
+    from saddlering_ros.cli._samples import read_shown, residual_samples
+    from saddlering_ros.monitoring import materiality, Monitor, MonitorSettings, watch
+
+    monitor = Monitor(
+        MonitorSettings(false_alarm_hours=args.false_alarm_hours), rig.limits.rest_band,
+        lambda elevation: materiality(rig, parameters.contact, elevation, args.materiality))
+    test_run = read_shown(argparse.Namespace(**{**vars(args), 'bag': bag}), rig)
     samples, _, notes = residual_samples(test_run, rig, parameters)
-    monitor = Monitor(settings, rig.limits.rest_band, lambda elevation: materiality(
-        rig, parameters.contact, elevation, args.materiality))
     watch(monitor, monitored_samples(samples, test_run.elevation))
     _check_watched(monitor, test_run)
     origin = int(test_run.stamps[0])
     notes += [f'{1e-9 * (lapse.stamp - origin):.3f} s: {lapse.reason}' for lapse in monitor.lapses]
-    document = {'bag': str(test_run.path), 'seconds': monitor.seconds, 'notes': notes,
-                'false_alarm_hours': args.false_alarm_hours,
-                'materiality': monitor.materiality.tolist(),
-                'alarm': _alarm_document(monitor, origin)}
-    if tell_json(args, document):
-        return 0
-    print(_words(monitor, origin))
-    for note in notes:
-        print(f'note: {note}')
-    return 0
+    return {'bag': str(test_run.path), 'seconds': monitor.seconds, 'notes': notes,
+            'materiality': monitor.materiality.tolist(),
+            'alarm': _alarm_document(monitor, origin), 'words': _words(monitor, origin)}
 
 
 def monitored_samples(samples: DisplacementSamples, elevation: float) -> Iterator[Sample]:

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
+from saddlering_ros.monitoring.errors import MonitoringError
 from saddlering_ros.rig import ContactParameters, Rig
 from saddlering_ros.ring.simulator import static_response
 
@@ -22,6 +25,8 @@ def materiality(
 
     elevation: of the load [rad].
     """
+    if not 0.0 <= percent < math.inf:
+        raise MonitoringError(f'materiality is {percent:g} %: give 0 or more')
     loads = np.linspace(rig.preload, rig.full_scale_load, LOADS)
     motion = static_response(rig, contact.to_array(), elevation, loads)
     return np.asarray(0.01 * percent * np.ptp(motion, axis=1))

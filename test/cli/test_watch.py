@@ -22,13 +22,15 @@ def parameters_fixture(tmp_path):
 
 def test_a_wrong_model_alarms_and_a_generous_materiality_does_not(parameters, capsys):
     assert main(['watch', BAG, '--params', parameters, '--json', '-']) == 0
-    found = json.loads(capsys.readouterr().out)
+    [found] = json.loads(capsys.readouterr().out)['runs']
     assert found['alarm']['channel'] in ('delta_x', 'delta_y', 'gamma')
     assert found['alarm']['since_ns'] < found['alarm']['stamp_ns']
     assert 0.0 < found['alarm']['since'] < found['alarm']['time'] < 4.4
     assert any('s of rest' in note for note in found['notes'])
-    assert main(['watch', BAG, '--params', parameters, '--materiality', '100']) == 0
-    assert 'no alarm in' in capsys.readouterr().out
+    assert main(['watch', BAG, BAG, '--params', parameters, '--materiality', '100']) == 0
+    said = [line for line in capsys.readouterr().out.splitlines() if line.startswith('/')]
+    assert len(said) == 2
+    assert all('no alarm in' in line for line in said)
 
 
 def test_a_rate_of_false_alarms_that_cannot_be_is_one_line(parameters, capsys):
@@ -36,3 +38,5 @@ def test_a_rate_of_false_alarms_that_cannot_be_is_one_line(parameters, capsys):
     error = capsys.readouterr().err
     assert 'false_alarm_hours must be above 0' in error
     assert error.count('\n') == 1
+    assert main(['watch', BAG, '--params', parameters, '--materiality', 'nan']) == 2
+    assert 'materiality is nan %: give 0 or more' in capsys.readouterr().err

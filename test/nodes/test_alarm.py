@@ -48,7 +48,7 @@ def test_the_alarm_of_a_replay_is_that_of_the_command_and_stays_until_it_is_rese
     parameters, offline = tmp_path / 'params.yaml', tmp_path / 'watch.json'
     write_parameters(parameters, ParameterSet(TRUE_TO_SCALE))
     assert main(['watch', str(slipped), '--params', str(parameters), '--json', str(offline)]) == 0
-    expected = json.loads(offline.read_text())
+    [expected] = json.loads(offline.read_text())['runs']
     with client(ros_domain) as one:
         told = listen(one, RingAlarm, '/ring/alarm')
         limits = listen(one, Bool, '/ring/within_limits')
