@@ -88,14 +88,15 @@ def measure(seed: int, effects: dict, period: float, noise: float = 2e-6) -> Run
     time = np.arange(0.0, 2 * period + 8.0, STEP)
     force = np.interp(time, [0, 4, 4 + period, 4 + 2 * period], [0.0, 0.0, 200.0, 0.0])
     run = RunBlocks(f'ramp of {period:g} s', 'axis', time, np.full(time.size, STEP),
-              np.zeros((2, time.size)), {'force': force, 'direction': np.sign(np.gradient(force))})
+              np.zeros((2, time.size)), {'force': force}, direction=np.sign(np.gradient(force)))
     truth = Axis().predict_many(run, [Point(np.array([1.2e4, 6e2]), effects)])[0]
     white = random.normal(size=(2, time.size)) * noise
     for index in range(1, time.size):
         white[:, index] += 0.8 * white[:, index - 1]
     channels = truth + white
     rest = (RestSegment(channels[:, time < 4.0], STEP),)
-    return RunBlocks(run.name, run.group, time, run.width, channels, run.inputs, rest)
+    return RunBlocks(run.name, run.group, time, run.width, channels, run.inputs, rest,
+                     direction=run.direction)
 
 
 if __name__ == '__main__':

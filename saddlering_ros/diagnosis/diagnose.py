@@ -26,7 +26,7 @@ from saddlering_ros.diagnosis.records import (
 )
 from saddlering_ros.diagnosis.ring_system import RingSystem
 from saddlering_ros.diagnosis.verdict import run_figures, RunFigures, Verdict
-from saddlering_ros.discrepancy import diagnose_system, Diagnosis, Settings
+from saddlering_ros.discrepancy import diagnose, Diagnosis, Settings
 from saddlering_ros.effects import catalogue
 from saddlering_ros.rig import ContactParameters, ParameterSet, Rig
 from saddlering_ros.thresholds import is_left, MATERIAL
@@ -81,12 +81,14 @@ def diagnose_runs(
             zip(ContactParameters.__dataclass_fields__, parameters.contact.to_array(), strict=True)
         )
     system = RingSystem(rig)
-    found = diagnose_system(
+    fitted = [record.run for record in records if not record.run.held_out]
+    found = diagnose(
         system,
-        [record.run for record in records],
-        settings or Settings(seed=seed),
+        fitted,
+        hold_out=[record.run for record in records if record.run.held_out],
+        settings=settings or Settings(seed=seed),
         start=start,
-        proposals=propose(rig, [record.run for record in records if not record.run.held_out]),
+        proposals=propose(rig, fitted),
         on_progress=on_progress,
         is_cancelled=is_cancelled,
     )

@@ -76,6 +76,7 @@ def _course(
         centre,
         width,
         np.zeros((4, blocks)),
-        {'load': drive, 'direction': np.sign(np.gradient(drive))},
+        {'load': drive},
         payload=grid,
+        direction=np.sign(np.gradient(drive)),
     )

@@ -247,13 +247,12 @@ def _run(
     direction = (
         _direction(load, rig.limits.reversal_band) if branch is None else _carried(branch)
     )
-    inputs = {'load': load, 'direction': direction, 'hold': hold}
     if test_run.test != 'static':
         rate = np.gradient(load, means.time)
         size = max(1, round(0.1 / float(np.median(np.diff(means.time)))))
-        inputs['rate'] = np.convolve(rate, np.ones(size) / size, mode='same')
+        rate = np.convolve(rate, np.ones(size) / size, mode='same')
     else:
-        inputs['rate'] = np.zeros(load.size)
+        rate = np.zeros(load.size)
     degrees = np.degrees(test_run.elevation)
     name = test_run.path.name or test_run.name
     return RunBlocks(
@@ -262,10 +261,13 @@ def _run(
         means.time,
         means.width,
         means.probes,
-        inputs,
+        {'load': load},
         rest,
         held_out,
         grid,
+        direction=direction,
+        rate=rate,
+        hold=hold,
     )
 
 

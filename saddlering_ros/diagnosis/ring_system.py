@@ -175,7 +175,7 @@ class RingSystem:
         for run in runs:
             usual, contacts = self._simulated(run, [(base, extension), (base, touching)])
             grid: LoadGrid = run.payload
-            static = not np.any(run.inputs['rate'])
+            static = run.rate is None or not np.any(run.rate)
             load = next(iter(run.inputs.values()))
             course = Course(grid.elevation, grid.zero_load, load, run.time, contacts, static)
             parts.append(scatter_columns(self.rig, base, course))

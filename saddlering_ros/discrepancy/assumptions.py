@@ -22,8 +22,7 @@ class Assumptions:
     learn_noise: how noise is known; relearns: it is learnt again from the residual of a model with
     the causes found; offsets: spread of each channel's constant, None where they are free;
     model_error: smooth error over the drive, None for none; form_error: share of the misfit an
-    effect explains by which its form may err and a name still stands; special_inputs: inputs of a
-    meaning of their own: the direction of the drive, and the number of the hold;
+    effect explains by which its form may err and a name still stands;
     coordinate_waves: half waves that are tested along the first coordinate and along each other;
     proposes_law: a law is proposed where no cause explains the misfit.
     """
@@ -33,7 +32,6 @@ class Assumptions:
     offsets: tuple[float, ...] | None = None
     model_error: ModelErrorPrior | None = field(default_factory=ModelErrorPrior)
     form_error: float = 0.1
-    special_inputs: frozenset[str] = frozenset({'direction', 'hold'})
     coordinate_waves: tuple[int, int] = (6, 3)
     proposes_law: bool = True
 

@@ -265,25 +265,24 @@ class Family:
 
 def _families(runs: tuple[RunBlocks, ...], assumptions: Assumptions) -> dict[str, Family]:
     """Shapes by coordinate; runs of one group share theirs, those over time are each run's own."""
-    special, (first, others) = assumptions.special_inputs, assumptions.coordinate_waves
-    shared = [name for name in runs[0].inputs if all(name in run.inputs for run in runs)]
-    names = [name for name in shared if name not in special]
+    first, others = assumptions.coordinate_waves
+    seen = [run.coordinates for run in runs]
+    names = [name for name in seen[0] if all(name in other for other in seen)]
+    directions = [run.direction for run in runs if run.direction is not None]
     families: dict[str, Family] = {}
     for number, name in enumerate(names):
-        low = min(float(run.inputs[name].min()) for run in runs)
-        high = max(float(run.inputs[name].max()) for run in runs)
-        shares = [
-            (run.inputs[name] - low)[:, None] / max(high - low, 1e-300) * np.pi for run in runs
-        ]
+        low = min(float(item[name].min()) for item in seen)
+        high = max(float(item[name].max()) for item in seen)
+        shares = [(item[name] - low)[:, None] / max(high - low, 1e-300) * np.pi for item in seen]
         waves = np.arange(1, (first if number == 0 else others) + 1)
         families[name] = _by_group(runs, [np.cos(share * waves) for share in shares])
-        if number == 0 and 'direction' in special and 'direction' in shared:
+        if number == 0 and len(directions) == len(runs):
             families['direction'] = _by_group(
                 runs,
                 [
-                    run.inputs['direction'][:, None]
+                    direction[:, None]
                     * np.hstack([np.ones_like(share), np.sin(share * np.arange(1, 3))])
-                    for run, share in zip(runs, shares, strict=True)
+                    for direction, share in zip(directions, shares, strict=True)
                 ],
             )
     waves_of_time = [_waves(run.time, TIME_WAVES)[:, 1:] for run in runs]

@@ -104,6 +104,5 @@ def noise_metric(experiment: Experiment, noise: Mapping[tuple[str, int], Channel
         run = experiment.runs[index]
         present = None if run.present is None else run.present[channel]
         own = noise[run.name, channel]
-        hold = run.inputs.get('hold') if 'hold' in experiment.assumptions.special_inputs else None
-        whiteners.append(build_whitener(own, run.time, run.width, hold, present, jitter))
+        whiteners.append(build_whitener(own, run.time, run.width, run.hold, present, jitter))
     return Metric(experiment, noise, tuple(whiteners), SharedErrors.none(experiment.size))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -10,34 +10,55 @@ import numpy as np
 from saddlering_ros.discrepancy.engine import diagnose_system
 from saddlering_ros.discrepancy.model import Model, Run
 from saddlering_ros.discrepancy.model_system import ModelSystem
+from saddlering_ros.discrepancy.next_test import Proposal
 from saddlering_ros.discrepancy.noise import overestimated, overestimated_sentence
 from saddlering_ros.discrepancy.results import Diagnosis, RunPrediction
 from saddlering_ros.discrepancy.settings import Progress, Settings
-from saddlering_ros.discrepancy.system import DiscrepancyError, RunBlocks
+from saddlering_ros.discrepancy.system import DiscrepancyError, RunBlocks, System
 
 MODEL_SETTINGS = Settings(form_error=0.02, rounds=20, max_rounds=100)
 """How strict a diagnosis of a declared model is: its laws are taken to be nearly exact."""
 
 
 def diagnose(
-    model: Model,
-    runs: Sequence[Run],
+    model: Model | System,
+    runs: Sequence[Run] | Sequence[RunBlocks],
     *,
-    hold_out: Sequence[Run] = (),
+    hold_out: Sequence[Run] | Sequence[RunBlocks] = (),
     settings: Settings | None = None,
+    start: Mapping[str, float] | None = None,
+    proposals: Sequence[Proposal] = (),
     on_progress: Progress | None = None,
     is_cancelled: Callable[[], bool] | None = None,
 ) -> Diagnosis:
-    """Where `model` and `runs` differ, and why; what an extension is worth on `hold_out`."""
-    system, blocks = prepared(model, runs, hold_out)
+    """Where `model` and `runs` differ, and why; what an extension is worth on `hold_out`.
+
+    A simulator with nuisance parameters and combined views of its own is given as a `System`, its
+    runs as `RunBlocks`, as the ring's are. start: first guesses of base parameters; proposals:
+    tests among which the next one is chosen where causes cannot be told apart.
+    """
+    if not runs:
+        raise DiscrepancyError('diagnose: no runs: give at least one')
+    if isinstance(model, Model):
+        system: System = ModelSystem(model, _declared(runs))
+        usual = MODEL_SETTINGS
+    else:
+        system, usual = model, Settings()
     found = diagnose_system(
         system,
-        blocks,
-        settings or MODEL_SETTINGS,
-        assumptions=system.assumptions(),
+        _blocks(system, runs, hold_out),
+        settings or usual,
+        assumptions=system.assumptions() if isinstance(system, ModelSystem) else None,
+        start=start,
+        proposals=proposals,
         on_progress=on_progress,
         is_cancelled=is_cancelled,
     )
+    return _finished(found, system) if isinstance(system, ModelSystem) else found
+
+
+def _finished(found: Diagnosis, system: ModelSystem) -> Diagnosis:
+    """The same in the channels' units, with what should make a reader doubt it."""
     found = _with_noise_doubts(found)
     warnings = [*found.warnings, *system.failure_sentences()]
     if not found.converged:
@@ -49,6 +70,32 @@ def diagnose(
     return replace(found, warnings=tuple(warnings), runs=predictions)
 
 
+def _declared(runs: Sequence[Run] | Sequence[RunBlocks]) -> list[Run]:
+    """Runs as a declared model has them."""
+    declared = [run for run in runs if isinstance(run, Run)]
+    if len(declared) != len(runs):
+        raise DiscrepancyError('diagnose: a Model takes runs of the class Run')
+    return declared
+
+
+def _blocks(
+    system: System,
+    runs: Sequence[Run] | Sequence[RunBlocks],
+    hold_out: Sequence[Run] | Sequence[RunBlocks],
+) -> list[RunBlocks]:
+    """All runs as the engine fits them."""
+    blocks = []
+    for part, held_out in ((runs, False), (hold_out, True)):
+        for run in part:
+            if isinstance(run, RunBlocks):
+                blocks.append(replace(run, held_out=held_out))
+            elif isinstance(system, ModelSystem):
+                blocks.append(system.blocks(run, held_out=held_out))
+            else:
+                raise DiscrepancyError('diagnose: a System takes runs of the class RunBlocks')
+    return blocks
+
+
 def prepared(
     model: Model, runs: Sequence[Run], hold_out: Sequence[Run] = ()
 ) -> tuple[ModelSystem, list[RunBlocks]]:
@@ -56,9 +103,7 @@ def prepared(
     if not runs:
         raise DiscrepancyError('diagnose: no runs: give at least one')
     system = ModelSystem(model, runs)
-    blocks = [system.blocks(run, held_out=False) for run in runs]
-    blocks += [system.blocks(run, held_out=True) for run in hold_out]
-    return system, blocks
+    return system, _blocks(system, runs, hold_out)
 
 
 def _with_noise_doubts(found: Diagnosis) -> Diagnosis:

@@ -140,7 +140,6 @@ class ModelSystem:
             offsets=tuple(offsets),
             model_error=None,
             form_error=0.0,
-            special_inputs=frozenset(),
             coordinate_waves=(COORDINATE_WAVES, COORDINATE_WAVES),
             proposes_law=False,  # its numbers would be in shares of range
         )

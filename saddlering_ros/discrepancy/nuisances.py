@@ -40,7 +40,7 @@ def offset_columns(experiment: Experiment) -> Array:
 def model_error_columns(experiment: Experiment, prior: ModelErrorPrior) -> Array:
     """Smooth model error over the drive, shared inside a group, in every channel."""
     widest = experiment.channel_ranges.max()
-    rates = [run.inputs['rate'] for run in experiment.runs if 'rate' in run.inputs]
+    rates = [run.rate for run in experiment.runs if run.rate is not None]
     fastest = max([1e-300, *(float(np.abs(rate).max()) for rate in rates)])
     columns: list[Array] = []
     for group in sorted({run.group for run in experiment.runs}):
@@ -51,8 +51,9 @@ def model_error_columns(experiment: Experiment, prior: ModelErrorPrior) -> Array
         shapes = {}
         for run in members:
             place = (drives[run.name] - low) / max(high - low, 1e-300)
-            rate = run.inputs.get('rate', np.zeros(run.time.size)) / fastest
-            direction = run.inputs.get('direction', np.zeros(run.time.size))
+            still = np.zeros(run.time.size)
+            rate = (still if run.rate is None else run.rate) / fastest
+            direction = still if run.direction is None else run.direction
             shapes[run.name] = _error_shapes(prior, place, direction, rate)
         for channel, span in enumerate(experiment.channel_ranges):
             scale = max(float(span), 0.2 * float(widest))
@@ -81,7 +82,7 @@ def timing_columns(experiment: Experiment, prior: ModelErrorPrior, prediction: A
     columns = []
     for index, _, part in experiment.slices:
         run = experiment.runs[index]
-        if np.any(run.inputs.get('rate', 0.0)):
+        if run.rate is not None and np.any(run.rate):
             column = np.zeros(experiment.size)
             column[part] = prior.instants * np.gradient(prediction[part], run.time)
             columns.append(column)

@@ -47,7 +47,7 @@ def _sampling(run: RunBlocks) -> int:
 
 def _held_series(run: RunBlocks, residual: Array) -> HeldSeries | None:
     """Means of a residual over consecutive holds, if the run is made of holds."""
-    hold = run.inputs.get('hold')
+    hold = run.hold
     if hold is None:
         return None
     levels, place = np.unique(hold, return_inverse=True)

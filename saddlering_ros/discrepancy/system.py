@@ -165,9 +165,11 @@ class RunBlocks:
     """One run as the engine fits it: `channels` (C, N) are means over `width` (N,) about `time`.
 
     `group` names runs made under one setting (they share their systematic model error).
-    `inputs` are the coordinates that a residual may depend on, the first being the drive;
-    `payload` is for the simulator alone. `present` (C, N), where given, is false where a sample is
-    missing; the channel is 0 there.
+    `inputs` are the coordinates that a residual may depend on, the first being the drive.
+    Of the drive may be given (N,): its `direction`, 1 while it rises and -1 while it falls; its
+    `rate` [unit / s]; and `hold`, the number of the level at which it is held. `payload` is
+    for the simulator alone. `present` (C, N), where given, is false where a sample is missing; the
+    channel is 0 there.
     """
 
     name: str
@@ -180,6 +182,15 @@ class RunBlocks:
     held_out: bool = False
     payload: Any = None
     present: NDArray[np.bool_] | None = None
+    direction: Array | None = None
+    rate: Array | None = None
+    hold: Array | None = None
+
+    @property
+    def coordinates(self) -> dict[str, Array]:
+        """Inputs and, where it is given, the rate of the drive."""
+        rate = {} if self.rate is None else {'rate': self.rate}
+        return {**self.inputs, **rate}
 
     def __post_init__(self) -> None:
         if self.channels.ndim != 2 or self.channels.shape[1] != self.time.size:

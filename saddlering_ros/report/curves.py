@@ -12,6 +12,7 @@ from scipy.signal import welch
 
 from saddlering_ros.bags import plateaus, TestRun
 from saddlering_ros.diagnosis.verdict import RunFigures, Verdict
+from saddlering_ros.discrepancy import RunBlocks
 from saddlering_ros.rig import CHANNELS
 
 Array = NDArray[np.float64]
@@ -87,9 +88,13 @@ def _curves(figures: RunFigures, changed: bool) -> RunCurves:
     return RunCurves(
         name=run.name, test=test_run.test, elevation_deg=float(np.degrees(test_run.elevation)),
         held_out=run.held_out, time=run.time, width=run.width, load=run.inputs['load'],
-        direction=run.inputs['direction'], measured=figures.measured, before=figures.before,
+        direction=_direction(run), measured=figures.measured, before=figures.before,
         after=figures.after if changed else figures.before, noise=noise,
     )
+
+
+def _direction(run: RunBlocks) -> Array:
+    return np.ones(run.time.size) if run.direction is None else run.direction
 
 
 @dataclass(frozen=True)

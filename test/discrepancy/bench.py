@@ -33,6 +33,6 @@ class System:
 
 def recorded(name: str, seen: np.ndarray, rest: Sequence[RestSegment] = ()) -> RunBlocks:
     """A run of `seen` (C, N); at rest before the load comes, if not at `rest`."""
-    inputs = {'load': LOAD, 'direction': np.sign(np.gradient(LOAD))}
     quiet = tuple(rest) or (RestSegment(seen[:, TIME < 4.0], STEP),)
-    return RunBlocks(name, 'bench', TIME, np.full(TIME.size, STEP), seen, inputs, quiet)
+    return RunBlocks(name, 'bench', TIME, np.full(TIME.size, STEP), seen, {'load': LOAD}, quiet,
+                     direction=np.sign(np.gradient(LOAD)))

@@ -26,9 +26,6 @@ from saddlering_ros.discrepancy.system import Array, Point, RunBlocks, System
 DIRECTION_BAND = 0.01
 """Share of the drive's range by which it must turn back to have another direction."""
 
-NO_COORDINATES = ('hold',)
-"""Inputs that number stretches of a run and are no coordinate."""
-
 
 @runtime_checkable
 class HasTargets(Protocol):
@@ -101,18 +98,16 @@ def _observed(
 
 def coordinates_of(run: RunBlocks, begin: float) -> dict[str, Array]:
     """Coordinates of a run: the drive, its direction and rate, time, and what else it has."""
-    names = [name for name in run.inputs if name not in NO_COORDINATES]
-    if not names:
+    if not run.inputs:
         return {TIME: run.time - begin}
-    drive = run.inputs[names[0]]
-    found = {name: run.inputs[name] for name in names[1:]}
-    found[LOAD] = drive
-    found[TIME] = run.time - begin
-    if DIRECTION not in found:
-        found[DIRECTION] = direction_of(drive, DIRECTION_BAND * float(np.ptp(drive)))
-    if RATE not in found:
-        found[RATE] = np.gradient(drive, run.time)
-    return found
+    first, *others = run.inputs
+    drive, direction, rate = run.inputs[first], run.direction, run.rate
+    if direction is None:
+        direction = direction_of(drive, DIRECTION_BAND * float(np.ptp(drive)))
+    if rate is None:
+        rate = np.gradient(drive, run.time)
+    found = {name: run.inputs[name] for name in others}
+    return {**found, LOAD: drive, TIME: run.time - begin, DIRECTION: direction, RATE: rate}
 
 
 def _alike(one: Array, other: Array) -> bool:
