@@ -138,7 +138,7 @@ def cuts(count: int) -> dict[str, Any]:
                 run = read_run(cut)
             except BagError as problem:
                 if 'cut off' not in str(problem) and 'MCAP' not in str(problem) and \
-                        'empty' not in str(problem) and 'does not say' not in str(problem):
+                        'empty' not in str(problem) and 'does not state' not in str(problem):
                     faults.append(f'cut at {place}: {problem}')
                 continue
             partly += 1
@@ -291,7 +291,7 @@ def suspicion(draws: int) -> dict[str, Any]:
                 runs += 1
                 notes = wiring_notes(RIG, run.elevation, run.load, run.gaps)
                 false += [f'{name} {seed} {bag.name}: {note}' for note in notes
-                          if 'stands still' not in note or 'saturation' not in name]
+                          if 'stays at' not in note or 'saturation' not in name]
                 found, of = put_in_faults(run, bool(notes))
                 put_in += of
                 alike += sum(fault in MOVE_ALIKE for fault in found)

@@ -157,9 +157,9 @@ def check_parameters(law: ParameterSet, known: Rig, trust_rig: bool) -> None:
     found = law.source.rig_hash
     if found and found != known.digest and not trust_rig:
         raise ApiError(
-            f'the parameters were found on the rig with the hash {short_digest(found)}, the rig '
-            f'in use has {short_digest(known.digest)}: give its file with --rig, or --trust-rig '
-            'to go on with this one')
+            f'the parameters belong to the rig with the hash {short_digest(found)}, and the rig '
+            f'in use has {short_digest(known.digest)}: give the file of that rig with --rig, or '
+            '--trust-rig to continue with this rig')
 
 
 def as_rig(given: RigLike) -> Rig:

@@ -105,7 +105,8 @@ class Result(ABC):
             self.save_parameters(where)
         else:
             endings = '.json, .csv' + (', .yaml' if isinstance(self, _Parametric) else '')
-            raise ApiError(f'{where}: cannot be saved under this name: end it with {endings}')
+            raise ApiError(f'{where}: cannot be saved under this name: end the name with '
+                           f'{endings}')
 
     def _repr_html_(self) -> str:
         from saddlering_ros.report import html

@@ -66,13 +66,13 @@ def check_probe_unit(
         span = f"the probe's span of {min_range:g} to {max_range:g} m"
         if distance > limit:
             raise BagError(
-                f'{where}: readings around {typical:.4g} m are far outside {span}, '
-                f'which looks like {_guess_unit(typical, min_range, max_range)}: publish metres')
+                f'{where}: readings around {typical:.4g} m are far outside {span} and look like '
+                f'{_guess_unit(typical, min_range, max_range)}: publish metres')
         return
     if typical > LARGEST_SPAN:
         raise BagError(
-            f'{where}: readings around {typical:.4g} m are beyond any eddy-current probe, which '
-            f'looks like {_guess_unit(typical, 0.0, 0.01)}: publish range, min_range and '
+            f'{where}: readings around {typical:.4g} m are beyond any eddy-current probe and '
+            f'look like {_guess_unit(typical, 0.0, 0.01)}: publish range, min_range and '
             'max_range in metres')
 
 
@@ -85,7 +85,7 @@ def check_overlap(
     apart = (int(stamps[0]) - int(load_stamps[0])) / 1e9
     raise BagError(
         f'{where}: {topic} and the load do not overlap in time (their stamps begin '
-        f'{abs(apart):.6g} s apart): set both clocks alike, or start both recordings together')
+        f'{abs(apart):.6g} s apart): synchronise the clocks, or start both recordings together')
 
 
 def notes_on_load(stamps: NDArray[np.int64]) -> list[str]:
@@ -114,7 +114,7 @@ def notes_on_probe(
                 f'{topic}: {at_limit} of {len(gaps)} readings are at or beyond the limits of its '
                 f'span ({min_range:g} to {max_range:g} m)')
     else:
-        notes.append(f'{topic}: publishes no span (min_range, max_range)')
+        notes.append(f'{topic}: states no span (min_range, max_range)')
     lowest, highest = extremes(gaps)
     if lowest == highest:
         notes.append(f'{topic}: the reading never changes')

@@ -110,7 +110,7 @@ def plain_file(path: Path) -> Iterator[Path]:
                     if limit < 0:
                         raise BagError(
                             f'{path}: unpacks to more than {LARGEST_EXPANSION} times its size: '
-                            'no recorder made this file; take another')
+                            'no recorder writes such a file; use another bag')
                     target.write(block)
         except zstandard.ZstdError as problem:
             raise BagError(
@@ -222,7 +222,7 @@ def _locate(folder: Path, name: str) -> Path:
         if candidate.name.endswith(SUFFIXES) and candidate.is_file():
             return candidate
     raise BagError(
-        f'{folder}: {METADATA} names {Path(name).name}, which is not there: copy the whole bag')
+        f'{folder}: {METADATA} names {Path(name).name}, which is missing: copy the whole bag')
 
 
 def _names(information: Mapping[str, Any]) -> list[str]:

@@ -67,11 +67,11 @@ class FoundFacts:
         said = ' '.join(self.conflicts + self.faults)
         if self.test is None and 'test is' not in said:
             missing.append(
-                'does not say which kind of test it is: give --test static or --test dynamic, or '
+                'does not state the kind of test: give --test static or --test dynamic, or '
                 f'add "test" to custom_data of metadata.yaml or to the record {RECORD}')
         if self.elevation_deg is None and 'elevation_deg is' not in said:
             missing.append(
-                'does not say its elevation: give --elevation DEG, or add "elevation_deg" to '
+                'does not state the elevation: give --elevation DEG, or add "elevation_deg" to '
                 f'custom_data of metadata.yaml or to the record {RECORD}')
         return (*self.conflicts, *self.faults, *missing)
 
@@ -174,7 +174,7 @@ def _kind(text: str | None, faults: list[str]) -> str | None:
         return None
     if text.lower() in KINDS:
         return text.lower()
-    faults.append(f'test is {text!r}, which is no kind of test: give --test static or dynamic')
+    faults.append(f'test is {text!r}, which is not a kind of test: give --test static or dynamic')
     return None
 
 
@@ -185,6 +185,6 @@ def _elevation(text: str | None, faults: list[str]) -> float | None:
     if value is not None and LOWEST_ELEVATION <= value <= HIGHEST_ELEVATION:
         return value
     faults.append(
-        f'elevation_deg is {text!r}, which is no elevation from {LOWEST_ELEVATION:g} to '
+        f'elevation_deg is {text!r}, which is not an elevation from {LOWEST_ELEVATION:g} to '
         f'{HIGHEST_ELEVATION:g} degrees: give --elevation DEG')
     return None

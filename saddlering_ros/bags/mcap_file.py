@@ -354,8 +354,8 @@ class McapFile:
 
     def _cut_off(self, size: int) -> CutOffError:
         return CutOffError(
-            f'{self.name}: the file is cut off at byte {size}: copy it again, or recover what '
-            'there is with "mcap recover"')
+            f'{self.name}: the file is cut off at byte {size}: copy it again, or recover its '
+            'content with "mcap recover"')
 
     def _damaged(self, position: int, what: str) -> DamageError:
         return DamageError(

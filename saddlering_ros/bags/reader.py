@@ -202,8 +202,7 @@ def read_raw(
     unknown = set(wanted) - set(TOPICS)
     if unknown:
         raise BagError(
-            f'{path}: {min(unknown)} is no topic of the rig: ask for some of '
-            f'{", ".join(TOPICS)}')
+            f'{path}: {min(unknown)} is not a topic of the rig: give some of {", ".join(TOPICS)}')
     found = scan(path, wanted, on_progress)
     if found.damage is not None:
         assert found.fault is not None
@@ -303,7 +302,7 @@ def run_of_record(
             else int(rows.given.sum()))
     if read < FEWEST_SAMPLES:
         raise BagError(
-            f'{where}: all four probes read together at fewer than {FEWEST_SAMPLES} load stamps: '
+            f'{where}: fewer than {FEWEST_SAMPLES} load stamps: '
             + _why_apart(probes))
     assert facts.test is not None
     assert facts.elevation_deg is not None
@@ -386,7 +385,8 @@ def raw_topic(found: Scan, name: str) -> RawTopic:
         raise BagError(f'{found.path}: holds no messages: check that the rig ran and record again')
     if topic is None:
         have = ', '.join(sorted(found.topics)) or 'none'
-        raise BagError(f'{found.path}: has no topic {name} (it has: {have}): record it too')
+        raise BagError(f'{found.path}: has no topic {name} (it has: {have}): record this topic '
+                       'too')
     if topic.fault:
         raise BagError(f'{where}: {topic.fault}')
     wrong = sorted(kind for kind in topic.types if kind != TOPICS[name].type)
@@ -406,9 +406,10 @@ def raw_topic(found: Scan, name: str) -> RawTopic:
                        'let the driver stamp each sample')
     notes = []
     if order.reordered:
-        notes.append(f'{name}: {order.reordered} messages were stored late and put in order')
+        notes.append(f'{name}: {order.reordered} messages were stored late and are sorted')
     if order.duplicates:
-        notes.append(f'{name}: {order.duplicates} messages with a stamp already taken left out')
+        notes.append(f'{name}: {order.duplicates} messages repeat the stamp of another and are '
+                     'left out')
     low, high = _span(topic, notes)
     if not found.cuts and found.damage is None:  # they count what is readable
         topic.release()

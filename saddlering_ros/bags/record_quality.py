@@ -315,9 +315,10 @@ def quality_notes(topic: str, found: TopicQuality, unit: str) -> list[str]:
     notes = []
     if found.is_held:
         notes.append(
-            f'{topic}: {100.0 * found.repeated:.0f} % of consecutive readings are equal: taken at '
-            f'about {found.update_rate:.3g} Hz and published at {found.rate:.4g} Hz; readings are '
-            f'up to {1e3 / found.update_rate:.3g} ms old, which shifts D1 and D2: record at the '
+            f'{topic}: {100.0 * found.repeated:.0f} % of consecutive readings are equal: the '
+            f'sensor reads at about {found.update_rate:.3g} Hz and is published at '
+            f'{found.rate:.4g} Hz; readings are up to {1e3 / found.update_rate:.3g} ms old, '
+            'which shifts D1 and D2: record at the '
             "sensor's own rate")
     elif found.is_coarse:
         notes.append(
@@ -332,12 +333,12 @@ def quality_notes(topic: str, found: TopicQuality, unit: str) -> list[str]:
     if count:
         notes.append(
             f'{topic}: {count} equal readings in a row from {start / found.rate:.2f} s on: the '
-            'converter or the logger stood still')
+            'converter or the logger stopped')
     value, often = found.limit
     if often:
         notes.append(
-            f'{topic}: {often} readings equal the {_in_unit(value, unit)} that no other exceeds: '
-            'the sensor or its amplifier is at a limit')
+            f'{topic}: {often} readings equal the {_in_unit(value, unit)} that no other reading '
+            'exceeds: the sensor or its amplifier is at a limit')
     return notes
 
 
@@ -351,14 +352,14 @@ def notes_between(
         slow, name = ((load.bandwidth, 'the load seems') if lag > 0.0 else
                       (_median([one.bandwidth for one in probes]), 'the probes seem'))
         notes.append(
-            f'{name} low-passed at about {slow:.2g} Hz and the other readings not, or less: a lag '
-            f'of some {1e3 * abs(lag):.1f} ms, which shifts D1 and D2: give all channels the same '
-            'filter')
+            f'{name} low-passed at about {slow:.2g} Hz and the other readings are not, or less: '
+            f'a lag of about {1e3 * abs(lag):.1f} ms, which shifts D1 and D2: give all channels '
+            'the same filter')
     share = _rate_share(load, probes, seconds)
     if share:
         notes.append(
             f'load and probes are stamped at rates that differ by {100.0 * abs(share):.3g} %: '
-            'if all were set to one rate, a clock drifts, by '
+            'if both should have one rate, a clock drifts by '
             f'{1e3 * abs(share) * seconds:.3g} ms over the record, which shifts D1 and D2')
     return notes
 

@@ -85,7 +85,7 @@ class BagRecording:
         shutil.rmtree(self._folder, ignore_errors=True)
 
     def _unwritable(self, problem: OSError) -> BagError:
-        return BagError(f'{self._complaint(problem)}; what was recorded until then is readable in '
+        return BagError(f'{self._complaint(problem)}; the recording until then is readable in '
                         f'{self._written}')
 
     def _complaint(self, problem: OSError) -> str:

@@ -36,7 +36,8 @@ def refuse_repeats(runs: Sequence[TestRun], held_out: Sequence[TestRun] = ()) ->
             if later >= len(runs) and any(first is run for run in runs):
                 raise BagError(
                     f'{second.path}: holds the same recording as {first.path}, which is fitted: '
-                    'hold out another one, or its agreement proves nothing')
+                    'hold out another recording, because the agreement of this one would prove '
+                    'nothing')
             raise BagError(
-                f'{second.path}: holds the same recording as {first.path}: give it once, or the '
-                'errors come out too small')
+                f'{second.path}: holds the same recording as {first.path}: give it once, because '
+                'a second copy would make the errors too small')

@@ -54,8 +54,8 @@ def apparent_elevation(rig: Rig, run: TestRun) -> float | None:
 def _hash(rig: Rig, run: TestRun) -> list[str]:
     if not run.rig_hash or run.rig_hash == rig.digest:
         return []
-    return [f'it was recorded on a rig with the hash {short_digest(run.rig_hash)}, this is '
-            f'another ({rig_in_words(rig)})']
+    return [f'it was recorded on a rig with the hash {short_digest(run.rig_hash)}, and this rig '
+            f'is another ({rig_in_words(rig)})']
 
 
 def _ranges(rig: Rig, record: RawRecord) -> list[str]:
@@ -96,7 +96,8 @@ def _elevation(rig: Rig, run: TestRun) -> list[str]:
     apart = (found - run.elevation + math.pi / 2.0) % math.pi - math.pi / 2.0
     if abs(apart) <= MAX_ELEVATION_ERROR:
         return []
-    return [f'tilt and lift fit an elevation of about {math.degrees(run.elevation + apart):.0f} '
+    return ['tilt and axial motion agree with an elevation of about '
+            f'{math.degrees(run.elevation + apart):.0f} '
             f'deg and the bag states {math.degrees(run.elevation):g}: the elevation, the trunnion '
             "(rig.trunnion), the probes' span (rig.probes.axial_span) or the pitch radius "
             '(rig.axial_rows.pitch_radius) is wrong']

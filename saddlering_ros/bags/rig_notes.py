@@ -64,7 +64,7 @@ def parity_notes(rig: Rig, load: Floats, gaps: Floats) -> list[str]:
     if moved < max(PARITY_SHARE * float(np.ptp(means[:4], axis=1).max()), PARITY_ERRORS * spread):
         return []
     return [f'the parity of probes 1 and 3 follows the load by {moved * 1e6:.2g} um; that of a '
-            'rigid ring does not: cross-talk, a gain, a bracket or the ring itself (diagnose '
+            'rigid ring is constant: cross-talk, a gain, a bracket or the ring itself (diagnose '
             'reports which)']
 
 
@@ -92,7 +92,7 @@ def _unit_of_load(rig: Rig, time: Floats, load: Floats) -> list[str]:
                 f'{" or ".join(looks)} (the preload is {rig.preload:.4g} N): publish newtons, or '
                 f'K comes out about {FORCE_UNITS[looks[0]]:.2g} times too small']
     if not zero.near_preload:
-        return [f'the record starts at {rig.force_words(start)}, not near the preload '
+        return [f'the record starts at {rig.force_words(start)}, which is not near the preload '
                 f'({rig.force_words(rig.preload)}): displacements count from there']
     return []
 
@@ -120,4 +120,4 @@ def _kind(test: str, time: Floats, load: Floats) -> list[str]:
     if len(holds) < MIN_HOLDS or held < MIN_HELD_SHARE * float(time[-1] - time[0]):
         return []
     return [f'the load is held at {len(holds)} levels, which looks like a static test: give '
-            '--test static, or correct the facts of the bag']
+            '--test static, or correct the metadata of the bag']

@@ -25,8 +25,8 @@ def refuse_other_rig(runs: Sequence[TestRun], rig: Rig, *, is_given: bool) -> No
         if run.rig_hash and run.rig_hash != rig.digest:
             raise BagError(_refusal(run, rig, is_given))
         if not (run.rig_hash or is_given or run.rig in UNDESCRIBED):
-            note = (f'the bag names the rig {run.rig!r} and no rig file is given: the shipped rig '
-                    f'is simulated ({rig_in_words(rig)}); give --rig if that is another')
+            note = (f'the bag names the rig {run.rig!r} and no rig file is given: the shipped '
+                    f'rig is simulated ({rig_in_words(rig)}); give --rig if the rigs differ')
             if note not in run.notes:
                 run.notes.append(note)
 
@@ -40,7 +40,7 @@ def rig_in_words(rig: Rig) -> str:
 def _refusal(run: TestRun, rig: Rig, is_given: bool) -> str:
     name = f' {run.rig!r}' if run.rig else ''
     known = f'was recorded on the rig{name} with the hash {short_digest(run.rig_hash)}'
-    given = 'the rig given is another' if is_given else \
+    given = 'the given rig is another' if is_given else \
         'no rig is given, and the shipped one is another'
-    return (f'{run.path}: {known}, {given} ({rig_in_words(rig)}): is this the right ring? Give '
-            'its file with --rig, or --trust-rig to go on with this one')
+    return (f'{run.path}: {known}, {given} ({rig_in_words(rig)}): give the file of that rig with '
+            '--rig, or --trust-rig to continue with this rig')

@@ -210,7 +210,7 @@ class Scan:
         if said is None or said == self.message_count:
             return ()
         return (f'metadata.yaml counts {said} messages and the files hold {self.message_count}: '
-                '"ros2 bag reindex" puts it right',)
+                '"ros2 bag reindex" corrects the count',)
 
     @property
     def readable_part(self) -> str:
@@ -287,7 +287,7 @@ def _scan_file(
                 if result.unpacked > max(ALWAYS_ALLOWED, LARGEST_EXPANSION * result.size):
                     raise BagError(
                         f'{path}: {result.size} bytes unpack to more than {LARGEST_EXPANSION} '
-                        'times as many: no recorder made this file; take another')
+                        'times as many: no recorder writes such a file; use another bag')
         finally:
             _take_facts(result, records, file.metadata.get(RECORD, {}), path)
             text = file.metadata.get('rosbag2', {}).get('serialized_metadata', '')
@@ -305,7 +305,7 @@ def _take_facts(
         if key in KEYS:
             result.contradictions.append(
                 f'{key} is {records[key]!r} in one file and {value!r} in {path.name}: these are '
-                'two tests, give each a folder of its own')
+                'two tests: give each test a folder of its own')
     records.update({key: value for key, value in own.items() if key not in records})
 
 
@@ -390,7 +390,7 @@ def _decompressed(
             plain.append(decompressor.decompress(frame, max_output_size=LARGEST_MESSAGE))
             size_so_far += len(plain[-1])
             if size_so_far > LARGEST_CHUNK:
-                raise CdrError('compressed messages are too large to be of the rig')
+                raise CdrError('compressed messages are too large for topics of the rig')
         except (zstandard.ZstdError, MemoryError) as problem:
             raise CdrError('a compressed message is damaged') from problem
     sizes = np.array([len(message) for message in plain], dtype=np.int64)

@@ -160,7 +160,7 @@ def _without_duplicates(
     if contradicting.sum() > max(1.0, MOST_DUPLICATES * len(ordered)):
         first = int(np.argmax(contradicting))
         raise BagError(
-            f'{where}: {int(contradicting.sum())} of {len(ordered)} messages carry a stamp that '
-            f'another one with a different reading has, first {ordered[first]} ns: the clock '
-            'stands still at times; record again with a stamp for each sample')
+            f'{where}: {int(contradicting.sum())} of {len(ordered)} messages have the stamp of '
+            f'another message with a different reading, first {ordered[first]} ns: the clock '
+            'stops at times; record again with a stamp for each sample')
     return ~repeated

@@ -99,9 +99,9 @@ def _stuck(probe: int, load: Floats, gap: Floats) -> str:
     low, high = float(load[first:stop].min()), float(load[first:stop].max())
     if stop - first < STUCK_SAMPLES or high - low < STUCK_LOAD_CHANGE * float(np.ptp(load)):
         return ''
-    return (f'probe {probe + 1} stands still at {gap[first] * 1e6:.2f} um '
-            f'while the load passes from {low / TONNE:.2f} to {high / TONNE:.2f} t: it is '
-            'stuck there, or at an end of what it can read')
+    return (f'probe {probe + 1} stays at {gap[first] * 1e6:.2f} um '
+            f'while the load changes from {low / TONNE:.2f} to {high / TONNE:.2f} t: it is '
+            'stuck, or at an end of its range')
 
 
 def _dead(probe: int, response: _Response, expected: Floats) -> str:
@@ -110,7 +110,7 @@ def _dead(probe: int, response: _Response, expected: Floats) -> str:
         return ''
     return (f'probe {probe + 1} does not follow the load: it moves by '
             f'{response.motion[probe] * 1e6:.2f} um over {response.span / TONNE:.1f} t, another '
-            f'by {largest * 1e6:.1f} um; see whether it is plugged in and faces the ring')
+            f'by {largest * 1e6:.1f} um; check that it is connected and faces the ring')
 
 
 def _unlikeness(one: Floats, other: Floats) -> float:
@@ -130,9 +130,9 @@ def _mirrored(increments: Floats) -> list[str]:
     pair = min(pairs, key=lambda key: pairs[key])
     if pairs[pair] > MIRROR_LIMIT or pairs[pair] > own / 3.0:
         return []
-    return [f'probes {pair[0] + 1} and {pair[1] + 1} mirror each other (their sum is '
-            f'{100 * pairs[pair]:.1f} % of their difference) and probes 1 and 3, which should, do '
-            f'not ({100 * own:.0f} %): channels look swapped']
+    return [f'probes {pair[0] + 1} and {pair[1] + 1} have opposite readings (their sum is '
+            f'{100 * pairs[pair]:.1f} % of their difference) and probes 1 and 3, which should be '
+            f'opposite, are not ({100 * own:.0f} %): channels look swapped']
 
 
 def _sides(response: _Response, expected: Floats) -> list[str]:
@@ -146,8 +146,8 @@ def _sides(response: _Response, expected: Floats) -> list[str]:
         f'{response.slope[probe] * TONNE * 1e6:+.2f} where '
         f'{"+" if expected[probe] > 0 else "-"} is due (probe {probe + 1})' for probe in wrong)
     if len(wrong) == int(clear.sum()):
-        guess = ('all probes the other way round: the sign of the load, of every polarity, or the '
-                 'elevation')
+        guess = ('all probes have the opposite sign: the sign of the load, every polarity, or '
+                 'the elevation is wrong')
     elif wrong in ([0, 2], [1, 3]):
         guess = (f'probes {wrong[0] + 1} and {wrong[1] + 1} look swapped, or both of the wrong '
                  'polarity')

@@ -192,7 +192,8 @@ def _check_target(path: Path, overwrite: bool) -> None:
     is_bag = path.is_dir() and all(
         file.name == 'metadata.yaml' or file.suffix == '.mcap' for file in path.iterdir())
     if not is_bag:
-        raise BagError(f'{path}: exists and is no bag, it is not replaced: choose another name')
+        raise BagError(f'{path}: exists and is not a bag, so that it is not replaced: choose '
+                       'another name')
 
 
 def _put_in_place(written: Path, path: Path) -> None:

@@ -125,8 +125,8 @@ def _result(
         return _of_lost_worker(task, store, lost, problem)
     document = store.read_result(key)
     if document is None:
-        raise CampaignError(f'{store.place_of(key)}: was reported as written and is not there: '
-                            'workers and coordinator must see the same --out folder')
+        raise CampaignError(f'{store.place_of(key)}: was reported as written and is missing: '
+                            'give workers and coordinator the same --out folder')
     return document
 
 
@@ -142,7 +142,7 @@ def _of_lost_worker(
     document: dict[str, object] = {
         'key': task.key, 'attempt': task.attempt, 'task': task.as_dict(), 'seed': task.seed,
         'seconds': 0.0, 'status': 'failed', 'kind': 'worker',
-        'reason': f'{MAX_LOST_WORKERS} workers died while they had it '
+        'reason': f'{MAX_LOST_WORKERS} workers died during this session '
                   f'({type(problem).__name__}): run the campaign with --retry',
     }
     store.write_result(document)
@@ -151,5 +151,5 @@ def _of_lost_worker(
 
 def _gone(done: int, total: int) -> CampaignInterruptedError:
     return CampaignInterruptedError(
-        f'the scheduler does not answer any more; {done} of {total} sessions have a result: start '
+        f'the scheduler no longer answers; {done} of {total} sessions have a result: start '
         'it again and repeat the command')

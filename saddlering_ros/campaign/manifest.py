@@ -111,7 +111,7 @@ def _session(path: Path, name: str, lines: list[tuple[Member, ManifestLine]]) ->
     rings = {line['ring'] for _, line in lines if line['ring']}
     if len(rings) > 1:
         raise CampaignError(f'{path}: session {name!r} has bags of the rings '
-                            f'{", ".join(sorted(rings))}: a session is of one ring')
+                            f'{", ".join(sorted(rings))}: give each ring a session of its own')
     times = [member.bag.time for member in members if member.bag.time is not None]
     time = _time(path, first['date']) if first['date'] else min(times, default=None)
     return Session(

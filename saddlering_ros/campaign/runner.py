@@ -62,8 +62,8 @@ class SessionRunner:
                 self.close()
                 if self._stopped:
                     raise CampaignInterruptedError('the campaign was stopped') from None
-                return failure('killed', 'the process that judges sessions was killed: '
-                                         'run the campaign with --retry')
+                return failure('killed', 'the process of the sessions was killed: run the '
+                                         'campaign with --retry')
             if report['how'] == TIMED_OUT:
                 return failure('timeout', f'no verdict within {task.limits.seconds:g} s: '
                                           'give a larger --time-limit')

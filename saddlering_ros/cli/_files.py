@@ -43,7 +43,8 @@ def check_files(args: argparse.Namespace) -> None:
     for number, output in enumerate(outputs):
         for other in outputs[:number]:
             if _same(output.path, other.path):
-                raise FileConflict(f'{output.words} and {other.words} are one file: choose two')
+                raise FileConflict(f'{output.words} and {other.words} are the same file: choose '
+                                   'two files')
         for source in _named(args, FILES_READ):
             _check_against_file(output, source)
         for bag in _bags(args):

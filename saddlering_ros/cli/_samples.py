@@ -30,9 +30,9 @@ def add_bag_options(parser: argparse.ArgumentParser) -> None:
 def add_fact_options(parser: argparse.ArgumentParser) -> None:
     """Options that win over what the bag says of its test."""
     parser.add_argument('--test', choices=('static', 'dynamic'),
-                        help='kind of test, over what the bag says')
+                        help='kind of test, in place of that of the bag')
     parser.add_argument('--elevation', type=float, metavar='DEG',
-                        help='elevation, over what the bag says')
+                        help='elevation, in place of that of the bag')
 
 
 def bags_of(args: argparse.Namespace, paths: Sequence[str], rig: Rig) -> list[Bag]:
@@ -59,13 +59,13 @@ def read_shown(args: argparse.Namespace, rig: Rig) -> TestRun:
 def add_trust_option(parser: argparse.ArgumentParser) -> None:
     """The option to go on although a bag states another rig."""
     parser.add_argument('--trust-rig', action='store_true',
-                        help='go on although a bag states another rig than --rig')
+                        help='accept a bag that states another rig than --rig')
 
 
 def add_parameter_option(parser: argparse.ArgumentParser) -> None:
     """The parameter file that is simulated with."""
     parser.add_argument('--params', type=Path, required=True, metavar='FILE',
-                        help='parameter file, as identification writes it')
+                        help='parameter file of an identification or diagnosis')
 
 
 def add_effects_option(parser: argparse.ArgumentParser) -> None:
@@ -107,7 +107,8 @@ def simulated_samples(
         notes.append(f'the solver did not converge in {simulated.failed_steps} steps: '
                      'their samples are left out')
     if not simulated.zero.near_preload:
-        notes.append('the record has no steady start near the preload; its zero is elsewhere')
+        notes.append('the record has no steady start near the preload; its zero is at another '
+                     'load')
     return samples, notes
 
 
@@ -124,7 +125,7 @@ def check_outputs(args: argparse.Namespace) -> None:
     from saddlering_ros.bags.samples import check_table_path
 
     if args.out == '-' and args.json == '-':
-        raise BagError('--out - and --json -: only one of them can have stdout')
+        raise BagError('--out - and --json -: give stdout to one of them only')
     if args.out is not None and args.out != '-':
         check_table_path(Path(args.out))
 

@@ -19,21 +19,21 @@ STATUS = 'status'
 def add_parser(subparsers: Any) -> None:
     """Declare the subcommand."""
     parser = subparsers.add_parser(
-        'campaign', help='a verdict for every session of bags under a folder, and their fleet')
-    parser.add_argument('folder', metavar='FOLDER', help='where the bags are; or the word status')
+        'campaign', help='diagnose all bags of a folder and compare the rings')
+    parser.add_argument('folder', metavar='FOLDER', help='folder of the bags, or the word status')
     parser.add_argument('store', nargs='?', type=Path, metavar='STORE',
-                        help='after the word status: the campaign to look at')
+                        help='after the word status: folder of the campaign')
     parser.add_argument('--out', type=Path, metavar='STORE',
-                        help='folder for the results; run again, it computes what is missing')
+                        help='folder for the results; a second run computes the missing ones')
     parser.add_argument('--scheduler', metavar='ADDRESS',
                         help='a Dask scheduler (default: processes of this machine)')
     parser.add_argument('--jobs', type=int, metavar='N',
                         help='sessions at a time on this machine (default: its processors)')
     parser.add_argument('--rig', type=Path, help='rig file (default: the shipped rig)')
     parser.add_argument('--manifest', type=Path, metavar='FILE.csv',
-                        help='sessions as this table groups the bags (an edited manifest.csv)')
+                        help='table that groups the bags into sessions (an edited manifest.csv)')
     parser.add_argument('--gap', type=float, default=24.0, metavar='HOURS',
-                        help='a longer time without a test begins another session (default 24)')
+                        help='a longer time without a test begins a new session (default 24)')
     parser.add_argument('--hold-out', type=float, metavar='DEG',
                         help='hold out the tests at this elevation')
     parser.add_argument('--plan', action='store_true', help='show the sessions and stop')
@@ -41,11 +41,11 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument('--time-limit', type=float, default=1800.0, metavar='S',
                         help='longest time for one session (default 1800)')
     parser.add_argument('--memory-limit', type=float, default=6.0, metavar='GB',
-                        help='most memory for one session (default 6)')
+                        help='largest memory of one session (default 6)')
     parser.add_argument('--reports', choices=('flagged', 'none'), default='flagged',
-                        help='a page for every session with a finding (default), or for none')
+                        help='a report for every session with a finding (default), or for none')
     parser.add_argument('--json', metavar='FILE',
-                        help='write what fleet.json holds as JSON; - for stdout')
+                        help='write the content of fleet.json as JSON; - for stdout')
     parser.add_argument('--limit', action='append', default=[], metavar='NAME=VALUE',
                         help='a limit of K or D, as K1=6e7 (SI): gives remaining life')
 
@@ -77,7 +77,7 @@ def run(args: argparse.Namespace) -> int:
     with Bar() as bar:
         bags = find_bags(args.folder, lambda count: bar.show('find', 0.0, f'{count} bags'))
     if not bags:
-        raise CampaignError(f'{args.folder}: holds no bags: give the folder that holds them')
+        raise CampaignError(f'{args.folder}: has no bags: give the folder of the bags')
     sessions = _sessions(args, bags)
     if args.json != '-':
         _print_plan(sessions)
@@ -104,7 +104,8 @@ def _check(args: argparse.Namespace) -> None:
     if args.out is None:
         raise CampaignError('no --out: give the folder for the results')
     if args.store is not None:
-        raise CampaignError(f'{args.store}: one folder of bags at a time; the results go to --out')
+        raise CampaignError(f'{args.store}: give one folder of bags only; --out is the folder '
+                            'for the results')
     for name in ('gap', 'time_limit', 'memory_limit'):
         if not getattr(args, name) > 0.0:
             raise CampaignError(f'--{name.replace("_", "-")} is {getattr(args, name):g}: '
@@ -181,9 +182,9 @@ def _show_status(folder: Path) -> int:
 
     status = Store(folder).read_status()
     state = 'running' if status.running else (
-        'finished' if status.done == status.total else 'stopped: repeat the command to go on')
+        'finished' if status.done == status.total else 'stopped: repeat the command to continue')
     if status.running and time.time() - status.updated > STALE:
-        state = 'not heard of for a minute: repeat the command to go on'
+        state = 'no sign of life for a minute: repeat the command to continue'
     print(f'{words_of(status)}; {state}')
     return 0
 

@@ -15,16 +15,16 @@ if TYPE_CHECKING:
 def add_parser(subparsers: Any) -> None:
     """Declare the subcommand."""
     parser = subparsers.add_parser(
-        'check-driver', help='listen to a driver of the rig: rates, stamps, range, polarity, sign',
-        description='Listen to the topics of a rig for some seconds and print one line for each '
-                    'thing that is wrong or could not be checked. Status 2 if a fault is found.')
+        'check-driver', help='check rates, stamps, range and signs of a rig driver',
+        description='Listen to the topics of a rig for some seconds, and print one line for each '
+        'fault and for each property that could not be checked. Status 2 if a fault is found.')
     parser.add_argument('--seconds', type=float, default=5.0, metavar='S',
                         help='how long to listen (default 5)')
     parser.add_argument('--rig', type=Path, help='rig file (default: the shipped rig)')
     parser.add_argument('--elevation', type=float, default=50.0, metavar='DEG',
-                        help='elevation of the barrel, for the sides to which the probes must '
-                             'move (default 50)')
-    parser.add_argument('--rate', type=float, metavar='HZ', help='rate wanted of every topic')
+                        help='elevation of the barrel, from which the direction of each probe '
+                             'follows (default 50)')
+    parser.add_argument('--rate', type=float, metavar='HZ', help='required rate of every topic')
     parser.add_argument('--domain', type=int, help='ROS domain (default: ROS_DOMAIN_ID, or 0)')
     parser.add_argument('--namespace', default='', metavar='NS',
                         help='namespace of the rig (default: the root)')
@@ -61,8 +61,8 @@ def run(args: argparse.Namespace) -> int:
         _print(heard, found)
     if count:
         sys.stdout.flush()
-        print(f'saddlering check-driver: {count} fault{"s" * (count > 1)}: mend the driver before '
-              'a test', file=sys.stderr)
+        print(f'saddlering check-driver: {count} fault{"s" * (count > 1)}: correct the driver '
+              'before a test', file=sys.stderr)
     return 2 if count else 0
 
 
@@ -87,4 +87,4 @@ def _print(heard: dict[str, HeardTopic], found: list[DriverFinding]) -> None:
     for line in found:
         print(line)
     if not found:
-        print('nothing is wrong with this driver')
+        print('this driver has no fault')

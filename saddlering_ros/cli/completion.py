@@ -11,10 +11,10 @@ SHELLS = ('bash', 'zsh', 'fish', 'tcsh')
 def add_parser(subparsers: Any) -> None:
     """Declare the subcommand."""
     parser = subparsers.add_parser(
-        'completion', help='completion of commands, options and effects for your shell',
-        description='Print what the shell has to evaluate so that the tab key completes commands, '
+        'completion', help='complete commands and options by the tab key',
+        description='Print a script for the shell, with which the tab key completes commands, '
                     'options, kinds of test and effects.')
-    parser.add_argument('shell', choices=SHELLS, help='the shell you type in')
+    parser.add_argument('shell', choices=SHELLS, help='the shell in use')
 
 
 def run(args: argparse.Namespace) -> int:

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 def add_parser(subparsers: Any) -> None:
     """Declare the subcommand."""
     parser = subparsers.add_parser(
-        'demo', help='the whole story with live nodes, from bags to a report in out/')
+        'demo', help='run all steps with live nodes, and write a report')
     parser.add_argument('--out', type=Path, default=Path('out'), metavar='DIR',
                         help='folder for report, pictures, numbers, parameters (default: out)')
     parser.add_argument('--bags', type=Path, metavar='DIR',
@@ -78,6 +78,6 @@ def summary(outcome: Outcome) -> str:
                          f'{shown[2]:>7s}')
     second = outcome.verified[0].elevation_deg
     before, after = (figures.overall(outcome.verified, extended=item) for item in (False, True))
-    lines += ['', f'Misfit reduction measured live at {second:g} deg, held out until then: '
-              f'{percent(before)} -> {percent(after)}, {percent(outcome.gain)} less.']
+    lines += ['', f'Misfit measured live at {second:g} deg, held out before: {percent(before)} '
+                  f'-> {percent(after)}, reduced by {percent(outcome.gain)}.']
     return '\n'.join(line for line in lines if line is not None)

@@ -17,14 +17,14 @@ def add_parser(subparsers: Any) -> None:
         add_trust_option,
     )
 
-    parser = subparsers.add_parser('diagnose', help='show and name what the simulation gets wrong')
-    parser.add_argument('bags', nargs='+', metavar='BAG', help='runs to explain')
+    parser = subparsers.add_parser('diagnose', help='name the cause that the simulation lacks')
+    parser.add_argument('bags', nargs='+', metavar='BAG', help='runs to diagnose')
     parser.add_argument(
         '--hold-out',
         nargs='+',
         default=[],
         metavar='BAG',
-        help='runs kept sealed, on which the gain is measured',
+        help='held-out runs, on which the misfit reduction is measured',
     )
     parser.add_argument('--rig', type=Path, help='rig file (default: the shipped rig)')
     parser.add_argument('--params', type=Path, help='parameter file to start from')
@@ -33,8 +33,8 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument('--out', type=Path, help='write the extended parameter file here')
     parser.add_argument('--seed', type=int, default=0, help='seed of the base fit (default 0)')
     parser.add_argument('--propose', type=Path, metavar='DIR',
-                        help='write the effect file of a proposed law here (default, with '
-                             '--json FILE: FILE without its suffix, _effects)')
+                        help='folder for the effect file of a proposed law (default with --json '
+                             'FILE: FILE without its suffix, followed by _effects)')
     add_effects_option(parser)
     add_fact_options(parser)
     add_trust_option(parser)

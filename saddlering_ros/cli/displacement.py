@@ -11,7 +11,7 @@ def add_parser(subparsers: Any) -> None:
     from saddlering_ros.cli._samples import add_bag_options, add_output_options
 
     parser = subparsers.add_parser(
-        'displacement', help='measured ring displacement of a bag, as the live node computes it')
+        'displacement', help='compute the measured motion of the ring from a bag')
     add_bag_options(parser)
     add_output_options(parser)
 
@@ -30,7 +30,8 @@ def run(args: argparse.Namespace) -> int:
     zero = zero_of_run(rig, test_run)
     notes = list(test_run.notes)
     if not zero.near_preload:
-        notes.append('the record has no steady start near the preload; its zero is elsewhere')
+        notes.append('the record has no steady start near the preload; its zero is at another '
+                     'load')
     with Bar() as bar:
         samples = measured_blocks(rig, test_run, zero, lambda share: bar.show('compute', share))
         deliver(args, test_run, samples, zero, 'measured', notes)

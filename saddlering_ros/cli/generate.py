@@ -16,24 +16,25 @@ if TYPE_CHECKING:
 def add_parser(subparsers: Any) -> None:
     """Declare the subcommand."""
     parser = subparsers.add_parser(
-        'generate', help='make a bag with the virtual rig',
+        'generate', help='record a test of the virtual rig as a bag',
         description='Carry out a test on the virtual rig and record it as a bag.')
     parser.add_argument('out', metavar='OUT', type=Path, nargs='?', help='bag to write')
     parser.add_argument('--test', choices=('static', 'dynamic'), help='kind of test')
     parser.add_argument('--elevation', type=float, metavar='DEG', help='elevation of the barrel')
     effect = parser.add_argument(
         '--effect', action='append', default=[], metavar='NAME[.PARAM]=VALUE',
-        help='an effect to be hidden in the bag (SI units; may be repeated); NAME alone takes a '
+        help='an effect to hide in the bag (SI units; may be repeated); NAME alone gives a '
              'typical size; see --list-effects')
     setattr(effect, 'completer', _effects)  # noqa: B010  # what argcomplete asks
     parser.add_argument('--form', action='append', default=[], metavar='NAME=FORM',
-                        help='physical form of an effect, where it has several')
+                        help='physical form of an effect that has several')
     parser.add_argument('--list-effects', action='store_true',
                         help='list all effects, their parameters and forms')
     parser.add_argument('--seed', type=int, default=0,
                         help='seed of noise, jitter and offsets (default 0)')
     parser.add_argument('--rig-seed', type=int, default=1,
-                        help='which rollers the rig has; same number, same rig (default 1)')
+                        help='number of the rig; the same number gives the same rollers (default '
+                             '1)')
     parser.add_argument('--rig', type=Path, help='rig file (default: the shipped rig)')
     parser.add_argument('--params', type=Path, help='parameter file with the true contact law')
     parser.add_argument('--set', action='append', default=[], metavar='NAME=VALUE',
@@ -53,7 +54,7 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument('--duration', type=float, metavar='S',
                         help='length of a dynamic test at normal speed (default 10)')
     parser.add_argument('--speed', type=float, metavar='FACTOR',
-                        help='dynamic ramp so many times faster (default 1)')
+                        help='factor of the speed of a dynamic ramp (default 1)')
     parser.add_argument('--hold', type=float, metavar='S',
                         help='time per static step (default 5), or at the peak (default 0)')
     parser.add_argument('--load-step', type=float, metavar='TONNES',
@@ -62,11 +63,11 @@ def add_parser(subparsers: Any) -> None:
                         help='highest load (default: full scale)')
     parser.add_argument('--lowest', type=float, metavar='TONNES',
                         help='load at both ends (default: the preload of the rig file)')
-    parser.add_argument('--cycles', type=int, default=1, help='how often up and down (default 1)')
+    parser.add_argument('--cycles', type=int, default=1, help='number of load cycles (default 1)')
     parser.add_argument('--run-name', default='', help='free text for the bag')
     parser.add_argument('--overwrite', action='store_true', help='replace an existing bag')
     parser.add_argument('--json', metavar='FILE',
-                        help='write what was generated as JSON; - for stdout')
+                        help='write a summary as JSON; - for stdout')
 
 
 def _effects(**_: object) -> list[str]:
@@ -90,7 +91,7 @@ def run(args: argparse.Namespace) -> int:
         return 0
     parse_requests(args.effect, args.form)  # a misspelt effect is worth knowing first
     if args.out is None or args.test is None or args.elevation is None:
-        raise VirtualRigError('what to generate is not said: give OUT --test static|dynamic '
+        raise VirtualRigError('the test is not stated: give OUT --test static|dynamic '
                               '--elevation DEG, or --list-effects')
     plan = _plan(args)
     if args.out.exists() and not args.overwrite:
@@ -130,9 +131,9 @@ def _plan(args: argparse.Namespace) -> TestPlan:
               'stiffness-scatter': args.stiffness_scatter}
     for name, value in noises.items():
         if not 0.0 <= value < 1e4:
-            raise VirtualRigError(f'--{name} is {value:g}: give a number from 0 up')
+            raise VirtualRigError(f'--{name} is {value:g}: give a number from 0')
     if args.seed < 0 or args.rig_seed < 0:
-        raise VirtualRigError('a seed is below zero: give a whole number from 0 up')
+        raise VirtualRigError('a seed is below zero: give a whole number from 0')
     physical = PhysicalRig(
         rig, _contact(args), math.radians(args.elevation), parse_requests(args.effect, args.form),
         Scatter(args.gap_scatter * 1e-6, args.stiffness_scatter / 100.0), args.rig_seed)

@@ -13,7 +13,7 @@ def add_parser(subparsers: Any) -> None:
     """Declare the subcommand."""
     from saddlering_ros.cli._samples import add_fact_options, add_trust_option
 
-    parser = subparsers.add_parser('identify', help='find the contact parameters from bags')
+    parser = subparsers.add_parser('identify', help='identify the contact parameters from bags')
     parser.add_argument('bags', nargs='+', metavar='BAG', help='runs to fit, static and dynamic')
     parser.add_argument('--rig', type=Path, help='rig file (default: the shipped rig)')
     parser.add_argument('--method', default='default', choices=('default', 'paper'),
@@ -27,14 +27,14 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument('--particles', type=int, default=20)
     parser.add_argument('--iterations', type=int, default=50)
     parser.add_argument('--accuracy', type=float, metavar='J',
-                        help='the swarm stops once its best objective is at or under this')
+                        help='the swarm stops when its best objective is at most this')
     parser.add_argument('--stagnation', type=int, metavar='N',
-                        help='the swarm stops once N iterations have gained nothing')
+                        help='the swarm stops after N iterations without progress')
     parser.add_argument('--log-stiffness', action='store_true',
                         help="search K on a logarithmic scale in the paper's method too")
     parser.add_argument('--use-delta-y', action='store_true',
                         help="use delta_y in the paper's method too")
-    parser.add_argument('--profiles', action='store_true', help='profile likelihoods as well')
+    parser.add_argument('--profiles', action='store_true', help='also compute profile likelihoods')
     add_fact_options(parser)
     add_trust_option(parser)
 

@@ -15,22 +15,23 @@ if TYPE_CHECKING:
 def add_parser(subparsers: Any) -> None:
     """Declare the subcommand."""
     parser = subparsers.add_parser(
-        'import', help='CSV, TDMS, MAT, HDF5 and MDF4 files of a data logger as a bag',
+        'import', help='convert files of a data logger to a bag',
         description='Write measured files as a bag, by a map of columns to channels (MAP.yaml). '
                     'Units are stated in the map, never guessed.')
     parser.add_argument('files', nargs='+', type=Path, metavar='FILE', help='measured files')
     parser.add_argument('--map', type=Path, metavar='MAP.yaml',
-                        help='which column is which channel, in which unit')
+                        help='the map: column and unit of each channel')
     parser.add_argument('--out', type=Path, metavar='BAG',
                         help='the bag to write; a folder of bags if the map splits runs')
     parser.add_argument('--draft', action='store_true',
-                        help='print what is in the files and propose a map, written to --map')
+                        help='print the content of the files and a draft of the map, which --map '
+                             'receives')
     parser.add_argument('--rig', type=Path,
                         help='rig file: its hash goes into the bag, its probes give the range')
     parser.add_argument('--preview', type=Path, metavar='FILE.png',
-                        help='a picture of load and gaps over time')
+                        help='write a figure of load and gaps over time')
     parser.add_argument('--json', metavar='FILE',
-                        help='write what was imported as JSON; - for stdout')
+                        help='write a summary as JSON; - for stdout')
     parser.add_argument('--overwrite', action='store_true', help='replace a bag at --out')
 
 
@@ -44,8 +45,8 @@ def _draft(args: argparse.Namespace) -> int:
     from saddlering_ros.writing import write_text
 
     if args.map is not None and args.map.exists():
-        raise ImportingError(f'{args.map}: exists already, a draft does not replace it: choose '
-                             'another name, or remove it first')
+        raise ImportingError(f'{args.map}: exists already, and a draft does not replace it: '
+                             'choose another name, or remove it first')
     draft = draft_map(open_sources(args.files))
     if args.map is None:
         import sys

@@ -1,4 +1,4 @@
-"""`saddlering info`: what is in a bag, and what is wrong with it."""
+"""`saddlering info`: show the content of a bag and its faults."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ def add_parser(subparsers: Any) -> None:
     """Declare the subcommand."""
     from saddlering_ros.cli._samples import add_fact_options
 
-    parser = subparsers.add_parser('info', help='what is in a bag, and what is wrong with it')
+    parser = subparsers.add_parser('info', help='show the content of a bag and its faults')
     parser.add_argument('bags', nargs='+', metavar='BAG', help='rosbag2 directory or .mcap file')
     add_fact_options(parser)
     parser.add_argument('--rig', type=Path, help='rig file (default: the shipped rig)')
-    parser.add_argument('--json', metavar='FILE', help='write all of it as JSON; - for stdout')
+    parser.add_argument('--json', metavar='FILE', help='write all figures as JSON; - for stdout')
 
 
 def run(args: argparse.Namespace) -> int:
@@ -103,7 +103,7 @@ def _print_info(info: BagInfo, rig: Rig) -> None:
     for note in info.notes:
         console.print(Text(f'  note: {note}', style='yellow'))
     if not info.problems:
-        console.print(Text('  usable, but read the notes' if info.notes else '  usable',
+        console.print(Text('  usable; read the notes' if info.notes else '  usable',
                            style='yellow' if info.notes else 'green'))
     console.print()
 

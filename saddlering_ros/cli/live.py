@@ -12,18 +12,18 @@ from saddlering_ros.cli._json import tell_json
 def add_parser(subparsers: Any) -> None:
     """Declare the subcommand."""
     parser = subparsers.add_parser(
-        'live', help='a page in the browser that shows a test as it runs',
-        description='Serve a page that shows load and displacement, what the simulation misses, '
-                    'the health of every node, and identification and diagnosis as they go on. '
-                    'It listens to whatever runs in the ROS domain, and disturbs none of it.')
+        'live', help='show a running test in the browser',
+        description='Serve a page with load, displacement, residual, the state of every node, '
+        'and the progress of identification and diagnosis. The page shows all nodes of the ROS '
+        'domain and does not disturb them.')
     parser.add_argument('--port', type=int, default=8765,
                         help='port of the page; 0 takes a free one (default 8765)')
     parser.add_argument('--host', default='127.0.0.1',
-                        help='address to serve on; any but the default asks for a token '
-                             '(default 127.0.0.1: this machine only)')
+                        help='address to serve on; every other address than the default needs a '
+                             'token (default 127.0.0.1: this machine only)')
     parser.add_argument('--token', default='',
-                        help='what the address must hold to be let in (default beyond this '
-                             'machine: a random one)')
+                        help='token that a browser must give (default for other machines: a '
+                             'random one)')
     parser.add_argument('--domain', type=int, help='ROS domain (default: ROS_DOMAIN_ID, or 0)')
     parser.add_argument('--namespace', default='', metavar='NS',
                         help='namespace of the rig, so that several rigs share a domain '
@@ -33,7 +33,7 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument('--window', type=float, default=600.0, metavar='S',
                         help='longest time shown, in seconds (default 600)')
     parser.add_argument('--json', metavar='FILE',
-                        help='write the address as JSON once it is served; - for stdout')
+                        help='write the address as JSON; - for stdout')
 
 
 def run(args: argparse.Namespace) -> int:

@@ -54,7 +54,7 @@ def build_parser() -> tuple[argparse.ArgumentParser, dict[str, Run]]:
         description='Test rig, simulator and diagnosis of a saddle ring.',
         epilog=examples_text('saddlering'),
     )
-    parser.add_argument('--version', action=_Version, help='show the version and leave')
+    parser.add_argument('--version', action=_Version, help='show the version and exit')
     _add_traceback(parser, default=False)
     subparsers = parser.add_subparsers(dest='command', metavar='COMMAND', required=True)
     runs: dict[str, Run] = {}
@@ -85,8 +85,8 @@ def run_reporting(run: Run, args: argparse.Namespace) -> int:
         return READER_GONE
     except ModuleNotFoundError as error:
         return _complain(
-            f'Python package {error.name} is not installed here; docs/install.md lists what is '
-            'needed', OUR_FAILURE, args)
+            f'Python package {error.name} is not installed here; docs/install.md lists the '
+            'requirements', OUR_FAILURE, args)
     except OSError as error:
         if error.filename is not None and error.errno in UNUSABLE_FILE:
             return _complain(f'{error.filename}: {error.strerror}', UNUSABLE, args)
@@ -142,7 +142,7 @@ class _Version(argparse.Action):
 
 def _add_traceback(parser: argparse.ArgumentParser, default: object) -> None:
     parser.add_argument('--traceback', action='store_true', default=default,
-                        help='show where in the code an error came from')
+                        help='show the place in the code where an error occurred')
 
 
 def _one_line(message: str) -> str:
@@ -158,7 +158,7 @@ def _complain(message: str, status: int, args: argparse.Namespace) -> int:
 
 
 def _complain_of_ourselves(error: Exception, args: argparse.Namespace) -> int:
-    hint = '' if args.traceback else ' (--traceback shows where)'
+    hint = '' if args.traceback else ' (--traceback shows the place)'
     return _complain(f'failed: {type(error).__name__}: {error}{hint}', OUR_FAILURE, args)
 
 

@@ -19,18 +19,18 @@ def add_parser(subparsers: Any) -> None:
                     'until Ctrl-C or for --duration.')
     parser.add_argument('out', type=Path, metavar='OUT', help='bag to write')
     parser.add_argument('--test', choices=('static', 'dynamic'),
-                        help='kind of test, kept in the bag (with --elevation, it can then be '
+                        help='kind of test, kept in the bag (with --elevation, the bag can be '
                              'identified and diagnosed)')
     parser.add_argument('--elevation', type=float, metavar='DEG',
                         help='elevation of the barrel in degrees, kept in the bag')
-    parser.add_argument('--duration', type=float, metavar='S', help='end after so many seconds')
+    parser.add_argument('--duration', type=float, metavar='S', help='end after this time [s]')
     parser.add_argument('--domain', type=int, help='ROS domain (default: ROS_DOMAIN_ID, or 0)')
     parser.add_argument('--namespace', default='', metavar='NS',
                         help='namespace of the rig, so that several rigs share a domain '
                              '(default: the root)')
     parser.add_argument('--overwrite', action='store_true', help='replace an existing bag')
     parser.add_argument('--json', metavar='FILE',
-                        help='write what was recorded as JSON; - for stdout')
+                        help='write a summary as JSON; - for stdout')
 
 
 def run(args: argparse.Namespace) -> int:
@@ -64,7 +64,7 @@ def run(args: argparse.Namespace) -> int:
     told = {'bag': str(args.out), 'seconds': time.monotonic() - began, 'messages': counts}
     tell(args, told)
     if not any(counts.values()):
-        print(f'note: nothing was heard in ROS domain {domain}', file=sys.stderr)
+        print(f'note: no message was received in ROS domain {domain}', file=sys.stderr)
     return 0
 
 

@@ -23,13 +23,13 @@ def add_parser(subparsers: Any) -> None:
     """Declare the subcommand."""
     parser = subparsers.add_parser(
         'replay', help='replay a bag through the live nodes',
-        description='Start the replay, displacement, simulator and residual nodes on a bag and '
-                    'end them with it. Other ROS 2 programs hear them in the same ROS domain.')
+        description='Start the replay, displacement, simulator and residual nodes for a bag, and '
+        'end them with the bag. Other programs of the same ROS domain receive all topics.')
     parser.add_argument('bag', type=Path, metavar='BAG', help='the bag to replay')
     parser.add_argument('--params', type=Path, help='contact parameters to simulate with')
     parser.add_argument('--rig', type=Path, help='rig file (default: the shipped rig)')
     parser.add_argument('--elevation', type=float, metavar='DEG',
-                        help='elevation of the test (default: as the bag says)')
+                        help='elevation of the test (default: that of the bag)')
     parser.add_argument('--rate', type=float, default=1.0,
                         help='speed; 1 is real time, 0 as fast as the nodes follow (default 1)')
     parser.add_argument('--domain', type=int, help='ROS domain (default: ROS_DOMAIN_ID, or 0)')
@@ -37,15 +37,16 @@ def add_parser(subparsers: Any) -> None:
                         help='namespace of the rig, so that several rigs share a domain '
                              '(default: the root)')
     parser.add_argument('--record', type=Path, metavar='OUT',
-                        help='record everything, results included, into this bag (lossless: the '
-                             'replay waits for the recorder)')
+                        help='record all topics and results into this bag (lossless: the replay '
+                             'waits for the recorder)')
     parser.add_argument('--overwrite', action='store_true',
                         help='replace an existing bag with --record')
     parser.add_argument('--alarm', action='store_true',
                         help='start ring_alarm too, which watches the residual')
     parser.add_argument('--json', metavar='FILE',
-                        help='write what was replayed as JSON; - for stdout')
-    parser.add_argument('--log', type=Path, metavar='FOLDER', help='keep what the nodes say here')
+                        help='write a summary as JSON; - for stdout')
+    parser.add_argument('--log', type=Path, metavar='FOLDER', help='folder for the logs of the '
+                                                                   'nodes')
 
 
 def run(args: argparse.Namespace) -> int:
@@ -128,7 +129,7 @@ def _wait(group: Any, deadline: float, seconds: float | None) -> None:
                 told = waits[-1]
                 print(f'note: the replay {told[told.index("still waits for"):]}', file=sys.stderr)
             if PLAYS not in said and time.monotonic() - began > START_PATIENCE:
-                raise NodeError(f'the replay does not start: {last_line(said)}: see whether that '
+                raise NodeError(f'the replay does not start: {last_line(said)}: check that this '
                                 'node runs')
             if seconds is not None:
                 bar.show('replay', min((time.monotonic() - began) / seconds, 0.99))
@@ -140,7 +141,8 @@ def _wait(group: Any, deadline: float, seconds: float | None) -> None:
         raise NodeError(f'replay_clock left before the bag was at its end: '
                         f'{last_line(clock.said())}: replay it again')
     if 'without' in ends[-1]:
-        raise NodeError(f'{ends[-1][ends[-1].index(AT_END):]}, which fell behind: replay it again')
+        raise NodeError(f'{ends[-1][ends[-1].index(AT_END):]}, which fell behind: repeat the '
+                        'replay')
 
 
 def _check_all_run(group: Any) -> None:
@@ -149,7 +151,7 @@ def _check_all_run(group: Any) -> None:
 
     gone = [name for name, node in group.processes.items() if not node.running]
     if gone and group.processes['replay_clock'].running:
-        raise NodeError(f'{gone[0]} left before the bag was at its end: replay it again')
+        raise NodeError(f'{gone[0]} ended before the bag was at its end: repeat the replay')
 
 
 def _wait_for_all(recorder: Any, sent: dict[str, int]) -> None:
@@ -161,8 +163,8 @@ def _wait_for_all(recorder: Any, sent: dict[str, int]) -> None:
     deadline = time.monotonic() + LAST_MESSAGES
     while recorder.missing(sent):
         if time.monotonic() > deadline:
-            raise NodeError(f'the recording is not whole: {recorder.missing(sent)}: replay it '
-                            'again')
+            raise NodeError(f'the recording is incomplete ({recorder.missing(sent)}): repeat the '
+                            'replay')
         time.sleep(0.02)
 
 
@@ -172,7 +174,7 @@ def _leave_incomplete(recorder: Any) -> None:
 
     if recorder is not None:
         place = recorder.keep_as_incomplete()
-        print(f'note: what was recorded until then is in {place}', file=sys.stderr)
+        print(f'note: the recording until then is in {place}', file=sys.stderr)
 
 
 def _recording(args: argparse.Namespace, facts: Any, domain: int) -> Any:

@@ -1,4 +1,4 @@
-"""`saddlering report`: a page on parameters: how they were found, how well they predict bags."""
+"""`saddlering report`: write a report on parameters and their predictions bags."""
 
 from __future__ import annotations
 
@@ -14,18 +14,18 @@ def add_parser(subparsers: Any) -> None:
     from saddlering_ros.cli._samples import add_fact_options, add_trust_option
 
     parser = subparsers.add_parser(
-        'report', help='a page on parameters: how they were found, how well they predict',
+        'report', help='write a report on parameters and their predictions',
         description='Write one HTML file that opens offline: the parameters with their '
-                    'uncertainty, and simulation beside measurement on the bags given. (The page '
-                    'of a diagnosis is written by saddlering diagnose --report.)')
+        'uncertainty, and simulation beside measurement for the given bags. (saddlering diagnose '
+        '--report writes the report of a diagnosis.)')
     parser.add_argument('bags', nargs='+', metavar='BAG', help='runs to predict')
     parser.add_argument('--params', type=Path, required=True, metavar='FILE',
                         help='parameter file')
     parser.add_argument('--identification', type=Path, metavar='FILE.json',
-                        help='what `saddlering identify --json` wrote of it')
+                        help='JSON of the identification, from `saddlering identify --json`')
     parser.add_argument('--rig', type=Path, help='rig file (default: the shipped rig)')
     parser.add_argument('--out', type=Path, required=True, metavar='FILE.html',
-                        help='the page to write')
+                        help='the report to write')
     parser.add_argument('--json', metavar='FILE', help='write all figures as JSON; - for stdout')
     add_fact_options(parser)
     add_trust_option(parser)
@@ -60,9 +60,9 @@ def _identification(path: Path | None) -> dict[str, Any] | None:
     try:
         found = json.loads(path.read_text(encoding='utf-8'))
     except ValueError as problem:
-        raise ReportError(f'{path}: is not JSON ({problem}): give what saddlering identify '
-                          '--json wrote') from problem
+        raise ReportError(f'{path}: is not JSON ({problem}): give the file of saddlering '
+                          'identify --json') from problem
     if not isinstance(found, dict) or not {'parameters', 'evaluations', 'status'} <= set(found):
-        raise ReportError(f'{path}: is not the result of an identification: give what saddlering '
-                          'identify --json wrote')
+        raise ReportError(f'{path}: is not the result of an identification: give the file of '
+                          'saddlering identify --json')
     return found

@@ -15,7 +15,7 @@ def add_parser(subparsers: Any) -> None:
     )
 
     parser = subparsers.add_parser(
-        'residual', help='measured minus simulated displacement, as the live node publishes it')
+        'residual', help='compute measured minus simulated motion for a bag')
     add_bag_options(parser)
     add_parameter_option(parser)
     add_output_options(parser)

@@ -17,9 +17,9 @@ def add_parser(subparsers: Any) -> None:
     from saddlering_ros.cli._samples import add_fact_options
 
     parser = subparsers.add_parser(
-        'rig', help='describe your ring: a commented rig file, its drawing, a check against bags',
-        description='Write a commented rig file and a drawing of that ring, draw a rig file, or '
-                    'hold bags against it.')
+        'rig', help='write, draw or check a rig file',
+        description='Write a commented rig file and a drawing of its ring, draw an existing rig '
+                    'file, or compare bags with a rig file.')
     parser.add_argument('--rig', type=Path, help='rig file (default: the shipped rig)')
     parser.add_argument('--draft', type=Path, nargs='?', const=Path('rig.yaml'),
                         metavar='FILE.yaml',
@@ -31,10 +31,10 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument('--drawing', type=Path, metavar='FILE',
                         help='write the drawing here (.svg, .png or .pdf)')
     parser.add_argument('--check', nargs='+', default=[], metavar='BAG',
-                        help='print what in these bags speaks against the rig file')
+                        help='print the contradictions between these bags and the rig file')
     add_fact_options(parser)
     parser.add_argument('--json', metavar='FILE',
-                        help='write the rig and what was found as JSON; - for stdout')
+                        help='write the rig and the findings as JSON; - for stdout')
 
 
 def run(args: argparse.Namespace) -> int:
@@ -45,7 +45,7 @@ def run(args: argparse.Namespace) -> int:
 
     rig = load_rig(args.rig)
     if args.set and args.draft is None:
-        raise RigError('--set states an entry of a draft: give --draft as well')
+        raise RigError('--set is an entry of a draft: give --draft too')
     written: list[Path] = []
     if args.draft is not None:
         rig, written = _draft(args, rig)
@@ -61,8 +61,8 @@ def run(args: argparse.Namespace) -> int:
         _print(rig, written, found)
     if doubts:
         sys.stdout.flush()
-        print(f'saddlering rig: {doubts} things in the bags speak against the rig file: correct '
-              'it, or the map of the import', file=sys.stderr)
+        print(f'saddlering rig: {doubts} contradictions between the bags and the rig file: '
+              'correct the rig file, or the map of the import', file=sys.stderr)
     return 2 if doubts else 0
 
 
@@ -73,7 +73,7 @@ def _draft(args: argparse.Namespace, rig: Rig) -> tuple[Rig, list[Path]]:
     from saddlering_ros.writing import write_text
 
     if args.draft.exists():
-        raise RigError(f'{args.draft}: exists already, a draft does not replace it: choose '
+        raise RigError(f'{args.draft}: exists already, and a draft does not replace it: choose '
                        'another name, or remove it first')
     text, drafted = draft_rig_file(rig, args.set)
     write_text(args.draft, text, RigError)
@@ -98,6 +98,6 @@ def _print(rig: Rig, written: list[Path], found: dict[str, list[str]]) -> None:
     for path in written:
         print(f'written: {path}')
     for bag, lines in found.items():
-        print(f'{bag}: {"nothing speaks against the rig file" if not lines else ""}'.rstrip())
+        print(f'{bag}: {"no contradiction to the rig file" if not lines else ""}'.rstrip())
         for line in lines:
             print(f'  {line}')

@@ -16,7 +16,7 @@ def add_parser(subparsers: Any) -> None:
     )
 
     parser = subparsers.add_parser(
-        'simulate', help="simulated ring displacement under a bag's load, as the live node does")
+        'simulate', help='simulate the ring under the load of a bag')
     add_bag_options(parser)
     add_parameter_option(parser)
     add_effects_option(parser)

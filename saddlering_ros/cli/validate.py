@@ -13,13 +13,14 @@ def add_parser(subparsers: Any) -> None:
     """Declare the subcommand."""
     from saddlering_ros.cli._samples import add_fact_options, add_trust_option
 
-    parser = subparsers.add_parser('validate', help='compare a simulation with bags')
+    parser = subparsers.add_parser('validate', help='check how well parameters predict bags')
     parser.add_argument('bags', nargs='+', metavar='BAG', help='runs to predict')
     parser.add_argument('--params', type=Path, required=True, help='parameter file')
     parser.add_argument('--rig', type=Path, help='rig file (default: the shipped rig)')
     parser.add_argument('--json', metavar='FILE', help='write all figures as JSON; - for stdout')
     parser.add_argument('--plots', type=Path, metavar='DIR',
-                        help='simulated and measured over load and time, one picture per run')
+                        help='write figures of simulated and measured over load and time, one '
+                             'per run')
     parser.add_argument('--report', type=Path, metavar='FILE.html', help='write a report')
     add_fact_options(parser)
     add_trust_option(parser)

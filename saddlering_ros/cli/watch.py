@@ -24,18 +24,18 @@ def add_parser(subparsers: Any) -> None:
     from saddlering_ros.cli._samples import add_fact_options, add_parameter_option
 
     parser = subparsers.add_parser(
-        'watch', help='raise the alarm that a live test would have raised: the ring no longer '
-                      'behaves as its model')
+        'watch', help='find the moment when a recorded ring leaves its model')
     parser.add_argument('bags', nargs='+', metavar='BAG',
-                        help='rosbag2 directories or .mcap files; each is watched by itself')
+                        help='rosbag2 directories or .mcap files; each bag is watched separately')
     parser.add_argument('--rig', type=Path, help='rig file (default: the shipped rig)')
     add_fact_options(parser)
     add_parameter_option(parser)
     parser.add_argument('--materiality', type=float, default=MATERIALITY_PERCENT,
-                        metavar='PERCENT', help='residual without an alarm, in percent of the '
-                        f'range from preload to full scale (default {MATERIALITY_PERCENT:g})')
+                        metavar='PERCENT', help='residual that is allowed without an alarm, in '
+                        'percent of the range from preload to full scale (default '
+                        f'{MATERIALITY_PERCENT:g})')
     parser.add_argument('--false-alarm-hours', type=float, default=1000.0, metavar='H',
-                        help='at most one false alarm in so many hours of testing (default 1000)')
+                        help='mean time between false alarms, in hours of testing (default 1000)')
     parser.add_argument('--json', metavar='FILE', help='write the result as JSON; - for stdout')
 
 

@@ -16,9 +16,9 @@ class AxialClearance(Effect):
     id = 'axial_clearance'
     title = 'Wrong axial clearance'
     words = (
-        'The clearance of the axial rows is not the one in the rig file. Tilt and axial motion '
-        'begin with a dead zone and then run a nearly constant number of micrometres off, '
-        'because fewer or more rollers share the load.'
+        'The clearance of the axial rows differs from the rig file. Tilt and axial motion begin '
+        'with a dead zone and then have a nearly constant error, because fewer or more rollers '
+        'share the load.'
     )
     settled_by = (
         'Pull-push through zero load: the jump between the two directions is the clearance.'
@@ -35,7 +35,7 @@ class AxialClearance(Effect):
             'true clearance minus the clearance in the rig file', amplitude=True),
         EffectParameter(
             'spread', '1', 0.0, 1.0, 0.3, 0.0,
-            'how rollers differ: evenly from 1 - s to 1 + s times the change; 0: all alike',
+            'difference of rollers: evenly from 1 - s to 1 + s times the change; 0: all alike',
             one_sided=True),
     )
     starts = ({'change': 2e-5, 'spread': 0.8}, {'change': -1e-5, 'spread': 0.8})

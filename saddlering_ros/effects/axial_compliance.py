@@ -16,9 +16,9 @@ class AxialCompliance(Effect):
     id = 'axial_compliance'
     title = 'Axial compliance in series'
     words = (
-        'Bolts or ring bodies give way axially in series with the rollers. The extra axial '
-        'motion is a straight line over the axial force, without loop and without damper; tilt '
-        'does not have it.'
+        'Bolts or ring bodies deform axially in series with the rollers. The additional axial '
+        'motion is a straight line over the axial force, without loop and without damping. Tilt '
+        'is not changed.'
     )
     settled_by = (
         'Swapped probes 2 and 4 rule out the instruments; a second loading rate (x4) tells the '

@@ -16,13 +16,13 @@ class BoltOpening(Effect):
     id = 'bolt_opening'
     title = 'Opening bolted joint'
     words = (
-        'Beyond a certain tilting moment the bolted joint lifts off on one side and the ring '
-        'tilts more easily. Tilt has a kink at one moment, or a bend where bolts open one after '
-        'another, the same at every elevation, going up and coming down.'
+        'Beyond a certain tilting moment the bolted joint opens on one side, and the ring tilts '
+        'more easily. Tilt has a kink at one moment, or a bend if bolts open one after another. '
+        'The kink is the same at every elevation, for rising and falling load.'
     )
     settled_by = (
         'A run at another elevation: the kink stays at the same moment, not at the same load; '
-        'the ring slewed by 90 deg moves it to other bolts.'
+        'the ring slewed by 90 deg moves the opening to other bolts.'
     )
     outcomes = Outcomes(
         slewed_ring='a kink at another tilting moment',

@@ -17,15 +17,15 @@ class BracketPlay(Effect):
     id = 'bracket_play'
     title = 'Play in the loading bracket'
     words = (
-        'The bracket or trunnion shifts a little when the load turns round, so the load acts at '
-        'a slightly different angle going up than coming down. A small loop results, of opposite '
-        'sign in the radial and in the tilting channels.'
+        'The bracket or trunnion shifts a little when the load changes direction. The angle of a '
+        'rising load therefore differs slightly from that of a falling load. A small loop '
+        'results, of opposite sign in the radial and in the tilting channels.'
     )
     settled_by = 'An inclinometer on the bracket, read while loading and unloading.'
     outcomes = Outcomes(
-        inclinometer='an angle that jumps when the load turns round',
+        inclinometer='an angle that jumps when the load changes direction',
         second_rate='a loop of the same height',
-        repeat_cycle='a loop that comes again and stays open during the holds',
+        repeat_cycle='a loop that repeats and stays open during the holds',
         pull_push=UNCLEAR,
     )
     stage = 'load path'

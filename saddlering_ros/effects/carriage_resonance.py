@@ -23,15 +23,15 @@ class CarriageResonance(Effect):
     id = 'carriage_resonance'
     title = 'Resonance of the carriage'
     words = (
-        'The carriage or the frame swings on its own after each corner of the load. All '
-        'displacement channels ring at one frequency with falling height; a static run shows '
-        'nothing.'
+        'The carriage or the frame oscillates after each sudden change of the load rate. All '
+        'displacement channels oscillate at one frequency with a falling amplitude. A static run '
+        'shows nothing.'
     )
     settled_by = (
-        'A second loading rate (x4): the ringing grows with the rate and keeps its frequency.'
+        'A second loading rate (x4): the oscillation grows with the rate and keeps its frequency.'
     )
     outcomes = Outcomes(
-        second_rate='ringing that becomes smaller and keeps its frequency',
+        second_rate='an oscillation that becomes smaller and keeps its frequency',
     )
     stage = 'ring'
     channels = ('delta_x', 'delta_y', 'gamma')

@@ -16,13 +16,13 @@ class ClockOffset(Effect):
     id = 'clock_offset'
     title = 'Clock offset between load and probes'
     words = (
-        'Load and probes are stamped by two clocks that disagree, or run at different speed. All '
-        'probes are early or late by the same time, a pure shift without smoothing; a static run '
-        'hardly shows it.'
+        'Load and probes are stamped by two clocks with an offset or a different speed. All '
+        'probes are early or late by the same time, without smoothing. A static run hardly shows '
+        'this.'
     )
     settled_by = (
-        'A second loading rate (x4): the shift stays the same in seconds; or one signal fed to '
-        'both recorders.'
+        'A second loading rate (x4): the shift stays the same in seconds; or record one signal '
+        'with both recorders.'
     )
     outcomes = Outcomes(
         second_rate='a shift of the same time with sharp corners',

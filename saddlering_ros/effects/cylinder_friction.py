@@ -17,9 +17,9 @@ class CylinderFriction(Effect):
     id = 'cylinder_friction'
     title = 'Friction in the hydraulic cylinder'
     words = (
-        'Seals or the rod guide carry part of the force, so the ring gets less than measured '
-        'while loading and more while unloading. It opens a loop in all displacement channels, '
-        'of the same height in force units everywhere and at every elevation.'
+        'Seals or the rod guide carry a part of the force. The force on the ring is smaller than '
+        'measured while loading, and larger while unloading. All displacement channels show a '
+        'loop, which has the same height in force units at every load and elevation.'
     )
     settled_by = (
         'A reference load: a load cell between cylinder and trunnion, read while loading and '
@@ -28,7 +28,7 @@ class CylinderFriction(Effect):
     outcomes = Outcomes(
         reference_load='a difference that changes its sign between loading and unloading',
         second_rate='a loop of the same height',
-        repeat_cycle='a loop that comes again and stays open during the holds',
+        repeat_cycle='a loop that repeats and stays open during the holds',
         pull_push=UNCLEAR,
     )
     stage = 'load path'
@@ -37,7 +37,7 @@ class CylinderFriction(Effect):
     parameters = (
         EffectParameter(
             'force', 'N', 0.0, 30000.0, 3000.0, 3000.0,
-            'friction force once it has turned round', amplitude=True, one_sided=True),
+            'friction force after it has changed direction', amplitude=True, one_sided=True),
         *loop_parameters('N', 100.0, 20e3, 2e3),
     )
 

@@ -16,10 +16,10 @@ class DampingLaw(Effect):
     id = 'damping_law'
     title = 'Damping grows with penetration'
     words = (
-        'Rollers pressed harder damp more, where the model has one constant D. In a dynamic run '
-        'the lag behind the load grows with load instead of with rate alone; a static run shows '
-        'nothing. Where the film has been squeezed out damping may grow no more: with a high '
-        'power that is damping which sets in at one depth.'
+        'The damping of a roller grows with its penetration, and the model has one constant D. '
+        'In a dynamic run the lag behind the load grows with the load and not with the rate '
+        'alone. A static run shows nothing. Damping may stop growing after the film is squeezed '
+        'out. With a high power, damping then begins at one penetration.'
     )
     settled_by = (
         'A second loading rate (x4): the lag scales with rate at each load, and its shape over '
@@ -42,7 +42,7 @@ class DampingLaw(Effect):
             logarithmic=True),
         EffectParameter(
             'levelling', '1/m', 0.0, 2e5, 2e4, 0.0,
-            'L, one over the penetration beyond which damping grows no more; 0: without end',
+            'L, one over the penetration beyond which damping is constant; 0: no such limit',
             one_sided=True),
     )
     dynamic_only = True

@@ -12,28 +12,26 @@ from saddlering_ros.effects.rig_tests import RIG_TESTS
 OPENING = """\
 # Catalogue of effects
 
-What can part a measurement from the simulation. Each effect below is one file of
-`saddlering_ros/effects/`, found by walking that folder; this page is written from those files by
-`python -m saddlering_ros.effects.document > docs/catalogue.md`, and a test holds the two together.
+A reference of the causes that a diagnosis can name. Each effect is one file of
+`saddlering_ros/effects/`. `python -m saddlering_ros.effects.document > docs/catalogue.md`
+writes this page from those files, and a test compares the two.
 
-An effect in a parameter file extends the model wherever it is simulated, live or offline:
+An effect in a parameter file extends the model in every simulation, live and offline:
 
     effects:
       radial_friction: {force: 8000.0, presliding: 2.0e-6}
       probe_gain: {probe: 3.0, gain: 0.02}
 
-Units are SI. A parameter left out takes the value in the column *start*, a choice left out its
-first value. *Typical* is a size that a rig may well show. Bounds and typical sizes are project
+Units are SI. The default of a parameter is the value in the column *start*, that of a choice its
+first value. *Typical* is a size that a real rig may have. Bounds and typical sizes are project
 assumptions, not properties of a measured rig.
 """
 
 ADDING = """\
 ## Adding an effect
 
-Write one file with a subclass of `Effect` (saddlering_ros/effects/base.py) named after its id: the
-words above, its parameters with bounds, the first of them the one that makes it vanish, and
-`extend`, which sets parameters of `RingExtension` (saddlering_ros/effects/extension.py). Nothing
-else changes: simulator, diagnosis, parameter files and this page find it in the folder.
+[Adding an effect](add_an_effect.md) shows how to write the file of an effect. Simulator,
+diagnosis, parameter files and this page find the file in the folder.
 """
 
 
@@ -49,11 +47,11 @@ def catalogue_page() -> str:
 
 def _tests() -> Iterator[str]:
     """The tests that the next test of a verdict is chosen from."""
-    yield ('\n## Tests that tell causes apart\n\nThe next test of a verdict is the one that gives '
-           'most of the open causes an outcome of their own; of tests that tell as much, the '
-           'first in this table.\n\n| test | what to do | what other causes show |\n|---|---|---|')
+    yield ('\n## Tests that tell causes apart\n\nThe next test of a verdict is the test that '
+           'tells most of the possible causes apart. Among equal tests, the first one of this '
+           'table is chosen.\n\n| test | instruction | result for other causes |\n|---|---|---|')
     for test in RIG_TESTS:
-        yield f'| `{test.id}` | {test.instruction} | {test.otherwise or "may show anything"} |'
+        yield f'| `{test.id}` | {test.instruction} | {test.otherwise or "open"} |'
     yield ''
 
 
@@ -74,7 +72,7 @@ def _section(effect: Effect) -> str:
              '|---|---|---|---|---|---|---|']
     lines += [_parameter(parameter) for parameter in effect.parameters]
     lines += [f'\nChoice `{choice.name}`: {choice.words}.' for choice in effect.choices]
-    lines.append(f'\nSettled by: {_sentence(effect.settled_by)}\n')
+    lines.append(f'\nConfirmed by: {_sentence(effect.settled_by)}\n')
     shown = [f'`{test.id}`: {words}' for test in RIG_TESTS
              if (words := getattr(effect.outcomes, test.id))]
     if shown:

@@ -16,7 +16,7 @@ class ElevationError(Effect):
     id = 'elevation_error'
     title = 'Elevation error'
     words = (
-        'The barrel axis stands at another angle than the record says. At 50 degrees one degree '
+        'The elevation of the barrel differs from the record. At 50 degrees one degree '
         'too much takes 2.1 % from the radial channel and adds 1.5 % to the tilting ones; at 70 '
         'degrees it is 4.8 % and 0.6 %, so runs at two elevations tell it from a gain.'
     )

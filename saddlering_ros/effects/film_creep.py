@@ -18,14 +18,14 @@ class FilmCreep(Effect):
     id = 'film_creep'
     title = 'Creep of the oil film'
     words = (
-        'The lubricant between rollers and raceways is pressed out slowly, so the ring goes on '
-        'moving while the load is held and comes back late. It shows as drift on the plateaus, '
-        'as a loop that depends on the loading rate and as a part that has not returned at the '
-        'end.'
+        'The lubricant between rollers and raceways is squeezed out slowly, so that the ring '
+        'continues to move while the load is held, and returns late. Creep shows as drift on the '
+        'plateaus, as a loop that depends on the loading rate, and as a displacement that '
+        'remains at the end.'
     )
     settled_by = (
         'A second loading rate (x4), and a repeat cycle with holds at zero and full load: creep '
-        'goes on during the holds and dies out.'
+        'continues during the holds and fades.'
     )
     outcomes = Outcomes(
         second_rate='a loop whose height depends on the rate',
@@ -51,7 +51,7 @@ class FilmCreep(Effect):
         Variant('axial rows', {'rows': AXIAL}, ('delta_y', 'gamma')),
     )
     choices = (
-        Choice('rows', (ALL_ROWS, RADIAL, AXIAL), '0 all rows, 1 middle row, 2 axial rows'),)
+        Choice('rows', (ALL_ROWS, RADIAL, AXIAL), '0 all rows, 1 radial row, 2 axial rows'),)
     starts = tuple({'time': time} for time in (0.5, 5.0, 50.0))
 
     def extend(self, extension: RingExtension, values: Mapping[str, float]) -> RingExtension:

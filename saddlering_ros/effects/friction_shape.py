@@ -14,14 +14,14 @@ def loop_parameters(presliding_unit: str, low: float, high: float,
     return (
         EffectParameter(
             'presliding', presliding_unit, low, high, start, start,
-            'travel after a reversal within which friction turns round', one_sided=True,
+            'travel after a reversal within which friction changes direction', one_sided=True,
             logarithmic=True),
         EffectParameter(
             'sharpness', '1', 0.0, 1.0, 0.5, 0.5,
             'corners of the loop: 0 rounded (Dahl), 1 sharp (Jenkins)', one_sided=True),
         EffectParameter(
             'initial', '1', -1.0, 1.0, 0.5, 0.0,
-            'share of the friction already turned on at zero: 1 as while loading, -1 as while '
+            'share of the friction at the zero of the run: 1 as while loading, -1 as while '
             'unloading'),
     )
 

@@ -17,8 +17,8 @@ class LoadGain(Effect):
     title = 'Load gain error'
     words = (
         'The load cell or pressure transducer reads a fixed share too much or too little. Every '
-        'displacement scales with it, so the stiffnesses and dampings absorb it completely: only '
-        'a load known by other means, or stiffnesses known beforehand, shows it.'
+        'displacement changes by that share, so that stiffnesses and dampings imitate the error '
+        'completely. Only a reference load, or a stiffness known beforehand, shows the error.'
     )
     settled_by = (
         'A reference load: a known weight or a calibrated load cell in line with the cylinder.'

@@ -16,7 +16,8 @@ class LoadNonlinearity(Effect):
     id = 'load_nonlinearity'
     title = 'Bent load characteristic'
     words = (
-        'The load measurement is right at zero and at full scale but bends in between. The error '
+        'The load measurement is right at zero and at full scale, and wrong between them. The '
+        'error '
         'is a parabola over load, of equal size in force units in the radial and in the tilting '
         'channels, up and down alike.'
     )

@@ -17,8 +17,7 @@ class LoadOffset(Effect):
     title = 'Load zero offset'
     words = (
         'The load measurement does not read zero at zero load. The error is the same number of '
-        'newtons in every run, so it counts most at low load, where the ring is just closing its '
-        'gaps.'
+        'newtons in every run, so that it matters most at low load, where the clearances close.'
     )
     settled_by = 'A zero-load record with the cylinder disconnected, or a reference load.'
     outcomes = Outcomes(

@@ -17,9 +17,9 @@ class MainsPickup(Effect):
     id = 'mains_pickup'
     title = 'Mains pickup'
     words = (
-        'The probe cables pick up the mains, or a pump. A steady line at one frequency lies on '
-        'the readings, at zero load too; sampled slowly it appears at another, lower frequency. '
-        'A spectrum shows where to look.'
+        'The probe cables pick up the mains, or a pump. The readings contain a steady '
+        'oscillation at one frequency, at zero load too. At a low sampling rate this oscillation '
+        'appears at another, lower frequency. A spectrum shows its frequency.'
     )
     settled_by = 'A zero-load record at the highest sampling rate.'
     outcomes = Outcomes(

@@ -17,7 +17,8 @@ class MomentArm(Effect):
     title = 'Wrong moment arm'
     words = (
         'The load acts higher or lower over the ring than the rig file says. Only the tilting '
-        'moment changes, so tilt and axial motion scale while the radial channel stays right.'
+        'moment changes. Tilt and axial motion change in proportion, and the radial channel does '
+        'not change.'
     )
     settled_by = (
         'Measure the height of the loading axis over the ring, or hang a reference load from a '

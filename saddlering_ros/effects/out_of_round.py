@@ -17,11 +17,14 @@ class OutOfRound(Effect):
     id = 'out_of_round'
     title = 'Raceway out of round'
     words = (
-        'The radial raceway is slightly oval from the start, so the gap changes twice around the '
-        'ring. The radial channel shows much the same as with a wrong clearance: a dead zone and '
-        'then a nearly constant offset.'
+        'The radial raceway is slightly oval from the start, so that the gap has two maxima '
+        'around the ring. The radial channel looks much as with a wrong clearance: a dead zone '
+        'and then a nearly constant offset.'
     )
-    settled_by = 'The ring slewed by 90 deg: an oval changes its sign, a clearance stays.'
+    settled_by = (
+        'The ring slewed by 90 deg: the effect of an oval changes its sign, that of a clearance '
+        'does not.'
+    )
     outcomes = Outcomes(
         slewed_ring='a misfit of the opposite sign',
         pull_push=UNCLEAR,

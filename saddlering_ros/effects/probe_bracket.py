@@ -17,13 +17,12 @@ class ProbeBracket(Effect):
     id = 'probe_bracket'
     title = 'Probe bracket bends with load'
     words = (
-        'The bracket of one probe moves with the load, by its own weakness or because its foot '
-        'moves. This one probe is off by a straight line over load, without loop, which splits '
-        'over two channels.'
+        'The bracket of one probe moves with the load, because it bends or its base moves. The '
+        'error of this probe is a straight line over load, without loop, and affects two channels.'
     )
     settled_by = (
-        'Swapped probes: the error stays with the bracket; the ring slewed by 90 deg leaves it '
-        'too.'
+        'Swapped probes: the error stays with the bracket; the ring slewed by 90 deg does not '
+        'change the error.'
     )
     outcomes = Outcomes(
         other_elevation='a misfit of one probe in the same proportion to the load',

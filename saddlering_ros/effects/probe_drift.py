@@ -17,15 +17,15 @@ class ProbeDrift(Effect):
     id = 'probe_drift'
     title = 'Probe drift'
     words = (
-        'One probe creeps off with time, mostly by temperature. The error follows the clock and '
-        'not the load, goes on at rest, and leaves the loop open at zero.'
+        'The reading of one probe drifts with time, mostly with temperature. The error follows '
+        'time and not the load, continues at rest, and leaves the loop open at zero.'
     )
     settled_by = 'A zero-load record as long as a test.'
     outcomes = Outcomes(
         second_rate='a misfit that grows with the time and not with the load',
-        repeat_cycle='a misfit that goes on growing during the holds at preload',
+        repeat_cycle='a misfit that continues to grow during the holds at preload',
         zero_load='readings that drift at constant preload',
-        swapped_probes='a misfit that goes with the probe',
+        swapped_probes='a misfit that moves with the probe',
     )
     stage = 'measurement'
     channels = ('delta_x', 'delta_y', 'gamma', 'parity')

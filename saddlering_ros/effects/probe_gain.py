@@ -17,13 +17,13 @@ class ProbeGain(Effect):
     id = 'probe_gain'
     title = 'Probe gain error'
     words = (
-        'One probe reads a fixed share too much or too little, by its calibration or by the '
-        'metal it looks at. A radial probe (1, 3) shows it in the parity, an axial one (2, 4) in '
-        'the ratio of axial motion to tilt.'
+        'One probe reads a fixed share too much or too little, because of its calibration or the '
+        'metal of its target. A radial probe (1, 3) shows it in the parity, an axial one (2, 4) '
+        'in the ratio of axial motion to tilt.'
     )
-    settled_by = 'Swapped probes: the error goes with the probe.'
+    settled_by = 'Swapped probes: the error moves with the probe.'
     outcomes = Outcomes(
-        swapped_probes='a misfit that goes with the probe',
+        swapped_probes='a misfit that moves with the probe',
     )
     stage = 'measurement'
     channels = ('delta_x', 'delta_y', 'gamma', 'parity')

@@ -17,12 +17,12 @@ class ProbeHeight(Effect):
     title = 'Height of the radial probes'
     words = (
         'The two radial probes sit higher or lower over the mid-plane of the ring than the rig '
-        'file says, so they see a part of the tilt. The radial channel is off by something '
-        'shaped like the tilt.'
+        'file says, so that they measure a part of the tilt. The error of the radial channel has '
+        'the shape of the tilt.'
     )
     settled_by = (
-        'Measure the height of probes 1 and 3 over the mid-plane; failing that, a run at another '
-        'elevation, where tilt and radial force stand in another ratio.'
+        'Measure the height of probes 1 and 3 over the mid-plane; or record a run at another '
+        'elevation, where the ratio of tilt and radial force differs.'
     )
     outcomes = Outcomes(
         heights='another height of probes 1 and 3 than in the rig file',

@@ -17,9 +17,9 @@ class ProbeLag(Effect):
     id = 'probe_lag'
     title = 'Probe lag'
     words = (
-        'A filter in the electronics makes one probe, or all of them, follow late. In a dynamic '
-        'run the error is exponential after each corner of the load; a static run shows nothing. '
-        'On all probes it looks much like damping, and with two stages much like a clock offset.'
+        'A filter in the electronics delays one probe, or all probes. In a dynamic run the error '
+        'is exponential after each change of the load rate. A static run shows nothing. A lag of '
+        'all probes looks much like damping, and a lag of two stages much like a clock offset.'
     )
     settled_by = 'A second loading rate (x4), with swapped probes if only one is slow.'
     outcomes = Outcomes(

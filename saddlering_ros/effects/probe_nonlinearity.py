@@ -18,15 +18,14 @@ class ProbeNonlinearity(Effect):
     title = 'Bent probe characteristic'
     words = (
         'The characteristic of one probe is bent, as happens near the end of its span. The error '
-        'is a function of its reading, the same whatever load, rate or elevation brought it '
-        'there.'
+        'is a function of its reading, and does not depend on load, rate or elevation.'
     )
     settled_by = (
-        'Swapped probes: the error goes with the probe; or another gap at zero, which shifts it '
-        'along the characteristic.'
+        'Swapped probes: the error moves with the probe; or another gap at zero, which shifts '
+        'the error along the characteristic.'
     )
     outcomes = Outcomes(
-        swapped_probes='a misfit that goes with the probe',
+        swapped_probes='a misfit that moves with the probe',
         other_gap='a misfit that moves to another load',
     )
     stage = 'measurement'

@@ -17,14 +17,15 @@ class ProbeSaturation(Effect):
     id = 'probe_saturation'
     title = 'Probe saturation'
     words = (
-        'One probe runs into the end of its span and stands still there while the ring moves on. '
-        'Its reading is cut off flat at one level, up and down alike, and right below it.'
+        'One probe reaches the end of its span, and its reading stays constant while the ring '
+        'moves on. The reading is cut off at one level, for rising and falling load, and right '
+        'below this level.'
     )
     settled_by = (
         'The same test with the gap of that probe set wider or narrower at zero; swapped probes.'
     )
     outcomes = Outcomes(
-        swapped_probes='a misfit that goes with the probe',
+        swapped_probes='a misfit that moves with the probe',
         other_gap='a flat part that moves to another load or disappears',
     )
     stage = 'measurement'

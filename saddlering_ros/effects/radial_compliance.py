@@ -16,11 +16,11 @@ class RadialCompliance(Effect):
     id = 'radial_compliance'
     title = 'Radial compliance in series'
     words = (
-        'Bolts, ring bodies or the carriage give way radially in series with the rollers. The '
-        'extra motion is a straight line over load, without loop and without damper, so the '
-        'radial stiffness absorbs nearly all of it.'
+        'Bolts, ring bodies or the carriage deform radially in series with the rollers. The '
+        'additional motion is a straight line over load, without loop and without damping, so '
+        'that the radial stiffness imitates nearly all of it.'
     )
-    settled_by = 'A second loading rate (x4): the spring has no damper, the rollers have.'
+    settled_by = 'A second loading rate (x4): the compliance has no damping, the rollers have.'
     outcomes = Outcomes(
         other_elevation='a radial misfit in proportion to the radial force',
     )

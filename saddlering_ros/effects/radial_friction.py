@@ -17,9 +17,9 @@ class RadialFriction(Effect):
     id = 'radial_friction'
     title = 'Dry friction in the radial row'
     words = (
-        'Cages, seals or skewed rollers resist radial motion by a nearly constant force that '
-        'turns round with the motion. The radial channel shows a loop that does not depend on '
-        'rate, with a flat spot after each reversal; tilt and axial motion show none.'
+        'Cages, seals or skewed rollers resist radial motion by a nearly constant force, which '
+        'changes direction with the motion. The radial channel shows a loop that does not depend '
+        'on the rate, with a flat part after each reversal. Tilt and axial motion show no loop.'
     )
     settled_by = (
         'A second loading rate (x4), then a repeat cycle with holds at zero and full load: the '
@@ -27,7 +27,7 @@ class RadialFriction(Effect):
     )
     outcomes = Outcomes(
         second_rate='a loop of the same height',
-        repeat_cycle='a loop that comes again and stays open during the holds',
+        repeat_cycle='a loop that repeats and stays open during the holds',
         pull_push=UNCLEAR,
     )
     stage = 'ring'
@@ -36,7 +36,7 @@ class RadialFriction(Effect):
     parameters = (
         EffectParameter(
             'force', 'N', 0.0, 80000.0, 5000.0, 5000.0,
-            'friction force once it has turned round', amplitude=True, one_sided=True),
+            'friction force after it has changed direction', amplitude=True, one_sided=True),
         *loop_parameters('m', 2e-7, 3e-5, 2e-6),
     )
 

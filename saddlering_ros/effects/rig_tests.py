@@ -48,7 +48,7 @@ RIG_TESTS = (
     RigTest('zero_load', 'Record ten minutes at constant preload, at the highest sampling rate.',
             'no misfit at constant preload'),
     RigTest('swapped_probes', 'Swap probes 1 and 3, and probes 2 and 4, and repeat the static '
-            'test.', 'a misfit that stays where it was'),
+            'test.', 'a misfit that does not move'),
     RigTest('slewed_ring', 'Slew the ring by 90 deg and repeat the static test.',
             'a misfit that does not change'),
     RigTest('other_elevation', 'Repeat the static test at another elevation.'),

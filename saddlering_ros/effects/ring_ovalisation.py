@@ -18,9 +18,9 @@ class RingOvalisation(Effect):
     id = 'ring_ovalisation'
     title = 'Ovalisation of the ring'
     words = (
-        'The radial force squeezes the ring a little oval, so both radial probes move the same '
-        'way. It shows in the parity (d1 + d3)/2 only, which is zero for a rigid ring, straight '
-        'in load and without loop.'
+        'The radial force squeezes the ring a little oval, so that both radial probes move in '
+        'the same direction. Ovalisation shows in the parity (d1 + d3)/2 only, which is zero for '
+        'a rigid ring. The parity is then a straight line over load, without loop.'
     )
     settled_by = (
         'Swapped probes 1 and 3: ovalisation stays in the parity, a gain error of one probe '

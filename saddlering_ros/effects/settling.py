@@ -18,11 +18,13 @@ class Settling(Effect):
     id = 'settling'
     title = 'Settling in the first cycle'
     words = (
-        'Joints, shims or asperities settle for good under the highest load yet seen. The first '
-        'cycle ends away from zero, with a loop that is open at its lower end; a second cycle to '
-        'the same load shows nothing of it.'
+        'Joints, shims or asperities settle permanently under the highest load so far. The first '
+        'cycle does not return to zero, and its loop is open at the lower end. A second cycle to '
+        'the same load shows no settling.'
     )
-    settled_by = 'A repeat cycle with holds at zero and full load: settling is gone in it.'
+    settled_by = (
+        'A repeat cycle with holds at zero and full load: the second cycle shows no settling.'
+    )
     outcomes = Outcomes(
         second_rate='no misfit in the repeated test',
         repeat_cycle='a misfit in the first cycle only',
@@ -38,7 +40,7 @@ class Settling(Effect):
     parameters = (
         EffectParameter(
             'settling', 'm/N', -3e-10, 3e-10, 4e-11, 0.0,
-            'motion left per unit of the highest load; for tilt that at 1 m from the axis',
+            'remaining motion per unit of the highest load; for tilt that at 1 m from the axis',
             amplitude=True),
     )
     variants = (

@@ -17,8 +17,8 @@ class TiltCompliance(Effect):
     title = 'Tilt compliance in series'
     words = (
         'Bolts, ring bodies or the carriage bend under the tilting moment in series with the '
-        'rollers. The extra tilt is a straight line over moment, without loop and without '
-        'damper; axial motion does not have it.'
+        'rollers. The additional tilt is a straight line over the moment, without loop and '
+        'without damping. Axial motion is not changed.'
     )
     settled_by = 'A second loading rate (x4), or an inclinometer on the upper ring itself.'
     outcomes = Outcomes(

@@ -17,17 +17,17 @@ class TiltFriction(Effect):
     id = 'tilt_friction'
     title = 'Dry friction in the axial rows'
     words = (
-        'Friction in the axial rows or their seals resists tilting by a nearly constant moment '
-        'that turns round with the motion. Tilt (and with it axial motion) shows a loop that '
-        'does not depend on rate and comes again in every cycle.'
+        'Friction in the axial rows or their seals resists tilting by a nearly constant moment, '
+        'which changes direction with the motion. Tilt and axial motion show a loop that does '
+        'not depend on the rate and repeats in every cycle.'
     )
     settled_by = (
         'A repeat cycle with holds at zero and full load: friction shows the same loop again, '
-        'settling does not, drift goes on during the holds.'
+        'settling does not, and drift continues during the holds.'
     )
     outcomes = Outcomes(
         second_rate='a loop of the same height',
-        repeat_cycle='a loop that comes again and stays open during the holds',
+        repeat_cycle='a loop that repeats and stays open during the holds',
         pull_push=UNCLEAR,
     )
     stage = 'ring'
@@ -36,7 +36,7 @@ class TiltFriction(Effect):
     parameters = (
         EffectParameter(
             'moment', 'N m', 0.0, 60000.0, 3000.0, 3000.0,
-            'friction moment once it has turned round', amplitude=True, one_sided=True),
+            'friction moment after it has changed direction', amplitude=True, one_sided=True),
         *loop_parameters('rad', 3e-7, 5e-5, 3e-6),
     )
 

@@ -21,7 +21,7 @@ class UnequalRows(Effect):
         'whole load range.'
     )
     settled_by = (
-        'Pull-push through zero load, which turns round the parts of the two rows; swapped '
+        'Pull-push through zero load, which exchanges the parts of the two rows; swapped '
         'probes 2 and 4 rule out the instruments.'
     )
     outcomes = Outcomes(

@@ -35,14 +35,15 @@ def arc_parameters(centre: float) -> tuple[EffectParameter, ...]:
             amplitude=True, one_sided=True),
         EffectParameter(
             'centre', 'rad', 0.0, math.pi, 0.5, centre,
-            'middle of the arc from the rear (x > 0); its mirror image acts alike',
+            'middle of the arc from the rear (x > 0); its mirror image has the same effect',
             one_sided=True),
         EffectParameter(
             'half_width', 'rad', 0.15, 1.5, 0.5, 0.6,
             'half the length of the arc, to the middle of its ends', one_sided=True),
         EffectParameter(
             'edge', 'rad', 0.02, 0.8, 0.2, SOFT,
-            'how softly the arc ends: most of the change lies within twice this', one_sided=True),
+            'width of the ends of the arc: most of the change lies within twice this',
+            one_sided=True),
     )
 
 

@@ -18,10 +18,10 @@ from saddlering_ros.effects.worn_arc import (
 
 
 class WornSectorRadial(Effect):
-    """Worn sector of the middle row."""
+    """Worn sector of the radial row."""
 
     id = 'worn_sector_radial'
-    title = 'Worn sector of the middle row'
+    title = 'Worn sector of the radial row'
     words = (
         'On one arc the radial rollers or their raceway are worn, so that they carry less or '
         'come into contact later. The radial channel is softer when the arc lies at the rear, '

@@ -81,7 +81,7 @@ def test_the_same_recording_under_another_name_and_a_part_of_it_are_refused():
         refuse_repeats([first, replace(first, path=Path('copy'))])
     part = replace(first, path=Path('part'), stamps=first.stamps[300:], load=first.load[300:],
                    time=first.time[300:], gaps=first.gaps[:, 300:])
-    with pytest.raises(BagError, match='is fitted: hold out another one'):
+    with pytest.raises(BagError, match='is fitted: hold out another recording'):
         refuse_repeats([first], [part])
 
 

@@ -200,7 +200,7 @@ def bomb_of_metadata(path: Path) -> Path:
 
 
 @pytest.mark.parametrize(('make', 'words', 'most'), [
-    (lambda folder: bomb_of_chunks(folder / 'b.mcap', 12), 'no recorder made this', 40),
+    (lambda folder: bomb_of_chunks(folder / 'b.mcap', 12), 'no recorder writes such a file', 40),
     (lambda folder: bomb_of_a_chunk(folder / 'b.mcap', bytes(9), 200 * MEGABYTE), 'damaged', 450),
     (lambda folder: bomb_of_a_chunk(folder / 'b.mcap', b'\x7f' + bytes(8), 90 * MEGABYTE),
      'damaged', 200),
@@ -283,8 +283,8 @@ def test_swapped_channels_are_named(sound, one, other):
 def test_a_stuck_a_clipped_and_a_dead_probe_are_named(sound):
     load, gaps = sound
     for change, words in [
-            (lambda g: np.where(np.arange(2000) > 600, g[600], g), 'stands still'),
-            (lambda g: np.minimum(g, np.quantile(g, 0.7)), 'at an end of what it can read'),
+            (lambda g: np.where(np.arange(2000) > 600, g[600], g), 'stays at'),
+            (lambda g: np.minimum(g, np.quantile(g, 0.7)), 'at an end of its range'),
             (lambda g: 1e-3 + 1e-7 * np.random.default_rng(1).normal(size=2000),
              'does not follow the load')]:
         changed = gaps.copy()

@@ -24,7 +24,7 @@ def run_of(name: str = '', rig_hash: str = '') -> TestRun:
 
 
 def test_a_bag_of_another_rig_is_refused_with_what_to_do() -> None:
-    for is_given, words in ((True, 'the rig given is another'), (False, 'no rig is given')):
+    for is_given, words in ((True, 'the given rig is another'), (False, 'no rig is given')):
         with pytest.raises(BagError) as caught:
             refuse_other_rig([run_of('SR-48', OTHER.digest)], RIG, is_given=is_given)
         message = str(caught.value)

@@ -108,7 +108,7 @@ def test_an_existing_bag_is_replaced_only_when_asked(tmp_path, recording, bag):
 def test_what_is_no_bag_is_never_replaced(tmp_path, recording):
     (tmp_path / 'work').mkdir()
     (tmp_path / 'work' / 'thesis.txt').write_text('ten years')
-    with pytest.raises(BagError, match='is no bag'):
+    with pytest.raises(BagError, match='is not a bag'):
         recording.write(tmp_path / 'work', overwrite=True)
     assert (tmp_path / 'work' / 'thesis.txt').read_text() == 'ten years'
 

@@ -104,7 +104,7 @@ def test_a_recording_is_not_put_over_something_else(ros_domain, tmp_path, capsys
     (tmp_path / 'file').write_text('precious')
     assert main(['record', str(tmp_path), '--duration', '1', '--overwrite']) == 2
     assert Path(tmp_path / 'file').read_text() == 'precious'
-    assert 'is no bag' in capsys.readouterr().err
+    assert 'is not a bag' in capsys.readouterr().err
 
 
 @pytest.mark.ros
@@ -113,7 +113,7 @@ def test_a_recording_of_nothing_says_so(ros_domain, tmp_path, capsys):
     assert main(['record', str(out), '--duration', '0.5', '--json', '-']) == 0
     said = capsys.readouterr()
     assert set(json.loads(said.out)['messages'].values()) == {0}
-    assert 'nothing was heard' in said.err
+    assert 'no message was received' in said.err
     assert sorted(file.name for file in out.iterdir()) == ['metadata.yaml', 'nothing_0.mcap']
 
 
