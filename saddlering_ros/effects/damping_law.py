@@ -19,7 +19,7 @@ class DampingLaw(Effect):
         'The damping of a roller grows with its penetration, and the model has one constant D. '
         'In a dynamic run the lag behind the load grows with the load and not with the rate '
         'alone. A static run shows nothing. Damping may stop growing after the film is squeezed '
-        'out. With a high power, damping then begins at one penetration.'
+        'out; with a high power, damping then begins at one penetration.'
     )
     settled_by = (
         'A second loading rate (x4): the lag scales with rate at each load, and its shape over '

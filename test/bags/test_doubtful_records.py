@@ -48,7 +48,7 @@ def test_a_span_converted_with_the_readings_looks_like_its_unit(metres, unit):
 
 def test_a_record_that_starts_at_fifteen_tonnes_is_noted():
     (note,) = rig_notes(RIG, 'dynamic', TIME, np.maximum(RAMP, 15.0 * TONNE), SPANS)
-    assert note.startswith('the record starts at 15.0 t, not near the preload (0.5 t)')
+    assert note.startswith('the record starts at 15.0 t, which is not near the preload (0.5 t)')
 
 
 def test_steps_that_are_held_look_like_a_static_test():

@@ -227,7 +227,7 @@ def test_metadata_cannot_name_files_outside_the_bag(tmp_path, recording):
     for name in ('../secret/secret_0.mcap', str(secret / 'secret_0.mcap')):
         document[INFORMATION]['relative_file_paths'] = [name]
         (bag / 'metadata.yaml').write_text(yaml.safe_dump(document))
-        with pytest.raises(BagError, match='not there'):
+        with pytest.raises(BagError, match='is missing'):
             read_run(bag)
 
 
