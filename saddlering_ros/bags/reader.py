@@ -302,7 +302,7 @@ def run_of_record(
             else int(rows.given.sum()))
     if read < FEWEST_SAMPLES:
         raise BagError(
-            f'{where}: fewer than {FEWEST_SAMPLES} load stamps: '
+            f'{where}: fewer than {FEWEST_SAMPLES} load stamps have readings of all four probes: '
             + _why_apart(probes))
     assert facts.test is not None
     assert facts.elevation_deg is not None
@@ -319,14 +319,14 @@ def run_of_record(
 
 
 def _why_apart(probes: Sequence[RawTopic]) -> str:
-    """What to do about probes without a common reading, by how their stamps lie."""
+    """The remedy for probes without a common reading, by the pattern of their stamps."""
     for raw in probes:
         intervals = np.diff(raw.stamps)
         in_gaps = int(intervals[gap_mask(raw.stamps)].sum())
         if in_gaps > MAX_GAP_SHARE * int(raw.stamps[-1] - raw.stamps[0]):
             period = float(np.median(intervals)) / 1e6
             return (f'the stamps of {raw.topic} come in blocks, {period:.3g} ms apart within a '
-                    'block, with gaps between blocks: stamp each sample when it is taken, not '
+                    'block, with gaps between blocks: stamp each sample when it is taken and not '
                     'when its block arrives')
     return 'start and stop all recordings together'
 

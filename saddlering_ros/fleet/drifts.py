@@ -69,12 +69,12 @@ class Drift:
 
 
 DEAD_WEIGHT = (
-    'Hang a known dead weight on the load cell: a wrong reading blames the load cell, a right one '
-    'the contact of the ring.'
+    'Hang a known dead weight on the load cell. If the reading is wrong, the load cell drifts; '
+    'if it is right, the contact of the ring does.'
 )
 RIG_CHECK = (
-    'Test a ring that has been in store on this rig, and check the load cell with a dead weight: '
-    'if the stored ring has changed too, the rig is at fault.'
+    'Test a ring that has been in store on this rig, and check the load cell with a dead weight. '
+    'If the stored ring has changed too, the rig is at fault.'
 )
 
 
@@ -171,7 +171,7 @@ def _ring_drift(
                      ('contact_stiffness', 'load_gain'), DEAD_WEIGHT)
     strongest = max(slopes, key=lambda name: abs(slopes[name][0] / slopes[name][1]))
     return Drift(item.ring, 'ring', item.clock, slopes, p_value, (strongest,),
-                 'Repeat the test after the next service: a drift that starts anew is wear.')
+                 'Repeat the test after the next service. A drift that starts again is wear.')
 
 
 def scales_alike(slopes: Mapping[str, tuple[float, float]]) -> bool:

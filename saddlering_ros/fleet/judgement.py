@@ -78,7 +78,7 @@ class RingJudgement:
             answer.append('finding: ' + (', '.join(names).replace('_', ' ') or 'cause unknown'))
         if self.unlike is not None and self.unlike.stands:
             strongest = COORDINATES[int(np.argmax(np.abs(self.unlike.z_scores)))]
-            answer.append(f'unlike its sisters in {words_of([strongest])}')
+            answer.append(f'unlike the other rings in {words_of([strongest])}')
         if self.drift is not None:
             answer.append(f'drifts: {words_of(self.drift.group)}')
         return tuple(answer)

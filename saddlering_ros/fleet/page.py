@@ -21,7 +21,7 @@ CSS = ('<style>.row { display: flex; flex-wrap: wrap; gap: 4px 8px; }\n'
 
 
 UNLIKE_TEST = (
-    'Test the ring on another rig. If it differs there too, measure its clearances; if it does '
+    'Test the ring on another rig. If it differs there too, measure its clearances. If it does '
     'not, the rig is at fault.'
 )
 """What parts a ring that differs from the rig that tested it."""
@@ -45,7 +45,8 @@ def _tiles(
     words = ', '.join(f'{count} {name}' for name, count in verdicts.most_common())
     return html.tiles([
         (str(len(fleet.rings)), 'rings'), (str(len(fleet.sessions)), f'sessions: {words}'),
-        (str(len(flagged)), 'rings that need a person'), (str(len(fleet.rigs)), 'rigs that drift'),
+        (str(len(flagged)), 'rings that need attention'), (str(len(fleet.rigs)), 'rigs that '
+                                                                                 'drift'),
         (str(len(failures)), 'sessions without a verdict'),
     ])
 
@@ -58,13 +59,14 @@ def _needs_a_person(fleet: Fleet, flagged: Sequence[RingJudgement]) -> str:
         for item in flagged
     ]
     head = ['ring', 'rig', 'why', 'next test', 'remaining life', 'reports']
-    nothing = '' if rows or rigs else html.paragraph('No ring and no rig needs a person.')
-    return html.section('Who needs a person', html.bullets(rigs), html.table(head, rows), nothing)
+    nothing = '' if rows or rigs else html.paragraph('No ring and no rig needs attention.')
+    return html.section('Rings and rigs that need attention', html.bullets(rigs),
+                        html.table(head, rows), nothing)
 
 
 def _rig_line(drift: Drift) -> str:
-    return (f'Rig {drift.owner}: most of its rings drift together ({words_of(drift.group)}), '
-            f'so the rig is at fault and not the rings. {drift.next_test}')
+    return (f'Rig {drift.owner}: most of its rings drift together ({words_of(drift.group)}). The '
+            f'rig is at fault, not the rings. {drift.next_test}')
 
 
 def _next_test(item: RingJudgement) -> str:
@@ -105,7 +107,7 @@ def _histories(fleet: Fleet) -> str:
             for name, found in item.history.of.items())
         rows.append(f'{html.heading(item.ring)}<div class="row">{drawings}</div>')
     words = html.paragraph(
-        'Readings with two standard deviations, and the level that the trend follows. A dashed '
+        'Points: values with two standard deviations. Line: the level of the trend. A dashed '
         'line is a service. Stiffness and damping are shown as change in percent.', 'note')
     return html.section('Histories', words, *rows) if rows else ''
 
@@ -122,7 +124,7 @@ def _all_rings(fleet: Fleet) -> str:
             html.number(f'{item.e_value:.3g}'), *map(html.number, scores),
             '; '.join(item.reasons)])
     return html.section('All rings by concern', html.table(
-        head, rows, 'z: distance from the sister rings in standard deviations'))
+        head, rows, 'z: distance from the other rings in standard deviations'))
 
 
 def _failures(failures: Sequence[tuple[str, str]]) -> str:
@@ -137,7 +139,7 @@ def _method(fleet: Fleet) -> str:
         f'Sessions of one ring scatter {fleet.inflation:.2f} times as much (in variance) as '
         'their own intervals; all statistics here include that factor.',
         'A drift of stiffness and damping by the same share can be a drift of the load cell. '
-        'Then both are listed, and a dead weight on the load cell parts them.',
-        'Remaining life is given only for a significant drift whose predictions one session '
-        'ahead have held.',
+        'Then both are listed, and a dead weight on the load cell tells them apart.',
+        'Remaining life is given only for a significant drift whose predictions of the next '
+        'session were correct.',
     ]))

@@ -76,15 +76,15 @@ def read_table(path: Path, reading_unit: Unit, value_unit: Unit | None) -> Table
     for number, line in enumerate(lines, 1):
         cells = [cell.strip() for cell in line.split(delimiter)]
         if len(cells) != 2:
-            raise ImportingError(f'{path}, line {number}: has {len(cells)} columns: a calibration '
-                                 'table has two, the reading and the quantity')
+            raise ImportingError(f'{path}, line {number}: has {len(cells)} columns: a '
+                                 'calibration table has two columns, the reading and the quantity')
         numbers = [_number(cell, delimiter) for cell in cells]
         if None not in numbers:
             rows.append(numbers)
         elif number == 1:
             header = [_unit_in(cell) for cell in cells]
         else:
-            raise ImportingError(f'{path}, line {number}: {line!r} holds no two numbers: correct '
+            raise ImportingError(f'{path}, line {number}: {line!r} is not two numbers: correct '
                                  'the table')
     if header and header[0] is not None and header[0].name != reading_unit.name:
         raise ImportingError(f'{path}: its readings are in {header[0].name}, the map gives the '
@@ -96,8 +96,8 @@ def read_table(path: Path, reading_unit: Unit, value_unit: Unit | None) -> Table
     readings, values = (tuple(float(row[i] or 0.0) for row in rows) for i in (0, 1))
     steps = np.diff(readings)
     if len(readings) < 2 or not (np.all(steps > 0) or np.all(steps < 0)):
-        raise ImportingError(f'{path}: its readings must rise, or fall, from line to line, and be '
-                             'at least two: sort the table')
+        raise ImportingError(f'{path}: its readings must rise or fall from line to line, in at '
+                             'least two lines: sort the table')
     if steps[0] < 0:
         readings, values = readings[::-1], values[::-1]
     return Table(unit, readings, values)

@@ -160,8 +160,8 @@ def zone_of(name: object, where: str) -> tzinfo:
     try:
         return ZoneInfo(text)
     except (ZoneInfoNotFoundError, ValueError, OSError) as problem:
-        raise ImportingError(f'{where} is {text!r}, which is no time zone that is known: give '
-                             'UTC, a name like Europe/Berlin, or +01:00') from problem
+        raise ImportingError(f'{where} is {text!r}, which is not a known time zone: give UTC, a '
+                             'name like Europe/Berlin, or +01:00') from problem
 
 
 def start_of(value: object, zone: tzinfo | None, where: str) -> int:

@@ -111,11 +111,10 @@ def import_files(
         path = _path(out, mapping, first, metadata, names)
         runs.append(_write_run(path, streams, mapping, metadata, rig, overwrite, on_progress))
     if not runs:
-        raise ImportingError(f'{files[0]}: holds no sample whose time can be read: correct the '
-                             'map')
+        raise ImportingError(f'{files[0]}: has no sample with a readable time: correct the map')
     if min(first for run in runs for first, _ in run.spans.values()) < UNDATED:
-        sources[0].warnings.add('stamps count from 1970-01-01, as the time has no date: give '
-                                'start: in time:')
+        sources[0].warnings.add('stamps count from 1970-01-01, because the time has no date: '
+                                'give start: in time:')
     warnings = [line for source in sources for line in source.warnings.all()]
     return ImportResult(tuple(runs), tuple(dict.fromkeys(warnings)))
 
@@ -131,7 +130,8 @@ def _feeds(sources: Sequence[Source], mapping: ImportMap) -> list[Feed]:
         held = [source for source in sources
                 if fnmatch.fnmatch(source.path.name, channel.file)]
         if not held:
-            raise ImportingError(f'channels.{channel.name}: no file is named {channel.file!r}')
+            raise ImportingError(f'channels.{channel.name}: there is no file named '
+                                 f'{channel.file!r}')
         for source, column in find_column(held, channel.column, f'channels.{channel.name}'):
             key = (source.path, *_clock_key(source, column, channel.time or mapping.time))
             pieces[key] = _with_channel(pieces.get(key), source, column, channel, mapping)
@@ -209,7 +209,7 @@ def _metadata(mapping: ImportMap, part: Part, texts: Mapping[str, str]) -> TestF
         label = part.label if mapping.split.by == 'column' else str(part.run + 1)
         if by_label and label not in by_label:
             raise ImportingError(
-                f'split.runs: says nothing of the run {label!r}'
+                f'split.runs: does not describe the run {label!r}'
                 f'{did_you_mean(label, list(by_label))} (it has: {", ".join(by_label)})')
         given |= by_label.get(label, {})
         given.setdefault('run', label)

@@ -31,7 +31,7 @@ def draft_map(sources: Sequence[Source]) -> Draft:
     """A map proposed from the columns of the files; what is not known stands as TODO."""
     columns = [column for source in sources for column in source.columns]
     lines = ['# Draft of a map, made from the columns of the files. Complete every TODO, check',
-             '# the rest. A unit stands here only where the file states it.']
+             '# the rest. A unit is given here only if the file states it.']
     lines += _csv(sources)
     lines += ['time:', *(f'  {line}' for line in _time(columns)), 'channels:']
     chosen = _chosen(columns)
@@ -41,7 +41,7 @@ def draft_map(sources: Sequence[Source]) -> Draft:
         'test:',
         f'  test: {TO_DO}            # static or dynamic',
         f'  elevation_deg: {TO_DO}   # of the barrel, degrees',
-        '  # rig: SR-017          # what the rig is called',
+        '  # rig: SR-017          # name of the rig',
         '  # run: 1', '  # date: 2026-11-20', '  # operator: name', '  # service_hours: 120',
         '# split: {by: gap, seconds: 1}   # several runs in one file, or {by: column, column: ..}',
     ]

@@ -143,7 +143,7 @@ class Feed:
         if len(good) < len(stamps):
             bad = int(np.flatnonzero(stamps == MISSING)[0])
             piece.source.warnings.count(
-                f'{piece.source.path}: rows left out as their time cannot be read',
+                f'{piece.source.path}: rows with an unreadable time are left out',
                 len(stamps) - len(good), f'row {first + bad + 1}')
         for run_rows in self._runs(piece, block, stamps, good):
             kept, out = self._going_on(piece, stamps, run_rows, first)
@@ -205,12 +205,12 @@ class Feed:
         path = piece.source.path
         if stuck:
             place = int(rows[np.argmax(times == before)]) + first + 1
-            piece.source.warnings.count(f'{path}: rows left out as their time is that of an '
-                                        'earlier row', stuck, f'row {place}')
+            piece.source.warnings.count(f'{path}: rows with the time of an earlier row are left '
+                                        'out', stuck, f'row {place}')
         if back:
             place = int(rows[np.argmax(times < before)]) + first + 1
             furthest = float((before - times)[times < before].max()) / SECOND
-            piece.source.warnings.count(f'{path}: rows left out as their time goes back', back,
+            piece.source.warnings.count(f'{path}: rows whose time goes back are left out', back,
                                         f'row {place}, by up to {furthest:.6g} s')
         return rows[later], stuck + back
 
@@ -264,7 +264,7 @@ class Feed:
 
 def _floats(piece: Piece, column: str, cells: NDArray[Any]) -> Floats:
     if cells.dtype.kind not in 'fiu':
-        raise ImportingError(f'{piece.source.path}: column {column!r} holds text, not numbers: '
+        raise ImportingError(f'{piece.source.path}: column {column!r} holds text and no numbers: '
                              'name another column')
     return np.asarray(cells, dtype=np.float64)
 

@@ -118,7 +118,7 @@ def read_map(path: Path) -> ImportMap:
 def parse_map(document: Any, where: str, folder: Path, text: str = '') -> ImportMap:
     """A map from plain values; tables are looked for in `folder`."""
     if not isinstance(document, Mapping):
-        raise ImportingError(f'{where}: is no map: give time:, channels: and test:')
+        raise ImportingError(f'{where}: is not a map: give time:, channels: and test:')
     refuse_unknown_keys(document, ('time', 'channels', 'test', 'split', 'csv'), '', where,
                         ImportingError)
     for key in ('time', 'channels', 'test'):
@@ -202,10 +202,10 @@ def _channel(name: str, section: Any, file: str, folder: Path) -> ChannelMap:
     section = _section(section, where)
     refuse_unknown_keys(section, CHANNEL_KEYS, f'channels.{name}', file, ImportingError)
     if 'column' not in section:
-        raise ImportingError(f'{where}: which column? give column:')
+        raise ImportingError(f'{where}: no column is named: give column:')
     if section.get('unit') in (None, ''):
         raise ImportingError(f'{where}: the unit of column {section["column"]!r} is not stated: '
-                             'give unit:, it is never guessed')
+                             'give unit:')
     topic = CHANNELS[name]
     unit = unit_of(section['unit'], f'{where}.unit')
     calibration = _calibration(section, unit, where, folder)
@@ -240,8 +240,8 @@ def _calibration(section: Mapping[str, Any], unit: Unit, where: str, folder: Pat
         raise ImportingError(f'{where}: {kinds[0]} and {kinds[1]} are both given: give one')
     if 'table' in section:
         if 'offset' in section:
-            raise ImportingError(f'{where}: offset does not go with a table: put it into the '
-                                 'table')
+            raise ImportingError(f'{where}: an offset cannot be combined with a table: add it to '
+                                 'the table')
         value_unit = unit_of(section['table_unit'], f'{where}.table_unit') \
             if 'table_unit' in section else None
         return read_table(folder / str(section['table']), unit, value_unit)
@@ -251,8 +251,8 @@ def _calibration(section: Mapping[str, Any], unit: Unit, where: str, folder: Pat
             raise ImportingError(f'{where}.polynomial is {numbers!r}: give [c0, c1, c2, ..], the '
                                  'offset is c0')
         if 'polynomial_unit' not in section:
-            raise ImportingError(f'{where}: the unit of what the polynomial gives is not stated: '
-                                 'add polynomial_unit:')
+            raise ImportingError(f'{where}: the unit of the result of the polynomial is not '
+                                 'stated: add polynomial_unit:')
         return Polynomial(unit_of(section['polynomial_unit'], f'{where}.polynomial_unit'),
                           tuple(_number(number, f'{where}.polynomial') for number in numbers))
     result = scaled_unit(str(section['scale_unit']), unit, where) \

@@ -53,5 +53,5 @@ def save_preview(path: Path, runs: Sequence[ImportedRun]) -> None:
         try:
             figure.savefig(temporary, format=kind, dpi=120)
         except ValueError as problem:
-            raise ImportingError(f'{path}: pictures of this kind are not made: give a name that '
-                                 'ends in .png, .svg or .pdf') from problem
+            raise ImportingError(f'{path}: this kind of figure is not supported: give a name '
+                                 'that ends in .png, .svg or .pdf') from problem

@@ -135,7 +135,7 @@ def find_column(sources: Sequence[Source], pattern: str, where: str) -> list[tup
     for source in sources:
         names = _matching(source.columns, pattern)
         if len(names) > 1:
-            raise ImportingError(f'{where}: {pattern!r} means several columns of {source.path} '
+            raise ImportingError(f'{where}: {pattern!r} matches several columns of {source.path} '
                                  f'({", ".join(names[:5])}): give one name')
         found += [(source, name) for name in names]
     if not found:

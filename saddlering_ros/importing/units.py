@@ -66,7 +66,7 @@ def unit_of(name: object, where: str) -> Unit:
     found = known_unit(name)
     if found is None:
         raise ImportingError(
-            f'{where} is {name!r}, which is no unit that is known{did_you_mean(str(name), _UNITS)}'
+            f'{where} is {name!r}, which is not a known unit{did_you_mean(str(name), _UNITS)}'
             f' (known: {", ".join(_UNITS)})')
     return found
 

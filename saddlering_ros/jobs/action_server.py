@@ -65,10 +65,10 @@ class ActionNode(Node):
     JOB: ClassVar[str]
 
     PARAMETERS: ClassVar[tuple[Parameter, ...]] = (
-        Parameter('bag_root', '', 'folder that holds every bag a goal may name (links are '
-                  'followed before this is checked); none: the bags shipped with the package'),
-        Parameter('parameters_root', '', 'folder that holds every parameter file a goal may name; '
-                  'none: bag_root'),
+        Parameter('bag_root', '', 'folder below which every bag of a goal must lie (links are '
+                                  'resolved first); none: the shipped bags'),
+        Parameter('parameters_root', '', 'folder below which every parameter file of a goal must '
+                                         'lie; none: bag_root'),
         Parameter('longest_goal', 86400.0, 'a goal that takes longer than this [s] is aborted',
                   low=1.0, high=1e7),
         HARDWARE_ID,
@@ -140,7 +140,8 @@ class ActionNode(Node):
         self._pace()
         if self._busy.locked() or self.stopping:
             self.get_logger().warning(
-                f'goal rejected: another one is running ({self._stage}); cancel it or wait')
+                f'goal rejected: another goal is running ({self._stage}); cancel that goal or '
+                'wait')
             return GoalResponse.REJECT
         self._busy.acquire()
         return GoalResponse.ACCEPT

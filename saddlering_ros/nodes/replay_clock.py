@@ -57,21 +57,22 @@ class ReplayClockNode(BagNode):
 
     PARAMETERS = (
         *BagNode.PARAMETERS,
-        Parameter('rate', 1.0, 'speed: 1 is real time; 0: as fast as the nodes follow (in '
-                  'lockstep only)', low=0.0, high=100.0),
-        Parameter('lockstep', False, 'let time go on only when all participants have dealt with '
-                  'everything before'),
-        Parameter('participants', PARTICIPANTS, 'nodes to wait for, before the first message and '
-                  'in lockstep'),
+        Parameter('rate', 1.0, 'speed: 1 is real time; 0 is as fast as the nodes follow (in '
+                               'lockstep only)', low=0.0, high=100.0),
+        Parameter('lockstep', False, 'advance the clock only when all participants have '
+                                     'processed all earlier messages'),
+        Parameter('participants', PARTICIPANTS, 'nodes for which the clock waits, before the '
+                                                'first message and in lockstep'),
         Parameter('window', 0.1, 'bag time per step in lockstep [s]', low=0.001, high=1.0,
                   changeable=True),
         Parameter('clock_rate', 100.0, 'steps a second in real time', low=1.0, high=1000.0),
-        Parameter('timeout', 5.0, 'a node that does not catch up for this long [s] is reported, '
-                  'and no longer waited for until it does', low=0.1, high=3600.0),
+        Parameter('timeout', 5.0, 'a node that does not catch up within this time [s] is '
+        'reported; the clock does not wait for this node until it has caught up',
+                  low=0.1, high=3600.0),
         Parameter('start_paused', False, 'wait for ~/play'),
-        Parameter('elevation_deg', math.nan, 'elevation of the test [deg], in place of what the '
-                  'bag states; nan: as the bag states', low=-10.0, high=90.0, nan_allowed=True),
-        Parameter('exit_at_end', False, 'leave when the bag is at its end'),
+        Parameter('elevation_deg', math.nan, 'elevation of the test [deg], in place of that of '
+        'the bag; nan: that of the bag', low=-10.0, high=90.0, nan_allowed=True),
+        Parameter('exit_at_end', False, 'exit at the end of the bag'),
     )
 
     def __init__(self) -> None:
@@ -92,8 +93,8 @@ class ReplayClockNode(BagNode):
         self._rate = self.settings['rate']
         self._lockstep = self.settings['lockstep']
         if self._rate == 0.0 and not self._lockstep:
-            raise NodeError('replay_clock: rate is 0, which is as fast as the nodes follow: give '
-                            'lockstep:=true too, or a rate above 0')
+            raise NodeError('replay_clock: rate is 0 (as fast as the nodes follow), which needs '
+                            'lockstep: give lockstep:=true too, or a rate above 0')
         self._group = LockstepGroup([name for name in self.settings['participants'] if name])
         self._state = ReplayState.WAITING
         self._after_waiting = (ReplayState.PAUSED if self.settings['start_paused']
@@ -338,7 +339,7 @@ class ReplayClockNode(BagNode):
                    'bag': Path(self.settings.text('bag')).name}
         if self._group.excused and self._lockstep:
             names = ', '.join(sorted(self._group.excused))
-            return Finding(ERROR, f'goes on without {names}, which fell behind', figures)
+            return Finding(ERROR, f'continues without {names}, which fell behind', figures)
         late = time.monotonic() - self._advanced > 1.0
         if self._waiting_for and (late or self._state == ReplayState.WAITING):
             return Finding(WARN, f'waits for {"; ".join(self._waiting_for)}', figures)

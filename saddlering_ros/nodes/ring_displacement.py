@@ -51,9 +51,9 @@ class RingDisplacementNode(StreamingNode):
     PARAMETERS = (
         INPUT_RELIABILITY, MAX_GAP,
         Parameter('frame_id', 'ring', 'frame of the displacement: reference point C of the ring'),
-        Parameter('parity_noise', 0.3e-6, 'noise of the parity [m]; a mean beyond five times this '
-                  'is reported', low=1e-9, high=1e-3, changeable=True),
-        Parameter('lowest_rate', 0.0, 'messages a second and topic below which diagnostics warn',
+        Parameter('parity_noise', 0.3e-6, 'noise of the parity [m]; a mean of more than five '
+        'times this value is reported', low=1e-9, high=1e-3, changeable=True),
+        Parameter('lowest_rate', 0.0, 'rate of a topic [messages/s] below which diagnostics warn',
                   low=0.0, high=1e5),
     )
 
@@ -145,8 +145,8 @@ class RingDisplacementNode(StreamingNode):
             return Finding(OK, 'all four read')
         channels = ' and '.join(sorted({lost[number] for number in missing}))
         probes = ', '.join(map(str, missing))
-        return Finding(ERROR, f'probe {probes} does not read, {channels} not known: see to the '
-                       'probe, then call ~/zero; the other channels go on')
+        return Finding(ERROR, f'probe {probes} does not read, {channels} unknown: repair the '
+                              'probe, then call ~/zero; the other channels continue')
 
     def _zero_finding(self) -> Finding:
         stream = self._stream

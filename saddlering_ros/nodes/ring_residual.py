@@ -88,9 +88,9 @@ class RingResidualNode(StreamingNode):
             return Finding(ERROR, 'measured and simulated are at different elevations and are not '
                            'subtracted: correct elevation_deg of ring_simulator', figures)
         if not self._stream.zeros_agree:
-            return Finding(WARN, 'measured and simulated count from different zeros and are not '
-                           'subtracted: call /ring_displacement/zero', figures)
-        return Finding(OK, 'measured and simulated count from the same zero', figures)
+            return Finding(WARN, 'measured and simulated have different zeros and are not '
+                                 'subtracted: call /ring_displacement/zero', figures)
+        return Finding(OK, 'measured and simulated have the same zero', figures)
 
     def _residual_finding(self) -> Finding:
         if not self._count.any():

@@ -68,15 +68,15 @@ class RingSimulatorNode(StreamingNode):
 
     PARAMETERS = (
         INPUT_RELIABILITY, MAX_GAP,
-        Parameter('parameters_file', '', 'contact parameters and effects, as `saddlering identify '
-                  '--out` writes them (or give that file as --params-file); none: the '
-                  'true-to-scale values'),
-        Parameter('follow_parameters', False, 'take parameters offered on /ring/parameters (the '
-                  'simulation then starts anew)'),
-        Parameter('follow_zero', True, 'zero anew when ring_displacement is asked to'),
-        Parameter('bag', '', 'a bag whose elevation is taken, unless elevation_deg is given'),
-        Parameter('elevation_deg', math.nan, 'elevation of the load [deg]; nan: as the bag says, '
-                  'else as rig/elevation measures, else 50', low=-10.0, high=90.0,
+        Parameter('parameters_file', '', 'file of contact parameters and effects, from '
+        '`saddlering identify --out` (or pass the file by --params-file); none: the '
+        'true-to-scale values'),
+        Parameter('follow_parameters', False, 'use parameters that are offered on '
+        '/ring/parameters (the simulation then starts anew)'),
+        Parameter('follow_zero', True, 'take a new zero when ring_displacement takes one'),
+        Parameter('bag', '', 'a bag whose elevation is used, unless elevation_deg is given'),
+        Parameter('elevation_deg', math.nan, 'elevation of the load [deg]; nan: that of the bag, '
+        'else that of rig/elevation, else 50', low=-10.0, high=90.0,
                   nan_allowed=True, while_inactive=True),
         Parameter('max_step', 1e-3, 'longest time step of the integration [s]', low=1e-6,
                   high=0.1),
@@ -252,11 +252,11 @@ class RingSimulatorNode(StreamingNode):
             return
         stamp = to_stamp(message.header.stamp) or time.time_ns()
         if stamp > time.time_ns() + FUTURE_NS:
-            self._refuse('its stamp lies in the future: stamp it with the time of now, or 0')
+            self._refuse('its stamp lies in the future: stamp it with the present time, or 0')
         elif stamp < self._parameters_stamp:
             # Of two servers that publish here, each keeps its last for late joiners.
             self._refuse('its stamp is older than that of the parameters in force: stamp it with '
-                         'the time of now, or 0')
+                         'the present time, or 0')
         elif not self.active:
             self._offered, self._parameters_stamp = message, stamp
         elif self._follow(message):

@@ -23,15 +23,15 @@ ENTRIES: tuple[tuple[str, str], ...] = (
     ('carriage.weight_x', 'm, where the weight acts; to the rear is positive'),
     ('trunnion.x', 'm, x_t: where the load acts, from C to the rear'),
     ('trunnion.y', 'm, y_t: and upwards'),
-    ('probes.axial_span', 'm, L: probes 2 (front) and 4 (rear) are this far apart'),
+    ('probes.axial_span', 'm, L: distance of probes 2 (front) and 4 (rear)'),
     ('probes.radial_height', 'm, h_s: probes 1 (rear) and 3 (front) over C'),
     ('probes.polarity', 'of probes 1 to 4; 1: the gap grows as the drawing shows, -1: it shrinks'),
     ('probes.min_range', 'm, the span of the probes'),
     ('probes.max_range', 'm'),
-    ('preload', "N: closes the rig's gaps; displacements count from here"),
-    ('full_scale_load', 'N, of the cylinder; every limit of loads counts from it'),
-    ('full_scale_time', 's: a faster change by full scale is no load, and is refused'),
-    ('force_unit', 't or kN: how loads are printed'),
+    ('preload', 'N: at this load displacements are zero'),
+    ('full_scale_load', 'N, of the cylinder; every limit of loads is a share of it'),
+    ('full_scale_time', 's: a change by full scale in less time is impossible and is refused'),
+    ('force_unit', 't or kN: unit in which loads are printed'),
 )
 """Every entry of the section `rig` in the order of the file, with what it means."""
 
@@ -62,7 +62,7 @@ def draft_rig_file(rig: Rig, stated: Sequence[str]) -> tuple[str, Rig]:
         number = _plain_exponents(_text(values[name]))
         entry = f'{"        " if above else "      "}{key}: {number}'
         lines.append(f'{entry:<36} # {words}' + ('' if name in given else ' (TO CHECK)'))
-    lines.append('    bounds:                  # where identification looks')
+    lines.append('    bounds:                  # search range of an identification')
     lines += [_plain_exponents(f'      {name}: [{low!r}, {high!r}]')
               for name, (low, high) in rig.bounds.items()]
     nested: dict[str, Any] = {}

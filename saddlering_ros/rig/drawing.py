@@ -21,7 +21,7 @@ def save_drawing(path: Path | str, rig: Rig, elevation_deg: float = DRAWN_ELEVAT
     """Write the drawing of a rig as SVG, PNG or PDF, by the suffix."""
     path = Path(path)
     if path.suffix.lower() not in SUFFIXES:
-        raise RigError(f'{path}: no drawing of this kind is made: give a name that ends in '
+        raise RigError(f'{path}: this kind of drawing is not supported: give a name that ends in '
                        f'{", ".join(SUFFIXES)}')
     with whole_file(path, RigError) as temporary:
         _save(rig_figure(rig, elevation_deg), temporary, path.suffix.lower().lstrip('.'))

@@ -214,8 +214,8 @@ class RingSimulator:
 def check_record(time: Floats, load: Floats) -> None:
     """SimulationError unless time rises, everything is finite, and there is a sample."""
     if time.ndim != 1 or time.shape != load.shape or time.size == 0:
-        raise SimulationError(f'time {time.shape} and load {load.shape} do not fit: '
-                              'give two equal rows')
+        raise SimulationError(f'time {time.shape} and load {load.shape} do not fit: give two '
+                              'arrays of equal length')
     if not (np.all(np.isfinite(time)) and np.all(np.isfinite(load))):
         raise SimulationError('time or load is not finite (NaN or inf): clean the record first')
     steps = np.diff(time)

@@ -17,9 +17,8 @@ from saddlering_ros.ros.streaming_node import StreamingNode
 BAG = Parameter('bag', '', 'the bag to replay: a rosbag2 directory or an .mcap file; none: wait',
                 changeable=True)
 BAG_ROOT = Parameter(
-    'bag_root', '', 'folder that holds every bag given while the node runs (links are followed '
-    'before this is checked); none: that of the bag given at the start, else the bags shipped '
-    'with the package')
+    'bag_root', '', 'folder below which every bag must lie that is set while the node runs '
+    '(links are resolved first); none: the folder of the bag at the start, else the shipped bags')
 
 
 class BagNode(StreamingNode):
@@ -43,7 +42,8 @@ class BagNode(StreamingNode):
         """Without a bag it waits: a driver of the hardware, or ros2 bag play, may do its work."""
         if not self._first_bag:
             self.get_logger().info(
-                f'no bag given: replays nothing. To replay one of {self._bag_root}: ros2 param '
+                'no bag is given, so that nothing is replayed. To replay a bag of '
+                f'{self._bag_root}: ros2 param '
                 f'set {self.get_fully_qualified_name()} bag PATH, then ros2 lifecycle set')
             return False
         return True

@@ -141,7 +141,7 @@ class ReplayNode(BagNode):
             return Finding(WARN, 'no /clock yet: start replay_clock, or ros2 bag play --clock',
                            figures)
         if all(track.at_end() for track in self._tracks):
-            return Finding(OK, 'everything is published', figures)
+            return Finding(OK, 'all messages are published', figures)
         silent = time.monotonic() - self._heard
         if silent > 2.0:
             return Finding(ERROR, f'/clock has been silent for {silent:.0f} s', figures)

@@ -101,7 +101,7 @@ class StreamTask:
             words = f'{self._new_late} messages out of order or stamps that jumped back'
         elif rate < self.lowest_rate:
             level = WARN
-            words = f'{rate:.1f} messages a second, at least {self.lowest_rate:g} wanted'
+            words = f'{rate:.1f} messages a second, and at least {self.lowest_rate:g} are required'
         self._clear()
         return Finding(level, words, figures)
 
@@ -166,8 +166,8 @@ class ParityTask:
         self._sum = self._peak = 0.0
         self._count = 0
         if abs(mean) > limit:
-            return Finding(WARN, f'{mean * 1e6:.1f} um, beyond noise: probes 1 and 3 do not see '
-                           'the same rigid ring', figures)
+            return Finding(WARN, f'{mean * 1e6:.1f} um, beyond noise: the readings of probes 1 '
+                                 'and 3 do not belong to one rigid ring', figures)
         return Finding(OK, 'zero within noise', figures)
 
 

@@ -54,8 +54,8 @@ class ElevationWatch:
 
     def resolve(self, given: float = math.nan, started_with: float = math.nan) -> Elevation:
         """The elevation that counts; given, started_with: setting and first bag [rad], or NaN."""
-        sources = ((given, 'set'), (self.of_bag, 'of the bag replayed'),
-                   (started_with, 'of the bag given'), (self.measured, 'measured'))
+        sources = ((given, 'set'), (self.of_bag, 'of the replayed bag'),
+                   (started_with, 'of the given bag'), (self.measured, 'measured'))
         for value, source in sources:
             if not math.isnan(value):
                 return Elevation(value, source)
@@ -63,7 +63,7 @@ class ElevationWatch:
 
     def contradiction(self, used: float) -> str:
         """What contradicts the elevation in use [rad], in words; '' if nothing does."""
-        for value, limit, whose in ((self.of_bag, SAME_BAG, 'the bag replayed is of'),
+        for value, limit, whose in ((self.of_bag, SAME_BAG, 'the replayed bag has'),
                                     (self.measured, SAME_MEASURED, 'rig/elevation measures')):
             if abs(value - used) > limit:  # False for NaN
                 return (f'{whose} {math.degrees(value):.2f} deg, and '

@@ -54,7 +54,7 @@ class Domain:
                 fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
                 return cls(number, lock)
             lock.close()
-        raise NodeError(f'all ROS domains from {DOMAINS[0]} to {DOMAINS[-1]} are taken '
+        raise NodeError(f'all ROS domains from {DOMAINS[0]} to {DOMAINS[-1]} are in use '
                         f'({folder}): end another replay first')
 
     def release(self) -> None:
@@ -228,7 +228,7 @@ class NodeGroup:
 def last_line(text: str) -> str:
     """The last line of a log that says something."""
     lines = [line.strip() for line in text.splitlines() if line.strip()]
-    return lines[-1] if lines else 'it said nothing'
+    return lines[-1] if lines else 'no output'
 
 
 @contextlib.contextmanager

@@ -81,11 +81,11 @@ class LockstepGroup:
         writers = {topic for other in others for topic in other.outputs}
         for topic, count in zip(said.inputs, said.publishers, strict=True):
             if topic in writers and count == 0:
-                return f'is not matched with the publisher of {topic}'
+                return f'is not connected to the publisher of {topic}'
         for topic, count in zip(said.outputs, said.subscriptions, strict=True):
             readers = sum(topic in other.inputs for other in others)
             if count < readers:
-                return f'{topic} is matched with {count} of {readers} readers'
+                return f'{topic} is connected to {count} of {readers} readers'
         return ''
 
     def behind(self, until: int) -> list[str]:
@@ -107,7 +107,7 @@ class LockstepGroup:
     def _lag(self, said: ReplayProgress, until: int, last: dict[str, int]) -> str:
         replayed = to_stamp(said.replayed_until)
         if replayed not in (0, until):
-            return 'has not heard of the clock yet' if replayed == 1 else (
+            return 'has not received the clock yet' if replayed == 1 else (
                 f'has {(until - replayed) / 1e9:.3f} s left to publish')
         for topic, time in zip(said.inputs, said.input_stamps, strict=True):
             stamp = to_stamp(time)

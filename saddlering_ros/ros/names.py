@@ -39,7 +39,7 @@ def namespace_of(text: str) -> str:
     try:
         validate_namespace(f'/{parts}')
     except InvalidNamespaceException as problem:
-        raise NodeError(f'namespace {text!r}: give letters, digits and underscores, parted by '
+        raise NodeError(f'namespace {text!r}: give letters, digits and underscores, separated by '
                         '/ (rig1, or hall/rig1)') from problem
     return f'/{parts}'
 

@@ -81,7 +81,7 @@ class Parameter:
 
 
 HARDWARE_ID = Parameter(
-    'hardware_id', '', 'identity of the rig in /diagnostics; none: saddlering, and the namespace')
+    'hardware_id', '', 'identity of the rig in /diagnostics; none: saddlering and the namespace')
 
 
 class Settings(dict[str, Any]):
@@ -104,8 +104,8 @@ def declare(node: Node, parameters: Sequence[Parameter]) -> Settings:
             known = by_name.get(change.name)
             reason = known.refusal(change.value) if known is not None else ''
             if known is not None and known.while_inactive and getattr(node, 'active', False):
-                reason = (f'{known.name} takes effect when the node is activated: ros2 lifecycle '
-                          f'set {node.get_fully_qualified_name()} deactivate first')
+                reason = (f'{known.name} can change only while the node is inactive: ros2 '
+                          f'lifecycle set {node.get_fully_qualified_name()} deactivate first')
             if reason:
                 return SetParametersResult(successful=False, reason=reason)
         return SetParametersResult(successful=True)
@@ -224,17 +224,17 @@ _RIG_WORDS = {
     'rig.middle_row.clearance': 'ring clearance of the radial row [m], half at each side',
     'rig.middle_row.height': 'height of the radial row over the reference point C [m]',
     'rig.carriage.mass': 'mass of the slewing parts [kg]',
-    'rig.carriage.inertia': 'their inertia about C [kg m2]',
-    'rig.carriage.weight': 'their dead weight [N]',
-    'rig.carriage.weight_x': 'where the dead weight acts, x [m]',
-    'rig.trunnion.x': 'where the load acts, x [m] from C',
-    'rig.trunnion.y': 'where the load acts, y [m] from C',
+    'rig.carriage.inertia': 'inertia of the slewing parts about C [kg m2]',
+    'rig.carriage.weight': 'dead weight of the slewing parts [N]',
+    'rig.carriage.weight_x': 'position of the dead weight, x [m]',
+    'rig.trunnion.x': 'position of the load, x [m] from C',
+    'rig.trunnion.y': 'position of the load, y [m] from C',
     'rig.probes.axial_span': 'distance of the axial probes 2 and 4 [m]',
     'rig.probes.radial_height': 'height of the radial probes 1 and 3 over C [m]',
-    'rig.probes.polarity': 'per probe 1, or -1 where its gap shrinks as the formulas grow',
-    'rig.probes.min_range': 'low end of what a probe can read [m]',
-    'rig.probes.max_range': 'high end of what a probe can read [m]',
-    'rig.preload': 'load that closes the gaps of the rig [N]; displacements count from there',
+    'rig.probes.polarity': 'per probe 1, or -1 if its gap has the opposite sign of the formulas',
+    'rig.probes.min_range': 'low end of the range of a probe [m]',
+    'rig.probes.max_range': 'high end of the range of a probe [m]',
+    'rig.preload': 'preload of the rig [N], at which displacements are zero',
     'rig.full_scale_load': 'full scale of the hydraulic cylinder [N]',
     'rig.full_scale_time': 'least time in which the hydraulics change the load by full scale [s]; '
                            'one sample that leaps faster and back is refused',
@@ -279,7 +279,7 @@ def refuse_undeclared(node: Node) -> None:
         if name in known or name.startswith(('effects.', 'qos_overrides.')):
             continue
         remedy = did_you_mean(name, known) or (
-            ': remove it, or move it below the name of the node that it is for')
+            ': remove it, or move it below the name of its node')
         raise NodeError(f'{node.get_name()}: parameter {name} is unknown{remedy}')
 
 

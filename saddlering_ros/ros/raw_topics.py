@@ -119,7 +119,7 @@ class RawSubscription:
             sound = [message for message in messages if _can_be(decode, message)]
             self.malformed += len(messages) - len(sound)
             self._node.get_logger().error(
-                f'{self.topic}: messages dropped that are not what they should be: {problem}',
+                f'{self.topic}: malformed messages are dropped: {problem}',
                 throttle_duration_sec=1.0)
             return decode(sound)
 

@@ -32,12 +32,13 @@ DIAGNOSTICS_PERIOD = 1.0
 FIRST_DIAGNOSIS = 0.4
 """A node that has just started says within this [s] what it waits for."""
 
-AUTOSTART = Parameter('autostart', True, 'configure and activate at once; false: leave both to '
-                      '`ros2 lifecycle set`')
+AUTOSTART = Parameter('autostart', True, 'configure and activate at the start; false: wait for '
+                                         '`ros2 lifecycle set`')
 INPUT_RELIABILITY = Parameter(
-    'input_reliability', 'auto', 'QoS asked of publishers; auto: reliable while all of them are, '
-    'else best effort', choices=RELIABILITIES)
-MAX_GAP = Parameter('max_gap', 10.0, 'stamps that jump ahead by more [s] start everything anew',
+    'input_reliability', 'auto', 'requested QoS; auto: reliable if all publishers are reliable, '
+                                 'else best effort', choices=RELIABILITIES)
+MAX_GAP = Parameter('max_gap', 10.0, 'a larger jump of the stamps [s] restarts zero and '
+                                     'simulation',
                     low=0.1, high=3600.0)
 
 

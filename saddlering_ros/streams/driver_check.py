@@ -141,7 +141,7 @@ def _absent(found: _Findings, topic: RigTopic, one: HeardTopic | None) -> None:
         found.fault(topic.name, 'nobody publishes it: start the driver, or remap its topic')
     else:
         found.fault(topic.name, f'{len(one)} samples came from {one.publishers} publisher(s): '
-                    'see whether the driver reads its device, or listen longer')
+                    'check that the driver reads its device, or listen longer')
 
 
 def _source(found: _Findings, topic: RigTopic, one: HeardTopic) -> None:
@@ -184,7 +184,7 @@ def _rates(found: _Findings, topic: RigTopic, one: HeardTopic, wanted: float | N
         found.fault(topic.name, f'{int(gaps.sum())} gaps in the stamps, longest {longest:.3g} s: '
                     'samples are lost in the driver or on the way (best effort on a busy network)')
     if wanted is not None and abs(one.rate / wanted - 1.0) > RATE_TOLERANCE:
-        found.fault(topic.name, f'comes at {one.rate:.4g} Hz where {wanted:g} Hz is wanted')
+        found.fault(topic.name, f'comes at {one.rate:.4g} Hz, and {wanted:g} Hz is required')
     arrived = float(one.arrivals[-1] - one.arrivals[0])
     stamped = float(one.stamps[-1] - one.stamps[0])
     if not gaps.any() and arrived > 1e9 and abs(stamped / arrived - 1.0) > RATE_TOLERANCE:
@@ -202,7 +202,7 @@ def _values(found: _Findings, rig: Rig, topic: RigTopic, one: HeardTopic) -> Non
         return
     if (values == values[0]).all():
         found.fault(topic.name, f'the reading never changes ({values[0]:.6g} {topic.unit}): a '
-                    'sensor has noise; see whether it is plugged in')
+                                'sensor has noise; check that it is connected')
     guard = SampleGuard(load_limits(rig) if topic is LOAD else probe_limits(rig))
     guard.push(Samples(one.stamps, one.values))
     counts = guard.counters
@@ -234,7 +234,7 @@ def _range(
     low, high = rig.probes.min_range, rig.probes.max_range
     span = high - low
     if not one.high > one.low:
-        found.note(topic.name, f'publishes no range: fill in min_range {low:g} and max_range '
+        found.note(topic.name, f'states no range: fill in min_range {low:g} and max_range '
                    f'{high:g}')
     elif max(abs(one.low - low), abs(one.high - high)) > SPAN_TOLERANCE * span:
         found.fault(topic.name, f'its range is {one.low:.4g} to {one.high:.4g} m and that of the '
@@ -243,7 +243,7 @@ def _range(
     margin = min(float(np.median(values)) - low, high - float(np.median(values)))
     if ended:
         found.fault(topic.name, f'{ended} of {len(values)} readings at or beyond an end of the '
-                    "range: see to the probe's position and unit")
+                    'range: check the position and the unit of the probe')
     elif margin < NARROW_MARGIN * span:
         found.note(topic.name, f'the gap is {margin * 1e3:.3g} mm from an end of the range: move '
                    'the probe to the middle')
@@ -256,7 +256,8 @@ def _skew(found: _Findings, heard: Mapping[str, HeardTopic]) -> None:
         if abs(skew) > SKEW_LIMIT and abs(load) < CLOCK_LIMIT:
             found.fault(name, f'stamps are {abs(skew) * 1e3:.3g} ms '
                         f'{"older" if skew > 0.0 else "younger"} than those of the load that '
-                        'arrive with them: stamp both by one clock, with the time of measurement')
+                        'arrive with them: use one clock for both, and stamp with the time of '
+                        'measurement')
     rates = [heard[name].rate for name in PROBE_TOPICS]
     load_rate = heard[LOAD_TOPIC].rate
     if min(rates) < 0.5 * load_rate:

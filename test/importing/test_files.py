@@ -169,7 +169,7 @@ def test_a_draft_keeps_what_it_knows_and_is_refused_until_completed(tmp_path: Pa
     (b'TDSm' + bytes(60), 'is damaged, or a TDMS file'),
     (b'MDF     4.10    ' + bytes(60), 'is damaged'),
     (b'MDF     3.30    ' + bytes(60), 'is of MDF version 3.30'),
-    (b'\x89HDF\r\n\x1a\n' + bytes(60), 'is damaged, or no HDF5 file'),
+    (b'\x89HDF\r\n\x1a\n' + bytes(60), 'is damaged, or not an HDF5 file'),
     (b'MATLAB 5.0 MAT-file'.ljust(124) + b'\0\1IM' + bytes(9), 'is damaged, or a MATLAB file'),
 ])
 def test_a_file_that_cannot_be_read_is_refused_in_one_line(

@@ -118,7 +118,7 @@ def test_every_way_to_state_the_time_gives_the_same_stamps(
     (document(test={**TEST, 'elevatoin': 5}), 'did you mean elevation_deg?'),
     (document(split={'by': 'gaps'}), 'give column or gap'),
     ({'time': TIME}, 'channels: is missing'),
-    ([1], 'is no map'),
+    ([1], 'is not a map'),
 ])
 def test_a_map_that_leaves_something_open_is_refused(
         tmp_path: Path, map_: Any, words: str) -> None:

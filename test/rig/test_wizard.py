@@ -46,7 +46,7 @@ def test_the_drawing_names_probes_with_their_signs_and_the_dimensions(tmp_path: 
     svg = drawing_svg(rig)
     for words in ('1 (+)', '3 (−)', 'L = 1.3 m', rig.digest[:12], '2 x 97 rollers'):
         assert words in svg
-    with pytest.raises(RigError, match='no drawing of this kind'):
+    with pytest.raises(RigError, match='this kind of drawing'):
         save_drawing(tmp_path / 'rig.txt', rig)
 
 

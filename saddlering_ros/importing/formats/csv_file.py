@@ -118,7 +118,7 @@ class CsvSource(Source):
             if row.text.strip():
                 where = '' if row.number is None else f'line {row.number}'
                 self.warnings.count(
-                    f'{self.path}: rows left out as they have not {width} columns', 1,
+                    f'{self.path}: rows without {width} columns are left out', 1,
                     f'{where} with {row.actual_columns}'.strip())
             return 'skip'
 
@@ -158,8 +158,8 @@ class CsvSource(Source):
         bad = np.flatnonzero(~(np.asarray(good) | np.asarray(empty)))
         if len(bad):
             cell = texts[int(bad[0])].as_py()
-            self.warnings.count(f'{self.path}: cells of column {name!r} that are no number, left '
-                                'out', len(bad), f'{cell!r} in about line {first_row + bad[0]}')
+            self.warnings.count(f'{self.path}: cells of column {name!r} that are not numbers are '
+            'left out', len(bad), f'{cell!r} in about line {first_row + bad[0]}')
         kept = compute.if_else(good, texts, None)
         return np.asarray(compute.fill_null(compute.cast(kept, pa.float64()), np.nan))
 

@@ -54,7 +54,7 @@ class Hdf5Source(Source):
             columns: list[Column] = []
             self._file.visititems(lambda name, item: self._visit(name, item, columns))
         except (OSError, RuntimeError, KeyError) as problem:
-            raise ImportingError(f'{path}: is damaged, or no HDF5 file ({problem}): save it '
+            raise ImportingError(f'{path}: is damaged, or not an HDF5 file ({problem}): save it '
                                  'again') from problem
         self._columns = tuple(columns[:MOST_COLUMNS])
 

@@ -34,7 +34,7 @@ class MatlabSource(Source):
             held = loadmat(path, variable_names=names, struct_as_record=False, squeeze_me=True)
         except (MatReadError, OSError, ValueError, NotImplementedError, TypeError,
                 EOFError) as problem:
-            raise ImportingError(f'{path}: is damaged, or a MATLAB file that is not understood '
+            raise ImportingError(f'{path}: is damaged, or a MATLAB file of an unknown form '
                                  f'({problem}): save it again, with -v7 or -v7.3') from problem
         self._values: dict[str, NDArray[Any]] = {}
         for name in names:

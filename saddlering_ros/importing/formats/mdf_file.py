@@ -179,8 +179,8 @@ class MdfSource(Source):
             return
         conversion = self._conversion(block.links[4])
         if conversion[0] not in (0, 1, 2, 4, 5):
-            self.warnings.add(f'{self.path}: channel {text!r} is left out, its conversion is to '
-                              'text or by a formula')
+            self.warnings.add(f'{self.path}: channel {text!r} is left out, because its '
+                              'conversion is to text or by a formula')
             return
         name = f'{number}/{text}'
         while name in self._channels:

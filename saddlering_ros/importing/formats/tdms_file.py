@@ -37,7 +37,7 @@ class TdmsSource(Source):
             self._file = TdmsFile.open(path, raw_timestamps=True)
             channels = [channel for group in self._file.groups() for channel in group.channels()]
         except Exception as problem:  # npTDMS has no error class of its own
-            raise ImportingError(f'{path}: is damaged, or a TDMS file that is not understood '
+            raise ImportingError(f'{path}: is damaged, or a TDMS file of an unknown form '
                                  f'({problem}): save it again') from problem
         self._channels = {f'{channel.group_name}/{channel.name}': channel for channel in channels}
         self._columns = tuple(self._column(name) for name in self._channels)
