@@ -61,8 +61,9 @@ def run(args: argparse.Namespace) -> int:
         _print(rig, written, found)
     if doubts:
         sys.stdout.flush()
-        print(f'saddlering rig: {doubts} contradictions between the bags and the rig file: '
-              'correct the rig file, or the map of the import', file=sys.stderr)
+        print(f'saddlering rig: {doubts} {"contradiction" if doubts == 1 else "contradictions"} '
+              'between the bags and the rig file: correct the rig file, or the map of the import',
+              file=sys.stderr)
     return 2 if doubts else 0
 
 

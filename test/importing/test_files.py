@@ -40,7 +40,7 @@ def test_rows_of_another_width_are_left_out_and_counted(tmp_path: Path) -> None:
     result = convert(tmp_path, '\n'.join(text) + '\n', document())
     assert len(readings(tmp_path)) == ROWS - 1
     assert result.warnings == (
-        f'{tmp_path}/a.csv: rows left out as they have not 3 columns: 1, first line 11 with 4',)
+        f'{tmp_path}/a.csv: rows without 3 columns are left out: 1, first line 11 with 4',)
 
 
 def test_cells_that_are_no_number_are_left_out_of_their_channel(tmp_path: Path) -> None:
@@ -48,15 +48,16 @@ def test_cells_that_are_no_number_are_left_out_of_their_channel(tmp_path: Path) 
     result = convert(tmp_path, plain_table(F=force), document())
     assert len(readings(tmp_path)) == ROWS - 2
     assert len(readings(tmp_path, 'eddy_current_1')) == ROWS
-    assert "cells of column 'F' that are no number, left out: 2, first 'ERR'" in result.warnings[0]
+    assert "cells of column 'F' that are not numbers are left out: 2, first 'ERR'" in result.warnings[0]
 
 
 def test_one_time_that_cannot_be_read_or_goes_back_costs_its_row_alone(tmp_path: Path) -> None:
     many = 200
     time = [f'{0.01 * i:.2f}' for i in range(many)]
     columns = {'t': time, 'F': ['1'] * many, 'w': ['1'] * many}
-    for bad, words in (('noon', 'their time cannot be read: 1, first row 101'),
-                       ('0.5', 'their time goes back: 1, first row 101, by up to 0.49 s')):
+    for bad, words in (('noon', 'rows with an unreadable time are left out: 1, first row 101'),
+                       ('0.5', 'whose time goes back are left out: 1, first row 101, by up to '
+                               '0.49 s')):
         folder = tmp_path / bad
         folder.mkdir()
         result = convert(folder, plain_table(**{**columns, 't': [*time[:100], bad, *time[101:]]}),

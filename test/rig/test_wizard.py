@@ -66,6 +66,6 @@ def test_a_wrong_elevation_and_another_hash_are_found_and_a_right_rig_is_not(
     assert main(['rig', '--check', str(BAG), '--json', '-']) == 0
     assert json.loads(capsys.readouterr().out)['checked'] == {str(BAG): []}
     assert main(['rig', '--check', str(BAG), '--elevation', '20']) == 2
-    assert 'tilt and lift fit an elevation of about 5' in capsys.readouterr().out
+    assert 'tilt and axial motion agree with an elevation of about 5' in capsys.readouterr().out
     run = replace(read_run(BAG), details={'rig_hash': 'f' * 64})
     assert 'a rig with the hash ffffffffffff' in check_rig(RIG, read_raw(BAG), run)[0]
