@@ -48,7 +48,8 @@ def test_cells_that_are_no_number_are_left_out_of_their_channel(tmp_path: Path) 
     result = convert(tmp_path, plain_table(F=force), document())
     assert len(readings(tmp_path)) == ROWS - 2
     assert len(readings(tmp_path, 'eddy_current_1')) == ROWS
-    assert "cells of column 'F' that are not numbers are left out: 2, first 'ERR'" in result.warnings[0]
+    said = result.warnings[0]
+    assert "cells of column 'F' that are not numbers are left out: 2, first 'ERR'" in said
 
 
 def test_one_time_that_cannot_be_read_or_goes_back_costs_its_row_alone(tmp_path: Path) -> None:
