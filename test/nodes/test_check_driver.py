@@ -120,7 +120,7 @@ def test_what_cannot_be_checked_at_rest_is_noted(heard_topics: Heard) -> None:
 
 
 def test_a_rate_other_than_the_one_wanted_is_a_fault(heard_topics: Heard) -> None:
-    assert 'comes at 500 Hz where 1000 Hz is wanted' in findings(heard_topics, rate=1000.0)[0]
+    assert 'comes at 500 Hz, and 1000 Hz is required' in findings(heard_topics, rate=1000.0)[0]
 
 
 @pytest.mark.ros
