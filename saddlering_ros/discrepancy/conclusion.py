@@ -24,7 +24,7 @@ from saddlering_ros.discrepancy.gain import (
 from saddlering_ros.discrepancy.metric import Metric
 from saddlering_ros.discrepancy.model_space import AT_BOUND, ModelSpace, refit_full_jacobian
 from saddlering_ros.discrepancy.nuisances import offset_columns
-from saddlering_ros.discrepancy.refit import Tangent
+from saddlering_ros.discrepancy.refit import PRIOR, Tangent
 from saddlering_ros.discrepancy.results import (
     Cause,
     Estimate,
@@ -36,6 +36,7 @@ from saddlering_ros.discrepancy.results import (
 )
 from saddlering_ros.discrepancy.selection import Alternatives
 from saddlering_ros.discrepancy.system import Array, Effect, Parameter, RunBlocks, System
+from saddlering_ros.estimation.least_squares import covariance
 
 
 @dataclass(frozen=True)
@@ -152,7 +153,7 @@ def _shapes_at_bounds(space: ModelSpace, fit: Fit) -> list[str]:
     """
     experiment, settings = space.metric.experiment, space.settings
     white = space.tangent_of(fit).white
-    variances = np.diag(np.linalg.inv(white.T @ white + np.eye(white.shape[1])))
+    variances = np.diag(covariance(white, PRIOR))
     slopes = white.T @ fit.whitened
     floor = alternative_floor(space.known.pairs, settings)
     taken = max(space.base.misfit - fit.misfit, 0.0)
@@ -323,9 +324,8 @@ class Publication:
 def _covariance(sensitivities: Tangent, residual: Residual, moved: Array) -> Array:
     """Covariance in bound-scaled coordinates, widened by the misfit and what nuisances took."""
     inflation = 1.0 + max(residual.slow.excess, 0.0) / residual.slow.dimensions
-    gram = sensitivities.white.T @ sensitivities.white
-    covariance = np.linalg.inv(gram + np.eye(gram.shape[0])) * inflation
-    return np.asarray(covariance + np.diag(moved**2))
+    own = covariance(sensitivities.white, PRIOR) * inflation
+    return np.asarray(own + np.diag(moved**2))
 
 
 def _in_units(parameters: Sequence[Parameter], theta_unit: Array, covariance: Array) -> Array:

@@ -11,28 +11,20 @@ from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.optimize import lsq_linear
 
 from saddlering_ros.discrepancy.candidate import Candidate, Fit
 from saddlering_ros.discrepancy.metric import Whitening
 from saddlering_ros.discrepancy.system import Array, DiscrepancyError, Parameter, Point
+from saddlering_ros.estimation.least_squares import descend, Descent, Rule
 
 #: The whole range of a parameter counts as so many standard deviations: keeps idle ones still.
 PRIOR = 1.0
 
-PERIODIC_REACH = 0.25
-"""A step turns a periodic parameter by so much of its period at most."""
-
-MIN_MOVE = 1e-6
-"""A step shorter than this, in shares of every range, ends a refit."""
-
-QUIET_ROUNDS, FAILED_ROUNDS = 2, 4
-"""A refit ends after so many rounds in a row of no account, or of steps that led uphill."""
+QUIET_GAIN, QUIET_SHARE = 0.02, 1e-4
+"""Gains under this, or under this share of the misfit, are of no account."""
 
 MAX_BASE_STARTS, COARSE_BASE = 6, 6
 """So many starts of the base are followed for so many rounds before the best are fitted."""
-
 
 WHITENED_AT_ONCE = 8_000_000
 """Numbers whitened together: one product of matrices is faster than one for every refit."""
@@ -76,84 +68,41 @@ def refit(
     """
     base = metric.experiment.system.base_parameters
     parameters = candidate.parameters(base)
-    count, fixed = start.size, len(base)
-    full_jacobian = full_jacobian or base_columns is None
-    differenced = list(range(count)) if full_jacobian else list(range(fixed, count))
-
-    def around(theta_unit: Array) -> Asked:
-        thetas, steps = neighbours(parameters, theta_unit, differenced)
-        return Asked([candidate.point(base, item) for item in thetas], steps)
-
+    every = range(start.size)
+    known = None if full_jacobian else base_columns
+    differenced = every if known is None else range(len(base), start.size)
     periodic = np.array([item.periodic for item in parameters])
-
-    def cost(residual: Array, theta_unit: Array) -> float:
-        apart = np.where(periodic, 0.0, theta_unit - 0.5)
-        value = float(residual @ residual + PRIOR**2 * (apart**2).sum())
-        return value if np.isfinite(value) else np.inf
-
-    theta_unit = _inside(start, periodic)
-    usual = differenced
-    if fresh_base:
-        differenced = list(range(count))
-    told = yield around(theta_unit)
-    residual, prediction = told.residual, told.prediction
-    columns = np.zeros((residual.size, count))
-    if base_columns is not None:
-        columns[:, :fixed] = base_columns
-    columns[:, differenced] = told.columns
-    differenced = usual
-    best = cost(residual, theta_unit)
-    history, damping, quiet, failed, converged = [best], 1e-3, 0, 0, False
-    for _ in range(rounds):
-        if not np.isfinite(best):
+    rule = Rule(periodic, PRIOR, rounds, QUIET_GAIN, QUIET_SHARE)
+    descent: Generator[Array, Told, Descent[Told]] = descend(
+        start, rule, differenced, known, every if fresh_base else None)
+    asked = next(descent)
+    aside: Sequence[int] = every if fresh_base else differenced
+    while True:
+        thetas, steps = neighbours(parameters, asked, aside)
+        told = yield Asked([candidate.point(base, item) for item in thetas], steps)
+        aside = differenced
+        try:
+            asked = descent.send(told)
+        except StopIteration as stop:
+            found: Descent[Told] = stop.value
             break
-        move = _bounded_step(columns, residual, theta_unit, damping, periodic)
-        converged = bool(np.abs(move).max() < MIN_MOVE)
-        if converged:
-            break
-        trial = _inside(theta_unit + move, periodic)
-        told = yield around(trial)
-        value = cost(told.residual, trial)
-        if value < best:
-            if not full_jacobian:
-                surprise = told.residual - residual - columns @ move
-                reach = move[:fixed]
-                if reach @ reach > 0.25 * (move @ move):
-                    columns[:, :fixed] += np.outer(surprise, reach) / (move @ move)
-            gain = best - value
-            theta_unit, residual, prediction, best = trial, told.residual, told.prediction, value
-            columns[:, differenced] = told.columns
-            damping = max(damping * 0.2, 1e-9)
-            quiet = quiet + 1 if gain < max(0.02, 1e-4 * best) else 0
-            failed = 0
-        else:
-            damping = min(damping * 12.0, 1e6)
-            failed += 1
-        history.append(best)
-        converged = quiet >= QUIET_ROUNDS or failed >= FAILED_ROUNDS
-        if converged:
-            break
+    residual = found.answer.residual
     return Fit(
         candidate,
-        theta_unit,
-        float(residual @ residual) if np.isfinite(best) else np.inf,
+        found.point,
+        float(residual @ residual) if np.isfinite(found.cost) else np.inf,
         residual,
-        columns,
-        prediction,
-        candidate.point(base, theta_unit),
-        tuple(history),
-        converged,
+        found.columns,
+        found.answer.prediction,
+        candidate.point(base, found.point),
+        found.costs,
+        found.converged,
     )
 
 
 def _differences(columns: Array) -> Array:
     """Sensitivities (n, k); none where the simulator failed one step aside."""
     return np.where(np.isfinite(columns).all(axis=0), columns, 0.0)
-
-
-def _inside(theta_unit: Array, periodic: NDArray[np.bool_]) -> Array:
-    """Bound-scaled parameters between 0 and 1; periodic ones go round."""
-    return np.where(periodic, theta_unit % 1.0, np.clip(theta_unit, 0.0, 1.0))
 
 
 def neighbours(
@@ -191,34 +140,6 @@ def tangent(metric: Whitening, fit: Fit) -> Tangent:
     answers = metric.experiment.predict_neighbours([points])[0]
     plain = _differences((answers[:, 1:] - answers[:, :1]) / np.array(steps))
     return Tangent(plain, metric.whiten(plain))
-
-
-def _bounded_step(
-    columns: Array,
-    residual: Array,
-    theta_unit: Array,
-    damping: float,
-    periodic: NDArray[np.bool_],
-) -> Array:
-    """Damped Gauss-Newton step that stays between 0 and 1."""
-    gram = columns.T @ columns
-    slope = columns.T @ residual
-    gram[np.diag_indices_from(gram)] += PRIOR**2
-    slope = slope + PRIOR**2 * np.where(periodic, 0.0, theta_unit - 0.5)
-    gram[np.diag_indices_from(gram)] *= 1.0 + damping
-    # In coordinates scaled by the diagonal: K and n of one contact are all but parallel.
-    scale = 1.0 / np.sqrt(np.diag(gram))
-    scaled = gram * np.outer(scale, scale)
-    free = -np.linalg.solve(scaled, slope * scale) * scale
-    least = np.where(periodic, -PERIODIC_REACH, -theta_unit)
-    most = np.where(periodic, PERIODIC_REACH, 1.0 - theta_unit)
-    if np.all((free >= least) & (free <= most)):
-        return np.asarray(free)
-    root = np.linalg.cholesky(scaled + 1e-12 * np.eye(theta_unit.size)).T
-    target = -np.linalg.solve(root.T, slope * scale)
-    low, high = least / scale, most / scale
-    answer = lsq_linear(root, target, bounds=(low - 1e-12, high + 1e-12), method='bvls')
-    return np.asarray(np.clip(answer.x * scale, least, most))
 
 
 def run_refits(

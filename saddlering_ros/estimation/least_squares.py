@@ -1,13 +1,20 @@
-"""Bounded least squares of whitened residuals, and the covariance at its bottom."""
+"""Bounded least squares of whitened residuals, and the covariance at its bottom.
+
+Levenberg-Marquardt in coordinates of which the whole box is 0 to 1. A descent is a generator: it
+asks for a point and is sent an answer, so that many descents can have their simulations in one
+batch, and so that sensitivities come from wherever they are cheapest.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Generator, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Generic, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import least_squares
+from scipy.optimize import lsq_linear
 
 Array = NDArray[np.float64]
 Residuals = Callable[[Array], Array]
@@ -16,11 +23,160 @@ Residuals = Callable[[Array], Array]
 Slopes = Callable[[Array], Array]
 """From a point (F,) to the Jacobian (R, F) of the whitened residuals."""
 
-DIFFERENCE = 5e-4
-"""Step of the central differences, in coordinates (relative for logarithmic ones)."""
-
 AT_BOUND = 1e-4
 """A point this close to a bound, as a share of the box, lies on it."""
+
+PERIODIC_REACH = 0.25
+"""A step turns a periodic coordinate by so much of its period at most."""
+
+MIN_MOVE = 1e-6
+"""A step shorter than this, in shares of the box, ends a descent."""
+
+FAILED_ROUNDS = 4
+"""A descent ends after so many steps in a row that led uphill."""
+
+MAX_ROUNDS = 60
+"""Rounds of `minimise`."""
+
+
+class Answer(Protocol):
+    """Whitened residual (n,) and sensitivities (n, k) at a point; NaN where it failed."""
+
+    @property
+    def residual(self) -> Array: ...
+
+    @property
+    def columns(self) -> Array: ...
+
+
+Answers = TypeVar('Answers', bound=Answer)
+
+
+@dataclass(frozen=True)
+class Rule:
+    """What a descent goes by.
+
+    periodic (F,): coordinates that go round; prior: the whole box counts as so many standard
+    deviations, which keeps idle coordinates still; a descent ends after `quiet_rounds` gains in a
+    row under `quiet_gain` of the misfit, or under `quiet_share` of it.
+    """
+
+    periodic: NDArray[np.bool_]
+    prior: float
+    rounds: int
+    quiet_gain: float
+    quiet_share: float
+    quiet_rounds: int = 2
+
+    def cost(self, residual: Array, point: Array) -> float:
+        """Misfit and prior; infinite where the residual is no number."""
+        apart = np.where(self.periodic, 0.0, point - 0.5)
+        value = float(residual @ residual + self.prior**2 * (apart**2).sum())
+        return value if np.isfinite(value) else np.inf
+
+    def inside(self, point: Array) -> Array:
+        """The point in the box; periodic coordinates go round."""
+        return np.where(self.periodic, point % 1.0, np.clip(point, 0.0, 1.0))
+
+
+@dataclass(frozen=True)
+class Descent(Generic[Answers]):
+    """Where a descent ended: point (F,), sensitivities (n, F), the answer there, costs on the way.
+
+    cost: misfit and prior, infinite if the start failed.
+    """
+
+    point: Array
+    columns: Array
+    answer: Answers
+    costs: tuple[float, ...]
+    converged: bool
+
+    @property
+    def cost(self) -> float:
+        return min(self.costs)
+
+
+def descend(
+    start: Array,
+    rule: Rule,
+    fresh: Sequence[int],
+    known: Array | None = None,
+    first_fresh: Sequence[int] | None = None,
+) -> Generator[Array, Answers, Descent[Answers]]:
+    """Levenberg-Marquardt from `start` (F,): asks for points, is sent answers.
+
+    fresh: coordinates whose sensitivities an answer holds (`first_fresh`: the first answer). Those
+    of the first coordinates that it does not hold are `known` (n, k) at first, and are improved by
+    Broyden's update as the descent goes.
+    """
+    first_fresh = fresh if first_fresh is None else first_fresh
+    kept = 0 if known is None else known.shape[1]
+    point = rule.inside(start)
+    answer = yield point
+    residual = answer.residual
+    columns = np.zeros((residual.size, start.size))
+    if known is not None:
+        columns[:, :kept] = known
+    columns[:, list(first_fresh)] = answer.columns
+    improves = len(fresh) < start.size
+    best = rule.cost(residual, point)
+    costs, damping, quiet, failed, converged = [best], 1e-3, 0, 0, False
+    for _ in range(rule.rounds):
+        if not np.isfinite(best):
+            break
+        move = _bounded_step(columns, residual, point, damping, rule)
+        converged = bool(np.abs(move).max() < MIN_MOVE)
+        if converged:
+            break
+        trial = rule.inside(point + move)
+        new = yield trial
+        value = rule.cost(new.residual, trial)
+        if value < best:
+            if improves:
+                surprise = new.residual - residual - columns @ move
+                reach = move[:kept]
+                if reach @ reach > 0.25 * (move @ move):
+                    columns[:, :kept] += np.outer(surprise, reach) / (move @ move)
+            gain = best - value
+            point, answer, residual, best = trial, new, new.residual, value
+            columns[:, list(fresh)] = answer.columns
+            damping = max(damping * 0.2, 1e-9)
+            is_quiet = gain < max(rule.quiet_gain, rule.quiet_share * best)
+            quiet, failed = (quiet + 1 if is_quiet else 0), 0
+        else:
+            damping = min(damping * 12.0, 1e6)
+            failed += 1
+        costs.append(best)
+        converged = quiet >= rule.quiet_rounds or failed >= FAILED_ROUNDS
+        if converged:
+            break
+    return Descent(point, columns, answer, tuple(costs), converged)
+
+
+def _bounded_step(
+    columns: Array, residual: Array, point: Array, damping: float, rule: Rule
+) -> Array:
+    """Damped Gauss-Newton step that stays in the box."""
+    gram = columns.T @ columns
+    slope = columns.T @ residual
+    gram[np.diag_indices_from(gram)] += rule.prior**2
+    slope = slope + rule.prior**2 * np.where(rule.periodic, 0.0, point - 0.5)
+    gram[np.diag_indices_from(gram)] *= 1.0 + damping
+    # In coordinates scaled by the diagonal: K and n of one contact are all but parallel.
+    diagonal = np.diag(gram)
+    scale = 1.0 / np.sqrt(np.maximum(diagonal, 1e-12 * diagonal.max()))
+    scaled = gram * np.outer(scale, scale)
+    free = -np.linalg.solve(scaled, slope * scale) * scale
+    least = np.where(rule.periodic, -PERIODIC_REACH, -point)
+    most = np.where(rule.periodic, PERIODIC_REACH, 1.0 - point)
+    if np.all((free >= least) & (free <= most)):
+        return np.asarray(free)
+    root = np.linalg.cholesky(scaled + 1e-12 * np.eye(point.size)).T
+    target = -np.linalg.solve(root.T, slope * scale)
+    low, high = least / scale, most / scale
+    answer = lsq_linear(root, target, bounds=(low - 1e-12, high + 1e-12), method='bvls')
+    return np.asarray(np.clip(answer.x * scale, least, most))
 
 
 @dataclass(frozen=True)
@@ -33,29 +189,40 @@ class Minimum:
     at_bound: NDArray[np.bool_]
 
 
-def central_differences(residuals: Residuals, point: Array, low: Array, high: Array) -> Array:
-    """Jacobian (R, F) at a point inside the box; all of it in one batch."""
-    steps = DIFFERENCE * np.eye(len(point))
-    above, below = np.minimum(point + steps, high), np.maximum(point - steps, low)
-    forward, backward = np.split(residuals(np.concatenate([above, below])), 2)
-    return np.asarray((forward - backward).T / np.diag(above - below))
+@dataclass(frozen=True)
+class _Lazily:
+    """An answer whose sensitivities are computed once a step is taken."""
+
+    residual: Array
+    slopes: Callable[[], Array] = field(repr=False)
+
+    @cached_property
+    def columns(self) -> Array:
+        return self.slopes()
 
 
-def minimise(residuals: Residuals, start: Array, low: Array, high: Array,
-             slopes: Slopes | None = None) -> Minimum:
-    """Least squares inside the box from `start` (F,); central differences without `slopes`."""
-    margin = 1e-9 * (high - low)
-    if slopes is None:
-        def slopes(point: Array) -> Array:
-            return central_differences(residuals, point, low, high)
-    solution = least_squares(
-        lambda point: np.asarray(residuals(point[None, :])[0]),
-        np.clip(start, low + margin, high - margin),
-        jac=slopes,
-        bounds=(low, high), x_scale='jac', ftol=1e-10, xtol=1e-9, gtol=1e-10, max_nfev=60,
-    )
-    point = np.asarray(solution.x)
-    return Minimum(point, 2.0 * float(solution.cost), slopes(point), on_bound(point, low, high))
+def minimise(
+    residuals: Residuals, slopes: Slopes, start: Array, low: Array, high: Array
+) -> Minimum:
+    """Least squares inside the box from `start` (F,), without a prior, to its bottom."""
+    span = high - low
+    rule = Rule(np.zeros(span.size, dtype=bool), 0.0, MAX_ROUNDS, 1e-6, 1e-10)
+
+    def answer(unit: Array) -> _Lazily:
+        point = low + span * unit
+        return _Lazily(np.asarray(residuals(point[None, :])[0]), lambda: slopes(point) * span)
+
+    descent: Generator[Array, _Lazily, Descent[_Lazily]] = descend(
+        (start - low) / span, rule, range(span.size))
+    asked = next(descent)
+    while True:
+        try:
+            asked = descent.send(answer(asked))
+        except StopIteration as stop:
+            found: Descent[_Lazily] = stop.value
+            break
+    point = low + span * found.point
+    return Minimum(point, found.cost, found.columns / span, on_bound(point, low, high))
 
 
 def on_bound(point: Array, low: Array, high: Array) -> NDArray[np.bool_]:
@@ -64,8 +231,13 @@ def on_bound(point: Array, low: Array, high: Array) -> NDArray[np.bool_]:
     return np.asarray((point - low < near) | (high - point < near))
 
 
-def covariance(jacobian: Array) -> Array:
-    """(J^T J)^-1 by columns of unit length; directions without effect get a huge variance."""
+def covariance(jacobian: Array, prior: float = 0.0) -> Array:
+    """(J^T J + prior^2)^-1 by columns of unit length.
+
+    Without a prior, directions without effect get a huge variance.
+    """
+    if prior:
+        jacobian = np.vstack([jacobian, prior * np.eye(jacobian.shape[1])])
     length = np.linalg.norm(jacobian, axis=0)
     length = np.where(length > 0.0, length, 1e-12)
     _, singular, rows = np.linalg.svd(jacobian / length, full_matrices=False)

@@ -46,8 +46,8 @@ def refine(
             raise Cancelled
         return objective.residuals(space.contacts(points))
 
-    found = minimise(residuals, start, space.low, space.high,
-                     lambda point: _slopes(objective, space, point))
+    found = minimise(residuals, lambda point: _slopes(objective, space, point), start,
+                     space.low, space.high)
     return Refinement(found.point, space.contacts(found.point)[0], found.chi_square,
                       found.jacobian, found.at_bound)
 

@@ -1,0 +1,49 @@
+"""Claims about bounded least squares: its bottom, its bounds, and the covariance there."""
+
+import numpy as np
+import pytest
+
+from saddlering_ros.estimation.least_squares import covariance, minimise
+
+PLACES = np.linspace(0.0, 4.0, 60)
+TRUTH = np.array([1.3, 0.7])
+LOW, HIGH = np.array([0.0, 0.1]), np.array([5.0, 3.0])
+
+
+def decay(points):
+    """Residuals (B, R) of a decay of amplitude and rate (B, 2)."""
+    seen = TRUTH[0] * np.exp(-TRUTH[1] * PLACES)
+    return 100.0 * (points[:, :1] * np.exp(-points[:, 1:] * PLACES) - seen)
+
+
+def slopes(point):
+    fall = 100.0 * np.exp(-point[1] * PLACES)
+    return np.stack([fall, -point[0] * PLACES * fall], axis=1)
+
+
+@pytest.mark.parametrize('start', [[0.2, 2.9], [5.0, 0.1], [1.3, 0.7]])
+def test_the_bottom_is_found_from_afar(start):
+    found = minimise(decay, slopes, np.array(start), LOW, HIGH)
+    assert found.point == pytest.approx(TRUTH, rel=1e-6)
+    assert not found.at_bound.any()
+    assert found.jacobian == pytest.approx(slopes(found.point))
+
+
+def test_a_bound_in_the_way_is_where_it_stops():
+    found = minimise(decay, slopes, np.array([0.5, 0.5]), LOW, np.array([1.0, 3.0]))
+    assert found.point[0] == pytest.approx(1.0)
+    assert found.at_bound.tolist() == [True, False]
+
+
+def test_slopes_are_asked_for_only_where_a_step_is_taken():
+    asked, taken = [], []
+    minimise(lambda points: (asked.append(1), decay(points))[1],
+             lambda point: (taken.append(1), slopes(point))[1],
+             np.array([5.0, 3.0]), LOW, HIGH)
+    assert len(taken) < len(asked)
+
+
+def test_a_coordinate_without_effect_has_a_huge_variance_unless_a_prior_holds_it():
+    jacobian = np.array([[2.0, 0.0], [0.0, 0.0]])
+    assert covariance(jacobian)[1, 1] > 1e12
+    assert covariance(jacobian, prior=1.0) == pytest.approx(np.diag([0.2, 1.0]))
