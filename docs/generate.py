@@ -30,7 +30,8 @@ TOPICS = {
                         'kept for late joiners',
     '/ring/zero': 'the stamp from which a new zero counts',
     '/ring/alarm': 'state of the alarm, and the latched alarm; kept for late joiners',
-    '/ring/within_limits': 'true while no alarm is latched, ten times a second, for an interlock',
+    '/ring/within_limits': 'true while no alarm is latched, about ten times a second, for an '
+                           'interlock',
     '/replay/state': 'position and state of a replay; kept for late joiners',
     '/diagnostics': 'health of every node, once a second',
     '/replay/progress': 'progress of each node in a replay in lockstep',

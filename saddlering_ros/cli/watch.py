@@ -16,6 +16,9 @@ if TYPE_CHECKING:
 MATERIALITY_PERCENT = 2.0
 """Share of the range from preload to full scale that a residual may have without an alarm [%]."""
 
+PORTION = 10_000
+"""Samples turned into Python's numbers at once: a long record takes no more memory."""
+
 
 def add_parser(subparsers: Any) -> None:
     """Declare the subcommand."""
@@ -84,11 +87,12 @@ def monitored_samples(samples: DisplacementSamples, elevation: float) -> Iterato
 
     from saddlering_ros.monitoring import Sample
 
-    columns = [np.asarray(getattr(samples.displacement, name)).tolist()
-               for name in ('delta_x', 'delta_y', 'gamma')]
-    for stamp, load, *residual in zip(samples.stamps.tolist(), samples.load.tolist(), *columns,
-                                      strict=True):
-        yield Sample(stamp, (residual[0], residual[1], residual[2]), load, 0, elevation)
+    columns = [samples.stamps, samples.load,
+               *(getattr(samples.displacement, name) for name in ('delta_x', 'delta_y', 'gamma'))]
+    for start in range(0, len(samples), PORTION):
+        part = [np.asarray(column[start:start + PORTION]).tolist() for column in columns]
+        for stamp, load, x, y, gamma in zip(*part, strict=True):
+            yield Sample(stamp, (x, y, gamma), load, 0, elevation)
 
 
 def _check_watched(monitor: Monitor, run: TestRun) -> None:

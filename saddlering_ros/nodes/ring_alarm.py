@@ -46,6 +46,9 @@ LATCHED_BY_SEVERAL = QoSProfile(depth=20, reliability=ReliabilityPolicy.RELIABLE
 HEARTBEAT = 0.1
 """ring/within_limits is repeated this often [s], so that its silence can be noticed."""
 
+NOTHING = (-1, False)
+"""What was published last, before anything was: changes of the monitor, parameters known."""
+
 RECENT_NS = 10_000_000_000
 """A lapse that is over is a warning for so long [ns], by the stamps."""
 
@@ -71,7 +74,7 @@ class RingAlarmNode(StreamingNode):
         self._agreement = RigAgreement(self, self._rig)
         self._stream = self._make()
         self._offered: RingParameters | None = None
-        self._published, self._latched = -1, False
+        self._published, self._latched = NOTHING, False
         self._beaten = 0.0
         self._teller = self.create_publisher(RingAlarm, RING_ALARM, LATCHED)
         self._limit = self.create_publisher(Bool, WITHIN_LIMITS, LATCHED)
@@ -82,7 +85,7 @@ class RingAlarmNode(StreamingNode):
     def configure(self) -> None:
         """Make the monitor and what watches it; an alarm of before is let go."""
         self._stream = self._make()
-        self._published, self._latched = -1, False
+        self._published, self._latched = NOTHING, False
         if self._offered is not None:
             self._use(self._offered)
         self._streams = [StreamTask(f'/{RESIDUAL}'), StreamTask(LOAD_TOPIC)]
@@ -108,7 +111,7 @@ class RingAlarmNode(StreamingNode):
             self._stream.monitor.alarm = alarm
             if self._offered is not None:
                 self._use(self._offered)
-            self._published = -1
+            self._published = NOTHING
             self._tell_state()
         wanted = self.settings['input_reliability']
         self.inputs = [
@@ -137,10 +140,11 @@ class RingAlarmNode(StreamingNode):
     def _tell_state(self) -> None:
         """Publish the state if it has changed; the limit at once with it."""
         monitor = self._stream.monitor
-        if monitor.changes == self._published:
+        news = (monitor.changes, self._stream.knows_parameters)
+        if news == self._published:
             return
         rose = monitor.alarm is not None and not self._latched
-        self._published, self._latched = monitor.changes, monitor.alarm is not None
+        self._published, self._latched = news, monitor.alarm is not None
         self._limit.publish(Bool(data=monitor.alarm is None))
         self._teller.publish(alarm_message(monitor, self._words(), self.settings['frame_id']))
         if rose and monitor.alarm is not None:

@@ -50,10 +50,11 @@ def test_the_alarm_of_a_replay_is_that_of_the_command_and_stays_until_it_is_rese
     assert main(['watch', str(slipped), '--params', str(parameters), '--json', str(offline)]) == 0
     [expected] = json.loads(offline.read_text())['runs']
     with client(ros_domain) as one:
-        told = listen(one, RingAlarm, '/ring/alarm')
-        limits = listen(one, Bool, '/ring/within_limits')
+        told = listen(one, RingAlarm, '/rig1/ring/alarm')
+        limits = listen(one, Bool, '/rig1/ring/within_limits')
         with start_nodes(slipped, domain_id=ros_domain, log_folder=tmp_path / 'log',
-                         nodes=(*RING_NODES, *ALARM_NODES), exit_at_end=False) as group:
+                         nodes=(*RING_NODES, *ALARM_NODES), exit_at_end=False,
+                         namespace='/rig1') as group:
             wait_until(lambda: bool(told) and told[-1].state == RingAlarm.ALARM, 120.0,
                        'the alarm')
             wait_until(lambda: 'at its end' in group.processes['replay_clock'].said(), 120.0)
@@ -70,25 +71,28 @@ def test_the_alarm_of_a_replay_is_that_of_the_command_and_stays_until_it_is_rese
                 line.partition(' s: ')[2] for line in expected['notes'] if ' s: ' in line]
             assert 'delta_x has differed from its model' in alarm.message
             wait_until(lambda: not limits[-1].data, what='beyond the limits')
-            wait_until(lambda: one.diagnostics.get('ring_alarm: alarm', (0, ''))[0] == 2,
+            wait_until(lambda: one.diagnostics.get('/rig1/ring_alarm: alarm', (0, ''))[0] == 2,
                        what='diagnostics tell it')
 
             with client(ros_domain) as joiner:  # latched: who comes later hears it
-                late = listen(joiner, RingAlarm, '/ring/alarm')
+                late = listen(joiner, RingAlarm, '/rig1/ring/alarm')
                 wait_until(lambda: bool(late), what='the latched alarm')
                 assert late[0].channel == 'delta_x'
 
             assert all(before != after for before, after in pairwise(told)), 'told once each'
 
+            with one.lock:  # everything of the rig stands below its namespace
+                assert not one.node.get_publishers_info_by_topic('/ring/alarm')
+
             # What is set while it is inactive counts from its activation; the alarm stays.
-            assert not set_parameter(one, 'ring_alarm', 'false_alarm_hours', 500.0).successful
-            lead(one, 'ring_alarm', DEACTIVATE)
-            assert set_parameter(one, 'ring_alarm', 'false_alarm_hours', 500.0).successful
-            lead(one, 'ring_alarm', ACTIVATE)
+            assert not set_parameter(one, 'rig1/ring_alarm', 'false_alarm_hours', 500.0).successful
+            lead(one, 'rig1/ring_alarm', DEACTIVATE)
+            assert set_parameter(one, 'rig1/ring_alarm', 'false_alarm_hours', 500.0).successful
+            lead(one, 'rig1/ring_alarm', ACTIVATE)
             wait_until(lambda: told[-1].false_alarm_hours == 500.0, what='the new rate')
             assert (told[-1].state, told[-1].size) == (RingAlarm.ALARM, want['size'])
 
-            answer = one.call(Trigger, '/ring_alarm/reset')
+            answer = one.call(Trigger, '/rig1/ring_alarm/reset')
             assert 'alarm of delta_x is reset' in answer.message
             wait_until(lambda: told[-1].state < RingAlarm.ALARM, what='it is reset')
             wait_until(lambda: limits[-1].data, what='within the limits')
