@@ -47,7 +47,7 @@ class FilmCreep(Effect):
     )
     variants = (
         Variant('all rows', {'rows': ALL_ROWS}),
-        Variant('middle row', {'rows': RADIAL}, ('delta_x',)),
+        Variant('radial row', {'rows': RADIAL}, ('delta_x',)),
         Variant('axial rows', {'rows': AXIAL}, ('delta_y', 'gamma')),
     )
     choices = (

@@ -16,7 +16,7 @@ class MomentArm(Effect):
     id = 'moment_arm'
     title = 'Wrong moment arm'
     words = (
-        'The load acts higher or lower over the ring than the rig file says. Only the tilting '
+        'The load acts higher or lower over the ring than in the rig file. Only the tilting '
         'moment changes. Tilt and axial motion change in proportion, and the radial channel does '
         'not change.'
     )

@@ -43,7 +43,7 @@ class OutOfRound(Effect):
     starts = ({'angle': 0.1}, {'angle': 0.4}, {'angle': 0.65})
 
     def extend(self, extension: RingExtension, values: Mapping[str, float]) -> RingExtension:
-        """Make the middle row oval."""
+        """Make the radial row oval."""
         row = replace(extension.radial_row, oval_amplitude=values['amplitude'],
                       oval_angle=values['angle'])
         return replace(extension, radial_row=row)

@@ -17,7 +17,7 @@ class ProbeHeight(Effect):
     title = 'Height of the radial probes'
     words = (
         'The two radial probes sit higher or lower over the mid-plane of the ring than the rig '
-        'file says, so that they measure a part of the tilt. The error of the radial channel has '
+        'file gives, so that they measure a part of the tilt. The error of the radial channel has '
         'the shape of the tilt.'
     )
     settled_by = (

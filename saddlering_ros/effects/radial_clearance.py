@@ -41,7 +41,7 @@ class RadialClearance(Effect):
     starts = ({'change': 2e-5, 'spread': 0.8}, {'change': -1e-5, 'spread': 0.8})
 
     def extend(self, extension: RingExtension, values: Mapping[str, float]) -> RingExtension:
-        """Widen the middle row by half the change at each side."""
+        """Widen the radial row by half the change at each side."""
         radial, half = extension.radial_row, 0.5 * values['change']
         row = replace(radial, gap=radial.gap + half, gap_spread=abs(half) * values['spread'])
         return replace(extension, radial_row=row)

@@ -1,4 +1,4 @@
-"""A worn arc of the middle row: rollers there are softer, or have a larger gap."""
+"""A worn arc of the radial row: rollers there are softer, or have a larger gap."""
 
 from __future__ import annotations
 
@@ -41,6 +41,6 @@ class WornSectorRadial(Effect):
     starts = STARTS  # off the rear too, if only to tell that an arc there does not show
 
     def extend(self, extension: RingExtension, values: Mapping[str, float]) -> RingExtension:
-        """Wear the middle row."""
+        """Wear the radial row."""
         row = replace(extension.radial_row, wear=worn_arc(values))
         return replace(extension, radial_row=row)

@@ -15,7 +15,7 @@ EXPONENTS = (0.5, 5.0)
 
 @dataclass(frozen=True)
 class ContactParameters:
-    """Force law of the contact units, F = max(0, K p^n + s(p) D dp/dt); 1: axial, 2: middle row.
+    """Force law of the contact units, F = max(0, K p^n + s(p) D dp/dt); 1: axial, 2: radial row.
 
     K [N/m^n], n [-], D [N s/m]; the names are the published model's.
     """

@@ -28,7 +28,7 @@ class RollerRow:
     """One row of equal rollers; the two axial rows share one description.
 
     rollers: count; pitch_radius [m]; clearance: ring clearance, half at each side [m];
-    height: of the row over the reference point C [m] (middle row only).
+    height: of the row over the reference point C [m] (radial row only).
     """
 
     rollers: int

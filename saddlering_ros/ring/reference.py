@@ -67,7 +67,7 @@ def _angles(row: RollerRow) -> Floats:
 
 def contact_rows(rig: Rig,
                  contact: ContactParameters) -> tuple[ContactRow, ContactRow, ContactRow]:
-    """Upper, lower and middle row. A unit pushes the upper ring along minus its direction."""
+    """Upper, lower and radial row. A unit pushes the upper ring along minus its direction."""
     cosine = np.cos(_angles(rig.axial_rows))
     zero, one = np.zeros_like(cosine), np.ones_like(cosine)
     upward = np.stack([zero, one, -rig.axial_rows.pitch_radius * cosine], axis=1)
@@ -102,7 +102,7 @@ def contact_jacobian(rows: tuple[ContactRow, ...], q: Floats,
 
 
 def roller_loads(rig: Rig, contact: ContactParameters, q: Floats) -> tuple[Floats, Floats, Floats]:
-    """Static load of every roller [N] in upper, lower and middle row at q (3,)."""
+    """Static load of every roller [N] in upper, lower and radial row at q (3,)."""
     still = np.zeros(3)
     upper, lower, middle = (
         unit_force(row.direction @ q - row.gap, row.direction @ still, row.stiffness, row.exponent,

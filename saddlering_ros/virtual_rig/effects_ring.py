@@ -79,7 +79,7 @@ def _clearance(rollers: Rollers, rows: tuple[str, ...], change: float, form: str
 @effect('radial_clearance', 'rollers', X,
         [Parameter('change', 'm', 5e-6, 30e-6, 15e-6, signed=True)], ('uniform', 'spread'))
 def radial_clearance(rollers: Rollers, values: Mapping[str, float], form: str) -> None:
-    """The middle row has another clearance than the rig file says."""
+    """The radial row has another clearance than the rig file says."""
     _clearance(rollers, ('middle',), values['change'], form)
 
 

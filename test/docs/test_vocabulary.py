@@ -1,7 +1,8 @@
-"""Claims on words: the code and the docs use the vocabulary of the field."""
+"""Claims on words: the code and the docs use the vocabulary of the field, and plain sentences."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 import re
 import subprocess
@@ -97,3 +98,108 @@ def test_an_old_word_stands_nowhere_else(old: str) -> None:
     found = [name for name in files() if Path(name).name not in known
              and pattern.search((ROOT / name).read_text(encoding='utf-8'))]
     assert not found, f'say {say} for {old}'
+
+
+# --- pages ---
+
+DOCS = ROOT / 'docs'
+LOGS = sorted((DOCS / 'benchmarks').glob('*.md'))
+PAGES = [*sorted(DOCS.glob('*.md')), *(ROOT / name for name in (
+    'README.md', 'CONTRIBUTING.md', 'SECURITY.md'))]
+
+KINDS = {'How to': ('This page shows', 'This page leads', 'This tutorial'),
+         'Explanation': ('This page explains',),
+         'Reference': ('A reference of', 'This page defines', 'A declaration after')}
+"""How a page of each kind of the first page's lists begins."""
+
+FORBIDDEN = {
+    r'\b(says|said|told(?! apart))\b': 'a page, file or number states, reports or defines',
+    r'\b(what|that which) is left\b': 'the residual, the remainder',
+    r'\b(whoever|nobody|somebody)\b': 'name who',
+    r'\bless (the )?simulated\b': 'minus',
+    r'\bkept apart\b|\bparts? the\b': 'separate, tell apart',
+    r'\b(once|one) a sample\b|\ba row a\b': 'per',
+    r'\bmiddle row\b': 'radial row',
+    r'\bheard\b': 'received',
+}
+"""A pattern that pages avoid, and what to write."""
+
+LONGEST_SENTENCE = 40
+"""Words; a table, a list of things or a formula is no sentence."""
+
+COMMIT = re.compile(r'\b(?=[0-9a-f]*\d)(?=[0-9a-f]*[a-f])[0-9a-f]{7,40}\b')
+DATE = re.compile(r'\b20\d\d-\d\d-\d\d\b')
+
+
+def plain(text: str) -> str:
+    """A page without remarks, blocks and spans of code."""
+    text = re.sub(r'(?s)<!--.*?-->', '', text)
+    text = re.sub(r'(?ms)^(```|:::).*?^\1[ ]*$', '', text)
+    text = re.sub(r'(?m)^    .*$', '', text)
+    text = re.sub(r'\]\([^)]*\)', ']', text)
+    return re.sub(r'`[^`]*`', 'code', text)
+
+
+def sentences(text: str) -> Iterator[str]:
+    """Sentences outside of tables and headings; a list item is a paragraph of its own."""
+    for block in re.split(r'\n\s*\n', plain(text)):
+        lines = [line for line in block.split('\n') if not re.match(r'\s*(\||#|!\[)', line)]
+        paragraphs: list[str] = []
+        for line in lines:
+            if not paragraphs or re.match(r'\s*(-|\d+\.)\s', line):
+                paragraphs.append(line)
+            else:
+                paragraphs[-1] += f' {line}'
+        for paragraph in paragraphs:
+            yield from re.split(r'(?<=[.:;?!])\s+', paragraph)
+
+
+def listed() -> dict[str, str]:
+    """Pages of the first page's lists, each with the caption of its list."""
+    index = (DOCS / 'index.md').read_text(encoding='utf-8')
+    found = {}
+    lists = re.findall(r'```\{toctree\}\n.*?:caption: (.*?)\n\n(.*?)```', index, re.S)
+    for caption, names in lists:
+        found.update(dict.fromkeys(names.split(), caption))
+    return found
+
+
+def name_of(page: Path) -> str:
+    return page.name
+
+
+@pytest.mark.parametrize('page', PAGES, ids=name_of)
+def test_no_page_holds_a_seed_a_hash_or_a_date(page: Path) -> None:
+    text = plain(page.read_text(encoding='utf-8'))
+    assert not COMMIT.findall(text), 'figures and their commits belong into docs/benchmarks'
+    assert not re.findall(r'\bseeds? \d', text)
+    assert not DATE.findall(text)
+
+
+@pytest.mark.parametrize('page', LOGS, ids=name_of)
+def test_a_benchmark_log_is_dated(page: Path) -> None:
+    assert DATE.search(page.read_text(encoding='utf-8'))
+
+
+@pytest.mark.parametrize('page', PAGES, ids=name_of)
+def test_a_page_has_plain_short_sentences(page: Path) -> None:
+    text = page.read_text(encoding='utf-8')
+    prose = plain(text)
+    for pattern, say in FORBIDDEN.items():
+        assert not re.search(pattern, prose, re.I), f'{pattern}: {say}'
+    long = [words for words in sentences(text) if len(words.split()) > LONGEST_SENTENCE]
+    assert not long, 'one idea a sentence'
+
+
+def test_every_page_is_of_one_kind_and_opens_with_its_purpose() -> None:
+    kinds = listed()
+    own = {page.stem for page in DOCS.glob('*.md')} - {'index'}
+    assert own <= set(kinds), 'list the page in docs/index.md'
+    wrong = {}
+    for name, kind in kinds.items():
+        page = DOCS / f'{name}.md'
+        if kind in KINDS and page.is_file():
+            opening = plain(page.read_text(encoding='utf-8')).split('\n', 1)[1].strip()
+            if not opening.startswith(KINDS[kind]):
+                wrong[name] = f'{kind}: begin with one of {KINDS[kind]}'
+    assert not wrong
