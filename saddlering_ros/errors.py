@@ -2,17 +2,17 @@
 
 
 class SaddleringError(ValueError):
-    """One thing the user can put right; the message is one line: what, where, what to do.
+    """An error that the user can correct; the message is one line: what, where, what to do.
 
     Every layer derives its own class from this one. The command line prints the message
-    alone on stderr and leaves with status 2; anything else that escapes is a defect.
+    alone on stderr and exits with status 2; any other exception is a defect.
     """
 
 
 class Cancelled(SaddleringError):
-    """The caller asked a computation to stop; the one class for every computation here.
+    """A computation was stopped by its caller; the same class for every computation.
 
-    `partial` is what had been found by then, where there is something to show.
+    `partial` is the result so far, if there is one.
     """
 
     def __init__(self, message: str = 'cancelled', partial: object = None) -> None:

@@ -33,16 +33,17 @@ def identify(
     seed: int = 0, trust_rig: bool = False, on_progress: OnProgress | None = None,
     is_cancelled: IsCancelled | None = None,
 ) -> IdentificationResult:
-    """Find the contact parameters K1, n1, D1, K2, n2, D2 from static and dynamic bags.
+    """Identify the contact parameters K1, n1, D1, K2, n2, D2 from static and dynamic bags.
 
-    bags: bags from `read_bag`, or paths. rig: a rig, a rig file, or None for the shipped one.
+    bags: bags from `read_bag`, or paths. rig: a rig, a rig file, or None for the shipped rig.
     method: 'default' (joint fit of all channels) or 'paper' (two swarm steps as published).
-    bounds: (low, high) in SI units by parameter, over the rig's. particles, iterations, accuracy
-    (objective) and stagnation (iterations without gain) control the swarm, seed its random start.
+    bounds: (low, high) in SI units by parameter, in place of those of the rig. particles,
+    iterations, accuracy (objective) and stagnation (iterations without progress) control the
+    swarm; seed is that of its random start.
     log_stiffness and use_delta_y change the paper's method; profiles adds profile likelihoods.
     A bag that states another rig than `rig` is refused, unless trust_rig.
-    on_progress is called with a `Progress`; once is_cancelled returns True, `Cancelled` is raised
-    with the result so far as its `partial`. Raises SaddleringError for what cannot be used.
+    on_progress is called with a `Progress`. If is_cancelled returns True, `Cancelled` is raised
+    with the result so far as `partial`. Raises SaddleringError for input that cannot be used.
     """
     settings = IdentificationSettings(
         method=method, bounds=dict(bounds or {}), logarithmic_stiffness=log_stiffness,
@@ -71,7 +72,7 @@ def validate(
     trust_rig: bool = False, on_progress: OnProgress | None = None,
     is_cancelled: IsCancelled | None = None,
 ) -> ValidationResult:
-    """Compare a simulation with bags, channel by channel, with the noise beside it.
+    """Compare a simulation with bags, channel by channel, and the misfit with the noise.
 
     parameters: a `ParameterSet`, a parameter file, or the result of `identify` or `diagnose`.
     The other arguments are those of `identify`.
@@ -96,10 +97,10 @@ def diagnose(
     trust_rig: bool = False, on_progress: OnProgress | None = None,
     is_cancelled: IsCancelled | None = None,
 ) -> DiagnosisResult:
-    """Show what the simulation lacks in bags, name the cause, and measure it on held-out bags.
+    """Name the cause that the simulation lacks for these bags, and measure its misfit reduction.
 
-    hold_out: bags that neither name nor fit a cause; the misfit reduction is measured on them.
-    parameters: where the fit of the contact law starts (None: the true-to-scale ones). The other
+    hold_out: bags that take no part in the diagnosis; the misfit reduction is measured on them.
+    parameters: the start of the fit of the contact law (None: the true-to-scale values). The other
     arguments are those of `identify`.
     """
     known = as_rig(rig)

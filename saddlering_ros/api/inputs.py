@@ -42,9 +42,9 @@ ParametersLike = Any
 
 @dataclass(frozen=True)
 class Bag:
-    """A test read from a bag, aligned on the load's stamps; `read_bag` makes one.
+    """A test of a bag, aligned at the stamps of the load; `read_bag` returns it.
 
-    run: the arrays as read (gaps [m], load [N], stamps [ns], notes); rig: the rig it is seen with.
+    run: the arrays as read (gaps [m], load [N], stamps [ns], notes); rig: the rig of the test.
     """
 
     run: TestRun
@@ -52,12 +52,12 @@ class Bag:
 
     @property
     def name(self) -> str:
-        """The bag's name without its folder."""
+        """The name of the bag without its folder."""
         return self.run.name
 
     @property
     def path(self) -> Path:
-        """Where it was read from."""
+        """The path of the bag."""
         return self.run.path
 
     @property
@@ -72,7 +72,7 @@ class Bag:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What is wrong with the bag without keeping it from being used."""
+        """Faults of the bag that do not prevent its use."""
         return tuple(self.run.notes)
 
     @cached_property
@@ -94,7 +94,7 @@ class Bag:
         return measured_samples(self.displacement).columns()
 
     def to_dataframe(self) -> pandas.DataFrame:
-        """The same as a pandas DataFrame, one row a sample."""
+        """The same as a pandas DataFrame, one row per sample."""
         return dataframe(self.columns())
 
     def _repr_html_(self) -> str:
@@ -113,10 +113,10 @@ def read_bag(
 ) -> Bag:
     """Read a bag once; pass the result on to `identify`, `validate` and `diagnose`.
 
-    path: a rosbag2 directory or an .mcap file. rig: the rig it was recorded on, with which its
-    wiring is checked. test ('static' or 'dynamic') and elevation_deg [degrees] win over what the
-    bag itself states. on_progress hears how much was read (task 'read'). Raises BagError, with one
-    line, if the bag cannot be used.
+    path: a rosbag2 directory or an .mcap file. rig: the rig of the recording, with which the
+    wiring is checked. test ('static' or 'dynamic') and elevation_deg [degrees] replace the values
+    of the bag. on_progress is called with the share that is read (task 'read'). Raises BagError,
+    with one line, if the bag cannot be used.
     """
     known = as_rig(rig)
     elevation = None if elevation_deg is None else math.radians(elevation_deg)

@@ -14,8 +14,8 @@ __all__ = ['Cancelled', 'IsCancelled', 'OnProgress', 'Progress', 'check']
 class Progress:
     """One report of a running computation.
 
-    task: 'read', 'identify', 'validate' or 'diagnose'; stage: the step it is at, in words; share:
-    how much of that task or stage is done, 0 to 1; detail: a figure worth showing, or ''.
+    task: 'read', 'identify', 'validate' or 'diagnose'; stage: the present step, in words; share:
+    the part of the task or stage that is done, 0 to 1; detail: a figure to show, or ''.
     """
 
     task: str

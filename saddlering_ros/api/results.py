@@ -92,7 +92,7 @@ class Result(ABC):
         return dataframe(self.columns())
 
     def save(self, path: Path | str) -> None:
-        """Write the result as the name ends: .json all of it, .csv the table of `columns`.
+        """Write the result; the suffix selects .json (all figures) or .csv (table of `columns`).
 
         .yaml writes the parameter file, where the result has parameters of its own.
         """
@@ -129,7 +129,7 @@ class _Parametric(ABC):
         """Contact law and effects, for `validate` and for nodes."""
 
     def save_parameters(self, path: Path | str) -> None:
-        """Write the parameter file, whatever its name."""
+        """Write the parameter file under any name."""
         write_parameters(Path(path), self.parameters)
 
 
@@ -149,12 +149,12 @@ class IdentificationResult(Result, _Parametric):
 
     @property
     def parameters(self) -> ParameterSet:
-        """The contact law that was found."""
+        """The identified contact law."""
         return self.found.parameters
 
     @cached_property
     def validation(self) -> ValidationResult:
-        """How well the parameters predict the bags they were found from."""
+        """The validation of the parameters on the fitted bags."""
         from saddlering_ros.api.functions import validate
 
         return validate(self.bags, parameters=self.parameters, rig=self.rig)
@@ -164,15 +164,15 @@ class IdentificationResult(Result, _Parametric):
         return identification_text(self.found)
 
     def columns(self) -> dict[str, list[Any]]:
-        """One row a parameter: value, std, 95 % interval (None if not determined), unit, note."""
+        """One row per parameter: value, std, 95 % interval or None, unit, note."""
         return columns_of([self._row(place, name) for place, name in enumerate(PARAMETER_NAMES)])
 
     def plot(self) -> Plot:
-        """Measured and simulated with these parameters, on the bags they were found from."""
+        """Measured and simulated with these parameters, for the fitted bags."""
         return self.validation.plot()
 
     def write_report(self, path: Path | str, *, command: str = '') -> tuple[Path, ...]:
-        """Write the page: parameters, and simulation beside measurement."""
+        """Write the report: parameters, and simulation beside measurement."""
         from saddlering_ros.report import write_validation_report
 
         return write_validation_report(path, self.validation.found, runs_of(self.bags), self.rig,
@@ -198,7 +198,7 @@ class IdentificationResult(Result, _Parametric):
 
 @dataclass(frozen=True)
 class ValidationResult(Result):
-    """How well parameters predict bags; `found` holds every figure and the curves."""
+    """Validation of parameters on bags; `found` holds every figure and the curves."""
 
     found: Validation
 
@@ -207,7 +207,7 @@ class ValidationResult(Result):
         return validation_text(self.found)
 
     def columns(self) -> dict[str, list[Any]]:
-        """One row a run and channel, with every figure of `validate --json` that is a number."""
+        """One row per run and channel, with every number of `validate --json`."""
         skipped = {'iso18571_parts'}
         return columns_of([
             {'bag': run.name, 'test': run.test, 'elevation_deg': float(np.degrees(run.elevation)),
@@ -216,7 +216,7 @@ class ValidationResult(Result):
             for run in self.found.runs for channel, figures in run.channels.items()])
 
     def plot(self) -> Plot:
-        """Measured and simulated, one column a run: static ones over load, or else over time."""
+        """Measured and simulated, one column per run: static runs over load, dynamic over time."""
         from saddlering_ros.report import figures
         from saddlering_ros.report.drawing import draw
         from saddlering_ros.report.validation_page import curves_of_validation
@@ -229,7 +229,7 @@ class ValidationResult(Result):
         self, path: Path | str, *, command: str = '',
         identification: Mapping[str, Any] | None = None,
     ) -> tuple[Path, ...]:
-        """Write the page on these parameters; identification: the JSON of what found them."""
+        """Write the report on these parameters; identification: JSON of the identification."""
         from saddlering_ros.report import write_validation_report
 
         return write_validation_report(path, self.found, runs_of(self.bags), self.rig,
@@ -237,7 +237,7 @@ class ValidationResult(Result):
 
     @property
     def criteria(self) -> tuple[Criterion, ...]:
-        """Each criterion: whether it is met, and where it is met worst."""
+        """Each criterion: whether it is met, and its worst run and channel."""
         return judge(self.found.runs)
 
     def save_plots(self, folder: Path | str) -> list[Path]:
@@ -262,7 +262,7 @@ class DiagnosisResult(Result, _Parametric):
 
     @cached_property
     def document(self) -> VerdictDocument:
-        """The verdict as typed plain data, which everything is printed from."""
+        """The verdict as typed plain data, the source of all output."""
         return self.found.to_json()
 
     @property
@@ -277,7 +277,7 @@ class DiagnosisResult(Result, _Parametric):
 
     @property
     def next_test(self) -> str | None:
-        """The measurement that would settle what is open, or confirm what is named."""
+        """The measurement that tells the possible causes apart, or confirms the named cause."""
         return self.found.next_test
 
     @property
@@ -286,11 +286,11 @@ class DiagnosisResult(Result, _Parametric):
         return self.found.extended_parameters()
 
     def summary(self) -> str:
-        """The verdict, its causes, what they are worth and what is still open."""
+        """The verdict, its causes with their misfit reduction, and the next test."""
         return verdict_text(self.found)
 
     def columns(self) -> dict[str, list[Any]]:
-        """One row a parameter of a cause: size, std, unit, misfit reduction, p-value."""
+        """One row per parameter of a cause: size, std, unit, misfit reduction, p-value."""
         return columns_of([
             row for cause in causes_of(self.document) for row in _cause_rows(cause)])
 
@@ -302,13 +302,13 @@ class DiagnosisResult(Result, _Parametric):
         return Plot(draw(figures.misfit(self.document['runs'])))
 
     def write_report(self, path: Path | str, *, command: str = '') -> tuple[Path, ...]:
-        """Write the page of the diagnosis."""
+        """Write the report of the diagnosis."""
         from saddlering_ros.report import write_diagnosis_report
 
         return write_diagnosis_report(self.found, path, command)
 
     def with_effect_files(self, folder: Path | str) -> DiagnosisResult:
-        """The same verdict, the effects of a proposed law written into `folder`, a file each.
+        """The same verdict; the effects of a proposed law are written into `folder`.
 
         Nothing is written where no law is proposed. `saddlering ... --effects FOLDER` takes them.
         """

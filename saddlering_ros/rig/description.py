@@ -81,7 +81,7 @@ def _default_bounds() -> dict[str, Pair]:
 class Rig:
     """The whole rig; every default is a project assumption, not a measured dimension.
 
-    full_scale_time [s]: the hydraulics need at least so long to change the load by full scale.
+    full_scale_time [s]: the shortest time in which the hydraulics change the load by full scale.
     """
 
     axial_rows: RollerRow
