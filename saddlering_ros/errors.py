@@ -1,4 +1,4 @@
-"""The root of every error that saddlering_ros raises for something its user can put right."""
+"""The root of all errors that the user of saddlering_ros can correct."""
 
 
 class SaddleringError(ValueError):

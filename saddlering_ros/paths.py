@@ -1,4 +1,4 @@
-"""Where the files shipped beside the code are: config, launch files and bags."""
+"""Places of the files shipped beside the code: config, launch files and bags."""
 
 import os
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""YAML from anywhere as plain values: no text can run code, fill memory or take long."""
+"""YAML from any source as plain values: no text can run code, fill memory or take long."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a result was made from: hashes of its bags and files, and versions of what computed it."""
+"""The provenance of a result: hashes of its bags and files, and versions of the program."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Known names that resemble an unknown one, and the refusal of keys that nobody knows."""
+"""Known names that resemble an unknown one, and the refusal of unknown keys."""
 
 from __future__ import annotations
 

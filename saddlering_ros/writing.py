@@ -1,4 +1,4 @@
-"""Files written whole or not at all: beside their place first, then moved into it at one go."""
+"""Files written as a whole or not at all: beside their place first, then renamed."""
 
 from __future__ import annotations
 

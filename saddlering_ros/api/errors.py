@@ -1,4 +1,4 @@
-"""What can go wrong with a use of the Python API."""
+"""Errors of the Python API."""
 
 from saddlering_ros.errors import SaddleringError
 

@@ -1,4 +1,4 @@
-"""What the API takes: bags read once, rigs and parameters as objects or as files."""
+"""Inputs of the API: bags that are read once, rigs and parameters as objects or files."""
 
 from __future__ import annotations
 

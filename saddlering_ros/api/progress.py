@@ -1,4 +1,4 @@
-"""How a running computation reports its progress and is asked to stop: one protocol for all."""
+"""One protocol for the progress and the cancellation of every computation."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Readings that cannot be right, and those that are merely worth a note."""
+"""Readings that are impossible, and readings that deserve a note."""
 
 from __future__ import annotations
 

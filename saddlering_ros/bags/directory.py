@@ -1,4 +1,4 @@
-"""A bag on disk: which MCAP files it has, in which order, and what its metadata.yaml says."""
+"""A bag on disk: its MCAP files, their order, and the content of metadata.yaml."""
 
 from __future__ import annotations
 

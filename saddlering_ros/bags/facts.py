@@ -1,4 +1,4 @@
-"""Facts of a test (kind, elevation, rig, run): where a bag keeps them and which of them counts."""
+"""Metadata of a test (kind, elevation, rig, run): their places in a bag and their precedence."""
 
 from __future__ import annotations
 

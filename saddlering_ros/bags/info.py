@@ -1,4 +1,4 @@
-"""What is in a bag and what is wrong with it, found without stopping at the first fault."""
+"""The content of a bag and all its faults, not only the first one."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What in a bag speaks against a rig file: a probe's sign, a span, an elevation, a load."""
+"""Contradictions between a bag and a rig file: a probe's sign, a span, an elevation, a load."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is odd about a test on its rig: its zero, its kind, the units of its readings.
+"""Doubtful properties of a test on its rig: its zero, its kind, the units of its readings.
 
 Units are judged by what the rig must show: a test begins at the rig's preload, and a probe
 publishes the span that the rig file gives. A note says what a record looks like; it is read as it

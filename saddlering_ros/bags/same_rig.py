@@ -1,4 +1,4 @@
-"""Whether bags were recorded on the rig that they are to be judged by: hashes of its description.
+"""Comparison of the rig of a bag with the rig in use, by the hashes of their descriptions.
 
 A forgotten rig file simulates another ring: everything misfits, and what is advised is wrong.
 """

@@ -1,4 +1,4 @@
-"""One pass over a bag that gathers all there is to know and stops at nothing but damage."""
+"""One pass over a bag that collects all properties and stops only at damage."""
 
 from __future__ import annotations
 

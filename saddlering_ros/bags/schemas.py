@@ -1,4 +1,4 @@
-"""The fields that a bag says its messages have, held against those the bytes are read by."""
+"""Comparison of the message definitions in a bag with those by which its bytes are read."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the end of an MCAP file says of the whole: known at once, however long the bag is.
+"""The summary at the end of an MCAP file, which is read at once for a bag of any length.
 
 Source of the format: the MCAP specification (https://mcap.dev/spec), summary section.
 """

@@ -1,4 +1,4 @@
-"""The process behind one slot: it loads the program once and forks a child for every session.
+"""The process behind one slot: it loads the program once and forks a child for each session.
 
 `SessionRunner` starts it. Each line on standard input is a task with the path of its answer; each
 line on standard output reports how its child ended. A fork costs milliseconds where a new

@@ -1,4 +1,4 @@
-"""Handing tasks to an executor, a few at a time, until every session has its result."""
+"""Submission of tasks to an executor, a few at a time, until every session has its result."""
 
 from __future__ import annotations
 

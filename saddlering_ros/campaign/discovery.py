@@ -1,4 +1,4 @@
-"""Which bags lie under a folder: their test metadata, their time and the hash of their files."""
+"""The bags under a folder: their test metadata, their time and the hash of their files."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where tasks run: processes of this machine, or a Dask cluster. Both are plain executors."""
+"""Executors of tasks: processes of this machine, or a Dask cluster."""
 
 from __future__ import annotations
 

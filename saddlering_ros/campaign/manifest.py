@@ -1,4 +1,4 @@
-"""The manifest: a table with a line a bag that says which session it belongs to and its role.
+"""The manifest: a table with one line per bag that gives its session and its role.
 
 The store keeps it as manifest.parquet and as manifest.csv; an edited CSV overrides the grouping.
 """

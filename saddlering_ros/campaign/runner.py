@@ -1,4 +1,4 @@
-"""Judging one session in a child process with limits, and putting its result into the store."""
+"""Diagnosis of one session in a child process with limits; its result goes into the store."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The store of a campaign: a folder with a result file a session, tables made from them, status.
+"""The store of a campaign: a folder with one result file per session, tables and status.
 
 Results are written whole and are named by the key of their task, so that any number of workers
 may write into one store and a campaign that was interrupted goes on with what is missing.

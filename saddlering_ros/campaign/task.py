@@ -1,4 +1,4 @@
-"""A task: one session to be judged, as plain data that any process on any machine can take.
+"""A task: one session to be diagnosed, as plain data for any process on any machine.
 
 A task is a pure function of its bags, its rig, its settings and the program. Its key is the hash
 of these, and its seed comes from the key, so that a result is the same wherever it is computed.

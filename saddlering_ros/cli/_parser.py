@@ -1,4 +1,4 @@
-"""Parsers that complain in one line, know what was meant, and teach by example."""
+"""Parsers with one-line errors, suggestions for misspelt words, and examples in the help."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How far a command is, on stderr if that is a terminal: stage, bar, share, time left."""
+"""Progress of a command on stderr, if that is a terminal: stage, bar, share, time left."""
 
 from __future__ import annotations
 

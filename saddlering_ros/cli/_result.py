@@ -1,4 +1,4 @@
-"""How a command ends that has a result of the API: JSON, or a summary and what it wrote."""
+"""The output of a command with a result of the API: JSON, or a summary and the written files."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What `displacement`, `simulate` and `residual` share: options, samples, how they are kept."""
+"""Common parts of `displacement`, `simulate` and `residual`: options, samples, output."""
 
 from __future__ import annotations
 

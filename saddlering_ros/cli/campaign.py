@@ -1,4 +1,4 @@
-"""`saddlering campaign`: every bag under a folder, a verdict a session, and the fleet's report."""
+"""`saddlering campaign`: diagnose all bags of a folder and compare the rings."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`saddlering check-driver`: what is wrong with a driver of the rig, before its first test."""
+"""`saddlering check-driver`: faults of a driver of the rig, before the first test."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`saddlering completion`: what a shell needs to complete commands, options and effects."""
+"""`saddlering completion`: completion of commands, options and effects in a shell."""
 
 from __future__ import annotations
 

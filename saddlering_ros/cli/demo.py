@@ -1,4 +1,4 @@
-"""`saddlering demo`: the whole story on live nodes, from recorded bags to a named cause."""
+"""`saddlering demo`: all steps on live nodes, from recorded bags to a named cause."""
 
 from __future__ import annotations
 

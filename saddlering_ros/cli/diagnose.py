@@ -1,4 +1,4 @@
-"""`saddlering diagnose`: what the simulation gets wrong in bags, and why."""
+"""`saddlering diagnose`: the cause that the simulation lacks."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`saddlering displacement`: the ring displacement that a bag's probes measured."""
+"""`saddlering displacement`: the measured motion of the ring from a bag."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`saddlering generate`: a bag as a test rig would record it, with any effect hidden in it."""
+"""`saddlering generate`: a bag of the virtual rig, with any effect hidden in it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`saddlering identify`: contact parameters from bags, with how far they can be trusted."""
+"""`saddlering identify`: contact parameters from bags, with their uncertainty."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`saddlering import`: measured files of a data logger as a bag."""
+"""`saddlering import`: conversion of measured files of a data logger to a bag."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`saddlering live`: a page in the browser on which a test is watched as it runs."""
+"""`saddlering live`: a page in the browser that shows a running test."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`saddlering record`: what the rig measures and the nodes make of it, into a bag."""
+"""`saddlering record`: the topics of the rig and of the nodes, recorded as a bag."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`saddlering replay`: a bag through the live nodes, in real processes, without ros2cli."""
+"""`saddlering replay`: a bag played to the live nodes, in real processes, without ros2cli."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`saddlering report`: write a report on parameters and their predictions bags."""
+"""`saddlering report`: a report on parameters and their predictions."""
 
 from __future__ import annotations
 

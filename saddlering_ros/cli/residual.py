@@ -1,4 +1,4 @@
-"""`saddlering residual`: what a bag's probes measured less what the model gives."""
+"""`saddlering residual`: measured minus simulated motion for a bag."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`saddlering rig`: a rig file, its drawing, and what bags say against it."""
+"""`saddlering rig`: a rig file, its drawing, and its contradictions with bags."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`saddlering simulate`: the ring displacement that the model gives for a bag's load."""
+"""`saddlering simulate`: the simulated motion of the ring under the load of a bag."""
 
 from __future__ import annotations
 

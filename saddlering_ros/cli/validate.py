@@ -1,4 +1,4 @@
-"""`saddlering validate`: how well a parameter file predicts bags, as a table, JSON and plots."""
+"""`saddlering validate`: the prediction of bags by a parameter file, as table, JSON and plots."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the demo says while it runs: timed steps; a bar on a terminal, lines in a pipe."""
+"""Output of the demo: timed steps, with a bar on a terminal and lines in a pipe."""
 
 from __future__ import annotations
 

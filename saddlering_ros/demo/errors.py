@@ -1,4 +1,4 @@
-"""What can go wrong with the demo."""
+"""Errors of the demo."""
 
 from saddlering_ros.errors import SaddleringError
 

@@ -1,4 +1,4 @@
-"""What the demo leaves: report, pictures, numbers and parameter files, all of them or none."""
+"""Output files of the demo: report, pictures, numbers and parameter files, all or none."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The demo's report: the verdict first, then the story, then everything a diagnosis shows."""
+"""The demo's report: the verdict first, then the steps, then the chapters of a diagnosis."""
 
 from __future__ import annotations
 

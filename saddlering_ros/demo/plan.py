@@ -1,4 +1,4 @@
-"""Which bags the demo identifies from, and which it keeps back to verify on."""
+"""The bags from which the demo identifies, and the held-out bags on which it verifies."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A node that keeps what is published of the ring while a bag is replayed."""
+"""A node that collects the published displacements while a bag is replayed."""
 
 from __future__ import annotations
 

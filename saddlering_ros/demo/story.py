@@ -1,4 +1,4 @@
-"""The whole story, step by step, as a test engineer would go through it by hand."""
+"""All steps of the demo, in the order in which a test engineer would do them by hand."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the ring simulation gets wrong in bags: bags and ring joined to the generic engine."""
+"""The diagnosis of a ring: bags and ring model joined to the generic engine."""
 
 from saddlering_ros.diagnosis.diagnose import diagnose_bags, DiagnosisError, Verdict
 

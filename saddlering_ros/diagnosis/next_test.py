@@ -1,4 +1,4 @@
-"""The next test of a verdict: what to do, and which outcome means which cause.
+"""The next test of a verdict: its instruction, and the cause that each outcome means.
 
 The test is chosen from the table of tests by the causes that are open: those the data cannot tell
 apart, or, where one is named, those that look most like it.

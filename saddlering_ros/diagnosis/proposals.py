@@ -1,4 +1,4 @@
-"""Tests the rig could make next: load courses for the engine to compare."""
+"""Load courses of possible next tests, which the engine compares."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What unequal rollers of a sound ring do to its displacement: no cause, but to be allowed for.
+"""The effect of the unequal rollers of a sound ring on its displacement: nuisance parameters.
 
 Every roller's gap and stiffness differ a little. To first order a gap change g_i moves the ring by
 S^-1 k_i v_i g_i and a stiffness change e_i by -S^-1 F_i v_i e_i, with v_i the roller's

@@ -1,4 +1,4 @@
-"""The verdict on a set of bags: the engine's diagnosis with what the ring adds to it."""
+"""The verdict on a set of bags: the diagnosis of the engine with the properties of the ring."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Generic discrepancy engine: what a simulator gets wrong, named, with its error rate kept.
+"""The generic engine: it names the causes that a simulator lacks, at a known error rate.
 
 Declare a `Model` of any machine and `diagnose(model, runs)`. What lies under it, `diagnose_system`
 of anything that follows `System`, is for simulators with nuisance parameters of their own.

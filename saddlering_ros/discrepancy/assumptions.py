@@ -1,4 +1,4 @@
-"""What the engine supposes of noise, offsets and model error before it has seen a residual."""
+"""Assumptions of the engine on noise, offsets and model error before a residual is known."""
 
 from __future__ import annotations
 

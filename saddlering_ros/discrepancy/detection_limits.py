@@ -1,4 +1,4 @@
-"""Detection limits: what these data could have shown of every effect, wherever it acts."""
+"""Detection limits: the smallest size of every effect that these data could have shown."""
 
 from __future__ import annotations
 

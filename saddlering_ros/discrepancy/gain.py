@@ -1,4 +1,4 @@
-"""What an extension is worth: residual rms with and without it, on runs fitted and held out.
+"""Misfit reduction: residual rms with and without an extension, on fitted and held-out runs.
 
 One metric, fixed beforehand: the root of the mean, over runs and views, of the squared residual
 over the view's range, each run freed of constants that mean nothing. Gain = 1 - metric with /

@@ -1,4 +1,4 @@
-"""What a user declares: a simulator with its parameters, channels, causes and runs."""
+"""The declarations of a user: a simulator with its parameters, channels, causes and runs."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`check`: what a declared model and its runs are like, before they are diagnosed."""
+"""`check`: the properties of a declared model and its runs, before a diagnosis."""
 
 from __future__ import annotations
 

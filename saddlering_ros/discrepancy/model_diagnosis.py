@@ -1,4 +1,4 @@
-"""`diagnose`: what a declared model gets wrong in runs, for any machine."""
+"""`diagnose`: the causes that a declared model of any machine lacks."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Nuisance parameters: what any sound system of the kind does, as columns times a prior spread."""
+"""Nuisance parameters: small errors of every sound system, as columns times a prior spread."""
 
 from __future__ import annotations
 

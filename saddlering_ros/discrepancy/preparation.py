@@ -1,4 +1,4 @@
-"""What a search starts from: noise, nuisance parameters, base fit and signatures."""
+"""The start of a search: noise, nuisance parameters, base fit and signatures."""
 
 from __future__ import annotations
 

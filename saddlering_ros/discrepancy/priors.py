@@ -1,4 +1,4 @@
-"""Prior spreads of what a sound simulator and a sound sensor may get wrong."""
+"""Prior spreads of the errors of a sound simulator and a sound sensor."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which candidates are worth a refit: effects by the misfit they would take, to first order."""
+"""Choice of candidates for a refit: effects by their first-order gain."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Signatures: what each effect would do to the data, less what the base parameters can imitate.
+"""Signatures: the change that each effect makes, without the part that base parameters imitate.
 
 The angle between two signatures tells two causes apart; the length over the noise is what can be
 detected; the share left beside the base parameters says whether an effect shows at all.

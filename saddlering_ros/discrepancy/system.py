@@ -1,4 +1,4 @@
-"""What the engine is told: parameters, effects, runs and the simulator."""
+"""Inputs of the engine: parameters, effects, runs and the simulator."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What an effect of the catalogue is, and how its parameters look."""
+"""Effects of the catalogue and their parameters."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What can be added to the ring model: extension parameters, all neutral by default.
+"""Extensions of the ring model: extension parameters, all neutral by default.
 
 An effect of the catalogue (saddlering_ros/effects) is a mapping from its few parameters to these
 extension parameters. The order of the fields is the way of the signal: load path, ring,

@@ -1,4 +1,4 @@
-"""What estimation raises."""
+"""Errors of estimation."""
 
 from saddlering_ros.errors import SaddleringError
 

@@ -1,4 +1,4 @@
-"""Which contact parameters data determine, and the words for it wherever one is printed.
+"""The contact parameters that data determine, and the words for it wherever one is printed.
 
 K, n and D are judged in the coordinates (ln K, n, ln D) of `estimation.space`.
 """

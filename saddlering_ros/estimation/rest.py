@@ -1,4 +1,4 @@
-"""Where a record is at rest, by its load alone: one rule for every estimate of noise."""
+"""Stretches in which a record is at rest, from its load: one rule for all estimates of noise."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What many sessions say together: of rings, of rigs, over time. It knows results, not bags."""
+"""Statistics of many sessions: rings, rigs, and changes over time. Input are results, not bags."""
 
 from saddlering_ros.fleet.errors import FleetError
 from saddlering_ros.fleet.judgement import fleet_document, judge_fleet, limits_from_text

@@ -1,4 +1,4 @@
-"""Drifts of rings and of rigs: whose they are, and what they cannot be told from.
+"""Drifts of rings and of rigs: their owner, and the drifts that look alike.
 
 A load cell that drifts scales every stiffness and damping of every ring that its rig tests. So
 (1) a drift of all coordinates alike is a group of ring and load cell, and (2) rings of one rig

@@ -1,4 +1,4 @@
-"""The judgement of a fleet: which sessions, rings and rigs need a person, and why."""
+"""The judgement of a fleet: sessions, rings and rigs that need attention, with reasons."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Results of sessions as arrays: what each session measured of its ring, with its covariance.
+"""Results of sessions as arrays: the parameters of each session, with their covariance.
 
 A ring is described by six coordinates: log stiffness of both contacts at a reference penetration,
 exponents, and log damping. K and n of one contact are all but exchangeable (their correlation is

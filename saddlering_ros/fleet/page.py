@@ -1,4 +1,4 @@
-"""The report of a fleet: one HTML page with the few rings and rigs that need a person first."""
+"""The report of a fleet: one HTML page, with rings and rigs that need attention first."""
 
 from __future__ import annotations
 

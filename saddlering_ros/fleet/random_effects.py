@@ -1,4 +1,4 @@
-"""How rings of one kind differ: theta_ring ~ N(mu, T), from sessions of known covariance.
+"""Differences of rings of one kind: theta_ring ~ N(mu, T), from sessions of known covariance.
 
 T is estimated by restricted maximum likelihood (Patterson and Thompson, Biometrika 58 (1971) 545),
 which pays for the mean that is estimated too.

@@ -1,4 +1,4 @@
-"""From test runs to contact parameters, how far they can be trusted, and how well they predict."""
+"""Contact parameters from test runs, with their uncertainty and their predictions."""
 
 from saddlering_ros.identification.errors import IdentificationError
 from saddlering_ros.identification.methods import identify

@@ -1,4 +1,4 @@
-"""Whether a run can be identified from, and what makes its result doubtful."""
+"""Conditions that a run must meet for an identification, and notes on doubtful runs."""
 
 from __future__ import annotations
 

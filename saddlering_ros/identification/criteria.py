@@ -1,4 +1,4 @@
-"""What a validation is judged by: each criterion with the run and channel that meets it worst."""
+"""Criteria of a validation, each with its worst run and channel."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The load cell's noise: what it does to the readings of a run, as the ring follows the load."""
+"""The load cell's noise and its effect on the readings of a run."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How far simulated runs lie from measured ones: weighted least squares, and the paper's J."""
+"""Distance of simulated from measured runs: weighted least squares, and the published J."""
 
 from __future__ import annotations
 

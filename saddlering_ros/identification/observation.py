@@ -1,4 +1,4 @@
-"""What identification fits: plateau readings of static runs, block averages of dynamic ones.
+"""Observations of an identification: plateau readings of static, block means of dynamic runs.
 
 Both are an `Observation`: loads, displacement increments since zero, and how their errors hang
 together, so that everything after this module treats all runs alike.

@@ -1,4 +1,4 @@
-"""What a user chooses for an identification, and what is told while it runs."""
+"""Settings of an identification, and its progress reports."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How far identified parameters can be trusted: covariance, what is open, profiles, ellipses.
+"""Uncertainty of identified parameters: covariance, determination, profiles, ellipses.
 
 The residuals are whitened by the noise the runs show at rest, autocorrelation included, so that
 covariance = (J^T J)^-1 in the search coordinates (ln K, n, ln D). Where the run that fits worst

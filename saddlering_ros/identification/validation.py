@@ -1,4 +1,4 @@
-"""How well given parameters predict given runs, channel by channel, with the noise beside it.
+"""Prediction of given runs by given parameters, channel by channel, compared with the noise.
 
 A dynamic run is compared sample by sample; a static one at its plateaus (settled samples for
 rmse and noise floor, plateau means for the shape figures), since between them the load moves

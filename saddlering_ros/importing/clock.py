@@ -1,4 +1,4 @@
-"""From what a file says of time to stamps: nanoseconds since 1970-01-01 UTC, exact to the last."""
+"""From the time of a file to stamps: nanoseconds since 1970-01-01 UTC, exact to the last."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The error of this layer."""
+"""The error of importing."""
 
 from saddlering_ros.errors import SaddleringError
 

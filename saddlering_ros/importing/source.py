@@ -1,4 +1,4 @@
-"""What every reader of measured files gives: its columns, and their values block by block."""
+"""The face of every reader of measured files: columns, and their values block by block."""
 
 from __future__ import annotations
 

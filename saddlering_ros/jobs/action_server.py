@@ -1,4 +1,4 @@
-"""What both action servers share: one goal at a time, bags from one folder, work in a process."""
+"""The common part of both action servers: one goal at a time, worked on in a process."""
 
 from __future__ import annotations
 

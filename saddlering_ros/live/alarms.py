@@ -1,4 +1,4 @@
-"""What the page shows of the alarm, from the message of its node."""
+"""The alarm on the page, from the message of its node."""
 
 from __future__ import annotations
 

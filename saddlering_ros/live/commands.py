@@ -1,4 +1,4 @@
-"""What the page may ask of the nodes: zero, start and pause, each a service of one node."""
+"""Commands of the page to the nodes: zero, start and pause, each a service of one node."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What can go wrong with the live page."""
+"""Errors of the live page."""
 
 from saddlering_ros.errors import SaddleringError
 

@@ -1,4 +1,4 @@
-"""What the page shows as numbers: the load, the elevation and the raw gaps of this moment."""
+"""Numbers of the page: the load, the elevation and the raw gaps at the present time."""
 
 from __future__ import annotations
 

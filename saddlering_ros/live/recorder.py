@@ -1,4 +1,4 @@
-"""A node that records what the rig measures and what the nodes make of it, as a rosbag2 bag."""
+"""A node that records the topics of the rig and of the nodes as a rosbag2 bag."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the page shows, heard over ROS: streams, health, parameters, actions and how they end."""
+"""Data of the page, received over ROS: streams, health, parameters and actions."""
 
 from __future__ import annotations
 

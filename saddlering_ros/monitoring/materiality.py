@@ -1,4 +1,4 @@
-"""How far a residual may go without an alarm: a share of the ring's own motion."""
+"""Materiality: the residual that is allowed without an alarm, a share of the ring's motion."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a monitor found, in one line: for the command and the node alike."""
+"""The finding of a monitor in one line: for the command and the node alike."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Node ring_alarm: says during a test that the ring no longer behaves as its model."""
+"""Node ring_alarm: raises an alarm during a test if the ring no longer behaves like its model."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Node ring_diagnosis: the action /diagnose_ring, what the simulation gets wrong in bags."""
+"""Node ring_diagnosis: the action /diagnose_ring, which names the cause of a misfit in bags."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a reader needs to trust and to repeat a result: data quality, correlations, commands."""
+"""Background of a result: data quality, correlations, and the command that reproduces it."""
 
 from __future__ import annotations
 

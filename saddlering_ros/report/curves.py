@@ -1,4 +1,4 @@
-"""What a figure needs of a run: measured and simulated channels, and what follows from them."""
+"""Input of the figures of a run: measured and simulated channels, and derived curves."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What can go wrong with a report."""
+"""Errors of reports."""
 
 from saddlering_ros.errors import SaddleringError
 

@@ -1,4 +1,4 @@
-"""The head of a report: which rig, which tests, when and by whom."""
+"""The head of a report: rig, tests, dates and operators."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Chapter: the law that would explain what no known cause explains."""
+"""Chapter: the law that would explain a misfit without a known cause."""
 
 from __future__ import annotations
 

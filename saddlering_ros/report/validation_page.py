@@ -1,4 +1,4 @@
-"""The report of parameters: how they were found, and how well they predict the runs given."""
+"""The report of parameters: their source, and their predictions of the given runs."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the rig is: geometry, loads, probes, contact parameters, and the files that hold them."""
+"""The description of a rig: geometry, loads, probes, contact parameters, and their files."""
 
 from saddlering_ros.rig.contact import (
     ContactParameters,

@@ -1,4 +1,4 @@
-"""The six contact parameters that identification looks for."""
+"""The six contact parameters of an identification."""
 
 from __future__ import annotations
 

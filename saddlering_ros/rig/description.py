@@ -1,4 +1,4 @@
-"""What the rig is: rollers, carriage, trunnion, probes, preload; read from a parameter file."""
+"""The rig: rollers, carriage, trunnion, probes, preload; read from a parameter file."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What can be wrong with a rig description or a parameter file."""
+"""Errors of rig descriptions and parameter files."""
 
 from saddlering_ros.errors import SaddleringError
 

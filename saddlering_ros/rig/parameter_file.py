@@ -1,4 +1,4 @@
-"""Parameter files: what identification writes and what simulator, node and diagnosis read."""
+"""Parameter files, written by identification and read by simulator, node and diagnosis."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the ring does: contact, equilibrium, dynamics; a readable reference and fast kernels."""
+"""The mechanics of the ring: contact, equilibrium, dynamics; a readable reference and kernels."""
 
 from saddlering_ros.ring.simulator import (
     dynamic_batch,

@@ -1,4 +1,4 @@
-"""What a user's own laws add to the load that the ring feels and to what the probes read."""
+"""Additions of a user's own laws to the load of the ring and to the readings of the probes."""
 
 from __future__ import annotations
 

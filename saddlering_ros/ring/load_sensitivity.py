@@ -1,4 +1,4 @@
-"""How small errors of the load move the ring: the model made linear about a motion.
+"""Sensitivity of the motion to small errors of the load: the model linearised about a motion.
 
 m d2(dq) + D(t) d(dq) + K(t) dq = b dP with the tangent stiffness K and damping D of all rollers in
 contact along the motion, by the difference formulas (BDF2) that the simulator itself steps with.

@@ -1,4 +1,4 @@
-"""From dataclasses to what the kernels read: rig, contact law, extension, elevation, rollers."""
+"""Conversion of dataclasses to arrays of the kernels: rig, contact law, extension, rollers."""
 
 from __future__ import annotations
 

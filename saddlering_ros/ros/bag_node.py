@@ -1,4 +1,4 @@
-"""Which bag a replay node plays: any that it is started with, later those below one folder."""
+"""The choice of the bag of a replay node: any at the start, later those below one folder."""
 
 from __future__ import annotations
 

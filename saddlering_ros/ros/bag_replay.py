@@ -1,4 +1,4 @@
-"""Replay of raw topics from a bag: what the load replay and the probe replay share."""
+"""Replay of raw topics from a bag: the common part of load replay and probe replay."""
 
 from __future__ import annotations
 

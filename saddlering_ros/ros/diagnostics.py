@@ -1,4 +1,4 @@
-"""What a node says of its health: small tasks, each watching one thing, with its own words."""
+"""The health of a node: small tasks, each of which watches one property."""
 
 from __future__ import annotations
 

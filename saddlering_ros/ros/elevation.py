@@ -1,4 +1,4 @@
-"""The elevation of the load: where a node takes it from, and what contradicts it.
+"""The elevation of the load: its sources in order, and contradictions between them.
 
 The first that is known counts: the node's own setting, the bag that is replayed (replay/state),
 the bag that the node was started with, the inclinometer (rig/elevation).

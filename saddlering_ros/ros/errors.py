@@ -1,4 +1,4 @@
-"""What can be wrong with the way a node is started or asked."""
+"""Errors in the start of a node or in a request to it."""
 
 from saddlering_ros.errors import SaddleringError
 

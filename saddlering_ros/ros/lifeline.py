@@ -1,4 +1,4 @@
-"""A pipe that tells a node that whoever started it is gone, killed or not."""
+"""A pipe by which a node notices that its starter has ended, killed or not."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How far a node is in a replay: said on /replay/progress, judged by the clock in lockstep."""
+"""Progress of a node in a replay: published on /replay/progress, judged by the clock."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Folders that hold everything a goal or a service may name; links and `..` lead out of none."""
+"""Folders that hold all files of goals and services; links and `..` do not lead out of them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What nodes killed with -9 leave in /dev/shm: found by its unlocked lock files, and removed."""
+"""Files in /dev/shm of killed nodes: found by their unlocked lock files, and removed."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What all streaming nodes share: lifecycle, parameters, diagnostics, progress in a replay."""
+"""The common part of all streaming nodes: lifecycle, parameters, diagnostics, progress."""
 
 from __future__ import annotations
 

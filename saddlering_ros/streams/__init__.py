@@ -1,1 +1,1 @@
-"""What the streaming nodes compute, batch by batch, without ROS."""
+"""Computations of the streaming nodes, batch by batch, without ROS."""

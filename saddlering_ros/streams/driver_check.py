@@ -1,4 +1,4 @@
-"""What is wrong with a driver of the rig, from some seconds of its topics; no ROS in it."""
+"""Faults of a driver of the rig, from some seconds of its topics; no ROS in it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A campaign on one virtual rig: what is wrong with it is drawn, then its bags are made."""
+"""A campaign on one virtual rig: its hidden causes are drawn, then its bags are made."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Effects on the way of the load to the ring: what the cell says against what the ring gets."""
+"""Effects in the load path: the load of the cell and the load on the ring."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What can be wrong with a request to the virtual rig."""
+"""Errors of requests to the virtual rig."""
 
 from saddlering_ros.errors import SaddleringError
 

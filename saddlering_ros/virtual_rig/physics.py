@@ -1,4 +1,4 @@
-"""What happens in the virtual rig during a test: load, rollers, friction, joints, probes' view."""
+"""The physics of the virtual rig during a test: load, rollers, friction, joints, probes."""
 
 from __future__ import annotations
 

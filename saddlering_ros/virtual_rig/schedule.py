@@ -1,4 +1,4 @@
-"""What the hydraulic cylinder does: static steps and dynamic ramps as a controller makes them."""
+"""Load courses of the hydraulic cylinder: static steps and dynamic ramps of a controller."""
 
 from __future__ import annotations
 

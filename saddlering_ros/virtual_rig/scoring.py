@@ -1,4 +1,4 @@
-"""How a verdict counts once the seal is opened; benchmark and test suite share this one rule."""
+"""The score of a verdict after the seal is opened; benchmark and test suite share this rule."""
 
 from __future__ import annotations
 

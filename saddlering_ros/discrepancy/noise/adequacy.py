@@ -1,4 +1,4 @@
-"""Whether the noise that was declared or measured can be right, given the misfit that is left."""
+"""Whether the declared or measured noise agrees with the remaining misfit."""
 
 from __future__ import annotations
 

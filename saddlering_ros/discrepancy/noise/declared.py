@@ -1,4 +1,4 @@
-"""What a user declares about the noise of a channel: `Noise.white`, `from_rest`, `unknown` ..."""
+"""Declarations of the noise of a channel: `Noise.white`, `from_rest`, `unknown` ..."""
 
 from __future__ import annotations
 

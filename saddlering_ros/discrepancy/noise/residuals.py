@@ -1,4 +1,4 @@
-"""Noise learnt from residuals: what a flexible fit over time leaves, read as a process.
+"""Noise learnt from residuals: the remainder of a flexible fit over time, read as a process.
 
 Slow structure of a residual may be a cause, so none of it may become noise. A flexible fit takes
 all waves slower than `SLOW_WAVES` half waves a run; what is left is swift. Its level is assumed to

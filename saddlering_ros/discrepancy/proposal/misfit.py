@@ -1,4 +1,4 @@
-"""What a law is proposed for: a residual, its coordinates, and the metric in which it counts."""
+"""The input of a proposal: a residual, its coordinates, and the metric in which it counts."""
 
 from __future__ import annotations
 

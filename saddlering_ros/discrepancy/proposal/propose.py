@@ -1,4 +1,4 @@
-"""A law proposed for what no effect of the catalogue explains.
+"""A law proposed for a misfit that no effect of the catalogue explains.
 
 The whitened residual, freed of base parameters, is offered blocks of shapes on every target; the
 block that predicts most of runs left out in turn is taken, and a second one if it adds enough. A
