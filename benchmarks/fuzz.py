@@ -43,7 +43,7 @@ RIG = default_rig()
 SLOWEST = 10.0
 """An input that takes longer than this [s] is a fault, ..."""
 
-MOST_MEMORY = 2048
+MAX_MEMORY = 2048
 """... and so is one that takes the process beyond this [MB]."""
 
 MOVE_ALIKE = ('1 and 2 swapped', '3 and 4 swapped')
@@ -224,7 +224,7 @@ def by_coverage(folder: Path, seconds: float) -> dict[str, Any]:
     seeds(folder / 'corpus')
     command = [sys.executable, __file__, '--role', 'atheris', str(folder / 'corpus'),
                f'-max_total_time={round(seconds)}', '-max_len=30000', f'-timeout={round(SLOWEST)}',
-               f'-rss_limit_mb={MOST_MEMORY}', f'-artifact_prefix={folder}/', '-seed=1',
+               f'-rss_limit_mb={MAX_MEMORY}', f'-artifact_prefix={folder}/', '-seed=1',
                '-print_final_stats=1']
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     said = done.stderr + done.stdout

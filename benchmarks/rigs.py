@@ -30,7 +30,7 @@ RIG = default_rig()
 NO_SCATTER = Scatter(gap=0.0, stiffness=0.0)
 
 
-LARGEST_READING = 0.8e-3
+MAX_READING = 0.8e-3
 """Probe reading [m] that a drawn rig may reach; the probes' span ends at 1 mm."""
 
 
@@ -45,7 +45,7 @@ def drawn_contact(random: np.random.Generator, rig: Rig = RIG) -> ContactParamet
         readings = [
             np.abs(_probe_readings(rig, contact, elevation)).max() for elevation in (50.0, 70.0)
         ]
-        if max(readings) < LARGEST_READING:
+        if max(readings) < MAX_READING:
             return contact
 
 

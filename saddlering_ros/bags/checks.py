@@ -12,13 +12,13 @@ from saddlering_ros.bags.errors import BagError
 from saddlering_ros.bags.scratch import count_where, extremes, spread
 from saddlering_ros.rig import LoadLimits, TONNE
 
-MOST_ABSENT_UNMENTIONED = 0.005
+MAX_ABSENT_UNMENTIONED = 0.005
 """Share of load stamps without a reading (as at both ends of a record) not worth a note."""
 
-FEWEST_SAMPLES = 10
+MIN_SAMPLES = 10
 """Fewer samples of a topic are no test."""
 
-LARGEST_SPAN = 0.1
+MAX_SPAN = 0.1
 """A gap of this size [m] is beyond any eddy-current probe, so the unit must be another one."""
 
 FAR_OUTSIDE = 20.0
@@ -60,7 +60,7 @@ def check_probe_unit(
 ) -> None:
     """Raise BagError if the gaps (N,) of a probe cannot be metres."""
     typical = float(np.median(np.abs(spread(gaps))))
-    if _is_span(min_range, max_range) and max_range < LARGEST_SPAN:
+    if _is_span(min_range, max_range) and max_range < MAX_SPAN:
         distance = max(min_range - typical, typical - max_range, 0.0)
         limit = FAR_OUTSIDE * (max_range - min_range)
         span = f"the probe's span of {min_range:g} to {max_range:g} m"
@@ -69,7 +69,7 @@ def check_probe_unit(
                 f'{where}: readings around {typical:.4g} m are far outside {span} and look like '
                 f'{_guess_unit(typical, min_range, max_range)}: publish metres')
         return
-    if typical > LARGEST_SPAN:
+    if typical > MAX_SPAN:
         raise BagError(
             f'{where}: readings around {typical:.4g} m are beyond any eddy-current probe and '
             f'look like {_guess_unit(typical, 0.0, 0.01)}: publish range, min_range and '
@@ -105,7 +105,7 @@ def notes_on_probe(
     """What is odd about a probe's readings; `aligned` (N,) are those on the load's stamps."""
     notes = _notes_on_gaps(topic, stamps, is_gap)
     absent = count_where(np.isnan, aligned)
-    if absent > MOST_ABSENT_UNMENTIONED * len(aligned):
+    if absent > MAX_ABSENT_UNMENTIONED * len(aligned):
         notes.append(f'{topic}: has no reading at {absent} of {len(aligned)} load stamps')
     if _is_span(min_range, max_range):
         at_limit = count_where(lambda part: (part <= min_range) | (part >= max_range), gaps)

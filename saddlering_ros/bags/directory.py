@@ -22,7 +22,7 @@ METADATA = 'metadata.yaml'
 INFORMATION = 'rosbag2_bagfile_information'
 SUFFIXES = ('.mcap', '.mcap.zstd')
 
-LARGEST_EXPANSION = 100
+MAX_EXPANSION = 100
 """A compressed file that unpacks to more than this times its size, and to more than ..."""
 
 ALWAYS_ALLOWED = 1 << 26
@@ -104,12 +104,12 @@ def plain_file(path: Path) -> Iterator[Path]:
         plain = folder / path.name.removesuffix('.zstd')
         try:
             with path.open('rb') as source, plain.open('wb') as target:
-                limit = max(LARGEST_EXPANSION * path.stat().st_size, ALWAYS_ALLOWED)
+                limit = max(MAX_EXPANSION * path.stat().st_size, ALWAYS_ALLOWED)
                 for block in zstandard.ZstdDecompressor().read_to_iter(source):
                     limit -= len(block)
                     if limit < 0:
                         raise BagError(
-                            f'{path}: unpacks to more than {LARGEST_EXPANSION} times its size: '
+                            f'{path}: unpacks to more than {MAX_EXPANSION} times its size: '
                             'no recorder writes such a file; use another bag')
                     target.write(block)
         except zstandard.ZstdError as problem:

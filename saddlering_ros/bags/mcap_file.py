@@ -35,10 +35,10 @@ RECORD_HEAD = 9
 MESSAGE_HEAD = 22
 """Bytes of a message record's content before the message itself."""
 
-LARGEST_CHUNK = 1 << 28
+MAX_CHUNK = 1 << 28
 """A chunk that claims to be larger than this [bytes] is taken for damaged."""
 
-MOST_DECLARATIONS = 200_000
+MAX_DECLARATIONS = 200_000
 """A chunk with more records than these that are no messages is damaged: ids are of 16 bits."""
 
 BLOCK_MESSAGES = 1 << 16
@@ -228,7 +228,7 @@ class McapFile:
         fields = _Fields(buffer, start + _chunk_head.size, stop)
         compression = fields.text()
         compressed_size = fields.uint64()
-        if fields.position + compressed_size > stop or uncompressed_size > LARGEST_CHUNK:
+        if fields.position + compressed_size > stop or uncompressed_size > MAX_CHUNK:
             raise self._damaged(start, 'a chunk')
         self.compressions.add(compression)
         compressed = buffer[fields.position:fields.position + compressed_size]
@@ -270,7 +270,7 @@ class McapFile:
                 collector.add(data, position, stop, self)
             else:
                 others += 1
-                if opcode == 0 or others > MOST_DECLARATIONS:
+                if opcode == 0 or others > MAX_DECLARATIONS:
                     raise IndexError
                 self._declaration(opcode, data, position + RECORD_HEAD, stop)
             position = stop
@@ -344,7 +344,7 @@ class McapFile:
                 opcode, length = _record_head.unpack_from(data, position)
                 after = position + RECORD_HEAD + length
                 others += 1
-                if opcode in (0, MESSAGE) or after > stop or others > MOST_DECLARATIONS:
+                if opcode in (0, MESSAGE) or after > stop or others > MAX_DECLARATIONS:
                     return False
                 self._declaration(opcode, data, position + RECORD_HEAD, after)
                 position = after

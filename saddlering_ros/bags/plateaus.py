@@ -49,8 +49,8 @@ SETTLING_SHARE = 0.4
 SHORTEST_HOLD = 0.5
 """A steady stretch shorter than this [s] is a turning point, not a plateau."""
 
-FEWEST_SAMPLES = 5
-FEWEST_PLATEAUS = 3
+MIN_SAMPLES = 5
+MIN_PLATEAUS = 3
 SAME_LEVEL_SHARE = 0.35
 """Plateaus whose loads differ by less than this share of a step are at the same level."""
 
@@ -96,7 +96,7 @@ class PlateauMeans:
 def plateaus(run: TestRun) -> Plateaus:
     """Cut `run` into plateaus; BagError if its load is not held at a few levels."""
     holds = find_holds(run.time, run.load)
-    if len(holds) < FEWEST_PLATEAUS:
+    if len(holds) < MIN_PLATEAUS:
         raise BagError(
             f'{run.path}: the load is held at {len(holds)} levels, too few for a static test: '
             'hold the load at more levels, or give --test dynamic')
@@ -116,7 +116,7 @@ def plateau_means(
 ) -> PlateauMeans:
     """Means of `values` (..., N) over the samples [start, stop) of each of M plateaus.
 
-    NaN samples are left out; a channel with fewer than FEWEST_SAMPLES others in a plateau has NaN
+    NaN samples are left out; a channel with fewer than MIN_SAMPLES others in a plateau has NaN
     for its mean there.
     """
     values = np.asarray(values, dtype=np.float64)
@@ -127,12 +127,12 @@ def plateau_means(
     for number, channel in enumerate(channels):
         parts = [channel[first:last] for first, last in spans]
         parts = [part[np.isfinite(part)] for part in parts]
-        enough = [len(part) >= FEWEST_SAMPLES for part in parts]
+        enough = [len(part) >= MIN_SAMPLES for part in parts]
         for place, part in enumerate(parts):
             if enough[place]:
                 mean[number, place] = part.mean()
         if errors and any(enough):
-            found = _standard_errors([part for part in parts if len(part) >= FEWEST_SAMPLES])
+            found = _standard_errors([part for part in parts if len(part) >= MIN_SAMPLES])
             std_error[number, enough] = found
         forget(channel)
     shape = (*values.shape[:-1], len(spans))
@@ -146,7 +146,7 @@ def plateau_means(
 def find_holds(time: NDArray[np.float64], load: NDArray[np.float64]) -> list[tuple[int, int]]:
     """Stretches [start, stop) of samples over which the load is held, in order."""
     span = _range(load)
-    if len(load) < 2 * FEWEST_SAMPLES or span <= 0.0:
+    if len(load) < 2 * MIN_SAMPLES or span <= 0.0:
         return []
     best: list[tuple[int, int]] = []
     best_share = 0.0
@@ -154,9 +154,9 @@ def find_holds(time: NDArray[np.float64], load: NDArray[np.float64]) -> list[tup
         holds = _holds(time, load, window, span)
         share = sum(time[stop - 1] - time[start] for start, stop in holds)
         share /= time[-1] - time[0]
-        if len(holds) >= FEWEST_PLATEAUS and share >= 0.5:
+        if len(holds) >= MIN_PLATEAUS and share >= 0.5:
             return holds
-        if len(holds) >= FEWEST_PLATEAUS and share > best_share + 0.1:
+        if len(holds) >= MIN_PLATEAUS and share > best_share + 0.1:
             best, best_share = holds, share
     return best if best_share >= 0.2 else []
 
@@ -178,7 +178,7 @@ def _holds(
     shortest = max(SHORTEST_HOLD if window >= WINDOWS[0] else window, 3 * period)
     stretches = [
         (start, stop) for start, stop in _runs(steady)
-        if stop - start >= FEWEST_SAMPLES and time[stop - 1] - time[start] >= shortest / 2]
+        if stop - start >= MIN_SAMPLES and time[stop - 1] - time[start] >= shortest / 2]
     merged = _merged(stretches, time, load, 0.004 * span, noise)
     holds = [(start, stop) for start, stop in merged if time[stop - 1] - time[start] >= shortest]
     return _extended(holds, load, _edge(period, window, span, noise), tolerance, noise)
@@ -300,7 +300,7 @@ def _merged(
 def _settled(time: NDArray[np.float64], start: int, stop: int) -> int:
     """First sample of the hold [start, stop) behind the settling part."""
     begin = time[start] + SETTLING_SHARE * (time[stop - 1] - time[start])
-    return min(start + int(np.searchsorted(time[start:stop], begin)), stop - FEWEST_SAMPLES)
+    return min(start + int(np.searchsorted(time[start:stop], begin)), stop - MIN_SAMPLES)
 
 
 # -- sorting -----------------------------------------------------------------------------------

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from saddlering_ros.bags.alignment import align, GAP_HISTORY, gap_mask, seconds_array
 from saddlering_ros.bags.checks import (
     check_overlap,
-    FEWEST_SAMPLES,
+    MIN_SAMPLES,
     notes_on_load,
     notes_on_probe,
 )
@@ -300,9 +300,9 @@ def run_of_record(
     rows = node_rows(guarded, gaps)
     read = (count_where(lambda part: np.isfinite(part).all(axis=0), gaps) if rows is None
             else int(rows.given.sum()))
-    if read < FEWEST_SAMPLES:
+    if read < MIN_SAMPLES:
         raise BagError(
-            f'{where}: fewer than {FEWEST_SAMPLES} load stamps have readings of all four probes: '
+            f'{where}: fewer than {MIN_SAMPLES} load stamps have readings of all four probes: '
             + _why_apart(probes))
     assert facts.test is not None
     assert facts.elevation_deg is not None
@@ -378,7 +378,7 @@ def raw_topic(found: Scan, name: str) -> RawTopic:
     """One rig topic of a scanned bag in stamp order; BagError if it cannot be used."""
     where = f'{found.path}: {name}'
     topic = found.topics.get(name)
-    fewest = FEWEST_SAMPLES if TOPICS[name].required else 1
+    fewest = MIN_SAMPLES if TOPICS[name].required else 1
     if found.fault is not None and (topic is None or topic.count < fewest):
         raise found.fault
     if not found.message_count:

@@ -25,7 +25,7 @@ from saddlering_ros.bags.mcap_file import (
     Block,
     Channel,
     CutOffError,
-    LARGEST_CHUNK,
+    MAX_CHUNK,
     McapFile,
     MESSAGE_HEAD,
     Messages,
@@ -34,10 +34,10 @@ from saddlering_ros.bags.schemas import other_fields
 from saddlering_ros.bags.scratch import extremes, GrowingArray, LONG
 from saddlering_ros.bags.topics import optional_topics, RIG_TOPICS, TOPICS
 
-LARGEST_MESSAGE = 1 << 16
+MAX_MESSAGE = 1 << 16
 """A single compressed message of the rig that claims to be larger [bytes] is damaged."""
 
-LARGEST_EXPANSION = 100
+MAX_EXPANSION = 100
 """Messages that are more than this times the size of their file [bytes] were not recorded: even
 readings that never change do not compress so far. Of other topics only the heads count."""
 
@@ -284,9 +284,9 @@ def _scan_file(
             for block in file.blocks():
                 _take_block(result, file, block, topics)
                 on_bytes(before + own * file.share)
-                if result.unpacked > max(ALWAYS_ALLOWED, LARGEST_EXPANSION * result.size):
+                if result.unpacked > max(ALWAYS_ALLOWED, MAX_EXPANSION * result.size):
                     raise BagError(
-                        f'{path}: {result.size} bytes unpack to more than {LARGEST_EXPANSION} '
+                        f'{path}: {result.size} bytes unpack to more than {MAX_EXPANSION} '
                         'times as many: no recorder writes such a file; use another bag')
         finally:
             _take_facts(result, records, file.metadata.get(RECORD, {}), path)
@@ -385,11 +385,11 @@ def _decompressed(
         try:
             if zstandard.get_frame_parameters(frame).content_size == 0:
                 raise CdrError('a compressed message is damaged')
-            if zstandard.frame_content_size(frame) > LARGEST_MESSAGE:
+            if zstandard.frame_content_size(frame) > MAX_MESSAGE:
                 raise CdrError('a compressed message is damaged')
-            plain.append(decompressor.decompress(frame, max_output_size=LARGEST_MESSAGE))
+            plain.append(decompressor.decompress(frame, max_output_size=MAX_MESSAGE))
             size_so_far += len(plain[-1])
-            if size_so_far > LARGEST_CHUNK:
+            if size_so_far > MAX_CHUNK:
                 raise CdrError('compressed messages are too large for topics of the rig')
         except (zstandard.ZstdError, MemoryError) as problem:
             raise CdrError('a compressed message is damaged') from problem

@@ -6,7 +6,7 @@ back. Stamps are taken for reordered, and sorted, if they are in order to within
 the messages that came late fill places nobody else has taken. They go back if both orders break
 by more than jitter; or if most late messages fall between or upon others, half a period or
 less away: two passes over the same stretch of time; or if messages stored later lie more than
-`LARGEST_HOLE_NS` before all that was stored earlier: a recorder that reorders leaves no hole.
+`MAX_HOLE_NS` before all that was stored earlier: a recorder that reorders leaves no hole.
 """
 
 from __future__ import annotations
@@ -21,12 +21,12 @@ from saddlering_ros.bags.alignment import JITTER_NS
 from saddlering_ros.bags.errors import BagError
 from saddlering_ros.bags.scratch import count_where, extremes
 
-MOST_DUPLICATES = 0.01
+MAX_DUPLICATES = 0.01
 """Larger share of stamps taken twice by different readings: the clock stands still at times."""
 
-LARGEST_HOLE_NS = 1_000_000_000
+MAX_HOLE_NS = 1_000_000_000
 
-MOST_BREAKS = 0.05
+MAX_BREAKS = 0.05
 """Larger share of messages stored before an earlier one: the file's order is shuffled."""
 
 REGULAR_SHARE = 0.8
@@ -98,7 +98,7 @@ def _check_late(
     nearest = np.minimum(np.append(intervals, _FAR), np.append(_FAR, intervals))
     late = lateness[order] > 0
     doubled = late & (nearest <= 0.55 * period)
-    apart = (intervals > LARGEST_HOLE_NS) & (np.diff(order) < 0)
+    apart = (intervals > MAX_HOLE_NS) & (np.diff(order) < 0)
     if 2 * doubled.sum() > late.sum() or apart.any():
         index = int(np.argmax(lateness > 0))
         raise _going_back(where, stamps, index, int(lateness.max()))
@@ -122,7 +122,7 @@ def _period(stamps: NDArray[np.int64], intervals: NDArray[np.int64]) -> float:
     halve the sorted ones.
     """
     steps = np.diff(stamps)
-    shuffled = (steps < 0).sum() > MOST_BREAKS * len(steps)
+    shuffled = (steps < 0).sum() > MAX_BREAKS * len(steps)
     seen = intervals if shuffled else steps
     return float(np.median(seen[seen > 0])) if (seen > 0).any() else 0.0
 
@@ -157,7 +157,7 @@ def _without_duplicates(
     repeated[1:] = np.diff(ordered) == 0
     contradicting = repeated.copy()
     contradicting[1:] &= values[1:] != values[:-1]
-    if contradicting.sum() > max(1.0, MOST_DUPLICATES * len(ordered)):
+    if contradicting.sum() > max(1.0, MAX_DUPLICATES * len(ordered)):
         first = int(np.argmax(contradicting))
         raise BagError(
             f'{where}: {int(contradicting.sum())} of {len(ordered)} messages have the stamp of '

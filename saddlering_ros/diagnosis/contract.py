@@ -33,7 +33,7 @@ class ReductionEntry(TypedDict):
 
 
 class TotalReductionEntry(ReductionEntry):
-    """That of all causes together; how: 'held out' or 'left out in turn'."""
+    """That of all causes together; how: 'held out' or 'held out in turn'."""
 
     how: str
 

@@ -35,7 +35,7 @@ PART_CHANGE = 0.003
 """Change of load over one of them, as a share of full scale, unless there are that many."""
 LONGEST_STEP = 1.0
 """Longest time step of the simulation [s]; its samples are closer wherever the load moves."""
-LEAST_SAMPLES = 40
+MIN_SAMPLES = 40
 
 
 class DiagnosisError(SaddleringError):
@@ -77,7 +77,7 @@ def build_record(rig: Rig, test_run: TestRun, *, held_out: bool) -> Record:
     time, load, probes = measured.time[good], measured.load[good], measured.d[:, good]
     rounding = probe_rounding(test_run)
     quiet = probes if rounding is None else probes + rounding[:, good]
-    if time.size < LEAST_SAMPLES:
+    if time.size < MIN_SAMPLES:
         raise DiagnosisError(
             f'{test_run.path}: {time.size} complete samples are too few for a diagnosis: record '
             'longer'

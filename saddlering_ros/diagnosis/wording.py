@@ -75,7 +75,7 @@ def gain_sentence(document: Document) -> str:
                 'held out to check this.')
     kept = percent(gain['held_out'])
     how = {'held out': 'held-out runs',
-           'left out in turn': 'runs held out in turn'}.get(gain.get('how', ''), 'other runs')
+           'held out in turn': 'runs held out in turn'}.get(gain.get('how', ''), 'other runs')
     return (f'The extended model reduces the misfit by {kept} on {how}, and by {fitted} on '
             'fitted runs.')
 

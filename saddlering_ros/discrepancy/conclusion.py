@@ -286,7 +286,7 @@ class Publication:
         )
 
     def _gain(self, less: Fit) -> Gain:
-        """Gain over `less` on the fitted runs, and on runs held out or left out in turn."""
+        """Gain over `less` on the fitted runs, and on runs held out."""
         if less is self.fit or not self.fit.candidate.effects:
             return Gain(0.0, 0.0, 'none')
         before, after = self._plain[less.candidate.key], self._plain[self.fit.candidate.key]
@@ -299,7 +299,7 @@ class Publication:
             return Gain(fitted, value, 'held out')
         if len(self.experiment.runs) < 2:
             return Gain(fitted, None, 'one run only')
-        return Gain(fitted, left_out_gain(self.experiment, before, after), 'left out in turn')
+        return Gain(fitted, left_out_gain(self.experiment, before, after), 'held out in turn')
 
     def sizes_at_bounds(self) -> list[str]:
         """A sentence for every effect as large as its bounds allow."""

@@ -18,9 +18,9 @@ from scipy.stats import f as fisher
 from saddlering_ros.discrepancy.system import Array
 from saddlering_ros.estimation.rest import RestSegment
 
-LEAST_FREQUENCY = 8.0
+MIN_FREQUENCY = 8.0
 """Slower swings [Hz] are left to the residual tests: they may be the machine's own."""
-LEAST_SAMPLES = 100
+MIN_SAMPLES = 100
 """Shorter stretches have no spectrum worth the name."""
 NEIGHBOURS = 15
 """Independent frequencies to each side from which the level of the noise is taken."""
@@ -59,13 +59,13 @@ class LineSearch:
 def find_line(
     segments: Sequence[RestSegment],
     error_rate: float,
-    between: tuple[float, float] = (LEAST_FREQUENCY, np.inf),
+    between: tuple[float, float] = (MIN_FREQUENCY, np.inf),
 ) -> LineSearch:
     """The strongest line that is real at `error_rate`, looked for where sampling is fastest.
 
     between: the least and the largest frequency [Hz] that it may have.
     """
-    usable = [item for item in segments if item.values.shape[1] >= LEAST_SAMPLES]
+    usable = [item for item in segments if item.values.shape[1] >= MIN_SAMPLES]
     if not usable:
         return LineSearch(None, np.inf)
     fastest = min(item.step for item in usable)

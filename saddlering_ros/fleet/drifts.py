@@ -27,7 +27,7 @@ SCALED = ('stiffness_1', 'damping_1', 'stiffness_2', 'damping_2')
 MIN_RINGS_OF_RIG = 4
 """A rig with fewer rings cannot be told from its rings."""
 
-MOST_RINGS = 0.75
+MAX_RINGS = 0.75
 """Share of a rig's rings that must drift the same way."""
 
 MIN_COMMON = 3.0
@@ -226,7 +226,7 @@ def _common_slopes(items: Sequence[RingHistory]) -> tuple[dict[str, tuple[float,
     if gains.size < MIN_RINGS_OF_RIG:
         return slopes, 1.0
     together = max(np.mean(gains > 0.0), np.mean(gains < 0.0))
-    return slopes, float(ttest_1samp(gains, 0.0).pvalue) if together >= MOST_RINGS else 1.0
+    return slopes, float(ttest_1samp(gains, 0.0).pvalue) if together >= MAX_RINGS else 1.0
 
 
 def _sloped(item: RingHistory, name: str) -> bool:

@@ -22,7 +22,7 @@ MIN_RINGS = 4
 """Fewer rings cannot show what is usual among them."""
 
 MAX_PASSES = 5
-SMALLEST_SPREAD = 1e-4
+MIN_SPREAD = 1e-4
 """Rings never agree better than this in a logarithm or an exponent."""
 
 
@@ -80,7 +80,7 @@ def fit_population(means: Array, covariances: Array) -> Population:
     """REML fit to rings' means (R, P) with covariances (R, P, P)."""
     size = means.shape[1]
     lower = np.tril_indices(size)
-    spread = np.maximum(means.var(axis=0), SMALLEST_SPREAD**2)
+    spread = np.maximum(means.var(axis=0), MIN_SPREAD**2)
     scale = np.sqrt(spread)
     scaled = means / scale
     scaled_covariances = covariances / np.outer(scale, scale)

@@ -18,9 +18,9 @@ Array = NDArray[np.float64]
 
 LONGEST = 400
 INNER_CORRIDOR, OUTER_CORRIDOR = 0.05, 0.50
-LARGEST_SHIFT = 0.2
-LARGEST_MAGNITUDE_ERROR = 0.5
-LARGEST_SLOPE_ERROR = 2.0
+MAX_SHIFT = 0.2
+MAX_MAGNITUDE_ERROR = 0.5
+MAX_SLOPE_ERROR = 2.0
 WARPING_WINDOW = 0.1
 
 
@@ -50,7 +50,7 @@ def rate(reference: Array, signal: Array) -> Rating:
     matched_reference, matched_signal = _shifted(reference, signal, shift)
     return Rating(
         corridor=_corridor(reference, signal, peak),
-        phase=_score(abs(shift) / len(reference), LARGEST_SHIFT),
+        phase=_score(abs(shift) / len(reference), MAX_SHIFT),
         magnitude=_magnitude(matched_reference, matched_signal),
         slope=_slope(matched_reference, matched_signal),
     )
@@ -82,7 +82,7 @@ def _shifted(reference: Array, signal: Array, shift: int) -> tuple[Array, Array]
 def _best_shift(reference: Array, signal: Array) -> int:
     """Shift of the highest cross-correlation, at most a fifth of the record; 0 when none gains."""
     best, highest = 0, -np.inf
-    largest = int(LARGEST_SHIFT * len(reference))
+    largest = int(MAX_SHIFT * len(reference))
     for shift in sorted(range(-largest, largest + 1), key=abs):
         first, second = _shifted(reference, signal, shift)
         norm = np.linalg.norm(first) * np.linalg.norm(second)
@@ -95,7 +95,7 @@ def _best_shift(reference: Array, signal: Array) -> int:
 def _magnitude(reference: Array, signal: Array) -> float:
     window = max(1, int(WARPING_WINDOW * len(reference)))
     distance = float(_warping_distance(reference, signal, window))
-    return _score(distance / float(np.sum(np.abs(reference))), LARGEST_MAGNITUDE_ERROR)
+    return _score(distance / float(np.sum(np.abs(reference))), MAX_MAGNITUDE_ERROR)
 
 
 @Compiler(__file__)()
@@ -125,4 +125,4 @@ def _slope(reference: Array, signal: Array) -> float:
     size = float(np.sum(np.abs(first)))
     if size == 0.0:
         return float(np.array_equal(first, second))
-    return _score(float(np.sum(np.abs(first - second))) / size, LARGEST_SLOPE_ERROR)
+    return _score(float(np.sum(np.abs(first - second))) / size, MAX_SLOPE_ERROR)

@@ -15,7 +15,7 @@ from saddlering_ros.suggestion import did_you_mean
 
 Floats = NDArray[np.float64]
 
-LARGEST_TABLE = 1 << 20
+MAX_TABLE = 1 << 20
 """Longest calibration table that is read [bytes]."""
 
 
@@ -115,7 +115,7 @@ def scaled_unit(text: str, reading_unit: Unit, where: str) -> Unit:
 
 def _lines(path: Path) -> list[str]:
     try:
-        if not path.is_file() or path.stat().st_size > LARGEST_TABLE:
+        if not path.is_file() or path.stat().st_size > MAX_TABLE:
             raise ImportingError(f'{path}: is no calibration table (a regular file of at most '
                                  '1 MB): check the path')
         text = path.read_text(encoding='utf-8-sig')

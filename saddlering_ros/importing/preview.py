@@ -12,16 +12,16 @@ from saddlering_ros.importing.convert import ImportedRun
 from saddlering_ros.importing.errors import ImportingError
 from saddlering_ros.writing import whole_file
 
-MOST_RUNS = 6
+MAX_RUNS = 6
 _SHOWN = {'hydraulic_load': ('load [kN]', 1e3), 'elevation': ('elevation [deg]', np.pi / 180)}
 _COLOURS = ('#0072B2', '#D55E00', '#009E73', '#CC79A7')
 
 
 def save_preview(path: Path, runs: Sequence[ImportedRun]) -> None:
-    """Write the picture (PNG, SVG or PDF, by the suffix) of the first MOST_RUNS runs."""
+    """Write the picture (PNG, SVG or PDF, by the suffix) of the first MAX_RUNS runs."""
     from matplotlib.figure import Figure
 
-    shown = list(runs[:MOST_RUNS])
+    shown = list(runs[:MAX_RUNS])
     figure = Figure(figsize=(max(7.5, 4.0 * len(shown)), 5.0), layout='constrained')
     axes = figure.subplots(2, len(shown), squeeze=False, sharex='col')
     for column, run in enumerate(shown):

@@ -34,7 +34,7 @@ from saddlering_ros.ros.run import run
 
 LATCHED = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE,
                      durability=DurabilityPolicy.TRANSIENT_LOCAL)
-MOST_BAGS = 100
+MAX_BAGS = 100
 """Bags of one goal."""
 
 DEEP = QoSProfile(depth=2000, reliability=ReliabilityPolicy.RELIABLE)
@@ -118,8 +118,8 @@ class ActionNode(Node):
 
     def bags(self, names: Sequence[str]) -> tuple[str, ...]:
         """The bags of a goal as paths below bag_root, with every file they consist of."""
-        if len(names) > MOST_BAGS:
-            raise NodeError(f'the goal names {len(names)} bags: give at most {MOST_BAGS}')
+        if len(names) > MAX_BAGS:
+            raise NodeError(f'the goal names {len(names)} bags: give at most {MAX_BAGS}')
         return tuple(str(bag_below(self.bag_root, name)) for name in names)
 
     def parameters_path(self, name: str) -> str:

@@ -49,10 +49,10 @@ def run(request: IdentificationRequest, on_progress: Callable[[Progress], None],
         ) -> IdentificationAnswer:
     """Identify, and judge the result on the bags held out (on all bags if there are none)."""
     runs = [read_run(bag, rig=request.rig) for bag in request.bags]
-    kept_back = [read_run(bag, rig=request.rig) for bag in request.validation_bags]
-    refuse_repeats(runs, kept_back)
-    refuse_other_rig([*runs, *kept_back], request.rig, is_given=True)
+    held_out = [read_run(bag, rig=request.rig) for bag in request.validation_bags]
+    refuse_repeats(runs, held_out)
+    refuse_other_rig([*runs, *held_out], request.rig, is_given=True)
     found = identify(runs, request.rig, request.settings, on_progress=on_progress)
-    judged: Any = validate(kept_back or runs, request.rig, found.parameters).to_json()
+    judged: Any = validate(held_out or runs, request.rig, found.parameters).to_json()
     return IdentificationAnswer(found.parameters, found.objective, found.status,
                                 json.dumps(judged['runs']), json.dumps(found.to_json()))

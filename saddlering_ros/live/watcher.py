@@ -74,7 +74,7 @@ SILENT = 3.5
 BAND_LAG = 30
 """Drawn means over which the noise of the residual is judged, at most: slow noise counts too."""
 
-FEWEST_MEANS = 20
+MIN_MEANS = 20
 TYPES = {'geometry_msgs/msg/WrenchStamped': WrenchStamped, 'sensor_msgs/msg/Range': Range,
          'geometry_msgs/msg/Vector3Stamped': Vector3Stamped}
 SENSORS: dict[str, RigTopic] = {
@@ -249,7 +249,7 @@ class Watcher:
     def _band_of_residual(self) -> list[float | None]:
         """Noise of the residual's means as they are drawn [um, urad]; None while too few are."""
         means = self.traces.means('residual')
-        if means.shape[1] < FEWEST_MEANS:
+        if means.shape[1] < MIN_MEANS:
             return [None] * len(CHANNELS)
         lag = min(BAND_LAG, means.shape[1] // 6)
         return [_finite(1e6 * white_noise(channel, lag)) for channel in means]

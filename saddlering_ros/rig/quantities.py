@@ -8,7 +8,7 @@ PREFIXES = ((1e6, 'M'), (1e3, 'k'), (1.0, ''), (1e-3, 'm'), (1e-6, 'µ'), (1e-9,
 PREFIXED = frozenset({'N', 'm', 'rad', 's', 'Hz', 'm/s'})
 PLAIN = frozenset({'', '1'})
 
-LEAST_SHARE = 1e-5
+MIN_SHARE = 1e-5
 """Smaller shares are not told apart."""
 
 
@@ -25,8 +25,8 @@ def percent(share: float | None, digits: int = 2) -> str:
     """A share as percent with so many significant digits."""
     if share is None or not math.isfinite(share):
         return '–'
-    if 0.0 < abs(share) < LEAST_SHARE:
-        return f'< {100.0 * LEAST_SHARE:g} %'
+    if 0.0 < abs(share) < MIN_SHARE:
+        return f'< {100.0 * MIN_SHARE:g} %'
     return f'{significant(100.0 * share, digits)} %'
 
 

@@ -23,7 +23,7 @@ in a few seconds, stays in the band for tens of milliseconds."""
 NEAR_PRELOAD_SHARE = 0.04
 """A load within preload plus this share of full scale (1 t) counts as preload."""
 
-FEWEST_SAMPLES = 5
+MIN_SAMPLES = 5
 """A steady stretch with fewer samples is none."""
 
 BLOCK = 8192
@@ -104,7 +104,7 @@ class ZeroWindow:
         return None
 
     def _rested(self) -> bool:
-        return (self._samples >= FEWEST_SAMPLES
+        return (self._samples >= MIN_SAMPLES
                 and self._newest - self._opened_at >= SHORTEST_SECONDS)
 
     def _closes(self, time: float, load: float) -> bool:

@@ -8,7 +8,7 @@ import numpy as np
 
 from saddlering_ros.bags.alignment import JITTER_NS
 from saddlering_ros.bags.cdr import SECOND
-from saddlering_ros.rig.zeroing import FEWEST_SAMPLES, STEADY_SHARE, WINDOW_SECONDS
+from saddlering_ros.rig.zeroing import MIN_SAMPLES, STEADY_SHARE, WINDOW_SECONDS
 from saddlering_ros.streams.batches import (
     Displacements,
     in_order,
@@ -20,7 +20,7 @@ from saddlering_ros.streams.batches import (
 KEEP_NS = 2 * SECOND
 """A sample this far behind the newest match will find no partner any more."""
 
-MOST_WAITING = 20_000
+MAX_WAITING = 20_000
 """Samples of one side kept while its partner says nothing: 20 s at 1 kHz."""
 
 
@@ -69,7 +69,7 @@ class _Side:
         if len(together) > 1 and (np.diff(together.stamps) <= 0).any():
             _, first = np.unique(together.stamps, return_index=True)
             together = pick(together, first)
-        surplus = len(together) - MOST_WAITING
+        surplus = len(together) - MAX_WAITING
         if surplus > 0:
             together = pick(together, np.arange(surplus, len(together)))
             self.given_up += surplus
@@ -196,7 +196,7 @@ class _Bridge:
         self._total += older.channels[:, inside].sum(axis=1)
         self._count += int(inside.sum())
         after = np.flatnonzero(older.stamps > self._until)
-        if self._count < FEWEST_SAMPLES or not len(after):
+        if self._count < MIN_SAMPLES or not len(after):
             return no_displacements()
         result = _difference(pick(measured, after), pick(simulated, after))
         offset = (self._total / self._count)[:, None]

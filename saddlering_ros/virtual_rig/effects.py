@@ -1,6 +1,6 @@
 """What an effect of the virtual rig is, the requests for effects, and the table of all of them.
 
-The forms are our own reading of the catalogue's words, kept apart from saddlering_ros.effects, so
+The forms are our own reading of the catalogue's words, made apart from saddlering_ros.effects, so
 that the diagnosis is never examined by the very formulas it uses.
 """
 

@@ -35,7 +35,7 @@ DAMPING_REFERENCE = 50e-6
 RESIDUAL = 1e-4
 """Newton stops when no force or moment is left over by more than this [N, N m]."""
 
-MOST_NEWTON, MOST_HALVINGS = 30, 12
+MAX_NEWTON, MAX_HALVINGS = 30, 12
 
 # Inverse of the Radau IIA matrix, times the step; stage times are h/3 and h.
 I00, I01, I10, I11 = 1.5, 0.5, -4.5, 2.5
@@ -210,7 +210,7 @@ def _try_step(rollers: Floats, friction: Floats, z: Floats, mass: Floats, q: Flo
     trial = np.empty((2, 3))
     error = _stage_residual(rollers, friction, z, mass, q, v, h, load, stages, residual, matrix,
                             scratch)
-    for _ in range(MOST_NEWTON):
+    for _ in range(MAX_NEWTON):
         if error < RESIDUAL:
             return True
         _solve(matrix, residual)
@@ -256,7 +256,7 @@ def _advance(rollers: Floats, friction: Floats, z: Floats, mass: Floats, q: Floa
             stages[0, i] = q[i] + v[i] * h / 3.0
             stages[1, i] = q[i] + v[i] * h
         good = _try_step(rollers, friction, z, mass, q, v, h, load, stages)
-        if not good and halvings < MOST_HALVINGS:
+        if not good and halvings < MAX_HALVINGS:
             halvings += 1
             continue
         if not good:

@@ -9,7 +9,7 @@ from scipy.stats import binom
 
 from saddlering_ros.virtual_rig.campaign import CLEAN, OUTSIDE, PAIR, SINGLE
 
-LARGEST_GROUP = 4
+MAX_GROUP = 4
 """A group of more look-alikes than this is no answer."""
 
 
@@ -33,7 +33,7 @@ def score(
     strays = [group for group in groups if not any(name in group for name in hidden)]
     if strays:
         return ('wrong' if any(len(group) == 1 for group in strays) else 'vague'), found
-    if any(len(group) > LARGEST_GROUP for group in groups):
+    if any(len(group) > MAX_GROUP for group in groups):
         return 'vague', found
     return ('right' if found == len(hidden) else 'part'), found
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from saddlering_ros.rig import default_rig, TONNE, zero_of_record, ZeroWindow
-from saddlering_ros.rig.zeroing import FEWEST_SAMPLES
+from saddlering_ros.rig.zeroing import MIN_SAMPLES
 
 RIG = default_rig()
 
@@ -64,9 +64,9 @@ def test_a_record_that_never_sees_preload_is_zeroed_where_it_is_steady_first_and
 
 def test_a_stretch_of_too_few_samples_is_none_and_the_next_one_counts() -> None:
     low = RIG.preload - 0.015 * RIG.full_scale_load
-    load = np.array([low] * (FEWEST_SAMPLES - 1) + [RIG.preload] * 80)
+    load = np.array([low] * (MIN_SAMPLES - 1) + [RIG.preload] * 80)
     reading = zero_of_record(RIG, np.arange(load.size) * 0.01, load)
-    assert reading.start == FEWEST_SAMPLES - 1
+    assert reading.start == MIN_SAMPLES - 1
     assert reading.load == pytest.approx(RIG.preload)
 
 

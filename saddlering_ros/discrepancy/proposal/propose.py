@@ -1,7 +1,7 @@
 """A law proposed for a misfit that no effect of the catalogue explains.
 
 The whitened residual, freed of base parameters, is offered blocks of shapes on every target; the
-block that predicts most of runs left out in turn is taken, and a second one if it adds enough. A
+block that predicts most of runs held out in turn is taken, and a second one if it adds enough. A
 block counts only if it passes the same likelihood-ratio gate as a name, with the number of blocks
 tried paid for. The curve is matched to simple laws. The verdict stays unknown.
 """

@@ -18,7 +18,7 @@ STRENGTHS = np.geomspace(1e-6, 1e4, 11)
 """Regularisation tried, in shares of the size of the columns."""
 
 FOLDS = 5
-"""Parts of a run that is alone, left out in turn."""
+"""Parts of a run that is alone, held out in turn."""
 
 MIN_RIDGE = 1e-9
 
@@ -27,7 +27,7 @@ MIN_RIDGE = 1e-9
 class BlockFit:
     """One block added to one target: coefficients and what they take of the whitened misfit.
 
-    predicted: the misfit taken from runs left out in turn, under zero if the block predicts
+    predicted: the misfit taken from runs held out in turn, under zero if the block predicts
     nothing. freedom: effective number of parameters.
     """
 
@@ -94,7 +94,7 @@ def rank_blocks(
 
 
 def _folds(misfit: Misfit) -> list[NDArray[np.int64]]:
-    """Rows left out in turn: runs, or parts of the only run."""
+    """Rows held out in turn: runs, or parts of the only run."""
     if len(misfit.runs) > 1:
         return [np.arange(rows.start, rows.stop) for rows in misfit.rows]
     run = misfit.runs[0]

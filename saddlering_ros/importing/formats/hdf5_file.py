@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from saddlering_ros.importing.errors import ImportingError
 from saddlering_ros.importing.source import as_numbers, Column, NUMBER, slices, Source, TEXT
 
-MOST_COLUMNS = 4096
+MAX_COLUMNS = 4096
 _UNITS = ('unit', 'units', 'Unit', 'Units', 'UNITS', 'UNIT')
 
 
@@ -56,7 +56,7 @@ class Hdf5Source(Source):
         except (OSError, RuntimeError, KeyError) as problem:
             raise ImportingError(f'{path}: is damaged, or not an HDF5 file ({problem}): save it '
                                  'again') from problem
-        self._columns = tuple(columns[:MOST_COLUMNS])
+        self._columns = tuple(columns[:MAX_COLUMNS])
 
     @property
     def columns(self) -> tuple[Column, ...]:
@@ -91,7 +91,7 @@ class Hdf5Source(Source):
             self._add(columns, name, _Place(name), max(item.shape), item.dtype, unit)
         elif item.ndim == 2:
             across = item.shape[1] > item.shape[0]
-            for index in range(min(*item.shape, MOST_COLUMNS)):
+            for index in range(min(*item.shape, MAX_COLUMNS)):
                 self._add(columns, f'{name}:{index + 1}', _Place(name, '', index, across),
                           max(item.shape), item.dtype, unit)
 

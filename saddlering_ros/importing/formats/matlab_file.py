@@ -14,7 +14,7 @@ from scipy.io.matlab import mat_struct, MatReadError
 from saddlering_ros.importing.errors import ImportingError
 from saddlering_ros.importing.source import as_numbers, Column, slices, Source
 
-MOST_COLUMNS = 4096
+MAX_COLUMNS = 4096
 _READ = ('double', 'single', 'int8', 'uint8', 'int16', 'uint16', 'int32', 'uint32', 'int64',
          'uint64', 'struct')
 
@@ -68,5 +68,5 @@ class MatlabSource(Source):
             self._values[name] = as_numbers(value)
         elif value.ndim == 2:
             rows = value.T if value.shape[1] > value.shape[0] else value
-            for index in range(min(rows.shape[1], MOST_COLUMNS)):
+            for index in range(min(rows.shape[1], MAX_COLUMNS)):
                 self._values[f'{name}:{index + 1}'] = as_numbers(rows[:, index])

@@ -21,10 +21,10 @@ _HEAD = struct.Struct('<4s4xQQ')
 HEADER_PLACE = 64
 """Where the header block of every file lies."""
 
-LARGEST_BLOCK = 1 << 28
+MAX_BLOCK = 1 << 28
 """A block of texts or descriptions, or a zipped one, that claims to be larger is damaged."""
 
-MOST_BLOCKS = 1_000_000
+MAX_BLOCKS = 1_000_000
 """A list of more blocks has no end."""
 
 
@@ -51,7 +51,7 @@ class MdfBlocks:
         name, length, links = self._head(place)
         if ids and name not in ids:
             raise self.damaged(f'a block {name} where {" or ".join(ids)} should be')
-        if length > LARGEST_BLOCK:
+        if length > MAX_BLOCK:
             raise self.damaged(f'a block {name} of {length} bytes')
         body = self._file.read(length - _HEAD.size)
         if len(body) < length - _HEAD.size or links * 8 > len(body):
@@ -60,7 +60,7 @@ class MdfBlocks:
 
     def chain(self, place: int, name: str) -> Iterator[Block]:
         """A block and all that follow it by their first link."""
-        for _ in range(MOST_BLOCKS):
+        for _ in range(MAX_BLOCKS):
             if not place:
                 return
             block = self.block(place, name)
@@ -124,7 +124,7 @@ class MdfBlocks:
 
     def _unzipped(self, block: Block) -> bytes:
         kind, parameter, size, packed = struct.unpack_from('<xxBxIQQ', block.data)
-        if size > LARGEST_BLOCK:
+        if size > MAX_BLOCK:
             raise self.damaged('a zipped block of more than 256 MB')
         try:
             unzip = zlib.decompressobj()
