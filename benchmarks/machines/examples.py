@@ -14,7 +14,7 @@ ALSO_HIDDEN = {
     'closed_loop': {'spring': {'rate': 30.0}},
     'mask': {'late_damping': {'size': 0.5}},
     'no_rest': {'drag': {'size': 0.1}},
-    'several_outputs': {'overflow': {'height': 0.3}},
+    'several_outputs': {'overflow': {'height': 0.2}},
     'uneven_sampling': {'heater': {'power': 0.02}},
 }
 """Sizes of the effects that the examples have in their catalogue and do not hide themselves."""

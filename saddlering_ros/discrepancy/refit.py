@@ -23,6 +23,9 @@ PRIOR = 1.0
 QUIET_GAIN, QUIET_SHARE = 0.02, 1e-4
 """Gains under this, or under this share of the misfit, are of no account."""
 
+SPREAD = 24
+"""Starts of the base that cover the range of every parameter."""
+
 MAX_BASE_STARTS, COARSE_BASE = 6, 6
 """So many starts of the base are followed for so many rounds before the best are fitted."""
 
@@ -194,6 +197,13 @@ def declared_start(base: Sequence[Parameter]) -> Array:
     return np.array([item.first_guess for item in base])
 
 
+def spread_starts(base: Sequence[Parameter], seed: int) -> list[Array]:
+    """The declared start, and others that cover the range of every parameter evenly."""
+    random = np.random.default_rng(seed)
+    spread = (np.argsort(random.random((len(base), SPREAD)), axis=1).T + 0.5) / SPREAD
+    return [declared_start(base), *spread]
+
+
 def fit_base(
     metric: Whitening,
     start: Array | None,
@@ -203,13 +213,10 @@ def fit_base(
     """The model without effects: a spread of starts, then bounded least squares from the best."""
     base = metric.experiment.system.base_parameters
     empty = Candidate()
-    random = np.random.default_rng(seed)
     if start is not None:
         thetas = [np.clip(start, 0.0, 1.0)]
     else:
-        declared = declared_start(base)
-        spread = (np.argsort(random.random((len(base), 24)), axis=1).T + 0.5) / 24
-        asked = [declared, *spread]
+        asked = spread_starts(base, seed)
         check()
         whitened = metric.whiten(
             metric.experiment.predict([empty.point(base, theta_unit) for theta_unit in asked])

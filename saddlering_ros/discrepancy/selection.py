@@ -19,6 +19,7 @@ from saddlering_ros.discrepancy.criteria import (
 from saddlering_ros.discrepancy.model_space import CLOSE_SHARE, Comparison, ModelSpace
 from saddlering_ros.discrepancy.ranking import best_of_each, shortlist
 from saddlering_ros.discrepancy.results import SearchLog
+from saddlering_ros.discrepancy.silent_effects import fit_silent
 
 MAX_SILENT = 2
 """Immaterial effects kept in the model at most while others are looked for."""
@@ -37,9 +38,21 @@ def select(space: ModelSpace, log: SearchLog) -> Fit:
     """The model that explains the misfit with as few effects as possible."""
     fit = prune(space, forward(space, space.base, log), log)
     one = simpler(space, fit, log)
-    if one is fit:
+    if one is not fit:
+        fit = prune(space, forward(space, one, log), log)
+    other = _silent(space, fit, log)
+    if other is fit:
         return fit
-    return prune(space, forward(space, one, log), log)
+    return prune(space, forward(space, other, log), log)
+
+
+def _silent(space: ModelSpace, fit: Fit, log: SearchLog) -> Fit:
+    """A silent effect that fits better than `fit` does, where `fit` leaves a real misfit."""
+    if not _leaves_misfit(space, fit):
+        return fit
+    found = fit_silent(space)
+    log.candidates += [space.compare(space.base, item).evidence(1) for item in found]
+    return min([fit, *found], key=space.penalised)
 
 
 def forward(space: ModelSpace, current: Fit, log: SearchLog) -> Fit:
@@ -103,6 +116,11 @@ def _is_much_left(space: ModelSpace, fit: Fit) -> bool:
     """Whether effects beside `fit` could be at work that base parameters conceal."""
     if space.stopped_base(fit).any() and not fit.candidate.effects:
         return True
+    return _leaves_misfit(space, fit)
+
+
+def _leaves_misfit(space: ModelSpace, fit: Fit) -> bool:
+    """Whether a fit leaves more than noise, and enough to matter."""
     slow, fast = space.slow_residual(fit), space.fast_residual(fit)
     return any(real_and_material(left, space.settings) for left in (slow, fast))
 

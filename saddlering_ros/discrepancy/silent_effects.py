@@ -1,0 +1,75 @@
+"""Effects that change nothing where the base was fitted, tried from where they do.
+
+A threshold that the base fit never reaches has no signature there, although data may hold it: a
+tank that is thought to be half full does not overflow.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from saddlering_ros.discrepancy.candidate import Candidate, Fit
+from saddlering_ros.discrepancy.model_space import ModelSpace
+from saddlering_ros.discrepancy.refit import (
+    COARSE_BASE,
+    MAX_BASE_STARTS,
+    refit,
+    run_refits,
+    spread_starts,
+)
+from saddlering_ros.discrepancy.signatures import effect_starts, MIN_LENGTH, Signature
+from saddlering_ros.discrepancy.system import Array, Effect
+
+MAX_STARTS = 3
+"""First guesses of an effect that are tried with each start of the base."""
+
+
+def silent_effects(signatures: Sequence[Signature]) -> list[tuple[Effect, int]]:
+    """Effects and variants of which no start changes the prediction by what noise would hide."""
+    loudest: dict[tuple[str, int], float] = {}
+    known: dict[tuple[str, int], Effect] = {}
+    for item in signatures:
+        known[item.key] = item.effect
+        change = item.length / item.share if item.share > 0.0 else 0.0
+        loudest[item.key] = max(loudest.get(item.key, 0.0), change)
+    return [(known[key], key[1]) for key, change in loudest.items() if change < MIN_LENGTH]
+
+
+def fit_silent(space: ModelSpace) -> list[Fit]:
+    """The base and each silent effect alone, fitted from where the effect acts; the best first."""
+    found = []
+    for effect, variant in silent_effects(space.signatures):
+        fits = _coarse(space, Candidate(((effect, variant),)), effect)
+        if fits:
+            best = min(fits, key=lambda fit: fit.misfit)
+            found += [space.keep(fit) for fit in space.refine([best])]
+    return sorted(found, key=space.penalised)
+
+
+def _coarse(space: ModelSpace, candidate: Candidate, effect: Effect) -> list[Fit]:
+    """A few rounds from the starts of base and effect at which the effect acts."""
+    metric = space.metric
+    base = metric.experiment.system.base_parameters
+    thetas = spread_starts(base, space.settings.seed)
+    alone = metric.experiment.predict([Candidate().point(base, theta) for theta in thetas])
+    trials: list[tuple[float, Array]] = []
+    for start in effect_starts(effect)[:MAX_STARTS]:
+        whole = [np.concatenate([theta, start]) for theta in thetas]
+        space.watch.check()
+        seen = metric.experiment.predict([candidate.point(base, item) for item in whole])
+        change = np.linalg.norm(metric.whiten(seen - alone), axis=0)
+        left = metric.whiten(seen - metric.experiment.measured[:, None])
+        misfit = (left**2).sum(axis=0)
+        acts = np.isfinite(misfit) & (change > MIN_LENGTH)
+        trials += [(float(misfit[number]), whole[number]) for number in np.flatnonzero(acts)]
+    trials.sort(key=lambda trial: trial[0])
+    return run_refits(
+        metric,
+        [
+            refit(metric, candidate, item, rounds=COARSE_BASE, full_jacobian=True)
+            for _, item in trials[:MAX_BASE_STARTS]
+        ],
+        space.watch.check,
+    )
