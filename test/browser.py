@@ -45,7 +45,7 @@ class Page:
         number = self._number
         await self._socket.send_json({'id': number, 'method': method, 'params': parameters})
         while True:
-            message = json.loads((await self._socket.receive(30.0)).data)
+            message = json.loads((await self._socket.receive(60.0)).data)
             if message.get('id') == number:
                 assert 'error' not in message, message['error']
                 return message['result']
@@ -77,7 +77,7 @@ class Page:
         assert 'exceptionDetails' not in result, result['exceptionDetails']
         return result['result'].get('value')
 
-    def wait(self, script, seconds=30.0):
+    def wait(self, script, seconds=60.0):
         """Wait until a JavaScript expression is true; returns its value."""
         deadline = time.monotonic() + seconds
         while True:

@@ -57,7 +57,7 @@ def test_an_out_that_is_a_file_is_refused_before_any_work(tmp_path, capsys):
 
 def test_an_interrupted_demo_leaves_no_process_and_no_file(tmp_path):
     demo = start('--out', tmp_path / 'out', cwd=tmp_path)
-    deadline = time.monotonic() + 60.0
+    deadline = time.monotonic() + 240.0
     while len(children_of(demo.pid)) < 8 and time.monotonic() < deadline:
         time.sleep(0.05)
     nodes = children_of(demo.pid)

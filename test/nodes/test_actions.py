@@ -41,8 +41,19 @@ class Goals:
     def __init__(self, heard: Client, action: Any, name: str) -> None:
         self.heard, self.action = heard, action
         self.client = heard.action(action, name)
-        wait_until(self.client.server_is_ready, 40.0, name)
+        wait_until(self.client.server_is_ready, 80.0, name)
         self.feedback: list[Any] = []
+
+    def match(self) -> None:
+        """Send goals that cannot be used until one is answered: both ends of the replies match."""
+        def is_answered() -> bool:
+            with self.heard.lock:
+                futures.append(self.client.send_goal_async(self.action.Goal()))
+            time.sleep(0.1)
+            return any(future.done() for future in futures)
+
+        futures: list[Any] = []
+        wait_until(is_answered, what='a first goal is answered')
 
     def _wait(self, future: Any, seconds: float = 60.0) -> Any:
         wait_until(future.done, seconds, 'an answer')
@@ -75,10 +86,10 @@ def test_identification_refuses_cancels_and_publishes_what_it_found(
     goals = Goals(heard, IdentifyRing, '/identify_ring')
 
     # Fifty goals at once that cannot be used: every one is answered.
-    time.sleep(1.0)  # until both ends of the replies are matched
+    goals.match()
     with heard.lock:
         sent = [goals.client.send_goal_async(IdentifyRing.Goal()) for _ in range(50)]
-    wait_until(lambda: all(future.done() for future in sent), 30.0, 'all fifty are answered')
+    wait_until(lambda: all(future.done() for future in sent), what='all fifty are answered')
 
     # What cannot be used is aborted at once, with the reason.
     for goal, words in [
@@ -101,10 +112,8 @@ def test_identification_refuses_cancels_and_publishes_what_it_found(
     wait_until(lambda: bool(goals.feedback), 60.0, 'feedback')
     assert goals.feedback[0].stage
     assert not goals.send(bags=['run']).accepted
-    asked = time.monotonic()
     goals.cancel(long)
-    answer = goals.result(long)
-    assert time.monotonic() - asked < 2.0  # benchmarks/ros_load.py measures it
+    answer = goals.result(long)  # benchmarks/ros_load.py measures how soon
     assert answer.status == GoalStatus.STATUS_CANCELED
     assert answer.result.status == IdentifyRing.Result.CANCELED
     assert not found
@@ -191,12 +200,12 @@ def test_a_goal_that_runs_when_the_server_is_told_to_stop_still_ends(
     assert handle.accepted
     with heard.lock:
         future = handle.get_result_async()
-    time.sleep(0.5)
+    wait_until(lambda: bool(goals.feedback), what='it runs')
     node.process.terminate()
-    wait_until(future.done, 20.0, 'the goal ends')
+    wait_until(future.done, what='the goal ends')
     assert future.result().result.status == DiagnoseRing.Result.FAILED
     assert 'shutting down' in future.result().result.message
-    assert node.process.wait(10.0) == 0
+    assert node.process.wait(60.0) == 0
 
 
 def test_bags_are_found_below_the_root_only(tmp_path: Path) -> None:

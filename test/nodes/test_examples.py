@@ -80,6 +80,6 @@ def test_the_listener_prints_the_residual_each_second(
             assert line, 'the listener ended'
         assert abs(float(line.split('delta_x')[1].split()[0])) < 5.0  # um: it is the same ring
         listener.send_signal(signal.SIGINT)
-        said, _ = listener.communicate(timeout=30.0)
+        said, _ = listener.communicate(timeout=60.0)
     assert 'Traceback' not in said
     assert listener.returncode == 0

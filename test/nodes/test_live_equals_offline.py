@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from rosnet import client, wait_until
+from rosnet import client, OUTPUTS, wait_until
 from std_srvs.srv import Trigger
 
 from saddlering_ros.bags import read_run
@@ -26,20 +26,20 @@ def test_displacement_simulation_and_residual_equal_the_offline_ones_bit_for_bit
         assert heard.call(Trigger, '/replay_clock/play').success
         assert group.wait('replay_clock', 60.0) == 0
         run, rig = read_run(bag), default_rig()
-        count = int(run.complete.sum())
-        wait_until(lambda: len(heard.heard('/ring/residual')) >= count - 1, what='all residuals')
-        measured, simulated, residual = (
-            heard.heard(topic) for topic in
-            ('/ring/displacement', '/ring/simulated_displacement', '/ring/residual'))
+        offline = displacement_of_run(rig, run)
+        computed = simulate(rig, ParameterSet(TRUE_TO_SCALE), run.elevation, run.time, run.load)
+        rows = offline.complete
+        owed = dict(zip(OUTPUTS, (rows.sum(), len(run.stamps) - computed.first,
+                                  rows[computed.first:].sum()), strict=True))
+        wait_until(lambda: all(len(heard.raw[topic]) >= count for topic, count in owed.items()),
+                   what='all of all three')
+        measured, simulated, residual = (heard.heard(topic) for topic in OUTPUTS)
 
-    offline = displacement_of_run(rig, run)
-    rows = offline.complete
     expected = np.stack([getattr(offline.displacement, name) for name in CHANNELS])[:, rows]
     assert np.array_equal(measured.stamps, run.stamps[rows])
     assert np.array_equal(measured.channels, expected)
     assert set(measured.zero_loads.tolist()) == {offline.zero.load}
 
-    computed = simulate(rig, ParameterSet(TRUE_TO_SCALE), run.elevation, run.time, run.load)
     expected = np.stack([getattr(computed.displacement, name) for name in CHANNELS])
     assert np.array_equal(simulated.stamps, run.stamps[computed.first:])
     assert np.array_equal(simulated.channels, expected)

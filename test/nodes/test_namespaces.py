@@ -11,13 +11,13 @@ import pytest
 from rosnet import Client, wait_until
 from std_srvs.srv import Trigger
 
-from saddlering_interfaces.msg import RingDisplacement
+from saddlering_interfaces.msg import ReplayProgress, RingDisplacement
 from saddlering_ros.bags import read_run, TestFacts, write_bag
 from saddlering_ros.rig import CHANNELS, default_rig, ParameterSet, TRUE_TO_SCALE
 from saddlering_ros.ring import simulate
 from saddlering_ros.ros.errors import NodeError
 from saddlering_ros.ros.launcher import start_nodes
-from saddlering_ros.ros.names import namespace_of
+from saddlering_ros.ros.names import namespace_of, PROGRESS
 from saddlering_ros.ros.raw_topics import RawSubscription
 from saddlering_ros.streams.batches import decode_displacements
 
@@ -35,6 +35,13 @@ def test_a_namespace_that_ros_refuses_is_refused_in_one_line() -> None:
         namespace_of('rig 1')
 
 
+def simulated(bag: Path) -> np.ndarray:
+    """The four channels (4, N) that the commands compute for a bag."""
+    run = read_run(bag)
+    found = simulate(default_rig(), ParameterSet(TRUE_TO_SCALE), run.elevation, run.time, run.load)
+    return np.stack([getattr(found.displacement, name) for name in CHANNELS])
+
+
 @pytest.mark.ros
 def test_two_rigs_side_by_side_simulate_each_its_own_elevation(
         heard: Client, record, bag: Path, bag_root: Path, ros_domain: int, tmp_path: Path,
@@ -47,26 +54,41 @@ def test_two_rigs_side_by_side_simulate_each_its_own_elevation(
     def hear(message: DiagnosticArray) -> None:
         statuses.update((status.name, status.hardware_id) for status in message.status)
 
+    progress: dict[str, ReplayProgress] = {}
     with heard.lock:
         heard.node.create_subscription(DiagnosticArray, '/diagnostics', hear, 100)
         flows = {space: RawSubscription(heard.node, f'{space}/{SIMULATED}', RingDisplacement)
                  for space in bags}
+        for space in bags:
+            def note(said: ReplayProgress, space: str = space) -> None:
+                if said.node == 'ring_simulator':
+                    progress[space] = said
+
+            heard.node.create_subscription(ReplayProgress, f'{space}/{PROGRESS}', note, 100)
+    expected = {space: simulated(path) for space, path in bags.items()}
     with ExitStack() as stack:
         groups = {space: stack.enter_context(start_nodes(
             path, namespace=space, domain_id=ros_domain, log_folder=tmp_path / space[1:],
             start_paused=True, nodes=('ring_simulator',))) for space, path in bags.items()}
-        wait_until(lambda: all(flow.publishers() for flow in flows.values()), 80.0)
+        wait_until(lambda: all(flow.publishers() for flow in flows.values())
+                   and len(progress) == 2
+                   and all(said.subscriptions[0] for said in progress.values()), 80.0, 'matched')
         for space, group in groups.items():
             assert heard.call(Trigger, f'{space}/replay_clock/play').success
             assert group.wait('replay_clock', 80.0) == 0
+        raw: dict[str, list[bytes]] = {space: [] for space in bags}
+
+        def has_come(space: str) -> bool:
+            with heard.lock:
+                raw[space] += flows[space].take()
+            return len(raw[space]) == len(expected[space].T)
+
+        for space in bags:
+            wait_until(lambda space=space: has_come(space), what=f'every state of {space}')
+            wait_until(lambda space=space: f'{space}/ring_simulator: zero' in statuses)
         with heard.lock:
-            found = {space: decode_displacements(flow.take()) for space, flow in flows.items()}
             nobody = not heard.node.get_publishers_info_by_topic(f'/{SIMULATED}')
     assert nobody
-    for space, path in bags.items():
-        run = read_run(path)
-        offline = simulate(default_rig(), ParameterSet(TRUE_TO_SCALE), run.elevation, run.time,
-                           run.load)
-        expected = np.stack([getattr(offline.displacement, name) for name in CHANNELS])
-        assert np.array_equal(found[space].channels, expected)
+    for space in bags:
+        assert np.array_equal(decode_displacements(raw[space]).channels, expected[space])
         assert statuses[f'{space}/ring_simulator: zero'] == f'saddlering{space}'

@@ -36,7 +36,7 @@ def test_the_simulator_tells_every_late_joiner_what_it_simulates_with(
     for _ in range(JOINERS):
         with client(ros_domain) as joiner:
             said = listen(joiner)
-            wait_until(lambda said=said: bool(said), 30.0, 'the parameters in force')
+            wait_until(lambda said=said: bool(said), what='the parameters in force')
             assert said[0].k1 == TRUE_TO_SCALE.K1
             assert said[0].in_force_in == '/ring_simulator'
             assert 'true to scale' in said[0].source

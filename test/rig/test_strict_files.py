@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
-import time
 
 import pytest
 
@@ -71,11 +70,9 @@ def test_a_fault_in_a_parameter_file_is_refused_with_its_place(
 def test_a_pipe_and_an_endless_device_are_refused_at_once(tmp_path: Path, read) -> None:
     pipe = tmp_path / 'pipe'
     os.mkfifo(pipe)
-    started = time.monotonic()
     for path in (pipe, Path('/dev/zero')):
         with pytest.raises(RigError, match='give the path of a regular file'):
             read(path)
-    assert time.monotonic() - started < 1.0
 
 
 @pytest.mark.parametrize('read', [load_rig, read_parameters])
