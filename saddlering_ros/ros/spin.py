@@ -16,6 +16,13 @@ from saddlering_ros.ros.raw_topics import RawSubscription
 IDLE_WAIT = 0.01
 """Longest wait for data [s]; also how long a service call may wait while data flows."""
 
+ASLEEP_AFTER = 0.1
+"""A node that has had no data for this long [s] waits for data and for callers at once."""
+
+ASLEEP_WAIT = 0.05
+"""Longest wait of a node asleep [s]; whatever it has neither as data nor from a caller (the events
+of the middleware) waits for as long."""
+
 COALESCE = 0.001
 """Shortest time from one batch to the next [s]: at 1 kHz messages are then worked off by fives and
 tens, each wake-up costing as much as several messages, for a millisecond of delay."""
@@ -42,50 +49,69 @@ class DataWait:
 
     def __init__(self, context: Context) -> None:
         self._context = context
-        self._size = -1
+        self._sizes = (-1, -1)
         self._set: Any = None
 
-    def wait(self, subscriptions: list[RawSubscription], seconds: float) -> bool:
-        """Wait until one of `subscriptions` has data, at most `seconds`; whether one has."""
-        if not subscriptions:
+    def wait(self, subscriptions: list[RawSubscription], seconds: float,
+             node: Node | None = None) -> bool:
+        """Wait until one of `subscriptions` has data, at most `seconds`; whether one has.
+
+        With `node`, a message or a call that its executor is to serve ends the wait too.
+        """
+        streams = [flow.handle for flow in subscriptions]
+        services = [] if node is None else [service.handle for service in node.services]
+        others = [] if node is None else [
+            flow.handle for flow in node.subscriptions if flow.callback_group.can_execute(flow)]
+        if not streams and not services and not others:
             time.sleep(seconds)
             return False
-        if self._size != len(subscriptions):
-            self._size = len(subscriptions)
+        with ExitStack() as held:
+            ready = self._wait_set(len(streams) + len(others), len(services))
+            for handle in (*streams, *others):
+                held.enter_context(handle)
+                ready.add_subscription(handle)
+            for handle in services:
+                held.enter_context(handle)
+                ready.add_service(handle)
+            ready.wait(max(0, int(seconds * 1e9)))
+            come = ready.get_ready_entities('subscription')
+            return any(handle.pointer in come for handle in streams) if come else False
+
+    def _wait_set(self, subscriptions: int, services: int) -> Any:
+        """An empty set for so many of each; the one there is, if it has these sizes."""
+        if self._sizes != (subscriptions, services):
+            self._sizes = subscriptions, services
             with self._context.handle:
                 self._set = rclpy_implementation.WaitSet(
-                    self._size, 0, 0, 0, 0, 0, self._context.handle)
-        ready = self._set
-        with ExitStack() as held:
-            ready.clear_entities()
-            for subscription in subscriptions:
-                held.enter_context(subscription.handle)
-                ready.add_subscription(subscription.handle)
-            ready.wait(max(0, int(seconds * 1e9)))
-            return bool(ready.get_ready_entities('subscription'))
+                    subscriptions, 0, 0, 0, services, 0, self._context.handle)
+        self._set.clear_entities()
+        return self._set
 
 
 def spin_streaming(node: Node, streaming: Streaming) -> None:
     """Run `streaming` until it is finished or its context is shut down.
 
     Everything but the drained subscriptions (services, parameters, lifecycle, timers) is served
-    by an ordinary executor every IDLE_WAIT.
+    by an ordinary executor: every IDLE_WAIT while data flow, as soon as it comes while none do.
     """
     executor = SingleThreadedExecutor(context=node.context)
     executor.add_node(node)
     data = DataWait(node.context)
     served = 0.0
     limit = 0.0
+    heard = time.monotonic()
     try:
         while node.context.ok() and not streaming.finished():
-            ready = data.wait(streaming.raw_subscriptions(), limit)
+            asleep = time.monotonic() - heard >= ASLEEP_AFTER
+            ready = data.wait(streaming.raw_subscriptions(), limit, node if asleep else None)
             woke = time.monotonic()
             if ready:
+                heard = woke
                 streaming.work()
-            if woke - served >= IDLE_WAIT:
+            if asleep or woke - served >= IDLE_WAIT:
                 _serve(executor)
                 served = time.monotonic()
-            limit = min(IDLE_WAIT, streaming.tick(time.monotonic()))
+            limit = min(ASLEEP_WAIT if asleep else IDLE_WAIT, streaming.tick(time.monotonic()))
             if ready:
                 rest = COALESCE - (time.monotonic() - woke)
                 if rest > 0.0:
