@@ -49,6 +49,7 @@ bench-identification: setup-test
 	@$(RUN) python benchmarks/peers.py $(BENCH_ARGS)
 
 bench-blind: setup-test
+	@$(RUN) python -m pytest --quiet -n 0 --campaigns -m campaign test/diagnosis
 	@$(RUN) python benchmarks/blind.py $(BENCH_ARGS)
 
 lint: setup-test

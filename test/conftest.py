@@ -7,8 +7,10 @@ from typing import Any
 
 from gate_budget import GateBudget
 from hypothesis import settings
+from made_once import MadeOnce
 import pytest
 from ros_domains import DomainLease
+from short_bags import ShortBags
 
 # A shell's background jobs ignore SIGINT, and what they start inherits that; tests that interrupt
 # a program want it as it comes from a terminal.
@@ -26,16 +28,38 @@ def pytest_configure(config: pytest.Config) -> None:
     config.pluginmanager.register(GateBudget())
 
 
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """Let campaigns be asked for: they are too dear for the gate."""
+    parser.addoption('--campaigns', action='store_true',
+                     help='run the tests marked campaign too (make bench-blind)')
+
+
 FOLDERS_WITH_NODES = ('test/nodes', 'test/live', 'test/cli')
 """Where tools/test.sh looks for tests marked `ros`."""
 
 
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Refuse a test with nodes where the gate would not run it."""
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Refuse a test with nodes where the gate would not run it; leave campaigns out."""
+    if not config.getoption('--campaigns'):
+        left_out = [item for item in items if item.get_closest_marker('campaign')]
+        config.hook.pytest_deselected(items=left_out)
+        items[:] = [item for item in items if item not in left_out]
     for item in items:
         if item.get_closest_marker('ros') and not item.nodeid.startswith(FOLDERS_WITH_NODES):
             raise pytest.UsageError(f'{item.nodeid} is marked ros: put it into one of '
                                     f'{", ".join(FOLDERS_WITH_NODES)}, or change tools/test.sh')
+
+
+@pytest.fixture(scope='session')
+def made_once(tmp_path_factory: pytest.TempPathFactory) -> MadeOnce:
+    """Folders that all workers of this run have in common."""
+    return MadeOnce(tmp_path_factory)
+
+
+@pytest.fixture(scope='session')
+def campaign(made_once: MadeOnce) -> ShortBags:
+    """campaign(effect, value, parameter, runs=..., seed=...): short bags of one virtual rig."""
+    return ShortBags(made_once)
 
 
 @pytest.fixture(autouse=True)

@@ -3,6 +3,7 @@
 import json
 import os
 from pathlib import Path
+import shutil
 import signal
 import subprocess
 import sys
@@ -71,10 +72,16 @@ def test_an_interrupted_demo_leaves_no_process_and_no_file(tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(600)
-def test_the_demo_finds_a_cause_live_and_halves_the_misfit_of_the_runs_kept_back(tmp_path):
-    demo = start('--out', tmp_path / 'out', env={**os.environ, 'ROS_LOG_DIR': str(tmp_path)})
-    said, _ = demo.communicate(timeout=540.0)
+@pytest.mark.timeout(1800)
+def test_the_demo_finds_a_cause_live_and_halves_the_misfit_of_the_runs_kept_back(
+        campaign, tmp_path):
+    bags = tmp_path / 'bags'
+    for bag in campaign('radial_friction', 8000.0, 'force',
+                        ('static_50', 'dynamic_50_fast', 'static_70')):
+        shutil.copytree(bag, bags / bag.name)
+    demo = start('--bags', bags, '--out', tmp_path / 'out',
+                 env={**os.environ, 'ROS_LOG_DIR': str(tmp_path)})
+    said, _ = demo.communicate(timeout=1700.0)
     assert demo.returncode == 0, said
     numbers = json.loads((tmp_path / 'out' / 'numbers.json').read_text())
     assert numbers['verdict']['verdict'] in ('named', 'ambiguous')
@@ -84,4 +91,4 @@ def test_the_demo_finds_a_cause_live_and_halves_the_misfit_of_the_runs_kept_back
     assert {'report.html', 'numbers.json', 'parameters_identified.yaml',
             'parameters_extended.yaml', 'comparison_static.png'} <= names
     page = (tmp_path / 'out' / 'report.html').read_text(encoding='utf-8')
-    assert f'saddlering demo --out {tmp_path / "out"}' in page
+    assert f'saddlering demo --bags {bags} --out {tmp_path / "out"}' in page

@@ -40,12 +40,13 @@ def parameters(tmp_path_factory):
 
 @pytest.mark.ros
 def test_a_recorded_replay_holds_every_live_result_and_explains_itself(
-        ros_domain, parameters, tmp_path, capsys):
+        ros_domain, campaign, parameters, tmp_path, capsys):
+    bag = str(campaign('radial_friction', 8000.0, 'force', ('dynamic_50_fast',))[0])
     recorded, table = tmp_path / 'recorded', tmp_path / 'residual.parquet'
-    assert main(['replay', str(BAG), '--rate', '0', '--params', str(parameters), '--record',
+    assert main(['replay', bag, '--rate', '0', '--params', str(parameters), '--record',
                  str(recorded), '--json', '-']) == 0
     told = json.loads(capsys.readouterr().out)
-    assert main(['residual', str(BAG), '--params', str(parameters), '--out', str(table)]) == 0
+    assert main(['residual', bag, '--params', str(parameters), '--out', str(table)]) == 0
     offline = parquet.read_table(table)
 
     with AnyReader([recorded]) as reader:  # with nothing but what stands in the file
@@ -62,7 +63,7 @@ def test_a_recorded_replay_holds_every_live_result_and_explains_itself(
     assert np.array_equal(np.array([live[stamp] for stamp in sorted(live)]).T,
                           np.array([offline[name].to_numpy() for name in CHANNELS]))
     assert told['messages']['/ring/residual'] == len(live)
-    again, first = read_run(recorded), read_run(BAG)
+    again, first = read_run(recorded), read_run(bag)
     assert np.array_equal(again.load, first.load)
     assert (again.test, again.elevation) == (first.test, first.elevation)
 

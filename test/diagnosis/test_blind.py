@@ -1,7 +1,8 @@
 """Blind draws: another process hides something, the diagnosis sees bags, then the seal opens.
 
-A few fixed draws, a test each, so that a failure is the commit's. Pairs, fresh draws by the
-hundred and the rates that they must keep are benchmarks/blind.py (`make bench-blind`).
+A few fixed draws, a test each, so that a failure is the commit's. `make bench-blind` runs those
+marked campaign too, then benchmarks/blind.py: pairs, fresh draws by the hundred, and the rates
+that they must keep.
 """
 
 from __future__ import annotations
@@ -38,6 +39,7 @@ def diagnosed(folder: Path, kind: str, seed: int, *effects: str) -> str:
                  groups)[0]
 
 
+@pytest.mark.campaign
 def test_a_sound_rig_gets_no_cause(tmp_path: Path) -> None:
     assert diagnosed(tmp_path, 'clean', 101) == 'right'
 
@@ -51,6 +53,7 @@ def test_an_effect_outside_the_catalogue_is_unknown(tmp_path: Path) -> None:
     assert diagnosed(tmp_path, 'outside', 106, 'out:tilt_backlash') == 'right'
 
 
+@pytest.mark.campaign
 @pytest.mark.parametrize(('seed', 'effect'), [(7002, 'radial_clearance')])
 def test_a_draw_that_once_failed_gets_no_wrong_name(
         tmp_path: Path, seed: int, effect: str) -> None:

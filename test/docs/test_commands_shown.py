@@ -63,8 +63,8 @@ def test_commands_stand_in_blocks_that_can_be_run_or_say_why_not(page):
 
 @pytest.mark.timeout(900)
 @pytest.mark.parametrize('page', RUN, ids=lambda page: page.name)
-def test_every_command_of_a_page_does_what_it_says(page, tmp_path, monkeypatch, capsys):
-    (tmp_path / 'bags').symlink_to(ROOT / 'bags')
+def test_every_command_of_a_page_does_what_it_says(page, campaign, tmp_path, monkeypatch, capsys):
+    (tmp_path / 'bags').symlink_to(campaign('radial_friction', 8000.0, 'force')[0].parent)
     (tmp_path / 'config').symlink_to(ROOT / 'config')
     (tmp_path / 'docs').mkdir()
     (tmp_path / 'docs' / 'data').symlink_to(ROOT / 'docs' / 'data')

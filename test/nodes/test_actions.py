@@ -151,7 +151,7 @@ def test_other_nodes_lose_nothing_and_the_server_answers_while_one_identifies(
     long = goals.send(bags=['run'], particles=400, iterations=100_000, seed=1)
     wait_until(lambda: bool(goals.feedback), 60.0, 'it runs')
     heard.diagnostics.clear()
-    driver.send(record, pace=5)  # at the record's own 500 Hz, or as fast as the machine lets it
+    driver.send(record)
     owed = len(offline_displacement(record))
     wait_until(lambda: len(heard.raw['/ring/residual']) == owed, 60.0, f'{owed} residuals')
     stage = heard.diagnostics['ring_identification: /identify_ring'][1]

@@ -1,0 +1,39 @@
+"""Bags of a virtual rig, short but whole: the five shipped tests, each in a few seconds."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from made_once import MadeOnce
+
+from saddlering_ros.virtual_rig.campaign import (
+    draw_truth,
+    DrawSettings,
+    RecordSettings,
+    RUNS,
+    write_campaign,
+)
+
+SHORT = RecordSettings(hold=2.0, static_rate=25.0, duration=8.0, dynamic_rate=500.0)
+
+
+class ShortBags:
+    """Calling it gives the bags of one rig, all in one folder; each is written once for a run."""
+
+    def __init__(self, made: MadeOnce) -> None:
+        self._made = made
+
+    def __call__(self, effect: str | None = None, value: float = 0.0, parameter: str = '',
+                 runs: Sequence[str] = tuple(RUNS), seed: int = 4) -> list[Path]:
+        """Bags of `runs` on a rig with that effect of that size, or without any."""
+        settings = DrawSettings()
+        if effect is not None:
+            settings = DrawSettings((effect,), fixed={effect: {parameter: value}})
+
+        def write(folder: Path) -> None:
+            truth = draw_truth(seed, 'clean' if effect is None else 'single', settings)
+            write_campaign(truth, folder, tuple(RUNS), SHORT)
+
+        folder = self._made.folder(f'bags_{effect}_{parameter}_{value}_{seed}', write)
+        return [folder / run for run in runs]
