@@ -1,19 +1,19 @@
 """The thresholds by which results are judged wherever they are printed."""
 
 MATERIAL = 1e-3
-"""Share of a channel's range under which a misfit does not matter."""
+"""Share of a channel's range below which a misfit is immaterial."""
 
 CHANCE = 0.01
-"""Probability above which as much could have come by chance."""
+"""Probability above which a finding counts as chance."""
 
 GOOD = 2.0
-"""A misfit under so many noise floors is as good as the measurement."""
+"""A misfit below this multiple of the noise floor is as good as the measurement."""
 
 MAX_COMPARISON_ERROR = 2.0
-"""Comparison error over validation uncertainty (ASME V&V 20) up to which no model error shows."""
+"""Largest comparison error over validation uncertainty (ASME V&V 20) without a model error."""
 
 MIN_RATING = 0.8
-"""ISO 18571 rating from which a curve is called good."""
+"""Smallest ISO 18571 rating of a good curve."""
 
 
 def allowed_misfit(noise_floor: float | None) -> float:

@@ -23,11 +23,11 @@ Array = NDArray[np.float64]
 STATIC_GRID = 0.2
 """Spacing of the simulated load between the holds of static runs [s]."""
 HELD_GRID = 1.3
-"""The same while the load is held: its mean over so long, or noise would walk friction loops."""
+"""The same while the load is held: longer means, or noise would move friction loops."""
 BLOCKS_PER_PLATEAU = 4
 LONGEST_BLOCK = 2.5
 DYNAMIC_BLOCKS = 600
-"""At most so many block means for a dynamic run."""
+"""Largest number of block means of a dynamic run."""
 SHORTEST_BLOCK = 0.02
 MOVING_PARTS = (4, 8)
 """Simulated load samples per block of a dynamic run while the load moves; one at rest."""

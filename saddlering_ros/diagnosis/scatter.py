@@ -20,13 +20,13 @@ from saddlering_ros.ring.simulator import static_response
 Array = NDArray[np.float64]
 
 GAP_SCATTER = 1.5e-6
-"""Spread of single rollers' gaps [m] that counts as a sound ring."""
+"""Standard deviation of the gaps of single rollers [m] in a sound ring."""
 STIFFNESS_SCATTER = 0.03
-"""Spread of single rollers' stiffness, as a share."""
+"""Standard deviation of the stiffness of single rollers, as a share."""
 CLEARANCE_UNKNOWN = 1e-6
-"""Standard deviation [m] to which a row's mean clearance is known beforehand."""
+"""Standard deviation [m] of the mean clearance of a row."""
 WEIGHT_UNKNOWN = 0.02
-"""Standard deviation to which the carriage's weight is known beforehand, as a share."""
+"""Standard deviation of the weight of the carriage, as a share."""
 GRID = 70
 COLUMNS = 60
 _NODES, _WEIGHTS = np.polynomial.hermite_e.hermegauss(7)

@@ -13,7 +13,7 @@ from saddlering_ros.discrepancy.settings import Settings
 from saddlering_ros.discrepancy.system import Array
 
 MAX_IN_ONE_VIEW = 2
-"""More effects than this in one view are a fit, not an explanation."""
+"""Largest number of effects in one channel; more of them can fit any misfit."""
 
 Sizes = Mapping[str, Array]
 """Rms shares of range: per view one number per run (R,)."""

@@ -20,13 +20,13 @@ from saddlering_ros.discrepancy.noise import Whitener
 from saddlering_ros.discrepancy.system import Array, RunBlocks
 
 WAVE_SAMPLES = 4
-"""A half wave needs so many samples: where the faster structure ends."""
+"""Samples per half wave at the fastest structure."""
 
 MAX_BASIS = 512
 """Half waves at most that are laid out as a basis."""
 
 MAX_BASIS_NUMBERS = 2_000_000
-"""And numbers that such a basis holds: the cost of laying it out grows with them."""
+"""Largest number of values in such a basis; the cost grows with it."""
 
 NOISE_DRAWS = 8
 """Draws from which the plain size of a wide octave's noise is known, to a few percent."""

@@ -30,7 +30,7 @@ TIME_WAVES = 8
 """Half waves along the time of each run, as one family of shapes."""
 
 MAX_CHANCE = 0.01
-"""A band counts if noise alone would leave as much less often than this."""
+"""A band counts if its probability under noise alone is smaller than this."""
 
 
 @dataclass(frozen=True)

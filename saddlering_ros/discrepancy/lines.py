@@ -19,9 +19,9 @@ from saddlering_ros.discrepancy.system import Array
 from saddlering_ros.estimation.rest import RestSegment
 
 MIN_FREQUENCY = 8.0
-"""Slower swings [Hz] are left to the residual tests: they may be the machine's own."""
+"""Slower oscillations [Hz] are left to the residual tests: they may belong to the machine."""
 MIN_SAMPLES = 100
-"""Shorter stretches have no spectrum worth the name."""
+"""Fewest samples of a stretch whose spectrum is used."""
 NEIGHBOURS = 15
 """Independent frequencies to each side from which the level of the noise is taken."""
 POWER_QUANTILE = 1.2816

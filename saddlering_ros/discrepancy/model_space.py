@@ -37,13 +37,13 @@ CLOSE_SHARE = 0.5
 """After these rounds a refit goes on if it is to take this share of what the best one takes."""
 
 FULL_JACOBIANS = 2
-"""So many of the best refits of a step are carried on with a full Jacobian."""
+"""Number of the best refits of a step that are refitted with a full Jacobian."""
 
 AT_BOUND = 1e-3
 """A parameter this close to a bound, as a share of its range, was stopped by it."""
 
 INFLATION = 4.0
-"""Nuisance parameters so many times their usual size are a form of the effect, not another one."""
+"""Factor by which nuisance parameters are inflated to compare them with an effect."""
 
 FREE_SPREAD = 10.0
 """Spread that leaves a parameter free, in shares of its range."""

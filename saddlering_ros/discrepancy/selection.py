@@ -28,7 +28,7 @@ MIN_GAIN = 4.0
 """First-order gain under which an effect is not refitted."""
 
 MAX_CHECKS = 3
-"""Rounds of alternatives, each after a better one took a member's place."""
+"""Largest number of rounds of alternatives; a round follows each replaced member."""
 
 Alternatives = Mapping[str, tuple[Fit, ...]]
 """Models that these data cannot tell from the best, by the member in whose place they stand."""

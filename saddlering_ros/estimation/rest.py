@@ -14,10 +14,10 @@ BLOCK_SECONDS = 0.05
 """The load is compared in means over this time [s]."""
 
 MIN_SECONDS = 0.3
-"""A shorter stretch [s] is no rest."""
+"""Shortest rest [s]."""
 
 SETTLING_SECONDS = 0.5
-"""Time [s] left to settling after a movement, at most half the stretch."""
+"""Time [s] of settling after a movement that is left out, at most half the stretch."""
 
 GUARD_SECONDS = 0.1
 """Time [s] left out before the next movement, at most a fifth of the stretch."""

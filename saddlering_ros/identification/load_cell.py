@@ -19,7 +19,7 @@ from saddlering_ros.ring.load_sensitivity import load_sensitivity
 Array = NDArray[np.float64]
 
 ANSWER_STEP = 2e-3
-"""Longest step [s] in which a dynamic run's answer to errors of its load is followed."""
+"""Longest step [s] in the response of a dynamic run to errors of its load."""
 
 
 def slow_cell_noise(

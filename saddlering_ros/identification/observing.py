@@ -27,7 +27,7 @@ from saddlering_ros.rig import ContactParameters, Rig
 Array = NDArray[np.float64]
 
 SETTLING_STEP = 0.1
-"""Step [s] in which a static run is simulated where the rings' settling counts."""
+"""Step [s] of the simulation of a static run with settling."""
 
 
 def observe(

@@ -37,17 +37,18 @@ MAX_SAMPLES = 1000
 """Longest fit grid of one dynamic run; longer records get a coarser grid."""
 
 SIMULATION_RATE = 250.0
-"""Rate [Hz] of the loads a dynamic run is simulated with in a fit; faster records are averaged."""
+"""Rate [Hz] of the load of a dynamic run in a fit; faster records are averaged."""
 
 MIN_READINGS = 5
 MIN_SHARE_READ = 0.3
-"""Plateaus of a static run, and share of a dynamic one, that all four probes must have read."""
+"""Fewest plateaus of a static run, and smallest share of a dynamic run, with readings of all
+four probes."""
 
 MIN_REST = 4
 """Fewer readings than this at rest say nothing."""
 
 SLOW_SECONDS = 0.25
-"""Movements of the load slower than this [s] are taken out of what is read at rest."""
+"""Slower movements of the load [s] are removed from readings at rest."""
 
 
 @dataclass(frozen=True)

@@ -41,7 +41,7 @@ Array = NDArray[np.float64]
 Spans = list[tuple[int, int]]
 
 MAX_ZERO_ERROR = 3.0
-"""Standard errors of the zero beyond which a mean residual is not put down to it."""
+"""Largest part of a mean residual, in standard errors of the zero, that the zero explains."""
 
 LAG = 3
 """Samples over which a step of the residual at rest is taken: neighbours share stamps."""

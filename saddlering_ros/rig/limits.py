@@ -9,19 +9,19 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 IDENTIFICATION_SHARE = 0.2
-"""A run must exceed this share of full scale: below it, K and n cannot be told apart."""
+"""A run must exceed this share of full scale, or K and n cannot be told apart."""
 
 THRESHOLD_SHARE = 0.5
-"""A run whose peak stays below this share cannot show causes that begin at higher loads."""
+"""A run with a smaller peak cannot show causes that begin at higher loads."""
 
 REST_SHARE = 0.004
-"""A load whose mean stays within this share is at rest."""
+"""A load is at rest while its mean stays within this share."""
 
 REVERSAL_SHARE = 0.01
-"""The load has turned once it has come back by this share."""
+"""The load has changed direction after it has come back by this share."""
 
 HOLD_SHARE = 0.002
-"""Holds under this share say nothing: the ring lies anywhere in its play."""
+"""Smaller held loads are not used: the ring may lie anywhere within its clearance."""
 
 LEVEL_SHARE = 0.02
 """Readings whose loads differ by less than this share belong to one load level."""
@@ -30,7 +30,7 @@ SLOPE_SHARE = 1e-4
 """Step of the load over which the slope of the static response is taken."""
 
 UNIT_MIN_SHARE, UNIT_MAX_SHARE = 0.004, 20.0
-"""A record whose largest load is outside these shares was not published in newtons."""
+"""A record whose largest load is outside of these shares is not in newtons."""
 
 NEGATIVE_SHARE = 0.01
 """A load that falls further below zero than this share has the wrong sign."""
