@@ -22,7 +22,8 @@ from numpy.typing import NDArray
 
 from saddlering_ros.bags import displacement_of_run, LOAD_TOPIC, PROBE_TOPICS, RawRecord, RawTopic
 from saddlering_ros.bags.facts import FoundFacts
-from saddlering_ros.bags.reader import run_of_record, TestRun
+from saddlering_ros.bags.reader import notes_on_rig, run_of_record, TestRun
+from saddlering_ros.bags.stamps import put_in_order
 from saddlering_ros.errors import SaddleringError
 from saddlering_ros.identification import Identification, identify
 from saddlering_ros.rig import default_rig, PARAMETER_NAMES, Rig, TONNE, TRUE_TO_SCALE
@@ -142,11 +143,58 @@ def _dropped(topic: RawTopic, share: float) -> RawTopic:
     return replace(topic, stamps=topic.stamps[kept], values=topic.values[kept])
 
 
-def _cross_talk(topics: Topics, share: float) -> Topics:
-    first, other = topics[PROBE_TOPICS[0]], topics[PROBE_TOPICS[1]]
+def _cross_talk(topics: Topics, share: float, source: int = 1, target: int = 0) -> Topics:
+    first, other = topics[PROBE_TOPICS[target]], topics[PROBE_TOPICS[source]]
     seen = np.interp(first.stamps, other.stamps, other.values)
-    return {**topics, PROBE_TOPICS[0]: replace(first, values=first.values + share * (
+    return {**topics, PROBE_TOPICS[target]: replace(first, values=first.values + share * (
         seen - seen[0]))}
+
+
+def _cross_talk_of_load(topics: Topics, metres: float) -> Topics:
+    """The load's signal in probe 2: so many metres at full scale."""
+    probe, load = topics[PROBE_TOPICS[1]], topics[LOAD_TOPIC]
+    seen = np.interp(probe.stamps, load.stamps, load.values) / default_rig().full_scale_load
+    return {**topics, PROBE_TOPICS[1]: replace(probe, values=probe.values + metres * seen)}
+
+
+def _aliased(topic: RawTopic, size: float, frequency: float) -> RawTopic:
+    """A vibration above half the sampling rate, as samples without a filter show it."""
+    time = (topic.stamps - topic.stamps[0]) * 1e-9
+    return replace(topic, values=topic.values + size * np.sin(2.0 * math.pi * frequency * time))
+
+
+def _out(topic: RawTopic, seconds: float) -> RawTopic:
+    """A contact that opens: the reading falls to zero."""
+    period = float(np.median(np.diff(topic.stamps))) * 1e-9
+    return _at(topic, 0.45, max(1, round(seconds / period)), np.zeros_like)
+
+
+def _swapped(topics: Topics, first: int, second: int, share: float) -> Topics:
+    """The cables of two probes change places for the last `share` of the record."""
+    one, other = topics[PROBE_TOPICS[first]], topics[PROBE_TOPICS[second]]
+    count = min(len(one), len(other))
+    start = round((1.0 - share) * count)
+    values, others = one.values.copy(), other.values.copy()
+    values[start:count], others[start:count] = other.values[start:count], one.values[start:count]
+    return {**topics, one.topic: replace(one, values=values),
+            other.topic: replace(other, values=others)}
+
+
+def _set(topic: RawTopic, seconds: float) -> RawTopic:
+    """A clock that is set by so many seconds at 40 % of the record."""
+    start = round(0.4 * len(topic))
+    late = np.where(np.arange(len(topic)) >= start, round(1e9 * seconds), 0)
+    return replace(topic, stamps=topic.stamps + late)
+
+
+def _rolled_over(topic: RawTopic, share: float) -> RawTopic:
+    """A counter too narrow for the last `share` of the travel, which wraps to the other end."""
+    start = float(topic.values[:50].mean())
+    away = topic.values - start
+    far = float(np.abs(away).max())
+    wrapped = np.abs(away) > (1.0 - share) * far
+    return replace(topic, values=np.where(wrapped, topic.values - 2.0 * np.sign(away) * far,
+                                          topic.values))
 
 
 def _gains(topics: Topics, share: float) -> Topics:
@@ -157,6 +205,9 @@ def _gains(topics: Topics, share: float) -> Topics:
 
 LOAD, PROBES = (LOAD_TOPIC,), PROBE_TOPICS
 ONE_PROBE = (PROBE_TOPICS[1],)
+ALL = (LOAD_TOPIC, *PROBE_TOPICS)
+SAME_AXIS = ('an axial probe that reads more or less is a ring of another tilting stiffness: only '
+             'a calibration of the probes shows it')
 SAME_CLOCK = ('an offset of one ramp is a damping: the readings are those of another ring; ramps '
               'of two speeds show it to diagnose')
 
@@ -196,6 +247,40 @@ FAULTS: dict[str, Fault] = {
     'lost readings of the probes': Fault(
         lambda t, s: _each(t, PROBES, lambda one: _dropped(one, 1e-2 * s)), 30.0, '%'),
     'cross-talk 2 to 1': Fault(lambda t, s: _cross_talk(t, 1e-2 * s), 10.0, '%'),
+    'cross-talk 4 to 2': Fault(
+        lambda t, s: _cross_talk(t, 1e-2 * s, 3, 1), 10.0, '%', SAME_AXIS),
+    'cross-talk of the load to 2': Fault(
+        lambda t, s: _cross_talk_of_load(t, 1e-6 * s), 10.0, 'um', SAME_AXIS),
+    'aliased vibration of the probes': Fault(
+        lambda t, s: _each(t, PROBES, lambda one: _aliased(one, 1e-6 * s, 1.7)), 20.0, 'um'),
+    'aliased ripple of the load': Fault(
+        lambda t, s: _each(t, LOAD, lambda one: _aliased(one, s * TONNE, 1.7)), 1.0, 't'),
+    'dropout of one probe': Fault(
+        lambda t, s: _each(t, ONE_PROBE, lambda one: _out(one, 1e-3 * s)), 300.0, 'ms'),
+    'dropout of the load': Fault(
+        lambda t, s: _each(t, LOAD, lambda one: _out(one, 1e-3 * s)), 300.0, 'ms'),
+    **{f'swapped cables {a + 1} and {b + 1}': Fault(
+        lambda t, s, a=a, b=b: _swapped(t, a, b, 1e-2 * s), 100.0, '% of the record')
+        for a in range(4) for b in range(a + 1, 4)},
+    'daylight saving, forward': Fault(
+        lambda t, s: _each(t, ALL, lambda one: _set(one, s)), 3600.0, 's'),
+    'daylight saving, back': Fault(
+        lambda t, s: _each(t, ALL, lambda one: _set(one, -s)), 3600.0, 's'),
+    'daylight saving of the load alone': Fault(
+        lambda t, s: _each(t, LOAD, lambda one: _stamped(
+            one, lambda time: np.full_like(time, s))), 3600.0, 's'),
+    'leap second, stamps repeat': Fault(
+        lambda t, s: _each(t, ALL, lambda one: _set(one, -s)), 1.0, 's'),
+    'leap second of the probes alone': Fault(
+        lambda t, s: _each(t, PROBES, lambda one: _set(one, s)), 1.0, 's', SAME_CLOCK),
+    '32-bit rollover of stamps in ns': Fault(
+        lambda t, s: _each(t, ALL, lambda one: _set(one, -s)), 2.0**32 * 1e-9, 's'),
+    '32-bit rollover of one probe': Fault(
+        lambda t, s: _each(t, ONE_PROBE, lambda one: _rolled_over(one, 1e-2 * s)), 30.0,
+        '% of its travel'),
+    '32-bit rollover of the load': Fault(
+        lambda t, s: _each(t, LOAD, lambda one: _rolled_over(one, 1e-2 * s)), 30.0,
+        '% of its travel'),
 }
 
 
@@ -227,7 +312,11 @@ class Sound:
 
 
 def runs_of(records: tuple[RawRecord, ...]) -> tuple[TestRun, ...]:
-    return tuple(run_of_record(record, record.facts, default_rig()) for record in records)
+    rig = default_rig()
+    runs = tuple(run_of_record(record, record.facts, rig) for record in records)
+    for run, record in zip(runs, records, strict=True):
+        run.notes.extend(notes_on_rig(rig, run, record))
+    return runs
 
 
 def sound() -> Sound:
@@ -243,8 +332,10 @@ def severities(fault: Fault, rounds: int, first: int = 0) -> Iterator[float]:
 
 def outcome(known: Sound, fault: Fault, severity: float) -> Outcome:
     """Put a fault into the sound records and look at all figures again."""
-    records = tuple(replace(one, topics=fault.act(one.topics, severity)) for one in known.records)
     try:
+        records = tuple(replace(one, topics={
+            name: _as_stored(topic) for name, topic in fault.act(one.topics, severity).items()})
+            for one in known.records)
         runs = runs_of(records)
         found = identify(runs, default_rig())
     except SaddleringError as refusal:
@@ -257,6 +348,18 @@ def outcome(known: Sound, fault: Fault, severity: float) -> Outcome:
     move, figure = max([*_parameter_moves(known.found, found), *_channel_moves(known.runs, runs)])
     return Outcome(severity, move, figure,
                    tuple(line for line in dict.fromkeys(lines) if line not in before))
+
+
+def _as_stored(topic: RawTopic) -> RawTopic:
+    """The topic as the reader has it, from messages that were stored as they came."""
+    arrival = topic.stamps[0] + np.arange(len(topic)) * int(np.median(np.diff(topic.stamps)))
+    order = put_in_order(topic.topic, topic.stamps, lambda: arrival, topic.values)
+    notes = ()
+    if order.reordered or order.duplicates:
+        notes = (f'{topic.topic}: {order.reordered} messages put in order, {order.duplicates} '
+                 'left out',)
+    return replace(topic, stamps=topic.stamps[order.keep], values=topic.values[order.keep],
+                   notes=notes)
 
 
 def _parameter_moves(old: Identification, new: Identification) -> Iterator[tuple[float, str]]:

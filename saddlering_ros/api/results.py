@@ -30,6 +30,7 @@ from saddlering_ros.rig import (
     write_parameters,
     write_text_atomically,
 )
+from saddlering_ros.spared import bag_folder, spare_bags, spare_files
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -97,6 +98,7 @@ class Result(ABC):
         .yaml writes the parameter file, where the result has parameters of its own.
         """
         where = Path(path)
+        self._spare_inputs(where)
         if where.suffix == '.json':
             write_text_atomically(where, json.dumps(self.to_json(), indent=2) + '\n')
         elif where.suffix == '.csv':
@@ -107,6 +109,14 @@ class Result(ABC):
             endings = '.json, .csv' + (', .yaml' if isinstance(self, _Parametric) else '')
             raise ApiError(f'{where}: cannot be saved under this name: end the name with '
                            f'{endings}')
+
+    def _spare_inputs(self, *outputs: Path | str) -> None:
+        """FileConflict if an output would replace a bag or a file of this result."""
+        for output in map(Path, outputs):
+            spare_files(output, str(output), ((Path(one.path), one.path) for one in self.files))
+            spare_bags(output, str(output),
+                       ((bag_folder(bag.path), str(bag.path)) for bag in self.bags
+                        if bag.run.sha256))
 
     def _repr_html_(self) -> str:
         from saddlering_ros.report import html
@@ -128,8 +138,13 @@ class _Parametric(ABC):
     def parameters(self) -> ParameterSet:
         """Contact law and effects, for `validate` and for nodes."""
 
+    @abstractmethod
+    def _spare_inputs(self, *outputs: Path | str) -> None:
+        """FileConflict if an output would replace an input."""
+
     def save_parameters(self, path: Path | str) -> None:
         """Write the parameter file under any name."""
+        self._spare_inputs(path)
         write_parameters(Path(path), self.parameters)
 
 
@@ -174,7 +189,9 @@ class IdentificationResult(Result, _Parametric):
     def write_report(self, path: Path | str, *, command: str = '') -> tuple[Path, ...]:
         """Write the report: parameters, and simulation beside measurement."""
         from saddlering_ros.report import write_validation_report
+        from saddlering_ros.report.curves_file import curves_path
 
+        self._spare_inputs(path, curves_path(path))
         return write_validation_report(path, self.validation.found, runs_of(self.bags), self.rig,
                                        self.found.to_json(), command)
 
@@ -231,7 +248,9 @@ class ValidationResult(Result):
     ) -> tuple[Path, ...]:
         """Write the report on these parameters; identification: JSON of the identification."""
         from saddlering_ros.report import write_validation_report
+        from saddlering_ros.report.curves_file import curves_path
 
+        self._spare_inputs(path, curves_path(path))
         return write_validation_report(path, self.found, runs_of(self.bags), self.rig,
                                        identification, command)
 
@@ -304,7 +323,9 @@ class DiagnosisResult(Result, _Parametric):
     def write_report(self, path: Path | str, *, command: str = '') -> tuple[Path, ...]:
         """Write the report of the diagnosis."""
         from saddlering_ros.report import write_diagnosis_report
+        from saddlering_ros.report.curves_file import curves_path
 
+        self._spare_inputs(path, curves_path(path))
         return write_diagnosis_report(self.found, path, command)
 
     def with_effect_files(self, folder: Path | str) -> DiagnosisResult:

@@ -29,7 +29,7 @@ from saddlering_ros.bags.record_quality import (
     topic_quality,
     TopicQuality,
 )
-from saddlering_ros.bags.rig_notes import parity_notes, rig_notes
+from saddlering_ros.bags.rig_notes import line_notes, parity_notes, rig_notes
 from saddlering_ros.bags.scan import OnShare, Scan, scan, ScannedTopic
 from saddlering_ros.bags.scratch import blocks, count_where, scratch_array, scratch_copy
 from saddlering_ros.bags.stamps import put_in_order
@@ -250,7 +250,8 @@ def notes_on_rig(rig: Rig, run: TestRun, record: RawRecord) -> list[str]:
     """What looks wrong with a run on this rig: its wiring, its zero, its kind, its units."""
     spans = [(record[name].min_range, record[name].max_range) for name in PROBE_TOPICS]
     wiring = wiring_notes(rig, run.elevation, run.load, run.gaps)
-    parity = [] if wiring else parity_notes(rig, run.load, run.gaps)
+    parity = [] if wiring else [*parity_notes(rig, run.load, run.gaps),
+                                *line_notes(rig, float(run.time[-1]), run.load, run.gaps)]
     return [*wiring, *parity,
             *rig_notes(rig, run.test, run.time, run.load, spans)]
 

@@ -42,6 +42,13 @@ STALL_CHANCE = 1e-6
 SPIKE_SIZE = 10.0
 """A reading further than this many standard deviations from its four neighbours is a spike."""
 
+NOISE_SHARE = 0.7
+"""... where the standard deviation counts as no less than this share of the white noise's: the
+median of five follows noise, and seven deviations are no spike but once in 1e11 readings."""
+
+RETURN_SHARE = 0.5
+"""Behind a spike the readings come back to where they were, to this share of its size."""
+
 EQUAL_AT_LIMIT = 20
 """Readings equal to the largest or smallest one, in a row, that show a limit."""
 
@@ -49,6 +56,13 @@ QUIET_SECONDS = 0.8
 """Length [s] of the beginning of a record in which the bandwidth of the noise is looked for."""
 
 MIN_QUIET_SAMPLES = 100
+
+MIN_BANDWIDTH = 3.0
+"""What is slower than this [Hz] is a movement in a record's beginning, not a filter's noise."""
+
+CHANCE_ERRORS = 4.5
+"""Mean square changes over one sample and over many that differ by fewer standard errors are of
+white noise."""
 
 BAND_LIMIT = 0.2
 """A noise whose bandwidth is under this share of the sampling rate is band-limited."""
@@ -184,7 +198,7 @@ def spikes_of(values: Floats, step: float, noise: float) -> NDArray[np.intp]:
     if values.size < 10:
         return np.zeros(0, dtype=np.intp)
     usual = 1.4826 * float(np.median(_away_from_neighbours(spread(values))))
-    scale = max(usual, 0.5 * noise, 0.5 * step)
+    scale = max(usual, NOISE_SHARE * noise, 0.5 * step)
     found = []
     for part in blocks(len(values), values):
         start, stop = max(part.start - 2, 0), part.stop + 2
@@ -192,7 +206,9 @@ def spikes_of(values: Floats, step: float, noise: float) -> NDArray[np.intp]:
         away = away[:part.stop - part.start]
         far = np.flatnonzero(away > SPIKE_SIZE * scale)
         around = _usual_change(values, part.start + far)
-        found.append(part.start + far[away[far] > SPIKE_SIZE * 0.5 * around])
+        moved = _moved_over(values, part.start + far)
+        is_spike = (away[far] > SPIKE_SIZE * 0.5 * around) & (moved < RETURN_SHARE * away[far])
+        found.append(part.start + far[is_spike])
     return np.concatenate(found)
 
 
@@ -214,6 +230,18 @@ def _usual_change(values: Floats, places: NDArray[np.intp]) -> Floats:
     about = np.clip(places[:, None] + np.arange(-4, 5), 0, last)
     return np.asarray(np.median(np.abs(values[np.minimum(about + 1, last)] - values[about]),
                                 axis=1))
+
+
+def _moved_over(values: Floats, places: NDArray[np.intp]) -> Floats:
+    """How far the readings behind some places (M,) lie from those before them.
+
+    A ring that jumps through its clearance swings over its new place by a single reading; after
+    a spike the readings are where they were.
+    """
+    last = len(values) - 1
+    before = values[np.clip(places - 2, 0, last)] + values[np.clip(places - 3, 0, last)]
+    behind = values[np.clip(places + 2, 0, last)] + values[np.clip(places + 3, 0, last)]
+    return np.asarray(0.5 * np.abs(behind - before))
 
 
 def _repeats(values: Floats) -> NDArray[np.bool_]:
@@ -304,7 +332,10 @@ def _bandwidth(values: Floats, rate: float, resolution: float) -> float:
     if largest < 4.0 * rounding or largest <= 0.0:
         return math.nan
     share = min(max((float(seen[0]) - rounding) / largest, 1e-4), 0.999)
-    return -math.log1p(-share) * rate / (2.0 * math.pi)
+    if share > 1.0 - CHANCE_ERRORS * math.sqrt(3.0 / quiet.size):
+        share = 0.999
+    found = -math.log1p(-share) * rate / (2.0 * math.pi)
+    return found if found > MIN_BANDWIDTH else math.nan
 
 
 # -- in words ------------------------------------------------------------------------------------

@@ -45,6 +45,14 @@ PARITY_ERRORS = 5.0
 """... and so many standard deviations of its means over a twentieth of the record."""
 
 
+MIN_LINE_SAMPLES = 200
+LINE_REACH = 12
+"""Lines of the spectrum on either side of one with which it is compared ..."""
+
+LINE_RATIO = 60.0
+"""... and by what factor its power exceeds their median. Chance: once in 1e14 records."""
+
+
 def parity_notes(rig: Rig, load: Floats, gaps: Floats) -> list[str]:
     """One line if the parity of the radial probes in gaps (4, N) [m] follows the load (N,) [N].
 
@@ -66,6 +74,39 @@ def parity_notes(rig: Rig, load: Floats, gaps: Floats) -> list[str]:
     return [f'the parity of probes 1 and 3 follows the load by {moved * 1e6:.2g} um; that of a '
             'rigid ring is constant: cross-talk, a gain, a bracket or the ring itself (diagnose '
             'reports which)']
+
+
+def line_notes(rig: Rig, seconds: float, load: Floats, gaps: Floats) -> list[str]:
+    """One line if the parity of the radial probes holds an oscillation of one frequency.
+
+    gaps (4, N) [m] over `seconds`. The ring's own vibration leaves the parity as it is: what
+    shows there is picked up, or a vibration of the frame, or what lies above half the sampling
+    rate and is folded below it.
+    """
+    _, gaps = complete_rows(load, gaps)
+    if gaps.shape[1] < MIN_LINE_SAMPLES:
+        return []
+    increments = gap_increment(rig.probes, gaps, gaps[:, 0])
+    parity = 0.5 * (increments[0] + increments[2])
+    window = np.hanning(parity.size)
+    power = np.abs(np.fft.rfft((parity - parity.mean()) * window)) ** 2
+    usual = _median_about(power)
+    place = int(np.argmax(power[LINE_REACH:-LINE_REACH] / usual)) + LINE_REACH
+    size = 4.0 * math.sqrt(power[place]) / parity.size
+    noise = float(np.std(np.diff(parity))) / math.sqrt(2.0)
+    if power[place] < LINE_RATIO * usual[place - LINE_REACH] or size < noise:
+        return []
+    return [f'the parity of probes 1 and 3 oscillates by {size * 1e6:.2g} um at '
+            f'{place / seconds:.3g} Hz, which a rigid ring cannot: mains pickup, a vibration of '
+            'the probes, or one above half the sampling rate that is seen at a wrong frequency '
+            '(aliasing): filter before sampling']
+
+
+def _median_about(power: Floats) -> Floats:
+    """The median of the lines about each, those next to it left out; none for the outermost."""
+    windows = np.lib.stride_tricks.sliding_window_view(power, 2 * LINE_REACH + 1)
+    beside = np.abs(np.arange(-LINE_REACH, LINE_REACH + 1)) > 2
+    return np.asarray(np.maximum(np.median(windows[:, beside], axis=1), 1e-300))
 
 
 def rig_notes(

@@ -3,12 +3,19 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-import os
 from pathlib import Path
 
-from saddlering_ros.errors import SaddleringError
+from saddlering_ros.spared import (
+    BAG_FILES,
+    bag_folder,
+    FileConflict,
+    resolved,
+    same_file,
+    spare_bags,
+    spare_files,
+)
 
 BAGS_READ = ('bag', 'bags', 'folder', 'hold_out', 'check')
 """Arguments that name bags."""
@@ -22,11 +29,6 @@ FOLDERS_FILLED = (('demo', 'out'), ('campaign', 'out'), ('diagnose', 'propose'),
 """Outputs that are folders to put files into: what is in them already stays."""
 FOLDERS_OF_BAGS = ('demo', 'campaign')
 """Commands that are given a folder with bags below it."""
-BAG_FILES = ('metadata.yaml', '*.mcap', '*.mcap.zstd')
-
-
-class FileConflict(SaddleringError):
-    """An output would replace something that the same command reads or writes."""
 
 
 @dataclass(frozen=True)
@@ -42,13 +44,11 @@ def check_files(args: argparse.Namespace) -> None:
     outputs = list(_named(args, WRITTEN))
     for number, output in enumerate(outputs):
         for other in outputs[:number]:
-            if _same(output.path, other.path):
+            if same_file(output.path, other.path):
                 raise FileConflict(f'{output.words} and {other.words} are the same file: choose '
                                    'two files')
-        for source in _named(args, FILES_READ):
-            _check_against_file(output, source)
-        for bag in _bags(args):
-            _check_against_bag(output, bag)
+        spare_files(output.path, output.words, _pairs(_named(args, FILES_READ)))
+        spare_bags(output.path, output.words, _pairs(_bags(args)))
         if not _is_filled(args, output):
             _check_contains(output, [*_named(args, FILES_READ), *_bags(args)])
 
@@ -73,14 +73,12 @@ def _bags(args: argparse.Namespace) -> Iterator[_Named]:
         if args.command in FOLDERS_OF_BAGS:
             yield from (_Named(file.parent, str(file.parent))
                         for file in sorted(named.path.rglob(BAG_FILES[0])))
-        elif named.path.is_file() and _is_bag(named.path.resolve().parent):
-            yield _Named(named.path.resolve().parent, named.words)
         else:
-            yield named
+            yield _Named(bag_folder(named.path), named.words)
 
 
-def _is_bag(folder: Path) -> bool:
-    return (folder / BAG_FILES[0]).exists()
+def _pairs(named: Iterable[_Named]) -> Iterator[tuple[Path, str]]:
+    return ((one.path, one.words) for one in named)
 
 
 def _is_filled(args: argparse.Namespace, output: _Named) -> bool:
@@ -88,42 +86,11 @@ def _is_filled(args: argparse.Namespace, output: _Named) -> bool:
                for command, name in FOLDERS_FILLED if getattr(args, name, None) is not None)
 
 
-def _check_against_file(output: _Named, source: _Named) -> None:
-    if _same(output.path, source.path):
-        raise FileConflict(f'{output.words} is the file that is read as {source.words}: '
-                           'choose another name for the output')
-
-
-def _check_against_bag(output: _Named, bag: _Named) -> None:
-    place = _resolved(output.path)
-    inside = any(_same(folder, bag.path) for folder in (place, *place.parents))
-    linked = output.path.is_file() and bag.path.is_dir() and any(
-        _same(output.path, file) for pattern in BAG_FILES for file in bag.path.glob(pattern))
-    if inside or linked:
-        raise FileConflict(f'{output.words} is part of the bag {bag.words} that is read: '
-                           'choose a place outside the bag')
-
-
 def _check_contains(output: _Named, sources: list[_Named]) -> None:
     for source in sources:
-        if any(_same(folder, output.path) for folder in _resolved(source.path).parents):
+        if any(same_file(folder, output.path) for folder in resolved(source.path).parents):
             raise FileConflict(f'{output.words} is the folder that holds {source.words}, which is '
                                'read: choose another place')
-
-
-def _same(first: Path, second: Path) -> bool:
-    """Whether two paths are one file or folder, by any link; of those not there yet, by name."""
-    try:
-        return os.path.samefile(first, second)
-    except OSError:
-        return _resolved(first) == _resolved(second)
-
-
-def _resolved(path: Path) -> Path:
-    try:
-        return path.resolve()
-    except (OSError, RuntimeError):  # a loop of links, or a name that no system takes
-        return Path(os.path.abspath(path))
 
 
 def _exists(path: Path) -> bool:

@@ -17,7 +17,7 @@ from saddlering_ros.bags import (
     refuse_repeats,
     TestRun,
 )
-from saddlering_ros.bags.rig_notes import parity_notes, rig_notes
+from saddlering_ros.bags.rig_notes import line_notes, parity_notes, rig_notes
 from saddlering_ros.rig import default_rig, TONNE
 
 RIG = default_rig()
@@ -164,3 +164,11 @@ def test_a_bag_in_another_unit_of_length_is_read_or_refused_without_a_warning(
     bag = changed.write(tmp_path / 'bag')
     info = bag_info(bag, rig=RIG)
     assert info.problems or info.notes
+
+
+def test_an_oscillation_of_the_parity_is_noted_with_its_frequency_and_noise_is_not():
+    gaps = parity_of(0.02)
+    assert line_notes(RIG, 10.0, RAMP, gaps) == []
+    folded = gaps + 2e-6 * np.sin(2.0 * np.pi * 1.7 * TIME)
+    (note,) = line_notes(RIG, 10.0, RAMP, folded)
+    assert 'oscillates by 2 um at 1.7 Hz' in note

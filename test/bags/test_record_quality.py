@@ -91,3 +91,19 @@ def test_a_clock_that_drifts_by_a_thousandth_is_named_and_another_rate_is_not():
     (line,) = notes_between(load, drifting, 8.0)
     assert 'rates that differ by 0.0999 %' in line
     assert notes_between(load, [topic_quality(*record(rate=500.0))] * 4, 8.0) == []
+
+
+def test_a_jump_that_swings_over_its_new_place_is_no_spike():
+    stamps, values = record()
+    values[3000:] += 60e-6
+    values[3000] += 20e-6
+    assert topic_quality(stamps, values).spikes.tolist() == []
+    values[5000] += 60e-6
+    assert topic_quality(stamps, values).spikes.tolist() == [5000]
+
+
+def test_white_noise_of_a_slow_channel_is_not_taken_for_a_filter():
+    probes = [topic_quality(*record(rate=400.0, seed=seed)) for seed in range(4)]
+    for seed in range(300):
+        load = topic_quality(*record(rate=200.0, seed=seed))
+        assert notes_between(load, probes, 8.0) == []

@@ -1,0 +1,140 @@
+"""Notes on sound records of many rigs: there should be none.
+
+    python benchmarks/sound_bags.py [--count 200] [--first SEED]
+
+Each seed draws a rig (1 to 400 t, 24 to 400 rollers), a contact law, an elevation, a kind of test,
+sampling rates of load and probes, noise of both, and how unequal the rollers are. The record is
+read as a bag's is, and every note on it is printed.
+"""
+
+from __future__ import annotations
+
+import argparse
+from dataclasses import dataclass, replace
+import math
+from pathlib import Path
+
+import numpy as np
+
+from saddlering_ros.bags import LOAD_TOPIC, PROBE_TOPICS, RawRecord, RawTopic
+from saddlering_ros.bags.facts import FoundFacts
+from saddlering_ros.bags.reader import notes_on_rig, run_of_record
+from saddlering_ros.rig import (
+    ContactParameters,
+    default_rig,
+    FULL_SCALE_LOAD,
+    Rig,
+    TONNE,
+    TRUE_TO_SCALE,
+)
+from saddlering_ros.virtual_rig import (
+    dynamic_schedule,
+    Instruments,
+    PhysicalRig,
+    record_test,
+    Scatter,
+    static_schedule,
+    TestPlan,
+)
+
+
+@dataclass(frozen=True)
+class Draw:
+    """A sound test: what is recorded and how."""
+
+    rig: Rig
+    contact: ContactParameters
+    elevation_deg: float
+    test: str
+    rate: float
+    probe_rate: float
+    instruments: Instruments
+    scatter: Scatter
+    speed: float
+
+    def __str__(self) -> str:
+        return (f'{self.test} at {self.elevation_deg:.0f} deg, {self.rig.axial_rows.rollers} '
+                f'rollers, {self.rig.full_scale_load / TONNE:.3g} t, load {self.rate:.4g} Hz, '
+                f'probes {self.probe_rate:.4g} Hz, {self.instruments.noise * 1e6:.2g} um')
+
+
+def drawn(seed: int) -> Draw:
+    """The test of a seed."""
+    random = np.random.default_rng([2026, seed])
+    tonnes = float(np.exp(random.uniform(0.0, math.log(400.0))))
+    rollers = int(np.exp(random.uniform(math.log(24.0), math.log(400.0))))
+    rig = sized_rig(tonnes, rollers, float(random.uniform(0.3, 1.5)))
+    share = rig.full_scale_load / FULL_SCALE_LOAD * 97.0 / rollers
+    k, d = np.exp(random.uniform(math.log(0.7), math.log(1.5), 2))
+    usual = TRUE_TO_SCALE
+    contact = replace(usual, K1=usual.K1 * share * k, K2=usual.K2 * share * k,
+                      D1=usual.D1 * share * d, D2=usual.D2 * share * d)
+    static = random.random() < 0.4
+    rate = float(random.choice([20.0, 50.0, 100.0] if static else [100.0, 200.0, 500.0, 1e3]))
+    probe_rate = rate * float(random.choice([1.0, 1.0, 2.0]))
+    return Draw(
+        rig, contact, float(random.choice([0.0, 10.0, 30.0, 45.0, 50.0, 70.0])),
+        'static' if static else 'dynamic', rate, probe_rate,
+        Instruments(noise=float(np.exp(random.uniform(math.log(0.08e-6), math.log(1e-6)))),
+                    load_noise=float(np.exp(random.uniform(-9.7, -7.1))) * rig.full_scale_load),
+        Scatter(gap=float(random.uniform(0.0, 1e-6)), stiffness=float(random.uniform(0.0, 0.03))),
+        float(random.uniform(1.0, 4.0)))
+
+
+def sized_rig(tonnes: float, rollers: int, radius: float) -> Rig:
+    """The shipped rig at another size."""
+    usual = default_rig()
+    size, scale = radius / usual.axial_rows.pitch_radius, tonnes * TONNE / FULL_SCALE_LOAD
+    body = usual.carriage
+    return replace(
+        usual,
+        axial_rows=replace(usual.axial_rows, rollers=rollers, pitch_radius=radius),
+        middle_row=replace(usual.middle_row, rollers=rollers, pitch_radius=radius),
+        carriage=replace(body, mass=body.mass * scale, weight=body.weight * scale,
+                         inertia=body.inertia * scale * size**2),
+        trunnion=replace(usual.trunnion, x=usual.trunnion.x * size, y=usual.trunnion.y * size),
+        probes=replace(usual.probes, axial_span=usual.probes.axial_span * size),
+        preload=usual.preload * scale, full_scale_load=tonnes * TONNE)
+
+
+def recorded(draw: Draw, seed: int) -> RawRecord:
+    """Its record as the reader finds it in a bag."""
+    schedule = (static_schedule(draw.rig, hold=2.0, step=draw.rig.full_scale_load / 6.0)
+                if draw.test == 'static' else
+                dynamic_schedule(draw.rig, duration=6.0, speed=draw.speed))
+    record = record_test(TestPlan(
+        PhysicalRig(draw.rig, draw.contact, math.radians(draw.elevation_deg), (), draw.scatter,
+                    seed),
+        schedule, seed, draw.instruments, draw.rate, draw.probe_rate))
+    probes = draw.rig.probes
+    topics = {LOAD_TOPIC: RawTopic(LOAD_TOPIC, '', '', record.load_stamps, record.load)}
+    for name, stamps, gaps in zip(PROBE_TOPICS, record.probe_stamps, record.gaps, strict=True):
+        values = gaps.astype(np.float32).astype(np.float64)  # as a Range carries them
+        topics[name] = RawTopic(name, '', '', stamps, values, probes.min_range, probes.max_range)
+    return RawRecord(Path(f'seed_{seed}'), topics, FoundFacts(draw.test, draw.elevation_deg))
+
+
+def notes_on(draw: Draw, seed: int) -> list[str]:
+    """What `info` would say of it."""
+    record = recorded(draw, seed)
+    run = run_of_record(record, record.facts, draw.rig)
+    return [*run.notes, *notes_on_rig(draw.rig, run, record)]
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.partition('\n')[0])
+    parser.add_argument('--count', type=int, default=200)
+    parser.add_argument('--first', type=int, default=0)
+    args = parser.parse_args()
+    noted = 0
+    for seed in range(args.first, args.first + args.count):
+        draw = drawn(seed)
+        notes = notes_on(draw, seed)
+        noted += bool(notes)
+        for note in notes:
+            print(f'{seed}: {draw}: {note}', flush=True)
+    print(f'{noted} of {args.count} sound records with a note')
+
+
+if __name__ == '__main__':
+    main()

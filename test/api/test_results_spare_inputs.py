@@ -1,0 +1,58 @@
+"""What a result writes never replaces what it was made from."""
+
+import os
+from pathlib import Path
+import shutil
+
+import pytest
+
+from saddlering_ros import read_bag
+from saddlering_ros.api.results import Result
+from saddlering_ros.provenance import Origin
+from saddlering_ros.rig import default_rig
+from saddlering_ros.spared import FileConflict
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+class _Summary(Result):
+    """A result without an analysis."""
+
+    def summary(self):
+        return 'a result'
+
+    def columns(self):
+        return {'value': [1.0]}
+
+    def plot(self):
+        raise NotImplementedError
+
+    def write_report(self, path, *, command=''):
+        raise NotImplementedError
+
+    def _document(self):
+        return {'value': 1.0, 'provenance': {'files': []}}
+
+
+@pytest.fixture
+def place(tmp_path):
+    shutil.copytree(ROOT / 'bags' / 'dynamic_50_fast', tmp_path / 'bag')
+    (tmp_path / 'params.json').write_text('mine')
+    return tmp_path
+
+
+@pytest.mark.parametrize('name', ['bag/metadata.json', 'params.json', 'link.json', 'hard.json'])
+def test_a_result_is_not_saved_over_its_inputs(place, name):
+    rig = default_rig()
+    (place / 'link.json').symlink_to(place / 'params.json')
+    data = next((place / 'bag').glob('*.mcap'))
+    os.link(data, place / 'hard.json')
+    result = _Summary((read_bag(place / 'bag', rig=rig),), rig,
+                      (Origin(str(place / 'params.json')),))
+    before = data.read_bytes()
+    with pytest.raises(FileConflict, match='choose'):
+        result.save(place / name)
+    assert data.read_bytes() == before
+    assert (place / 'params.json').read_text() == 'mine'
+    result.save(place / 'other.json')
+    assert '"value": 1.0' in (place / 'other.json').read_text()
