@@ -145,7 +145,7 @@ def growth(quick: bool) -> None:
     for factor in (2, 4):
         wide = replace(
             RIG, axial_rows=replace(RIG.axial_rows, rollers=97 * factor),
-            middle_row=replace(RIG.middle_row, rollers=110 * factor))
+            radial_row=replace(RIG.radial_row, rollers=110 * factor))
         row(f'10 s at 1 kHz, {304 * factor} rollers', least(dynamic_task(wide), runs), base)
     growing = RingExtension(damping_penetration_share=0.5, damping_penetration_exponent=0.5)
     saturating = replace(growing, damping_penetration_saturation=5e4)

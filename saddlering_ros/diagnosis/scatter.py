@@ -137,14 +137,14 @@ def known_rigs(rig: Rig) -> list[tuple[Rig, Rig]]:
     Without clearances and weight among them a common gain of the load would be told from the
     stiffnesses by nothing but clearances and a weight that no one knows so well.
     """
-    axial, middle, carriage = rig.axial_rows, rig.middle_row, rig.carriage
+    axial, middle, carriage = rig.axial_rows, rig.radial_row, rig.carriage
     pairs = []
     for sign in (1.0, -1.0):
         gap, weight = sign * CLEARANCE_UNKNOWN, 1.0 + sign * WEIGHT_UNKNOWN
         pairs.append(
             (
                 replace(rig, axial_rows=replace(axial, clearance=axial.clearance + gap)),
-                replace(rig, middle_row=replace(middle, clearance=middle.clearance + gap)),
+                replace(rig, radial_row=replace(middle, clearance=middle.clearance + gap)),
                 replace(rig, carriage=replace(carriage, weight=carriage.weight * weight)),
             )
         )
@@ -158,7 +158,7 @@ def _columns_at(rig: Rig, contact: Array, q: Array, per_load: Array) -> tuple[Ar
     a roller that touches early is damped early. And the rates (3, 3) [1/s] at which the dampers
     let a displacement decay there.
     """
-    axial, middle = rig.axial_rows, rig.middle_row
+    axial, middle = rig.axial_rows, rig.radial_row
     first = np.cos(2.0 * np.pi * np.arange(axial.rollers) / axial.rollers)
     second = np.cos(2.0 * np.pi * np.arange(middle.rollers) / middle.rollers)
     zero, one = np.zeros_like(first), np.ones_like(first)

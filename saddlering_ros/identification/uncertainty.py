@@ -60,8 +60,8 @@ def _wider_axial(rig: Rig) -> Rig:
 
 
 def _wider_middle(rig: Rig) -> Rig:
-    row = rig.middle_row
-    return replace(rig, middle_row=replace(row, clearance=row.clearance + 5e-6))
+    row = rig.radial_row
+    return replace(rig, radial_row=replace(row, clearance=row.clearance + 5e-6))
 
 
 DELAY = 1e-3

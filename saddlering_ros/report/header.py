@@ -81,10 +81,10 @@ def _picture(rig: Rig, tests: Sequence[HeadLine]) -> str:
 
 def dimensions(rig: Rig) -> list[tuple[str, str]]:
     """The rig's dimensions as a reader checks them."""
-    height = 1e3 * (rig.middle_row.height or 0.0)
+    height = 1e3 * (rig.radial_row.height or 0.0)
     return [
         *_row_dimensions('axial rows (each)', rig.axial_rows),
-        *_row_dimensions('radial row', rig.middle_row),
+        *_row_dimensions('radial row', rig.radial_row),
         ('radial row, height over the mid-plane', f'{height:g} mm'),
         ('trunnion, x and y', f'{1e3 * rig.trunnion.x:g} mm, {1e3 * rig.trunnion.y:g} mm'),
         ('probes 2 and 4, distance', f'{1e3 * rig.probes.axial_span:g} mm'),

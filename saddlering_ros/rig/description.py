@@ -81,11 +81,12 @@ def _default_bounds() -> dict[str, Pair]:
 class Rig:
     """The whole rig; every default is a project assumption, not a measured dimension.
 
-    full_scale_time [s]: the shortest time in which the hydraulics change the load by full scale.
+    radial_row is called middle_row in files. full_scale_time [s]: the shortest time in which the
+    hydraulics change the load by full scale.
     """
 
     axial_rows: RollerRow
-    middle_row: RollerRow
+    radial_row: RollerRow
     carriage: Carriage
     trunnion: Trunnion
     probes: Probes
@@ -114,7 +115,7 @@ def default_rig() -> Rig:
     """The rig of the published tests at the project's assumed dimensions."""
     return Rig(
         axial_rows=RollerRow(rollers=97, pitch_radius=0.600, clearance=40e-6),
-        middle_row=RollerRow(rollers=110, pitch_radius=0.600, clearance=40e-6, height=0.0),
+        radial_row=RollerRow(rollers=110, pitch_radius=0.600, clearance=40e-6, height=0.0),
         carriage=Carriage(mass=4079.0, inertia=3000.0, weight=40e3, weight_x=0.0),
         trunnion=Trunnion(x=0.15, y=1.00),
         probes=Probes(axial_span=1.30, radial_height=0.0, polarity=(1.0, 1.0, 1.0, 1.0),
@@ -249,7 +250,7 @@ def rig_from_parameters(parameters: Mapping[str, Any], where: str) -> Rig:
     carriage, trunnion, probes = (rig.section(name) for name in ('carriage', 'trunnion', 'probes'))
     result = Rig(
         axial_rows=_row(rig.section('axial_rows'), with_height=False),
-        middle_row=_row(rig.section('middle_row'), with_height=True),
+        radial_row=_row(rig.section('middle_row'), with_height=True),
         carriage=Carriage(
             mass=carriage.number('mass', 1e-3, 1e9), inertia=carriage.number('inertia', 1e-3, 1e9),
             weight=carriage.number('weight', 0.0, 1e9),

@@ -16,6 +16,9 @@ SHORT_DIGITS = 12
 NOT_OF_THE_RIG = ('bounds', 'force_unit', 'full_scale_time')
 """Fields of a Rig by which it is identified, guarded and shown, which are not what it is."""
 
+NAMES_IN_FILES = {'radial_row': 'middle_row'}
+"""What rig files call a field: the hash is that of the file's names, whatever the code's are."""
+
 
 def rig_digest(rig: Rig) -> str:
     """SHA-256 of the rig's canonical description: its SI numbers as JSON, keys sorted.
@@ -34,7 +37,8 @@ def short_digest(digest: str) -> str:
 
 def _canonical(value: object) -> object:
     if isinstance(value, dict):
-        return {key: _canonical(item) for key, item in value.items() if key not in NOT_OF_THE_RIG}
+        return {NAMES_IN_FILES.get(key, key): _canonical(item) for key, item in value.items()
+                if key not in NOT_OF_THE_RIG}
     if isinstance(value, (list, tuple)):
         return [_canonical(item) for item in value]
     if isinstance(value, (int, float)) and not isinstance(value, bool):

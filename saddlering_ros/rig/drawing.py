@@ -216,7 +216,7 @@ class _Side:
 def _draw_from_above(axes: Any, rig: Rig) -> None:
     from matplotlib.patches import Circle
 
-    rows, middle = rig.axial_rows, rig.middle_row
+    rows, middle = rig.axial_rows, rig.radial_row
     ratio = middle.pitch_radius / rows.pitch_radius
     axes.add_patch(Circle((0, 0), 1.18 * max(1.0, ratio), facecolor=STEEL, edgecolor='#666666'))
     axes.add_patch(Circle((0, 0), 0.82 * min(1.0, ratio), facecolor='white', edgecolor='#666666'))
@@ -244,7 +244,7 @@ def _draw_from_above(axes: Any, rig: Rig) -> None:
 
 
 def _write_words(axes: Any, rig: Rig) -> None:
-    rows, middle, probes = rig.axial_rows, rig.middle_row, rig.probes
+    rows, middle, probes = rig.axial_rows, rig.radial_row, rig.probes
     signs = ', '.join('+1' if sign > 0 else '-1' for sign in probes.polarity)
     lines = [
         ('axial rows', f'2 x {rows.rollers} rollers, R = {rows.pitch_radius:g} m'),

@@ -46,7 +46,7 @@ def frames_of(rig: Rig, elevation: float | None = None) -> tuple[Frame, ...]:
     half = math.sqrt(0.5)
     # x to the rear, y up, z to the left, in forward, left, up: half a turn about (0, 1, 1).
     ring = Frame(RING_FRAME, RIG_FRAME, (0.0, 0.0, 0.0), (0.0, half, half, 0.0))
-    radius, height = rig.middle_row.pitch_radius, rig.probes.radial_height
+    radius, height = rig.radial_row.pitch_radius, rig.probes.radial_height
     lever = rig.probes.axial_span / 2.0
     places = ((radius, height, 0.0), (-lever, 0.0, math.pi / 2), (-radius, height, math.pi),
               (lever, 0.0, math.pi / 2))

@@ -120,7 +120,7 @@ def _rows_cached(axial: RollerRow, radial: RollerRow, upper: RowGeometry, lower:
 
 def rows_of(rig: Rig, extension: RingExtension = NO_EXTENSION) -> Rows:
     """The three rows of a rig under an extension (kept between calls)."""
-    return _rows_cached(rig.axial_rows, rig.middle_row, extension.upper_row, extension.lower_row,
+    return _rows_cached(rig.axial_rows, rig.radial_row, extension.upper_row, extension.lower_row,
                         extension.radial_row)
 
 
@@ -128,9 +128,9 @@ def spread_rows(rig: Rig, extension: RingExtension) -> Rows:
     """The three rows with a place for every roller, whether mirror twins are alike or not."""
     parts = [_spread(row, geometry) for row, geometry in (
         (rig.axial_rows, extension.upper_row), (rig.axial_rows, extension.lower_row),
-        (rig.middle_row, extension.radial_row))]
+        (rig.radial_row, extension.radial_row))]
     return Rows(_padded(parts), np.zeros(3, dtype=bool),
-                (rig.axial_rows.rollers, rig.axial_rows.rollers, rig.middle_row.rollers))
+                (rig.axial_rows.rollers, rig.axial_rows.rollers, rig.radial_row.rollers))
 
 
 def _spread(row: RollerRow, geometry: RowGeometry) -> Floats:
@@ -202,8 +202,8 @@ def model_of(rig: Rig, elevation: float, extension: RingExtension = NO_EXTENSION
     counts = counts or rows_of(rig, extension).counts
     at_ring = elevation + extension.elevation_error
     of_rig = (
-        rig.axial_rows.pitch_radius, rig.middle_row.height, counts[0], counts[2],
-        rig.axial_rows.clearance, rig.middle_row.clearance, rig.carriage.mass,
+        rig.axial_rows.pitch_radius, rig.radial_row.height, counts[0], counts[2],
+        rig.axial_rows.clearance, rig.radial_row.clearance, rig.carriage.mass,
         rig.carriage.inertia, rig.carriage.weight, rig.carriage.weight_x, rig.trunnion.x,
         rig.trunnion.y, elevation, rig.full_scale_load, float(np.cos(at_ring)),
         float(np.sin(at_ring)),

@@ -88,9 +88,9 @@ class MultibodyRing:
             self._add_connector(items, place, _axial(unit, 1.0, gap))
             self._add_connector(items, place, _axial(unit, -1.0, gap))
         unit = _unit(contact.K2, contact.n2, contact.D2)
-        gap, radius = 0.5 * rig.middle_row.clearance, rig.middle_row.pitch_radius
-        for angle in 2.0 * np.pi * np.arange(rig.middle_row.rollers) / rig.middle_row.rollers:
-            place = [0.0, rig.middle_row.height, 0.0]
+        gap, radius = 0.5 * rig.radial_row.clearance, rig.radial_row.pitch_radius
+        for angle in 2.0 * np.pi * np.arange(rig.radial_row.rollers) / rig.radial_row.rollers:
+            place = [0.0, rig.radial_row.height, 0.0]
             self._add_connector(items, place, _radial(unit, float(np.cos(angle)), gap))
 
     def _add_connector(self, items: Any, place: list[float], force: UserForce) -> None:

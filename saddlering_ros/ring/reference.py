@@ -71,11 +71,11 @@ def contact_rows(rig: Rig,
     cosine = np.cos(_angles(rig.axial_rows))
     zero, one = np.zeros_like(cosine), np.ones_like(cosine)
     upward = np.stack([zero, one, -rig.axial_rows.pitch_radius * cosine], axis=1)
-    outward_cosine = np.cos(_angles(rig.middle_row))
+    outward_cosine = np.cos(_angles(rig.radial_row))
     outward = np.stack([outward_cosine, np.zeros_like(outward_cosine),
-                        rig.middle_row.height * outward_cosine], axis=1)
+                        rig.radial_row.height * outward_cosine], axis=1)
     axial = (0.5 * rig.axial_rows.clearance, contact.K1, contact.n1, contact.D1)
-    radial = (0.5 * rig.middle_row.clearance, contact.K2, contact.n2, contact.D2)
+    radial = (0.5 * rig.radial_row.clearance, contact.K2, contact.n2, contact.D2)
     return ContactRow(upward, *axial), ContactRow(-upward, *axial), ContactRow(outward, *radial)
 
 
@@ -126,7 +126,7 @@ def static_equilibrium(rig: Rig, contact: ContactParameters, load: float, elevat
     external = external_force(rig, load, elevation)
     still = np.zeros(3)
     guess = np.asarray(start, dtype=np.float64) if start is not None else np.array([
-        np.copysign(0.5 * rig.middle_row.clearance + 2e-5, external[0]),
+        np.copysign(0.5 * rig.radial_row.clearance + 2e-5, external[0]),
         np.copysign(0.5 * rig.axial_rows.clearance + 2e-5, external[1]), 0.0])
     scale = np.array([1e-4, 1e-4, 1e-4])
     found = root(lambda u: (external + contact_force(rows, u * scale, still)) / 1e3, guess / scale,

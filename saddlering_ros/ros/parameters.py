@@ -172,7 +172,7 @@ def table(parameters: Sequence[Parameter]) -> str:
 
 def _rig_values(rig: Rig) -> dict[str, Any]:
     """The rig's own parameters (config/rig.yaml) by dotted name."""
-    rows, middle, body = rig.axial_rows, rig.middle_row, rig.carriage
+    rows, middle, body = rig.axial_rows, rig.radial_row, rig.carriage
     values: dict[str, Any] = {
         'rig.axial_rows.rollers': rows.rollers,
         'rig.axial_rows.pitch_radius': rows.pitch_radius,

@@ -111,7 +111,7 @@ def _forces(rig: Rig, path: LoadPath) -> Floats:
 
 def _touching(rig: Rig, force: Floats) -> Floats:
     """A position with the gaps closed on the side that the force presses on."""
-    return np.array([np.copysign(0.5 * rig.middle_row.clearance, force[0]),
+    return np.array([np.copysign(0.5 * rig.radial_row.clearance, force[0]),
                      np.copysign(0.5 * rig.axial_rows.clearance, force[1]), 0.0])
 
 

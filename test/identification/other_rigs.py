@@ -27,7 +27,7 @@ def rig_of(tonnes, rollers, radius):
     return replace(
         usual,
         axial_rows=replace(usual.axial_rows, rollers=rollers, pitch_radius=radius),
-        middle_row=replace(usual.middle_row, rollers=rollers, pitch_radius=radius),
+        radial_row=replace(usual.radial_row, rollers=rollers, pitch_radius=radius),
         carriage=replace(body, mass=body.mass * scale, weight=body.weight * scale,
                          inertia=body.inertia * scale * size**2),
         trunnion=replace(usual.trunnion, x=usual.trunnion.x * size, y=usual.trunnion.y * size),

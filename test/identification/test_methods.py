@@ -222,9 +222,9 @@ def test_a_bound_in_the_way_is_named(four_runs):
 
 
 def test_a_rig_unlike_the_model_widens_the_intervals(four_runs, found):
-    middle = replace(RIG.middle_row, clearance=200e-6)
+    middle = replace(RIG.radial_row, clearance=200e-6)
     wrong = identify(
-        four_runs, replace(RIG, middle_row=middle), IdentificationSettings(swarm=SHORT_SWARM)
+        four_runs, replace(RIG, radial_row=middle), IdentificationSettings(swarm=SHORT_SWARM)
     )
     assert wrong.reduced_chi_square > 2.0
     assert 'widened' in wrong.status

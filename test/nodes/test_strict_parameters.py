@@ -27,7 +27,7 @@ def test_a_misspelt_parameter_ends_a_node_with_a_suggestion() -> None:
 
 def test_a_file_that_rclpy_would_read_otherwise_or_wait_for_is_refused(tmp_path: Path) -> None:
     file = tmp_path / 'rig.yaml'
-    file.write_text('/**:\n  ros__parameters:\n    rig.middle_row.rollers: 0110\n')
+    file.write_text('/**:\n  ros__parameters:\n    rig.radial_row.rollers: 0110\n')
     assert 'line 3: the number 0110 is not' in refusal('--params-file', str(file))
     pipe = tmp_path / 'pipe'
     os.mkfifo(pipe)

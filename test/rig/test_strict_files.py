@@ -90,3 +90,8 @@ def test_equal_rigs_have_one_hash_however_they_are_written(tmp_path: Path) -> No
     assert load_rig(path).digest == load_rig(None).digest
     path.write_text(SHIPPED.replace('mass: 4079.0', 'mass: 4079.1'))
     assert load_rig(path).digest != load_rig(None).digest
+
+
+def test_the_hash_of_the_default_rig_stays_what_bags_hold_already() -> None:
+    assert load_rig(None).digest == (
+        'd499bde85c27edc689457a26ad4fc20850e62c632de28847e63988a6589710fc')

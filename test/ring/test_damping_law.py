@@ -200,7 +200,7 @@ def test_the_lag_grows_with_load_as_the_exponent_says(exponent: float) -> None:
     """Without clearance all rollers sink in proportion, so with q ~ P^(1/n) a ramp's lag is
     d/k dq/dt ~ q^m q^(1-n) q^(1-n) = q^(m + 2 - 2n): at low load little or much of that at high.
     """
-    rig = replace(RIG, middle_row=replace(RIG.middle_row, clearance=0.0))
+    rig = replace(RIG, radial_row=replace(RIG.radial_row, clearance=0.0))
     time = np.arange(0.0, 20.0, 0.01)
     load = np.interp(time, [1.0, 20.0], [RIG.preload, FULL_SCALE_LOAD])
     effects = {'damping_law': {'share': 1.0, 'exponent': exponent}}
@@ -218,7 +218,7 @@ def test_the_lag_grows_with_load_as_the_exponent_says(exponent: float) -> None:
 def test_a_ramp_lags_as_the_levelling_law_summed_over_the_rollers_says(
         exponent: float, levelling: float) -> None:
     """Slow ramp, force along x at the row's height: lag = dq/dt sum d cos^2 / sum k cos^2."""
-    rig = replace(RIG, middle_row=replace(RIG.middle_row, clearance=0.0, height=0.0))
+    rig = replace(RIG, radial_row=replace(RIG.radial_row, clearance=0.0, height=0.0))
     time = np.arange(0.0, 20.0, 0.01)
     load = np.interp(time, [1.0, 20.0], [RIG.preload, FULL_SCALE_LOAD])
     share = 0.8
@@ -229,7 +229,7 @@ def test_a_ramp_lags_as_the_levelling_law_summed_over_the_rollers_says(
                          np.array([RIG.preload, *load[at]]))[0][0]
     lag = still[1:] - still[0] - moved[at]
     law = TRUE_TO_SCALE
-    cosine = np.cos(2.0 * np.pi * np.arange(rig.middle_row.rollers) / rig.middle_row.rollers)
+    cosine = np.cos(2.0 * np.pi * np.arange(rig.radial_row.rollers) / rig.radial_row.rollers)
     cosine = cosine[cosine > 1e-9]
     p = still[1:, None] * cosine
     stiffness = (law.K2 * law.n2 * p ** (law.n2 - 1.0) * cosine**2).sum(axis=1)

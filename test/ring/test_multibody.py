@@ -16,7 +16,7 @@ pytest.importorskip('exudyn', reason='the multibody program exudyn is not instal
 from saddlering_ros.ring.multibody import MultibodyRing
 
 RIG = default_rig()
-RAISED = replace(RIG, middle_row=replace(RIG.middle_row, height=0.08))
+RAISED = replace(RIG, radial_row=replace(RIG.radial_row, height=0.08))
 ELEVATION = np.deg2rad(50.0)
 
 

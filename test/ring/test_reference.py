@@ -28,13 +28,13 @@ def test_pure_axial_load_is_shared_equally_by_the_lower_row() -> None:
 
 
 def test_largest_roller_load_under_pure_radial_load_is_4_08_times_the_mean() -> None:
-    rig = replace(RIG, middle_row=replace(RIG.middle_row, clearance=0.0),
+    rig = replace(RIG, radial_row=replace(RIG.radial_row, clearance=0.0),
                   trunnion=replace(RIG.trunnion, x=0.0, y=0.0))
     load = 10.0 * TONNE
     q = reference.static_equilibrium(rig, TRUE_TO_SCALE, load, 0.0)
     _, _, middle = reference.roller_loads(rig, TRUE_TO_SCALE, q)
     # Literature: 4.08 F_r/Z for n = 10/9 (line contact, zero clearance), three figures.
-    assert middle.max() * rig.middle_row.rollers / load == pytest.approx(4.08, abs=0.01)
+    assert middle.max() * rig.radial_row.rollers / load == pytest.approx(4.08, abs=0.01)
 
 
 def test_rollers_react_with_exactly_the_external_force_and_moment() -> None:

@@ -72,9 +72,9 @@ def test_dynamic_displacements_agree_with_the_304_roller_sum_over_the_box() -> N
         assert motion == pytest.approx(moved[:, at_samples], abs=1e-13)
 
 
-def test_a_middle_row_off_the_mid_plane_couples_tilt_and_radial_motion() -> None:
+def test_a_radial_row_off_the_mid_plane_couples_tilt_and_radial_motion() -> None:
     from dataclasses import replace
-    rig = replace(RIG, middle_row=replace(RIG.middle_row, height=0.08))
+    rig = replace(RIG, radial_row=replace(RIG.radial_row, height=0.08))
     time, load = dynamic_record(0.4)
     fast = dynamic_batch(rig, TRUE_TO_SCALE.to_array()[None], np.deg2rad(50.0), time, load)[0]
     plain = reference.simulate_dynamic(rig, TRUE_TO_SCALE, np.deg2rad(50.0), time, load)

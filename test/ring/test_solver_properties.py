@@ -49,7 +49,7 @@ def rows(height: float = 0.0) -> st.SearchStrategy[RollerRow]:
 
 
 RIGS = st.builds(
-    replace, st.just(BASE), axial_rows=rows(), middle_row=rows(),
+    replace, st.just(BASE), axial_rows=rows(), radial_row=rows(),
     carriage=st.builds(Carriage, numbers(200.0, 2e4), numbers(100.0, 2e4), numbers(0.0, 1e5),
                        numbers(-0.3, 0.3)),
     trunnion=st.builds(Trunnion, numbers(-0.5, 0.5), numbers(0.2, 1.5)))

@@ -32,7 +32,7 @@ def test_the_ring_rests_where_the_sum_of_such_rollers_balances_the_load() -> Non
                           [extension_of(effects)])[0]
     upper, lower, middle = reference.contact_rows(RIG, TRUE_TO_SCALE)
     axial = 7e-6 * (1.0 + mixed(RIG.axial_rows.rollers))
-    radial = 5e-6 * (1.0 + 0.5 * mixed(RIG.middle_row.rollers))
+    radial = 5e-6 * (1.0 + 0.5 * mixed(RIG.radial_row.rollers))
     rows = (replace(upper, gap=upper.gap + axial), replace(lower, gap=lower.gap + axial),
             replace(middle, gap=middle.gap + radial))
     for load, q in zip(LOADS, motion.T, strict=True):

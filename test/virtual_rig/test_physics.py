@@ -23,7 +23,7 @@ def ramp(steps, step, period=2.0):
 def rig_without_clearance():
     rig = default_rig()
     return replace(rig, axial_rows=replace(rig.axial_rows, clearance=0.0),
-                   middle_row=replace(rig.middle_row, clearance=0.0))
+                   radial_row=replace(rig.radial_row, clearance=0.0))
 
 
 def rest(rig, force, effects=()):
@@ -33,7 +33,7 @@ def rest(rig, force, effects=()):
         item.effect.act(rollers, item.values, item.form)
     none = np.zeros((0, at.FRICTION_COLUMNS))
     mass = np.array([rig.carriage.mass, rig.carriage.mass, rig.carriage.inertia])
-    start = np.array([0.5 * rig.middle_row.clearance, 0.0, 0.0])
+    start = np.array([0.5 * rig.radial_row.clearance, 0.0, 0.0])
     q, trouble = at.settle(rollers.table, none, np.zeros(0), mass, np.array(force), start)
     assert trouble == 0
     return q, rollers
@@ -51,7 +51,7 @@ def test_a_pure_radial_load_gives_the_highest_roller_four_times_the_mean():
     rig = rig_without_clearance()
     q, _ = rest(rig, [150e3, -40e3, 0.0])
     highest = TRUE_TO_SCALE.K2 * q[0] ** TRUE_TO_SCALE.n2
-    assert highest == pytest.approx(4.08 * 150e3 / rig.middle_row.rollers, rel=2e-3)
+    assert highest == pytest.approx(4.08 * 150e3 / rig.radial_row.rollers, rel=2e-3)
 
 
 def test_at_rest_it_agrees_with_the_readable_reference():
