@@ -22,21 +22,25 @@ import tempfile
 import time
 
 import numpy as np
+from scipy.signal import lfilter
 
 from saddlering_ros.bags import read_run
 from saddlering_ros.cli._samples import residual_samples
 from saddlering_ros.cli.watch import monitored_samples
 from saddlering_ros.monitoring import (
+    assumed_noise,
     BlockNoise,
     Detector,
+    least_wander,
     materiality,
     Monitor,
     MonitorSettings,
+    Sample,
     threshold_of,
     watch,
     Whitener,
 )
-from saddlering_ros.monitoring.blocks import wander_limit
+from saddlering_ros.monitoring.blocks import SINCE_ZERO, wander_limit
 from saddlering_ros.monitoring.detector import MAX_BEYOND, SIZES
 from saddlering_ros.rig import default_rig, ParameterSet
 from saddlering_ros.virtual_rig import (
@@ -63,13 +67,14 @@ class ManyStreams:
     Only the evidence is followed, not the onset; float32 suffices for counting.
     """
 
-    def __init__(self, streams: int, values: int, views: int = 1) -> None:
+    def __init__(self, streams: int, values: int, views: int = 1,
+                 allowed_hours: float = ALLOWED_HOURS) -> None:
         """views: how many equal values stand behind each of these and share the threshold."""
         self._sizes = SIZES.astype(np.float32)[:, None, None]
         self._half = 0.5 * self._sizes**2
         self._evidence = np.zeros((SIZES.size, 2 * values, streams), np.float32)
         self._gain = np.empty_like(self._evidence)
-        self._limit = threshold_of(ALLOWED_HOURS, BLOCK) * 2 * values * views * SIZES.size
+        self._limit = threshold_of(allowed_hours, BLOCK) * 2 * values * views * SIZES.size
 
     def reset(self, which: np.ndarray) -> None:
         """Begin anew in these streams."""
@@ -87,9 +92,9 @@ class ManyStreams:
         return np.asarray(self._evidence.sum(axis=0).max(axis=0) >= self._limit)
 
 
-def false_alarms_white(hours: float, seed: int) -> int:
+def false_alarms_white(hours: float, seed: int, allowed_hours: float = ALLOWED_HOURS) -> int:
     """Alarms of a sound ring in white noise, without materiality: both views are equal then."""
-    streams = ManyStreams(STREAMS, CHANNELS, views=2)
+    streams = ManyStreams(STREAMS, CHANNELS, views=2, allowed_hours=allowed_hours)
     chance, alarms = np.random.default_rng(seed), 0
     for _ in range(round(hours * 3600.0 / BLOCK / STREAMS)):
         found = streams.step(chance.standard_normal((CHANNELS, STREAMS), np.float32), 0.0)
@@ -102,28 +107,30 @@ def false_alarms_white(hours: float, seed: int) -> int:
 def false_alarms_swinging(hours: float, seed: int) -> int:
     """Alarms where the noise wanders and the residual jumps from end to end of materiality.
 
-    Noise as of the virtual rig's probes: white 0.045 um a block, a wander of 0.064 um within 4 s;
-    materiality 1 um. Innovations and levels as `BlockWatch` forms them, once they are steady.
+    Noise as of the virtual rig's probes: white 0.045 um a block, a wander of 0.064 um within 4 s,
+    whose value at the start is taken for the zero; materiality 1 um. Innovations and levels as
+    `BlockWatch` forms them, once they are steady, with the wander that is assumed of the rig.
     """
-    memory = math.exp(-BLOCK / 4.0)
-    noise, allowed_size = BlockNoise(0.045**2, 0.064**2, memory), 1.0
+    memory, white, true_wander, allowed_size = math.exp(-BLOCK / 4.0), 0.045, 0.064, 1.0
+    noise = assumed_noise(BlockNoise(white**2, 0.0, 0.0), 1e6 * least_wander(default_rig())[0],
+                          BLOCK)
     gain, scale, response = _steady(noise)
     wander_size = wander_limit(noise, BLOCK, ALLOWED_HOURS, CHANNELS)
-    white = math.sqrt(noise.white)
-    both = [(1.0 + response) * allowed_size / scale, (allowed_size + wander_size) / white]
+    both = [((1.0 + response) * allowed_size + (1.0 - response) * wander_size) / scale,
+            (allowed_size + SINCE_ZERO * wander_size) / white]
     bounds = np.repeat(both, CHANNELS)[:, None]
     streams, chance = ManyStreams(STREAMS, 2 * CHANNELS), np.random.default_rng(seed)
     shape = (CHANNELS, STREAMS)
-    wander = math.sqrt(noise.wander) * chance.standard_normal(shape)
-    predicted, alarms = np.zeros(shape), 0
-    kick = math.sqrt(noise.wander * (1.0 - memory**2))
+    wander = true_wander * chance.standard_normal(shape)
+    zero, predicted, alarms = wander.copy(), np.zeros(shape), 0
+    kick = true_wander * math.sqrt(1.0 - memory**2)
     rates = chance.uniform(0.1, 3.0, shape)
     for block in range(round(hours * 3600.0 / BLOCK / STREAMS)):
         wander = memory * wander + kick * chance.standard_normal(shape)
-        means = wander + white * chance.standard_normal(shape)
+        means = wander - zero + white * chance.standard_normal(shape)
         means += allowed_size * np.sign(np.sin(rates * BLOCK * block))
         surprise = means - predicted
-        predicted = memory * (predicted + gain * surprise)
+        predicted = noise.memory * (predicted + gain * surprise)
         found = streams.step(np.concatenate([surprise / scale, means / white]), bounds)
         if found.any():
             alarms += int(found.sum())
@@ -137,6 +144,41 @@ def _steady(noise: BlockNoise) -> tuple[float, float, float]:
     for _ in range(2000):
         _, scale = whitener.step(0.0)
     return 1.0 - noise.white / scale**2, scale, whitener.response
+
+
+def learnt_noise(rest: float, size: float, records: int, seed: int) -> str:
+    """Whole monitors whose noise is learnt from `rest` seconds, at the bound of materiality.
+
+    Two minutes at 1 kHz each, the probes' noise with its wander; the residual jumps between the
+    ends of a materiality of `size` [m].
+    """
+    rig, alarms, seconds = default_rig(), 0, 0.0
+    for record in range(records):
+        chance = np.random.default_rng([seed, record])
+        time = np.arange(0.0, rest + 120.0, 1e-3)
+        residual = np.stack([_probe_noise(time.size, chance) for _ in range(CHANNELS)])
+        residual[2] *= 2.0 / rig.probes.axial_span
+        residual -= residual[:, :500].mean(axis=1, keepdims=True)
+        moving = time > rest
+        residual[:, moving] += size * np.sign(np.sin(1.3 * time[moving]))
+        load = rig.preload + 1e5 * np.abs(np.sin(np.maximum(time - rest, 0.0)))
+        monitor = watch(
+            Monitor(MonitorSettings(), rig.limits.rest_band, lambda at: np.full(3, size),
+                    least_wander(rig)),
+            (Sample(1 + round(1e9 * now), (x, y, gamma), force) for now, x, y, gamma, force in
+             zip(time.tolist(), *residual.tolist(), load.tolist(), strict=True)))
+        alarms += monitor.alarm is not None
+        seconds += monitor.seconds
+    return f'{alarms} false alarms in {seconds / 3600.0:.2f} h'
+
+
+def _probe_noise(count: int, chance: np.random.Generator) -> np.ndarray:
+    """Noise of half a difference of two probes of 0.3 um at 1 kHz, three tenths of it slow."""
+    memory = math.exp(-1e-3 / 4.0)
+    kicks = 0.064e-6 * math.sqrt(1.0 - memory**2) * chance.standard_normal(count)
+    kicks[0] = 0.064e-6 * chance.standard_normal()
+    white = 0.202e-6 * chance.standard_normal(count)
+    return np.asarray(lfilter([1.0], [1.0, -memory], kicks) + white)
 
 
 def delays(size: float, draws: int, seed: int, drift: float = 0.0) -> np.ndarray:
@@ -212,7 +254,7 @@ def whole_test(seed: int, *, dynamic: bool, scale: float) -> Whole:
     samples, _, _ = residual_samples(run, rig, ParameterSet(contact))
     monitor = watch(
         Monitor(MonitorSettings(), rig.limits.rest_band,
-                lambda at: materiality(rig, contact, at)),
+                lambda at: materiality(rig, contact, at), least_wander(rig)),
         monitored_samples(samples, run.elevation))
     residual = np.stack([getattr(samples.displacement, name)
                          for name in ('delta_x', 'delta_y', 'gamma')])
@@ -275,13 +317,22 @@ def main() -> int:
                         help='hours within materiality, with wander')
     parser.add_argument('--draws', type=int, default=200, help='draws of each delay')
     parser.add_argument('--rings', type=int, default=12, help='whole tests of the virtual rig')
+    parser.add_argument('--records', type=int, default=8,
+                        help='records of two minutes with learnt noise')
     parser.add_argument('--seed', type=int, default=0)
     args = parser.parse_args()
     check_streams()
     report_delays(args.draws)
+    for rest in (2.0, 10.0):
+        for size in (0.0, 0.3e-6, 1e-6):
+            print(f'noise learnt from {rest:g} s of rest, materiality {1e6 * size:g} um: '
+                  f'{learnt_noise(rest, size, args.records, args.seed)}', flush=True)
     whole_tests(args.rings, args.seed)
     report_false_alarms('residual that jumps from end to end of materiality, wandering noise',
                         args.swinging, false_alarms_swinging, args.seed)
+    found = false_alarms_white(0.1 * args.hours, args.seed + 1, 1.0)
+    print(f'white noise, one in 1 h allowed: {found} false alarms in {0.1 * args.hours:g} h',
+          flush=True)
     report_false_alarms('white noise, no materiality', args.hours, false_alarms_white, args.seed)
     return 0
 

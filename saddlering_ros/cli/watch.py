@@ -65,11 +65,18 @@ def _watch_bag(
 ) -> dict[str, Any]:
     """What watching one bag gives: its part of the document, and words."""
     from saddlering_ros.cli._samples import read_shown, residual_samples
-    from saddlering_ros.monitoring import materiality, Monitor, MonitorSettings, watch
+    from saddlering_ros.monitoring import (
+        least_wander,
+        materiality,
+        Monitor,
+        MonitorSettings,
+        watch,
+    )
 
     monitor = Monitor(
         MonitorSettings(false_alarm_hours=args.false_alarm_hours), rig.limits.rest_band,
-        lambda elevation: materiality(rig, parameters.contact, elevation, args.materiality))
+        lambda elevation: materiality(rig, parameters.contact, elevation, args.materiality),
+        least_wander(rig))
     test_run = read_shown(argparse.Namespace(**{**vars(args), 'bag': bag}), rig)
     samples, _, notes = residual_samples(test_run, rig, parameters)
     watch(monitor, monitored_samples(samples, test_run.elevation))

@@ -5,6 +5,7 @@ from saddlering_ros.monitoring.cause import first_guess, FIRST_GUESSES
 from saddlering_ros.monitoring.detector import Alarm, Detector, threshold_of
 from saddlering_ros.monitoring.errors import MonitoringError
 from saddlering_ros.monitoring.innovations import block_noise, BlockNoise, Whitener
+from saddlering_ros.monitoring.instruments import assumed_noise, least_wander
 from saddlering_ros.monitoring.materiality import materiality
 from saddlering_ros.monitoring.monitor import (
     ALARM,
@@ -39,8 +40,10 @@ __all__ = [
     'RestNoise',
     'Sample',
     'Whitener',
+    'assumed_noise',
     'block_noise',
     'first_guess',
+    'least_wander',
     'materiality',
     'threshold_of',
     'watch',

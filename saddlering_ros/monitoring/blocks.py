@@ -3,11 +3,12 @@
 Each channel is looked at in two ways, and either may raise the alarm.
 
 - Its innovation. If the residual stays within materiality m, however it moves there, the mean of
-  an innovation is at most (1 + response) m, as the filter predicts at most response * m. Where m
-  is small against the noise, this finds the smallest changes.
-- Its level. The wander of the noise is counted to what is allowed, as far as it goes once in ten
-  times the hours of a false alarm; what is left of the noise is white. Where m is large against
-  the noise, this finds a residual just beyond m, which innovations alone would not.
+  an innovation is at most (1 + response) m, as the filter predicts at most response * m. The zero
+  was read with the wander of its moment, which stays in the residual. Where m is small against
+  the noise, this finds the smallest changes.
+- Its level. The wander of the noise, that of the zero included, is counted to what is allowed, as
+  far as it goes once in ten times the hours of a false alarm; the rest of the noise is white.
+  Where m is large against the noise, this finds a residual just beyond m.
 
 A mean of e-processes is one, so the promise of the detector holds for both together.
 """
@@ -27,6 +28,9 @@ Array = NDArray[np.float64]
 
 WANDER_SHARE = 0.1
 """Share of the false alarms that the wander of the noise may cause."""
+
+SINCE_ZERO = math.sqrt(2.0)
+"""A level counts from a zero that has a wander of its own: their difference goes this further."""
 
 NOISE_BLOCKS = 500
 """Blocks over which the noise of the moment is compared with that of the rest."""
@@ -48,7 +52,7 @@ class BlockWatch:
         self._channels = len(noise)
         self._whiteners = [Whitener(item) for item in noise]
         self._white = np.sqrt([item.white for item in noise])
-        self._allowed = np.array([
+        self._wander = np.array([
             wander_limit(item, block, false_alarm_hours, self._channels) for item in noise])
         self.detector = Detector(2 * self._channels, threshold_of(false_alarm_hours, block))
         self._forget_noise()
@@ -79,11 +83,12 @@ class BlockWatch:
             if not math.isfinite(mean):
                 whitener.reset()
                 continue
-            bound = (1.0 + whitener.response) * materiality[place]
+            bound = ((1.0 + whitener.response) * materiality[place]
+                     + (1.0 - whitener.response) * self._wander[place])
             values[place], scale = whitener.step(mean)
             bounds[place] = bound / scale
         values[count:] = means / self._white
-        bounds[count:] = (materiality + self._allowed) / self._white
+        bounds[count:] = (materiality + SINCE_ZERO * self._wander) / self._white
         self._compare_noise(values[:count])
         alarm = self.detector.step(values, bounds)
         if alarm is None:

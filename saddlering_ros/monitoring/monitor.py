@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 import math
 
@@ -13,6 +13,7 @@ from saddlering_ros.monitoring.blocks import BlockWatch
 from saddlering_ros.monitoring.cause import first_guess, FIRST_GUESSES
 from saddlering_ros.monitoring.detector import Alarm
 from saddlering_ros.monitoring.errors import MonitoringError
+from saddlering_ros.monitoring.instruments import assumed_noise
 from saddlering_ros.monitoring.rest import RestLearner, RestNoise, SECOND, UNKNOWN
 
 Array = NDArray[np.float64]
@@ -102,15 +103,18 @@ class Monitor:
     """Watches residuals with their load; the first alarm is latched until `reset`.
 
     rest_band [N]: the load is at rest within it; materiality_of: the residual (3,) that is no
-    alarm, by the elevation [rad]. `changes` counts what there is to tell.
+    alarm, by the elevation [rad]; wander (3,): assumed of each channel at least. `changes` counts
+    what there is to tell.
     """
 
     def __init__(
         self, settings: MonitorSettings, rest_band: float,
         materiality_of: Callable[[float], Array],
+        wander: Sequence[float] | Array = (0.0, 0.0, 0.0),
     ) -> None:
         self.settings = settings
         self._rest_band, self._materiality_of = rest_band, materiality_of
+        self._least_wander = tuple(float(value) for value in wander)
         self._learner = RestLearner(rest_band, settings.block)
         self.alarm: Raised | None = None
         self.lapses: list[Lapse] = []
@@ -234,7 +238,9 @@ class Monitor:
         if found is None:
             return
         self.rest = found
-        self._watch = BlockWatch(found.noise, found.block, self.settings.false_alarm_hours)
+        noise = [assumed_noise(one, least, found.block)
+                 for one, least in zip(found.noise, self._least_wander, strict=True)]
+        self._watch = BlockWatch(noise, found.block, self.settings.false_alarm_hours)
         self.changes += 1
         lost = [name for name, one in zip(CHANNELS, found.noise, strict=True) if one == UNKNOWN]
         if lost:

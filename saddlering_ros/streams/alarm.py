@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saddlering_ros.bags.alignment import JITTER_NS
-from saddlering_ros.monitoring import materiality, Monitor, MonitorSettings, Sample
+from saddlering_ros.monitoring import least_wander, materiality, Monitor, MonitorSettings, Sample
 from saddlering_ros.rig import ContactParameters, Rig
 from saddlering_ros.streams.batches import Displacements, join, no_displacements, pick, Samples
 
@@ -42,7 +42,8 @@ class AlarmStream:
     def __init__(self, rig: Rig, settings: MonitorSettings, percent: float) -> None:
         self._rig, self._percent = rig, percent
         self._contact: ContactParameters | None = None
-        self.monitor = Monitor(settings, rig.limits.rest_band, self._materiality)
+        self.monitor = Monitor(settings, rig.limits.rest_band, self._materiality,
+                               least_wander(rig))
         self.counters = AlarmCounters()
         self._forget()
 

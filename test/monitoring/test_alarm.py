@@ -16,6 +16,7 @@ from saddlering_ros.monitoring import (
     Detector,
     first_guess,
     LEARNING,
+    least_wander,
     Monitor,
     MonitoringError,
     MonitorSettings,
@@ -26,6 +27,7 @@ from saddlering_ros.monitoring import (
     WATCHING,
     Whitener,
 )
+from saddlering_ros.rig import default_rig
 
 SETTINGS = MonitorSettings()
 BAND = 1000.0
@@ -258,3 +260,36 @@ def test_a_rest_longer_than_it_is_read_ends_the_learning():
 def test_settings_that_cannot_be_used_are_refused(settings):
     with pytest.raises(MonitoringError, match='above 0'):
         MonitorSettings(**settings)
+
+
+@pytest.mark.parametrize('size', [0.0, 0.3])
+def test_a_wander_that_the_rest_was_too_short_for_is_no_alarm(size):
+    """Noise of eddy-current probes [um], learnt from 2 s: the wander of 4 s hardly shows there."""
+    chance = np.random.default_rng(3)
+    time = np.arange(0.0, 40.0, 4e-3)
+    memory = math.exp(-1e-3)
+    residual = np.zeros((time.size, 3))
+    wander = 0.064 * chance.standard_normal(3)
+    for row in residual:
+        wander = memory * wander + 0.064 * math.sqrt(1.0 - memory**2) * chance.standard_normal(3)
+        row += wander
+    residual += 0.1 * chance.standard_normal(residual.shape)
+    residual -= residual[:125].mean(axis=0)  # the zero
+    residual[time > 2.0] += size * np.sign(np.sin(1.3 * time[time > 2.0]))[:, None]
+    load = 1e5 * np.sin(np.maximum(time - 2.0, 0.0))
+    samples = [Sample(1 + round(1e9 * now), tuple(row), force) for now, row, force in
+               zip(time.tolist(), residual.tolist(), load.tolist(), strict=True)]
+
+    def watched(wander):
+        return watch(Monitor(SETTINGS, BAND, lambda elevation: np.full(3, size), wander), samples)
+
+    assert watched((0.0, 0.0, 0.0)).alarm is not None  # by what the rest shows alone
+    assert watched((0.07, 0.07, 0.07)).alarm is None
+
+
+def test_the_wander_assumed_follows_the_range_of_the_probes():
+    rig = default_rig()
+    probes = rig.probes
+    found = least_wander(rig)
+    assert found[0] == pytest.approx(5e-5 * (probes.max_range - probes.min_range) / math.sqrt(2.0))
+    assert found[2] == pytest.approx(2.0 * found[1] / probes.axial_span)

@@ -1,0 +1,45 @@
+"""What is assumed of the probes beyond what a rest of seconds can show of them."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from saddlering_ros.monitoring.innovations import BlockNoise
+from saddlering_ros.rig import Rig
+
+Array = NDArray[np.float64]
+
+WANDER_SHARE = 5e-5
+"""Wander assumed of a probe at least, as a share of its range: catalogues of eddy-current probes
+state resolutions and drifts of 0.005 % of it. A rest of seconds shows too little of a wander that
+takes seconds."""
+
+FASTEST_WANDER = 1.0
+"""Time [s] within which the wander is assumed to move: a slower one is more predictable."""
+
+FAST_MEMORY = 0.5
+"""Noise of a block of which less stays to the next block is counted as white."""
+
+
+def least_wander(rig: Rig) -> Array:
+    """Standard deviation of the wander of delta_x, delta_y, gamma that is assumed at least (3,).
+
+    The first two are half a difference or sum of two probes, gamma a difference over their span.
+    """
+    probes = rig.probes
+    single = WANDER_SHARE * (probes.max_range - probes.min_range)
+    half = single / math.sqrt(2.0)
+    return np.array([half, half, 2.0 * half / probes.axial_span])
+
+
+def assumed_noise(read: BlockNoise, least: float, block: float) -> BlockNoise:
+    """The noise to watch with: what a rest has shown, and a wander of at least `least`."""
+    is_fast = read.memory < FAST_MEMORY
+    white = read.white + (read.wander if is_fast else 0.0)
+    wander = max(0.0 if is_fast else read.wander, least**2)
+    if wander == 0.0:
+        return BlockNoise(white, 0.0, 0.0)
+    return BlockNoise(white, wander, math.exp(-block / FASTEST_WANDER))
