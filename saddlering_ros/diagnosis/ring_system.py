@@ -73,7 +73,11 @@ class RingSystem:
 
     @cached_property
     def effects(self) -> tuple[Effect, ...]:
-        return tuple(engine_effect(effect) for effect in catalogue_of_effects.catalogue().values())
+        return tuple(
+            item
+            for effect in catalogue_of_effects.catalogue().values()
+            for item in engine_effects(effect)
+        )
 
     @cached_property
     def views(self) -> Mapping[str, Array]:
@@ -225,9 +229,19 @@ def _finite(readings: Array) -> Array:
     return np.nan_to_num(readings, nan=FAILED, posinf=FAILED, neginf=-FAILED)
 
 
-def engine_effect(effect: catalogue_of_effects.Effect) -> Effect:
-    """A ring effect in the engine's words; its amplitude comes first."""
-    ordered = sorted(effect.parameters, key=lambda item: not item.amplitude)
+def engine_effects(effect: catalogue_of_effects.Effect) -> tuple[Effect, ...]:
+    """A ring effect in the engine's words, and its wider forms, which free more parameters."""
+    plain = sum(not variant.frees for variant in effect.variants)
+    return (
+        engine_effect(effect, range(plain)),
+        *(engine_effect(effect, range(n, n + 1)) for n in range(plain, len(effect.variants))),
+    )
+
+
+def engine_effect(effect: catalogue_of_effects.Effect, variants: range) -> Effect:
+    """Variants of a ring effect that have the same parameters; the amplitude comes first."""
+    own = effect.parameters_of(effect.variants[variants.start])
+    ordered = sorted(own, key=lambda item: not item.amplitude)
     parameters = {
         item.name: Parameter(
             item.low,
@@ -245,12 +259,13 @@ def engine_effect(effect: catalogue_of_effects.Effect) -> Effect:
     return Effect(
         effect.title,
         parameters,
-        variants=tuple(dict(variant.values) for variant in effect.variants),
-        starts=_starts(effect),
+        variants=tuple(dict(item.values) for item in effect.variants[: variants.stop]),
+        starts=_starts(effect, ordered),
         settled_by=effect.settled_by,
         line=_line_channels(effect) if effect.line else (),
         form=effect.form,
         id=effect.id,
+        first_variant=variants.start,
     )
 
 
@@ -260,9 +275,12 @@ def _line_channels(effect: catalogue_of_effects.Effect) -> tuple[tuple[int, ...]
     return tuple((probe - 1,) if probe else (0, 1, 2, 3) for probe in probes)
 
 
-def _starts(effect: catalogue_of_effects.Effect) -> tuple[dict[str, float], ...]:
+def _starts(
+    effect: catalogue_of_effects.Effect,
+    ordered: Sequence[catalogue_of_effects.EffectParameter],
+) -> tuple[dict[str, float], ...]:
     """Three sizes at the usual shape, and what the effect itself holds worth trying."""
-    size, *shapes = sorted(effect.parameters, key=lambda item: not item.amplitude)
+    size, *shapes = ordered
     factors = (0.2, 1.0, 3.0) if size.neutral == 0.0 else (0.5, 1.0, 1.5)
     sizes = [float(np.clip(factor * size.scale, size.low, size.high)) for factor in factors]
     if size.low < size.neutral < size.high:

@@ -69,6 +69,8 @@ def detection_limits(
     """
     effects: dict[str, list[Signature]] = {}
     for item in signatures:
+        if item.effect.first_variant:
+            continue  # a wider form: the limit stated is that of the plain one
         effects.setdefault(item.effect.id, []).append(item)
     rate = error_rate / max(shapes_tried(signatures), 1)
     answers = []

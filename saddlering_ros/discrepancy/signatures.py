@@ -131,7 +131,7 @@ def measure_signatures(
         (effect, variant, start)
         for effect in metric.experiment.system.effects
         if not effect.line
-        for variant in range(len(effect.variants))
+        for variant in range(effect.first_variant, len(effect.variants))
         for start in effect_starts(effect)
     ]
     orthogonal = orthonormal(base.white)

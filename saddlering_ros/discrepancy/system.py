@@ -108,6 +108,9 @@ class Effect:
     `form`: standard deviation of the size, as a share of it, that comes from the law being an
     idealised one; no residual tells it. The id is given by the mapping in which an effect stands;
     an effect without one goes by its title.
+
+    `first_variant`: variants before it are those of an effect of the same id with fewer
+    parameters, of which this one is a wider form.
     """
 
     title: str
@@ -118,6 +121,7 @@ class Effect:
     line: tuple[tuple[int, ...], ...] = ()
     form: float = 0.0
     id: str = ''
+    first_variant: int = 0
 
     def __post_init__(self) -> None:
         if not self.parameters:

@@ -49,12 +49,14 @@ class EffectParameter:
 class Variant:
     """A discrete choice inside one effect (which probe, which row): fixed values and a label.
 
-    channels: where this choice shows, if not in all channels of the effect.
+    channels: where this choice shows, if not in all channels of the effect. frees: parameters that
+    mean something in this choice alone, such as a size of its own for each coordinate.
     """
 
     label: str
     values: Mapping[str, float]
     channels: tuple[str, ...] = ()
+    frees: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -93,6 +95,11 @@ class Effect(ABC):
     @abstractmethod
     def extend(self, extension: RingExtension, values: Mapping[str, float]) -> RingExtension:
         """The extension with this effect added; `values` holds every parameter and choice."""
+
+    def parameters_of(self, variant: Variant) -> tuple[EffectParameter, ...]:
+        """Parameters that mean something in one of the variants."""
+        others = {name for item in self.variants for name in item.frees} - set(variant.frees)
+        return tuple(item for item in self.parameters if item.name not in others)
 
     def channels_of(self, variant: Variant) -> tuple[str, ...]:
         """Channels in which the effect shows in one of its variants."""

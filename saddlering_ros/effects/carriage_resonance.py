@@ -6,9 +6,11 @@ from collections.abc import Mapping
 from dataclasses import replace
 import math
 
-from saddlering_ros.effects.base import Effect, EffectParameter
+from saddlering_ros.effects.base import Choice, Effect, EffectParameter, Variant
 from saddlering_ros.effects.extension import RingExtension
 from saddlering_ros.effects.rig_tests import Outcomes
+
+ALIKE, EACH = 0.0, 1.0
 
 PERIODS = tuple(0.02 * 1.15**number for number in range(25))
 """Periods [s] tried first: closer than a ringing of ten periods tells apart."""
@@ -46,7 +48,19 @@ class CarriageResonance(Effect):
         EffectParameter(
             'damping', '1', 0.005, 0.7, 0.05, 0.05,
             'damping ratio of the second mode', one_sided=True, logarithmic=True),
+        EffectParameter(
+            'share_y', '1', 0.0, 1.5, 1.0, 1.0,
+            'share of delta_y where every coordinate has its own, the first being of delta_x',
+            amplitude=True, one_sided=True),
+        EffectParameter(
+            'share_tilt', '1', 0.0, 1.5, 1.0, 1.0,
+            'share of gamma where every coordinate has its own', amplitude=True, one_sided=True),
     )
+    variants = (
+        Variant('all alike', {'coordinates': ALIKE}),
+        Variant('each coordinate', {'coordinates': EACH}, frees=('share_y', 'share_tilt')),
+    )
+    choices = (Choice('coordinates', (ALIKE, EACH), '0 all swing alike, 1 each by its own share'),)
     starts = tuple({'period': period} for period in PERIODS)
     dynamic_only = True
 
@@ -54,5 +68,9 @@ class CarriageResonance(Effect):
         """Set the second mode."""
         period = values['period']
         frequency = 2.0 * math.pi / period if period > SHORTEST_PERIOD else 0.0
+        share = values['share']
+        shares = (share, share, share)
+        if values['coordinates'] == EACH:
+            shares = (share, values['share_y'], values['share_tilt'])
         return replace(extension, resonance_frequency=frequency,
-                       resonance_damping=values['damping'], resonance_share=values['share'])
+                       resonance_damping=values['damping'], resonance_share=shares)

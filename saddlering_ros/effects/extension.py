@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+Three = tuple[float, float, float]
 Four = tuple[float, float, float, float]
 NO_PROBE: Four = (0.0, 0.0, 0.0, 0.0)
 
@@ -173,7 +174,8 @@ class RingExtension:
     settling_tilt: float = in_ring(READING, 0.0)  # [rad/N]
     resonance_frequency: float = in_ring(READING, 0.0)  # second mode [rad/s]; 0: none
     resonance_damping: float = in_ring(READING, 0.05)
-    resonance_share: float = in_ring(READING, 1.0)  # share of the motion in the second mode
+    # Share of the motion in the second mode, of delta_x, delta_y, gamma
+    resonance_share: Three = in_ring(READING, (1.0, 1.0, 1.0))
     # Measurement
     probe_height: float = in_measurement(0.0)  # d1, -d3 += h gamma [m]
     probe_bracket: Four = in_measurement(NO_PROBE)  # d_i += b P [m/N]

@@ -9,7 +9,7 @@ from saddlering_ros.effects.base import Choice, Effect, EffectParameter, Variant
 from saddlering_ros.effects.extension import RingExtension
 from saddlering_ros.effects.rig_tests import Outcomes, UNCLEAR
 
-ALL_ROWS, RADIAL, AXIAL = 0.0, 1.0, 2.0
+ALL_ROWS, RADIAL, AXIAL, EACH = 0.0, 1.0, 2.0, 3.0
 
 
 class FilmCreep(Effect):
@@ -44,19 +44,27 @@ class FilmCreep(Effect):
         EffectParameter(
             'time', 's', 0.1, 300.0, 10.0, 10.0,
             'time constant of the creep', one_sided=True, logarithmic=True),
+        EffectParameter(
+            'share_axial', '1', 0.0, 1.0, 0.05, 0.05,
+            'share of the axial rows where they have their own, the first being the radial row',
+            amplitude=True, one_sided=True),
     )
     variants = (
         Variant('all rows', {'rows': ALL_ROWS}),
         Variant('radial row', {'rows': RADIAL}, ('delta_x',)),
         Variant('axial rows', {'rows': AXIAL}, ('delta_y', 'gamma')),
+        Variant('radial and axial rows', {'rows': EACH}, frees=('share_axial',)),
     )
     choices = (
-        Choice('rows', (ALL_ROWS, RADIAL, AXIAL), '0 all rows, 1 radial row, 2 axial rows'),)
+        Choice('rows', (ALL_ROWS, RADIAL, AXIAL, EACH),
+               '0 all rows, 1 radial row, 2 axial rows, 3 radial and axial rows by their own'),)
     starts = tuple({'time': time} for time in (0.5, 5.0, 50.0))
 
     def extend(self, extension: RingExtension, values: Mapping[str, float]) -> RingExtension:
         """Set the creep of the rows chosen."""
         radial = values['share'] if values['rows'] != AXIAL else extension.creep_radial
         axial = values['share'] if values['rows'] != RADIAL else extension.creep_axial
+        if values['rows'] == EACH:
+            axial = values['share_axial']
         return replace(extension, creep_radial=radial, creep_axial=axial,
                        creep_time=values['time'])

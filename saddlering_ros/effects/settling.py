@@ -9,6 +9,9 @@ from saddlering_ros.effects.base import Choice, Effect, EffectParameter, Variant
 from saddlering_ros.effects.extension import RingExtension
 from saddlering_ros.effects.rig_tests import Outcomes, UNCLEAR
 
+EACH = 3.0
+"""The choice in which every coordinate settles by its own amount."""
+
 SETTLING = ('settling_x', 'settling_y', 'settling_tilt')
 
 
@@ -42,15 +45,30 @@ class Settling(Effect):
             'settling', 'm/N', -3e-10, 3e-10, 4e-11, 0.0,
             'remaining motion per unit of the highest load; for tilt that at 1 m from the axis',
             amplitude=True),
+        EffectParameter(
+            'settling_y', 'm/N', -3e-10, 3e-10, 4e-11, 0.0,
+            'the same of delta_y where every coordinate has its own, the first being of delta_x',
+            amplitude=True),
+        EffectParameter(
+            'settling_tilt', 'rad/N', -3e-10, 3e-10, 4e-11, 0.0,
+            'the same of gamma where every coordinate has its own', amplitude=True),
     )
     variants = (
         Variant('delta_x', {'coordinate': 0.0}, ('delta_x',)),
         Variant('delta_y', {'coordinate': 1.0}, ('delta_y',)),
         Variant('gamma', {'coordinate': 2.0}, ('gamma',)),
+        Variant('each coordinate', {'coordinate': EACH}, frees=('settling_y', 'settling_tilt')),
     )
-    choices = (Choice('coordinate', (0.0, 1.0, 2.0), '0 delta_x, 1 delta_y, 2 gamma'),)
+    choices = (
+        Choice('coordinate', (0.0, 1.0, 2.0, EACH), '0 delta_x, 1 delta_y, 2 gamma, 3 each'),)
 
     def extend(self, extension: RingExtension, values: Mapping[str, float]) -> RingExtension:
-        """Add to the settling of one coordinate."""
+        """Add to the settling of one coordinate, or of each."""
+        if values['coordinate'] == EACH:
+            return replace(
+                extension,
+                settling_x=extension.settling_x + values['settling'],
+                settling_y=extension.settling_y + values['settling_y'],
+                settling_tilt=extension.settling_tilt + values['settling_tilt'])
         name = SETTLING[round(values['coordinate'])]
         return replace(extension, **{name: getattr(extension, name) + values['settling']})

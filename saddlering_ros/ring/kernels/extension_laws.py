@@ -118,7 +118,7 @@ def advance_series(m: Any, s: Any, w: Any, dt: Any) -> Any:
         s[at.RESONANCE + i] = x_new + new - lag
         s[at.RESONANCE_RATE + i] = rate_new + slope
         s[at.RESONANCE_INPUT + i] = new
-        w[at.MOTION + i] = new + m.resonance_share * (s[at.RESONANCE + i] - new)
+        w[at.MOTION + i] = new + m.resonance_share[i] * (s[at.RESONANCE + i] - new)
 
 
 @kernel(**INNER)

@@ -1,0 +1,84 @@
+"""Claims on effects that act in several coordinates, in each by an amount of its own."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from saddlering_ros.bags import read_run
+from saddlering_ros.diagnosis.records import build_record
+from saddlering_ros.diagnosis.ring_system import RingSystem
+from saddlering_ros.discrepancy import RunBlocks, Settings
+from saddlering_ros.discrepancy.candidate import Fit
+from saddlering_ros.discrepancy.experiment import Experiment
+from saddlering_ros.discrepancy.preparation import prepare
+from saddlering_ros.discrepancy.selection import refitted
+from saddlering_ros.discrepancy.settings import Watch
+from saddlering_ros.rig import default_rig
+
+
+def best_of(runs: list[RunBlocks], change) -> list[Fit]:
+    """Fits of one effect to clean runs to which `change(run)` (4, N) is added, the best first."""
+    changed = [replace(run, channels=run.channels + change(run)) for run in runs]
+    space = prepare(Experiment(RingSystem(default_rig()), changed), None, Settings(), Watch())
+    return refitted(space, space.base)
+
+
+def probes(run: RunBlocks, x: np.ndarray, y: np.ndarray, tilt: np.ndarray) -> np.ndarray:
+    """What four probes read of a motion."""
+    half = 0.5 * default_rig().probes.axial_span
+    return np.stack([x, y + half * tilt, -x, y - half * tilt])
+
+
+@pytest.fixture(scope='module')
+def runs(campaign) -> list[RunBlocks]:
+    bags = [bag for bag in campaign() if bag.name in ('static_50', 'dynamic_50')]
+    return [build_record(default_rig(), read_run(bag), held_out=False).run for bag in bags]
+
+
+def test_settling_in_two_coordinates_is_one_cause_with_a_size_in_each(runs) -> None:
+    def settled(run: RunBlocks) -> np.ndarray:
+        highest = np.maximum.accumulate(run.inputs['load'])
+        return probes(run, 0.0 * highest, 6e-11 * highest, 5e-11 * highest)
+
+    best, second = best_of(runs, settled)[:2]
+    (sizes,) = best.point.effects.values()
+    assert best.candidate.ids == ('settling',)
+    assert sizes['settling_y'] == pytest.approx(6e-11, rel=0.15)
+    assert sizes['settling_tilt'] == pytest.approx(5e-11, rel=0.15)
+    assert abs(sizes['settling']) < 1e-11
+    assert second.misfit > best.misfit + 100.0
+
+
+def test_a_carriage_that_sways_in_two_coordinates_has_no_share_in_the_third(runs) -> None:
+    frequency, damping = 2.0 * np.pi / 0.3, 0.05
+
+    def swaying(run: RunBlocks) -> np.ndarray:
+        d1, d2, d3, d4 = run.channels
+        axial = 0.5 * (d2 + d4)
+        tilt = (d2 - d4) / default_rig().probes.axial_span
+        return probes(run, swung(run, 0.5 * (d1 - d3)), 0.0 * axial, swung(run, tilt))
+
+    def swung(run: RunBlocks, moved: np.ndarray) -> np.ndarray:
+        """What a second mode adds to a motion, integrated in small steps."""
+        if not run.inputs['rate'].any():
+            return 0.0 * moved
+        step = 1e-3
+        time = np.arange(run.time[0], run.time[-1], step)
+        driven = np.interp(time, run.time, moved)
+        y, rate, seen = driven[0], 0.0, np.empty(time.size)
+        for number, value in enumerate(driven):
+            rate += step * frequency * (frequency * (value - y) - 2.0 * damping * rate)
+            y += step * rate
+            seen[number] = y
+        return np.interp(run.time, time, seen - driven)
+
+    best = best_of(runs, swaying)[0]
+    (shares,) = best.point.effects.values()
+    assert best.candidate.ids == ('carriage_resonance',)
+    assert shares['period'] == pytest.approx(0.3, rel=0.03)
+    assert shares['share'] == pytest.approx(1.0, abs=0.15)
+    assert shares['share_tilt'] == pytest.approx(1.0, abs=0.15)
+    assert shares['share_y'] < 0.3
