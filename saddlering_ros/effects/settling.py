@@ -50,8 +50,9 @@ class Settling(Effect):
             'the same of delta_y where every coordinate has its own, the first being of delta_x',
             amplitude=True),
         EffectParameter(
-            'settling_tilt', 'rad/N', -3e-10, 3e-10, 4e-11, 0.0,
-            'the same of gamma where every coordinate has its own', amplitude=True),
+            'settling_tilt', 'm/N', -3e-10, 3e-10, 4e-11, 0.0,
+            'the same of gamma, at 1 m from the axis, where every coordinate has its own',
+            amplitude=True),
     )
     variants = (
         Variant('delta_x', {'coordinate': 0.0}, ('delta_x',)),
