@@ -16,8 +16,10 @@ SHORT_DIGITS = 12
 NOT_OF_THE_RIG = ('bounds', 'force_unit', 'full_scale_time')
 """Fields of a Rig by which it is identified, guarded and shown, which are not what it is."""
 
-NAMES_IN_FILES = {'radial_row': 'middle_row'}
-"""What rig files call a field: the hash is that of the file's names, whatever the code's are."""
+FIELDS = {'middle_row': 'radial_row'}
+"""Fields of a Rig by the names of rig files where these differ; the hash is that of the files'."""
+
+NAMES_IN_FILES = {field: name for name, field in FIELDS.items()}
 
 
 def rig_digest(rig: Rig) -> str:

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from saddlering_ros.rig.description import Rig, rig_from_parameters
+from saddlering_ros.rig.digest import FIELDS
 from saddlering_ros.rig.errors import RigError
 from saddlering_ros.suggestion import did_you_mean
 
@@ -81,7 +82,7 @@ def draft_rig_file(rig: Rig, stated: Sequence[str]) -> tuple[str, Rig]:
 def _value(rig: Rig, name: str) -> Any:
     value: Any = rig
     for part in name.split('.'):
-        value = getattr(value, part)
+        value = getattr(value, FIELDS.get(part, part))
     return [int(sign) for sign in value] if name == 'probes.polarity' else value
 
 
