@@ -71,7 +71,7 @@ def _print_summary(bag: str) -> None:
     from saddlering_ros.cli._console import stdout_console
 
     summary = summary_of_bag(bag)
-    known = announced(bag) if summary is None else f'{summary} by its summary'
+    known = announced(bag) if summary is None else f'{summary} (from the summary of the file)'
     console = stdout_console()
     console.print(Text(bag, style='bold'))
     console.print(Text(f'  {known}', style='dim'))

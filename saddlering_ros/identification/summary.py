@@ -87,7 +87,7 @@ def _stiffness_lines(found: Identification) -> list[str]:
     contact = found.parameters.contact
     ratios = line_contact_ratios(contact)
     lines = ['[[Stiffness in N/mm^n, as in ADAMS]]']
-    for row, name in ((1, 'axial'), (2, 'middle')):
+    for row, name in ((1, 'axial'), (2, 'radial')):
         stiffness, exponent = getattr(contact, f'K{row}'), getattr(contact, f'n{row}')
         lines.append(
             f'    K{row} ({name} row{"s" if row == 1 else ""}): '
