@@ -111,9 +111,9 @@ def radau() -> np.ndarray:
 
 def test_the_implicit_steps_converge_to_scipys_radau_with_second_order(radau: np.ndarray) -> None:
     errors = []
-    for steps in (800, 1600, 3200):
+    for steps in (800, 3200):
         time = np.linspace(0.0, 0.2, steps + 1)
         q = reference.simulate_dynamic(RIG, TRUE_TO_SCALE, ELEVATION, time, _smooth_load(time))
         errors.append(np.max(np.abs(q[:, ::steps // 4] - radau)))
     # Rollers that come and go are kinks; the order shows over two halvings, not in each one.
-    assert 0.5 * np.log2(errors[0] / errors[2]) == pytest.approx(2.0, abs=0.35)
+    assert 0.5 * np.log2(errors[0] / errors[1]) == pytest.approx(2.0, abs=0.35)
