@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-import sys
 
 from saddlering_ros.ros.bag_replay import ReplayNode
-from saddlering_ros.ros.run import run_streaming
+from saddlering_ros.ros.run import leave, run_streaming
 
 
 class ProbeReplay(ReplayNode):
@@ -17,7 +16,7 @@ class ProbeReplay(ReplayNode):
 
 def main(args: Sequence[str] | None = None) -> None:
     """Run the node."""
-    sys.exit(run_streaming(ProbeReplay, args))
+    leave(run_streaming(ProbeReplay, args))
 
 
 if __name__ == '__main__':

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-import sys
 
 from saddlering_ros.ros.bag_replay import ReplayNode
-from saddlering_ros.ros.run import run_streaming
+from saddlering_ros.ros.run import leave, run_streaming
 
 
 class LoadReplay(ReplayNode):
@@ -17,7 +16,7 @@ class LoadReplay(ReplayNode):
 
 def main(args: Sequence[str] | None = None) -> None:
     """Run the node."""
-    sys.exit(run_streaming(LoadReplay, args))
+    leave(run_streaming(LoadReplay, args))
 
 
 if __name__ == '__main__':

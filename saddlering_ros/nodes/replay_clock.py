@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 import math
 from pathlib import Path
-import sys
 import time
 
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
@@ -25,7 +24,7 @@ from saddlering_ros.ros.names import CLOCK, PROGRESS, STATE
 from saddlering_ros.ros.parameters import Parameter
 from saddlering_ros.ros.raw_topics import RawPublisher, RawSubscription
 from saddlering_ros.ros.registry import names, REPLAY, RING
-from saddlering_ros.ros.run import run_streaming
+from saddlering_ros.ros.run import leave, run_streaming
 from saddlering_ros.streams.batches import encode_clock
 
 PARTICIPANTS = list(names(REPLAY, RING))
@@ -348,7 +347,7 @@ class ReplayClockNode(BagNode):
 
 def main(args: Sequence[str] | None = None) -> None:
     """Run the node."""
-    sys.exit(run_streaming(ReplayClockNode, args))
+    leave(run_streaming(ReplayClockNode, args))
 
 
 if __name__ == '__main__':

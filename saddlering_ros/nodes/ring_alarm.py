@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-import sys
 
 from geometry_msgs.msg import WrenchStamped
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
@@ -33,7 +32,7 @@ from saddlering_ros.ros.names import PARAMETERS_IN_FORCE, RESIDUAL, RING_ALARM, 
 from saddlering_ros.ros.parameters import declare_rig, Parameter
 from saddlering_ros.ros.raw_topics import RawSubscription
 from saddlering_ros.ros.rig_agreement import RigAgreement
-from saddlering_ros.ros.run import run_streaming
+from saddlering_ros.ros.run import leave, run_streaming
 from saddlering_ros.ros.streaming_node import INPUT_RELIABILITY, StreamingNode
 from saddlering_ros.streams import batches
 from saddlering_ros.streams.alarm import AlarmStream
@@ -209,7 +208,7 @@ class RingAlarmNode(StreamingNode):
 
 def main(args: Sequence[str] | None = None) -> None:
     """Run the node."""
-    sys.exit(run_streaming(RingAlarmNode, args))
+    leave(run_streaming(RingAlarmNode, args))
 
 
 if __name__ == '__main__':

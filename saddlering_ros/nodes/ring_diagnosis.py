@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 import json
-import sys
 from typing import Any
 
 from saddlering_interfaces.action import DiagnoseRing
@@ -13,6 +12,7 @@ from saddlering_ros.jobs.diagnosis import DiagnosisAnswer, DiagnosisRequest
 from saddlering_ros.ros.conversions import causes_to_messages
 from saddlering_ros.ros.errors import NodeError
 from saddlering_ros.ros.names import DIAGNOSE
+from saddlering_ros.ros.run import leave
 
 
 class RingDiagnosisNode(ActionNode):
@@ -47,7 +47,7 @@ class RingDiagnosisNode(ActionNode):
 
 def main(args: Sequence[str] | None = None) -> None:
     """Run the node."""
-    sys.exit(serve(RingDiagnosisNode, args))
+    leave(serve(RingDiagnosisNode, args))
 
 
 if __name__ == '__main__':

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-import sys
 import time
 
 from geometry_msgs.msg import WrenchStamped
@@ -34,7 +33,7 @@ from saddlering_ros.ros.names import DISPLACEMENT, ZERO
 from saddlering_ros.ros.parameters import declare_rig, Parameter
 from saddlering_ros.ros.raw_topics import RawPublisher, RawSubscription
 from saddlering_ros.ros.rig_agreement import RigAgreement
-from saddlering_ros.ros.run import run_streaming
+from saddlering_ros.ros.run import leave, run_streaming
 from saddlering_ros.ros.streaming_node import INPUT_RELIABILITY, MAX_GAP, StreamingNode
 from saddlering_ros.streams import batches
 from saddlering_ros.streams.displacement import DisplacementStream
@@ -167,7 +166,7 @@ class RingDisplacementNode(StreamingNode):
 
 def main(args: Sequence[str] | None = None) -> None:
     """Run the node."""
-    sys.exit(run_streaming(RingDisplacementNode, args))
+    leave(run_streaming(RingDisplacementNode, args))
 
 
 if __name__ == '__main__':

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-import sys
 from typing import Any
 
 from saddlering_interfaces.action import IdentifyRing
@@ -13,6 +12,7 @@ from saddlering_ros.jobs.identification import IdentificationAnswer, Identificat
 from saddlering_ros.rig import PARAMETER_NAMES
 from saddlering_ros.ros.errors import NodeError
 from saddlering_ros.ros.names import IDENTIFY
+from saddlering_ros.ros.run import leave
 
 SWARM_FIELDS = {
     'particles': 'particles', 'iterations': 'iterations', 'c1': 'cognitive', 'c2': 'social',
@@ -86,7 +86,7 @@ def _bounds(goal: IdentifyRing.Goal) -> dict[str, tuple[float, float]]:
 
 def main(args: Sequence[str] | None = None) -> None:
     """Run the node."""
-    sys.exit(serve(RingIdentificationNode, args))
+    leave(serve(RingIdentificationNode, args))
 
 
 if __name__ == '__main__':

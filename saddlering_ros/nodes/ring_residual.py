@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-import sys
 
 import numpy as np
 
@@ -25,7 +24,7 @@ from saddlering_ros.ros.raw_topics import RawPublisher, RawSubscription
 from saddlering_ros.ros.readiness import ReadinessTask
 from saddlering_ros.ros.registry import names, RING
 from saddlering_ros.ros.rig_agreement import RigAgreement
-from saddlering_ros.ros.run import run_streaming
+from saddlering_ros.ros.run import leave, run_streaming
 from saddlering_ros.ros.streaming_node import INPUT_RELIABILITY, StreamingNode
 from saddlering_ros.streams import batches
 from saddlering_ros.streams.residual import ResidualStream
@@ -105,7 +104,7 @@ class RingResidualNode(StreamingNode):
 
 def main(args: Sequence[str] | None = None) -> None:
     """Run the node."""
-    sys.exit(run_streaming(RingResidualNode, args))
+    leave(run_streaming(RingResidualNode, args))
 
 
 if __name__ == '__main__':

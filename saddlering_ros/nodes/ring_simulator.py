@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 import math
-import sys
 import time
 
 from geometry_msgs.msg import WrenchStamped
@@ -44,7 +43,7 @@ from saddlering_ros.ros.names import PARAMETERS_IN_FORCE, SIMULATED, ZERO
 from saddlering_ros.ros.parameters import declare_rig, given_sections, Parameter
 from saddlering_ros.ros.raw_topics import RawPublisher, RawSubscription
 from saddlering_ros.ros.rig_agreement import RigAgreement
-from saddlering_ros.ros.run import run_streaming
+from saddlering_ros.ros.run import leave, run_streaming
 from saddlering_ros.ros.streaming_node import INPUT_RELIABILITY, MAX_GAP, StreamingNode
 from saddlering_ros.streams import batches
 from saddlering_ros.streams.simulation import SimulationStream
@@ -346,7 +345,7 @@ def same_numbers(one: ParameterSet, other: ParameterSet | None) -> bool:
 
 def main(args: Sequence[str] | None = None) -> None:
     """Run the node."""
-    sys.exit(run_streaming(RingSimulatorNode, args))
+    leave(run_streaming(RingSimulatorNode, args))
 
 
 if __name__ == '__main__':

@@ -273,8 +273,8 @@ def refuse_undeclared(node: Node) -> None:
     overrides: dict[str, RosParameter] = node._parameter_overrides
     declared = list(node._parameters)
     sections = {'contact': PARAMETER_NAMES, 'source': SOURCE_KEYS}
-    known = [*declared, *(f'{section}.{key}' for section, keys in sections.items()
-                          for key in keys)]
+    known = [*declared, *_rig_values(default_rig()),
+             *(f'{section}.{key}' for section, keys in sections.items() for key in keys)]
     for name in sorted(overrides):
         if name in known or name.startswith(('effects.', 'qos_overrides.')):
             continue

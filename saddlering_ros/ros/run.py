@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import atexit
 from collections.abc import Callable, Sequence
 import contextlib
+import gc
+import os
 import signal
 import sys
-from typing import Any
+from typing import Any, NoReturn
 
 import rclpy
 from rclpy.executors import ExternalShutdownException
@@ -18,6 +21,7 @@ from saddlering_ros.ros.lifeline import follow_lifeline
 from saddlering_ros.ros.parameters import check_parameter_files, refuse_undeclared
 from saddlering_ros.ros.shared_memory import sweep
 from saddlering_ros.ros.spin import spin_streaming
+from saddlering_ros.ros.starting import end_as_usual, is_node_program
 from saddlering_ros.ros.streaming_node import StreamingNode
 from saddlering_ros.ros.transport import prepare_transport
 
@@ -44,6 +48,8 @@ def run(make: Callable[[], Any], spin: Callable[[Any], None],
     try:
         check_parameter_files(sys.argv if args is None else args)
         prepare_transport()
+        if is_node_program():
+            end_as_usual()
         rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO if own_signals
                    else SignalHandlerOptions.ALL)
         node = make()
@@ -64,6 +70,20 @@ def run(make: Callable[[], Any], spin: Callable[[Any], None],
         return UNUSABLE
     finally:
         _clean_up(node)
+
+
+def leave(status: int) -> NoReturn:
+    """End the process with `status`, once all that was registered for the end has run.
+
+    The interpreter is not taken apart: with compiled kernels that takes longer than everything
+    else, and a launch file gives its nodes five seconds to end, all at once.
+    """
+    gc.collect()  # what is left of the node leaves the network
+    atexit._run_exitfuncs()
+    for stream in (sys.stdout, sys.stderr):
+        with contextlib.suppress(OSError, ValueError):
+            stream.flush()
+    os._exit(status)
 
 
 def _clean_up(node: Node | None) -> None:

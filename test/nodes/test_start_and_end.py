@@ -1,0 +1,55 @@
+"""Nodes start from what a launch file hands them, and end well whenever they are told to stop."""
+
+from __future__ import annotations
+
+from pathlib import Path
+import signal
+import subprocess
+import sys
+
+import pytest
+from rosnet import Client, wait_until
+
+from saddlering_ros.ros.launcher import NodeGroup
+from saddlering_ros.ros.registry import CLOCK, names, REPLAY
+
+RIG = Path(__file__).parents[2] / 'config' / 'rig.yaml'
+CODE = """
+import os, signal, sys
+sys.argv[0] = sys.argv[1]
+import saddlering_ros.nodes
+os.kill(os.getpid(), getattr(signal, sys.argv[2]))
+print('goes on')
+"""
+
+
+def told_to_stop(program: str, number: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run([sys.executable, '-c', CODE, program, number], capture_output=True,
+                          text=True, timeout=60, check=False)
+
+
+@pytest.mark.parametrize('number', ['SIGINT', 'SIGTERM'])
+def test_a_node_that_is_told_to_stop_while_it_imports_ends_with_status_0(number: str) -> None:
+    node = told_to_stop('/opt/lib/saddlering_ros/ring_simulator', number)
+    assert (node.returncode, node.stdout, node.stderr) == (0, '', '')
+    other = told_to_stop('/usr/bin/pytest', number)
+    assert other.returncode == -getattr(signal, number)
+
+
+@pytest.mark.ros
+def test_two_rigs_of_nodes_that_replay_take_the_rig_file_and_end_with_status_0(
+        heard: Client, ros_domain: int, tmp_path: Path) -> None:
+    spaces = ('/rig1', '/rig2')
+    groups = [NodeGroup(domain_id=ros_domain, log_folder=tmp_path / space[1:], namespace=space)
+              for space in spaces]
+    with groups[0] as one, groups[1] as two:
+        for group in (one, two):
+            for name in names(CLOCK, REPLAY)[::2]:
+                group.start(name, {'autostart': False}, files=[RIG])
+        started = [(group, name) for group in (one, two) for name in group.processes]
+        wait_until(lambda: all(f'{group.namespace}/{name}: state' in heard.diagnostics
+                               for group, name in started), 120.0, 'every node reports')
+        for group, name in started:
+            group.processes[name].process.send_signal(signal.SIGINT)
+        assert [group.processes[name].process.wait(60.0) for group, name in started] == [
+            0] * len(started)
