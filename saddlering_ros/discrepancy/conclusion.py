@@ -169,10 +169,14 @@ def _shapes_at_bounds(space: ModelSpace, fit: Fit) -> list[str]:
             if beyond > allowed and _is_at_bound(item, float(theta_unit)):
                 sentences.append(
                     f'{effect.id}: its {item.name} is at the bound of '
-                    f'{item.from_unit(float(theta_unit)):.3g} {item.unit}: the cause has another '
-                    'shape than the bounds allow, so that it is not named'
+                    f'{_quantity(item.from_unit(float(theta_unit)), item.unit)}: the cause has '
+                    'another shape than the bounds allow, so that it is not named'
                 )
     return sentences
+
+
+def _quantity(value: float, unit: str) -> str:
+    return f'{value:.3g} {unit}'.rstrip()
 
 
 def _is_at_bound(shape: Parameter, theta_unit: float) -> bool:
@@ -310,9 +314,9 @@ class Publication:
             present = abs(value - effect.neutral) / (size.high - size.low)
             if min(theta_unit, 1.0 - theta_unit) < AT_BOUND < present:
                 sentences.append(
-                    f'{effect.id}: its {size.name} is at the bound of {value:.3g} '
-                    f'{size.unit}: the size exceeds the expected range, or another cause '
-                    'contributes'
+                    f'{effect.id}: its {size.name} is at the bound of '
+                    f'{_quantity(value, size.unit)}: the size exceeds the expected range, or '
+                    'another cause contributes'
                 )
         return sentences
 

@@ -31,6 +31,10 @@ class Channel:
     model_error: float = 0.0
 
     def __post_init__(self) -> None:
+        if not isinstance(self.noise, Noise):
+            raise DiscrepancyError(
+                f'channel: noise is {self.noise!r}: give Noise.white(std) or another Noise'
+            )
         if isinstance(self.offset, str) and self.offset not in ('free', 'none'):
             raise DiscrepancyError(
                 f"channel: offset is {self.offset!r}: give 'free', 'none' or a standard deviation"
@@ -89,6 +93,20 @@ class Run:
         return answer
 
 
+def _refuse_other_types(name: str, given: object, wanted: type) -> None:
+    """Refuse what is no mapping from names to `wanted`."""
+    if not isinstance(given, Mapping):
+        raise DiscrepancyError(
+            f'model: {name} is a {type(given).__name__}: give a mapping from names to '
+            f'{wanted.__name__}'
+        )
+    for key, item in given.items():
+        if not isinstance(item, wanted):
+            raise DiscrepancyError(
+                f'model: {name} {key} is {item!r}: give a {wanted.__name__}'
+            )
+
+
 Simulate = Callable[[dict[str, float], Run], Outputs]
 SimulateMany = Callable[[list[dict[str, float]], Run], Sequence[Outputs]]
 
@@ -109,6 +127,9 @@ class Model:
     simulate_many: SimulateMany | None = None
 
     def __post_init__(self) -> None:
+        _refuse_other_types('base', self.base, Parameter)
+        _refuse_other_types('effects', self.effects, Effect)
+        _refuse_other_types('channels', self.channels, Channel)
         if not self.channels:
             raise DiscrepancyError('model: no channels: declare the quantities that the '
                                    'simulator predicts')
@@ -122,6 +143,16 @@ class Model:
         twice = sorted({name for name in names if names.count(name) > 1})
         if twice:
             raise DiscrepancyError(f'model: two parameters are called {", ".join(twice)}')
+        for key, effect in self.effects.items():
+            size = effect.size
+            if size.neutral is None and size.scale == 'linear' and (
+                size.low > 0.0 or size.high < 0.0
+            ):
+                raise DiscrepancyError(
+                    f'effect {key}: its size {size.name} is never 0 between {size.low:g} and '
+                    f'{size.high:g}: give Parameter(..., neutral=) the value at which the effect '
+                    'does nothing'
+                )
         effects = {key: replace(effect, id=key) for key, effect in self.effects.items()}
         base = {name: replace(item, name=name) for name, item in self.base.items()}
         object.__setattr__(self, 'effects', effects)

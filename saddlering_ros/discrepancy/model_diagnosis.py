@@ -8,10 +8,18 @@ from dataclasses import replace
 import numpy as np
 
 from saddlering_ros.discrepancy.engine import diagnose_system
+from saddlering_ros.discrepancy.experiment import Experiment
+from saddlering_ros.discrepancy.metric import JITTER
 from saddlering_ros.discrepancy.model import Model, Run
 from saddlering_ros.discrepancy.model_system import ModelSystem
 from saddlering_ros.discrepancy.next_test import Proposal
-from saddlering_ros.discrepancy.noise import overestimated, overestimated_sentence
+from saddlering_ros.discrepancy.noise import (
+    ChannelNoise,
+    overestimated,
+    overestimated_sentence,
+    underestimated,
+    underestimated_sentence,
+)
 from saddlering_ros.discrepancy.results import Diagnosis, RunPrediction
 from saddlering_ros.discrepancy.settings import Progress, Settings
 from saddlering_ros.discrepancy.system import DiscrepancyError, RunBlocks, System
@@ -37,6 +45,8 @@ def diagnose(
     runs as `RunBlocks`, as the ring's are. start: first guesses of base parameters; proposals:
     tests among which the next one is chosen where causes cannot be told apart.
     """
+    if isinstance(runs, (Run, RunBlocks)):
+        raise DiscrepancyError('diagnose: runs is a single run: give a list of runs')
     if not runs:
         raise DiscrepancyError('diagnose: no runs: give at least one')
     if isinstance(model, Model):
@@ -107,27 +117,42 @@ def prepared(
 
 
 def _with_noise_doubts(found: Diagnosis) -> Diagnosis:
-    """The same with a warning, and no name, where the misfit is far under the noise."""
+    """The same with a warning, and no name, where the misfit is not that of the noise."""
     metric, fit = found.fits.metric, found.fits.after
     experiment = metric.experiment
-    white = metric.whiten(fit.prediction - experiment.measured)
-    sentences = []
+    residual = fit.prediction - experiment.measured
+    white = metric.whiten(residual)
+    under, over = [], []
     for index, channel, part in experiment.slices:
         run, name = experiment.runs[index], experiment.system.channel_names[channel]
-        count = part.stop - part.start if run.present is None else run.present[channel].sum()
-        free = max(int(count) - fit.theta_unit.size - 1, 1)
+        there = slice(None) if run.present is None else run.present[channel]
+        left = residual[part][there]
+        free = max(left.size - fit.theta_unit.size - 1, 1)
         statistic = float(white[part] @ white[part])
-        if overestimated(statistic, free, metric.noise[run.name, channel].pairs):
-            sentences.append(overestimated_sentence(statistic, free, f'{name} in {run.name}'))
-    if not sentences:
+        noise = metric.noise[run.name, channel]
+        if overestimated(statistic, free, noise.pairs) and not _is_exact(experiment, noise, run):
+            over.append(overestimated_sentence(statistic, free, f'{name} in {run.name}'))
+        beyond = float(np.mean(left**2)) * (1.0 - free / max(statistic, free))
+        material = beyond >= (MODEL_SETTINGS.materiality * experiment.view_ranges[name]) ** 2
+        if material and underestimated(statistic, free, noise.pairs):
+            under.append(underestimated_sentence(statistic, free, f'{name} in {run.name}'))
+    if found.verdict == 'unknown':
+        under = []  # that a misfit remains is known already
+    if not under and not over:
         return found
     causes = tuple(replace(cause, partial=True) for cause in found.causes)
     return replace(
         found,
-        verdict='unknown' if causes else found.verdict,
+        verdict='unknown' if causes or under else found.verdict,
         causes=causes,
-        warnings=(*sentences, *found.warnings),
+        warnings=(*over, *under, *found.warnings),
     )
+
+
+def _is_exact(experiment: Experiment, noise: ChannelNoise, run: RunBlocks) -> bool:
+    """Whether there is no noise but the rounding that every metric allows for."""
+    limit = (JITTER * float(experiment.channel_ranges.max())) ** 2
+    return float(noise.variances(run.width).max()) <= limit
 
 
 def _in_units(item: RunPrediction, system: ModelSystem) -> RunPrediction:

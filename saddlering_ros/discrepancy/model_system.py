@@ -51,6 +51,12 @@ class ModelSystem:
         self.base_parameters: tuple[Parameter, ...] = tuple(model.base.values())
         self.effects: tuple[Effect, ...] = tuple(model.effects.values())
         self.scales = np.array([_range(name, fitted) for name in model.channels])
+        for name in self.channel_names:
+            if not _varies(name, fitted):
+                raise DiscrepancyError(
+                    f'channel {name} does not vary in any fitted run: leave it out of the model, '
+                    'or give a run in which it moves'
+                )
         self.failures: Counter[str] = Counter()
         self.calls = 0
         self._neutral = model.neutral()
@@ -255,6 +261,14 @@ def _range(name: str, fitted: Sequence[Run]) -> float:
     span = max((float(np.ptp(item)) for item in values), default=0.0)
     size = max((float(np.abs(item).max()) for item in values), default=0.0)
     return span if span > 1e-12 * size and span > 0.0 else size or 1.0
+
+
+def _varies(name: str, fitted: Sequence[Run]) -> bool:
+    """Whether a channel, where it was recorded, has two values in a fitted run."""
+    values = [run.outputs[name] for run in fitted if name in run.outputs]
+    seen = [item[np.isfinite(item)] for item in values]
+    ranges = [float(np.ptp(item)) for item in seen if item.size]
+    return not ranges or max(ranges) > 0.0
 
 
 def _widths(time: Array) -> Array:

@@ -29,7 +29,9 @@ def learn_noise(
         if held is not None:
             series.setdefault(key, []).append(held)
     if not segments:
-        raise DiscrepancyError('noise: no stretch at rest in any run; hold the load somewhere')
+        raise DiscrepancyError(
+            'noise: no stretch at rest in any run: record one in which the input is held'
+        )
     classes = {key: Quiet(rest, series.get(key, ())) for key, rest in segments.items()}
     count = runs[0].channels.shape[0]
     learnt = noise_by_class(classes, count)

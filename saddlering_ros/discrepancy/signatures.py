@@ -31,6 +31,8 @@ SMALLER, STANDS_OUT, MAX_SMALLER = 0.3, 12.0, 4
 BATCH = 64
 #: Sizes tried of an effect without starts, as shares of its reach, and shapes, of their range.
 SIZES, SHAPES, MAX_SHAPES = (0.03, 0.15, 0.6), (0.15, 0.85), 16
+#: And of a limit, which does nothing over much of its reach.
+FAR = 0.9
 
 
 @dataclass(frozen=True)
@@ -93,7 +95,7 @@ def _sizes(effect: Effect) -> list[float]:
         size.to_unit(origin + part * (end - origin))
         for end in (size.high, size.low)
         if end != origin
-        for part in SIZES
+        for part in (SIZES if size.neutral is None else (*SIZES, FAR))
     ]
 
 

@@ -43,21 +43,22 @@ class Parameter:
     name: str = ''
 
     def __post_init__(self) -> None:
+        label = f'parameter {self.name}'.rstrip()
         if not (math.isfinite(self.low) and math.isfinite(self.high) and self.low < self.high):
             raise DiscrepancyError(
-                f'parameter {self.name}: low must be below high, and both finite, not '
+                f'{label}: low must be below high, and both finite, not '
                 f'{self.low:g} and {self.high:g}'
             )
         if self.scale not in ('linear', 'log'):
             raise DiscrepancyError(
-                f'parameter {self.name}: scale is {self.scale!r}: give linear or log'
+                f'{label}: scale is {self.scale!r}: give linear or log'
             )
         if self.scale == 'log' and self.low <= 0.0:
-            raise DiscrepancyError(f'parameter {self.name}: a log scale needs a low above zero')
+            raise DiscrepancyError(f'{label}: a log scale needs a low above zero')
         inside = self.start is None or self.low <= self.start <= self.high
         if not (inside or self.periodic):
             raise DiscrepancyError(
-                f'parameter {self.name}: start {self.start:g} is outside {self.low:g} to '
+                f'{label}: start {self.start:g} is outside {self.low:g} to '
                 f'{self.high:g}'
             )
 

@@ -76,7 +76,9 @@ def measure_noise(
     tells too little of slow noise), not its size nor the white part.
     """
     if not segments:
-        raise EstimationError('noise: no stretch at rest in any run; hold the load somewhere')
+        raise EstimationError(
+            'noise: no stretch at rest in any run: record one in which the input is held'
+        )
     labelled = [segment for segment in segments if segment.label]
     if len(labelled) >= 20:
         segments = labelled

@@ -11,6 +11,7 @@ from saddlering_ros.discrepancy import (
     Channel,
     check,
     diagnose,
+    Diagnosis,
     DiscrepancyError,
     Effect,
     Model,
@@ -177,3 +178,48 @@ def test_the_summary_and_the_page_tell_verdict_cause_and_gain(tmp_path) -> None:
     page = (tmp_path / 'report.html').read_text()
     assert 'Verdict: named' in page
     assert 'seen in b, held out' in page
+
+
+def seen_with(noise: Noise, std: float) -> Diagnosis:
+    """A record of a sound machine with noise of `std`, diagnosed with a declared noise."""
+    random = np.random.default_rng(3)
+    run = Run('a', TIME, outputs={'seen': DRIVE + std * random.normal(size=TIME.size)})
+    return diagnose(replace(MODEL, channels={'seen': Channel(noise=noise)}), [run])
+
+
+def test_noise_declared_far_too_small_is_reported_and_leaves_no_clean_verdict() -> None:
+    found = seen_with(Noise.white(0.1 * STD), std=0.5 * STD)
+    assert found.verdict == 'unknown'
+    assert any(item.startswith('noise underestimated') for item in found.warnings)
+    assert seen_with(Noise.white(STD), std=STD).warnings == ()
+
+
+def test_records_without_any_noise_get_a_name_and_no_doubt_about_noise() -> None:
+    run = Run('a', TIME, outputs={'seen': TIME})
+    exact = simulate({'gain': 1.0, 'bend.size': 0.3, 'bend.width': 0.3}, run)
+    found = diagnose(MODEL, [replace(run, outputs=exact)])
+    assert (found.verdict, found.warnings) == ('named', ())
+
+
+def declared(**changed: object) -> Model:
+    return replace(MODEL, **changed)
+
+
+@pytest.mark.parametrize(
+    ('make', 'words'),
+    [
+        (lambda: declared(effects=[BEND]), 'effects is a list'),
+        (lambda: declared(channels={'seen': 'm'}), 'give a Channel'),
+        (lambda: Channel(noise=0.1), 'give Noise.white'),
+        (lambda: declared(effects={'f': Effect('f', {'x': Parameter(0.5, 2.0)})}), 'neutral='),
+        (lambda: Parameter(5.0, 0.0), 'parameter: low must be below high'),
+        (lambda: diagnose(MODEL, record('a')), 'give a list of runs'),
+        (
+            lambda: diagnose(MODEL, [Run('a', TIME, outputs={'seen': 0.0 * TIME})]),
+            'does not vary',
+        ),
+    ],
+)
+def test_a_declaration_that_cannot_be_is_refused_in_one_line(make, words: str) -> None:
+    with pytest.raises(DiscrepancyError, match=words):
+        make()

@@ -1,6 +1,11 @@
 """Noise of a channel: what is declared or learnt about it, and how residuals are whitened."""
 
-from saddlering_ros.discrepancy.noise.adequacy import overestimated, overestimated_sentence
+from saddlering_ros.discrepancy.noise.adequacy import (
+    overestimated,
+    overestimated_sentence,
+    underestimated,
+    underestimated_sentence,
+)
 from saddlering_ros.discrepancy.noise.declared import Noise
 from saddlering_ros.discrepancy.noise.residuals import widened, with_model_error
 from saddlering_ros.estimation.process import ChannelNoise, TIME_CONSTANTS
@@ -10,6 +15,6 @@ from saddlering_ros.estimation.whitener import build_whitener, Whitener
 
 __all__ = [
     'TIME_CONSTANTS', 'ChannelNoise', 'ChannelRecord', 'HeldSeries', 'Noise', 'Whitener',
-    'build_whitener', 'measure_noise', 'overestimated', 'overestimated_sentence', 'widened',
-    'with_model_error',
+    'build_whitener', 'measure_noise', 'overestimated', 'overestimated_sentence', 'underestimated',
+    'underestimated_sentence', 'widened', 'with_model_error',
 ]

@@ -22,6 +22,22 @@ def overestimated(statistic: float, dimensions: float, degrees: float) -> bool:
     return bool(chance < MAX_CHANCE)
 
 
+def underestimated(statistic: float, dimensions: float, degrees: float) -> bool:
+    """Whether a whitened misfit over `dimensions` is far more than noise alone would leave."""
+    if dimensions <= 0 or statistic <= dimensions / MAX_RATIO:
+        return False
+    return bool(fisher.sf(statistic / dimensions, dimensions, degrees) < MAX_CHANCE)
+
+
+def underestimated_sentence(statistic: float, dimensions: float, where: str) -> str:
+    """The warning for a reader."""
+    return (
+        f'noise underestimated in {where}: the misfit is {statistic:.3g} where noise alone would '
+        f'give about {dimensions:.3g}, and no cause explains it; give the noise of the channel as '
+        'it is, leave it to be learnt (Noise.unknown), or declare a model error'
+    )
+
+
 def overestimated_sentence(statistic: float, dimensions: float, where: str) -> str:
     """The warning for a reader."""
     return (
