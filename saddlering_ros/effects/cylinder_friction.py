@@ -37,7 +37,7 @@ class CylinderFriction(Effect):
     parameters = (
         EffectParameter(
             'force', 'N', 0.0, 30000.0, 3000.0, 3000.0,
-            'friction force after it has changed direction', amplitude=True, one_sided=True),
+            'full friction force', amplitude=True, one_sided=True),
         *loop_parameters('N', 100.0, 20e3, 2e3),
     )
 

@@ -36,7 +36,7 @@ class RadialFriction(Effect):
     parameters = (
         EffectParameter(
             'force', 'N', 0.0, 80000.0, 5000.0, 5000.0,
-            'friction force after it has changed direction', amplitude=True, one_sided=True),
+            'full friction force', amplitude=True, one_sided=True),
         *loop_parameters('m', 2e-7, 3e-5, 2e-6),
     )
 

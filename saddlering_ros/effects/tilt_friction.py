@@ -36,7 +36,7 @@ class TiltFriction(Effect):
     parameters = (
         EffectParameter(
             'moment', 'N m', 0.0, 60000.0, 3000.0, 3000.0,
-            'friction moment after it has changed direction', amplitude=True, one_sided=True),
+            'full friction moment', amplitude=True, one_sided=True),
         *loop_parameters('rad', 3e-7, 5e-5, 3e-6),
     )
 

@@ -123,9 +123,10 @@ def misfit_reductions(document: Mapping[str, Any], channels: Sequence[str] = CHA
             *(number(_reduction_words(run['channels'].get(name))) for name in channels),
             number('–')])
     blank = ['–'] * len(channels)
-    rows.append(['all runs fitted', 'fitted', *map(number, blank), number(percent(total['fit']))])
+    rows.append(['all fitted runs', 'fitted', *map(number, blank), number(percent(total['fit']))])
     if total.get('held_out') is not None:
-        rows.append([f'all runs {total.get("how") or "held out"}', 'held out',
+        in_turn = total.get('how') == 'left out in turn'
+        rows.append(['all runs in turn' if in_turn else 'all held-out runs', 'held out',
                      *map(number, blank), number(percent(total['held_out']))])
     return html.section('Misfit reduction', html.table(
         ['run', 'role', *(number(f'misfit reduction in {SYMBOLS[name]}') for name in channels),
