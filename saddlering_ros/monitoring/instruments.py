@@ -21,7 +21,7 @@ FASTEST_WANDER = 1.0
 """Time [s] within which the wander is assumed to move: a slower one is more predictable."""
 
 FAST_MEMORY = 0.5
-"""Noise of a block of which less stays to the next block is counted as white."""
+"""Noise of a block of which less stays to the next block is no wander."""
 
 
 def least_wander(rig: Rig) -> Array:
@@ -36,10 +36,13 @@ def least_wander(rig: Rig) -> Array:
 
 
 def assumed_noise(read: BlockNoise, least: float, block: float) -> BlockNoise:
-    """The noise to watch with: what a rest has shown, and a wander of at least `least`."""
-    is_fast = read.memory < FAST_MEMORY
-    white = read.white + (read.wander if is_fast else 0.0)
-    wander = max(0.0 if is_fast else read.wander, least**2)
+    """The noise to watch with: what a rest has shown, and a wander of at least `least`.
+
+    Noise between white and a slow wander is counted to both.
+    """
+    is_slow = read.memory >= math.exp(-block / FASTEST_WANDER)
+    white = read.white + (0.0 if is_slow else read.wander)
+    wander = max(read.wander if read.memory >= FAST_MEMORY else 0.0, least**2)
     if wander == 0.0:
         return BlockNoise(white, 0.0, 0.0)
     return BlockNoise(white, wander, math.exp(-block / FASTEST_WANDER))

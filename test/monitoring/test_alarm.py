@@ -10,6 +10,7 @@ import pytest
 from saddlering_ros.estimation.process import ChannelNoise
 from saddlering_ros.monitoring import (
     ALARM,
+    assumed_noise,
     block_noise,
     BlockNoise,
     BlockWatch,
@@ -285,6 +286,14 @@ def test_a_wander_that_the_rest_was_too_short_for_is_no_alarm(size):
 
     assert watched((0.0, 0.0, 0.0)).alarm is not None  # by what the rest shows alone
     assert watched((0.07, 0.07, 0.07)).alarm is None
+
+
+def test_noise_between_white_and_slow_is_counted_to_both():
+    assert assumed_noise(BlockNoise(1.0, 0.5, 0.1), 0.0, 0.02) == BlockNoise(1.5, 0.0, 0.0)
+    between = assumed_noise(BlockNoise(1.0, 0.5, 0.8), 0.1, 0.02)
+    assert (between.white, between.wander) == (1.5, 0.5)
+    slow = assumed_noise(BlockNoise(1.0, 0.5, 0.999), 1.0, 0.02)
+    assert (slow.white, slow.wander) == (1.0, 1.0)
 
 
 def test_the_wander_assumed_follows_the_range_of_the_probes():
