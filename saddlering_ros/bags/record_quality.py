@@ -83,8 +83,9 @@ LOOKED_AT = 1_000_000
 DRIFT_MIN, DRIFT_MAX = 5e-5, 1e-2
 """Rates of load and probes that differ by a share between these were meant to be equal."""
 
-DRIFT_SECONDS = 1e-3
-"""A drift between clocks that is larger than this at the end of the record [s] gets a note."""
+DRIFT_SECONDS, DRIFT_PERIODS = 1e-3, 0.15
+"""A drift between clocks that is larger than this at the end of the record [s], and than this
+share of the slower period (stamps jitter by a few percent of it), gets a note."""
 
 
 @dataclass(frozen=True)
@@ -423,7 +424,9 @@ def _filter_lag(load: TopicQuality, probes: Sequence[TopicQuality]) -> float:
 def _rate_share(load: TopicQuality, probes: Sequence[TopicQuality], seconds: float) -> float:
     """By what share the probes' rate exceeds the load's, if that may be a drift; else 0."""
     share = _median([one.mean_rate for one in probes]) / load.mean_rate - 1.0
-    is_drift = DRIFT_MIN < abs(share) < DRIFT_MAX and abs(share) * seconds > DRIFT_SECONDS
+    period = 1.0 / min(load.rate, _median([one.rate for one in probes]))
+    least = max(DRIFT_SECONDS, DRIFT_PERIODS * period)
+    is_drift = DRIFT_MIN < abs(share) < DRIFT_MAX and abs(share) * seconds > least
     return share if is_drift else 0.0
 
 

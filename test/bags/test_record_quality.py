@@ -107,3 +107,12 @@ def test_white_noise_of_a_slow_channel_is_not_taken_for_a_filter():
     for seed in range(300):
         load = topic_quality(*record(rate=200.0, seed=seed))
         assert notes_between(load, probes, 8.0) == []
+
+
+def test_jitter_of_slow_stamps_is_no_drift():
+    random = np.random.default_rng(0)
+    stamps, values = record(rate=20.0, seconds=43.0)
+    for _ in range(100):
+        found = [topic_quality(stamps + np.rint(1e6 * random.normal(size=stamps.size)).astype(
+            np.int64), values) for _ in range(2)]
+        assert notes_between(found[0], [found[1]] * 4, 43.0) == []
