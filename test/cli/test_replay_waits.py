@@ -1,0 +1,28 @@
+"""A replay that waits for a node says for which, and gives up in time."""
+
+from types import SimpleNamespace
+
+import pytest
+
+from saddlering_ros.cli import replay
+from saddlering_ros.ros.errors import NodeError
+
+
+class _Stopped:
+    """The clock of a group in which one node stopped before it was first heard."""
+
+    running = True
+
+    @staticmethod
+    def said():
+        return '[WARN] [replay_clock]: still waits for ring_simulator: not heard of\n'
+
+
+def test_a_node_that_stops_before_it_is_heard_is_named_and_ends_the_replay(monkeypatch, capsys):
+    monkeypatch.setattr(replay, 'START_PATIENCE', 0.0)
+    group = SimpleNamespace(
+        processes={'replay_clock': _Stopped()}, check=lambda: None, wait=lambda *_: 0)
+    with pytest.raises(NodeError, match=r'does not start: .*ring_simulator: not heard of'):
+        replay._wait(group, float('inf'), None)
+    err = capsys.readouterr().err
+    assert err == 'note: the replay still waits for ring_simulator: not heard of\n'
