@@ -125,7 +125,7 @@ def misfit_reductions(document: Mapping[str, Any], channels: Sequence[str] = CHA
     blank = ['–'] * len(channels)
     rows.append(['all fitted runs', 'fitted', *map(number, blank), number(percent(total['fit']))])
     if total.get('held_out') is not None:
-        in_turn = total.get('how') == 'left out in turn'
+        in_turn = total.get('how') == 'held out in turn'
         rows.append(['all runs in turn' if in_turn else 'all held-out runs', 'held out',
                      *map(number, blank), number(percent(total['held_out']))])
     return html.section('Misfit reduction', html.table(

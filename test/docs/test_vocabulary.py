@@ -59,7 +59,8 @@ PAGES = [*sorted(DOCS.glob('*.md')), *(ROOT / name for name in (
 
 KINDS = {'How to': ('This page shows', 'This page leads', 'This tutorial'),
          'Explanation': ('This page explains',),
-         'Reference': ('A reference of', 'This page defines', 'A declaration after')}
+         'Reference': ('A reference of', 'This page defines', 'A declaration after',
+                       'This page is written from the code')}
 """How a page of each kind of the first page's lists begins."""
 
 FORBIDDEN = {
