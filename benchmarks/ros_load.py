@@ -311,12 +311,15 @@ def in_lockstep(seconds: float) -> dict[str, Any]:
                         default_rig().probes)
         with start_nodes(bag) as group, listener(group.domain_id) as (node, residual, progress):
             wait_matched(progress)
+            before = sum(cpu_of(one.process.pid) for one in group.processes.values())
             found, arrivals = receive(node, [residual], round(seconds * RATE) - 1, 120.0)
+            used = sum(cpu_of(one.process.pid) for one in group.processes.values()) - before
             group.wait('replay_clock', 60.0)
     took = (arrivals[-1] - arrivals[0]) / 1e9
     span = (found[-1] - found[np.searchsorted(arrivals, arrivals[0], side='right') - 1]) / 1e9
     return {'residuals': len(found), 'residuals lost': round(seconds * RATE) - 1 - len(found),
-            'times real time': span / took, 'raw messages a second': 5 * RATE * span / took}
+            'times real time': span / took, 'raw messages a second': 5 * RATE * span / took,
+            'raw messages a processor second, all nodes': 5 * len(found) / used}
 
 
 def to_cancel() -> dict[str, Any]:

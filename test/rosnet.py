@@ -18,6 +18,7 @@ from rcl_interfaces.srv import SetParameters
 import rclpy
 from rclpy.action import ActionClient
 from rclpy.executors import SingleThreadedExecutor
+from rclpy.qos import QoSProfile
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import Range
 
@@ -139,9 +140,15 @@ class Client:
         return future.result()
 
     def action(self, kind: Any, name: str) -> ActionClient:
-        """A client of an action, destroyed with this one: its node does not do it."""
+        """A client of an action, destroyed with this one: its node does not do it.
+
+        Its queues hold all answers of a test, so that none is lost while the machine is busy.
+        """
+        deep = QoSProfile(depth=1000)
         with self.lock:
-            self._actions.append(ActionClient(self.node, kind, name))
+            self._actions.append(ActionClient(
+                self.node, kind, name, goal_service_qos_profile=deep,
+                cancel_service_qos_profile=deep, result_service_qos_profile=deep))
         return self._actions[-1]
 
     def close(self) -> None:

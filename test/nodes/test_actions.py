@@ -118,6 +118,11 @@ def test_identification_refuses_cancels_and_publishes_what_it_found(
     assert answer.result.status == IdentifyRing.Result.CANCELED
     assert not found
 
+    # Cancels that come too late, fifty at once, are answered too.
+    with heard.lock:
+        late = [long.cancel_goal_async() for _ in range(50)]
+    wait_until(lambda: all(future.done() for future in late), 120.0, 'every cancel is answered')
+
     # And the next one succeeds.
     goals.feedback.clear()
     answer = goals.result(goals.send(bags=['run'], particles=8, iterations=5, seed=1))
