@@ -65,6 +65,14 @@ def exceeds_form_error(
     return views
 
 
+def exceeds_forms(p_value: float, gain: float, left: float, settings: Settings) -> bool:
+    """Whether a cause is real beside other forms of the laws found, and takes most of the rest.
+
+    gain: fall of the misfit with these forms marginalised; left: excess misfit after it.
+    """
+    return p_value < settings.error_rate**2 and gain >= settings.min_partial * (gain + left)
+
+
 def adds_new_channel(p_value: float, added: Sizes, known: Sizes, settings: Settings) -> bool:
     """Whether an effect surely adds what shows in a view where no other effect shows.
 

@@ -12,6 +12,7 @@ from saddlering_ros.discrepancy import criteria
 from saddlering_ros.discrepancy.candidate import Candidate, Fit, Key
 from saddlering_ros.discrepancy.change_scale import ChangeScale, visible_falls
 from saddlering_ros.discrepancy.lack_of_fit import FastResidual, LackOfFitTests, SlowResidual
+from saddlering_ros.discrepancy.law_forms import form_columns
 from saddlering_ros.discrepancy.metric import Metric
 from saddlering_ros.discrepancy.ranking import rank, Score
 from saddlering_ros.discrepancy.refit import (
@@ -81,6 +82,7 @@ class ModelSpace:
         self._tangents = {base.candidate.key: (base, base_tangent)}
         self._slow: dict[Key, tuple[Fit, SlowResidual]] = {}
         self._inflated: dict[Key, tuple[Fit, float]] = {}
+        self._forms: dict[Key, tuple[Fit, Array]] = {}
 
     # ---- fits
 
@@ -293,12 +295,27 @@ class ModelSpace:
         if known is None or known[0] is not fit:
             residual = fit.prediction - self.metric.experiment.measured
             columns = self.metric.inflated(INFLATION, FREE_SPREAD * self.tangent_of(fit).plain)
-            white = self.metric.whiten_noise(residual)
-            inner = columns.T @ white
-            gram = np.eye(inner.size) + columns.T @ columns
-            misfit = float(white @ white - inner @ np.linalg.solve(gram, inner))
+            misfit = self._misfit_beside(residual, columns)
             known = self._inflated[fit.candidate.key] = fit, misfit
         return known[1]
+
+    def misfit_with_forms(self, fit: Fit, about: Fit) -> float:
+        """Misfit of `fit`, all its parameters free, if the laws in `about` err as they may."""
+        known = self._forms.get(about.candidate.key)
+        if known is None or known[0] is not about:
+            experiment = self.metric.experiment
+            columns = form_columns(experiment, about, self.settings.form_error)
+            known = self._forms[about.candidate.key] = about, self.metric.whiten_noise(columns)
+        free = self.metric.inflated(1.0, FREE_SPREAD * self.tangent_of(fit).plain)
+        residual = fit.prediction - self.metric.experiment.measured
+        return self._misfit_beside(residual, np.hstack([free, known[1]]))
+
+    def _misfit_beside(self, residual: Array, columns: Array) -> float:
+        """Misfit of a plain residual less what whitened columns of unit spread take of it."""
+        white = self.metric.whiten_noise(residual)
+        inner = columns.T @ white
+        gram = np.eye(inner.size) + columns.T @ columns
+        return float(white @ white - inner @ np.linalg.solve(gram, inner))
 
     def explained(self, less: Fit, more: Fit) -> criteria.Sizes:
         """Rms share of range that `more` explains beside `less`, per view one number per run.
@@ -374,6 +391,23 @@ class Comparison:
                 self.added, self.known, settings.form_error, settings.materiality
             )
         )
+
+    @cached_property
+    def exceeds_forms(self) -> bool:
+        """Whether laws of another form cannot take its place, and it explains most of the rest."""
+        space, less, more = self.space, self.less, self.more
+        if not less.candidate.effects or self.p_value >= space.settings.error_rate**2:
+            return False
+        gain = space.misfit_with_forms(less, less) - space.misfit_with_forms(more, less)
+        p_value = criteria.likelihood_ratio_test(
+            gain, self._extra, space.known.pairs, space.trials)
+        left = max(space.slow_residual(more).excess, 0.0)
+        return criteria.exceeds_forms(p_value, gain, left, space.settings)
+
+    @property
+    def is_cause_of_its_own(self) -> bool:
+        """Whether it is another cause than those in `less`, whatever the form of their laws."""
+        return self.exceeds_form_error or self.exceeds_forms
 
     @property
     def adds_new_channel(self) -> bool:

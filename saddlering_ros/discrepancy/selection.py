@@ -90,7 +90,7 @@ def forward(space: ModelSpace, current: Fit, log: SearchLog) -> Fit:
 
 def _is_another_cause(item: Comparison, wanted: bool) -> bool:
     """Whether an effect is a cause beside those found; `wanted`: a real residual is left."""
-    if item.closes_misfit:
+    if item.closes_misfit or item.exceeds_forms:
         return True
     return item.exceeds_form_error if wanted else item.adds_new_channel
 
@@ -155,7 +155,7 @@ def _share_of_member(item: Comparison) -> float:
     )
     if item.closes_misfit:
         return max(share, settings.min_partial)
-    return share if item.exceeds_form_error else 0.0
+    return share if item.is_cause_of_its_own else 0.0
 
 
 def simpler(space: ModelSpace, fit: Fit, log: SearchLog) -> Fit:
@@ -211,7 +211,7 @@ def _alternatives_to(
         if name in item.candidate.ids:
             continue
         comparison = space.compare(less, item)
-        if comparison.exceeds_form_error or comparison.closes_misfit:
+        if comparison.is_cause_of_its_own or comparison.closes_misfit:
             answers.append(item)
     return answers
 

@@ -69,6 +69,10 @@ def test_a_small_cause_is_found_in_runs_where_a_large_one_does_nothing() -> None
     assert names(diagnosed(0.15, late=0.2, bend=0.4)) == {'late', 'bend'}
 
 
+def test_a_cause_is_named_where_no_form_of_a_much_larger_one_takes_its_place() -> None:
+    assert names(diagnosed(0.0, late=0.003, bend=0.4)) == {'late', 'bend'}
+
+
 @pytest.mark.parametrize('size', [0.03, -0.03])
 def test_a_small_cause_is_found_in_a_view_where_a_large_one_does_nothing(size: float) -> None:
     assert names(diagnosed(0.0, late=0.3, other_bend=size)) == {'late', 'other_bend'}

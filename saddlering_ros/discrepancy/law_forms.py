@@ -1,0 +1,78 @@
+"""How the law of an effect may err: its own change, bent over load, direction, time, run, channel.
+
+A real law differs from the idealised one of the catalogue. What it may add to the residual are
+products of the change that the effect makes and smooth shapes, each with a prior spread. If a
+misfit still asks for a further cause with these columns marginalised, no form of the law made it.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from saddlering_ros.discrepancy.candidate import Fit
+from saddlering_ros.discrepancy.experiment import Experiment
+from saddlering_ros.discrepancy.system import Array, Point, RunBlocks
+
+LOAD_WAVES = 4
+"""Half waves over the drive by which a law may bend."""
+
+LAGS = (0.01, 0.05, 0.2)
+"""Delays of a law's change, as shares of a run's duration."""
+
+
+def form_columns(experiment: Experiment, fit: Fit, form_error: float) -> Array:
+    """Columns (n, k), each one standard deviation, for every effect of a fit.
+
+    form_error: share of the square of an effect's change by which its law errs, all together.
+    """
+    effects = fit.point.effects
+    names = list(effects)
+    points = [
+        Point(fit.point.base, {name: values for name, values in effects.items() if name != less})
+        for less in names
+    ]
+    without = experiment.predict(points)
+    columns = []
+    for number in range(len(names)):
+        change = experiment.by_run(fit.prediction - without[:, number])
+        shaped = _shapes(experiment, change)
+        scale = np.sqrt(form_error / len(shaped))
+        columns += [scale * np.concatenate([part.ravel() for part in item]) for item in shaped]
+    return np.array(columns).reshape(-1, experiment.size).T
+
+
+def _shapes(experiment: Experiment, change: list[Array]) -> list[list[Array]]:
+    """An effect's change (C, N) a run, times each shape."""
+    runs = experiment.runs
+    drives = [next(iter(run.inputs.values())) for run in runs]
+    low = min(float(item.min()) for item in drives)
+    high = max(float(item.max()) for item in drives)
+    places = [(drive - low) / max(high - low, 1e-300) for drive in drives]
+    found = [
+        [part * np.cos(np.pi * wave * place) for part, place in zip(change, places, strict=True)]
+        for wave in range(1, LOAD_WAVES + 1)
+    ]
+    found.append([
+        part * run.inputs.get('direction', np.zeros(run.time.size))
+        for part, run in zip(change, runs, strict=True)
+    ])
+    for index in range(len(runs)):
+        found.append([part * (number == index) for number, part in enumerate(change)])
+    for channel in range(change[0].shape[0]):
+        chosen = np.zeros((change[0].shape[0], 1))
+        chosen[channel] = 1.0
+        found.append([part * chosen for part in change])
+    for lag in LAGS:
+        found.append([
+            _lagged(part, run, lag) - part for part, run in zip(change, runs, strict=True)
+        ])
+    return found
+
+
+def _lagged(change: Array, run: RunBlocks, lag: float) -> Array:
+    """A change (C, N) that follows by a first-order lag of a share of the run's duration."""
+    slow = change.copy()
+    decay = np.exp(-np.diff(run.time) / (lag * max(float(np.ptp(run.time)), 1e-300)))
+    for number, kept in enumerate(decay, start=1):
+        slow[:, number] = kept * slow[:, number - 1] + (1.0 - kept) * change[:, number]
+    return slow
