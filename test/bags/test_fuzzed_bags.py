@@ -22,7 +22,7 @@ from saddlering_ros.bags.topics import TOPICS
 from saddlering_ros.rig import default_rig, TONNE
 
 QUICK = settings(
-    max_examples=60, deadline=None, derandomize=True, database=None,
+    max_examples=40, deadline=None, derandomize=True, database=None,
     suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow])
 MEGABYTE = 1 << 20
 

@@ -21,13 +21,11 @@ from saddlering_interfaces.msg import RingAlarm
 from saddlering_ros.bags import displacement_of_run, read_run
 from saddlering_ros.live.server import address, serve
 from saddlering_ros.live.watcher import LATCHED, Watcher
-from saddlering_ros.paths import share_directory
 from saddlering_ros.rig import default_rig
 from saddlering_ros.ros.launcher import start_nodes
 from saddlering_ros.ros.transport import transport_environment
 
 pytestmark = [pytest.mark.ros, pytest.mark.timeout(600)]
-BAG = share_directory() / 'bags' / 'dynamic_50_fast'
 READERS = {'ring_displacement': 3, 'ring_simulator': 3, 'ring_residual': 2}
 """Who reads what a node gives out: the test, the page, and ring_residual."""
 VERDICT = {'verdict': 'named', 'next_test': 'Load twice as fast.', 'gain': {'fit': 0.9},
@@ -42,12 +40,12 @@ def _transport(monkeypatch):
 
 
 @contextlib.contextmanager
-def replayed(domain):
-    """A replay of BAG at full speed, begun when its nodes know that the page listens.
+def replayed(domain, bag):
+    """A replay of a bag at full speed, begun when its nodes know that the page listens.
 
     The bag has fewer messages on a topic than the queues hold: the page loses none.
     """
-    with client(domain) as heard, start_nodes(BAG, domain_id=domain, start_paused=True) as group:
+    with client(domain) as heard, start_nodes(bag, domain_id=domain, start_paused=True) as group:
         wait_until(lambda: heard.ring_nodes_matched() and all(
             heard.progress[node].subscriptions[0] >= readers for node, readers in READERS.items()),
             80.0, 'the page is matched')
@@ -139,15 +137,16 @@ class Servers:
         client.send_goal_async(kind.Goal(bags=['any']))
 
 
-def test_a_replay_is_drawn_as_it_happens_and_outlives_reloads_and_restarts(ros_domain):
+def test_a_replay_is_drawn_as_it_happens_and_outlives_reloads_and_restarts(campaign, ros_domain):
     chromium()
-    run = read_run(BAG)
+    bag, = campaign('radial_friction', 8000.0, 'force', ('dynamic_50_fast',))
+    run = read_run(bag)
     peak = 1e6 * float(np.nanmax(displacement_of_run(default_rig(), run).displacement.delta_x))
     highest = 'Math.max(...[...streams.measured.values()].map((it) => it.high[0]))'
     with served(ros_domain) as where, browser_page() as page:
         page.open(where.url)
         page.wait('document.querySelector("#link").innerText === "Connected"')
-        with replayed(ros_domain) as group:
+        with replayed(ros_domain, bag) as group:
             page.wait('+document.body.dataset.points > 20', 60.0)
             page.wait('document.querySelectorAll(".gauge .span").length === 4')
             page.wait('/Load[^]*[0-9.]+ t[^]*kN/.test(document.querySelector("#now").innerText)')
@@ -163,7 +162,7 @@ def test_a_replay_is_drawn_as_it_happens_and_outlives_reloads_and_restarts(ros_d
         assert page.wait(f'Math.abs({highest} - {peak}) < 1e-3')
         page.run('post("clear")')
         page.wait('streams.measured.size === 0')
-        with replayed(ros_domain) as group:
+        with replayed(ros_domain, bag) as group:
             group.wait('replay_clock', 60.0)
             # How many points stand for it depends on when they came; its highest does not.
             assert page.wait(f'streams.measured.size > 20 && Math.abs({highest} - {peak}) < 1e-3')
