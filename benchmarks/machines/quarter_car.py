@@ -148,4 +148,5 @@ def record(number: int, seed: int, hidden: Mapping[str, float]) -> Run:
                {'travel': noisy(random, 1e3 * seen[0]), 'body': noisy(random, 1e3 * seen[1])})
 
 
-MACHINE = Machine('quarter_car', 'exudyn 1.13.6', 'BSD-3-Clause', MODEL, HIDDEN, record, truth)
+MACHINE = Machine(
+    'quarter_car', 'exudyn 1.13.6', 'EXUDYN General License', MODEL, HIDDEN, record, truth)

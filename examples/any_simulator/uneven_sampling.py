@@ -10,11 +10,11 @@ def simulate(parameters, run):
     temperature = np.zeros(run.time.size)
     now, last = run.inputs['start'], run.time[0]
     for index, moment in enumerate(run.time):
-        for _ in range(10):
+        for _ in range(4):
             excess = now - parameters['ambient']
             loss = parameters['rate'] * excess + parameters['radiation.size'] * excess**2
             loss -= parameters['heater.power'] * (now < 40.0)
-            now -= (moment - last) / 10.0 * loss
+            now -= (moment - last) / 4.0 * loss
         temperature[index], last = now, moment
     return {'temperature': temperature}
 

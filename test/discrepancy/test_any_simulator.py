@@ -5,12 +5,17 @@ from __future__ import annotations
 from dataclasses import replace
 import importlib.util
 from pathlib import Path
+import sys
 from types import ModuleType
 
 import numpy as np
 import pytest
 
-from saddlering_ros.discrepancy import diagnose, Diagnosis, Effect, Model, Parameter, Run
+from saddlering_ros.discrepancy import diagnose, Diagnosis, Run
+
+sys.path.insert(0, str(Path(__file__).parents[2] / 'benchmarks'))
+
+from machines.units import in_other_units, run_in_other_units
 
 FOLDER = Path(__file__).parents[2] / 'examples' / 'any_simulator'
 NAMES = sorted(path.stem for path in FOLDER.glob('*.py'))
@@ -68,59 +73,18 @@ def test_what_is_in_no_catalogue_gets_no_name(name: str) -> None:
     assert diagnose(model, records(module, module.HIDDEN)).verdict == 'unknown'
 
 
-def in_other_units(module: ModuleType, channel: float, time: float, parameter: float) -> Model:
-    """The same machine with its channels, its time and its parameters in other units."""
-
-    def simulate(parameters: dict[str, float], run: Run) -> dict[str, np.ndarray]:
-        usual = {name: value / scale.get(name, 1.0) for name, value in parameters.items()}
-        seen = module.simulate(usual, replace(run, time=run.time / time))
-        return {name: channel * np.asarray(values) for name, values in seen.items()}
-
-    def scaled(item: Parameter) -> Parameter:
-        if item.periodic:
-            return item
-        neutral = None if item.neutral is None else item.neutral * parameter
-        return replace(
-            item, low=item.low * parameter, high=item.high * parameter, neutral=neutral
-        )
-
-    base = {name: scaled(item) for name, item in module.model.base.items()}
-    effects: dict[str, Effect] = {}
-    scale = dict.fromkeys(base, parameter)
-    for key, effect in module.model.effects.items():
-        own = {name: scaled(item) for name, item in effect.parameters.items()}
-        effects[key] = replace(effect, parameters=own)
-        scale.update(
-            {f'{key}.{name}': parameter for name, item in own.items() if not item.periodic}
-        )
-    channels = {
-        name: replace(
-            item,
-            offset=item.offset if isinstance(item.offset, str) else item.offset * channel,
-            noise=replace(item.noise, std=item.noise.std * channel)
-            if hasattr(item.noise, 'std')
-            else item.noise,
-        )
-        for name, item in module.model.channels.items()
-    }
-    return Model(simulate, base, effects, channels)
+UNITS = {True: (1e6, 1e-3, 1e3), False: (1e-6, 1e3, 1e-3)}
+"""Factors on channels, time and parameters, in turn over the examples."""
 
 
-@pytest.mark.parametrize('units', [(1e6, 1e-3, 1e3), (1e-6, 1e3, 1e-3)])
 @pytest.mark.parametrize('name', NAMES)
-def test_a_verdict_is_the_same_in_any_unit(name: str, units: tuple[float, float, float]) -> None:
+def test_a_verdict_is_the_same_in_any_unit(name: str) -> None:
     module = example(name)
+    channel, time, parameter = UNITS[NAMES.index(name) % 2 == 0]
     usual = records(module, module.HIDDEN)[:1]
-    other = [
-        replace(
-            run,
-            time=run.time * units[1],
-            outputs={key: values * units[0] for key, values in run.outputs.items()},
-        )
-        for run in usual
-    ]
+    other = [run_in_other_units(run, channel, time) for run in usual]
     first = diagnose(module.model, usual)
-    second = diagnose(in_other_units(module, *units), other)
+    second = diagnose(in_other_units(module.model, channel, time, parameter), other)
     assert (second.verdict, names(second)) == (first.verdict, names(first))
     assert second.gain.fit == pytest.approx(first.gain.fit, abs=1e-3)
 
