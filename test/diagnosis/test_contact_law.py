@@ -55,7 +55,7 @@ def test_a_cause_leaves_open_what_the_contact_law_alone_left_open(found):
 def test_where_identify_refuses_its_words_are_a_note_and_wide_parameters_are_open():
     law = refused(diagnosis(std=1.0), 'no unloading branch', 1)
     assert 'no unloading branch' in law.notes[0]
-    assert law.reasons_before['K1'].startswith('K1 is open within a factor')
+    assert law.reasons_before['K1'].startswith('K1 is known only within a factor')
     assert not refused(diagnosis(), 'no unloading branch', 1).reasons_before
 
 
