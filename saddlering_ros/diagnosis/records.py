@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from saddlering_ros.bags import displacement_of_run, MeasuredRun, plateaus, TestRun
 from saddlering_ros.discrepancy import RestSegment, RunBlocks
+from saddlering_ros.discrepancy.proposal.memory import direction_of
 from saddlering_ros.errors import SaddleringError
 from saddlering_ros.estimation.blocks import span_means
 from saddlering_ros.estimation.probe_rounding import probe_rounding
@@ -245,7 +246,7 @@ def _run(
 ) -> RunBlocks:
     load = grid.block_means(grid.load)
     direction = (
-        _direction(load, rig.limits.reversal_band) if branch is None else _carried(branch)
+        direction_of(load, rig.limits.reversal_band) if branch is None else _carried(branch)
     )
     if test_run.test != 'static':
         rate = np.gradient(load, means.time)
@@ -269,19 +270,6 @@ def _run(
         rate=rate,
         hold=hold,
     )
-
-
-def _direction(load: Array, band: float) -> Array:
-    """+1 while load rises, -1 while it falls, the last of them while it rests."""
-    direction = np.empty(load.size)
-    sign, extreme = 1.0, load[0]
-    for index, value in enumerate(load):
-        if sign * (value - extreme) > 0.0:
-            extreme = value
-        elif sign * (extreme - value) > band:
-            sign, extreme = -sign, value
-        direction[index] = sign
-    return direction
 
 
 def _carried(branch: Array) -> Array:

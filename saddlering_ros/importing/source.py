@@ -129,6 +129,22 @@ class Source(ABC):
                                  'own')
 
 
+class SlicedSource(Source):
+    """A file whose columns can be read a slice of rows at a time, each on its own."""
+
+    def blocks(
+        self, names: Sequence[str], as_text: Collection[str] = (),
+    ) -> Iterator[dict[str, NDArray[Any]]]:
+        """Columns of equal length, slice by slice."""
+        self.check_equal_rows(names)
+        for part in slices(self.column(names[0]).rows or 0):
+            yield {name: self.read(name, part) for name in names}
+
+    @abstractmethod
+    def read(self, name: str, part: slice) -> NDArray[Any]:
+        """The values of a column in a slice of rows."""
+
+
 def find_column(sources: Sequence[Source], pattern: str, where: str) -> list[tuple[Source, str]]:
     """The one column that `pattern` means, in each file that has it; ImportingError otherwise."""
     found = []

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -12,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saddlering_ros.importing.errors import ImportingError
-from saddlering_ros.importing.source import as_numbers, Column, NUMBER, slices, Source, TEXT
+from saddlering_ros.importing.source import as_numbers, Column, NUMBER, SlicedSource, TEXT
 
 MAX_COLUMNS = 4096
 _UNITS = ('unit', 'units', 'Unit', 'Units', 'UNITS', 'UNIT')
@@ -38,7 +37,7 @@ class _Place:
         return np.asarray(dataset[self.index, part] if self.across else dataset[part, self.index])
 
 
-class Hdf5Source(Source):
+class Hdf5Source(SlicedSource):
     """An HDF5 file; a column is a dataset, a field of a table, or path:3 of a matrix.
 
     The rows of a matrix lie along its longer side.
@@ -63,15 +62,8 @@ class Hdf5Source(Source):
         """Its columns in the order of the file."""
         return self._columns
 
-    def blocks(
-        self, names: Sequence[str], as_text: Collection[str] = (),
-    ) -> Iterator[dict[str, NDArray[Any]]]:
-        """Columns of equal length, slice by slice."""
-        self.check_equal_rows(names)
-        for part in slices(self.column(names[0]).rows or 0):
-            yield {name: self._read(name, part) for name in names}
-
-    def _read(self, name: str, part: slice) -> NDArray[Any]:
+    def read(self, name: str, part: slice) -> NDArray[Any]:
+        """The values of a column in a slice of rows."""
         try:
             values = self._places[name].read(self._file, part)
         except (OSError, RuntimeError) as problem:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -12,14 +11,14 @@ from scipy.io import loadmat, whosmat
 from scipy.io.matlab import mat_struct, MatReadError
 
 from saddlering_ros.importing.errors import ImportingError
-from saddlering_ros.importing.source import as_numbers, Column, slices, Source
+from saddlering_ros.importing.source import as_numbers, Column, SlicedSource
 
 MAX_COLUMNS = 4096
 _READ = ('double', 'single', 'int8', 'uint8', 'int16', 'uint16', 'int32', 'uint32', 'int64',
          'uint64', 'struct')
 
 
-class MatlabSource(Source):
+class MatlabSource(SlicedSource):
     """A MATLAB file of format 5; a column is a vector, name:3 of a matrix, or struct/field.
 
     The format compresses each variable as a whole, so that a variable is read as a whole too.
@@ -49,13 +48,9 @@ class MatlabSource(Source):
         """Its columns in the order of the file."""
         return self._columns
 
-    def blocks(
-        self, names: Sequence[str], as_text: Collection[str] = (),
-    ) -> Iterator[dict[str, NDArray[Any]]]:
-        """Columns of equal length, slice by slice."""
-        self.check_equal_rows(names)
-        for part in slices(len(self._values[names[0]])):
-            yield {name: self._values[name][part] for name in names}
+    def read(self, name: str, part: slice) -> NDArray[Any]:
+        """The values of a variable in a slice of rows."""
+        return self._values[name][part]
 
     def _collect(self, name: str, value: Any) -> None:
         if isinstance(value, mat_struct):

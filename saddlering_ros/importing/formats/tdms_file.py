@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -16,8 +15,7 @@ from saddlering_ros.importing.source import (
     Column,
     MOMENT,
     NUMBER,
-    slices,
-    Source,
+    SlicedSource,
     TEXT,
     Timing,
 )
@@ -26,7 +24,7 @@ _LABVIEW = -2_082_844_800
 """1904-01-01, from which LabVIEW counts, in seconds since 1970."""
 
 
-class TdmsSource(Source):
+class TdmsSource(SlicedSource):
     """A TDMS file, read in slices; every scaling that it holds is applied by npTDMS."""
 
     FORMAT = 'TDMS'
@@ -47,15 +45,8 @@ class TdmsSource(Source):
         """Its channels as group/channel; the name of the channel alone will do."""
         return self._columns
 
-    def blocks(
-        self, names: Sequence[str], as_text: Collection[str] = (),
-    ) -> Iterator[dict[str, NDArray[Any]]]:
-        """Channels of equal length, slice by slice."""
-        self.check_equal_rows(names)
-        for part in slices(len(self._channels[names[0]])):
-            yield {name: self._read(name, part) for name in names}
-
-    def _read(self, name: str, part: slice) -> NDArray[Any]:
+    def read(self, name: str, part: slice) -> NDArray[Any]:
+        """The values of a column in a slice of rows."""
         try:
             values = self._channels[name].read_data(part.start, part.stop - part.start)
         except Exception as problem:
