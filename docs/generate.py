@@ -151,7 +151,7 @@ THRESHOLDS = {
                        'identification.uncertainty'),
     'Validation': ('identification.validation', 'identification.rating'),
     'Blocks of a diagnosis': ('diagnosis.records',),
-    'Nuisance parameters of a ring': ('diagnosis.scatter', 'discrepancy.priors'),
+    'Nuisance parameters of a ring': ('ring.roller_scatter', 'discrepancy.priors'),
     'Selection of causes': ('discrepancy.settings', 'discrepancy.criteria',
                             'discrepancy.selection', 'discrepancy.ranking',
                             'discrepancy.signatures', 'discrepancy.model_space'),

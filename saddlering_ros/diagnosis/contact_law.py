@@ -69,7 +69,9 @@ def beside_causes(diagnosis: Diagnosis, found: Identification, elevations: int) 
     """As identified; with causes in the model, the engine's estimates after."""
     before = _estimates(found)
     if not diagnosis.causes:
-        return ContactLaw(before, before, found.covariance, found.reasons, found.reasons)
+        of_noise = found.parameters.source.covariance
+        assert of_noise is not None
+        return ContactLaw(before, before, of_noise, found.reasons, found.reasons)
     after = still_open(_values(diagnosis.base), found.reasons, elevations)
     return ContactLaw(
         before, diagnosis.base, diagnosis.fits.base_covariance, found.reasons, after)

@@ -50,6 +50,17 @@ def reason_wide(name: str, std: float, elevations: int) -> str | None:
     return f'{name} is known only within {what} (95 %) from these data: {advice}'
 
 
+def reason_unequal(name: str, std: float, noise_std: float, elevations: int) -> str | None:
+    """The same where noise alone would not leave it open but unequal rollers do."""
+    reason = reason_wide(name, std, elevations)
+    if reason is None or reason_wide(name, noise_std, elevations) is not None:
+        return reason
+    known, _, advice = reason.partition(' from these data: ')
+    if elevations > 1 or name[0] == 'D':
+        return f'{known} on a ring whose rollers may be unequal: longer runs do not help'
+    return f'{known} on a ring whose rollers may be unequal: {advice}'
+
+
 def reason_one_elevation(
     name: str, std: float, shift: float, imperfection: str, elevations: int
 ) -> str | None:

@@ -297,14 +297,14 @@ def _judged(
     cancelled = search.cancelled
     drawn = {}
     if profiles and not cancelled:
-        drawn = _profiles(objective, space, best, trust.coordinate_std, trust.reduced_chi_square)
+        drawn = _profiles(objective, space, best, trust.noise_std, trust.reduced_chi_square)
     bags = tuple(one.name for one in observations)
     open_names = [name for name in PARAMETER_NAMES if not trust.pinned[name]]
     status = _status(cancelled, trust.reduced_chi_square, open_names)
     return Identification(
         parameters=ParameterSet(contact, source=ParameterSource(
             method=search.settings.method, bags=bags, objective=found.objective,
-            covariance=trust.covariance, note=_note(status, trust.reasons),
+            covariance=trust.noise_covariance, note=_note(status, trust.reasons),
             undetermined=trust.reasons, rig_hash=search.rig.digest,
         )),
         method=search.settings.method,

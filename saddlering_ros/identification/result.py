@@ -32,7 +32,9 @@ class Identification:
     objective: the paper's J (method 'paper') or chi square (method 'default'). covariance and
     correlation (6, 6), std (6,) in the order of PARAMETER_NAMES; std is NaN and the interval None
     where the data do not determine the parameter, and reasons says why; its value is then the best
-    known one. systematic: shift (6,) in (ln K, n, ln D) of each small imperfection no fit can see.
+    known one. All of these allow for unequal rollers; the covariance of the parameters' source
+    counts noise alone, for predictions of the same ring and its changes. systematic: shift (6,) in
+    (ln K, n, ln D) of each small imperfection no fit can see.
     """
 
     parameters: ParameterSet

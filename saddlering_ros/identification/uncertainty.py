@@ -2,7 +2,9 @@
 
 The residuals are whitened by the noise the runs show at rest, autocorrelation included, so that
 covariance = (J^T J)^-1 in the search coordinates (ln K, n, ln D). Where the run that fits worst
-fits worse than that noise, it is widened by that run's mean square residual (Birge ratio).
+fits worse than that noise, it is widened by that run's mean square residual (Birge ratio). The
+effect of unequal rollers is added: the estimate is G r with G = J^+, so that residuals r of
+covariance I + S S^T (S: unequal_rollers.py) give it the covariance G G^T + G S S^T G^T.
 """
 
 from __future__ import annotations
@@ -19,7 +21,7 @@ from saddlering_ros.estimation.identifiability import (
     reason_bound,
     reason_held,
     reason_one_elevation,
-    reason_wide,
+    reason_unequal,
     WIDTH_95,
 )
 from saddlering_ros.estimation.least_squares import covariance
@@ -27,6 +29,7 @@ from saddlering_ros.estimation.space import SearchSpace
 from saddlering_ros.identification.objective import predict, WeightedObjective
 from saddlering_ros.identification.observation import Observation
 from saddlering_ros.identification.refinement import refine, Refinement
+from saddlering_ros.identification.unequal_rollers import roller_effects
 from saddlering_ros.rig import PARAMETER_NAMES, Rig
 
 Array = NDArray[np.float64]
@@ -83,13 +86,17 @@ class Uncertainty:
     """Everything about the trust in one result; arrays over the six parameters, NaN where held.
 
     std in the parameters' units; coordinate_std in (ln K, n, ln D); covariance (6, 6), correlation
-    (6, 6); intervals by name; systematic: imperfection -> shift (6,) in coordinates; pinned and
-    reasons by name; collinearity by subset of names ('K1,n1').
+    (6, 6). noise_covariance (6, 6) and noise_std (6,) (coordinates) count noise alone: they say
+    how far another test of the same ring would move the estimate. intervals by name; systematic:
+    imperfection -> shift (6,) in coordinates; pinned and reasons by name; collinearity by subset
+    of names ('K1,n1').
     """
 
     std: Array
     coordinate_std: Array
     covariance: Array
+    noise_covariance: Array
+    noise_std: Array
     correlation: Array
     intervals: dict[str, tuple[float, float] | None]
     systematic: dict[str, Array]
@@ -113,16 +120,21 @@ def assess(
     # What logger and filters may have put between load and probes, as far as readings show it.
     lag = max(one.doubtful_lag for one in objective.observations)
     late = systematic['delay'][space.free] * lag / DELAY
-    inner = covariance(best.jacobian) * widening + np.outer(late, late)
+    by_noise = covariance(best.jacobian) * widening + np.outer(late, late)
+    moved = np.linalg.pinv(best.jacobian, rcond=1e-9) @ roller_effects(objective, best.contact)
+    inner = by_noise + moved @ moved.T
     coordinate_std = _spread_over_six(np.sqrt(np.diag(inner)), space)
     scale = space.scale(best.contact)
     whole = _with_bounds_alone(inner * np.outer(scale, scale), space, bounds)
     std = np.sqrt(np.diag(whole))
-    pinned, reasons = _judge(objective, space, best, coordinate_std, systematic)
+    noise_std = _spread_over_six(np.sqrt(np.diag(by_noise)), space)
+    pinned, reasons = _judge(objective, space, best, coordinate_std, noise_std, systematic)
     return Uncertainty(
         std=np.where([pinned[name] for name in PARAMETER_NAMES], std, np.nan),
         coordinate_std=coordinate_std,
         covariance=whole,
+        noise_covariance=_with_bounds_alone(by_noise * np.outer(scale, scale), space, bounds),
+        noise_std=noise_std,
         correlation=np.asarray(whole / np.outer(std, std)),
         intervals=_intervals(space, best, coordinate_std, pinned),
         systematic=systematic,
@@ -196,6 +208,7 @@ def _judge(
     space: SearchSpace,
     best: Refinement,
     coordinate_std: Array,
+    noise_std: Array,
     systematic: dict[str, Array],
 ) -> tuple[dict[str, bool], dict[str, str]]:
     pinned: dict[str, bool] = {}
@@ -208,7 +221,8 @@ def _judge(
         elif best.at_bound[position[0]]:
             reason = reason_bound(name)
         else:
-            reason = _why_wide(name, index, coordinate_std[index], systematic, elevations)
+            reason = _why_wide(
+                name, index, coordinate_std[index], noise_std[index], systematic, elevations)
         pinned[name] = reason is None
         if reason is not None:
             reasons[name] = reason
@@ -216,12 +230,13 @@ def _judge(
 
 
 def _why_wide(
-    name: str, index: int, std: float, systematic: dict[str, Array], elevations: int
+    name: str, index: int, std: float, noise_std: float, systematic: dict[str, Array],
+    elevations: int,
 ) -> str | None:
     """Why a free parameter does not count as determined; None when it does."""
     worst = max(IMPERFECTIONS, key=lambda one: abs(systematic[one.name][index]))
     shift = abs(float(systematic[worst.name][index]))
-    return (reason_wide(name, std, elevations)
+    return (reason_unequal(name, std, noise_std, elevations)
             or reason_one_elevation(name, std, shift, worst.words, elevations))
 
 

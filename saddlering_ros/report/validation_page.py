@@ -30,6 +30,10 @@ from saddlering_ros.rig import (
 from saddlering_ros.rig.quantities import percent, quantity
 from saddlering_ros.thresholds import allowed_misfit
 
+OF_NOISE = ('Where no cause is in the model, standard deviations of a parameter file count noise '
+            'alone. They hold for another test of the same ring. The intervals of identify also '
+            'allow for unequal rollers.')
+
 
 def write_validation_report(
     path: Path | str, validation: Validation, runs: Sequence[TestRun], rig: Rig,
@@ -146,7 +150,9 @@ def _parameters(parameters: ParameterSet) -> str:
         'Parameters',
         html.table(['parameter', number('value ± standard deviation'), number('95 % interval'),
                     ''], rows, words + (f': {source.note}' if source.note else '')),
-        correlation(covariance), html.paragraph(chapters.ASSUMPTION, 'note'))
+        correlation(covariance),
+        '' if covariance is None or source.method == 'given' else html.paragraph(OF_NOISE, 'note'),
+        html.paragraph(chapters.ASSUMPTION, 'note'))
 
 
 def _figures(validation: Validation) -> str:

@@ -10,9 +10,9 @@ import pytest
 from saddlering_ros.bags import read_run
 from saddlering_ros.diagnosis.records import build_record
 from saddlering_ros.diagnosis.ring_system import CURVATURE, RingSystem
-from saddlering_ros.diagnosis.scatter import CLEARANCE_UNKNOWN, Course, scatter_columns
 from saddlering_ros.discrepancy import Point, RunBlocks
 from saddlering_ros.rig import default_rig, limits, TRUE_TO_SCALE
+from saddlering_ros.ring.roller_scatter import CLEARANCE_UNKNOWN, Course, scatter_columns
 
 BASE = TRUE_TO_SCALE.to_array()
 KNOWN = 6

@@ -17,6 +17,7 @@ import numpy as np
 import pytest
 
 from saddlering_ros.bags import TestRun
+from saddlering_ros.estimation.identifiability import WIDTH_95
 from saddlering_ros.identification import (
     IdentificationError,
     IdentificationSettings,
@@ -205,12 +206,13 @@ def test_cancelling_returns_what_there_is(four_runs):
     assert np.all(np.isfinite(result.parameters.contact.to_array()))
 
 
-def test_profiles_agree_with_the_covariance_on_a_good_fit():
+def test_profiles_agree_with_the_covariance_of_noise_on_a_good_fit():
     runs = [static_run(50.0, seed=1), static_run(70.0, seed=2)]
     result = identify(runs, RIG, IdentificationSettings(swarm=SHORT_SWARM), profiles=True)
     profile = result.profiles['n2']
-    assert profile.interval[0] == pytest.approx(result.intervals['n2'][0], rel=2e-3)
-    assert profile.interval[1] == pytest.approx(result.intervals['n2'][1], rel=2e-3)
+    half = WIDTH_95 * np.sqrt(result.parameters.source.covariance[4, 4])
+    assert profile.interval[0] == pytest.approx(result.parameters.contact.n2 - half, rel=2e-3)
+    assert profile.interval[1] == pytest.approx(result.parameters.contact.n2 + half, rel=2e-3)
 
 
 def test_a_bound_in_the_way_is_named(four_runs):
@@ -228,7 +230,8 @@ def test_a_rig_unlike_the_model_widens_the_intervals(four_runs, found):
     )
     assert wrong.reduced_chi_square > 2.0
     assert 'widened' in wrong.status
-    assert wrong.covariance[3, 3] > found.covariance[3, 3]
+    wider, usual = (item.parameters.source.covariance for item in (wrong, found))
+    assert wider[3, 3] > usual[3, 3]
 
 
 def one_line(caught):

@@ -1,0 +1,46 @@
+"""The effect of the unequal rollers of any sound ring on the readings, and so on the estimate.
+
+The rig file describes a ring of equal rollers. Those of a real ring differ, and move the readings
+of all runs together by many times the noise of a mean. How much they differ is what the diagnosis
+allows for as well (ring/roller_scatter.py).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from saddlering_ros.identification.objective import predict, WeightedObjective
+from saddlering_ros.identification.observation import Observation
+from saddlering_ros.rig import probes_to_displacement, Rig
+from saddlering_ros.ring.roller_scatter import Course, scatter_columns
+
+Array = NDArray[np.float64]
+
+BEFORE = 1.0
+"""The zero is a rest this long [s] before the first reading, if it is no part of the record."""
+
+
+def roller_effects(objective: WeightedObjective, contact: Array) -> Array:
+    """Whitened residuals (R, M) that one spread of each roller's scatter gives at a law (6,).
+
+    All runs share a column: the same rollers are unequal in each of them.
+    """
+    raw = [_increments(objective.rig, contact, one) for one in objective.observations]
+    return np.concatenate(objective.whiten(raw), axis=1).T
+
+
+def _increments(rig: Rig, contact: Array, one: Observation) -> Array:
+    """Increments (M, 3, N) of one run since its zero."""
+    usual = predict(rig, contact[None, :], one)[0]
+    x, y, gamma = np.concatenate([np.zeros((3, 1)), usual], axis=1)
+    height, half = rig.probes.radial_height, 0.5 * rig.probes.axial_span
+    probes = np.stack([x + height * gamma, y + half * gamma, -x - height * gamma,
+                       y - half * gamma])
+    course = Course(
+        one.elevation, one.zero_load, np.append(one.zero_load, one.load),
+        np.append(one.time[0] - BEFORE, one.time), probes, not one.dynamic)
+    columns = scatter_columns(rig, contact, course)
+    since_zero = np.ascontiguousarray((columns[:, 1:] - columns[:, :1]).transpose(2, 0, 1))
+    moved = [probes_to_displacement(rig.probes, part) for part in since_zero]
+    return np.array([[part.delta_x, part.delta_y, part.gamma] for part in moved])

@@ -1,0 +1,61 @@
+"""Claims about the intervals on rings of unequal rollers, as every real ring is."""
+
+import numpy as np
+import pytest
+
+from saddlering_ros.bags import read_run
+from saddlering_ros.estimation.identifiability import WIDTH_95
+from saddlering_ros.identification import IdentificationSettings, identify, SwarmSettings
+from saddlering_ros.identification.objective import WeightedObjective
+from saddlering_ros.identification.observing import observe
+from saddlering_ros.identification.unequal_rollers import roller_effects
+from saddlering_ros.rig import default_rig, PARAMETER_NAMES
+from saddlering_ros.virtual_rig.campaign import draw_truth
+
+SEED = 4
+RIG = default_rig()
+FITTED = ('static_50', 'dynamic_50', 'static_70')
+
+
+@pytest.fixture(name='runs', scope='module')
+def runs_fixture(campaign):
+    return [read_run(bag) for bag in campaign(runs=FITTED, seed=SEED)]
+
+
+@pytest.fixture(name='found', scope='module')
+def found_fixture(runs):
+    return identify(runs, RIG, IdentificationSettings(
+        swarm=SwarmSettings(particles=10, iterations=10)))
+
+
+def off(found):
+    return found.parameters.contact.to_array() - draw_truth(SEED, 'clean').contact.to_array()
+
+
+def test_intervals_hold_the_truth_where_those_of_noise_alone_do_not(found):
+    truth = draw_truth(SEED, 'clean').contact
+    for name in PARAMETER_NAMES:
+        low, high = found.intervals[name]
+        assert low < getattr(truth, name) < high
+    of_noise = np.sqrt(np.diag(found.parameters.source.covariance))
+    assert np.abs(off(found) / of_noise).max() > WIDTH_95
+
+
+def test_the_covariance_of_the_parameter_file_counts_noise_alone(found):
+    """Predictions and changes of the same ring do not vary with the scatter of its rollers."""
+    added = found.covariance - found.parameters.source.covariance
+    correlated = added / np.sqrt(np.outer(np.diag(added), np.diag(added)))
+    assert np.linalg.eigvalsh(correlated).min() > -1e-6
+    assert np.diag(found.covariance) == pytest.approx(found.std**2)
+
+
+def test_the_effect_of_rollers_is_shared_by_all_runs(runs, found):
+    observations = observe(runs, RIG, fit_rate=50.0)
+    contact = found.parameters.contact.to_array()
+    objective = WeightedObjective(RIG, observations, (0, 1, 2))
+    together = roller_effects(objective, contact)
+    alone = [roller_effects(WeightedObjective(RIG, [one], (0, 1, 2)), contact)
+             for one in observations]
+    assert np.allclose(together, np.concatenate(alone))
+    rollers = 2 * RIG.axial_rows.rollers + RIG.radial_row.rollers
+    assert together.shape[1] == 2 * rollers + 1
