@@ -131,9 +131,9 @@ def _plan(args: argparse.Namespace) -> TestPlan:
               'stiffness-scatter': args.stiffness_scatter}
     for name, value in noises.items():
         if not 0.0 <= value < 1e4:
-            raise VirtualRigError(f'--{name} is {value:g}: give a number from 0')
+            raise VirtualRigError(f'--{name} is {value:g}: give a number from 0 up')
     if args.seed < 0 or args.rig_seed < 0:
-        raise VirtualRigError('a seed is below zero: give a whole number from 0')
+        raise VirtualRigError('a seed is below zero: give a whole number from 0 up')
     physical = PhysicalRig(
         rig, _contact(args), math.radians(args.elevation), parse_requests(args.effect, args.form),
         Scatter(args.gap_scatter * 1e-6, args.stiffness_scatter / 100.0), args.rig_seed)

@@ -138,7 +138,7 @@ def _wait(group: Any, deadline: float, seconds: float | None) -> None:
     group.check()
     ends = [line for line in clock.said().splitlines() if AT_END in line]
     if not ends:
-        raise NodeError(f'replay_clock left before the bag was at its end: '
+        raise NodeError(f'replay_clock ended before the bag was at its end: '
                         f'{last_line(clock.said())}: replay it again')
     if 'without' in ends[-1]:
         raise NodeError(f'{ends[-1][ends[-1].index(AT_END):]}, which fell behind: repeat the '

@@ -134,7 +134,7 @@ def test_results_are_saved_as_their_name_ends(judged, tmp_path):
     assert len(rows) == 8
     assert float(rows[0]['rmse']) == judged.found.runs[0].channels['delta_x'].rmse
     for name in ('all.txt', 'law.yaml'):
-        with pytest.raises(SaddleringError, match=r'end it with \.json, \.csv$'):
+        with pytest.raises(SaddleringError, match=r'end the name with \.json, \.csv$'):
             judged.save(tmp_path / name)
 
 
@@ -168,6 +168,6 @@ def test_parameters_of_another_rig_are_refused_unless_the_rig_is_trusted(bags, f
     found.save(file)
     text = file.read_text().replace(rig.digest, 'f' * 64)
     file.write_text(text)
-    with pytest.raises(SaddleringError, match='found on the rig with the hash ffff'):
+    with pytest.raises(SaddleringError, match='belong to the rig with the hash ffff'):
         saddlering_ros.validate(bags, parameters=file)
     assert saddlering_ros.validate(bags, parameters=file, trust_rig=True)

@@ -63,7 +63,7 @@ def test_a_carriage_that_sways_in_two_coordinates_has_no_share_in_the_third(runs
 
     def swung(run: RunBlocks, moved: np.ndarray) -> np.ndarray:
         """What a second mode adds to a motion, integrated in small steps."""
-        if not run.inputs['rate'].any():
+        if not run.rate.any():
             return 0.0 * moved
         step = 1e-3
         time = np.arange(run.time[0], run.time[-1], step)

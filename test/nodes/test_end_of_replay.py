@@ -49,7 +49,7 @@ def soon(name: str, number: signal.Signals, recorded: Path) -> threading.Thread:
 @pytest.mark.ros
 @pytest.mark.parametrize(('name', 'number', 'words'), [
     ('replay_clock', signal.SIGKILL, 'replay_clock ended with status -9'),
-    ('eddy_current', signal.SIGTERM, 'left before the bag was at its end')])
+    ('eddy_current', signal.SIGTERM, 'ended before the bag was at its end')])
 def test_a_replay_whose_node_is_ended_fails_and_replaces_nothing(
         name: str, number: signal.Signals, words: str, bag: Path, ros_domain: int,
         tmp_path: Path, capsys: Any) -> None:
