@@ -91,7 +91,7 @@ def test_a_replay_starts_when_all_are_heard_of_and_matched_both_ways() -> None:
     assert group.absent() == ['source: /t is connected to 0 of 1 readers']
     group.hear(said('source', until=1, outputs=[('/t', 0, 1)]), 0.0)
     group.hear(said('reader', inputs=[('/t', 0, 0)]), 0.0)
-    assert group.absent() == ['reader: is not matched with the publisher of /t']
+    assert group.absent() == ['reader: is not connected to the publisher of /t']
     group.hear(said('reader', inputs=[('/t', 0, 1)]), 0.0)
     assert group.absent() == []
 
