@@ -21,7 +21,6 @@ from rcl_interfaces.srv import SetParameters
 import rclpy
 from rclpy.action import ActionClient
 from rclpy.executors import SingleThreadedExecutor
-from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.signals import SignalHandlerOptions
 
 from saddlering_interfaces.action import DiagnoseRing, IdentifyRing
@@ -32,6 +31,7 @@ from saddlering_ros.demo.recorder import Recorder, Recording
 from saddlering_ros.ros.launcher import last_line, NodeGroup, REPLAY_NODES, RING_NODES
 from saddlering_ros.ros.lockstep import to_stamp
 from saddlering_ros.ros.names import DIAGNOSE, DIAGNOSTICS, IDENTIFY, STATE
+from saddlering_ros.ros.qos import LATCHED
 from saddlering_ros.ros.spin import spin_streaming
 
 SWITCHED = (*REPLAY_NODES, 'replay_clock')
@@ -121,8 +121,7 @@ class LiveRig:
         self._executor = SingleThreadedExecutor()
         stack.callback(self._executor.shutdown, timeout_sec=0.0)
         self._executor.add_node(self._node)
-        latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-        self._node.create_subscription(ReplayState, STATE, self._on_state, latched)
+        self._node.create_subscription(ReplayState, STATE, self._on_state, LATCHED)
         self._node.create_subscription(DiagnosticArray, DIAGNOSTICS, self._on_diagnostics, 50)
         self._actions = {
             'identify': ActionClient(self._node, IdentifyRing, IDENTIFY),

@@ -15,7 +15,6 @@ from rclpy.action.server import ServerGoalHandle
 from rclpy.clock import Clock, ClockType
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.task import Future
 
 from saddlering_interfaces.msg import RingParameters
@@ -28,17 +27,13 @@ from saddlering_ros.ros.diagnostics import ERROR, Finding, OK, to_message
 from saddlering_ros.ros.errors import NodeError
 from saddlering_ros.ros.names import diagnostic_name, DIAGNOSTICS, PARAMETERS_IN_FORCE, rig_name
 from saddlering_ros.ros.parameters import declare, declare_rig, HARDWARE_ID, Parameter
+from saddlering_ros.ros.qos import LATCHED, MANY_REQUESTS
 from saddlering_ros.ros.rig_agreement import RigAgreement
 from saddlering_ros.ros.roots import bag_below, below, root_folder
 from saddlering_ros.ros.run import run
 
-LATCHED = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE,
-                     durability=DurabilityPolicy.TRANSIENT_LOCAL)
 MAX_BAGS = 100
 """Bags of one goal."""
-
-DEEP = QoSProfile(depth=2000, reliability=ReliabilityPolicy.RELIABLE)
-"""Requests that may wait: of 50 goals at once the default queue keeps 10, and drops the others."""
 
 ANSWER_PERIOD = 0.05
 """Goals and cancels are answered this far apart [s], if more than a few come at once."""
@@ -111,8 +106,8 @@ class ActionNode(Node):
         self._server = PacedActionServer(
             self, self.ACTION, self.NAME, pace=self._pace, execute_callback=self._execute,
             goal_callback=self._on_goal, cancel_callback=self._on_cancel,
-            goal_service_qos_profile=DEEP, cancel_service_qos_profile=DEEP,
-            result_service_qos_profile=DEEP)
+            goal_service_qos_profile=MANY_REQUESTS, cancel_service_qos_profile=MANY_REQUESTS,
+            result_service_qos_profile=MANY_REQUESTS)
         served = self.resolve_service_name(self.NAME)
         self.get_logger().info(f'serves {served}; bags from {self.bag_root}')
 

@@ -14,7 +14,6 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
 import rclpy
-from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.signals import SignalHandlerOptions
 from std_msgs.msg import Bool, Header
 
@@ -39,13 +38,14 @@ from saddlering_ros.ros.names import (
     WITHIN_LIMITS,
     ZERO,
 )
+from saddlering_ros.ros.qos import LATCHED_BY_SEVERAL, stream_qos
 from saddlering_ros.ros.raw_topics import message_class, RawSubscription
 from saddlering_ros.ros.spin import spin_streaming
 from saddlering_ros.ros.streaming_node import StreamingNode
 
 NAME = 'saddlering_recorder'
 RING_STREAMS = tuple(f'/{name}' for name in DISPLACEMENTS)
-LATCHED: dict[str, Any] = {
+KEPT: dict[str, Any] = {
     f'/{PARAMETERS_IN_FORCE}': RingParameters, f'/{STATE}': ReplayState,
     f'/{RING_ALARM}': RingAlarm, f'/{WITHIN_LIMITS}': Bool}
 """Topics whose last message is there for late joiners."""
@@ -66,13 +66,11 @@ class Recorder(StreamingNode):
         self._bag = bag
         self._published: dict[str, int] = {}
         self.create_subscription(ReplayProgress, PROGRESS, self._hear, 200)
-        for topic, kind in {**LATCHED, **OTHERS}.items():
-            durability = (DurabilityPolicy.TRANSIENT_LOCAL if topic in LATCHED
-                          else DurabilityPolicy.VOLATILE)
+        for topic, kind in {**KEPT, **OTHERS}.items():
             self.create_subscription(
                 kind, name_of(topic),
                 lambda message, topic=topic: self._keep(topic, [bytes(message)]),
-                QoSProfile(depth=50, durability=durability), raw=True)
+                LATCHED_BY_SEVERAL if topic in KEPT else stream_qos(depth=50), raw=True)
 
     def connect(self) -> None:
         """Subscribe to all streams."""
@@ -158,11 +156,11 @@ def recording(
     Yields the recorder. BagError where the bag cannot be written; whatever was heard is in it even
     if the block raises.
     """
-    topics = {topic: type_name(kind) for topic, kind in {**streams(), **LATCHED, **OTHERS}.items()}
+    topics = {topic: type_name(kind) for topic, kind in {**streams(), **KEPT, **OTHERS}.items()}
     context = rclpy.Context()
     with ExitStack() as stack:
         bag = stack.enter_context(BagRecording(
-            path, topics, definitions=definitions(), latched=frozenset(LATCHED), facts=facts,
+            path, topics, definitions=definitions(), latched=frozenset(KEPT), facts=facts,
             overwrite=overwrite))
         rclpy.init(context=context, args=[], domain_id=domain_id,
                    signal_handler_options=SignalHandlerOptions.NO)

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 import rclpy
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, qos_profile_action_status_default, QoSProfile
+from rclpy.qos import qos_profile_action_status_default
 from sensor_msgs.msg import Range
 
 from saddlering_interfaces.action import DiagnoseRing, IdentifyRing
@@ -53,6 +53,7 @@ from saddlering_ros.ros.names import (
     SIMULATED,
     STATE,
 )
+from saddlering_ros.ros.qos import LATCHED, LATCHED_BY_SEVERAL
 from saddlering_ros.ros.raw_topics import RawSubscription
 from saddlering_ros.streams import batches
 
@@ -87,7 +88,6 @@ BAG, ELEVATION_KEY = 'bag', 'elevation [deg]'
 ACTIONS = {'identify': (IDENTIFY, IdentifyRing),
            'diagnose': (DIAGNOSE, DiagnoseRing)}
 RUNNING = (GoalStatus.STATUS_ACCEPTED, GoalStatus.STATUS_EXECUTING, GoalStatus.STATUS_CANCELING)
-LATCHED = QoSProfile(depth=5, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 LEVELS = ('ok', 'warning', 'error', 'silent')
 
 
@@ -145,7 +145,7 @@ class Watcher:
                          for name, (path, kind) in ACTIONS.items()}
         subscribe = self.node.create_subscription
         subscribe(DiagnosticArray, DIAGNOSTICS, self._on_diagnostics, 50)
-        subscribe(RingParameters, PARAMETERS_IN_FORCE, self._on_parameters, LATCHED)
+        subscribe(RingParameters, PARAMETERS_IN_FORCE, self._on_parameters, LATCHED_BY_SEVERAL)
         subscribe(ReplayState, STATE, self._on_replay, LATCHED)
         subscribe(RingAlarm, RING_ALARM, self._on_alarm, LATCHED)
         self._stop = threading.Event()

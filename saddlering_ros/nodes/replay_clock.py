@@ -7,7 +7,6 @@ import math
 from pathlib import Path
 import time
 
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.serialization import deserialize_message
 from rosgraph_msgs.msg import Clock
 from std_srvs.srv import Trigger
@@ -22,15 +21,13 @@ from saddlering_ros.ros.errors import NodeError
 from saddlering_ros.ros.lockstep import LockstepGroup, to_time
 from saddlering_ros.ros.names import CLOCK, PROGRESS, STATE
 from saddlering_ros.ros.parameters import Parameter
+from saddlering_ros.ros.qos import CLOCK_QOS, LATCHED
 from saddlering_ros.ros.raw_topics import RawPublisher, RawSubscription
 from saddlering_ros.ros.registry import names, REPLAY, RING
 from saddlering_ros.ros.run import leave, run_streaming
 from saddlering_ros.streams.batches import encode_clock
 
 PARTICIPANTS = list(names(REPLAY, RING))
-CLOCK_QOS = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
-STATE_QOS = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE,
-                       durability=DurabilityPolicy.TRANSIENT_LOCAL)
 REPEAT = 0.05
 """A standing clock says its time again this often [s]: for late joiners, and if one got lost."""
 
@@ -81,7 +78,7 @@ class ReplayClockNode(BagNode):
         self.create_service(SetRate, '~/set_rate', self._on_set_rate)
         self.create_service(Seek, '~/seek', self._on_seek)
         self.create_service(Step, '~/step', self._on_step)
-        self._state_publisher = self.create_publisher(ReplayState, STATE, STATE_QOS)
+        self._state_publisher = self.create_publisher(ReplayState, STATE, LATCHED)
 
     def configure(self) -> None:
         """Read from when to when the bag goes."""

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from geometry_msgs.msg import WrenchStamped
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from std_msgs.msg import Bool
 from std_srvs.srv import Trigger
 
@@ -30,17 +29,13 @@ from saddlering_ros.ros.diagnostics import (
 )
 from saddlering_ros.ros.names import PARAMETERS_IN_FORCE, RESIDUAL, RING_ALARM, WITHIN_LIMITS
 from saddlering_ros.ros.parameters import declare_rig, Parameter
+from saddlering_ros.ros.qos import LATCHED, LATCHED_BY_SEVERAL
 from saddlering_ros.ros.raw_topics import RawSubscription
 from saddlering_ros.ros.rig_agreement import RigAgreement
 from saddlering_ros.ros.run import leave, run_streaming
 from saddlering_ros.ros.streaming_node import INPUT_RELIABILITY, StreamingNode
 from saddlering_ros.streams import batches
 from saddlering_ros.streams.alarm import AlarmStream
-
-LATCHED = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE,
-                     durability=DurabilityPolicy.TRANSIENT_LOCAL)
-LATCHED_BY_SEVERAL = QoSProfile(depth=20, reliability=ReliabilityPolicy.RELIABLE,
-                                durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 HEARTBEAT = 0.1
 """ring/within_limits is repeated this often [s], so that its silence can be noticed."""

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 import time
 
 from geometry_msgs.msg import WrenchStamped
-from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import Range
 from std_msgs.msg import Header
 from std_srvs.srv import Trigger
@@ -31,6 +30,7 @@ from saddlering_ros.ros.elevation import ElevationWatch
 from saddlering_ros.ros.lockstep import to_time
 from saddlering_ros.ros.names import DISPLACEMENT, ZERO
 from saddlering_ros.ros.parameters import declare_rig, Parameter
+from saddlering_ros.ros.qos import ZERO_QOS
 from saddlering_ros.ros.raw_topics import RawPublisher, RawSubscription
 from saddlering_ros.ros.rig_agreement import RigAgreement
 from saddlering_ros.ros.run import leave, run_streaming
@@ -40,8 +40,6 @@ from saddlering_ros.streams.displacement import DisplacementStream
 
 FLUSH_AFTER = 0.2
 """Samples held are taken when nothing has come for this long [s]."""
-
-ZERO_QOS = QoSProfile(depth=10, durability=DurabilityPolicy.VOLATILE)
 
 
 class RingDisplacementNode(StreamingNode):

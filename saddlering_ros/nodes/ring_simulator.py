@@ -7,7 +7,6 @@ import math
 import time
 
 from geometry_msgs.msg import WrenchStamped
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from std_msgs.msg import Header
 from std_srvs.srv import Trigger
 
@@ -16,7 +15,6 @@ from saddlering_ros.bags import LOAD_TOPIC
 from saddlering_ros.bags.topics import LOAD
 from saddlering_ros.errors import SaddleringError
 from saddlering_ros.nodes.ring_displacement import FLUSH_AFTER as GUARD_FLUSH_AFTER
-from saddlering_ros.nodes.ring_displacement import ZERO_QOS
 from saddlering_ros.rig import (
     parameters_from_mapping,
     ParameterSet,
@@ -41,6 +39,7 @@ from saddlering_ros.ros.errors import NodeError
 from saddlering_ros.ros.lockstep import to_stamp, to_time
 from saddlering_ros.ros.names import PARAMETERS_IN_FORCE, SIMULATED, ZERO
 from saddlering_ros.ros.parameters import declare_rig, given_sections, Parameter
+from saddlering_ros.ros.qos import LATCHED, LATCHED_BY_SEVERAL, ZERO_QOS
 from saddlering_ros.ros.raw_topics import RawPublisher, RawSubscription
 from saddlering_ros.ros.rig_agreement import RigAgreement
 from saddlering_ros.ros.run import leave, run_streaming
@@ -48,12 +47,6 @@ from saddlering_ros.ros.streaming_node import INPUT_RELIABILITY, MAX_GAP, Stream
 from saddlering_ros.streams import batches
 from saddlering_ros.streams.simulation import SimulationStream
 
-LATCHED = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE,
-                     durability=DurabilityPolicy.TRANSIENT_LOCAL)
-LATCHED_BY_SEVERAL = QoSProfile(depth=20, reliability=ReliabilityPolicy.RELIABLE,
-                                durability=DurabilityPolicy.TRANSIENT_LOCAL)
-"""For a reader: its queue is shared by all who publish there, this node among them, and each
-keeps its last message; a queue of one would let one's message push out another's unread."""
 ASSUMED_ELEVATION_DEG = 50.0
 FUTURE_NS = 60_000_000_000
 """Parameters stamped later than this from now [ns] are refused."""

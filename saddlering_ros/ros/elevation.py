@@ -12,14 +12,11 @@ import math
 
 from geometry_msgs.msg import Vector3Stamped
 from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
 from saddlering_interfaces.msg import ReplayState
 from saddlering_ros.bags.topics import ELEVATION
 from saddlering_ros.ros.names import STATE
-
-LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-OF_ANY_SENSOR = QoSProfile(depth=5, reliability=ReliabilityPolicy.BEST_EFFORT)
+from saddlering_ros.ros.qos import LATCHED, OF_ANY_SENSOR
 
 SAME_BAG = math.radians(0.01)
 """Elevations of a setting and of a bag that differ by more contradict each other."""

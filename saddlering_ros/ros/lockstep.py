@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 from builtin_interfaces.msg import Time
-from rclpy.qos import QoSProfile, ReliabilityPolicy
 
 from saddlering_interfaces.msg import ReplayProgress
 from saddlering_ros.bags.cdr import SECOND
 from saddlering_ros.ros.raw_topics import RawPublisher, RawSubscription
-
-PROGRESS_QOS = QoSProfile(depth=200, reliability=ReliabilityPolicy.RELIABLE)
 
 
 def to_time(stamp: int) -> Time:

@@ -8,26 +8,17 @@ from typing import Any, TypeVar
 
 from rclpy.callback_groups import CallbackGroup
 from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos import QoSProfile, ReliabilityPolicy
 
 from saddlering_ros.bags.cdr import CdrError
 from saddlering_ros.bags.topics import RigTopic
 from saddlering_ros.ros.errors import NodeError
+from saddlering_ros.ros.qos import DEPTH, stream_qos
 from saddlering_ros.streams.batches import decode_samples, Samples
 
 Batch = TypeVar('Batch')
 
-DEPTH = 5000
-"""Messages that may wait at either end of a topic: five seconds at 1 kHz."""
-
 RELIABILITIES = ('auto', 'reliable', 'best_effort')
-
-
-def stream_qos(reliable: bool = True, depth: int = DEPTH) -> QoSProfile:
-    """The QoS of a measured or simulated stream: deep, so that a busy reader loses nothing."""
-    kind = ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT
-    return QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=depth, reliability=kind,
-                      durability=DurabilityPolicy.VOLATILE)
 
 
 def message_class(name: str) -> Any:

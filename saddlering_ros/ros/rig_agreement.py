@@ -4,17 +4,12 @@ from __future__ import annotations
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
 from saddlering_ros.rig import Rig
 from saddlering_ros.rig.digest import short_digest
 from saddlering_ros.ros.diagnostics import ERROR, Finding, OK
 from saddlering_ros.ros.names import RIG
-
-KEPT = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE,
-                  durability=DurabilityPolicy.TRANSIENT_LOCAL)
-KEPT_BY_ALL = QoSProfile(depth=50, reliability=ReliabilityPolicy.RELIABLE,
-                         durability=DurabilityPolicy.TRANSIENT_LOCAL)
+from saddlering_ros.ros.qos import LATCHED, LATCHED_BY_SEVERAL
 
 
 class RigAgreement:
@@ -26,8 +21,8 @@ class RigAgreement:
         self._node = node
         self.digest = rig.digest
         self._others: dict[str, str] = {}
-        self._publisher = node.create_publisher(DiagnosticStatus, RIG, KEPT)
-        node.create_subscription(DiagnosticStatus, RIG, self._hear, KEPT_BY_ALL)
+        self._publisher = node.create_publisher(DiagnosticStatus, RIG, LATCHED)
+        node.create_subscription(DiagnosticStatus, RIG, self._hear, LATCHED_BY_SEVERAL)
         self._publisher.publish(DiagnosticStatus(
             name=node.get_fully_qualified_name(), message=self.digest))
         node.get_logger().info(f'rig {short_digest(self.digest)}')

@@ -19,9 +19,10 @@ from saddlering_ros.ros.diagnostics import (
     Task,
     to_message,
 )
-from saddlering_ros.ros.lockstep import progress_of, PROGRESS_QOS
+from saddlering_ros.ros.lockstep import progress_of
 from saddlering_ros.ros.names import diagnostic_name, DIAGNOSTICS, PROGRESS, rig_name
 from saddlering_ros.ros.parameters import declare, HARDWARE_ID, Parameter
+from saddlering_ros.ros.qos import PROGRESS_QOS
 from saddlering_ros.ros.raw_topics import RawPublisher, RawSubscription, RELIABILITIES
 
 HEARTBEAT = 0.2
