@@ -4,24 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 import contextlib
-import threading
 import time
 from typing import Any
 
-from diagnostic_msgs.msg import DiagnosticArray
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import WrenchStamped
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
 import numpy as np
 from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
 from rcl_interfaces.srv import SetParameters
-import rclpy
 from rclpy.action import ActionClient
-from rclpy.executors import SingleThreadedExecutor
 from rclpy.qos import QoSProfile
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import Range
 
+from benchmarks.served_node import ServedNode
 from saddlering_interfaces.msg import ReplayProgress, RingDisplacement
 from saddlering_ros.bags import LOAD_TOPIC, PROBE_TOPICS
 from saddlering_ros.bags.topics import LOAD, PROBES
@@ -35,9 +33,6 @@ OUTPUTS = ('/ring/displacement', '/ring/simulated_displacement', '/ring/residual
 READERS = ('ring_displacement', 'ring_simulator')
 """The nodes that read raw topics, the load first."""
 
-POLL = 0.01
-"""Between two looks at what came [s]; a shorter one takes a core from the nodes."""
-
 
 def wait_until(condition: Callable[[], bool], seconds: float = 60.0, what: str = '') -> None:
     """Poll `condition`; fail with `what` if it does not come true."""
@@ -48,16 +43,11 @@ def wait_until(condition: Callable[[], bool], seconds: float = 60.0, what: str =
         time.sleep(0.01)
 
 
-class Client:
-    """A node of the test process in a context of its own, served by a thread."""
+class Client(ServedNode):
+    """The test's own node: keeps what the ring nodes publish, their progress and diagnostics."""
 
     def __init__(self, domain: int) -> None:
-        self.context = rclpy.Context()
-        rclpy.init(context=self.context, domain_id=domain)
-        self.node = rclpy.create_node('test_client', context=self.context)
-        self.executor = SingleThreadedExecutor(context=self.context)
-        self.executor.add_node(self.node)
-        self.lock = threading.RLock()
+        super().__init__(domain, 'test_client')
         self.subscriptions = {topic: RawSubscription(self.node, topic, RingDisplacement)
                               for topic in OUTPUTS}
         self.raw: dict[str, list[bytes]] = {topic: [] for topic in OUTPUTS}
@@ -68,27 +58,24 @@ class Client:
         self._actions: list[ActionClient] = []
         self._progress = RawSubscription(self.node, PROGRESS, ReplayProgress)
         self._diagnostics = RawSubscription(self.node, '/diagnostics', DiagnosticArray)
-        self._stop = threading.Event()
-        self._thread = threading.Thread(target=self._serve, daemon=True)
-        self._thread.start()
+        self.serve()
 
-    def _serve(self) -> None:
-        while not self._stop.is_set():
-            with self.lock:
-                self.executor.spin_once(timeout_sec=0.0)
-                for topic, subscription in self.subscriptions.items():
-                    self.raw[topic] += subscription.take()
-                for message in self._progress.take():
-                    said = deserialize_message(message, ReplayProgress)
-                    self.progress[said.node] = said
-                for message in self._diagnostics.take():
-                    for status in deserialize_message(message, DiagnosticArray).status:
-                        self.diagnostics[status.name] = (status.level[0], status.message)
-                        self.figures[status.name] = {
-                            pair.key: pair.value for pair in status.values}
-                        if status.level[0]:
-                            self.warnings.append(f'{status.name}: {status.message}')
-            time.sleep(POLL)
+    def take(self) -> None:
+        """Keep what has come."""
+        for topic, subscription in self.subscriptions.items():
+            self.raw[topic] += subscription.take()
+        for message in self._progress.take():
+            said = deserialize_message(message, ReplayProgress)
+            self.progress[said.node] = said
+        for message in self._diagnostics.take():
+            for status in deserialize_message(message, DiagnosticArray).status:
+                self._note(status)
+
+    def _note(self, status: DiagnosticStatus) -> None:
+        self.diagnostics[status.name] = (status.level[0], status.message)
+        self.figures[status.name] = {pair.key: pair.value for pair in status.values}
+        if status.level[0]:
+            self.warnings.append(f'{status.name}: {status.message}')
 
     def heard(self, topic: str) -> batches.Displacements:
         """All displacements heard on `topic` so far."""
@@ -152,14 +139,10 @@ class Client:
                 cancel_service_qos_profile=deep, result_service_qos_profile=deep))
         return self._actions[-1]
 
-    def close(self) -> None:
-        self._stop.set()
-        self._thread.join()
-        self.executor.shutdown(timeout_sec=0.0)
+    def release(self) -> None:
+        """Destroy the clients of actions: their node does not."""
         for action in self._actions:
             action.destroy()
-        self.node.destroy_node()
-        rclpy.shutdown(context=self.context)
 
 
 @contextlib.contextmanager

@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-import threading
 import time
 
 from diagnostic_msgs.msg import DiagnosticArray
 import numpy as np
-import rclpy
-from rclpy.executors import SingleThreadedExecutor
 from rclpy.serialization import deserialize_message
 from std_srvs.srv import Trigger
 
+from benchmarks.served_node import ServedNode
 from saddlering_interfaces.msg import ReplayProgress, RingDisplacement
 from saddlering_ros.ros.names import PROGRESS
 from saddlering_ros.ros.raw_topics import RawSubscription
@@ -41,16 +39,11 @@ class Heard:
     arrived: float
 
 
-class Listener:
+class Listener(ServedNode):
     """A node of this process that keeps everything the ring nodes say, with its time."""
 
     def __init__(self, domain: int) -> None:
-        self.context = rclpy.Context()
-        rclpy.init(context=self.context, domain_id=domain)
-        self.node = rclpy.create_node(f'listener_{time.monotonic_ns()}', context=self.context)
-        self.executor = SingleThreadedExecutor(context=self.context)
-        self.executor.add_node(self.node)
-        self.lock = threading.RLock()
+        super().__init__(domain, f'listener_{time.monotonic_ns()}')
         self.heard: dict[str, list[Heard]] = {topic: [] for topic in OUTPUTS.values()}
         self.said: list[tuple[float, str, int, str]] = []
         self.alive: dict[str, float] = {}
@@ -60,18 +53,11 @@ class Listener:
                        for topic in OUTPUTS.values()}
         self._progress = RawSubscription(self.node, PROGRESS, ReplayProgress)
         self._diagnostics = RawSubscription(self.node, '/diagnostics', DiagnosticArray)
-        self._stop = threading.Event()
-        self._thread = threading.Thread(target=self._serve, daemon=True)
-        self._thread.start()
+        self.serve()
 
-    def _serve(self) -> None:
-        while not self._stop.is_set():
-            with self.lock:
-                self.executor.spin_once(timeout_sec=0.0)
-                self._take(time.monotonic())
-            time.sleep(0.005)
-
-    def _take(self, now: float) -> None:
+    def take(self) -> None:
+        """Keep what has come."""
+        now = time.monotonic()
         for topic, flow in self._flows.items():
             messages = flow.take()
             if messages:
@@ -132,13 +118,6 @@ class Listener:
             for items in self.heard.values():
                 items.clear()
             self.said.clear()
-
-    def close(self) -> None:
-        self._stop.set()
-        self._thread.join()
-        self.executor.shutdown(timeout_sec=0.0)
-        self.node.destroy_node()
-        rclpy.shutdown(context=self.context)
 
 
 def wrong_numbers(listener: Listener, truth: Truth, starts: list[int],
