@@ -7,14 +7,7 @@ from __future__ import annotations
 
 from typing import Any, TYPE_CHECKING
 
-from saddlering_ros.bags.alignment import (
-    align,
-    AlignedRow,
-    AlignmentCounters,
-    seconds,
-    seconds_array,
-    StreamAligner,
-)
+from saddlering_ros.bags.alignment import align, seconds, seconds_array
 from saddlering_ros.bags.errors import BagError
 from saddlering_ros.bags.facts import FoundFacts, TestFacts
 from saddlering_ros.bags.info import bag_info, BagInfo, TopicInfo
@@ -23,6 +16,7 @@ from saddlering_ros.bags.plateaus import plateau_means, PlateauMeans, Plateaus, 
 from saddlering_ros.bags.reader import RawRecord, RawTopic, read_raw, read_run, TestRun
 from saddlering_ros.bags.repeats import refuse_repeats
 from saddlering_ros.bags.same_rig import refuse_other_rig, rig_in_words
+from saddlering_ros.bags.stream_aligner import AlignedRow, AlignmentCounters, StreamAligner
 from saddlering_ros.bags.topics import LOAD_TOPIC, PROBE_TOPICS, RIG_TOPICS
 
 if TYPE_CHECKING:

@@ -9,9 +9,10 @@ from dataclasses import dataclass, fields
 import numpy as np
 
 from saddlering_ros.bags import seconds
-from saddlering_ros.bags.alignment import JITTER_NS, longer_hold
+from saddlering_ros.bags.alignment import JITTER_NS
 from saddlering_ros.bags.cdr import SECOND
 from saddlering_ros.bags.guard import load_limits, SampleGuard
+from saddlering_ros.bags.stream_aligner import longer_hold
 from saddlering_ros.rig import CHANNELS, ParameterSet, Rig
 from saddlering_ros.ring import RingSimulator, SimulatedSample
 from saddlering_ros.streams.batches import Displacements, no_displacements, Samples
@@ -41,7 +42,7 @@ class SimulationStream:
     """One simulated state per load sample, with the sample's stamp.
 
     Samples that overtake each other inside a batch are put in order. Once one has come too late,
-    samples are held back for twice its delay (at most LONGEST_HOLD_NS), so that the next late
+    samples are held back for twice its delay (at most MAX_HOLD_NS), so that the next late
     ones are in time. Stamps that jump back, or ahead by more than `max_gap` [s], restart the
     simulation.
     """

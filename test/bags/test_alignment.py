@@ -11,13 +11,12 @@ import pytest
 
 from saddlering_ros.bags.alignment import (
     align,
-    AlignedRow,
     gap_mask,
     JITTER_NS,
     seconds,
     seconds_array,
-    StreamAligner,
 )
+from saddlering_ros.bags.stream_aligner import AlignedRow, StreamAligner
 
 EPOCH = 1_700_000_000_000_000_000
 MILLISECOND = 1_000_000
