@@ -19,6 +19,7 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from rigs import as_read
 
 from saddlering_ros.bags import displacement_of_run, LOAD_TOPIC, PROBE_TOPICS, RawRecord, RawTopic
 from saddlering_ros.bags.facts import FoundFacts
@@ -51,12 +52,7 @@ def raw_record(test: str, seed: int = 1, rig: Rig | None = None) -> RawRecord:
     plan = TestPlan(
         PhysicalRig(rig, TRUE_TO_SCALE, math.radians(ELEVATION), (), Scatter(0.0, 0.0), 1),
         schedule, seed)
-    record = record_test(plan)
-    topics = {LOAD_TOPIC: RawTopic(LOAD_TOPIC, '', '', record.load_stamps, record.load)}
-    for name, stamps, gaps in zip(PROBE_TOPICS, record.probe_stamps, record.gaps, strict=True):
-        topics[name] = RawTopic(name, '', '', stamps, gaps, rig.probes.min_range,
-                                rig.probes.max_range)
-    return RawRecord(Path(f'{test}_50'), topics, FoundFacts(test, ELEVATION))
+    return as_read(record_test(plan), rig.probes, FoundFacts(test, ELEVATION), f'{test}_50')
 
 
 # -- faults --------------------------------------------------------------------------------------
@@ -354,7 +350,7 @@ def _as_stored(topic: RawTopic) -> RawTopic:
     """The topic as the reader has it, from messages that were stored as they came."""
     arrival = topic.stamps[0] + np.arange(len(topic)) * int(np.median(np.diff(topic.stamps)))
     order = put_in_order(topic.topic, topic.stamps, lambda: arrival, topic.values)
-    notes = ()
+    notes: tuple[str, ...] = ()
     if order.reordered or order.duplicates:
         notes = (f'{topic.topic}: {order.reordered} messages put in order, {order.duplicates} '
                  'left out',)

@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
-from saddlering_ros.bags import TestRun
+from saddlering_ros.bags import LOAD_TOPIC, PROBE_TOPICS, RawRecord, RawTopic, TestRun
+from saddlering_ros.bags.facts import FoundFacts
 from saddlering_ros.rig import (
     ContactParameters,
     default_rig,
     Displacement,
     displacement_to_probes,
     FULL_SCALE_LOAD,
+    Probes,
     Rig,
+    TONNE,
 )
 from saddlering_ros.ring import static_response
 from saddlering_ros.virtual_rig import (
@@ -24,6 +28,7 @@ from saddlering_ros.virtual_rig import (
     Scatter,
     static_schedule,
     TestPlan,
+    TestRecord,
 )
 
 RIG = default_rig()
@@ -32,6 +37,31 @@ NO_SCATTER = Scatter(gap=0.0, stiffness=0.0)
 
 MAX_READING = 0.8e-3
 """Probe reading [m] that a drawn rig may reach; the probes' span ends at 1 mm."""
+
+
+def sized_rig(tonnes: float, rollers: int, radius: float) -> Rig:
+    """The shipped rig with a cylinder of `tonnes` and rows on a circle of `radius` [m]."""
+    usual = default_rig()
+    size, scale = radius / usual.axial_rows.pitch_radius, tonnes * TONNE / FULL_SCALE_LOAD
+    body = usual.carriage
+    return replace(
+        usual,
+        axial_rows=replace(usual.axial_rows, rollers=rollers, pitch_radius=radius),
+        radial_row=replace(usual.radial_row, rollers=rollers, pitch_radius=radius),
+        carriage=replace(body, mass=body.mass * scale, weight=body.weight * scale,
+                         inertia=body.inertia * scale * size**2),
+        trunnion=replace(usual.trunnion, x=usual.trunnion.x * size, y=usual.trunnion.y * size),
+        probes=replace(usual.probes, axial_span=usual.probes.axial_span * size),
+        preload=usual.preload * scale, full_scale_load=tonnes * TONNE)
+
+
+def as_read(record: TestRecord, probes: Probes, facts: FoundFacts, name: str) -> RawRecord:
+    """A record of the virtual rig as the reader finds it in a bag called `name`."""
+    topics = {LOAD_TOPIC: RawTopic(LOAD_TOPIC, '', '', record.load_stamps, record.load)}
+    for topic, stamps, gaps in zip(PROBE_TOPICS, record.probe_stamps, record.gaps, strict=True):
+        values = gaps.astype(np.float32).astype(np.float64)  # as a Range carries them
+        topics[topic] = RawTopic(topic, '', '', stamps, values, probes.min_range, probes.max_range)
+    return RawRecord(Path(name), topics, facts)
 
 
 def drawn_contact(random: np.random.Generator, rig: Rig = RIG) -> ContactParameters:

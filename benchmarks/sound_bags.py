@@ -12,16 +12,15 @@ from __future__ import annotations
 import argparse
 from dataclasses import dataclass, replace
 import math
-from pathlib import Path
 
 import numpy as np
+from rigs import as_read, sized_rig
 
-from saddlering_ros.bags import LOAD_TOPIC, PROBE_TOPICS, RawRecord, RawTopic
+from saddlering_ros.bags import RawRecord
 from saddlering_ros.bags.facts import FoundFacts
 from saddlering_ros.bags.reader import notes_on_rig, run_of_record
 from saddlering_ros.rig import (
     ContactParameters,
-    default_rig,
     FULL_SCALE_LOAD,
     Rig,
     TONNE,
@@ -81,22 +80,6 @@ def drawn(seed: int) -> Draw:
         float(random.uniform(1.0, 4.0)))
 
 
-def sized_rig(tonnes: float, rollers: int, radius: float) -> Rig:
-    """The shipped rig at another size."""
-    usual = default_rig()
-    size, scale = radius / usual.axial_rows.pitch_radius, tonnes * TONNE / FULL_SCALE_LOAD
-    body = usual.carriage
-    return replace(
-        usual,
-        axial_rows=replace(usual.axial_rows, rollers=rollers, pitch_radius=radius),
-        middle_row=replace(usual.middle_row, rollers=rollers, pitch_radius=radius),
-        carriage=replace(body, mass=body.mass * scale, weight=body.weight * scale,
-                         inertia=body.inertia * scale * size**2),
-        trunnion=replace(usual.trunnion, x=usual.trunnion.x * size, y=usual.trunnion.y * size),
-        probes=replace(usual.probes, axial_span=usual.probes.axial_span * size),
-        preload=usual.preload * scale, full_scale_load=tonnes * TONNE)
-
-
 def recorded(draw: Draw, seed: int) -> RawRecord:
     """Its record as the reader finds it in a bag."""
     schedule = (static_schedule(draw.rig, hold=2.0, step=draw.rig.full_scale_load / 6.0)
@@ -106,12 +89,8 @@ def recorded(draw: Draw, seed: int) -> RawRecord:
         PhysicalRig(draw.rig, draw.contact, math.radians(draw.elevation_deg), (), draw.scatter,
                     seed),
         schedule, seed, draw.instruments, draw.rate, draw.probe_rate))
-    probes = draw.rig.probes
-    topics = {LOAD_TOPIC: RawTopic(LOAD_TOPIC, '', '', record.load_stamps, record.load)}
-    for name, stamps, gaps in zip(PROBE_TOPICS, record.probe_stamps, record.gaps, strict=True):
-        values = gaps.astype(np.float32).astype(np.float64)  # as a Range carries them
-        topics[name] = RawTopic(name, '', '', stamps, values, probes.min_range, probes.max_range)
-    return RawRecord(Path(f'seed_{seed}'), topics, FoundFacts(draw.test, draw.elevation_deg))
+    return as_read(record, draw.rig.probes, FoundFacts(draw.test, draw.elevation_deg),
+                   f'seed_{seed}')
 
 
 def notes_on(draw: Draw, seed: int) -> list[str]:

@@ -1,13 +1,12 @@
 """Rigs of other sizes, and tests of the virtual rig on them as runs in memory."""
 
-from dataclasses import replace
 import math
 from pathlib import Path
 
 import numpy as np
 
 from saddlering_ros.bags import align, seconds_array, TestRun
-from saddlering_ros.rig import default_rig, FULL_SCALE_LOAD, TONNE, TRUE_TO_SCALE
+from saddlering_ros.rig import FULL_SCALE_LOAD, TRUE_TO_SCALE
 from saddlering_ros.virtual_rig import (
     dynamic_schedule,
     Instruments,
@@ -17,23 +16,6 @@ from saddlering_ros.virtual_rig import (
     static_schedule,
     TestPlan,
 )
-
-
-def rig_of(tonnes, rollers, radius):
-    """A rig of a cylinder of `tonnes` with rows of `rollers` on a circle of `radius` [m]."""
-    usual = default_rig()
-    size, scale = radius / usual.axial_rows.pitch_radius, tonnes * TONNE / FULL_SCALE_LOAD
-    body = usual.carriage
-    return replace(
-        usual,
-        axial_rows=replace(usual.axial_rows, rollers=rollers, pitch_radius=radius),
-        radial_row=replace(usual.radial_row, rollers=rollers, pitch_radius=radius),
-        carriage=replace(body, mass=body.mass * scale, weight=body.weight * scale,
-                         inertia=body.inertia * scale * size**2),
-        trunnion=replace(usual.trunnion, x=usual.trunnion.x * size, y=usual.trunnion.y * size),
-        probes=replace(usual.probes, axial_span=usual.probes.axial_span * size),
-        preload=usual.preload * scale, full_scale_load=tonnes * TONNE,
-    )
 
 
 def virtual_run(rig, test, elevation=50.0, *, seed=1, contact=TRUE_TO_SCALE, **schedule):

@@ -3,9 +3,10 @@
 from dataclasses import replace
 
 import numpy as np
-from other_rigs import rig_of, virtual_run
+from other_rigs import virtual_run
 import pytest
 
+from benchmarks.rigs import sized_rig
 from saddlering_ros.bags import BagError
 from saddlering_ros.bags.checks import check_load_unit
 from saddlering_ros.diagnosis.records import build_record, check_set
@@ -13,7 +14,7 @@ from saddlering_ros.estimation.identifiability import reason_wide
 from saddlering_ros.identification import IdentificationError, identify
 from saddlering_ros.rig import TONNE, TRUE_TO_SCALE
 
-RIGS = {'1 t': rig_of(1.0, 24, 0.15), '400 t': rig_of(400.0, 400, 2.0)}
+RIGS = {'1 t': sized_rig(1.0, 24, 0.15), '400 t': sized_rig(400.0, 400, 2.0)}
 
 
 @pytest.fixture(name='runs', scope='module', params=RIGS)
