@@ -158,20 +158,20 @@ def write(path: Path, count: int, compression: str, *, index: bool) -> None:
     from mcap.writer import CompressionType, IndexType, Writer
     from rosbags.typesys import get_typestore, Stores
 
-    from saddlering_ros.bags import LOAD_TOPIC, PROBE_TOPICS
-    from saddlering_ros.bags.topics import TOPICS
-    from saddlering_ros.bags.writer import _ranges, _wrenches
+    from saddlering_ros.bags.topics import LOAD, PROBES
+    from saddlering_ros.bags.writer import messages_of
     from saddlering_ros.rig import default_rig
 
     random = np.random.default_rng(0)
     store = get_typestore(Stores.ROS2_JAZZY)
     stamps = EPOCH + np.arange(count) * 1_000_000
     load = 5e3 + 2.4e5 * np.sin(np.linspace(0.0, np.pi, count)) + random.normal(0, 100, count)
-    channels = [_wrenches(stamps, load)]
-    for number, topic in enumerate(PROBE_TOPICS):
+    probes = default_rig().probes
+    span = {'min_range': probes.min_range, 'max_range': probes.max_range}
+    channels = [messages_of(LOAD, stamps, load)]
+    for number, topic in enumerate(PROBES):
         gaps = 1e-3 + 4e-10 * load + random.normal(0, 3e-7, count)
-        channels.append(_ranges(topic, stamps + 200_000 * (number + 1), gaps,
-                                default_rig().probes))
+        channels.append(messages_of(topic, stamps + 200_000 * (number + 1), gaps, **span))
     kinds = {'zstd': CompressionType.ZSTD, 'lz4': CompressionType.LZ4,
              'none': CompressionType.NONE}
     indexes = IndexType.ALL if index else IndexType.ALL & ~IndexType.MESSAGE
@@ -179,12 +179,11 @@ def write(path: Path, count: int, compression: str, *, index: bool) -> None:
         writer = Writer(file, compression=kinds[compression], index_types=indexes)
         writer.start(profile='ros2')
         numbers = []
-        for topic in (LOAD_TOPIC, *PROBE_TOPICS):
-            kind = TOPICS[topic].type
-            definition = store.generate_msgdef(kind, ros_version=2)[0].encode()
-            schema = writer.register_schema(kind, 'ros2msg', definition)
+        for topic in (LOAD, *PROBES):
+            definition = store.generate_msgdef(topic.type, ros_version=2)[0].encode()
+            schema = writer.register_schema(topic.type, 'ros2msg', definition)
             numbers.append(writer.register_channel(
-                topic, 'cdr', schema, {'offered_qos_profiles': ''}))
+                topic.name, 'cdr', schema, {'offered_qos_profiles': ''}))
         rows = [channel.messages for channel in channels]
         times = np.stack([channel.stamps for channel in channels]).T.tolist()
         for place, of_place in enumerate(times):

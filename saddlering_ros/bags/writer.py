@@ -69,10 +69,10 @@ def write_bag(
     """
     path = Path(path)
     span = {'min_range': probes.min_range, 'max_range': probes.max_range}
-    channels = [_channel(LOAD, load_stamps, load)]
-    channels += [_channel(topic, stamps, gap, **span)
+    channels = [messages_of(LOAD, load_stamps, load)]
+    channels += [messages_of(topic, stamps, gap, **span)
                  for topic, stamps, gap in zip(PROBES, probe_stamps, gaps, strict=True)]
-    channels += [_channel(TOPICS[name], *samples) for name, samples in (others or {}).items()]
+    channels += [messages_of(TOPICS[name], *samples) for name, samples in (others or {}).items()]
     _check_target(path, overwrite)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -86,7 +86,7 @@ def write_bag(
 
 
 @dataclass(frozen=True)
-class _Channel:
+class TopicMessages:
     """All messages of one topic: stamps (N,) [ns], and their CDR bytes, one row each (N, size)."""
 
     topic: str
@@ -94,8 +94,8 @@ class _Channel:
     messages: NDArray[np.uint8]
 
 
-def _channel(topic: RigTopic, stamps: ArrayLike, values: ArrayLike,
-             **span: float) -> _Channel:
+def messages_of(topic: RigTopic, stamps: ArrayLike, values: ArrayLike,
+                **span: float) -> TopicMessages:
     """Messages of `topic` with `values` as its readings, and the ends of the sensor's range."""
     stamps = np.asarray(stamps, dtype=np.int64)
     values = np.asarray(values, dtype=np.float64)
@@ -103,11 +103,12 @@ def _channel(topic: RigTopic, stamps: ArrayLike, values: ArrayLike,
         raise BagError(f'{topic.name}: {stamps.shape} stamps and {values.shape} readings were '
                        'given to write: give one array of each, of equal length')
     messages = encode(topic.type, topic.frame_id, stamps, {topic.field: values, **span})
-    return _Channel(topic.name, stamps, messages)
+    return TopicMessages(topic.name, stamps, messages)
 
 
 def _write_directory(
-    path: Path, facts: TestFacts, channels: Sequence[_Channel], log_delay: int, chunk_size: int,
+    path: Path, facts: TestFacts, channels: Sequence[TopicMessages], log_delay: int,
+    chunk_size: int,
 ) -> None:
     typestore = get_typestore(Stores.ROS2_JAZZY)
     writer = _Writer(path, facts.as_text(), chunk_size)
