@@ -12,7 +12,7 @@ help:
 	@echo 'make demo         from a recorded bag to identified parameters and a report in out/'
 	@echo 'make test         the tests that a change must pass, about seven minutes on two cores'
 	@echo 'make coverage     the same, and how much of the package it runs'
-	@echo 'make bench        speed, loss and latency; alarm, long bags, sound bags and logger faults'
+	@echo 'make bench        speed, loss and faults in minutes; BENCH_ARGS="--full NAME" for a campaign'
 	@echo 'make bench-identification   recovery, uncertainty, peers; BENCH_ARGS=--quick for a taste'
 	@echo 'make bench-blind  300 fresh blind draws, and whether the promised rates are kept'
 	@echo 'make lint         ruff and mypy'
@@ -38,15 +38,7 @@ coverage:
 	@$(RUN) python tools/measure_coverage.py $(TEST_ARGS)
 
 bench: setup-test
-	@$(RUN) python benchmarks/simulator.py
-	@$(RUN) python benchmarks/bag_reading.py
-	@$(RUN) python benchmarks/ros_load.py
-	@$(RUN) python benchmarks/throughput.py
-	@$(RUN) python benchmarks/alarm.py
-	@$(RUN) python benchmarks/long_bags.py
-	@$(RUN) python benchmarks/sound_bags.py
-	@$(RUN) python benchmarks/logger_faults.py
-	@$(RUN) python benchmarks/logger_faults_live.py
+	@$(RUN) python benchmarks/run.py $(BENCH_ARGS)
 
 bench-identification: setup-test
 	@$(RUN) python benchmarks/identification.py $(BENCH_ARGS)
@@ -61,6 +53,7 @@ bench-blind: setup-test
 lint: setup-test
 	@$(RUN) ruff check .
 	@$(RUN) mypy saddlering_ros
+	@cd benchmarks && ../$(RUN) mypy *.py
 
 setup-docs:
 	@tools/set_up.sh docs

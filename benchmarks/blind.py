@@ -89,7 +89,7 @@ def trial(kind: str, seed: int, extra: tuple[str, ...] = ()) -> Trial:
         shutil.rmtree(folder, ignore_errors=True)
     answer = verdict.to_json()
     causes = [cause for cause in answer['causes'] if 'effect' in cause]
-    groups = [cause['group'] for cause in causes]
+    groups = [cause['group'] for cause in causes]  # type: ignore[typeddict-item]
     names = [item['effect'] for item in truth['effects']]
     counted, found = score(kind, names, answer['verdict'], groups)
     ratio = error = within = None

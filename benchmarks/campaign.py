@@ -138,7 +138,8 @@ def kills(count: int, seed: int) -> str:
                   'with local_workers(2) as found:\n'
                   '    run_campaign(stub_tasks(60, 0.3), Store(Path(sys.argv[1])), '
                   'found.executor, 2)\n')
-        repeated, seen = 0, {}
+        repeated = 0
+        seen: dict[str, int] = {}
         for _ in range(count):
             process = subprocess.Popen([sys.executable, '-c', script, folder])
             begun = len(results_of(store))

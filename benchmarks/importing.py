@@ -1,7 +1,8 @@
-"""How long an import takes and how much memory it needs: python benchmarks/importing.py [ROWS]."""
+"""How long an import takes and how much memory it needs."""
 
 from __future__ import annotations
 
+import argparse
 from pathlib import Path
 import resource
 import subprocess
@@ -49,7 +50,9 @@ def write_files(folder: Path, rows: int) -> dict[str, tuple[Path, str]]:
 
 
 def main() -> None:
-    rows = int(sys.argv[1]) if len(sys.argv) > 1 else 1_000_000
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument('rows', type=int, nargs='?', default=1_000_000)
+    rows = parser.parse_args().rows
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         print('| format | rows | messages | file [MB] | time [s] | of it processor [s] '

@@ -154,8 +154,8 @@ def by_exudyn(grid: Array, load: Array) -> Array:
     settings.timeIntegration.endTime = float(grid[-1])
     settings.timeIntegration.verboseMode = 0
     settings.timeIntegration.newton.useModifiedNewton = True
-    settings.solutionSettings.writeSolutionToFile = False
-    settings.solutionSettings.sensorsWritePeriod = float(grid[1])
+    settings.solutionSettings.writeSolutionToFile = False  # type: ignore[attr-defined]
+    settings.solutionSettings.sensorsWritePeriod = float(grid[1])  # type: ignore[attr-defined]
     sensor = system.AddSensor({
         'sensorType': 'Node', 'nodeNumber': node, 'name': 'motion', 'storeInternal': True,
         'outputVariableType': exudyn.OutputVariableType.Coordinates, 'writeToFile': False,
@@ -301,11 +301,9 @@ def paper_swarm(seeds: int) -> None:
               f'largest {max(values):.3g}')
 
 
-Objective = WeightedObjective
-
 
 def by_our_swarm(
-    objective: Objective, space: SearchSpace, seed: int, particles: int, iterations: int
+    objective: WeightedObjective, space: SearchSpace, seed: int, particles: int, iterations: int
 ) -> float:
     return minimise(
         lambda points: objective(space.contacts(points)), space.low, space.high,
@@ -314,7 +312,7 @@ def by_our_swarm(
 
 
 def by_default_method(
-    objective: Objective, space: SearchSpace, seed: int, particles: int, iterations: int
+    objective: WeightedObjective, space: SearchSpace, seed: int, particles: int, iterations: int
 ) -> float:
     from saddlering_ros.identification.refinement import refine
 
@@ -326,7 +324,7 @@ def by_default_method(
 
 
 def by_pyswarms(
-    objective: Objective, space: SearchSpace, seed: int, particles: int, iterations: int
+    objective: WeightedObjective, space: SearchSpace, seed: int, particles: int, iterations: int
 ) -> float:
     span = space.high - space.low
     return pyswarms_best(lambda points: objective(space.contacts(space.low + points * span)),
@@ -355,7 +353,7 @@ def pyswarms_best(
 
 
 def by_pymoo(
-    objective: Objective, space: SearchSpace, seed: int, particles: int, iterations: int
+    objective: WeightedObjective, space: SearchSpace, seed: int, particles: int, iterations: int
 ) -> float:
     from pymoo.algorithms.soo.nonconvex.pso import PSO
     from pymoo.core.problem import Problem
@@ -375,7 +373,7 @@ def by_pymoo(
 
 
 def by_cmaes(
-    objective: Objective, space: SearchSpace, seed: int, particles: int, iterations: int
+    objective: WeightedObjective, space: SearchSpace, seed: int, particles: int, iterations: int
 ) -> float:
     from cmaes import CMA
 
@@ -393,7 +391,7 @@ def by_cmaes(
 
 
 def by_differential_evolution(
-    objective: Objective, space: SearchSpace, seed: int, particles: int, iterations: int
+    objective: WeightedObjective, space: SearchSpace, seed: int, particles: int, iterations: int
 ) -> float:
     found = differential_evolution(
         lambda points: objective(space.contacts(np.atleast_2d(points.T))),

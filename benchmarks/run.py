@@ -1,8 +1,9 @@
-"""All benchmarks one after the other, each in a process of its own: what `make bench` runs.
+"""Benchmarks one after the other, each in a process of its own: what `make bench` runs.
 
 python benchmarks/run.py [--full] [NAME ...] runs the short form of each (minutes), or with --full
-the campaigns whose tables stand in docs/ (hours on two cores). One that fails does not stop the
-next; the status tells at the end.
+the campaigns whose tables stand in docs/ (hours on two cores). Without a NAME it runs those of
+speed, loss and faults. One that fails does not stop the next; the status reports a failure at the
+end.
 """
 
 from __future__ import annotations
@@ -17,26 +18,37 @@ SHORT: dict[str, tuple[str, ...]] = {
     'simulator': ('--quick',),
     'bag_reading': ('--megabytes', '20'),
     'ros_load': ('--seconds', '10'),
+    'throughput': ('--seconds', '5', '--rounds', '1'),
+    'alarm': ('--hours', '200', '--swinging', '50', '--draws', '20', '--rings', '2',
+              '--records', '1'),
+    'long_bags': ('--minutes', '0.5', '1'),
+    'sound_bags': ('--count', '40'),
+    'logger_faults': ('--rounds', '1'),
+    'logger_faults_live': ('--rounds', '1'),
+    'faults': ('--quick',),
     'identification': ('--quick',),
-    'peers': ('--quick',),
     'recovery': ('--quick',),
     'uncertainty': ('--quick',),
+    'peers': ('--quick',),
     'fuzz': ('--quick',),
-    'faults': ('--quick',),
-    'logger_faults': ('--rounds', '1'),
+    'blind': ('--quick',),
 }
+USUAL = ('simulator', 'bag_reading', 'ros_load', 'throughput', 'alarm', 'long_bags', 'sound_bags',
+         'logger_faults', 'logger_faults_live', 'faults')
+"""Those that need no other package and no hour of their own."""
 
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument('names', nargs='*', metavar='NAME', help=f'of {", ".join(SHORT)}')
+    parser.add_argument('names', nargs='*', metavar='NAME',
+                        help=f'of {", ".join(SHORT)}; otherwise {", ".join(USUAL)}')
     parser.add_argument('--full', action='store_true', help='the long campaigns')
     args = parser.parse_args()
     unknown = sorted(set(args.names) - set(SHORT))
     if unknown:
         parser.error(f'no benchmark {unknown[0]}: choose from {", ".join(SHORT)}')
     failed = []
-    for name in args.names or SHORT:
+    for name in args.names or USUAL:
         options = () if args.full else SHORT[name]
         print(f'\n== {name} {" ".join(options)}'.rstrip(), flush=True)
         script = FOLDER / f'{name}.py'

@@ -28,7 +28,7 @@ from saddlering_ros.ring import (
 )
 from saddlering_ros.ring.kernels import integration, layout, vector_math
 from saddlering_ros.ring.kernels.options import FAST
-from saddlering_ros.ring.model import build_model
+from saddlering_ros.ring.model import build_model, RingModel
 
 ELEVATION = float(np.deg2rad(50.0))
 PLATEAUS = np.concatenate([np.arange(26), np.arange(24, -1, -1)]) * TONNE
@@ -230,7 +230,7 @@ def floor(dynamic: float, static: float) -> None:
           'plateau')
 
 
-def contact_count(model: object, path: np.ndarray) -> tuple[float, float]:
+def contact_count(model: RingModel, path: np.ndarray) -> tuple[float, float]:
     """Newton iterations a sample and rollers in contact at a time, means over a run."""
     arrays, counts = model.rows.arrays, model.rows.counts
     radius = RIG.axial_rows.pitch_radius
