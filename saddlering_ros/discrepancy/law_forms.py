@@ -44,7 +44,7 @@ def form_columns(experiment: Experiment, fit: Fit, form_error: float) -> Array:
 def _shapes(experiment: Experiment, change: list[Array]) -> list[list[Array]]:
     """An effect's change (C, N) a run, times each shape."""
     runs = experiment.runs
-    drives = [next(iter(run.inputs.values())) for run in runs]
+    drives = [_drive(run) for run in runs]
     low = min(float(item.min()) for item in drives)
     high = max(float(item.max()) for item in drives)
     places = [(drive - low) / max(high - low, 1e-300) for drive in drives]
@@ -53,7 +53,7 @@ def _shapes(experiment: Experiment, change: list[Array]) -> list[list[Array]]:
         for wave in range(1, LOAD_WAVES + 1)
     ]
     found.append([
-        part * run.inputs.get('direction', np.zeros(run.time.size))
+        part * (np.zeros(run.time.size) if run.direction is None else run.direction)
         for part, run in zip(change, runs, strict=True)
     ])
     for index in range(len(runs)):
@@ -67,6 +67,11 @@ def _shapes(experiment: Experiment, change: list[Array]) -> list[list[Array]]:
             _lagged(part, run, lag) - part for part, run in zip(change, runs, strict=True)
         ])
     return found
+
+
+def _drive(run: RunBlocks) -> Array:
+    """The first coordinate (N,); time where a run has none."""
+    return next(iter(run.inputs.values()), run.time - run.time[0])
 
 
 def _lagged(change: Array, run: RunBlocks, lag: float) -> Array:

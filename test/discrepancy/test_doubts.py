@@ -223,3 +223,16 @@ def declared(**changed: object) -> Model:
 def test_a_declaration_that_cannot_be_is_refused_in_one_line(make, words: str) -> None:
     with pytest.raises(DiscrepancyError, match=words):
         make()
+
+
+def test_a_second_cause_is_looked_for_in_runs_without_coordinates() -> None:
+    def forgetful(parameters: dict[str, float], run: Run) -> dict[str, np.ndarray]:
+        late = parameters['drift.rate'] * TIME / 10.0
+        return {'seen': simulate(parameters, run)['seen'] + late}
+
+    drift = Effect('Drift', {'rate': Parameter(-1, 1)})
+    model = replace(MODEL, simulate=forgetful, effects={'bend': BEND, 'drift': drift})
+    run = record('a')
+    drifted = {'seen': run.outputs['seen'] + 0.05 * TIME / 10.0 + 0.03 * np.sin(5.0 * TIME)}
+    found = diagnose(model, [replace(run, outputs=drifted, coordinates={})])
+    assert found.causes[0].effect == 'bend'
