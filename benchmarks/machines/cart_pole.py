@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 import mujoco
 import numba as nb
 import numpy as np
 
-from machines.machine import Array, drawn, Machine, noisy, swings
+from machines.machine import Array, Draw, Machine, noisy, swings
 from saddlering_ros.discrepancy import Channel, Effect, Model, Parameter, Run
 
 STEP, SUBSTEPS, FINE = 0.02, 8, 2e-4
@@ -87,20 +85,15 @@ HIDDEN = {'rail': {'force': 0.3}, 'hinge': {'torque': 0.012}, 'tilt': {'angle': 
           'spring': {'rate': 0.4}}
 
 
-def truth(seed: int) -> dict[str, float]:
-    return drawn(seed, TRUE)
-
-
-def record(number: int, seed: int, hidden: Mapping[str, float]) -> Run:
-    true = truth(seed)
-    random = np.random.default_rng([seed, 2, number])
+def record(draw: Draw) -> Run:
+    true, random = draw.true, draw.random
     time = STEP * np.arange(COUNT)
     force = 4.0 * swings(random, time, 0.3, 1.4)
-    tilt = np.deg2rad(hidden.get('tilt.angle', 0.0))
+    tilt = np.deg2rad(draw.size('tilt.angle'))
     model = mujoco.MjModel.from_xml_string(SCENE.format(
         fine=FINE, across=GRAVITY * np.sin(tilt), down=-GRAVITY * np.cos(tilt), length=LENGTH,
-        radius=RADIUS, rail=hidden.get('rail.force', 0.0), hinge=hidden.get('hinge.torque', 0.0),
-        spring=hidden.get('spring.rate', 0.0), **true))
+        radius=RADIUS, rail=draw.size('rail.force'), hinge=draw.size('hinge.torque'),
+        spring=draw.size('spring.rate'), **true))
     data = mujoco.MjData(model)
     seen = np.empty((2, COUNT))
     for n in range(COUNT):
@@ -108,8 +101,8 @@ def record(number: int, seed: int, hidden: Mapping[str, float]) -> Run:
         data.qfrc_applied[0] = force[n]
         for _ in range(round(STEP / FINE)):
             mujoco.mj_step(model, data)
-    return Run(f'run {number}', time, {'force': force},
-               {'cart': noisy(random, seen[0]), 'pole': noisy(random, seen[1])})
+    return draw.run(time, {'force': force},
+                    {'cart': noisy(random, seen[0]), 'pole': noisy(random, seen[1])})
 
 
-MACHINE = Machine('cart_pole', 'MuJoCo 4.0', 'Apache-2.0', MODEL, HIDDEN, record, truth)
+MACHINE = Machine('cart_pole', 'MuJoCo 4.0', 'Apache-2.0', MODEL, HIDDEN, record, TRUE)

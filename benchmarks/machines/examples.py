@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 import importlib.util
 from pathlib import Path
 
-from machines.machine import Machine
+from machines.machine import Draw, Machine
 from saddlering_ros.discrepancy import Run
 
 FOLDER = Path(__file__).resolve().parents[2] / 'examples' / 'any_simulator'
@@ -33,13 +32,12 @@ def machine(name: str) -> Machine:
     first = next(iter(module.HIDDEN)).split('.')[0]
     own = {key.split('.')[1]: value for key, value in module.HIDDEN.items()}
 
-    def record(number: int, seed: int, hidden: Mapping[str, float]) -> Run:
-        run: Run = module.record(f'run {number}', 3 * (seed % 4) + number, dict(hidden))
+    def record(draw: Draw) -> Run:
+        number = 3 * (draw.seed % 4) + draw.number
+        run: Run = module.record(f'run {draw.number}', number, dict(draw.hidden))
         return run
 
-    def truth(_: int) -> Mapping[str, float]:
-        return {name: module.TRUE[name] for name in module.model.base}
-
     hidden = {first: own, **ALSO_HIDDEN[name]}
+    usual = {name: module.TRUE[name] for name in module.model.base}
     return Machine(name, 'examples/any_simulator', 'of this repository', module.model, hidden,
-                   record, truth)
+                   record, usual, constant=tuple(usual))

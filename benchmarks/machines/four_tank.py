@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 import numba as nb
 import numpy as np
 from scipy.integrate import solve_ivp
 
 from machines.chemistry import process_models
-from machines.machine import Array, drawn, Machine, noisy, steps
+from machines.machine import Array, Draw, Machine, noisy, steps
 from saddlering_ros.discrepancy import Channel, Effect, Model, Parameter, Run
 
 STEP, SUBSTEPS = 10.0, 2
@@ -69,19 +67,14 @@ HIDDEN = {'leak': {'area': 1.0}, 'curve': {'size': -0.006}, 'split': {'share': 0
           'gauge': {'gain': 0.05}}
 
 
-def truth(seed: int) -> dict[str, float]:
-    return drawn(seed, TRUE)
-
-
-def record(number: int, seed: int, hidden: Mapping[str, float]) -> Run:
-    true = truth(seed)
-    random = np.random.default_rng([seed, 2, number])
+def record(draw: Draw) -> Run:
+    true, random = draw.true, draw.random
     pumps = np.array([steps(random, COUNT, 3.0, 12.0, 40) for _ in range(2)])
     tanks = LINES.four_tank(
         int_method='numpy', k1=1e-3 * true['pump1'], k2=1e-3 * true['pump2'],
         a1=1e-4 * true['outlet1'], a2=1e-4 * true['outlet2'], gamma_1=SPLIT,
-        gamma_2=SPLIT + hidden.get('split.share', 0.0))
-    leak, curve = hidden.get('leak.area', 0.0) * 1e-4, hidden.get('curve.size', 0.0)
+        gamma_2=SPLIT + draw.size('split.share'))
+    leak, curve = draw.size('leak.area') * 1e-4, draw.size('curve.size')
     level = start = random.uniform(0.3, 0.6, 4)
     seen = np.empty((2, COUNT))
     for n in range(COUNT):
@@ -95,11 +88,11 @@ def record(number: int, seed: int, hidden: Mapping[str, float]) -> Run:
 
         level = solve_ivp(change, (0.0, STEP), level, 'LSODA', rtol=1e-8, atol=1e-9).y[:, -1]
     time = STEP * np.arange(COUNT)
-    gauge = 1.0 + hidden.get('gauge.gain', 0.0)
-    return Run(f'run {number}', time, {'pump1': pumps[0], 'pump2': pumps[1], 'start': start},
-               {'tank1': noisy(random, 100.0 * seen[0]),
-                'tank2': noisy(random, 100.0 * gauge * seen[1])})
+    gauge = 1.0 + draw.size('gauge.gain')
+    return draw.run(time, {'pump1': pumps[0], 'pump2': pumps[1], 'start': start},
+                    {'tank1': noisy(random, 100.0 * seen[0]),
+                    'tank2': noisy(random, 100.0 * gauge * seen[1])})
 
 
 MACHINE = Machine('four_tank', 'pcgym 0.1.8, four_tank (Johansson, IEEE Trans. Control Systems '
-                  'Technology 8 (2000) 456)', 'MIT', MODEL, HIDDEN, record, truth)
+                  'Technology 8 (2000) 456)', 'MIT', MODEL, HIDDEN, record, TRUE)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 import contextlib
 import io
 import random as chance
@@ -11,15 +10,17 @@ import numba as nb
 import numpy as np
 from tclab.tclab import TCLabModel
 
-from machines.machine import Array, drawn, Machine, steps
+from machines.machine import Array, Draw, Machine, steps
 from saddlering_ros.discrepancy import Channel, Effect, Model, Parameter, Run
 
 STEP, SUBSTEPS, FINE = 5.0, 5, 0.2
 COUNT = 400
 ROOM = 21.0
-TRUE = {'power1': 200.0, 'power2': 100.0}
-LOSS, EXCHANGE, LAG, PER_POWER = 1 / 20, 1 / 100, 140.0, 5720.0
-"""Constants of the lab's model: rates [1/s], lag of the sensors [s], percent for 1 K/s."""
+TRUE = {'power1': 200.0, 'power2': 100.0, 'loss': 1 / 20, 'exchange': 1 / 100, 'lag': 140.0}
+CONSTANT = ('loss', 'exchange', 'lag')
+"""Of the lab's model: rates [1/s], lag of the sensors [s]."""
+PER_POWER = 5720.0
+"""Percent of power that heat by 1 K/s."""
 
 
 @nb.njit(cache=True)
@@ -75,25 +76,20 @@ HIDDEN = {'drift': {'rate': 4.0}, 'crosstalk': {'size': 0.02}, 'weak': {'share':
 """Radiation cannot be told from the base parameters at these temperatures: it is not hidden."""
 
 
-def truth(seed: int) -> dict[str, float]:
-    return {**drawn(seed, TRUE), 'loss': LOSS, 'exchange': EXCHANGE, 'lag': LAG}
-
-
-def record(number: int, seed: int, hidden: Mapping[str, float]) -> Run:
-    true = truth(seed)
-    random = np.random.default_rng([seed, 2, number])
+def record(draw: Draw) -> Run:
+    true, random = draw.true, draw.random
     drive = np.array([steps(random, COUNT, 5.0, 80.0, 40) for _ in range(2)])
-    chance.seed(1000 * seed + number)
+    chance.seed(1000 * draw.seed + draw.number)
     with contextlib.redirect_stdout(io.StringIO()):
         lab = TCLabModel(synced=False)
     lab._P1, lab._P2, lab.tlast = true['power1'], true['power2'], 0.0
-    radiation, weak = 1e-12 * hidden.get('radiation.size', 0.0), hidden.get('weak.share', 0.0)
+    radiation, weak = 1e-12 * draw.size('radiation.size'), draw.size('weak.share')
     seen = np.empty((2, COUNT))
     for n in range(COUNT):
         seen[:, n] = (
-            lab.measurement(lab._T1 + hidden.get('crosstalk.size', 0.0) * drive[0, n]),
+            lab.measurement(lab._T1 + draw.size('crosstalk.size') * drive[0, n]),
             lab.measurement(lab._T2))
-        lab.Ta = ROOM + hidden.get('drift.rate', 0.0) / 3600.0 * STEP * n
+        lab.Ta = ROOM + draw.size('drift.rate') / 3600.0 * STEP * n
         lab._Q2 = drive[1, n]
         for part in range(round(STEP / FINE)):
             lab._Q1 = drive[0, n] * (1.0 - weak * (lab._H1 - ROOM))
@@ -102,8 +98,9 @@ def record(number: int, seed: int, hidden: Mapping[str, float]) -> Run:
             lab.update(STEP * n + FINE * (part + 1))
             lab._H1 -= FINE * lost[0]
             lab._H2 -= FINE * lost[1]
-    return Run(f'run {number}', STEP * np.arange(COUNT),
-               {'heater1': drive[0], 'heater2': drive[1]}, {'T1': seen[0], 'T2': seen[1]})
+    return draw.run(STEP * np.arange(COUNT),
+                    {'heater1': drive[0], 'heater2': drive[1]}, {'T1': seen[0], 'T2': seen[1]})
 
 
-MACHINE = Machine('heater', 'tclab 1.0.0, TCLabModel', 'Apache-2.0', MODEL, HIDDEN, record, truth)
+MACHINE = Machine('heater', 'tclab 1.0.0, TCLabModel', 'Apache-2.0', MODEL, HIDDEN, record, TRUE,
+                  CONSTANT)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,9 +12,6 @@ from numpy.typing import NDArray
 from saddlering_ros.discrepancy import Model, Run
 
 Array = NDArray[np.float64]
-Record = Callable[[int, int, Mapping[str, float]], Run]
-"""A record of run `number` of the machine that `seed` draws, with parameters of effects hidden."""
-
 DRAWN_SHARE = 0.1
 """True base parameters differ by up to this share from machine to machine."""
 
@@ -22,10 +20,37 @@ NOISE_SHARE = 0.003
 
 
 @dataclass(frozen=True)
+class Draw:
+    """Run `number` of the machine that `seed` stands for: what its record is made of.
+
+    true: base parameters; hidden: parameters of the effects that are in the record.
+    """
+
+    seed: int
+    number: int
+    true: Mapping[str, float]
+    hidden: Mapping[str, float]
+
+    @cached_property
+    def random(self) -> np.random.Generator:
+        """The chances of this run."""
+        return np.random.default_rng([self.seed, 2, self.number])
+
+    def size(self, name: str) -> float:
+        """A hidden parameter, 0 where its effect is not in the record."""
+        return self.hidden.get(name, 0.0)
+
+    def run(self, time: Array, inputs: Mapping[str, object], outputs: Mapping[str, Array]) -> Run:
+        """The record."""
+        return Run(f'run {self.number}', time, inputs, outputs)
+
+
+@dataclass(frozen=True)
 class Machine:
     """A model with what can be hidden in its records: by effect, its true parameters.
 
-    truth: the true base parameters of the machine that a seed draws.
+    make: the record of a draw; usual: true base parameters, from which those of a machine differ
+    by a share drawn for each, except `constant` ones.
     """
 
     name: str
@@ -33,17 +58,22 @@ class Machine:
     licence: str
     model: Model
     hidden: Mapping[str, Mapping[str, float]]
-    record: Record
-    truth: Callable[[int], Mapping[str, float]]
+    make: Callable[[Draw], Run]
+    usual: Mapping[str, float]
+    constant: tuple[str, ...] = ()
 
+    def truth(self, seed: int) -> dict[str, float]:
+        """True base parameters of the machine that `seed` stands for."""
+        random = np.random.default_rng([seed, 1])
+        drawn = {
+            name: value * (1.0 + DRAWN_SHARE * random.uniform(-1.0, 1.0))
+            for name, value in self.usual.items()
+        }
+        return {**drawn, **{name: self.usual[name] for name in self.constant}}
 
-def drawn(seed: int, values: Mapping[str, float]) -> dict[str, float]:
-    """True base parameters of the machine that `seed` stands for."""
-    random = np.random.default_rng([seed, 1])
-    return {
-        name: value * (1.0 + DRAWN_SHARE * random.uniform(-1.0, 1.0))
-        for name, value in values.items()
-    }
+    def record(self, number: int, seed: int, hidden: Mapping[str, float]) -> Run:
+        """Run `number` of the machine that `seed` stands for, with effects hidden in it."""
+        return self.make(Draw(seed, number, self.truth(seed), hidden))
 
 
 def steps(random: np.random.Generator, count: int, low: float, high: float, every: int) -> Array:

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 from gymnasium.envs.classic_control.pendulum import PendulumEnv
 import numba as nb
 import numpy as np
 
-from machines.machine import Array, drawn, Machine, noisy, swings
+from machines.machine import Array, Draw, Machine, noisy, swings
 from saddlering_ros.discrepancy import Channel, Effect, Model, Parameter, Run
 
 STEP, SUBSTEPS, FINE = 0.02, 8, 5e-4
@@ -58,13 +56,8 @@ HIDDEN = {'friction': {'torque': 0.4}, 'drag': {'size': 0.12}, 'spring': {'rate'
           'bias': {'torque': 0.3}}
 
 
-def truth(seed: int) -> dict[str, float]:
-    return drawn(seed, TRUE)
-
-
-def record(number: int, seed: int, hidden: Mapping[str, float]) -> Run:
-    true = truth(seed)
-    random = np.random.default_rng([seed, 2, number])
+def record(draw: Draw) -> Run:
+    true, random = draw.true, draw.random
     time = STEP * np.arange(COUNT)
     torque = 1.1 * swings(random, time, 0.15, 0.9)
     environment = PendulumEnv()
@@ -77,14 +70,14 @@ def record(number: int, seed: int, hidden: Mapping[str, float]) -> Run:
         angle[n] = environment.state[0] - np.pi
         for _ in range(round(STEP / FINE)):
             place, speed = environment.state[0] - np.pi, environment.state[1]
-            pull = true['gain'] * torque[n] + hidden.get('bias.torque', 0.0)
-            pull -= true['viscous'] * speed + hidden.get('spring.rate', 0.0) * place
-            pull -= hidden.get('drag.size', 0.0) * speed * abs(speed)
+            pull = true['gain'] * torque[n] + draw.size('bias.torque')
+            pull -= true['viscous'] * speed + draw.size('spring.rate') * place
+            pull -= draw.size('drag.size') * speed * abs(speed)
             grip = speed / FINE + pull - true['gravity'] * np.sin(place)  # would stop it
-            limit = hidden.get('friction.torque', 0.0)
+            limit = draw.size('friction.torque')
             pull -= min(max(grip, -limit), limit)
             environment.step(np.array([pull / 3.0]))
-    return Run(f'run {number}', time, {'torque': torque}, {'angle': noisy(random, angle)})
+    return draw.run(time, {'torque': torque}, {'angle': noisy(random, angle)})
 
 
-MACHINE = Machine('pendulum', 'gymnasium 1.4.0, Pendulum-v1', 'MIT', MODEL, HIDDEN, record, truth)
+MACHINE = Machine('pendulum', 'gymnasium 1.4.0, Pendulum-v1', 'MIT', MODEL, HIDDEN, record, TRUE)

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 import numba as nb
 import numpy as np
 from scipy.integrate import solve_ivp
 
-from machines.machine import Array, drawn, Machine, noisy
+from machines.machine import Array, Draw, Machine, noisy
 from saddlering_ros.discrepancy import Channel, Effect, Model, Parameter, Run
 
 STEP, SUBSTEPS = 0.1, 4
@@ -59,16 +57,11 @@ HIDDEN = {'crowding': {'size': 0.0015}, 'handling': {'time': 0.08}, 'catch': {'r
           'arrival': {'rate': 0.5}}
 
 
-def truth(seed: int) -> dict[str, float]:
-    return drawn(seed, TRUE)
-
-
-def record(number: int, seed: int, hidden: Mapping[str, float]) -> Run:
-    true = truth(seed)
-    random = np.random.default_rng([seed, 2, number])
+def record(draw: Draw) -> Run:
+    true, random = draw.true, draw.random
     start = np.array([random.uniform(18.0, 45.0), random.uniform(10.0, 25.0)])
     crowding, handling, catch, arrival = (
-        hidden.get(name, 0.0)
+        draw.size(name)
         for name in ('crowding.size', 'handling.time', 'catch.rate', 'arrival.rate'))
 
     def change(_: float, logs: Array) -> list[float]:
@@ -82,10 +75,11 @@ def record(number: int, seed: int, hidden: Mapping[str, float]) -> Run:
     time = STEP * np.arange(COUNT)
     found = solve_ivp(change, (0.0, time[-1]), np.log(start), 'LSODA', time, rtol=1e-9, atol=1e-10)
     prey, predators = np.exp(found.y)
-    return Run(f'run {number}', time, {'prey': start[0], 'predators': start[1]},
-               {'prey': noisy(random, prey, 0.01), 'predators': noisy(random, predators, 0.01)})
+    return draw.run(time, {'prey': start[0], 'predators': start[1]},
+                    {'prey': noisy(random, prey, 0.01),
+                     'predators': noisy(random, predators, 0.01)})
 
 
 MACHINE = Machine(
     'predator_prey', 'Rosenzweig and MacArthur, American Naturalist 97 (1963) 209; scipy LSODA',
-    'equations', MODEL, HIDDEN, record, truth)
+    'equations', MODEL, HIDDEN, record, TRUE)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Any
 
 import exudyn
@@ -18,7 +17,7 @@ from exudyn.itemInterface import (
 import numba as nb
 import numpy as np
 
-from machines.machine import Array, drawn, Machine, noisy, swings
+from machines.machine import Array, Draw, Machine, noisy, swings
 from saddlering_ros.discrepancy import Channel, Effect, Model, Parameter, Run
 
 STEP, SUBSTEPS, FINE = 0.01, 4, 1e-3
@@ -80,13 +79,8 @@ HIDDEN = {'friction': {'force': 30.0}, 'stop': {'stiffness': 40.0, 'room': 25.0}
           'progressive': {'size': 2.5}, 'uneven': {'share': 0.15}}
 
 
-def truth(seed: int) -> dict[str, float]:
-    return drawn(seed, TRUE)
-
-
-def record(number: int, seed: int, hidden: Mapping[str, float]) -> Run:
-    true = truth(seed)
-    random = np.random.default_rng([seed, 2, number])
+def record(draw: Draw) -> Run:
+    true, random = draw.true, draw.random
     time = STEP * np.arange(COUNT)
     road = 0.02 * swings(random, time, 0.4, 3.0)
     road -= road[0]
@@ -100,7 +94,7 @@ def record(number: int, seed: int, hidden: Mapping[str, float]) -> Run:
         system.AddObject(Mass1D(nodeNumber=node, physicsMass=mass))
         markers.append(system.AddMarker(MarkerNodeCoordinate(nodeNumber=node, coordinate=0)))
     body, wheel = markers
-    cubic, uneven = 1e6 * hidden.get('progressive.size', 0.0), hidden.get('uneven.share', 0.0)
+    cubic, uneven = 1e6 * draw.size('progressive.size'), draw.size('uneven.share')
 
     def strut(_: object, now: float, __: int, travel: float, speed: float, *rest: float) -> float:
         own = 1e3 * true['damper'] * speed * (1.0 + uneven * np.sign(speed))
@@ -108,18 +102,18 @@ def record(number: int, seed: int, hidden: Mapping[str, float]) -> Run:
 
     system.AddObject(CoordinateSpringDamper(
         markerNumbers=[wheel, body], springForceUserFunction=strut))
-    if 'friction.force' in hidden:
+    if 'friction.force' in draw.hidden:
         system.AddObject(CoordinateSpringDamperExt(
-            markerNumbers=[wheel, body], dynamicFrictionForce=hidden['friction.force'],
+            markerNumbers=[wheel, body], dynamicFrictionForce=draw.hidden['friction.force'],
             frictionProportionalZone=1e-3))
-    if 'stop.stiffness' in hidden:
+    if 'stop.stiffness' in draw.hidden:
         state = system.AddNode(NodeGenericData(
             numberOfDataCoordinates=3, initialCoordinates=[0.0, 0.0, 0.0]))
-        room = 1e-3 * hidden['stop.room']
+        room = 1e-3 * draw.hidden['stop.room']
         system.AddObject(CoordinateSpringDamperExt(
             markerNumbers=[wheel, body], nodeNumber=state, useLimitStops=True,
             limitStopsLower=-room, limitStopsUpper=room,
-            limitStopsStiffness=1e3 * hidden['stop.stiffness']))
+            limitStopsStiffness=1e3 * draw.hidden['stop.stiffness']))
     system.AddObject(CoordinateSpringDamper(
         markerNumbers=[fixed, wheel], stiffness=1e3 * true['tyre'],
         springForceUserFunction=lambda _, now, __, place, *rest: (
@@ -144,9 +138,9 @@ def record(number: int, seed: int, hidden: Mapping[str, float]) -> Run:
         raise RuntimeError('exudyn did not reach the end')
     high, low = np.array(path).T[:, :: round(STEP / FINE)]
     seen = np.array([high - low, high])
-    return Run(f'run {number}', time, {'road': road},
-               {'travel': noisy(random, 1e3 * seen[0]), 'body': noisy(random, 1e3 * seen[1])})
+    return draw.run(time, {'road': road},
+                    {'travel': noisy(random, 1e3 * seen[0]), 'body': noisy(random, 1e3 * seen[1])})
 
 
 MACHINE = Machine(
-    'quarter_car', 'exudyn 1.13.6', 'EXUDYN General License', MODEL, HIDDEN, record, truth)
+    'quarter_car', 'exudyn 1.13.6', 'EXUDYN General License', MODEL, HIDDEN, record, TRUE)

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 import numba as nb
 import numpy as np
 from scipy.integrate import solve_ivp
 
 from machines.chemistry import process_models
-from machines.machine import Array, drawn, Machine, noisy, steps
+from machines.machine import Array, Draw, Machine, noisy, steps
 from saddlering_ros.discrepancy import Channel, Effect, Model, Parameter, Run
 
 STEP, SUBSTEPS = 0.05, 4
@@ -71,23 +69,18 @@ HIDDEN = {'fouling': {'rate': 0.004}, 'decay': {'rate': 0.003}, 'loss': {'conduc
           'lag': {'time': 0.25}}
 
 
-def truth(seed: int) -> dict[str, float]:
-    return {**drawn(seed, TRUE), 'feed': TRUE['feed']}
-
-
-def record(number: int, seed: int, hidden: Mapping[str, float]) -> Run:
-    true = truth(seed)
-    random = np.random.default_rng([seed, 2, number])
+def record(draw: Draw) -> Run:
+    true, random = draw.true, draw.random
     coolant = steps(random, COUNT, 285.0, 299.0, 60)
     plant = LINES.cstr(int_method='numpy')
     reached = start = np.array([0.9, 322.0])
     seen = np.empty((2, COUNT))
-    loss = 1e4 * hidden.get('loss.conductance', 0.0) / (HEAT_CAPACITY * VOLUME)
+    loss = 1e4 * draw.size('loss.conductance') / (HEAT_CAPACITY * VOLUME)
     for n in range(COUNT):
         seen[:, n] = reached
         age = STEP * n
-        plant.UA = 1e4 * true['cooling'] / (1.0 + hidden.get('fouling.rate', 0.0) * age)
-        plant.k0 = 1e10 * true['rate'] * np.exp(-hidden.get('decay.rate', 0.0) * age)
+        plant.UA = 1e4 * true['cooling'] / (1.0 + draw.size('fouling.rate') * age)
+        plant.k0 = 1e10 * true['rate'] * np.exp(-draw.size('decay.rate') * age)
         drive = np.array([coolant[n], true['feed'], 1.0])
 
         def change(_: float, now: Array, drive: Array = drive) -> Array:
@@ -96,7 +89,7 @@ def record(number: int, seed: int, hidden: Mapping[str, float]) -> Run:
             return rate
 
         reached = solve_ivp(change, (0.0, STEP), reached, 'LSODA', rtol=1e-8, atol=1e-9).y[:, -1]
-    lag, temperature = hidden.get('lag.time', 0.0), seen[1]
+    lag, temperature = draw.size('lag.time'), seen[1]
     if lag > 0.0:  # the exact answer of a first-order lag to a course that is straight by parts
         keep = np.exp(-STEP / lag)
         slope = np.diff(temperature)
@@ -105,9 +98,10 @@ def record(number: int, seed: int, hidden: Mapping[str, float]) -> Run:
             ahead = slope[n - 1] * lag / STEP
             shown[n] = temperature[n] - ahead + keep * (shown[n - 1] - temperature[n - 1] + ahead)
         temperature = shown
-    return Run(f'run {number}', STEP * np.arange(COUNT), {'coolant': coolant, 'start': start},
-               {'concentration': noisy(random, seen[0]),
-                'temperature': noisy(random, temperature)})
+    return draw.run(STEP * np.arange(COUNT), {'coolant': coolant, 'start': start},
+                    {'concentration': noisy(random, seen[0]),
+                    'temperature': noisy(random, temperature)})
 
 
-MACHINE = Machine('reactor', 'pcgym 0.1.8, cstr', 'MIT', MODEL, HIDDEN, record, truth)
+MACHINE = Machine('reactor', 'pcgym 0.1.8, cstr', 'MIT', MODEL, HIDDEN, record, TRUE,
+                  constant=('feed',))
