@@ -5,20 +5,20 @@ from typing import Any, TYPE_CHECKING
 if TYPE_CHECKING:
     from saddlering_ros.api.functions import diagnose, identify, validate
     from saddlering_ros.api.inputs import Bag, read_bag
-    from saddlering_ros.api.progress import Progress
     from saddlering_ros.api.results import (
         DiagnosisResult,
         IdentificationResult,
         ValidationResult,
     )
     from saddlering_ros.errors import Cancelled, SaddleringError
+    from saddlering_ros.progress import Progress
     from saddlering_ros.rig import load_rig, ParameterSet, read_parameters, Rig
 
 __version__ = '0.1.0'
 
 _PLACES = {
     'diagnose': 'api.functions', 'identify': 'api.functions', 'validate': 'api.functions',
-    'Bag': 'api.inputs', 'read_bag': 'api.inputs', 'Progress': 'api.progress',
+    'Bag': 'api.inputs', 'read_bag': 'api.inputs', 'Progress': 'progress',
     'DiagnosisResult': 'api.results', 'IdentificationResult': 'api.results',
     'ValidationResult': 'api.results', 'Cancelled': 'errors', 'SaddleringError': 'errors',
     'load_rig': 'rig', 'ParameterSet': 'rig', 'read_parameters': 'rig', 'Rig': 'rig',

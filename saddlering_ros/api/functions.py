@@ -17,12 +17,11 @@ from saddlering_ros.api.inputs import (
     RigLike,
     runs_of,
 )
-from saddlering_ros.api.progress import check, IsCancelled, OnProgress, Progress
 from saddlering_ros.api.results import DiagnosisResult, IdentificationResult, ValidationResult
 from saddlering_ros.diagnosis.diagnose import diagnose_runs
 from saddlering_ros.errors import Cancelled
 from saddlering_ros.identification import IdentificationSettings, SwarmSettings
-from saddlering_ros.identification import Progress as SearchStep
+from saddlering_ros.progress import check, IsCancelled, OnProgress, Progress
 
 
 def identify(
@@ -49,18 +48,23 @@ def identify(
         method=method, bounds=dict(bounds or {}), logarithmic_stiffness=log_stiffness,
         use_delta_y=use_delta_y, seed=seed, swarm=SwarmSettings(
             particles=particles, iterations=iterations, accuracy=accuracy, stagnation=stagnation))
+    return identify_with(settings, bags, rig=rig, profiles=profiles, trust_rig=trust_rig,
+                         on_progress=on_progress, is_cancelled=is_cancelled)
+
+
+def identify_with(
+    settings: IdentificationSettings, bags: BagLike | Iterable[BagLike], *, rig: RigLike = None,
+    profiles: bool = False, trust_rig: bool = False, on_progress: OnProgress | None = None,
+    is_cancelled: IsCancelled | None = None,
+) -> IdentificationResult:
+    """`identify` with settings that are an object, as the action server has them."""
     known = as_rig(rig)
     settings.bounds_for(known)
-    given = as_bags(bags, known)
+    given = as_bags(bags, known, on_progress, is_cancelled)
     check_rig(given, known, rig, trust_rig)
-
-    def tell(step: SearchStep) -> None:
-        if on_progress is not None:
-            on_progress(Progress('identify', step.stage, step.iteration / max(step.iterations, 1),
-                                 f'best {step.best_objective:.4g}'))
-
-    found = identification.identify(runs_of(given), known, settings, on_progress=tell,
-                          is_cancelled=is_cancelled, profiles=profiles)
+    found = identification.identify(
+        runs_of(given), known, settings, on_progress=on_progress, is_cancelled=is_cancelled,
+        profiles=profiles)
     result = IdentificationResult(tuple(given), known, origins(rig), found)
     if found.cancelled:
         raise Cancelled('identify: cancelled', result)
@@ -78,7 +82,7 @@ def validate(
     The other arguments are those of `identify`.
     """
     known, law = as_rig(rig), as_parameters(parameters)
-    given = as_bags(bags, known)
+    given = as_bags(bags, known, on_progress, is_cancelled)
     check_rig(given, known, rig, trust_rig)
     check_parameters(law, known, trust_rig)
 
@@ -105,15 +109,12 @@ def diagnose(
     """
     known = as_rig(rig)
     law = None if parameters is None else as_parameters(parameters)
-    fitted, held = as_bags(bags, known), as_bags(hold_out, known)
+    fitted = as_bags(bags, known, on_progress, is_cancelled)
+    held = as_bags(hold_out, known, on_progress, is_cancelled)
     check_rig([*fitted, *held], known, rig, trust_rig)
     if law is not None:
         check_parameters(law, known, trust_rig)
 
-    def tell(stage: str, share: float) -> None:
-        if on_progress is not None:
-            on_progress(Progress('diagnose', stage, share))
-
-    found = diagnose_runs(runs_of(fitted), runs_of(held), known, law, on_progress=tell,
+    found = diagnose_runs(runs_of(fitted), runs_of(held), known, law, on_progress=on_progress,
                           is_cancelled=is_cancelled, seed=seed)
     return DiagnosisResult((*fitted, *held), known, origins(rig, parameters), found)

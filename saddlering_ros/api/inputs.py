@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any, TYPE_CHECKING
 
 from saddlering_ros.api.errors import ApiError
-from saddlering_ros.api.progress import OnProgress, Progress
 from saddlering_ros.api.tables import dataframe
 from saddlering_ros.bags import (
     displacement_of_run,
@@ -20,6 +19,7 @@ from saddlering_ros.bags import (
     TestRun,
 )
 from saddlering_ros.bags.samples import measured_samples
+from saddlering_ros.progress import check, IsCancelled, OnProgress, Progress
 from saddlering_ros.provenance import Origin
 from saddlering_ros.rig import (
     load_rig,
@@ -120,25 +120,31 @@ def read_bag(
     """
     known = as_rig(rig)
     elevation = None if elevation_deg is None else math.radians(elevation_deg)
-    tell = on_progress or (lambda progress: None)
+    report = on_progress or (lambda progress: None)
+    name = Path(path).name
     return Bag(read_run(path, test=test, elevation=elevation, rig=known,
-                        on_progress=lambda share: tell(Progress('read', str(path), share))), known)
+                        on_progress=lambda share: report(Progress('read', name, share))), known)
 
 
-def as_bags(given: BagLike | Iterable[BagLike], rig: Rig) -> list[Bag]:
-    """Bags from bags or paths, one or several."""
-    if isinstance(given, (Bag, TestRun, Path, str)):
-        return [as_bag(given, rig)]
-    return [as_bag(item, rig) for item in given]
+def as_bags(
+    given: BagLike | Iterable[BagLike], rig: Rig, on_progress: OnProgress | None = None,
+    is_cancelled: IsCancelled | None = None,
+) -> list[Bag]:
+    """Bags from bags or paths, one or several; paths are read."""
+    several = [given] if isinstance(given, (Bag, TestRun, Path, str)) else given
+    return [_as_bag(item, rig, on_progress, is_cancelled) for item in several]
 
 
-def as_bag(given: BagLike, rig: Rig) -> Bag:
+def _as_bag(
+    given: BagLike, rig: Rig, on_progress: OnProgress | None, is_cancelled: IsCancelled | None,
+) -> Bag:
     """A bag that was read as it is, a path as a bag."""
     if isinstance(given, Bag):
         return given
     if isinstance(given, TestRun):
         return Bag(given, rig)
-    return read_bag(given, rig=rig)
+    check(is_cancelled, 'read')
+    return read_bag(given, rig=rig, on_progress=on_progress)
 
 
 def runs_of(bags: Sequence[Bag]) -> list[TestRun]:

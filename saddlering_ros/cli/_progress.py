@@ -7,8 +7,8 @@ from types import TracebackType
 from typing import Any, TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from saddlering_ros.api.progress import Progress
     from saddlering_ros.bags.scan import OnShare
+    from saddlering_ros.progress import Progress
 
 
 class Bar:

@@ -7,7 +7,7 @@ same runs, so that the same bags give the same K, n, D everywhere.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,6 +17,7 @@ from saddlering_ros.bags import TestRun
 from saddlering_ros.discrepancy import Diagnosis, Estimate
 from saddlering_ros.estimation.identifiability import still_open
 from saddlering_ros.identification import Identification, IdentificationError, identify
+from saddlering_ros.progress import Cancelled, IsCancelled
 from saddlering_ros.rig import PARAMETER_NAMES, PARAMETER_UNITS, Rig
 
 Array = NDArray[np.float64]
@@ -47,13 +48,15 @@ class ContactLaw:
 
 def contact_law(
     diagnosis: Diagnosis, runs: Sequence[TestRun], rig: Rig,
-    is_cancelled: Callable[[], bool] | None = None,
+    is_cancelled: IsCancelled | None = None,
 ) -> ContactLaw:
     """The contact law of the fitted runs: as identified alone, and after a diagnosis."""
     try:
         found = identify(runs, rig, is_cancelled=is_cancelled)
     except IdentificationError as refusal:
         return refused(diagnosis, str(refusal), elevations_of(runs))
+    if found.cancelled:
+        raise Cancelled('diagnose: cancelled')
     return beside_causes(diagnosis, found, elevations_of(runs))
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -28,6 +28,7 @@ from saddlering_ros.diagnosis.ring_system import RingSystem
 from saddlering_ros.diagnosis.verdict import run_figures, RunFigures, Verdict
 from saddlering_ros.discrepancy import diagnose, Diagnosis, Settings
 from saddlering_ros.effects import catalogue
+from saddlering_ros.progress import IsCancelled, OnProgress
 from saddlering_ros.rig import ContactParameters, ParameterSet, Rig
 from saddlering_ros.thresholds import is_left, MATERIAL
 
@@ -39,8 +40,8 @@ def diagnose_bags(
     hold_out: Sequence[Path | str] = (),
     rig: Rig | None = None,
     parameters: ParameterSet | None = None,
-    on_progress: Callable[[str, float], None] | None = None,
-    is_cancelled: Callable[[], bool] | None = None,
+    on_progress: OnProgress | None = None,
+    is_cancelled: IsCancelled | None = None,
     seed: int = 0,
 ) -> Verdict:
     """What the simulation gets wrong in `bags`, judged on `hold_out` where given."""
@@ -60,8 +61,8 @@ def diagnose_runs(
     hold_out: Sequence[TestRun] = (),
     rig: Rig | None = None,
     parameters: ParameterSet | None = None,
-    on_progress: Callable[[str, float], None] | None = None,
-    is_cancelled: Callable[[], bool] | None = None,
+    on_progress: OnProgress | None = None,
+    is_cancelled: IsCancelled | None = None,
     seed: int = 0,
     settings: Settings | None = None,
 ) -> Verdict:

@@ -6,7 +6,7 @@ cause explains it, which causes cannot be told apart, and what no known cause ex
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 import time as clock
 
@@ -33,9 +33,10 @@ from saddlering_ros.discrepancy.selection import (
     prune,
     select,
 )
-from saddlering_ros.discrepancy.settings import Progress, Settings, Watch
+from saddlering_ros.discrepancy.settings import Settings
 from saddlering_ros.discrepancy.steady_lines import find_steady_lines, find_swing
 from saddlering_ros.discrepancy.system import RunBlocks, System
+from saddlering_ros.progress import IsCancelled, OnProgress, Watch
 from saddlering_ros.threads import one_blas_thread
 
 PARTIAL_SUBJECT = 0.5
@@ -61,7 +62,7 @@ def _search(space: ModelSpace) -> Search:
     log = SearchLog()
     fit = select(space, log)
     alternatives: Alternatives = {}
-    space.watch.progress('alternatives', 0.75)
+    space.watch.progress('check of alternatives', 0.75)
     if fit.candidate.effects:
         space, fit = moved_to(space, fit)
         if space.metric.experiment.assumptions.relearns:  # with less noise, more may show
@@ -80,11 +81,11 @@ def diagnose_system(
     assumptions: Assumptions | None = None,
     start: Mapping[str, float] | None = None,
     proposals: Sequence[Proposal] = (),
-    on_progress: Progress | None = None,
-    is_cancelled: Callable[[], bool] | None = None,
+    on_progress: OnProgress | None = None,
+    is_cancelled: IsCancelled | None = None,
 ) -> Diagnosis:
     """Where `system` and `runs` differ, and why. `start` are first guesses of base parameters."""
-    settings, watch = settings or Settings(), Watch(on_progress, is_cancelled)
+    settings, watch = settings or Settings(), Watch('diagnose', on_progress, is_cancelled)
     began = clock.monotonic()
     refuse_repeats(runs)
     experiment = Experiment(system, [run for run in runs if not run.held_out], assumptions)
@@ -109,7 +110,7 @@ def diagnose_system(
     lines = find_steady_lines(experiment, runs, settings, space.trials)
     log.immaterial += lines.immaterial
 
-    watch.progress('gain', 0.85)
+    watch.progress('misfit reduction', 0.85)
     evidence = {
         name: space.compare(space.without(fit, name), fit).evidence() for name in fit.candidate.ids
     }
@@ -119,7 +120,7 @@ def diagnose_system(
         sentence = choose_next(space.metric, space.tangent_of(fit), pairs, proposals)
     law = None
     if judgement.verdict == 'unknown' and experiment.assumptions.proposes_law:
-        watch.progress('propose', 0.9)
+        watch.progress('search for a law', 0.9)
         subject = fit if judgement.explained >= PARTIAL_SUBJECT else space.base
         law = propose_for(
             space.metric, subject, runs, space.known.max_pairs, settings.error_rate

@@ -16,8 +16,8 @@ import numpy as np
 from saddlering_ros.discrepancy.candidate import Fit
 from saddlering_ros.discrepancy.experiment import Experiment
 from saddlering_ros.discrepancy.refit import declared_start, PRIOR, refit, run_refits, tangent
-from saddlering_ros.discrepancy.settings import Watch
 from saddlering_ros.discrepancy.system import Array, RunBlocks
+from saddlering_ros.progress import Watch
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -21,8 +21,9 @@ from saddlering_ros.discrepancy.noise import (
     underestimated_sentence,
 )
 from saddlering_ros.discrepancy.results import Diagnosis, RunPrediction
-from saddlering_ros.discrepancy.settings import Progress, Settings
+from saddlering_ros.discrepancy.settings import Settings
 from saddlering_ros.discrepancy.system import DiscrepancyError, RunBlocks, System
+from saddlering_ros.progress import IsCancelled, OnProgress
 
 MODEL_SETTINGS = Settings(form_error=0.02, rounds=20, max_rounds=100)
 """How strict a diagnosis of a declared model is: its laws are taken to be nearly exact."""
@@ -36,14 +37,15 @@ def diagnose(
     settings: Settings | None = None,
     start: Mapping[str, float] | None = None,
     proposals: Sequence[Proposal] = (),
-    on_progress: Progress | None = None,
-    is_cancelled: Callable[[], bool] | None = None,
+    on_progress: OnProgress | None = None,
+    is_cancelled: IsCancelled | None = None,
 ) -> Diagnosis:
     """Where `model` and `runs` differ, and why; what an extension is worth on `hold_out`.
 
     A simulator with nuisance parameters and combined views of its own is given as a `System`, its
     runs as `RunBlocks`, as the ring's are. start: first guesses of base parameters; proposals:
-    tests among which the next one is chosen where causes cannot be told apart.
+    tests among which the next one is chosen where causes cannot be told apart; on_progress and
+    is_cancelled: docs/python_api.md.
     """
     if isinstance(runs, (Run, RunBlocks)):
         raise DiscrepancyError('diagnose: runs is a single run: give a list of runs')

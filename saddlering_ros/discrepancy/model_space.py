@@ -24,9 +24,10 @@ from saddlering_ros.discrepancy.refit import (
     tangent,
 )
 from saddlering_ros.discrepancy.results import Evidence
-from saddlering_ros.discrepancy.settings import Settings, Watch
+from saddlering_ros.discrepancy.settings import Settings
 from saddlering_ros.discrepancy.signatures import Signature, testable
 from saddlering_ros.discrepancy.system import Array
+from saddlering_ros.progress import Watch
 
 COARSE_ROUNDS = 4
 """Rounds of a refit from each of several starts, before the best is refined."""

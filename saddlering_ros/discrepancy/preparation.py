@@ -25,7 +25,7 @@ from saddlering_ros.discrepancy.refit import (
     tangent,
 )
 from saddlering_ros.discrepancy.results import Observability
-from saddlering_ros.discrepancy.settings import Settings, Watch
+from saddlering_ros.discrepancy.settings import Settings
 from saddlering_ros.discrepancy.signatures import (
     angle_matrix,
     measure_signatures,
@@ -33,6 +33,7 @@ from saddlering_ros.discrepancy.signatures import (
     whitened_by,
 )
 from saddlering_ros.discrepancy.system import Array, System
+from saddlering_ros.progress import Watch
 
 MIN_PAIRS = 12
 """However short the stretches at rest, their many samples tell the level this well."""
@@ -48,10 +49,10 @@ def prepare(
     experiment: Experiment, start: Array | None, settings: Settings, watch: Watch
 ) -> ModelSpace:
     """Noise learnt, nuisance parameters marginalised, base fitted, signatures measured."""
-    watch.progress('noise', 0.0)
+    watch.progress('noise of the channels', 0.0)
     metric = noise_metric(experiment, experiment.assumptions.learn_noise(experiment.runs, None))
     metric = metric.marginalise(offset_columns(experiment))
-    watch.progress('base', 0.05)
+    watch.progress('fit without effects', 0.05)
     rough = fit_base(metric, start, settings.seed, watch.check)
     return space_about(experiment, rough, settings, watch)
 
@@ -66,7 +67,7 @@ def space_about(
     )
     metric = _with_nuisances(metric, rough)
     base = _fit_base_again(metric, rough, watch)
-    watch.progress('screen', 0.25)
+    watch.progress('sensitivity to each effect', 0.25)
     watch.check()
     sensitivities = tangent(metric, base)
     scale = ChangeScale(experiment, sensitivities.plain)

@@ -66,7 +66,7 @@ def forward(space: ModelSpace, current: Fit, log: SearchLog) -> Fit:
     steps = settings.max_causes + MAX_SILENT
     for step in range(steps):
         space.watch.check()
-        space.watch.progress('name', 0.35 + 0.4 * step / steps)
+        space.watch.progress('selection of causes', 0.35 + 0.4 * step / steps)
         tried = [space.compare(current, fit) for fit in refitted(space, current)]
         log.candidates += [item.evidence(step + 1) for item in tried]
         real = [item for item in tried if item.is_real]

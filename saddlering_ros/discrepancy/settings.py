@@ -1,14 +1,8 @@
-"""How strict a diagnosis is, and how its caller follows and stops it."""
+"""How strict a diagnosis is."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
-
-from saddlering_ros.errors import Cancelled
-
-Progress = Callable[[str, float], None]
-"""Called with the name of a stage and the share that is done."""
 
 
 @dataclass(frozen=True)
@@ -40,21 +34,3 @@ class Settings:
     rounds: int = 8
     max_rounds: int = 60
     seed: int = 0
-
-
-@dataclass(frozen=True)
-class Watch:
-    """The caller's progress display and wish to stop."""
-
-    on_progress: Progress | None = None
-    is_cancelled: Callable[[], bool] | None = None
-
-    def progress(self, stage: str, share: float) -> None:
-        """Report that `share` of the work is done."""
-        if self.on_progress is not None:
-            self.on_progress(stage, share)
-
-    def check(self) -> None:
-        """Raise `Cancelled` if the caller wishes to stop."""
-        if self.is_cancelled is not None and self.is_cancelled():
-            raise Cancelled('diagnose: cancelled')

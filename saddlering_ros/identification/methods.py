@@ -26,19 +26,14 @@ from saddlering_ros.identification.observation import Observation
 from saddlering_ros.identification.observing import observe
 from saddlering_ros.identification.refinement import refine, Refinement, stay_at
 from saddlering_ros.identification.result import Identification
-from saddlering_ros.identification.settings import (
-    Bounds,
-    IdentificationSettings,
-    IsCancelled,
-    OnProgress,
-    Progress,
-)
+from saddlering_ros.identification.settings import Bounds, IdentificationSettings
 from saddlering_ros.identification.uncertainty import (
     assess,
     Profile,
     profile_likelihood,
     stiffness_ellipse,
 )
+from saddlering_ros.progress import IsCancelled, OnProgress, Progress, SearchStep
 from saddlering_ros.rig import (
     ContactParameters,
     PARAMETER_NAMES,
@@ -60,7 +55,7 @@ LOAD_CORRECTIONS = 2
 
 @dataclass
 class _Search:
-    """One running identification: what it is given, and what it tells while it runs."""
+    """One running identification: its inputs, its reports and its count of simulations."""
 
     runs: Sequence[TestRun]
     rig: Rig
@@ -103,6 +98,13 @@ class _Search:
             names = ('K1', 'K2')
         return SearchSpace.of(self.bounds, free, held, names)
 
+    def report(self, stage: str, step: SearchStep) -> None:
+        """Report an iteration to the caller."""
+        if self.on_progress is not None:
+            share = step.iteration / max(step.iterations, 1)
+            self.on_progress(Progress(
+                'identify', stage, share, f'best {step.best_objective:.4g}', step))
+
     def run_swarm(
         self, stage: str, objective: Objective, space: SearchSpace
     ) -> tuple[ContactParameters, float]:
@@ -110,14 +112,10 @@ class _Search:
         before = objective.evaluations
 
         def told(progress: swarm.SwarmProgress) -> None:
-            if self.on_progress is None:
-                return
             best = space.contacts(progress.best_position)[0]
-            self.on_progress(Progress(
-                stage, progress.iteration, progress.iterations, progress.best_objective,
-                tuple(float(value) for value in best), progress.spread,
-                time.monotonic() - self.started,
-            ))
+            self.report(stage, SearchStep(
+                progress.iteration, progress.iterations, progress.best_objective,
+                tuple(float(value) for value in best), progress.spread))
 
         found = swarm.minimise(
             lambda points: objective(space.contacts(points)), space.low, space.high,
@@ -246,7 +244,7 @@ def _refined(
         bottoms = []
         for number, start in enumerate(starts, start=1):
             bottoms.append(refine(coarse, space, start, search.is_cancelled))
-            _tell_refinement(search, number, bottoms[-1])
+            _report_refinement(search, number, bottoms[-1])
         lowest = min(bottoms, key=lambda bottom: bottom.chi_square)
         found = _Found(lowest.law, lowest.chi_square, searched, observations)
         _note_different_optima(search, bottoms)
@@ -257,7 +255,7 @@ def _refined(
             lowest = refine(fine, space, lowest.point, search.is_cancelled)
         evaluations = fine.evaluations
         found = _Found(lowest.law, lowest.chi_square, searched, fine.observations)
-        _tell_refinement(search, 3, lowest)
+        _report_refinement(search, 3, lowest)
     except Cancelled:
         pass
     search.evaluations += coarse.evaluations + evaluations
@@ -273,13 +271,9 @@ def _note_different_optima(search: _Search, bottoms: Sequence[Refinement]) -> No
         )
 
 
-def _tell_refinement(search: _Search, step: int, bottom: Refinement) -> None:
-    if search.on_progress is None:
-        return
-    search.on_progress(Progress(
-        'refinement', step, 3, bottom.chi_square,
-        tuple(float(value) for value in bottom.contact), 0.0, time.monotonic() - search.started,
-    ))
+def _report_refinement(search: _Search, step: int, bottom: Refinement) -> None:
+    search.report('refinement', SearchStep(
+        step, 3, bottom.chi_square, tuple(float(value) for value in bottom.contact), 0.0))
 
 
 def _judged(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,6 +11,7 @@ from saddlering_ros.errors import Cancelled
 from saddlering_ros.estimation.least_squares import minimise, on_bound
 from saddlering_ros.estimation.space import SearchSpace
 from saddlering_ros.identification.objective import WeightedObjective
+from saddlering_ros.progress import IsCancelled
 from saddlering_ros.rig import ContactParameters
 
 Array = NDArray[np.float64]
@@ -37,7 +37,7 @@ def refine(
     objective: WeightedObjective,
     space: SearchSpace,
     start: Array,
-    is_cancelled: Callable[[], bool] | None = None,
+    is_cancelled: IsCancelled | None = None,
 ) -> Refinement:
     """Least squares from coordinates `start` (F,); raises Cancelled when asked to stop."""
 

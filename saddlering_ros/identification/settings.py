@@ -1,8 +1,8 @@
-"""Settings of an identification, and its progress reports."""
+"""Settings of an identification."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from saddlering_ros.identification.errors import IdentificationError
@@ -63,20 +63,3 @@ class IdentificationSettings:
         """Indices of the channels (delta_x, delta_y, gamma) the objective looks at."""
         use_delta_y = self.method == 'default' if self.use_delta_y is None else self.use_delta_y
         return (0, 1, 2) if use_delta_y else (0, 2)
-
-
-@dataclass(frozen=True, slots=True)
-class Progress:
-    """One step of a running identification; best_parameters in the order of PARAMETER_NAMES."""
-
-    stage: str
-    iteration: int
-    iterations: int
-    best_objective: float
-    best_parameters: tuple[float, ...]
-    spread: float
-    elapsed: float
-
-
-OnProgress = Callable[[Progress], None]
-IsCancelled = Callable[[], bool]

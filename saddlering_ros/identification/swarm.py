@@ -10,12 +10,12 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from enum import Enum
-import time
 
 import numpy as np
 from numpy.typing import NDArray
 
 from saddlering_ros.identification.errors import IdentificationError
+from saddlering_ros.progress import IsCancelled
 
 Array = NDArray[np.float64]
 BatchObjective = Callable[[Array], Array]
@@ -84,7 +84,6 @@ class SwarmProgress:
     best_objective: float
     best_position: Array
     spread: float
-    elapsed: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -179,12 +178,11 @@ def minimise(
     *,
     seed: int = 0,
     on_iteration: Callable[[SwarmProgress], None] | None = None,
-    is_cancelled: Callable[[], bool] | None = None,
+    is_cancelled: IsCancelled | None = None,
 ) -> SwarmResult:
     """Minimise objective((particles, D)) -> (particles,) in the box, repeatably by its seed."""
     settings = settings or SwarmSettings()
     swarm = Swarm(low, high, settings, seed)
-    started = time.monotonic()
     history: list[float] = []
     stopped = StopReason.ITERATIONS
     while swarm.iteration < settings.iterations:
@@ -194,7 +192,7 @@ def minimise(
         swarm.tell(objective(swarm.ask()))
         history.append(swarm.best_objective)
         if on_iteration is not None:
-            on_iteration(_progress(swarm, settings, started))
+            on_iteration(_progress(swarm, settings))
         reason = _reason_to_stop(history, settings)
         if reason is not None:
             stopped = reason
@@ -209,14 +207,13 @@ def minimise(
     )
 
 
-def _progress(swarm: Swarm, settings: SwarmSettings, started: float) -> SwarmProgress:
+def _progress(swarm: Swarm, settings: SwarmSettings) -> SwarmProgress:
     return SwarmProgress(
         iteration=swarm.iteration,
         iterations=settings.iterations,
         best_objective=swarm.best_objective,
         best_position=swarm.best_position,
         spread=swarm.spread,
-        elapsed=time.monotonic() - started,
     )
 
 

@@ -18,9 +18,10 @@ from rclpy.node import Node
 from rclpy.task import Future
 
 from saddlering_interfaces.msg import RingParameters
-from saddlering_ros.errors import SaddleringError
+from saddlering_ros.errors import Cancelled, SaddleringError
 from saddlering_ros.jobs.worker import CANCELED, DONE, FAILED, Outcome, REFUSED, Worker
 from saddlering_ros.paths import share_directory
+from saddlering_ros.progress import Progress
 from saddlering_ros.rig import ParameterSet, Rig
 from saddlering_ros.ros.conversions import parameters_to_message
 from saddlering_ros.ros.diagnostics import ERROR, Finding, OK, to_message
@@ -117,8 +118,8 @@ class ActionNode(Node):
         """What the job gets; SaddleringError for a goal that cannot be used."""
         raise NotImplementedError
 
-    def feedback(self, progress: Any, elapsed: float) -> Any:
-        """A feedback message from what the job reports."""
+    def feedback(self, progress: Progress, elapsed: float) -> Any:
+        """The feedback message of a progress report."""
         raise NotImplementedError
 
     def fill(self, result: Any, answer: Any) -> None:
@@ -190,12 +191,12 @@ class ActionNode(Node):
         """In a thread: drive the worker process, pass its progress on, watch for a cancel."""
         started = time.monotonic()
 
-        def on_progress(progress: Any) -> None:
+        def on_progress(progress: Progress) -> None:
             message = self.feedback(progress, time.monotonic() - started)
             self._stage = message.stage
             goal_handle.publish_feedback(message)
 
-        def stop() -> str:
+        def reason_to_stop() -> str:
             if self.stopping:
                 return SHUTTING_DOWN
             if time.monotonic() - started > self.settings['longest_goal']:
@@ -203,7 +204,9 @@ class ActionNode(Node):
             return 'canceled' if goal_handle.is_cancel_requested else ''
 
         try:
-            outcome = self._worker.run(request, on_progress, stop)
+            outcome = self._worker.run(request, on_progress, lambda: bool(reason_to_stop()))
+        except Cancelled:
+            outcome = Outcome(CANCELED, None, reason_to_stop())
         except Exception as problem:
             outcome = Outcome(FAILED, None, f'{type(problem).__name__}: {problem}')
         future.set_result(outcome)

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 import json
 
-from saddlering_ros.diagnosis import diagnose_bags
-from saddlering_ros.diagnosis.contract import causes_of
-from saddlering_ros.jobs.plain_types import PARAMETER_TYPES, RIG_TYPES
-from saddlering_ros.rig import ParameterSet, read_parameters, Rig
+from saddlering_ros.api.functions import diagnose
+from saddlering_ros.jobs.plain_types import PARAMETER_TYPES, PROGRESS_TYPES, RIG_TYPES
+from saddlering_ros.progress import OnProgress
+from saddlering_ros.rig import ParameterSet, Rig
 
 
 @dataclass(frozen=True)
@@ -33,18 +32,14 @@ class DiagnosisAnswer:
     parameters: ParameterSet
 
 
-TYPES = (*PARAMETER_TYPES, *RIG_TYPES, DiagnosisRequest, DiagnosisAnswer)
+TYPES = (*PARAMETER_TYPES, *RIG_TYPES, *PROGRESS_TYPES, DiagnosisRequest, DiagnosisAnswer)
 """What may go between the node and its worker."""
 
 
-def run(request: DiagnosisRequest, on_progress: Callable[[tuple[str, float]], None],
-        ) -> DiagnosisAnswer:
+def run(request: DiagnosisRequest, on_progress: OnProgress) -> DiagnosisAnswer:
     """Diagnose."""
-    start = read_parameters(request.parameters_file) if request.parameters_file else None
-    found = diagnose_bags(
-        request.bags, request.hold_out, request.rig, start, seed=request.seed,
-        on_progress=lambda stage, share: on_progress((stage, share)))
-    document = found.to_json()
-    causes = [cause['effect'] for cause in causes_of(document)]
-    words = found.verdict + (f': {", ".join(causes)}' if causes else '')
-    return DiagnosisAnswer(found.verdict, json.dumps(document), words, found.extended_parameters())
+    result = diagnose(
+        request.bags, hold_out=request.hold_out, rig=request.rig,
+        parameters=request.parameters_file or None, seed=request.seed, on_progress=on_progress)
+    words = result.verdict + (f': {", ".join(result.causes)}' if result.causes else '')
+    return DiagnosisAnswer(result.verdict, json.dumps(result.document), words, result.parameters)

@@ -2,20 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 import json
-from typing import Any
 
-from saddlering_ros.bags import read_run, refuse_other_rig, refuse_repeats
-from saddlering_ros.identification import (
-    IdentificationSettings,
-    identify,
-    Progress,
-    SwarmSettings,
-    validate,
-)
-from saddlering_ros.jobs.plain_types import PARAMETER_TYPES, RIG_TYPES
+from saddlering_ros.api.functions import identify_with, validate
+from saddlering_ros.api.inputs import as_bags, check_rig, runs_of
+from saddlering_ros.bags import refuse_repeats
+from saddlering_ros.identification import IdentificationSettings, SwarmSettings
+from saddlering_ros.jobs.plain_types import PARAMETER_TYPES, PROGRESS_TYPES, RIG_TYPES
+from saddlering_ros.progress import OnProgress
 from saddlering_ros.rig import ParameterSet, Rig
 
 
@@ -40,19 +35,21 @@ class IdentificationAnswer:
     report_json: str
 
 
-TYPES = (*PARAMETER_TYPES, *RIG_TYPES, IdentificationRequest, IdentificationAnswer,
-         IdentificationSettings, SwarmSettings, Progress)
+TYPES = (*PARAMETER_TYPES, *RIG_TYPES, *PROGRESS_TYPES, IdentificationRequest,
+         IdentificationAnswer, IdentificationSettings, SwarmSettings)
 """What may go between the node and its worker."""
 
 
-def run(request: IdentificationRequest, on_progress: Callable[[Progress], None],
-        ) -> IdentificationAnswer:
-    """Identify, and judge the result on the bags held out (on all bags if there are none)."""
-    runs = [read_run(bag, rig=request.rig) for bag in request.bags]
-    held_out = [read_run(bag, rig=request.rig) for bag in request.validation_bags]
-    refuse_repeats(runs, held_out)
-    refuse_other_rig([*runs, *held_out], request.rig, is_given=True)
-    found = identify(runs, request.rig, request.settings, on_progress=on_progress)
-    judged: Any = validate(held_out or runs, request.rig, found.parameters).to_json()
+def run(request: IdentificationRequest, on_progress: OnProgress) -> IdentificationAnswer:
+    """Identify, and validate on the held-out bags (on all bags if there are none)."""
+    rig = request.rig
+    bags = as_bags(request.bags, rig, on_progress)
+    held_out = as_bags(request.validation_bags, rig, on_progress)
+    refuse_repeats(runs_of(bags), runs_of(held_out))
+    check_rig(held_out, rig, rig, trust_rig=False)  # before the minutes of an identification
+    result = identify_with(request.settings, bags, rig=rig, on_progress=on_progress)
+    judged = validate(held_out or bags, parameters=result, rig=rig, on_progress=on_progress)
+    found = result.found
     return IdentificationAnswer(found.parameters, found.objective, found.status,
-                                json.dumps(judged['runs']), json.dumps(found.to_json()))
+                                json.dumps(judged.found.to_json()['runs']),
+                                json.dumps(found.to_json()))

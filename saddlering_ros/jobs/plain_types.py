@@ -1,5 +1,6 @@
 """Dataclasses that jobs of either action exchange with their node."""
 
+from saddlering_ros.progress import Progress, SearchStep
 from saddlering_ros.rig import (
     Carriage,
     ContactParameters,
@@ -13,3 +14,4 @@ from saddlering_ros.rig import (
 
 RIG_TYPES = (Rig, RollerRow, Carriage, Trunnion, Probes)
 PARAMETER_TYPES = (ParameterSet, ParameterSource, ContactParameters)
+PROGRESS_TYPES = (Progress, SearchStep)

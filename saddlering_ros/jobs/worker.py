@@ -22,10 +22,11 @@ from typing import Any
 
 from saddlering_ros.errors import SaddleringError
 from saddlering_ros.jobs.plain_data import Channel, PlainDataError
+from saddlering_ros.progress import Cancelled, IsCancelled, OnProgress
 from saddlering_ros.ros.lifeline import follow_lifeline, LIFELINE
 
 POLL = 0.02
-"""How often a running job is asked whether it shall be cancelled [s]."""
+"""Period at which `is_cancelled` is asked while a job runs [s]."""
 
 NICENESS = 5
 """The nodes that follow the rig go first."""
@@ -35,7 +36,7 @@ DONE, REFUSED, FAILED, CANCELED = 'done', 'refused', 'failed', 'canceled'
 
 @dataclass(frozen=True)
 class Outcome:
-    """How a job ended: DONE with its answer, or REFUSED, FAILED, CANCELED with words."""
+    """How a job ended: DONE with its answer, or REFUSED, FAILED, CANCELED with a reason."""
 
     kind: str
     answer: Any = None
@@ -72,12 +73,11 @@ class Worker:
         theirs.close()
         self._pipe = Channel(ours, types_of(self._module))
 
-    def run(self, request: Any, on_progress: Callable[[Any], None],
-            stop: Callable[[], str]) -> Outcome:
-        """Do one job; `stop` says (in words) why it shall end before its time, or ''.
+    def run(self, request: Any, on_progress: OnProgress, is_cancelled: IsCancelled) -> Outcome:
+        """Do one job, with the progress and cancel protocol of the API.
 
-        Blocks until the job has ended; call it from a thread. A job that is stopped is killed at
-        once, whatever it is computing, and a new process made ready.
+        Blocks until the job has ended; call it from a thread. If is_cancelled returns True, the
+        process is killed at once, whatever it computes, and `Cancelled` is raised.
         """
         self.start()
         assert self._pipe is not None
@@ -89,10 +89,9 @@ class Worker:
                     if kind != 'progress':
                         return Outcome(kind, value) if kind == DONE else Outcome(kind, None, value)
                     on_progress(value)
-                reason = stop()
-                if reason:
+                if is_cancelled():
                     self.kill()
-                    return Outcome(CANCELED, None, reason)
+                    raise Cancelled
         except PlainDataError:
             self.kill()
             raise

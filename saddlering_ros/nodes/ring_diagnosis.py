@@ -9,6 +9,7 @@ from typing import Any
 from saddlering_interfaces.action import DiagnoseRing
 from saddlering_ros.jobs.action_server import ActionNode, serve
 from saddlering_ros.jobs.diagnosis import DiagnosisAnswer, DiagnosisRequest
+from saddlering_ros.progress import Progress
 from saddlering_ros.ros.conversions import causes_to_messages
 from saddlering_ros.ros.errors import NodeError
 from saddlering_ros.ros.names import DIAGNOSE
@@ -32,10 +33,10 @@ class RingDiagnosisNode(ActionNode):
         return DiagnosisRequest(self.bags(goal.bags), self.bags(goal.hold_out), self.rig,
                                 self.parameters_path(goal.parameters_file), int(goal.seed))
 
-    def feedback(self, progress: tuple[str, float], elapsed: float) -> DiagnoseRing.Feedback:
-        """How far the diagnosis is."""
-        stage, share = progress
-        return DiagnoseRing.Feedback(stage=stage, progress=float(share), elapsed=elapsed)
+    def feedback(self, progress: Progress, elapsed: float) -> DiagnoseRing.Feedback:
+        """The share of the diagnosis that is done; 0 while bags are read."""
+        share = progress.share if progress.task == 'diagnose' else 0.0
+        return DiagnoseRing.Feedback(stage=progress.words, progress=share, elapsed=elapsed)
 
     def fill(self, result: Any, answer: DiagnosisAnswer) -> None:
         """The verdict."""

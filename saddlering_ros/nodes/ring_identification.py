@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+import math
 from typing import Any
 
 from saddlering_interfaces.action import IdentifyRing
-from saddlering_ros.identification import IdentificationSettings, Progress, SwarmSettings
+from saddlering_ros.identification import IdentificationSettings, SwarmSettings
 from saddlering_ros.jobs.action_server import ActionNode, serve
 from saddlering_ros.jobs.identification import IdentificationAnswer, IdentificationRequest
+from saddlering_ros.progress import Progress, SearchStep
 from saddlering_ros.rig import PARAMETER_NAMES
 from saddlering_ros.ros.errors import NodeError
 from saddlering_ros.ros.names import IDENTIFY
@@ -22,6 +24,10 @@ SWARM_FIELDS = {
 MOST = {'particles': 10_000, 'iterations': 10_000_000, 'c1': 10.0, 'c2': 10.0,
         'inertia_start': 10.0, 'inertia_end': 10.0}
 """Largest values of these fields: a goal cannot ask for memory or time without end."""
+
+
+NO_ITERATION = SearchStep(0, 0, math.nan, (), 1.0)
+"""Feedback while bags are read: the search has not begun."""
 
 
 class RingIdentificationNode(ActionNode):
@@ -44,12 +50,12 @@ class RingIdentificationNode(ActionNode):
                                      self.rig, settings)
 
     def feedback(self, progress: Progress, elapsed: float) -> IdentifyRing.Feedback:
-        """One iteration of the swarm or of the refinement."""
+        """One iteration of the swarm or of the refinement; no iteration while bags are read."""
+        step = progress.search or NO_ITERATION
         return IdentifyRing.Feedback(
-            stage=progress.stage, iteration=progress.iteration, iterations=progress.iterations,
-            best_objective=float(progress.best_objective),
-            best_parameters=[float(value) for value in progress.best_parameters],
-            spread=float(progress.spread), elapsed=elapsed)
+            stage=progress.words, iteration=step.iteration, iterations=step.iterations,
+            best_objective=step.best_objective, best_parameters=list(step.best_parameters),
+            spread=step.spread, elapsed=elapsed)
 
     def fill(self, result: Any, answer: IdentificationAnswer) -> None:
         """The numbers."""

@@ -15,14 +15,15 @@ from saddlering_ros.discrepancy.candidate import Fit
 from saddlering_ros.discrepancy.experiment import Experiment
 from saddlering_ros.discrepancy.preparation import prepare
 from saddlering_ros.discrepancy.selection import refitted
-from saddlering_ros.discrepancy.settings import Watch
+from saddlering_ros.progress import Watch
 from saddlering_ros.rig import default_rig
 
 
 def best_of(runs: list[RunBlocks], change) -> list[Fit]:
     """Fits of one effect to clean runs to which `change(run)` (4, N) is added, the best first."""
     changed = [replace(run, channels=run.channels + change(run)) for run in runs]
-    space = prepare(Experiment(RingSystem(default_rig()), changed), None, Settings(), Watch())
+    experiment = Experiment(RingSystem(default_rig()), changed)
+    space = prepare(experiment, None, Settings(), Watch('diagnose'))
     return refitted(space, space.base)
 
 

@@ -10,8 +10,8 @@ from saddlering_ros.discrepancy.model_diagnosis import MODEL_SETTINGS, prepared
 from saddlering_ros.discrepancy.preparation import first_guess, prepare
 from saddlering_ros.discrepancy.results import SearchLog
 from saddlering_ros.discrepancy.selection import select
-from saddlering_ros.discrepancy.settings import Watch
 from saddlering_ros.discrepancy.silent_effects import silent_effects
+from saddlering_ros.progress import Watch
 
 TIME = np.linspace(0.0, 20.0, 400)
 RIM = 10.0
@@ -44,6 +44,6 @@ def test_an_overflow_that_the_base_fit_does_not_reach_is_selected() -> None:
     system, blocks = prepared(MODEL, [Run('tank', TIME, {'pump': pump}, {'gauge': seen})])
     experiment = Experiment(system, blocks, system.assumptions())
     start = first_guess(system, {'inflow': 2.0, 'gain': 0.5})
-    space = prepare(experiment, start, MODEL_SETTINGS, Watch())
+    space = prepare(experiment, start, MODEL_SETTINGS, Watch('diagnose'))
     assert [effect.id for effect, _ in silent_effects(space.signatures)] == ['overflow']
     assert select(space, SearchLog()).candidate.ids == ('overflow',)

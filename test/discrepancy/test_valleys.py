@@ -12,7 +12,7 @@ from saddlering_ros.discrepancy.model import Channel
 from saddlering_ros.discrepancy.model_diagnosis import MODEL_SETTINGS, prepared
 from saddlering_ros.discrepancy.preparation import better_base, prepare
 from saddlering_ros.discrepancy.refit import refit, run_refits
-from saddlering_ros.discrepancy.settings import Watch
+from saddlering_ros.progress import Watch
 
 TIME = np.linspace(0.0, 12.0, 400)
 TRUE, WRONG = 1.3, 2.6
@@ -41,7 +41,7 @@ def test_the_base_is_fitted_from_where_an_effect_has_led_it(run: Run) -> None:
     system, blocks = prepared(MODEL, [run])
     experiment = Experiment(system, blocks, system.assumptions())
     item = MODEL.base['rate']
-    space = prepare(experiment, np.array([item.to_unit(WRONG)]), MODEL_SETTINGS, Watch())
+    space = prepare(experiment, np.array([item.to_unit(WRONG)]), MODEL_SETTINGS, Watch('diagnose'))
     fade = Candidate(((system.effects[0], 0),))
     start = np.array([item.to_unit(TRUE), 0.5])
     fit = run_refits(space.metric, [refit(space.metric, fade, start)])[0]

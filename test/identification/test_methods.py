@@ -128,7 +128,7 @@ def test_the_papers_method_takes_two_steps_of_its_own_size(four_runs):
     stages = []
     result = identify(
         four_runs[:2], RIG, IdentificationSettings(method='paper'),
-        on_progress=lambda progress: stages.append((progress.stage, progress.iteration)),
+        on_progress=lambda progress: stages.append((progress.stage, progress.search.iteration)),
     )
     assert result.evaluations == 2 * 20 * 50
     assert stages[0] == ('static step', 1)

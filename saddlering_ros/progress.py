@@ -1,0 +1,81 @@
+"""One protocol for the progress and the cancellation of every computation.
+
+The API, the commands, the diagnosis of any simulator and the action jobs follow it: a computation
+calls `on_progress` with a `Progress`, asks `is_cancelled` between steps, and raises `Cancelled`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from saddlering_ros.errors import Cancelled
+
+__all__ = ['Cancelled', 'IsCancelled', 'OnProgress', 'Progress', 'SearchStep', 'Watch', 'check']
+
+
+@dataclass(frozen=True, slots=True)
+class SearchStep:
+    """The iteration of the identification behind a report.
+
+    best_parameters are in SI units, in the order of the parameter file; spread is the width of the
+    swarm, 1 at the start.
+    """
+
+    iteration: int
+    iterations: int
+    best_objective: float
+    best_parameters: tuple[float, ...]
+    spread: float
+
+
+@dataclass(frozen=True, slots=True)
+class Progress:
+    """One report of a running computation.
+
+    task: 'read', 'identify', 'validate' or 'diagnose'; stage: the present step, in words, or the
+    bag; share: the part of the task or stage that is done, 0 to 1; detail: a figure to show, or
+    ''; search: the iteration of an identification.
+    """
+
+    task: str
+    stage: str
+    share: float
+    detail: str = ''
+    search: SearchStep | None = None
+
+    @property
+    def words(self) -> str:
+        """The present step as a phrase: 'refinement', 'read static_50'."""
+        return f'{self.task} {self.stage}' if self.task in ('read', 'validate') else self.stage
+
+
+OnProgress = Callable[[Progress], None]
+"""Called from the thread that computes, several times a second at most."""
+
+IsCancelled = Callable[[], bool]
+"""Asked between steps; once it returns True the computation raises `Cancelled`."""
+
+
+def check(is_cancelled: IsCancelled | None, task: str, partial: object = None) -> None:
+    """Raise `Cancelled` if the caller has asked for it."""
+    if is_cancelled is not None and is_cancelled():
+        raise Cancelled(f'{task}: cancelled', partial)
+
+
+@dataclass(frozen=True)
+class Watch:
+    """The caller of one task: who gets its reports and may cancel it."""
+
+    task: str
+    on_progress: OnProgress | None = None
+    is_cancelled: IsCancelled | None = None
+
+    def progress(self, stage: str, share: float) -> None:
+        """Report the share of the task that is done."""
+        if self.on_progress is not None:
+            self.on_progress(Progress(self.task, stage, share))
+
+    def check(self) -> None:
+        """Raise `Cancelled` if the caller has asked for it."""
+        check(self.is_cancelled, self.task)

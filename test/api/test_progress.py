@@ -1,0 +1,74 @@
+"""Claims about the protocol of progress and cancel that the API and the action jobs share."""
+
+import json
+from pathlib import Path
+import sys
+
+import numpy as np
+import pytest
+
+sys.path.append(str(Path(__file__).parent.parent / 'identification'))
+from identification_records import dynamic_run, RIG, static_run
+
+from saddlering_ros import Cancelled, diagnose, identify, Progress
+from saddlering_ros.bags import TestFacts, write_bag
+from saddlering_ros.identification import Identification, IdentificationSettings, SwarmSettings
+from saddlering_ros.jobs import identification as identification_job
+from saddlering_ros.jobs.identification import IdentificationRequest
+from saddlering_ros.jobs.worker import Worker
+from saddlering_ros.progress import SearchStep
+
+QUICK = IdentificationSettings(swarm=SwarmSettings(particles=8, iterations=6), seed=1)
+
+
+@pytest.fixture(scope='module')
+def paths(tmp_path_factory):
+    folder = tmp_path_factory.mktemp('bags')
+    return tuple(
+        str(write_bag(folder / run.name, TestFacts(run.test, float(np.degrees(run.elevation))),
+                      run.stamps, run.load, [run.stamps] * 4, list(run.gaps), RIG.probes))
+        for run in (static_run(50.0, seed=1), dynamic_run(50.0, seconds=3.0, seed=2)))
+
+
+def test_a_job_reports_what_the_api_reports(paths):
+    from_job, from_api = [], []
+    answer = identification_job.run(
+        IdentificationRequest(paths, (), RIG, QUICK), from_job.append)
+    found = identify(paths, rig=RIG, particles=8, iterations=6, seed=1,
+                     on_progress=from_api.append)
+    assert all(isinstance(item, Progress) for item in from_job)
+    shared = [item for item in from_job if item.task != 'validate']
+    assert shared == from_api
+    assert [item.task for item in from_job if item not in shared] == ['validate', 'validate']
+    assert isinstance(shared[-1].search, SearchStep)
+    assert answer.parameters.contact == found.parameters.contact
+    assert json.loads(answer.report_json)['parameters'] == found.to_json()['parameters']
+
+
+def test_a_report_names_its_step_in_words():
+    assert Progress('read', 'static_50', 0.5).words == 'read static_50'
+    assert Progress('identify', 'refinement', 0.5).words == 'refinement'
+
+
+def test_a_worker_that_is_cancelled_raises_as_the_api_does(paths):
+    worker = Worker('saddlering_ros.jobs.identification')
+    try:
+        with pytest.raises(Cancelled):
+            worker.run(IdentificationRequest(paths, (), RIG, QUICK), lambda _: None, lambda: True)
+    finally:
+        worker.close()
+
+
+def test_reading_is_cancelled_too(paths):
+    with pytest.raises(Cancelled, match='read: cancelled'):
+        diagnose(paths, rig=RIG, is_cancelled=lambda: True)
+
+
+def test_a_cancel_during_the_last_fit_of_a_diagnosis_gives_no_verdict(monkeypatch):
+    from saddlering_ros.diagnosis import contact_law
+
+    half_done = object.__new__(Identification)
+    object.__setattr__(half_done, 'cancelled', True)
+    monkeypatch.setattr(contact_law, 'identify', lambda *_, **__: half_done)
+    with pytest.raises(Cancelled):
+        contact_law.contact_law(None, [], RIG, lambda: True)
