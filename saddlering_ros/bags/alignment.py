@@ -7,6 +7,8 @@ The rule. A probe's reading at a load stamp t is
 - nothing, where t lies outside the probe's own span, or where these two samples are further
   apart than a gap: `GAP_PERIODS` times the median of the (up to) `GAP_HISTORY` intervals before
   them and not less than `GAP_FLOOR_NS`. The first `GAP_LEAST_HISTORY` intervals are never gaps.
+  After an interval longer than `LEAP_NS` another test begins, and the intervals before count no
+  more: the next test may be sampled at another rate.
 
 The rule looks back only, so `align` (whole records) and `StreamAligner` (live samples) evaluate
 the same floating-point expressions on the same numbers, and their results are equal bit for bit
@@ -26,6 +28,7 @@ GAP_PERIODS = 5
 GAP_HISTORY = 15
 GAP_LEAST_HISTORY = 3
 GAP_FLOOR_NS = 5_000_000
+LEAP_NS = 10_000_000_000
 JITTER_NS = 250_000_000
 """A stamp further back than this behind its topic's newest one is a clock that jumped back."""
 
@@ -52,6 +55,9 @@ def gap_limit(history: list[int]) -> int:
 
     Of an even number of intervals the lower median counts. Too short a history limits nothing.
     """
+    leaps = [place for place, interval in enumerate(history) if interval > LEAP_NS]
+    if leaps:
+        history = history[leaps[-1] + 1:]
     if len(history) < GAP_LEAST_HISTORY:
         return np.iinfo(np.int64).max
     median = sorted(history)[(len(history) - 1) // 2]
@@ -75,8 +81,11 @@ def _mask_block(intervals: NDArray[np.int64], mask: NDArray[np.bool_]) -> None:
     long = np.flatnonzero(intervals[GAP_HISTORY:] > GAP_FLOOR_NS)
     if not len(long):
         return
-    before = np.sort(intervals[long[:, None] + np.arange(GAP_HISTORY)], axis=1)
-    limit = np.maximum(GAP_PERIODS * before[:, (GAP_HISTORY - 1) // 2], GAP_FLOOR_NS)
+    before = intervals[long[:, None] + np.arange(GAP_HISTORY)]
+    sorted_before = np.sort(before, axis=1)
+    limit = np.maximum(GAP_PERIODS * sorted_before[:, (GAP_HISTORY - 1) // 2], GAP_FLOOR_NS)
+    for place in np.flatnonzero(sorted_before[:, -1] > LEAP_NS).tolist():
+        limit[place] = gap_limit(before[place].tolist())
     mask[long] = intervals[long + GAP_HISTORY] > limit
 
 

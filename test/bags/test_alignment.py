@@ -13,6 +13,7 @@ from saddlering_ros.bags.alignment import (
     align,
     gap_mask,
     JITTER_NS,
+    LEAP_NS,
     seconds,
     seconds_array,
 )
@@ -54,7 +55,8 @@ def rows_of_stream(load_stamps, load, probe_stamps, gaps, order=None) -> list[Al
 
 
 intervals = st.lists(
-    st.one_of(st.integers(1, 3_000_000), st.integers(1, 300_000_000)), min_size=1, max_size=60)
+    st.one_of(st.integers(1, 3_000_000), st.integers(1, 300_000_000),
+              st.just(LEAP_NS), st.just(LEAP_NS + 1)), min_size=1, max_size=60)
 interval_lists = st.tuples(intervals, intervals, intervals, intervals, intervals)
 
 
@@ -170,6 +172,15 @@ def test_a_probe_that_slows_down_has_gaps_until_the_median_follows():
     mask = gap_mask(stamps)
     assert mask[49:57].all()
     assert not mask[58:].any()
+
+
+def test_a_slow_test_after_a_fast_one_loses_none_of_its_first_samples():
+    later = EPOCH + 3_600 * 10 ** 9
+    slow = regular(50, 40 * MILLISECOND, later)
+    both = np.concatenate([regular(500), slow])
+    assert np.flatnonzero(gap_mask(both)).tolist() == [499]
+    rows = rows_of_stream(both, np.ones(550), [both + MILLISECOND // 4] * 4, np.ones((4, 550)))
+    assert [row.stamp for row in rows if row.stamp >= later] == slow[1:].tolist()
 
 
 @pytest.fixture
