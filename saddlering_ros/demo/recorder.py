@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saddlering_interfaces.msg import RingDisplacement
+from saddlering_ros.bags import TestRun
 from saddlering_ros.bags.topics import LOAD
 from saddlering_ros.ros.names import DISPLACEMENTS
 from saddlering_ros.ros.raw_topics import RawSubscription
@@ -21,7 +22,7 @@ NAME = 'demo_recorder'
 
 @dataclass(frozen=True)
 class Recording:
-    """What was heard during one replay: of each topic the batch, and how many loads."""
+    """What was received during one replay: the batch of each topic, and the number of loads."""
 
     measured: batches.Displacements
     simulated: batches.Displacements
@@ -30,8 +31,18 @@ class Recording:
 
     @property
     def messages(self) -> int:
-        """Messages heard."""
+        """Messages received."""
         return len(self.measured) + len(self.simulated) + len(self.residual) + self.loads
+
+    def lost(self, run: TestRun) -> int:
+        """Messages that the replay of `run` should have given and that did not come.
+
+        Every load has a simulation, and every load at which a pair of probes reads has a
+        displacement and a residual.
+        """
+        read = np.isfinite(run.gaps)
+        known = int(((read[0] & read[2]) | (read[1] & read[3])).sum())
+        return 2 * (len(run.time) + known) - self.messages
 
     def at(self, stamps: NDArray[np.int64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Measured and simulated channels (4, N) at `stamps` [ns], NaN where none came."""

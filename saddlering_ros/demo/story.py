@@ -30,7 +30,7 @@ STEPS = 8
 
 @dataclass(frozen=True)
 class Replayed:
-    """One replay: which bag, simulated with what, messages heard, loads lost."""
+    """One replay: its bag, the parameters of the simulator, messages received and lost."""
 
     bag: str
     parameters: str
@@ -128,10 +128,10 @@ class _Story:
             share, f'{name}  {speed}'))
         seconds = time.monotonic() - began
         speed = float(run.time[-1]) / seconds
-        self.replays.append(Replayed(
-            name, words, recording.messages, len(run.time) - recording.loads, seconds, speed))
+        lost = recording.lost(run)
+        self.replays.append(Replayed(name, words, recording.messages, lost, seconds, speed))
         self.console.say(f'      {name}: {recording.messages} messages, {speed:.2g} times real '
-                         f'time{_lost(recording, run)}')
+                         f'time{f", {lost} lost" if lost else ""}')
         return recording
 
     def _identify(self, live: LiveRig) -> tuple[ParameterSet, dict[str, Any]]:
@@ -195,9 +195,3 @@ def _entry(verdict: VerdictDocument, run: TestRun) -> RunEntry | None:
     """The run's part of the verdict."""
     found = [item for item in verdict['runs'] if Path(item['bag']).name == run.path.name]
     return found[0] if found else None
-
-
-def _lost(recording: Recording, run: TestRun) -> str:
-    """What did not arrive, in words; normally nothing."""
-    lost = len(run.time) - recording.loads
-    return '' if lost == 0 else f', {lost} loads lost'
