@@ -16,6 +16,7 @@ import sys
 FOLDER = Path(__file__).parent
 SHORT: dict[str, tuple[str, ...]] = {
     'simulator': ('--quick',),
+    'small_damping': (),
     'bag_reading': ('--megabytes', '20'),
     'ros_load': ('--seconds', '10'),
     'throughput': ('--seconds', '5', '--rounds', '1'),
@@ -33,8 +34,8 @@ SHORT: dict[str, tuple[str, ...]] = {
     'fuzz': ('--quick',),
     'blind': ('--quick',),
 }
-USUAL = ('simulator', 'bag_reading', 'ros_load', 'throughput', 'alarm', 'long_bags', 'sound_bags',
-         'logger_faults', 'logger_faults_live', 'faults')
+USUAL = ('simulator', 'small_damping', 'bag_reading', 'ros_load', 'throughput', 'alarm',
+         'long_bags', 'sound_bags', 'logger_faults', 'logger_faults_live', 'faults')
 """Those that need no other package and no hour of their own."""
 
 

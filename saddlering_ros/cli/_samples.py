@@ -83,7 +83,7 @@ def take_effects(args: argparse.Namespace) -> None:
 
 
 def simulated_samples(
-    run: TestRun, simulated: SimulatedRun, parameters: ParameterSet,
+    run: TestRun, simulated: SimulatedRun,
 ) -> tuple[DisplacementSamples, list[str]]:
     """What the live simulator would publish of a run, and what is to be said of it."""
     import numpy as np
@@ -91,7 +91,6 @@ def simulated_samples(
     from saddlering_ros.bags.samples import DisplacementSamples
     from saddlering_ros.bags.validity import BRIDGED
     from saddlering_ros.ring import SimulationError
-    from saddlering_ros.ring.accuracy import accuracy_notes
 
     rows = slice(simulated.first, simulated.first + len(simulated.time))
     bridged = (np.zeros(len(run.stamps), bool) if run.node_rows is None
@@ -103,7 +102,7 @@ def simulated_samples(
         raise SimulationError(f'{run.path}: no sample could be simulated: the solver finds no '
                               'equilibrium of this ring: check contact.K1 and contact.K2 of the '
                               'parameter file, and the rig file')
-    notes = [*run.notes, *accuracy_notes(parameters.contact)]
+    notes = [*run.notes]
     if simulated.failed_steps:
         notes.append(f'the solver did not converge in {simulated.failed_steps} steps: '
                      'their samples are left out')
@@ -145,7 +144,7 @@ def residual_samples(
     measured = displacement_of_run(rig, run)
     seen = measured_samples(measured)
     found, notes = simulated_samples(
-        run, simulate(rig, parameters, run.elevation, run.time, run.load), parameters)
+        run, simulate(rig, parameters, run.elevation, run.time, run.load))
     _, here, there = np.intersect1d(
         seen.stamps, found.stamps, assume_unique=True, return_indices=True)
     left = Displacement(**{

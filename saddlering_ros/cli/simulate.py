@@ -43,6 +43,6 @@ def run(args: argparse.Namespace) -> int:
     from saddlering_ros.ring import simulate
 
     simulated = simulate(rig, parameters, test_run.elevation, test_run.time, test_run.load)
-    samples, notes = simulated_samples(test_run, simulated, parameters)
+    samples, notes = simulated_samples(test_run, simulated)
     deliver(args, test_run, samples, simulated.zero, 'simulated', notes)
     return 0

@@ -31,6 +31,12 @@ USUAL_STEP = 1e-3
 """Beyond this step [s] the error that is allowed grows as an error does, with its third power:
 who steps more coarsely accepts that, and the same motions are divided at any step."""
 
+USUAL_DAMPING = 0.2
+"""Damping ratio down to which the errors of steps die away before they add up."""
+
+MIN_DAMPING_SHARE = 1e-8
+"""A smaller share counts as this one, as in a ring without any damping."""
+
 MIN_FRACTION = 1.0 / 256.0
 
 TOO_COARSE = -2
@@ -201,7 +207,7 @@ def implicit_step(m: Any, rows: Any, uniform: Any, s: Any, h: Any, friction: Any
         q0, q1, q2 = q0 + limit * step0, q1 + limit * step1, q2 + limit * step2
         previous = size
         if size < STEP_TOLERANCE and limit == 1.0:
-            error = step_error(m, s, h, q0, q1, q2)
+            error = step_error(m, s, h, q0, q1, q2) * ringing(m, w)
             if error > allowed:
                 return TOO_COARSE
             s[at.STEP_ERROR] = error
@@ -222,6 +228,28 @@ def step_error(m: Any, s: Any, h: Any, q0: Any, q1: Any, q2: Any) -> Any:
     e1 = q1 - s[at.Q + 1] - h * s[at.V + 1] - bend * (s[at.V + 1] - s[at.V_OLD + 1])
     e2 = q2 - s[at.Q + 2] - h * s[at.V + 2] - bend * (s[at.V + 2] - s[at.V_OLD + 2])
     return 0.5 * max(abs(e0), abs(e1), abs(e2) * m.radius)
+
+
+@kernel(**INNER)
+def ringing(m: Any, w: Any) -> Any:
+    """By how much the errors of steps add up in a ring that goes on swinging; 1 if it does not.
+
+    The smallest damping ratio counts of the three directions, each by itself. Errors of steps add
+    up for as long as a motion lasts, which is longer by the ratio, in more steps as these shrink
+    with the cube root of the error that is allowed: so the power of 3/2.
+    """
+    k, d = at.STIFFNESS, at.DAMPING
+    share = min(damping_share(w[k], w[d], m.mass), damping_share(w[k + 2], w[d + 2], m.mass),
+                damping_share(w[k + 4], w[d + 4], m.inertia))
+    return 1.0 if share >= 1.0 else max(share, MIN_DAMPING_SHARE) ** -0.75
+
+
+@kernel(**INNER)
+def damping_share(stiffness: Any, damping: Any, inertia: Any) -> Any:
+    """Square of a direction's damping ratio, as a share of USUAL_DAMPING's; 1 without contact."""
+    if not stiffness > 0.0:
+        return 1.0
+    return damping * damping / (4.0 * USUAL_DAMPING**2 * stiffness * inertia)
 
 
 @kernel(**INNER)
