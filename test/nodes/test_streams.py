@@ -265,3 +265,28 @@ def test_the_simulation_and_the_displacement_state_how_long_their_zero_took(reco
     assert 0.1 <= measured.zero_durations[-1] <= 0.5
     assert set(measured.zero_durations.tolist()) == {measured.zero_durations[0]}
     assert abs(simulated.zero_durations[-1] - measured.zero_durations[-1]) < 3e-3
+
+
+def thinned(record, step: int):
+    """Every `step`-th sample of a record."""
+    return type(record)(record.stamps[::step], record.load[::step],
+                        [stamps[::step] for stamps in record.probe_stamps],
+                        [gaps[::step] for gaps in record.gaps])
+
+
+@pytest.mark.parametrize('shift', [3600.0, 16.0, -3600.0])
+@pytest.mark.parametrize(('first', 'second'), [(1, 20), (20, 1)])
+def test_a_test_sampled_at_another_rate_than_the_one_before_is_as_it_is_alone(
+        record, first: int, second: int, shift: float) -> None:
+    before, after = thinned(record, first), thinned(record, second).later(shift)
+    _, alone = measure(after)
+    stream, _ = measure(before)
+    _, then = measure(after, stream=stream)
+    assert np.array_equal(then.stamps, alone.stamps)
+    assert np.array_equal(then.channels, alone.channels)
+    simulator = simulation()
+    simulator.push(samples(before.stamps, before.load))
+    again = simulator.push(samples(after.stamps, after.load))
+    fresh = simulation().push(samples(after.stamps, after.load))
+    assert np.array_equal(again.stamps, fresh.stamps)
+    assert np.array_equal(again.channels, fresh.channels)
