@@ -246,8 +246,9 @@ def same_motions(models: Model, rows: Sequence[Rows]) -> NDArray[np.intp]:
     numbers = models.view(np.float64).reshape(models.size, -1).copy()
     own = numbers[:, len(RIG_FIELDS) + len(PARAMETER_NAMES):]
     own[:, ~_MOVES] = 0.0
-    first: dict[tuple[bytes, int], int] = {}
-    keys = [(number.tobytes(), id(row)) for number, row in zip(numbers, rows, strict=True)]
+    first: dict[tuple[bytes, bytes], int] = {}
+    keys = [(number.tobytes(), row.arrays.tobytes())
+            for number, row in zip(numbers, rows, strict=True)]
     return np.array([first.setdefault(key, index) for index, key in enumerate(keys)])
 
 
