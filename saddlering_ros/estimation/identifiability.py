@@ -61,6 +61,18 @@ def reason_unequal(name: str, std: float, noise_std: float, elevations: int) -> 
     return f'{known} on a ring whose rollers may be unequal: {advice}'
 
 
+def reason_misfit(name: str, std: float, fitted_std: float, advice: str) -> str | None:
+    """The same where only the misfit, which widens the interval, leaves the parameter open.
+
+    fitted_std: standard deviation (coordinates) if the fit missed the readings by their noise.
+    """
+    reason = reason_wide(name, std, 1)
+    if reason is None or reason_wide(name, fitted_std, 1) is not None:
+        return None
+    known, _, _ = reason.partition(' from these data: ')
+    return f'{known}, because the misfit exceeds the noise: {advice}'
+
+
 def reason_one_elevation(
     name: str, std: float, shift: float, imperfection: str, elevations: int
 ) -> str | None:

@@ -49,6 +49,12 @@ Array = NDArray[np.float64]
 STATIC_NAMES = ('K1', 'n1', 'K2', 'n2')
 DAMPING_NAMES = ('D1', 'D2')
 
+MISFIT_ADVICE = {
+    'default': 'diagnose finds the cause',
+    'paper': 'use the default method, which fits closer, or find the cause with diagnose',
+}
+"""What to do about a misfit, by method."""
+
 LOAD_CORRECTIONS = 2
 """How often the load of dynamic runs is corrected and the fit repeated."""
 
@@ -181,8 +187,7 @@ def _by_paper(search: _Search, observations: Sequence[Observation]) -> _Found:
     if not static:
         raise IdentificationError(
             "the paper's method needs a static run for K and n: add a static bag or use the "
-            "default "
-            'method')
+            'default method')
     channels = search.settings.channels
     averaged = [average_branches(one.coarse(), search.rig.limits.level_step) for one in static]
     contact, objective = search.run_swarm(
@@ -286,7 +291,8 @@ def _judged(
     objective = WeightedObjective(search.rig, observations, search.settings.channels)
     space = search.space(found.searched, found.contact, log=True)
     best = stay_at(objective, space, found.contact)
-    trust = assess(objective, space, best, search.bounds)
+    advice = MISFIT_ADVICE[search.settings.method]
+    trust = assess(objective, space, best, search.bounds, advice)
     contact = found.contact
     cancelled = search.cancelled
     drawn = {}
@@ -294,7 +300,7 @@ def _judged(
         drawn = _profiles(objective, space, best, trust.noise_std, trust.reduced_chi_square)
     bags = tuple(one.name for one in observations)
     open_names = [name for name in PARAMETER_NAMES if not trust.pinned[name]]
-    status = _status(cancelled, trust.reduced_chi_square, open_names)
+    status = _status(cancelled, trust.reduced_chi_square, open_names, advice)
     return Identification(
         parameters=ParameterSet(contact, source=ParameterSource(
             method=search.settings.method, bags=bags, objective=found.objective,
@@ -346,14 +352,14 @@ def _profiles(
     return profiles
 
 
-def _status(cancelled: bool, reduced: float, open_names: Sequence[str]) -> str:
+def _status(cancelled: bool, reduced: float, open_names: Sequence[str], advice: str) -> str:
     if cancelled:
         return 'cancelled: the best result so far'
     parts = []
     if reduced > 2.0:
         parts.append(
             f'the misfit is {np.sqrt(reduced):.1f} times the noise: intervals are widened and '
-            'may be biased (diagnose finds the cause)'
+            f'may be biased ({advice})'
         )
     if open_names:
         parts.append(f'not determined by these data: {", ".join(open_names)}')

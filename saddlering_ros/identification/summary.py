@@ -7,10 +7,16 @@ import numpy as np
 from saddlering_ros.estimation.identifiability import undetermined_words
 from saddlering_ros.identification.criteria import judge
 from saddlering_ros.identification.result import Identification, line_contact_ratios
+from saddlering_ros.identification.uncertainty import IMPERFECTIONS
 from saddlering_ros.identification.validation import Validation
 from saddlering_ros.rig import PARAMETER_NAMES, PARAMETER_UNITS, stiffness_per_millimetre
 
 CORRELATION_THRESHOLD = 0.5
+
+INTERVALS = (
+    'Errors and intervals allow for noise and for unequal rollers. They do not allow for a wrong '
+    'weight of the moving mass or for the imperfections that saddlering identify lists.')
+"""Sentence beside the intervals of an identification, in the text and in the report."""
 
 VALIDATION_COLUMNS = (
     ('rmse', 'rmse'), ('nrmse', 'nrmse %'), ('noise_floor', 'noise %'), ('maximum', 'max'),
@@ -58,6 +64,7 @@ def identification_text(found: Identification) -> str:
         f' ({found.degrees_of_freedom} degrees of freedom)',
         '[[Parameters]]',
         *(_parameter_line(found, index, name) for index, name in enumerate(PARAMETER_NAMES)),
+        f'    {INTERVALS}',
         *_stiffness_lines(found),
         *_systematic_lines(found),
         *_correlation_lines(found),
@@ -98,7 +105,8 @@ def _stiffness_lines(found: Identification) -> list[str]:
 
 
 def _systematic_lines(found: Identification) -> list[str]:
-    """The largest shift of each free parameter among the imperfections no fit can see."""
+    """How much each imperfection, which no fit can see, would change the free parameters."""
+    known = {one.name: one.words for one in IMPERFECTIONS}
     lines = ['[[Effect of small imperfections of the rig]]']
     for name, shift in found.systematic.items():
         words = [
@@ -107,7 +115,7 @@ def _systematic_lines(found: Identification) -> list[str]:
             for parameter, value in zip(PARAMETER_NAMES, shift, strict=True)
             if np.isfinite(value) and abs(value) >= 5e-4
         ]
-        lines.append(f'    {name}: {", ".join(words) or "nothing"}')
+        lines.append(f'    {known.get(name, name)}: {", ".join(words) or "no change"}')
     return lines
 
 

@@ -20,6 +20,7 @@ from saddlering_ros.estimation.identifiability import (
     collinearity,
     reason_bound,
     reason_held,
+    reason_misfit,
     reason_one_elevation,
     reason_unequal,
     WIDTH_95,
@@ -106,13 +107,32 @@ class Uncertainty:
     reduced_chi_square: float
 
 
+@dataclass(frozen=True)
+class _Spread:
+    """Standard deviations over the six parameters (coordinates), NaN where held.
+
+    std: of everything; noise_std: of noise alone; std_without_misfit: of everything, if the fit
+    missed the readings by their noise; systematic and misfit_advice as in `assess`.
+    """
+
+    std: Array
+    noise_std: Array
+    std_without_misfit: Array
+    systematic: dict[str, Array]
+    misfit_advice: str
+
+
 def assess(
     objective: WeightedObjective,
     space: SearchSpace,
     best: Refinement,
     bounds: dict[str, tuple[float, float]],
+    misfit_advice: str,
 ) -> Uncertainty:
-    """Judge a refined fit; `space` holds what was free."""
+    """Judge a refined fit; `space` holds what was free.
+
+    misfit_advice: what to do about a misfit that leaves a parameter open.
+    """
     freedom = max(1, objective.size - len(space.free))
     reduced = best.chi_square / freedom
     widening = max(1.0, reduced, *objective.mean_squares(best.contact))
@@ -120,15 +140,20 @@ def assess(
     # What logger and filters may have put between load and probes, as far as readings show it.
     lag = max(one.doubtful_lag for one in objective.observations)
     late = systematic['delay'][space.free] * lag / DELAY
-    by_noise = covariance(best.jacobian) * widening + np.outer(late, late)
+    at_noise = covariance(best.jacobian)
+    by_noise = at_noise * widening + np.outer(late, late)
     moved = np.linalg.pinv(best.jacobian, rcond=1e-9) @ roller_effects(objective, best.contact)
     inner = by_noise + moved @ moved.T
+    without_misfit = inner - at_noise * (widening - 1.0)
     coordinate_std = _spread_over_six(np.sqrt(np.diag(inner)), space)
     scale = space.scale(best.contact)
     whole = _with_bounds_alone(inner * np.outer(scale, scale), space, bounds)
     std = np.sqrt(np.diag(whole))
     noise_std = _spread_over_six(np.sqrt(np.diag(by_noise)), space)
-    pinned, reasons = _judge(objective, space, best, coordinate_std, noise_std, systematic)
+    spread = _Spread(
+        coordinate_std, noise_std, _spread_over_six(np.sqrt(np.diag(without_misfit)), space),
+        systematic, misfit_advice)
+    pinned, reasons = _judge(objective, space, best, spread)
     return Uncertainty(
         std=np.where([pinned[name] for name in PARAMETER_NAMES], std, np.nan),
         coordinate_std=coordinate_std,
@@ -207,9 +232,7 @@ def _judge(
     objective: WeightedObjective,
     space: SearchSpace,
     best: Refinement,
-    coordinate_std: Array,
-    noise_std: Array,
-    systematic: dict[str, Array],
+    spread: _Spread,
 ) -> tuple[dict[str, bool], dict[str, str]]:
     pinned: dict[str, bool] = {}
     reasons: dict[str, str] = {}
@@ -221,22 +244,20 @@ def _judge(
         elif best.at_bound[position[0]]:
             reason = reason_bound(name)
         else:
-            reason = _why_wide(
-                name, index, coordinate_std[index], noise_std[index], systematic, elevations)
+            reason = _why_wide(name, index, spread, elevations)
         pinned[name] = reason is None
         if reason is not None:
             reasons[name] = reason
     return pinned, reasons
 
 
-def _why_wide(
-    name: str, index: int, std: float, noise_std: float, systematic: dict[str, Array],
-    elevations: int,
-) -> str | None:
+def _why_wide(name: str, index: int, spread: _Spread, elevations: int) -> str | None:
     """Why a free parameter does not count as determined; None when it does."""
-    worst = max(IMPERFECTIONS, key=lambda one: abs(systematic[one.name][index]))
-    shift = abs(float(systematic[worst.name][index]))
-    return (reason_unequal(name, std, noise_std, elevations)
+    worst = max(IMPERFECTIONS, key=lambda one: abs(spread.systematic[one.name][index]))
+    shift = abs(float(spread.systematic[worst.name][index]))
+    std = spread.std[index]
+    return (reason_misfit(name, std, spread.std_without_misfit[index], spread.misfit_advice)
+            or reason_unequal(name, std, spread.noise_std[index], elevations)
             or reason_one_elevation(name, std, shift, worst.words, elevations))
 
 

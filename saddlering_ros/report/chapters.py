@@ -33,6 +33,7 @@ from saddlering_ros.diagnosis.wording import (
     WORDS,
 )
 from saddlering_ros.effects import catalogue
+from saddlering_ros.identification.summary import INTERVALS
 from saddlering_ros.report import figures, html
 from saddlering_ros.report.background import correlation
 from saddlering_ros.report.curves import Array, RunCurves
@@ -214,6 +215,7 @@ def identified(found: Mapping[str, Any], words: str = '') -> str:
                        f'{found["status"]}.'),
         html.table(['parameter', number('value ± standard deviation'), number('95 % interval'),
                     ''], rows, words),
+        html.paragraph(INTERVALS, 'note'),
         correlation(covariance if covariance.shape == (6, 6) else None),
         html.paragraph(ASSUMPTION, 'note'), html.bullets(list(found.get('notes') or [])))
 

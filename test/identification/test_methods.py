@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 
 from saddlering_ros.bags import TestRun
-from saddlering_ros.estimation.identifiability import WIDTH_95
+from saddlering_ros.estimation.identifiability import reason_misfit, WIDTH_95
 from saddlering_ros.identification import (
     IdentificationError,
     IdentificationSettings,
@@ -25,6 +25,7 @@ from saddlering_ros.identification import (
     swarm,
     SwarmSettings,
 )
+from saddlering_ros.identification.methods import MISFIT_ADVICE
 from saddlering_ros.identification.objective import (
     average_branches,
     PaperObjective,
@@ -361,3 +362,12 @@ def test_a_lag_that_readings_show_widens_the_interval_of_the_damping(monkeypatch
     shift = abs(found.systematic['delay'][2]) * 5.0 * found.parameters.contact.D1
     assert wider.std[2] == pytest.approx(np.hypot(found.std[2], shift), rel=1e-3)
     assert wider.std[2] > 3.0 * found.std[2]
+
+def test_a_misfit_that_leaves_a_parameter_open_is_named_with_its_remedy():
+    wide, narrow = 0.5, 0.05
+    advice = MISFIT_ADVICE['paper']
+    assert reason_misfit('K2', wide, narrow, advice) == (
+        'K2 is known only within a factor 2.66 (95 %), because the misfit exceeds the noise: use '
+        'the default method, which fits closer, or find the cause with diagnose')
+    assert reason_misfit('K2', wide, wide, advice) is None
+    assert reason_misfit('K2', narrow, narrow, advice) is None
