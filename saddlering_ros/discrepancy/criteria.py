@@ -6,11 +6,11 @@ from collections import Counter
 from collections.abc import Iterable, Mapping
 
 import numpy as np
-from scipy.stats import f as fisher
 
 from saddlering_ros.discrepancy.lack_of_fit import FastResidual, SlowResidual
 from saddlering_ros.discrepancy.settings import Settings
 from saddlering_ros.discrepancy.system import Array
+from saddlering_ros.estimation.distributions import fisher_chance, fisher_limit
 
 MAX_IN_ONE_VIEW = 2
 """Largest number of effects in one channel; more of them can fit any misfit."""
@@ -24,7 +24,7 @@ def likelihood_ratio_test(gain: float, extra: int, pairs: int, trials: int) -> f
 
     The noise is known from `pairs` independent differences.
     """
-    return min(1.0, trials * float(fisher.sf(max(gain, 0.0) / extra, extra, pairs)))
+    return min(1.0, trials * float(fisher_chance(max(gain, 0.0) / extra, extra, pairs)))
 
 
 def real_and_material(residual: SlowResidual | FastResidual, settings: Settings) -> bool:
@@ -102,7 +102,7 @@ def alternative_floor(pairs: int, settings: Settings) -> float:
     Of two models the wrong one is d ahead of the true one with a chance of at most that of a
     normal number beyond sqrt(d), however far apart the two are.
     """
-    return float(fisher.isf(settings.alternative_rate, 1, pairs))
+    return fisher_limit(settings.alternative_rate, 1, pairs)
 
 
 def indistinguishable(

@@ -6,7 +6,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.stats import f as fisher
 
 from saddlering_ros.discrepancy.signatures import (
     MIN_SHARE,
@@ -15,6 +14,7 @@ from saddlering_ros.discrepancy.signatures import (
     testable_share,
 )
 from saddlering_ros.discrepancy.system import Effect
+from saddlering_ros.estimation.distributions import fisher_limit
 
 #: A change of less than this share of what is wanted is none.
 NOTHING = 1e-3
@@ -77,7 +77,7 @@ def detection_limits(
     for name, members in effects.items():
         effect = members[0].effect
         extra = len(effect.ordered)
-        needed = float(np.sqrt(extra * fisher.isf(rate, extra, pairs))) + POWER_QUANTILE
+        needed = float(np.sqrt(extra * fisher_limit(rate, extra, pairs))) + POWER_QUANTILE
         share = testable_share(members)
         reach = max(abs(effect.size.low - effect.neutral), abs(effect.size.high - effect.neutral))
         shapes: dict[tuple[object, ...], list[Signature]] = {}

@@ -12,7 +12,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.stats import f as fisher
 
 from saddlering_ros.discrepancy.assumptions import Assumptions
 from saddlering_ros.discrepancy.block_columns import Block, BlockColumns, Index
@@ -22,6 +21,7 @@ from saddlering_ros.discrepancy.experiment import sample_weights
 from saddlering_ros.discrepancy.fast_bands import fast_bands
 from saddlering_ros.discrepancy.metric import Metric
 from saddlering_ros.discrepancy.system import Array, RunBlocks
+from saddlering_ros.estimation.distributions import fisher_chance
 
 WAVES_PER_RUN = 20
 """Half waves per run that are judged together, as slow structure."""
@@ -112,7 +112,7 @@ class LackOfFitTests:
             parts = band.coefficients(white)
             free = sum(part.size for part in parts)
             statistic = float(sum(part @ part for part in parts))
-            p_value = float(fisher.sf(statistic / free, free, self._pairs)) * len(self._bands)
+            p_value = float(fisher_chance(statistic / free, free, self._pairs)) * len(self._bands)
             excess += max(statistic - free, 0.0)
             seen = band.seen(parts)
             width = metric.experiment.runs[band.run].width
@@ -133,7 +133,7 @@ class LackOfFitTests:
         inner = self._root.T @ slopes
         free = max(self._dimensions - fit.theta_unit.size, 1)
         statistic = float(inner @ inner)
-        p_value = float(fisher.sf(statistic / free, free, self._pairs))
+        p_value = float(fisher_chance(statistic / free, free, self._pairs))
         shape = self._structure.combined(self._root @ inner)
         visible, where = 0.0, ''
         powers: dict[str, float] = {}
@@ -170,7 +170,7 @@ class LackOfFitTests:
             count = own.size
             statistic = float(own @ np.linalg.lstsq(gram, own, rcond=1e-8)[0])
             pairs = min(self._pairs, max(self._metric.noise[run.name, channel].pairs, 1))
-            chance = float(fisher.sf(statistic / count, count, pairs)) * len(blocks)
+            chance = float(fisher_chance(statistic / count, count, pairs)) * len(blocks)
             chances[names[channel], run.name] = min(1.0, chance)
         return chances
 
@@ -211,7 +211,9 @@ class LackOfFitTests:
             metric.experiment.mean_square(part, run, view) ** 0.5 / self._ranges[view]
             for run, part in zip(metric.experiment.runs, seen, strict=True)
         ]
-        p_value = float(fisher.sf(statistic / max(count, 1), count, self._pairs)) if count else 1.0
+        p_value = 1.0
+        if count:
+            p_value = float(fisher_chance(statistic / count, count, self._pairs))
         return ShapeTest(view, coordinate, p_value, statistic, max(count, 1), max(sizes))
 
 

@@ -13,9 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import median_filter
-from scipy.stats import f as fisher
 
 from saddlering_ros.discrepancy.system import Array
+from saddlering_ros.estimation.distributions import fisher_chance, fisher_limit
 from saddlering_ros.estimation.rest import RestSegment
 
 MIN_FREQUENCY = 8.0
@@ -80,8 +80,8 @@ def find_line(
         return LineSearch(None, np.inf)
     trials = ratio.shape[0] * int(inside.sum())
     count = len(usable)
-    limit = _limit(usable, float(fisher.isf(error_rate / trials, 2 * count, freedom)))
-    chance = fisher.sf(ratio, 2 * count, freedom) * trials
+    limit = _limit(usable, fisher_limit(error_rate / trials, 2 * count, freedom))
+    chance = fisher_chance(ratio, 2 * count, freedom) * trials
     chance[:, ~inside] = np.inf
     channel, place = np.unravel_index(int(np.argmin(chance)), chance.shape)
     p_value = float(chance[channel, place])

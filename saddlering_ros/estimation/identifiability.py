@@ -10,11 +10,12 @@ from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import norm
+
+from saddlering_ros.estimation.distributions import normal_quantile
 
 Array = NDArray[np.float64]
 
-WIDTH_95 = float(norm.ppf(0.975))
+WIDTH_95 = normal_quantile(0.975)
 
 MAX_HALF_WIDTH = {
     'K': float(np.log(1.5)), 'n': 0.5 * (10.0 / 9.0 - 1.0), 'D': float(np.log(2.0)),

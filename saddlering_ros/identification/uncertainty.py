@@ -14,8 +14,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2
 
+from saddlering_ros.estimation.distributions import chi_squared_quantile
 from saddlering_ros.estimation.identifiability import (
     collinearity,
     reason_bound,
@@ -279,7 +279,7 @@ def stiffness_ellipse(
     inner = covariance[np.ix_([first, second], [first, second])] * np.outer(scale, scale)
     value, vector = np.linalg.eigh(inner)
     angle = np.linspace(0.0, 2.0 * np.pi, points)
-    circle = np.sqrt(chi2.ppf(level, 2)) * np.stack([np.cos(angle), np.sin(angle)])
+    circle = np.sqrt(chi_squared_quantile(level, 2)) * np.stack([np.cos(angle), np.sin(angle)])
     log_k, exponent = vector @ (np.sqrt(np.maximum(value, 0.0))[:, None] * circle)
     return np.stack([contact[first] * np.exp(log_k), contact[second] + exponent])
 
@@ -331,7 +331,7 @@ def profile_likelihood(
 
 
 def _crossings(values: Array, rise: Array) -> tuple[float | None, float | None]:
-    limit = np.sqrt(chi2.ppf(0.95, 1))
+    limit = np.sqrt(chi_squared_quantile(0.95, 1))
     bottom = int(np.argmin(rise))
     root = np.sqrt(rise)
     below = root[: bottom + 1][::-1]

@@ -8,7 +8,6 @@ from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import welch
 
 from saddlering_ros.bags import plateaus, TestRun
 from saddlering_ros.diagnosis.verdict import RunFigures, Verdict
@@ -188,5 +187,21 @@ def spectrum(time: Array, values: Array) -> tuple[Array, Array]:
     step = float(np.median(np.diff(time)))
     even = np.arange(time[0], time[-1] + 0.5 * step, step)
     filled = np.interp(even, time, values)
-    frequency, density = welch(filled, 1.0 / step, nperseg=min(256, filled.size // 2))
+    density = welch(filled, step, min(256, filled.size // 2))
+    frequency = np.fft.rfftfreq(min(256, filled.size // 2), step)
     return np.asarray(frequency[1:]), np.asarray(np.sqrt(density[1:]))
+
+
+def welch(values: Array, step: float, count: int) -> Array:
+    """Power spectral density [unit^2/Hz] of samples `step` [s] apart, by Welch's method.
+
+    Means over segments of `count` samples that overlap by half, each without its mean and under
+    a Hann window.
+    """
+    window = 0.5 - 0.5 * np.cos(2.0 * np.pi * np.arange(count) / count)
+    segments = np.lib.stride_tricks.sliding_window_view(values, count)[::count - count // 2]
+    segments = segments - segments.mean(axis=1, keepdims=True)
+    power = np.abs(np.fft.rfft(window * segments)) ** 2
+    density = power.mean(axis=0) * step / (window**2).sum()
+    density[1:(count + 1) // 2] *= 2.0
+    return np.asarray(density)

@@ -7,13 +7,14 @@ import re
 from documents import document, run_curves
 import numpy as np
 import pytest
+import scipy.signal
 
 from saddlering_ros.bags import read_run, TestFacts, write_bag
 from saddlering_ros.bags.scatter import white_noise
 from saddlering_ros.diagnosis.wording import gain_sentence, headline
 from saddlering_ros.report import chapters, figures
 from saddlering_ros.report.background import misfit_reductions
-from saddlering_ros.report.curves import branches, spectrum
+from saddlering_ros.report.curves import branches, spectrum, welch
 from saddlering_ros.report.curves_file import curves_path, write_curves
 from saddlering_ros.report.diagnosis_page import diagnosis_page
 from saddlering_ros.report.drawing import draw
@@ -146,6 +147,13 @@ def test_half_difference_of_the_branches_is_the_loop_and_nothing_else():
     found = branches(run.load, run.direction, run.residual('delta_x', extended=False))
     assert np.allclose(found.half_difference, -5e-6, atol=5e-7)
     assert np.allclose(found.mean, 0.0, atol=5e-7)
+
+
+@pytest.mark.parametrize(('samples', 'count'), [(1000, 256), (99, 49)])
+def test_the_spectrum_is_that_of_welch(samples, count):
+    values = np.random.default_rng(1).normal(size=samples)
+    _, expected = scipy.signal.welch(values, 100.0, nperseg=count)
+    assert welch(values, 0.01, count) == pytest.approx(expected, rel=1e-9)
 
 
 def test_a_spectrum_shows_a_tone_at_its_frequency():

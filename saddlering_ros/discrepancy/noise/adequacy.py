@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from scipy.stats import f as fisher
+from saddlering_ros.estimation.distributions import fisher_chance, fisher_share_below
 
 MAX_CHANCE = 1e-3
 """A misfit is far under the noise if noise alone would leave as little less often than this."""
@@ -18,7 +18,7 @@ def overestimated(statistic: float, dimensions: float, degrees: float) -> bool:
     """
     if dimensions <= 0 or statistic >= MAX_RATIO * dimensions:
         return False
-    chance = fisher.cdf(statistic / dimensions, dimensions, degrees)
+    chance = fisher_share_below(statistic / dimensions, dimensions, degrees)
     return bool(chance < MAX_CHANCE)
 
 
@@ -26,7 +26,7 @@ def underestimated(statistic: float, dimensions: float, degrees: float) -> bool:
     """Whether a whitened misfit over `dimensions` is far more than noise alone would leave."""
     if dimensions <= 0 or statistic <= dimensions / MAX_RATIO:
         return False
-    return bool(fisher.sf(statistic / dimensions, dimensions, degrees) < MAX_CHANCE)
+    return bool(fisher_chance(statistic / dimensions, dimensions, degrees) < MAX_CHANCE)
 
 
 def underestimated_sentence(statistic: float, dimensions: float, where: str) -> str:

@@ -8,11 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import nnls
-from scipy.stats import f as fisher
 
 from saddlering_ros.discrepancy.proposal.blocks import Block
 from saddlering_ros.discrepancy.proposal.misfit import Misfit
 from saddlering_ros.discrepancy.system import Array
+from saddlering_ros.estimation.distributions import fisher_chance
 
 STRENGTHS = np.geomspace(1e-6, 1e4, 11)
 """Regularisation tried, in shares of the size of the columns."""
@@ -44,7 +44,7 @@ class BlockFit:
 
     def p_value(self, degrees: int, trials: int) -> float:
         """Chance that noise alone gives any of `trials` blocks as much."""
-        each = fisher.sf(max(self.taken, 0.0) / self.freedom, self.freedom, degrees)
+        each = fisher_chance(max(self.taken, 0.0) / self.freedom, self.freedom, degrees)
         return min(1.0, trials * float(each))
 
 

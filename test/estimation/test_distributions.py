@@ -1,0 +1,43 @@
+"""Claims on the tails of distributions: those of scipy.stats, which takes a second to import."""
+
+import ast
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from saddlering_ros.estimation.distributions import (
+    chi_squared_quantile,
+    fisher_chance,
+    fisher_limit,
+    fisher_share_below,
+    normal_quantile,
+)
+
+ROOT = Path(__file__).resolve().parents[2] / 'saddlering_ros'
+RATIOS = np.array([-1.0, 0.0, 0.5, 2.0, 50.0, np.inf])
+
+
+@pytest.mark.parametrize(('between', 'within'), [(1, 30), (7, 2.5), (200, 4000)])
+def test_the_tails_of_ratios_are_those_of_scipy(between, within):
+    same = stats.f(between, within)
+    assert np.array_equal(fisher_chance(RATIOS, between, within), same.sf(RATIOS))
+    assert np.array_equal(fisher_share_below(RATIOS, between, within), same.cdf(RATIOS))
+    for chance in (0.05, 1e-6):
+        assert fisher_limit(chance, between, within) == same.isf(chance)
+
+
+def test_the_quantiles_are_those_of_scipy():
+    assert chi_squared_quantile(0.95, 2) == stats.chi2.ppf(0.95, 2)
+    assert normal_quantile(0.975) == stats.norm.ppf(0.975)
+
+
+@pytest.mark.parametrize('layer', ['estimation', 'identification', 'discrepancy', 'diagnosis',
+                                   'report', 'monitoring', 'ring'])
+def test_no_command_waits_for_the_import_of_all_distributions(layer):
+    dear = {'scipy.stats', 'scipy.signal'}
+    found = {f'{path.name}: {node.module}' for path in (ROOT / layer).rglob('*.py')
+             for node in ast.walk(ast.parse(path.read_text(encoding='utf-8')))
+             if isinstance(node, ast.ImportFrom) and node.module in dear}
+    assert not found
