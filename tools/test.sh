@@ -15,6 +15,9 @@ run() {
   exec tools/run.sh python -m pytest --quiet "$@"
 }
 
+# A test run starts hundreds of processes; without kept bytecode, each would compile the package.
+unset PYTHONDONTWRITEBYTECODE
+
 # Compiled once, before several processes ask for it.
 tools/run.sh python -m saddlering_ros.ring.warm > /dev/null || exit
 
