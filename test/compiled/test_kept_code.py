@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import contextlib
+import importlib
+import io
 import os
 from pathlib import Path
+import runpy
 import shutil
 import subprocess
 import sys
 import time
+from unittest import mock
 
 import pytest
 
@@ -45,24 +50,47 @@ def sources(tmp_path: Path) -> Path:
     return folder
 
 
-def called(folder: Path, home: str, **environment: str) -> tuple[float, int, str]:
-    """Value, functions loaded from the folder of kept code, and that folder."""
-    root = str(Path(__file__).resolve().parents[2])
+ROOT = str(Path(__file__).resolve().parents[2])
+
+
+def environment(home: str, **more: str) -> dict[str, str]:
+    """Bytecode is not kept: two versions of a file in the same second are one to Python."""
     clean = {name: value for name, value in os.environ.items()
              if name not in ('NUMBA_CACHE_DIR', 'XDG_CACHE_HOME')}
-    run = subprocess.run(
-        [sys.executable, str(folder / 'caller.py')], capture_output=True, text=True, check=True,
-        env={**clean, 'PYTHONPATH': root, 'HOME': home, **environment})
-    value, hits, kept_in = run.stdout.split(maxsplit=2)
+    return {**clean, 'PYTHONPATH': ROOT, 'PYTHONDONTWRITEBYTECODE': '1', 'HOME': home, **more}
+
+
+def read(printed: str) -> tuple[float, int, str]:
+    """Value, functions loaded from the folder of kept code, and that folder."""
+    value, hits, kept_in = printed.split(maxsplit=2)
     return float(value), int(hits), kept_in.strip()
+
+
+def called_by_a_process(folder: Path, home: str) -> tuple[float, int, str]:
+    return read(subprocess.run(
+        [sys.executable, str(folder / 'caller.py')], capture_output=True, text=True, check=True,
+        env=environment(home)).stdout)
+
+
+def called(folder: Path, home: str, **more: str) -> tuple[float, int, str]:
+    """The same in this process, in which the modules of `folder` are imported anew."""
+    printed = io.StringIO()
+    with (mock.patch.dict(os.environ, environment(home, **more), clear=True),
+          mock.patch.object(sys, 'dont_write_bytecode', True),
+          mock.patch.object(sys, 'path', [str(folder), *sys.path]),
+          contextlib.redirect_stdout(printed)):
+        importlib.invalidate_caches()
+        sys.modules.pop('callee', None)
+        runpy.run_path(str(folder / 'caller.py'), run_name='__main__')
+    return read(printed.getvalue())
 
 
 def test_code_is_loaded_again_after_a_new_installation(sources: Path, tmp_path: Path) -> None:
     home = str(tmp_path)
-    assert called(sources, home)[:2] == (21.0, 0)
+    assert called_by_a_process(sources, home)[:2] == (21.0, 0)
     installed_again = tmp_path / 'another place'
     shutil.copytree(sources, installed_again, ignore=shutil.ignore_patterns('__pycache__'))
-    assert called(installed_again, home)[:2] == (21.0, 1)
+    assert called_by_a_process(installed_again, home)[:2] == (21.0, 1)
 
 
 def test_a_change_of_a_function_called_leaves_no_stale_code(sources: Path,
