@@ -8,6 +8,7 @@ import signal
 import subprocess
 import sys
 
+from forked_nodes import endings
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState, GetState
 import pytest
@@ -23,13 +24,7 @@ from saddlering_ros.ros.shared_memory import sweep
 pytestmark = pytest.mark.ros
 
 
-def run_node(name: str, parameters: dict[str, object]) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [sys.executable, '-m', f'saddlering_ros.nodes.{name}', *ros_arguments(parameters)],
-        capture_output=True, text=True, timeout=60, check=False)
-
-
-@pytest.mark.parametrize(('name', 'parameters', 'words'), [
+REFUSED: list[tuple[str, dict[str, object], str]] = [
     ('hydraulic_load', {'bag': '/nowhere/bag'}, '/nowhere/bag'),
     ('ring_simulator', {'elevation_deg': 120.0}, 'elevation_deg is 120: give a number from -10'),
     ('ring_simulator', {'elevation_deg': 'steep'}, 'elevation_deg is'),
@@ -39,14 +34,16 @@ def run_node(name: str, parameters: dict[str, object]) -> subprocess.CompletedPr
     ('ring_simulator', {'parameters_file': '/nowhere/p.yaml'}, '/nowhere/p.yaml'),
     ('ring_simulator', {'contact.K1': 8.0e7}, 'contact.n1 is missing'),
     ('ring_simulator', {'contact.K1': 8.0e7, 'parameters_file': 'p.yaml'}, 'give one of them'),
-])
-def test_what_cannot_be_used_is_refused_in_one_line_with_status_2(
-        name: str, parameters: dict[str, object], words: str) -> None:
-    ended = run_node(name, parameters)
-    assert ended.returncode == 2
-    said = [line for line in ended.stderr.splitlines() if not line.startswith('[')]
-    assert len(said) == 1
-    assert words in said[0]
+]
+
+
+def test_what_cannot_be_used_is_refused_in_one_line_with_status_2() -> None:
+    cases = [(name, ros_arguments(parameters)) for name, parameters, _ in REFUSED]
+    for (name, parameters, words), (status, said) in zip(REFUSED, endings(cases), strict=True):
+        assert status == 2, (name, parameters, said)
+        lines = [line for line in said.splitlines() if not line.startswith('[')]
+        assert len(lines) == 1, lines
+        assert words in lines[0]
 
 
 def children_of(pid: int) -> list[int]:
