@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from rosnet import Client, Driver, OUTPUTS, wait_until
+from rosnet import Client, Driver, OUTPUTS, READERS, wait_until
 from std_srvs.srv import Trigger
 
 from saddlering_ros.rig import default_rig
@@ -114,3 +114,51 @@ def test_lost_and_reordered_messages_of_a_reliable_driver(
     assert np.array_equal(residual.channels,
                           measured.channels[:, ours] - simulated.channels[:, theirs])
     wait_until(lambda: 'out of order' in ' '.join(heard.warnings), what='a warning of the order')
+
+
+def test_rubbish_is_refused_and_a_node_killed_beside_a_driver_measures_again(
+        record, group: NodeGroup, heard: Client) -> None:
+    def matched() -> bool:
+        return (driver.matched(2) and heard.matched(OUTPUTS[:2])
+                and heard.progress.keys() >= set(READERS))
+
+    def measured_all() -> bool:
+        return len(heard.raw['/ring/displacement']) == len(offline(record, rows))
+
+    driver, rows = Driver(heard), slice(0, 600)
+    for name in READERS:
+        group.start(name)
+    wait_until(matched, 80.0, 'both are matched')
+    driver.send(record, rows)
+    wait_until(measured_all, what='every row measured')
+
+    # Readings that no rig has, stamps of far past and future, and what is no message at all.
+    last = int(record.stamps[rows][-1])
+    stamps = np.array([last + 1, 0, 1, last - 10**12, 2**31 * 10**9 - 1])
+    for value in (np.nan, np.inf, -np.inf, 3e38):
+        driver.send_load(stamps, np.full(len(stamps), value))
+    driver.load.send([b'\0\1\0\0', b'\0\1\0\0' + b'\xff' * 40], last)
+    wait_until(driver.taken, what='the nodes take it')
+    wait_until(lambda: all(heard.counted(name, 'malformed') == 2 for name in READERS),
+               what='both count what is no message')
+    assert measured_all()
+    assert np.isfinite(heard.heard('/ring/simulated_displacement').channels).all()
+
+    # The driver goes on while the node is not there, and a test later it measures as before.
+    group.processes['ring_displacement'].process.kill()
+    group.processes['ring_displacement'].process.wait()
+    heard.progress.pop('ring_displacement')
+    driver.send(record.later(60.0), slice(0, 100))
+    group.start('ring_displacement')
+    heard.forget()
+    wait_until(matched, 80.0, 'it is matched again')
+    for publisher in (driver.load, *driver.probes):
+        publisher.published = 0  # counted from the start of the node
+    del heard.progress['ring_simulator']
+    again = record.later(120.0)
+    driver.send(again, rows)
+    expected = offline(again, rows)
+    wait_until(measured_all, what='every row measured again')
+    measured = heard.heard('/ring/displacement')
+    assert np.array_equal(measured.stamps, expected.stamps)
+    assert np.array_equal(measured.channels, expected.channels)
