@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from saddlering_ros.effects.base import Effect, EffectError, EffectParameter
 from saddlering_ros.effects.extension import RingExtension
+from saddlering_ros.memory_operators import Direction, Plays, Relaxations
 from saddlering_ros.plain_yaml import read_strict_yaml
 
 Floats = NDArray[np.float64]
@@ -64,9 +65,10 @@ class LawHistory:
         self._law = law
         self._at, self._values = np.array(law.at), np.array(law.values)
         self._begin = self._last = time
-        self._load = self._slow = self._extreme = load
-        self._sign = 1.0
-        self._state = np.full(self._at.size, load if law.coordinate == 'hysteresis' else 0.0)
+        self._load = self._slow = load
+        self._plays = Plays(self._at, load)
+        self._relaxations = Relaxations(self._at)
+        self._direction = Direction(law.turn, load)
         self._zero = self._value(time, load)
 
     def push(self, time: Floats, load: Floats) -> Floats:
@@ -82,13 +84,9 @@ class LawHistory:
         law, step = self._law, time - self._last
         change, self._last, self._load = load - self._load, time, load
         if law.coordinate == 'hysteresis':
-            np.clip(self._state, load - self._at, load + self._at, out=self._state)
-            return law.size * float(((load - self._state) / self._at) @ self._values)
+            return law.size * float((self._plays.push(load) / self._at) @ self._values)
         if law.coordinate == 'relaxation':
-            ratio = step / self._at
-            whole = np.where(ratio > 0.0, -np.expm1(-ratio) / np.where(ratio > 0, ratio, 1.0), 1.0)
-            self._state = np.exp(-ratio) * self._state + change * whole
-            return law.size * float(self._state @ self._values)
+            return law.size * float(self._relaxations.push(step, change) @ self._values)
         along = load
         if law.coordinate == 'time':
             along = time - self._begin
@@ -96,13 +94,7 @@ class LawHistory:
             self._slow += (load - self._slow) * -float(np.expm1(-step / RATE_TIME))
             along = (load - self._slow) / RATE_TIME
         value = law.size * float(np.interp(along, self._at, self._values))
-        if law.coordinate != 'direction':
-            return value
-        if self._sign * (load - self._extreme) > 0.0:
-            self._extreme = load
-        elif self._sign * (self._extreme - load) > law.turn:
-            self._sign, self._extreme = -self._sign, load
-        return self._sign * value
+        return self._direction.push(load) * value if law.coordinate == 'direction' else value
 
 
 class LawEffect(Effect):
