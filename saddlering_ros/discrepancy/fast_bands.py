@@ -122,6 +122,27 @@ class TransformBand:
         return whitener.colour(np.asarray(idct(spectrum, axis=0, norm='ortho')))
 
 
+@dataclass(frozen=True)
+class _Octave:
+    """Half waves `first` to `stop` of one run, with the samples and whitener of each channel."""
+
+    index: int
+    run: RunBlocks
+    parts: list[slice]
+    whiteners: list[Whitener]
+    first: int
+    stop: int
+
+    @property
+    def duration(self) -> float:
+        return max(float(np.ptp(self.run.time)), 1e-300)
+
+    @property
+    def is_narrow(self) -> bool:
+        count = self.stop - self.first
+        return count <= MAX_BASIS and count * self.run.time.size <= MAX_BASIS_NUMBERS
+
+
 def fast_bands(metric: Metric, first: int) -> list[Band]:
     """Octaves from half wave number `first` on, as far as the samples of a run reach."""
     bands: list[Band] = []
@@ -134,41 +155,27 @@ def fast_bands(metric: Metric, first: int) -> list[Band]:
         begin = first
         while begin <= last:
             stop = min(2 * begin - 1, last + 1)
-            count = stop - begin
-            narrow = count <= MAX_BASIS and count * run.time.size <= MAX_BASIS_NUMBERS
-            build = _basis_band if narrow else _transform_band
-            bands.append(build(index, run, begin, stop, parts, whiteners))
+            octave = _Octave(index, run, parts, whiteners, begin, stop)
+            bands.append(_basis_band(octave) if octave.is_narrow else _transform_band(octave))
             begin = stop
     return bands
 
 
-def _basis_band(
-    index: int,
-    run: RunBlocks,
-    first: int,
-    stop: int,
-    parts: list[slice],
-    whiteners: list[Whitener],
-) -> Band:
-    duration = max(float(np.ptp(run.time)), 1e-300)
-    share = (run.time - run.time[0]) / duration
-    waves = np.cos(np.pi * share[:, None] * np.arange(first, stop)[None, :])
+def _basis_band(octave: _Octave) -> Band:
+    run = octave.run
+    share = (run.time - run.time[0]) / octave.duration
+    waves = np.cos(np.pi * share[:, None] * np.arange(octave.first, octave.stop)[None, :])
     white, plain, noise = [], [], []
-    for whitener in whiteners:
+    for whitener in octave.whiteners:
         basis, _ = np.linalg.qr(whitener.whiten(waves))
         white.append(basis)
         plain.append(whitener.colour(basis))
         noise.append(float(np.average((plain[-1] ** 2).sum(axis=1), weights=run.width)))
-    return BasisBand(index, first, duration, parts, white, plain, np.array(noise))
+    return BasisBand(
+        octave.index, octave.first, octave.duration, octave.parts, white, plain, np.array(noise))
 
 
-def _transform_band(
-    index: int,
-    run: RunBlocks,
-    first: int,
-    stop: int,
-    parts: list[slice],
-    whiteners: list[Whitener],
-) -> Band:
-    duration = max(float(np.ptp(run.time)), 1e-300)
-    return TransformBand(index, first, duration, stop, parts, whiteners, run.width)
+def _transform_band(octave: _Octave) -> Band:
+    return TransformBand(
+        octave.index, octave.first, octave.duration, octave.stop, octave.parts, octave.whiteners,
+        octave.run.width)
