@@ -69,45 +69,81 @@ class Record:
     run: RunBlocks
 
 
+class Span(NamedTuple):
+    """Samples [first, last) of one block, and in how many parts their load is simulated."""
+
+    first: int
+    last: int
+    parts: int
+
+
+@dataclass(frozen=True)
+class _Readings:
+    """Complete samples of a run: time [s], load [N] (N,), probes (4, N) [m].
+
+    quiet: the probes with noise in place of the rounding of a coarse logger.
+    """
+
+    rig: Rig
+    test_run: TestRun
+    zero_load: float
+    time: Array
+    load: Array
+    probes: Array
+    quiet: Array
+
+    @property
+    def step(self) -> float:
+        """Median time between samples [s]."""
+        return float(np.median(np.diff(self.time)))
+
+
+@dataclass(frozen=True)
+class _Blocks:
+    """How a run is cut: blocks, stretches at rest, hold and branch of each block.
+
+    between: samples of one part of the load where no block is.
+    """
+
+    spans: list[Span]
+    rest: list[RestSegment]
+    hold: Array
+    branch: Array | None
+    between: int
+
+
 def build_record(rig: Rig, test_run: TestRun, *, held_out: bool) -> Record:
     """Block means, load grid and stretches at rest of one bag."""
     test_run = test_run.without_spikes()
     measured = displacement_of_run(rig, test_run)
     good = measured.complete & np.isfinite(measured.load)
     good[: measured.zero.start] = False
-    time, load, probes = measured.time[good], measured.load[good], measured.d[:, good]
-    rounding = probe_rounding(test_run)
+    probes, rounding = measured.d[:, good], probe_rounding(test_run)
     quiet = probes if rounding is None else probes + rounding[:, good]
-    if time.size < MIN_SAMPLES:
+    readings = _Readings(rig, test_run, measured.zero.load, measured.time[good],
+                         measured.load[good], probes, quiet)
+    if readings.time.size < MIN_SAMPLES:
         raise DiagnosisError(
-            f'{test_run.path}: {time.size} complete samples are too few for a diagnosis: record '
-            'longer'
+            f'{test_run.path}: {readings.time.size} complete samples are too few for a diagnosis: '
+            'record longer'
         )
-    build = _static if test_run.test == 'static' else _dynamic
-    both = (probes, quiet)
-    return Record(test_run, measured, build(rig, test_run, measured, time, load, both, held_out))
+    blocks = _static(readings) if test_run.test == 'static' else _dynamic(readings)
+    return Record(test_run, measured, _run(readings, blocks, held_out))
 
 
-def _static(
-    rig: Rig,
-    test_run: TestRun,
-    measured: MeasuredRun,
-    time: Array,
-    load: Array,
-    both: tuple[Array, Array],
-    held_out: bool,
-) -> RunBlocks:
-    probes, quiet = both
+def _static(readings: _Readings) -> _Blocks:
+    """Blocks within the plateaus of a static run."""
+    test_run, time, load = readings.test_run, readings.time, readings.load
     found = plateaus(test_run)
     hold, branch = [], []
     blocks: list[Span] = []
     rest: list[RestSegment] = []
-    step = float(np.median(np.diff(time)))
+    step = readings.step
     for number in range(len(found)):
         begin = float(test_run.time[found.hold_start[number]])
         end = float(test_run.time[found.hold_stop[number] - 1])
         inside = np.flatnonzero((time >= begin + min(0.3, 0.1 * (end - begin))) & (time <= end))
-        if inside.size < 4 or load[inside].mean() < rig.limits.hold_min:
+        if inside.size < 4 or load[inside].mean() < readings.rig.limits.hold_min:
             continue
         length = float(time[inside[-1]] - time[inside[0]]) + step
         parts = max(min(BLOCKS_PER_PLATEAU, inside.size // 2), int(length / LONGEST_BLOCK))
@@ -118,37 +154,23 @@ def _static(
             branch.append(float(found.branch[number]))
         settled = inside[time[inside] >= test_run.time[found.start[number]]]
         if settled.size >= 8:
-            rest.append(RestSegment(quiet[:, settled], step, f'{int(found.branch[number])}'))
-    return _run(
-        rig,
-        test_run,
-        _load_grid(test_run, measured, time, load, blocks, max(1, round(STATIC_GRID / step))),
-        _Means.over(time, probes, blocks),
-        tuple(rest),
-        held_out,
-        np.array(hold),
-        np.array(branch),
-    )
+            rest.append(RestSegment(
+                readings.quiet[:, settled], step, f'{int(found.branch[number])}'))
+    between = max(1, round(STATIC_GRID / step))
+    return _Blocks(blocks, rest, np.array(hold), np.array(branch), between)
 
 
-def _dynamic(
-    rig: Rig,
-    test_run: TestRun,
-    measured: MeasuredRun,
-    time: Array,
-    load: Array,
-    both: tuple[Array, Array],
-    held_out: bool,
-) -> RunBlocks:
-    probes, quiet = both
-    step = float(np.median(np.diff(time)))
+def _dynamic(readings: _Readings) -> _Blocks:
+    """Even blocks of a dynamic run."""
+    rig, time, load, step = readings.rig, readings.time, readings.load, readings.step
     duration = float(time[-1] - time[0])
     length = max(SHORTEST_BLOCK, duration / DYNAMIC_BLOCKS, step)
     number = np.floor((time - time[0]) / length + 1e-9).astype(np.int64)
     starts = np.flatnonzero(np.diff(number, prepend=-1))
     stops = np.append(starts[1:], time.size)
     rests = stretches_at_rest(time, load, rig.limits.rest_band)
-    rest = [RestSegment(quiet[:, begin:end], step) for begin, end in quiet_stretches(rests)]
+    rest = [RestSegment(readings.quiet[:, begin:end], step)
+            for begin, end in quiet_stretches(rests)]
     hold = np.arange(starts.size, dtype=float)
     change = np.abs(load[stops - 1] - load[starts]) / rig.full_scale_load
     parts = np.clip(np.ceil(change / PART_CHANGE), *MOVING_PARTS)
@@ -159,24 +181,7 @@ def _dynamic(
         Span(int(a), int(b), min(int(count), int(b - a)))
         for a, b, count in zip(starts, stops, parts, strict=True)
     ]
-    return _run(
-        rig,
-        test_run,
-        _load_grid(test_run, measured, time, load, blocks, 1),
-        _Means.over(time, probes, blocks),
-        tuple(rest),
-        held_out,
-        hold,
-        None,
-    )
-
-
-class Span(NamedTuple):
-    """Samples [first, last) of one block, and in how many parts their load is simulated."""
-
-    first: int
-    last: int
-    parts: int
+    return _Blocks(blocks, rest, hold, None, 1)
 
 
 @dataclass(frozen=True)
@@ -199,51 +204,38 @@ class _Means:
         )
 
 
-def _load_grid(
-    test_run: TestRun,
-    measured: MeasuredRun,
-    time: Array,
-    load: Array,
-    blocks: Sequence[Span],
-    between: int,
-) -> LoadGrid:
-    """Mean time and load of the parts of every block, and of `between` samples elsewhere.
+def _load_grid(readings: _Readings, blocks: _Blocks) -> LoadGrid:
+    """Mean time and load of the parts of every block, and of the samples between blocks.
 
     The parts of a block are its own: a part that reached over its edge would shift its mean.
     """
     cuts: list[int] = []
     first, last, reached = [], [], 0
-    for block in blocks:
-        cuts += range(reached, block.first, between)
+    for block in blocks.spans:
+        cuts += range(reached, block.first, blocks.between)
         first.append(len(cuts))
         inner = np.linspace(block.first, block.last, block.parts + 1)[:-1]
         cuts += [round(float(cut)) for cut in inner]
         last.append(len(cuts))
         reached = block.last
-    cuts += range(reached, time.size, between)
+    cuts += range(reached, readings.time.size, blocks.between)
     starts = np.array(cuts, dtype=np.int64)
-    count = np.diff(np.append(starts, time.size))
+    count = np.diff(np.append(starts, readings.time.size))
     return LoadGrid(
-        test_run.elevation,
-        np.add.reduceat(time, starts) / count,
-        np.add.reduceat(load, starts) / count,
-        measured.zero.load,
+        readings.test_run.elevation,
+        np.add.reduceat(readings.time, starts) / count,
+        np.add.reduceat(readings.load, starts) / count,
+        readings.zero_load,
         np.array(first),
         np.array(last),
         LONGEST_STEP,
     )
 
 
-def _run(
-    rig: Rig,
-    test_run: TestRun,
-    grid: LoadGrid,
-    means: _Means,
-    rest: tuple[RestSegment, ...],
-    held_out: bool,
-    hold: Array,
-    branch: Array | None,
-) -> RunBlocks:
+def _run(readings: _Readings, blocks: _Blocks, held_out: bool) -> RunBlocks:
+    rig, test_run, branch = readings.rig, readings.test_run, blocks.branch
+    grid = _load_grid(readings, blocks)
+    means = _Means.over(readings.time, readings.probes, blocks.spans)
     load = grid.block_means(grid.load)
     direction = (
         direction_of(load, rig.limits.reversal_band) if branch is None else _carried(branch)
@@ -263,12 +255,12 @@ def _run(
         means.width,
         means.probes,
         {'load': load},
-        rest,
+        tuple(blocks.rest),
         held_out,
         grid,
         direction=direction,
         rate=rate,
-        hold=hold,
+        hold=blocks.hold,
     )
 
 
