@@ -137,7 +137,24 @@ class ShapesEntry(TypedDict):
     after: list[ShapeEntry]
 
 
+class SimulatedTestEntry(TypedDict):
+    """A test of an `ambiguous` verdict, simulated with each open model as the truth in turn.
+
+    share_alone: share of the draws after which the true model alone is left; share_kept: it is
+    left at all; by_truth: share_alone by the effects of the true model.
+    """
+
+    test: str
+    kind: str
+    draws: int
+    share_alone: float
+    interval_95: list[float]
+    share_kept: float
+    by_truth: Shares
+
+
 class _VerdictMore(TypedDict, total=False):
+    simulated_tests: list[SimulatedTestEntry]
     gain: TotalReductionEntry
     detection_limits: list[LimitEntry]
     immaterial: list[ImmaterialEntry]

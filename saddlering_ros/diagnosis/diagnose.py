@@ -16,7 +16,7 @@ from saddlering_ros.bags import (
 from saddlering_ros.diagnosis import next_test
 from saddlering_ros.diagnosis.contact_law import contact_law
 from saddlering_ros.diagnosis.document import signature_cosines
-from saddlering_ros.diagnosis.proposals import course_of, propose
+from saddlering_ros.diagnosis.proposals import propose
 from saddlering_ros.diagnosis.records import (
     build_record,
     check_set,
@@ -162,10 +162,7 @@ def _next_test(found: Diagnosis) -> str | None:
     if not open_groups:
         named = found.causes[0].effect
         return next_test.confirming(named, next_test.look_alikes(named, signature_cosines(found)))
-    course = course_of(found.next_test)
-    sentence = next_test.between(open_groups[0], course)
-    if sentence is None and course is not None:
-        sentence = course.sentence
+    sentence = next_test.for_group(open_groups[0], found.partings)
     return sentence or catalogue()[open_groups[0][0]].settled_by
 
 

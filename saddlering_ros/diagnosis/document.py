@@ -7,10 +7,10 @@ from typing import Any, TYPE_CHECKING
 
 import numpy as np
 
-from saddlering_ros.diagnosis.contract import ShapeEntry, VerdictDocument
+from saddlering_ros.diagnosis.contract import ShapeEntry, SimulatedTestEntry, VerdictDocument
 from saddlering_ros.diagnosis.proposed_law import proposal_document
 from saddlering_ros.diagnosis.wording import shape_words, swing_words
-from saddlering_ros.discrepancy import Cause, Diagnosis
+from saddlering_ros.discrepancy import Cause, Diagnosis, Parting
 from saddlering_ros.discrepancy.lack_of_fit import ShapeTest
 from saddlering_ros.discrepancy.results import Evidence
 from saddlering_ros.thresholds import is_left, MATERIAL
@@ -29,6 +29,7 @@ def verdict_document(verdict: Verdict) -> VerdictDocument:
         'runs': [_run_json(figures) for figures in verdict.runs],
         'parameters': _parameters(verdict.contact_law),
         'next_test': verdict.next_test,
+        'simulated_tests': [_parting_json(item) for item in found.partings],
         'detection_limits': [
             {
                 'effect': item.effect,
@@ -124,6 +125,18 @@ def _run_json(figures: RunFigures) -> dict[str, Any]:
         'test': record.test_run.test,
         'held_out': record.run.held_out,
         'channels': {name: vars(item) for name, item in figures.channels.items()},
+    }
+
+
+def _parting_json(parting: Parting) -> SimulatedTestEntry:
+    return {
+        'test': parting.proposal.sentence,
+        'kind': parting.proposal.kind,
+        'draws': parting.draws,
+        'share_alone': parting.share,
+        'interval_95': list(parting.interval),
+        'share_kept': parting.kept / parting.draws,
+        'by_truth': {' + '.join(ids): share for ids, share in parting.by_truth.items()},
     }
 
 

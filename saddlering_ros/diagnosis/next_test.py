@@ -1,16 +1,17 @@
 """The next test of a verdict: its instruction, and the cause that each outcome means.
 
-The test is chosen from the table of tests by the causes that are open: those the data cannot tell
-apart, or, where one is named, those that look most like it.
+For causes that the data cannot tell apart, the engine simulates the tests that the rig could make,
+and the test that most often leaves the true cause alone comes first. Where a cause is named, the
+test is chosen from the table of tests by the causes that look most like it.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from itertools import combinations
 
 from saddlering_ros.diagnosis.wording import lowered, title_of
+from saddlering_ros.discrepancy import Parting
 from saddlering_ros.effects import catalogue
 from saddlering_ros.effects.rig_tests import RIG_TESTS, RigTest, UNCLEAR
 
@@ -20,12 +21,8 @@ MIN_LIKENESS = 0.3
 MAX_ALTERNATIVES = 3
 
 
-@dataclass(frozen=True)
-class Course:
-    """A load course that the engine weighed: the kind of test it is, and its sentence."""
-
-    kind: str
-    sentence: str
+ENOUGH = 0.5
+"""A simulated test that leaves the true cause alone less often gives way to one of the table."""
 
 
 def outcome(effect_id: str, test: RigTest) -> str:
@@ -43,23 +40,40 @@ def separated(test: RigTest, effects: Sequence[str]) -> int:
     return sum(UNCLEAR not in pair and pair[0] != pair[1] for pair in combinations(shown, 2))
 
 
-def between(effects: Sequence[str], course: Course | None = None) -> str | None:
-    """The test that tells most of these effects apart, with every outcome; None if none does.
+def for_group(effects: Sequence[str], partings: Sequence[Parting]) -> str | None:
+    """The next test for a group, with how often it leaves the true cause in simulated draws.
 
-    Among equal tests, the test that separates the first effect from the others comes
-    first. A load course that the engine simulated gives the details of a test of its kind.
+    A test that could not be simulated comes first where no simulated one parts the group.
     """
+    table = _of_table(effects)
+    best = partings[0] if partings else None
+    simulated = {item.proposal.kind for item in partings}
+    if best is None or (best.share < ENOUGH and table is not None and table.id not in simulated):
+        return between(effects)
+    known = [test for test in RIG_TESTS if test.id == best.proposal.kind]
+    meanings = _meanings(known[0], effects) if known and separated(known[0], effects) else ''
+    return ' '.join(filter(None, (best.proposal.sentence, meanings, share_words(best))))
+
+
+def share_words(parting: Parting) -> str:
+    """How often a test leaves the true cause alone: 'In 87 of 100 simulated draws, ...'."""
+    low, high = (round(100.0 * item) for item in parting.interval)
+    return (f'In {round(100.0 * parting.share)} of 100 simulated draws, this test leaves the true '
+            f'cause alone (95 % interval {low} to {high}).')
+
+
+def between(effects: Sequence[str]) -> str | None:
+    """The test of the table that tells most of these effects apart, with every outcome."""
+    test = _of_table(effects)
+    return None if test is None else f'{test.instruction} {_meanings(test, effects)}'
+
+
+def _of_table(effects: Sequence[str]) -> RigTest | None:
+    """The test that separates most pairs; of equal ones, the first effect from most others."""
     scored = [(separated(test, effects), _first_separated(test, effects), test)
               for test in RIG_TESTS]
     best = max(scored, key=lambda item: item[:2])
-    if not best[0]:
-        return None
-    test = best[2]
-    if course is not None:
-        same = [item for item in scored if item[2].id == course.kind and item[:2] == best[:2]]
-        if same:
-            return f'{course.sentence} {_meanings(same[0][2], effects)}'
-    return f'{test.instruction} {_meanings(test, effects)}'
+    return best[2] if best[0] else None
 
 
 def confirming(effect_id: str, alternatives: Sequence[str]) -> str:

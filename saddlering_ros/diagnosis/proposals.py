@@ -1,82 +1,188 @@
-"""Load courses of possible next tests, which the engine compares."""
+"""The tests that a rig could make next, as the engine simulates them."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+import math
 
 import numpy as np
+from numpy.typing import NDArray
 
-from saddlering_ros.diagnosis.next_test import Course
 from saddlering_ros.diagnosis.records import LoadGrid
-from saddlering_ros.discrepancy import Proposal, RunBlocks
+from saddlering_ros.discrepancy import Point, Proposal, Reading, RunBlocks
+from saddlering_ros.effects import catalogue
+from saddlering_ros.effects.rig_tests import RIG_TESTS
 from saddlering_ros.rig import force_words, Rig
 
-SLOW, FAST, CYCLES = 'Record a slow ramp', 'Record a fast ramp', 'Record two cycles'
-KINDS = {SLOW: 'second_rate', FAST: 'second_rate', CYCLES: 'repeat_cycle'}
-"""The kind of test (of effects/rig_tests.py) that each course is."""
+ELEVATIONS = (30.0, 50.0, 70.0)
+"""Elevations [deg] that are proposed beside those on hand."""
 
+BLOCKS = 250
+"""Block means of a simulated ramp."""
 
-def course_of(sentence: str | None) -> Course | None:
-    """The proposal that the engine has chosen, with its kind."""
-    kinds = [kind for start, kind in KINDS.items() if (sentence or '').startswith(start)]
-    return Course(kinds[0], sentence) if sentence and kinds else None
+RAMP, HOLD, STEPS = 1.0, 5.0, 25
+"""Seconds between the holds of a static test, seconds of a hold, and holds up to full scale."""
+
+REST_SECONDS = 600.0
+"""Length of a record at constant preload."""
+
+CELL_GAIN, CELL_SHARE = 2e-3, 5e-4
+"""A reference cell is good to this share of the load and this share of full scale."""
+
+INCLINOMETER, SCALE = math.radians(0.02), 1e-3
+"""Standard deviations of an inclinometer [rad] and of a measured height [m]."""
+
+OTHER_PROBE = {1.0: 3.0, 3.0: 1.0, 2.0: 4.0, 4.0: 2.0}
+MOVES = 'a misfit that moves with the probe'
+"""The outcome of swapped probes for an effect that belongs to the probe, not to its place."""
 
 
 def propose(rig: Rig, runs: Sequence[RunBlocks]) -> list[Proposal]:
-    """Runs that this rig could make at the elevations on hand and at others."""
+    """Tests that this rig could make at the elevations on hand and at others."""
+    known = sorted({round(float(np.degrees(run.payload.elevation)), 1) for run in runs})
+    answers = []
+    for degrees in sorted({*known, *ELEVATIONS}):
+        answers += _courses(rig, degrees)
+        if degrees not in known:
+            sentence = f'Repeat the static test at {degrees:g} deg.'
+            answers.append(Proposal(sentence, _staircase(rig, degrees), 'other_elevation'))
+    answers += _repeats(rig, known[0])
+    return [
+        replace(item, run=replace(item.run, name=f'proposed {number}'))
+        for number, item in enumerate(answers)
+    ]
+
+
+def _courses(rig: Rig, degrees: float) -> list[Proposal]:
+    """Ramps and cycles at an elevation."""
     full, low = rig.full_scale_load, rig.preload
     peak = force_words(full, rig.force_unit, 0)
-    known = sorted({round(float(np.degrees(run.payload.elevation)), 1) for run in runs})
-    proposals: list[Proposal] = []
-    for degrees in sorted({*known, 30.0, 50.0, 70.0}):
-        where = f'at {degrees:g} deg'
-        courses: dict[str, tuple[list[float], list[float]]] = {
-            f'{SLOW} to {peak} and back in 60 s {where}.': (
-                [0, 1, 31, 61, 62],
-                [low, low, full, low, low],
-            ),
-            f'{FAST} to {peak} and back in 3 s {where}.': (
-                [0, 1, 2.5, 4, 6],
-                [low, low, full, low, low],
-            ),
-            f'{CYCLES} to {peak} with holds of 30 s at full load and at preload {where}.': (
-                [0, 1, 6, 36, 41, 71, 76, 106, 111, 141],
-                [low, low, full, full, low, low, full, full, low, low],
-            ),
-        }
-        for sentence, (times, loads) in courses.items():
-            proposals.append(Proposal(sentence, _course(degrees, times, loads, full)))
-    return proposals
+    where = f'at {degrees:g} deg'
+    slow = Course([0, 1, 31, 61, 62], [low, low, full, low, low])
+    fast = Course([0, 1, 2.5, 4, 6], [low, low, full, low, low])
+    cycles = Course([0, 1, 6, 36, 41, 71, 76, 106, 111, 141],
+                    [low, low, full, full, low, low, full, full, low, low])
+    return [
+        Proposal(f'Record a slow ramp to {peak} and back in 60 s {where}.',
+                 slow.run(degrees), 'second_rate'),
+        Proposal(f'Record a fast ramp to {peak} and back in 3 s {where}.',
+                 fast.run(degrees), 'second_rate'),
+        Proposal(f'Record two cycles to {peak} with holds of 30 s at full load and at preload '
+                 f'{where}.', cycles.run(degrees), 'repeat_cycle'),
+    ]
 
 
-def _course(
-    degrees: float, times: Sequence[float], loads: Sequence[float], full: float
+def _repeats(rig: Rig, degrees: float) -> list[Proposal]:
+    """Tests of the table that repeat a test with something changed or measured beside it."""
+    static = _staircase(rig, degrees)
+    low = rig.preload
+    rest = Course([0, REST_SECONDS], [low, low]).run(degrees)
+    full = rig.full_scale_load
+    cell = (Reading('load_gain', CELL_GAIN), Reading('load_offset', CELL_SHARE * full),
+            Reading('load_nonlinearity', CELL_SHARE), Reading('cylinder_friction',
+                                                              CELL_SHARE * full))
+    angles = (Reading('elevation_error', INCLINOMETER), Reading('bracket_play', INCLINOMETER))
+    heights = (Reading('moment_arm', SCALE), Reading('probe_height', SCALE))
+    words = {test.id: test.instruction for test in RIG_TESTS}
+    made = {
+        'swapped_probes': Proposal('', static, as_made=with_swapped_probes),
+        'slewed_ring': Proposal('', static, as_made=on_slewed_ring, is_other_place=True),
+        'reference_load': Proposal('', static, readings=cell),
+        'inclinometer': Proposal('', static, readings=angles),
+        'heights': Proposal('', static, readings=heights),
+        'zero_load': Proposal('', rest),
+    }
+    return [replace(item, sentence=words[kind], kind=kind) for kind, item in made.items()]
+
+
+def with_swapped_probes(point: Point) -> Point:
+    """The same with probes 1 and 3, and 2 and 4, in each other's place."""
+    effects = {}
+    for name, values in point.effects.items():
+        probe = values.get('probe', 0.0)
+        known = catalogue().get(name)
+        moves = known is not None and known.outcomes.swapped_probes == MOVES
+        effects[name] = {**values, 'probe': OTHER_PROBE[probe]} if moves and probe else values
+    return Point(point.base, effects)
+
+
+def on_slewed_ring(point: Point) -> Point:
+    """The same with the ring a quarter turn further: an oval and worn arcs lie elsewhere."""
+    effects = {}
+    for name, values in point.effects.items():
+        if name == 'out_of_round':
+            effects[name] = {**values, 'amplitude': -values['amplitude']}
+        elif name in ('worn_sector_axial', 'worn_sector_radial'):
+            centre = values['centre'] + math.pi / 2
+            effects[name] = {**values, 'centre': min(centre, 2.0 * math.pi - centre)}
+        else:
+            effects[name] = dict(values)
+    return Point(point.base, effects)
+
+
+@dataclass(frozen=True)
+class Course:
+    """A course of load: times [s] and loads [N] between which it is straight."""
+
+    times: Sequence[float]
+    loads: Sequence[float]
+
+    def run(self, degrees: float) -> RunBlocks:
+        """An empty run along the course."""
+        edge = np.linspace(self.times[0], self.times[-1], 2 * BLOCKS + 1)
+        time = 0.5 * (edge[:-1] + edge[1:])
+        load = np.interp(time, self.times, self.loads)
+        first = np.arange(0, 2 * BLOCKS, 2)
+        width = 2.0 * float(np.diff(edge)[0])
+        drive = load.reshape(BLOCKS, 2).mean(axis=1)
+        centre = time.reshape(BLOCKS, 2).mean(axis=1)
+        grid = LoadGrid(float(np.radians(degrees)), time, load, float(load[0]), first, first + 2,
+                        min(5e-3, 0.5 * width))
+        change = np.gradient(drive, centre)
+        return _empty_run(grid, centre, np.full(BLOCKS, width), np.sign(change), rate=change)
+
+
+def _staircase(rig: Rig, degrees: float) -> RunBlocks:
+    """An empty static run: holds up to full scale and back, four blocks each."""
+    rise = np.arange(1, STEPS + 1) * rig.full_scale_load / STEPS
+    levels = np.concatenate([[rig.preload], rise, rise[-2::-1]])
+    time, load = [0.0], [float(levels[0])]
+    first: list[int] = []
+    hold, branch = [], []
+    now = 0.0
+    for number, (before, level) in enumerate(pairwise(levels)):
+        for share in (0.1, 0.3, 0.5, 0.7, 0.9):
+            time.append(now + share * RAMP)
+            load.append(float(before + share * (level - before)))
+        for share in (0.125, 0.375, 0.625, 0.875):
+            if level >= rig.limits.hold_min:
+                first.append(len(time))
+                hold.append(float(number))
+                branch.append(1.0 if level > before else -1.0)
+            time.append(now + RAMP + share * HOLD)
+            load.append(float(level))
+        now += RAMP + HOLD
+    starts = np.array(first)
+    grid = LoadGrid(float(np.radians(degrees)), np.array(time), np.array(load), load[0], starts,
+                    starts + 1, 1.0)
+    blocks = len(first)
+    return _empty_run(grid, grid.time[starts], np.full(blocks, HOLD / 4), np.array(branch),
+                      hold=np.array(hold), rate=np.zeros(blocks))
+
+
+def _empty_run(
+    grid: LoadGrid,
+    time: NDArray[np.float64],
+    width: NDArray[np.float64],
+    direction: NDArray[np.float64],
+    *,
+    rate: NDArray[np.float64],
+    hold: NDArray[np.float64] | None = None,
 ) -> RunBlocks:
-    """An empty run along a course of load."""
-    blocks = 250
-    edge = np.linspace(times[0], times[-1], 2 * blocks + 1)
-    time = 0.5 * (edge[:-1] + edge[1:])
-    load = np.interp(time, times, loads)
-    first = np.arange(0, 2 * blocks, 2)
-    grid = LoadGrid(
-        float(np.radians(degrees)),
-        time,
-        load,
-        float(load[0]),
-        first,
-        first + 2,
-        min(5e-3, float(np.diff(edge)[0])),
-    )
-    centre = time.reshape(blocks, 2).mean(axis=1)
-    width = np.full(blocks, float(np.diff(edge)[0]) * 2.0)
-    drive = load.reshape(blocks, 2).mean(axis=1)
+    drive = grid.block_means(grid.load)
     return RunBlocks(
-        'proposal',
-        f'{degrees:.1f} deg',
-        centre,
-        width,
-        np.zeros((4, blocks)),
-        {'load': drive},
-        payload=grid,
-        direction=np.sign(np.gradient(drive)),
-    )
+        'proposed', f'{np.degrees(grid.elevation):.1f} deg', time, width,
+        np.zeros((4, time.size)), {'load': drive}, payload=grid, direction=direction, rate=rate,
+        hold=hold)

@@ -9,8 +9,8 @@ from saddlering_ros.discrepancy.engine import diagnose_system
 from saddlering_ros.discrepancy.model import Channel, Model, Run
 from saddlering_ros.discrepancy.model_check import check
 from saddlering_ros.discrepancy.model_diagnosis import diagnose
-from saddlering_ros.discrepancy.next_test import Proposal
 from saddlering_ros.discrepancy.noise import Noise
+from saddlering_ros.discrepancy.parting import Parting, Proposal, Reading
 from saddlering_ros.discrepancy.priors import ModelErrorPrior
 from saddlering_ros.discrepancy.results import Cause, Diagnosis, Estimate
 from saddlering_ros.discrepancy.settings import Settings
@@ -36,8 +36,10 @@ __all__ = [
     'ModelErrorPrior',
     'Noise',
     'Parameter',
+    'Parting',
     'Point',
     'Proposal',
+    'Reading',
     'RestSegment',
     'Run',
     'RunBlocks',

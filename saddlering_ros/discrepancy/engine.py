@@ -15,7 +15,8 @@ from saddlering_ros.discrepancy.candidate import Fit
 from saddlering_ros.discrepancy.conclusion import judge, Publication, residual_of
 from saddlering_ros.discrepancy.experiment import Experiment, refuse_repeats
 from saddlering_ros.discrepancy.model_space import ModelSpace
-from saddlering_ros.discrepancy.next_test import choose_next, Proposal
+from saddlering_ros.discrepancy.next_test import part_rivals
+from saddlering_ros.discrepancy.parting import Parting, Proposal
 from saddlering_ros.discrepancy.preparation import (
     better_base,
     first_guess,
@@ -114,10 +115,10 @@ def diagnose_system(
     evidence = {
         name: space.compare(space.without(fit, name), fit).evidence() for name in fit.candidate.ids
     }
-    sentence = None
+    partings: tuple[Parting, ...] = ()
     if judgement.verdict == 'ambiguous':
-        pairs = [(fit, other) for others in alternatives.values() for other in others]
-        sentence = choose_next(space.metric, space.tangent_of(fit), pairs, proposals)
+        watch.progress('next test', 0.88)
+        partings = part_rivals(space, fit, alternatives, proposals)
     law = None
     if judgement.verdict == 'unknown' and experiment.assumptions.proposes_law:
         watch.progress('search for a law', 0.9)
@@ -139,7 +140,8 @@ def diagnose_system(
         base_alone=published.base_alone(),
         gain=published.gain(),
         explained=judgement.explained,
-        next_test=sentence,
+        next_test=partings[0].proposal.sentence if partings else None,
+        partings=partings,
         warnings=(*judgement.warnings, *published.sizes_at_bounds()),
         converged=space.base.converged and fit.converged and published.converged,
         runs=published.predictions(),

@@ -12,7 +12,6 @@ from saddlering_ros.discrepancy.experiment import Experiment
 from saddlering_ros.discrepancy.metric import JITTER
 from saddlering_ros.discrepancy.model import Model, Run
 from saddlering_ros.discrepancy.model_system import ModelSystem
-from saddlering_ros.discrepancy.next_test import Proposal
 from saddlering_ros.discrepancy.noise import (
     ChannelNoise,
     overestimated,
@@ -20,6 +19,7 @@ from saddlering_ros.discrepancy.noise import (
     underestimated,
     underestimated_sentence,
 )
+from saddlering_ros.discrepancy.parting import Proposal
 from saddlering_ros.discrepancy.results import Diagnosis, RunPrediction
 from saddlering_ros.discrepancy.settings import Settings
 from saddlering_ros.discrepancy.system import DiscrepancyError, RunBlocks, System

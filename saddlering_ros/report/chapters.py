@@ -44,6 +44,7 @@ from saddlering_ros.rig.quantities import percent, probability, quantity, supers
 from saddlering_ros.thresholds import allowed_misfit, is_left
 
 CANDIDATES_SHOWN = 12
+TESTS_SHOWN = 6
 ASSUMPTION = ('Every dimension of the rig is an assumption of this project, so the parameters are '
               "equivalent ones: they reproduce the ring's response, not a single roller's.")
 
@@ -87,10 +88,24 @@ def proof_picture(run: RunCurves, channel: str) -> str:
 def causes(document: Document) -> str:
     """Each cause with its numbers, its look-alikes and the test that would confirm the cause."""
     parts = [_cause(cause, document) for cause in effects_of(document)]
+    parts.append(simulated_tests(document))
     shapes = [shape_words(shape) for shape in shapes_of(document)]
     if shapes:
         parts.insert(0, html.paragraph('The residual has this shape:') + html.bullets(shapes))
     return html.section('Causes', *parts)
+
+
+def simulated_tests(document: Document) -> str:
+    """Possible next tests with how often each leaves the true cause alone, the best first."""
+    rows: list[list[str | Cell]] = [
+        [item['test'], number(percent(item['share_alone'])),
+         number(f'{percent(item["interval_95"][0])} to {percent(item["interval_95"][1])}'),
+         number(percent(item['share_kept']))]
+        for item in (document.get('simulated_tests') or [])[:TESTS_SHOWN]]
+    return html.table(
+        ['possible next test', number('leaves the true cause alone'), number('95 % interval'),
+         number('keeps the true cause')], rows,
+        'Simulated draws of each test, with each open cause as the truth in turn')
 
 
 def _look_alike_rows(cause: CauseEntry, document: Document) -> list[list[str | Cell]]:

@@ -2,13 +2,15 @@
 
 from dataclasses import fields
 from itertools import combinations
+import math
 
+import numpy as np
 import pytest
 
 from saddlering_ros.diagnosis import next_test
-from saddlering_ros.diagnosis.next_test import Course
-from saddlering_ros.diagnosis.proposals import course_of, propose
+from saddlering_ros.diagnosis.proposals import on_slewed_ring, propose, with_swapped_probes
 from saddlering_ros.diagnosis.wording import lowered, size_of, title_of
+from saddlering_ros.discrepancy import Parting, Point
 from saddlering_ros.effects import catalogue
 from saddlering_ros.effects.rig_tests import Outcomes, RIG_TESTS
 from saddlering_ros.rig import default_rig
@@ -57,20 +59,56 @@ def test_look_alikes_of_the_data_are_what_a_named_cause_is_confirmed_against():
     assert 'a loop whose height depends on the rate means creep of the oil film' in sentence
 
 
-def test_a_course_that_the_engine_chose_gives_the_details_of_a_test_of_its_kind():
-    course = Course('second_rate', 'Record a slow ramp to 25 t and back in 60 s at 50 deg.')
-    assert next_test.between(['radial_friction', 'film_creep'], course).startswith(course.sentence)
-    swapped = next_test.between(['ring_ovalisation', 'probe_gain'], course)
-    assert swapped.startswith('Swap probes')
-
-
-def test_every_course_that_is_proposed_has_a_kind_and_the_full_scale_of_its_rig():
+def proposed():
     class Payload:
-        elevation = 0.0
+        elevation = math.radians(50.0)
     runs = [type('Run', (), {'payload': Payload})]
-    for item in propose(default_rig(), runs):
-        assert course_of(item.sentence).kind in {test.id for test in RIG_TESTS}
-        assert 'to 25 t ' in item.sentence
+    return propose(default_rig(), runs)
+
+
+def simulated(kind: str, share: float) -> list[Parting]:
+    proposal = next(item for item in proposed() if item.kind == kind)
+    return [Parting(proposal, 100, round(100 * share), 100, {})]
+
+
+def test_the_simulated_test_of_a_group_states_its_outcomes_and_how_often_it_is_enough():
+    group = ['radial_friction', 'film_creep']
+    sentence = next_test.for_group(group, simulated('second_rate', 0.87))
+    assert sentence.startswith('Record a slow ramp to 25 t and back in 60 s')
+    assert 'a loop whose height depends on the rate means creep of the oil film' in sentence
+    assert sentence.endswith('In 87 of 100 simulated draws, this test leaves the true cause alone '
+                             '(95 % interval 79 to 92).')
+
+
+def test_a_test_that_cannot_be_simulated_comes_before_a_simulated_one_that_parts_little():
+    group = ['radial_clearance', 'radial_compliance']
+    low = next_test.for_group(group, simulated('second_rate', 0.1))
+    assert low == next_test.between(group)
+    assert 'simulated' in next_test.for_group(group, simulated('second_rate', 0.6))
+
+
+def test_every_proposed_test_is_of_a_known_kind_and_has_a_name_of_its_own():
+    tests = proposed()
+    assert {item.kind for item in tests} <= {test.id for test in RIG_TESTS}
+    assert len({item.run.name for item in tests}) == len(tests)
+    assert all('to 25 t ' in item.sentence for item in tests if 'ramp' in item.sentence)
+    assert 'Repeat the static test at 30 deg.' in [item.sentence for item in tests]
+
+
+def test_swapped_probes_carry_a_bad_gain_with_them_and_leave_a_bent_bracket():
+    point = Point(np.zeros(6), {'probe_gain': {'probe': 2.0, 'gain': 0.01},
+                                'probe_bracket': {'probe': 2.0, 'compliance': 1e-11}})
+    swapped = with_swapped_probes(point).effects
+    assert swapped['probe_gain'] == {'probe': 4.0, 'gain': 0.01}
+    assert swapped['probe_bracket'] == point.effects['probe_bracket']
+
+
+def test_a_slewed_ring_turns_an_oval_round_and_moves_a_worn_arc():
+    point = Point(np.zeros(6), {'out_of_round': {'amplitude': 1e-6, 'angle': 0.1},
+                                'worn_sector_axial': {'wear': 0.2, 'centre': 3.0}})
+    slewed = on_slewed_ring(point).effects
+    assert slewed['out_of_round']['amplitude'] == -1e-6
+    assert slewed['worn_sector_axial']['centre'] == pytest.approx(1.5 * math.pi - 3.0)
 
 
 def test_a_sound_ring_is_told_which_causes_these_data_could_not_show():

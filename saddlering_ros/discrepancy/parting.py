@@ -1,0 +1,349 @@
+"""How often a further test would leave the true one of several models, by simulation.
+
+Each model in turn is taken to be the truth. What it predicts for the test is drawn with its
+parameters and the nuisance parameters as the data leave them, and with the noise of the record.
+Then every model is judged on the old data and the new, by the rule that keeps an alternative in a
+group. Models are linear about their fits, so a fit to all data needs no further simulation: the
+misfit grows by that of the new data in the metric of the model's own prediction (the update of a
+linear model with normal errors).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+import math
+
+import numpy as np
+from scipy.linalg import cho_factor, cho_solve, cholesky, solve_triangular
+
+from saddlering_ros.discrepancy.candidate import Fit
+from saddlering_ros.discrepancy.criteria import indistinguishable
+from saddlering_ros.discrepancy.experiment import Experiment
+from saddlering_ros.discrepancy.metric import Metric
+from saddlering_ros.discrepancy.nuisances import (
+    model_error_columns,
+    offset_columns,
+    system_columns,
+    timing_columns,
+)
+from saddlering_ros.discrepancy.refit import neighbours, Tangent
+from saddlering_ros.discrepancy.settings import Settings
+from saddlering_ros.discrepancy.system import (
+    Array,
+    Effect,
+    Point,
+    RunBlocks,
+    System,
+    SystemWithTangents,
+)
+
+DRAWS = 100
+"""Draws with each model as the truth."""
+
+
+@dataclass(frozen=True)
+class Reading:
+    """A direct measurement of the size of an effect, with its standard deviation."""
+
+    effect: str
+    std: float
+
+
+@dataclass(frozen=True)
+class Proposal:
+    """A test that could be made: its sentence, and a run with empty channels.
+
+    kind: the kind of test; as_made: how the effects act in it, where that is not as before;
+    readings: what is measured directly; is_other_place: whether other units of the machine carry
+    the load, so that small errors of the units known from the old data say nothing.
+    """
+
+    sentence: str
+    run: RunBlocks
+    kind: str = ''
+    as_made: Callable[[Point], Point] | None = field(default=None, compare=False)
+    readings: tuple[Reading, ...] = ()
+    is_other_place: bool = False
+
+
+@dataclass(frozen=True)
+class Rival:
+    """A model that the data leave open, and the model without the cause in question."""
+
+    fit: Fit
+    less: Fit
+
+
+@dataclass(frozen=True)
+class JudgingRule:
+    """What keeps a model in a group: see `criteria.indistinguishable`."""
+
+    floor: float
+    excess: float
+    log_size: float
+    settings: Settings
+
+
+@dataclass(frozen=True)
+class Parting:
+    """What a proposed test does in simulated draws.
+
+    draws: over all truths; alone: draws that leave the true model alone; kept: draws that
+    leave it at all; by_truth: share of the draws that leave each model alone if it is the truth.
+    """
+
+    proposal: Proposal
+    draws: int
+    alone: int
+    kept: int
+    by_truth: Mapping[tuple[str, ...], float]
+
+    @property
+    def share(self) -> float:
+        """Share of the draws that leave the true model alone."""
+        return self.alone / self.draws
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """95 % interval of the share (E. B. Wilson, J. Am. Stat. Assoc. 22 (1927) 209)."""
+        z, count = 1.96, self.draws
+        middle = (self.share + z * z / (2 * count)) / (1 + z * z / count)
+        half = math.sqrt(self.share * (1 - self.share) / count + z * z / (4 * count**2))
+        half *= z / (1 + z * z / count)
+        return max(0.0, middle - half), min(1.0, middle + half)
+
+
+def simulate_tests(
+    metric: Metric,
+    rivals: Sequence[Rival],
+    tangent_of: Callable[[Fit], Tangent],
+    proposals: Sequence[Proposal],
+    rule: JudgingRule,
+    *,
+    draws: int = DRAWS,
+    seed: int = 0,
+) -> list[Parting]:
+    """Each proposal with how it would part the rivals, the best first."""
+    old = metric.experiment
+    fits = list({id(fit): fit for rival in rivals for fit in (rival.fit, rival.less)}.values())
+    seen = [_seen_by(old.system, proposal, fits) for proposal in proposals]
+    joint = Experiment(old.system, [*old.runs, *(item.run for item in proposals)],
+                       old.assumptions)
+    first = [own[0].values[: item.run.channels.size]
+             for own, item in zip(seen, proposals, strict=True)]
+    shared, local = _nuisances(joint, rivals[0].fit, first)
+    known = [_Known.of(metric, fit, tangent_of(fit), shared[: old.size], local[: old.size])
+             for fit in fits]
+    random = np.random.default_rng(seed)
+    answers, start = [], old.size
+    for proposal, own in zip(proposals, seen, strict=True):
+        part = slice(start, start + proposal.run.channels.size)
+        start = part.stop
+        whiten = _whitener(metric, proposal)
+        columns = _apart(shared[part], local[part], proposal)
+        forecasts = [
+            _Forecast.of(item, view, columns, whiten)
+            for item, view in zip(known, own, strict=True)
+        ]
+        answers.append(_part(proposal, rivals, fits, forecasts, rule, draws, random))
+    return sorted(answers, key=lambda item: (-item.alone, -item.kept))
+
+
+@dataclass(frozen=True)
+class _View:
+    """What a model shows in a test: values (m,) and sensitivities (m, p)."""
+
+    values: Array
+    columns: Array
+
+
+def _seen_by(system: System, proposal: Proposal, fits: Sequence[Fit]) -> list[_View]:
+    """A test as each fit predicts it, its direct readings last."""
+    base = system.base_parameters
+    groups, steps = [], []
+    for fit in fits:
+        parameters = fit.candidate.parameters(base)
+        thetas, own = neighbours(parameters, fit.theta_unit, range(fit.theta_unit.size))
+        groups.append([fit.candidate.point(base, theta) for theta in thetas])
+        steps.append(np.array(own))
+    made = groups
+    if proposal.as_made is not None:
+        made = [[proposal.as_made(point) for point in group] for group in groups]
+    if isinstance(system, SystemWithTangents):
+        answers = system.predict_neighbours(proposal.run, made)
+    else:
+        answers = [system.predict_many(proposal.run, group) for group in made]
+    views = []
+    for fit, group, answer, step in zip(fits, groups, answers, steps, strict=True):
+        sizes = {effect.id: effect for effect, _ in fit.candidate.effects}
+        direct = np.array([
+            [_size(point, sizes, reading.effect) for reading in proposal.readings]
+            for point in group
+        ]).reshape(len(group), -1)
+        rows = np.hstack([np.asarray(answer).reshape(len(group), -1), direct])
+        views.append(_View(rows[0], ((rows[1:] - rows[0]) / step[:, None]).T))
+    return views
+
+
+def _size(point: Point, effects: Mapping[str, Effect], name: str) -> float:
+    """Size of an effect at a point less the size at which it does nothing."""
+    if name not in point.effects:
+        return 0.0
+    effect = effects[name]
+    return point.effects[name][effect.size.name] - effect.neutral
+
+
+def _nuisances(
+    joint: Experiment, fit: Fit, predicted: Sequence[Array]
+) -> tuple[Array, Array]:
+    """Columns of old runs and proposed ones: those of the test stand, those of its units."""
+    prediction = np.concatenate([fit.prediction, *predicted])
+    columns = [offset_columns(joint)]
+    prior = joint.assumptions.model_error
+    if prior is not None:
+        columns += [model_error_columns(joint, prior), timing_columns(joint, prior, prediction)]
+    return np.hstack(columns), system_columns(joint, fit.point)
+
+
+def _apart(shared: Array, local: Array, proposal: Proposal) -> Array:
+    """Nuisance columns (m, k) of a test: shared with the old data, then its own."""
+    none = np.zeros_like(local)
+    parts = [shared, none, local] if proposal.is_other_place else [shared, local, none]
+    columns = np.hstack(parts)
+    return np.vstack([columns, np.zeros((len(proposal.readings), columns.shape[1]))])
+
+
+def _whitener(metric: Metric, proposal: Proposal) -> Callable[[Array], Array]:
+    """Division of columns (m, B) by the noise that the test would have."""
+    run = proposal.run
+    width = float(np.median(run.width))
+    alike = min(
+        metric.experiment.runs,
+        key=lambda item: abs(math.log(float(np.median(item.width)) / width)))
+    lowers = [
+        cholesky(_covariance(metric, alike.name, channel, run), lower=True)
+        for channel in range(run.channels.shape[0])
+    ]
+    deviations = np.array([reading.std for reading in proposal.readings])
+
+    def whiten(columns: Array) -> Array:
+        size = run.time.size
+        parts = [
+            solve_triangular(lower, columns[number * size : (number + 1) * size], lower=True)
+            for number, lower in enumerate(lowers)
+        ]
+        parts.append(columns[len(lowers) * size :] / deviations[:, None])
+        return np.vstack(parts)
+
+    return whiten
+
+
+def _covariance(metric: Metric, name: str, channel: int, run: RunBlocks) -> Array:
+    matrix = metric.noise[name, channel].covariance(run.time, run.width, run.hold)
+    return np.asarray(matrix + 1e-9 * float(np.diag(matrix).max()) * np.eye(run.time.size))
+
+
+@dataclass(frozen=True)
+class _Known:
+    """What the old data say of a model's parameters and nuisances together.
+
+    mean (k,): away from the fit; root (k, k): lower factor of the inverse of their covariance.
+    """
+
+    mean: Array
+    root: Array
+
+    @classmethod
+    def of(
+        cls, metric: Metric, fit: Fit, tangent: Tangent, shared: Array, local: Array
+    ) -> _Known:
+        columns = metric.whiten_noise(np.hstack([tangent.plain, shared, local]))
+        columns = np.hstack([columns, np.zeros((len(columns), local.shape[1]))])
+        left = metric.whiten_noise(metric.experiment.measured - fit.prediction)
+        root = cholesky(columns.T @ columns + np.eye(columns.shape[1]), lower=True)
+        mean = cho_solve((root, True), columns.T @ left)
+        return cls(mean, root)
+
+
+@dataclass(frozen=True)
+class _Forecast:
+    """What a model predicts for a test, whitened: mean (m,) and spread (m, k)."""
+
+    mean: Array
+    spread: Array
+    inner: Array
+
+    @classmethod
+    def of(
+        cls, known: _Known, view: _View, nuisances: Array, whiten: Callable[[Array], Array]
+    ) -> _Forecast:
+        white = whiten(np.column_stack([view.values, view.columns, nuisances]))
+        columns = white[:, 1:]
+        spread = solve_triangular(known.root, columns.T, lower=True).T
+        inner = cho_factor(np.eye(spread.shape[1]) + spread.T @ spread, lower=True)[0]
+        return cls(white[:, 0] + columns @ known.mean, spread, inner)
+
+    def drawn(self, random: np.random.Generator, draws: int) -> Array:
+        """Whitened results (m, draws) of the test if this model is the truth."""
+        noise = random.standard_normal((self.mean.size, draws))
+        freedom = random.standard_normal((self.spread.shape[1], draws))
+        return np.asarray(self.mean[:, None] + noise + self.spread @ freedom)
+
+    def misfits(self, results: Array) -> Array:
+        """What results (m, draws) add to the misfit of this model (draws,)."""
+        away = results - self.mean[:, None]
+        along = solve_triangular(np.tril(self.inner), self.spread.T @ away, lower=True)
+        return np.asarray((away**2).sum(axis=0) - (along**2).sum(axis=0))
+
+
+def _part(
+    proposal: Proposal,
+    rivals: Sequence[Rival],
+    fits: Sequence[Fit],
+    forecasts: Sequence[_Forecast],
+    rule: JudgingRule,
+    draws: int,
+    random: np.random.Generator,
+) -> Parting:
+    """How a test would part the rivals, each of them the truth in turn."""
+    number = {id(fit): index for index, fit in enumerate(fits)}
+    alone, kept, by_truth = 0, 0, {}
+    for truth, rival in enumerate(rivals):
+        results = forecasts[number[id(rival.fit)]].drawn(random, draws)
+        misfits = np.array([
+            fit.misfit + forecast.misfits(results)
+            for fit, forecast in zip(fits, forecasts, strict=True)
+        ])
+        own = 0
+        for column in misfits.T:
+            left = _left(rivals, [column[number[id(item.fit)]] for item in rivals],
+                         [column[number[id(item.less)]] for item in rivals], rule)
+            kept += truth in left
+            own += left == [truth]
+        alone += own
+        by_truth[rival.fit.candidate.ids] = own / draws
+    return Parting(proposal, draws * len(rivals), alone, kept, by_truth)
+
+
+def _left(
+    rivals: Sequence[Rival], misfits: Sequence[float], less: Sequence[float], rule: JudgingRule
+) -> list[int]:
+    """Rivals that stay in the group at these misfits, in order."""
+    price = [rule.log_size * item.fit.theta_unit.size for item in rivals]
+    best = int(np.argmin(np.add(misfits, price)))
+    left = []
+    for number, item in enumerate(rivals):
+        # The first rival stands for no cause in particular: the other names the cause in question.
+        taken = (less[best] if number == 0 else less[number]) - misfits[best]
+        stays = number == best or indistinguishable(
+            distance=misfits[number] - misfits[best],
+            taken=taken,
+            excess=rule.excess,
+            fewer=rivals[best].fit.theta_unit.size - item.fit.theta_unit.size,
+            floor=rule.floor,
+            settings=rule.settings,
+        )
+        if stays:
+            left.append(number)
+    return left
