@@ -162,7 +162,7 @@ def _next_test(found: Diagnosis) -> str | None:
     if not open_groups:
         named = found.causes[0].effect
         return next_test.confirming(named, next_test.look_alikes(named, signature_cosines(found)))
-    sentence = next_test.for_group(open_groups[0], found.partings)
+    sentence = next_test.for_group(open_groups[0], found.separations)
     return sentence or catalogue()[open_groups[0][0]].settled_by
 
 

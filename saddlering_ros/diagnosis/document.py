@@ -10,7 +10,7 @@ import numpy as np
 from saddlering_ros.diagnosis.contract import ShapeEntry, SimulatedTestEntry, VerdictDocument
 from saddlering_ros.diagnosis.proposed_law import proposal_document
 from saddlering_ros.diagnosis.wording import shape_words, swing_words
-from saddlering_ros.discrepancy import Cause, Diagnosis, Parting
+from saddlering_ros.discrepancy import Cause, Diagnosis, Separation
 from saddlering_ros.discrepancy.lack_of_fit import ShapeTest
 from saddlering_ros.discrepancy.results import Evidence
 from saddlering_ros.thresholds import is_left, MATERIAL
@@ -29,7 +29,7 @@ def verdict_document(verdict: Verdict) -> VerdictDocument:
         'runs': [_run_json(figures) for figures in verdict.runs],
         'parameters': _parameters(verdict.contact_law),
         'next_test': verdict.next_test,
-        'simulated_tests': [_parting_json(item) for item in found.partings],
+        'simulated_tests': [_separation_json(item) for item in found.separations],
         'detection_limits': [
             {
                 'effect': item.effect,
@@ -128,15 +128,15 @@ def _run_json(figures: RunFigures) -> dict[str, Any]:
     }
 
 
-def _parting_json(parting: Parting) -> SimulatedTestEntry:
+def _separation_json(separation: Separation) -> SimulatedTestEntry:
     return {
-        'test': parting.proposal.sentence,
-        'kind': parting.proposal.kind,
-        'draws': parting.draws,
-        'share_alone': parting.share,
-        'interval_95': list(parting.interval),
-        'share_kept': parting.kept / parting.draws,
-        'by_truth': {' + '.join(ids): share for ids, share in parting.by_truth.items()},
+        'test': separation.proposal.sentence,
+        'kind': separation.proposal.kind,
+        'draws': separation.draws,
+        'share_alone': separation.share,
+        'interval_95': list(separation.interval),
+        'share_kept': separation.kept / separation.draws,
+        'by_truth': {' + '.join(ids): share for ids, share in separation.by_truth.items()},
     }
 
 

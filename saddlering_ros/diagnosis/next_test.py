@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 from itertools import combinations
 
 from saddlering_ros.diagnosis.wording import lowered, title_of
-from saddlering_ros.discrepancy import Parting
+from saddlering_ros.discrepancy import Separation
 from saddlering_ros.effects import catalogue
 from saddlering_ros.effects.rig_tests import RIG_TESTS, RigTest, UNCLEAR
 
@@ -40,14 +40,14 @@ def separated(test: RigTest, effects: Sequence[str]) -> int:
     return sum(UNCLEAR not in pair and pair[0] != pair[1] for pair in combinations(shown, 2))
 
 
-def for_group(effects: Sequence[str], partings: Sequence[Parting]) -> str | None:
+def for_group(effects: Sequence[str], separations: Sequence[Separation]) -> str | None:
     """The next test for a group, with how often it leaves the true cause in simulated draws.
 
-    A test that could not be simulated comes first where no simulated one parts the group.
+    A test that could not be simulated comes first where no simulated one separates the group.
     """
     table = _of_table(effects)
-    best = partings[0] if partings else None
-    simulated = {item.proposal.kind for item in partings}
+    best = separations[0] if separations else None
+    simulated = {item.proposal.kind for item in separations}
     if best is None or (best.share < ENOUGH and table is not None and table.id not in simulated):
         return between(effects)
     known = [test for test in RIG_TESTS if test.id == best.proposal.kind]
@@ -55,11 +55,12 @@ def for_group(effects: Sequence[str], partings: Sequence[Parting]) -> str | None
     return ' '.join(filter(None, (best.proposal.sentence, meanings, share_words(best))))
 
 
-def share_words(parting: Parting) -> str:
+def share_words(separation: Separation) -> str:
     """How often a test leaves the true cause alone: 'In 87 of 100 simulated draws, ...'."""
-    low, high = (round(100.0 * item) for item in parting.interval)
-    return (f'In {round(100.0 * parting.share)} of 100 simulated draws, this test leaves the true '
-            f'cause alone (95 % interval {low} to {high}).')
+    share, low, high = (
+        round(100.0 * item) for item in (separation.share, *separation.interval))
+    return (f'In {share} of 100 simulated draws, this test leaves the true cause alone '
+            f'(95 % interval {low} to {high}).')
 
 
 def between(effects: Sequence[str]) -> str | None:

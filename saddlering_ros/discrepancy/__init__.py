@@ -10,9 +10,9 @@ from saddlering_ros.discrepancy.model import Channel, Model, Run
 from saddlering_ros.discrepancy.model_check import check
 from saddlering_ros.discrepancy.model_diagnosis import diagnose
 from saddlering_ros.discrepancy.noise import Noise
-from saddlering_ros.discrepancy.parting import Parting, Proposal, Reading
 from saddlering_ros.discrepancy.priors import ModelErrorPrior
 from saddlering_ros.discrepancy.results import Cause, Diagnosis, Estimate
+from saddlering_ros.discrepancy.separation import Proposal, Reading, Separation
 from saddlering_ros.discrepancy.settings import Settings
 from saddlering_ros.discrepancy.system import (
     DiscrepancyError,
@@ -36,13 +36,13 @@ __all__ = [
     'ModelErrorPrior',
     'Noise',
     'Parameter',
-    'Parting',
     'Point',
     'Proposal',
     'Reading',
     'RestSegment',
     'Run',
     'RunBlocks',
+    'Separation',
     'Settings',
     'System',
     'check',

@@ -15,8 +15,7 @@ from saddlering_ros.discrepancy.candidate import Fit
 from saddlering_ros.discrepancy.conclusion import judge, Publication, residual_of
 from saddlering_ros.discrepancy.experiment import Experiment, refuse_repeats
 from saddlering_ros.discrepancy.model_space import ModelSpace
-from saddlering_ros.discrepancy.next_test import part_rivals
-from saddlering_ros.discrepancy.parting import Parting, Proposal
+from saddlering_ros.discrepancy.next_test import separate_rivals
 from saddlering_ros.discrepancy.preparation import (
     better_base,
     first_guess,
@@ -34,6 +33,7 @@ from saddlering_ros.discrepancy.selection import (
     prune,
     select,
 )
+from saddlering_ros.discrepancy.separation import Proposal, Separation
 from saddlering_ros.discrepancy.settings import Settings
 from saddlering_ros.discrepancy.steady_lines import find_steady_lines, find_swing
 from saddlering_ros.discrepancy.system import RunBlocks, System
@@ -115,10 +115,10 @@ def diagnose_system(
     evidence = {
         name: space.compare(space.without(fit, name), fit).evidence() for name in fit.candidate.ids
     }
-    partings: tuple[Parting, ...] = ()
+    separations: tuple[Separation, ...] = ()
     if judgement.verdict == 'ambiguous':
         watch.progress('next test', 0.88)
-        partings = part_rivals(space, fit, alternatives, proposals)
+        separations = separate_rivals(space, fit, alternatives, proposals)
     law = None
     if judgement.verdict == 'unknown' and experiment.assumptions.proposes_law:
         watch.progress('search for a law', 0.9)
@@ -140,8 +140,8 @@ def diagnose_system(
         base_alone=published.base_alone(),
         gain=published.gain(),
         explained=judgement.explained,
-        next_test=partings[0].proposal.sentence if partings else None,
-        partings=partings,
+        next_test=separations[0].proposal.sentence if separations else None,
+        separations=separations,
         warnings=(*judgement.warnings, *published.sizes_at_bounds()),
         converged=space.base.converged and fit.converged and published.converged,
         runs=published.predictions(),

@@ -19,8 +19,8 @@ from saddlering_ros.discrepancy.noise import (
     underestimated,
     underestimated_sentence,
 )
-from saddlering_ros.discrepancy.parting import Proposal
 from saddlering_ros.discrepancy.results import Diagnosis, RunPrediction
+from saddlering_ros.discrepancy.separation import Proposal
 from saddlering_ros.discrepancy.settings import Settings
 from saddlering_ros.discrepancy.system import DiscrepancyError, RunBlocks, System
 from saddlering_ros.progress import IsCancelled, OnProgress

@@ -7,20 +7,20 @@ from collections.abc import Sequence
 from saddlering_ros.discrepancy.candidate import Fit
 from saddlering_ros.discrepancy.criteria import alternative_floor
 from saddlering_ros.discrepancy.model_space import ModelSpace
-from saddlering_ros.discrepancy.parting import (
+from saddlering_ros.discrepancy.selection import Alternatives
+from saddlering_ros.discrepancy.separation import (
     JudgingRule,
-    Parting,
     Proposal,
     Rival,
+    Separation,
     simulate_tests,
 )
-from saddlering_ros.discrepancy.selection import Alternatives
 
 
-def part_rivals(
+def separate_rivals(
     space: ModelSpace, fit: Fit, alternatives: Alternatives, proposals: Sequence[Proposal]
-) -> tuple[Parting, ...]:
-    """The proposed tests, the best first: how each would part a model and its alternatives."""
+) -> tuple[Separation, ...]:
+    """The proposed tests, the best first: how each would separate a model and its rivals."""
     others = [
         Rival(other, space.without(fit, name))
         for name, found in alternatives.items()

@@ -12,8 +12,8 @@ from saddlering_ros.discrepancy.detection_limits import DetectionLimit
 from saddlering_ros.discrepancy.gain import Gain
 from saddlering_ros.discrepancy.lack_of_fit import FastResidual, ShapeTest, SlowResidual
 from saddlering_ros.discrepancy.metric import Metric
-from saddlering_ros.discrepancy.parting import Parting
 from saddlering_ros.discrepancy.proposal import LawProposal
+from saddlering_ros.discrepancy.separation import Separation
 from saddlering_ros.discrepancy.system import Array, Effect, RunBlocks
 
 Verdict = Literal['none', 'named', 'ambiguous', 'unknown']
@@ -116,7 +116,7 @@ class Diagnosis:
     base: base parameters with the causes in, base_alone without; explained: share of the misfit;
     warnings: what should make a reader doubt it; converged: every fit the verdict rests on.
     law: a law proposed for what no cause explains, with `unknown` only.
-    partings: proposed tests, the best first, with how they would part an `ambiguous` group.
+    separations: proposed tests, the best first, with how they would separate an `ambiguous` group.
     """
 
     verdict: Verdict
@@ -137,7 +137,7 @@ class Diagnosis:
     search: SearchLog
     simulations: int
     seconds: float
-    partings: tuple[Parting, ...] = ()
+    separations: tuple[Separation, ...] = ()
 
     def summary(self) -> str:
         """The verdict in plain lines."""

@@ -19,8 +19,8 @@ def summary_text(found: Diagnosis) -> str:
     lines = [f'verdict: {found.verdict} ({WORDS[found.verdict]})']
     for cause in found.causes:
         lines += _cause_lines(cause)
-    if found.partings:
-        best = found.partings[0]
+    if found.separations:
+        best = found.separations[0]
         lines.append(f'next test: {best.proposal.sentence} It leaves the true cause alone in '
                      f'{round(100 * best.share)} of 100 simulated draws.')
     if found.causes:

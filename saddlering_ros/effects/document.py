@@ -47,9 +47,11 @@ def catalogue_page() -> str:
 
 def _tests() -> Iterator[str]:
     """The tests that the next test of a verdict is chosen from."""
-    yield ('\n## Tests that tell causes apart\n\nThe next test of a verdict is the test that '
-           'tells most of the possible causes apart. Among equal tests, the first one of this '
-           'table is chosen.\n\n| test | instruction | result for other causes |\n|---|---|---|')
+    yield ('\n## Tests that tell causes apart\n\nThe next test of a named cause is the test that '
+           'tells most of its look-alikes apart. Among equal tests, the first one of this table '
+           'is chosen. The next test of an `ambiguous` verdict is '
+           '[simulated](diagnosis.md#the-next-test-of-an-ambiguous-verdict).\n\n'
+           '| test | instruction | result for other causes |\n|---|---|---|')
     for test in RIG_TESTS:
         yield f'| `{test.id}` | {test.instruction} | {test.otherwise or "open"} |'
     yield ''

@@ -10,7 +10,7 @@ import pytest
 from saddlering_ros.diagnosis import next_test
 from saddlering_ros.diagnosis.proposals import on_slewed_ring, propose, with_swapped_probes
 from saddlering_ros.diagnosis.wording import lowered, size_of, title_of
-from saddlering_ros.discrepancy import Parting, Point
+from saddlering_ros.discrepancy import Point, Separation
 from saddlering_ros.effects import catalogue
 from saddlering_ros.effects.rig_tests import Outcomes, RIG_TESTS
 from saddlering_ros.rig import default_rig
@@ -66,9 +66,9 @@ def proposed():
     return propose(default_rig(), runs)
 
 
-def simulated(kind: str, share: float) -> list[Parting]:
+def simulated(kind: str, share: float) -> list[Separation]:
     proposal = next(item for item in proposed() if item.kind == kind)
-    return [Parting(proposal, 100, round(100 * share), 100, {})]
+    return [Separation(proposal, 100, round(100 * share), 100, {})]
 
 
 def test_the_simulated_test_of_a_group_states_its_outcomes_and_how_often_it_is_enough():
@@ -80,7 +80,7 @@ def test_the_simulated_test_of_a_group_states_its_outcomes_and_how_often_it_is_e
                              '(95 % interval 79 to 92).')
 
 
-def test_a_test_that_cannot_be_simulated_comes_before_a_simulated_one_that_parts_little():
+def test_a_test_that_cannot_be_simulated_comes_before_a_simulated_one_that_separates_little():
     group = ['radial_clearance', 'radial_compliance']
     low = next_test.for_group(group, simulated('second_rate', 0.1))
     assert low == next_test.between(group)

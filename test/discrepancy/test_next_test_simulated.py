@@ -61,30 +61,30 @@ def verdict():
 
 
 def share_of(name: str) -> float:
-    return next(item.share for item in verdict().partings if item.proposal.run.name == name)
+    return next(item.share for item in verdict().separations if item.proposal.run.name == name)
 
 
-def test_a_group_gets_the_test_that_parts_it_in_every_simulated_draw():
+def test_a_group_gets_the_test_that_separates_it_in_every_simulated_draw():
     assert verdict().verdict == 'ambiguous'
-    assert verdict().partings[0].proposal.run.name in ('fast', 'direct')
+    assert verdict().separations[0].proposal.run.name in ('fast', 'direct')
     assert share_of('fast') > 0.95
 
 
-def test_a_repeated_test_parts_nothing():
+def test_a_repeated_test_separates_nothing():
     assert share_of('same') == 0.0
     assert share_of('low') < 0.05
 
 
-def test_a_direct_measurement_of_one_cause_parts_the_group():
+def test_a_direct_measurement_of_one_cause_separates_the_group():
     assert share_of('direct') > 0.95
 
 
 def test_the_true_cause_is_kept_whatever_the_test():
-    assert all(item.kept == item.draws for item in verdict().partings)
+    assert all(item.kept == item.draws for item in verdict().separations)
 
 
 def test_the_interval_of_a_share_holds_it_and_narrows_with_the_draws():
-    one = verdict().partings[0]
+    one = verdict().separations[0]
     few, many = (replace(one, draws=count, alone=count // 2) for count in (20, 2000))
     assert few.interval[0] < many.interval[0] < 0.5 < many.interval[1] < few.interval[1]
 

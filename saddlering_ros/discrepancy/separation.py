@@ -86,7 +86,7 @@ class JudgingRule:
 
 
 @dataclass(frozen=True)
-class Parting:
+class Separation:
     """What a proposed test does in simulated draws.
 
     draws: over all truths; alone: draws that leave the true model alone; kept: draws that
@@ -123,8 +123,8 @@ def simulate_tests(
     *,
     draws: int = DRAWS,
     seed: int = 0,
-) -> list[Parting]:
-    """Each proposal with how it would part the rivals, the best first."""
+) -> list[Separation]:
+    """Each proposal with how it would separate the rivals, the best first."""
     old = metric.experiment
     fits = list({id(fit): fit for rival in rivals for fit in (rival.fit, rival.less)}.values())
     seen = [_seen_by(old.system, proposal, fits) for proposal in proposals]
@@ -146,7 +146,7 @@ def simulate_tests(
             _Forecast.of(item, view, columns, whiten)
             for item, view in zip(known, own, strict=True)
         ]
-        answers.append(_part(proposal, rivals, fits, forecasts, rule, draws, random))
+        answers.append(_separation(proposal, rivals, fits, forecasts, rule, draws, random))
     return sorted(answers, key=lambda item: (-item.alone, -item.kept))
 
 
@@ -297,7 +297,7 @@ class _Forecast:
         return np.asarray((away**2).sum(axis=0) - (along**2).sum(axis=0))
 
 
-def _part(
+def _separation(
     proposal: Proposal,
     rivals: Sequence[Rival],
     fits: Sequence[Fit],
@@ -305,8 +305,8 @@ def _part(
     rule: JudgingRule,
     draws: int,
     random: np.random.Generator,
-) -> Parting:
-    """How a test would part the rivals, each of them the truth in turn."""
+) -> Separation:
+    """How a test would separate the rivals, each of them the truth in turn."""
     number = {id(fit): index for index, fit in enumerate(fits)}
     alone, kept, by_truth = 0, 0, {}
     for truth, rival in enumerate(rivals):
@@ -323,7 +323,7 @@ def _part(
             own += left == [truth]
         alone += own
         by_truth[rival.fit.candidate.ids] = own / draws
-    return Parting(proposal, draws * len(rivals), alone, kept, by_truth)
+    return Separation(proposal, draws * len(rivals), alone, kept, by_truth)
 
 
 def _left(
