@@ -182,7 +182,8 @@ class RingSystem:
         base, extension = point.base, self.extension(point)
         touching = extension.only(MOTION)
         for run in runs:
-            usual, contacts = self._simulated(run, [(base, extension), (base, touching)])
+            usual = self.predict_many(run, [point])[0]  # a law of the user's own in it
+            contacts = self._simulated(run, [(base, touching)])[0]
             grid: LoadGrid = run.payload
             static = run.rate is None or not np.any(run.rate)
             load = next(iter(run.inputs.values()))
@@ -271,6 +272,7 @@ def engine_effect(effect: catalogue_of_effects.Effect, variants: range) -> Effec
         form=effect.form,
         id=effect.id,
         first_variant=variants.start,
+        contains=effect.variants[variants.start].contains,
     )
 
 

@@ -11,6 +11,7 @@ from saddlering_ros.bags import read_run
 from saddlering_ros.diagnosis.records import build_record
 from saddlering_ros.diagnosis.ring_system import CURVATURE, RingSystem
 from saddlering_ros.discrepancy import Point, RunBlocks
+from saddlering_ros.effects import FOLDER_VARIABLE
 from saddlering_ros.rig import default_rig, limits, TRUE_TO_SCALE
 from saddlering_ros.ring.roller_scatter import CLEARANCE_UNKNOWN, Course, scatter_columns
 
@@ -82,3 +83,27 @@ def test_holds_in_the_play_of_the_ring_are_left_out(campaign, monkeypatch):
     kept = usual.inputs['load'] > 0.3 * rig.full_scale_load
     assert 0 < kept.sum() < kept.size
     assert np.array_equal(fewer.channels, usual.channels[:, kept])
+
+
+def test_a_law_of_the_users_own_is_no_nuisance_of_itself(fast, tmp_path, monkeypatch):
+    (tmp_path / 'own.yaml').write_text(OWN_LAW)
+    monkeypatch.setenv(FOLDER_VARIABLE, str(tmp_path))
+    system = RingSystem(default_rig())
+    plain, with_law = (
+        system.nuisances([fast], point)[0][:, :, -KNOWN:]
+        for point in (Point(BASE), Point(BASE, {'own_step': {'size': 5e-6}}))
+    )
+    assert np.abs(with_law - plain).max() < 1e-9
+
+
+OWN_LAW = """
+id: own_step
+title: A step of the radial displacement
+words: The seat snaps over at half load.
+settled_by: A second run.
+target: delta_x
+coordinate: load
+unit: m
+size: {low: -2.0e-5, high: 2.0e-5, scale: 5.0e-6, start: 5.0e-6}
+table: {at: [0.0, 100000.0, 110000.0, 250000.0], values: [0.0, 0.0, 1.0, 1.0]}
+"""
