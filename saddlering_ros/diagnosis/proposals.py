@@ -28,6 +28,9 @@ RAMP, HOLD, STEPS = 1.0, 5.0, 25
 REST_SECONDS = 600.0
 """Length of a record at constant preload."""
 
+SAG = 1e-4
+"""Share of full scale by which a held load wanders in that time."""
+
 CELL_GAIN, CELL_SHARE = 2e-3, 5e-4
 """A reference cell is good to this share of the load and this share of full scale."""
 
@@ -78,8 +81,8 @@ def _repeats(rig: Rig, degrees: float) -> list[Proposal]:
     """Tests of the table that repeat a test with something changed or measured beside it."""
     static = _staircase(rig, degrees)
     low = rig.preload
-    rest = Course([0, REST_SECONDS], [low, low]).run(degrees)
     full = rig.full_scale_load
+    rest = Course([0, REST_SECONDS], [low, low + SAG * full]).run(degrees)
     cell = (Reading('load_gain', CELL_GAIN), Reading('load_offset', CELL_SHARE * full),
             Reading('load_nonlinearity', CELL_SHARE), Reading('cylinder_friction',
                                                               CELL_SHARE * full))

@@ -206,6 +206,7 @@ def _alternatives_to(
     listed = shortlist(scores, 0.1 * taken, space.settings.refits)
     names = _competitors(less, log) - {score.effect.id for score in listed}
     listed += [score for score in best_of_each(scores) if score.effect.id in names]
+    listed = [score for score in listed if name not in score.effect.contains]
     answers = []
     for item in space.fit_each(less, listed):
         if name in item.candidate.ids:

@@ -111,7 +111,8 @@ class Effect:
     an effect without one goes by its title.
 
     `first_variant`: variants before it are those of an effect of the same id with fewer
-    parameters, of which this one is a wider form.
+    parameters, of which this one is a wider form. `contains`: effects of other ids that it can do
+    in full, so that it is no alternative to them.
     """
 
     title: str
@@ -123,6 +124,7 @@ class Effect:
     form: float = 0.0
     id: str = ''
     first_variant: int = 0
+    contains: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         if not self.parameters:

@@ -50,13 +50,15 @@ class Variant:
     """A discrete choice inside one effect (which probe, which row): fixed values and a label.
 
     channels: where this choice shows, if not in all channels of the effect. frees: parameters that
-    mean something in this choice alone, such as a size of its own for each coordinate.
+    mean something in this choice alone, such as a size of its own for each coordinate. contains:
+    effects that this choice can do in full, so that it is no alternative to them.
     """
 
     label: str
     values: Mapping[str, float]
     channels: tuple[str, ...] = ()
     frees: tuple[str, ...] = ()
+    contains: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)

@@ -5,9 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 
-from saddlering_ros.effects.base import Effect, EffectParameter
+from saddlering_ros.effects.base import Choice, Effect, EffectParameter, Variant
 from saddlering_ros.effects.extension import RingExtension
 from saddlering_ros.effects.rig_tests import Outcomes
+
+TILT, EACH = 2.0, 3.0
+"""The choices: tilt alone, or every coordinate by its own amount."""
 
 
 class TiltCompliance(Effect):
@@ -18,7 +21,8 @@ class TiltCompliance(Effect):
     words = (
         'Bolts, ring bodies or the carriage bend under the tilting moment in series with the '
         'rollers. The additional tilt is a straight line over the moment, without loop and '
-        'without damping. Axial motion is not changed.'
+        'without damping. A joint that bends unevenly moves the ring radially and axially too, '
+        'each in proportion to its own force.'
     )
     settled_by = 'A second loading rate (x4), or an inclinometer on the upper ring itself.'
     outcomes = Outcomes(
@@ -30,9 +34,30 @@ class TiltCompliance(Effect):
         EffectParameter(
             'compliance', 'rad/(N m)', 0.0, 5e-10, 1e-10, 1e-10,
             'motion per unit of moment', amplitude=True, one_sided=True),
+        EffectParameter(
+            'compliance_x', 'm/N', 0.0, 4e-10, 6e-11, 0.0,
+            'radial motion per unit of radial force, where every coordinate has its own',
+            amplitude=True, one_sided=True),
+        EffectParameter(
+            'compliance_y', 'm/N', 0.0, 3e-10, 5e-11, 0.0,
+            'axial motion per unit of axial force, where every coordinate has its own',
+            amplitude=True, one_sided=True),
     )
+    variants = (
+        Variant('gamma', {'coordinate': TILT}),
+        Variant('each coordinate', {'coordinate': EACH}, ('delta_x', 'delta_y', 'gamma'),
+                frees=('compliance_x', 'compliance_y'),
+                contains=('radial_compliance', 'axial_compliance')),
+    )
+    choices = (Choice('coordinate', (TILT, EACH), '2 gamma, 3 each'),)
 
     def extend(self, extension: RingExtension, values: Mapping[str, float]) -> RingExtension:
-        """Add to the tilt compliance."""
-        return replace(
+        """Add to the tilt compliance, or to each compliance."""
+        tilted = replace(
             extension, tilt_compliance=extension.tilt_compliance + values['compliance'])
+        if values['coordinate'] != EACH:
+            return tilted
+        return replace(
+            tilted,
+            radial_compliance=extension.radial_compliance + values['compliance_x'],
+            axial_compliance=extension.axial_compliance + values['compliance_y'])

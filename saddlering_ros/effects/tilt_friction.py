@@ -5,10 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 
-from saddlering_ros.effects.base import Effect, EffectParameter
+from saddlering_ros.effects.base import Choice, Effect, EffectParameter, Variant
 from saddlering_ros.effects.extension import RingExtension
 from saddlering_ros.effects.friction_shape import hysteron, loop_parameters
 from saddlering_ros.effects.rig_tests import Outcomes, UNCLEAR
+
+TILT, EACH = 2.0, 3.0
+"""The choices: against tilting alone, or against radial motion too."""
 
 
 class TiltFriction(Effect):
@@ -19,7 +22,8 @@ class TiltFriction(Effect):
     words = (
         'Friction in the axial rows or their seals resists tilting by a nearly constant moment, '
         'which changes direction with the motion. Tilt and axial motion show a loop that does '
-        'not depend on the rate and repeats in every cycle.'
+        'not depend on the rate and repeats in every cycle. A seal that rubs all around resists '
+        'radial motion too, by a force of its own.'
     )
     settled_by = (
         'A repeat cycle with holds at zero and full load: friction shows the same loop again, '
@@ -38,8 +42,26 @@ class TiltFriction(Effect):
             'moment', 'N m', 0.0, 60000.0, 3000.0, 3000.0,
             'full friction moment', amplitude=True, one_sided=True),
         *loop_parameters('rad', 3e-7, 5e-5, 3e-6),
+        EffectParameter(
+            'force', 'N', 0.0, 80000.0, 5000.0, 0.0,
+            'full friction force against radial motion, where each coordinate has its own',
+            amplitude=True, one_sided=True),
+        EffectParameter(
+            'presliding_x', 'm', 2e-7, 3e-5, 2e-6, 2e-6,
+            'radial travel after a reversal within which friction changes direction',
+            one_sided=True, logarithmic=True),
     )
+    variants = (
+        Variant('gamma', {'coordinate': TILT}),
+        Variant('each coordinate', {'coordinate': EACH}, ('delta_x', 'delta_y', 'gamma'),
+                frees=('force', 'presliding_x'), contains=('radial_friction',)),
+    )
+    choices = (Choice('coordinate', (TILT, EACH), '2 gamma, 3 each'),)
 
     def extend(self, extension: RingExtension, values: Mapping[str, float]) -> RingExtension:
-        """Set the friction against gamma."""
-        return replace(extension, tilt_friction=hysteron(values['moment'], values))
+        """Set the friction against gamma, or against gamma and delta_x."""
+        tilted = replace(extension, tilt_friction=hysteron(values['moment'], values))
+        if values['coordinate'] != EACH:
+            return tilted
+        radial = {**values, 'presliding': values['presliding_x']}
+        return replace(tilted, radial_friction=hysteron(values['force'], radial))

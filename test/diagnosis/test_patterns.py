@@ -10,7 +10,7 @@ import pytest
 from saddlering_ros.bags import read_run
 from saddlering_ros.diagnosis.records import build_record
 from saddlering_ros.diagnosis.ring_system import RingSystem
-from saddlering_ros.discrepancy import RunBlocks, Settings
+from saddlering_ros.discrepancy import diagnose_system, Point, RunBlocks, Settings
 from saddlering_ros.discrepancy.candidate import Fit
 from saddlering_ros.discrepancy.experiment import Experiment
 from saddlering_ros.discrepancy.preparation import prepare
@@ -83,3 +83,51 @@ def test_a_carriage_that_sways_in_two_coordinates_has_no_share_in_the_third(runs
     assert shares['share'] == pytest.approx(1.0, abs=0.15)
     assert shares['share_tilt'] == pytest.approx(1.0, abs=0.15)
     assert shares['share_y'] < 0.3
+
+
+def with_effects(runs: list[RunBlocks], effects):
+    """What effects add to the simulated readings of a run of the usual ring."""
+    system = RingSystem(default_rig())
+    base = np.array([item.from_unit(item.first_guess) for item in system.base_parameters])
+
+    def added(run: RunBlocks) -> np.ndarray:
+        plain, changed = system.predict_many(run, [Point(base), Point(base, effects)])
+        return changed - plain
+
+    return added
+
+
+def test_a_joint_that_bends_in_two_coordinates_is_one_cause_with_a_compliance_in_each(runs):
+    def bent(run: RunBlocks) -> np.ndarray:
+        load, angle = run.inputs['load'], run.payload.elevation
+        trunnion = default_rig().trunnion
+        moment = load * (trunnion.y * np.cos(angle) + trunnion.x * np.sin(angle))
+        return probes(run, 0.0 * load, -1.5e-10 * load * np.sin(angle), 3e-10 * moment)
+
+    best = best_of(runs, bent)[0]
+    (sizes,) = best.point.effects.values()
+    assert best.candidate.ids == ('tilt_compliance',)
+    assert sizes['compliance'] == pytest.approx(3e-10, rel=0.2)
+    assert sizes['compliance_y'] == pytest.approx(1.5e-10, rel=0.2)
+
+
+def test_friction_against_tilt_and_radial_motion_is_one_cause_with_a_force_in_each(runs):
+    loop = {'sharpness': 0.5, 'initial': 0.0}
+    seals = {'tilt_friction': {**loop, 'moment': 4000.0, 'presliding': 3e-6, 'coordinate': 2.0,
+                               'force': 0.0, 'presliding_x': 2e-6},
+             'radial_friction': {**loop, 'force': 6000.0, 'presliding': 2e-6}}
+    best, second = best_of(runs, with_effects(runs, seals))[:2]
+    (sizes,) = best.point.effects.values()
+    assert best.candidate.ids == ('tilt_friction',)
+    assert sizes['moment'] == pytest.approx(4000.0, rel=0.15)
+    assert sizes['force'] == pytest.approx(6000.0, rel=0.15)
+    assert second.misfit > best.misfit + 100.0
+
+
+def test_friction_against_radial_motion_alone_has_no_alternative_that_contains_it(runs):
+    seal = {'radial_friction': {'force': 6000.0, 'presliding': 2e-6, 'sharpness': 0.5,
+                                'initial': 0.0}}
+    changed = [replace(run, channels=run.channels + with_effects(runs, seal)(run)) for run in runs]
+    found = diagnose_system(RingSystem(default_rig()), changed)
+    assert [cause.effect for cause in found.causes] == ['radial_friction']
+    assert 'tilt_friction' not in found.causes[0].group
