@@ -35,7 +35,7 @@ from saddlering_ros.discrepancy.selection import (
 )
 from saddlering_ros.discrepancy.separation import Proposal, Separation
 from saddlering_ros.discrepancy.settings import Settings
-from saddlering_ros.discrepancy.steady_lines import find_steady_lines, find_swing
+from saddlering_ros.discrepancy.steady_lines import find_steady_lines, find_swings
 from saddlering_ros.discrepancy.system import RunBlocks, System
 from saddlering_ros.progress import IsCancelled, OnProgress, Watch
 from saddlering_ros.threads import one_blas_thread
@@ -92,9 +92,9 @@ def diagnose_system(
     experiment = Experiment(system, [run for run in runs if not run.held_out], assumptions)
 
     space = prepare(experiment, first_guess(system, start), settings, watch)
-    swing = find_swing(space.metric, space.base, runs, settings, space.trials)
-    if swing is not None:  # all that follows sees the runs without it
-        runs = swing.runs
+    swings = find_swings(space.metric, space.base, runs, settings, space.trials)
+    if swings is not None:  # all that follows sees the runs without them
+        runs = swings.runs
         experiment = Experiment(system, [run for run in runs if not run.held_out], assumptions)
         space = prepare(experiment, first_guess(system, start), settings, watch)
     search = _search(space)
@@ -128,7 +128,7 @@ def diagnose_system(
         )
     published = Publication(space, fit, before, after, runs)
     verdict = judgement.verdict
-    steady = [*lines.causes, *([] if swing is None else [swing.cause])]
+    steady = [*lines.causes, *(() if swings is None else swings.causes)]
     if steady and verdict == 'none':
         verdict = 'named'
     causes = [*published.causes(evidence, alternatives), *steady]

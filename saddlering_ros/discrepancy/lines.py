@@ -60,12 +60,13 @@ def find_line(
     segments: Sequence[RestSegment],
     error_rate: float,
     between: tuple[float, float] = (MIN_FREQUENCY, np.inf),
+    min_samples: int = MIN_SAMPLES,
 ) -> LineSearch:
     """The strongest line that is real at `error_rate`, looked for where sampling is fastest.
 
     between: the least and the largest frequency [Hz] that it may have.
     """
-    usable = [item for item in segments if item.values.shape[1] >= MIN_SAMPLES]
+    usable = [item for item in segments if item.values.shape[1] >= min_samples]
     if not usable:
         return LineSearch(None, np.inf)
     fastest = min(item.step for item in usable)
@@ -83,7 +84,9 @@ def find_line(
     limit = _limit(usable, fisher_limit(error_rate / trials, 2 * count, freedom))
     chance = fisher_chance(ratio, 2 * count, freedom) * trials
     chance[:, ~inside] = np.inf
-    channel, place = np.unravel_index(int(np.argmin(chance)), chance.shape)
+    # The chance of a very strong line is 0 at several places: the ratio tells them apart.
+    shown = np.where(inside, ratio, -np.inf)
+    channel, place = np.unravel_index(int(np.argmax(shown)), shown.shape)
     p_value = float(chance[channel, place])
     if p_value >= error_rate:
         return LineSearch(None, limit)

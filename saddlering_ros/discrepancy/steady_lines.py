@@ -15,7 +15,7 @@ from saddlering_ros.discrepancy.lines import find_line, Line, line_gain
 from saddlering_ros.discrepancy.metric import Metric
 from saddlering_ros.discrepancy.results import Cause, Estimate, Evidence
 from saddlering_ros.discrepancy.settings import Settings
-from saddlering_ros.discrepancy.slow_lines import find_slow_line
+from saddlering_ros.discrepancy.slow_lines import find_slow_lines, SlowLine
 from saddlering_ros.discrepancy.system import Effect, RunBlocks
 from saddlering_ros.estimation.rest import RestSegment
 
@@ -52,17 +52,17 @@ def find_steady_lines(
 
 
 @dataclass(frozen=True)
-class Swing:
-    """A slow steady line that is a cause, and all runs without it."""
+class Swings:
+    """Slow steady lines that are causes, and all runs without them."""
 
-    cause: Cause
+    causes: tuple[Cause, ...]
     runs: tuple[RunBlocks, ...]
 
 
-def find_swing(
+def find_swings(
     metric: Metric, base: Fit, runs: Sequence[RunBlocks], settings: Settings, trials: int
-) -> Swing | None:
-    """The slow line in what the base fit leaves of whole runs, moving or not, if material."""
+) -> Swings | None:
+    """The slow lines in what the base fit leaves of whole runs, moving or not, if material."""
     experiment = metric.experiment
     effect = next((item for item in experiment.system.effects if item.line), None)
     if effect is None:
@@ -75,12 +75,15 @@ def find_swing(
         else experiment.system.predict_many(run, [base.point])[0] - run.channels
         for run in runs
     ]
-    found = find_slow_line(experiment, runs, residuals, settings.error_rate / trials)
-    if found is None:
-        return None
+    found, cleaned = find_slow_lines(experiment, runs, residuals, settings.error_rate / trials)
+    causes = [_swing_cause(experiment, effect, item) for item in found]
+    material = tuple(cause for cause in causes if cause.visible >= settings.materiality)
+    return Swings(material, cleaned) if material else None
+
+
+def _swing_cause(experiment: Experiment, effect: Effect, found: SlowLine) -> Cause:
     cause = _cause(experiment, effect, found.line, found.segments, ())
-    cause = replace(cause, gain=replace(cause.gain, how='in what is left, its phase free'))
-    return Swing(cause, found.runs) if cause.visible >= settings.materiality else None
+    return replace(cause, gain=replace(cause.gain, how='in what is left, its phase free'))
 
 
 def _material_limit(experiment: Experiment, settings: Settings) -> float:

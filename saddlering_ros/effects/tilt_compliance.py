@@ -29,7 +29,7 @@ class TiltCompliance(Effect):
         other_elevation='a misfit of the tilt in proportion to the tilting moment',
     )
     stage = 'ring'
-    channels = ('gamma',)
+    channels = ('delta_x', 'delta_y', 'gamma')
     parameters = (
         EffectParameter(
             'compliance', 'rad/(N m)', 0.0, 5e-10, 1e-10, 1e-10,
@@ -44,8 +44,8 @@ class TiltCompliance(Effect):
             amplitude=True, one_sided=True),
     )
     variants = (
-        Variant('gamma', {'coordinate': TILT}),
-        Variant('each coordinate', {'coordinate': EACH}, ('delta_x', 'delta_y', 'gamma'),
+        Variant('gamma', {'coordinate': TILT}, ('gamma',)),
+        Variant('each coordinate', {'coordinate': EACH},
                 frees=('compliance_x', 'compliance_y'),
                 contains=('radial_compliance', 'axial_compliance')),
     )

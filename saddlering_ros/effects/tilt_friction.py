@@ -36,7 +36,7 @@ class TiltFriction(Effect):
     )
     stage = 'ring'
     form = 0.1  # sticking exceeds sliding by a tenth to a quarter, and how much the speed decides
-    channels = ('delta_y', 'gamma')
+    channels = ('delta_x', 'delta_y', 'gamma')
     parameters = (
         EffectParameter(
             'moment', 'N m', 0.0, 60000.0, 3000.0, 3000.0,
@@ -52,8 +52,8 @@ class TiltFriction(Effect):
             one_sided=True, logarithmic=True),
     )
     variants = (
-        Variant('gamma', {'coordinate': TILT}),
-        Variant('each coordinate', {'coordinate': EACH}, ('delta_x', 'delta_y', 'gamma'),
+        Variant('gamma', {'coordinate': TILT}, ('delta_y', 'gamma')),
+        Variant('each coordinate', {'coordinate': EACH},
                 frees=('force', 'presliding_x'), contains=('radial_friction',)),
     )
     choices = (Choice('coordinate', (TILT, EACH), '2 gamma, 3 each'),)

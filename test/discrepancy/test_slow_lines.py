@@ -2,11 +2,20 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from bench import LOAD, recorded, STEP, System, TIME
 import numpy as np
 import pytest
 
-from saddlering_ros.discrepancy import diagnose_system, Effect, Parameter, Point, RestSegment
+from saddlering_ros.discrepancy import (
+    diagnose_system,
+    Effect,
+    Parameter,
+    Point,
+    RestSegment,
+    RunBlocks,
+)
 
 NOISE = 2e-3
 FREQUENCY = 3.7
@@ -21,9 +30,12 @@ class Bench(System):
         Effect('bend', {'size': Parameter(-0.5, 0.5)}),
     )
 
-    def predict(self, name: str, point: Point) -> np.ndarray:
+    def at(self, load: np.ndarray, point: Point) -> np.ndarray:
         bend = point.effects.get('bend', {'size': 0.0})['size']
-        return (point.base[0] * LOAD + bend * LOAD**2)[None, :]
+        return (point.base[0] * load + bend * load**2)[None, :]
+
+    def predict_many(self, run: RunBlocks, points) -> np.ndarray:
+        return np.array([self.at(run.inputs['load'], point) for point in points])
 
 
 def two_runs(swing: np.ndarray, bend: float = 0.0) -> list:
@@ -36,10 +48,10 @@ def two_runs(swing: np.ndarray, bend: float = 0.0) -> list:
     return runs
 
 
-def line() -> np.ndarray:
+def line(frequency: float = FREQUENCY) -> np.ndarray:
     """A line of 0.024, as means over steps show it."""
-    shown = 0.024 * np.sinc(FREQUENCY * STEP)
-    return shown * np.cos(2.0 * np.pi * FREQUENCY * TIME + 0.4)
+    shown = 0.024 * np.sinc(frequency * STEP)
+    return shown * np.cos(2.0 * np.pi * frequency * TIME + 0.4)
 
 
 def test_a_line_below_ten_hertz_is_named_while_the_load_moves() -> None:
@@ -68,3 +80,62 @@ def test_a_swing_that_is_no_steady_line_is_not_named_one(swing: np.ndarray) -> N
 
 def test_noise_alone_shows_no_line() -> None:
     assert diagnose_system(Bench(), two_runs(np.zeros(TIME.size))).verdict == 'none'
+
+
+def frequencies(runs: list) -> list[float]:
+    """Frequencies of the lines that are named."""
+    found = diagnose_system(Bench(), runs)
+    lines = [item for item in found.causes if item.effect == 'pickup']
+    return sorted(item.parameters['frequency'].value for item in lines)
+
+
+def test_two_lines_are_both_named() -> None:
+    both = line() + 0.6 * line(2.3)
+    assert frequencies(two_runs(both)) == pytest.approx([2.3, FREQUENCY], abs=0.03)
+
+
+def test_a_run_with_a_gap_shows_the_line_on_both_sides() -> None:
+    kept = (TIME < 9.0) | (TIME > 12.0)
+    runs = [
+        replace(run, time=run.time[kept], width=run.width[kept], channels=run.channels[:, kept],
+                inputs={'load': LOAD[kept]}, direction=run.direction[kept])
+        for run in two_runs(line())
+    ]
+    assert frequencies(runs) == pytest.approx([FREQUENCY], abs=0.03)
+
+
+def test_missing_samples_do_not_hide_the_line() -> None:
+    there = np.ones((1, TIME.size), dtype=bool)
+    there[0, 200:215] = False
+    runs = [replace(run, channels=run.channels * there, present=there)
+            for run in two_runs(line())]
+    assert frequencies(runs) == pytest.approx([FREQUENCY], abs=0.03)
+
+
+def held_test(seed: int, size: float) -> RunBlocks:
+    """A static test of 24 holds of 5 s at 25 Hz, with noise and a line."""
+    random = np.random.default_rng(seed)
+    levels = np.concatenate([np.arange(1, 13), np.arange(11, -1, -1)]) / 12.0
+    rest, time, seen, load, hold = [], [], [], [], []
+    for number, level in enumerate(levels):
+        own = 7.0 * number + 0.04 * np.arange(125)
+        swing = size * np.cos(2.0 * np.pi * FREQUENCY * own) + NOISE * random.normal(size=125)
+        rest.append(RestSegment((level + swing)[None, :], 0.04))
+        for part in np.array_split(np.arange(125), 4):
+            time.append(own[part].mean())
+            seen.append(level + swing[part].mean())
+            load.append(level)
+            hold.append(float(number))
+    drive = np.array(load)
+    return RunBlocks(f'static {seed}', 'bench', np.array(time), np.full(drive.size, 1.25),
+                     np.array(seen)[None, :], {'load': drive}, tuple(rest), hold=np.array(hold),
+                     direction=np.repeat(np.where(np.arange(24) < 12, 1.0, -1.0), 4))
+
+
+def test_a_line_is_named_from_the_holds_where_static_tests_alone_were_made() -> None:
+    assert frequencies([held_test(1, 0.024), held_test(2, 0.024)]) == pytest.approx(
+        [FREQUENCY], abs=0.03)
+
+
+def test_holds_without_a_line_show_none() -> None:
+    assert diagnose_system(Bench(), [held_test(1, 0.0), held_test(2, 0.0)]).verdict == 'none'
