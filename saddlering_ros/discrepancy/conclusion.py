@@ -13,6 +13,7 @@ from saddlering_ros.discrepancy.criteria import (
     crowded,
     exceeds_form_error,
     real_and_material,
+    too_many,
 )
 from saddlering_ros.discrepancy.gain import (
     fitted_gain,
@@ -68,9 +69,11 @@ def judge(
     warnings: list[str] = []
     verdict: Verdict = 'none'
     if fit.candidate.effects:
-        ambiguous = any(alternatives.get(name) for name in fit.candidate.ids)
+        open_members = [name for name in fit.candidate.ids if alternatives.get(name)]
         doubts = _doubts(space, fit, after, share)
-        verdict = 'unknown' if doubts else 'ambiguous' if ambiguous else 'named'
+        if open_members and too_many(len(fit.candidate.effects)):
+            doubts.append(_too_many_words(len(fit.candidate.effects), open_members))
+        verdict = 'unknown' if doubts else 'ambiguous' if open_members else 'named'
         warnings += doubts
         if left and not doubts:
             warnings.append(
@@ -87,6 +90,14 @@ def judge(
             f'({100 * fast.visible:.2f} % of range), which no cause explains'
         )
     return Judgement(verdict, share, tuple(warnings))
+
+
+def _too_many_words(effects: int, open_members: Sequence[str]) -> str:
+    return (
+        f'{effects} effects were needed, and other effects can stand in place of '
+        f'{" and ".join(open_members)}: so many models can fit any misfit, and none of them is '
+        'certain'
+    )
 
 
 def _is_left(space: ModelSpace, after: Residual) -> bool:

@@ -15,6 +15,9 @@ from saddlering_ros.estimation.distributions import fisher_chance, fisher_limit
 MAX_IN_ONE_VIEW = 2
 """Largest number of effects in one channel; more of them can fit any misfit."""
 
+MAX_WITH_ALTERNATIVES = 2
+"""Largest number of effects in a model of which some have alternatives."""
+
 Sizes = Mapping[str, Array]
 """Rms shares of range: per view one number per run (R,)."""
 
@@ -116,6 +119,15 @@ def indistinguishable(
     """
     margin = floor + settings.alternative_share * min(excess, taken)
     return distance <= max(margin, settings.form_error * (1 + max(0, fewer)) * taken)
+
+
+def too_many(effects: int) -> bool:
+    """Whether a model has too many effects for one of them to have alternatives.
+
+    With three effects and several choices for each, some model fits the misfit of a cause that is
+    in no catalogue.
+    """
+    return effects > MAX_WITH_ALTERNATIVES
 
 
 def crowded(explained: Iterable[Sizes], settings: Settings) -> bool:

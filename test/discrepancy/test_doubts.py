@@ -236,3 +236,29 @@ def test_a_second_cause_is_looked_for_in_runs_without_coordinates() -> None:
     drifted = {'seen': run.outputs['seen'] + 0.05 * TIME / 10.0 + 0.03 * np.sin(5.0 * TIME)}
     found = diagnose(model, [replace(run, outputs=drifted, coordinates={})])
     assert found.causes[0].effect == 'bend'
+
+
+def three_bends(parameters: dict[str, float], run: Run) -> dict[str, np.ndarray]:
+    """Three channels with a bend of their own each; the first has two names."""
+    sizes = {name: parameters.get(f'{name}.size', 0.0) for name in ('p', 'twin', 'q', 'r')}
+    square = DRIVE**2
+    bends = {'a': sizes['p'] + sizes['twin'], 'b': sizes['q'], 'c': sizes['r']}
+    return {name: parameters[f'gain_{name}'] * DRIVE + size * square
+            for name, size in bends.items()}
+
+
+@pytest.mark.parametrize(('names', 'verdict'), [('pqr', 'named'), (['p', 'twin', 'q', 'r'],
+                                                                   'unknown')])
+def test_three_effects_are_no_answer_if_one_of_them_has_an_alternative(names, verdict) -> None:
+    effects = {name: Effect(name, {'size': Parameter(-1.0, 1.0)}) for name in names}
+    channels = {name: Channel(offset='free') for name in 'abc'}
+    gains = {f'gain_{name}': Parameter(0.5, 2.0) for name in 'abc'}
+    model = Model(three_bends, gains, effects, channels)
+    run = Run('one', TIME, outputs=dict.fromkeys('abc', TIME), coordinates={'drive': DRIVE})
+    random = np.random.default_rng(4)
+    ones = dict.fromkeys(gains, 1.0)
+    exact = three_bends({**ones, 'p.size': 0.1, 'q.size': 0.15, 'r.size': -0.1}, run)
+    seen = {key: value + STD * random.normal(size=400) for key, value in exact.items()}
+    found = diagnose(model, [replace(run, outputs=seen)])
+    assert found.verdict == verdict
+    assert len(found.causes) == 3
