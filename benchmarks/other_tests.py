@@ -21,13 +21,12 @@ from pathlib import Path
 import sys
 import tempfile
 import time
+from typing import Any
 
+from blind import size_over_limit
 import numpy as np
+from rigs import sized_rig
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
-
-from benchmarks.blind import size_over_limit
-from benchmarks.rigs import sized_rig
 from saddlering_ros.bags import TestFacts, write_bag
 from saddlering_ros.diagnosis import diagnose_bags
 from saddlering_ros.rig import default_rig, FULL_SCALE_LOAD, Rig
@@ -167,11 +166,11 @@ def judge(name: str, kind: str, seed: int, folder: Path) -> Case:
     held = [bag for bag, run in zip(bags, condition.runs, strict=True) if run.is_held_out]
     began = time.process_time()
     try:
-        answer = diagnose_bags([bag for bag in bags if bag not in held], held, rig,
-                               seed=seed).to_json()
+        verdict = diagnose_bags([bag for bag in bags if bag not in held], held, rig, seed=seed)
     except Exception as problem:
         return Case(name, kind, seed, hidden, '', [], 'error', None,
                     time.process_time() - began, f'{type(problem).__name__}: {problem}')
+    answer: dict[str, Any] = {**verdict.to_json()}
     groups = [cause['group'] for cause in answer['causes'] if 'effect' in cause]
     names = [str(item['effect']) for item in hidden]
     counted, _ = score(kind, names, answer['verdict'], groups)
