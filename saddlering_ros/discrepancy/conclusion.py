@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from saddlering_ros.discrepancy.candidate import Fit
+from saddlering_ros.discrepancy.consistency import consistency_tests
 from saddlering_ros.discrepancy.criteria import (
     alternative_floor,
     crowded,
@@ -50,9 +51,14 @@ class Judgement:
 
 
 def residual_of(space: ModelSpace, fit: Fit) -> Residual:
-    """The residual of a fit."""
-    shapes = space.tests.shapes(fit, space.tangent_of(fit).white)
-    return Residual(space.slow_residual(fit), space.tests.fast(fit), tuple(shapes))
+    """The residual of a fit; where laws are taken to be exact, its consistency too."""
+    sensitivities, slow = space.tangent_of(fit), space.slow_residual(fit)
+    shapes = space.tests.shapes(fit, sensitivities.white)
+    if space.metric.experiment.assumptions.form_error == 0.0:
+        shapes += consistency_tests(
+            space.metric, fit, sensitivities, slow, space.known.max_pairs)
+        shapes.sort(key=lambda item: item.p_value)
+    return Residual(slow, space.tests.fast(fit), tuple(shapes))
 
 
 def judge(

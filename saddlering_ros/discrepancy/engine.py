@@ -106,7 +106,8 @@ def diagnose_system(
         search = _search(space)
     observability = observed(space)
     space, fit, alternatives, log = search.space, search.fit, search.alternatives, search.log
-    before, after = residual_of(space, space.base), residual_of(space, fit)
+    before = residual_of(space, space.base)
+    after = residual_of(space, fit) if fit.candidate.effects else before
     judgement = judge(space, fit, alternatives, before, after)
     lines = find_steady_lines(experiment, runs, settings, space.trials)
     log.immaterial += lines.immaterial

@@ -25,20 +25,25 @@ def form_columns(experiment: Experiment, fit: Fit, form_error: float) -> Array:
 
     form_error: share of the square of an effect's change by which its law errs, all together.
     """
-    effects = fit.point.effects
-    names = list(effects)
-    points = [
-        Point(fit.point.base, {name: values for name, values in effects.items() if name != less})
-        for less in names
-    ]
-    without = experiment.predict(points)
     columns = []
-    for number in range(len(names)):
-        change = experiment.by_run(fit.prediction - without[:, number])
-        shaped = _shapes(experiment, change)
+    for change in changes_of_effects(experiment, fit).T:
+        shaped = _shapes(experiment, experiment.by_run(change))
         scale = np.sqrt(form_error / len(shaped))
         columns += [scale * np.concatenate([part.ravel() for part in item]) for item in shaped]
     return np.array(columns).reshape(-1, experiment.size).T
+
+
+def changes_of_effects(experiment: Experiment, fit: Fit) -> Array:
+    """What each effect of a fit changes (n, E); nothing where the simulator fails."""
+    effects = fit.point.effects
+    points = [
+        Point(fit.point.base, {name: values for name, values in effects.items() if name != less})
+        for less in effects
+    ]
+    if not points:
+        return np.zeros((experiment.size, 0))
+    changes = fit.prediction[:, None] - experiment.predict(points)
+    return np.asarray(np.where(np.isfinite(changes), changes, 0.0))
 
 
 def _shapes(experiment: Experiment, change: list[Array]) -> list[list[Array]]:

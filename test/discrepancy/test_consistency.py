@@ -1,0 +1,60 @@
+"""Claims on consistency: what is small in all may be plain from run to run or over a state."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from saddlering_ros.discrepancy import Channel, diagnose, Diagnosis, Effect, Model, Parameter, Run
+
+TIME = np.linspace(0.0, 10.0, 400)
+DRIVES = (np.sin(TIME) + 0.5 * np.sin(2.3 * TIME), np.cos(1.4 * TIME))
+STD = 0.02
+
+
+def simulate(parameters: dict[str, float], run: Run) -> dict[str, np.ndarray]:
+    drive = np.asarray(run.inputs['drive'])
+    return {'seen': parameters['gain'] * drive + parameters['step.size'] * np.sign(drive)}
+
+
+MODEL = Model(
+    simulate,
+    {'gain': Parameter(0.5, 2.0)},
+    {'step': Effect('A step', {'size': Parameter(-1, 1)})},
+    {'seen': Channel()},
+)
+
+
+def found(gains: tuple[float, float], step: float = 0.0, bend: float = 0.0, seed: int = 1
+          ) -> Diagnosis:
+    """The answer to two runs of these gains, with a step or a soft step (`bend`) in both."""
+    random = np.random.default_rng(seed)
+    runs = []
+    for number, (gain, drive) in enumerate(zip(gains, DRIVES, strict=True)):
+        run = Run(f'run {number}', TIME, {'drive': drive}, {'seen': TIME})
+        seen = simulate({'gain': gain, 'step.size': step}, run)['seen'] + bend * np.tanh(6 * drive)
+        runs.append(replace(run, outputs={'seen': seen + STD * random.normal(size=TIME.size)}))
+    return diagnose(MODEL, runs)
+
+
+def test_parameters_that_differ_from_run_to_run_are_a_misfit() -> None:
+    answer = found((0.995, 1.005))
+    assert answer.residual_after.slow.p_value > 0.01  # among all slow shapes it does not show
+    assert answer.verdict == 'unknown'
+    first = answer.residual_after.shapes[0]
+    assert first.coordinate == 'the runs, as the parameters act'
+    assert 'seen along the runs' in answer.summary()
+
+
+def test_a_law_a_little_unlike_the_true_one_is_part_of_the_cause_only() -> None:
+    answer = found((1.0, 1.0), bend=0.3)
+    assert answer.verdict == 'unknown'
+    assert [(cause.effect, cause.partial) for cause in answer.causes] == [('step', True)]
+
+
+@pytest.mark.parametrize('seed', range(4))
+def test_sound_runs_and_true_laws_are_left_in_peace(seed: int) -> None:
+    assert found((1.0, 1.0), seed=seed).verdict == 'none'
+    assert found((1.0, 1.0), step=0.1, seed=seed).verdict == 'named'
