@@ -13,6 +13,9 @@ STEP, SUBSTEPS, FINE = 0.02, 8, 2e-4
 COUNT = 800
 GRAVITY, LENGTH, RADIUS = 9.81, 0.5, 0.02
 TRUE = {'cart': 1.0, 'bob': 0.3, 'cart_damping': 1.2, 'pole_damping': 0.01}
+MODEL_ERROR = {'cart': 0.002, 'pole': 0.001}
+"""MuJoCo holds by a soft constraint, this model by a steep line through zero speed: at the truth,
+without noise, records with friction differ by so much of the range (seeds 301 to 303)."""
 SCENE = """
 <mujoco>
   <option timestep="{fine}" gravity="{across} 0 {down}" integrator="implicitfast"/>
@@ -79,7 +82,8 @@ MODEL = Model(
         'tilt': Effect('Rail out of level', {'angle': Parameter(-5, 5, unit='deg')}),
         'spring': Effect('Cable that pulls the cart back', {'rate': Parameter(0, 5, unit='N/m')}),
     },
-    channels={'cart': Channel(unit='m'), 'pole': Channel(unit='rad')},
+    channels={'cart': Channel(unit='m', model_error=MODEL_ERROR['cart']),
+              'pole': Channel(unit='rad', model_error=MODEL_ERROR['pole'])},
 )
 HIDDEN = {'rail': {'force': 0.3}, 'hinge': {'torque': 0.012}, 'tilt': {'angle': 0.4},
           'spring': {'rate': 0.4}}
