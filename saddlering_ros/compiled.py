@@ -87,7 +87,7 @@ def _first_writable(digest: str, source: Path, numba_folder: str, cache_home: st
 
 
 def _note_use(folder: Path) -> None:
-    """Mark a folder as used today and remove those that nobody has used for long."""
+    """Mark a folder as used today and remove those that have not been used for long."""
     now = time.time()
     try:
         os.utime(folder)

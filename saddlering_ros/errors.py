@@ -2,7 +2,7 @@
 
 
 class SaddleringError(ValueError):
-    """An error that the user can correct; the message is one line: what, where, what to do.
+    """An error that the user can correct; the message is one line: fault, place, remedy.
 
     Every layer derives its own class from this one. The command line prints the message
     alone on stderr and exits with status 2; any other exception is a defect.

@@ -41,7 +41,7 @@ class YamlRefused(yaml.YAMLError):
 
 
 def parse_yaml(text: str) -> Any:
-    """The one document of `text`; YAMLError for whatever cannot be read or should not be."""
+    """The one document of `text`; YAMLError if it cannot be read or may not be."""
     return _parse(text, _Safety())
 
 
@@ -97,12 +97,12 @@ def _parse(text: str, checks: _Safety) -> Any:
             checks.see(event)
         return yaml.load(text, _LOADER)
     except (ValueError, LookupError, AttributeError, TypeError, ArithmeticError,
-            RecursionError) as problem:  # what the constructors of PyYAML let through
+            RecursionError) as problem:  # faults that the constructors of PyYAML accept
         raise yaml.YAMLError(str(problem)) from problem
 
 
 class _Safety:
-    """Refuses what could take much time or memory, from the stream of YAML events."""
+    """Refuses documents that could take much time or memory, from the stream of YAML events."""
 
     def __init__(self) -> None:
         self._depth = 0

@@ -61,7 +61,7 @@ class Origin:
 
 @dataclass(frozen=True)
 class Provenance:
-    """The inputs of a result, and the versions of what computed it, by name."""
+    """The inputs of a result, and the versions of the software that computed it, by name."""
 
     bags: tuple[Origin, ...] = ()
     files: tuple[Origin, ...] = ()

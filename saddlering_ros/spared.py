@@ -1,4 +1,4 @@
-"""Refuses an output that would replace what its result was made from."""
+"""Refuses an output that would replace an input of its result."""
 
 from __future__ import annotations
 

@@ -29,8 +29,8 @@ MIN_AGE = 2.0
 def whole_file(path: Path | str, error: type[SaddleringError] = SaddleringError) -> Iterator[Path]:
     """A path to write to (same suffix) that becomes `path` when the block ends well.
 
-    A crash, a full disk or Ctrl-C leaves what was at `path` before. Links are followed; a device
-    or pipe is written to directly. Raises `error` with one line where nothing can be written.
+    A crash, a full disk or Ctrl-C leaves the former file at `path`. Links are followed; a device
+    or pipe is written to directly. Raises `error` with one line if nothing can be written.
     """
     path = Path(path)
     try:
@@ -44,7 +44,7 @@ def whole_file(path: Path | str, error: type[SaddleringError] = SaddleringError)
         _sweep(place.parent, f'.{place.name}.', place.suffix)
         handle, name = tempfile.mkstemp(
             prefix=f'.{place.name}.', suffix=place.suffix, dir=place.parent)
-        with suppress(OSError):  # some file systems know no locks: nothing is swept there
+        with suppress(OSError):  # some file systems have no locks: nothing is removed there
             fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except OSError as problem:
         raise _unwritable(path, problem, error) from problem
@@ -82,7 +82,7 @@ def temporary_folder(parent: Path, prefix: str) -> Iterator[Path]:
 
 
 def _sweep(parent: Path, prefix: str, suffix: str) -> None:
-    """Remove what writers that were killed have left: a writer alive holds a lock."""
+    """Remove the files of writers that were killed: a living writer holds a lock."""
     for left in parent.iterdir():
         middle = left.name[len(prefix):len(left.name) - len(suffix)]
         if not (left.name.startswith(prefix) and left.name.endswith(suffix)

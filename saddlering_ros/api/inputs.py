@@ -185,7 +185,7 @@ def as_parameters(given: ParametersLike) -> ParameterSet:
 
 
 def origins(*given: object) -> tuple[Origin, ...]:
-    """The files among what was given, with their hashes."""
+    """The files among the arguments, with their hashes."""
     from saddlering_ros.provenance import files
 
     return files(*(item for item in given if isinstance(item, (Path, str))))

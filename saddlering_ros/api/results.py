@@ -55,7 +55,7 @@ class Plot:
 
 @dataclass(frozen=True)
 class Result(ABC):
-    """What every result can do. bags: those it was made from; files: rig and parameter files."""
+    """Methods that every result has. bags: its inputs; files: rig and parameter files."""
 
     bags: tuple[Bag, ...]
     rig: Rig = field(repr=False)
@@ -77,7 +77,7 @@ class Result(ABC):
     def write_report(self, path: Path | str, *, command: str = '') -> tuple[Path, ...]:
         """Write the report, one HTML file that opens offline, and its curves as CSV beside it.
 
-        command: what to type for it. The paths written.
+        command: the command line that makes it. Returns the paths written.
         """
 
     @abstractmethod
@@ -296,7 +296,7 @@ class DiagnosisResult(Result, _Parametric):
 
     @property
     def next_test(self) -> str | None:
-        """The measurement that tells the possible causes apart, or confirms the named cause."""
+        """The measurement that separates the possible causes, or confirms the named cause."""
         return self.found.next_test
 
     @property
@@ -331,7 +331,7 @@ class DiagnosisResult(Result, _Parametric):
     def with_effect_files(self, folder: Path | str) -> DiagnosisResult:
         """The same verdict; the effects of a proposed law are written into `folder`.
 
-        Nothing is written where no law is proposed. `saddlering ... --effects FOLDER` takes them.
+        No file is written without a proposed law. `saddlering ... --effects FOLDER` uses them.
         """
         from saddlering_ros.diagnosis.proposed_law import write_effect_files
 

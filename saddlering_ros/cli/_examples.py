@@ -100,7 +100,7 @@ UNTRIED = {
     'live': 'serves until it is ended', 'record': 'records until it is ended',
     'replay': 'test/cli/test_numbers_out.py replays a bag and records it',
 }
-"""Commands whose examples no test types as they stand, and why."""
+"""Commands whose examples are not typed by a test, and the reason."""
 
 START = (
     ('saddlering demo', 'all steps, on the shipped bags'),
@@ -111,6 +111,6 @@ START = (
      'name the cause that the simulation lacks'),
     ('saddlering live', 'watch a test in the browser'),
 )
-"""What the help of saddlering itself shows."""
+"""Examples in the help of saddlering itself."""
 
 EXAMPLES['saddlering'] = START

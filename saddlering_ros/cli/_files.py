@@ -23,10 +23,10 @@ FILES_READ = ('rig', 'params', 'identification', 'store', 'manifest', 'effects',
 """Arguments that name files that are read."""
 WRITTEN = ('out', 'preview', 'drawing', 'json', 'report', 'plots', 'record', 'log', 'draft',
            'propose')
-"""Arguments that name what is written."""
+"""Arguments that name an output."""
 FOLDERS_FILLED = (('demo', 'out'), ('campaign', 'out'), ('diagnose', 'propose'),
                   ('validate', 'plots'), ('replay', 'log'))
-"""Outputs that are folders to put files into: what is in them already stays."""
+"""Outputs that are folders for files: files that they hold already stay."""
 FOLDERS_OF_BAGS = ('demo', 'campaign')
 """Commands that are given a folder with bags below it."""
 

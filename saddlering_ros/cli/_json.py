@@ -1,4 +1,4 @@
-"""What `--json` asks for: the figures of a command as one document."""
+"""Output of `--json`: the figures of a command as one document."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 
 
 def tell_json(args: argparse.Namespace, told: Any) -> bool:
-    """Write `told` where --json says, if anywhere; whether that took standard output."""
+    """Write `told` to the place of --json, if given; whether this is standard output."""
     import json
 
     from saddlering_ros.rig import write_text_atomically

@@ -15,14 +15,14 @@ _CHOICE = re.compile(r"argument (\S+): invalid choice: '(.*?)' \(choose from (.*
 
 
 class OneLineParser(argparse.ArgumentParser):
-    """An argument parser whose complaint is one line, with what may have been meant."""
+    """An argument parser whose error is one line, with the nearest valid word."""
 
     def __init__(self, *args: Any, **kwargs: Any) -> None:
         kwargs.setdefault('formatter_class', HelpFormatter)
         super().__init__(*args, **kwargs)
 
     def parse_args(self, args: Any = None, namespace: Any = None) -> Any:
-        """Parse; what nobody knows is refused with the option that is most like it."""
+        """Parse; an unknown option is refused with the most similar one."""
         found, unknown = self.parse_known_args(args, namespace)
         if unknown:
             parser = self._subparser(getattr(found, 'command', None))
@@ -31,12 +31,12 @@ class OneLineParser(argparse.ArgumentParser):
         return found
 
     def options(self) -> list[str]:
-        """The long options it knows."""
+        """The long options of this parser."""
         return [text for action in self._actions for text in action.option_strings
                 if text.startswith('--')]
 
     def error(self, message: str) -> NoReturn:
-        """Print what is wrong and how to get help; leave with status 2."""
+        """Print the error and how to get help; exit with status 2."""
         choice = _CHOICE.fullmatch(message)
         if choice is not None:
             given = re.findall(r"[^\s',]+", choice[3])

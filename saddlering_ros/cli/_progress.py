@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
 
 class Bar:
-    """One line per stage on a terminal; nothing at all elsewhere."""
+    """One line per stage on a terminal; no output elsewhere."""
 
     def __enter__(self) -> Bar:
         import sys
@@ -50,14 +50,14 @@ class Bar:
             self.show(progress.task, progress.share, progress.stage)
 
     def reading(self, path: Path | str) -> OnShare:
-        """What shows how much of a bag was read."""
+        """Callback that shows the share of a bag that was read."""
         from saddlering_ros.bags.directory import announced
 
         words = announced(path)
         return lambda share: self.show(f'read {Path(path).name}', share, words)
 
     def show(self, task: str, share: float, words: str = '') -> None:
-        """A task is done to this share (0 to 1); `words` say what it is at."""
+        """Show the share of a task that is done (0 to 1); `words` describe its present step."""
         if self._progress is None:
             return
         if task not in self._tasks:

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 
 def finish(args: argparse.Namespace, result: Result, *written: Path | None) -> int:
-    """Write or print what was asked for; the exit status."""
+    """Write or print the requested output; the exit status."""
     if args.json is not None and tell_json(args, result.to_json()):
         return 0
     print(result.summary())

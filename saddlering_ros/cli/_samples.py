@@ -21,14 +21,14 @@ UNITS = {'delta_x': 'um (1e-6 m)', 'delta_y': 'um (1e-6 m)', 'gamma': 'urad (1e-
 
 
 def add_bag_options(parser: argparse.ArgumentParser) -> None:
-    """Options that say how to read the bag."""
+    """Options for reading the bag."""
     parser.add_argument('bag', metavar='BAG', help='rosbag2 directory or .mcap file')
     parser.add_argument('--rig', type=Path, help='rig file (default: the shipped rig)')
     add_fact_options(parser)
 
 
 def add_fact_options(parser: argparse.ArgumentParser) -> None:
-    """Options that win over what the bag says of its test."""
+    """Options that replace the test metadata of the bag."""
     parser.add_argument('--test', choices=('static', 'dynamic'),
                         help='kind of test, in place of that of the bag')
     parser.add_argument('--elevation', type=float, metavar='DEG',
@@ -36,7 +36,7 @@ def add_fact_options(parser: argparse.ArgumentParser) -> None:
 
 
 def bags_of(args: argparse.Namespace, paths: Sequence[str], rig: Rig) -> list[Bag]:
-    """The bags at these paths, read once, with what the fact options say."""
+    """The bags at these paths, read once, with the metadata of the options."""
     from saddlering_ros import read_bag
     from saddlering_ros.cli._progress import Bar
 
@@ -85,7 +85,7 @@ def take_effects(args: argparse.Namespace) -> None:
 def simulated_samples(
     run: TestRun, simulated: SimulatedRun,
 ) -> tuple[DisplacementSamples, list[str]]:
-    """What the live simulator would publish of a run, and what is to be said of it."""
+    """The output of the live simulator for a run, and notes on it."""
     import numpy as np
 
     from saddlering_ros.bags.samples import DisplacementSamples
@@ -113,7 +113,7 @@ def simulated_samples(
 
 
 def add_output_options(parser: argparse.ArgumentParser) -> None:
-    """Options that say where the samples go."""
+    """Options for the output of samples."""
     parser.add_argument('--out', metavar='FILE',
                         help='write the samples here (.csv or .parquet); - for CSV on stdout')
     parser.add_argument('--json', metavar='FILE', help='write a summary as JSON; - for stdout')
@@ -167,7 +167,7 @@ def deliver(
     samples: DisplacementSamples | Iterable[DisplacementSamples], zero: ZeroReading,
     what: str, notes: list[str],
 ) -> None:
-    """Write what was asked for; without --out or --json on stdout, print a summary."""
+    """Write the requested files; without --out or --json on stdout, print a summary."""
     from collections import deque
     import json
     import sys

@@ -1,7 +1,7 @@
 """Signals that end a command: as an exception, at a moment when Python can take one.
 
 Compiled code calls back into Python (to rebuild an object, to find an argument's type) and does
-not ask whether that raised: an exception there ends in a segmentation fault. There the signal is
+not check whether that raised: an exception there ends in a segmentation fault. There the signal is
 put off by some milliseconds.
 """
 

@@ -52,7 +52,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def summary(outcome: Outcome) -> str:
-    """What was found, in a screen's worth of plain lines."""
+    """The findings in at most one screen of lines."""
     from saddlering_ros.demo import figures
     from saddlering_ros.diagnosis.wording import (
         effects_of,

@@ -25,7 +25,7 @@ def add_parser(subparsers: Any) -> None:
         '--effect', action='append', default=[], metavar='NAME[.PARAM]=VALUE',
         help='an effect to hide in the bag (SI units; may be repeated); NAME alone gives a '
              'typical size; see --list-effects')
-    setattr(effect, 'completer', _effects)  # noqa: B010  # what argcomplete asks
+    setattr(effect, 'completer', _effects)  # noqa: B010  # read by argcomplete
     parser.add_argument('--form', action='append', default=[], metavar='NAME=FORM',
                         help='physical form of an effect that has several')
     parser.add_argument('--list-effects', action='store_true',
@@ -71,14 +71,14 @@ def add_parser(subparsers: Any) -> None:
 
 
 def _effects(**_: object) -> list[str]:
-    """What the shell may complete after --effect."""
+    """Completions that the shell offers after --effect."""
     from saddlering_ros.virtual_rig import EFFECTS
 
     return [f'{name}=' for name in sorted(EFFECTS)]
 
 
 def run(args: argparse.Namespace) -> int:
-    """Generate one bag and say what is in it."""
+    """Generate one bag and print its content."""
     from saddlering_ros.virtual_rig import (
         parse_requests,
         record_test,

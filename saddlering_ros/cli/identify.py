@@ -64,7 +64,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def parse_bounds(texts: list[str]) -> dict[str, tuple[float, float]]:
-    """Bounds from NAME=LOW:HIGH texts; IdentificationError says which one cannot be read."""
+    """Bounds from NAME=LOW:HIGH texts; IdentificationError names a text that cannot be read."""
     from saddlering_ros.identification import IdentificationError
 
     bounds = {}

@@ -36,7 +36,7 @@ def add_parser(subparsers: Any) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Draft a map, or write the bag and print what is in it."""
+    """Draft a map, or write the bag and print its content."""
     return _draft(args) if args.draft else _import(args)
 
 

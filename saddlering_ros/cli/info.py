@@ -61,7 +61,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _print_summary(bag: str) -> None:
-    """What is known at once, before the messages are read."""
+    """The metadata that can be shown before the messages are read."""
     import sys
 
     from rich.text import Text

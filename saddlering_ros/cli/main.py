@@ -1,7 +1,7 @@
 """The `saddlering` command itself: finds the subcommands, runs one, turns errors into statuses.
 
 Exit status: 0 done; 2 unusable arguments or input; 1 a failure of our own; 130 interrupted.
-Whatever the status, stderr gets one line that says what and where.
+With each status but 0, stderr gets one line with fault and place.
 """
 
 import argparse
@@ -48,7 +48,7 @@ def subcommand_modules() -> list[ModuleType]:
 
 
 def build_parser() -> tuple[argparse.ArgumentParser, dict[str, Run]]:
-    """Return the parser, and what runs each subcommand it knows."""
+    """Return the parser, and the function of each subcommand."""
     parser = OneLineParser(
         prog='saddlering',
         description='Test rig, simulator and diagnosis of a saddle ring.',
@@ -69,7 +69,7 @@ def build_parser() -> tuple[argparse.ArgumentParser, dict[str, Run]]:
 
 
 def run_reporting(run: Run, args: argparse.Namespace) -> int:
-    """Run one subcommand; return its exit status, having said in one line what went wrong."""
+    """Run one subcommand; print an error as one line; return the exit status."""
     try:
         check_files(args)
         status = run(args)
@@ -80,7 +80,7 @@ def run_reporting(run: Run, args: argparse.Namespace) -> int:
     except KeyboardInterrupt:
         return INTERRUPTED
     except BrokenPipeError:
-        # Nobody reads any more; what Python flushes at exit must not complain about it either.
+        # The reader is gone; the flush of Python at exit must not report it again.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return READER_GONE
     except ModuleNotFoundError as error:
@@ -98,7 +98,7 @@ def run_reporting(run: Run, args: argparse.Namespace) -> int:
 def open_closed_streams() -> None:
     """Give a process started with a closed standard stream (`>&-`) the null device in its place.
 
-    A file opened later would take the stream's number, and get what is printed.
+    A file opened later would take the stream's number and receive the printed text.
     """
     for number, name, mode in ((0, 'stdin', 'r'), (1, 'stdout', 'w'), (2, 'stderr', 'w')):
         if getattr(sys, name) is None:

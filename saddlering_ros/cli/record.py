@@ -34,7 +34,7 @@ def add_parser(subparsers: Any) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Record until told to stop."""
+    """Record until a signal ends it."""
     import contextlib
     import os
     import sys
@@ -80,7 +80,7 @@ def facts_of(args: argparse.Namespace) -> dict[str, str]:
 
 
 def tell(args: argparse.Namespace, told: dict[str, Any]) -> None:
-    """Say what was recorded."""
+    """Print the content of the recording."""
     if tell_json(args, told):
         return
     print(f'{told["bag"]}: {sum(told["messages"].values())} messages in {told["seconds"]:.1f} s')

@@ -10,7 +10,7 @@ from saddlering_ros.cli._json import tell_json
 
 RECORDER = 'saddlering_recorder'
 PLAYS, AT_END = 'replay is playing', 'replay is at its end'
-"""What replay_clock logs when it starts and when every sample is out."""
+"""Log lines of replay_clock at its start and after its last sample."""
 
 START_PATIENCE = 60.0
 """How long the nodes may take until the replay starts [s]."""
@@ -146,7 +146,7 @@ def _wait(group: Any, deadline: float, seconds: float | None) -> None:
 
 
 def _check_all_run(group: Any) -> None:
-    """NodeError if a node has left, with whatever status, before the clock did."""
+    """NodeError if a node ended before the clock did."""
     from saddlering_ros.ros.errors import NodeError
 
     gone = [name for name, node in group.processes.items() if not node.running]
@@ -169,7 +169,7 @@ def _wait_for_all(recorder: Any, sent: dict[str, int]) -> None:
 
 
 def _leave_incomplete(recorder: Any) -> None:
-    """Keep what was recorded under another name, and say where."""
+    """Keep the recording under another name, and print its place."""
     import sys
 
     if recorder is not None:

@@ -63,7 +63,7 @@ def run(args: argparse.Namespace) -> int:
 def _watch_bag(
     args: argparse.Namespace, bag: str, rig: Rig, parameters: ParameterSet
 ) -> dict[str, Any]:
-    """What watching one bag gives: its part of the document, and words."""
+    """The result for one bag: its part of the document, and its text."""
     from saddlering_ros.cli._samples import read_shown, residual_samples
     from saddlering_ros.monitoring import (
         least_wander,

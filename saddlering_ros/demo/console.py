@@ -9,7 +9,7 @@ from typing import Any
 
 
 class Console:
-    """Steps of the demo, told one after another."""
+    """The steps of the demo, printed one after another."""
 
     def __init__(self, steps: int) -> None:
         self._steps, self._step = steps, 0

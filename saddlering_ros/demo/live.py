@@ -49,7 +49,7 @@ Show = Callable[[float, str], None]
 
 
 class LiveRig:
-    """All eight nodes, and an ordinary client beside them; leaves nothing behind."""
+    """All eight nodes, and an ordinary client beside them; ended without remains."""
 
     def __init__(self, bag_root: Path, parameters_root: Path, elevation_deg: float) -> None:
         self._group = NodeGroup()
@@ -108,10 +108,10 @@ class LiveRig:
         self._group.start('ring_simulator', settings)
 
     def _join_ros(self, stack: contextlib.ExitStack) -> None:
-        """Make what speaks ROS here; `stack` destroys all of it before its context shuts down.
+        """Create the ROS objects of this process; `stack` destroys them before their context.
 
-        What outlives its context is left to the garbage collector, in which the middleware can
-        wait for ever.
+        An object that outlives its context is left to the garbage collector, in which the
+        middleware can wait for ever.
         """
         os.environ.update(self._group.environment)
         rclpy.init(args=[], domain_id=self.domain, signal_handler_options=SignalHandlerOptions.NO)
@@ -185,7 +185,7 @@ class LiveRig:
     # --- replays ---
 
     def replay(self, bag: Path, interval: float, show: Show) -> Recording:
-        """Replay a bag with a load every `interval` [s] in lockstep; what was published."""
+        """Replay a bag with a load every `interval` [s] in lockstep; the published messages."""
         self._recorder.cut()
         self._state = None
         window = min(LONGEST_STEP, max(0.02, SAMPLES_PER_STEP * interval))
@@ -205,7 +205,7 @@ class LiveRig:
         return self._share()[0] != share
 
     def _share(self) -> tuple[float, str]:
-        """How far the replay is (-1: nothing heard of it, 1: at its end), and how fast."""
+        """Share of the replay that is done (-1: no report yet, 1: at its end), and its rate."""
         state = self._state
         if state is None:
             return -1.0, ''
@@ -250,7 +250,7 @@ class LiveRig:
         self._until(lambda: bool(self._simulator), 'ring_simulator does not come up again')
 
     def wait_for_parameters(self, stiffness: float, effects: int) -> None:
-        """Wait until the simulator says that it simulates with these: K1, and so many effects."""
+        """Wait until the simulator reports these parameters: K1 and the number of effects."""
         def follows() -> bool:
             named = {key.partition('.')[0] for key in self._simulator if '.' in key}
             return self._simulator.get('k1') == f'{stiffness:.6g}' and len(named) == effects

@@ -21,7 +21,7 @@ from saddlering_ros.writing import temporary_folder
 
 
 def check_folder(folder: Path) -> None:
-    """DemoError if nothing could be written there; asked before the work, not after it."""
+    """DemoError if the folder cannot be written; checked before the work."""
     if folder.exists() and not folder.is_dir():
         raise DemoError(f'{folder}: is not a folder: choose another place (--out)')
     there = next(path for path in (folder, *folder.absolute().parents) if path.exists())
@@ -32,7 +32,7 @@ def check_folder(folder: Path) -> None:
 def write_all(outcome: Outcome, folder: Path, command: str) -> list[Path]:
     """Write everything beside `folder` first, then move it in, at one go; the paths.
 
-    `command` is what the report says to type to get it again.
+    `command` is the command line that makes the report again.
     """
     folder.parent.mkdir(parents=True, exist_ok=True)
     try:

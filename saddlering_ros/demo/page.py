@@ -14,7 +14,7 @@ FOUND_BY = ('The result of /identify_ring, before the diagnosis. The missing cau
 
 
 def demo_page(outcome: Outcome, command: str) -> str:
-    """The whole page; `command` is what to type to get it again."""
+    """The whole page; `command` is the command line that makes it again."""
     document = outcome.verdict.copy()
     document['runs'] = figures.misfit_table(outcome.curves)
     return html.page('saddlering demo', [

@@ -29,7 +29,7 @@ class Plan:
 
 
 def plan(folder: Path) -> Plan:
-    """Read the bags of `folder` and share them out; DemoError for what is missing."""
+    """Read the bags of `folder` and assign them to the steps; DemoError if one is missing."""
     if not folder.is_dir():
         raise DemoError(f'{folder}: no such folder: give one that holds bags (--bags)')
     bags = sorted(path for path in folder.iterdir()

@@ -22,7 +22,7 @@ NAME = 'demo_recorder'
 
 @dataclass(frozen=True)
 class Recording:
-    """What was received during one replay: the batch of each topic, and the number of loads."""
+    """Messages received during one replay: the batch of each topic, and the number of loads."""
 
     measured: batches.Displacements
     simulated: batches.Displacements
@@ -76,7 +76,7 @@ class Recorder(StreamingNode):
                 self._loads += len(load)
 
     def cut(self) -> Recording:
-        """What was kept since the last cut."""
+        """The messages since the last cut."""
         with self._lock:
             kept, loads = self._kept, self._loads
             self._clear()

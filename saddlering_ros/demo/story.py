@@ -73,7 +73,7 @@ def tell(plan: Plan, console: Console) -> Outcome:
 
 
 class _Story:
-    """The steps, and what each leaves for the next."""
+    """The steps, and the results that each passes to the next."""
 
     def __init__(self, plan: Plan, console: Console, scratch: Path) -> None:
         self.plan, self.console, self.scratch = plan, console, scratch

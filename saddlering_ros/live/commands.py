@@ -21,7 +21,7 @@ class Commands:
         self._answers: dict[str, str] = {}
 
     def ask(self, name: str) -> bool:
-        """Call a service without waiting for it; whether there is a server to ask."""
+        """Call a service without waiting for it; whether it has a server."""
         client = self._clients[name]
         if not client.service_is_ready():
             self._answers[name] = 'no node offers it now'
@@ -32,7 +32,7 @@ class Commands:
         return True
 
     def as_page(self) -> dict[str, dict[str, Any]]:
-        """By command: whether a node offers it, and what it answered last."""
+        """By command: whether a node offers it, and its last answer."""
         return {name: {'ready': bool(client.service_is_ready()),
                        'words': self._answers.get(name, '')}
                 for name, client in self._clients.items()}

@@ -77,7 +77,7 @@ class Connection(asyncio.Protocol):
         self._start_timer()
 
     def data_received(self, data: bytes) -> None:
-        """Pass on what came; a complete head makes the connection a served one."""
+        """Pass on the received bytes; with a complete head the connection is served."""
         if not self._is_inside:
             return
         self._head += len(data)
@@ -95,7 +95,7 @@ class Connection(asyncio.Protocol):
         self._inner.data_received(data)
 
     def eof_received(self) -> Any:
-        """Pass on the end of what the browser sends."""
+        """Pass on that the browser sends no more."""
         return self._inner.eof_received() if self._is_inside else None
 
     def pause_writing(self) -> None:
@@ -156,7 +156,7 @@ class OneLineAMinute(logging.Filter):
 
 
 def quiet_log() -> Callable[[], None]:
-    """Keep the server's libraries to one line a minute together; call what it returns to end."""
+    """Limit the log of the server's libraries to a line a minute; the function returned ends it."""
     only = OneLineAMinute()
     for name in LOGGERS:
         logging.getLogger(name).addFilter(only)

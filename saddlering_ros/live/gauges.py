@@ -39,7 +39,7 @@ class Gauges:
     def as_page(self, assumed_elevation: float | None = None) -> dict[str, Any]:
         """Load in t and kN, elevation in degrees, gaps in mm with margin; None where none came.
 
-        assumed_elevation [degrees]: what the simulator uses, where the rig measures none.
+        assumed_elevation [degrees]: the value of the simulator, if the rig measures none.
         """
         load, elevation = self._fresh('load'), self._fresh('elevation')
         return {

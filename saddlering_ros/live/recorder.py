@@ -57,7 +57,7 @@ _stamp = struct.Struct('<iI')
 class Recorder(StreamingNode):
     """Writes every message of the topics of rig and ring; a clock in lockstep can wait.
 
-    A bag holds them by the names of the root namespace, whatever the namespace of the rig.
+    A bag holds them by the names of the root namespace, for any namespace of the rig.
     """
 
     def __init__(self, bag: BagRecording, context: Any, namespace: str = '') -> None:
@@ -78,7 +78,7 @@ class Recorder(StreamingNode):
                        for topic, kind in streams().items()]
 
     def process_batch(self) -> None:
-        """Write what has arrived."""
+        """Write the messages that have arrived."""
         for topic, flow in zip(streams(), self.inputs, strict=True):
             messages = flow.take()
             if messages:
@@ -90,7 +90,7 @@ class Recorder(StreamingNode):
         self._published.update(zip(message.outputs, map(int, message.published), strict=False))
 
     def missing(self, sent: Mapping[str, int]) -> str:
-        """What has not come of the samples `sent` by topic and of what nodes tell to have sent."""
+        """Samples that have not arrived, of those `sent` by topic and of those nodes report."""
         words = []
         for topic, flow in zip(streams(), self.inputs, strict=True):
             due = max(sent.get(topic, 0), self._published.get(flow.topic, 0))
@@ -99,7 +99,7 @@ class Recorder(StreamingNode):
         return ', '.join(words)
 
     def keep_as_incomplete(self) -> Path:
-        """Leave what was recorded beside its place; where that is."""
+        """Keep the recording under a name beside its own; the path of it."""
         self._bag.path = self._bag.path.with_name(f'{self._bag.path.name}.incomplete')
         return self._bag.path
 
@@ -112,13 +112,13 @@ class Recorder(StreamingNode):
         try:
             for number, message in enumerate(messages):
                 self._bag.write(topic, now + number, message)
-        except Exception as problem:  # told by whoever runs the recorder
+        except Exception as problem:  # set by the caller of the recorder
             self.problem_writing = problem
             self.done = True
 
 
 def streams() -> dict[str, Any]:
-    """Message classes of the streams by topic: all of the rig, and what is made of them."""
+    """Message classes of the streams by topic: those of the rig and those computed from them."""
     return {**{name: message_class(topic.type) for name, topic in TOPICS.items()},
             **dict.fromkeys(RING_STREAMS, RingDisplacement)}
 

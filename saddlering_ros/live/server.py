@@ -32,7 +32,7 @@ PAGE = Path(__file__).parent / 'page'
 FILES = {'/': ('page.html', 'text/html'), '/live.js': ('live.js', 'text/javascript'),
          '/live.css': ('live.css', 'text/css')}
 PERIOD = 0.25
-"""Browsers are told so often what is new [s]."""
+"""Period at which browsers receive new data [s]."""
 
 COOKIE = 'saddlering_token'
 HEADER = 'X-Saddlering'
@@ -66,7 +66,7 @@ class Address:
 
     @property
     def url(self) -> str:
-        """What to open in the browser."""
+        """The address to open in the browser."""
         host = f'[{self.host}]' if ':' in self.host else self.host
         return f'http://{host}:{self.port}/' + (f'?token={self.token}' if self.token else '')
 
@@ -96,7 +96,7 @@ def serve(watcher: Watcher, where: Address, on_ready: Callable[[Address], None],
           until: threading.Event | None = None, rig: Rig | None = None) -> None:
     """Serve until interrupted, or until the event is set; LiveError if it cannot be served.
 
-    Port 0 takes a free one; `on_ready` is told the address in the end.
+    Port 0 takes a free one; `on_ready` is called with the address.
     """
     asyncio.run(_serve(watcher, where, on_ready, until, rig))
 
@@ -127,7 +127,7 @@ async def _serve(watcher: Watcher, where: Address, on_ready: Callable[[Address],
 
 
 def _protocol(runner: web.AppRunner) -> Any:
-    """What speaks HTTP on one connection."""
+    """The HTTP protocol of one connection."""
     assert runner.server is not None
     return runner.server()
 
@@ -200,7 +200,7 @@ def _drawn(rig: Rig) -> str:
 async def _events(watcher: Watcher, boot: str, request: web.Request) -> web.StreamResponse:
     """Server-sent events: `state` and `now` when they change, `rows` when there are new ones.
 
-    What a slow browser has not taken yet is never queued: the next event holds all that is new.
+    Data that a slow browser has not taken are never queued: the next event holds all new data.
     """
     response = web.StreamResponse(headers={
         'Content-Type': 'text/event-stream', 'Cache-Control': 'no-store'})

@@ -27,7 +27,7 @@ BACKWARDS = SECOND // 4
 """A stamp that is further back than this [ns] is another replay, not a late sample."""
 
 LEFTOVERS = 1.0
-"""How long after such a jump other streams may still hold what was before [s]."""
+"""Time after a jump in which other streams may still carry earlier samples [s]."""
 
 
 @dataclass
@@ -47,7 +47,7 @@ class Cells:
 
     @classmethod
     def none(cls, channels: int) -> Cells:
-        """No cells of a stream with so many channels."""
+        """No cells of a stream with this number of channels."""
         whole, values = np.empty(0, np.int64), np.empty((channels, 0))
         return cls(whole, values.astype(np.int64), values, values.copy(), values.copy(),
                    whole.copy())
@@ -97,7 +97,7 @@ class Traces:
     """All streams of the page on one grid of time cells.
 
     channels: how many each stream has, by name; limit: cells per stream at most; window: the
-    longest time kept [s]. `version` changes whenever what was sent before is void.
+    longest time kept [s]. `version` changes whenever data sent before are void.
     """
 
     def __init__(self, channels: Mapping[str, int], limit: int = 1200,
@@ -138,7 +138,7 @@ class Traces:
 
     def _of_this_replay(self, name: str, stamps: Stamps, values: Floats,
                         ) -> tuple[Stamps, Floats]:
-        """The samples that belong to what is drawn; a stream that jumps back begins it anew.
+        """The samples that belong to the drawing; a stream that jumps back begins it anew.
 
         Streams are drained one after another: when one has jumped back, the others may still hold
         the end of what was before, which is left out for LEFTOVERS.
@@ -185,11 +185,11 @@ class Traces:
         return _means(cells.total, cells.count)
 
     def since(self, turn: int, scales: Mapping[str, float]) -> dict[str, dict[str, Any]]:
-        """What changed after `turn`: by stream the cells' numbers, and means and extremes scaled.
+        """Changes after `turn`: by stream the cells' numbers, and means and extremes scaled.
 
-        None stands for what is not known.
+        None stands for an unknown value.
 
-        scales: by stream, what its values are multiplied with.
+        scales: by stream, the factor of its values.
         """
         found: dict[str, dict[str, Any]] = {}
         for name, cells in self._cells.items():

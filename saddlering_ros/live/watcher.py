@@ -61,7 +61,7 @@ NAME = 'saddlering_live'
 STREAMS = {'load': LOAD.relative, 'measured': DISPLACEMENT, 'simulated': SIMULATED,
            'residual': RESIDUAL}
 SCALES = {'load': 1.0 / TONNE, 'measured': 1e6, 'simulated': 1e6, 'residual': 1e6}
-"""What the page shows: tonnes, micrometres and microradians."""
+"""Units of the page: tonnes, micrometres and microradians."""
 
 POLL = 0.05
 """Streams are drained this often [s]: the queues of `RawSubscription` hold 100 times that."""
@@ -80,7 +80,7 @@ TYPES = {'geometry_msgs/msg/WrenchStamped': WrenchStamped, 'sensor_msgs/msg/Rang
          'geometry_msgs/msg/Vector3Stamped': Vector3Stamped}
 SENSORS: dict[str, RigTopic] = {
     'elevation': ELEVATION, **{f'probe_{place}': topic for place, topic in enumerate(PROBES, 1)}}
-"""What is read of the rig besides the load, by the name of its gauge."""
+"""Readings of the rig besides the load, by the name of the gauge."""
 
 BAG, ELEVATION_KEY = 'bag', 'elevation [deg]'
 """Keys of /diagnostics whose values the page shows."""
@@ -107,9 +107,9 @@ class Job:
 
 
 class Watcher:
-    """A ROS node that hears what the rig says; `state` and `rows` are what the page is told.
+    """A ROS node that receives the topics of the rig; `state` and `rows` are the data of the page.
 
-    It wakes twenty times a second, whatever the rate of the streams; the nodes' publishers keep
+    It wakes twenty times a second at any rate of the streams; the nodes' publishers keep
     the last messages only and so never wait for a reader, nor does a clock in lockstep for this.
     """
 
@@ -163,10 +163,10 @@ class Watcher:
             self.node.destroy_node()
         rclpy.try_shutdown(context=self.context)
 
-    # --- what the page asks for ---
+    # --- requests of the page ---
 
     def rows(self, version: int, turn: int) -> dict[str, Any] | None:
-        """What is new in the streams since `turn` of `version`; None if nothing is."""
+        """New data of the streams since `turn` of `version`; None if there are none."""
         with self.lock:
             traces = self.traces
             is_new = version != traces.version
@@ -183,7 +183,7 @@ class Watcher:
                     'gauges': self.gauges.as_page(_number(self._facts.get(ELEVATION_KEY)))}
 
     def state(self) -> dict[str, Any]:
-        """Everything but the streams and what changes with every sample."""
+        """The state of the page without the streams and the values of each sample."""
         with self.lock:
             now = time.monotonic()
             health = [
@@ -202,11 +202,11 @@ class Watcher:
             self.traces.clear()
 
     def cancel(self, action: str) -> bool:
-        """Ask the server of an action to cancel what it does; whether there is one to ask."""
+        """Ask the server of an action to cancel its goal; whether there is a server."""
         return self._actions[action].cancel()
 
     def ask(self, command: str) -> bool:
-        """Ask for a zero, a start or a pause; whether there is a node to ask."""
+        """Ask for a zero, a start or a pause; whether a node offers it."""
         return self.commands.ask(command)
 
     # --- hearing ---
@@ -310,7 +310,7 @@ class Watcher:
             self._alarm = shown
 
     def set_job(self, action: str, change: Callable[[Job | None], Job | None]) -> None:
-        """Change what is known of an action's goal."""
+        """Change the state of an action's goal."""
         with self.lock:
             job = change(self._jobs.get(action))
             if job is not None:
@@ -318,7 +318,7 @@ class Watcher:
 
 
 def doubt_words(validity: NDArray[np.uint8]) -> str:
-    """What is not known, or not from sound readings, of the newest of some residuals (N,)."""
+    """Channels of the newest residual (N,) that are unknown or not from sound readings."""
     missing = [name for name, bit in NOT_KNOWN.items() if int(validity[-1]) & bit]
     words = [f'not known: {", ".join(missing)}'] if missing else []
     if (validity & BRIDGED).any():
@@ -349,7 +349,7 @@ class _Action:
         self._asked = ''
 
     def cancel(self) -> bool:
-        """Cancel all goals (the zero id says all)."""
+        """Cancel all goals (the zero id means all)."""
         if not self._cancel.service_is_ready():
             return False
         self._cancel.call_async(self._kind.Impl.CancelGoalService.Request())
@@ -372,7 +372,7 @@ class _Action:
                 self._notice(bytes(status.goal_info.goal_id.uuid).hex())
 
     def _notice(self, goal: str) -> None:
-        """A goal is running: show it, and ask to be told how it ends."""
+        """A goal is running: show it, and request its result."""
         self._change(lambda job: job if job is not None and job.goal == goal else Job(goal))
         if self._asked == goal or not self._result.service_is_ready():
             return
@@ -402,7 +402,7 @@ class _Action:
         result = answer.result
         ended = Job(goal, state, stage='', share=1.0, words=str(result.message))
         if state == 'done' and self._name == 'diagnose':
-            # The words know the catalogue; the page is served before that is loaded.
+            # The words need the catalogue; the page is served before it is loaded.
             from saddlering_ros.diagnosis.wording import gain_sentence, headline
 
             document = json.loads(result.verdict_json)

@@ -32,7 +32,7 @@ class RunQuality:
     duration [s]; rate [Hz] by the median period; load [N] lowest and highest; incomplete: load
     samples at which a probe has no reading; gaps in the load's stamps, longest_gap [s];
     zero_load [N] and whether that is the preload; noise: white noise of a sample [m, rad] by
-    channel; notes: what is wrong with the bag without keeping it from being used;
+    channel; notes: faults of the bag that do not prevent its use;
     force_unit: in which loads are shown.
     """
 
@@ -55,7 +55,7 @@ class RunQuality:
 
 @dataclass(frozen=True)
 class Background:
-    """What a page says beside its result; whatever is empty is left out.
+    """Texts of a page beside its result; empty ones are left out.
 
     covariance (6, 6) of the contact parameters in the order of PARAMETER_NAMES; quality by run;
     command: the command line that made the page; curves_file: the name of the file of its curves.
@@ -147,7 +147,7 @@ def _reduction_words(item: Mapping[str, float | None] | None) -> str:
 
 
 def correlation(covariance: Array | None) -> str:
-    """A table of correlations of the contact parameters; nothing where they are not known."""
+    """A table of correlations of the contact parameters; empty if they are not known."""
     if covariance is None or not np.isfinite(covariance).all():
         return ''
     spread = np.sqrt(np.diag(covariance))

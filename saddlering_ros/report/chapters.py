@@ -109,7 +109,7 @@ def simulated_tests(document: Document) -> str:
 
 
 def _look_alike_rows(cause: CauseEntry, document: Document) -> list[list[str | Cell]]:
-    """The alternatives to this cause, each with the measurement that tells it apart."""
+    """The alternatives to this cause, each with the measurement that separates it."""
     evidence = {item['effects'][-1]: item['delta_bic'] for item in reversed(
         document.get('candidates') or []) if item['effects']}
     rows: list[list[str | Cell]] = []
@@ -148,7 +148,7 @@ def _cause(cause: CauseEntry, document: Document) -> str:
 
 
 def _confirmation(cause: CauseEntry, document: Document) -> str:
-    """What would confirm a cause, unless the next test is there for that."""
+    """The measurement that confirms a cause, unless it is the next test."""
     known = catalogue().get(cause['effect'])
     is_next = lowered(title_of(cause['effect'])) in (document.get('next_test') or '')
     if known is None or len(cause['group']) > 1 or is_next:
@@ -207,7 +207,7 @@ def _mark(value: float | None, item: ChannelEntry) -> str:
 
 
 def identified(found: Mapping[str, Any], words: str = '') -> str:
-    """What an identification found: values, errors, intervals, and what it cannot determine."""
+    """Result of an identification: values, errors, intervals, undetermined parameters."""
     rows: list[list[str | Cell]] = []
     for name in PARAMETER_NAMES:
         item = found['parameters'][name]
@@ -376,7 +376,7 @@ def _shape_cell(before: ShapeEntry | None, after: ShapeEntry | None) -> Cell:
 
 
 def candidates(document: Document) -> str:
-    """Every candidate that was fitted, with its evidence; and what was real but too small."""
+    """Every fitted candidate with its evidence, and real effects that are too small."""
     found = document.get('candidates') or []
     chosen = {cause['effect'] for cause in effects_of(document)}
     alike = {name for cause in effects_of(document) for name in cause['group']} - chosen

@@ -62,7 +62,7 @@ class Ticks:
 class HeatMap:
     """Values (R, C) from the top row down, NaN where there are none.
 
-    colours: from `low` to `high`, evenly spaced; rows, columns: what a hover names;
+    colours: from `low` to `high`, evenly spaced; rows, columns: names that a hover shows;
     label: of the colour bar, drawn if not ''.
     """
 
@@ -80,7 +80,7 @@ class HeatMap:
 class Panel:
     """One pair of axes at a place of the grid.
 
-    x_label and y_label name what is read off; shows_x and shows_y: whether they stand at the
+    x_label and y_label name the quantities; shows_x and shows_y: whether they stand at the
     axis, with its tick labels (a panel that shares an axis leaves them to its neighbour).
     levels: heights of thin lines across the panel.
     """
@@ -123,7 +123,7 @@ class Chart:
 
     @property
     def named(self) -> list[Series | Band]:
-        """What the legend shows: the first series or band of each name."""
+        """Entries of the legend: the first series or band of each name."""
         found: dict[str, Series | Band] = {}
         for panel in self.panels:
             items: list[Series | Band] = [*panel.series, *panel.bands]

@@ -17,7 +17,7 @@ from saddlering_ros.rig import CHANNELS
 Array = NDArray[np.float64]
 
 BLOCKS = 500
-"""A dynamic run is shown as at most so many means."""
+"""Largest number of means by which a dynamic run is shown."""
 
 LOAD_LEVELS = 25
 """Steps into which the load is divided where both branches are compared."""
@@ -114,7 +114,7 @@ class Means:
 
 
 def _mean(values: Array) -> Array:
-    """Mean over the last axis of what is finite; NaN where nothing is."""
+    """Mean of the finite values over the last axis; NaN if there is none."""
     good = np.isfinite(values)
     count = good.sum(axis=-1)
     total = np.where(good, values, 0.0).sum(axis=-1)

@@ -1,4 +1,4 @@
-"""The curves of a report as a CSV file beside it: what was measured and simulated, in SI units."""
+"""The curves of a report as a CSV file beside it: measured and simulated values in SI units."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Charts as matplotlib figures: what is printed, mailed and read without scripts."""
+"""Charts as matplotlib figures, which can be printed, mailed and read without scripts."""
 
 from __future__ import annotations
 

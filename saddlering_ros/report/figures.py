@@ -40,7 +40,7 @@ BLUE_TO_PURPLE = ('#f7fcfd', '#e0ecf4', '#bfd3e6', '#9ebcda', '#8c96c6', '#8c6bb
                   '#810f7c', '#4d004b')
 BROWN_TO_PURPLE = ('#7f3b08', '#b35806', '#e08214', '#fdb863', '#fee0b6', '#f7f7f7', '#d8daeb',
                    '#b2abd2', '#8073ac', '#542788', '#2d004b')
-"""Colours by Cynthia Brewer (colorbrewer2.org), which colour-blind readers tell apart."""
+"""Colours by Cynthia Brewer (colorbrewer2.org), which colour-blind readers can distinguish."""
 
 MAIN, STRIP = 3.0, 1.25
 """Heights of a channel and of its residual below."""
@@ -281,7 +281,7 @@ def residual_map(runs: Sequence[RunCurves], channels: Sequence[str] = CHANNELS[:
 
 
 def _map_row(run: RunCurves, sign: float, channel: str, extended: bool, top: float) -> Array:
-    """Mean misfit over noise at each load level of one branch; NaN where nothing was measured."""
+    """Mean misfit over noise at each load level of one branch; NaN if there is no reading."""
     here = np.sign(run.direction) == sign
     level = np.clip(np.round(run.load / top * MAP_LEVELS).astype(int), 0, MAP_LEVELS)
     values = run.residual(channel, extended=extended) / max(run.noise[channel], 1e-12)

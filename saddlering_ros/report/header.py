@@ -20,7 +20,7 @@ EARLIEST = 946_684_800_000_000_000
 
 @dataclass(frozen=True)
 class HeadLine:
-    """One test as the head names it; date and operator are '' where the bag does not say."""
+    """One test as the head names it; date and operator are '' if the bag does not state them."""
 
     bag: str
     test: str
@@ -33,7 +33,7 @@ class HeadLine:
 
 
 def head_line(run: TestRun, *, held_out: bool = False) -> HeadLine:
-    """What the head says of one run."""
+    """The line of the head for one run."""
     return HeadLine(
         run.path.name, run.test, round(float(np.degrees(run.elevation)), 2), run.rig, run.run,
         run.details.get('date', '') or date_of(int(run.stamps[0])),

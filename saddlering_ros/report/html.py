@@ -1,4 +1,4 @@
-"""One HTML page in one file: text, tables, figures to zoom into, nothing fetched."""
+"""One HTML page in one file: text, tables and figures to zoom into, without downloads."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ RESOLUTION = 100
 """Pixels per inch of a picture."""
 
 COLOURS = 128
-"""Colours of a picture: a third of the bytes, and nothing to be seen of it."""
+"""Number of colours of a picture: a third of the bytes without a visible difference."""
 
 CSS = """
 :root { --ink: #1f2933; --soft: #52606d; --line: #dde3e9; --back: #f5f7fa; }
@@ -134,7 +134,7 @@ def page(title: str, parts: Sequence[str]) -> str:
 
 
 def section(title: str, *parts: str) -> str:
-    """A framed chapter; nothing at all if it has no parts."""
+    """A framed chapter; empty if it has no parts."""
     inside = '\n'.join(part for part in parts if part)
     return f'<section><h2>{escape(title)}</h2>\n{inside}\n</section>' if inside else ''
 
@@ -145,7 +145,7 @@ def heading(text: str) -> str:
 
 
 def commands(lines: Sequence[str]) -> str:
-    """Command lines to be copied; nothing for none."""
+    """Command lines to be copied; empty if there are none."""
     return f'<pre>{escape(chr(10).join(lines))}</pre>' if lines else ''
 
 
@@ -155,7 +155,7 @@ def paragraph(text: str, kind: str = '') -> str:
 
 
 def bullets(lines: Sequence[str]) -> str:
-    """A list of plain lines; nothing for none."""
+    """A list of plain lines; empty if there are none."""
     if not lines:
         return ''
     return '<ul>' + ''.join(f'<li>{escape(line)}</li>' for line in lines) + '</ul>'
@@ -168,7 +168,7 @@ def folded(title: str, *parts: str) -> str:
 
 
 def tiles(items: Sequence[tuple[str, str]]) -> str:
-    """A row of big figures, each with what it is."""
+    """A row of big figures, each with its name."""
     shown = ''.join(f'<div class="tile"><b>{escape(value)}</b><span>{escape(words)}</span></div>'
                     for value, words in items)
     return f'<div class="tiles">{shown}</div>'
@@ -177,7 +177,7 @@ def tiles(items: Sequence[tuple[str, str]]) -> str:
 def table(
     head: Sequence[str | Cell], rows: Sequence[Sequence[str | Cell]], caption: str = ''
 ) -> str:
-    """A table; nothing for no rows."""
+    """A table; empty if there are no rows."""
     if not rows:
         return ''
     title = f'<caption>{escape(caption)}</caption>' if caption else ''
@@ -188,7 +188,7 @@ def table(
 
 
 def picture(chart: Chart, name: str, caption: str) -> str:
-    """A chart as picture and as data to draw it from; `name` is what it is called as a file."""
+    """A chart as picture and as data to draw it from; `name` is its file name."""
     data = base64.b64encode(png(draw(chart))).decode()
     script = interactive.as_script(interactive.chart_of(chart), escape(name))
     return (f'<figure><img id="{escape(name)}" alt="{escape(caption)}" '

@@ -37,5 +37,5 @@ def drawing() -> Iterator[None]:
 
 
 def axis_label(channel: str) -> str:
-    """What stands at an axis that shows a channel."""
+    """Label of an axis that shows a channel."""
     return f'{SYMBOLS[channel]} / {MICRO_UNITS[channel]}'
