@@ -60,7 +60,7 @@ def _load(name: str) -> Callable[[SessionTask], dict[str, Any]]:
 
 
 def _wait(process: int, seconds: float) -> tuple[str, int]:
-    """Wait for the child; end it at its time limit or when nobody waits for it any more."""
+    """Wait for the child; end it at its time limit or when its waiter is gone."""
     end = time.monotonic() + seconds
     pause = 0.001
     while True:
@@ -93,7 +93,7 @@ def _work(
 
 
 def _limit_memory(size: int) -> None:
-    """Allow `size` bytes of address space beyond what is mapped already."""
+    """Allow `size` bytes of address space beyond those mapped already."""
     mapped = int(Path('/proc/self/statm').read_text().split()[0]) * resource.getpagesize()
     resource.setrlimit(resource.RLIMIT_AS, (mapped + size, mapped + size))
 
@@ -114,5 +114,5 @@ def _attempt(
 
 
 def failure(kind: str, reason: str) -> dict[str, Any]:
-    """What a result holds instead of a verdict."""
+    """Entry of a result that has no verdict."""
     return {'status': 'failed', 'kind': kind, 'reason': reason}

@@ -18,7 +18,7 @@ TASKS_A_SLOT = 2
 """Tasks submitted at most for each slot: one that runs and one that waits."""
 
 MAX_LOST_WORKERS = 3
-"""A task is given up after so many workers died while they had it, guilty or not."""
+"""Number of workers that died with a task after which it is given up."""
 
 STATUS_SECONDS = 1.0
 HEARTBEAT = 2.0
@@ -59,7 +59,7 @@ def run_campaign(
     retry: bool = False, alive: Callable[[], bool] = lambda: True,
     on_status: Callable[[Status], None] = lambda status: None,
 ) -> Summary:
-    """Compute what the store lacks until every task has a result; `retry` repeats failures.
+    """Compute the missing results until every task has one; `retry` repeats failures.
 
     alive: whether the executor still works; where it does not, or a result cannot be written, the
     campaign ends with CampaignError and goes on with the next call.
@@ -116,7 +116,7 @@ def run_campaign(
 def _result(
     future: Future[str], task: SessionTask, store: Store, lost: dict[str, int]
 ) -> dict[str, object] | None:
-    """The result that a finished future stands for; None where the task must be given again."""
+    """The result of a finished future; None if the task must be given again."""
     try:
         key = future.result()
     except SaddleringError:

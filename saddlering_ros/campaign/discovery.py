@@ -25,7 +25,7 @@ from saddlering_ros.campaign.errors import CampaignError
 
 @dataclass(frozen=True)
 class FoundBag:
-    """One bag as found: nothing of its readings has been looked at.
+    """One bag as found; its readings have not been read.
 
     path: the rosbag2 directory or the bare file; sha256: of its files; time [s since 1970] of the
     test, None if unknown; metadata: the test metadata (interfaces.md), text to text; problem: why
@@ -39,7 +39,7 @@ class FoundBag:
     problem: str = ''
 
     def fact(self, name: str) -> str:
-        """One entry of the test metadata, '' where the bag does not say."""
+        """One entry of the test metadata, '' if the bag does not state it."""
         return dict(self.metadata).get(name, '').strip()
 
     @property
@@ -59,7 +59,7 @@ class FoundBag:
 
     @property
     def service_hours(self) -> float | None:
-        """Hours of service of the ring at the test, None where the bag does not say."""
+        """Hours of service of the ring at the test, None if the bag does not state them."""
         try:
             return float(self.fact('service_hours'))
         except ValueError:
@@ -106,7 +106,7 @@ def _one_recording(name: str, files: list[str]) -> bool:
 
 
 def look_at(path: Path) -> FoundBag:
-    """The bag at `path`; what is wrong with it becomes its `problem`."""
+    """The bag at `path`; a fault becomes its `problem`."""
     try:
         directory = open_directory(path)
         metadata, start = _metadata_of(directory)

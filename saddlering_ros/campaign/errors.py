@@ -8,4 +8,4 @@ class CampaignError(SaddleringError):
 
 
 class CampaignInterruptedError(CampaignError):
-    """The executor is gone or was stopped; what was computed is in the store."""
+    """The executor is gone or was stopped; computed results are in the store."""

@@ -27,7 +27,7 @@ YES = ('1', 'true', 'yes')
 
 @dataclass(frozen=True)
 class ManifestLine:
-    """One line of the table as text; `session` and `role` are what a person may change."""
+    """One line of the table as text; a person may change `session` and `role`."""
 
     values: dict[str, str]
 
@@ -143,7 +143,7 @@ def _date(time: float | None) -> str:
 
 
 def session_table(sessions: Sequence[Session]) -> list[dict[str, Any]]:
-    """What is shown before a campaign starts, a row a session."""
+    """Table shown before a campaign starts, a row a session."""
     return [
         {
             'session': session.name, 'ring': session.ring, 'rig': session.bench,

@@ -25,7 +25,7 @@ ONE_THREAD = dict.fromkeys(
 
 
 START = 'from saddlering_ros.campaign.child import main; main()'
-"""What the child process runs; by name, because this module has imported its module already."""
+"""Command of the child process; by name, because its module is imported here already."""
 
 
 class SessionRunner:
@@ -82,14 +82,14 @@ class SessionRunner:
         return self._process
 
     def stop(self) -> None:
-        """End what is being computed at once; its task gets no result. For another thread."""
+        """End the present computation at once; its task gets no result. For another thread."""
         self._stopped = True
         process = self._process
         if process is not None:
             process.kill()
 
     def close(self) -> None:
-        """End the child process and what it is computing."""
+        """End the child process and its computation."""
         process, self._process = self._process, None
         if process is None:
             return

@@ -27,7 +27,7 @@ class Grouping:
 
 @dataclass(frozen=True)
 class Member:
-    """One bag in a session, and what it is used for: fit, hold_out or skip; note: why."""
+    """One bag in a session, and its use: fit, hold_out or skip; note: the reason."""
 
     bag: FoundBag
     role: str = FIT

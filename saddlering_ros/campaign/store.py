@@ -1,7 +1,7 @@
 """The store of a campaign: a folder with one result file per session, tables and status.
 
 Results are written whole and are named by the key of their task, so that any number of workers
-may write into one store and a campaign that was interrupted goes on with what is missing.
+may write into one store and a campaign that was interrupted goes on with the missing results.
 """
 
 from __future__ import annotations
@@ -82,7 +82,7 @@ class Store:
         write_text(self.place_of(document['key']), json.dumps(document) + '\n', CampaignError)
 
     def write_status(self, status: Status) -> None:
-        """Say how far the campaign is."""
+        """Print the state of the campaign."""
         write_text(self.folder / STATUS, json.dumps(asdict(status)) + '\n', CampaignError)
 
     def read_status(self) -> Status:

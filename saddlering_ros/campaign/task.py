@@ -22,7 +22,7 @@ VERDICT = 'saddlering_ros.campaign.verdict:session_verdict'
 
 @dataclass(frozen=True)
 class Limits:
-    """What one session may take: wall time [s] and address space [bytes] of its process."""
+    """Limits of one session: wall time [s] and address space [bytes] of its process."""
 
     seconds: float = 1800.0
     memory: int = 6 << 30
@@ -30,7 +30,7 @@ class Limits:
 
 @dataclass(frozen=True)
 class TaskBag:
-    """One bag of a task: where it is, the hash of its files, and what it is used for."""
+    """One bag of a task: its place, the hash of its files, and its use."""
 
     path: str
     sha256: str
@@ -101,7 +101,7 @@ def tasks_of(
 
 
 def _key(bags: Sequence[TaskBag], rig_sha256: str, compute: str, session: Session) -> str:
-    """Hash of what the result depends on: contents and roles, not places or limits."""
+    """Hash of the inputs of the result: contents and roles, not places or limits."""
     identity = {
         'bags': sorted((bag.sha256 or bag.path, bag.role) for bag in bags),
         'rig': rig_sha256, 'compute': compute, 'program': versions_in_use(),

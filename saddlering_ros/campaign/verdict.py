@@ -1,4 +1,4 @@
-"""The verdict of one session as a plain document: what a worker computes."""
+"""The verdict of one session as a plain document, computed by a worker."""
 
 from __future__ import annotations
 

@@ -26,7 +26,7 @@ def curves(
 
 
 def offline(run: TestRun, rig: Rig, parameters: ParameterSet) -> Array:
-    """Simulated channels (4, samples) of a run, as the live node publishes; NaN before the zero."""
+    """Simulated channels (4, samples) of a run, as published live; NaN before the zero."""
     found = simulate(rig, parameters, run.elevation, run.time, run.load)
     channels = np.full((len(CHANNELS), len(run.time)), np.nan)
     stop = found.first + len(found.time)

@@ -1,4 +1,4 @@
 """Estimation for identification and diagnosis: rest, blocks, noise, whitening, least squares.
 
-Nothing here knows the ring's mechanics, nor what a cause is.
+No module here depends on the mechanics of the ring or on causes.
 """

@@ -17,7 +17,7 @@ from saddlering_ros.estimation.process import mean_correlation, mean_variance
 Array = NDArray[np.float64]
 
 MIN_PAIRS = 4
-"""An Allan variance from fewer differences than this says nothing."""
+"""Smallest number of differences of an Allan variance that counts."""
 
 
 def allan_of_relaxation(ratio: Array) -> Array:

@@ -27,7 +27,7 @@ def common_noise(
 ) -> ChannelNoise:
     """Noise that pairs of segments (n_i,), sampled every `step` [s], have in common.
 
-    Each pair weighs `weights`. What is in one alone does not count. Segments of seconds hardly
+    Each pair weighs `weights`. Noise of one channel does not count. Segments of seconds hardly
     tell a slow time constant, so each of SLOW_TIMES counts by its likelihood.
     """
     counts = np.array(averaged_counts(max(map(len, first))))

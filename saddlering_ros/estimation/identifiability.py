@@ -22,7 +22,8 @@ MAX_HALF_WIDTH = {
 }
 """Widest half 95 % interval, in (ln K, n, ln D), of a parameter that counts as determined.
 
-K within a factor 1.5; n tells line contact (10/9) from a straight spring (1); D within a factor 2.
+K within a factor 1.5; n separates line contact (10/9) and a linear spring (1); D within a
+factor 2.
 """
 
 
@@ -79,7 +80,7 @@ def reason_one_elevation(
 ) -> str | None:
     """Why a parameter rests on curvature alone; None if it does not.
 
-    shift: what `imperfection`, the worst small one that no fit can see, would do to it
+    shift: change of it by `imperfection`, the worst small one that no fit can detect
     (coordinates).
     """
     tolerable = shift + WIDTH_95 * std <= MAX_HALF_WIDTH[name[0]]
@@ -106,7 +107,7 @@ def still_open(
     """Reasons by name for parameters that a larger model leaves open.
 
     values: name to value and standard deviation in that model; before: reasons of the contact law
-    alone. What the contact law alone left open stays open, as further unknowns determine nothing.
+    alone. A parameter that was open before stays open, as further unknowns determine nothing.
     """
     reasons = dict(before)
     for name, (value, std) in values.items():

@@ -33,7 +33,7 @@ MIN_MOVE = 1e-6
 """A step shorter than this, in shares of the box, ends a descent."""
 
 FAILED_ROUNDS = 4
-"""A descent ends after so many steps in a row that led uphill."""
+"""Number of steps uphill in a row after which a descent ends."""
 
 MAX_ROUNDS = 60
 """Rounds of `minimise`."""
@@ -54,9 +54,9 @@ Answers = TypeVar('Answers', bound=Answer)
 
 @dataclass(frozen=True)
 class Rule:
-    """What a descent goes by.
+    """Settings of a descent.
 
-    periodic (F,): coordinates that go round; prior: the whole box counts as so many standard
+    periodic (F,): coordinates that are angles; prior: the whole box counts as this many standard
     deviations, which keeps idle coordinates still; a descent ends after `quiet_rounds` gains in a
     row under `quiet_gain` of the misfit, or under `quiet_share` of it.
     """

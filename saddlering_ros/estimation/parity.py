@@ -1,6 +1,6 @@
 """Whether the parity of four probes is noise alone, and how it compares with the channels' noise.
 
-The parity of the radial probes is zero for a rigid ring, whatever its contact does: where it is
+The parity of the radial probes is zero for a rigid ring with any contact: where it is
 noise alone, it shows the slow part of the noise over the whole record, and between stretches at
 rest. It is no noise where a cause shows in it, so that a diagnosis must not read noise from it.
 """
@@ -55,7 +55,7 @@ def parity_ratios(
 
 
 def _moves(parities: Sequence[Array], rests: Sequence[Array]) -> bool:
-    """Whether parities move by more than noise, judged by what they do at rest."""
+    """Whether parities move by more than their noise at rest."""
     last, longest = 0, max(parity.size for parity in parities) // 8
     walk = np.inf
     count = 1

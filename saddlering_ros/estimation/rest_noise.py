@@ -26,13 +26,13 @@ SMOOTHED = 3.5
 their neighbours' noise."""
 
 LEVEL_REACH = 1.5
-"""Where the level of a reading counts, time constants up to so many times the longest stretch."""
+"""Longest time constant, in longest stretches at rest, if the level of a reading counts."""
 
 MIN_NOISE = 1e-9
 """Noise assumed where a displacement shows less [m, or rad]: one nanometre."""
 
 CORRELATED_OVER = 8
-"""Readings in the means whose steps tell the correlation of channels."""
+"""Readings in the means whose steps give the correlation of channels."""
 
 TOO_SHORT = 'noise: the stretches at rest are too short to learn from'
 
@@ -51,7 +51,7 @@ class HeldSeries:
 
 @dataclass(frozen=True)
 class _Statistics:
-    """Variances seen (S,), what each part would give them (S, 1 + T), and their weights."""
+    """Measured variances (S,), those of each part (S, 1 + T), and their weights."""
 
     seen: Array
     columns: Array
@@ -217,7 +217,7 @@ def channel_correlation(segments: Sequence[RestSegment]) -> Array:
     """Correlation (C, C) of the channels' noise: of steps between means of a few readings.
 
     From reading to reading it would be that of interpolation between stamps: of two probes, the
-    one whose stamps lie between those of the load seems the quieter. What is not significant is 0.
+    one whose stamps lie between those of the load seems the quieter. Insignificant values are 0.
     """
     steps = np.concatenate(
         [np.diff(block_means(segment.values, CORRELATED_OVER), axis=1) for segment in segments],

@@ -19,13 +19,13 @@ SEEN_SHARE = 0.25
 """A stretch at rest shows noise of time constants up to this share of its length."""
 
 FEW_STRETCHES = 10
-"""Fewer stretches at rest than this tell nothing of noise slower than themselves."""
+"""Smallest number of stretches at rest that show noise slower than a stretch."""
 
 MIN_SAMPLES = 16
 """Runs sampled alike that rest for fewer samples in all give no noise of their own."""
 
 LENT_FROM = 0.3
-"""Noise of this time constant [s] and slower is the instrument's, whatever the rate."""
+"""Noise of this time constant [s] and slower is the instrument's at any rate."""
 
 
 @dataclass(frozen=True)
@@ -41,7 +41,7 @@ class Silence:
 
 @dataclass(frozen=True)
 class Quiet:
-    """What runs sampled alike show of their noise.
+    """Noise of runs sampled alike.
 
     segments: stretches at rest; series: means over consecutive holds; silence: where there is one,
     the shape of the noise is read from it.
@@ -99,7 +99,7 @@ def noise_by_class(
 
 
 def longest_seen(segments: Sequence[RestSegment]) -> float:
-    """Time constant [s] up to which stretches at rest tell noise from a trend."""
+    """Time constant [s] up to which stretches at rest separate noise and trend."""
     return SEEN_SHARE * _span(segments)
 
 

@@ -1,6 +1,6 @@
-"""Errors that whitened residuals share, such as a zero's or a clearance's: their part taken out.
+"""Errors that whitened residuals share, for instance of a zero or a clearance: their removal.
 
-Residuals of covariance I + A A' (A: what each error of unit variance does to them) become
+Residuals of covariance I + A A' (A: the effect of each error of unit variance) become
 uncorrelated by I - U (1 - 1/sqrt(1 + s^2)) U', U and s being the singular vectors and values of A.
 """
 

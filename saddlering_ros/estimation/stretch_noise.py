@@ -1,4 +1,4 @@
-"""What a channel recorded, cut into stretches without a missing sample; their noise as a process.
+"""A record cut into stretches without a missing sample; their noise as a process.
 
 Time constants are chosen from the stretches themselves, so that nothing here depends on the unit
 of time or of the channel.
@@ -23,7 +23,7 @@ from saddlering_ros.estimation.process import (
 Array = NDArray[np.float64]
 
 PARTS_PER_DECADE = 2
-"""Relaxations per decade of time constants: closer ones cannot be told apart."""
+"""Relaxations per decade of time constants: closer ones cannot be separated."""
 
 MAX_PARTS = 12
 """Relaxations at most in one channel's noise; the cost of whitening grows with their square."""
@@ -138,7 +138,7 @@ def effective_degrees(noise: ChannelNoise, step: float, sizes: Sequence[int]) ->
 def continued(noise: ChannelNoise, seen: float, duration: float) -> ChannelNoise:
     """Slow noise that at times longer than those seen is as large as at the longest seen.
 
-    A stretch of `seen` seconds says nothing of slower noise. Where its slowest relaxation is
+    A stretch of `seen` seconds shows no slower noise. Where its slowest relaxation is
     there, noise is assumed to go on; white noise is not.
     """
     slowest = float(noise.slow[noise.time_constants > 0.3 * seen].sum())

@@ -25,7 +25,7 @@ SCALED = ('stiffness_1', 'damping_1', 'stiffness_2', 'damping_2')
 """Coordinates that a gain of the load changes, all by the same amount."""
 
 MIN_RINGS_OF_RIG = 4
-"""A rig with fewer rings cannot be told from its rings."""
+"""Smallest number of rings that separates a rig from its rings."""
 
 MAX_RINGS = 0.75
 """Share of a rig's rings that must drift the same way."""
@@ -56,7 +56,7 @@ class RingHistory:
 class Drift:
     """A significant drift: of which ring or rig, its slopes a unit of the clock, its causes.
 
-    group: causes that these data cannot tell apart; next_test: what would.
+    group: causes that these data cannot separate; next_test: the test that would.
     """
 
     owner: str

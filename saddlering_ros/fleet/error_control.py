@@ -40,7 +40,7 @@ def e_value_of_sessions(p_values: Sequence[float]) -> float:
 
 
 def e_benjamini_hochberg(e_values: Sequence[float], level: float) -> NDArray[np.bool_]:
-    """Which rings (N,) stand, whatever the dependence between them."""
+    """Which rings (N,) stand, at any dependence between them."""
     values = np.asarray(e_values, dtype=float)
     with np.errstate(divide='ignore'):
         return benjamini_hochberg(1.0 / values, level)

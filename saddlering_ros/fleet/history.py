@@ -20,7 +20,7 @@ from scipy.stats import t as student
 Array = NDArray[np.float64]
 
 DIFFUSE = 1e4
-"""Standard deviation of what is not known at all, in usual standard deviations of a reading."""
+"""Standard deviation of an unknown value, in usual standard deviations of a reading."""
 
 MIN_SESSIONS = 4
 """Fewer sessions between two services show no trend."""
@@ -64,7 +64,7 @@ class Forecast:
 
 @dataclass(frozen=True)
 class History:
-    """What is known of a series: filtered level and deviation (N,), drift, and predictions.
+    """State of a series: filtered level and deviation (N,), drift, and predictions.
 
     slope a unit of time with its deviation and the p-value of `no drift`; surprises (N,): each
     reading's distance from its one-session-ahead prediction in standard deviations, NaN where

@@ -24,7 +24,7 @@ UNLIKE_TEST = (
     'Test the ring on another rig. If it differs there too, measure its clearances. If it does '
     'not, the rig is at fault.'
 )
-"""What parts a ring that differs from the rig that tested it."""
+"""Test that separates a ring that differs from the rig that tested it."""
 
 
 def fleet_page(fleet: Fleet, failures: Sequence[tuple[str, str]]) -> str:

@@ -19,7 +19,7 @@ from saddlering_ros.fleet.error_control import benjamini_hochberg
 Array = NDArray[np.float64]
 
 MIN_RINGS = 4
-"""Fewer rings cannot show what is usual among them."""
+"""Smallest number of rings that shows the usual spread."""
 
 MAX_PASSES = 5
 MIN_SPREAD = 1e-4

@@ -23,7 +23,7 @@ INTERVAL = (0.05, 0.95)
 class RemainingLife:
     """Time to the limit from the last reading (unit of the history): median and 90 % interval.
 
-    Infinite where so many paths never reach the limit.
+    Infinite if this share of the paths never reaches the limit.
     """
 
     median: float
@@ -33,9 +33,9 @@ class RemainingLife:
 
 def remaining_life(history: History, limit: float, level: float, *, drifts: bool
                    ) -> RemainingLife | None:
-    """Remaining life to `limit`; None where nothing can be said.
+    """Remaining life to `limit`; None if it cannot be estimated.
 
-    Something can be said where the drift is significant (`drifts`), leads to the limit, and the
+    It can be estimated if the drift is significant (`drifts`), leads to the limit, and the
     predictions one session ahead held their coverage. level: largest p-value of a drift.
     """
     forecast = history.forecast

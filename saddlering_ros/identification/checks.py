@@ -16,7 +16,7 @@ def run_name(run: TestRun) -> str:
 
 
 def warnings_of(run: TestRun, rig: Rig) -> list[str]:
-    """What makes a run's result doubtful without forbidding it, one line each."""
+    """Faults that make the result of a run doubtful but do not forbid it, one line each."""
     name = run_name(run)
     warnings = [f'{name}: {note}' for note in run.notes]
     for probe, clipped in enumerate(saturated(run, rig), start=1):

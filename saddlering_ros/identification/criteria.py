@@ -20,7 +20,7 @@ SIMULATED = tuple(name for name in CHANNELS if name != 'parity')
 
 @dataclass(frozen=True)
 class Criterion:
-    """One criterion as judged: what is asked, whether it is met, and where it is met worst.
+    """One criterion as judged: its demand, whether it is met, and its worst run and channel.
 
     value and limit in `unit`; bag and channel: where value over limit (or limit over value, where
     more is better) is largest.
@@ -66,7 +66,7 @@ Pair = tuple[float | None, float]
 
 
 def _parity_figures(item: ChannelFigures) -> Pair:
-    """Parity and its limit in micrometres: its range is noise, a share of it says nothing."""
+    """Parity and its limit in micrometres: a share of its range, noise, is void."""
     return 1e6 * item.rmse, 1e6 * GOOD * (item.noise_floor or 0.0) * item.range
 
 

@@ -28,7 +28,7 @@ def slow_cell_noise(
     """Noise [N] of the load cell that its readings share with what the model then gets wrong.
 
     At rest the ring follows the load, and the simulation the cell. From plateaus only: other
-    stretches at rest are too short to tell.
+    stretches at rest are too short to show it.
     """
     held = [one for one in runs if one.branch is not None]
     held = [one for one in held if abs(one.interval / held[0].interval - 1.0) <= 0.05]
@@ -60,7 +60,7 @@ def cell_noise(one: PreparedRun, slow: ChannelNoise | None) -> ChannelNoise:
 def load_errors_of(
     rig: Rig, contact: ContactParameters, one: PreparedRun, seen: Observation, noise: ChannelNoise
 ) -> LoadErrors | None:
-    """What the load cell's noise does to a run; None where that cannot be followed.
+    """Effect of the load cell's noise on a run; None if it cannot be computed.
 
     That is where the fit keeps every sample of a long record, the model finds no motion, or the
     load has no noise at all.

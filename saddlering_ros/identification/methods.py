@@ -53,7 +53,7 @@ MISFIT_ADVICE = {
     'default': 'diagnose finds the cause',
     'paper': 'use the default method, which fits closer, or find the cause with diagnose',
 }
-"""What to do about a misfit, by method."""
+"""Remedy for a misfit, by method."""
 
 LOAD_CORRECTIONS = 2
 """How often the load of dynamic runs is corrected and the fit repeated."""
@@ -77,12 +77,12 @@ class _Search:
         """The runs to be fitted, their noise read with the help of a first finding."""
         found = observe(
             self.runs, self.rig, fit_rate=self.settings.fit_rate, contact=contact)
-        # Where nothing tells D, plateaus count as equilibria, which do not depend on it.
+        # If no run shows D, plateaus count as equilibria, which do not depend on D.
         return found if self.has_dynamic else [one.coarse() for one in found]
 
     @property
     def has_dynamic(self) -> bool:
-        """Whether a run tells anything about damping."""
+        """Whether a run shows damping."""
         return any(run.test != 'static' for run in self.runs)
 
     @property
@@ -162,7 +162,7 @@ def identify(
 
 @dataclass(frozen=True)
 class _Found:
-    """What a method ended with: the contact, its objective, which names were searched, in what."""
+    """End of a method: the contact, its objective, the names searched, the observations."""
 
     contact: ContactParameters
     objective: float
@@ -284,7 +284,7 @@ def _report_refinement(search: _Search, step: int, bottom: Refinement) -> None:
 def _judged(
     search: _Search, found: _Found, profiles: bool
 ) -> Identification:
-    """Covariance and all that hangs on it, at what the method found; in haste when cancelled."""
+    """Covariance and all that follows from it at the result; coarse when cancelled."""
     observations = found.observations
     if search.cancelled:
         observations = [one.coarse() for one in observations]

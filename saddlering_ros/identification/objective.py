@@ -124,7 +124,7 @@ class WeightedObjective:
         ])
 
     def with_likely_loads(self, contact: Array) -> WeightedObjective:
-        """The same with the load of dynamic runs as their displacements say it was.
+        """The same with the load of dynamic runs corrected by their displacements.
 
         The model answers to the load cell's noise, with little damping by ringing, as the ring did
         not: left in, that noise passes for sensitivity to the parameters.
@@ -204,7 +204,7 @@ def _not_a_number(contact: Array) -> str:
 def average_branches(observation: Observation, level_step: float) -> Observation:
     """The paper's static readings: mean of the loading and unloading reading of each load step.
 
-    Steps are told apart by rounding to `level_step` [N]; a step read on one branch only is kept
+    Steps are separated by rounding to `level_step` [N]; a step read on one branch only is kept
     as it is. The result's readings count as independent.
     """
     steps = np.round(observation.load / level_step).astype(int)

@@ -61,8 +61,8 @@ class Observation:
     blocks of per_block; a static one likewise, averaged over spans (N, 2), start and stop of each
     plateau in the grid, since rings of much damping have not come to rest there. Without spans its
     readings are equilibria.
-    load_errors: what the load cell's noise does to it.
-    doubtful_lag [s]: how far load and probes may be apart in time by what the readings show.
+    load_errors: effect of the load cell's noise on it.
+    doubtful_lag [s]: largest delay between load and probes that the readings leave open.
     """
 
     name: str

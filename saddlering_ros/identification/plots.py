@@ -1,4 +1,4 @@
-"""Pictures of a validation: what the paper's figures 12 to 19 show, simulated beside measured."""
+"""Pictures of a validation as in figures 12 to 19 of the paper: simulated beside measured."""
 
 from __future__ import annotations
 

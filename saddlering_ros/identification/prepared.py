@@ -45,7 +45,7 @@ MIN_SHARE_READ = 0.3
 four probes."""
 
 MIN_REST = 4
-"""Fewer readings than this at rest say nothing."""
+"""Smallest number of readings at rest that count."""
 
 SLOW_SECONDS = 0.25
 """Slower movements of the load [s] are removed from readings at rest."""
@@ -111,7 +111,7 @@ def prepare(
 
 
 def _rounding(run: TestRun, rig: Rig) -> Array | float:
-    """What the probes' hidden rounding errors are in the displacement, (3, N)."""
+    """The hidden rounding errors of the probes as displacement (3, N)."""
     errors = probe_rounding(run)
     if errors is None:
         return 0.0
@@ -129,7 +129,7 @@ def _smoothed(load: Array, size: int) -> Array:
 
 
 def _load_slope(displacement: Array, load: Array) -> Array:
-    """Displacement per load (3,) over the whole run: what a little load movement does at rest."""
+    """Displacement per load (3,) over the whole run: the effect of small loads at rest."""
     good = np.all(np.isfinite(displacement), axis=0)
     centred = load[good] - load[good].mean()
     return np.asarray(displacement[:, good] @ centred / (centred @ centred))
@@ -188,7 +188,7 @@ def noise_of(runs: Sequence[PreparedRun]) -> list[NoiseModel]:
 
 
 def _quiet(runs: Sequence[PreparedRun]) -> Quiet:
-    """What runs sampled alike show of their noise: at rest, and in the parity if that is noise."""
+    """Noise of runs sampled alike: at rest, and in the parity if the parity is noise."""
     segments = [part for one in runs for part in rest_segments(one)]
     parities = [parity_at_rest(one.measured) for one in runs]
     still = [parity[start:stop] for one, parity in zip(runs, parities, strict=True)
@@ -202,7 +202,7 @@ def _quiet(runs: Sequence[PreparedRun]) -> Quiet:
 
 
 def rest_segments(one: PreparedRun) -> list[RestSegment]:
-    """A run's stretches at rest, less what the load's movement explains.
+    """Stretches at rest of a run, less the part that the load explains.
 
     Only its slow movement: the rest is the cell's noise, which is none of the probes' and would
     make the channels' errors seem correlated.
@@ -221,7 +221,7 @@ def rest_segments(one: PreparedRun) -> list[RestSegment]:
 
 
 def parity_at_rest(measured: MeasuredRun) -> Array:
-    """Parity (N,) of a run less what follows load or time smoothly; missing values filled."""
+    """Parity (N,) of a run less its smooth part over load and time; missing values filled."""
     parity = np.asarray(measured.displacement.parity)
     good = np.isfinite(parity)
     load = measured.load / max(float(np.max(np.abs(measured.load))), 1e-9)

@@ -1,7 +1,7 @@
 """ISO/TS 18571 objective rating of two signals: corridor, phase, magnitude and slope.
 
 Formulas and constants of ISO/TS 18571:2014 (metric R = 0.4 Z + 0.2 E_P + 0.2 E_M + 0.2 E_S).
-The standard asks for 10 kHz and 1 ms averages of the slope; signals here are resampled to at
+The standard requires 10 kHz and 1 ms averages of the slope; signals here are resampled to at
 most LONGEST points over the compared span, and the slope is averaged over nine of them.
 """
 

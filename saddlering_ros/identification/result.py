@@ -60,7 +60,7 @@ class Identification:
     profiles: dict[str, Profile] = field(default_factory=dict)
 
     def made_from(self, runs: Sequence[TestRun]) -> Identification:
-        """The same with the hashes of its bags, and what computed it, among the sources."""
+        """The same with the hashes of its bags and the software versions among the sources."""
         made = Provenance(tuple(run.origin for run in runs))
         source = replace(
             self.parameters.source, sha256=tuple(origin.sha256 for origin in made.bags),
@@ -73,7 +73,7 @@ class Identification:
         return self.chi_square / max(1, self.degrees_of_freedom)
 
     def to_json(self) -> dict[str, Any]:
-        """Plain dictionaries, lists and numbers; null for what the data do not determine."""
+        """Plain dictionaries, lists and numbers; null if the data do not determine a value."""
         contact = self.parameters.contact
         return {
             'method': self.method,

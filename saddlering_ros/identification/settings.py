@@ -21,7 +21,7 @@ class IdentificationSettings:
     method: 'default' (all channels, both branches, joint least squares) or 'paper' (two steps,
     branches averaged, swarm alone). bounds override the rig's for the names they hold (SI).
     logarithmic_stiffness lets the paper's swarm search K on a logarithmic scale; the default
-    method always does. use_delta_y None means: what the method does by itself (paper: left out).
+    method always does. use_delta_y None: the usual choice of the method (paper: left out).
     fit_rate [Hz] is the grid dynamic records are block-averaged to (its bandwidth is 0.44 of it);
     None keeps every sample.
     """

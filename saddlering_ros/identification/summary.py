@@ -40,7 +40,7 @@ COLUMN_WORDS = (
     ('ISO', 'overall rating of the curve after ISO 18571, 0 to 1'),
     ('E/u_val', 'comparison error over validation uncertainty after ASME V&V 20'),
 )
-"""What each column of the table of a validation holds."""
+"""Content of each column of the table of a validation."""
 
 SCALES = {
     'nrmse': 100.0, 'noise_floor': 100.0, 'loop_area': 100.0, 'time_shift': 1e3,

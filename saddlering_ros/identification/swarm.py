@@ -88,7 +88,7 @@ class SwarmProgress:
 
 @dataclass(frozen=True, slots=True)
 class SwarmResult:
-    """What a swarm found: best position (D,), its objective and how it got there."""
+    """Result of a swarm: best position (D,), its objective, and the course of the search."""
 
     position: Array
     objective: float
@@ -156,12 +156,12 @@ class Swarm:
 
     @property
     def best_objective(self) -> float:
-        """Lowest objective told so far (inf before the first)."""
+        """Lowest objective so far (inf before the first)."""
         return float(self._own_objective.min())
 
     @property
     def best_position(self) -> Array:
-        """Position (D,) of the lowest objective told so far."""
+        """Position (D,) of the lowest objective so far."""
         return np.array(self._own_best[int(np.argmin(self._own_objective))])
 
     @property

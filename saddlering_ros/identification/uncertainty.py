@@ -37,7 +37,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Imperfection:
-    """Something every rig has to a small degree, and what it does to predicted increments."""
+    """A small imperfection of every rig, and its effect on predicted increments."""
 
     name: str
     words: str
@@ -79,7 +79,7 @@ IMPERFECTIONS = (
     Imperfection('load_gain', '0.5 % of load gain', load=lambda load, _: 1.005 * load),
     Imperfection('delay', '1 ms between the clocks of load and probes', delay=DELAY),
 )
-"""Small errors no fit can see from inside; what each would do to the parameters is reported."""
+"""Small errors that no fit can detect; the change of the parameters by each is reported."""
 
 
 @dataclass(frozen=True)
@@ -87,8 +87,8 @@ class Uncertainty:
     """Everything about the trust in one result; arrays over the six parameters, NaN where held.
 
     std in the parameters' units; coordinate_std in (ln K, n, ln D); covariance (6, 6), correlation
-    (6, 6). noise_covariance (6, 6) and noise_std (6,) (coordinates) count noise alone: they say
-    how far another test of the same ring would move the estimate. intervals by name; systematic:
+    (6, 6). noise_covariance (6, 6) and noise_std (6,) (coordinates) count noise alone: the change
+    of the estimate by another test of the same ring. intervals by name; systematic:
     imperfection -> shift (6,) in coordinates; pinned and reasons by name; collinearity by subset
     of names ('K1,n1').
     """
@@ -129,15 +129,15 @@ def assess(
     bounds: dict[str, tuple[float, float]],
     misfit_advice: str,
 ) -> Uncertainty:
-    """Judge a refined fit; `space` holds what was free.
+    """Judge a refined fit; `space` holds the free parameters.
 
-    misfit_advice: what to do about a misfit that leaves a parameter open.
+    misfit_advice: remedy for a misfit that leaves a parameter open.
     """
     freedom = max(1, objective.size - len(space.free))
     reduced = best.chi_square / freedom
     widening = max(1.0, reduced, *objective.mean_squares(best.contact))
     systematic = systematic_shifts(objective, space, best)
-    # What logger and filters may have put between load and probes, as far as readings show it.
+    # Delay of logger and filters between load and probes, as far as the readings leave it open.
     lag = max(one.doubtful_lag for one in objective.observations)
     late = systematic['delay'][space.free] * lag / DELAY
     at_noise = covariance(best.jacobian)
@@ -203,7 +203,7 @@ def _intervals(
 def systematic_shifts(
     objective: WeightedObjective, space: SearchSpace, best: Refinement
 ) -> dict[str, Array]:
-    """What each imperfection, unknown to the fit, would do to the parameters, (6,) coordinates."""
+    """Change of the parameters by each imperfection, (6,) coordinates."""
     inverse = np.linalg.pinv(best.jacobian, rcond=1e-9)
     base = objective.residuals(best.contact[None, :])[0]
     shifts = {}

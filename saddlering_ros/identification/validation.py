@@ -55,7 +55,7 @@ class ChannelFigures:
 
     range: highest less lowest reading measured (plateau means, or smoothed samples).
     zero_error: the part of the residual that is put down to the zero, a short reading with a noise
-    of its own: what the mean residual says of it, at most three times its standard error.
+    of its own: the mean residual, at most three times the standard error of the zero.
     rmse: root mean square residual over the compared samples, less zero_error; nrmse and
     noise_floor: rmse and rms noise over the range. maximum: largest residual; bias: mean of
     measured - simulated, zero_error included, as in all that follow;
@@ -64,7 +64,7 @@ class ChannelFigures:
     the end; time_shift [s]: how much later the measurement is (None for a static run);
     iso18571: overall rating 0..1; comparison_error E and validation uncertainty u_val after ASME
     V&V 20 (noise and zero of the readings, covariance of the parameters), and E over u_val.
-    None stands where a figure has no meaning, for instance for the parity, which is not simulated.
+    None means that a figure has no meaning, for instance for the parity, which is not simulated.
     """
 
     unit: str
@@ -157,7 +157,7 @@ def validate(
 ) -> Validation:
     """Compare simulation and measurement; IdentificationError where a run cannot be compared.
 
-    before_run is called with the place of each run in turn; what it raises ends the validation.
+    before_run is called with the index of each run in turn; an exception ends the validation.
     """
     if not runs:
         raise IdentificationError('no runs to validate on: give at least one bag')
@@ -175,7 +175,7 @@ def validate(
 
 @dataclass(frozen=True)
 class _Comparison:
-    """A run beside its simulation, without figures; rests: where it stands still."""
+    """A run beside its simulation, without figures; rests: its stretches at rest."""
 
     run: RunValidation
     measured: MeasuredRun
@@ -187,7 +187,7 @@ class _Comparison:
         return float(np.median(np.diff(self.run.time)))
 
     def quiet(self) -> Quiet:
-        """What the run shows of the noise of its four channels."""
+        """Noise of the four channels of the run."""
         residual = self.run.measured - self.run.simulated
         segments = [residual[:, start:stop] for start, stop in self.rests]
         segments = [part[:, np.all(np.isfinite(part), axis=0)] for part in segments]
@@ -389,7 +389,7 @@ def _ratio(value: float, over: float) -> float | None:
 def _noise_of_sample(
     residual: Array, rests: Spans, noise: ChannelNoise, step: float
 ) -> float:
-    """Rms noise of a sample: half the mean square step over a short lag, and what is left there.
+    """Rms noise of a sample: half the mean square step over a short lag, plus the residual there.
 
     Readings interpolated between stamps are smoother than the fitted noise; a step over more than
     two samples is that of unsmoothed ones.
@@ -413,7 +413,7 @@ def _noise_of_means(noise: ChannelNoise, rests: Spans, step: float) -> float:
 def _zero_error(
     residual: Array, noise: ChannelNoise, step: float, zero_noise: float
 ) -> float:
-    """The zero's error as the mean of a residual (N,) tells it, within what its noise allows."""
+    """Error of the zero by the mean of a residual (N,), within the limits of its noise."""
     own = noise.deviation(step * len(residual)) ** 2
     share = zero_noise**2 / max(zero_noise**2 + own, 1e-300)
     limit = MAX_ZERO_ERROR * zero_noise

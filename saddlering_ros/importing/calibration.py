@@ -28,7 +28,7 @@ class Linear:
     offset: float = 0.0
 
     def apply(self, readings: Floats) -> Floats:
-        """Readings in SI; where scale is 1 and offset 0, nothing but the unit changes them."""
+        """Readings in SI; with scale 1 and offset 0 only the unit changes them."""
         values = readings if self.scale == 1.0 else readings * self.scale
         values = values if self.offset == 0.0 else values + self.offset
         return self.unit.to_si(values)

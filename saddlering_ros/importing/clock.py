@@ -165,7 +165,7 @@ def zone_of(name: object, where: str) -> tzinfo:
 
 
 def start_of(value: object, zone: tzinfo | None, where: str) -> int:
-    """A start [ns] from a map: text, or what YAML makes of a date that is not in quotes."""
+    """A start [ns] from a map: text, or the value of YAML for a date without quotes."""
     if isinstance(value, datetime):
         found, fraction = value, 0
     else:

@@ -1,4 +1,4 @@
-"""Measured files and a map in, bags out: what `saddlering import` does."""
+"""Conversion of measured files by a map into bags, for `saddlering import`."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ class ImportedRun:
 
 @dataclass(frozen=True)
 class ImportResult:
-    """What an import made, and what was wrong with the files (one line each)."""
+    """Bags of an import, and faults of the files (one line each)."""
 
     runs: tuple[ImportedRun, ...]
     warnings: tuple[str, ...]
@@ -88,7 +88,7 @@ def import_files(
     files: Sequence[Path], mapping: ImportMap, out: Path, *, rig: Rig | None = None,
     overwrite: bool = False, on_progress: Progress | None = None,
 ) -> ImportResult:
-    """Write what `mapping` finds in the files as a bag at `out`.
+    """Write the channels of `mapping` in the files as a bag at `out`.
 
     If the map splits the files into runs, `out` becomes a folder with a bag for each.
     """
@@ -189,7 +189,7 @@ def _resolved(time: TimeSource, source: Source) -> TimeSource:
     return time
 
 
-# -- what the bag says of its test -------------------------------------------------------------
+# -- test metadata of the bag ------------------------------------------------------------------
 
 
 def _common_metadata(

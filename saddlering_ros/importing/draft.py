@@ -21,14 +21,14 @@ _CLOCK = re.compile(r'^\s*\d{1,2}:\d{2}:\d{2}([.,]\d+)?\s*$')
 
 @dataclass(frozen=True)
 class Draft:
-    """A proposed map as YAML text, and what was seen, a line each."""
+    """A proposed map as YAML text, and observations, a line each."""
 
     text: str
     seen: tuple[str, ...]
 
 
 def draft_map(sources: Sequence[Source]) -> Draft:
-    """A map proposed from the columns of the files; what is not known stands as TODO."""
+    """A map proposed from the columns of the files; unknown entries stand as TODO."""
     columns = [column for source in sources for column in source.columns]
     lines = ['# Draft of a map, made from the columns of the files. Complete every TODO, check',
              '# the rest. A unit is given here only if the file states it.']

@@ -4,4 +4,4 @@ from saddlering_ros.errors import SaddleringError
 
 
 class ImportingError(SaddleringError):
-    """A measured file or its map cannot be used; one line that says what, where, what to do."""
+    """A measured file or its map cannot be used; one line: fault, place, remedy."""

@@ -55,7 +55,7 @@ class Piece:
         return list(dict.fromkeys([*names, *([self.split_column] if self.split_column else [])]))
 
     def as_text(self) -> tuple[str, ...]:
-        """The columns whose cells are wanted as they stand in a text file."""
+        """The columns whose cells are read as the text of the file."""
         return (*self.time_columns(), *([self.split_column] if self.split_column else []))
 
     def time_columns(self) -> tuple[str, ...]:

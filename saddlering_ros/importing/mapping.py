@@ -1,4 +1,4 @@
-"""The map of an import (MAP.yaml): which column is which channel, in which unit, at what time."""
+"""The map of an import (MAP.yaml): the column, unit and time of each channel."""
 
 from __future__ import annotations
 
@@ -48,10 +48,10 @@ CHANNELS: dict[str, RigTopic] = {
 REQUIRED = tuple(name for name, topic in CHANNELS.items() if topic.required)
 
 QUANTITIES = {'N': FORCE, 'm': LENGTH, 'rad': ANGLE}
-"""What a topic holds, by its unit in the bag."""
+"""Quantity of a topic, by its unit in the bag."""
 
 TO_DO = 'TODO'
-"""Stands in a draft where people must state something."""
+"""Mark in a draft for an entry that a person must state."""
 
 TIME_KEYS = ('column', 'unit', 'format', 'zone', 'start', 'rate', 'from')
 CHANNEL_KEYS = ('column', 'unit', 'scale', 'scale_unit', 'offset', 'table', 'table_unit',
@@ -110,7 +110,7 @@ class ImportMap:
 
 
 def read_map(path: Path) -> ImportMap:
-    """The map at `path`; ImportingError with one line for whatever cannot be used."""
+    """The map at `path`; ImportingError with one line if it cannot be used."""
     document = read_strict_yaml(path, ImportingError)
     return parse_map(document, str(path), path.parent, path.read_text(encoding='utf-8'))
 

@@ -1,4 +1,4 @@
-"""A picture of what was imported: load and gaps over time, one column for each run."""
+"""A picture of an import: load and gaps over time, one column for each run."""
 
 from __future__ import annotations
 

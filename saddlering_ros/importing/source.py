@@ -57,7 +57,7 @@ class Column:
 
 @dataclass
 class Warnings:
-    """What is wrong with a file but does not keep it from being read: words and where."""
+    """Faults of a file that do not prevent its use: words and places."""
 
     lines: list[str] = field(default_factory=list)
     counts: dict[str, list[Any]] = field(default_factory=dict)
@@ -99,7 +99,7 @@ class Source(ABC):
     ) -> Iterator[dict[str, NDArray[Any]]]:
         """The named columns, rows together, BLOCK_ROWS or so at a time.
 
-        as_text: columns of a text file whose cells are wanted as they stand there.
+        as_text: columns of a text file whose cells are read as text.
         """
 
     @cached_property
@@ -108,11 +108,11 @@ class Source(ABC):
         return sha256_of_file(self.path)
 
     def describe(self) -> list[str]:
-        """What was found out about the file's shape, for people."""
+        """Findings about the shape of the file, for people."""
         return []
 
     def settings(self) -> dict[str, Any]:
-        """What a map may state about the file's shape, as it was found."""
+        """Entries of a map on the shape of the file, as found."""
         return {}
 
     def column(self, name: str) -> Column:

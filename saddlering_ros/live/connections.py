@@ -156,7 +156,7 @@ class OneLineAMinute(logging.Filter):
 
 
 def quiet_log() -> Callable[[], None]:
-    """Limit the log of the server's libraries to a line a minute; the function returned ends it."""
+    """Limit the log of the server's libraries to a line a minute; the result ends the limit."""
     only = OneLineAMinute()
     for name in LOGGERS:
         logging.getLogger(name).addFilter(only)

@@ -58,7 +58,7 @@ class BlockWatch:
         self._forget_noise()
 
     def reset(self) -> None:
-        """Begin anew: nothing of the past counts."""
+        """Begin anew, without the past."""
         for whitener in self._whiteners:
             whitener.reset()
         self.detector.reset()

@@ -1,4 +1,4 @@
-"""A first guess at the cause of an alarm: what the residual follows since the onset."""
+"""First guess at the cause of an alarm: the quantity that the residual follows."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ FIRST_GUESSES = {
     'unclear': 'none of load, rate, direction and time alone: record the test and run '
                '`saddlering diagnose`',
 }
-"""What often makes a residual follow each of these."""
+"""Frequent causes of a residual that follows each of these."""
 
 MIN_BLOCKS = 10
 STEADY_SHARE = 0.35
@@ -29,7 +29,7 @@ SPAN = 2
 
 
 def first_guess(residual: Array, load: Array, time: Array, rest_band: float) -> str:
-    """Which key of FIRST_GUESSES the residual (N,) follows; '' if it is too short to tell.
+    """Which key of FIRST_GUESSES the residual (N,) follows; '' if it is too short for a guess.
 
     load (N,) [N]; time (N,) [s]; rest_band [N]: the load has no direction while it moves by less.
     """

@@ -1,4 +1,4 @@
-"""An alarm with a promise: in the mean no more than one false alarm in so many blocks.
+"""An alarm with a bounded rate: on average at most one false alarm in a given number of blocks.
 
 A mixture Shiryaev-Roberts e-detector (Shin, Ramdas and Rinaldo, N. Engl. J. Stat. Data Sci. 2
 (2024) 229). For a mean of at most m in units of the noise, exp(l (x - m) - l^2 / 2) has a mean of
@@ -53,7 +53,7 @@ class Detector:
         self.reset()
 
     def reset(self) -> None:
-        """Begin anew: nothing of the past counts."""
+        """Begin anew, without the past."""
         shape = (2 * self._channels, SIZES.size)
         self._evidence = np.full(shape, -np.inf)
         self._run = np.zeros(shape)

@@ -1,4 +1,4 @@
-"""Means of the residual over short blocks, made independent: each less what the last ones predict.
+"""Independent means of the residual over short blocks: each less its prediction by the last.
 
 The noise of a probe is white noise and a slow wander. Means over a block have the covariance of an
 AR(1) process and white noise; a scalar Kalman filter turns them into innovations of unit variance

@@ -1,4 +1,4 @@
-"""What is assumed of the probes beyond what a rest of seconds can show of them."""
+"""Assumptions on the probes that a rest of seconds cannot show."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def least_wander(rig: Rig) -> Array:
 
 
 def assumed_noise(read: BlockNoise, least: float, block: float) -> BlockNoise:
-    """The noise to watch with: what a rest has shown, and a wander of at least `least`.
+    """The noise for watching: that of a rest, and a wander of at least `least`.
 
     Noise between white and a slow wander is counted to both.
     """

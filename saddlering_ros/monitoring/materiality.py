@@ -21,7 +21,7 @@ LOADS = 26
 def materiality(
     rig: Rig, contact: ContactParameters, elevation: float, percent: float = DEFAULT_PERCENT
 ) -> NDArray[np.float64]:
-    """What `percent` of each channel's range from preload to full scale is, (3,) [m, m, rad].
+    """`percent` of the range of each channel from preload to full scale, (3,) [m, m, rad].
 
     elevation: of the load [rad].
     """

@@ -42,7 +42,7 @@ MAX_LAPSES = 20
 
 @dataclass(frozen=True)
 class MonitorSettings:
-    """How to watch: length of a block [s], one false alarm in so many hours of testing."""
+    """Settings: length of a block [s], hours of testing for one false alarm."""
 
     block: float = 0.02
     false_alarm_hours: float = 1000.0
@@ -83,7 +83,7 @@ class Raised:
 
     @property
     def first_guess(self) -> str:
-        """What often makes a residual follow that."""
+        """Frequent causes of a residual that follows this."""
         return FIRST_GUESSES.get(self.follows, 'too short to tell')
 
 
@@ -152,7 +152,7 @@ class Monitor:
 
     @property
     def log_evidence(self) -> float:
-        """Logarithm of the strongest evidence so far; -inf while nothing is watched."""
+        """Logarithm of the strongest evidence so far; -inf before watching begins."""
         return -math.inf if self._watch is None else float(self._watch.detector.evidence.max())
 
     @property
@@ -161,7 +161,7 @@ class Monitor:
         return math.nan if self._watch is None else self._watch.detector.threshold
 
     def reset(self) -> None:
-        """Let go of the alarm and of the evidence; what was learnt of the noise stays."""
+        """Clear the alarm and the evidence; the noise that was learnt stays."""
         self.alarm, self._onset = None, None
         self.lapses = [lapse for lapse in self.lapses if lapse.is_lasting]
         self._clear_evidence()
@@ -198,7 +198,7 @@ class Monitor:
     # --- assumptions ---
 
     def _check_continuity(self, last: Sample, sample: Sample) -> None:
-        """Begin anew what a new zero, a new elevation or a pause makes void."""
+        """Begin anew after a new zero, a new elevation or a pause."""
         if sample.zero != last.zero:
             self._lapse('the zero was renewed: the evidence begins anew', sample.stamp)
             self._clear_evidence()
@@ -310,7 +310,7 @@ class Monitor:
         self.changes += 1
 
     def _refine(self, index: int) -> None:
-        """Take size and first guess anew from what has come since the alarm."""
+        """Take size and first guess anew from the readings since the alarm."""
         if self._onset is not None and self._refine_at and index >= self._refine_at[0]:
             del self._refine_at[0]
             assert self.alarm is not None

@@ -29,7 +29,7 @@ MAX_REST = 20.0
 """A rest is read no longer than this [s]; then watching begins, whether the load moves or not."""
 
 LEVEL_SIGMAS = 2.0
-"""Noise is taken so many standard deviations of its own estimate above it."""
+"""Standard deviations of the estimate by which the noise is taken larger."""
 
 UNKNOWN = BlockNoise(math.inf, 0.0, 0.0)
 """Noise of a channel that could not be read while the load rested."""
@@ -37,7 +37,7 @@ UNKNOWN = BlockNoise(math.inf, 0.0, 0.0)
 
 @dataclass(frozen=True)
 class RestNoise:
-    """What a rest shows: noise of block means per channel, the blocks, the rest itself.
+    """Result of a rest: noise of block means per channel, the blocks, the rest itself.
 
     samples: readings in a block; interval [s]: between readings; seconds: length of the rest;
     first: whether nothing had moved before.

@@ -129,7 +129,7 @@ def _is_number(value: Any) -> bool:
 
 
 class _Section:
-    """A mapping of the file with its dotted name, so that a message can say where."""
+    """A mapping of the file with its dotted name, for messages."""
 
     def __init__(self, values: Any, name: str, where: str) -> None:
         if not isinstance(values, Mapping):
@@ -177,7 +177,7 @@ class _Section:
         return int(value)
 
     def finish(self) -> None:
-        """Refuse the entries that nobody asked for."""
+        """Refuse unknown entries."""
         refuse_unknown_keys(self._values, self._known, self._name, self._where, RigError)
 
     def _missing(self, key: str, kind: str) -> RigError:

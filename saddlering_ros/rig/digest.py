@@ -14,7 +14,7 @@ SHORT_DIGITS = 12
 """Digits of the form for people."""
 
 NOT_OF_THE_RIG = ('bounds', 'force_unit', 'full_scale_time')
-"""Fields of a Rig by which it is identified, guarded and shown, which are not what it is."""
+"""Fields of a Rig for identification, guarding and display, which are not part of the hash."""
 
 FIELDS = {'middle_row': 'radial_row'}
 """Fields of a Rig by the names of rig files where these differ; the hash is that of the files'."""
@@ -33,7 +33,7 @@ def rig_digest(rig: Rig) -> str:
 
 
 def short_digest(digest: str) -> str:
-    """The first digits, for people: enough to tell the rigs of one firm apart."""
+    """The first digits, for people: enough to distinguish the rigs of one firm."""
     return digest[:SHORT_DIGITS]
 
 

@@ -34,7 +34,7 @@ ENTRIES: tuple[tuple[str, str], ...] = (
     ('full_scale_time', 's: a change by full scale in less time is impossible and is refused'),
     ('force_unit', 't or kN: unit in which loads are printed'),
 )
-"""Every entry of the section `rig` in the order of the file, with what it means."""
+"""Every entry of the section `rig` in the order of the file, with its meaning."""
 
 _HEAD = """\
 # The rig, read by every node and command. SI units. Compare the drawing with your ring, entry by

@@ -1,4 +1,4 @@
-"""A drawing of a rig in the plane of the load: probes 1 to 4, signs, load, and what was stated."""
+"""A drawing of a rig in the plane of the load: probes 1 to 4, signs, load, dimensions."""
 
 from __future__ import annotations
 

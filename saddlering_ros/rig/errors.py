@@ -4,4 +4,4 @@ from saddlering_ros.errors import SaddleringError
 
 
 class RigError(SaddleringError):
-    """A rig or parameter file that cannot be used; one line: what, where, what to do."""
+    """A rig or parameter file that cannot be used; one line: fault, place, remedy."""

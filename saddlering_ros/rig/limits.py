@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 IDENTIFICATION_SHARE = 0.2
-"""A run must exceed this share of full scale, or K and n cannot be told apart."""
+"""Smallest peak of a run, as a share of full scale, that separates K and n."""
 
 THRESHOLD_SHARE = 0.5
 """A run with a smaller peak cannot show causes that begin at higher loads."""

@@ -9,7 +9,7 @@ PREFIXED = frozenset({'N', 'm', 'rad', 's', 'Hz', 'm/s'})
 PLAIN = frozenset({'', '1'})
 
 MIN_SHARE = 1e-5
-"""Smaller shares are not told apart."""
+"""Smallest share that is printed."""
 
 
 def quantity(value: float | None, unit: str = '', std: float | None = None) -> str:
@@ -22,7 +22,7 @@ def quantity(value: float | None, unit: str = '', std: float | None = None) -> s
 
 
 def percent(share: float | None, digits: int = 2) -> str:
-    """A share as percent with so many significant digits."""
+    """A share as percent with a number of significant digits."""
     if share is None or not math.isfinite(share):
         return '–'
     if 0.0 < abs(share) < MIN_SHARE:
@@ -51,7 +51,7 @@ def superscript(power: int) -> str:
 
 
 def significant(value: float, digits: int) -> str:
-    """A number in plain notation with so many significant digits."""
+    """A number in plain notation with a number of significant digits."""
     if value == 0.0:
         return '0'
     places = max(0, digits - 1 - math.floor(math.log10(abs(value))))

@@ -39,7 +39,7 @@ REFERENCE_PENETRATION = 1e-4
 
 HOURS = 20_000
 BETWEEN_RUNS = 900
-"""Campaigns begin within so many hours of each other; their runs follow so many seconds apart."""
+"""Hours within which campaigns begin, and seconds between their runs."""
 
 
 @dataclass(frozen=True)
@@ -64,7 +64,7 @@ RUNS: dict[str, RunPlan] = {
 
 @dataclass(frozen=True)
 class Truth:
-    """What is really the case: effects, contact law, roller scatter, noise, and their seed."""
+    """The truth: effects, contact law, roller scatter, noise, and their seed."""
 
     seed: int
     kind: str
@@ -98,7 +98,7 @@ class RecordSettings:
 
 @dataclass(frozen=True)
 class DrawSettings:
-    """What may be drawn: effects (none: all of the kind), part of their sizes, noise [m].
+    """Range of a draw: effects (none: all of the kind), part of their sizes, noise [m].
 
     sizes: low and high end on a logarithmic scale from 0, smallest plausible size, to 1, largest.
     fixed: parameters not left to chance, per effect; forms likewise.

@@ -1,4 +1,4 @@
-"""The compiler of the virtual rig's inner loops; what it compiled is kept by all their sources."""
+"""The compiler of the inner loops of the virtual rig; its results are kept by their sources."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What an effect of the virtual rig is, the requests for effects, and the table of all of them.
+"""Effects of the virtual rig: their declaration, the requests for them, and their table.
 
 The forms are our own reading of the catalogue's words, made apart from saddlering_ros.effects, so
 that the diagnosis is never examined by the very formulas it uses.
@@ -40,7 +40,7 @@ class RigEffect:
     """An effect: id, where it acts, channels it shows in, parameters (main one first), forms.
 
     act(target, values, form) changes the target of its stage in place; the first form is default.
-    dynamic_only: a static test shows nothing of it.
+    dynamic_only: it does not show in a static test.
     """
 
     id: str

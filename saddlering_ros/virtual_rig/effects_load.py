@@ -22,7 +22,7 @@ X_AND_T = ('delta_x', 'delta_y', 'gamma')
 
 @dataclass
 class LoadPath:
-    """The load on its way, (N,) each: time [s], what the cell means to say [N], what arrives [N].
+    """The load on its way, (N,) each: time [s], of an exact cell [N], at the ring [N].
 
     elevation [rad] and trunnion_y [m] as they really are, (N,); effects change the last three.
     """
@@ -87,7 +87,7 @@ def elevation_error(path: LoadPath, values: Mapping[str, float], form: str) -> N
 @effect('moment_arm', 'load', ('delta_y', 'gamma'),
         [Parameter('offset', 'm', 0.01, 0.08, 0.03, signed=True)])
 def moment_arm(path: LoadPath, values: Mapping[str, float], form: str) -> None:
-    """The trunnion lies higher than the rig file says."""
+    """The trunnion lies higher than in the rig file."""
     path.trunnion_y += values['offset']
 
 

@@ -21,7 +21,7 @@ ANY_PROBE = Parameter('probe', '1', 0.0, 4.0, 0.0, choices=(0.0, 1.0, 2.0, 3.0, 
 
 @dataclass
 class ProbeMotion:
-    """What the probes see: increments (4, N) [m] since the start, on the grid of `motion`.
+    """Displacements at the probes: increments (4, N) [m] since the start, on the grid of `motion`.
 
     seed: for effects that happen by chance.
     """
@@ -50,7 +50,7 @@ class Recording:
     cut_offs: list[dict[str, float]] = field(default_factory=list)
 
     def disturb(self, probe: int, time: Floats, increment: Floats) -> Floats:
-        """What the amplifier of probe 1 to 4 makes of increment (N,) [m] at `time` (N,) [s]."""
+        """Output of the amplifier of probe 1 to 4 for an increment (N,) [m] at `time` (N,) [s]."""
         for line in self.pickups:
             if line['probe'] in (0.0, probe):
                 phase = 2.0 * np.pi * line['frequency'] * time
@@ -74,7 +74,7 @@ def ring_ovalisation(seen: ProbeMotion, values: Mapping[str, float], form: str) 
 @effect('probe_height', 'probes', X_AND_T[:1],
         [Parameter('height', 'm', 0.005, 0.05, 0.02, signed=True)])
 def probe_height(seen: ProbeMotion, values: Mapping[str, float], form: str) -> None:
-    """The radial probes stand higher than the rig file says."""
+    """The radial probes stand higher than in the rig file."""
     tilt = values['height'] * (seen.motion.tilt - seen.motion.tilt[0])
     seen.increments[0] += tilt
     seen.increments[2] -= tilt

@@ -46,7 +46,7 @@ class Motion:
     """Motion on the grid of the integrator, (N,) each, and the forces that the joints pass on.
 
     x, y [m], tilt [rad]: of the point that the probes see; force_x, force_y [N], moment [N m]:
-    what the ring's joints carry, dead weight included; load [N]: what arrives at the ring.
+    force in the joints of the ring, dead weight included; load [N]: at the ring.
     """
 
     time: Floats
@@ -79,14 +79,14 @@ def _clearance(rollers: Rollers, rows: tuple[str, ...], change: float, form: str
 @effect('radial_clearance', 'rollers', X,
         [Parameter('change', 'm', 5e-6, 30e-6, 15e-6, signed=True)], ('uniform', 'spread'))
 def radial_clearance(rollers: Rollers, values: Mapping[str, float], form: str) -> None:
-    """The radial row has another clearance than the rig file says."""
+    """The radial row has another clearance than in the rig file."""
     _clearance(rollers, ('middle',), values['change'], form)
 
 
 @effect('axial_clearance', 'rollers', T,
         [Parameter('change', 'm', 5e-6, 30e-6, 15e-6, signed=True)], ('uniform', 'spread'))
 def axial_clearance(rollers: Rollers, values: Mapping[str, float], form: str) -> None:
-    """The axial rows have another clearance than the rig file says."""
+    """The axial rows have another clearance than in the rig file."""
     _clearance(rollers, ('upper', 'lower'), values['change'], form)
 
 

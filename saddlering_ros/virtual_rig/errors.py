@@ -4,4 +4,4 @@ from saddlering_ros.errors import SaddleringError
 
 
 class VirtualRigError(SaddleringError):
-    """A test that cannot be generated as asked; one line: what, where, what to do."""
+    """A test that cannot be generated as requested; one line: fault, place, remedy."""

@@ -40,9 +40,9 @@ class PhysicalRig:
 
 @dataclass(frozen=True)
 class PhysicalRun:
-    """What happened, before any instrument: time (N,) [s], load the cell means (N,) [N].
+    """The motion before any instrument: time (N,) [s], load at an exact cell (N,) [N].
 
-    motion: of C, absolute; increments (4, N) [m]: what the probes see since the start.
+    motion: of C, absolute; increments (4, N) [m]: at the probes since the start.
     """
 
     time: Floats

@@ -54,7 +54,7 @@ class Instruments:
 
 @dataclass(frozen=True)
 class TestPlan:
-    """A test to be generated: the rig, what is done to it, how it is recorded, seed of chance.
+    """A test to be generated: the rig, its schedule, its recording, the seed of chance.
 
     begin: when it starts [whole s since 1970]; None leaves it to chance.
     """
@@ -96,7 +96,7 @@ class TestPlan:
 
 @dataclass(frozen=True)
 class TestRecord:
-    """What the recorder got: stamps int64 [ns], readings of the load [N] and of the gaps [m]."""
+    """Recorded samples: stamps int64 [ns], readings of the load [N] and of the gaps [m]."""
 
     __test__ = False
 

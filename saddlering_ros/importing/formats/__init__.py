@@ -16,7 +16,7 @@ FORMATS = 'CSV, TDMS, MAT (5 and 7.3), HDF5, MDF4'
 def open_source(path: Path, csv_shape: Mapping[str, Any] | None = None) -> Source:
     """The reader of the file at `path`, found by its first bytes; ImportingError if there is none.
 
-    csv_shape: what a map says of the shape of its text files.
+    csv_shape: entries of a map on the shape of its text files.
     """
     head = _head(path)
     try:

@@ -42,7 +42,7 @@ class CsvShape:
 
 
 def shape_of(path: Path, given: Mapping[str, Any]) -> tuple[CsvShape, list[list[str]]]:
-    """The shape of the file, what the map gives in place of what was found, and its first rows.
+    """The shape of the file, where entries of the map replace those found, and its first rows.
 
     The rows go up to a few of data, cut into cells.
     """

@@ -1,4 +1,4 @@
-"""HDF5 files, and MATLAB's from version 7.3 on, which are such files, by h5py."""
+"""HDF5 files, and MATLAB files from version 7.3 on, which are HDF5, by h5py."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The blocks of an MDF 4 file (ASAM MDF 4.1): what lies where, and the bytes of its records.
+"""The blocks of an MDF 4 file (ASAM MDF 4.1): their layout, and the bytes of the records.
 
 Source of the format: ASAM MDF, version 4.1.0, chapters on blocks (the layout is public). Only what
 loggers of a test rig write is read: sorted groups of fixed-length records, plain or zipped.
@@ -99,7 +99,7 @@ class MdfBlocks:
                                  'read: save the file as MDF 4.10 with sorted records')
 
     def damaged(self, words: str) -> ImportingError:
-        """An error that says what is wrong."""
+        """An error that names the fault."""
         return ImportingError(f'{self._where}: is damaged ({words}): copy or save the file again')
 
     def _head(self, place: int) -> tuple[str, int, int]:
