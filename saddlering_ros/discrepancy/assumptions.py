@@ -24,7 +24,9 @@ class Assumptions:
     model_error: smooth error over the drive, None for none; form_error: share of the misfit an
     effect explains by which its form may err and a name still stands;
     coordinate_waves: half waves that are tested along the first coordinate and along each other;
-    proposes_law: a law is proposed where no cause explains the misfit.
+    proposes_law: a law is proposed where no cause explains the misfit;
+    many_valleys: the base may fit in several places, of which the best without an effect need not
+    be near the best with it.
     """
 
     learn_noise: LearnNoise = learn_noise
@@ -34,6 +36,7 @@ class Assumptions:
     form_error: float = 0.1
     coordinate_waves: tuple[int, int] = (6, 3)
     proposes_law: bool = True
+    many_valleys: bool = False
 
     def frees_constant(self, channel: int) -> bool:
         """Whether a constant in a channel means nothing."""

@@ -143,6 +143,7 @@ class ModelSystem:
         return Assumptions(
             learn_noise=self.learn_noise,
             relearns=True,
+            many_valleys=True,
             offsets=tuple(offsets),
             model_error=None,
             form_error=0.0,

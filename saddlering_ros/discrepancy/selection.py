@@ -19,7 +19,7 @@ from saddlering_ros.discrepancy.criteria import (
 from saddlering_ros.discrepancy.model_space import CLOSE_SHARE, Comparison, ModelSpace
 from saddlering_ros.discrepancy.ranking import best_of_each, shortlist
 from saddlering_ros.discrepancy.results import SearchLog
-from saddlering_ros.discrepancy.silent_effects import fit_silent
+from saddlering_ros.discrepancy.silent_effects import fit_in_other_valleys, fit_silent
 
 MAX_SILENT = 2
 """Immaterial effects kept in the model at most while others are looked for."""
@@ -40,19 +40,33 @@ def select(space: ModelSpace, log: SearchLog) -> Fit:
     one = simpler(space, fit, log)
     if one is not fit:
         fit = prune(space, forward(space, one, log), log)
-    other = _silent(space, fit, log)
+    other = _concealed(space, fit, log)
     if other is fit:
         return fit
     return prune(space, forward(space, other, log), log)
 
 
-def _silent(space: ModelSpace, fit: Fit, log: SearchLog) -> Fit:
-    """A silent effect that fits better than `fit` does, where `fit` leaves a real misfit."""
+def _concealed(space: ModelSpace, fit: Fit, log: SearchLog) -> Fit:
+    """An effect that the base fit conceals and that fits better than a `fit` with a misfit left.
+
+    Silent ones are tried, and all of them where `fit` leaves most of the misfit and the base may
+    have several valleys.
+    """
     if not _leaves_misfit(space, fit):
         return fit
     found = fit_silent(space)
+    best = min([fit, *found], key=space.penalised)
+    if space.metric.experiment.assumptions.many_valleys and _is_mostly_left(space, best):
+        found += fit_in_other_valleys(space)
     log.candidates += [space.compare(space.base, item).evidence(1) for item in found]
     return min([fit, *found], key=space.penalised)
+
+
+def _is_mostly_left(space: ModelSpace, fit: Fit) -> bool:
+    """Whether a fit leaves more of the base's misfit than a member of a model may leave."""
+    share = explained_share(
+        space.slow_residual(space.base), space.slow_residual(fit), space.settings)
+    return share < space.settings.min_partial
 
 
 def forward(space: ModelSpace, current: Fit, log: SearchLog) -> Fit:

@@ -1,7 +1,8 @@
-"""Effects that change nothing where the base was fitted, tried from where they do.
+"""Effects that the base fit conceals, tried from starts all over the base's range.
 
 A threshold that the base fit never reaches has no signature there, although data may hold it: a
-tank that is thought to be half full does not overflow.
+tank that is thought to be half full does not overflow. And a swing that is fitted with one turn
+too many lies in a valley of its own, where the effect that it lacks explains nothing.
 """
 
 from __future__ import annotations
@@ -39,8 +40,22 @@ def silent_effects(signatures: Sequence[Signature]) -> list[tuple[Effect, int]]:
 
 def fit_silent(space: ModelSpace) -> list[Fit]:
     """The base and each silent effect alone, fitted from where the effect acts; the best first."""
+    return _fit_from_all_over(space, silent_effects(space.signatures))
+
+
+def fit_in_other_valleys(space: ModelSpace) -> list[Fit]:
+    """The base and each effect alone, fitted from starts all over the base's range.
+
+    Without its effect the base can lie in a valley from which no way leads to the true one.
+    """
+    known = {item.key: (item.effect, item.variant) for item in space.signatures}
+    return _fit_from_all_over(space, list(known.values()))
+
+
+def _fit_from_all_over(space: ModelSpace, effects: Sequence[tuple[Effect, int]]) -> list[Fit]:
+    """The base and each effect alone, the best of several starts; the best first."""
     found = []
-    for effect, variant in silent_effects(space.signatures):
+    for effect, variant in effects:
         fits = _coarse(space, Candidate(((effect, variant),)), effect)
         if fits:
             best = min(fits, key=lambda fit: fit.misfit)

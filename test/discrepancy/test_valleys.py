@@ -12,6 +12,8 @@ from saddlering_ros.discrepancy.model import Channel
 from saddlering_ros.discrepancy.model_diagnosis import MODEL_SETTINGS, prepared
 from saddlering_ros.discrepancy.preparation import better_base, prepare
 from saddlering_ros.discrepancy.refit import refit, run_refits
+from saddlering_ros.discrepancy.results import SearchLog
+from saddlering_ros.discrepancy.selection import select
 from saddlering_ros.progress import Watch
 
 TIME = np.linspace(0.0, 12.0, 400)
@@ -57,3 +59,16 @@ def test_a_wrong_start_of_the_base_brings_no_cause(run: Run) -> None:
     found = diagnose_system(
         system, blocks, MODEL_SETTINGS, assumptions=system.assumptions(), start={'rate': WRONG})
     assert found.verdict in ('none', 'unknown')
+
+
+def test_an_effect_that_a_wrong_valley_of_the_base_conceals_is_selected() -> None:
+    noise = 0.01 * np.random.default_rng(1).normal(size=TIME.size)
+    faded = (1.0 + 0.08 * TIME) * np.cos(TRUE * TIME) + noise
+    system, blocks = prepared(MODEL, [Run('swing', TIME, {}, {'seen': faded})])
+    experiment = Experiment(system, blocks, system.assumptions())
+    item = MODEL.base['rate']
+    space = prepare(experiment, np.array([item.to_unit(WRONG)]), MODEL_SETTINGS, Watch('diagnose'))
+    assert abs(item.from_unit(float(space.base.theta_unit[0])) - TRUE) > 0.5
+    fit = select(space, SearchLog())
+    assert fit.candidate.ids == ('fade',)
+    assert item.from_unit(float(fit.theta_unit[0])) == pytest.approx(TRUE, abs=1e-2)
