@@ -25,7 +25,7 @@ import numpy as np
 from scipy.signal import lfilter
 
 from saddlering_ros.bags import read_run
-from saddlering_ros.cli._samples import residual_samples
+from saddlering_ros.cli._simulated import residual_samples
 from saddlering_ros.cli.watch import monitored_samples
 from saddlering_ros.monitoring import (
     assumed_noise,
@@ -251,7 +251,8 @@ def whole_test(seed: int, *, dynamic: bool, scale: float) -> Whole:
     with tempfile.TemporaryDirectory() as folder:
         run = read_run(write_record(Path(folder) / 'bag', record, rig), rig=rig)
     contact = replace(truth.contact, K1=truth.contact.K1 * scale, K2=truth.contact.K2 * scale)
-    samples, _, _ = residual_samples(run, rig, ParameterSet(contact))
+    stretches, _ = residual_samples(rig, run, ParameterSet(contact), [], lambda share: None)
+    (samples,) = stretches  # the record is short
     monitor = watch(
         Monitor(MonitorSettings(), rig.limits.rest_band,
                 lambda at: materiality(rig, contact, at), least_wander(rig)),

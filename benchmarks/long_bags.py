@@ -18,12 +18,20 @@ import time
 
 import numpy as np
 
+from saddlering_ros.rig import Rig
+
 EPOCH = 1_700_000_000_000_000_000
 BLOCK = 1 << 18
 COMMANDS = {
     'info': ['info', '{bag}'],
     'displacement': ['displacement', '{bag}'],
     'displacement to parquet': ['displacement', '{bag}', '--out', '{out}.parquet'],
+    'identify': ['identify', '{bag}', '--out', '{out}.yaml'],
+    'simulate': ['simulate', '{bag}', '--params', '{out}.yaml'],
+    'residual to parquet': ['residual', '{bag}', '--params', '{out}.yaml',
+                            '--out', '{out}.parquet'],
+    'validate': ['validate', '{bag}', '--params', '{out}.yaml'],
+    'diagnose': ['diagnose', '{bag}'],
 }
 
 
@@ -33,6 +41,7 @@ def main() -> int:
     parser.add_argument('--minutes', type=float, nargs='+', default=[1.0, 5.0])
     parser.add_argument('--rate', type=float, default=1e4)
     parser.add_argument('--test', choices=('dynamic', 'static'), default='dynamic')
+    parser.add_argument('--commands', nargs='+', help='only these')
     parser.add_argument('--keep', type=Path, help='folder for the bags, which are kept there')
     args = parser.parse_args()
     print(f'{"minutes":>8}{"messages":>12}{"MB":>8}  {"command":<26}{"peak MB":>9}{"CPU s":>8}'
@@ -46,6 +55,8 @@ def main() -> int:
                 write(bag, count, args.rate, args.test)
             size = sum(file.stat().st_size for file in bag.iterdir()) / 1e6
             for name, words in COMMANDS.items():
+                if args.commands and name.split()[0] not in args.commands:
+                    continue
                 command = [word.format(bag=bag, out=Path(scratch) / 'out') for word in words]
                 peak, processor, passed = measured(command)
                 print(f'{minutes:>8g}{5 * count:>12}{size:>8.0f}  {name:<26}{peak:>9.0f}'
@@ -75,6 +86,7 @@ def write(bag: Path, count: int, rate: float, test: str) -> None:
     span = (rig.probes.min_range, rig.probes.max_range)
     topics = [(TOPICS[LOAD_TOPIC], ()), *((TOPICS[name], span) for name in PROBE_TOPICS)]
     random = np.random.default_rng(0)
+    loads, readings = at_rest(rig)
     with BlockBagWriter(bag, topics, {'test': test, 'elevation_deg': '50'}) as writer:
         for start in range(0, count, BLOCK):
             time_of = np.arange(start, min(start + BLOCK, count)) / rate
@@ -82,10 +94,21 @@ def write(bag: Path, count: int, rate: float, test: str) -> None:
             load += random.normal(0.0, 50.0, load.size)
             stamps = EPOCH + np.rint(1e9 * time_of).astype(np.int64)
             samples = [(stamps, load)]
-            for number, slope in enumerate((4e-10, 3e-10, -4e-10, 2e-10), start=1):
-                gaps = 1e-3 + slope * (load - rig.preload) + random.normal(0.0, 3e-7, load.size)
+            for number, moved in enumerate(readings, start=1):
+                gaps = 1e-3 + rig.probes.polarity[number - 1] * np.interp(load, loads, moved)
+                gaps += random.normal(0.0, 3e-7, load.size)
                 samples.append((stamps + 1000 * number, gaps))
             writer.write(samples)
+
+
+def at_rest(rig: Rig) -> tuple[np.ndarray, np.ndarray]:
+    """Loads (N,) [N], and how far the faces of the probes (4, N) [m] stand at rest under them."""
+    from saddlering_ros.rig import Displacement, displacement_to_probes, TRUE_TO_SCALE
+    from saddlering_ros.ring import static_response
+
+    loads = np.linspace(0.5 * rig.preload, rig.full_scale_load, 200)
+    moved = static_response(rig, TRUE_TO_SCALE.to_array(), np.radians(50.0), loads)
+    return loads, displacement_to_probes(rig.probes, Displacement(*moved, 0.0))
 
 
 def shape(time_of: np.ndarray, test: str) -> np.ndarray:

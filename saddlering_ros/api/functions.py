@@ -12,6 +12,7 @@ from saddlering_ros.api.inputs import (
     BagLike,
     check_parameters,
     check_rig,
+    for_fits,
     origins,
     ParametersLike,
     RigLike,
@@ -62,6 +63,7 @@ def identify_with(
     settings.bounds_for(known)
     given = as_bags(bags, known, on_progress, is_cancelled)
     check_rig(given, known, rig, trust_rig)
+    given, _ = for_fits(given)
     found = identification.identify(
         runs_of(given), known, settings, on_progress=on_progress, is_cancelled=is_cancelled,
         profiles=profiles)
@@ -85,6 +87,7 @@ def validate(
     given = as_bags(bags, known, on_progress, is_cancelled)
     check_rig(given, known, rig, trust_rig)
     check_parameters(law, known, trust_rig)
+    given, _ = for_fits(given)
 
     def before(number: int) -> None:
         check(is_cancelled, 'validate')
@@ -114,6 +117,7 @@ def diagnose(
     check_rig([*fitted, *held], known, rig, trust_rig)
     if law is not None:
         check_parameters(law, known, trust_rig)
+    fitted, held = for_fits(fitted, held)
 
     found = diagnose_runs(runs_of(fitted), runs_of(held), known, law, on_progress=on_progress,
                           is_cancelled=is_cancelled, seed=seed)

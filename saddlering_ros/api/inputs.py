@@ -12,10 +12,12 @@ from typing import Any, TYPE_CHECKING
 from saddlering_ros.api.errors import ApiError
 from saddlering_ros.api.tables import dataframe
 from saddlering_ros.bags import (
+    condensed,
     displacement_of_run,
     MeasuredRun,
     read_run,
     refuse_other_rig,
+    refuse_repeats,
     TestRun,
 )
 from saddlering_ros.bags.samples import measured_samples
@@ -145,6 +147,14 @@ def _as_bag(
         return Bag(given, rig)
     check(is_cancelled, 'read')
     return read_bag(given, rig=rig, on_progress=on_progress)
+
+
+def for_fits(bags: Sequence[Bag], held_out: Sequence[Bag] = ()) -> tuple[list[Bag], list[Bag]]:
+    """The same bags, long ones as averages; BagError if a recording is among them twice."""
+    refuse_repeats(runs_of(bags), runs_of(held_out))
+    fitted, held = ([Bag(condensed(bag.run, bag.rig), bag.rig) for bag in several]
+                    for several in (bags, held_out))
+    return fitted, held
 
 
 def runs_of(bags: Sequence[Bag]) -> list[TestRun]:

@@ -8,6 +8,7 @@ import numpy as np
 
 from saddlering_ros.bags.errors import BagError
 from saddlering_ros.bags.reader import TestRun
+from saddlering_ros.bags.scratch import blocks
 
 SAME_SHARE = 0.5
 """Two runs that share more than this part of the shorter one's samples are one recording."""
@@ -15,15 +16,28 @@ SAME_SHARE = 0.5
 
 def is_same_recording(first: TestRun, second: TestRun) -> bool:
     """Whether two runs share stamps and readings over most of the shorter one."""
-    common, left, right = np.intersect1d(
-        first.stamps, second.stamps, assume_unique=True, return_indices=True)
     shorter = min(first.stamps.size, second.stamps.size)
-    if common.size <= SAME_SHARE * shorter:
+    begin = max(first.stamps[0], second.stamps[0])
+    end = min(first.stamps[-1], second.stamps[-1]) + 1
+    start, stop = np.searchsorted(first.stamps, [begin, end]).tolist()
+    if stop - start <= SAME_SHARE * shorter:
         return False
-    equal = first.load[left] == second.load[right]
-    one, other = first.gaps[:, left], second.gaps[:, right]
+    arrays = (first.stamps, first.load, first.gaps, second.stamps, second.load, second.gaps)
+    equal = sum(_equal_readings(first, second, slice(start + part.start, start + part.stop))
+                for part in blocks(stop - start, *arrays))
+    return bool(equal > SAME_SHARE * shorter)
+
+
+def _equal_readings(first: TestRun, second: TestRun, rows: slice) -> int:
+    """How many rows of a stretch of one run stand in another with the same readings."""
+    stamps = first.stamps[rows]
+    begin, end = np.searchsorted(second.stamps, [stamps[0], stamps[-1] + 1]).tolist()
+    _, left, right = np.intersect1d(
+        stamps, second.stamps[begin:end], assume_unique=True, return_indices=True)
+    equal = first.load[rows][left] == second.load[begin:end][right]
+    one, other = first.gaps[:, rows][:, left], second.gaps[:, begin:end][:, right]
     equal &= ((one == other) | (np.isnan(one) & np.isnan(other))).all(axis=0)
-    return bool(np.count_nonzero(equal) > SAME_SHARE * shorter)
+    return int(np.count_nonzero(equal))
 
 
 def refuse_repeats(runs: Sequence[TestRun], held_out: Sequence[TestRun] = ()) -> None:

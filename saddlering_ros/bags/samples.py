@@ -58,10 +58,11 @@ class DisplacementSamples:
         return DisplacementSamples(self.stamps[kept], self.time[kept], self.load[kept],
                                    displacement, self.validity[kept])
 
-    def finite(self) -> DisplacementSamples:
-        """Those samples whose displacement is known in every channel."""
+    @property
+    def is_finite(self) -> NDArray[np.bool_]:
+        """Which samples (N,) have a displacement that is known in every channel."""
         known = [getattr(self.displacement, name) for name in CHANNELS]
-        return self.rows(np.asarray(np.isfinite(known).all(axis=0)))
+        return np.asarray(np.isfinite(known).all(axis=0))
 
     def columns(self) -> dict[str, NDArray[Any]]:
         """Every column by its name in `COLUMNS`."""
@@ -82,13 +83,21 @@ def measured_blocks(
 ) -> Iterator[DisplacementSamples]:
     """The same samples stretch by stretch, so that a long run is never held whole."""
     for part in blocks(len(run.time), run.stamps, run.time, run.load, run.gaps):
-        increments = gap_increment(rig.probes, run.gaps[:, part], np.array(zero.gaps))
-        found = probes_to_displacement(rig.probes, increments)
-        validity = validity_of(run, found, part)
-        kept = given_of(run, part) & is_published(validity)
-        yield DisplacementSamples(run.stamps[part], run.time[part], run.load[part], found,
-                                  validity).rows(kept)
+        samples, given = measured_rows(rig, run, zero, part)
+        yield samples.rows(given)
         on_progress(part.stop / len(run.time))
+
+
+def measured_rows(
+    rig: Rig, run: TestRun, zero: ZeroReading, part: slice,
+) -> tuple[DisplacementSamples, NDArray[np.bool_]]:
+    """Displacements at the rows of a stretch of a run, and which of them the live node gives."""
+    increments = gap_increment(rig.probes, run.gaps[:, part], np.array(zero.gaps))
+    found = probes_to_displacement(rig.probes, increments)
+    validity = validity_of(run, found, part)
+    samples = DisplacementSamples(
+        run.stamps[part], run.time[part], run.load[part], found, validity)
+    return samples, given_of(run, part) & is_published(validity)
 
 
 @dataclass

@@ -12,8 +12,7 @@ if TYPE_CHECKING:
     from saddlering_ros import Bag, Rig
     from saddlering_ros.bags import TestRun
     from saddlering_ros.bags.samples import DisplacementSamples, SamplesSummary
-    from saddlering_ros.rig import ParameterSet, ZeroReading
-    from saddlering_ros.ring import SimulatedRun
+    from saddlering_ros.rig import ZeroReading
 
 PER_MILLION = 1e6
 UNITS = {'delta_x': 'um (1e-6 m)', 'delta_y': 'um (1e-6 m)', 'gamma': 'urad (1e-6 rad)',
@@ -82,36 +81,6 @@ def take_effects(args: argparse.Namespace) -> None:
         use_folder(args.effects)
 
 
-def simulated_samples(
-    run: TestRun, simulated: SimulatedRun,
-) -> tuple[DisplacementSamples, list[str]]:
-    """The output of the live simulator for a run, and notes on it."""
-    import numpy as np
-
-    from saddlering_ros.bags.samples import DisplacementSamples
-    from saddlering_ros.bags.validity import BRIDGED
-    from saddlering_ros.ring import SimulationError
-
-    rows = slice(simulated.first, simulated.first + len(simulated.time))
-    bridged = (np.zeros(len(run.stamps), bool) if run.node_rows is None
-               else run.node_rows.load_bridged)
-    samples = DisplacementSamples(
-        run.stamps[rows], simulated.time, run.load[rows], simulated.displacement,
-        np.where(bridged[rows], BRIDGED, 0).astype(np.uint8)).finite()
-    if not len(samples):
-        raise SimulationError(f'{run.path}: no sample could be simulated: the solver finds no '
-                              'equilibrium of this ring: check contact.K1 and contact.K2 of the '
-                              'parameter file, and the rig file')
-    notes = [*run.notes]
-    if simulated.failed_steps:
-        notes.append(f'the solver did not converge in {simulated.failed_steps} steps: '
-                     'their samples are left out')
-    if not simulated.zero.near_preload:
-        notes.append('the record has no steady start near the preload; its zero is at another '
-                     'load')
-    return samples, notes
-
-
 def add_output_options(parser: argparse.ArgumentParser) -> None:
     """Options for the output of samples."""
     parser.add_argument('--out', metavar='FILE',
@@ -128,31 +97,6 @@ def check_outputs(args: argparse.Namespace) -> None:
         raise BagError('--out - and --json -: give stdout to one of them only')
     if args.out is not None and args.out != '-':
         check_table_path(Path(args.out))
-
-
-def residual_samples(
-    run: TestRun, rig: Rig, parameters: ParameterSet,
-) -> tuple[DisplacementSamples, ZeroReading, list[str]]:
-    """Measured less simulated displacement where both have a sample, as the live node has it."""
-    import numpy as np
-
-    from saddlering_ros.bags import displacement_of_run
-    from saddlering_ros.bags.samples import DisplacementSamples, measured_samples
-    from saddlering_ros.rig import CHANNELS, Displacement
-    from saddlering_ros.ring import simulate
-
-    measured = displacement_of_run(rig, run)
-    seen = measured_samples(measured)
-    found, notes = simulated_samples(
-        run, simulate(rig, parameters, run.elevation, run.time, run.load))
-    _, here, there = np.intersect1d(
-        seen.stamps, found.stamps, assume_unique=True, return_indices=True)
-    left = Displacement(**{
-        name: (np.asarray(getattr(seen.displacement, name))[here]
-               - np.asarray(getattr(found.displacement, name))[there]) for name in CHANNELS})
-    samples = DisplacementSamples(seen.stamps[here], seen.time[here], seen.load[here], left,
-                                  seen.validity[here] | found.validity[there])
-    return samples, measured.zero, notes
 
 
 def radians(degrees: float | None) -> float | None:

@@ -22,19 +22,21 @@ def add_parser(subparsers: Any) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Read, measure, simulate, subtract where both have a sample, deliver."""
-    from saddlering_ros.cli._samples import (
-        check_outputs,
-        deliver,
-        read_shown,
-        residual_samples,
-    )
+    """Read, simulate, subtract and deliver stretch by stretch."""
+    from saddlering_ros.cli._progress import Bar
+    from saddlering_ros.cli._samples import check_outputs, deliver, read_shown
     from saddlering_ros.rig import load_rig, read_parameters
 
     check_outputs(args)
     rig = load_rig(args.rig)
     parameters = read_parameters(args.params)
     test_run = read_shown(args, rig)
-    samples, zero, notes = residual_samples(test_run, rig, parameters)
-    deliver(args, test_run, samples, zero, 'measured minus simulated', notes)
+
+    from saddlering_ros.cli._simulated import residual_samples
+
+    notes = list(test_run.notes)
+    with Bar() as bar:
+        samples, zero = residual_samples(
+            rig, test_run, parameters, notes, lambda share: bar.show('simulate', share))
+        deliver(args, test_run, samples, zero, 'measured minus simulated', notes)
     return 0

@@ -24,14 +24,9 @@ def add_parser(subparsers: Any) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Read, simulate, deliver."""
-    from saddlering_ros.cli._samples import (
-        check_outputs,
-        deliver,
-        read_shown,
-        simulated_samples,
-        take_effects,
-    )
+    """Read, simulate and deliver stretch by stretch."""
+    from saddlering_ros.cli._progress import Bar
+    from saddlering_ros.cli._samples import check_outputs, deliver, read_shown, take_effects
     from saddlering_ros.rig import load_rig, read_parameters
 
     check_outputs(args)
@@ -40,9 +35,11 @@ def run(args: argparse.Namespace) -> int:
     parameters = read_parameters(args.params)
     test_run = read_shown(args, rig)
 
-    from saddlering_ros.ring import simulate
+    from saddlering_ros.cli._simulated import simulated_samples
 
-    simulated = simulate(rig, parameters, test_run.elevation, test_run.time, test_run.load)
-    samples, notes = simulated_samples(test_run, simulated)
-    deliver(args, test_run, samples, simulated.zero, 'simulated', notes)
+    notes = list(test_run.notes)
+    with Bar() as bar:
+        samples, zero = simulated_samples(
+            rig, test_run, parameters, notes, lambda share: bar.show('simulate', share))
+        deliver(args, test_run, samples, zero, 'simulated', notes)
     return 0

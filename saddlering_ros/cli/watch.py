@@ -64,7 +64,9 @@ def _watch_bag(
     args: argparse.Namespace, bag: str, rig: Rig, parameters: ParameterSet
 ) -> dict[str, Any]:
     """The result for one bag: its part of the document, and its text."""
-    from saddlering_ros.cli._samples import read_shown, residual_samples
+    from saddlering_ros.cli._progress import Bar
+    from saddlering_ros.cli._samples import read_shown
+    from saddlering_ros.cli._simulated import residual_samples
     from saddlering_ros.monitoring import (
         least_wander,
         materiality,
@@ -78,8 +80,12 @@ def _watch_bag(
         lambda elevation: materiality(rig, parameters.contact, elevation, args.materiality),
         least_wander(rig))
     test_run = read_shown(argparse.Namespace(**{**vars(args), 'bag': bag}), rig)
-    samples, _, notes = residual_samples(test_run, rig, parameters)
-    watch(monitor, monitored_samples(samples, test_run.elevation))
+    notes = list(test_run.notes)
+    with Bar() as bar:
+        stretches, _ = residual_samples(rig, test_run, parameters, notes,
+                                        lambda share: bar.show('watch', share))
+        watch(monitor, (sample for samples in stretches
+                        for sample in monitored_samples(samples, test_run.elevation)))
     _check_watched(monitor, test_run)
     origin = int(test_run.stamps[0])
     notes += [f'{1e-9 * (lapse.stamp - origin):.3f} s: {lapse.reason}' for lapse in monitor.lapses]

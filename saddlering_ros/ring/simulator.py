@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import lru_cache
@@ -194,21 +194,32 @@ class RingSimulator:
 
     def run(self, time: Floats, load: Floats) -> SimulatedRun:
         """A whole record at once from a fresh start: the same numbers as pushing its samples."""
+        return next(self.run_in_blocks(time, load, len(time)))
+
+    def run_in_blocks(self, time: Floats, load: Floats, size: int) -> Iterator[SimulatedRun]:
+        """The same in stretches of `size` samples from the zero on, so that none is kept.
+
+        `first` of a stretch is the place of its first sample in the record; the failed steps are
+        those so far.
+        """
         self.reset()
         reading = zero_of_record(self._rig, time, load)
         self.zero = reading
         self._start(float(time[reading.start]), reading.load)
-        rest = np.ascontiguousarray(time[reading.start:])
-        increments = self._advance(rest, np.ascontiguousarray(load[reading.start:]))
-        if self._shifted:
-            self._past.extend(zip(rest.tolist(), increments, strict=True))
-            self._asked.extend(rest.tolist())
-            due = self._due()
-            rest = np.array([sample.time for sample in due])
-            increments = np.array([sample.probes for sample in due]).reshape(-1, 4)
-        probes = np.ascontiguousarray(increments.T)
-        return SimulatedRun(rest, probes_to_displacement(self._rig.probes, probes), probes,
-                            reading.start, reading, self.failed_steps)
+        first = reading.start
+        for start in range(reading.start, len(time), size):
+            part = np.ascontiguousarray(time[start:start + size])
+            increments = self._advance(part, np.ascontiguousarray(load[start:start + size]))
+            if self._shifted:
+                self._past.extend(zip(part.tolist(), increments, strict=True))
+                self._asked.extend(part.tolist())
+                due = self._due()
+                part = np.array([sample.time for sample in due])
+                increments = np.array([sample.probes for sample in due]).reshape(-1, 4)
+            probes = np.ascontiguousarray(increments.T)
+            yield SimulatedRun(part, probes_to_displacement(self._rig.probes, probes), probes,
+                               first, reading, self.failed_steps)
+            first += len(part)
 
 
 def check_record(time: Floats, load: Floats) -> None:
@@ -218,9 +229,9 @@ def check_record(time: Floats, load: Floats) -> None:
                               'arrays of equal length')
     if not (np.all(np.isfinite(time)) and np.all(np.isfinite(load))):
         raise SimulationError('time or load is not finite (NaN or inf): clean the record first')
-    steps = np.diff(time)
-    if np.any(steps <= 0.0):
-        index = int(np.argmax(steps <= 0.0)) + 1
+    stands = time[1:] <= time[:-1]
+    if np.any(stands):
+        index = int(np.argmax(stands)) + 1
         raise SimulationError(f'time does not rise at sample {index}: sort or cut the record')
 
 
@@ -248,6 +259,17 @@ def simulate(rig: Rig, parameters: ParameterSet, elevation: float, time: ArrayLi
     force = np.ascontiguousarray(load, dtype=np.float64)
     check_record(seconds, force)
     return RingSimulator(rig, parameters, elevation, max_step).run(seconds, force)
+
+
+def simulate_in_blocks(
+    rig: Rig, parameters: ParameterSet, elevation: float, time: ArrayLike, load: ArrayLike,
+    size: int,
+) -> Iterator[SimulatedRun]:
+    """`simulate` in stretches of `size` samples: the same numbers, of which none is kept."""
+    seconds = np.ascontiguousarray(time, dtype=np.float64)
+    force = np.ascontiguousarray(load, dtype=np.float64)
+    check_record(seconds, force)
+    return RingSimulator(rig, parameters, elevation).run_in_blocks(seconds, force, size)
 
 
 def threads() -> int:

@@ -10,6 +10,7 @@ import pytest
 
 from saddlering_ros.bags import (
     bag_info,
+    condensed,
     displacement_of_run,
     LOAD_TOPIC,
     PROBE_TOPICS,
@@ -173,3 +174,18 @@ def test_scratch_files_leave_nothing_and_a_full_disk_is_one_line(tmp_path, monke
     monkeypatch.setenv('TMPDIR', str(tmp_path / 'none'))
     with pytest.raises(BagError, match='let TMPDIR name a folder with more room'):
         scratch.scratch_array((100,), np.float64)
+
+
+def test_a_long_run_is_fitted_as_averages_of_its_sound_readings(tmp_path, struck, monkeypatch):
+    run = read_run(struck.write(tmp_path / 'bag'), rig=RIG)
+    assert condensed(run, RIG) is run
+    monkeypatch.setattr(scratch, 'LONG', len(run.stamps) // 4)
+    short = condensed(run, RIG)
+    size = len(run.stamps) // len(short.stamps)
+    sound = run.without_spikes()
+    middle = slice(10 * size, 11 * size)
+    assert len(short.stamps) <= scratch.LONG
+    assert short.load[10] == pytest.approx(sound.load[middle].mean())
+    assert short.gaps[:, 10] == pytest.approx(sound.gaps[:, middle].mean(axis=1))
+    assert short.time[10] == pytest.approx(run.time[middle].mean() - run.time[:size].mean())
+    assert 'averaged over' in short.notes[-1]

@@ -24,7 +24,7 @@ from saddlering_ros.rig import (
     TRUE_TO_SCALE,
     write_parameters,
 )
-from saddlering_ros.ring import simulate
+from saddlering_ros.ring.simulator import simulate_in_blocks
 
 BAG = share_directory() / 'bags' / 'dynamic_50_fast'
 
@@ -156,14 +156,25 @@ def test_a_step_that_does_not_converge_is_left_out_of_the_residual_and_told(
     out = tmp_path / 'residual.csv'
 
     def stumbling(*given):
-        found = simulate(*given)
-        found.displacement.gamma[5] = np.nan
-        return replace(found, failed_steps=1)
+        for found in simulate_in_blocks(*given):
+            found.displacement.gamma[5] = np.nan
+            yield replace(found, failed_steps=1)
 
-    monkeypatch.setattr('saddlering_ros.ring.simulate', stumbling)
+    monkeypatch.setattr('saddlering_ros.cli._simulated.simulate_in_blocks', stumbling)
     assert main(['residual', str(BAG), '--params', str(parameters), '--out', str(out)]) == 0
     assert 'did not converge in 1 steps' in capsys.readouterr().out
     assert 'nan' not in out.read_text()
+
+
+@pytest.mark.parametrize('command', ['simulate', 'residual'])
+def test_a_run_in_stretches_gives_the_same_table_to_the_last_bit(
+        command, parameters, tmp_path, monkeypatch):
+    whole, parts = tmp_path / 'whole.csv', tmp_path / 'parts.csv'
+    words = [command, str(BAG), '--params', str(parameters), '--out']
+    assert main([*words, str(whole)]) == 0
+    monkeypatch.setattr('saddlering_ros.cli._simulated.BLOCK', 257)
+    assert main([*words, str(parts)]) == 0
+    assert parts.read_bytes() == whole.read_bytes()
 
 
 def test_a_ring_without_an_equilibrium_is_an_error_not_an_empty_table(tmp_path, capsys):

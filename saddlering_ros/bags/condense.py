@@ -1,0 +1,90 @@
+"""A long run as averages over blocks of samples: what a fit needs of it, in bounded memory."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from saddlering_ros.bags import scratch
+from saddlering_ros.bags.reader import TestRun
+from saddlering_ros.bags.scratch import blocks, spread_changes
+from saddlering_ros.rig import Rig
+
+Floats = NDArray[np.float64]
+
+MIN_BLOCK_SHARE = 0.5
+"""A block has no reading of a probe that reads at a smaller share of its samples."""
+
+MAX_BLOCK_SECONDS = 1.5
+"""A block that lasts longer than so many times its usual length lies across a gap."""
+
+SPAN_MARGIN = 1e-4
+"""A reading within this share of the span of one of its ends is at a limit."""
+
+
+def condensed(run: TestRun, rig: Rig) -> TestRun:
+    """The run itself, or one of at most `scratch.LONG` averages with a note if it is longer.
+
+    Only sound readings count: none that is a spike, lies across a refused reading, or is at a
+    limit of the probes' span. Load and probes are averaged alike, so that a simulation of the
+    averages is the average of a simulation.
+    """
+    count = len(run.stamps)
+    size = -(-count // scratch.LONG)
+    if size <= 1:
+        return run
+    period = float(np.median(spread_changes(run.stamps)))
+    rows = count // size
+    stamps, load = np.empty(rows, np.int64), np.empty(rows)
+    gaps = np.empty((len(run.gaps), rows))
+    per_part = max(1, scratch.BLOCK // size)
+    for part in blocks(rows, run.stamps, run.time, run.load, run.gaps, size=per_part):
+        samples = slice(part.start * size, part.stop * size)
+        taken = run.stamps[samples].reshape(-1, size)
+        stamps[part] = taken[:, 0] + (taken - taken[:, :1]).mean(axis=1).astype(np.int64)
+        load[part] = _sound_load(run, samples).reshape(-1, size).mean(axis=1)
+        for probe, averages in enumerate(gaps):
+            averages[part] = _means(_sound_gaps(run, rig, probe, samples).reshape(-1, size))
+        is_long = taken[:, -1] - taken[:, 0] > MAX_BLOCK_SECONDS * size * period
+        gaps[:, part][:, is_long] = np.nan
+    note = (f'{count} samples every {period * 1e-6:.3g} ms are averaged over {size} samples each, '
+            'because the record is long')
+    return replace(
+        run, stamps=stamps, time=(stamps - stamps[0]) * 1e-9, load=load, gaps=gaps, others={},
+        notes=[*run.notes, note], spikes=None, node_rows=None)
+
+
+def _sound_load(run: TestRun, samples: slice) -> Floats:
+    load = run.load[samples]
+    if run.spikes is None or not run.spikes[0, samples].any():
+        return load
+    struck, time = run.spikes[0, samples], run.time[samples]
+    if struck.all():
+        return load
+    load = load.copy()
+    load[struck] = np.interp(time[struck], time[~struck], load[~struck])
+    return load
+
+
+def _sound_gaps(run: TestRun, rig: Rig, probe: int, samples: slice) -> Floats:
+    low, high = rig.probes.min_range, rig.probes.max_range
+    margin = SPAN_MARGIN * (high - low)
+    gaps = run.gaps[probe, samples].copy()
+    with np.errstate(invalid='ignore'):
+        gaps[(gaps <= low + margin) | (gaps >= high - margin)] = np.nan
+    if run.spikes is not None:
+        gaps[run.spikes[1 + probe, samples]] = np.nan
+    if run.node_rows is not None:
+        gaps[run.node_rows.bridged[samples]] = np.nan
+    return gaps
+
+
+def _means(gaps: Floats) -> Floats:
+    """Mean of each row (M, size); NaN where too few readings are known."""
+    known = np.isfinite(gaps)
+    counts = known.sum(axis=1)
+    enough = counts >= MIN_BLOCK_SHARE * gaps.shape[1]
+    sums = np.where(known, gaps, 0.0).sum(axis=1)
+    return np.where(enough, sums / np.maximum(counts, 1), np.nan)
