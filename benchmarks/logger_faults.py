@@ -330,7 +330,7 @@ def outcome(known: Sound, fault: Fault, severity: float) -> Outcome:
     """Put a fault into the sound records and look at all figures again."""
     try:
         records = tuple(replace(one, topics={
-            name: _as_stored(topic) for name, topic in fault.act(one.topics, severity).items()})
+            name: as_stored(topic) for name, topic in fault.act(one.topics, severity).items()})
             for one in known.records)
         runs = runs_of(records)
         found = identify(runs, default_rig())
@@ -346,7 +346,7 @@ def outcome(known: Sound, fault: Fault, severity: float) -> Outcome:
                    tuple(line for line in dict.fromkeys(lines) if line not in before))
 
 
-def _as_stored(topic: RawTopic) -> RawTopic:
+def as_stored(topic: RawTopic) -> RawTopic:
     """The topic as the reader has it, from messages that were stored as they came."""
     arrival = topic.stamps[0] + np.arange(len(topic)) * int(np.median(np.diff(topic.stamps)))
     order = put_in_order(topic.topic, topic.stamps, lambda: arrival, topic.values)

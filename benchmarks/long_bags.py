@@ -107,8 +107,8 @@ def at_rest(rig: Rig) -> tuple[np.ndarray, np.ndarray]:
     from saddlering_ros.ring import static_response
 
     loads = np.linspace(0.5 * rig.preload, rig.full_scale_load, 200)
-    moved = static_response(rig, TRUE_TO_SCALE.to_array(), np.radians(50.0), loads)
-    return loads, displacement_to_probes(rig.probes, Displacement(*moved, 0.0))
+    x, y, tilt = static_response(rig, TRUE_TO_SCALE.to_array(), np.radians(50.0), loads)
+    return loads, displacement_to_probes(rig.probes, Displacement(x, y, tilt, 0.0))
 
 
 def shape(time_of: np.ndarray, test: str) -> np.ndarray:

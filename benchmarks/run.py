@@ -26,6 +26,7 @@ SHORT: dict[str, tuple[str, ...]] = {
     'sound_bags': ('--count', '40'),
     'logger_faults': ('--rounds', '1'),
     'logger_faults_live': ('--rounds', '1'),
+    'logger_faults_nodes': ('--only', 'none', 'spike', 'lost', 'stamp'),
     'faults': ('--quick',),
     'identification': ('--quick',),
     'recovery': ('--quick',),
@@ -35,7 +36,8 @@ SHORT: dict[str, tuple[str, ...]] = {
     'blind': ('--quick',),
 }
 USUAL = ('simulator', 'small_damping', 'bag_reading', 'ros_load', 'throughput', 'alarm',
-         'long_bags', 'sound_bags', 'logger_faults', 'logger_faults_live', 'faults')
+         'long_bags', 'sound_bags', 'logger_faults', 'logger_faults_live',
+         'logger_faults_nodes', 'faults')
 """Those that need no other package and no hour of their own."""
 
 
