@@ -18,6 +18,7 @@ import time
 from types import CodeType, FrameType
 from typing import Any
 
+SHARES = (0.01, 0.03, 0.1)
 BAGS = Path(__file__).resolve().parent.parent / 'bags'
 
 
@@ -75,12 +76,14 @@ def main() -> None:
     sys.setprofile(trace)
     diagnose_bags(args.bags, args.hold_out)
     sys.setprofile(None)
-    found = stops(trace.main_functions(args.share))
-    for file, names in found:
+    for file, names in stops(trace.main_functions(args.share)):
         print(f'{Path(file).relative_to(package)}: {", ".join(names)}')
-    files = {file for file, _ in found}
-    print(f'{sum(len(names) for _, names in found)} functions, {len(found)} stops in '
-          f'{len(files)} files, {len(found) - len(files)} returns')
+    for share in sorted({args.share, *SHARES}):
+        found = stops(trace.main_functions(share))
+        files = {file for file, _ in found}
+        print(f'functions with {share:.0%} of the time: '
+              f'{sum(len(names) for _, names in found)}, in {len(found)} stops in '
+              f'{len(files)} files, {len(found) - len(files)} returns')
 
 
 if __name__ == '__main__':
