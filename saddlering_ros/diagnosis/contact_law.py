@@ -1,7 +1,7 @@
 """The contact law of the fitted runs: the numbers and words of `identify`, in a verdict too.
 
 The engine's own fit of the base parameters serves its metric; it counts model error and other
-nuisance parameters. What a verdict prints of the contact law alone is the identification of the
+nuisance parameters. The contact law alone in a verdict is the identification of the
 same runs, so that the same bags give the same K, n, D everywhere.
 """
 

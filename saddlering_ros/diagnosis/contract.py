@@ -11,7 +11,7 @@ Shares = dict[str, float]
 
 
 class SizeEntry(TypedDict):
-    """A parameter of a cause in SI units; std 0 for what is chosen and not fitted."""
+    """A parameter of a cause in SI units; std 0 for one that is chosen and not fitted."""
 
     value: float
     std: float
@@ -45,7 +45,7 @@ class _CausePartial(TypedDict, total=False):
 
 
 class CauseEntry(_CausePartial):
-    """A cause of the catalogue; group: every id that these data cannot tell from it."""
+    """A cause of the catalogue; group: every id that these data cannot separate from it."""
 
     effect: str
     group: list[str]
@@ -118,7 +118,7 @@ class ImmaterialEntry(TypedDict):
 
 
 class LimitEntry(TypedDict):
-    """What these data could have shown of one effect: sizes of its first parameter."""
+    """Detection limit of one effect in these data: sizes of its first parameter."""
 
     effect: str
     limit: float | None

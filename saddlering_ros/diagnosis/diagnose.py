@@ -44,7 +44,7 @@ def diagnose_bags(
     is_cancelled: IsCancelled | None = None,
     seed: int = 0,
 ) -> Verdict:
-    """What the simulation gets wrong in `bags`, judged on `hold_out` where given."""
+    """Diagnosis of the simulation on `bags`, judged on `hold_out` if given."""
     from saddlering_ros.rig import default_rig
 
     if not bags:
@@ -107,7 +107,7 @@ def diagnose_runs(
     sentence = _geometry_first(_next_test(found), found, [*runs, *hold_out], rig)
     rigs = rigs_of(records)
     if len(rigs) > 1 and found.verdict != 'none':
-        # What parts one rig from another would get the name of a cause.
+        # A difference between the rigs would be named as a cause.
         found = replace(found, verdict='unknown')
         sentence = f'Diagnose the bags of each rig separately: {", ".join(rigs)}.'
     return Verdict(found, figures, tuple(notes), sentence, rig, seed, law)
@@ -142,7 +142,7 @@ def _geometry_first(
 ) -> str | None:
     """The advice with the rig file before the hardware, where no hash vouches for the file.
 
-    A wrong dimension misfits in a shape that no cause has; nothing need be unscrewed to see that.
+    A wrong dimension misfits in a shape that no cause has; the drawing shows it without tools.
     """
     if found.verdict != 'unknown' or all(run.rig_hash == rig.digest for run in runs):
         return sentence
@@ -167,7 +167,7 @@ def _next_test(found: Diagnosis) -> str | None:
 
 
 def _test_for_shape(found: Diagnosis) -> str:
-    """What to do about the largest part of the misfit that nothing explains."""
+    """The test for the largest part of the misfit that no cause explains."""
     left = found.residual_after
     shapes = [shape for shape in left.shapes if is_left(shape.p_value, shape.visible)]
     largest = max(shapes or left.shapes, key=lambda shape: shape.visible)

@@ -101,7 +101,7 @@ def _causes(found: Diagnosis) -> list[dict[str, Any]]:
 
 
 def _parameters(law: ContactLaw) -> dict[str, Any]:
-    """Values and standard deviations, null for what data do not determine, and the reasons."""
+    """Values and standard deviations, null for undetermined parameters, and the reasons."""
     after: dict[str, float | None] = {}
     for name, item in law.after.items():
         after[name] = item.value
@@ -164,7 +164,7 @@ MIN_COSINE = 0.3
 
 
 def signature_cosines(found: Diagnosis) -> dict[str, dict[str, float]]:
-    """Every signature with those that look like it: 1 means that these data cannot tell them."""
+    """Every signature with similar ones: 1 means that these data cannot separate them."""
     labels = found.observability.labels
     return {
         label: {

@@ -1,6 +1,6 @@
 """The next test of a verdict: its instruction, and the cause that each outcome means.
 
-For causes that the data cannot tell apart, the engine simulates the tests that the rig could make,
+For causes that the data cannot separate, the engine simulates the tests that the rig could make,
 and the test that most often leaves the true cause alone comes first. Where a cause is named, the
 test is chosen from the table of tests by the causes that look most like it.
 """
@@ -26,7 +26,7 @@ ENOUGH = 0.5
 
 
 def outcome(effect_id: str, test: RigTest) -> str:
-    """What a test shows if this effect is the cause; UNCLEAR if it may show anything."""
+    """Outcome of a test if this effect is the cause; UNCLEAR if any outcome is possible."""
     known = catalogue().get(effect_id)
     if known is None:
         return UNCLEAR
@@ -35,7 +35,7 @@ def outcome(effect_id: str, test: RigTest) -> str:
 
 
 def separated(test: RigTest, effects: Sequence[str]) -> int:
-    """How many pairs of these effects the test tells apart."""
+    """Number of pairs of these effects that the test separates."""
     shown = [outcome(name, test) for name in effects]
     return sum(UNCLEAR not in pair and pair[0] != pair[1] for pair in combinations(shown, 2))
 
@@ -64,7 +64,7 @@ def share_words(separation: Separation) -> str:
 
 
 def between(effects: Sequence[str]) -> str | None:
-    """The test of the table that tells most of these effects apart, with every outcome."""
+    """The test of the table that separates most of these effects, with every outcome."""
     test = _of_table(effects)
     return None if test is None else f'{test.instruction} {_meanings(test, effects)}'
 

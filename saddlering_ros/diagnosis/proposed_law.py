@@ -28,7 +28,7 @@ ALONG = {'load': 'N', 'direction': 'N', 'hysteresis': 'N', 'rate': 'N/s', 'time'
 
 
 def channel_of(term: Term) -> str:
-    """What a term adds to, as bags and effect files name it."""
+    """Target of a term, as bags and effect files name it."""
     return CHANNELS.get(term.target, term.target)
 
 

@@ -45,7 +45,7 @@ class DiagnosisError(SaddleringError):
 
 @dataclass(frozen=True)
 class LoadGrid:
-    """What the simulator is driven with: time, load (M,); block b is the mean of [first, last)."""
+    """Input of the simulator: time, load (M,); block b is the mean of [first, last)."""
 
     elevation: float
     time: Array
@@ -274,7 +274,7 @@ def _carried(branch: Array) -> Array:
 
 
 def rigs_of(records: Sequence[Record]) -> list[str]:
-    """Names of the rigs that the bags say they come from."""
+    """Names of the rigs in the metadata of the bags."""
     return sorted({record.test_run.rig for record in records})
 
 

@@ -209,7 +209,7 @@ class RingSystem:
         return answer
 
     def targets(self, run: RunBlocks, point: Point) -> dict[str, Array]:
-        """What a newton more at the ring changes: a law may add to the load it feels."""
+        """Change by one more newton at the ring: a law may add to its load."""
         extension = self.extension(point)
         less, more = (
             replace(extension, load_offset=extension.load_offset + sign * LOAD_STEP)
@@ -286,12 +286,12 @@ def _starts(
     effect: catalogue_of_effects.Effect,
     ordered: Sequence[catalogue_of_effects.EffectParameter],
 ) -> tuple[dict[str, float], ...]:
-    """Three sizes at the usual shape, and what the effect itself holds worth trying."""
+    """Three sizes at the usual shape, and the starts that the effect declares."""
     size, *shapes = ordered
     factors = (0.2, 1.0, 3.0) if size.neutral == 0.0 else (0.5, 1.0, 1.5)
     sizes = [float(np.clip(factor * size.scale, size.low, size.high)) for factor in factors]
     if size.low < size.neutral < size.high:
-        # What one sign does to the ring's contacts, the other may not.
+        # One sign may change the contacts of the ring and the other may not.
         sizes += [float(np.clip(-part * size.scale, size.low, size.high)) for part in OTHER_SIGN]
     usual = {item.name: item.start for item in shapes}
     starts = [{size.name: value, **usual} for value in sizes]

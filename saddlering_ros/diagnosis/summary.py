@@ -19,7 +19,7 @@ from saddlering_ros.rig.quantities import percent, probability, quantity
 
 
 def verdict_text(verdict: Verdict) -> str:
-    """What was found, the next test, what the cause is worth, what is still open."""
+    """Finding, next test, misfit reduction, open questions."""
     return document_text(verdict.to_json())
 
 
@@ -44,7 +44,7 @@ def document_text(document: Document) -> str:
 
 
 def proposal_lines(document: Document) -> list[str]:
-    """The proposed law, what it is worth, and what makes it doubtful."""
+    """The proposed law, its misfit reduction, and its doubts."""
     law = document.get('proposal')
     if not law:
         return []

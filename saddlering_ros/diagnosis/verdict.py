@@ -47,7 +47,7 @@ class RunFigures:
 
 @dataclass(frozen=True)
 class Verdict:
-    """The verdict on a set of bags: the engine's diagnosis with what the ring adds to it.
+    """The verdict on a set of bags: the engine's diagnosis with the figures of the ring.
 
     effect_files: where the effects of a proposed law were written, if they were.
     """
@@ -96,7 +96,7 @@ class Verdict:
         return ParameterSet(ContactParameters.from_array(values), effects, source)
 
     def provenance(self, *, held_out: bool = True) -> Provenance:
-        """Its bags (those held out too, if asked) and what computed it."""
+        """Its bags (with those held out, if requested) and the software versions."""
         return Provenance(
             tuple(
                 figures.record.test_run.origin

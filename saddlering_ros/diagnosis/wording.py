@@ -166,7 +166,7 @@ def why_lost(item: CandidateEntry, best: CandidateEntry, chosen: Collection[str]
 
 
 def shape_words(shape: ShapeEntry) -> str:
-    """'delta_x follows the load, 0.4 % of range rms'; an oscillation has words of its own."""
+    """'delta_x follows the load, 0.4 % of range rms'; an oscillation is worded by itself."""
     if shape.get('shape'):
         return str(shape['shape'])
     words = COORDINATES.get(shape['coordinate'], shape['coordinate'])

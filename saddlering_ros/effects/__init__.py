@@ -109,7 +109,7 @@ def effect(effect_id: str) -> Effect:
 
 
 def extension_of(effects: Mapping[str, Mapping[str, float]]) -> RingExtension:
-    """The extension of effects (id to parameter values); EffectError for what does not exist."""
+    """The extension of effects (id to parameter values); EffectError for an unknown name."""
     extension = NO_EXTENSION
     for effect_id, values in effects.items():
         one = effect(effect_id)

@@ -15,7 +15,7 @@ __all__ = ['STAGES', 'Choice', 'Effect', 'EffectError', 'EffectParameter', 'Vari
 
 
 def unit_words(unit: str) -> str:
-    """' ' and the unit, or nothing for a plain number ('1')."""
+    """' ' and the unit; empty for a plain number ('1')."""
     return '' if unit == '1' else f' {unit}'
 
 
@@ -29,7 +29,7 @@ class EffectParameter:
 
     one_sided: the sign is fixed by physics. amplitude: marks the parameter that makes the effect
     vanish when it is `neutral`; the others only shape it. The first parameter of an effect is one.
-    logarithmic: better searched on a log scale (low > 0), such as time constants.
+    logarithmic: searched on a log scale (low > 0), for instance time constants.
     """
 
     name: str
@@ -50,7 +50,7 @@ class Variant:
     """A discrete choice inside one effect (which probe, which row): fixed values and a label.
 
     channels: where this choice shows, if not in all channels of the effect. frees: parameters that
-    mean something in this choice alone, such as a size of its own for each coordinate. contains:
+    have a meaning in this choice alone, for instance one size for each coordinate. contains:
     effects that this choice can do in full, so that it is no alternative to them.
     """
 
@@ -108,7 +108,7 @@ class Effect(ABC):
         return variant.channels or self.channels
 
     def complete(self, values: Mapping[str, float]) -> dict[str, float]:
-        """`values` with start values for what is missing.
+        """`values` with start values for missing ones.
 
         EffectError for a name that does not exist, a number out of bounds or a choice not offered.
         """

@@ -43,7 +43,7 @@ class BoltOpening(Effect):
             'spread', 'N m', 0.0, 60000.0, 10000.0, 0.0,
             'w: bolts open from M0 - w to M0 + w; 0: all at once', one_sided=True),
     )
-    # A sharp kink does not tell how it would change by a spread: the search comes from a wide one
+    # A sharp kink does not show its change with the spread: the search begins with a wide one
     starts = tuple({'moment': moment, 'spread': 0.2 * moment}
                    for moment in (4e4, 7e4, 1e5, 1.4e5))
 

@@ -13,7 +13,7 @@ from saddlering_ros.effects.rig_tests import Outcomes
 ALIKE, EACH = 0.0, 1.0
 
 PERIODS = tuple(0.02 * 1.15**number for number in range(25))
-"""Periods [s] tried first: closer than a ringing of ten periods tells apart."""
+"""Periods [s] tried first: closer than a ringing of ten periods separates."""
 
 SHORTEST_PERIOD = 1e-4
 """Below this period [s] the mode is as good as rigid."""

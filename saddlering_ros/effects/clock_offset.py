@@ -1,4 +1,4 @@
-"""Two clocks: what probes saw at t carries the stamp t + tau + skew t."""
+"""Two clocks: a reading of the probes at t carries the stamp t + tau + skew t."""
 
 from __future__ import annotations
 

@@ -29,7 +29,7 @@ class DampingLaw(Effect):
         second_rate='a lag that keeps its shape over load and scales with the rate',
     )
     stage = 'ring'
-    form = 0.1  # damping need not grow by one power of penetration, nor level off by the same
+    form = 0.1  # the power of penetration and the saturation may differ between the rows
     channels = ('delta_x', 'delta_y', 'gamma')
     parameters = (
         EffectParameter(

@@ -36,7 +36,7 @@ class Hysteron:
 
 @dataclass(frozen=True)
 class Wear:
-    """A worn arc of one row: rollers there carry a share `loss` less and/or stand `gap` [m] lower.
+    """A worn arc of one row: its rollers carry a share `loss` less and/or are `gap` [m] lower.
 
     centre, half_width [rad] from the rear (x > 0); edge [rad]: width of the soft edges.
     """
@@ -75,7 +75,7 @@ class RowGeometry:
 
 
 MOTION, ROLLERS, READING = 'motion', 'rollers', 'reading'
-"""What an extension parameter acts on.
+"""Target of an extension parameter.
 
 MOTION: loads, friction and damping inside the equation of motion, so that the same rollers touch
 at another time or measured load. ROLLERS: stiffness and gaps of rollers. READING: all that is
@@ -88,7 +88,7 @@ STAGES = ('load path', 'ring', 'measurement')
 
 
 def declared(stage: str, acts_on: str, neutral: Any) -> Any:
-    """A field for an extension parameter, which does nothing at its neutral value."""
+    """A field for an extension parameter, which has no effect at its neutral value."""
     return field(default=neutral, metadata={'stage': stage, 'acts_on': acts_on})
 
 
@@ -98,7 +98,7 @@ def in_load_path(neutral: Any) -> Any:
 
 
 def in_ring(acts_on: str, neutral: Any) -> Any:
-    """A parameter of the ring itself, and what it acts on."""
+    """A parameter of the ring itself, and its target."""
     return declared('ring', acts_on, neutral)
 
 
@@ -111,7 +111,7 @@ def in_measurement(neutral: Any) -> Any:
 class OwnParameter:
     """An extension parameter that one effect alone sets, declared in that effect's file.
 
-    It does nothing at 0. The kernels read it by its name, as they do the fields of RingExtension.
+    It has no effect at 0. The kernels read it by its name, as they do the fields of RingExtension.
     """
 
     name: str

@@ -1,8 +1,8 @@
 """A user's own effect: a law in one coordinate, added to the load or to a reading.
 
-The law is a table that comes from a file, such as the one that a diagnosis writes for a misfit
-that no effect of the catalogue explains; its size is the only parameter. No kernel knows it: it is
-added sample by sample to the load that the ring feels, or to what the probes read.
+The law is a table from a file, for instance the file that a diagnosis writes for a misfit that no
+effect of the catalogue explains. Its size is the only parameter. It is not part of a kernel: it is
+added sample by sample to the load of the ring, or to the readings of the probes.
 """
 
 from __future__ import annotations
@@ -26,10 +26,10 @@ Floats = NDArray[np.float64]
 LOAD_TARGET = 'hydraulic_load'
 TARGETS = (LOAD_TARGET, 'delta_x', 'delta_y', 'gamma', 'parity', 'eddy_current_1',
            'eddy_current_2', 'eddy_current_3', 'eddy_current_4')
-"""What a law may be added to: channels in metres, gamma in radians, the load in newtons."""
+"""Targets of a law: channels in metres, gamma in radians, the load in newtons."""
 
 COORDINATES = ('load', 'direction', 'rate', 'time', 'hysteresis', 'relaxation')
-"""What a table of a law stands over: load [N], direction times a table over load, rate [N/s],
+"""Coordinates of a table: load [N], direction times a table over load, rate [N/s],
 time [s] since the zero; weights of plays over their reaches [N], of relaxations over their time
 constants [s].
 """
@@ -98,7 +98,7 @@ class LawHistory:
 
 
 class LawEffect(Effect):
-    """An effect of the user's own folder; what the class attributes of others are, it reads."""
+    """An effect of the user's own folder; its attributes are read from the file."""
 
     def __init__(self, effect_id: str, law: Law, parameter: EffectParameter,
                  words: Mapping[str, str]) -> None:
@@ -112,7 +112,7 @@ class LawEffect(Effect):
         self.law = law
 
     def extend(self, extension: RingExtension, values: Mapping[str, float]) -> RingExtension:
-        """Nothing: the law is added beside the extension, see `bound`."""
+        """No change: the law is added beside the extension, see `bound`."""
         return extension
 
     def bound(self, values: Mapping[str, float]) -> Law:
@@ -129,7 +129,7 @@ def _channels(target: str) -> tuple[str, ...]:
 
 
 def read_law_effect(path: Path) -> LawEffect:
-    """The effect of one file; EffectError in one line for whatever is wrong with it."""
+    """The effect of one file; EffectError in one line for each fault."""
     document = read_strict_yaml(path, EffectError)
     if not isinstance(document, Mapping):
         raise EffectError(f'{path}: is no effect: give id, target, coordinate, size and table')

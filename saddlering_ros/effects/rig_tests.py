@@ -1,6 +1,6 @@
-"""Tests on the rig that tell causes apart, the most informative first.
+"""Tests on the rig that separate causes, the most informative first.
 
-An effect's `outcomes` says what each of these tests would show if that effect is the cause.
+The `outcomes` of an effect hold the result of each of these tests if that effect is the cause.
 """
 
 from __future__ import annotations
@@ -8,14 +8,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 UNCLEAR = ''
-"""The outcome of a test that does not tell an effect from the others."""
+"""The outcome of a test that does not separate an effect from the others."""
 
 
 @dataclass(frozen=True)
 class Outcomes:
-    """What the tests of RIG_TESTS show, by their id, as a noun with its clause.
+    """Outcomes of the tests of RIG_TESTS, by their id, as a noun with its clause.
 
-    None: what the test shows for every effect without an outcome of its own.
+    None: outcome for every effect without an entry.
     """
 
     second_rate: str | None = None
@@ -33,7 +33,7 @@ class Outcomes:
 
 @dataclass(frozen=True)
 class RigTest:
-    """One test: its id, what to do, and what effects without an outcome of their own show."""
+    """One test: its id, its instruction, and the outcome of effects without an entry."""
 
     id: str
     instruction: str
@@ -63,4 +63,4 @@ RIG_TESTS = (
     RigTest('other_gap', 'Set the gap of the probe wider at zero load and repeat the static test.',
             'the same misfit'),
 )
-"""In this order of preference where several tests tell as much."""
+"""Order of preference among tests that separate as much."""

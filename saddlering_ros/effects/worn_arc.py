@@ -1,4 +1,4 @@
-"""A worn arc of a row: what the effects of axial and radial wear share."""
+"""A worn arc of a row: the common part of axial and radial wear."""
 
 from __future__ import annotations
 

@@ -38,7 +38,7 @@ class WornSectorRadial(Effect):
     parameters = arc_parameters(centre=0.5)
     variants = tuple(Variant(label, {'kind': kind}) for kind, label in KINDS)
     choices = (KIND,)
-    starts = STARTS  # off the rear too, if only to tell that an arc there does not show
+    starts = STARTS  # off the rear too, to show that an arc there is not visible
 
     def extend(self, extension: RingExtension, values: Mapping[str, float]) -> RingExtension:
         """Wear the radial row."""

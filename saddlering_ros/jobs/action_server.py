@@ -43,8 +43,8 @@ ANSWERS_AT_ONCE = 5
 
 SHUTTING_DOWN = 'the server is shutting down'
 FAREWELL = 0.3
-"""How long a server that is told to stop stays [s] for its last goal's result to be on its way:
-callbacks of the executor send it, and what is dropped on the way is sent again."""
+"""Time [s] that a server stays after its end was requested, so that the result of its last goal is
+sent: callbacks of the executor send it, and send lost packets again."""
 
 
 class PacedActionServer(ActionServer):
@@ -115,7 +115,7 @@ class ActionNode(Node):
     # --- for subclasses ---
 
     def request(self, goal: Any) -> Any:
-        """What the job gets; SaddleringError for a goal that cannot be used."""
+        """Input of the job; SaddleringError for a goal that cannot be used."""
         raise NotImplementedError
 
     def feedback(self, progress: Progress, elapsed: float) -> Any:
@@ -215,7 +215,7 @@ class ActionNode(Node):
             self._worker.start()
 
     def _end(self, goal_handle: ServerGoalHandle, outcome: Outcome, result: Any) -> None:
-        """Bring the goal to its end, and say why."""
+        """End the goal with its reason."""
         result.message = outcome.words
         self._level = OK
         if outcome.kind == DONE:

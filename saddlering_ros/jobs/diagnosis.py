@@ -13,7 +13,7 @@ from saddlering_ros.rig import ParameterSet, Rig
 
 @dataclass(frozen=True)
 class DiagnosisRequest:
-    """What to diagnose: bags by path, those held out, the rig, a parameter file ('' for none)."""
+    """Input of a diagnosis: bags by path, held-out bags, the rig, a parameter file or ''."""
 
     bags: tuple[str, ...]
     hold_out: tuple[str, ...]
@@ -24,7 +24,7 @@ class DiagnosisRequest:
 
 @dataclass(frozen=True)
 class DiagnosisAnswer:
-    """The verdict's word, its JSON, a sentence, and the parameters with what was found."""
+    """The word of the verdict, its JSON, a sentence, and the parameters with the causes."""
 
     verdict: str
     verdict_json: str
@@ -33,7 +33,7 @@ class DiagnosisAnswer:
 
 
 TYPES = (*PARAMETER_TYPES, *RIG_TYPES, *PROGRESS_TYPES, DiagnosisRequest, DiagnosisAnswer)
-"""What may go between the node and its worker."""
+"""Types that pass between the node and its worker."""
 
 
 def run(request: DiagnosisRequest, on_progress: OnProgress) -> DiagnosisAnswer:

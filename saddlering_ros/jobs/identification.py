@@ -16,7 +16,7 @@ from saddlering_ros.rig import ParameterSet, Rig
 
 @dataclass(frozen=True)
 class IdentificationRequest:
-    """What to identify: bags by path, those held out, the rig, and the settings."""
+    """Input of an identification: bags by path, those held out, the rig, and the settings."""
 
     bags: tuple[str, ...]
     validation_bags: tuple[str, ...]
@@ -26,7 +26,7 @@ class IdentificationRequest:
 
 @dataclass(frozen=True)
 class IdentificationAnswer:
-    """What was found; validation and report as JSON texts."""
+    """Result; validation and report as JSON texts."""
 
     parameters: ParameterSet
     objective: float
@@ -37,7 +37,7 @@ class IdentificationAnswer:
 
 TYPES = (*PARAMETER_TYPES, *RIG_TYPES, *PROGRESS_TYPES, IdentificationRequest,
          IdentificationAnswer, IdentificationSettings, SwarmSettings)
-"""What may go between the node and its worker."""
+"""Types that pass between the node and its worker."""
 
 
 def run(request: IdentificationRequest, on_progress: OnProgress) -> IdentificationAnswer:

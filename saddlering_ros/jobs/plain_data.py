@@ -1,6 +1,6 @@
 """Plain data between two processes as JSON: values, tuples, arrays, and dataclasses known by name.
 
-What is read can make nothing but these: no code, no class that is not in the list given.
+Reading makes these types only: no code, and no class that is not in the given list.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ _TYPE, _TUPLE, _ARRAY = '(type)', '(tuple)', '(array)'
 
 
 class PlainDataError(ValueError):
-    """A value that is no plain data, or bytes that do not stand for any."""
+    """A value that is no plain data, or bytes that are no message."""
 
 
 class Channel:
@@ -33,7 +33,7 @@ class Channel:
         self._types = {kind.__name__: kind for kind in types}
 
     def send(self, value: Any) -> None:
-        """Send one value; PlainDataError if it is no plain data, OSError if nobody is there."""
+        """Send one value; PlainDataError if it is no plain data, OSError without another end."""
         data = json.dumps(self._plain(value)).encode()
         if len(data) > LARGEST:
             raise PlainDataError(f'a message of {len(data)} bytes is too large')

@@ -1,9 +1,9 @@
-"""Heavy work in a process of its own, so that a node's callbacks go on; killed to cancel it.
+"""Heavy work in a separate process, so that the node's callbacks go on; a cancel kills it.
 
     python -m saddlering_ros.jobs.worker FD MODULE      (started by `Worker`, never by hand)
 
 MODULE has `run(request, on_progress) -> answer`, and TYPES, the dataclasses these are made of;
-what goes between the processes is plain data (plain_data.py), never pickles.
+plain data (plain_data.py) pass between the processes, never pickles.
 """
 
 from __future__ import annotations
@@ -77,7 +77,7 @@ class Worker:
         """Do one job, with the progress and cancel protocol of the API.
 
         Blocks until the job has ended; call it from a thread. If is_cancelled returns True, the
-        process is killed at once, whatever it computes, and `Cancelled` is raised.
+        process is killed at once, in the middle of any work, and `Cancelled` is raised.
         """
         self.start()
         assert self._pipe is not None
@@ -107,7 +107,7 @@ class Worker:
         return self._process.wait()
 
     def close(self) -> None:
-        """End the process and let go of what it held."""
+        """End the process and close its resources."""
         self.kill()
         if self._pipe is not None:
             self._pipe.close()

@@ -29,7 +29,7 @@ from saddlering_ros.streams.batches import encode_clock
 
 PARTICIPANTS = list(names(REPLAY, RING))
 REPEAT = 0.05
-"""A standing clock says its time again this often [s]: for late joiners, and if one got lost."""
+"""Period [s] at which a standing clock repeats its time, for late joiners and lost messages."""
 
 LONGEST_STRIDE = SECOND // 2
 """In real time the clock never skips more than this; after a pause of the machine it is late."""
@@ -37,7 +37,7 @@ LONGEST_STRIDE = SECOND // 2
 LINGER = 0.5
 
 HEED = 0.1
-"""The clock stands this long [s] after it has told of its bag."""
+"""Time [s] that the clock stands after it has announced its bag."""
 
 WORDS = {ReplayState.WAITING: 'waiting', ReplayState.PLAYING: 'playing',
          ReplayState.PAUSED: 'paused', ReplayState.FINISHED: 'at its end'}
@@ -46,7 +46,7 @@ WORDS = {ReplayState.WAITING: 'waiting', ReplayState.PLAYING: 'playing',
 class ReplayClockNode(BagNode):
     """Publishes /clock over the time of a bag.
 
-    It tells nobody of its own progress: it would hear that itself.
+    It does not report its own progress: it would receive the report itself.
     """
 
     TELLS_PROGRESS = False
@@ -105,7 +105,7 @@ class ReplayClockNode(BagNode):
         self.tasks = [FunctionTask('replay', self._finding)]
 
     def _elevation_of(self, record: RawRecord) -> float:
-        """The elevation [rad] that is told to the others; NaN if the bag does not state it."""
+        """The elevation [rad] that is published; NaN if the bag does not state it."""
         given, stated = self.settings['elevation_deg'], record.facts.elevation_deg
         if math.isnan(given) and stated is not None:
             given = stated

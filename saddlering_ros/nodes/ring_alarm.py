@@ -41,7 +41,7 @@ HEARTBEAT = 0.1
 """ring/within_limits is repeated this often [s], so that its silence can be noticed."""
 
 NOTHING = (-1, False)
-"""What was published last, before anything was: changes of the monitor, parameters known."""
+"""State before the first publication: changes of the monitor, parameters known."""
 
 RECENT_NS = 10_000_000_000
 """A lapse that is over is a warning for so long [ns], by the stamps."""
@@ -77,7 +77,7 @@ class RingAlarmNode(StreamingNode):
                                  LATCHED_BY_SEVERAL)
 
     def configure(self) -> None:
-        """Make the monitor and what watches it; an alarm of before is let go."""
+        """Make the monitor and its diagnostics; an earlier alarm is cleared."""
         self._stream = self._make()
         self._published, self._latched = NOTHING, False
         if self._offered is not None:
@@ -113,7 +113,7 @@ class RingAlarmNode(StreamingNode):
             RawSubscription(self, LOAD.relative, WrenchStamped, reliability=wanted)]
 
     def process_batch(self) -> None:
-        """One batch of either, and what there is to tell."""
+        """Process one batch of either topic, and publish the changes."""
         residual = self.inputs[0].take_as(batches.decode_displacements)
         load = self.inputs[1].take_samples(LOAD)
         for flow, task, stamps in zip(self.inputs, self._streams,

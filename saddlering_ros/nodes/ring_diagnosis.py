@@ -27,7 +27,7 @@ class RingDiagnosisNode(ActionNode):
         super().__init__('ring_diagnosis')
 
     def request(self, goal: DiagnoseRing.Goal) -> DiagnosisRequest:
-        """What the job gets."""
+        """Input of the job."""
         if not goal.bags:
             raise NodeError('the goal names no bags: give at least one')
         return DiagnosisRequest(self.bags(goal.bags), self.bags(goal.hold_out), self.rig,

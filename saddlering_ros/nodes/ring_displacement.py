@@ -39,7 +39,7 @@ from saddlering_ros.streams import batches
 from saddlering_ros.streams.displacement import DisplacementStream
 
 FLUSH_AFTER = 0.2
-"""Samples held are taken when nothing has come for this long [s]."""
+"""Time [s] without data after which held samples are taken."""
 
 
 class RingDisplacementNode(StreamingNode):
@@ -64,7 +64,7 @@ class RingDisplacementNode(StreamingNode):
         self._zero = self.create_publisher(Header, ZERO, ZERO_QOS)
 
     def configure(self) -> None:
-        """Make the stream and what watches it."""
+        """Make the stream and its diagnostics."""
         probes = self._rig.probes
         self._stream = DisplacementStream(self._rig, max_gap=self.settings['max_gap'])
         lowest = self.settings['lowest_rate']
@@ -102,7 +102,7 @@ class RingDisplacementNode(StreamingNode):
         self._send(self._stream.push(load, gaps))
 
     def at_intervals(self, now: float) -> float:
-        """Take the samples held for the next ones, once nothing more comes."""
+        """Take the samples that wait for successors, after a time without data."""
         if not self._stream.held:
             return 1.0
         if now - self._arrived >= FLUSH_AFTER:

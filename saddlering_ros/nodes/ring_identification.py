@@ -23,7 +23,7 @@ SWARM_FIELDS = {
 
 MOST = {'particles': 10_000, 'iterations': 10_000_000, 'c1': 10.0, 'c2': 10.0,
         'inertia_start': 10.0, 'inertia_end': 10.0}
-"""Largest values of these fields: a goal cannot ask for memory or time without end."""
+"""Largest values of these fields: a goal cannot take unlimited memory or time."""
 
 
 NO_ITERATION = SearchStep(0, 0, math.nan, (), 1.0)
@@ -41,7 +41,7 @@ class RingIdentificationNode(ActionNode):
         super().__init__('ring_identification')
 
     def request(self, goal: IdentifyRing.Goal) -> IdentificationRequest:
-        """What the job gets."""
+        """Input of the job."""
         if not goal.bags:
             raise NodeError('the goal names no bags: give at least one')
         settings = settings_of(goal)
@@ -64,7 +64,7 @@ class RingIdentificationNode(ActionNode):
 
 
 def settings_of(goal: IdentifyRing.Goal) -> IdentificationSettings:
-    """The settings a goal asks for; SaddleringError for one that cannot be used."""
+    """The settings of a goal; SaddleringError for one that cannot be used."""
     chosen: dict[str, Any] = {}
     for field, setting in SWARM_FIELDS.items():
         value = getattr(goal, field)

@@ -47,7 +47,7 @@ class RingResidualNode(StreamingNode):
         self._readiness = ReadinessTask(self, self.settings['needed_nodes'])
 
     def configure(self) -> None:
-        """Make the join and what watches it."""
+        """Make the join and its diagnostics."""
         self._stream = ResidualStream(self._rig.full_scale_load)
         self._streams = [StreamTask(f'/{DISPLACEMENT}'), StreamTask(f'/{SIMULATED}')]
         self._sums = np.zeros(4)

@@ -52,7 +52,7 @@ FUTURE_NS = 60_000_000_000
 """Parameters stamped later than this from now [ns] are refused."""
 
 FLUSH_AFTER = 0.02
-"""Samples held back are simulated when nothing has come for this long [s]."""
+"""Time [s] without data after which held samples are simulated."""
 
 
 class RingSimulatorNode(StreamingNode):
@@ -158,7 +158,7 @@ class RingSimulatorNode(StreamingNode):
         return changed
 
     def _on_elevation(self) -> None:
-        """The bag or the inclinometer tells of an elevation: simulate at it, if it counts."""
+        """Simulate at an elevation that the bag or the inclinometer reports, if it counts."""
         if self._in_force is None or not self._take_elevation():
             return
         hold = self._stream.hold
@@ -174,14 +174,14 @@ class RingSimulatorNode(StreamingNode):
             max_gap=self.settings['max_gap'])
 
     def _tell_in_force(self, parameters: ParameterSet) -> None:
-        """Say on /ring/parameters what is simulated with, kept there for late joiners."""
+        """Publish the parameters in use on /ring/parameters, latched for late joiners."""
         message = parameters_to_message(parameters, self.get_clock().now().to_msg())
         message.in_force_in = message.applied_by = self.get_fully_qualified_name()
         message.elevation, message.rig_hash = self._elevation, self._agreement.digest
         self._teller.publish(message)
 
     def _warm_up(self) -> None:
-        """Load the compiled kernels before the first sample asks for them."""
+        """Load the compiled kernels before the first sample needs them."""
         from saddlering_ros.ring import simulate
         times = [0.001 * step for step in range(10)]
         simulate(self._rig, self._in_force or ParameterSet(TRUE_TO_SCALE), self._elevation, times,
@@ -199,7 +199,7 @@ class RingSimulatorNode(StreamingNode):
             self._send(self._stream.push(load))
 
     def at_intervals(self, now: float) -> float:
-        """Simulate what was held back for late samples, once nothing more comes."""
+        """Simulate the samples held for late ones, after a time without data."""
         if not self._stream.held and not self._stream.guard.holds:
             return 1.0
         silent = now - self._arrived

@@ -8,7 +8,7 @@ from saddlering_ros.ros.lockstep import to_time
 
 
 def alarm_message(monitor: Monitor, words: str, frame_id: str) -> RingAlarm:
-    """What ring/alarm says of a monitor whose state is `words`."""
+    """The message of ring/alarm for a monitor whose state is `words`."""
     message = RingAlarm(
         state=monitor.state, message=words, log_threshold=monitor.log_threshold,
         log_evidence=monitor.log_evidence, materiality=monitor.materiality,

@@ -27,11 +27,11 @@ from saddlering_ros.ros.raw_topics import message_class, RawPublisher, RawSubscr
 from saddlering_ros.streams import batches
 
 JUMP = 2 * SECOND
-"""A clock that goes on by more than this was moved by hand: what lies between is not published."""
+"""A larger step of the clock is a move by hand: samples in between are not published."""
 
 
 def bag_elevation(path: str) -> float:
-    """The elevation [rad] of a bag's test; BagError if the bag does not say it."""
+    """The elevation [rad] of a bag's test; BagError if the bag does not state it."""
     from saddlering_ros.bags import LOAD_TOPIC
     record = read_raw(path, [LOAD_TOPIC])
     facts = usable_facts(record.path, record.facts, None, None)
@@ -48,7 +48,7 @@ class Track:
         self.place = 0
 
     def move_to(self, now: int) -> None:
-        """Go on from `now` [ns], publishing nothing of what lies before."""
+        """Go on from `now` [ns] without publishing earlier samples."""
         self.place = int(np.searchsorted(self.raw.stamps, now, side='right'))
 
     def due(self, now: int) -> batches.Samples:
@@ -70,7 +70,7 @@ def topics_of(node: str) -> list[str]:
 
 
 def tracks_of(record: RawRecord, node: str) -> list[Track]:
-    """What of a record a node replays."""
+    """Part of a record that a node replays."""
     return [Track(record[name]) for name in topics_of(node) if name in record.topics]
 
 

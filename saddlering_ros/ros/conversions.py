@@ -18,7 +18,7 @@ FIELDS = ('k1', 'n1', 'd1', 'k2', 'n2', 'd2')
 
 
 def parameters_to_message(parameters: ParameterSet, stamp: Time) -> RingParameters:
-    """A RingParameters message that says what `parameters` holds."""
+    """A RingParameters message of `parameters`."""
     message = RingParameters(source=words_of(parameters.source))
     message.header.stamp = stamp
     for name, value in zip(FIELDS, parameters.contact.to_array().tolist(), strict=True):
@@ -34,7 +34,7 @@ def parameters_to_message(parameters: ParameterSet, stamp: Time) -> RingParamete
 
 
 def parameters_from_message(message: RingParameters) -> ParameterSet:
-    """The ParameterSet of a message; a SaddleringError says what in it cannot be used."""
+    """The ParameterSet of a message; SaddleringError for an entry that cannot be used."""
     values = [float(getattr(message, name)) for name in FIELDS]
     if not np.isfinite(values).all():
         raise NodeError('/ring/parameters: a contact parameter is not finite: publish six numbers')

@@ -19,7 +19,7 @@ STATE_TASK, ACTIVE = 'state', 'active'
 
 @dataclass(frozen=True)
 class Finding:
-    """What a task found: level (OK, WARN, ERROR, STALE), words, figures."""
+    """Finding of a task: level (OK, WARN, ERROR, STALE), words, figures."""
 
     level: int
     words: str
@@ -32,7 +32,7 @@ class Task(Protocol):
     name: str
 
     def report(self, elapsed: float) -> Finding:
-        """What was found during the last `elapsed` seconds."""
+        """Finding of the last `elapsed` seconds."""
 
 
 class StreamTask:
@@ -139,7 +139,7 @@ class SaturationTask:
 
 
 class ParityTask:
-    """Mean parity of the radial probes against what their noise explains."""
+    """Mean parity of the radial probes against its noise."""
 
     name = 'parity'
 
@@ -179,12 +179,12 @@ class FunctionTask:
         self._find = find
 
     def report(self, elapsed: float) -> Finding:
-        """What the function says."""
+        """Finding of the function."""
         return self._find()
 
 
 class SourcesTask:
-    """One source of each topic that is read: of two that are mixed up, neither can be told."""
+    """One source of each topic that is read: two mixed sources cannot be separated."""
 
     name = 'sources'
 

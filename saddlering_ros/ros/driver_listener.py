@@ -72,7 +72,7 @@ def listen(domain: int | None, namespace: str, seconds: float) -> dict[str, Hear
 
 
 def _take_for(node: Node, flows: list[_Flow], seconds: float, *, until_first: bool) -> None:
-    """Take what comes for `seconds`, or until the first sample."""
+    """Take messages for `seconds`, or until the first sample."""
     wait = DataWait(node.context)
     end, reviewed = time.monotonic() + seconds, -math.inf
     while (now := time.monotonic()) < end:

@@ -59,7 +59,7 @@ class ElevationWatch:
         return Elevation(math.nan, 'not known')
 
     def contradiction(self, used: float) -> str:
-        """What contradicts the elevation in use [rad], in words; '' if nothing does."""
+        """Contradiction to the elevation in use [rad], in words; '' if there is none."""
         for value, limit, whose in ((self.of_bag, SAME_BAG, 'the replayed bag has'),
                                     (self.measured, SAME_MEASURED, 'rig/elevation measures')):
             if abs(value - used) > limit:  # False for NaN

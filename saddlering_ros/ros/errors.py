@@ -4,4 +4,4 @@ from saddlering_ros.errors import SaddleringError
 
 
 class NodeError(SaddleringError):
-    """A node that cannot do what it is asked; one line: what, where, what to do."""
+    """A request that a node cannot fulfil; one line: fault, place, remedy."""

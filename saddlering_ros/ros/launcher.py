@@ -1,4 +1,4 @@
-"""Starts node processes and ends them again whatever happens; needs no launch package."""
+"""Starts node processes and ends them again in every case; needs no launch package."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ class Domain:
 
     @classmethod
     def take(cls) -> Domain:
-        """A domain nobody else has taken this way."""
+        """A domain that no other process has taken this way."""
         folder = Path(tempfile.gettempdir()) / f'saddlering_domains_{os.getuid()}'
         folder.mkdir(exist_ok=True)
         first = os.getpid() % len(DOMAINS)
@@ -116,7 +116,7 @@ class NodeProcess:
         return self.process.poll() is None
 
     def said(self) -> str:
-        """What it has written so far."""
+        """Its output so far."""
         with contextlib.suppress(OSError):
             return self.log.read_text(errors='replace')
         return ''
@@ -160,14 +160,14 @@ class NodeGroup:
 
     @property
     def environment(self) -> dict[str, str]:
-        """What a client of these nodes needs in its environment."""
+        """Environment that a client of these nodes needs."""
         assert self.domain_id is not None
         return environment(self.domain_id, self.extra_environment)
 
     def start(self, name: str, parameters: Values | None = None, *,
               files: Sequence[Path | str] = (), remappings: Mapping[str, str] | None = None,
               ) -> NodeProcess:
-        """Start the node `name` (a module of saddlering_ros.nodes) in a process of its own."""
+        """Start the node `name` (a module of saddlering_ros.nodes) in a separate process."""
         assert self.log_folder is not None
         renamed = {**({'__ns': self.namespace} if self.namespace else {}), **(remappings or {})}
         log = self.log_folder / f'{name}.log'
@@ -184,7 +184,7 @@ class NodeGroup:
     def wait(self, name: str, timeout: float) -> int:
         """Wait for a node to leave by itself; its exit status. NodeError when it or another fails.
 
-        Any node that ends with an error in the meantime is reported with what it said last.
+        Any node that ends with an error in the meantime is reported with its last line.
         """
         deadline = time.monotonic() + timeout
         while self.processes[name].running:
@@ -226,7 +226,7 @@ class NodeGroup:
 
 
 def last_line(text: str) -> str:
-    """The last line of a log that says something."""
+    """The last line of a log that is not empty."""
     lines = [line.strip() for line in text.splitlines() if line.strip()]
     return lines[-1] if lines else 'no output'
 

@@ -22,7 +22,7 @@ def to_stamp(time: Time) -> int:
 
 def progress_of(node: str, subscriptions: list[RawSubscription], publishers: list[RawPublisher],
                 replayed_until: int = 0) -> ReplayProgress:
-    """What a node with these flows says of itself."""
+    """Report of a node with these flows."""
     message = ReplayProgress(node=node, replayed_until=to_time(replayed_until))
     message.inputs = [flow.topic for flow in subscriptions]
     message.input_stamps = [to_time(flow.last_stamp) for flow in subscriptions]
@@ -36,7 +36,7 @@ def progress_of(node: str, subscriptions: list[RawSubscription], publishers: lis
 
 
 class LockstepGroup:
-    """The nodes a replay waits for, and what each has said last.
+    """The nodes a replay waits for, and the last report of each.
 
     A node owes nothing on a topic until it has received its first message there, so that one
     that joins late does not stop the replay.
@@ -52,7 +52,7 @@ class LockstepGroup:
     def hear(self, message: ReplayProgress, now: float) -> None:
         """Take a node's word at monotonic `now` [s].
 
-        What others publish here is not kept, nor a message whose lists do not belong together.
+        Reports of other nodes are not kept, nor messages whose lists differ in length.
         """
         if message.node not in self.names:
             return

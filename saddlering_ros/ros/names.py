@@ -25,7 +25,7 @@ RIG = 'ring/rig'
 
 RING_ALARM = 'ring/alarm'
 WITHIN_LIMITS = 'ring/within_limits'
-"""True while no alarm is latched; what a hydraulics interlock acts on."""
+"""True while no alarm is latched; the input of a hydraulics interlock."""
 
 IDENTIFY = 'identify_ring'
 DIAGNOSE = 'diagnose_ring'

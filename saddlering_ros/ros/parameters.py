@@ -51,7 +51,7 @@ class Parameter:
     while_inactive: bool = False
 
     def descriptor(self) -> ParameterDescriptor:
-        """What `ros2 param describe` shows."""
+        """Text of `ros2 param describe`."""
         descriptor = ParameterDescriptor(
             name=self.name, description=self.words,
             read_only=not (self.changeable or self.while_inactive))
@@ -197,7 +197,7 @@ def _rig_values(rig: Rig) -> dict[str, Any]:
 
 
 def declare_rig(node: Node) -> Rig:
-    """The rig from the node's parameters `rig.*` and `bounds.*`: what config/rig.yaml gives it.
+    """The rig from the node's parameters `rig.*` and `bounds.*`, as config/rig.yaml sets them.
 
     Without any of them it is the shipped one. A part of a rig is refused, as commands refuse it:
     the rest would be that of another rig. Raises RigError with one line on a bad one.
@@ -243,14 +243,14 @@ _RIG_WORDS = {
 
 
 def rig_words(name: str) -> str:
-    """What a parameter of the rig means."""
+    """Meaning of a parameter of the rig."""
     return _RIG_WORDS.get(name) or f'[low, high] of {name.removeprefix("bounds.")} in a search'
 
 
 def given_sections(node: Node, sections: Sequence[str]) -> dict[str, Any]:
-    """What the node was started with under `sections`, nested: of a parameter file, or by hand.
+    """Start values of the node under `sections`, nested: of a parameter file, or by hand.
 
-    Only what was given is declared (read only), as most of it is optional.
+    Only given entries are declared (read only), as most entries are optional.
     """
     nested: dict[str, Any] = {}
     overrides: dict[str, RosParameter] = node._parameter_overrides
@@ -265,7 +265,7 @@ def given_sections(node: Node, sections: Sequence[str]) -> dict[str, Any]:
 
 
 def refuse_undeclared(node: Node) -> None:
-    """NodeError if the node was started with a parameter that it does not know.
+    """NodeError if the node was started with an unknown parameter.
 
     One file may serve every node, so the sections of rig files and parameter files are accepted
     by every node; their entries are checked all the same.

@@ -9,7 +9,7 @@ DEPTH = 5000
 
 
 def stream_qos(reliable: bool = True, depth: int = DEPTH) -> QoSProfile:
-    """The QoS of a measured or simulated stream: deep, so that a busy reader loses nothing."""
+    """The QoS of a measured or simulated stream: deep, so that a busy reader loses no message."""
     kind = ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT
     return QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=depth, reliability=kind,
                       durability=DurabilityPolicy.VOLATILE)

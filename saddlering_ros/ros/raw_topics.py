@@ -102,7 +102,7 @@ class RawSubscription:
             messages.append(taken[0])
 
     def take_as(self, decode: Callable[[list[bytes]], Batch]) -> Batch:
-        """Everything that has arrived, decoded; what cannot be decoded is dropped and counted."""
+        """Messages that have arrived, decoded; undecodable ones are counted and dropped."""
         messages = self.take()
         try:
             return decode(messages)

@@ -1,4 +1,4 @@
-"""Whether a rig is ready to test, from what its nodes report on /diagnostics."""
+"""Whether a rig is ready to test, by the reports of its nodes on /diagnostics."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class _Status:
 
 
 class Readiness:
-    """Hears the statuses of nodes; says what keeps the rig from a test.
+    """Receives the statuses of nodes; names the reasons that prevent a test.
 
     needed: names of nodes as /diagnostics shows them. Ready means that each of them reports, is
     active, and reports nothing but OK: every stream comes at its rate, the zero is taken, the rig
@@ -54,7 +54,7 @@ class Readiness:
             self._events[node] = now, words
 
     def reasons(self, now: float) -> list[str]:
-        """What keeps the rig from a test at `now` [s, monotonic], one line each; none: ready."""
+        """Reasons that prevent a test at `now` [s, monotonic], one line each; none: ready."""
         return [reason for node in self._needed for reason in self._reasons_of(node, now)]
 
     def _reasons_of(self, node: str, now: float) -> list[str]:
@@ -91,7 +91,7 @@ class ReadinessTask:
                 self._readiness.hear(status.name, status.level[0], status.message, now)
 
     def report(self, elapsed: float) -> Finding:
-        """Ready, or what keeps the rig from a test."""
+        """Ready, or the reasons that prevent a test."""
         reasons = self._readiness.reasons(time.monotonic())
         if not reasons:
             return Finding(OK, 'ready to test')

@@ -1,6 +1,6 @@
 """Nodes and parameters in docs/nodes.md, written from the registry and the declarations.
 
-python -m saddlering_ros.ros.reference docs/nodes.md       rewrites what it holds of the code
+python -m saddlering_ros.ros.reference docs/nodes.md       rewrites its parts made from code
 """
 
 from __future__ import annotations

@@ -29,7 +29,7 @@ UNUSABLE = 2
 
 
 def run_streaming(make: Callable[[], StreamingNode], args: Sequence[str] | None = None) -> int:
-    """Run a streaming node until it is done or told to stop; returns the exit status."""
+    """Run a streaming node until it is done or a signal ends it; returns the exit status."""
     def spin(node: StreamingNode) -> None:
         node.start()
         spin_streaming(node, node)
@@ -38,7 +38,7 @@ def run_streaming(make: Callable[[], StreamingNode], args: Sequence[str] | None 
 
 def run(make: Callable[[], Any], spin: Callable[[Any], None],
         args: Sequence[str] | None = None, *, own_signals: bool = False) -> int:
-    """Make a node, spin it, clean up; one line and status 2 for what its user can put right.
+    """Make a node, spin it, clean up; one line and status 2 for an error of the user.
 
     With `own_signals`, `spin` itself sees to SIGINT and SIGTERM.
     """
@@ -63,7 +63,7 @@ def run(make: Callable[[], Any], spin: Callable[[Any], None],
         return 0
     except Exception as problem:
         if node is not None and not node.context.ok():
-            return 0  # told to stop in the middle of something
+            return 0  # a signal came in the middle of work
         if node is not None or not _is_usage(problem):
             raise
         print(_one_line(str(problem)), file=sys.stderr)
@@ -78,7 +78,7 @@ def leave(status: int) -> NoReturn:
     The interpreter is not taken apart: with compiled kernels that takes longer than everything
     else, and a launch file gives its nodes five seconds to end, all at once.
     """
-    gc.collect()  # what is left of the node leaves the network
+    gc.collect()  # the rest of the node leaves the network
     atexit._run_exitfuncs()
     for stream in (sys.stdout, sys.stderr):
         with contextlib.suppress(OSError, ValueError):

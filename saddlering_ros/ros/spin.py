@@ -29,16 +29,16 @@ tens, each wake-up costing as much as several messages, for a millisecond of del
 
 
 class Streaming(Protocol):
-    """What the loop asks of a node."""
+    """Methods of a node that the loop calls."""
 
     def raw_subscriptions(self) -> list[RawSubscription]:
         """The subscriptions to wait for (they may change from call to call)."""
 
     def work(self) -> None:
-        """Take what has arrived and deal with it."""
+        """Take and process the messages that have arrived."""
 
     def tick(self, now: float) -> float:
-        """What is due at `now` (monotonic) [s]; returns how long it may wait next [s]."""
+        """Do the work due at `now` (monotonic) [s]; returns the next longest wait [s]."""
 
     def finished(self) -> bool:
         """Whether the node wants to leave."""
@@ -78,7 +78,7 @@ class DataWait:
             return any(handle.pointer in come for handle in streams) if come else False
 
     def _wait_set(self, subscriptions: int, services: int) -> Any:
-        """An empty set for so many of each; the one there is, if it has these sizes."""
+        """An empty set with these sizes; the present one, if it has them."""
         if self._sizes != (subscriptions, services):
             self._sizes = subscriptions, services
             with self._context.handle:

@@ -1,4 +1,4 @@
-"""A node that is told to stop while it still imports ends with status 0, without a traceback."""
+"""A node that is stopped while it still imports ends with status 0, without a traceback."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ def is_node_program() -> bool:
 
 
 def end_at_once() -> None:
-    """From now on, SIGINT and SIGTERM end the process: there is nothing to clean up yet."""
+    """From now on, SIGINT and SIGTERM end the process: no resource is open yet."""
     for number in SIGNALS:
         signal.signal(number, lambda *_: os._exit(0))
 
 
 def end_as_usual() -> None:
-    """From now on, SIGINT and SIGTERM do what they do in any Python program."""
+    """From now on, SIGINT and SIGTERM act as in any Python program."""
     signal.signal(signal.SIGINT, signal.default_int_handler)
     signal.signal(signal.SIGTERM, signal.SIG_DFL)

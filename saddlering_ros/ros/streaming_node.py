@@ -31,7 +31,7 @@ HEARTBEAT = 0.2
 PROGRESS_PERIOD = 0.001
 DIAGNOSTICS_PERIOD = 1.0
 FIRST_DIAGNOSIS = 0.4
-"""A node that has just started says within this [s] what it waits for."""
+"""Time [s] within which a started node reports its missing inputs."""
 
 AUTOSTART = Parameter('autostart', True, 'configure and activate at the start; false: wait for '
                                          '`ros2 lifecycle set`')
@@ -72,7 +72,7 @@ class StreamingNode(LifecycleNode):
     # --- for subclasses ---
 
     def startable(self) -> bool:
-        """Whether the settings are enough to start by itself; says why not."""
+        """Whether the settings are enough to start by itself; logs the reason if not."""
         return True
 
     def configure(self) -> None:
@@ -82,13 +82,13 @@ class StreamingNode(LifecycleNode):
         """Fill `inputs` and `outputs`."""
 
     def process_batch(self) -> None:
-        """Take what the subscriptions hold, work it off, send what comes of it."""
+        """Take the messages of the subscriptions, process them, and send the results."""
 
     def idle(self) -> None:
-        """Nothing has come for a while."""
+        """Called after a time without data."""
 
     def at_intervals(self, now: float) -> float:
-        """What the clock on the wall makes due; how long until it wants to be asked again [s]."""
+        """Do the work due by the wall clock; returns the time to the next call [s]."""
         return 1.0
 
     def replayed_until(self) -> int:
@@ -102,7 +102,7 @@ class StreamingNode(LifecycleNode):
     # --- lifecycle ---
 
     def start(self) -> None:
-        """Configure and activate, if `autostart` says so; raises what keeps the node from it."""
+        """Configure and activate, if `autostart` is set; raises the error that prevents it."""
         if not self.settings['autostart'] or not self.startable():
             return
         self.trigger_configure()
@@ -173,14 +173,14 @@ class StreamingNode(LifecycleNode):
         return self.done
 
     def work(self) -> None:
-        """Deal with what has arrived."""
+        """Process the messages that have arrived."""
         if self.active:
             self.process_batch()
             self._untold = self.TELLS_PROGRESS
             self._tell(time.monotonic(), PROGRESS_PERIOD)
 
     def tick(self, now: float) -> float:
-        """Progress, diagnostics and what the subclass has to do by the clock on the wall."""
+        """Progress, diagnostics and work of the subclass by the wall clock."""
         if self._untold:
             self._tell(now, PROGRESS_PERIOD)
         if now - self._beat >= HEARTBEAT:

@@ -12,9 +12,9 @@ PUBLICATION_VARIABLE = 'RMW_FASTRTPS_PUBLICATION_MODE'
 
 
 def transport_environment() -> dict[str, str]:
-    """What a process needs in its environment, before rclpy.init, to use config/fastdds.xml.
+    """Environment that a process needs, before rclpy.init, to use config/fastdds.xml.
 
-    Nothing if the user has chosen a file. Other middlewares than Fast DDS pay no attention to it.
+    Empty if the user has chosen a file. Other middlewares than Fast DDS ignore it.
     Published asynchronously, what waits goes out together in one packet, not each message in its
     own; the profile has no say in that.
     """
@@ -25,7 +25,7 @@ def transport_environment() -> dict[str, str]:
 
 
 def local_discovery() -> dict[str, str]:
-    """What keeps discovery on this machine, unless the user has chosen a range.
+    """Environment that keeps discovery on this machine, unless the user has chosen a range.
 
     ROS 2's own default is the subnet: everybody there could see the topics, call services, send
     goals and publish loads.

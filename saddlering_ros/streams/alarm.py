@@ -14,7 +14,7 @@ from saddlering_ros.rig import ContactParameters, Rig
 from saddlering_ros.streams.batches import Displacements, join, no_displacements, pick, Samples
 
 MAX_WAITING = 60_000
-"""Samples kept while their partner, or what is simulated with, is not known: a minute at 1 kHz."""
+"""Samples kept until their partner and the parameters are known: a minute at 1 kHz."""
 
 
 @dataclass
@@ -35,7 +35,7 @@ class AlarmCounters:
 class AlarmStream:
     """Watches batches of residuals and loads, in any interleaving of the two.
 
-    A residual waits until its load is there, and until `use` has said what is simulated with.
+    A residual waits until its load is there, and until `use` has set the parameters.
     percent: materiality as a share of each channel's range from preload to full scale [%].
     """
 
@@ -48,7 +48,7 @@ class AlarmStream:
         self._forget()
 
     def _forget(self) -> None:
-        """Forget what waits: another record begins."""
+        """Discard waiting samples: another record begins."""
         self._residual = no_displacements()
         self._stamps: NDArray[np.int64] = np.empty(0, np.int64)
         self._loads: NDArray[np.float64] = np.empty(0)

@@ -73,7 +73,7 @@ class DisplacementStream:
         self._begin(anywhere=False)
 
     def zero_after(self, stamp: int) -> None:
-        """Take a new zero from the first steady stretch after `stamp` [ns], at whatever load."""
+        """Take a new zero from the first steady stretch after `stamp` [ns], at any load."""
         self._asked_after = stamp
 
     def take_missing(self) -> list[int]:
@@ -99,7 +99,7 @@ class DisplacementStream:
                 or any(guard.holds for guard in self._gap_guards))
 
     def flush(self) -> Displacements:
-        """Take the samples held: nothing has come for a while."""
+        """Take the held samples after a time without data."""
         rows = self._align(self._load_guard.flush(),
                            [guard.flush() for guard in self._gap_guards])
         return self._displacements(rows + self.aligner.release())

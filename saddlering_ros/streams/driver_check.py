@@ -52,7 +52,7 @@ MOVED = 50.0
 
 @dataclass(frozen=True)
 class HeardTopic:
-    """What was heard of one topic of the rig.
+    """Messages received on one topic of the rig.
 
     stamps (N,) [ns] of the headers and arrivals (N,) [ns] by the clock of this machine, in order
     of arrival; values (N,) in SI units; low, high: the range last published (NaN: none);
@@ -86,7 +86,7 @@ class HeardTopic:
 
 @dataclass(frozen=True)
 class DriverFinding:
-    """One thing found: FAULT (to be mended before a test) or NOTE, the topic, what and remedy."""
+    """One finding: FAULT (to be mended before a test) or NOTE, topic, fault and remedy."""
 
     level: str
     topic: str
@@ -110,7 +110,7 @@ class _Findings:
 def check_driver(
     rig: Rig, heard: Mapping[str, HeardTopic], elevation: float, rate: float | None = None,
 ) -> list[DriverFinding]:
-    """What is wrong with the topics `heard` (by name, the five of a rig), faults first.
+    """Faults and notes on the topics `heard` (by name, the five of a rig), faults first.
 
     elevation [rad] decides to which side a load must move each probe; rate [Hz]: wanted of every
     topic, if given.

@@ -21,7 +21,7 @@ KEEP_NS = 2 * SECOND
 """A sample this far behind the newest match will find no partner any more."""
 
 MAX_WAITING = 20_000
-"""Samples of one side kept while its partner says nothing: 20 s at 1 kHz."""
+"""Samples of one side kept while its partner is silent: 20 s at 1 kHz."""
 
 
 ELEVATION_TOLERANCE = np.radians(0.5)
@@ -30,7 +30,7 @@ ELEVATION_TOLERANCE = np.radians(0.5)
 
 @dataclass
 class JoinCounters:
-    """What was not subtracted, by reason.
+    """Counts of samples that were not subtracted, by reason.
 
     measured_alone, simulated_alone: samples without a partner of their stamp; zero_differs:
     pairs that count from different zeros; elevation_differs: pairs at different elevations;
@@ -104,7 +104,7 @@ class ResidualStream:
         self._bridges: dict[tuple[int, ...], _Bridge] = {}
 
     def reset(self) -> None:
-        """Forget what waits."""
+        """Discard waiting samples."""
         self._measured, self._simulated = _Side(), _Side()
         self._bridges.clear()
 
@@ -189,7 +189,7 @@ class _Bridge:
         self._count = 0
 
     def across(self, measured: Displacements, simulated: Displacements) -> Displacements:
-        """Measured minus simulated, both from the newer zero; nothing until its window is over."""
+        """Measured minus simulated, both from the newer zero; empty until its window is over."""
         measured_is_older = int(measured.zero_stamps[0]) < self._newer
         older, newer = (measured, simulated) if measured_is_older else (simulated, measured)
         inside = (older.stamps >= self._newer) & (older.stamps <= self._until)

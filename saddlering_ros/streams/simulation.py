@@ -20,7 +20,7 @@ from saddlering_ros.streams.batches import Displacements, no_displacements, Samp
 
 @dataclass
 class SimulationCounters:
-    """What could not be simulated, by reason; all zero on a healthy stream.
+    """Counts of samples that were not simulated, by reason; all zero on a healthy stream.
 
     late: samples stamped before one already simulated; duplicates: stamps seen twice; reordered:
     samples put in order in time; jumps: restarts after stamps that jumped;
@@ -75,7 +75,7 @@ class SimulationStream:
         self._forget()
 
     def zero_after(self, stamp: int) -> None:
-        """Restart with the first steady stretch after `stamp` [ns], at whatever load."""
+        """Restart with the first steady stretch after `stamp` [ns], at any load."""
         self._asked_after = stamp
 
     @property
@@ -103,11 +103,11 @@ class SimulationStream:
             self._insert(stamp, value)
 
     def flush(self) -> Displacements:
-        """Simulate what is held back: no sample has come for a while."""
+        """Simulate the held samples after a time without data."""
         return self._release(self._newest)
 
     def flush_guard(self) -> Displacements:
-        """Simulate the sample that waits for the next one to tell whether it is an outlier."""
+        """Simulate the sample whose successor will show whether it is an outlier."""
         self._take(self.guard.flush())
         return self.flush()
 
