@@ -261,8 +261,9 @@ class ValidationResult(Result):
 
     def save_plots(self, folder: Path | str) -> list[Path]:
         """One PNG per run in `folder`; the paths written."""
-        from saddlering_ros.identification.plots import save_plots
+        from saddlering_ros.identification.plots import plot_paths, save_plots
 
+        self._spare_inputs(*plot_paths(self.found, Path(folder)))
         return save_plots(self.found, Path(folder))
 
     def _document(self) -> dict[str, Any]:
@@ -333,11 +334,12 @@ class DiagnosisResult(Result, _Parametric):
 
         No file is written without a proposed law. `saddlering ... --effects FOLDER` uses them.
         """
-        from saddlering_ros.diagnosis.proposed_law import write_effect_files
+        from saddlering_ros.diagnosis.proposed_law import effect_paths, write_effect_files
 
         law = self.found.diagnosis.law
         if law is None:
             return self
+        self._spare_inputs(*effect_paths(law, Path(folder)))
         paths = write_effect_files(law, Path(folder), self.found.rig.full_scale_load)
         return replace(
             self, found=replace(self.found, effect_files=tuple(str(path) for path in paths)))

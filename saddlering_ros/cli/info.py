@@ -38,8 +38,7 @@ def run(args: argparse.Namespace) -> int:
     documents = []
     for bag in args.bags:
         try:
-            if args.json != '-':
-                _print_summary(bag)
+            is_counted = args.json != '-' and _print_summary(bag)
             with Bar() as bar:
                 info = bag_info(bag, test=args.test, elevation=radians(args.elevation), rig=rig,
                                 on_progress=bar.reading(bag))
@@ -50,7 +49,7 @@ def run(args: argparse.Namespace) -> int:
         problems += info.problems[:1]
         documents.append(info.as_dict())
         if args.json != '-':
-            _print_info(info, rig)
+            _print_info(info, rig, is_counted)
     tell_json(args, documents)
     if not problems:
         return 0
@@ -60,8 +59,8 @@ def run(args: argparse.Namespace) -> int:
     return 2
 
 
-def _print_summary(bag: str) -> None:
-    """The metadata that can be shown before the messages are read."""
+def _print_summary(bag: str) -> bool:
+    """Print the metadata that need no message; whether the number of messages is among them."""
     import sys
 
     from rich.text import Text
@@ -76,9 +75,10 @@ def _print_summary(bag: str) -> None:
     console.print(Text(bag, style='bold'))
     console.print(Text(f'  {known}', style='dim'))
     sys.stdout.flush()
+    return summary is not None
 
 
-def _print_info(info: BagInfo, rig: Rig) -> None:
+def _print_info(info: BagInfo, rig: Rig, is_counted: bool) -> None:
     from rich import box
     from rich.table import Table
     from rich.text import Text
@@ -87,7 +87,7 @@ def _print_info(info: BagInfo, rig: Rig) -> None:
 
     console = stdout_console()
     facts = Table(box=None, show_header=False, padding=(0, 2))
-    for name, value in _facts(info, rig):
+    for name, value in _facts(info, rig, is_counted):
         facts.add_row(name, value)
     console.print(facts)
     topics = Table(box=box.SIMPLE_HEAD)
@@ -108,7 +108,7 @@ def _print_info(info: BagInfo, rig: Rig) -> None:
     console.print()
 
 
-def _facts(info: BagInfo, rig: Rig) -> list[tuple[str, str]]:
+def _facts(info: BagInfo, rig: Rig, is_counted: bool) -> list[tuple[str, str]]:
     import math
 
     found = info.facts
@@ -119,7 +119,8 @@ def _facts(info: BagInfo, rig: Rig) -> list[tuple[str, str]]:
         ('rig', found.rig), ('rig hash', found.details.get('rig_hash', '')[:12]),
         ('run', found.run)) if value]
     files = '1 file' if info.files == 1 else f'{info.files} files'
-    rows.append(('storage', f'{files}, {info.size / 1e6:.2f} MB, {info.message_count} messages, '
+    counted = '' if is_counted else f'{info.message_count} messages, '
+    rows.append(('storage', f'{files}, {info.size / 1e6:.2f} MB, {counted}'
                  f'compression {", ".join(info.compressions) or "unknown"}'))
     if not math.isnan(info.duration):
         rows.append(('duration', f'{info.duration:.3f} s'))

@@ -24,8 +24,12 @@ from saddlering_ros.report.curves import RunCurves
 from saddlering_ros.rig import default_rig, ParameterSet, Rig, write_parameters
 from saddlering_ros.rig.quantities import percent
 from saddlering_ros.ros.conversions import parameters_from_message
+from saddlering_ros.writing import temporary_folder
 
 STEPS = 8
+
+SCRATCH_PREFIX = 'saddlering_demo_run_'
+"""Of the folder for intermediate files; one of a killed demo is removed by the next."""
 
 
 @dataclass(frozen=True)
@@ -68,8 +72,8 @@ class Outcome:
 
 def tell(plan: Plan, console: Console) -> Outcome:
     """Run the demo on live nodes; everything it started is gone when this returns or raises."""
-    with tempfile.TemporaryDirectory(prefix='saddlering_demo_') as scratch:
-        return _Story(plan, console, Path(scratch)).run()
+    with temporary_folder(Path(tempfile.gettempdir()), SCRATCH_PREFIX) as scratch:
+        return _Story(plan, console, scratch).run()
 
 
 class _Story:

@@ -82,15 +82,20 @@ def _term_document(term: Term) -> dict[str, Any]:
 
 def write_effect_files(law: LawProposal, folder: Path, full_scale_load: float) -> list[Path]:
     """One file a term that can be simulated; none for curves of each run's own."""
-    paths = []
-    for term in law.terms:
-        if term.law == 'own curve':
-            continue
+    paths = effect_paths(law, folder)
+    for path, term in zip(paths, _simulated_terms(law), strict=True):
         folder.mkdir(parents=True, exist_ok=True)
-        path = folder / f'{effect_id(term)}.yaml'
         write_text_atomically(path, effect_text(term, full_scale_load))
-        paths.append(path)
     return paths
+
+
+def effect_paths(law: LawProposal, folder: Path) -> list[Path]:
+    """Path of the file of each term that can be simulated."""
+    return [folder / f'{effect_id(term)}.yaml' for term in _simulated_terms(law)]
+
+
+def _simulated_terms(law: LawProposal) -> list[Term]:
+    return [term for term in law.terms if term.law != 'own curve']
 
 
 def effect_id(term: Term) -> str:

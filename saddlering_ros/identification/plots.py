@@ -16,15 +16,19 @@ from saddlering_ros.writing import whole_file
 SHOWN = ('delta_x', 'delta_y', 'gamma')
 
 
+def plot_paths(validation: Validation, folder: Path) -> list[Path]:
+    """Path of the PNG of each run in `folder`."""
+    return [folder / f'{number:02d}_{Path(run.name).stem}.png'
+            for number, run in enumerate(validation.runs, start=1)]
+
+
 def save_plots(validation: Validation, folder: Path) -> list[Path]:
     """One PNG per run in `folder`; the paths written."""
     matplotlib.use('Agg')
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        return [
-            _save(run, folder / f'{number:02d}_{Path(run.name).stem}.png')
-            for number, run in enumerate(validation.runs, start=1)
-        ]
+        return [_save(run, path) for run, path in zip(
+            validation.runs, plot_paths(validation, folder), strict=True)]
     except OSError as problem:
         raise IdentificationError(
             f'{folder}: pictures cannot be written ({problem.strerror}): choose another place'

@@ -20,12 +20,16 @@ from saddlering_ros.ros.errors import NodeError
 from saddlering_ros.ros.lifeline import LIFELINE
 from saddlering_ros.ros.registry import ACTION, ALARM, names, REPLAY, RING
 from saddlering_ros.ros.transport import transport_environment
+from saddlering_ros.writing import temporary_folder
 
 REPLAY_NODES = names(REPLAY)
 RING_NODES = names(RING)
 ALARM_NODES = names(ALARM)
 ACTION_NODES = names(ACTION)
 DOMAINS = range(1, 100)
+LOG_PREFIX = 'saddlering_node_logs_'
+"""Of the temporary folder of the logs of nodes; one of a killed launcher is removed later."""
+
 PATIENCE = (3.0, 1.0)
 """How long a process may take to leave after SIGINT, then after SIGTERM [s], before SIGKILL."""
 
@@ -140,10 +144,10 @@ class NodeGroup:
         self._domain = None if self.domain_id is not None else Domain.take()
         if self._domain is not None:
             self.domain_id = self._domain.number
-        self._temporary = None
+        self._temporary = contextlib.ExitStack()
         if self.log_folder is None:
-            self._temporary = tempfile.TemporaryDirectory(prefix='saddlering_nodes_')
-            self.log_folder = Path(self._temporary.name)
+            self.log_folder = self._temporary.enter_context(
+                temporary_folder(Path(tempfile.gettempdir()), LOG_PREFIX))
         self.log_folder.mkdir(parents=True, exist_ok=True)
         self._read_end, self._write_end = os.pipe()
         return self
@@ -155,8 +159,7 @@ class NodeGroup:
         os.close(self._write_end)
         if self._domain is not None:
             self._domain.release()
-        if self._temporary is not None:
-            self._temporary.cleanup()
+        self._temporary.close()
 
     @property
     def environment(self) -> dict[str, str]:

@@ -3,11 +3,12 @@
 import os
 from pathlib import Path
 import shutil
+from types import SimpleNamespace
 
 import pytest
 
 from saddlering_ros import read_bag
-from saddlering_ros.api.results import Result
+from saddlering_ros.api.results import DiagnosisResult, Result, ValidationResult
 from saddlering_ros.provenance import Origin
 from saddlering_ros.rig import default_rig
 from saddlering_ros.spared import FileConflict
@@ -56,3 +57,24 @@ def test_a_result_is_not_saved_over_its_inputs(place, name):
     assert (place / 'params.json').read_text() == 'mine'
     result.save(place / 'other.json')
     assert '"value": 1.0' in (place / 'other.json').read_text()
+
+
+def test_pictures_and_effect_files_do_not_replace_inputs(place):
+    rig = default_rig()
+    bag = read_bag(place / 'bag', rig=rig)
+    picture = place / '01_bag.png'
+    picture.write_text('mine')
+    run = SimpleNamespace(name='bag')
+    with pytest.raises(FileConflict, match='bag'):
+        ValidationResult((bag,), rig, (), SimpleNamespace(runs=[run])).save_plots(place / 'bag')
+    with pytest.raises(FileConflict, match='01_bag'):
+        ValidationResult((bag,), rig, (Origin(str(picture)),),
+                         SimpleNamespace(runs=[run])).save_plots(place)
+    term = SimpleNamespace(target='delta_x', coordinate='load', law='table')
+    law = SimpleNamespace(terms=(term,))
+    found = SimpleNamespace(diagnosis=SimpleNamespace(law=law), rig=rig)
+    with pytest.raises(FileConflict, match='bag'):
+        DiagnosisResult((bag,), rig, (), found).with_effect_files(place / 'bag')
+    assert picture.read_text() == 'mine'
+    assert sorted(path.name for path in (place / 'bag').iterdir()) == sorted(
+        path.name for path in (ROOT / 'bags' / 'dynamic_50_fast').iterdir())
