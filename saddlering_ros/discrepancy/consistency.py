@@ -12,7 +12,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.stats import f as fisher
 
 from saddlering_ros.discrepancy.candidate import Fit
 from saddlering_ros.discrepancy.experiment import Experiment
@@ -21,6 +20,7 @@ from saddlering_ros.discrepancy.law_forms import changes_of_effects
 from saddlering_ros.discrepancy.metric import Metric
 from saddlering_ros.discrepancy.refit import Tangent
 from saddlering_ros.discrepancy.system import Array
+from saddlering_ros.estimation.distributions import fisher_chance
 
 CAUSE_WAVES, PARAMETER_WAVES, STATE_WAVES = 2, 1, 3
 """Half waves over a state: of a cause's change, of the parameters' sensitivities, of a channel."""
@@ -173,7 +173,7 @@ class _Test:
         rest = max(slow.dimensions - count, 1)
         left = (slow.excess + slow.dimensions - statistic) / rest
         level = min(1.0, max(left, MIN_LEVEL)) if slow.dimensions > count else 1.0
-        p_value = float(fisher.sf(statistic / count / level, count, pairs))
+        p_value = float(fisher_chance(statistic / count / level, count, pairs))
         weights = (root @ inner) / lengths
         view, size = self._largest(weights, imitated @ weights)
         beyond = max(statistic - count * level, 0.0) / max(statistic, 1e-300)

@@ -77,7 +77,7 @@ def detection_limits(
     for name, members in effects.items():
         effect = members[0].effect
         extra = len(effect.ordered)
-        needed = float(np.sqrt(extra * fisher_limit(rate, extra, pairs))) + POWER_QUANTILE
+        needed = needed_length(extra, rate, pairs)
         share = testable_share(members)
         reach = max(abs(effect.size.low - effect.neutral), abs(effect.size.high - effect.neutral))
         shapes: dict[tuple[object, ...], list[Signature]] = {}
@@ -98,6 +98,14 @@ def detection_limits(
             )
         )
     return answers
+
+
+def needed_length(extra: int, rate: float, pairs: int) -> float:
+    """Length [standard deviations] of a signature that the test finds nine times in ten.
+
+    extra: parameters that the effect brings; rate: chance of a false cause in one test.
+    """
+    return float(np.sqrt(extra * fisher_limit(rate, extra, pairs))) + POWER_QUANTILE
 
 
 def _as_values(effect: Effect, configuration: Configuration) -> Configuration:

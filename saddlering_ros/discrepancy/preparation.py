@@ -8,6 +8,7 @@ import numpy as np
 
 from saddlering_ros.discrepancy.candidate import Candidate, Fit
 from saddlering_ros.discrepancy.change_scale import ChangeScale
+from saddlering_ros.discrepancy.confirmed_limits import confirmed_limits
 from saddlering_ros.discrepancy.detection_limits import detection_limits
 from saddlering_ros.discrepancy.experiment import Experiment
 from saddlering_ros.discrepancy.metric import Metric, noise_metric
@@ -182,5 +183,8 @@ def observed(space: ModelSpace) -> Observability:
     limits = detection_limits(
         space.signatures, settings.error_rate, settings.materiality, space.known.pairs
     )
+    if space.metric.experiment.assumptions.many_valleys:
+        trials = max(shapes_tried(space.signatures), 1)
+        limits = confirmed_limits(space, limits, trials)
     labels, cosines = angle_matrix(space.signatures)
     return Observability(tuple(limits), tuple(labels), cosines)

@@ -9,11 +9,16 @@ import numpy as np
 import pytest
 
 from saddlering_ros.discrepancy import (
+    Channel,
+    diagnose,
     diagnose_system,
     Diagnosis,
     Effect,
+    Model,
+    Noise,
     Parameter,
     Point,
+    Run,
     Settings,
 )
 
@@ -94,3 +99,23 @@ def test_a_start_at_which_an_effect_does_nothing_has_no_limit_and_stops_nothing(
     assert not limits['idle'].testable
     assert np.isinf(limits['idle'].limit)
     assert limits['bend'].testable
+
+
+def test_a_limit_counts_what_the_refitted_base_takes_of_an_effect() -> None:
+    time = np.linspace(0.0, 12.0, 400)
+
+    def swing(p: dict[str, float], run: Run) -> dict[str, np.ndarray]:
+        size = p['stiffer.size']
+        return {'seen': (1.0 + 0.1 * size) * np.cos((p['rate'] + size) * time)}
+
+    model = Model(
+        swing,
+        {'rate': Parameter(0.5, 4.0)},
+        {'stiffer': Effect('A stiffer spring', {'size': Parameter(0.0, 1.0)})},
+        {'seen': Channel(noise=Noise.white(0.01))},
+    )
+    noise = 0.01 * np.random.default_rng(1).normal(size=time.size)
+    run = Run('swing', time, {}, {'seen': np.cos(1.3 * time) + noise})
+    (limit,) = diagnose(model, [run]).observability.limits
+    # 0.1 of a cosine of 400 samples in noise of 0.01 is 140 standard deviations for a size of 1
+    assert 0.025 < limit.limit < 0.045
