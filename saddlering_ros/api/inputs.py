@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 import math
 from pathlib import Path
@@ -50,7 +50,10 @@ class Bag:
     """
 
     run: TestRun
-    rig: Rig = field(repr=False)
+    rig: Rig
+
+    def __repr__(self) -> str:
+        return f'<Bag {self.summary().splitlines()[0]}>'
 
     @property
     def name(self) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 import json
 from pathlib import Path
@@ -53,13 +53,19 @@ class Plot:
         return png(self.figure)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Result(ABC):
     """Methods that every result has. bags: its inputs; files: rig and parameter files."""
 
     bags: tuple[Bag, ...]
-    rig: Rig = field(repr=False)
-    files: tuple[Origin, ...] = field(repr=False)
+    rig: Rig
+    files: tuple[Origin, ...]
+
+    def __repr__(self) -> str:
+        return f'<{type(self).__name__} {self._headline()}>'
+
+    def __str__(self) -> str:
+        return self.summary()
 
     @abstractmethod
     def summary(self) -> str:
@@ -156,7 +162,7 @@ def _cell(value: Any) -> Any:
     return number(f'{value:.5g}') if isinstance(value, float) else str(value)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class IdentificationResult(Result, _Parametric):
     """Contact parameters with their uncertainty; `found` holds every figure."""
 
@@ -213,7 +219,7 @@ class IdentificationResult(Result, _Parametric):
         }
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class ValidationResult(Result):
     """Validation of parameters on bags; `found` holds every figure and the curves."""
 
@@ -274,7 +280,7 @@ class ValidationResult(Result):
         return f'Validation on {len(self.bags)} bags'
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class DiagnosisResult(Result, _Parametric):
     """The verdict on bags; `found` holds every figure."""
 

@@ -19,7 +19,9 @@ STATUS = 'status'
 def add_parser(subparsers: Any) -> None:
     """Declare the subcommand."""
     parser = subparsers.add_parser(
-        'campaign', help='diagnose all bags of a folder and compare the rings')
+        'campaign', help='diagnose all bags of a folder and compare the rings',
+        description='Group the bags of a folder into sessions, diagnose each session, and compare '
+        'the rings. `saddlering campaign status STORE` shows how far a campaign is.')
     parser.add_argument('folder', metavar='FOLDER', help='folder of the bags, or the word status')
     parser.add_argument('store', nargs='?', type=Path, metavar='STORE',
                         help='after the word status: folder of the campaign')

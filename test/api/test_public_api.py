@@ -145,6 +145,13 @@ def test_results_show_themselves_in_a_notebook(found, judged, bags):
     assert judged.plot()._repr_png_().startswith(b'\x89PNG')
 
 
+def test_a_result_is_printed_as_its_summary_and_shown_as_one_line(found, bags):
+    assert str(found) == found.summary()
+    assert repr(found).startswith('<IdentificationResult Identification (default method) from 2')
+    assert repr(bags[0]).startswith('<Bag ')
+    assert '\n' not in repr(found) + repr(bags[0])
+
+
 def test_a_report_is_written(judged, tmp_path):
     judged.write_report(tmp_path / 'page.html', command='python mine.py')
     assert 'python mine.py' in (tmp_path / 'page.html').read_text()
