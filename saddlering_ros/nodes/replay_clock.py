@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 import math
 from pathlib import Path
 import time
 
+import numpy as np
 from rclpy.serialization import deserialize_message
 from rosgraph_msgs.msg import Clock
 from std_srvs.srv import Trigger
@@ -28,6 +29,12 @@ from saddlering_ros.ros.run import leave, run_streaming
 from saddlering_ros.streams.batches import encode_clock
 
 PARTICIPANTS = list(names(REPLAY, RING))
+MESSAGES_PER_STEP = 1000
+"""Of one topic in lockstep, at most: the queues of its readers hold more."""
+
+LONGEST_REST = 0.1
+"""In lockstep with a limited rate, a step takes at most this long [s]: data flow evenly."""
+
 REPEAT = 0.05
 """Period [s] at which a standing clock repeats its time, for late joiners and lost messages."""
 
@@ -59,7 +66,7 @@ class ReplayClockNode(BagNode):
                                      'processed all earlier messages'),
         Parameter('participants', PARTICIPANTS, 'nodes for which the clock waits, before the '
                                                 'first message and in lockstep'),
-        Parameter('window', 0.1, 'bag time per step in lockstep [s]', low=0.001, high=1.0,
+        Parameter('window', 0.2, 'longest bag time per step in lockstep [s]', low=0.001, high=1.0,
                   changeable=True),
         Parameter('clock_rate', 100.0, 'steps a second in real time', low=1.0, high=1000.0),
         Parameter('timeout', 5.0, 'a node that does not catch up within this time [s] is '
@@ -84,6 +91,7 @@ class ReplayClockNode(BagNode):
         """Read from when to when the bag goes."""
         record = read_raw(self.bag_path())
         self._start, self._end = record.start - 1, record.stop
+        self._limit = shortest_time_of(MESSAGES_PER_STEP, [record[name].stamps for name in record])
         self._bag, self._elevation = str(record.path), self._elevation_of(record)
         self._time = self._start
         self._rate = self.settings['rate']
@@ -147,7 +155,10 @@ class ReplayClockNode(BagNode):
 
     def _window(self) -> int:
         """Bag time per step in lockstep [ns]; may be set while the node runs."""
-        return max(1, round(self.settings['window'] * SECOND))
+        seconds = self.settings['window']
+        if self._rate:
+            seconds = min(seconds, self._rate * LONGEST_REST)
+        return min(max(1, round(seconds * SECOND)), self._limit)
 
     def _wait(self, now: float) -> None:
         self._waiting_for = self._group.absent()
@@ -182,9 +193,10 @@ class ReplayClockNode(BagNode):
         if behind:
             return
         self._readmit()
-        if self._rate and now - self._advanced < self._window() / (self._rate * SECOND):
+        window = self._window()
+        if self._rate and now - self._advanced < window / (self._rate * SECOND):
             return
-        self._advance(self._window(), now)
+        self._advance(window, now)
 
     def _give_up_on(self, behind: list[str]) -> None:
         self._timeouts += 1
@@ -340,6 +352,13 @@ class ReplayClockNode(BagNode):
         if self._waiting_for and (late or self._state == ReplayState.WAITING):
             return Finding(WARN, f'waits for {"; ".join(self._waiting_for)}', figures)
         return Finding(OK, WORDS[self._state], figures)
+
+
+def shortest_time_of(count: int, topics: Iterable[np.ndarray]) -> int:
+    """The shortest time [ns] that holds `count` messages of one topic; a millisecond at least."""
+    ordered = [np.sort(stamps) for stamps in topics if len(stamps) > count]
+    spans = [int((stamps[count:] - stamps[:-count]).min()) for stamps in ordered]
+    return max(SECOND // 1000, min(spans, default=3600 * SECOND))
 
 
 def main(args: Sequence[str] | None = None) -> None:

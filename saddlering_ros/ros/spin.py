@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from contextlib import ExitStack
 import time
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
 from rclpy.context import Context
 from rclpy.executors import ShutdownException, SingleThreadedExecutor, TimeoutException
@@ -20,8 +20,11 @@ ASLEEP_AFTER = 0.1
 """A node that has had no data for this long [s] waits for data and for callers at once."""
 
 ASLEEP_WAIT = 0.05
-"""Longest wait of a node asleep [s]; whatever it has neither as data nor from a caller (the events
-of the middleware) waits for as long."""
+"""Longest wait of a node asleep [s]."""
+
+SERVE_ALL = 0.25
+"""The executor looks this often [s] for what `DataWait` does not see: events of the middleware.
+It is asked seldom, because its look costs as much as ten messages."""
 
 COALESCE = 0.001
 """Shortest time from one batch to the next [s]: at 1 kHz messages are then worked off by fives and
@@ -44,6 +47,16 @@ class Streaming(Protocol):
         """Whether the node wants to leave."""
 
 
+class Ready(NamedTuple):
+    """What ended a wait: data of a stream, or a message or call that the executor serves."""
+
+    data: bool
+    call: bool
+
+
+NOTHING = Ready(False, False)
+
+
 class DataWait:
     """Waits for any of some subscriptions, without the cost of an executor."""
 
@@ -53,8 +66,8 @@ class DataWait:
         self._set: Any = None
 
     def wait(self, subscriptions: list[RawSubscription], seconds: float,
-             node: Node | None = None) -> bool:
-        """Wait until one of `subscriptions` has data, at most `seconds`; whether one has.
+             node: Node | None = None) -> Ready:
+        """Wait until one of `subscriptions` has data, at most `seconds`.
 
         With `node`, a message or a call that its executor is to serve ends the wait too.
         """
@@ -64,7 +77,7 @@ class DataWait:
             flow.handle for flow in node.subscriptions if flow.callback_group.can_execute(flow)]
         if not streams and not services and not others:
             time.sleep(seconds)
-            return False
+            return NOTHING
         with ExitStack() as held:
             ready = self._wait_set(len(streams) + len(others), len(services))
             for handle in (*streams, *others):
@@ -75,7 +88,10 @@ class DataWait:
                 ready.add_service(handle)
             ready.wait(max(0, int(seconds * 1e9)))
             come = ready.get_ready_entities('subscription')
-            return any(handle.pointer in come for handle in streams) if come else False
+            return Ready(
+                any(handle.pointer in come for handle in streams),
+                any(handle.pointer in come for handle in others)
+                or bool(services and ready.get_ready_entities('service')))
 
     def _wait_set(self, subscriptions: int, services: int) -> Any:
         """An empty set with these sizes; the present one, if it has them."""
@@ -91,28 +107,30 @@ class DataWait:
 def spin_streaming(node: Node, streaming: Streaming) -> None:
     """Run `streaming` until it is finished or its context is shut down.
 
-    Everything but the drained subscriptions (services, parameters, lifecycle, timers) is served
-    by an ordinary executor: every IDLE_WAIT while data flow, as soon as it comes while none do.
+    Everything but the drained subscriptions (services, parameters, lifecycle) is served by an
+    ordinary executor: within IDLE_WAIT while data flow, as soon as it comes while none do.
     """
     executor = SingleThreadedExecutor(context=node.context)
     executor.add_node(node)
-    data = DataWait(node.context)
-    served = 0.0
-    limit = 0.0
+    data, calls = DataWait(node.context), DataWait(node.context)
+    looked = served = limit = 0.0
     heard = time.monotonic()
     try:
         while node.context.ok() and not streaming.finished():
             asleep = time.monotonic() - heard >= ASLEEP_AFTER
             ready = data.wait(streaming.raw_subscriptions(), limit, node if asleep else None)
             woke = time.monotonic()
-            if ready:
+            if ready.data:
                 heard = woke
                 streaming.work()
-            if asleep or woke - served >= IDLE_WAIT:
+            called = ready.call
+            if not asleep and woke - looked >= IDLE_WAIT:
+                looked, called = woke, calls.wait([], 0.0, node).call
+            if called or woke - served >= SERVE_ALL:
                 _serve(executor)
                 served = time.monotonic()
             limit = min(ASLEEP_WAIT if asleep else IDLE_WAIT, streaming.tick(time.monotonic()))
-            if ready:
+            if ready.data:
                 rest = COALESCE - (time.monotonic() - woke)
                 if rest > 0.0:
                     time.sleep(rest)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rosnet import Client, wait_until
@@ -11,6 +12,7 @@ from std_srvs.srv import Trigger
 
 from saddlering_interfaces.msg import ReplayProgress, ReplayState
 from saddlering_interfaces.srv import Seek, SetRate, Step
+from saddlering_ros.nodes.replay_clock import shortest_time_of
 from saddlering_ros.ros.launcher import start_nodes
 from saddlering_ros.ros.lockstep import LockstepGroup, to_time
 
@@ -66,6 +68,13 @@ def test_a_replay_can_be_paused_stepped_sought_and_outlives_a_node(
         assert heard.call(Trigger, '/replay_clock/play').success
         wait_until(lambda: bool(states) and states[-1].state == ReplayState.FINISHED, 60.0, 'end')
         assert 'no longer waits for ring_displacement' in group.processes['replay_clock'].said()
+
+
+def test_a_step_in_lockstep_holds_no_more_messages_of_a_topic_than_its_readers_do() -> None:
+    fast, slow = np.arange(0, 10**9, 20_000), np.arange(0, 10**9, 10**6)
+    assert shortest_time_of(1000, [slow, fast]) == 1000 * 20_000
+    assert shortest_time_of(5000, [slow]) > 10**9, 'fewer messages than that: no limit'
+    assert shortest_time_of(10, [np.zeros(100, np.int64)]) == 10**6, 'a step still advances'
 
 
 def said(node: str, *, until: int = 0, inputs=(), outputs=()) -> ReplayProgress:
