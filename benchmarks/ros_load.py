@@ -29,6 +29,7 @@ from rclpy.action import ActionClient
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.serialization import deserialize_message
+from std_srvs.srv import Trigger
 
 from saddlering_interfaces.action import IdentifyRing
 from saddlering_interfaces.msg import ReplayProgress, RingDisplacement
@@ -37,6 +38,7 @@ from saddlering_ros.bags.topics import LOAD, PROBES
 from saddlering_ros.rig import default_rig, ParameterSet, TRUE_TO_SCALE
 from saddlering_ros.ring import simulate
 from saddlering_ros.ros.launcher import ACTION_NODES, NodeGroup, RING_NODES, start_nodes
+from saddlering_ros.ros.lockstep import to_stamp
 from saddlering_ros.ros.names import PROGRESS
 from saddlering_ros.ros.raw_topics import RawPublisher, RawSubscription
 from saddlering_ros.ros.spin import DataWait
@@ -47,10 +49,10 @@ RATE = 1000.0
 Beside = Callable[[NodeGroup], contextlib.AbstractContextManager[None]]
 
 
-def course(seconds: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Time (N,) [s], load (N,) [N] and gaps (4, N) [m] of a dynamic run at 1 kHz."""
+def course(seconds: float, rate: float = RATE) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Time (N,) [s], load (N,) [N] and gaps (4, N) [m] of a dynamic run at `rate` [Hz]."""
     rig = default_rig()
-    times = np.arange(round(seconds * RATE)) / RATE
+    times = np.arange(round(seconds * rate)) / rate
     ramp = seconds / 2 - 1.0
     share = np.clip(np.minimum((times - 1.0) / ramp, (seconds - 1.0 - times) / ramp), 0.0, 1.0)
     load = rig.preload + 235e3 * share
@@ -58,15 +60,16 @@ def course(seconds: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return times, load, np.float64(np.float32(1e-3 + found.probes))
 
 
-def drive(seconds: float) -> None:
+def drive(seconds: float, rate: float = RATE, published: Path | None = None) -> None:
     """A driver: five topics, each sample stamped and published on its own when its time comes.
 
     It waits until its own writers know their readers: a reader can know the writer first, and
-    what is written before the writer knows of it never reaches that reader.
+    what is written before the writer knows of it never reaches that reader. It keeps in
+    `published` the stamp of each load sample and the time at which it was published [ns].
     """
     from geometry_msgs.msg import WrenchStamped
     from sensor_msgs.msg import Range
-    times, load, gaps = course(seconds)
+    times, load, gaps = course(seconds, rate)
     rclpy.init()
     node = rclpy.create_node('driver')
     flows = [RawPublisher(node, LOAD_TOPIC, WrenchStamped)]
@@ -80,30 +83,35 @@ def drive(seconds: float) -> None:
     messages += [batches.encode_samples(batches.Samples(stamps, gap, 0.0, 2e-3), topic)
                  for topic, gap in zip(PROBES, gaps, strict=True)]
     late = 0
+    kept = np.stack([stamps, stamps])
     for index, stamp in enumerate(stamps.tolist()):
         wait = stamp - time.time_ns()
         late = max(late, -wait)
         if wait > 0:
             time.sleep(wait / 1e9)
+        kept[1, index] = time.time_ns()
         for flow, series in zip(flows, messages, strict=True):
             flow.send([series[index]], stamp)
+    if published:
+        np.save(published, kept)
     print(late / 1e6, flush=True)
     time.sleep(1.0)
 
 
-def plain(seconds: float) -> None:
-    """What a plain node receives of the five topics: counts and latency of the load's callback."""
+def plain(seconds: float, rate: float = RATE) -> None:
+    """What a plain node receives of the five topics: counts, and when the load's callback ran."""
     from geometry_msgs.msg import WrenchStamped
     from rclpy.qos import QoSProfile
     from sensor_msgs.msg import Range
     rclpy.init()
     node = Node('plain')
-    delays: list[float] = []
+    stamps: list[int] = []
+    arrivals: list[int] = []
     counts = dict.fromkeys((LOAD_TOPIC, *PROBE_TOPICS), 0)
 
     def on_load(message: WrenchStamped) -> None:
-        stamp = message.header.stamp
-        delays.append(time.time() - stamp.sec - stamp.nanosec / 1e9)
+        arrivals.append(time.time_ns())
+        stamps.append(to_stamp(message.header.stamp))
         counts[LOAD_TOPIC] += 1
 
     def on_gap(topic: str) -> Any:
@@ -117,9 +125,9 @@ def plain(seconds: float) -> None:
         node.create_subscription(Range, topic, on_gap(topic), qos)
     print('ready', flush=True)
     end = time.monotonic() + seconds + 25.0
-    while time.monotonic() < end and sum(counts.values()) < 5 * round(seconds * RATE):
+    while time.monotonic() < end and sum(counts.values()) < 5 * round(seconds * rate):
         rclpy.spin_once(node, timeout_sec=1.0)
-    print(json.dumps({'received': sum(counts.values()), 'delays': delays,
+    print(json.dumps({'received': sum(counts.values()), 'stamps': stamps, 'arrivals': arrivals,
                       'cpu': time.process_time()}), flush=True)
 
 
@@ -293,7 +301,7 @@ def with_plain_rclpy(seconds: float) -> dict[str, Any]:
         said = json.loads(reader.stdout.readline())
         driver.wait()
         reader.wait()
-    delays = np.array(said['delays']) * 1e3
+    delays = (np.array(said['arrivals']) - np.array(said['stamps'])) / 1e6
     sent = 5 * round(seconds * RATE)
     return {'raw messages received': said['received'], 'lost': sent - said['received'],
             'callback latency p50 [ms]': float(np.percentile(delays, 50)),
@@ -309,11 +317,16 @@ def in_lockstep(seconds: float) -> dict[str, Any]:
         bag = write_bag(Path(folder) / 'bag', TestFacts('dynamic', 50.0), stamps, load,
                         [stamps + 100_000 * probe for probe in range(4)], list(gaps),
                         default_rig().probes)
-        with start_nodes(bag) as group, listener(group.domain_id) as (node, residual, progress):
+        with (start_nodes(bag, start_paused=True) as group,
+              listener(group.domain_id) as (node, residual, progress)):
             wait_matched(progress)
+            play = node.create_client(Trigger, '/replay_clock/play')
+            play.wait_for_service(30.0)
+            answer = play.call_async(Trigger.Request())
             before = sum(cpu_of(one.process.pid) for one in group.processes.values())
             found, arrivals = receive(node, [residual], round(seconds * RATE) - 1, 120.0)
             used = sum(cpu_of(one.process.pid) for one in group.processes.values()) - before
+            answer.cancel()
             group.wait('replay_clock', 60.0)
     took = (arrivals[-1] - arrivals[0]) / 1e9
     span = (found[-1] - found[np.searchsorted(arrivals, arrivals[0], side='right') - 1]) / 1e9
@@ -345,9 +358,14 @@ def main() -> None:
     parser.add_argument('--seconds', type=float, default=20.0)
     parser.add_argument('--json', type=Path)
     parser.add_argument('--role', choices=('drive', 'plain'), help=argparse.SUPPRESS)
+    parser.add_argument('--rate', type=float, default=RATE, help=argparse.SUPPRESS)
+    parser.add_argument('--published', type=Path, help=argparse.SUPPRESS)
     args = parser.parse_args()
-    if args.role:
-        {'drive': drive, 'plain': plain}[args.role](args.seconds)
+    if args.role == 'drive':
+        drive(args.seconds, args.rate, args.published)
+        return
+    if args.role == 'plain':
+        plain(args.seconds, args.rate)
         return
     figures = {}
     print(f'{os.cpu_count()} cores, load average before: {os.getloadavg()[0]:.1f}')

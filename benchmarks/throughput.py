@@ -7,8 +7,10 @@ SingleThreadedExecutor and computes nothing; a process publishes to it as fast a
 messages. The nodes (two that replay, displacement, simulation, residual, clock) take a bag as fast
 as they follow, and lose nothing. On a busy machine six processes get more of it than one: both
 rates are therefore given by processor time as well, as if they had all cores to themselves.
-Latency is compared at 1 kHz a topic: from the stamp of a load sample to its residual, and to the
-callback of the plain node. With --profile, what each node's time goes into, by function.
+Latency is measured in real time on one driver to which the plain node and the nodes listen at the
+same time: from the publication of a load sample to the callback of the plain node, and to the
+arrival of its residual in another process. With --profile, what each node's time goes into, by
+function.
 """
 
 from __future__ import annotations
@@ -25,12 +27,13 @@ import time
 from typing import Any
 
 import numpy as np
-from ros_load import course, idle_servers, in_lockstep, in_real_time, RATE, with_plain_rclpy
+import ros_load
+from ros_load import course, in_lockstep, listener, wait_matched
 
 from saddlering_ros.bags import LOAD_TOPIC, PROBE_TOPICS, TestFacts, write_bag
 from saddlering_ros.bags.topics import LOAD, PROBES
 from saddlering_ros.rig import default_rig
-from saddlering_ros.ros.launcher import NodeGroup, start_nodes
+from saddlering_ros.ros.launcher import NodeGroup, RING_NODES, start_nodes
 from saddlering_ros.ros.raw_topics import RawPublisher
 from saddlering_ros.streams import batches
 
@@ -132,6 +135,52 @@ def plain_rate(seconds: float) -> tuple[float, float]:
                 process.wait()
 
 
+def side_by_side(seconds: float, rate: float) -> dict[str, float]:
+    """Latency of the plain node's callbacks and of residuals [ms], beside one driver."""
+    command = [sys.executable, ros_load.__file__, '--seconds', str(seconds), '--rate', str(rate),
+               '--role']
+    with (NodeGroup() as group, tempfile.TemporaryDirectory() as folder,
+          listener(group.domain_id) as (node, residual, progress)):
+        for name in RING_NODES:
+            group.start(name)
+        kept = Path(folder) / 'published.npy'
+        plain = subprocess.Popen([*command, 'plain'], env=group.environment,
+                                 stdout=subprocess.PIPE, text=True)
+        driver = subprocess.Popen([*command, 'drive', '--published', str(kept)],
+                                  env=group.environment, stdin=subprocess.PIPE,
+                                  stdout=subprocess.PIPE, text=True)
+        assert plain.stdout is not None
+        assert driver.stdin is not None
+        plain.stdout.readline()
+        wait_matched(progress)
+        driver.stdin.write('3 2 2 2 2\n')
+        driver.stdin.flush()
+        stamps, arrivals = ros_load.receive(node, [residual], round(seconds * rate), seconds + 10)
+        said = json.loads(plain.stdout.readline())
+        driver.wait()
+        plain.wait()
+        published = np.load(kept)
+    residuals = delays(published, stamps, arrivals)
+    callbacks = delays(published, np.array(said['stamps']), np.array(said['arrivals']))
+    return {'callback p50 [ms]': float(np.percentile(callbacks, 50)),
+            'callback p99 [ms]': float(np.percentile(callbacks, 99)),
+            'residual p50 [ms]': float(np.percentile(residuals, 50)),
+            'residual p99 [ms]': float(np.percentile(residuals, 99)),
+            'lost by the plain node': 5 * round(seconds * rate) - said['received'],
+            'residuals lost': round(seconds * rate) - len(stamps),
+            'load average': os.getloadavg()[0]}
+
+
+def delays(published: np.ndarray, stamps: np.ndarray, arrivals: np.ndarray) -> np.ndarray:
+    """Time from publication to arrival [ms] by stamp; the first 1.5 s, with the zero, left out.
+
+    published (2, N): stamp and time of publication [ns].
+    """
+    kept = stamps > published[0, 0] + 1_500_000_000
+    rows = np.searchsorted(published[0], stamps[kept])
+    return np.asarray((arrivals[kept] - published[1][rows]) / 1e6)
+
+
 def profiles(seconds: float) -> dict[str, list[tuple[str, float]]]:
     """Share of each node's time in lockstep by function, the largest first."""
     times, load, gaps = course(seconds)
@@ -171,6 +220,8 @@ def main() -> None:
     parser.add_argument('--seconds', type=float, default=10.0)
     parser.add_argument('--rounds', type=int, default=3)
     parser.add_argument('--profile', action='store_true')
+    parser.add_argument('--rate', type=float, default=1000.0, help='of a topic for the latency')
+    parser.add_argument('--no-throughput', action='store_true')
     parser.add_argument('--no-latency', action='store_true')
     parser.add_argument('--json', type=Path)
     parser.add_argument('--role', choices=('flood', 'receive'), help=argparse.SUPPRESS)
@@ -181,7 +232,7 @@ def main() -> None:
         return
     print(f'{os.cpu_count()} cores, load average before: {os.getloadavg()[0]:.1f}')
     found: dict[str, Any] = {'rounds': []}
-    for number in range(args.rounds):
+    for number in range(0 if args.no_throughput else args.rounds):
         by_clock, by_processor = plain_rate(args.seconds)
         together = in_lockstep(args.seconds)
         rate = together['raw messages a second']
@@ -195,14 +246,12 @@ def main() -> None:
         found['rounds'].append(one)
         print(f'round {number + 1}: ' + ', '.join(
             f'{name} {value:.4g}' for name, value in one.items()), flush=True)
-    if not args.no_latency:
-        plain, nodes = (with_plain_rclpy(args.seconds), in_real_time(args.seconds, idle_servers))
-        found['latency'] = {
-            'callback p99 [ms]': plain['callback latency p99 [ms]'],
-            'residual p99 [ms]': nodes['latency p99 [ms]'],
-            'lost by the plain node': plain['lost'],
-            'residuals lost': nodes['residuals lost']}
-        print(f'at {RATE:g} Hz a topic: {found["latency"]}', flush=True)
+    found['latency'] = []
+    for number in range(0 if args.no_latency else args.rounds):
+        one = side_by_side(args.seconds, args.rate)
+        found['latency'].append(one)
+        print(f'latency {number + 1}, {args.rate:g} Hz a topic: ' + ', '.join(
+            f'{name} {value:.4g}' for name, value in one.items()), flush=True)
     if args.profile:
         found['profiles'] = profiles(args.seconds)
         for name, functions in found['profiles'].items():
