@@ -153,6 +153,7 @@ def side_by_side(seconds: float, rate: float) -> dict[str, float]:
         assert driver.stdin is not None
         plain.stdout.readline()
         wait_matched(progress)
+        progress.close()  # as beside a driver, where no clock in lockstep listens
         driver.stdin.write('3 2 2 2 2\n')
         driver.stdin.flush()
         stamps, arrivals = ros_load.receive(node, [residual], round(seconds * rate), seconds + 10)

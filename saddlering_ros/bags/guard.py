@@ -37,6 +37,10 @@ SHORT = 32
 """Samples among which an outlier is looked for one by one."""
 
 
+FEW = 4
+"""So few samples are judged one by one sooner than together."""
+
+
 @dataclass(frozen=True)
 class Samples:
     """Readings of one topic: stamps (N,) [ns], values (N,), the ends of its range (or NaN)."""
@@ -127,7 +131,7 @@ class SampleGuard:
         """The sound samples that are due, in order of arrival."""
         if not len(samples):
             return samples
-        if self._is_plain(samples):
+        if len(samples) > FEW and self._is_plain(samples):
             self._remember(samples)
             return samples
         if len(samples) > SHORT:
