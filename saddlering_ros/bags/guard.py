@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saddlering_ros.bags.alignment import GAP_HISTORY, gap_limit, JITTER_NS
-from saddlering_ros.bags.scratch import blocks
+from saddlering_ros.bags.scratch import blocks, scratch_array
 from saddlering_ros.bags.validity import BRIDGED
 from saddlering_ros.rig import Rig
 
@@ -319,15 +319,24 @@ def sound_samples(
     bridges = np.array(guard.bridges, np.int64).reshape(-1, 2)
     if passed == len(stamps):
         return SoundSamples(Samples(stamps, values), guard.counters, bridges)
-    return SoundSamples(_passed(limits, stamps, values), guard.counters, bridges)
+    return SoundSamples(_passed(limits, stamps, values, passed), guard.counters, bridges)
 
 
 def _passed(
-    limits: Limits, stamps: NDArray[np.int64], values: NDArray[np.float64],
+    limits: Limits, stamps: NDArray[np.int64], values: NDArray[np.float64], count: int,
 ) -> Samples:
+    """The `count` sound samples; those of a long record lie in scratch files."""
     guard = SampleGuard(limits)
-    parts = [guard.push(Samples(stamps[part], values[part]))
-             for part in blocks(len(stamps), stamps, values)]
-    parts.append(guard.flush())
-    return Samples(np.concatenate([part.stamps for part in parts]),
-                   np.concatenate([part.values for part in parts]))
+    kept = Samples(scratch_array((count,), np.int64), scratch_array((count,), np.float64))
+    begin = 0
+    for part in blocks(len(stamps), stamps, values, kept.stamps, kept.values):
+        begin = _put(kept, begin, guard.push(Samples(stamps[part], values[part])))
+    _put(kept, begin, guard.flush())
+    return kept
+
+
+def _put(kept: Samples, begin: int, samples: Samples) -> int:
+    """Write samples into `kept` from the place `begin` on; the place behind them."""
+    end = begin + len(samples)
+    kept.stamps[begin:end], kept.values[begin:end] = samples.stamps, samples.values
+    return end

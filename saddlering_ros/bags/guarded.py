@@ -74,8 +74,8 @@ def _guarded(record: RawRecord, raw: RawTopic, limits: Limits, rig: Rig) -> Guar
             'allows): correct the rig file, or see to the sensor')
     if not refused:
         return GuardedTopic(raw, sound)
-    return GuardedTopic(replace(raw, stamps=scratch_copy(sound.samples.stamps),
-                                values=scratch_copy(sound.samples.values)), sound)
+    return GuardedTopic(
+        replace(raw, stamps=sound.samples.stamps, values=sound.samples.values), sound)
 
 
 def possible_record(record: RawRecord, rig: Rig) -> RawRecord:
