@@ -19,6 +19,7 @@ from saddlering_ros.bags.checks import (
 )
 from saddlering_ros.bags.directory import open_directory
 from saddlering_ros.bags.errors import BagError
+from saddlering_ros.bags.exchanges import exchange_notes
 from saddlering_ros.bags.facts import FoundFacts
 from saddlering_ros.bags.guarded import guarded_topics, node_rows, possible_record
 from saddlering_ros.bags.node_rows import NodeRows
@@ -252,7 +253,7 @@ def notes_on_rig(rig: Rig, run: TestRun, record: RawRecord) -> list[str]:
     wiring = wiring_notes(rig, run.elevation, run.load, run.gaps)
     parity = [] if wiring else [*parity_notes(rig, run.load, run.gaps),
                                 *line_notes(rig, float(run.time[-1]), run.load, run.gaps)]
-    return [*wiring, *parity,
+    return [*wiring, *parity, *exchange_notes(rig, run.time, run.load, run.gaps),
             *rig_notes(rig, run.test, run.time, run.load, spans)]
 
 

@@ -17,6 +17,7 @@ from saddlering_ros.bags import (
     refuse_repeats,
     TestRun,
 )
+from saddlering_ros.bags.exchanges import exchange_notes
 from saddlering_ros.bags.rig_notes import line_notes, parity_notes, rig_notes
 from saddlering_ros.rig import default_rig, TONNE
 
@@ -172,3 +173,15 @@ def test_an_oscillation_of_the_parity_is_noted_with_its_frequency_and_noise_is_n
     folded = gaps + 2e-6 * np.sin(2.0 * np.pi * 1.7 * TIME)
     (note,) = line_notes(RIG, 10.0, RAMP, folded)
     assert 'oscillates by 2 um at 1.7 Hz' in note
+
+
+def test_probes_that_exchange_their_readings_at_rest_are_named_and_coarse_equal_ones_are_not():
+    random, count = np.random.default_rng(0), 2000
+    time, load = 1e-3 * np.arange(count), np.full(count, 5e4)
+    gaps = 1e-3 + random.normal(0.0, 3e-7, (4, count)) + np.array([[0, 4e-5, 0, -2e-5]]).T
+    coarse = 2e-6 * np.rint(random.normal(1e-3, 1e-6, (4, count)) / 2e-6)
+    assert exchange_notes(RIG, time, load, gaps) == []
+    assert exchange_notes(RIG, time, load, coarse) == []
+    gaps[[1, 3], 1500:] = gaps[[3, 1], 1500:]
+    (note,) = exchange_notes(RIG, time, load, gaps)
+    assert note.startswith('probes 2 and 4 exchange their readings at 1.')
