@@ -12,6 +12,7 @@ from saddlering_ros.api.inputs import (
     BagLike,
     check_parameters,
     check_rig,
+    check_seed,
     for_fits,
     origins,
     ParametersLike,
@@ -45,6 +46,7 @@ def identify(
     on_progress is called with a `Progress`. If is_cancelled returns True, `Cancelled` is raised
     with the result so far as `partial`. Raises SaddleringError for input that cannot be used.
     """
+    check_seed(seed)
     settings = IdentificationSettings(
         method=method, bounds=dict(bounds or {}), logarithmic_stiffness=log_stiffness,
         use_delta_y=use_delta_y, seed=seed, swarm=SwarmSettings(
@@ -110,6 +112,7 @@ def diagnose(
     parameters: the start of the fit of the contact law (None: the true-to-scale values). The other
     arguments are those of `identify`.
     """
+    check_seed(seed)
     known = as_rig(rig)
     law = None if parameters is None else as_parameters(parameters)
     fitted = as_bags(bags, known, on_progress, is_cancelled)

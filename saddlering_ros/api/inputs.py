@@ -181,6 +181,12 @@ def check_parameters(law: ParameterSet, known: Rig, trust_rig: bool) -> None:
             '--trust-rig to continue with this rig')
 
 
+def check_seed(seed: int) -> None:
+    """Refuse a seed that no random generator takes."""
+    if seed < 0:
+        raise ApiError(f'seed is {seed}: give a whole number, 0 or above')
+
+
 def as_rig(given: RigLike) -> Rig:
     """A rig as it is, a file as a rig, None as the shipped one."""
     return given if isinstance(given, Rig) else load_rig(given)

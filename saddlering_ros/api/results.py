@@ -37,6 +37,9 @@ if TYPE_CHECKING:
     import pandas
 
 
+PLOT_SUFFIXES = ('.png', '.svg', '.pdf')
+
+
 @dataclass(frozen=True)
 class Plot:
     """A figure: a notebook shows it, `save` writes it, `figure` is matplotlib's own object."""
@@ -45,6 +48,9 @@ class Plot:
 
     def save(self, path: Path | str) -> None:
         """Write a PNG, SVG or PDF, as the name ends."""
+        if Path(path).suffix.lower() not in PLOT_SUFFIXES:
+            raise ApiError(f'{path}: cannot be saved under this name: end the name with '
+                           f'{", ".join(PLOT_SUFFIXES)}')
         self.figure.savefig(path)
 
     def _repr_png_(self) -> bytes:
@@ -154,6 +160,10 @@ class _Parametric(ABC):
         write_parameters(Path(path), self.parameters)
 
 
+def _bags(count: int) -> str:
+    return '1 bag' if count == 1 else f'{count} bags'
+
+
 def _cell(value: Any) -> Any:
     from saddlering_ros.report.html import number
 
@@ -205,7 +215,7 @@ class IdentificationResult(Result, _Parametric):
         return self.found.to_json()
 
     def _headline(self) -> str:
-        return (f'Identification ({self.found.method} method) from {len(self.bags)} bags: '
+        return (f'Identification ({self.found.method} method) from {_bags(len(self.bags))}: '
                 f'{self.found.status}')
 
     def _row(self, place: int, name: str) -> dict[str, Any]:
@@ -277,7 +287,9 @@ class ValidationResult(Result):
                 'criteria': [asdict(item) for item in self.criteria]}
 
     def _headline(self) -> str:
-        return f'Validation on {len(self.bags)} bags'
+        met = sum(item.is_met for item in self.criteria)
+        return (f'Validation on {_bags(len(self.bags))}: {met} of {len(self.criteria)} criteria '
+                'are met')
 
 
 @dataclass(frozen=True, repr=False)

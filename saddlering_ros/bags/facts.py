@@ -79,9 +79,9 @@ class FoundFacts:
         """The same with what the command line gives put in place."""
         facts = self
         if test is not None:
-            facts = facts._settled('test', test=check_kind(test, 'command line'))
+            facts = facts._settled('test', test=check_kind(test, 'option'))
         if elevation_deg is not None:
-            value = check_elevation(elevation_deg, 'command line')
+            value = check_elevation(elevation_deg, 'option')
             facts = facts._settled('elevation_deg', elevation_deg=value)
         return facts
 

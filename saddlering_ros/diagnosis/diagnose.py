@@ -28,7 +28,7 @@ from saddlering_ros.diagnosis.ring_system import RingSystem
 from saddlering_ros.diagnosis.verdict import run_figures, RunFigures, Verdict
 from saddlering_ros.discrepancy import diagnose, Diagnosis, Settings
 from saddlering_ros.effects import catalogue
-from saddlering_ros.progress import IsCancelled, OnProgress
+from saddlering_ros.progress import IsCancelled, OnProgress, Progress
 from saddlering_ros.rig import ContactParameters, ParameterSet, Rig
 from saddlering_ros.thresholds import is_left, MATERIAL
 
@@ -97,6 +97,8 @@ def diagnose_runs(
         run_figures(rig, found, record, residual.before, residual.after)
         for record, residual in zip(records, found.runs, strict=True)
     )
+    if on_progress is not None:
+        on_progress(Progress('diagnose', 'contact parameters', 0.95))
     law = contact_law(found, runs, rig, is_cancelled)
     notes = [*check_set(records, rig), *found.warnings, *law.notes]
     notes += [f'{record.run.name}: {note}' for record in records for note in record.test_run.notes]

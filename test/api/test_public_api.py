@@ -18,6 +18,7 @@ import saddlering_ros
 from saddlering_ros import (
     Bag,
     Cancelled,
+    diagnose,
     identify,
     Progress,
     read_bag,
@@ -133,6 +134,8 @@ def test_results_are_saved_as_their_name_ends(judged, tmp_path):
         rows = list(csv.DictReader(file))
     assert len(rows) == 8
     assert float(rows[0]['rmse']) == judged.found.runs[0].channels['delta_x'].rmse
+    with pytest.raises(SaddleringError, match=r'end the name with \.png, \.svg, \.pdf$'):
+        judged.plot().save(tmp_path / 'plot.txt')
     for name in ('all.txt', 'law.yaml'):
         with pytest.raises(SaddleringError, match=r'end the name with \.json, \.csv$'):
             judged.save(tmp_path / name)
@@ -161,6 +164,12 @@ def test_a_data_frame_needs_pandas_and_the_error_names_it(monkeypatch):
     monkeypatch.setitem(sys.modules, 'pandas', None)
     with pytest.raises(SaddleringError, match='pip install pandas'):
         dataframe({'a': [1]})
+
+
+def test_a_negative_seed_is_refused_in_one_line(bags):
+    for compute in (identify, diagnose):
+        with pytest.raises(SaddleringError, match='seed is -1: give a whole number, 0 or above'):
+            compute(bags, seed=-1)
 
 
 def test_what_holds_no_parameters_is_refused_in_one_line(bags):
