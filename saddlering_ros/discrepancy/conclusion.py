@@ -23,6 +23,7 @@ from saddlering_ros.discrepancy.gain import (
     left_out_gain,
     plain_fits,
 )
+from saddlering_ros.discrepancy.lack_of_fit import ShapeTest
 from saddlering_ros.discrepancy.metric import Metric
 from saddlering_ros.discrepancy.model_space import AT_BOUND, ModelSpace, refit_full_jacobian
 from saddlering_ros.discrepancy.nuisances import offset_columns
@@ -54,11 +55,11 @@ def residual_of(space: ModelSpace, fit: Fit) -> Residual:
     """The residual of a fit; where laws are taken to be exact, its consistency too."""
     sensitivities, slow = space.tangent_of(fit), space.slow_residual(fit)
     shapes = space.tests.shapes(fit, sensitivities.white)
+    consistency: list[ShapeTest] = []
     if space.metric.experiment.assumptions.form_error == 0.0:
-        shapes += consistency_tests(
+        consistency = consistency_tests(
             space.metric, fit, sensitivities, slow, space.known.max_pairs)
-        shapes.sort(key=lambda item: item.p_value)
-    return Residual(slow, space.tests.fast(fit), tuple(shapes))
+    return Residual(slow, space.tests.fast(fit), tuple(shapes), tuple(consistency))
 
 
 def judge(
@@ -127,7 +128,7 @@ def _unexplained(space: ModelSpace, after: Residual) -> list[str]:
     ]
     found += [
         f'{item.view} along {item.coordinate}'
-        for item in after.shapes
+        for item in (*after.consistency, *after.shapes)
         if item.p_value < space.settings.error_rate and item.visible >= space.settings.materiality
     ]
     return found
@@ -236,10 +237,12 @@ class Publication:
         )
         self.less = dict(zip(less, others, strict=True))
         self.base_covariance = _covariance(
-            space.tangent_of(space.base), before, self.base.theta_unit - space.base.theta_unit
+            space.tangent_of(space.base), before, self.base.theta_unit - space.base.theta_unit,
+            space.settings.error_rate,
         )
         self.covariance = _covariance(
-            space.tangent_of(fit), after, self.fit.theta_unit - fit.theta_unit
+            space.tangent_of(fit), after, self.fit.theta_unit - fit.theta_unit,
+            space.settings.error_rate,
         )
         fitted = {item.candidate.key: item for item in (self.base, self.fit, *others)}
         plain = plain_fits(
@@ -342,10 +345,11 @@ class Publication:
         return _predictions(self.experiment.system, self.runs, self.base, self.fit)
 
 
-def _covariance(sensitivities: Tangent, residual: Residual, moved: Array) -> Array:
+def _covariance(
+    sensitivities: Tangent, residual: Residual, moved: Array, error_rate: float
+) -> Array:
     """Covariance in bound-scaled coordinates, widened by the misfit and what nuisances took."""
-    inflation = 1.0 + max(residual.slow.excess, 0.0) / residual.slow.dimensions
-    own = covariance(sensitivities.white, PRIOR) * inflation
+    own = covariance(sensitivities.white, PRIOR) * residual.inflation(error_rate)
     return np.asarray(own + np.diag(moved**2))
 
 

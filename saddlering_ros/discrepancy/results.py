@@ -80,11 +80,28 @@ class SearchLog:
 
 @dataclass(frozen=True)
 class Residual:
-    """What a model leaves: slow and fast structure, and tests on shapes in each coordinate."""
+    """What a model leaves: slow and fast structure, and tests on shapes in each coordinate.
+
+    consistency: tests whether parameters and laws fit alike everywhere, of declared models.
+    """
 
     slow: SlowResidual
     fast: FastResidual
     shapes: tuple[ShapeTest, ...]
+    consistency: tuple[ShapeTest, ...] = ()
+
+    def inflation(self, error_rate: float) -> float:
+        """Factor of the variances for a misfit that remains, be it too small to matter.
+
+        Misfit of the shapes that the parameters themselves have moves the parameters.
+        """
+        ratios = [1.0 + self.slow.excess / self.slow.dimensions]
+        ratios += [
+            item.statistic / item.dimensions
+            for item in self.consistency
+            if item.p_value < error_rate
+        ]
+        return max(1.0, *ratios)
 
 
 @dataclass(frozen=True)

@@ -26,7 +26,9 @@ def summary_text(found: Diagnosis) -> str:
     if found.causes:
         lines.append(f'misfit reduction: {gain_words(found.gain.fit, found.gain.held_out)}')
     if found.verdict == 'unknown':
-        shapes = [item for item in found.residual_after.shapes if item.p_value < 0.01][:4]
+        after = found.residual_after
+        tests = sorted((*after.consistency, *after.shapes), key=lambda item: item.p_value)
+        shapes = [item for item in tests if item.p_value < 0.01][:4]
         lines += [
             f'  residual: {item.view} along {item.coordinate}, {100 * item.visible:.2g} % of range'
             for item in shapes

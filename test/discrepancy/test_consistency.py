@@ -43,7 +43,7 @@ def test_parameters_that_differ_from_run_to_run_are_a_misfit() -> None:
     answer = found((0.995, 1.005))
     assert answer.residual_after.slow.p_value > 0.01  # among all slow shapes it does not show
     assert answer.verdict == 'unknown'
-    first = answer.residual_after.shapes[0]
+    first = min(answer.residual_after.consistency, key=lambda item: item.p_value)
     assert first.coordinate == 'the runs, as the parameters act'
     assert 'seen along the runs' in answer.summary()
 
