@@ -10,9 +10,7 @@ import numpy as np
 from saddlering_ros.diagnosis.contract import ShapeEntry, SimulatedTestEntry, VerdictDocument
 from saddlering_ros.diagnosis.proposed_law import proposal_document
 from saddlering_ros.diagnosis.wording import shape_words, swing_words
-from saddlering_ros.discrepancy import Cause, Diagnosis, Separation
-from saddlering_ros.discrepancy.lack_of_fit import ShapeTest
-from saddlering_ros.discrepancy.results import Evidence
+from saddlering_ros.discrepancy import Cause, Diagnosis, Evidence, Separation, ShapeTest
 from saddlering_ros.thresholds import is_left, MATERIAL
 
 if TYPE_CHECKING:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 import yaml
 
-from saddlering_ros.discrepancy.proposal import describe, LawProposal, Term
+from saddlering_ros.discrepancy import describe, LawProposal, Term
 from saddlering_ros.rig import write_text_atomically
 
 TABLE_POINTS = 1025

@@ -11,8 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saddlering_ros.bags import displacement_of_run, MeasuredRun, plateaus, TestRun
-from saddlering_ros.discrepancy import RestSegment, RunBlocks
-from saddlering_ros.discrepancy.proposal.memory import direction_of
+from saddlering_ros.discrepancy import direction_of, RestSegment, RunBlocks
 from saddlering_ros.errors import SaddleringError
 from saddlering_ros.estimation.blocks import span_means
 from saddlering_ros.estimation.probe_rounding import probe_rounding

@@ -1,17 +1,21 @@
 """The generic engine: it names the causes that a simulator lacks, at a known error rate.
 
-Declare a `Model` of any machine and `diagnose(model, runs)`. What lies under it, `diagnose_system`
-of anything that follows `System`, is for simulators with nuisance parameters of their own.
+Declare a `Model` of any machine and `diagnose(model, runs)`. `diagnose` also takes a `System` with
+its `RunBlocks`, for simulators with nuisance parameters, combined channels or sensitivities of
+their own, as the ring has. What is exported here is all that a user of the engine may import.
 """
 
 from saddlering_ros.discrepancy.assumptions import Assumptions
 from saddlering_ros.discrepancy.engine import diagnose_system
+from saddlering_ros.discrepancy.lack_of_fit import ShapeTest
 from saddlering_ros.discrepancy.model import Channel, Model, Run
 from saddlering_ros.discrepancy.model_check import check
 from saddlering_ros.discrepancy.model_diagnosis import diagnose
 from saddlering_ros.discrepancy.noise import Noise
 from saddlering_ros.discrepancy.priors import ModelErrorPrior
-from saddlering_ros.discrepancy.results import Cause, Diagnosis, Estimate
+from saddlering_ros.discrepancy.proposal import describe, LawProposal, Term
+from saddlering_ros.discrepancy.proposal.memory import direction_of
+from saddlering_ros.discrepancy.results import Cause, Diagnosis, Estimate, Evidence
 from saddlering_ros.discrepancy.separation import Proposal, Reading, Separation
 from saddlering_ros.discrepancy.settings import Settings
 from saddlering_ros.discrepancy.system import (
@@ -21,6 +25,7 @@ from saddlering_ros.discrepancy.system import (
     Point,
     RunBlocks,
     System,
+    SystemWithTangents,
 )
 from saddlering_ros.estimation.rest import RestSegment
 
@@ -32,6 +37,8 @@ __all__ = [
     'DiscrepancyError',
     'Effect',
     'Estimate',
+    'Evidence',
+    'LawProposal',
     'Model',
     'ModelErrorPrior',
     'Noise',
@@ -44,8 +51,13 @@ __all__ = [
     'RunBlocks',
     'Separation',
     'Settings',
+    'ShapeTest',
     'System',
+    'SystemWithTangents',
+    'Term',
     'check',
+    'describe',
     'diagnose',
     'diagnose_system',
+    'direction_of',
 ]
