@@ -10,6 +10,7 @@ import io
 from pathlib import Path
 import re
 
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from PIL import Image
 
@@ -203,11 +204,15 @@ def pictures_of(document: str) -> dict[str, bytes]:
 
 
 def png(figure: Figure) -> bytes:
-    """A figure as a PNG file's bytes."""
-    buffer = io.BytesIO()
-    figure.savefig(buffer, format='rgba', dpi=RESOLUTION)
-    width, height = (int(side * RESOLUTION) for side in figure.get_size_inches())
-    seen = Image.frombytes('RGBA', (width, height), buffer.getvalue()).convert('RGB')
+    """A figure as a PNG file's bytes.
+
+    `Figure.savefig` would draw it twice, once for the layout alone.
+    """
+    figure.set_dpi(RESOLUTION)
+    canvas = FigureCanvasAgg(figure)
+    canvas.draw()
+    seen = Image.frombytes('RGBA', canvas.get_width_height(), bytes(canvas.buffer_rgba()))
+    seen = seen.convert('RGB')
     buffer = io.BytesIO()
     seen.quantize(COLOURS, method=Image.Quantize.FASTOCTREE).save(buffer, 'PNG', optimize=False)
     return buffer.getvalue()
