@@ -314,6 +314,10 @@ def run_or_line(path) -> TestRun | str:
     return run
 
 
+PLACES = 12
+"""Damaged places of each kind of file; benchmarks/fuzz.py damages thousands."""
+
+
 @pytest.mark.parametrize(('compression', 'chunked'), [
     *((compression, True) for compression in CompressionType), (CompressionType.NONE, False)])
 @pytest.mark.parametrize('kind', ['flip', 'zero', 'insert'])
@@ -325,7 +329,7 @@ def test_damage_anywhere_is_refused_or_harmless(
     sound, data = read_run(whole), whole.read_bytes()
     random = np.random.default_rng(zlib.crc32(f'{compression}{chunked}{kind}'.encode()))
     refused = 0
-    for place in random.integers(0, len(data), 25).tolist():
+    for place in random.integers(0, len(data), PLACES).tolist():
         damaged = bytearray(data)
         if kind == 'flip':
             damaged[place] ^= 1 << int(random.integers(8))
@@ -341,7 +345,7 @@ def test_damage_anywhere_is_refused_or_harmless(
         else:
             np.testing.assert_array_equal(run.load, sound.load)
             np.testing.assert_array_equal(run.gaps, sound.gaps)
-    assert refused > 5
+    assert refused > 1
 
 
 def test_damage_without_checksums_ends_in_a_line_too(tmp_path, short, raw):
@@ -350,7 +354,7 @@ def test_damage_without_checksums_ends_in_a_line_too(tmp_path, short, raw):
                 crcs=False, chunk_size=4000)
     data = whole.read_bytes()
     random = np.random.default_rng(3)
-    for place in random.integers(0, len(data), 40).tolist():
+    for place in random.integers(0, len(data), 20).tolist():
         damaged = bytearray(data)
         damaged[place] = int(random.integers(256))
         bag = tmp_path / 'damaged.mcap'
