@@ -52,7 +52,8 @@ def soon(name: str, number: signal.Signals, recorded: Path) -> threading.Thread:
     ('eddy_current', signal.SIGTERM, 'ended before the bag was at its end')])
 def test_a_replay_whose_node_is_ended_fails_and_replaces_nothing(
         name: str, number: signal.Signals, words: str, bag: Path, ros_domain: int,
-        tmp_path: Path, capsys: Any) -> None:
+        tmp_path: Path, capsys: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr('saddlering_ros.ros.launcher.RING_NODES', ('ring_displacement',))
     recorded = tmp_path / 'recorded'
     recorded.mkdir()
     (recorded / 'metadata.yaml').write_text('a good recording')
