@@ -20,8 +20,12 @@ class MadeOnce:
         self._root.mkdir(exist_ok=True)
 
     def folder(self, name: str, make: Callable[[Path], object]) -> Path:
-        """The folder `name`; `make` fills it the first time, and nobody sees it half full."""
+        """The folder `name` (a relative path); `make` fills it the first time.
+
+        Nobody sees it half full.
+        """
         whole, partial = self._root / name, self._root / f'{name}.partial'
+        whole.parent.mkdir(parents=True, exist_ok=True)
         with (self._root / f'{name}.lock').open('w') as lock:
             fcntl.flock(lock, fcntl.LOCK_EX)
             if not whole.exists():

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 
 from made_once import MadeOnce
@@ -12,6 +13,7 @@ from saddlering_ros.virtual_rig.campaign import (
     DrawSettings,
     RecordSettings,
     RUNS,
+    Truth,
     write_campaign,
 )
 
@@ -19,7 +21,8 @@ SHORT = RecordSettings(hold=2.0, static_rate=25.0, duration=8.0, dynamic_rate=50
 
 
 class ShortBags:
-    """Calling it gives the bags of one rig, all in one folder; each is written once for a run."""
+    """Calling it gives bags of one rig, side by side in a folder; each is written once for a run.
+    """
 
     def __init__(self, made: MadeOnce) -> None:
         self._made = made
@@ -30,10 +33,13 @@ class ShortBags:
         settings = DrawSettings()
         if effect is not None:
             settings = DrawSettings((effect,), fixed={effect: {parameter: value}})
+        rig = f'bags_{effect}_{parameter}_{value}_{seed}'
+        truth = draw_truth(seed, 'clean' if effect is None else 'single', settings)
+        return [self._made.folder(f'{rig}/{run}', partial(_write, truth, run)) for run in runs]
 
-        def write(folder: Path) -> None:
-            truth = draw_truth(seed, 'clean' if effect is None else 'single', settings)
-            write_campaign(truth, folder, tuple(RUNS), SHORT)
 
-        folder = self._made.folder(f'bags_{effect}_{parameter}_{value}_{seed}', write)
-        return [folder / run for run in runs]
+def _write(truth: Truth, run: str, folder: Path) -> None:
+    bag, = write_campaign(truth, folder, [run], SHORT)
+    for file in bag.iterdir():
+        file.rename(folder / file.name)
+    bag.rmdir()

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
+from shared_verdicts import shared_diagnose
 
 from saddlering_ros.bags import read_run
 from saddlering_ros.diagnosis.diagnose import diagnose_bags, diagnose_runs
@@ -80,12 +82,17 @@ def test_a_small_size_of_the_other_sign_is_looked_for(campaign):
     assert best.values['elevation_error']['angle'] == pytest.approx(angle, rel=0.3)
 
 
-@pytest.mark.slow
-def test_bags_of_different_rigs_get_no_confident_name(campaign):
-    runs = ('static_50', 'dynamic_50', 'dynamic_50_fast', 'static_70')
-    bags = campaign('radial_friction', 8000.0, 'force', runs)[:2]
-    first, second = (read_run(bag) for bag in bags)
-    apart = diagnose_runs([first, replace(second, rig='another rig')])
+def test_bags_of_different_rigs_get_no_confident_name(
+        campaign, made_once, tmp_path, monkeypatch):
+    (tmp_path / 'bags').symlink_to(campaign('radial_friction', 8000.0, 'force')[0].parent)
+    monkeypatch.chdir(tmp_path)
+    first, second, held_out = (
+        read_run(Path('bags') / name) for name in ('static_50', 'dynamic_50', 'static_70'))
+    found = shared_diagnose(made_once)([first, second], [held_out], default_rig())
+    assert found.verdict == 'named'
+    monkeypatch.setattr('saddlering_ros.diagnosis.diagnose.diagnose',
+                        lambda *_, **__: found.diagnosis)
+    apart = diagnose_runs([first, replace(second, rig='another rig')], [held_out])
     assert apart.diagnosis.causes
     assert apart.verdict == 'unknown'
     assert 'different rigs' in ' '.join(apart.notes)

@@ -1,19 +1,21 @@
-"""Claims about `saddlering diagnose`: its JSON is the contract, its parameter file simulates."""
+"""Claims about `saddlering diagnose`: its JSON is the contract, its parameter file simulates.
+
+The command is the one of the tutorial, for a rig whose ring has dry friction, 70 deg held out.
+"""
 
 from __future__ import annotations
 
-import contextlib
 from dataclasses import dataclass
-import io
 import json
 from pathlib import Path
+import shlex
 from typing import Any
 
 import numpy as np
 import pytest
+from typed_pages import typed_page
 
 from saddlering_ros.bags import read_run
-from saddlering_ros.cli.main import main
 from saddlering_ros.effects import catalogue
 from saddlering_ros.rig import (
     CHANNELS,
@@ -25,8 +27,7 @@ from saddlering_ros.ring.simulator import simulate
 
 pytestmark = pytest.mark.slow
 
-FITTED = ('static_50', 'dynamic_50', 'dynamic_50_fast')
-SEALED = ('static_70',)
+PAGE = Path(__file__).resolve().parents[2] / 'docs' / 'tutorial.md'
 FORCE = 8000.0
 
 
@@ -42,17 +43,12 @@ class Diagnosed:
 
 
 @pytest.fixture(scope='module')
-def diagnosed(campaign, tmp_path_factory: pytest.TempPathFactory) -> Diagnosed:
-    """Diagnosis of a rig whose ring has dry friction, 70 deg kept sealed."""
-    bags = campaign('radial_friction', FORCE, 'force', FITTED + SEALED)
-    folder, printed = tmp_path_factory.mktemp('diagnosed'), io.StringIO()
-    files = [folder / name for name in ('verdict.json', 'extended.yaml', 'report.html')]
-    options = zip(('--json', '--out', '--report'), files, strict=True)
-    with contextlib.redirect_stdout(printed):
-        assert main(['diagnose', *map(str, bags[:len(FITTED)]), '--hold-out',
-                     *map(str, bags[len(FITTED):]),
-                     *(str(word) for option in options for word in option)]) == 0
-    return Diagnosed(bags, printed.getvalue(), *files)
+def diagnosed(campaign, made_once) -> Diagnosed:
+    page = typed_page(PAGE, made_once, campaign)
+    words = shlex.split(page.of('diagnose').line)
+    bags = [page.folder / word for word in words if word.startswith('bags/')]
+    return Diagnosed(bags, page.of('diagnose').printed, *(
+        page.folder / name for name in ('verdict.json', 'extended.yaml', 'report.html')))
 
 
 @pytest.fixture(scope='module')
@@ -81,8 +77,8 @@ def test_each_cause_has_group_parameters_evidence_and_gain(document):
 
 
 def test_each_run_has_four_channels_with_noise_floor(document):
-    assert [run['held_out'] for run in document['runs']] == [False, False, False, True]
-    assert [run['elevation_deg'] for run in document['runs']] == pytest.approx([50, 50, 50, 70])
+    assert [run['held_out'] for run in document['runs']] == [False, False, True]
+    assert [run['elevation_deg'] for run in document['runs']] == pytest.approx([50, 50, 70])
     for run in document['runs']:
         assert run['test'] in ('static', 'dynamic')
         assert set(run['channels']) == set(CHANNELS)
@@ -131,5 +127,6 @@ def test_words_for_a_terminal_say_verdict_and_cause(diagnosed, document):
 
 
 def test_the_command_names_its_bags_and_writes_a_page(diagnosed, document):
-    assert [run['bag'] for run in document['runs']] == [str(bag) for bag in diagnosed.bags]
+    assert [run['bag'] for run in document['runs']] == [
+        f'bags/{bag.name}' for bag in diagnosed.bags]
     assert diagnosed.page.read_text().lstrip().lower().startswith('<!doctype html')

@@ -1,0 +1,44 @@
+"""The engine's answer to the same question, computed once for all tests of a run.
+
+A diagnosis takes ten seconds of processor time. Tests of commands, of the API and of what is made
+of an answer ask the same of the same bags; those of the engine ask for themselves.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+import hashlib
+from pathlib import Path
+import pickle
+from typing import Any
+
+from made_once import MadeOnce
+
+from saddlering_ros.bags import TestRun
+from saddlering_ros.diagnosis.diagnose import diagnose_runs, Verdict
+
+PLACE = 'saddlering_ros.api.functions.diagnose_runs'
+"""Where commands and the API find the function that these tests replace."""
+
+
+def shared_diagnose(made: MadeOnce) -> Callable[..., Verdict]:
+    """`diagnose_runs`, which computes an answer once for each runs, rig, start and seed."""
+    def diagnose(runs: Sequence[TestRun], hold_out: Sequence[TestRun] = (), rig: Any = None,
+                 parameters: Any = None, *watch: Any, seed: int = 0, **more: Any) -> Verdict:
+        def make(folder: Path) -> None:
+            found = diagnose_runs(runs, hold_out, rig, parameters, *watch, seed=seed, **more)
+            (folder / 'verdict').write_bytes(pickle.dumps(found))
+
+        asked = _digest(runs, hold_out, (rig, parameters, seed))
+        found = pickle.loads((made.folder(f'verdicts/{asked}', make) / 'verdict').read_bytes())
+        assert isinstance(found, Verdict)
+        return found
+    return diagnose
+
+
+def _digest(runs: Sequence[TestRun], hold_out: Sequence[TestRun], rest: tuple[Any, ...]) -> str:
+    digest = hashlib.sha256(repr((len(runs), rest)).encode())
+    for run in (*runs, *hold_out):
+        digest.update(str(run.path).encode())
+        digest.update(run.load.tobytes() + run.gaps.tobytes())
+    return digest.hexdigest()[:20]
