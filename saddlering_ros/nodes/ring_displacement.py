@@ -99,6 +99,7 @@ class RingDisplacementNode(StreamingNode):
             watch.push(samples.values)
         self._arrived = time.monotonic()
         self._stream.elevation = self._watch.resolve().value
+        self._stream.recording = self._watch.recording
         self._send(self._stream.push(load, gaps))
 
     def at_intervals(self, now: float) -> float:

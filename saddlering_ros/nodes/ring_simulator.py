@@ -195,6 +195,7 @@ class RingSimulatorNode(StreamingNode):
         self._arrived = time.monotonic()
         self.inputs[0].last_stamp = int(load.stamps[-1])
         self._stream_task.push(load.stamps)
+        self._stream.recording = self._watch.recording
         if not self._watch.contradiction(self._elevation):
             self._send(self._stream.push(load))
 

@@ -15,8 +15,10 @@ from rclpy.node import Node
 
 from saddlering_interfaces.msg import ReplayState
 from saddlering_ros.bags.topics import ELEVATION
+from saddlering_ros.ros.lockstep import to_stamp
 from saddlering_ros.ros.names import STATE
 from saddlering_ros.ros.qos import LATCHED, OF_ANY_SENSOR
+from saddlering_ros.streams.batches import ANY_TIME
 
 SAME_BAG = math.radians(0.01)
 """Elevations of a setting and of a bag that differ by more contradict each other."""
@@ -39,10 +41,14 @@ class Elevation:
 
 
 class ElevationWatch:
-    """Hears of the elevation on replay/state and rig/elevation; `on_news` is called on changes."""
+    """Hears of the elevation on replay/state and rig/elevation; `on_news` is called on changes.
+
+    recording: first and last stamp [ns] of the bag that is replayed, or ANY_TIME.
+    """
 
     def __init__(self, node: Node, on_news: Callable[[], None] = lambda: None) -> None:
         self.of_bag = self.measured = math.nan
+        self.recording = ANY_TIME
         self.impossible = 0
         self._on_news = on_news
         node.create_subscription(ReplayState, STATE, self._on_state, LATCHED)
@@ -68,6 +74,7 @@ class ElevationWatch:
         return ''
 
     def _on_state(self, message: ReplayState) -> None:
+        self.recording = to_stamp(message.start), to_stamp(message.end)
         value = float(message.elevation)
         if value != self.of_bag and not (math.isnan(value) and math.isnan(self.of_bag)):
             self.of_bag = value

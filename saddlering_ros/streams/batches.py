@@ -14,6 +14,9 @@ from saddlering_ros.bags.guard import Samples as Samples
 from saddlering_ros.bags.layouts import DISPLACEMENT_TYPE
 from saddlering_ros.bags.topics import RigTopic
 
+ANY_TIME = (0, 0)
+"""In place of the first and last stamp of a recording: none is known."""
+
 Stamps = NDArray[np.int64]
 Floats = NDArray[np.float64]
 
@@ -59,6 +62,14 @@ class Displacements:
 
     def __len__(self) -> int:
         return len(self.stamps)
+
+
+def is_pause(recording: tuple[int, int], before: int, after: int) -> bool:
+    """Whether two stamps [ns] lie in one recording: the time between them is a pause of a test.
+
+    recording: first and last stamp [ns], or ANY_TIME.
+    """
+    return recording[0] <= before and after <= recording[1]
 
 
 def no_samples() -> Samples:

@@ -26,7 +26,9 @@ from saddlering_ros.rig import (
     ZeroWindow,
 )
 from saddlering_ros.streams.batches import (
+    ANY_TIME,
     Displacements,
+    is_pause,
     join,
     no_displacements,
     Samples,
@@ -38,7 +40,9 @@ class DisplacementStream:
 
     It is what `displacement_of_run` computes for a bag, bit for bit, on rows that come in as they
     happen. Rows wait until a zero is found; then they come out at once. Load stamps that jump
-    back, or ahead by more than `max_gap` [s], start everything anew, the zero included.
+    back, or ahead by more than `max_gap` [s], start everything anew, the zero included: another
+    test has begun. A jump ahead inside `recording` (first and last stamp [ns]) is a pause of the
+    same test.
     """
 
     def __init__(self, rig: Rig, *, max_gap: float = 10.0) -> None:
@@ -50,6 +54,7 @@ class DisplacementStream:
         self._gap_guards = [SampleGuard(probe_limits(rig), self.counters) for _ in range(4)]
         self._zero_duration = 0.0
         self.elevation = float('nan')
+        self.recording = ANY_TIME
         self._missing = np.zeros(4, np.int64)
         self.jumps_ahead = 0
         self.rows = 0
@@ -135,7 +140,9 @@ class DisplacementStream:
 
     def _breaks(self, row: AlignedRow) -> bool:
         """Whether a new zero is to be found from `row` on; if so, begin to look for it."""
-        ahead = self.newest_stamp and row.stamp - self.newest_stamp > self._max_gap
+        newest = self.newest_stamp
+        ahead = (newest and row.stamp - newest > self._max_gap
+                 and not is_pause(self.recording, newest, row.stamp))
         if row.restart != self._restart or ahead:
             self.jumps_ahead += bool(ahead)
             self._restart = row.restart

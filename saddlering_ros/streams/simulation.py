@@ -15,7 +15,13 @@ from saddlering_ros.bags.guard import load_limits, SampleGuard
 from saddlering_ros.bags.stream_aligner import longer_hold
 from saddlering_ros.rig import CHANNELS, ParameterSet, Rig
 from saddlering_ros.ring import RingSimulator, SimulatedSample
-from saddlering_ros.streams.batches import Displacements, no_displacements, Samples
+from saddlering_ros.streams.batches import (
+    ANY_TIME,
+    Displacements,
+    is_pause,
+    no_displacements,
+    Samples,
+)
 
 
 @dataclass
@@ -44,7 +50,8 @@ class SimulationStream:
     Samples that overtake each other inside a batch are put in order. Once one has come too late,
     samples are held back for twice its delay (at most MAX_HOLD_NS), so that the next late
     ones are in time. Stamps that jump back, or ahead by more than `max_gap` [s], restart the
-    simulation.
+    simulation, unless they jump ahead inside `recording` (first and last stamp [ns]), where they
+    are a pause of one test.
     """
 
     def __init__(self, rig: Rig, parameters: ParameterSet, elevation: float, *,
@@ -52,6 +59,7 @@ class SimulationStream:
         self._max_gap = round(max_gap * SECOND)
         self.simulator = RingSimulator(rig, parameters, elevation, max_step)
         self.elevation = elevation
+        self.recording = ANY_TIME
         self.guard = SampleGuard(load_limits(rig))
         self.counters = SimulationCounters()
         self.hold = 0
@@ -132,7 +140,9 @@ class SimulationStream:
 
     def _jumped(self, stamp: int) -> bool:
         newest = self._newest
-        return newest != 0 and (newest - stamp > JITTER_NS or stamp - newest > self._max_gap)
+        if not newest or stamp - newest > self._max_gap:
+            return bool(newest) and not is_pause(self.recording, newest, stamp)
+        return newest - stamp > JITTER_NS
 
     def _too_late(self, stamp: int) -> None:
         if stamp == self._last:

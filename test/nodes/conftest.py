@@ -28,6 +28,12 @@ class Record:
     probe_stamps: list[np.ndarray]
     gaps: list[np.ndarray]
 
+    def paused(self, row: int, seconds: float) -> Record:
+        """The same record with a pause of its recording before a row."""
+        pause = (np.arange(len(self.stamps)) >= row) * round(seconds * 1e9)
+        return Record(self.stamps + pause, self.load,
+                      [stamps + pause for stamps in self.probe_stamps], self.gaps)
+
     def later(self, seconds: float) -> Record:
         """The same record at another time."""
         shift = round(seconds * 1e9)

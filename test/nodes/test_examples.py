@@ -8,10 +8,13 @@ from pathlib import Path
 import signal
 import subprocess
 import sys
+import threading
 
 import pytest
 from ros_domains import DomainLease
 from rosnet import Client, Driver, wait_until
+from std_msgs.msg import Bool
+from std_srvs.srv import Trigger
 
 from saddlering_ros.ros.launcher import NodeGroup, RING_NODES
 
@@ -83,3 +86,67 @@ def test_the_listener_prints_the_residual_each_second(
         said, _ = listener.communicate(timeout=60.0)
     assert 'Traceback' not in said
     assert listener.returncode == 0
+
+
+def test_the_interlock_stops_on_an_alarm_and_on_silence_and_starts_by_reset_alone(
+        group: NodeGroup, heard: Client) -> None:
+    enabled: list[bool] = []
+    limit = Beat(heard, 'ring/within_limits')
+    with heard.lock:
+        heard.node.create_subscription(
+            Bool, 'rig/hydraulics_enabled', lambda message: enabled.append(message.data), 10)
+
+    def becomes(value: bool) -> None:
+        enabled.clear()
+        wait_until(lambda: value in enabled, what=f'enabled {value}')
+
+    def reset() -> str:
+        return heard.call(Trigger, '/interlock/reset').message
+
+    def starts() -> None:
+        enabled.clear()
+        wait_until(lambda: reset() == 'enabled' and True in enabled, what='it starts')
+
+    with start(group, 'interlock.py') as interlock, ended(interlock), contextlib.closing(limit):
+        becomes(False)
+        assert 'silent' in reset(), 'nothing has been heard'
+        limit.value = True
+        starts()
+        limit.value = None  # ring_alarm has died
+        becomes(False)
+        limit.value = True  # it is started again
+        starts()
+        limit.value = False
+        becomes(False)
+        wait_until(lambda: reset() == 'ring_alarm reports an alarm', what='the alarm is heard')
+        limit.value = True  # ring_alarm was started again and has forgotten its alarm
+        becomes(False)
+        enabled.clear()
+        wait_until(lambda: len(enabled) > 8, what='the stop is kept')
+        assert not any(enabled)
+        interlock.send_signal(signal.SIGINT)
+        said, _ = interlock.communicate(timeout=60.0)
+    assert interlock.returncode == 0
+    assert 'Traceback' not in said
+
+
+class Beat:
+    """Repeats a value on a topic as ring_alarm does; None is silence."""
+
+    def __init__(self, one: Client, topic: str) -> None:
+        self.value: bool | None = None
+        with one.lock:
+            self._publisher = one.node.create_publisher(Bool, topic, 1)
+        self._ended = threading.Event()
+        self._thread = threading.Thread(target=self._repeat, daemon=True)
+        self._thread.start()
+
+    def _repeat(self) -> None:
+        while not self._ended.wait(0.05):
+            value = self.value
+            if value is not None:
+                self._publisher.publish(Bool(data=value))
+
+    def close(self) -> None:
+        self._ended.set()
+        self._thread.join()

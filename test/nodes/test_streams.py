@@ -5,7 +5,16 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from saddlering_ros.rig import default_rig, FULL_SCALE_LOAD, ParameterSet, TRUE_TO_SCALE
+from saddlering_ros.bags import read_run, TestFacts, write_bag
+from saddlering_ros.bags.measured import displacement_of_run
+from saddlering_ros.rig import (
+    CHANNELS,
+    default_rig,
+    FULL_SCALE_LOAD,
+    ParameterSet,
+    TRUE_TO_SCALE,
+)
+from saddlering_ros.ring import simulate
 from saddlering_ros.streams.batches import Displacements, join, pick, Samples
 from saddlering_ros.streams.displacement import DisplacementStream
 from saddlering_ros.streams.residual import ResidualStream
@@ -145,6 +154,30 @@ def test_the_simulation_restarts_at_a_stamp_jump(record, shift: float) -> None:
     assert np.array_equal(again.stamps, fresh.stamps)
     assert np.array_equal(again.channels, fresh.channels)
     assert stream.counters.jumps == 1
+
+
+def test_a_pause_inside_a_replayed_bag_keeps_zero_and_simulation_as_in_the_commands(
+        record, tmp_path) -> None:
+    paused = record.paused(900, 30.0)  # under load
+    run = read_run(write_bag(tmp_path / 'paused', TestFacts('dynamic', 50.0), paused.stamps,
+                             paused.load, paused.probe_stamps, paused.gaps, RIG.probes))
+    measured = displacement_of_run(RIG, run)
+    computed = simulate(RIG, ParameterSet(TRUE_TO_SCALE), run.elevation, run.time, run.load)
+    stream = DisplacementStream(RIG)
+    stream.recording = int(paused.stamps[0]), int(paused.probe_stamps[3][-1])
+    _, live = measure(paused, stream=stream)
+    rows = measured.complete
+    assert np.array_equal(live.stamps, run.stamps[rows])
+    assert np.array_equal(live.channels, channels_of(measured)[:, rows])
+    simulator = simulation()
+    simulator.recording = stream.recording
+    live = simulator.push(samples(paused.stamps, paused.load))
+    assert np.array_equal(live.stamps, run.stamps[computed.first:])
+    assert np.array_equal(live.channels, channels_of(computed))
+
+
+def channels_of(found) -> np.ndarray:
+    return np.stack([getattr(found.displacement, name) for name in CHANNELS])
 
 
 def test_loads_that_overtake_are_simulated_in_order_after_the_first_late_one(record) -> None:
