@@ -360,7 +360,7 @@ def as_stored(topic: RawTopic) -> RawTopic:
 
 def _parameter_moves(old: Identification, new: Identification) -> Iterator[tuple[float, str]]:
     for index, name in enumerate(PARAMETER_NAMES):
-        if not (old.pinned[name] and new.pinned[name]):
+        if not (old.determined[name] and new.determined[name]):
             continue
         first, last = (getattr(one.parameters.contact, name) for one in (old, new))
         yield abs(last - first) / (1.96 * float(new.std[index])), name

@@ -40,7 +40,7 @@ def one_rig(number: int) -> dict[str, object]:
     score = off / np.sqrt(np.diag(found.parameters.source.covariance))
     return {
         'rig': number, 'noise': noise, 'score': score.tolist(),
-        'pinned': [found.pinned[name] for name in PARAMETER_NAMES],
+        'determined': [found.determined[name] for name in PARAMETER_NAMES],
         'reduced_chi_square': found.reduced_chi_square, 'seconds': time.perf_counter() - started,
     }
 
@@ -61,11 +61,11 @@ def main() -> None:
 
 def report(rigs: list[dict[str, object]]) -> None:
     score = np.array([rig['score'] for rig in rigs])
-    pinned = np.array([rig['pinned'] for rig in rigs])
+    determined = np.array([rig['determined'] for rig in rigs])
     print(f'{len(rigs)} virtual rigs, {np.mean([rig["seconds"] for rig in rigs]):.2f} s each')
-    print(f'{"parameter":10s} {"pinned":>8s} {"95 % holds":>11s} {"rms z":>8s}')
+    print(f'{"parameter":10s} {"determined":>8s} {"95 % holds":>11s} {"rms z":>8s}')
     for column, name in enumerate(PARAMETER_NAMES):
-        own = score[pinned[:, column], column]
+        own = score[determined[:, column], column]
         held = 100.0 * np.mean(np.abs(own) <= WIDTH_95)
         print(f'{name:10s} {len(own):8d} {held:10.1f}% {np.sqrt(np.mean(own**2)):8.2f}')
 

@@ -11,7 +11,7 @@ import yaml
 
 from saddlering_ros.errors import SaddleringError
 
-LARGEST = 1 << 20
+MAX_BYTES = 1 << 20
 """Longest text that is read [characters]."""
 
 DEEPEST = 50
@@ -54,7 +54,7 @@ def read_strict_yaml(path: Path | str, error: type[SaddleringError]) -> Any:
     """The one document of the file at `path`, read by `parse_strict_yaml`.
 
     Raises `error` with one line that names the file, the line and the reason. Only regular files
-    of at most LARGEST bytes are opened: a pipe would block and a device would never end.
+    of at most MAX_BYTES bytes are opened: a pipe would block and a device would never end.
     """
     text = _read_text(Path(path), error)
     try:
@@ -77,9 +77,9 @@ def _read_text(path: Path, error: type[SaddleringError]) -> str:
             kind = 'a directory' if stat.S_ISDIR(mode) else 'a pipe or device'
             raise error(f'{path}: cannot be read ({kind}): give the path of a regular file')
         with path.open('rb') as file:
-            data = file.read(LARGEST + 1)
-        if len(data) > LARGEST:
-            raise error(f'{path}: is larger than {LARGEST >> 20} MB, the limit for such files: '
+            data = file.read(MAX_BYTES + 1)
+        if len(data) > MAX_BYTES:
+            raise error(f'{path}: is larger than {MAX_BYTES >> 20} MB, the limit for such files: '
                         'check the path')
         return data.decode('utf-8')
     except (OSError, UnicodeDecodeError, ValueError) as problem:
@@ -90,8 +90,8 @@ def _read_text(path: Path, error: type[SaddleringError]) -> str:
 
 
 def _parse(text: str, checks: _Safety) -> Any:
-    if len(text) > LARGEST:
-        raise YamlRefused(f'is longer than {LARGEST} characters: check the file')
+    if len(text) > MAX_BYTES:
+        raise YamlRefused(f'is longer than {MAX_BYTES} characters: check the file')
     try:
         for event in yaml.parse(text, _LOADER):
             checks.see(event)

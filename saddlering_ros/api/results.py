@@ -220,7 +220,7 @@ class IdentificationResult(Result, _Parametric):
 
     def _row(self, place: int, name: str) -> dict[str, Any]:
         found = self.found
-        is_determined = found.pinned[name]
+        is_determined = found.determined[name]
         low, high = found.intervals[name] or (None, None)
         return {
             'parameter': name, 'value': float(getattr(found.parameters.contact, name)),

@@ -14,7 +14,7 @@ import yaml
 import zstandard
 
 from saddlering_ros.bags.errors import BagError
-from saddlering_ros.plain_yaml import LARGEST, parse_yaml, YamlRefused
+from saddlering_ros.plain_yaml import MAX_BYTES, parse_yaml, YamlRefused
 from saddlering_ros.provenance import sha256_of_file, sha256_of_files
 from saddlering_ros.writing import temporary_folder
 
@@ -180,7 +180,7 @@ def read_metadata(path: Path) -> dict[str, Any]:
     """What a metadata.yaml says of its bag; BagError if it says nothing."""
     try:
         with path.open('rb') as file:
-            text = file.read(LARGEST + 1).decode('utf-8')
+            text = file.read(MAX_BYTES + 1).decode('utf-8')
         return parse_metadata(text, str(path))
     except (OSError, UnicodeDecodeError) as problem:
         raise BagError(f'{path}: cannot be read: copy the bag again') from problem

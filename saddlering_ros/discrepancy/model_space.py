@@ -248,8 +248,8 @@ class ModelSpace:
         )
         order = sorted(range(len(refined)), key=lambda item: self.penalised(refined[item]))
         best = order[:FULL_JACOBIANS]
-        polished = self.refit_full_jacobian([refined[item] for item in best])
-        for number, fit in zip(best, polished, strict=True):
+        refitted_fully = self.refit_full_jacobian([refined[item] for item in best])
+        for number, fit in zip(best, refitted_fully, strict=True):
             refined[number] = fit
         return refined
 

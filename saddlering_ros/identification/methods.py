@@ -117,7 +117,7 @@ class _Search:
         """Let the swarm search `space`; the best contact parameters and their objective."""
         before = objective.evaluations
 
-        def told(progress: swarm.SwarmProgress) -> None:
+        def report_iteration(progress: swarm.SwarmProgress) -> None:
             best = space.contacts(progress.best_position)[0]
             self.report(stage, SearchStep(
                 progress.iteration, progress.iterations, progress.best_objective,
@@ -125,7 +125,7 @@ class _Search:
 
         found = swarm.minimise(
             lambda points: objective(space.contacts(points)), space.low, space.high,
-            self.swarm_settings, seed=self.settings.seed, on_iteration=told,
+            self.swarm_settings, seed=self.settings.seed, on_iteration=report_iteration,
             is_cancelled=self.is_cancelled,
         )
         self.evaluations += objective.evaluations - before
@@ -299,7 +299,7 @@ def _judged(
     if profiles and not cancelled:
         drawn = _profiles(objective, space, best, trust.noise_std, trust.reduced_chi_square)
     bags = tuple(one.name for one in observations)
-    open_names = [name for name in PARAMETER_NAMES if not trust.pinned[name]]
+    open_names = [name for name in PARAMETER_NAMES if not trust.determined[name]]
     status = _status(cancelled, trust.reduced_chi_square, open_names, advice)
     return Identification(
         parameters=ParameterSet(contact, source=ParameterSource(
@@ -315,7 +315,7 @@ def _judged(
         correlation=trust.correlation,
         std=trust.std,
         intervals=trust.intervals,
-        pinned=trust.pinned,
+        determined=trust.determined,
         reasons=trust.reasons,
         at_bound={
             name: name in space.names and bool(best.at_bound[space.names.index(name)])

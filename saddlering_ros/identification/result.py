@@ -46,7 +46,7 @@ class Identification:
     correlation: Array
     std: Array
     intervals: dict[str, tuple[float, float] | None]
-    pinned: dict[str, bool]
+    determined: dict[str, bool]
     reasons: dict[str, str]
     at_bound: dict[str, bool]
     systematic: dict[str, Array]
@@ -118,10 +118,10 @@ class Identification:
         interval = self.intervals[name]
         return {
             'value': float(getattr(self.parameters.contact, name)),
-            'std': _number(self.std[index]) if self.pinned[name] else None,
+            'std': _number(self.std[index]) if self.determined[name] else None,
             'interval': None if interval is None else list(interval),
             'unit': PARAMETER_UNITS[name],
-            'pinned': self.pinned[name],
+            'pinned': self.determined[name],
             'reason': self.reasons.get(name),
             'at_bound': self.at_bound[name],
         }

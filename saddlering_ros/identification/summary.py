@@ -80,7 +80,7 @@ def _parameter_line(found: Identification, index: int, name: str) -> str:
     value = getattr(found.parameters.contact, name)
     unit = PARAMETER_UNITS[name]
     unit = '' if unit == '1' else f' {unit}'
-    if not found.pinned[name]:
+    if not found.determined[name]:
         bound = ' (at boundary)' if found.at_bound[name] else ''
         return '    ' + undetermined_words(name, f'{value:.6g}{unit}{bound}', found.reasons[name])
     std = found.std[index]

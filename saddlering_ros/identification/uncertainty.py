@@ -89,8 +89,8 @@ class Uncertainty:
     std in the parameters' units; coordinate_std in (ln K, n, ln D); covariance (6, 6), correlation
     (6, 6). noise_covariance (6, 6) and noise_std (6,) (coordinates) count noise alone: the change
     of the estimate by another test of the same ring. intervals by name; systematic:
-    imperfection -> shift (6,) in coordinates; pinned and reasons by name; collinearity by subset
-    of names ('K1,n1').
+    imperfection -> shift (6,) in coordinates; determined and reasons by name; collinearity by
+    subset of names ('K1,n1').
     """
 
     std: Array
@@ -101,7 +101,7 @@ class Uncertainty:
     correlation: Array
     intervals: dict[str, tuple[float, float] | None]
     systematic: dict[str, Array]
-    pinned: dict[str, bool]
+    determined: dict[str, bool]
     reasons: dict[str, str]
     collinearity: dict[str, float]
     reduced_chi_square: float
@@ -153,17 +153,17 @@ def assess(
     spread = _Spread(
         coordinate_std, noise_std, _spread_over_six(np.sqrt(np.diag(without_misfit)), space),
         systematic, misfit_advice)
-    pinned, reasons = _judge(objective, space, best, spread)
+    determined, reasons = _judge(objective, space, best, spread)
     return Uncertainty(
-        std=np.where([pinned[name] for name in PARAMETER_NAMES], std, np.nan),
+        std=np.where([determined[name] for name in PARAMETER_NAMES], std, np.nan),
         coordinate_std=coordinate_std,
         covariance=whole,
         noise_covariance=_with_bounds_alone(by_noise * np.outer(scale, scale), space, bounds),
         noise_std=noise_std,
         correlation=np.asarray(whole / np.outer(std, std)),
-        intervals=_intervals(space, best, coordinate_std, pinned),
+        intervals=_intervals(space, best, coordinate_std, determined),
         systematic=systematic,
-        pinned=pinned,
+        determined=determined,
         reasons=reasons,
         collinearity=collinearity(best.jacobian, space.names),
         reduced_chi_square=float(reduced),
@@ -186,12 +186,12 @@ def _with_bounds_alone(
 
 
 def _intervals(
-    space: SearchSpace, best: Refinement, coordinate_std: Array, pinned: dict[str, bool]
+    space: SearchSpace, best: Refinement, coordinate_std: Array, determined: dict[str, bool]
 ) -> dict[str, tuple[float, float] | None]:
     intervals: dict[str, tuple[float, float] | None] = dict.fromkeys(PARAMETER_NAMES)
     for position, index in enumerate(space.free):
         name = PARAMETER_NAMES[index]
-        if not pinned[name]:
+        if not determined[name]:
             continue
         half = WIDTH_95 * coordinate_std[index]
         ends = best.point[position] + np.array([-half, half])
@@ -234,7 +234,7 @@ def _judge(
     best: Refinement,
     spread: _Spread,
 ) -> tuple[dict[str, bool], dict[str, str]]:
-    pinned: dict[str, bool] = {}
+    determined: dict[str, bool] = {}
     reasons: dict[str, str] = {}
     elevations = distinct_elevations(objective.observations)
     for index, name in enumerate(PARAMETER_NAMES):
@@ -245,10 +245,10 @@ def _judge(
             reason = reason_bound(name)
         else:
             reason = _why_wide(name, index, spread, elevations)
-        pinned[name] = reason is None
+        determined[name] = reason is None
         if reason is not None:
             reasons[name] = reason
-    return pinned, reasons
+    return determined, reasons
 
 
 def _why_wide(name: str, index: int, spread: _Spread, elevations: int) -> str | None:

@@ -327,9 +327,9 @@ def _input_variance(
     )
     increments = still[:, :, :-1] - still[:, :, -1:]
     slopes = (increments[:6] - increments[6:]) / (2.0 * np.diag(steps))[:, None, None]
-    pinned = [PARAMETER_NAMES.index(name) for name in ('K1', 'n1', 'K2', 'n2')]
-    inner = covariance[np.ix_(pinned, pinned)]
-    spread = np.einsum('icl,ij,jcl->cl', slopes[pinned], inner, slopes[pinned])
+    determined = [PARAMETER_NAMES.index(name) for name in ('K1', 'n1', 'K2', 'n2')]
+    inner = covariance[np.ix_(determined, determined)]
+    spread = np.einsum('icl,ij,jcl->cl', slopes[determined], inner, slopes[determined])
     variance[:3] = np.mean(np.maximum(spread, 0.0), axis=1)
     return variance
 

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-LARGEST = 1 << 26
+MAX_BYTES = 1 << 26
 """Bytes of the largest message."""
 
 _LENGTH = struct.Struct('<I')
@@ -35,14 +35,14 @@ class Channel:
     def send(self, value: Any) -> None:
         """Send one value; PlainDataError if it is no plain data, OSError without another end."""
         data = json.dumps(self._plain(value)).encode()
-        if len(data) > LARGEST:
+        if len(data) > MAX_BYTES:
             raise PlainDataError(f'a message of {len(data)} bytes is too large')
         self._stream.sendall(_LENGTH.pack(len(data)) + data)
 
     def receive(self) -> Any:
         """The next value, waited for; EOFError when the other end is gone."""
         (length,) = _LENGTH.unpack(self._exactly(_LENGTH.size))
-        if length > LARGEST:
+        if length > MAX_BYTES:
             raise PlainDataError(f'a message of {length} bytes is too large')
         return self._value(json.loads(self._exactly(length)))
 

@@ -21,8 +21,8 @@ SWARM_FIELDS = {
     'inertia_start': 'inertia_start', 'inertia_end': 'inertia_end'}
 """Fields of the goal, and the settings of the swarm they are."""
 
-MOST = {'particles': 10_000, 'iterations': 10_000_000, 'c1': 10.0, 'c2': 10.0,
-        'inertia_start': 10.0, 'inertia_end': 10.0}
+MAX_VALUES = {'particles': 10_000, 'iterations': 10_000_000, 'c1': 10.0, 'c2': 10.0,
+               'inertia_start': 10.0, 'inertia_end': 10.0}
 """Largest values of these fields: a goal cannot take unlimited memory or time."""
 
 
@@ -68,9 +68,9 @@ def settings_of(goal: IdentifyRing.Goal) -> IdentificationSettings:
     chosen: dict[str, Any] = {}
     for field, setting in SWARM_FIELDS.items():
         value = getattr(goal, field)
-        if not 0 <= value <= MOST[field]:
-            raise NodeError(f'{field} is {value}: give a number above 0, at most {MOST[field]:g}, '
-                            'or 0 for the default')
+        if not 0 <= value <= MAX_VALUES[field]:
+            raise NodeError(f'{field} is {value}: give a number above 0, at most '
+                            f'{MAX_VALUES[field]:g}, or 0 for the default')
         if value:
             chosen[setting] = value
     return IdentificationSettings(

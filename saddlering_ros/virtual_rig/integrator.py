@@ -243,7 +243,7 @@ def _try_step(rollers: Floats, friction: Floats, z: Floats, mass: Floats, q: Flo
 def _advance(rollers: Floats, friction: Floats, z: Floats, mass: Floats, q: Floats, v: Floats,
              seconds: float, before: Floats, middle: Floats, after: Floats) -> int:
     """Advance q, v, z in place by `seconds`, loads (3,) given at its start, third and end."""
-    left, halvings, trouble = 1.0, 0, 0
+    left, halvings, failed_steps = 1.0, 0, 0
     load = np.empty((2, 3))
     stages = np.empty((2, 3))
     while left > 1e-12:
@@ -260,7 +260,7 @@ def _advance(rollers: Floats, friction: Floats, z: Floats, mass: Floats, q: Floa
             halvings += 1
             continue
         if not good:
-            trouble += 1
+            failed_steps += 1
         for element in range(friction.shape[0]):
             row = friction[element]
             travel = 0.0
@@ -273,7 +273,7 @@ def _advance(rollers: Floats, friction: Floats, z: Floats, mass: Floats, q: Floa
             v[i] = (I10 * first + I11 * second) / h
             q[i] = stages[1, i]
         left -= share
-    return trouble
+    return failed_steps
 
 
 @compiled()
@@ -294,12 +294,12 @@ def settle(rollers: Floats, friction: Floats, z: Floats, mass: Floats, load: Flo
         for i in range(3):
             held[i] -= friction[element, i] * friction[element, F_LIMIT] * z[element]
     none = friction[:0]
-    trouble = 0
+    failed_steps = 0
     h = 1e-4
     for _ in range(60):
-        trouble += _advance(rollers, none, z, mass, q, v, h, held, held, held)
+        failed_steps += _advance(rollers, none, z, mass, q, v, h, held, held, held)
         h = min(h * 1.4, 100.0)
-    return q, trouble
+    return q, failed_steps
 
 
 @compiled()
@@ -315,12 +315,12 @@ def integrate(rollers: Floats, friction: Floats, z: Floats, mass: Floats, start:
                                 np.empty((steps + 1, 3)))
     q, v, z = start.copy(), np.zeros(3), z.copy()
     by_q, by_v = np.empty((3, 3)), np.empty((3, 3))
-    trouble = 0
+    failed_steps = 0
     for n in range(steps + 1):
         if n > 0:
-            trouble += _advance(rollers, friction, z, mass, q, v, step, loads[3 * n - 3],
+            failed_steps += _advance(rollers, friction, z, mass, q, v, step, loads[3 * n - 3],
                                 loads[3 * n - 2], loads[3 * n])
         positions[n] = q
         rates[n] = v
         contact(rollers, q, v, forces[n], by_q, by_v)
-    return positions, rates, forces, trouble
+    return positions, rates, forces, failed_steps

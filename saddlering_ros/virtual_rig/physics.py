@@ -66,14 +66,15 @@ def run_test(physical: PhysicalRig, load: Floats, step: float, seed: int = 0) ->
     z = _held(friction, np.array(elements.initial), forces[0])
     mass = np.array([physical.rig.carriage.mass] * 2 + [physical.rig.carriage.inertia])
     start = _touching(physical.rig, forces[0])
-    rest, trouble = at.settle(rollers.table, friction, z, mass, forces[0], start)
-    if trouble:
+    rest, failed_steps = at.settle(rollers.table, friction, z, mass, forces[0], start)
+    if failed_steps:
         raise VirtualRigError('the ring finds no rest at the start of the test: give a preload '
                               'above zero, or effects of smaller size')
-    positions, _, _, trouble = at.integrate(rollers.table, friction, z, mass, rest, step, forces)
-    if trouble > len(positions) // 1000 or not np.all(np.isfinite(positions)):
-        raise VirtualRigError(f'the motion cannot be followed in {trouble} of {len(positions)} '
-                              'steps: give effects of smaller size')
+    positions, _, _, failed_steps = at.integrate(
+        rollers.table, friction, z, mass, rest, step, forces)
+    if failed_steps > len(positions) // 1000 or not np.all(np.isfinite(positions)):
+        raise VirtualRigError(f'the motion cannot be followed in {failed_steps} of '
+                              f'{len(positions)} steps: give effects of smaller size')
     every = slice(None, None, 3)
     force_x, force_y, moment = forces[every].T
     x, y, tilt = positions.T.copy()

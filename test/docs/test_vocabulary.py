@@ -26,6 +26,9 @@ REPLACED = {
     'knob': (r'\bknobs?\b', 'extension parameter'),
     'kept back': (r'\bkept[ _](back|apart)\b', 'held out'),
     'left out in turn': (r'left out in turn', 'held out'),
+    'pinned': (r'\.pinned\b', 'determined'),
+    'trouble': (r'\btrouble\b', 'failed_steps'),
+    'polished': (r'\bpolished\b', 'refit_full_jacobian'),
     'LEAST_, MOST_, LARGEST_': (r'\b_?(LEAST|MOST|LARGEST|SMALLEST|FEWEST)_', 'MIN_, MAX_'),
 }
 """Old word: a pattern that finds it, and what to say."""

@@ -1,4 +1,4 @@
-"""Claims about identification from whole runs: both methods, what is not pinned, bad input."""
+"""Claims about identification from whole runs: both methods, open parameters, bad input."""
 
 from dataclasses import replace
 import json
@@ -58,8 +58,8 @@ def test_the_truth_lies_within_four_standard_errors(found):
     assert np.all(np.abs(off) < 4.0)
 
 
-def test_every_parameter_is_pinned_by_both_tests_at_two_elevations(found):
-    assert all(found.pinned.values())
+def test_every_parameter_is_determined_by_both_tests_at_two_elevations(found):
+    assert all(found.determined.values())
     assert found.status == 'identified'
 
 
@@ -94,9 +94,8 @@ def test_the_result_can_be_sent_between_processes(found):
 
 def test_a_static_run_does_not_pin_damping_nor_one_elevation_the_exponent(four_runs):
     static_only = identify(four_runs[:1], RIG, IdentificationSettings(swarm=SHORT_SWARM))
-    assert [name for name, is_pinned in static_only.pinned.items() if not is_pinned] == [
-        'K1', 'n1', 'D1', 'n2', 'D2'
-    ]
+    open_names = [name for name, known in static_only.determined.items() if not known]
+    assert open_names == ['K1', 'n1', 'D1', 'n2', 'D2']
     document = static_only.to_json()
     assert document['parameters']['D1']['std'] is None
     assert document['parameters']['n1']['interval'] is None
@@ -220,7 +219,7 @@ def test_a_bound_in_the_way_is_named(four_runs):
     settings = IdentificationSettings(bounds={'D1': (5e6, 2e7)}, swarm=SHORT_SWARM)
     result = identify(four_runs[:2], RIG, settings)
     assert result.at_bound['D1']
-    assert not result.pinned['D1']
+    assert not result.determined['D1']
     assert 'bound' in result.reasons['D1']
 
 

@@ -44,7 +44,7 @@ def test_unequal_rollers_leave_a_small_ring_open_and_the_reason_says_so():
     found = identify([
         virtual_run(rig, 'static', elevation, hold=2.0, step=rig.full_scale_load / 12.0)
         for elevation in (50.0, 70.0)], rig)
-    assert not found.pinned['K1']
+    assert not found.determined['K1']
     assert 'rollers' in found.reasons['K1']
 
 

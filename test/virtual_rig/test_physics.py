@@ -34,8 +34,8 @@ def rest(rig, force, effects=()):
     none = np.zeros((0, at.FRICTION_COLUMNS))
     mass = np.array([rig.carriage.mass, rig.carriage.mass, rig.carriage.inertia])
     start = np.array([0.5 * rig.radial_row.clearance, 0.0, 0.0])
-    q, trouble = at.settle(rollers.table, none, np.zeros(0), mass, np.array(force), start)
-    assert trouble == 0
+    q, failed_steps = at.settle(rollers.table, none, np.zeros(0), mass, np.array(force), start)
+    assert failed_steps == 0
     return q, rollers
 
 
