@@ -22,6 +22,8 @@ from saddlering_ros.discrepancy.system import (
 
 EMPTY_VIEW = 0.1
 """A view whose range is under this share of its neighbours' is empty but for what is wrong."""
+MIN_SHARED, MIN_SHARED_PART = 8, 0.1
+"""Two runs share content if so many samples, and this part of the shorter run, are the same."""
 MIN_VIEW_SHARE = 0.2
 """A view's range counts as this share of its neighbours' at least."""
 
@@ -143,17 +145,35 @@ def refuse_repeats(runs: Sequence[RunBlocks]) -> None:
     """Refuse the same name or the same content twice: nothing is both fitted and held out."""
     for number, run in enumerate(runs):
         for other in runs[:number]:
-            if run.channels.shape == other.channels.shape and (
-                np.array_equal(run.channels, other.channels)
-                and np.array_equal(run.time - run.time[0], other.time - other.time[0])
-            ):
+            if _shares_content(run.channels, other.channels):
+                same = run.channels.shape == other.channels.shape
                 what = 'one is held out' if run.held_out != other.held_out else 'it counts once'
                 raise DiscrepancyError(
-                    f'runs {other.name} and {run.name} are the same recording: give it once '
-                    f'({what})'
+                    f'runs {other.name} and {run.name} '
+                    f'{"are the same recording" if same else "share a part of a recording"}: '
+                    f'give it once ({what})'
                 )
             if run.name == other.name:
                 raise DiscrepancyError(f'two runs are called {run.name}: give each its own name')
+
+
+def _shares_content(one: Array, other: Array) -> bool:
+    """Whether a stretch of one run (C, N) is a stretch of the other, to the bit.
+
+    That is: one contains the other, or begins in it and goes on beyond its end.
+    """
+    least = max(MIN_SHARED, round(MIN_SHARED_PART * min(one.shape[1], other.shape[1])))
+    for first, second in ((one, other), (other, one)):
+        for begin in np.flatnonzero((first == second[:, :1]).all(axis=0)):
+            length = min(first.shape[1] - int(begin), second.shape[1])
+            if length < least:
+                break
+            if all(
+                np.array_equal(first[:, begin : begin + end], second[:, :end])
+                for end in (MIN_SHARED, length)
+            ) and np.ptp(second[:, :length], axis=1).any():
+                return True
+    return False
 
 
 def sample_weights(system: System, run: RunBlocks, view: str) -> Array:

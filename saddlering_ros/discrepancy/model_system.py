@@ -58,6 +58,7 @@ class ModelSystem:
                     'or give a run in which it moves'
                 )
         self.failures: Counter[str] = Counter()
+        self.failed_at: dict[str, str] = {}
         self.calls = 0
         self._neutral = model.neutral()
 
@@ -197,8 +198,15 @@ class ModelSystem:
                     self.model.simulate_many([dict(item) for item in asked], run)
                 )
                 if len(found) == len(asked):
+                    for values, outputs in zip(asked, found, strict=True):
+                        if outputs is None:
+                            self._lost(run, values, 'it returned None')
+                        else:
+                            self._refuse_other_results(outputs, run)
                     return found
                 raise ValueError(f'{len(found)} answers to {len(asked)} points')
+            except DiscrepancyError:
+                raise
             except Exception as error:
                 if len(asked) == 1:
                     self._lost(run, asked[0], _words(error))
@@ -208,34 +216,49 @@ class ModelSystem:
         for item in asked:
             try:
                 with np.errstate(all='ignore'):
-                    answers.append(self.model.simulate(dict(item), run))
+                    outputs = self.model.simulate(dict(item), run)
             except Exception as error:
                 self._lost(run, item, _words(error))
                 answers.append(None)
+                continue
+            self._refuse_other_results(outputs, run)
+            answers.append(outputs)
         return answers
 
-    def _rows(self, outputs: Outputs, run: Run) -> tuple[Array | None, str]:
-        """Channels (C, N) of one answer, or why there are none."""
+    def _refuse_other_results(self, outputs: object, run: Run) -> None:
+        """Refuse what is no mapping from channel to values."""
         if not isinstance(outputs, Mapping):
             raise DiscrepancyError(
                 f'simulator: it returned {type(outputs).__name__} for run {run.name}: return a '
                 'mapping from channel to values'
             )
+
+    def _rows(self, outputs: Outputs, run: Run) -> tuple[Array | None, str]:
+        """Channels (C, N) of one answer, or why there are none."""
         missing = [name for name in self.channel_names if name not in outputs]
         if missing:
             raise DiscrepancyError(
                 f'simulator: no channel {", ".join(missing)} in its result for run {run.name}'
             )
-        rows = [np.asarray(outputs[name], dtype=np.float64) for name in self.channel_names]
+        try:
+            rows = [np.asarray(outputs[name], dtype=np.float64) for name in self.channel_names]
+        except (TypeError, ValueError) as error:
+            return None, f'a channel is no array of numbers ({error})'
         for name, row in zip(self.channel_names, rows, strict=True):
             if row.shape != run.time.shape:
                 return None, f'channel {name} has shape {row.shape}, time {run.time.shape}'
         return np.array(rows), ''
 
     def _lost(self, run: Run, values: Mapping[str, float], why: str) -> None:
-        self.failures[f'run {run.name}: {why}'] += 1
+        what = f'run {run.name}: {why}'
+        self.failures[what] += 1
+        where = ', '.join(
+            f'{name} = {value:.4g}'
+            for name, value in values.items()
+            if value != self._neutral.get(name)
+        )
+        self.failed_at[what] = where
         if self.failures.total() == self.calls and self.calls >= MAX_LOST:
-            where = ', '.join(f'{name} = {value:.4g}' for name, value in values.items())
             raise DiscrepancyError(
                 f'simulator: it failed at all {self.calls} points; the last: run '
                 f'{run.name}, {why}, at {where}'
@@ -244,7 +267,8 @@ class ModelSystem:
     def failure_sentences(self) -> list[str]:
         """What a reader should know of points at which the simulator failed."""
         return [
-            f'the simulator failed at {count} of {self.calls} points, which were left out: {what}'
+            f'the simulator failed at {count} of {self.calls} points, which were left out: '
+            f'{what}; the last at {self.failed_at[what]}'
             for what, count in self.failures.most_common(3)
         ]
 

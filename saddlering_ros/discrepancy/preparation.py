@@ -33,7 +33,7 @@ from saddlering_ros.discrepancy.signatures import (
     shapes_tried,
     whitened_by,
 )
-from saddlering_ros.discrepancy.system import Array, System
+from saddlering_ros.discrepancy.system import Array, DiscrepancyError, System
 from saddlering_ros.progress import Watch
 
 MIN_PAIRS = 12
@@ -166,13 +166,22 @@ def _noise_knowledge(metric: Metric) -> NoiseKnowledge:
 
 
 def first_guess(system: System, start: Mapping[str, float] | None) -> Array | None:
-    """First guesses of base parameters in bound-scaled coordinates; the middle where not given."""
+    """First guesses of base parameters, bound-scaled; as declared where they are not given."""
     if start is None:
         return None
+    known = {item.name: item for item in system.base_parameters}
+    for name, value in start.items():
+        if name not in known:
+            raise DiscrepancyError(
+                f'start: there is no base parameter {name!r}; there are {", ".join(known)}')
+        item = known[name]
+        if not (np.isfinite(value) and (item.periodic or item.low <= value <= item.high)):
+            raise DiscrepancyError(
+                f'start: {name} = {value:g} is outside {item.low:g} to {item.high:g}')
     return np.array(
         [
-            item.to_unit(start[item.name]) if item.name in start else 0.5
-            for item in system.base_parameters
+            item.to_unit(start[name]) if name in start else item.first_guess
+            for name, item in known.items()
         ]
     )
 

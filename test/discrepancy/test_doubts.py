@@ -262,3 +262,46 @@ def test_three_effects_are_no_answer_if_one_of_them_has_an_alternative(names, ve
     found = diagnose(model, [replace(run, outputs=seen)])
     assert found.verdict == verdict
     assert len(found.causes) == 3
+
+
+@pytest.mark.parametrize(
+    ('part', 'words'),
+    [(slice(None), 'the same recording'), (slice(100, 300), 'a part of a recording'),
+     (slice(300, 400), 'a part of a recording')],
+)
+def test_no_part_of_a_recording_is_both_fitted_and_held_out(part: slice, words: str) -> None:
+    run = record('a')
+    later = Run('b', TIME[part] + 100.0, outputs={'seen': run.outputs['seen'][part]},
+                coordinates={'drive': DRIVE[part]})
+    with pytest.raises(DiscrepancyError, match=words):
+        diagnose(MODEL, [run], hold_out=[later])
+
+
+@pytest.mark.parametrize(
+    ('start', 'words'), [({'gian': 1.0}, 'no base parameter'), ({'gain': 5.0}, 'is outside'),
+                         ({'gain': float('nan')}, 'is outside')]
+)
+def test_a_start_that_cannot_be_used_is_refused(start: dict[str, float], words: str) -> None:
+    with pytest.raises(DiscrepancyError, match=words):
+        diagnose(MODEL, [record('a')], start=start)
+
+
+@pytest.mark.parametrize(
+    ('result', 'words'), [(None, 'returned NoneType'), ({'seen': 'text'}, 'no array of numbers')]
+)
+def test_a_simulator_that_returns_no_numbers_is_refused(result: object, words: str) -> None:
+    model = replace(MODEL, simulate=lambda parameters, run: result)  # type: ignore[arg-type]
+    with pytest.raises(DiscrepancyError, match=words):
+        diagnose(model, [record('a')])
+
+
+def test_a_warning_states_where_the_simulator_failed() -> None:
+    def breaks(parameters: dict[str, float], run: Run) -> dict[str, np.ndarray]:
+        if parameters['gain'] > 1.5:
+            raise RuntimeError('too stiff')
+        return simulate(parameters, run)
+
+    found = diagnose(replace(MODEL, simulate=breaks), [record('a')])
+    assert found.verdict == 'named'
+    (warning,) = found.warnings
+    assert 'run a: RuntimeError: too stiff; the last at gain = 1.' in warning
