@@ -1,4 +1,4 @@
-"""Bags in and out: reading, alignment, plateaus, writing, and what is wrong with a bag.
+"""Bags in and out: reading, alignment, plateaus, writing, and the faults of a bag.
 
 Writing is imported when it is first used: its libraries take a quarter of a second.
 """

@@ -53,7 +53,7 @@ def seconds_array(stamps: NDArray[np.int64], epoch: int) -> NDArray[np.float64]:
 def gap_limit(history: list[int]) -> int:
     """Longest interval [ns] that is still interpolated, from the intervals [ns] before it.
 
-    Of an even number of intervals the lower median counts. Too short a history limits nothing.
+    Of an even number of intervals the lower median counts. A short history sets no limit.
     """
     leaps = [place for place, interval in enumerate(history) if interval > LEAP_NS]
     if leaps:

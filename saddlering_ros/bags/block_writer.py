@@ -159,7 +159,7 @@ class _Writer(Rosbag2Writer):
             self.last_stamp = max(self.last_stamp, int(stamps.max()))
 
     def close(self) -> None:
-        """Write metadata.yaml with what the chunks held."""
+        """Write metadata.yaml with the content of the chunks."""
         self.min_timestamp, self.max_timestamp = self.first_stamp, self.last_stamp
         super().close()
 

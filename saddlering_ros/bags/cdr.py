@@ -38,7 +38,7 @@ MAX_FRAME_IDS = 100
 
 
 class CdrError(ValueError):
-    """Bytes that are not the message they should be; the message says why."""
+    """Bytes that are not the expected message; the text states the reason."""
 
 
 @dataclass(frozen=True)
@@ -55,7 +55,7 @@ class Records:
 
 @dataclass(frozen=True)
 class Readings:
-    """What a run of messages of one topic of the rig holds.
+    """Content of a run of messages of one topic of the rig.
 
     stamps (N,) [ns]; values (N,) in the topic's unit; spans (N, 2): the ends of the sensor's
     range, empty (N, 0) for a topic without; frame_id of the first message.
@@ -116,7 +116,7 @@ def decode_records(
 ) -> Records:
     """The fields `names` of the messages of `message_type` at `starts` (N,) in `data`.
 
-    CdrError for bytes that are no such message.
+    CdrError for other bytes.
     """
     if not len(starts):
         kinds = dict(LAYOUTS[message_type])

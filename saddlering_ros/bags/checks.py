@@ -89,7 +89,7 @@ def check_overlap(
 
 
 def notes_on_load(stamps: NDArray[np.int64]) -> list[str]:
-    """What is odd about the load's stamps."""
+    """Faults of the stamps of the load."""
     return _notes_on_gaps('load', stamps, gap_mask(stamps))
 
 
@@ -102,7 +102,7 @@ def notes_on_probe(
     is_gap: NDArray[np.bool_],
     aligned: NDArray[np.float64],
 ) -> list[str]:
-    """What is odd about a probe's readings; `aligned` (N,) are those on the load's stamps."""
+    """Faults of the readings of a probe; `aligned` (N,) are those at the stamps of the load."""
     notes = _notes_on_gaps(topic, stamps, is_gap)
     absent = count_where(np.isnan, aligned)
     if absent > MAX_ABSENT_UNMENTIONED * len(aligned):

@@ -1,4 +1,4 @@
-"""A long run as averages over blocks of samples: what a fit needs of it, in bounded memory."""
+"""A long run as averages over blocks of samples: the input of a fit, in bounded memory."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ MIN_BLOCK_SHARE = 0.5
 """A block has no reading of a probe that reads at a smaller share of its samples."""
 
 MAX_BLOCK_SECONDS = 1.5
-"""A block that lasts longer than so many times its usual length lies across a gap."""
+"""Number of usual lengths beyond which a block lies across a gap."""
 
 SPAN_MARGIN = 1e-4
 """A reading within this share of the span of one of its ends is at a limit."""

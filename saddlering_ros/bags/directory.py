@@ -31,7 +31,7 @@ ALWAYS_ALLOWED = 1 << 26
 
 @dataclass(frozen=True)
 class BagDirectory:
-    """The files of a bag, in order of recording, and what metadata.yaml says.
+    """The files of a bag, in order of recording, and the content of metadata.yaml.
 
     custom_data: text to text; message_count: of all files, None if not said; compression of each
     message ('' or 'zstd'), as rosbag2's compression mode "message" leaves them.
@@ -46,7 +46,7 @@ class BagDirectory:
 
     @property
     def name(self) -> str:
-        """What to call the bag: its directory's or file's name without .mcap."""
+        """Name of the bag: that of its directory, or of its file without .mcap."""
         name = self.path.resolve().name
         for suffix in SUFFIXES[::-1]:
             name = name.removesuffix(suffix)
@@ -84,7 +84,7 @@ def open_directory(path: Path | str) -> BagDirectory:
 
 
 def announced(path: Path | str) -> str:
-    """What a bag holds by its metadata.yaml and the size of its files, before it is read."""
+    """Content of a bag by its metadata.yaml and the size of its files, before it is read."""
     try:
         directory = open_directory(path)
     except BagError:
@@ -177,7 +177,7 @@ def _with_information(
 
 
 def read_metadata(path: Path) -> dict[str, Any]:
-    """What a metadata.yaml says of its bag; BagError if it says nothing."""
+    """Statements of a metadata.yaml on its bag; BagError if there are none."""
     try:
         with path.open('rb') as file:
             text = file.read(MAX_BYTES + 1).decode('utf-8')
@@ -214,7 +214,7 @@ def custom_data_of(text: str) -> dict[str, str]:
 def _locate(folder: Path, name: str) -> Path:
     """A file of the bag, also where metadata.yaml names it with a folder that has since moved.
 
-    Never a file outside the bag's folder, whatever metadata.yaml says.
+    Never a file outside the bag's folder, even if metadata.yaml names one.
     """
     steps = Path(name).parts
     inside = not Path(name).is_absolute() and '..' not in steps
@@ -236,7 +236,7 @@ def _word(information: Mapping[str, Any], key: str) -> str:
 
 
 def _texts(mapping: object) -> dict[str, str]:
-    """The plain values of a mapping as text; what holds other values is left out."""
+    """The plain values of a mapping as text; other values are left out."""
     if not isinstance(mapping, dict):
         return {}
     return {str(key): str(value) for key, value in mapping.items()

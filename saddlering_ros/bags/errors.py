@@ -6,7 +6,7 @@ from saddlering_ros.errors import SaddleringError
 
 
 class BagError(SaddleringError):
-    """A bag that cannot be used; one line: what, where, what to do."""
+    """A bag that cannot be used; one line: fault, place, remedy."""
 
     def __init__(self, message: str) -> None:
         # Names read from a damaged file may hold anything.

@@ -50,7 +50,7 @@ def _usual_change(values: Floats) -> float:
 
 
 def _exchanged(first: Floats, second: Floats, size: float) -> NDArray[np.bool_]:
-    """Where two probes read, ROWS later, what the other one read."""
+    """Places where two probes read, ROWS later, the value of the other."""
     with np.errstate(invalid='ignore'):
         change = np.minimum(np.abs(first[ROWS:] - first[:-ROWS]),
                             np.abs(second[ROWS:] - second[:-ROWS]))

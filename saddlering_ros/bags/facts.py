@@ -22,7 +22,7 @@ LOWEST_ELEVATION, HIGHEST_ELEVATION = -10.0, 90.0
 
 @dataclass(frozen=True)
 class TestFacts:
-    """What a bag says of its test: kind, elevation [degrees], rig and run as free text.
+    """Test metadata of a bag: kind, elevation [degrees], rig and run as free text.
 
     details: further texts by their key in DETAILS.
     """
@@ -50,7 +50,7 @@ class TestFacts:
 
 @dataclass(frozen=True)
 class FoundFacts:
-    """Facts as found in a bag; None where it does not say, or says two things (`conflicts`)."""
+    """Metadata as found in a bag; None if not stated, or stated in two ways (`conflicts`)."""
 
     test: str | None = None
     elevation_deg: float | None = None
@@ -62,7 +62,7 @@ class FoundFacts:
 
     @property
     def problems(self) -> tuple[str, ...]:
-        """What keeps the facts from being used, each in one line without the bag's name."""
+        """Reasons that prevent the use of the metadata, one line each, without the bag's name."""
         missing = []
         said = ' '.join(self.conflicts + self.faults)
         if self.test is None and 'test is' not in said:
@@ -76,7 +76,7 @@ class FoundFacts:
         return (*self.conflicts, *self.faults, *missing)
 
     def overruled(self, test: str | None, elevation_deg: float | None) -> FoundFacts:
-        """The same with what the command line gives put in place."""
+        """The same with the values of options in place."""
         facts = self
         if test is not None:
             facts = facts._settled('test', test=check_kind(test, 'option'))
@@ -126,7 +126,7 @@ def find_facts(
 
 
 def check_kind(test: str, where: str) -> str:
-    """The kind of test if there is such a kind."""
+    """The kind of test if it is a known kind."""
     if test not in KINDS:
         raise BagError(f'{where}: test is {test!r}: give static or dynamic')
     return test
@@ -151,7 +151,7 @@ def _clean(value: object) -> str | None:
 
 
 def same_fact(key: str, first: str, second: str) -> bool:
-    """Whether two texts say the same of a test."""
+    """Whether two texts state the same of a test."""
     if key == 'elevation_deg':
         one, other = _number(first), _number(second)
         if one is not None and other is not None:

@@ -56,7 +56,7 @@ class Samples:
 
 @dataclass(frozen=True)
 class Limits:
-    """What a reading can be: low to high.
+    """Range of a possible reading: low to high.
 
     rate [1/s], noise: a change by more than noise + rate * dt is a leap.
     """
@@ -149,7 +149,7 @@ class SampleGuard:
         return self._batch(sound, samples)
 
     def flush(self) -> Samples:
-        """The sample held: nothing has come for a while that could tell what it is."""
+        """The held sample, after a time without a successor to judge it by."""
         held, self._held = self._held, None
         if held is None:
             return Samples(np.empty(0, np.int64), np.empty(0))
@@ -214,7 +214,7 @@ class SampleGuard:
             self._refused_since = self._last[0]
 
     def _judge(self, sample: tuple[int, float]) -> list[tuple[int, float]]:
-        """What is due now that `sample` has come."""
+        """Samples that are due after the arrival of `sample`."""
         if self._held is None:
             if self._goes_on(self._last, sample):
                 return self._accept(sample)
@@ -311,7 +311,7 @@ class SoundSamples:
 def sound_samples(
     limits: Limits, stamps: NDArray[np.int64], values: NDArray[np.float64],
 ) -> SoundSamples:
-    """What a guard makes of a whole record: stamps (N,) [ns] in order, values (N,)."""
+    """Result of a guard on a whole record: stamps (N,) [ns] in order, values (N,)."""
     guard = SampleGuard(limits, remembered=len(stamps) + 1)
     passed = sum(len(guard.push(Samples(stamps[part], values[part])))
                  for part in blocks(len(stamps), stamps, values))

@@ -32,13 +32,13 @@ or the rig file is wrong."""
 
 @dataclass(frozen=True)
 class GuardedTopic:
-    """A topic of the rig with its sound samples only; sound: what was refused."""
+    """A topic of the rig with its sound samples only; sound: the refused ones."""
 
     topic: RawTopic
     sound: SoundSamples
 
     def notes(self) -> list[str]:
-        """What was refused, in one line."""
+        """The refused samples, in one line."""
         counts = {name.replace('_', ' '): count
                   for name, count in self.sound.counters.as_dict().items() if count}
         if not counts:
@@ -93,7 +93,7 @@ def possible_record(record: RawRecord, rig: Rig) -> RawRecord:
 
 
 def node_rows(guarded: list[GuardedTopic], gaps: NDArray[np.float64]) -> NodeRows | None:
-    """What the live nodes make of the rows with aligned gaps (4, N); None: all complete rows."""
+    """Use of the rows with aligned gaps (4, N) by the live nodes; None: all complete rows."""
     load, *probes = guarded
     stamps = load.topic.stamps
     degraded = degraded_rows(stamps, [one.topic.stamps for one in probes], gaps)

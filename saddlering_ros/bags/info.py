@@ -42,7 +42,7 @@ class TopicInfo:
     duration [s] relative to the earliest stamp, gaps in the stamps (count, longest [s]), and
     the lowest and highest reading [SI], the share of readings equal to the one before, the rate
     [Hz] at which they are new, their greatest common step and white noise [SI], the bandwidth of
-    that noise [Hz] (NaN where it cannot be told), and how many are spikes.
+    that noise [Hz] (NaN if unknown), and the number of spikes.
     """
 
     topic: str
@@ -66,7 +66,7 @@ class TopicInfo:
 
 @dataclass(frozen=True)
 class BagInfo:
-    """What is in a bag; problems keep it from being used, notes do not.
+    """Content of a bag; problems prevent its use, notes do not.
 
     size [bytes]; compressions and schema encodings as the files say; duration [s] and start [ns]
     by header stamps of the rig's topics (NaN and None if there are none); load_range [N];

@@ -34,7 +34,7 @@ INFRARED = 1
 """Radiation type of sensor_msgs/Range; of its two, the other (ultrasound) is further off."""
 
 DEFAULTS: dict[str, dict[str, float]] = {RANGE_TYPE: {'radiation_type': INFRARED}}
-"""Fields that are not 0 where nothing is given."""
+"""Fields whose default is not 0."""
 
 _WORDS = {'f8': 'float64', 'f4': 'float32', 'u1': 'uint8', 'i4': 'int32', 'u4': 'uint32'}
 

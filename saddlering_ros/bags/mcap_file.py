@@ -54,11 +54,11 @@ _INDEX_ENTRY = np.dtype([('log_time', '<u8'), ('offset', '<u8')])
 
 
 class DamageError(BagError):
-    """Damage found in an MCAP file at a byte; what came before it was readable."""
+    """Damage found in an MCAP file at a byte; the data before it were readable."""
 
 
 class CutOffError(DamageError):
-    """The file ends too early; what came before is whole (by its checksums, if it has any)."""
+    """The file ends too early; the data before are whole (by the checksums, if there are any)."""
 
 
 class Channel(NamedTuple):
@@ -111,9 +111,9 @@ class McapFile:
         self.name = self.name or str(self.path)
 
     def blocks(self) -> Iterator[Block]:
-        """Yield the messages, block by block; DamageError says where readable data end.
+        """Yield the messages, block by block; DamageError names the end of the readable data.
 
-        CutOffError, a DamageError, says that the file ends there.
+        CutOffError, a DamageError, means that the file ends there.
         """
         with _Mapping(self.path, self.name) as buffer:
             try:
@@ -164,7 +164,7 @@ class McapFile:
         opcode, length = _record_head.unpack_from(buffer, position)
         start = position + RECORD_HEAD
         if opcode == 0 and _only_zeros(buffer, position, size):
-            raise self._cut_off(position)  # what a loss of power leaves of a file that grew
+            raise self._cut_off(position)  # rest of a growing file after a loss of power
         if start + length > size:
             if buffer[size - len(MAGIC):] == MAGIC:
                 raise self._damaged(position, 'a record')  # the end is there
@@ -192,7 +192,7 @@ class McapFile:
             self.metadata[name] = fields.text_map()
 
     def _check_end(self, buffer: mmap.mmap, position: int, start: int, stop: int) -> None:
-        """Check what the end of the file says of the data before it."""
+        """Check the data against the statements at the end of the file."""
         (crc,) = struct.unpack_from('<I', buffer, start)
         if crc and crc != _checksum(buffer, position):
             raise self._damaged(position, 'the data (their checksum differs)')
@@ -472,7 +472,7 @@ class _Mapping:
 
 
 def _only_zeros(buffer: mmap.mmap, start: int, stop: int) -> bool:
-    """Whether the file holds nothing but zeros from `start` on."""
+    """Whether the file holds only zeros from `start` on."""
     step = 1 << 20
     return not any(any(buffer[place:min(place + step, stop)])
                    for place in range(start, stop, step))

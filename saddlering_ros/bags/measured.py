@@ -26,7 +26,7 @@ from saddlering_ros.rig.zeroing import Samples, zero_of_blocks
 
 @dataclass(frozen=True)
 class MeasuredRun:
-    """What the probes of a run say, at each of its N load stamps.
+    """Displacement by the probes of a run, at each of its N load stamps.
 
     time (N,) [s], stamps (N,) int64 [ns], load (N,) [N]: the run's own; d (4, N) [m]: increments
     of the probes since zero; displacement: of (N,) arrays, NaN where not known; zero: the reading

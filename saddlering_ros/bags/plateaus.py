@@ -185,7 +185,7 @@ def _holds(
 
 
 def _edge(period: float, window: float, span: float, noise: float) -> int:
-    """Samples whose mean tells the load well enough to see a hold end, at most a window."""
+    """Samples whose mean shows the load well enough to see the end of a hold, at most a window."""
     wanted = max(EDGE / period, (NOISE_FACTOR * noise / (4.0 * STEADY_SHARE * span)) ** 2)
     return max(1, round(min(wanted, window / period)))
 
@@ -194,7 +194,7 @@ def _extended(
     holds: list[tuple[int, int]], load: NDArray[np.float64], edge: int, tolerance: float,
     noise: float,
 ) -> list[tuple[int, int]]:
-    """Give each hold back what the window took at its ends: samples still at its level.
+    """Extend each hold by the samples at its level that the window took at its ends.
 
     A hold ends where the mean of `edge` samples leaves its level; these samples and as many
     before them are not part of it.
@@ -373,7 +373,7 @@ def _autocovariance_sums(deviation: NDArray[np.float64]) -> NDArray[np.float64]:
 def _corrected_for_mean(
     covariance: NDArray[np.float64], size: int,
 ) -> NDArray[np.float64]:
-    """Give back what taking the mean from the same samples took: the variance of that mean."""
+    """Add the variance of the mean, which its removal from the same samples took."""
     corrected = covariance
     for _ in range(20):
         correlation = corrected / corrected[0]
@@ -432,7 +432,7 @@ def _two_amounts(
 
 
 def _after_mean(covariance: NDArray[np.float64]) -> NDArray[np.float64]:
-    """What an autocovariance (n,) becomes once the mean of the n samples is taken from them.
+    """An autocovariance (n,) after the removal of the mean of the n samples.
 
     mean over i of E (x_i - m)(x_(i+k) - m) = C_k + var(m) - mean over i of the covariances of
     m with x_i and with x_(i+k).

@@ -76,7 +76,7 @@ class RawTopic:
 
 @dataclass(frozen=True)
 class RawRecord:
-    """The rig topics of a bag by name, and what the bag says of its test."""
+    """The rig topics of a bag by name, and its test metadata."""
 
     path: Path
     topics: dict[str, RawTopic]
@@ -168,7 +168,7 @@ class TestRun:
 
     @property
     def doubtful_lag(self) -> float:
-        """How far [s] load and probes may be apart in time, by what the readings show."""
+        """Largest delay [s] between load and probes that the readings leave open."""
         if not self.quality:
             return 0.0
         probes = [self.quality[name] for name in PROBE_TOPICS]
@@ -248,7 +248,7 @@ def read_run(
 
 
 def notes_on_rig(rig: Rig, run: TestRun, record: RawRecord) -> list[str]:
-    """What looks wrong with a run on this rig: its wiring, its zero, its kind, its units."""
+    """Probable faults of a run on this rig: wiring, zero, kind, units."""
     spans = [(record[name].min_range, record[name].max_range) for name in PROBE_TOPICS]
     wiring = wiring_notes(rig, run.elevation, run.load, run.gaps)
     parity = [] if wiring else [*parity_notes(rig, run.load, run.gaps),
@@ -260,7 +260,7 @@ def notes_on_rig(rig: Rig, run: TestRun, record: RawRecord) -> list[str]:
 def usable_facts(
     path: Path, found: FoundFacts, test: str | None, elevation: float | None,
 ) -> FoundFacts:
-    """What the bag and the command line say together; BagError if that is not enough."""
+    """Metadata of the bag and of the options together; BagError if they are not enough."""
     facts = found.overruled(test, None if elevation is None else math.degrees(elevation))
     if facts.problems:
         raise BagError(f'{path}: {facts.problems[0]}')
@@ -334,7 +334,7 @@ def _why_apart(probes: Sequence[RawTopic]) -> str:
 
 
 def record_quality(record: RawRecord) -> dict[str, TopicQuality]:
-    """What the readings of the load and of each probe show of the logger."""
+    """Properties of the logger by the readings of the load and of each probe."""
     return {name: topic_quality(record[name].stamps, record[name].values)
             for name in (LOAD_TOPIC, *PROBE_TOPICS)}
 

@@ -1,4 +1,4 @@
-"""What readings show of the logger: repeats, resolution, bandwidth, spikes, stalls, drift.
+"""Properties of the logger by its readings: repeats, resolution, bandwidth, spikes, stalls, drift.
 
 Every check looks at the readings of one topic as recorded, at no model of the ring. A check that
 cannot tell stays silent: a quiet sensor behind a coarse converter shows no bandwidth.
@@ -58,7 +58,7 @@ QUIET_SECONDS = 0.8
 MIN_QUIET_SAMPLES = 100
 
 MIN_BANDWIDTH = 3.0
-"""What is slower than this [Hz] is a movement in a record's beginning, not a filter's noise."""
+"""Frequency [Hz] below which noise at the beginning of a record is a movement."""
 
 CHANCE_ERRORS = 4.5
 """Mean square changes over one sample and over many that differ by fewer standard errors are of
@@ -78,7 +78,7 @@ MAX_GROWTH = 4.0
 """Changes over 40 readings that exceed those over 10 by more (mean square) are a movement."""
 
 LOOKED_AT = 1_000_000
-"""The converter's step is read from so many readings at most."""
+"""Largest number of readings that give the step of the converter."""
 
 DRIFT_MIN, DRIFT_MAX = 5e-5, 1e-2
 """Rates of load and probes that differ by a share between these were meant to be equal."""
@@ -90,12 +90,12 @@ share of the slower period (stamps jitter by a few percent of it), gets a note."
 
 @dataclass(frozen=True)
 class TopicQuality:
-    """What one topic's readings show.
+    """Properties of one topic by its readings.
 
     rate [Hz] by the median period; mean_rate [Hz] over the record (NaN if stamps have gaps);
     repeated: share of readings equal to the one before; update_rate [Hz]: of readings
     that are new, under `rate` if held; resolution: greatest common step (0 if none shows); noise:
-    rms white noise of a reading; bandwidth [Hz] of the noise (NaN if it cannot be told); spikes:
+    rms white noise of a reading; bandwidth [Hz] of the noise (NaN if unknown); spikes:
     indices of single readings out of line; stall (start, count): the longest run of equal readings
     that chance or rest do not explain (count 0: none); limit (value, count): the largest or
     smallest reading, where it is repeated as only a limit does.

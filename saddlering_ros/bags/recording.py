@@ -21,7 +21,7 @@ from saddlering_ros.bags.writer import (
 )
 
 CHUNK_SIZE = 1 << 16
-"""What a crash costs at most [bytes]: 6 s at 10 Hz. Bags are 2 % larger than by chunks of 1 MB."""
+"""Largest loss by a crash [bytes]: 6 s at 10 Hz. Bags are 2 % larger than by chunks of 1 MB."""
 
 
 class BagRecording:

@@ -1,4 +1,4 @@
-"""The same recording given twice: found by its readings, whatever its path and compression."""
+"""The same recording given twice: found by its readings, at any path and compression."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def is_same_recording(first: TestRun, second: TestRun) -> bool:
 
 
 def _equal_readings(first: TestRun, second: TestRun, rows: slice) -> int:
-    """How many rows of a stretch of one run stand in another with the same readings."""
+    """Number of rows of a stretch of one run that are in another with the same readings."""
     stamps = first.stamps[rows]
     begin, end = np.searchsorted(second.stamps, [stamps[0], stamps[-1] + 1]).tolist()
     _, left, right = np.intersect1d(

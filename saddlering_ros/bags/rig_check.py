@@ -24,7 +24,7 @@ MAX_START_ERROR = 0.04
 
 
 def check_rig(rig: Rig, record: RawRecord, run: TestRun) -> list[str]:
-    """One line for each thing in the bag that does not fit the rig; [] if nothing speaks."""
+    """One line for each contradiction between bag and rig; [] if there is none."""
     return [*_hash(rig, run), *_ranges(rig, record), *_loads(rig, run),
             *wiring_notes(rig, run.elevation, run.load, run.gaps), *_elevation(rig, run)]
 

@@ -56,7 +56,7 @@ LINE_RATIO = 60.0
 def parity_notes(rig: Rig, load: Floats, gaps: Floats) -> list[str]:
     """One line if the parity of the radial probes in gaps (4, N) [m] follows the load (N,) [N].
 
-    The parity (d1 + d3)/2 of a rigid ring is zero whatever its contact does.
+    The parity (d1 + d3)/2 of a rigid ring is zero with any contact.
     """
     load, gaps = complete_rows(load, gaps)
     count = len(load) // PARTS

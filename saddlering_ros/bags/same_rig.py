@@ -1,6 +1,6 @@
 """Comparison of the rig of a bag with the rig in use, by the hashes of their descriptions.
 
-A forgotten rig file simulates another ring: everything misfits, and what is advised is wrong.
+A forgotten rig file simulates another ring: every channel misfits, and the advice is wrong.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ def refuse_other_rig(runs: Sequence[TestRun], rig: Rig, *, is_given: bool) -> No
 
 
 def rig_in_words(rig: Rig) -> str:
-    """What a rig is at first sight, and its hash."""
+    """Main dimensions of a rig, and its hash."""
     return (f'{rig.axial_rows.rollers} rollers in a row, '
             f'{rig.force_words(rig.full_scale_load, 0)}, hash {short_digest(rig.digest)}')
 

@@ -102,7 +102,7 @@ def measured_rows(
 
 @dataclass
 class SamplesSummary:
-    """What samples that go by have in common.
+    """Summary of samples that pass by.
 
     count: of samples; lowest, highest, last, at_peak: of each column by name, the last two at the
     last sample and where the load is highest, NaN where not known; validity: how many samples are

@@ -66,7 +66,7 @@ class ScannedTopic:
     _long: _LongTopic | None = None
 
     def add(self, readings: Readings, log_times: NDArray[np.int64]) -> None:
-        """Take in what a block holds."""
+        """Take in the content of a block."""
         self.frame_id = self.frame_id or readings.frame_id
         spans = readings.spans
         if len(spans) and (spans == spans[0]).all():
@@ -79,7 +79,7 @@ class ScannedTopic:
             self._put_aside()
 
     def _put_aside(self) -> None:
-        """Move what is held to scratch files."""
+        """Move the samples held to scratch files."""
         self._long = self._long or _LongTopic()
         for part in self._parts:
             self._long.stamps.append(_joined([part.stamps]))
@@ -178,9 +178,9 @@ def _joined(parts: Sequence[_Times]) -> NDArray[np.int64]:
 
 @dataclass
 class Scan:
-    """What one pass over a bag found.
+    """Result of one pass over a bag.
 
-    damage: what ended the pass early, if anything did; cuts: files that end too early.
+    damage: fault that ended the pass early, if any; cuts: files that end too early.
     """
 
     directory: BagDirectory
@@ -203,7 +203,7 @@ class Scan:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What is odd about the bag as a whole without keeping it from being used."""
+        """Faults of the bag as a whole that do not prevent its use."""
         said = self.directory.message_count
         if self.cuts:
             return tuple(f'{_said(cut)}; {self.readable_part}' for cut in self.cuts)
@@ -268,7 +268,7 @@ def scan(
 
 
 def _said(problem: BagError) -> str:
-    """What is wrong, without what to do about it."""
+    """The fault without its remedy."""
     return str(problem).rpartition(': ')[0]
 
 

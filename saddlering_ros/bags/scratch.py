@@ -62,7 +62,7 @@ def scratch_file() -> BinaryIO:
 
 
 def no_room(problem: OSError) -> BagError:
-    """What to do when a scratch file cannot be written."""
+    """Remedy if a scratch file cannot be written."""
     place = Path(os.environ.get('TMPDIR') or '/var/tmp')
     return BagError(f'{place}: a long bag needs scratch files there, which cannot be written '
                     f'({problem.strerror or problem}): let TMPDIR name a folder with more room')

@@ -40,7 +40,7 @@ LONGEST_LEAP_NS = 3600 * 1_000_000_000
 
 @dataclass(frozen=True)
 class StampOrder:
-    """Which messages to keep, in stamp order (indices; a slice if all), and what was done."""
+    """Messages to keep, in stamp order (indices; a slice if all), and the changes made."""
 
     keep: NDArray[np.int64] | slice
     reordered: int
@@ -105,7 +105,7 @@ def _check_late(
 
 
 def _jitter(stamps: NDArray[np.int64], period: float) -> float:
-    """Lateness [ns] too small to tell a clock set back from neighbours that swapped places.
+    """Lateness [ns] too small to separate a clock set back from swapped neighbours.
 
     Little more than a period where stamps come at regular intervals, three where they do not.
     """

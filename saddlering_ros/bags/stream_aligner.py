@@ -41,7 +41,7 @@ def longer_hold(hold: int, delay: int) -> int:
 
 
 class AlignedRow(NamedTuple):
-    """One load sample and what the four probes read at its stamp.
+    """One load sample and the readings of the four probes at its stamp.
 
     `stamp` [ns]; `time` [s] since the first load stamp (after the last restart); `load` [N];
     `gaps` (4,) [m], NaN for a probe that does not read; `restart` counts how often the load's
@@ -57,7 +57,7 @@ class AlignedRow(NamedTuple):
 
 @dataclass
 class AlignmentCounters:
-    """What the aligner could not use since it was made, by reason; all zero on a healthy stream.
+    """Counts of unused samples since the start, by reason; all zero on a healthy stream.
 
     before_probes: load stamps older than a probe's first sample
     in_gap:        load stamps inside a gap of a probe
@@ -163,7 +163,7 @@ class _ProbeBuffer:
         self.cursor = max(0, self.cursor - count)
 
     def serve(self, stamp: int, run_start: int, newest: int) -> int:
-        """Put the reading at `stamp` into `value`, or say why there is none (yet).
+        """Put the reading at `stamp` into `value`, or return the reason why there is none (yet).
 
         run_start, newest: stamps of the load [ns] between which it has gone on without a leap; a
         probe that has been silent for more than `dead_after` of them is absent.
@@ -201,7 +201,7 @@ class _ProbeBuffer:
         return [later - earlier for earlier, later in pairwise(recent)]
 
     def trim(self) -> None:
-        """Forget what neither a later load stamp nor the gap rule can ask for."""
+        """Discard samples that neither a later load stamp nor the gap rule can need."""
         if self.cursor > 256:
             self._forget(self.cursor - 2 * GAP_HISTORY)
 
@@ -329,7 +329,7 @@ class StreamAligner:
         self._pending.clear()
         for probe in self._probes:
             if not probe.jumped:
-                probe.clear()  # what it holds is of the time before the jump
+                probe.clear()  # its samples are of the time before the jump
             probe.jumped = False
         self._epoch = self._newest = stamp
         self._last_out = None

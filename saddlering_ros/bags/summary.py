@@ -23,7 +23,7 @@ MAX_SUMMARY = 1 << 26
 
 @dataclass(frozen=True)
 class BagSummary:
-    """What the files of a bag count themselves: messages, topics, time between log times [s]."""
+    """Counts in the files of a bag: messages, topics, time between log times [s]."""
 
     messages: int
     topics: int
@@ -34,7 +34,7 @@ class BagSummary:
 
 
 def summary_of_bag(path: Path | str) -> BagSummary | None:
-    """The summary of all files of a bag; None if one of them has none. Nothing is checked.
+    """The summary of all files of a bag; None if one of them has none. It is not checked.
 
     BagError if there is no bag at all.
     """

@@ -23,7 +23,7 @@ from saddlering_ros.rig import gap_increment, resolve_load, Rig, TONNE
 Floats = NDArray[np.float64]
 
 MIN_LOAD_SPAN = 0.1
-"""Share of the full-scale load that must be run through before anything is said."""
+"""Share of the full-scale load that a run must cover before it is judged."""
 
 CLEAR_SIDE = 0.25
 """A probe is expected to move to a side if its share of the largest motion is at least this."""
@@ -51,7 +51,7 @@ class _Response:
 
 
 def wiring_notes(rig: Rig, elevation: float, load: Floats, gaps: Floats) -> list[str]:
-    """What looks wrong in gaps (4, N) [m] over load (N,) [N] at `elevation` [rad], a line each."""
+    """Probable faults in gaps (4, N) [m] over load (N,) [N] at `elevation` [rad], a line each."""
     load, gaps = complete_rows(load, gaps)
     if len(load) < STUCK_SAMPLES or float(np.ptp(load)) < MIN_LOAD_SPAN * rig.full_scale_load:
         return []
@@ -120,7 +120,7 @@ def _unlikeness(one: Floats, other: Floats) -> float:
 
 
 def _mirrored(increments: Floats) -> list[str]:
-    """Probes 1 and 3 must mirror each other; that another pair does tells of swapped channels."""
+    """Probes 1 and 3 must mirror each other; another pair that does shows swapped channels."""
     around = increments - increments.mean(axis=1, keepdims=True)
     own = _unlikeness(around[0], around[2])
     if own < SAME_LIMIT or own > 1.0 / SAME_LIMIT:

@@ -14,7 +14,7 @@ Floats = NDArray[np.float64]
 
 
 class Additions:
-    """All laws along one record, from its zero on; what they add there is zero."""
+    """All laws along one record, from its zero on, where their sum is zero."""
 
     def __init__(self, rig: Rig, laws: Sequence[Law], time: float, load: float) -> None:
         both = [(law, LawHistory(law, time, load)) for law in laws]
@@ -26,7 +26,7 @@ class Additions:
         ]
 
     def push(self, time: Floats, load: Floats) -> tuple[Floats, Floats]:
-        """The load (N,) at the ring, and what is added to the probes' increments (N, 4)."""
+        """The load (N,) at the ring, and the additions to the increments of the probes (N, 4)."""
         at_ring = load.copy()
         for history in self._of_load:
             at_ring += history.push(time, load)

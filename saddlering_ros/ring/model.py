@@ -25,7 +25,7 @@ Floats = NDArray[np.float64]
 Model = NDArray[np.void]
 
 VECTOR = 8
-"""Rollers of a row are worked on in groups of so many."""
+"""Size of a group of rollers that is computed at once."""
 
 FAR_OFF = 1.0
 """Gap [m] of a place in a row that holds no roller."""
@@ -90,7 +90,7 @@ def _row(row: RollerRow, geometry: RowGeometry) -> tuple[Floats, Floats, Floats,
 
 
 def _padded(rows: Sequence[Floats]) -> Floats:
-    """Rows (3, J_i) in one array (3, 3, J); what is filled up stands far off and carries nothing.
+    """Rows (3, J_i) in one array (3, 3, J); rollers that fill up are far off and carry no load.
 
     The kernels go on to the next multiple of VECTOR rollers: J leaves room for that.
     """
@@ -164,7 +164,7 @@ EXTENSION_FIELDS = [
     for item in shared_parameters()
     for part in _field(item.name, getattr(NO_EXTENSION, item.name))
 ] + [((item.name, 'f8'), item.stage, item.acts_on) for item in own_parameters()]
-"""Fields of the model's record for extension parameters, with their stage and what they act on."""
+"""Fields of the model's record for extension parameters, with their stage and target."""
 
 MODEL = np.dtype([
     *((name, 'f8') for name in (*RIG_FIELDS, *PARAMETER_NAMES)),

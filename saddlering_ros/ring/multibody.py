@@ -1,7 +1,7 @@
 """The ring in a multibody program (exudyn): one body, one spring-damper per roller.
 
-Nothing of the reference's sums, Jacobian or time stepping is used here; only the force of one
-contact unit is written down again. It verifies the reference and stands in for ADAMS.
+It shares no sum, Jacobian or time stepping with the reference; only the force of one contact unit
+is written again. It verifies the reference and stands in for ADAMS.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """The ring model to be read: plain sums over 304 rollers, equilibrium, dynamics, Jacobian.
 
-Nothing here is fast and nothing is clever. The compiled kernels are tested against this file, and
-this file against closed forms, scipy's Radau and a multibody program. Source of the equations:
-docs/ring-model.md, after Lin, Qian, Yin, Chen, Liu, "Dynamic modeling and parameter identification
+This file is written for the reader and not for speed. The compiled kernels are tested against
+this file, and this file against closed forms, scipy's Radau and a multibody program. Source of the
+equations: docs/ring-model.md, after Lin, Qian, Yin, Chen, Liu, "Dynamic modeling and parameter identification
 of a gun saddle ring", Defence Technology, 2020 (our own formulation of it).
 """
 

@@ -52,7 +52,7 @@ class Course:
 class _Table:
     """Over loads (G,): motion (3, G), columns (G, 3, k), decay rates (G, 3, 3) [1/s].
 
-    moving (G, 3, k): what the dampers add to the columns per rate of the load [s/N].
+    moving (G, 3, k): part of the columns by the dampers per rate of the load [s/N].
     """
 
     load: Array

@@ -1,7 +1,7 @@
 """How motions and readings change with contact law, loads, friction, rollers: exact tangents.
 
 One simulation and one pass along it give the change by every parameter at once, where differences
-take a simulation each. What acts inside the equation of motion is differentiated by the implicit
+take a simulation each. Parameters of the equation of motion are differentiated by the implicit
 function theorem (`kernels/tangents.py`); what is added to motion and readings is computed anew,
 which costs next to nothing.
 """

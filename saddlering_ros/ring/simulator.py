@@ -44,7 +44,7 @@ Floats = NDArray[np.float64]
 
 
 class SimulationError(SaddleringError):
-    """A record that cannot be simulated; one line: what, where, what to do."""
+    """A record that cannot be simulated; one line: fault, place, remedy."""
 
 
 @dataclass(frozen=True)
@@ -363,7 +363,7 @@ def probe_batch(rig: Rig, candidates: Sequence[tuple[ArrayLike, RingExtension]],
                                               seconds, force, zero, max_step)
     others = np.flatnonzero(first != np.arange(first.size))
     failed = others[~np.isfinite(motion[first[others]]).all(axis=(1, 2))]
-    if failed.size:  # what goes on after a failed step is the simulator's own affair
+    if failed.size:  # the continuation after a failed step is internal to the simulator
         _, increments[failed] = _run_batch(m[failed], [rows[index] for index in failed.tolist()],
                                            seconds, force, zero, max_step)
     for index in np.setdiff1d(others, failed).tolist():

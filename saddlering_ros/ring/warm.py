@@ -40,7 +40,7 @@ def warm() -> float:
 
 
 def main() -> None:
-    """Warm the cache and say what was done."""
+    """Warm the cache and print the result."""
     seconds = warm()
     kept = f'kept in {kernel.folder}' if kernel.folder else 'not kept: set NUMBA_CACHE_DIR'
     print(f'ring kernels ready in {seconds:.1f} s ({kept})')
