@@ -33,7 +33,7 @@ def rounded(run, step):
 def test_the_truth_lies_in_the_intervals_at_a_resolution_of(step, runs):
     found = identify([rounded(run, step) for run in runs], RIG)
     error = found.parameters.contact.to_array() - TRUE_TO_SCALE.to_array()
-    determined = np.array(list(found.pinned.values()))
-    assert found.pinned['D1']
+    determined = np.array(list(found.determined.values()))
+    assert found.determined['D1']
     assert (np.abs(error) < 3.0 * found.std)[determined].all()
     assert np.isfinite(found.parameters.contact.to_array()).all()
