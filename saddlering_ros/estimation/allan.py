@@ -79,5 +79,10 @@ def running_total(values: Array) -> Array:
 
 def allan_variance(total: Array, count: int) -> float:
     """Allan variance at means over `count` values, wherever these begin, of a running total."""
-    means = (total[count:] - total[:-count]) / count
-    return 0.5 * float(np.mean((means[count:] - means[:-count]) ** 2))
+    return float(allan_variances_of(total[None], count)[0])
+
+
+def allan_variances_of(totals: Array, count: int) -> Array:
+    """The same (rows,) of running totals (rows, N)."""
+    means = (totals[:, count:] - totals[:, :-count]) / count
+    return np.asarray(0.5 * np.mean((means[:, count:] - means[:, :-count]) ** 2, axis=1))

@@ -10,7 +10,7 @@ from scipy.optimize import nnls
 
 from saddlering_ros.estimation.allan import (
     allan_columns,
-    allan_variance,
+    allan_variances_of,
     averaged_counts,
     running_total,
 )
@@ -59,8 +59,10 @@ def common_noise(
 def _variances(rows: Sequence[Array], counts: Array, pairs: Array) -> Array:
     """Allan variances (rows, counts); 0 where a row is too short."""
     answers = np.zeros(pairs.shape)
-    for place, (row, own) in enumerate(zip(rows, pairs, strict=True)):
-        total = running_total(row)
-        for column in np.flatnonzero(own):
-            answers[place, column] = allan_variance(total, int(counts[column]))
+    lengths = np.array([len(row) for row in rows])
+    for length in np.unique(lengths):
+        alike = np.flatnonzero(lengths == length)
+        totals = np.stack([running_total(rows[place]) for place in alike.tolist()])
+        for column in np.flatnonzero(pairs[alike[0]]):
+            answers[alike, column] = allan_variances_of(totals, int(counts[column]))
     return answers

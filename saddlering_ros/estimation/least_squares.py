@@ -17,12 +17,6 @@ from numpy.typing import NDArray
 from scipy.optimize import lsq_linear
 
 Array = NDArray[np.float64]
-Residuals = Callable[[Array], Array]
-"""From points (B, F) to whitened residuals (B, R)."""
-
-Slopes = Callable[[Array], Array]
-"""From a point (F,) to the Jacobian (R, F) of the whitened residuals."""
-
 AT_BOUND = 1e-4
 """A point this close to a bound, as a share of the box, lies on it."""
 
@@ -189,6 +183,17 @@ class Minimum:
     at_bound: NDArray[np.bool_]
 
 
+class Linearised(Protocol):
+    """Whitened residual (R,) at a point, and how it changes, which is computed where asked."""
+
+    @property
+    def residual(self) -> Array: ...
+
+    def slopes(self) -> Array:
+        """Jacobian (R, F) by the coordinates of the point."""
+        ...
+
+
 @dataclass(frozen=True)
 class _Lazily:
     """An answer whose sensitivities are computed once a step is taken."""
@@ -202,15 +207,15 @@ class _Lazily:
 
 
 def minimise(
-    residuals: Residuals, slopes: Slopes, start: Array, low: Array, high: Array
+    linearised: Callable[[Array], Linearised], start: Array, low: Array, high: Array
 ) -> Minimum:
     """Least squares inside the box from `start` (F,), without a prior, to its bottom."""
     span = high - low
     rule = Rule(np.zeros(span.size, dtype=bool), 0.0, MAX_ROUNDS, 1e-6, 1e-10)
 
     def answer(unit: Array) -> _Lazily:
-        point = low + span * unit
-        return _Lazily(np.asarray(residuals(point[None, :])[0]), lambda: slopes(point) * span)
+        found = linearised(low + span * unit)
+        return _Lazily(found.residual, lambda: found.slopes() * span)
 
     descent: Generator[Array, _Lazily, Descent[_Lazily]] = descend(
         (start - low) / span, rule, range(span.size))

@@ -43,11 +43,12 @@ class ChannelNoise:
         """
         apart = np.abs(time[:, None] - time) - 0.5 * (width[:, None] + width)
         matrix = np.zeros((time.size, time.size))
+        overlap = np.nonzero(apart < -1e-9 * width)
+        start, stop = time - 0.5 * width, time + 0.5 * width
         for variance, tau in self.parts():
             shrink = mean_correlation(width / tau)
             part = np.outer(shrink, shrink) * np.exp(-np.maximum(apart, 0.0) / tau)
-            overlap = apart < -1e-9 * width
-            part[overlap] = _of_overlapping(time, width, tau)[overlap]
+            part[overlap] = _of_overlapping(start, stop, overlap, tau)
             matrix += variance * part
         if self.held > 0.0:
             same = np.eye(time.size) if hold is None else (hold[:, None] == hold[None, :])
@@ -100,14 +101,16 @@ QUIET = ChannelNoise(0.0, np.zeros(TIME_CONSTANTS.size), 0.0, 1)
 """No noise at all."""
 
 
-def _of_overlapping(time: Array, width: Array, tau: float) -> Array:
-    """Covariance (N, N) of means of unit OU noise over stretches that may overlap."""
-    start, stop = time - 0.5 * width, time + 0.5 * width
-    integral = (_twice_integrated(stop[:, None] - start, tau)
-                - _twice_integrated(stop[:, None] - stop, tau)
-                - _twice_integrated(start[:, None] - start, tau)
-                + _twice_integrated(start[:, None] - stop, tau))
-    return np.asarray(integral / np.outer(width, width))
+def _of_overlapping(
+    start: Array, stop: Array, pairs: tuple[NDArray[np.intp], ...], tau: float
+) -> Array:
+    """Covariance (P,) of means of unit OU noise over pairs of stretches that may overlap."""
+    one, other = pairs
+    integral = (_twice_integrated(stop[one] - start[other], tau)
+                - _twice_integrated(stop[one] - stop[other], tau)
+                - _twice_integrated(start[one] - start[other], tau)
+                + _twice_integrated(start[one] - stop[other], tau))
+    return np.asarray(integral / ((stop - start)[one] * (stop - start)[other]))
 
 
 def _twice_integrated(separation: Array, tau: float) -> Array:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from saddlering_ros.bags import BagError, displacement_of_run, plateaus, TestRun
+from saddlering_ros.bags import BagError, displacement_of_run, Plateaus, plateaus, TestRun
 from saddlering_ros.identification.errors import IdentificationError
 from saddlering_ros.rig import Rig
 
@@ -41,8 +41,11 @@ def saturated(run: TestRun, rig: Rig) -> NDArray[np.bool_]:
         return np.asarray((run.gaps <= low) | (run.gaps >= high))
 
 
-def check_run(run: TestRun, rig: Rig) -> None:
-    """IdentificationError when the run's range is too small to identify anything from."""
+def check_run(run: TestRun, rig: Rig) -> Plateaus | None:
+    """The plateaus of a static run, None for a dynamic one.
+
+    IdentificationError when the run's range is too small to identify anything from.
+    """
     name = run_name(run)
     if not np.isfinite(run.elevation):
         raise IdentificationError(f'{name}: its elevation is {run.elevation}: give it in degrees')
@@ -58,15 +61,16 @@ def check_run(run: TestRun, rig: Rig) -> None:
             "): load the ring further, or correct the rig file's full_scale_load"
         )
     if run.test == 'static':
-        _check_static(run, rig, name)
-    elif float(np.nanmedian(run.load[-max(1, len(run.load) // 100) :])) > 0.5 * top:
+        return _check_static(run, rig, name)
+    if float(np.nanmedian(run.load[-max(1, len(run.load) // 100) :])) > 0.5 * top:
         raise IdentificationError(
             f'{name}: there is no unloading branch (the record ends at '
             f'{rig.force_words(float(run.load[-1]))}): record the test until the load is removed'
         )
+    return None
 
 
-def _check_static(run: TestRun, rig: Rig, name: str) -> None:
+def _check_static(run: TestRun, rig: Rig, name: str) -> Plateaus:
     try:
         found = plateaus(run)
     except BagError as problem:
@@ -82,6 +86,7 @@ def _check_static(run: TestRun, rig: Rig, name: str) -> None:
             f'{name}: there is no unloading branch in this static run: '
             'record the steps down to zero as well'
         )
+    return found
 
 
 def clipped_words(name: str) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 import time
 
 import numpy as np
@@ -20,10 +21,16 @@ from saddlering_ros.identification.objective import (
     average_branches,
     Objective,
     PaperObjective,
+    SEARCH_STEP,
     WeightedObjective,
 )
 from saddlering_ros.identification.observation import Observation
-from saddlering_ros.identification.observing import observe
+from saddlering_ros.identification.observing import (
+    observe_prepared,
+    observe_with_cell,
+    prepare_all,
+)
+from saddlering_ros.identification.prepared import PreparedRun
 from saddlering_ros.identification.refinement import refine, Refinement, stay_at
 from saddlering_ros.identification.result import Identification
 from saddlering_ros.identification.settings import Bounds, IdentificationSettings
@@ -55,6 +62,10 @@ MISFIT_ADVICE = {
 }
 """Remedy for a misfit, by method."""
 
+STALLED_AFTER, STALLED_GAIN = 4, 0.05
+"""A swarm before least squares stops when so many iterations gain less than this share: descents
+along exact gradients reach the bottom faster from there."""
+
 LOAD_CORRECTIONS = 2
 """How often the load of dynamic runs is corrected and the fit repeated."""
 
@@ -75,10 +86,16 @@ class _Search:
 
     def observations(self, contact: ContactParameters | None = None) -> list[Observation]:
         """The runs to be fitted, their noise read with the help of a first finding."""
-        found = observe(
-            self.runs, self.rig, fit_rate=self.settings.fit_rate, contact=contact)
+        rate = self.settings.fit_rate
+        found = (observe_prepared(self.prepared, rate) if contact is None
+                 else observe_with_cell(self.prepared, self.rig, rate, contact))
         # If no run shows D, plateaus count as equilibria, which do not depend on D.
         return found if self.has_dynamic else [one.coarse() for one in found]
+
+    @cached_property
+    def prepared(self) -> list[PreparedRun]:
+        """The runs with all that observations need."""
+        return prepare_all(self.runs, self.rig, self.settings.fit_rate)
 
     @property
     def has_dynamic(self) -> bool:
@@ -95,7 +112,7 @@ class _Search:
         chosen = self.settings.swarm
         if self.settings.method == 'paper' or chosen.stagnation is not None:
             return chosen
-        return replace(chosen, stagnation=8, stagnation_tolerance=0.02)
+        return replace(chosen, stagnation=STALLED_AFTER, stagnation_tolerance=STALLED_GAIN)
 
     def space(self, free: Sequence[str], held: ContactParameters, *, log: bool) -> SearchSpace:
         """Search space of `free`; log scales for K and D, or for K only if that is asked for."""
@@ -162,12 +179,16 @@ def identify(
 
 @dataclass(frozen=True)
 class _Found:
-    """End of a method: the contact, its objective, the names searched, the observations."""
+    """End of a method: the contact, its objective, the names searched, the observations.
+
+    bottom: the descent that ended there, with its objective, where one did.
+    """
 
     contact: ContactParameters
     objective: float
     searched: tuple[str, ...]
     observations: Sequence[Observation]
+    bottom: tuple[WeightedObjective, Refinement] | None = None
 
 
 def _split(observations: Sequence[Observation]) -> tuple[list[Observation], list[Observation]]:
@@ -212,13 +233,13 @@ def _by_default(search: _Search, observations: Sequence[Observation]) -> _Found:
     if static:
         contact, best = search.run_swarm(
             'static swarm',
-            WeightedObjective(search.rig, [one.coarse() for one in static], channels),
+            WeightedObjective(search.rig, [one.coarse(SEARCH_STEP) for one in static], channels),
             search.space(STATIC_NAMES, contact, log=True),
         )
     if dynamic and not search.cancelled:
         contact, best = search.run_swarm(
             'dynamic swarm',
-            WeightedObjective(search.rig, [one.coarse() for one in dynamic], channels),
+            WeightedObjective(search.rig, [one.coarse(SEARCH_STEP) for one in dynamic], channels),
             search.space(DAMPING_NAMES if static else PARAMETER_NAMES, contact, log=True),
         )
     searched = PARAMETER_NAMES if dynamic else STATIC_NAMES
@@ -234,13 +255,15 @@ def _refined(
     searched: tuple[str, ...],
     best: float,
 ) -> _Found:
-    """Joint least squares from two starts on the coarse grid, from the better one on the fine.
+    """Joint least squares from two starts in long steps, from the better one in ever shorter ones.
 
     The starts are the swarm's best and the true-to-scale parameters; where they end in different
     places, a note says so.
     """
     channels = search.settings.channels
-    coarse = WeightedObjective(search.rig, [one.coarse() for one in observations], channels)
+    rough = WeightedObjective(
+        search.rig, [one.coarse(SEARCH_STEP) for one in observations], channels)
+    coarse = replace(rough, observations=[one.coarse() for one in observations], evaluations=0)
     space = search.space(searched, _start(search.bounds), log=True)
     found = _Found(contact, best, searched, observations)
     evaluations = 0
@@ -248,9 +271,10 @@ def _refined(
         starts = [space.coordinates(one.to_array()) for one in (contact, _start(search.bounds))]
         bottoms = []
         for number, start in enumerate(starts, start=1):
-            bottoms.append(refine(coarse, space, start, search.is_cancelled))
+            bottoms.append(refine(rough, space, start, search.is_cancelled))
             _report_refinement(search, number, bottoms[-1])
         lowest = min(bottoms, key=lambda bottom: bottom.chi_square)
+        lowest = refine(coarse, space, lowest.point, search.is_cancelled)
         found = _Found(lowest.law, lowest.chi_square, searched, observations)
         _note_different_optima(search, bottoms)
         fine = WeightedObjective(search.rig, search.observations(lowest.law), channels)
@@ -259,11 +283,12 @@ def _refined(
             fine = fine.with_likely_loads(lowest.contact)
             lowest = refine(fine, space, lowest.point, search.is_cancelled)
         evaluations = fine.evaluations
-        found = _Found(lowest.law, lowest.chi_square, searched, fine.observations)
+        found = _Found(
+            lowest.law, lowest.chi_square, searched, fine.observations, (fine, lowest))
         _report_refinement(search, 3, lowest)
     except Cancelled:
         pass
-    search.evaluations += coarse.evaluations + evaluations
+    search.evaluations += rough.evaluations + coarse.evaluations + evaluations
     return found
 
 
@@ -286,11 +311,14 @@ def _judged(
 ) -> Identification:
     """Covariance and all that follows from it at the result; coarse when cancelled."""
     observations = found.observations
-    if search.cancelled:
-        observations = [one.coarse() for one in observations]
-    objective = WeightedObjective(search.rig, observations, search.settings.channels)
     space = search.space(found.searched, found.contact, log=True)
-    best = stay_at(objective, space, found.contact)
+    if found.bottom is not None and not search.cancelled:
+        objective, best = found.bottom
+    else:
+        if search.cancelled:
+            observations = [one.coarse() for one in observations]
+        objective = WeightedObjective(search.rig, observations, search.settings.channels)
+        best = stay_at(objective, space, found.contact)
     advice = MISFIT_ADVICE[search.settings.method]
     trust = assess(objective, space, best, search.bounds, advice)
     contact = found.contact

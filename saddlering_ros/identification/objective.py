@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Protocol
 
@@ -17,7 +17,7 @@ from saddlering_ros.identification.observation import Observation
 from saddlering_ros.identification.observing import SETTLING_STEP
 from saddlering_ros.rig import PARAMETER_NAMES, Rig
 from saddlering_ros.ring import dynamic_batch, static_batch
-from saddlering_ros.ring.sensitivity import motion_sensitivities, static_sensitivities
+from saddlering_ros.ring.sensitivity import followed_motion, static_sensitivities
 from saddlering_ros.ring.simulator import in_parallel
 
 Array = NDArray[np.float64]
@@ -27,6 +27,9 @@ LONGEST_STEP = 2e-3
 
 COARSE_STEP = 5e-3
 """The same where a run is simulated on its fit grid."""
+
+SEARCH_STEP = 2e-2
+"""The same while a swarm looks for a start, and for the first descents."""
 
 
 class Objective(Protocol):
@@ -48,31 +51,51 @@ def predict(rig: Rig, contacts: Array, observation: Observation) -> Array:
         rig, contacts, observation.elevation, observation.fine_time, observation.fine_load,
         _longest_step(observation),
     )
-    if observation.spans is not None:
-        return np.asarray(span_means(moving, *observation.spans.T) - zero)
-    blocks = moving.reshape(*moving.shape[:2], -1, observation.per_block).mean(axis=-1)
-    return np.asarray(blocks - zero)
+    return np.asarray(_means(observation, moving) - zero)
 
 
-def predict_slopes(rig: Rig, contact: Array, observation: Observation) -> Array:
-    """Derivatives (6, 3, N) of `predict` by the contact parameters (6,)."""
+@dataclass(frozen=True)
+class _Followed:
+    """Increments (3, N) of one run by one law, and their derivatives (6, 3, N) where asked."""
+
+    increments: Array
+    slopes: Callable[[], Array]
+
+
+def _follow(rig: Rig, contact: Array, observation: Observation) -> _Followed:
+    """`predict` for one law (6,), kept for its derivatives."""
     loads = np.append(observation.zero_load, observation.load)
     if not observation.dynamic and observation.spans is None:
         still = static_batch(rig, contact, observation.elevation, loads)[0]
-        slopes = static_sensitivities(rig, contact, observation.elevation, still)
-        return np.asarray(slopes[:, :, 1:] - slopes[:, :, :1])
+
+        def static_slopes() -> Array:
+            slopes = static_sensitivities(rig, contact, observation.elevation, still)
+            return np.asarray(slopes[:, :, 1:] - slopes[:, :, :1])
+
+        return _Followed(np.asarray(still[:, 1:] - still[:, :1]), static_slopes)
     zero = static_batch(rig, contact, observation.elevation, loads[:1])[0]
-    at_zero = static_sensitivities(rig, contact, observation.elevation, zero)
-    _, moving = motion_sensitivities(
+    followed = followed_motion(
         rig, contact, observation.elevation, observation.fine_time, observation.fine_load,
         _longest_step(observation))
+
+    def slopes() -> Array:
+        at_zero = static_sensitivities(rig, contact, observation.elevation, zero)
+        return np.asarray(_means(observation, followed.sensitivities()) - at_zero)
+
+    return _Followed(np.asarray(_means(observation, followed.motion) - zero), slopes)
+
+
+def _means(observation: Observation, moving: Array) -> Array:
+    """Readings (..., N) of a motion (..., M) on the fine grid."""
     if observation.spans is not None:
-        return np.asarray(span_means(moving, *observation.spans.T) - at_zero)
-    blocks = moving.reshape(*moving.shape[:2], -1, observation.per_block).mean(axis=-1)
-    return np.asarray(blocks - at_zero)
+        return span_means(moving, *observation.spans.T)
+    return np.asarray(
+        moving.reshape(*moving.shape[:-1], -1, observation.per_block).mean(axis=-1))
 
 
 def _longest_step(observation: Observation) -> float:
+    if observation.longest_step is not None:
+        return observation.longest_step
     if observation.spans is not None:
         return 2.0 * SETTLING_STEP
     return LONGEST_STEP if observation.per_block > 1 else COARSE_STEP
@@ -102,17 +125,24 @@ class WeightedObjective:
             raise IdentificationError(_not_a_number(worst))
         return residuals
 
-    def slopes(self, contact: Array) -> Array:
-        """Derivatives (6, R) of the whitened residuals by the contact parameters (6,)."""
+    def linearised(self, contact: Array) -> LinearisedFit:
+        """Whitened residuals (R,) at contact parameters (6,), and their derivatives."""
         self.evaluations += 1
-        raw: list[Array] = [np.empty(0)] * len(self.observations)
+        followed: list[_Followed | None] = [None] * len(self.observations)
 
-        def differentiate(part: slice) -> None:
+        def follow(part: slice) -> None:
             for index in range(part.start, part.stop):
-                raw[index] = predict_slopes(self.rig, contact, self.observations[index])
+                followed[index] = _follow(self.rig, contact, self.observations[index])
 
-        in_parallel(differentiate, len(raw))
-        return np.concatenate(self.whiten(raw), axis=1)
+        in_parallel(follow, len(followed))
+        found = [one for one in followed if one is not None]
+        white = self.whiten([
+            (one.increments - seen.displacement)[None]
+            for one, seen in zip(found, self.observations, strict=True)])
+        residual = np.concatenate(white, axis=1)[0]
+        if np.isnan(residual).any():
+            raise IdentificationError(_not_a_number(contact))
+        return LinearisedFit(self, residual, found)
 
     def mean_squares(self, contact: Array) -> list[float]:
         """Mean square of the whitened residuals of each run at a contact law (6,)."""
@@ -161,6 +191,26 @@ class WeightedObjective:
     def size(self) -> int:
         """Number of residuals that count; those left out are 0."""
         return sum(one.readings(channel) for one in self.observations for channel in self.channels)
+
+
+@dataclass(frozen=True)
+class LinearisedFit:
+    """Whitened residuals (R,) of one contact law, whose motions are kept for the derivatives."""
+
+    objective: WeightedObjective
+    residual: Array
+    followed: Sequence[_Followed]
+
+    def slopes(self) -> Array:
+        """Derivatives (6, R) of the whitened residuals by the contact parameters."""
+        raw: list[Array] = [np.empty(0)] * len(self.followed)
+
+        def differentiate(part: slice) -> None:
+            for index in range(part.start, part.stop):
+                raw[index] = self.followed[index].slopes()
+
+        in_parallel(differentiate, len(raw))
+        return np.concatenate(self.objective.whiten(raw), axis=1)
 
 
 @dataclass

@@ -63,6 +63,7 @@ class Observation:
     readings are equilibria.
     load_errors: effect of the load cell's noise on it.
     doubtful_lag [s]: largest delay between load and probes that the readings leave open.
+    longest_step [s] of the simulation; None leaves it to the fit.
     """
 
     name: str
@@ -83,10 +84,12 @@ class Observation:
     spans: NDArray[np.intp] | None = None
     load_errors: LoadErrors | None = None
     doubtful_lag: float = 0.0
+    longest_step: float | None = None
 
-    def coarse(self) -> Observation:
+    def coarse(self, longest_step: float | None = None) -> Observation:
         """The same run simulated at its readings alone: for a swarm, which needs no more."""
-        return replace(self, fine_time=self.time, fine_load=self.load, per_block=1, spans=None)
+        return replace(self, fine_time=self.time, fine_load=self.load, per_block=1, spans=None,
+                       longest_step=longest_step)
 
     def with_load_less(self, errors: Array) -> Observation:
         """A dynamic run whose load is corrected by errors (M + 3,) as of `shared_errors`.

@@ -40,23 +40,45 @@ def observe(
     by which the load cell's noise is followed as a damped ring follows it; else it is taken to
     follow at once, in proportion.
     """
+    prepared = prepare_all(runs, rig, fit_rate)
+    if contact is None:
+        return observe_prepared(prepared, fit_rate)
+    return observe_with_cell(prepared, rig, fit_rate, contact)
+
+
+def prepare_all(
+    runs: Sequence[TestRun], rig: Rig, fit_rate: float | None
+) -> list[PreparedRun]:
+    """Runs with all that their observations need, once for every finding."""
     if not runs:
         raise IdentificationError('no runs to identify from: give at least one bag')
     refuse_repeats(runs)
-    prepared = [prepare(run, rig, fit_rate, contact) for run in runs]
+    return [prepare(run, rig, fit_rate) for run in runs]
+
+
+def observe_prepared(
+    prepared: Sequence[PreparedRun], fit_rate: float | None
+) -> list[Observation]:
+    """Observations without the noise of the load cell."""
     noise = noise_of(prepared)
-    observed = [
+    return [
         _observe_dynamic(one, noise[number], fit_rate)
         if one.branch is None
         else _observe_static(one, noise[number])
         for number, one in enumerate(prepared)
     ]
-    if contact is None:
-        return observed
-    slow = slow_cell_noise(rig, contact, prepared)
+
+
+def observe_with_cell(
+    prepared: Sequence[PreparedRun], rig: Rig, fit_rate: float | None, contact: ContactParameters
+) -> list[Observation]:
+    """Observations with the noise of the load cell, as it shows by a first finding."""
+    explained = [one.explained_by(rig, contact) for one in prepared]
+    observed = observe_prepared(explained, fit_rate)
+    slow = slow_cell_noise(rig, contact, explained)
     return [
         replace(seen, load_errors=load_errors_of(rig, contact, one, seen, cell_noise(one, slow)))
-        for one, seen in zip(prepared, observed, strict=True)
+        for one, seen in zip(explained, observed, strict=True)
     ]
 
 

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 
-from saddlering_ros.bags import BagError, displacement_of_run, MeasuredRun, plateaus, TestRun
+from saddlering_ros.bags import BagError, displacement_of_run, MeasuredRun, TestRun
 from saddlering_ros.estimation.blocks import filled
 from saddlering_ros.estimation.errors import EstimationError
 from saddlering_ros.estimation.parity import parity_ratios
@@ -70,13 +70,20 @@ class PreparedRun:
     rounding: Array | float = 0.0
 
 
-def prepare(
-    run: TestRun, rig: Rig, fit_rate: float | None, contact: ContactParameters | None
-) -> PreparedRun:
-    """A run with all that its observation needs; IdentificationError where it cannot be used."""
+    def explained_by(self, rig: Rig, contact: ContactParameters) -> PreparedRun:
+        """The same, explained by the simulation with a contact law."""
+        return replace(self, explained=_simulated(
+            rig, contact, self.run, self.measured.time, self.load))
+
+
+def prepare(run: TestRun, rig: Rig, fit_rate: float | None) -> PreparedRun:
+    """A run with all that its observation needs; IdentificationError where it cannot be used.
+
+    Its displacement is explained by the load, in proportion.
+    """
     name = run_name(run)
     run = run.without_spikes()
-    check_run(run, rig)
+    found = check_run(run, rig)
     try:
         measured = displacement_of_run(rig, run)
     except BagError as problem:
@@ -87,11 +94,9 @@ def prepare(
     interval = float(np.median(np.diff(measured.time)))
     size = 1 if run.test == 'static' else block_sizes(interval, len(run.load), fit_rate)[0]
     load = _smoothed(measured.load, size)
-    explained = (_load_slope(displacement, load)[:, None] * load if contact is None
-                 else _simulated(rig, contact, run, measured.time, load))
+    explained = _load_slope(displacement, load)[:, None] * load
     rounding = _rounding(run, rig)
-    if run.test == 'static':
-        found = plateaus(run)
+    if found is not None:
         rests = list(zip(found.start.tolist(), found.stop.tolist(), strict=True))
         branch = np.asarray(found.branch, dtype=float)
         seen = [bool(np.mean(np.isfinite(displacement[0, a:b])) > 0.5) for a, b in rests]

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from saddlering_ros.errors import Cancelled
 from saddlering_ros.estimation.least_squares import minimise, on_bound
 from saddlering_ros.estimation.space import SearchSpace
-from saddlering_ros.identification.objective import WeightedObjective
+from saddlering_ros.identification.objective import LinearisedFit, WeightedObjective
 from saddlering_ros.progress import IsCancelled
 from saddlering_ros.rig import ContactParameters
 
@@ -33,6 +33,23 @@ class Refinement:
         return ContactParameters.from_array(self.contact)
 
 
+@dataclass(frozen=True)
+class _At:
+    """Residual (R,) at a point (F,) of the search space, and its Jacobian (R, F) where asked."""
+
+    linearised: LinearisedFit
+    space: SearchSpace
+    contact: Array
+
+    @property
+    def residual(self) -> Array:
+        return self.linearised.residual
+
+    def slopes(self) -> Array:
+        by_contact = self.linearised.slopes()
+        return np.asarray(by_contact[self.space.free].T * self.space.scale(self.contact))
+
+
 def refine(
     objective: WeightedObjective,
     space: SearchSpace,
@@ -41,13 +58,12 @@ def refine(
 ) -> Refinement:
     """Least squares from coordinates `start` (F,); raises Cancelled when asked to stop."""
 
-    def residuals(points: Array) -> Array:
+    def at(point: Array) -> _At:
         if is_cancelled is not None and is_cancelled():
             raise Cancelled
-        return objective.residuals(space.contacts(points))
+        return _at(objective, space, point)
 
-    found = minimise(residuals, lambda point: _slopes(objective, space, point), start,
-                     space.low, space.high)
+    found = minimise(at, start, space.low, space.high)
     return Refinement(found.point, space.contacts(found.point)[0], found.chi_square,
                       found.jacobian, found.at_bound)
 
@@ -56,13 +72,12 @@ def stay_at(
     objective: WeightedObjective, space: SearchSpace, contact: ContactParameters
 ) -> Refinement:
     """A `Refinement` at given contact parameters, without moving them."""
-    law = contact.to_array()
-    point = space.coordinates(law)
-    return Refinement(point, law, float(objective(law[None, :])[0]),
-                      _slopes(objective, space, point), on_bound(point, space.low, space.high))
+    point = space.coordinates(contact.to_array())
+    found = _at(objective, space, point)
+    return Refinement(point, contact.to_array(), float(found.residual @ found.residual),
+                      found.slopes(), on_bound(point, space.low, space.high))
 
 
-def _slopes(objective: WeightedObjective, space: SearchSpace, point: Array) -> Array:
-    """Jacobian (R, F) of the whitened residuals by the coordinates at a point (F,)."""
+def _at(objective: WeightedObjective, space: SearchSpace, point: Array) -> _At:
     contact = space.contacts(point)[0]
-    return np.asarray(objective.slopes(contact)[space.free].T * space.scale(contact))
+    return _At(objective.linearised(contact), space, contact)

@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from saddlering_ros.rig import probes_to_displacement, Rig
+from saddlering_ros.rig import probes_to_displacement, Rig, RollerRow
 from saddlering_ros.ring.simulator import static_response
 
 Array = NDArray[np.float64]
@@ -151,21 +151,30 @@ def known_rigs(rig: Rig) -> list[tuple[Rig, Rig]]:
     return list(zip(*pairs, strict=True))
 
 
+def _half(row: RollerRow) -> tuple[Array, Array]:
+    """Cosines of a row's rollers on one side, and how many rollers have each: mirror twins."""
+    index = np.arange(row.rollers // 2 + 1)
+    twins = np.where((index == 0) | (2 * index == row.rollers), 1.0, 2.0)
+    return np.cos(2.0 * np.pi * index / row.rollers), twins
+
+
 def _columns_at(rig: Rig, contact: Array, q: Array, per_load: Array) -> tuple[Array, Array, Array]:
     """Motion (3, k) for one spread of every gap, every stiffness, and of touching softly, at q.
 
     Then what of it the dampers add per rate of the load, where q moves by `per_load` (3,) [1/N]:
     a roller that touches early is damped early. And the rates (3, 3) [1/s] at which the dampers
-    let a displacement decay there.
+    let a displacement decay there. Mirror twins move the ring alike: one column of sqrt(2) times
+    the height has the covariance of both.
     """
     axial, middle = rig.axial_rows, rig.radial_row
-    first = np.cos(2.0 * np.pi * np.arange(axial.rollers) / axial.rollers)
-    second = np.cos(2.0 * np.pi * np.arange(middle.rollers) / middle.rollers)
+    (first, axial_twins), (second, radial_twins) = _half(axial), _half(middle)
+    twins = np.concatenate([axial_twins, axial_twins, radial_twins])
+    spreads = np.sqrt(twins)
     zero, one = np.zeros_like(first), np.ones_like(first)
     upper = np.stack([zero, one, -axial.pitch_radius * first])
     radial = np.stack([second, np.zeros_like(second), middle.height * second])
     directions = np.hstack([upper, -upper, radial])
-    counts = (2 * axial.rollers, middle.rollers)
+    counts = (2 * first.size, second.size)
     half_gap = np.repeat([0.5 * axial.clearance, 0.5 * middle.clearance], counts)
     stiffness = np.repeat([contact[0], contact[3]], counts)
     exponent = np.repeat([contact[1], contact[4]], counts)
@@ -180,15 +189,15 @@ def _columns_at(rig: Rig, contact: Array, q: Array, per_load: Array) -> tuple[Ar
     )
     force, tangent = forces @ _WEIGHTS, tangents @ _WEIGHTS
     plain = stiffness * np.maximum(depth, 0.0) ** exponent
-    system = (directions * tangent) @ directions.T
+    system = (directions * (twins * tangent)) @ directions.T
     system += 1e-9 * np.trace(system) * np.diag([1.0, 1.0, axial.pitch_radius**2])
     answer = np.linalg.solve(
         system,
         np.hstack(
             [
-                directions * (tangent * GAP_SCATTER),
-                -directions * (force * STIFFNESS_SCATTER),
-                -(directions @ (force - plain))[:, None],
+                directions * (spreads * tangent * GAP_SCATTER),
+                -directions * (spreads * force * STIFFNESS_SCATTER),
+                -(directions @ (twins * (force - plain)))[:, None],
             ]
         ),
     )
@@ -200,13 +209,13 @@ def _columns_at(rig: Rig, contact: Array, q: Array, per_load: Array) -> tuple[Ar
         system,
         np.hstack(
             [
-                directions * (dampers * density * speed * GAP_SCATTER),
+                directions * (spreads * dampers * density * speed * GAP_SCATTER),
                 np.zeros_like(directions),
-                -(directions @ (dampers * speed * (touched - (depth > 0.0))))[:, None],
+                -(directions @ (twins * dampers * speed * (touched - (depth > 0.0))))[:, None],
             ]
         ),
     )
-    damping = (directions * (dampers * touched)) @ directions.T
+    damping = (directions * (twins * dampers * touched)) @ directions.T
     damping += 1e-6 * np.trace(damping) * np.diag([1.0, 1.0, axial.pitch_radius**2])
     return np.asarray(answer), np.asarray(moving), np.asarray(np.linalg.solve(damping, system))
 

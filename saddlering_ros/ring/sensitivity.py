@@ -90,21 +90,43 @@ class _Path:
         return replace(self, readings=readings)
 
 
-def motion_sensitivities(rig: Rig, contact: ArrayLike, elevation: float, time: ArrayLike,
-                         load: ArrayLike, max_step: float = 1e-3) -> tuple[Floats, Floats]:
-    """Motion (3, N) of a contact law (6,) from rest at load[0], and its derivatives (6, 3, N).
+@dataclass(frozen=True)
+class FollowedMotion:
+    """A motion of the plain ring, (3, N) at the samples, and every step of it."""
 
-    The derivatives are by K1, n1, D1, K2, n2, D2, in SI.
-    """
+    model: Model
+    rows: Rows
+    path: _Path
+
+    @property
+    def motion(self) -> Floats:
+        return np.ascontiguousarray(self.path.motion[self.path.samples].T)
+
+    def sensitivities(self) -> Floats:
+        """Derivatives (6, 3, N) by K1, n1, D1, K2, n2, D2, in SI."""
+        none = np.zeros((self.path.time.size, 3, 6))
+        changes = _tangents(self.model, self.rows, _unit_laws(self.model), none,
+                            np.zeros((6, 2, 4)), [], self.path)
+        return np.ascontiguousarray(changes[self.path.samples].transpose(2, 1, 0))
+
+
+def followed_motion(rig: Rig, contact: ArrayLike, elevation: float, time: ArrayLike,
+                    load: ArrayLike, max_step: float = 1e-3) -> FollowedMotion:
+    """Motion of a contact law (6,) from rest at load[0], NaN where a step failed."""
     seconds, force = check_simulation(time, load, elevation, max_step)
     model = with_contact(model_of(rig, elevation), contact)
     rows = rows_of(rig)
     path = _simulate(model, rows, seconds, force, float(force[0]), max_step)
-    law = _unit_laws(model)
-    none = np.zeros((path.time.size, 3, 6))
-    changes = _tangents(model, rows, law, none, np.zeros((6, 2, 4)), [], path)
-    return (np.ascontiguousarray(path.motion[path.samples].T),
-            np.ascontiguousarray(changes[path.samples].transpose(2, 1, 0)))
+    if not np.isfinite(path.readings).all():
+        path.motion[:] = np.nan
+    return FollowedMotion(model, rows, path)
+
+
+def motion_sensitivities(rig: Rig, contact: ArrayLike, elevation: float, time: ArrayLike,
+                         load: ArrayLike, max_step: float = 1e-3) -> tuple[Floats, Floats]:
+    """Motion (3, N) of a contact law (6,) from rest at load[0], and its derivatives (6, 3, N)."""
+    followed = followed_motion(rig, contact, elevation, time, load, max_step)
+    return followed.motion, followed.sensitivities()
 
 
 def steps_taken(rig: Rig, contact: ArrayLike, elevation: float, time: ArrayLike, load: ArrayLike,

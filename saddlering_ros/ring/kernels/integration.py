@@ -88,11 +88,38 @@ def take_zero(m: Any, s: Any, true_load: Any, time: Any, w: Any) -> Any:
 
 
 @kernel(**INNER)
-def predict(m: Any, s: Any, c0: Any, past: Any, w: Any) -> Any:
+def friction_secant(element: Any, z_smooth: Any, z_sharp: Any, travel: Any) -> Any:
+    """Change of a friction force over `travel` [m or rad], per travel."""
+    if element.limit == 0.0:
+        return 0.0
+    _, _, z, slope = hysteron(z_smooth, z_sharp, travel, element.presliding, element.sharpness)
+    if abs(travel) > 1e-6 * element.presliding:
+        before = element.sharpness * z_sharp + (1.0 - element.sharpness) * z_smooth
+        slope = (z - before) / travel
+    return element.limit * slope
+
+
+@kernel(**INNER)
+def predict_with_friction(m: Any, s: Any, h: Any, c0: Any, past: Any, w: Any) -> Any:
+    """`predict` with the state's hysterons, whose forces bend with the travel: guessed twice."""
+    travel0, travel2 = h * s[at.V], h * s[at.V + 2]
+    trusted, x, y, tilt = False, 0.0, 0.0, 0.0
+    for _ in range(2):
+        rubbing = (
+            friction_secant(m.radial_friction, s[at.RADIAL_Z], s[at.RADIAL_Z + 1], travel0),
+            friction_secant(m.tilt_friction, s[at.TILT_Z], s[at.TILT_Z + 1], travel2))
+        trusted, x, y, tilt = predict(m, s, c0, past, rubbing, w)
+        travel0, travel2 = x, tilt
+    return trusted, x, y, tilt
+
+
+@kernel(**INNER)
+def predict(m: Any, s: Any, c0: Any, past: Any, rubbing: Any, w: Any) -> Any:
     """Move (3,) from the last state by its own stiffness and damping: no force is evaluated.
 
     Solves m a + K (q - q_old) + D (v - v_old) = external + F_old for the step's difference
     formulas v = c0 q + ..., a = c0 v + ...; (False, 0, 0, 0) if that cannot be trusted.
+    rubbing: slopes of friction against delta_x and gamma.
     """
     c1, c2 = past
     mass, inertia = m.mass, m.inertia
@@ -110,9 +137,9 @@ def predict(m: Any, s: Any, c0: Any, past: Any, w: Any) -> Any:
           - s[d + 1] * j0 - s[d + 3] * j1 - s[d + 4] * j2)
     square = c0 * c0
     found, x, y, tilt = solve3(
-        s[k] + c0 * s[d] + mass * square, s[k + 1] + c0 * s[d + 1],
+        s[k] + c0 * s[d] + mass * square + rubbing[0], s[k + 1] + c0 * s[d + 1],
         s[k + 2] + c0 * s[d + 2] + mass * square, s[k + 3] + c0 * s[d + 3],
-        s[k + 4] + c0 * s[d + 4] + inertia * square, r0, r1, r2)
+        s[k + 4] + c0 * s[d + 4] + inertia * square + rubbing[1], r0, r1, r2)
     size = max(abs(x), abs(y), abs(tilt) * m.radius)
     return found and size < MAX_PREDICTION, x, y, tilt
 
@@ -166,8 +193,10 @@ def implicit_step(m: Any, rows: Any, uniform: Any, s: Any, h: Any, friction: Any
     past1 = c1 * s[at.V + 1] + c2 * s[at.V_OLD + 1]
     past2 = c1 * s[at.V + 2] + c2 * s[at.V_OLD + 2]
     trusted, move0, move1, move2 = False, 0.0, 0.0, 0.0
-    if second_order and not friction:
-        trusted, move0, move1, move2 = predict(m, s, c0, (c1, c2), w)
+    if second_order and friction:
+        trusted, move0, move1, move2 = predict_with_friction(m, s, h, c0, (c1, c2), w)
+    elif second_order:
+        trusted, move0, move1, move2 = predict(m, s, c0, (c1, c2), (0.0, 0.0), w)
     if second_order and not trusted:
         ahead = min(h, 0.01)
         move0, move1, move2 = ahead * s[at.V], ahead * s[at.V + 1], ahead * s[at.V + 2]

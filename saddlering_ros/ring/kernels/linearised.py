@@ -9,19 +9,34 @@ import numpy as np
 from saddlering_ros.ring.kernels import layout as at
 from saddlering_ros.ring.kernels.contact import ring_forces
 from saddlering_ros.ring.kernels.equilibrium import solve3
-from saddlering_ros.ring.kernels.options import kernel, OUTER
+from saddlering_ros.ring.kernels.options import INNER, kernel, OUTER
+
+DIED_AWAY = 1e-17
+"""What an error does is left out once it is under this share of the largest of any."""
+
+
+@kernel(**INNER)
+def has_died(state: Any, j: Any, peak: Any, c0: Any, radius: Any) -> Any:
+    """Whether a response j moves the ring by next to nothing any more."""
+    size = max(abs(state[0, j]), abs(state[1, j]), abs(state[2, j]) * radius)
+    rate = max(abs(state[3, j]), abs(state[4, j]), abs(state[5, j]) * radius)
+    return max(size, rate / max(c0, 1.0)) < DIED_AWAY * peak
 
 
 @kernel(**OUTER)
 def follow_errors(models: Any, rows: Any, uniform: Any, q: Any, v: Any, h: Any, force: Any,
-           sensitivity: Any) -> Any:
-    """Fill sensitivity (3, J, J) about a motion q (N, 3), its rate v (N, 3), in steps of h [s]."""
+                  sensitivity: Any) -> Any:
+    """Fill sensitivity (3, J, J) about a motion q (N, 3), its rate v (N, 3), in steps of h [s].
+
+    An error that has passed dies away within some steps, so that only few are followed at a time.
+    """
     m = models[0]
     nodes = sensitivity.shape[1]
     size = q.shape[0] // nodes
     w = np.zeros(at.WORK_SIZE)
     state = np.zeros((6, nodes))  # dq and its rate, of this step
     old = np.zeros((6, nodes))
+    oldest, peak = 0, 0.0
     for n in range(nodes * size):
         ring_forces(m, rows, uniform, q[n, 0], q[n, 1], q[n, 2], v[n, 0], v[n, 1], v[n, 2], w)
         place = min(max((n + 0.5) / size - 0.5, 0.0), nodes - 1.0)
@@ -40,7 +55,9 @@ def follow_errors(models: Any, rows: Any, uniform: Any, q: Any, v: Any, h: Any, 
         a12 = w[k + 3] + c0 * w[d + 3]
         a22 = w[k + 4] + c0 * w[d + 4] + m.inertia * square
         block = n // size
-        for j in range(min(first + 2, nodes)):
+        while oldest < first and has_died(state, oldest, peak, c0, m.radius):
+            oldest += 1
+        for j in range(oldest, min(first + 2, nodes)):
             error = 1.0 - share if j == first else (share if j == first + 1 else 0.0)
             p0 = c1 * state[0, j] + c2 * old[0, j]
             p1 = c1 * state[1, j] + c2 * old[1, j]
@@ -60,5 +77,6 @@ def follow_errors(models: Any, rows: Any, uniform: Any, q: Any, v: Any, h: Any, 
             state[3, j] = c0 * x + p0
             state[4, j] = c0 * y + p1
             state[5, j] = c0 * tilt + p2
+            peak = max(peak, abs(x), abs(y), abs(tilt) * m.radius)
             for i in range(3):
                 sensitivity[i, block, j] += state[i, j] / size
