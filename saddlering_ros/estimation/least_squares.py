@@ -32,6 +32,9 @@ FAILED_ROUNDS = 4
 MAX_ROUNDS = 60
 """Rounds of `minimise`."""
 
+NEGLIGIBLE = 1e-7
+"""A gain of chi square by which no parameter moves by more than 3e-4 of its deviation."""
+
 
 class Answer(Protocol):
     """Whitened residual (n,) and sensitivities (n, k) at a point; NaN where it failed."""
@@ -52,7 +55,8 @@ class Rule:
 
     periodic (F,): coordinates that are angles; prior: the whole box counts as this many standard
     deviations, which keeps idle coordinates still; a descent ends after `quiet_rounds` gains in a
-    row under `quiet_gain` of the misfit, or under `quiet_share` of it.
+    row under `quiet_gain` of the misfit, or under `quiet_share` of it, or before a step of which
+    no more than `negligible` is expected.
     """
 
     periodic: NDArray[np.bool_]
@@ -61,6 +65,7 @@ class Rule:
     quiet_gain: float
     quiet_share: float
     quiet_rounds: int = 2
+    negligible: float = 0.0
 
     def cost(self, residual: Array, point: Array) -> float:
         """Misfit and prior; infinite where the residual is no number."""
@@ -120,7 +125,8 @@ def descend(
         if not np.isfinite(best):
             break
         move = _bounded_step(columns, residual, point, damping, rule)
-        converged = bool(np.abs(move).max() < MIN_MOVE)
+        converged = bool(np.abs(move).max() < MIN_MOVE
+                         or _expected(columns, residual, point, move, rule) < rule.negligible)
         if converged:
             break
         trial = rule.inside(point + move)
@@ -146,6 +152,13 @@ def descend(
         if converged:
             break
     return Descent(point, columns, answer, tuple(costs), converged)
+
+
+def _expected(columns: Array, residual: Array, point: Array, move: Array, rule: Rule) -> float:
+    """Fall of the cost by a step, were the residual straight."""
+    if rule.negligible <= 0.0:
+        return np.inf
+    return rule.cost(residual, point) - rule.cost(residual + columns @ move, point + move)
 
 
 def _bounded_step(
@@ -207,11 +220,16 @@ class _Lazily:
 
 
 def minimise(
-    linearised: Callable[[Array], Linearised], start: Array, low: Array, high: Array
+    linearised: Callable[[Array], Linearised], start: Array, low: Array, high: Array,
+    negligible: float = NEGLIGIBLE,
 ) -> Minimum:
-    """Least squares inside the box from `start` (F,), without a prior, to its bottom."""
+    """Least squares inside the box from `start` (F,), without a prior, to its bottom.
+
+    It ends where the next step is expected to gain less than `negligible`.
+    """
     span = high - low
-    rule = Rule(np.zeros(span.size, dtype=bool), 0.0, MAX_ROUNDS, 1e-6, 1e-10)
+    rule = Rule(np.zeros(span.size, dtype=bool), 0.0, MAX_ROUNDS, 1e-6, 1e-10,
+                negligible=negligible)
 
     def answer(unit: Array) -> _Lazily:
         found = linearised(low + span * unit)

@@ -66,6 +66,9 @@ STALLED_AFTER, STALLED_GAIN = 4, 0.05
 """A swarm before least squares stops when so many iterations gain less than this share: descents
 along exact gradients reach the bottom faster from there."""
 
+PROVISIONAL = 1e-3
+"""Gain of chi square under which a descent ends that another one follows."""
+
 LOAD_CORRECTIONS = 2
 """How often the load of dynamic runs is corrected and the fit repeated."""
 
@@ -271,17 +274,17 @@ def _refined(
         starts = [space.coordinates(one.to_array()) for one in (contact, _start(search.bounds))]
         bottoms = []
         for number, start in enumerate(starts, start=1):
-            bottoms.append(refine(rough, space, start, search.is_cancelled))
+            bottoms.append(refine(rough, space, start, search.is_cancelled, PROVISIONAL))
             _report_refinement(search, number, bottoms[-1])
         lowest = min(bottoms, key=lambda bottom: bottom.chi_square)
         lowest = refine(coarse, space, lowest.point, search.is_cancelled)
         found = _Found(lowest.law, lowest.chi_square, searched, observations)
         _note_different_optima(search, bottoms)
         fine = WeightedObjective(search.rig, search.observations(lowest.law), channels)
-        lowest = refine(fine, space, lowest.point, search.is_cancelled)
         for _ in range(LOAD_CORRECTIONS if search.has_dynamic else 0):
+            lowest = refine(fine, space, lowest.point, search.is_cancelled, PROVISIONAL)
             fine = fine.with_likely_loads(lowest.contact)
-            lowest = refine(fine, space, lowest.point, search.is_cancelled)
+        lowest = refine(fine, space, lowest.point, search.is_cancelled)
         evaluations = fine.evaluations
         found = _Found(
             lowest.law, lowest.chi_square, searched, fine.observations, (fine, lowest))

@@ -56,7 +56,8 @@ class PreparedRun:
     """A run with its displacement and where it is at rest (start, stop index pairs).
 
     load (N,) that the model is driven with; explained (3, N): what it explains of the displacement
-    at rest; rounding (3, N): errors of coarse converters that rest hides.
+    at rest; rounding (3, N): errors of coarse converters that rest hides; parity (N,): as
+    `parity_at_rest` has it.
     """
 
     run: TestRun
@@ -67,6 +68,7 @@ class PreparedRun:
     rests: list[tuple[int, int]]
     branch: Array | None
     interval: float
+    parity: Array
     rounding: Array | float = 0.0
 
 
@@ -95,7 +97,7 @@ def prepare(run: TestRun, rig: Rig, fit_rate: float | None) -> PreparedRun:
     size = 1 if run.test == 'static' else block_sizes(interval, len(run.load), fit_rate)[0]
     load = _smoothed(measured.load, size)
     explained = _load_slope(displacement, load)[:, None] * load
-    rounding = _rounding(run, rig)
+    rounding, parity = _rounding(run, rig), parity_at_rest(measured)
     if found is not None:
         rests = list(zip(found.start.tolist(), found.stop.tolist(), strict=True))
         branch = np.asarray(found.branch, dtype=float)
@@ -104,15 +106,15 @@ def prepare(run: TestRun, rig: Rig, fit_rate: float | None) -> PreparedRun:
         if len(rests) < MIN_READINGS:
             raise IdentificationError(clipped_words(name))
         return PreparedRun(
-            run, measured, displacement, load, explained, rests, branch[seen], interval, rounding
-        )
+            run, measured, displacement, load, explained, rests, branch[seen], interval, parity,
+            rounding)
     if np.mean(np.isfinite(displacement[0])) < MIN_SHARE_READ:
         raise IdentificationError(clipped_words(name))
     rests = quiet_stretches(
         stretches_at_rest(measured.time, measured.load, rig.limits.rest_band))
     rests = rests or [(measured.zero.start, measured.zero.end)]
     return PreparedRun(
-        run, measured, displacement, load, explained, rests, None, interval, rounding)
+        run, measured, displacement, load, explained, rests, None, interval, parity, rounding)
 
 
 def _rounding(run: TestRun, rig: Rig) -> Array | float:
@@ -195,7 +197,7 @@ def noise_of(runs: Sequence[PreparedRun]) -> list[NoiseModel]:
 def _quiet(runs: Sequence[PreparedRun]) -> Quiet:
     """Noise of runs sampled alike: at rest, and in the parity if the parity is noise."""
     segments = [part for one in runs for part in rest_segments(one)]
-    parities = [parity_at_rest(one.measured) for one in runs]
+    parities = [one.parity for one in runs]
     still = [parity[start:stop] for one, parity in zip(runs, parities, strict=True)
              for start, stop in one.rests]
     ratios = parity_ratios(parities, still, [segment.values for segment in segments])

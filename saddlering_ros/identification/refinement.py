@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saddlering_ros.errors import Cancelled
-from saddlering_ros.estimation.least_squares import minimise, on_bound
+from saddlering_ros.estimation.least_squares import minimise, NEGLIGIBLE, on_bound
 from saddlering_ros.estimation.space import SearchSpace
 from saddlering_ros.identification.objective import LinearisedFit, WeightedObjective
 from saddlering_ros.progress import IsCancelled
@@ -55,15 +55,19 @@ def refine(
     space: SearchSpace,
     start: Array,
     is_cancelled: IsCancelled | None = None,
+    negligible: float = NEGLIGIBLE,
 ) -> Refinement:
-    """Least squares from coordinates `start` (F,); raises Cancelled when asked to stop."""
+    """Least squares from coordinates `start` (F,); raises Cancelled when asked to stop.
+
+    It ends where the next step is expected to gain less than `negligible` of chi square.
+    """
 
     def at(point: Array) -> _At:
         if is_cancelled is not None and is_cancelled():
             raise Cancelled
         return _at(objective, space, point)
 
-    found = minimise(at, start, space.low, space.high)
+    found = minimise(at, start, space.low, space.high, negligible)
     return Refinement(found.point, space.contacts(found.point)[0], found.chi_square,
                       found.jacobian, found.at_bound)
 

@@ -84,10 +84,8 @@ def scatter_columns(rig: Rig, contact: Array, course: Course) -> Array:
     grid = low + (high - low) * np.linspace(0.0, 1.0, GRID) ** 1.5
     motion = static_response(rig, contact, course.elevation, grid)
     per_load = np.gradient(motion, grid, axis=1)
-    found = [
-        _columns_at(rig, contact, q, slope) for q, slope in zip(motion.T, per_load.T, strict=True)
-    ]
-    columns, moving, decay = (np.nan_to_num(np.array(item)) for item in zip(*found, strict=True))
+    columns, moving, decay = (
+        np.nan_to_num(item) for item in _columns_at(rig, contact, motion.T, per_load.T))
     table = _Table(grid, motion, columns, moving, decay)
     radial, tilting = _equivalent_loads(rig, contact, course, table)
     still = np.zeros(course.time.size)
@@ -118,16 +116,19 @@ def _equivalent_loads(
 
 
 def _late(time: Array, q: Array, decay: Array) -> Array:
-    """Columns (N, 3, k) behind their equilibrium: dq/dt = decay (equilibrium - q)."""
+    """Columns (N, 3, k) behind their equilibrium: dq/dt = decay (equilibrium - q).
+
+    Two implicit half steps a sample, to the equilibrium half way and to that at its end.
+    """
     late = q.copy()
-    step = np.diff(time)
-    unit = np.eye(3)
-    for index in range(1, time.size):
-        rate = 0.5 * step[index - 1] * decay[index]
-        behind = late[index - 1]
-        for goal in (0.5 * (q[index - 1] + q[index]), q[index]):
-            behind = np.linalg.solve(unit + rate, behind + rate @ goal)
-        late[index] = behind
+    rate = 0.5 * np.diff(time)[:, None, None] * decay[1:]
+    inverse = np.linalg.inv(np.eye(3) + rate)
+    pull = inverse @ rate
+    half_way = 0.5 * (q[:-1] + q[1:])
+    drawn = inverse @ (pull @ half_way) + pull @ q[1:]
+    kept = inverse @ inverse
+    for index in range(time.size - 1):
+        late[index + 1] = kept[index] @ late[index] + drawn[index]
     return late
 
 
@@ -159,12 +160,12 @@ def _half(row: RollerRow) -> tuple[Array, Array]:
 
 
 def _columns_at(rig: Rig, contact: Array, q: Array, per_load: Array) -> tuple[Array, Array, Array]:
-    """Motion (3, k) for one spread of every gap, every stiffness, and of touching softly, at q.
+    """Motion (G, 3, k) for one spread of every gap, every stiffness, of touching softly, at q.
 
-    Then what of it the dampers add per rate of the load, where q moves by `per_load` (3,) [1/N]:
-    a roller that touches early is damped early. And the rates (3, 3) [1/s] at which the dampers
-    let a displacement decay there. Mirror twins move the ring alike: one column of sqrt(2) times
-    the height has the covariance of both.
+    q (G, 3). Then what of it the dampers add per rate of the load, where q moves by `per_load`
+    (G, 3) [1/N]: a roller that touches early is damped early. And the rates (G, 3, 3) [1/s] at
+    which the dampers let a displacement decay there. Mirror twins move the ring alike: one column
+    of sqrt(2) times the height has the covariance of both.
     """
     axial, middle = rig.axial_rows, rig.radial_row
     (first, axial_twins), (second, radial_twins) = _half(axial), _half(middle)
@@ -178,8 +179,9 @@ def _columns_at(rig: Rig, contact: Array, q: Array, per_load: Array) -> tuple[Ar
     half_gap = np.repeat([0.5 * axial.clearance, 0.5 * middle.clearance], counts)
     stiffness = np.repeat([contact[0], contact[3]], counts)
     exponent = np.repeat([contact[1], contact[4]], counts)
+    dampers = np.repeat([contact[2], contact[5]], counts)
     depth = q @ directions - half_gap
-    spread = depth[:, None] + GAP_SCATTER * _NODES[None, :]
+    spread = depth[..., None] + GAP_SCATTER * _NODES
     touching = np.maximum(spread, 0.0)
     forces = stiffness[:, None] * touching ** exponent[:, None]
     tangents = np.where(
@@ -189,35 +191,34 @@ def _columns_at(rig: Rig, contact: Array, q: Array, per_load: Array) -> tuple[Ar
     )
     force, tangent = forces @ _WEIGHTS, tangents @ _WEIGHTS
     plain = stiffness * np.maximum(depth, 0.0) ** exponent
-    system = (directions * (twins * tangent)) @ directions.T
-    system += 1e-9 * np.trace(system) * np.diag([1.0, 1.0, axial.pitch_radius**2])
-    answer = np.linalg.solve(
-        system,
-        np.hstack(
-            [
-                directions * (spreads * tangent * GAP_SCATTER),
-                -directions * (spreads * force * STIFFNESS_SCATTER),
-                -(directions @ (twins * (force - plain)))[:, None],
-            ]
-        ),
-    )
-    dampers = np.repeat([contact[2], contact[5]], counts)
     touched = (spread > 0.0) @ _WEIGHTS
     density = np.exp(-0.5 * (depth / GAP_SCATTER) ** 2) / (GAP_SCATTER * np.sqrt(2.0 * np.pi))
     speed = per_load @ directions
-    moving = np.linalg.solve(
-        system,
-        np.hstack(
-            [
-                directions * (spreads * dampers * density * speed * GAP_SCATTER),
-                np.zeros_like(directions),
-                -(directions @ (twins * dampers * speed * (touched - (depth > 0.0))))[:, None],
-            ]
-        ),
-    )
-    damping = (directions * (twins * dampers * touched)) @ directions.T
-    damping += 1e-6 * np.trace(damping) * np.diag([1.0, 1.0, axial.pitch_radius**2])
+
+    def per_roller(amounts: Array) -> Array:
+        return np.asarray(directions * amounts[:, None, :])
+
+    def together(amounts: Array) -> Array:
+        return np.asarray((twins * amounts) @ directions.T)[..., None]
+
+    system = _held(per_roller(twins * tangent) @ directions.T, 1e-9, axial.pitch_radius)
+    answer = np.linalg.solve(system, np.concatenate([
+        per_roller(spreads * tangent * GAP_SCATTER),
+        -per_roller(spreads * force * STIFFNESS_SCATTER),
+        -together(force - plain)], axis=2))
+    by_gap = per_roller(spreads * dampers * density * speed * GAP_SCATTER)
+    moving = np.linalg.solve(system, np.concatenate([
+        by_gap, np.zeros_like(by_gap),
+        -together(dampers * speed * (touched - (depth > 0.0)))], axis=2))
+    damping = _held(
+        per_roller(twins * dampers * touched) @ directions.T, 1e-6, axial.pitch_radius)
     return np.asarray(answer), np.asarray(moving), np.asarray(np.linalg.solve(damping, system))
+
+
+def _held(matrices: Array, share: float, radius: float) -> Array:
+    """Matrices (G, 3, 3) with a share of their trace on the diagonal: none is singular."""
+    trace = np.trace(matrices, axis1=1, axis2=2)[:, None, None]
+    return np.asarray(matrices + share * trace * np.diag([1.0, 1.0, radius**2]))
 
 
 def compressed(columns: Array, most: int = COLUMNS) -> Array:
