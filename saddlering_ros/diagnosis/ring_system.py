@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import compress
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,12 +50,25 @@ CURVATURE = 1.5
 """Standard deviation of the square of a standard normal number, nearly."""
 
 
+KEPT_POINTS = 4096
+"""Values of effects whose extensions are kept: every run is simulated at the same ones."""
+
+
+class _ReadPoint(NamedTuple):
+    """What the effects of a point are to the ring."""
+
+    extension: RingExtension
+    laws: Sequence[Law]
+
+
 @dataclass(frozen=True)
 class RingSystem:
     """The engine's `System` for one rig."""
 
     rig: Rig
     channel_names: tuple[str, ...] = ('d1', 'd2', 'd3', 'd4')
+    _kept: dict[tuple[object, ...], _ReadPoint] = field(
+        default_factory=dict, repr=False, compare=False)
 
     @cached_property
     def base_parameters(self) -> tuple[Parameter, ...]:
@@ -97,7 +111,7 @@ class RingSystem:
     def predict_many(self, run: RunBlocks, points: Sequence[Point]) -> Array:
         answer = self._simulated(run, [(point.base, self.extension(point)) for point in points])
         for number, point in enumerate(points):
-            laws = catalogue_of_effects.laws_of(point.effects)
+            laws = self._laws(point)
             if laws:
                 answer[number] = self._with_laws(run, point, laws, answer[number])
         return answer
@@ -110,7 +124,7 @@ class RingSystem:
         A neighbour whose rollers differ is simulated: the tangent pass would have to follow every
         roller by itself, which costs more. So is one that has no tangent.
         """
-        if any(catalogue_of_effects.laws_of(point.effects) for group in groups for point in group):
+        if any(self._laws(point) for group in groups for point in group):
             return [self.predict_many(run, group) for group in groups]
         grid: LoadGrid = run.payload
         candidates = [
@@ -227,7 +241,22 @@ class RingSystem:
         """Extension parameters that the effects of a point set."""
         if not point.effects:
             return NO_EXTENSION
-        return catalogue_of_effects.extension_of(point.effects)
+        return self._read_point(point).extension
+
+    def _laws(self, point: Point) -> Sequence[Law]:
+        """The laws of a user's own effects at a point."""
+        return self._read_point(point).laws if point.effects else ()
+
+    def _read_point(self, point: Point) -> _ReadPoint:
+        key = tuple((name, *values.items()) for name, values in point.effects.items())
+        known = self._kept.get(key)
+        if known is None:
+            if len(self._kept) >= KEPT_POINTS:
+                self._kept.clear()
+            known = self._kept[key] = _ReadPoint(
+                catalogue_of_effects.extension_of(point.effects),
+                catalogue_of_effects.laws_of(point.effects))
+        return known
 
 
 def _finite(readings: Array) -> Array:

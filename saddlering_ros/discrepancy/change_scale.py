@@ -43,34 +43,40 @@ class ChangeScale:
 
     def __init__(self, experiment: Experiment, base_plain: Array) -> None:
         self._experiment = experiment
-        self._base = orthonormal(
-            np.column_stack([np.concatenate(self._seen(column)) for column in base_plain.T])
-        )
+        self._edges = np.cumsum([
+            run.time.size for _ in experiment.system.views for run in experiment.runs])[:-1]
+        self._base = orthonormal(self._seen(base_plain))
 
     def beyond_base(self, change: Array) -> float:
         """Largest rms over runs and views of a stacked change (n,), as a share of range."""
-        return max(float(sizes.max()) for sizes in self.by_run(change).values())
+        return float(self.beyond_base_of_each(change[:, None])[0])
+
+    def beyond_base_of_each(self, changes: Array) -> Array:
+        """The same (B,) of stacked changes (n, B)."""
+        return np.asarray(self._sizes(changes).max(axis=0))
 
     def by_run(self, change: Array) -> dict[str, Array]:
         """Rms of a stacked change (n,) as a share of range: per view one number per run."""
-        parts = self._seen(change)
-        joined = np.concatenate(parts)
-        left = joined - self._base @ (self._base.T @ joined)
-        edges = np.cumsum([part.size for part in parts])[:-1]
-        sizes = np.array([np.linalg.norm(part) for part in np.split(left, edges)])
         views = self._experiment.system.views
-        return dict(zip(views, sizes.reshape(len(views), -1), strict=True))
+        sizes = self._sizes(change[:, None])[:, 0].reshape(len(views), -1)
+        return dict(zip(views, sizes, strict=True))
 
-    def _seen(self, change: Array) -> list[Array]:
-        """One part per view and run, its squares adding up to the mean square share of range."""
+    def _sizes(self, changes: Array) -> Array:
+        """Rms (V R, B) of stacked changes (n, B) per view and run."""
+        joined = self._seen(changes)
+        left = joined - self._base @ (self._base.T @ joined)
+        return np.array([np.linalg.norm(part, axis=0) for part in np.split(left, self._edges)])
+
+    def _seen(self, changes: Array) -> Array:
+        """Changes (n, B) seen in every view and run, squares adding up to a mean square share."""
         experiment = self._experiment
-        return [
-            seen * experiment.root_weights(run, view) / experiment.view_ranges[view]
+        return np.concatenate([
+            seen * (experiment.root_weights(run, view) / experiment.view_ranges[view])[:, None]
             for view in experiment.system.views
             for run, seen in zip(
-                experiment.runs, experiment.view_residuals(change, view), strict=True
+                experiment.runs, experiment.view_residuals(changes, view), strict=True
             )
-        ]
+        ])
 
 
 def orthonormal(columns: Array) -> Array:

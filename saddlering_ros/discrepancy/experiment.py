@@ -108,18 +108,22 @@ class Experiment:
         ]
 
     def by_run(self, stacked: Array) -> list[Array]:
-        """A stacked vector (n,) as one (C, N) block a run."""
+        """A stacked vector (n,) or columns (n, B) as one (C, N) or (C, N, B) block a run."""
         blocks, start = [], 0
         for run in self.runs:
-            blocks.append(stacked[start : start + run.channels.size].reshape(run.channels.shape))
+            part = stacked[start : start + run.channels.size]
+            blocks.append(part.reshape(*run.channels.shape, *stacked.shape[1:]))
             start += run.channels.size
         return blocks
 
     def view_residuals(self, residual: Array, view: str) -> list[Array]:
-        """A stacked residual seen in one view, run by run, freed of a mean that means nothing."""
+        """Stacked residuals (n,) or (n, B) seen in one view, run by run.
+
+        They are freed of a mean that means nothing.
+        """
         weights = self.system.views[view]
         return [
-            self.freed(weights @ block, run, view)
+            self.freed(np.tensordot(weights, block, axes=1), run, view)
             for run, block in zip(self.runs, self.by_run(residual), strict=True)
         ]
 

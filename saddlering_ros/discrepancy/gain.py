@@ -38,11 +38,9 @@ class GainMetric:
 
     def whiten(self, columns: Array) -> Array:
         """Stacked columns (n, B) or (n,) as their views, weighted by time, over their range."""
-        if columns.ndim == 2:
-            return np.column_stack([self.whiten(column) for column in columns.T])
         experiment = self.experiment
         parts = [
-            seen * experiment.root_weights(run, view) / experiment.view_ranges[view]
+            (seen.T * (experiment.root_weights(run, view) / experiment.view_ranges[view])).T
             for view in experiment.system.views
             for run, seen in zip(
                 experiment.runs, experiment.view_residuals(columns, view), strict=True

@@ -242,6 +242,7 @@ class ModelSpace:
                     fit.theta_unit,
                     fit.jacobian[:, :count],
                     rounds=self.settings.rounds,
+                    known_start=fit,
                 )
                 for fit in fits
             ]

@@ -23,6 +23,9 @@ PRIOR = 1.0
 QUIET_GAIN, QUIET_SHARE = 0.02, 1e-4
 """Gains under this, or under this share of the misfit, are of no account."""
 
+NEGLIGIBLE_GAIN = 0.1 * QUIET_GAIN
+"""A step of which less is expected is not taken."""
+
 SPREAD = 24
 """Starts of the base that cover the range of every parameter."""
 
@@ -62,12 +65,14 @@ def refit(
     rounds: int = 8,
     full_jacobian: bool = False,
     fresh_base: bool = False,
+    known_start: Fit | None = None,
 ) -> Asking:
     """Levenberg-Marquardt from `start`; asks for points, is sent residual and sensitivities.
 
     `full_jacobian` differences every column at every step; else the base columns start from
     `base_columns` (`fresh_base`: from differences at `start`, where an effect changes them) and
-    are improved as the fit goes.
+    are improved as the fit goes. known_start: the fit in this metric that ended at `start`, with
+    sensitivities to all that is differenced.
     """
     base = metric.experiment.system.base_parameters
     parameters = candidate.parameters(base)
@@ -75,20 +80,22 @@ def refit(
     known = None if full_jacobian else base_columns
     differenced = every if known is None else range(len(base), start.size)
     periodic = np.array([item.periodic for item in parameters])
-    rule = Rule(periodic, PRIOR, rounds, QUIET_GAIN, QUIET_SHARE)
+    rule = Rule(periodic, PRIOR, rounds, QUIET_GAIN, QUIET_SHARE, negligible=NEGLIGIBLE_GAIN)
+    first = None if known_start is None else Told(
+        known_start.whitened, known_start.jacobian[:, list(differenced)], known_start.prediction)
     descent: Generator[Array, Told, Descent[Told]] = descend(
-        start, rule, differenced, known, every if fresh_base else None)
-    asked = next(descent)
+        start, rule, differenced, known, every if fresh_base else None, first)
     aside: Sequence[int] = every if fresh_base else differenced
+    told: Told | None = None
     while True:
-        thetas, steps = neighbours(parameters, asked, aside)
-        told = yield Asked([candidate.point(base, item) for item in thetas], steps)
-        aside = differenced
         try:
-            asked = descent.send(told)
+            asked = next(descent) if told is None else descent.send(told)
         except StopIteration as stop:
             found: Descent[Told] = stop.value
             break
+        thetas, steps = neighbours(parameters, asked, aside)
+        told = yield Asked([candidate.point(base, item) for item in thetas], steps)
+        aside = differenced
     residual = found.answer.residual
     return Fit(
         candidate,
@@ -152,7 +159,12 @@ def run_refits(
 ) -> list[Fit]:
     """Drive refits side by side, all their points in one batch per round."""
     done: dict[int, Fit] = {}
-    waiting = {number: next(item) for number, item in enumerate(refits)}
+    waiting: dict[int, Asked] = {}
+    for number, item in enumerate(refits):
+        try:
+            waiting[number] = next(item)
+        except StopIteration as stop:
+            done[number] = stop.value
     while waiting:
         check()
         order = list(waiting)
@@ -213,8 +225,9 @@ def fit_base(
     """The model without effects: a spread of starts, then bounded least squares from the best."""
     base = metric.experiment.system.base_parameters
     empty = Candidate()
+    starts: list[Fit | None]
     if start is not None:
-        thetas = [np.clip(start, 0.0, 1.0)]
+        thetas, starts = [np.clip(start, 0.0, 1.0)], [None]
     else:
         asked = spread_starts(base, seed)
         check()
@@ -231,11 +244,14 @@ def fit_base(
             ],
             check,
         )
-        coarse.sort(key=lambda fit: fit.misfit)
-        thetas = [fit.theta_unit for fit in coarse[:2]]
+        starts = [*sorted(coarse, key=lambda fit: fit.misfit)[:2]]
+        thetas = [fit.theta_unit for fit in starts if fit is not None]
     fits = run_refits(
         metric,
-        [refit(metric, empty, item, rounds=25, full_jacobian=True) for item in thetas],
+        [
+            refit(metric, empty, item, rounds=25, full_jacobian=True, known_start=fit)
+            for item, fit in zip(thetas, starts, strict=True)
+        ],
         check,
     )
     best = min(fits, key=lambda fit: fit.misfit)

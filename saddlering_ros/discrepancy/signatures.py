@@ -163,6 +163,7 @@ def _measured(
     ]
     part = metric.experiment.predict(points) - fit.prediction[:, None]
     left, lengths, shares = _beyond(metric, part, orthogonal)
+    visible = scale.beyond_base_of_each(part)
     shown = [bool(np.isfinite(column).all()) for column in part.T]
     return [
         Signature(
@@ -174,7 +175,7 @@ def _measured(
             left[:, column],
             float(shares[column]),
             float(lengths[column]),
-            scale.beyond_base(part[:, column]),
+            float(visible[column]),
         )
         for column, (effect, variant, theta_unit) in enumerate(starts)
         if shown[column]

@@ -89,13 +89,12 @@ def use_folder(folder: Path | str) -> None:
 
 def _found() -> dict[str, Effect]:
     folder = os.environ.get(FOLDER_VARIABLE, '')
-    own = _of_folder(folder) if folder else {}
-    return dict(sorted({**_shipped(), **own}.items()))
+    return {**_shipped(), **_of_folder(folder)} if folder else _shipped()
 
 
 def catalogue() -> dict[str, Effect]:
     """Every effect by its id, in alphabetical order, those of the user's folder included."""
-    return _found()
+    return dict(sorted(_found().items()))
 
 
 def effect(effect_id: str) -> Effect:
@@ -104,8 +103,8 @@ def effect(effect_id: str) -> Effect:
     if effect_id in known:
         return known[effect_id]
     near = difflib.get_close_matches(effect_id, known, n=3, cutoff=0.5)
-    raise EffectError(f'effects.{effect_id} is not in the catalogue: '
-                      f'choose {" or ".join(near) if near else "from " + ", ".join(known)}')
+    choice = ' or '.join(near) if near else f'from {", ".join(sorted(known))}'
+    raise EffectError(f'effects.{effect_id} is not in the catalogue: choose {choice}')
 
 
 def extension_of(effects: Mapping[str, Mapping[str, float]]) -> RingExtension:

@@ -102,17 +102,20 @@ def descend(
     fresh: Sequence[int],
     known: Array | None = None,
     first_fresh: Sequence[int] | None = None,
+    first_answer: Answers | None = None,
 ) -> Generator[Array, Answers, Descent[Answers]]:
     """Levenberg-Marquardt from `start` (F,): asks for points, is sent answers.
 
     fresh: coordinates whose sensitivities an answer holds (`first_fresh`: the first answer). Those
     of the first coordinates that it does not hold are `known` (n, k) at first, and are improved by
-    Broyden's update as the descent goes.
+    Broyden's update as the descent goes. first_answer: that at the start, if it is known.
     """
     first_fresh = fresh if first_fresh is None else first_fresh
     kept = 0 if known is None else known.shape[1]
     point = rule.inside(start)
-    answer = yield point
+    if first_answer is None:
+        first_answer = yield point
+    answer = first_answer
     residual = answer.residual
     columns = np.zeros((residual.size, start.size))
     if known is not None:

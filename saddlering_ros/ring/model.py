@@ -120,8 +120,7 @@ def _rows_cached(axial: RollerRow, radial: RollerRow, upper: RowGeometry, lower:
 
 def rows_of(rig: Rig, extension: RingExtension = NO_EXTENSION) -> Rows:
     """The three rows of a rig under an extension (kept between calls)."""
-    return _rows_cached(rig.axial_rows, rig.radial_row, extension.upper_row, extension.lower_row,
-                        extension.radial_row)
+    return _of_extension(extension).rows(rig)
 
 
 def spread_rows(rig: Rig, extension: RingExtension) -> Rows:
@@ -190,7 +189,30 @@ def _numbers(extension: RingExtension) -> list[float]:
 
 
 NO_LAW = (0.0,) * len(PARAMETER_NAMES)
-NO_NUMBERS = _numbers(NO_EXTENSION)
+
+
+class _OfExtension:
+    """What a model takes from an extension: its numbers, and the rows of the last rig."""
+
+    def __init__(self, extension: RingExtension) -> None:
+        self.numbers = _numbers(extension)
+        self._geometry = extension.upper_row, extension.lower_row, extension.radial_row
+        self._rows: tuple[Rig, Rows] | None = None
+
+    def rows(self, rig: Rig) -> Rows:
+        """The three rows of a rig."""
+        if self._rows is None or self._rows[0] is not rig:
+            self._rows = rig, _rows_cached(rig.axial_rows, rig.radial_row, *self._geometry)
+        return self._rows[1]
+
+
+def _of_extension(extension: RingExtension) -> _OfExtension:
+    """Kept with the extension: a fit simulates one of them for every run and neighbour."""
+    known: _OfExtension | None = vars(extension).get('_of_model')
+    if known is None:
+        known = _OfExtension(extension)
+        object.__setattr__(extension, '_of_model', known)
+    return known
 
 
 def model_of(rig: Rig, elevation: float, extension: RingExtension = NO_EXTENSION,
@@ -208,7 +230,7 @@ def model_of(rig: Rig, elevation: float, extension: RingExtension = NO_EXTENSION
         rig.trunnion.y, elevation, rig.full_scale_load, float(np.cos(at_ring)),
         float(np.sin(at_ring)),
         rig.probes.axial_span, rig.probes.radial_height)
-    added = NO_NUMBERS if extension is NO_EXTENSION else _numbers(extension)
+    added = _of_extension(extension).numbers
     return np.array([*of_rig, *NO_LAW, *added], dtype=np.float64).view(MODEL)
 
 
@@ -224,9 +246,11 @@ def with_contact(model: Model, contacts: ArrayLike) -> Model:
 def stacked_models(rig: Rig, contacts: Floats, elevation: float,
                    extensions: Sequence[RingExtension]) -> Model:
     """Records (B,) of contact laws (B, 6), each with its extension."""
-    numbers = np.concatenate([
-        model_of(rig, elevation, extension).view(np.float64) for extension in extensions
-    ]).reshape(len(extensions), -1)
+    known: dict[int, Floats] = {}
+    for extension in extensions:
+        if id(extension) not in known:
+            known[id(extension)] = model_of(rig, elevation, extension).view(np.float64)
+    numbers = np.array([known[id(extension)] for extension in extensions])
     first = len(RIG_FIELDS)
     numbers[:, first:first + contacts.shape[1]] = contacts
     return numbers.view(MODEL)[:, 0]
@@ -236,6 +260,14 @@ _MOVES = np.array([
     acts_on != READING
     for part, _, acts_on in EXTENSION_FIELDS
     for _ in range(np.dtype([part]).itemsize // 8)])
+_NEUTRAL = np.array(_numbers(NO_EXTENSION), dtype=np.float64)
+
+
+def read_motion_only(models: Model) -> NDArray[np.bool_]:
+    """Which of the models (B,) add nothing to the motion and to the readings."""
+    numbers = models.view(np.float64).reshape(models.size, -1)
+    added = numbers[:, len(RIG_FIELDS) + len(PARAMETER_NAMES):][:, ~_MOVES]
+    return np.asarray((added == _NEUTRAL[~_MOVES]).all(axis=1))
 
 
 def same_motions(models: Model, rows: Sequence[Rows]) -> NDArray[np.intp]:

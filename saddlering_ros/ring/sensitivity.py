@@ -24,6 +24,7 @@ from saddlering_ros.ring.model import (
     MODEL,
     Model,
     model_of,
+    read_motion_only,
     Rows,
     rows_of,
     same_motions,
@@ -156,6 +157,8 @@ def has_tangent(rig: Rig, centre: Candidate, neighbour: Candidate) -> bool:
     nor has an effect's own law inside the motion.
     """
     (_, own), (_, other) = centre, neighbour
+    if own is other and own.damping_penetration_saturation == 0.0:
+        return True
     if any(item.of(own) != item.of(other) for item in NO_TANGENT):
         return False
     return rows_of(rig, own) is rows_of(rig, other) and (
@@ -210,27 +213,34 @@ def _responses(rig: Rig, model: Model, extension: RingExtension, neighbours: Seq
     extensions = [extra for _, extra in neighbours]
     others = stacked_models(rig, laws, elevation, extensions)
     rollers = [rows_of(rig, extra) for extra in extensions]
-    motions = _neighbouring_motions(rig, model, others, extension, extensions, rollers, zero_load,
-                                    path)
+    changes, moved = _neighbouring_motions(
+        rig, model, others, extension, extensions, rollers, zero_load, path)
     answers = np.empty((len(others), 4, time.size))
-    for index, extra in enumerate(extensions):
-        read = _read(others[index:index + 1], zero_load, time, load, motions[index])
-        answers[index] = of_probes_clock(read.T, extra, time)
+    plain = read_motion_only(others) & read_motion_only(model)[0]
+    answers[plain] = usual + _plain_readings(model, changes)[:, :, moved[plain]].transpose(2, 1, 0)
+    sampled = path.motion[path.samples]
+    for index in np.flatnonzero(~plain).tolist():
+        read = _read(others[index:index + 1], zero_load, time, load,
+                     sampled + changes[:, :, moved[index]])
+        answers[index] = of_probes_clock(read.T, extensions[index], time)
     return Responses(usual, answers)
 
 
 def _neighbouring_motions(rig: Rig, model: Model, others: Model, extension: RingExtension,
                           extensions: Sequence[RingExtension], rollers: Sequence[Rows],
-                          zero_load: float, path: _Path) -> list[Floats]:
-    """Motion (N, 3) at the samples of every neighbour; one array for all that move alike."""
+                          zero_load: float, path: _Path) -> tuple[Floats, NDArray[np.intp]]:
+    """Changes (N, 3, P) of the motion at the samples, and which of them each neighbour has.
+
+    The last is none: that of neighbours that move alike.
+    """
     rows = rows_of(rig, extension)
-    sampled = path.motion[path.samples]
-    motions = [sampled] * len(others)
     first = same_motions(np.concatenate([_floats(model), _floats(others)]).view(MODEL)[:, 0],
                          [rows, *rollers])[1:]
     moving = [index for index in range(len(others)) if first[index] != 0]
+    moved = np.full(len(others), len(moving))
+    sampled = np.zeros((path.samples.size, 3, len(moving) + 1))
     if not moving:
-        return motions
+        return sampled, moved
     # Directions that move rollers come first: the kernel knows them by their number.
     order = sorted(moving, key=lambda index: rollers[index] is rows)
     geometry = []
@@ -255,9 +265,9 @@ def _neighbouring_motions(rig: Rig, model: Model, others: Model, extension: Ring
     law = np.ascontiguousarray((_laws(aside) - _laws(own)).transpose(1, 2, 0))
     friction = (aside[:, FRICTIONS] - own[:, FRICTIONS]).reshape(-1, 2, 4)
     changes = _tangents(model, rows, law, external, friction, geometry, path)
-    for number, index in enumerate(order):
-        motions[index] = sampled + changes[path.samples, :, number]
-    return motions
+    sampled[:, :, :-1] = changes[path.samples]
+    moved[order] = np.arange(len(order))
+    return sampled, moved
 
 
 def _simulate(model: Model, rows: Rows, time: Floats, load: Floats, zero_load: float,
@@ -305,6 +315,15 @@ def _read(model: Model, zero_load: float, time: Floats, load: Floats, motion: Fl
     out = np.empty((time.size, 4))
     courses.read_course(model, zero_load, time, load, np.ascontiguousarray(motion), out)
     return out
+
+
+def _plain_readings(model: Model, motion: Floats) -> Floats:
+    """`courses.read_course` (N, 4, P) of motions (N, 3, P) where nothing is added to them."""
+    since = motion - motion[0]
+    one = model[0]
+    tilt = since[:, 2]
+    radial, lean = since[:, 0] + one['probe_plane_height'] * tilt, 0.5 * one['axial_span'] * tilt
+    return np.stack([radial, since[:, 1] + lean, -radial, since[:, 1] - lean], axis=1)
 
 
 def _floats(model: Model) -> Floats:
