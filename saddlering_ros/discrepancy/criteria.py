@@ -30,6 +30,11 @@ def likelihood_ratio_test(gain: float, extra: int, pairs: int, trials: int) -> f
     return min(1.0, trials * float(fisher_chance(max(gain, 0.0) / extra, extra, pairs)))
 
 
+def real_gain(pairs: int, trials: int, settings: Settings) -> float:
+    """Gain at which `likelihood_ratio_test` of one parameter finds an effect real."""
+    return float(fisher_limit(settings.error_rate / max(trials, 1), 1, pairs))
+
+
 def real_and_material(residual: SlowResidual | FastResidual, settings: Settings) -> bool:
     """Whether a residual is more than noise, and large enough to matter."""
     return residual.p_value < settings.error_rate and residual.visible >= settings.materiality

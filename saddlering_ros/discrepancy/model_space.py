@@ -35,6 +35,11 @@ COARSE_ROUNDS = 4
 RACE_ROUNDS = 2
 """Rounds of a refit that every candidate gets while much is left to explain."""
 
+SCREENED_SHARE = 0.1
+"""Share of what the best candidate takes that a candidate must be expected to take, at its start
+and to first order of all its parameters together, to be given these rounds: a fifth of
+CLOSE_SHARE."""
+
 CLOSE_SHARE = 0.5
 """After these rounds a refit goes on if it is to take this share of what the best one takes."""
 
@@ -123,6 +128,11 @@ class ModelSpace:
         skipped = [*fit.candidate.ids, *skip]
         return rank(fit, self.tangent_of(fit).white, self.usable, skipped)
 
+    @property
+    def real_gain(self) -> float:
+        """Fall of the misfit at which an effect of one parameter is real."""
+        return criteria.real_gain(self.known.pairs, self.trials, self.settings)
+
     def penalised(self, fit: Fit) -> float:
         """Misfit with the price of its parameters (BIC)."""
         return fit.misfit + fit.theta_unit.size * self.log_size
@@ -161,8 +171,7 @@ class ModelSpace:
         ]
         if not others:
             return list(first)
-        coarse = self.coarse_fit(fit, [(score, [score.start]) for score in others], RACE_ROUNDS)
-        coarse.sort(key=self.foreseen)
+        coarse = sorted(self._raced(fit, first, others), key=self.foreseen)
         lowest = min(self.foreseen(item) for item in [*first, *coarse])
         highest = self.penalised(fit) - CLOSE_SHARE * (self.penalised(fit) - lowest)
         leading: dict[str, Fit] = {}
@@ -172,6 +181,26 @@ class ModelSpace:
         joining = list(leading.values())[: self.settings.refits]
         found = [self.keep(item) for item in self.refine(joining)]
         return sorted([*first, *found], key=self.penalised)
+
+    def _raced(self, fit: Fit, first: Sequence[Fit], others: Sequence[Score]) -> list[Fit]:
+        """`fit`'s model plus each of `others` after a few rounds, or none where these are vain.
+
+        Base parameters that a bound stopped say nothing at the start: there, all take the rounds.
+        """
+        trials = [(score, [score.start]) for score in others]
+        if self.stopped_base(fit).any():
+            return self.coarse_fit(fit, trials, RACE_ROUNDS)
+        screened = self.coarse_fit(fit, trials, rounds=0)
+        lowest = min(self.foreseen(item) for item in [*first, *screened])
+        highest = self.penalised(fit) - SCREENED_SHARE * (self.penalised(fit) - lowest)
+        count = len(self.metric.experiment.system.base_parameters)
+        going = [item for item in screened if self.foreseen(item) < highest]
+        resting = [item for item in screened if not self.foreseen(item) < highest]
+        return resting + self._run([
+            refit(self.metric, item.candidate, item.theta_unit, item.jacobian[:, :count],
+                  rounds=RACE_ROUNDS, known_start=item)
+            for item in going
+        ])
 
     def foreseen(self, fit: Fit) -> float:
         """Penalised misfit at the end of the slopes of a fit that may be on its way."""

@@ -24,8 +24,9 @@ from saddlering_ros.discrepancy.silent_effects import fit_in_other_valleys, fit_
 MAX_SILENT = 2
 """Immaterial effects kept in the model at most while others are looked for."""
 
-MIN_GAIN = 4.0
-"""First-order gain under which an effect is not refitted."""
+MIN_GAIN, MIN_GAIN_SHARE = 4.0, 1.0 / 3.0
+"""First-order gain under which an effect is not refitted, and the same as a share of the gain at
+which an effect of one parameter is real."""
 
 MAX_CHECKS = 3
 """Largest number of rounds of alternatives; a round follows each replaced member."""
@@ -117,7 +118,8 @@ def refitted(space: ModelSpace, current: Fit) -> list[Fit]:
     limit, and no cause has a name before all others were tried.
     """
     scores = space.scores(current)
-    listed = shortlist(scores, MIN_GAIN, space.settings.refits)
+    least = max(MIN_GAIN, MIN_GAIN_SHARE * space.real_gain)
+    listed = shortlist(scores, least, space.settings.refits)
     first = space.fit_each(current, listed)
     if not (_is_much_left(space, current)
             or any(space.compare(current, item).is_real for item in first)):

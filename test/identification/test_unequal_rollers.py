@@ -57,5 +57,5 @@ def test_the_effect_of_rollers_is_shared_by_all_runs(runs, found):
     alone = [roller_effects(WeightedObjective(RIG, [one], (0, 1, 2)), contact)
              for one in observations]
     assert np.allclose(together, np.concatenate(alone))
-    rollers = 2 * RIG.axial_rows.rollers + RIG.radial_row.rollers
-    assert together.shape[1] == 2 * rollers + 1
+    # Mirror twins share a column: of 97 rollers 49 are on one side, of 110 rollers 56.
+    assert together.shape[1] == 2 * (49 + 49 + 56) + 1

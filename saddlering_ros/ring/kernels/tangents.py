@@ -65,33 +65,23 @@ def carry(m: Any, w: Any, c0: Any, c1: Any, c2: Any, own: Any, past: Any, by: An
 
 
 @kernel(**INNER)
-def hysteron_tangent(z_smooth: Any, z_sharp: Any, travel: Any, presliding: Any, by_smooth: Any,
-                     by_sharp: Any, by_travel: Any, by_presliding: Any) -> Any:
-    """Changes of the two states of `hysteron` after `travel` by changes of what they come from."""
-    sign = 1.0 if travel >= 0.0 else -1.0
-    decay = math.exp(-abs(travel) / presliding)
-    relative = (sign * by_travel - abs(travel) * by_presliding / presliding) / presliding
-    smooth = decay * (by_smooth + (sign - z_smooth) * relative)
-    trial = z_sharp + travel / presliding
-    sharp = 0.0
-    if -1.0 < trial < 1.0:
-        sharp = by_sharp + (by_travel - travel * by_presliding / presliding) / presliding
-    return smooth, sharp
+def hysteron_step(element: Any, z: Any, travel: Any) -> Any:
+    """What the changes of a hysteron's states z (2,) over `travel` need: (sign, decay, slides)."""
+    decay = math.exp(-abs(travel) / element.presliding)
+    slides = -1.0 < z[1] + travel / element.presliding < 1.0
+    return 1.0 if travel >= 0.0 else -1.0, decay, 1.0 if slides else 0.0
 
 
 @kernel(**INNER)
-def friction_change(element: Any, change: Any, z: Any, travel: Any, by: Any,
-                    by_travel: Any) -> Any:
-    """Change of a friction force by a change (limit, presliding, sharpness, initial) of it.
-
-    z, by (2,): the states before the step and their changes.
-    """
-    smooth, sharp, now, _ = hysteron(z[0], z[1], travel, element.presliding, element.sharpness)
-    by_smooth, by_sharp = hysteron_tangent(z[0], z[1], travel, element.presliding, by[0], by[1],
-                                           by_travel, change[1])
-    by_now = (element.sharpness * by_sharp + (1.0 - element.sharpness) * by_smooth
-              + change[2] * (sharp - smooth))
-    return change[0] * now + element.limit * by_now
+def hysteron_tangent(element: Any, z: Any, travel: Any, step: Any, by_smooth: Any, by_sharp: Any,
+                     by_travel: Any, by_presliding: Any) -> Any:
+    """Changes of the two states of `hysteron` after `travel` by changes of what they come from."""
+    sign, decay, slides = step
+    presliding = element.presliding
+    relative = (sign * by_travel - abs(travel) * by_presliding / presliding) / presliding
+    smooth = decay * (by_smooth + (sign - z[0]) * relative)
+    return smooth, slides * (by_sharp + (by_travel - travel * by_presliding / presliding)
+                             / presliding)
 
 
 @kernel(**OUTER)
@@ -175,43 +165,61 @@ def follow_tangents(m: Any, rows: Any, uniform: Any, law: Any, external: Any, fr
 def rub(m: Any, friction: Any, path: Any, n: Any, elements: Any, rubbed: Any, own: Any,
         by: Any) -> Any:
     """Take from by (3, P) the change of friction at step n; the slopes of both frictions."""
+    slope0 = rub_element(m.radial_friction, friction[:, 0], 0, path, n, elements[0], rubbed[0],
+                         own, by)
+    slope2 = rub_element(m.tilt_friction, friction[:, 1], 2, path, n, elements[1], rubbed[1],
+                         own, by)
+    return slope0, slope2
+
+
+@kernel(**INNER)
+def rub_element(element: Any, changes: Any, i: Any, path: Any, n: Any, z: Any, rubbed: Any,
+                own: Any, by: Any) -> Any:
+    """`rub` of the friction against coordinate i.
+
+    changes (P, 4) of limit, presliding, sharpness and initial; z (2,): its states, and rubbed
+    (P, 2) their changes.
+    """
     if n == 0:
         for j in range(by.shape[1]):
-            by[0, j] -= (friction[j, 0, 0] * m.radial_friction.initial
-                         + friction[j, 0, 3] * m.radial_friction.limit)
-            by[2, j] -= (friction[j, 1, 0] * m.tilt_friction.initial
-                         + friction[j, 1, 3] * m.tilt_friction.limit)
-        return 0.0, 0.0
-    travel0, travel2 = path[n, 0] - path[n - 1, 0], path[n, 2] - path[n - 1, 2]
+            by[i, j] -= changes[j, 0] * element.initial + changes[j, 3] * element.limit
+        return 0.0
+    travel = path[n, i] - path[n - 1, i]
+    smooth, sharp, now, slope = hysteron(z[0], z[1], travel, element.presliding,
+                                         element.sharpness)
+    step = hysteron_step(element, z, travel)
     for j in range(by.shape[1]):
-        by[0, j] -= friction_change(m.radial_friction, friction[j, 0], elements[0], travel0,
-                                    rubbed[0, j], -own[0, j])
-        by[2, j] -= friction_change(m.tilt_friction, friction[j, 1], elements[1], travel2,
-                                    rubbed[1, j], -own[2, j])
-    _, _, _, slope0 = hysteron(elements[0, 0], elements[0, 1], travel0,
-                               m.radial_friction.presliding, m.radial_friction.sharpness)
-    _, _, _, slope2 = hysteron(elements[1, 0], elements[1, 1], travel2,
-                               m.tilt_friction.presliding, m.tilt_friction.sharpness)
-    return m.radial_friction.limit * slope0, m.tilt_friction.limit * slope2
+        by_smooth, by_sharp = hysteron_tangent(
+            element, z, travel, step, rubbed[j, 0], rubbed[j, 1], -own[i, j], changes[j, 1])
+        by_now = (element.sharpness * by_sharp + (1.0 - element.sharpness) * by_smooth
+                  + changes[j, 2] * (sharp - smooth))
+        by[i, j] -= changes[j, 0] * now + element.limit * by_now
+    return element.limit * slope
 
 
 @kernel(**INNER)
 def keep_rubbing(m: Any, friction: Any, path: Any, n: Any, elements: Any, rubbed: Any, own: Any,
                  new: Any) -> Any:
     """The states of friction, and their changes, after step n."""
-    for e in range(2):
-        element, i = (m.radial_friction, 0) if e == 0 else (m.tilt_friction, 2)
-        z = elements[e]
-        if n == 0:
-            for j in range(own.shape[1]):
-                rubbed[e, j, 0] = rubbed[e, j, 1] = friction[j, e, 3]
-            continue
-        travel = path[n, i] - path[n - 1, i]
+    keep_element(m.radial_friction, friction[:, 0], 0, path, n, elements[0], rubbed[0], own, new)
+    keep_element(m.tilt_friction, friction[:, 1], 2, path, n, elements[1], rubbed[1], own, new)
+
+
+@kernel(**INNER)
+def keep_element(element: Any, changes: Any, i: Any, path: Any, n: Any, z: Any, rubbed: Any,
+                 own: Any, new: Any) -> Any:
+    """`keep_rubbing` of the friction against coordinate i."""
+    if n == 0:
         for j in range(own.shape[1]):
-            rubbed[e, j, 0], rubbed[e, j, 1] = hysteron_tangent(
-                z[0], z[1], travel, element.presliding, rubbed[e, j, 0], rubbed[e, j, 1],
-                new[i, j] - own[i, j], friction[j, e, 1])
-        z[0], z[1], _, _ = hysteron(z[0], z[1], travel, element.presliding, element.sharpness)
+            rubbed[j, 0] = rubbed[j, 1] = changes[j, 3]
+        return
+    travel = path[n, i] - path[n - 1, i]
+    step = hysteron_step(element, z, travel)
+    for j in range(own.shape[1]):
+        rubbed[j, 0], rubbed[j, 1] = hysteron_tangent(
+            element, z, travel, step, rubbed[j, 0], rubbed[j, 1], new[i, j] - own[i, j],
+            changes[j, 1])
+    z[0], z[1], _, _ = hysteron(z[0], z[1], travel, element.presliding, element.sharpness)
 
 
 @kernel(**OUTER)
