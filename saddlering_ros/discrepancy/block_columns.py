@@ -1,8 +1,8 @@
 """Stacked columns that are zero outside a few channels of a few runs, and their products.
 
 A column of the tests on residuals lives in one channel of one run, or in the same few channels of
-every run. Laid out whole, such columns would take as many numbers as channels and runs times
-samples; here only what is not zero is kept, and no product is formed but small ones.
+every run. As full arrays, such columns would hold channels times runs times samples
+numbers; here only the blocks that are not zero are kept, and only small products are formed.
 """
 
 from __future__ import annotations

@@ -10,7 +10,7 @@ import numpy as np
 from saddlering_ros.discrepancy.system import Array, Effect, Parameter, Point
 
 Key = tuple[tuple[str, int], ...]
-"""What a candidate's fit is filed under: effects and variants, in no order."""
+"""Key of the fit of a candidate: effects and variants, without an order."""
 
 
 @dataclass(frozen=True)

@@ -19,10 +19,10 @@ from saddlering_ros.discrepancy.system import Array
 from saddlering_ros.estimation.shared_errors import SharedErrors
 
 MAX_SPREADS = 2.5
-"""A nuisance parameter larger than so many of its standard deviations is no nuisance."""
+"""Largest size of a nuisance parameter, in its standard deviations."""
 
 FREE_STRENGTH = 1e3
-"""A nuisance parameter so many times the noise is free already."""
+"""Size of a nuisance parameter, in noise, above which it counts as free."""
 
 JITTER = 1e-6
 """Noise added to every sample, as a share of the widest channel's range."""
@@ -84,7 +84,7 @@ class Metric:
         return np.hstack([self.shared.directions * larger, self.whiten_noise(free)])
 
     def without_nuisances(self, residual: Array) -> Array:
-        """A stacked plain residual less what nuisances of a usual size make of it."""
+        """A stacked plain residual less its part by nuisances of usual size."""
         white = self.whiten_noise(residual)
         spreads = np.clip(self.shared.along(white), -MAX_SPREADS, MAX_SPREADS)
         shared = self.shared.directions @ (self.shared.strength * spreads)

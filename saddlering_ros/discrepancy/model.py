@@ -20,7 +20,7 @@ MIN_SAMPLES = 8
 class Channel:
     """A measured quantity that the simulator predicts.
 
-    offset: 'none' where a constant in the reading is a misfit, 'free' where it means nothing, or
+    offset: 'none' where a constant in the reading is a misfit, 'free' if it has no meaning, or
     the standard deviation of a constant that any such sensor may have [unit].
     model_error: share of the channel's range by which a sound simulator may be wrong.
     """
@@ -51,7 +51,7 @@ class Channel:
 class Run:
     """One record: `outputs` by channel (N,) at `time` (N,), NaN where a sample is missing.
 
-    inputs: whatever the simulator needs; coordinates (N,): what a residual may depend on, by name
+    inputs: data for the simulator; coordinates (N,): quantities that a residual may follow, by name
     (inputs of the same length where none are given).
     """
 
@@ -94,7 +94,7 @@ class Run:
 
 
 def _refuse_other_types(name: str, given: object, wanted: type) -> None:
-    """Refuse what is no mapping from names to `wanted`."""
+    """Refuse an argument that is no mapping from names to `wanted`."""
     if not isinstance(given, Mapping):
         raise DiscrepancyError(
             f'model: {name} is a {type(given).__name__}: give a mapping from names to '
@@ -113,7 +113,7 @@ SimulateMany = Callable[[list[dict[str, float]], Run], Sequence[Outputs]]
 
 @dataclass(frozen=True)
 class Model:
-    """A simulator, what it always fits (`base`), what may be missing (`effects`), its channels.
+    """A simulator, its fitted parameters (`base`), possible causes (`effects`), its channels.
 
     simulate(parameters, run) gives every channel at run.time. The parameters hold the base by
     name and every effect's as 'effect.parameter', neutral where the effect is not in the model.

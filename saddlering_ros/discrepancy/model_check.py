@@ -18,7 +18,7 @@ from saddlering_ros.discrepancy.refit import fit_base, tangent
 from saddlering_ros.discrepancy.signatures import effect_starts, MIN_SHARE
 
 USUAL_SIMULATIONS = 900
-"""Simulations that a diagnosis with a few effects asks for, beside those of each effect."""
+"""Simulations of a diagnosis with a few effects, beside those of each effect."""
 
 PER_EFFECT = 120
 
@@ -37,7 +37,7 @@ class CheckReport(list[str]):
 
 
 def check(model: Model, runs: Sequence[Run]) -> CheckReport:
-    """Units, sensitivities, what cannot be seen, residual over noise, estimated time."""
+    """Units, sensitivities, invisible effects, residual over noise, estimated time."""
     system, blocks = prepared(model, runs)
     refuse_repeats(blocks)
     experiment = Experiment(system, blocks, system.assumptions())

@@ -78,7 +78,7 @@ def _error_shapes(
 
 
 def timing_columns(experiment: Experiment, prior: ModelErrorPrior, prediction: Array) -> Array:
-    """What a channel read a little late shows, in runs whose drive has a rate; columns (n, k)."""
+    """Change by a small delay of each channel, in runs whose drive has a rate; columns (n, k)."""
     columns = []
     for index, _, part in experiment.slices:
         run = experiment.runs[index]

@@ -15,9 +15,9 @@ from saddlering_ros.estimation.sampling_classes import noise_by_class, Quiet, sa
 def learn_noise(
     runs: Sequence[RunBlocks], residuals: Sequence[Array] | None = None
 ) -> dict[tuple[str, int], ChannelNoise]:
-    """Noise by run name and channel; runs sampled alike share what is learnt from all of them.
+    """Noise by run name and channel; runs sampled alike share one estimate.
 
-    `residuals` (C, N) per run, once there are some, tell the noise from hold to hold.
+    `residuals` (C, N) per run, if given, give the noise between holds.
     """
     segments: dict[int, list[RestSegment]] = {}
     series: dict[int, list[HeldSeries]] = {}

@@ -1,4 +1,4 @@
-"""Noise of a channel: what is declared or learnt about it, and how residuals are whitened."""
+"""Noise of a channel, declared or learnt, and the whitening of residuals."""
 
 from saddlering_ros.discrepancy.noise.adequacy import (
     overestimated,

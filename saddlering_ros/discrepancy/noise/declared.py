@@ -47,7 +47,7 @@ class Noise(ABC):
 
     @staticmethod
     def from_repeats(repeats: Sequence[str | Array]) -> Noise:
-        """Noise as what differs between repeats of one test.
+        """Noise as the difference between repeats of one test.
 
         `repeats` are names of runs, or records (N,) of the channel sampled like the runs.
         """
@@ -61,7 +61,7 @@ class Noise(ABC):
 
     @staticmethod
     def unknown() -> Noise:
-        """Noise learnt from what a flexible fit leaves of the residuals (the default)."""
+        """Noise learnt from the remainder of a flexible fit of the residuals (the default)."""
         return _Unknown()
 
     @abstractmethod

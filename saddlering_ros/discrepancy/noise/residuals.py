@@ -41,7 +41,7 @@ SAMPLES_PER_WAVE, MIN_SAMPLES_PER_WAVE = 10, 5
 
 
 def swift_part(values: Array) -> tuple[Array, int]:
-    """What a flexible fit over the order of samples leaves (N,); its number of half waves."""
+    """Remainder (N,) of a flexible fit over the order of samples; its number of half waves."""
     waves = min(SLOW_WAVES, max(MIN_SLOW_WAVES, values.size // SAMPLES_PER_WAVE))
     waves = min(waves, values.size // MIN_SAMPLES_PER_WAVE)
     spectrum = dct(values, norm='ortho')
@@ -104,7 +104,7 @@ def with_model_error(
 def _of_spectrum(
     record: ChannelRecord, values: Array, waves: int, known: ChannelNoise | None
 ) -> ChannelNoise:
-    """Noise of the swift part (N,) of a residual, beyond what is `known`."""
+    """Noise of the swift part (N,) of a residual, beyond the `known` noise."""
     sizes = [part.size for part in replace(record, values=values).stretches()]
     if sum(sizes) < MIN_SAMPLES:
         raise DiscrepancyError(

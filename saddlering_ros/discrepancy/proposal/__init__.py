@@ -1,4 +1,4 @@
-"""A law proposed for a misfit that nothing in the catalogue explains: pure functions of arrays."""
+"""A law proposed for a misfit that no effect of the catalogue explains: functions of arrays."""
 
 from saddlering_ros.discrepancy.proposal.matching import LawParameter, Term
 from saddlering_ros.discrepancy.proposal.misfit import Misfit, ObservedRun

@@ -133,7 +133,7 @@ def _relaxation(runs: tuple[ObservedRun, ...]) -> Block:
 
 
 def own_curves(runs: tuple[ObservedRun, ...]) -> Block:
-    """A curve over time of each run's own: described, and nothing that predicts another run."""
+    """One curve over time for each run: a description, without a prediction of other runs."""
     columns, penalty = [], np.zeros((0, 0))
     for number, run in enumerate(runs):
         time = run.coordinates[TIME]

@@ -64,7 +64,7 @@ class Misfit:
 
     @cached_property
     def base(self) -> Array:
-        """Orthonormal basis (n, P) of what base parameters can do, whitened."""
+        """Orthonormal basis (n, P) of the changes by base parameters, whitened."""
         slopes = [run.slopes.reshape(-1, run.slopes.shape[2]) for run in self.runs]
         white = self.whiten(np.concatenate(slopes))
         left, values, _ = np.linalg.svd(white, full_matrices=False)
@@ -72,12 +72,12 @@ class Misfit:
 
     @cached_property
     def residual(self) -> Array:
-        """The whitened residual (n,), less what base parameters could take."""
+        """The whitened residual (n,), less its part by base parameters."""
         plain = np.concatenate([run.residual.ravel() for run in self.runs])
         return self.freed(self.whiten(plain[:, None]))[:, 0]
 
     def freed(self, white: Array) -> Array:
-        """Whitened columns less what base parameters could do."""
+        """Whitened columns less their part by base parameters."""
         return np.asarray(white - self.base @ (self.base.T @ white))
 
     def columns(self, target: str, shapes: tuple[Array, ...]) -> Array:

@@ -29,7 +29,7 @@ DIRECTION_BAND = 0.01
 
 @runtime_checkable
 class HasTargets(Protocol):
-    """A system that knows more places for an addition than its views and channels."""
+    """A system with more places for an addition than its views and channels."""
 
     def targets(self, run: RunBlocks, point: Point) -> Mapping[str, Array]:
         """Change of the channels (C, N) by a unit of the addition, by the target's name."""
@@ -43,7 +43,7 @@ class HasTargets(Protocol):
 def propose_for(
     metric: Metric, fit: Fit, runs: Sequence[RunBlocks], degrees: int, error_rate: float
 ) -> LawProposal | None:
-    """The law that would explain what `fit` leaves; `runs` are those fitted and those held out."""
+    """The law that would explain the residual of `fit`; `runs` are all, fitted and held out."""
     experiment = metric.experiment
     system = experiment.system
     observed = []
@@ -97,7 +97,7 @@ def _observed(
 
 
 def coordinates_of(run: RunBlocks, begin: float) -> dict[str, Array]:
-    """Coordinates of a run: the drive, its direction and rate, time, and what else it has."""
+    """Coordinates of a run: the drive, its direction and rate, time, and any others."""
     if not run.inputs:
         return {TIME: run.time - begin}
     first, *others = run.inputs

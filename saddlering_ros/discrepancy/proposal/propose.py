@@ -30,7 +30,7 @@ from saddlering_ros.discrepancy.system import Array
 
 MAX_BLOCKS = 2
 MIN_SHARE = 0.1
-"""Share of the misfit that the first block must predict: less describes nothing."""
+"""Smallest share of the misfit that the first block must predict."""
 
 MIN_SECOND_SHARE = 0.1
 """Share of the misfit left that a second block must predict."""
@@ -47,7 +47,7 @@ BEYOND = 0.02
 BACKFITS = 3
 
 MeanSquare = Callable[[ObservedRun, Array], float]
-"""Mean square of a plain residual (C, N) of a run, over the ranges, as gain is told."""
+"""Mean square of a plain residual (C, N) of a run, over the ranges, as for the gain."""
 
 
 @dataclass(frozen=True)
@@ -61,11 +61,11 @@ class Alternative:
 
 @dataclass(frozen=True)
 class LawProposal:
-    """A law that would explain what is left.
+    """A law that would explain the residual.
 
     terms: one or two additions. share: of the whitened misfit taken. p_value: with all blocks paid
     for. fit, held_out: gain as 1 - rms with / rms without; negative where it predicts worse. move
-    (P,): what base parameters do when the law is in the model. doubts: one sentence each.
+    (P,): change of base parameters with the law in the model. doubts: one sentence each.
     """
 
     terms: tuple[Term, ...]
@@ -134,7 +134,7 @@ def _left(wanted: Array, fits: Sequence[BlockFit]) -> Array:
 
 
 def _backfitted(misfit: Misfit, fits: list[BlockFit], wanted: Array) -> list[BlockFit]:
-    """Blocks fitted together: each to what the other leaves, in turn; the larger first."""
+    """Blocks fitted together: each to the residual of the other, in turn; the larger first."""
     for _ in range(BACKFITS):
         for number, item in enumerate(fits):
             rest = [other for place, other in enumerate(fits) if place != number]
@@ -166,7 +166,7 @@ def _changes(misfit: Misfit, terms: tuple[Term, ...], fits: list[BlockFit]) -> l
 
 
 def _base_move(misfit: Misfit, change: list[Array]) -> tuple[Array, Array]:
-    """What base parameters do (P,) beside the change, and the whitened misfit (n,) left."""
+    """Change of base parameters (P,) beside the law, and the whitened residual (n,)."""
     plain = np.concatenate(
         [(run.residual - part).ravel() for run, part in zip(misfit.runs, change, strict=True)]
     )
