@@ -51,7 +51,7 @@ class Channel:
 class Run:
     """One record: `outputs` by channel (N,) at `time` (N,), NaN where a sample is missing.
 
-    inputs: data for the simulator; coordinates (N,): quantities that a residual may follow, by name
+    inputs: data for the simulator; coordinates (N,): that a residual may follow, by name
     (inputs of the same length where none are given).
     """
 
