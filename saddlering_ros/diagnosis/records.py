@@ -44,7 +44,10 @@ class DiagnosisError(SaddleringError):
 
 @dataclass(frozen=True)
 class LoadGrid:
-    """Input of the simulator: time, load (M,); block b is the mean of [first, last)."""
+    """Input of the simulator: time, load (M,); block b is the mean of [first, last).
+
+    load_noise (N,): standard deviation [N] of the white noise of each block's mean load.
+    """
 
     elevation: float
     time: Array
@@ -53,6 +56,7 @@ class LoadGrid:
     first: NDArray[np.int64]
     last: NDArray[np.int64]
     max_step: float
+    load_noise: Array | None = None
 
     def block_means(self, simulated: Array) -> Array:
         """Means over the blocks of simulated (..., M)."""
@@ -228,7 +232,14 @@ def _load_grid(readings: _Readings, blocks: _Blocks) -> LoadGrid:
         np.array(first),
         np.array(last),
         LONGEST_STEP,
+        _white_noise(readings.load)
+        / np.sqrt([block.last - block.first for block in blocks.spans]),
     )
+
+
+def _white_noise(load: Array) -> float:
+    """Standard deviation [N] of a load's white noise, from second differences."""
+    return float(1.4826 * np.median(np.abs(np.diff(load, 2))) / math.sqrt(6.0))
 
 
 def _run(readings: _Readings, blocks: _Blocks, held_out: bool) -> RunBlocks:

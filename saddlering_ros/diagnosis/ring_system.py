@@ -46,6 +46,12 @@ LOAD_STEP = 500.0
 FAILED = 1e-3
 """Reading [m] of a simulation that failed: far from any that is measured."""
 
+LOAD_WANDER = 1e-4
+"""Share of full scale by which a load cell wanders slowly."""
+
+STEEP, MAX_STEEP = 3.0, 20
+"""Blocks so many times as steep as usual feel the noise of the load; so many of a run count."""
+
 CURVATURE = 1.5
 """Standard deviation of the square of a standard normal number, nearly."""
 
@@ -187,10 +193,11 @@ class RingSystem:
         return np.clip(means, -10.0 * FAILED, 10.0 * FAILED)
 
     def nuisances(self, runs: Sequence[RunBlocks], point: Point) -> list[Array]:
-        """Unequal rollers of a sound ring; clearances and a weight not known exactly.
+        """Unequal rollers of a sound ring; clearances and a weight not known exactly; load noise.
 
         Where rollers begin to touch, a little load moves the ring far: what one of them does there
-        stands at another measured load if the load at the ring is another.
+        stands at another measured load if the load at the ring is another. The noise of the load
+        is as visible there as that of the probes.
         """
         parts, known = [], []
         base, extension = point.base, self.extension(point)
@@ -215,11 +222,34 @@ class RingSystem:
                 )
             )
         joined = compressed(np.concatenate([part.reshape(-1, part.shape[-1]) for part in parts]))
+        noisy = self._load_noise(runs, point)
         answer, start = [], 0
-        for run, own in zip(runs, known, strict=True):
+        for run, own, load in zip(runs, known, noisy, strict=True):
             block = joined[start : start + run.channels.size]
-            answer.append(np.concatenate([block.reshape(*run.channels.shape, -1), own], axis=2))
+            block = block.reshape(*run.channels.shape, -1)
+            answer.append(np.concatenate([block, load, own], axis=2))
             start += run.channels.size
+        return answer
+
+    def _load_noise(self, runs: Sequence[RunBlocks], point: Point) -> list[Array]:
+        """What noise of the load changes (C, N, k) where a little load moves the ring far.
+
+        One column a block; k over all runs, each of them with its own.
+        """
+        wander = LOAD_WANDER * self.rig.full_scale_load
+        changes, places = [], []
+        for run in runs:
+            grid: LoadGrid = run.payload
+            per_newton = _beside(self.targets(run, point)['hydraulic_load'])
+            white = 0.0 if grid.load_noise is None else grid.load_noise
+            changes.append(per_newton * np.hypot(white, wander))
+            places.append(_steep(run, per_newton))
+        total, answer, before = sum(map(len, places)), [], 0
+        for run, change, place in zip(runs, changes, places, strict=True):
+            columns = np.zeros((*run.channels.shape, total))
+            columns[:, place, before + np.arange(len(place))] = change[:, place]
+            before += len(place)
+            answer.append(columns)
         return answer
 
     def targets(self, run: RunBlocks, point: Point) -> dict[str, Array]:
@@ -257,6 +287,26 @@ class RingSystem:
                 catalogue_of_effects.extension_of(point.effects),
                 catalogue_of_effects.laws_of(point.effects))
         return known
+
+
+def _beside(per_newton: Array) -> Array:
+    """Each block's change (C, N), or that of the block beside it, whichever is larger.
+
+    The block in which a motion ends feels its error as much as the one before.
+    """
+    widened = np.pad(per_newton, ((0, 0), (1, 1)), mode='edge')
+    near = np.stack([widened[:, :-2], per_newton, widened[:, 2:]])
+    largest = np.argmax(np.linalg.norm(near, axis=1), axis=0)
+    return np.asarray(near[largest, :, np.arange(largest.size)].T)
+
+
+def _steep(run: RunBlocks, per_newton: Array) -> NDArray[np.int64]:
+    """Blocks in which a newton moves the ring much further than it does under load."""
+    load = next(iter(run.inputs.values()))
+    moves = np.linalg.norm(per_newton, axis=0)
+    usual = float(np.median(moves[load >= 0.5 * load.max()]))
+    steepest = np.argsort(-moves)[:MAX_STEEP]
+    return np.sort(steepest[moves[steepest] > STEEP * usual])
 
 
 def _finite(readings: Array) -> Array:

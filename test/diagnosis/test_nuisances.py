@@ -9,7 +9,7 @@ import pytest
 
 from saddlering_ros.bags import read_run
 from saddlering_ros.diagnosis.records import build_record
-from saddlering_ros.diagnosis.ring_system import CURVATURE, RingSystem
+from saddlering_ros.diagnosis.ring_system import CURVATURE, LOAD_WANDER, MAX_STEEP, RingSystem
 from saddlering_ros.discrepancy import Point, RunBlocks
 from saddlering_ros.effects import FOLDER_VARIABLE
 from saddlering_ros.rig import default_rig, limits, TRUE_TO_SCALE
@@ -108,3 +108,17 @@ unit: m
 size: {low: -2.0e-5, high: 2.0e-5, scale: 5.0e-6, start: 5.0e-6}
 table: {at: [0.0, 100000.0, 110000.0, 250000.0], values: [0.0, 0.0, 1.0, 1.0]}
 """
+
+
+def test_the_noise_of_the_load_is_allowed_for_where_a_newton_moves_the_ring_far(fast):
+    system = RingSystem(default_rig())
+    per_newton = np.linalg.norm(system.targets(fast, Point(BASE))['hydraulic_load'], axis=0)
+    (columns,) = system._load_noise([fast], Point(BASE))
+    sizes = np.linalg.norm(columns, axis=0)
+    load = fast.inputs['load']
+    usual = np.median(per_newton[load > 0.5 * load.max()])
+    touching = int(np.argmax(per_newton))
+    assert sizes.max(axis=1)[touching] >= LOAD_WANDER * 250e3 * per_newton[touching] * 0.9
+    assert (sizes.max(axis=1)[per_newton < 0.5 * usual] == 0.0).sum() > 10
+    assert ((sizes > 0.0).sum(axis=0) == 1).all()  # a block each
+    assert columns.shape[2] <= MAX_STEEP
