@@ -27,7 +27,7 @@ from saddlering_ros.diagnosis.records import (
 from saddlering_ros.diagnosis.ring_system import RingSystem
 from saddlering_ros.diagnosis.verdict import run_figures, RunFigures, Verdict
 from saddlering_ros.discrepancy import diagnose, Diagnosis, Settings
-from saddlering_ros.effects import catalogue
+from saddlering_ros.effects import catalogue, LawEffect
 from saddlering_ros.progress import IsCancelled, OnProgress, Progress
 from saddlering_ros.rig import ContactParameters, ParameterSet, Rig
 from saddlering_ros.thresholds import is_left, MATERIAL
@@ -101,6 +101,7 @@ def diagnose_runs(
         on_progress(Progress('diagnose', 'contact parameters', 0.95))
     law = contact_law(found, runs, rig, is_cancelled)
     notes = [*check_set(records, rig), *found.warnings, *law.notes]
+    notes += next_test.repeated_laws(_own_laws(found), signature_cosines(found))
     notes += [f'{record.run.name}: {note}' for record in records for note in record.test_run.notes]
     if found.verdict == 'unknown' and _is_rounding(figures):
         found = replace(found, verdict='none', causes=())
@@ -113,6 +114,12 @@ def diagnose_runs(
         found = replace(found, verdict='unknown')
         sentence = f'Diagnose the bags of each rig separately: {", ".join(rigs)}.'
     return Verdict(found, figures, tuple(notes), sentence, rig, seed, law)
+
+
+def _own_laws(found: Diagnosis) -> list[str]:
+    """Laws of the user's folder among the causes found and their alternatives."""
+    named = {name for cause in found.causes for name in cause.group}
+    return sorted(name for name in named if isinstance(catalogue().get(name), LawEffect))
 
 
 def _named_apart(records: list[Record]) -> list[Record]:

@@ -18,6 +18,9 @@ from saddlering_ros.effects.rig_tests import RIG_TESTS, RigTest, UNCLEAR
 MIN_LIKENESS = 0.3
 """Cosine of two signatures from which an effect counts as an alternative to a named one."""
 
+SAME = 0.98
+"""Cosine of two signatures from which they are one in these data."""
+
 MAX_ALTERNATIVES = 3
 
 
@@ -103,6 +106,24 @@ def look_alikes(effect_id: str, cosines: Mapping[str, Mapping[str, float]]) -> l
             if name != effect_id and value >= MIN_LIKENESS:
                 found[name] = max(value, found.get(name, 0.0))
     return sorted(found, key=lambda name: -found[name])[:MAX_ALTERNATIVES]
+
+
+def repeated_laws(own: Sequence[str], cosines: Mapping[str, Mapping[str, float]]) -> list[str]:
+    """One sentence for each law of the user's own that repeats an effect of the catalogue here."""
+    sentences = []
+    for name in own:
+        rows = [row for label, row in cosines.items() if label.partition(':')[0] == name]
+        alike: dict[str, float] = {}
+        for row in rows:
+            for label, value in row.items():
+                other = label.partition(':')[0]
+                if other not in own and value >= SAME:
+                    alike[other] = max(value, alike.get(other, 0.0))
+        if alike:
+            others = ', '.join(sorted(alike, key=lambda item: -alike[item]))
+            sentences.append(f'{name} changes these data in the same way as {others} of the '
+                             'catalogue: the law and the effect are one cause in these data')
+    return sentences
 
 
 def for_unseen(effects: Sequence[str]) -> str | None:

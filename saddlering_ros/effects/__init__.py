@@ -28,7 +28,7 @@ from saddlering_ros.effects.extension import (
 from saddlering_ros.effects.law import Law, LawEffect, read_law_effect
 
 __all__ = [
-    'NO_EXTENSION', 'STAGES', 'Choice', 'Effect', 'EffectError', 'EffectParameter',
+    'NO_EXTENSION', 'STAGES', 'Choice', 'Effect', 'EffectError', 'EffectParameter', 'LawEffect',
     'OwnParameter', 'RingExtension', 'Variant', 'catalogue', 'effect', 'extension_of', 'laws_of',
     'own_parameters', 'use_folder',
 ]

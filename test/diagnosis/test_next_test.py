@@ -118,6 +118,14 @@ def test_a_slewed_ring_turns_an_oval_round_and_moves_a_worn_arc():
     assert slewed['worn_sector_axial']['centre'] == pytest.approx(1.5 * math.pi - 3.0)
 
 
+def test_a_law_that_repeats_an_effect_of_the_catalogue_is_reported_as_such():
+    cosines = {'own_law:': {'probe_bracket:1': 0.991, 'probe_gain:1': 0.9},
+               'probe_bracket:1': {'own_law:': 0.991}}
+    (sentence,) = next_test.repeated_laws(['own_law'], cosines)
+    assert sentence.startswith('own_law changes these data in the same way as probe_bracket of')
+    assert next_test.repeated_laws(['own_law'], {'own_law:': {'probe_gain:1': 0.9}}) == []
+
+
 def test_a_sound_ring_is_told_which_causes_these_data_could_not_show():
     sentence = next_test.for_unseen(['load_gain'])
     assert 'load gain error' in sentence
