@@ -8,13 +8,24 @@ from pathlib import Path
 import numpy as np
 import pytest
 from rclpy.qos import DurabilityPolicy, QoSProfile
-from rosnet import ACTIVATE, ANEW, Client, DEACTIVATE, lead, set_parameter, wait_until
+from rosnet import (
+    ACTIVATE,
+    ANEW,
+    Client,
+    client,
+    DEACTIVATE,
+    lead,
+    set_parameter,
+    wait_until,
+)
+from std_srvs.srv import Trigger
 
 from saddlering_interfaces.msg import RingParameters
 from saddlering_ros.bags import TestFacts, write_bag
 from saddlering_ros.rig import default_rig, FULL_SCALE_LOAD
 from saddlering_ros.rig.description import shipped_rig_file
 from saddlering_ros.ros.launcher import NodeGroup
+from saddlering_ros.ros.qos import LATCHED
 from saddlering_ros.streams.batches import Displacements
 from saddlering_ros.streams.residual import ResidualStream
 
@@ -24,7 +35,7 @@ KEPT = QoSProfile(depth=20, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 @pytest.mark.ros
 def test_the_simulator_follows_the_bag_and_refuses_what_contradicts_it(
         group: NodeGroup, heard: Client, record, bag: Path, bag_root: Path, tmp_path: Path,
-        ) -> None:
+        ros_domain: int) -> None:
     steep = write_bag(bag_root / 'steeper', TestFacts('dynamic', 70.0), record.stamps,
                       record.load, record.probe_stamps, record.gaps, default_rig().probes)
     said: list[RingParameters] = []
@@ -52,8 +63,12 @@ def test_the_simulator_follows_the_bag_and_refuses_what_contradicts_it(
 
     # An elevation that is set contradicts it: an error, and nothing is simulated.
     lead(heard, 'ring_simulator', DEACTIVATE)
+    answer = heard.call(Trigger, '/ring_simulator/zero')
+    assert not answer.success
+    assert answer.message == 'is not active: ros2 lifecycle set /ring_simulator activate'
     assert set_parameter(heard, 'ring_simulator', 'elevation_deg', 50.0).successful
     lead(heard, 'ring_simulator', ACTIVATE)
+    assert math.isclose(latched(ros_domain).elevation, math.radians(50.0))
     wait_until(lambda: heard.diagnostics.get('ring_simulator: elevation', (0, ''))[0] == 2,
                what='an error')
     assert '70.00 deg, and 50.00 deg is set' in heard.diagnostics['ring_simulator: elevation'][1]
@@ -63,6 +78,17 @@ def test_the_simulator_follows_the_bag_and_refuses_what_contradicts_it(
         wait_until(lambda node=node: heard.diagnostics.get(f'{node}: rig', (0, ''))[0] == 2,
                    what='the rigs differ')
     assert '/ring_residual' in heard.diagnostics['ring_simulator: rig'][1]
+
+
+def latched(domain: int) -> RingParameters:
+    """What somebody who joins now hears of the parameters first, as by `ros2 topic echo`."""
+    said: list[RingParameters] = []
+    with client(domain) as joiner:
+        with joiner.lock:
+            joiner.node.create_subscription(
+                RingParameters, '/ring/parameters', said.append, LATCHED)
+        wait_until(lambda: bool(said), what='the latched parameters')
+    return said[0]
 
 
 def test_displacements_at_different_elevations_are_not_subtracted() -> None:

@@ -10,6 +10,7 @@ from saddlering_ros.bags.validity import BRIDGED
 from saddlering_ros.rig import default_rig, ParameterSet, TRUE_TO_SCALE
 from saddlering_ros.streams.batches import join, Samples
 from saddlering_ros.streams.displacement import DisplacementStream
+from saddlering_ros.streams.residual import ResidualStream
 from saddlering_ros.streams.simulation import SimulationStream
 
 RIG = default_rig()
@@ -98,6 +99,22 @@ def test_one_bad_load_leaves_the_simulation_within_a_micrometre(record, changes)
     assert len(other) == len(whole) - 1
     _, ours, theirs = np.intersect1d(whole.stamps, other.stamps, return_indices=True)
     assert np.abs(whole.channels[:, ours] - other.channels[:, theirs]).max() < 1e-6
+
+
+@pytest.mark.parametrize('stamp', [0, START + 60 * 10**9, 4 * 10**18])
+def test_a_stray_load_inside_the_zero_window_leaves_one_zero_to_both(record, stamp: int) -> None:
+    gaps = [Samples(record.probe_stamps[probe], record.gaps[probe]) for probe in range(4)]
+    zeros = []
+    for load in (load_of(record), load_of(record, stamp=(100, stamp))):
+        measured, simulated = DisplacementStream(RIG), SimulationStream(
+            RIG, ParameterSet(TRUE_TO_SCALE), np.radians(50.0))
+        both = measured.push(load, gaps), simulated.push(load)
+        assert len(ResidualStream(RIG.full_scale_load).push(*both)) == len(both[0])
+        zeros.append([(one.zero_stamps[-1], one.zero_loads[-1]) for one in both])
+        counted = [measured.counters.as_dict(), simulated.guard.counters.as_dict()]
+    assert np.allclose(zeros[0], zeros[1], rtol=0.0, atol=5.0), 'N: a mean has one sample less'
+    assert counted[0] == counted[1]
+    assert sum(counted[0].values()) == 1
 
 
 def test_an_impossible_gap_is_bridged_and_marked(record) -> None:
