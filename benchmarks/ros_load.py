@@ -137,6 +137,16 @@ def cpu_of(pid: int) -> float:
     return (int(fields[11]) + int(fields[12])) / os.sysconf('SC_CLK_TCK')
 
 
+def cpu_by_thread(pid: int) -> tuple[float, float]:
+    """Processor time [s] of a process's main thread, and of the threads of its middleware."""
+    used = {}
+    for task in Path(f'/proc/{pid}/task').iterdir():
+        fields = (task / 'stat').read_text().rpartition(')')[2].split()
+        used[int(task.name)] = (int(fields[11]) + int(fields[12])) / os.sysconf('SC_CLK_TCK')
+    own = used.pop(pid)
+    return own, sum(used.values())
+
+
 @contextlib.contextmanager
 def listener(domain: int) -> Any:
     """A node of this process, and the subscriptions of residual and progress."""
@@ -323,16 +333,26 @@ def in_lockstep(seconds: float) -> dict[str, Any]:
             play = node.create_client(Trigger, '/replay_clock/play')
             play.wait_for_service(30.0)
             answer = play.call_async(Trigger.Request())
-            before = sum(cpu_of(one.process.pid) for one in group.processes.values())
+            before = threads_of(group)
             found, arrivals = receive(node, [residual], round(seconds * RATE) - 1, 120.0)
-            used = sum(cpu_of(one.process.pid) for one in group.processes.values()) - before
+            after = threads_of(group)
+            used = float(sum((after[name] - before[name]).sum() for name in after))
             answer.cancel()
             group.wait('replay_clock', 60.0)
     took = (arrivals[-1] - arrivals[0]) / 1e9
     span = (found[-1] - found[np.searchsorted(arrivals, arrivals[0], side='right') - 1]) / 1e9
     return {'residuals': len(found), 'residuals lost': round(seconds * RATE) - 1 - len(found),
             'times real time': span / took, 'raw messages a second': 5 * RATE * span / took,
-            'raw messages a processor second, all nodes': 5 * len(found) / used}
+            'raw messages a processor second, all nodes': 5 * len(found) / used,
+            **{f'{name}, {part} [s]': float(seconds) for name in after
+               for part, seconds in zip(('Python', 'middleware'), after[name] - before[name],
+                                        strict=True)}}
+
+
+def threads_of(group: NodeGroup) -> dict[str, np.ndarray]:
+    """Processor time [s] of each node so far: main thread, middleware."""
+    return {name: np.array(cpu_by_thread(one.process.pid))
+            for name, one in group.processes.items()}
 
 
 def to_cancel() -> dict[str, Any]:

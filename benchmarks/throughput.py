@@ -244,9 +244,12 @@ def main() -> None:
                'lost': together['residuals lost'], 'ratio': rate / by_clock,
                'load average': os.getloadavg()[0]}
         one['ratio by processor time'] = one['lockstep by all cores [1/s]'] / by_processor
-        found['rounds'].append(one)
+        found['rounds'].append({**one, 'nodes': together})
         print(f'round {number + 1}: ' + ', '.join(
             f'{name} {value:.4g}' for name, value in one.items()), flush=True)
+        if args.profile:
+            print(', '.join(f'{name} {value:.2f}' for name, value in together.items()
+                            if name.endswith('[s]')))
     found['latency'] = []
     for number in range(0 if args.no_latency else args.rounds):
         one = side_by_side(args.seconds, args.rate)
