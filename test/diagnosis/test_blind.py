@@ -20,7 +20,7 @@ from saddlering_ros.virtual_rig.scoring import score
 
 pytestmark = pytest.mark.slow
 
-SHORT = ('--runs', 'static_50,dynamic_50,static_70', '--hold', '2', '--duration', '8',
+SHORT = ('--runs', 'static_50,dynamic_50', '--hold', '2', '--duration', '8',
          '--dynamic-rate', '500', '--sizes', '0.7', '1')
 
 
