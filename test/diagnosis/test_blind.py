@@ -20,14 +20,15 @@ from saddlering_ros.virtual_rig.scoring import score
 
 pytestmark = pytest.mark.slow
 
-SHORT = ('--runs', 'static_50,dynamic_50', '--hold', '2', '--duration', '8',
+TWO, THREE = 'static_50,dynamic_50', 'static_50,dynamic_50,static_70'
+SHORT = ('--hold', '2', '--duration', '8',
          '--dynamic-rate', '500', '--sizes', '0.7', '1')
 
 
-def diagnosed(folder: Path, kind: str, seed: int, *effects: str) -> str:
+def diagnosed(folder: Path, kind: str, seed: int, *effects: str, runs: str = TWO) -> str:
     """How the verdict on a draw counts: drawn and sealed in another process, then opened."""
     command = [sys.executable, '-m', 'saddlering_ros.virtual_rig.blind', '--seed', str(seed),
-               '--kind', kind, '--out', str(folder / 'rig'), *SHORT]
+               '--kind', kind, '--out', str(folder / 'rig'), '--runs', runs, *SHORT]
     for effect in effects:
         command += ['--effect', effect]
     drawn = json.loads(subprocess.run(command, check=True, capture_output=True).stdout)
@@ -41,7 +42,7 @@ def diagnosed(folder: Path, kind: str, seed: int, *effects: str) -> str:
 
 @pytest.mark.campaign
 def test_a_sound_rig_gets_no_cause(tmp_path: Path) -> None:
-    assert diagnosed(tmp_path, 'clean', 101) == 'right'
+    assert diagnosed(tmp_path, 'clean', 101, runs=THREE) == 'right'
 
 
 @pytest.mark.parametrize(('effect', 'seed'), [('damping_law', 104)])
@@ -57,4 +58,4 @@ def test_an_effect_outside_the_catalogue_is_unknown(tmp_path: Path) -> None:
 @pytest.mark.parametrize(('seed', 'effect'), [(7002, 'radial_clearance')])
 def test_a_draw_that_once_failed_gets_no_wrong_name(
         tmp_path: Path, seed: int, effect: str) -> None:
-    assert diagnosed(tmp_path, 'single', seed, effect) != 'wrong'
+    assert diagnosed(tmp_path, 'single', seed, effect, runs=THREE) != 'wrong'
