@@ -24,7 +24,7 @@ from saddlering_ros.discrepancy.signatures import effect_starts, MIN_LENGTH, Sig
 from saddlering_ros.discrepancy.system import Array, Effect
 
 MAX_STARTS = 3
-"""First guesses of an effect that are tried with each start of the base."""
+"""First guesses of a silent effect that are tried with each start of the base."""
 
 
 def silent_effects(signatures: Sequence[Signature]) -> list[tuple[Effect, int]]:
@@ -40,7 +40,7 @@ def silent_effects(signatures: Sequence[Signature]) -> list[tuple[Effect, int]]:
 
 def fit_silent(space: ModelSpace) -> list[Fit]:
     """The base and each silent effect alone, fitted from where the effect acts; the best first."""
-    return _fit_from_all_over(space, silent_effects(space.signatures))
+    return _fit_from_all_over(space, silent_effects(space.signatures), MAX_STARTS)
 
 
 def fit_in_other_valleys(space: ModelSpace) -> list[Fit]:
@@ -49,28 +49,33 @@ def fit_in_other_valleys(space: ModelSpace) -> list[Fit]:
     Without its effect the base can lie in a valley from which no way leads to the true one.
     """
     known = {item.key: (item.effect, item.variant) for item in space.signatures}
-    return _fit_from_all_over(space, list(known.values()))
+    return _fit_from_all_over(space, list(known.values()), starts=1)
 
 
-def _fit_from_all_over(space: ModelSpace, effects: Sequence[tuple[Effect, int]]) -> list[Fit]:
-    """The base and each effect alone, the best of several starts; the best first."""
+def _fit_from_all_over(
+    space: ModelSpace, effects: Sequence[tuple[Effect, int]], starts: int
+) -> list[Fit]:
+    """The base and each effect alone, the best of several starts; the best first.
+
+    starts: first guesses of an effect that are tried with each start of the base.
+    """
     found = []
     for effect, variant in effects:
-        fits = _coarse(space, Candidate(((effect, variant),)), effect)
+        fits = _coarse(space, Candidate(((effect, variant),)), effect, starts)
         if fits:
             best = min(fits, key=lambda fit: fit.misfit)
             found += [space.keep(fit) for fit in space.refine([best])]
     return sorted(found, key=space.penalised)
 
 
-def _coarse(space: ModelSpace, candidate: Candidate, effect: Effect) -> list[Fit]:
+def _coarse(space: ModelSpace, candidate: Candidate, effect: Effect, count: int) -> list[Fit]:
     """A few rounds from the starts of base and effect at which the effect acts."""
     metric = space.metric
     base = metric.experiment.system.base_parameters
     thetas = spread_starts(base, space.settings.seed)
     alone = metric.experiment.predict([Candidate().point(base, theta) for theta in thetas])
     trials: list[tuple[float, Array]] = []
-    for start in effect_starts(effect)[:MAX_STARTS]:
+    for start in effect_starts(effect)[:count]:
         whole = [np.concatenate([theta, start]) for theta in thetas]
         space.watch.check()
         seen = metric.experiment.predict([candidate.point(base, item) for item in whole])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 import importlib.util
 from pathlib import Path
 import sys
@@ -21,6 +22,7 @@ FOLDER = Path(__file__).parents[2] / 'examples' / 'any_simulator'
 NAMES = sorted(path.stem for path in FOLDER.glob('*.py'))
 
 
+@cache
 def example(name: str) -> ModuleType:
     spec = importlib.util.spec_from_file_location(f'example_{name}', FOLDER / f'{name}.py')
     assert spec is not None
@@ -38,6 +40,13 @@ def records(module: ModuleType, hidden: dict[str, float]) -> list[Run]:
     return [module.record('first', 1, hidden), module.record('second', 2, hidden)]
 
 
+@cache
+def found_in(name: str) -> Diagnosis:
+    """The answer to an example with its first effect hidden, asked for once."""
+    module = example(name)
+    return diagnose(module.model, records(module, module.HIDDEN))
+
+
 def names(found: Diagnosis) -> list[str]:
     return [cause.effect for cause in found.causes]
 
@@ -45,7 +54,7 @@ def names(found: Diagnosis) -> list[str]:
 @pytest.mark.parametrize('name', NAMES)
 def test_what_is_hidden_is_named_and_its_size_is_right(name: str) -> None:
     module = example(name)
-    found = diagnose(module.model, records(module, module.HIDDEN))
+    found = found_in(name)
     assert (found.verdict, names(found)) == ('named', [hidden_effect(module)])
     size = next(iter(found.causes[0].parameters.values()))
     true = next(iter(module.HIDDEN.values()))
@@ -70,7 +79,7 @@ def test_what_is_in_no_catalogue_gets_no_name(name: str) -> None:
         return module.simulate({**module.TRUE, **gone, **parameters}, run)
 
     model = replace(module.model, simulate=simulate, effects=effects)
-    assert diagnose(model, records(module, module.HIDDEN)).verdict == 'unknown'
+    assert diagnose(model, records(module, module.HIDDEN)[:1]).verdict == 'unknown'
 
 
 UNITS = {True: (1e6, 1e-3, 1e3), False: (1e-6, 1e3, 1e-3)}
@@ -81,9 +90,9 @@ UNITS = {True: (1e6, 1e-3, 1e3), False: (1e-6, 1e3, 1e-3)}
 def test_a_verdict_is_the_same_in_any_unit(name: str) -> None:
     module = example(name)
     channel, time, parameter = UNITS[NAMES.index(name) % 2 == 0]
-    usual = records(module, module.HIDDEN)[:1]
+    usual = records(module, module.HIDDEN)
     other = [run_in_other_units(run, channel, time) for run in usual]
-    first = diagnose(module.model, usual)
+    first = found_in(name)
     second = diagnose(in_other_units(module.model, channel, time, parameter), other)
     assert (second.verdict, names(second)) == (first.verdict, names(first))
     assert second.gain.fit == pytest.approx(first.gain.fit, abs=1e-3)
