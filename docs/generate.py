@@ -40,9 +40,9 @@ TOPICS = {
 
 def topics_page() -> str:
     """Topics with their types, as the nodes and the recorder declare them."""
-    from saddlering_ros.live.recorder import LATCHED, OTHERS, streams, type_name
+    from saddlering_ros.live.recorder import KEPT, OTHERS, streams, type_name
 
-    known = {topic: type_name(kind) for topic, kind in {**streams(), **LATCHED, **OTHERS}.items()}
+    known = {topic: type_name(kind) for topic, kind in {**streams(), **KEPT, **OTHERS}.items()}
     known['/replay/progress'] = 'saddlering_interfaces/msg/ReplayProgress'
     missing = set(known) ^ set(TOPICS)
     if missing:
