@@ -90,7 +90,7 @@ def write(bag: Path, count: int, rate: float, test: str) -> None:
     with BlockBagWriter(bag, topics, {'test': test, 'elevation_deg': '50'}) as writer:
         for start in range(0, count, BLOCK):
             time_of = np.arange(start, min(start + BLOCK, count)) / rate
-            load = rig.preload + 0.9 * rig.full_scale_load * shape(time_of, test)
+            load = rig.preload + 0.9 * rig.full_scale_load * shape(time_of, test, count / rate)
             load += random.normal(0.0, 50.0, load.size)
             stamps = EPOCH + np.rint(1e9 * time_of).astype(np.int64)
             samples = [(stamps, load)]
@@ -111,11 +111,15 @@ def at_rest(rig: Rig) -> tuple[np.ndarray, np.ndarray]:
     return loads, displacement_to_probes(rig.probes, Displacement(x, y, tilt, 0.0))
 
 
-def shape(time_of: np.ndarray, test: str) -> np.ndarray:
-    """The load's share of its range: ramps of 10 s, or steps of 5 s up and down, after 1 s."""
+def shape(time_of: np.ndarray, test: str, end: float) -> np.ndarray:
+    """The load's share of its range: ramps of 10 s, or steps of 5 s up and down, after 1 s.
+
+    Ramps that would not be over at `end` [s] do not begin: a record ends at rest.
+    """
     later = np.maximum(time_of - 1.0, 0.0)
     if test == 'dynamic':
-        return 1.0 - np.abs(1.0 - (later % 20.0) / 10.0)
+        share = 1.0 - np.abs(1.0 - (later % 20.0) / 10.0)
+        return np.where(later < 20.0 * ((end - 2.0) // 20.0), share, 0.0)
     step = np.floor(later / 5.0) % 48
     return np.minimum(step, 48 - step) / 24.0
 
