@@ -14,6 +14,8 @@ FIRST_GUESSES = {
     'direction': 'friction or play in a row, or hysteresis of the load cell',
     'time': 'drift of a probe, of the temperature or of the load cell',
     'offset': 'a probe that slipped or was touched, or a zero that was not at rest',
+    'one direction': 'friction or play in a row, hysteresis of the load cell, or a probe that '
+                     'slipped: the load has moved in one direction only since then',
     'unclear': 'none of load, rate, direction and time alone: record the test and run '
                '`saddlering diagnose`',
 }
@@ -22,6 +24,9 @@ FIRST_GUESSES = {
 MIN_BLOCKS = 10
 STEADY_SHARE = 0.35
 """A residual whose scatter is below this share of its mean is an offset."""
+
+ONE_WAY = 0.9
+"""Mean direction (-1 to 1) of a load from which on it moves in one direction only."""
 
 MIN_CORRELATION = 0.5
 SPAN = 2
@@ -35,12 +40,13 @@ def first_guess(residual: Array, load: Array, time: Array, rest_band: float) -> 
     """
     if residual.size < MIN_BLOCKS:
         return ''
-    if residual.std() < STEADY_SHARE * abs(residual.mean()):
-        return 'offset'
     change = np.zeros_like(load)
     change[SPAN:-SPAN] = load[2 * SPAN:] - load[:-2 * SPAN]
     change[:SPAN], change[-SPAN:] = change[SPAN], change[-SPAN - 1]
     direction = np.where(np.abs(change) > rest_band, np.sign(change), 0.0)
+    if residual.std() < STEADY_SHARE * abs(residual.mean()):
+        # Friction after the load has turned is an offset too, until the load turns again.
+        return 'one direction' if abs(direction.mean()) > ONE_WAY else 'offset'
     regressors = {'load': load, 'rate': change, 'direction': direction, 'time': time}
     strength = {
         name: abs(float(np.corrcoef(residual, values)[0, 1]))

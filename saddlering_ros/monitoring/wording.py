@@ -9,6 +9,7 @@ _FOLLOWS = {
     'rate': 'the difference follows the rate of the load',
     'direction': 'the difference follows the direction of the load',
     'offset': 'the difference is an offset',
+    'one direction': 'the difference is an offset while the load moves in one direction',
     'unclear': 'the difference follows neither load, rate, direction nor time',
 }
 

@@ -247,6 +247,13 @@ def test_the_first_guess_is_what_the_residual_follows(follows, make):
     assert first_guess(noisy[:5], load[:5], time[:5], BAND) == ''
 
 
+def test_an_offset_under_a_load_that_moves_one_way_may_be_friction_or_a_probe():
+    time = np.arange(0.0, 4.0, 0.02)
+    noisy = 9.0 + 0.2 * np.random.default_rng(7).standard_normal(time.size)
+    assert first_guess(noisy, 2e5 - 4e4 * time, time, BAND) == 'one direction'
+    assert first_guess(noisy, np.full(time.size, 2e5), time, BAND) == 'offset'
+
+
 def test_a_rest_longer_than_it_is_read_ends_the_learning():
     learner, found = RestLearner(BAND, 0.02), None
     values = np.random.default_rng(8).standard_normal((4000, 3)).tolist()
