@@ -3,6 +3,7 @@
     python examples/identify_client.py static_50 dynamic_50      names below the server's bag_root
 """
 
+import signal
 import sys
 
 import rclpy
@@ -23,16 +24,18 @@ def main() -> None:
     client = ActionClient(node, IdentifyRing, 'identify_ring')
     if not client.wait_for_server(10.0):
         sys.exit('no /identify_ring: start it with ros2 run saddlering_ros ring_identification')
+    interrupted: list[int] = []
+    signal.signal(signal.SIGINT, lambda number, _: interrupted.append(number))
     sent = client.send_goal_async(IdentifyRing.Goal(bags=sys.argv[1:]), feedback_callback=show)
     rclpy.spin_until_future_complete(node, sent)
     if not sent.result().accepted:
         sys.exit('rejected: the server is busy with another goal')
     ended = sent.result().get_result_async()
-    try:
-        rclpy.spin_until_future_complete(node, ended)
-    except KeyboardInterrupt:
-        sent.result().cancel_goal_async()
-        rclpy.spin_until_future_complete(node, ended)
+    while not ended.done():
+        rclpy.spin_once(node, timeout_sec=0.1)
+        if interrupted:
+            interrupted.clear()
+            sent.result().cancel_goal_async()
     result = ended.result().result
     print(result.message)
     if result.status == IdentifyRing.Result.SUCCEEDED:
