@@ -126,7 +126,8 @@ def simulate_tests(
 ) -> list[Separation]:
     """Each proposal with how it would separate the rivals, the best first."""
     old = metric.experiment
-    fits = list({id(fit): fit for rival in rivals for fit in (rival.fit, rival.less)}.values())
+    fits = list({fit.candidate.key: fit for rival in rivals
+                 for fit in (rival.fit, rival.less)}.values())
     seen = [_seen_by(old.system, proposal, fits) for proposal in proposals]
     joint = Experiment(old.system, [*old.runs, *(item.run for item in proposals)],
                        old.assumptions)
@@ -307,18 +308,19 @@ def _separation(
     random: np.random.Generator,
 ) -> Separation:
     """How a test would separate the rivals, each of them the truth in turn."""
-    number = {id(fit): index for index, fit in enumerate(fits)}
+    number = {fit.candidate.key: index for index, fit in enumerate(fits)}
+    own_places = [number[item.fit.candidate.key] for item in rivals]
+    less_places = [number[item.less.candidate.key] for item in rivals]
     alone, kept, by_truth = 0, 0, {}
     for truth, rival in enumerate(rivals):
-        results = forecasts[number[id(rival.fit)]].drawn(random, draws)
+        results = forecasts[own_places[truth]].drawn(random, draws)
         misfits = np.array([
             fit.misfit + forecast.misfits(results)
             for fit, forecast in zip(fits, forecasts, strict=True)
         ])
         own = 0
         for column in misfits.T:
-            left = _left(rivals, [column[number[id(item.fit)]] for item in rivals],
-                         [column[number[id(item.less)]] for item in rivals], rule)
+            left = _left(rivals, column[own_places], column[less_places], rule)
             kept += truth in left
             own += left == [truth]
         alone += own
@@ -327,7 +329,7 @@ def _separation(
 
 
 def _left(
-    rivals: Sequence[Rival], misfits: Sequence[float], less: Sequence[float], rule: JudgingRule
+    rivals: Sequence[Rival], misfits: Array, less: Array, rule: JudgingRule
 ) -> list[int]:
     """Rivals that stay in the group at these misfits, in order."""
     price = [rule.log_size * item.fit.theta_unit.size for item in rivals]
