@@ -246,11 +246,15 @@ def with_contact(model: Model, contacts: ArrayLike) -> Model:
 def stacked_models(rig: Rig, contacts: Floats, elevation: float,
                    extensions: Sequence[RingExtension]) -> Model:
     """Records (B,) of contact laws (B, 6), each with its extension."""
-    known: dict[int, Floats] = {}
+    rows: list[Floats] = []
+    last = None
     for extension in extensions:
-        if id(extension) not in known:
-            known[id(extension)] = model_of(rig, elevation, extension).view(np.float64)
-    numbers = np.array([known[id(extension)] for extension in extensions])
+        # Neighbours in the contact law share one extension, and stand side by side.
+        if extension is not last:
+            of_extension = model_of(rig, elevation, extension).view(np.float64)
+            last = extension
+        rows.append(of_extension)
+    numbers = np.array(rows)
     first = len(RIG_FIELDS)
     numbers[:, first:first + contacts.shape[1]] = contacts
     return numbers.view(MODEL)[:, 0]
