@@ -60,7 +60,7 @@ def summary(outcome: Outcome) -> str:
         headline,
         parameter_words,
     )
-    from saddlering_ros.rig.quantities import percent
+    from saddlering_ros.quantities import percent
 
     verdict = outcome.verdict
     lines = ['', f'Verdict: {verdict["verdict"]}. {headline(verdict)}']

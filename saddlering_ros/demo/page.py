@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from saddlering_ros.demo import figures
 from saddlering_ros.demo.story import Outcome
+from saddlering_ros.quantities import percent
 from saddlering_ros.report import background, chapters, html
 from saddlering_ros.report.background import quality_of
 from saddlering_ros.report.html import Cell, number
-from saddlering_ros.rig.quantities import percent
 
 FOUND_BY = ('The result of /identify_ring, before the diagnosis. The missing cause biases these '
             'contact parameters.')

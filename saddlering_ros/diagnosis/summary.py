@@ -14,8 +14,8 @@ from saddlering_ros.diagnosis.wording import (
     WORDS,
 )
 from saddlering_ros.estimation.identifiability import undetermined_words
+from saddlering_ros.quantities import percent, probability, quantity
 from saddlering_ros.rig import PARAMETER_NAMES, PARAMETER_UNITS, stiffness_per_millimetre
-from saddlering_ros.rig.quantities import percent, probability, quantity
 
 
 def verdict_text(verdict: Verdict) -> str:

@@ -14,7 +14,7 @@ from saddlering_ros.diagnosis.contract import (
     VerdictDocument,
 )
 from saddlering_ros.effects import catalogue
-from saddlering_ros.rig.quantities import percent, quantity, signed_percent
+from saddlering_ros.quantities import percent, quantity, signed_percent
 from saddlering_ros.thresholds import CHANCE, MATERIAL
 
 Document = VerdictDocument

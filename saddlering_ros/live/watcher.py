@@ -32,6 +32,7 @@ from saddlering_ros.live.alarms import alarm_as_page, with_link
 from saddlering_ros.live.commands import Commands
 from saddlering_ros.live.gauges import Gauges
 from saddlering_ros.live.traces import Traces
+from saddlering_ros.quantities import quantity
 from saddlering_ros.rig import (
     CHANNELS,
     PARAMETER_NAMES,
@@ -39,7 +40,6 @@ from saddlering_ros.rig import (
     stiffness_per_millimetre,
     TONNE,
 )
-from saddlering_ros.rig.quantities import quantity
 from saddlering_ros.ros.conversions import parameters_from_message
 from saddlering_ros.ros.lockstep import to_stamp
 from saddlering_ros.ros.names import (

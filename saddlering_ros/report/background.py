@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 
 from saddlering_ros.bags import displacement_of_run, TestRun
 from saddlering_ros.bags.scatter import white_noise
+from saddlering_ros.quantities import percent, quantity
 from saddlering_ros.report import html
 from saddlering_ros.report.html import Cell, number
 from saddlering_ros.report.style import SYMBOLS
 from saddlering_ros.rig import CHANNELS, FORCE_UNITS, force_words, PARAMETER_NAMES, Rig
-from saddlering_ros.rig.quantities import percent, quantity
 from saddlering_ros.thresholds import allowed_misfit
 
 Array = NDArray[np.float64]

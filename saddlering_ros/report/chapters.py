@@ -34,13 +34,13 @@ from saddlering_ros.diagnosis.wording import (
 )
 from saddlering_ros.effects import catalogue
 from saddlering_ros.identification.summary import INTERVALS
+from saddlering_ros.quantities import percent, probability, quantity, superscript
 from saddlering_ros.report import figures, html
 from saddlering_ros.report.background import correlation
 from saddlering_ros.report.curves import Array, RunCurves
 from saddlering_ros.report.html import Cell, code, number
 from saddlering_ros.report.style import SYMBOLS
 from saddlering_ros.rig import CHANNELS, PARAMETER_NAMES, PARAMETER_UNITS, stiffness_per_millimetre
-from saddlering_ros.rig.quantities import percent, probability, quantity, superscript
 from saddlering_ros.thresholds import allowed_misfit, is_left
 
 CANDIDATES_SHOWN = 12

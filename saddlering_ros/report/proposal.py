@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 
 from saddlering_ros.diagnosis.contract import VerdictDocument
+from saddlering_ros.quantities import percent, quantity
 from saddlering_ros.report import html
 from saddlering_ros.report.charts import Chart, line, Panel
 from saddlering_ros.report.html import Cell, code, number
 from saddlering_ros.report.style import AFTER, MICRO, MICRO_UNITS
-from saddlering_ros.rig.quantities import percent, quantity
 
 SCALES = {'N': (1e-3, 'kN'), 'N/s': (1e-3, 'kN/s'), 's': (1.0, 's'), '1': (1.0, '')}
 """Factor and unit of a coordinate on screens."""

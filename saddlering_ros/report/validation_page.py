@@ -11,6 +11,7 @@ import numpy as np
 from saddlering_ros.bags import TestRun
 from saddlering_ros.identification.criteria import judge
 from saddlering_ros.identification.validation import ChannelFigures, RunValidation, Validation
+from saddlering_ros.quantities import percent, quantity
 from saddlering_ros.report import background, chapters, html
 from saddlering_ros.report.background import correlation, quality_of
 from saddlering_ros.report.curves import curves_of_run, RunCurves
@@ -27,7 +28,6 @@ from saddlering_ros.rig import (
     stiffness_per_millimetre,
     write_text_atomically,
 )
-from saddlering_ros.rig.quantities import percent, quantity
 from saddlering_ros.thresholds import allowed_misfit
 
 OF_NOISE = ('Where no cause is in the model, standard deviations of a parameter file count noise '

@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from saddlering_ros.rig.quantities import percent, probability, quantity
+from saddlering_ros.quantities import percent, probability, quantity
 
 
 @pytest.mark.parametrize(('value', 'unit', 'std', 'shown'), [
