@@ -57,11 +57,13 @@ def condensed(run: TestRun, rig: Rig) -> TestRun:
 
 
 def _sound_load(run: TestRun, samples: slice) -> Floats:
-    load = run.load[samples]
-    if run.spikes is None or not run.spikes[0, samples].any():
-        return load
-    struck, time = run.spikes[0, samples], run.time[samples]
-    if struck.all():
+    load, time = run.load[samples], run.time[samples]
+    struck = np.zeros(len(load), dtype=bool)
+    if run.spikes is not None:
+        struck |= run.spikes[0, samples]
+    if run.node_rows is not None:
+        struck |= run.node_rows.load_doubtful[samples]
+    if not struck.any() or struck.all():
         return load
     load = load.copy()
     load[struck] = np.interp(time[struck], time[~struck], load[~struck])
@@ -77,7 +79,8 @@ def _sound_gaps(run: TestRun, rig: Rig, probe: int, samples: slice) -> Floats:
     if run.spikes is not None:
         gaps[run.spikes[1 + probe, samples]] = np.nan
     if run.node_rows is not None:
-        gaps[run.node_rows.bridged[samples]] = np.nan
+        rows = run.node_rows
+        gaps[rows.bridged[samples] | rows.load_doubtful[samples]] = np.nan
     return gaps
 
 

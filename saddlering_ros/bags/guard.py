@@ -13,19 +13,26 @@ that hear the same samples refuse the same ones.
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 import math
 
 import numpy as np
 from numpy.typing import NDArray
 
-from saddlering_ros.bags.alignment import GAP_HISTORY, gap_limit, JITTER_NS
+from saddlering_ros.bags.alignment import GAP_HISTORY, gap_limit, JITTER_NS, LEAP_NS
 from saddlering_ros.bags.scratch import blocks, scratch_array
-from saddlering_ros.bags.validity import BRIDGED
+from saddlering_ros.bags.validity import BRIDGED, DOUBTFUL_LOAD
 from saddlering_ros.rig import Rig
 
 MAX_OVERLOAD = 1.5
 """A load beyond this share of full scale is no load of the cylinder."""
+
+MAX_PULL = 0.1
+"""The cylinder pushes: a load further below zero than this share of full scale is none."""
+
+STEP_SHARE = 0.1
+"""A step of the load by more than this share of full scale, beyond what the hydraulics can make
+meanwhile, makes the load behind it doubtful."""
 
 NOISE_SHARE = 0.01
 """Noise as a share of full scale, or of a probe's span, that is no leap at any rate."""
@@ -58,20 +65,22 @@ class Samples:
 class Limits:
     """Range of a possible reading: low to high.
 
-    rate [1/s], noise: a change by more than noise + rate * dt is a leap.
+    rate [1/s], noise: a change by more than noise + rate * dt is a leap. step: one that stays, and
+    is larger than step + rate * dt, makes the readings behind it doubtful.
     """
 
     low: float
     high: float
     rate: float = math.inf
     noise: float = math.inf
+    step: float = math.inf
 
 
 def load_limits(rig: Rig) -> Limits:
     """Limits of the cylinder's load [N]."""
     full = rig.full_scale_load
-    return Limits(-MAX_OVERLOAD * full, MAX_OVERLOAD * full, full / rig.full_scale_time,
-                  NOISE_SHARE * full)
+    return Limits(-MAX_PULL * full, MAX_OVERLOAD * full, full / rig.full_scale_time,
+                  NOISE_SHARE * full, STEP_SHARE * full)
 
 
 def probe_limits(rig: Rig) -> Limits:
@@ -86,10 +95,11 @@ def probe_limits(rig: Rig) -> Limits:
 
 @dataclass
 class GuardCounters:
-    """Samples refused, by reason.
+    """Samples refused, by reason, and those that are given out as doubtful.
 
     without_stamp: the stamp is 0 or less; not_finite; impossible: beyond the limits;
-    leaps_of_stamp, leaps_of_reading: one sample away from those before and after.
+    leaps_of_stamp, leaps_of_reading: one sample away from those before and after;
+    doubtful_load: behind a step that the hydraulics cannot make.
     """
 
     without_stamp: int = 0
@@ -97,10 +107,49 @@ class GuardCounters:
     impossible: int = 0
     leaps_of_stamp: int = 0
     leaps_of_reading: int = 0
+    doubtful_load: int = 0
 
     def as_dict(self) -> dict[str, int]:
         """Every counter by name."""
-        return {field.name: getattr(self, field.name) for field in fields(self)}
+        return {one.name: getattr(self, one.name) for one in fields(self)}
+
+    @property
+    def refused(self) -> dict[str, int]:
+        """The counters of refused samples by name, those above zero."""
+        return {name: count for name, count in self.as_dict().items()
+                if count and name != 'doubtful_load'}
+
+
+@dataclass
+class Steps:
+    """Stretches behind steps of the load that the hydraulics cannot make.
+
+    offset [N]: sum of these steps, while it is not back at zero; since [ns]: the last stamp before
+    the first of them; over: pairs of that stamp and of the first one after the way back.
+    """
+
+    offset: float = 0.0
+    since: int | None = None
+    over: list[tuple[int, int]] = field(default_factory=list)
+
+    def add(self, before: int, stamp: int, change: float, tolerance: float) -> None:
+        """A step from the stamp `before` to `stamp`; it leads back to within a tolerance."""
+        self.offset += change
+        if self.since is None:
+            self.since = before
+        elif abs(self.offset) <= tolerance:
+            self.end(stamp)
+
+    def end(self, stamp: int) -> None:
+        """The readings from `stamp` on are no longer doubtful."""
+        if self.since is not None:
+            self.over.append((self.since, stamp))
+        self.offset, self.since = 0.0, None
+
+    def stretches(self) -> list[tuple[int, int]]:
+        """All stretches (last sound stamp, first sound stamp again) in order of time."""
+        still = [] if self.since is None else [(self.since, np.iinfo(np.int64).max)]
+        return [*self.over, *still]
 
 
 class SampleGuard:
@@ -112,6 +161,7 @@ class SampleGuard:
         self.counters = counters or GuardCounters()
         self._remembered = remembered
         self._bridges: list[tuple[int, int]] = []
+        self._doubtful = Steps()
         self._refused_since: int | None = None
         self._steps: deque[int] = deque(maxlen=GAP_HISTORY)
         self._last: tuple[int, float] | None = None
@@ -121,6 +171,14 @@ class SampleGuard:
     def bridges(self) -> list[tuple[int, int]]:
         """Stamps [ns] of the sound readings about each that was refused, not yet passed."""
         return self._bridges
+
+    @property
+    def doubtful(self) -> list[tuple[int, int]]:
+        """Stamps [ns] of the sound readings about each stretch of doubtful load, not yet passed.
+
+        The last stretch may go on: then it ends at the largest number.
+        """
+        return self._doubtful.stretches()
 
     @property
     def holds(self) -> bool:
@@ -133,6 +191,7 @@ class SampleGuard:
             return samples
         if len(samples) > FEW and self._is_plain(samples):
             self._remember(samples)
+            self._count_doubtful(len(samples))
             return samples
         if len(samples) > SHORT:
             half = len(samples) // 2
@@ -160,16 +219,19 @@ class SampleGuard:
         """BRIDGED at those `stamps` (N,), in order, that a refused reading would have reached.
 
         They lie between the sound readings before and after it; with `to_next`, the stamp of the
-        one after it counts as well. A stretch that later stamps may lie in is remembered for the
-        next call.
+        one after it counts as well. DOUBTFUL_LOAD is added at stamps of doubtful loads. A stretch
+        that later stamps may lie in is remembered for the next call.
         """
         marks = np.zeros(len(stamps), np.uint8)
-        if not len(stamps) or not self._bridges:
+        if not len(stamps):
             return marks
-        for first, last in self._bridges:
-            marks[(stamps > first) & (stamps < last + to_next)] = BRIDGED
         newest = int(stamps[-1])
+        for first, last in self._bridges:
+            marks[(stamps > first) & (stamps < last + to_next)] |= BRIDGED
         self._bridges = [bridge for bridge in self._bridges if bridge[1] > newest]
+        for first, last in self.doubtful:
+            marks[(stamps > first) & (stamps < last)] |= DOUBTFUL_LOAD
+        self._doubtful.over = [one for one in self._doubtful.over if one[1] > newest]
         return marks
 
     def _is_plain(self, samples: Samples) -> bool:
@@ -227,8 +289,22 @@ class SampleGuard:
         if self._goes_on(self._last, sample) and not self._between(held, sample):
             self._refuse(held)
             return self._accept(sample)
+        self._step_to(held)
         due = self._accept(held)
         return due + self._judge(sample)
+
+    def _step_to(self, held: tuple[int, float]) -> None:
+        """The held sample begins another level; note a step that the hydraulics cannot make."""
+        if self._last is None or not self._follows(self._last[0], held[0]):
+            return
+        change, elapsed = held[1] - self._last[1], abs(held[0] - self._last[0]) * 1e-9
+        tolerance = self.limits.step + self.limits.rate * elapsed
+        if abs(change) > tolerance:
+            self._doubtful.add(self._last[0], held[0], change, tolerance)
+
+    def _count_doubtful(self, count: int) -> None:
+        if self._doubtful.since is not None:
+            self.counters.doubtful_load += count
 
     def _goes_on(self, last: tuple[int, float] | None, sample: tuple[int, float]) -> bool:
         if last is None:
@@ -267,13 +343,17 @@ class SampleGuard:
             if step < -JITTER_NS:
                 self._steps.clear()
                 self._bridges.clear()
+                self._doubtful = Steps()
                 self._refused_since = None
             elif step > 0:
+                if step > LEAP_NS:  # another test begins
+                    self._doubtful.end(sample[0])
                 self._steps.append(step)
                 self._bridge_to(sample[0])
         if self._last is None or sample[0] > self._last[0] or (
                 sample[0] < self._last[0] - JITTER_NS):
             self._last = sample
+        self._count_doubtful(1)
         return [sample]
 
     def _bridge_to(self, stamp: int) -> None:
@@ -292,12 +372,14 @@ class SampleGuard:
 class SoundSamples:
     """The sound ones of a whole record's samples, in order of their stamps.
 
-    counters: the others, by reason; bridges (M, 2) [ns]: the sound stamps about each refused one.
+    counters: the others, by reason; bridges (M, 2) [ns]: the sound stamps about each refused one;
+    steps (K, 2) [ns]: the sound stamps about each stretch of doubtful load.
     """
 
     samples: Samples
     counters: GuardCounters
     bridges: NDArray[np.int64]
+    steps: NDArray[np.int64]
 
     def bridged(self, stamps: NDArray[np.int64], *, to_next: bool = False) -> NDArray[np.bool_]:
         """Which of the `stamps` (N,) `SampleGuard.marks` would mark."""
@@ -305,6 +387,13 @@ class SoundSamples:
         for first, last in self.bridges.tolist():
             found[np.searchsorted(stamps, first, 'right'):
                   np.searchsorted(stamps, last, 'right' if to_next else 'left')] = True
+        return found
+
+    def doubtful(self, stamps: NDArray[np.int64]) -> NDArray[np.bool_]:
+        """Which of the load's `stamps` (N,) lie in a stretch of doubtful load."""
+        found = np.zeros(len(stamps), dtype=bool)
+        for first, last in self.steps.tolist():
+            found[np.searchsorted(stamps, first, 'right'):np.searchsorted(stamps, last)] = True
         return found
 
 
@@ -316,10 +405,11 @@ def sound_samples(
     passed = sum(len(guard.push(Samples(stamps[part], values[part])))
                  for part in blocks(len(stamps), stamps, values))
     passed += len(guard.flush())
-    bridges = np.array(guard.bridges, np.int64).reshape(-1, 2)
-    if passed == len(stamps):
-        return SoundSamples(Samples(stamps, values), guard.counters, bridges)
-    return SoundSamples(_passed(limits, stamps, values, passed), guard.counters, bridges)
+    bridges, steps = (np.array(found, np.int64).reshape(-1, 2)
+                      for found in (guard.bridges, guard.doubtful))
+    samples = (Samples(stamps, values) if passed == len(stamps)
+               else _passed(limits, stamps, values, passed))
+    return SoundSamples(samples, guard.counters, bridges, steps)
 
 
 def _passed(

@@ -38,15 +38,27 @@ class GuardedTopic:
     sound: SoundSamples
 
     def notes(self) -> list[str]:
-        """The refused samples, in one line."""
-        counts = {name.replace('_', ' '): count
-                  for name, count in self.sound.counters.as_dict().items() if count}
-        if not counts:
-            return []
-        words = ', '.join(f'{count} {name}' for name, count in counts.items())
-        return [f'{self.topic.topic}: {sum(counts.values())} samples are refused, as live nodes '
+        """The refused and the doubtful samples, a line each."""
+        notes, counts = [], self.sound.counters.refused
+        if counts:
+            words = ', '.join(
+                f'{count} {name.replace("_", " ")}' for name, count in counts.items())
+            notes.append(
+                f'{self.topic.topic}: {sum(counts.values())} samples are refused, as live nodes '
                 f'refuse them ({words}): validity marks what is interpolated across them, and '
-                'identification and diagnosis leave it out']
+                'identification and diagnosis leave it out')
+        if self.doubtful:
+            notes.append(
+                f'{self.topic.topic}: {self.doubtful} samples lie behind a step that the '
+                'hydraulics cannot make in its time (rig.full_scale_time), as when a counter '
+                'rolls over: validity marks what is simulated by them, and identification and '
+                'diagnosis leave it out')
+        return notes
+
+    @property
+    def doubtful(self) -> int:
+        """How many of the samples are doubtful."""
+        return self.sound.counters.doubtful_load
 
 
 def guarded_topics(record: RawRecord, rig: Rig) -> list[GuardedTopic]:
@@ -61,7 +73,8 @@ def _guarded(record: RawRecord, raw: RawTopic, limits: Limits, rig: Rig) -> Guar
     check_values(where, raw.stamps, raw.values)
     sound = sound_samples(limits, raw.stamps, raw.values)
     refused = len(raw) - len(sound.samples)
-    many = refused > MAX_REFUSED_SHARE * len(raw)
+    wrong = refused + sound.counters.doubtful_load
+    many = wrong > MAX_REFUSED_SHARE * len(raw)
     judged = raw.values if many or not refused else sound.samples.values
     if raw.topic == LOAD_TOPIC:
         check_load_unit(where, judged, rig.limits)
@@ -69,7 +82,7 @@ def _guarded(record: RawRecord, raw: RawTopic, limits: Limits, rig: Rig) -> Guar
         check_probe_unit(where, judged, raw.min_range, raw.max_range)
     if many:
         raise BagError(
-            f'{where}: {refused} of {len(raw)} readings cannot be those of this rig (from '
+            f'{where}: {wrong} of {len(raw)} readings cannot be those of this rig (from '
             f'{limits.low:.4g} to {limits.high:.4g}, or change faster than rig.full_scale_time '
             'allows): correct the rig file, or see to the sensor')
     if not refused:
@@ -97,11 +110,13 @@ def node_rows(guarded: list[GuardedTopic], gaps: NDArray[np.float64]) -> NodeRow
     load, *probes = guarded
     stamps = load.topic.stamps
     degraded = degraded_rows(stamps, [one.topic.stamps for one in probes], gaps)
-    if not len(degraded) and not any(len(one.sound.bridges) for one in guarded):
+    marked = any(len(one.sound.bridges) + len(one.sound.steps) for one in guarded)
+    if not len(degraded) and not marked:
         return None
     given = complete_rows(gaps)
     given[degraded] = True
     bridged = np.zeros(len(stamps), dtype=bool)
     for one in probes:
         bridged |= one.sound.bridged(stamps)
-    return NodeRows(given, bridged, load.sound.bridged(stamps, to_next=True))
+    return NodeRows(given, bridged, load.sound.bridged(stamps, to_next=True),
+                    load.sound.doubtful(stamps))

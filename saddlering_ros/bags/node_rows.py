@@ -26,12 +26,13 @@ class NodeRows:
 
     given: at which ring_displacement publishes; bridged: at which a probe's reading is
     interpolated across a refused one; load_bridged: between which and the stamp before it a load
-    was refused.
+    was refused; load_doubtful: at which the load came in a step that the hydraulics cannot make.
     """
 
     given: Mask
     bridged: Mask
     load_bridged: Mask
+    load_doubtful: Mask
 
 
 def complete_rows(gaps: NDArray[np.float64]) -> Mask:

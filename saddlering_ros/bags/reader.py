@@ -141,17 +141,22 @@ class TestRun:
     def without_spikes(self) -> TestRun:
         """The same with sound readings only: NaN in the gaps, a straight line in the load.
 
-        Left out are spikes, and what is interpolated across a refused reading. Rows that lack a
-        probe are not complete.
+        Left out are spikes, what is interpolated across a refused reading, and what lies beside
+        a doubtful load. Rows that lack a probe are not complete.
         """
         gaps, load = self.gaps, self.load
-        if self.node_rows is not None and self.node_rows.bridged.any():
-            gaps = np.where(self.node_rows.bridged, np.nan, gaps)
+        wrong_load = np.zeros(len(load), dtype=bool)
+        if self.node_rows is not None:
+            wrong_load |= self.node_rows.load_doubtful
+            wrong_gaps = self.node_rows.bridged | wrong_load
+            gaps = np.where(wrong_gaps, np.nan, gaps) if wrong_gaps.any() else gaps
         if self.spikes is not None and self.spikes.any():
-            struck = self.spikes[0]
-            load = load.copy()
-            load[struck] = np.interp(self.time[struck], self.time[~struck], load[~struck])
+            wrong_load |= self.spikes[0]
             gaps = np.where(self.spikes[1:], np.nan, gaps)
+        if wrong_load.any() and not wrong_load.all():
+            load = load.copy()
+            load[wrong_load] = np.interp(
+                self.time[wrong_load], self.time[~wrong_load], load[~wrong_load])
         if gaps is self.gaps and self.node_rows is None:
             return self
         return replace(self, load=load, gaps=gaps, spikes=None, node_rows=None)

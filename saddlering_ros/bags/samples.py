@@ -16,7 +16,7 @@ from saddlering_ros.bags.measured import given_of, MeasuredRun, validity_of
 from saddlering_ros.bags.reader import TestRun
 from saddlering_ros.bags.scan import OnShare
 from saddlering_ros.bags.scratch import blocks
-from saddlering_ros.bags.validity import BRIDGED, is_published, NOT_KNOWN
+from saddlering_ros.bags.validity import BRIDGED, DOUBTFUL_LOAD, is_published, NOT_KNOWN
 from saddlering_ros.provenance import Provenance
 from saddlering_ros.rig import (
     CHANNELS,
@@ -106,7 +106,7 @@ class SamplesSummary:
 
     count: of samples; lowest, highest, last, at_peak: of each column by name, the last two at the
     last sample and where the load is highest, NaN where not known; validity: how many samples are
-    sound, lack a channel, or were interpolated across a refused reading.
+    sound, lack a channel, were interpolated across a refused reading, or go by a doubtful load.
     """
 
     count: int = 0
@@ -138,7 +138,7 @@ class SamplesSummary:
     def _count_validity(self, marks: NDArray[np.uint8]) -> None:
         found = {'sound': marks == 0,
                  **{f'without {name}': marks & bit > 0 for name, bit in NOT_KNOWN.items()},
-                 'bridged': marks & BRIDGED > 0}
+                 'bridged': marks & BRIDGED > 0, 'by a doubtful load': marks & DOUBTFUL_LOAD > 0}
         for words, mask in found.items():
             self.validity[words] = self.validity.get(words, 0) + int(np.count_nonzero(mask))
 

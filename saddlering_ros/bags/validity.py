@@ -13,6 +13,9 @@ NOT_KNOWN = dict(zip(CHANNELS, (1, 2, 4, 8), strict=True))
 BRIDGED = 16
 """Bit of a result that was interpolated across a reading that was refused."""
 
+DOUBTFUL_LOAD = 32
+"""Bit of a simulation by a load that came there in a step that the hydraulics cannot make."""
+
 
 def unknown(channels: NDArray[np.float64]) -> NDArray[np.uint8]:
     """Bits (N,) for the channels (4, N) that are NaN."""

@@ -12,7 +12,7 @@ from saddlering_ros.bags.measured import zero_of_run
 from saddlering_ros.bags.samples import DisplacementSamples, measured_rows
 from saddlering_ros.bags.scan import OnShare
 from saddlering_ros.bags.scratch import BLOCK, forget
-from saddlering_ros.bags.validity import BRIDGED
+from saddlering_ros.bags.validity import BRIDGED, DOUBTFUL_LOAD
 from saddlering_ros.rig import CHANNELS, Displacement, ParameterSet, Rig, ZeroReading
 from saddlering_ros.ring import SimulationError
 from saddlering_ros.ring.simulator import simulate_in_blocks, SimulatedRun
@@ -78,11 +78,12 @@ def _stretches(
 
 def _samples(run: TestRun, simulated: SimulatedRun) -> DisplacementSamples:
     rows = slice(simulated.first, simulated.first + len(simulated.time))
-    bridged = (np.zeros(len(simulated.time), bool) if run.node_rows is None
-               else run.node_rows.load_bridged[rows])
+    validity = np.zeros(len(simulated.time), np.uint8)
+    if run.node_rows is not None:
+        validity[run.node_rows.load_bridged[rows]] |= BRIDGED
+        validity[run.node_rows.load_doubtful[rows]] |= DOUBTFUL_LOAD
     return DisplacementSamples(
-        run.stamps[rows], simulated.time, run.load[rows], simulated.displacement,
-        np.where(bridged, BRIDGED, 0).astype(np.uint8))
+        run.stamps[rows], simulated.time, run.load[rows], simulated.displacement, validity)
 
 
 def _difference(

@@ -26,7 +26,7 @@ from saddlering_interfaces.msg import ReplayState, RingAlarm, RingDisplacement, 
 from saddlering_ros.bags.cdr import CdrError
 from saddlering_ros.bags.scatter import white_noise
 from saddlering_ros.bags.topics import ELEVATION, LOAD, PROBES, RigTopic
-from saddlering_ros.bags.validity import BRIDGED, NOT_KNOWN
+from saddlering_ros.bags.validity import BRIDGED, DOUBTFUL_LOAD, NOT_KNOWN
 from saddlering_ros.errors import SaddleringError
 from saddlering_ros.live.alarms import alarm_as_page, with_link
 from saddlering_ros.live.commands import Commands
@@ -323,6 +323,8 @@ def doubt_words(validity: NDArray[np.uint8]) -> str:
     words = [f'not known: {", ".join(missing)}'] if missing else []
     if (validity & BRIDGED).any():
         words.append('interpolated across a refused reading')
+    if (validity & DOUBTFUL_LOAD).any():
+        words.append('by a doubtful load')
     return '; '.join(words)
 
 

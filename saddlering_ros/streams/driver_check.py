@@ -206,7 +206,7 @@ def _values(found: _Findings, rig: Rig, topic: RigTopic, one: HeardTopic) -> Non
     guard = SampleGuard(load_limits(rig) if topic is LOAD else probe_limits(rig))
     guard.push(Samples(one.stamps, one.values))
     counts = guard.counters
-    impossible = counts.impossible + counts.leaps_of_reading
+    impossible = counts.impossible + counts.leaps_of_reading + counts.doubtful_load
     if impossible and not _in_other_unit(found, rig, topic, values):
         found.fault(topic.name, f'{impossible} readings that this rig cannot have (from '
                     f'{values.min():.4g} to {values.max():.4g} {topic.unit}): the nodes refuse '
@@ -270,6 +270,8 @@ def _load(found: _Findings, rig: Rig, one: HeardTopic) -> None:
     if not len(values):
         return
     low, high = float(values.min()), float(values.max())
+    if low < load_limits(rig).low:
+        return  # these readings are refused, which is a finding already
     if low < -rig.limits.negative_max:
         found.fault(LOAD_TOPIC, f'the load falls to {low:.4g} N: publish a pushing load as '
                     'positive, and zero the load cell')

@@ -14,12 +14,21 @@ from saddlering_ros.bags import displacement_of_run, read_raw, read_run
 from saddlering_ros.bags.guard import Samples
 from saddlering_ros.bags.samples import measured_samples
 from saddlering_ros.bags.topics import LOAD_TOPIC, PROBE_TOPICS
-from saddlering_ros.bags.validity import BRIDGED
+from saddlering_ros.bags.validity import BRIDGED, DOUBTFUL_LOAD
 from saddlering_ros.cli.main import main
-from saddlering_ros.rig import CHANNELS, default_rig, load_rig, TONNE
+from saddlering_ros.rig import (
+    CHANNELS,
+    default_rig,
+    load_rig,
+    ParameterSet,
+    TONNE,
+    TRUE_TO_SCALE,
+    write_parameters,
+)
 from saddlering_ros.rig.errors import RigError
 from saddlering_ros.streams.batches import join
 from saddlering_ros.streams.displacement import DisplacementStream
+from saddlering_ros.streams.simulation import SimulationStream
 
 RIG = default_rig()
 NO_DELTA_Y, NO_GAMMA = 2, 4
@@ -98,6 +107,28 @@ def test_commands_print_what_is_not_known_and_write_it_as_such(
     document = json.loads((tmp_path / 'out.json').read_text())
     assert document['channels']['delta_y']['last'] is None
     assert document['validity']['without delta_y'] == sum(row.endswith(',6') for row in rows)
+
+
+@pytest.mark.parametrize('width', [0.6, 2.2])
+def test_a_load_that_rolls_over_costs_the_same_live_and_offline(
+        long_recording, tmp_path: Path, capsys, width: float) -> None:
+    values = long_recording.values[LOAD_TOPIC].copy()
+    values[1500:1600] -= width * RIG.full_scale_load
+    bag = long_recording.changed(LOAD_TOPIC, values=values).write(tmp_path / 'bag')
+    assert_equal_live_and_offline(bag)
+    stream = SimulationStream(RIG, ParameterSet(TRUE_TO_SCALE), np.radians(50.0))
+    raw = read_raw(bag)[LOAD_TOPIC]
+    live_rows = stream.push(Samples(raw.stamps, raw.values))
+    write_parameters(tmp_path / 'p.yaml', ParameterSet(TRUE_TO_SCALE))
+    assert main(['simulate', str(bag), '--params', str(tmp_path / 'p.yaml'),
+                 '--out', str(tmp_path / 'out.csv')]) == 0
+    assert ('rolls over' in capsys.readouterr().out) == (width < 1.0)
+    rows = (tmp_path / 'out.csv').read_text().splitlines()[1:]
+    offline = np.array([int(row.rpartition(',')[2]) for row in rows])
+    assert np.array_equal(offline, live_rows.validity)
+    assert np.count_nonzero(offline == DOUBTFUL_LOAD) == (100 if width < 1.0 else 0)
+    run = read_run(bag).without_spikes()
+    assert run.load.min() > -1e4, 'the fits go across it'
 
 
 def test_sound_rows_alone_are_identified_from(long_recording, tmp_path: Path) -> None:

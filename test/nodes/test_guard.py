@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from saddlering_ros.bags.guard import load_limits, probe_limits, SampleGuard
-from saddlering_ros.bags.validity import BRIDGED
+from saddlering_ros.bags.validity import BRIDGED, DOUBTFUL_LOAD
 from saddlering_ros.rig import default_rig, ParameterSet, TRUE_TO_SCALE
 from saddlering_ros.streams.batches import join, Samples
 from saddlering_ros.streams.displacement import DisplacementStream
@@ -99,6 +99,53 @@ def test_one_bad_load_leaves_the_simulation_within_a_micrometre(record, changes)
     assert len(other) == len(whole) - 1
     _, ours, theirs = np.intersect1d(whole.stamps, other.stamps, return_indices=True)
     assert np.abs(whole.channels[:, ours] - other.channels[:, theirs]).max() < 1e-6
+
+
+def rolled_over(load: np.ndarray, rows: slice, width: float) -> np.ndarray:
+    """Readings of a counter that is `width` [N] too narrow in some rows."""
+    found = load.copy()
+    found[rows] -= width
+    return found
+
+
+@pytest.mark.parametrize('pace', [1, 40, 3000])
+@pytest.mark.parametrize(('width', 'name'), [
+    (2.2 * RIG.full_scale_load, 'impossible'), (0.5 * RIG.full_scale_load, 'doubtful_load')])
+def test_a_load_that_rolls_over_is_refused_or_doubtful_until_it_comes_back(
+        width: float, name: str, pace: int) -> None:
+    stamps = START + MS * np.arange(3000)
+    load = 0.9 * RIG.full_scale_load * np.sin(np.pi * np.arange(3000) / 3000.0)
+    rows = slice(1200, 1800)
+    guard = SampleGuard(load_limits(RIG))
+    found = dict(through(guard, stamps, rolled_over(load, rows, width), pace))
+    marked = stamps[guard.marks(stamps) == DOUBTFUL_LOAD]
+    assert {key: count for key, count in guard.counters.as_dict().items() if count} == {name: 600}
+    outside = np.delete(np.arange(3000), rows)
+    assert all(found[int(stamps[row])] == load[row] for row in outside)
+    if name == 'impossible':
+        assert len(found) == 2400
+    else:
+        assert np.array_equal(marked, stamps[rows])
+
+
+def test_a_load_that_stays_away_is_doubtful_up_to_the_next_test() -> None:
+    stamps, values = steady(200)
+    values[50:] = [1e5 - 0.3 * RIG.full_scale_load] * 150
+    stamps[150:] = [stamp + 60 * 10**9 for stamp in stamps[150:]]
+    guard = SampleGuard(load_limits(RIG))
+    assert through(guard, stamps, values) == list(zip(stamps, values, strict=True))
+    marked = guard.marks(np.asarray(stamps, np.int64)) == DOUBTFUL_LOAD
+    assert np.flatnonzero(marked).tolist() == list(range(50, 150))
+
+
+def test_a_simulation_by_a_doubtful_load_is_marked(record) -> None:
+    load = rolled_over(record.load, slice(900, 1000), 0.4 * RIG.full_scale_load)
+    stream = SimulationStream(RIG, ParameterSet(TRUE_TO_SCALE), np.radians(50.0))
+    found = join([stream.push(Samples(record.stamps[start:start + 40], load[start:start + 40]))
+                  for start in range(0, len(load), 40)])
+    marked = found.stamps[found.validity == DOUBTFUL_LOAD]
+    assert np.array_equal(marked, record.stamps[900:1000])
+    assert stream.guard.counters.doubtful_load == 100
 
 
 @pytest.mark.parametrize('stamp', [0, START + 60 * 10**9, 4 * 10**18])
