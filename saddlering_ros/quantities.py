@@ -1,4 +1,7 @@
-"""Numbers as a person reads them: prefixes, as many digits as the error leaves, percentages."""
+"""Numbers as a person reads them: prefixes, as many digits as the error leaves, percentages.
+
+Console, report, live page and messages print their numbers with these functions.
+"""
 
 from __future__ import annotations
 
@@ -12,13 +15,38 @@ MIN_SHARE = 1e-5
 """Smallest share that is printed."""
 
 
-def quantity(value: float | None, unit: str = '', std: float | None = None) -> str:
-    """'9.04 ± 0.03 kN'; a value without error (None or 0) has three digits, none is a dash."""
+def quantity(
+    value: float | None, unit: str = '', std: float | None = None, digits: int = 3,
+) -> str:
+    """'9.04 ± 0.03 kN'; a value without error (None or 0) has `digits`, no value is a dash."""
     if value is None or not math.isfinite(value):
         return '–'
     factor, shown = _scale(value, std, unit)
-    text = _with_error(value / factor, None if not std else std / factor)
+    text = _with_error(value / factor, None if not std else std / factor, digits)
     return f'{text} {shown}'.strip()
+
+
+def signed(value: float, unit: str = '') -> str:
+    """A value with its sign: '+3.20 µm'."""
+    return ('+' if value > 0.0 else '') + quantity(value, unit)
+
+
+def compact(value: float | None, digits: int = 3) -> str:
+    """A number without closing zeros: '0.5', '2000'; from a million on as '2 × 10⁷'."""
+    if value is None or not math.isfinite(value):
+        return '–'
+    text = f'{float(f"{value:.{digits}g}"):g}'
+    mantissa, _, power = text.partition('e')
+    return f'{mantissa} × 10{superscript(int(power))}' if power else text
+
+
+def span(low: float, high: float, unit: str = '') -> str:
+    """'(1.27 to 1.33) × 10⁸ N/m^n': two numbers with one power of ten."""
+    size = max(abs(low), abs(high))
+    power = math.floor(math.log10(size)) if size and not 1e-2 <= size < 1e4 else 0
+    words = f'{low / 10.0**power:.4g} to {high / 10.0**power:.4g}'
+    text = f'({words}) × 10{superscript(power)}' if power else words
+    return text if unit in PLAIN else f'{text} {unit}'
 
 
 def percent(share: float | None, digits: int = 2) -> str:
@@ -33,7 +61,7 @@ def percent(share: float | None, digits: int = 2) -> str:
 def signed_percent(share: float, std: float | None = None, *, is_signed: bool = True) -> str:
     """'+3.0 ± 0.2 %': a share with its error, and with a sign where both signs are possible."""
     sign = '+' if is_signed and share > 0.0 else ''
-    return f'{sign}{_with_error(100.0 * share, None if not std else 100.0 * std)} %'
+    return f'{sign}{_with_error(100.0 * share, None if not std else 100.0 * std, 3)} %'
 
 
 def probability(value: float | None) -> str:
@@ -42,7 +70,7 @@ def probability(value: float | None) -> str:
         return '–'
     if value < 1e-12:
         return '< 10⁻¹²'
-    return f'{value:.2f}' if value >= 0.01 else f'{value:.0e}'
+    return f'{value:.2f}' if value >= 0.01 else compact(value, 1)
 
 
 def superscript(power: int) -> str:
@@ -73,14 +101,14 @@ def _scale(value: float, std: float | None, unit: str) -> tuple[float, str]:
     return (factor, prefix + unit) if size > 0.0 else (1.0, unit)
 
 
-def _with_error(value: float, std: float | None) -> str:
+def _with_error(value: float, std: float | None, digits: int) -> str:
     size = max(abs(value), abs(std or 0.0))
     exponent = 0
     if size >= 1e4 or 0.0 < size < 1e-2:
         exponent = math.floor(math.log10(size))
     value, std = value / 10.0**exponent, None if std is None else std / 10.0**exponent
     if std is None:
-        text = significant(value, 3)
+        text = significant(value, digits)
     else:
         places = min(6, max(0, 1 - math.floor(math.log10(std))))
         text = f'{value:.{places}f} ± {std:.{places}f}'

@@ -29,7 +29,6 @@ from saddlering_ros.rig import (
     read_parameters,
     Rig,
     short_digest,
-    TONNE,
 )
 
 if TYPE_CHECKING:
@@ -88,10 +87,10 @@ class Bag:
     def summary(self) -> str:
         """Test, elevation, length, load and notes in a few lines."""
         run = self.run
+        loads = self.rig.force_range(float(run.load.min()), float(run.load.max()), 2)
         lines = [
             f'{self.name}: {self.test} test at {self.elevation_deg:g} deg, {len(run.time)} load '
-            f'samples over {run.time[-1]:.1f} s, load {run.load.min() / TONNE:.2f} to '
-            f'{run.load.max() / TONNE:.2f} t']
+            f'samples over {run.time[-1]:.1f} s, load {loads}']
         return '\n'.join([*lines, *(f'note: {note}' for note in self.notes)])
 
     def columns(self) -> dict[str, Any]:

@@ -254,7 +254,7 @@ class ValidationResult(Result):
         from saddlering_ros.report.drawing import draw
         from saddlering_ros.report.validation_page import curves_of_validation
 
-        curves = curves_of_validation(self.found, runs_of(self.bags))
+        curves = curves_of_validation(self.found, runs_of(self.bags), self.rig.force_unit)
         static = [item for item in curves if item.test == 'static']
         return Plot(draw(figures.comparison((static or curves)[:3])))
 
@@ -280,7 +280,7 @@ class ValidationResult(Result):
         from saddlering_ros.identification.plots import plot_paths, save_plots
 
         self._spare_inputs(*plot_paths(self.found, Path(folder)))
-        return save_plots(self.found, Path(folder))
+        return save_plots(self.found, Path(folder), self.rig.force_unit)
 
     def _document(self) -> dict[str, Any]:
         return {**self.found.to_json(),

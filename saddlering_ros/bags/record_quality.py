@@ -20,6 +20,7 @@ from saddlering_ros.bags.scratch import (
     spread,
     spread_changes,
 )
+from saddlering_ros.quantities import quantity
 
 Floats = NDArray[np.float64]
 
@@ -436,4 +437,4 @@ def _median(values: Sequence[float]) -> float:
 
 
 def _in_unit(value: float, unit: str) -> str:
-    return f'{value:.3g} N' if unit == 'N' else f'{value * 1e6:.3g} um'
+    return quantity(value, unit)

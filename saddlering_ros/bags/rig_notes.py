@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from saddlering_ros.bags.plateaus import find_holds
 from saddlering_ros.bags.scratch import complete_rows, count_where, extremes
+from saddlering_ros.quantities import quantity
 from saddlering_ros.rig import gap_increment, Rig, zero_of_record
 
 Floats = NDArray[np.float64]
@@ -71,9 +72,9 @@ def parity_notes(rig: Rig, load: Floats, gaps: Floats) -> list[str]:
     spread = float(np.std(parity - start - slope * force, ddof=2))
     if moved < max(PARITY_SHARE * float(np.ptp(means[:4], axis=1).max()), PARITY_ERRORS * spread):
         return []
-    return [f'the parity of probes 1 and 3 follows the load by {moved * 1e6:.2g} um; that of a '
-            'rigid ring is constant: cross-talk, a gain, a bracket or the ring itself (diagnose '
-            'reports which)']
+    return [f'the parity of probes 1 and 3 follows the load by {quantity(moved, "m", digits=2)}; '
+            'that of a rigid ring is constant: cross-talk, a gain, a bracket or the ring itself '
+            '(diagnose reports which)']
 
 
 def line_notes(rig: Rig, seconds: float, load: Floats, gaps: Floats) -> list[str]:
@@ -96,8 +97,9 @@ def line_notes(rig: Rig, seconds: float, load: Floats, gaps: Floats) -> list[str
     noise = float(np.std(np.diff(parity))) / math.sqrt(2.0)
     if power[place] < LINE_RATIO * usual[place - LINE_REACH] or size < noise:
         return []
-    return [f'the parity of probes 1 and 3 oscillates by {size * 1e6:.2g} um at '
-            f'{place / seconds:.3g} Hz, which a rigid ring cannot: mains pickup, a vibration of '
+    return [f'the parity of probes 1 and 3 oscillates by {quantity(size, "m", digits=2)} at '
+            f'{quantity(place / seconds, "Hz")}, which a rigid ring cannot: mains pickup, '
+            'a vibration of '
             'the probes, or one above half the sampling rate that is seen at a wrong frequency '
             '(aliasing): filter before sampling']
 

@@ -18,7 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saddlering_ros.bags.scratch import complete_rows
-from saddlering_ros.rig import gap_increment, resolve_load, Rig, TONNE
+from saddlering_ros.quantities import quantity
+from saddlering_ros.rig import FORCE_UNITS, gap_increment, resolve_load, Rig
 
 Floats = NDArray[np.float64]
 
@@ -55,16 +56,16 @@ def wiring_notes(rig: Rig, elevation: float, load: Floats, gaps: Floats) -> list
     load, gaps = complete_rows(load, gaps)
     if len(load) < STUCK_SAMPLES or float(np.ptp(load)) < MIN_LOAD_SPAN * rig.full_scale_load:
         return []
-    stuck = {probe: note for probe in range(4) if (note := _stuck(probe, load, gaps[probe]))}
+    stuck = {probe: note for probe in range(4) if (note := _stuck(rig, probe, load, gaps[probe]))}
     increments = gap_increment(rig.probes, gaps, gaps[:, 0])
     response = _response(load, increments)
     expected = _expected(rig, elevation)
     dead = {probe: note for probe in range(4)
-            if probe not in stuck and (note := _dead(probe, response, expected))}
+            if probe not in stuck and (note := _dead(rig, probe, response, expected))}
     notes = [*stuck.values(), *dead.values()]
     if notes:
         return notes
-    return _mirrored(increments) or _sides(response, expected)
+    return _mirrored(increments) or _sides(rig, response, expected)
 
 
 def _response(load: Floats, increments: Floats) -> _Response:
@@ -90,7 +91,7 @@ def _clear(expected: Floats) -> NDArray[np.bool_]:
     return np.asarray(np.abs(expected) >= CLEAR_SIDE * largest)
 
 
-def _stuck(probe: int, load: Floats, gap: Floats) -> str:
+def _stuck(rig: Rig, probe: int, load: Floats, gap: Floats) -> str:
     """The longest stretch of equal readings, if much load passes meanwhile."""
     changes = np.flatnonzero(np.diff(gap) != 0.0)
     edges = np.concatenate([[0], changes + 1, [len(gap)]])
@@ -99,18 +100,19 @@ def _stuck(probe: int, load: Floats, gap: Floats) -> str:
     low, high = float(load[first:stop].min()), float(load[first:stop].max())
     if stop - first < STUCK_SAMPLES or high - low < STUCK_LOAD_CHANGE * float(np.ptp(load)):
         return ''
-    return (f'probe {probe + 1} stays at {gap[first] * 1e6:.2f} um '
-            f'while the load changes from {low / TONNE:.2f} to {high / TONNE:.2f} t: it is '
+    return (f'probe {probe + 1} stays at {gap[first] * 1e6:.2f} µm '
+            f'while the load changes from {rig.force_range(low, high, 2)}: the probe is '
             'stuck, or at an end of its range')
 
 
-def _dead(probe: int, response: _Response, expected: Floats) -> str:
+def _dead(rig: Rig, probe: int, response: _Response, expected: Floats) -> str:
     largest = float(response.motion.max())
     if not _clear(expected)[probe] or response.motion[probe] >= DEAD_SHARE * largest:
         return ''
-    return (f'probe {probe + 1} does not follow the load: it moves by '
-            f'{response.motion[probe] * 1e6:.2f} um over {response.span / TONNE:.1f} t, another '
-            f'by {largest * 1e6:.1f} um; check that it is connected and faces the ring')
+    return (f'probe {probe + 1} does not follow the load: its reading changes by '
+            f'{quantity(response.motion[probe], "m")} over {rig.force_words(response.span)}, that '
+            f'of another probe by {quantity(largest, "m")}; check that the probe is connected and '
+            'faces the ring')
 
 
 def _unlikeness(one: Floats, other: Floats) -> float:
@@ -135,15 +137,16 @@ def _mirrored(increments: Floats) -> list[str]:
             f'opposite, are not ({100 * own:.0f} %): channels look swapped']
 
 
-def _sides(response: _Response, expected: Floats) -> list[str]:
+def _sides(rig: Rig, response: _Response, expected: Floats) -> list[str]:
     """Probes that move to the other side than they must."""
     clear = _clear(expected)
     wrong = [probe for probe in range(4)
              if clear[probe] and response.slope[probe] * expected[probe] < 0.0]
     if not wrong:
         return []
+    per_unit = 1e6 * FORCE_UNITS[rig.force_unit]
     slopes = ', '.join(
-        f'{response.slope[probe] * TONNE * 1e6:+.2f} where '
+        f'{response.slope[probe] * per_unit:+.2f} where '
         f'{"+" if expected[probe] > 0 else "-"} is due (probe {probe + 1})' for probe in wrong)
     if len(wrong) == int(clear.sum()):
         guess = ('all probes have the opposite sign: the sign of the load, every polarity, or '
@@ -154,4 +157,4 @@ def _sides(response: _Response, expected: Floats) -> list[str]:
     else:
         names = ' and '.join(str(probe + 1) for probe in wrong)
         guess = f'wrong polarity of probe{"s" * (len(wrong) > 1)} {names} (rig.probes.polarity)'
-    return [f'{guess}: um per t {slopes}']
+    return [f'{guess}: µm per {rig.force_unit} {slopes}']

@@ -15,8 +15,6 @@ if TYPE_CHECKING:
     from saddlering_ros.rig import ZeroReading
 
 PER_MILLION = 1e6
-UNITS = {'delta_x': 'um (1e-6 m)', 'delta_y': 'um (1e-6 m)', 'gamma': 'urad (1e-6 rad)',
-         'parity': 'um (1e-6 m)'}
 
 
 def add_bag_options(parser: argparse.ArgumentParser) -> None:
@@ -152,11 +150,12 @@ def _summary(
     import math
 
     from saddlering_ros.bags.scratch import extremes
+    from saddlering_ros.rig import CHANNELS
 
     channels = {
         name: {'min': _or_none(seen.lowest[name]), 'max': _or_none(seen.highest[name]),
                'last': _or_none(seen.last[name])}
-        for name in UNITS} if seen.count else {}
+        for name in CHANNELS} if seen.count else {}
     return {
         'bag': str(run.path), 'test': run.test, 'elevation_deg': math.degrees(run.elevation),
         'samples': seen.count, 'load_samples': len(run.stamps),
@@ -183,7 +182,7 @@ def _print_summary(
     from rich.table import Table
 
     from saddlering_ros.cli._console import stdout_console
-    from saddlering_ros.rig import load_rig
+    from saddlering_ros.rig import load_rig, MICRO_UNITS
 
     console = stdout_console()
     console.print(
@@ -196,7 +195,7 @@ def _print_summary(
     for title in ('lowest', 'highest', 'at peak load', 'last'):
         table.add_column(title, justify='right')
     table.add_column('unit')
-    for name, unit in UNITS.items():
+    for name, unit in MICRO_UNITS.items():
         if seen.count:
             shown = (seen.lowest, seen.highest, seen.at_peak, seen.last)
             table.add_row(name, *(_shown(of[name] * PER_MILLION) for of in shown), unit)

@@ -96,7 +96,7 @@ def _print_info(info: BagInfo, rig: Rig, is_counted: bool) -> None:
     for title in ('messages', 'rate', 'from', 'to', 'gaps', 'lowest', 'highest'):
         topics.add_column(title, justify='right')
     for topic in info.topics:
-        topics.add_row(*_topic_row(topic))
+        topics.add_row(*_topic_row(topic, rig))
     console.print(topics)
     for problem in info.problems:
         console.print(Text(f'  wrong: {problem}', style='red'))
@@ -112,9 +112,9 @@ def _facts(info: BagInfo, rig: Rig, is_counted: bool) -> list[tuple[str, str]]:
     import math
 
     found = info.facts
-    elevation = 'not said' if found.elevation_deg is None else f'{found.elevation_deg:g} deg'
+    elevation = 'not stated' if found.elevation_deg is None else f'{found.elevation_deg:g} deg'
     low, high = info.load_range
-    rows = [('test', found.test or 'not said'), ('elevation', elevation)]
+    rows = [('test', found.test or 'not stated'), ('elevation', elevation)]
     rows += [(name, value) for name, value in (
         ('rig', found.rig), ('rig hash', found.details.get('rig_hash', '')[:12]),
         ('run', found.run)) if value]
@@ -143,15 +143,15 @@ def _load_range(low: float, high: float, rig: Rig) -> str:
     return f'{words[0]} ({words[1]})'
 
 
-def _topic_row(topic: TopicInfo) -> tuple[str, ...]:
+def _topic_row(topic: TopicInfo, rig: Rig) -> tuple[str, ...]:
     import math
 
     if math.isnan(topic.rate):
         return (topic.topic, topic.type, str(topic.count), *[''] * 6)
     gaps = f'{topic.gaps} (<= {topic.longest_gap:.3f} s)' if topic.gaps else '0'
     if topic.type.startswith('geometry_msgs'):
-        values = [f'{value / 1e3:.3f} kN' for value in (topic.lowest, topic.highest)]
+        values = [rig.force_words(value, 3) for value in (topic.lowest, topic.highest)]
     else:
-        values = [f'{value * 1e6:.2f} um' for value in (topic.lowest, topic.highest)]
+        values = [f'{value * 1e6:.2f} µm' for value in (topic.lowest, topic.highest)]
     return (topic.topic, topic.type, str(topic.count), f'{topic.rate:.1f} Hz',
             f'{topic.start:.3f} s', f'{topic.start + topic.duration:.3f} s', gaps, *values)

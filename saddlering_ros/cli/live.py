@@ -29,7 +29,8 @@ def add_parser(subparsers: Any) -> None:
                         help='namespace of the rig, so that several rigs share a domain '
                              '(default: the root)')
     parser.add_argument('--rig', type=Path,
-                        help='rig file of the drawing on the page (default: the shipped rig)')
+                        help='rig file of the drawing, and of the unit of loads (default: the '
+                             'shipped rig)')
     parser.add_argument('--window', type=float, default=600.0, metavar='S',
                         help='longest time shown, in seconds (default 600)')
     parser.add_argument('--json', metavar='FILE',
@@ -54,7 +55,8 @@ def run(args: argparse.Namespace) -> int:
     domain = args.domain if args.domain is not None else int(os.environ.get('ROS_DOMAIN_ID') or 0)
     rig = load_rig(args.rig)
     prepare_transport()
-    with Watcher(domain, args.window, namespace_of(args.namespace)) as watcher:
+    with Watcher(domain, args.window, namespace_of(args.namespace),
+                 rig.force_unit) as watcher:
         serve(watcher, address(args.host, args.port, args.token),
               lambda where: _say(args, where.url, domain), rig=rig)
     return 0

@@ -19,6 +19,7 @@ from typing import Any
 from saddlering_ros import __version__, cli
 from saddlering_ros.cli._files import check_files
 from saddlering_ros.cli._parser import examples_text, OneLineParser, UNUSABLE
+from saddlering_ros.cli._plain_text import use_ascii_where_needed
 from saddlering_ros.cli._signals import leave_by_exception
 from saddlering_ros.errors import SaddleringError
 
@@ -112,6 +113,7 @@ def open_closed_streams() -> None:
 def main(argv: Sequence[str] | None = None) -> int:
     """Run `saddlering` with `argv` (default: the process's own); return the exit status."""
     open_closed_streams()
+    use_ascii_where_needed()
     leave_by_exception()
     try:
         parser, runs = build_parser()

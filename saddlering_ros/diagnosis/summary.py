@@ -53,7 +53,7 @@ def proposal_lines(document: Document) -> list[str]:
         lines.append(f'  {term["channel"]} += {term["law"]} in {term["coordinate"]}: '
                      f'{term["formula"]}')
         lines += [
-            f'    {name} {item["value"]:.4g} ± {item["std"]:.2g} {item["unit"]}'
+            f'    {name} {quantity(item["value"], item["unit"], item["std"])}'
             for name, item in term['parameters'].items()]
     gain = law['gain']
     kept = gain['held_out']
@@ -96,8 +96,7 @@ def _parameter_lines(document: Document) -> list[str]:
     lines = []
     for name in PARAMETER_NAMES:
         if name in before and name in after:
-            unit = PARAMETER_UNITS[name].replace('1', '')
-            shown = quantity(after[name], unit, after.get(f'{name}_std'))
+            shown = quantity(after[name], PARAMETER_UNITS[name], after.get(f'{name}_std'))
             lines.append(f'  {name}: {quantity(before[name])} -> {shown}')
             if name in open_after:
                 lines[-1] = '  ' + undetermined_words(
@@ -107,5 +106,5 @@ def _parameter_lines(document: Document) -> list[str]:
         if all(name in item for name in names for item in (before, after)):
             first, last = (stiffness_per_millimetre(*(item[name] for name in names))
                            for item in (before, after))
-            lines.append(f'  K{row}: {first:.4g} -> {last:.4g} N/mm^n')
+            lines.append(f'  K{row}: {quantity(first)} -> {quantity(last, "N/mm^n")}')
     return lines

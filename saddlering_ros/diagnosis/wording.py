@@ -14,7 +14,7 @@ from saddlering_ros.diagnosis.contract import (
     VerdictDocument,
 )
 from saddlering_ros.effects import catalogue
-from saddlering_ros.quantities import percent, quantity, signed_percent
+from saddlering_ros.quantities import compact, percent, quantity, signed_percent
 from saddlering_ros.thresholds import CHANCE, MATERIAL
 
 Document = VerdictDocument
@@ -157,12 +157,12 @@ def why_lost(item: CandidateEntry, best: CandidateEntry, chosen: Collection[str]
     if effect_id in chosen:
         return 'chosen in another step'
     if effect_id in alike:
-        return f'alternative: {behind:.3g} less evidence, a similar signature'
+        return f'alternative: {compact(behind)} less evidence, a similar signature'
     if (item['share_of_range'] or 0.0) < MATERIAL:
         return 'dropped: too small to matter'
     if item is best:
         return 'best of this step, but not enough to be named'
-    return f'dropped: {behind:.3g} less evidence than the best'
+    return f'dropped: {compact(behind)} less evidence than the best'
 
 
 def shape_words(shape: ShapeEntry) -> str:
@@ -175,7 +175,7 @@ def shape_words(shape: ShapeEntry) -> str:
 
 def swing_words(channel: str, frequency: float, run: str, share_of_range: float) -> str:
     """'gamma oscillates at about 12 Hz in dynamic_50, 0.3 % of range rms'."""
-    return (f'{channel} oscillates at about {frequency:.2g} Hz in {run}, '
+    return (f'{channel} oscillates at about {quantity(frequency, "Hz", digits=2)} in {run}, '
             f'{percent(share_of_range)} of range rms')
 
 

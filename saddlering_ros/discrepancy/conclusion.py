@@ -40,6 +40,7 @@ from saddlering_ros.discrepancy.results import (
 from saddlering_ros.discrepancy.selection import Alternatives
 from saddlering_ros.discrepancy.system import Array, Effect, Parameter, RunBlocks, System
 from saddlering_ros.estimation.least_squares import covariance
+from saddlering_ros.quantities import percent, quantity
 
 
 @dataclass(frozen=True)
@@ -93,8 +94,8 @@ def judge(
     if real_and_material(after.fast, settings):
         fast = after.fast
         warnings.append(
-            f'{fast.view} oscillates at about {fast.frequency:.2g} Hz in {fast.run} '
-            f'({100 * fast.visible:.2f} % of range), which no cause explains'
+            f'{fast.view} oscillates at about {quantity(fast.frequency, "Hz", digits=2)} in '
+            f'{fast.run} ({percent(fast.visible)} of range), which no cause explains'
         )
     return Judgement(verdict, share, tuple(warnings))
 
@@ -187,14 +188,10 @@ def _shapes_at_bounds(space: ModelSpace, fit: Fit) -> list[str]:
             if beyond > allowed and _is_at_bound(item, float(theta_unit)):
                 sentences.append(
                     f'{effect.id}: its {item.name} is at the bound of '
-                    f'{_quantity(item.from_unit(float(theta_unit)), item.unit)}: the cause has '
+                    f'{quantity(item.from_unit(float(theta_unit)), item.unit)}: the cause has '
                     'another shape than the bounds allow, so that it is not named'
                 )
     return sentences
-
-
-def _quantity(value: float, unit: str) -> str:
-    return f'{value:.3g} {unit}'.rstrip()
 
 
 def _is_at_bound(shape: Parameter, theta_unit: float) -> bool:
@@ -335,7 +332,7 @@ class Publication:
             if min(theta_unit, 1.0 - theta_unit) < AT_BOUND < present:
                 sentences.append(
                     f'{effect.id}: its {size.name} is at the bound of '
-                    f'{_quantity(value, size.unit)}: the size exceeds the expected range, or '
+                    f'{quantity(value, size.unit)}: the size exceeds the expected range, or '
                     'another cause contributes'
                 )
         return sentences

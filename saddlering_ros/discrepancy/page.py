@@ -11,6 +11,7 @@ import numpy as np
 from saddlering_ros.discrepancy.results import Diagnosis, RunPrediction
 from saddlering_ros.discrepancy.summary import estimate_words, gain_words, WORDS
 from saddlering_ros.discrepancy.system import Array
+from saddlering_ros.quantities import compact, probability, quantity
 
 STYLE = (
     'body{font:16px/1.5 system-ui,sans-serif;max-width:62rem;margin:2rem auto;padding:0 1rem;'
@@ -49,7 +50,7 @@ def _parts(found: Diagnosis) -> Iterator[str]:
                     ),
                     ', '.join(cause.group[1:]) or '-',
                     gain_words(cause.gain.fit, cause.gain.held_out),
-                    f'{cause.p_value:.1e}',
+                    probability(cause.p_value),
                 ]
                 for cause in found.causes
             ],
@@ -66,7 +67,7 @@ def _parts(found: Diagnosis) -> Iterator[str]:
     yield _table(
         ['effect', 'size found nine times in ten', 'can be tested'],
         [
-            [item.effect, f'{item.limit:.3g} {item.unit}', 'yes' if item.testable else 'no']
+            [item.effect, quantity(item.limit, item.unit), 'yes' if item.testable else 'no']
             for item in found.observability.limits
         ],
     )
@@ -102,7 +103,7 @@ def _curves(item: RunPrediction, channel: int) -> str:
         f'points="{_points(across, 90.0 - 80.0 * values / high)}"/>'
         for name, values in lines.items()
     ]
-    words = f'residual up to {high:.3g}: without (orange) and with the causes (blue)'
+    words = f'residual up to {compact(high)}: without (orange) and with the causes (blue)'
     return (
         f'<svg viewBox="0 0 800 200" role="img" aria-label="{escape(words)}">'
         f'<line x1="10" x2="790" y1="90" y2="90" stroke="{COLOURS["measured"]}"/>'

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from saddlering_ros.discrepancy.results import Cause, Diagnosis, Estimate
+from saddlering_ros.quantities import compact, percent, probability, quantity
 
 WORDS = {
     'none': 'these data show no misfit beyond noise',
@@ -30,7 +31,7 @@ def summary_text(found: Diagnosis) -> str:
         tests = sorted((*after.consistency, *after.shapes), key=lambda item: item.p_value)
         shapes = [item for item in tests if item.p_value < 0.01][:4]
         lines += [
-            f'  residual: {item.view} along {item.coordinate}, {100 * item.visible:.2g} % of range'
+            f'  residual: {item.view} along {item.coordinate}, {percent(item.visible)} of range'
             for item in shapes
         ]
     lines += ['', 'base parameters (alone -> with the causes):']
@@ -47,7 +48,7 @@ def _cause_lines(cause: Cause) -> list[str]:
     lines = [f'  {cause.effect}: {cause.definition.title}{part}', f'    {values}']
     lines.append(
         f'    misfit reduction {gain_words(cause.gain.fit, cause.gain.held_out)}; '
-        f'p {cause.p_value:.1e}'
+        f'p {probability(cause.p_value)}'
     )
     if len(cause.group) > 1:
         lines.append('    alternatives that explain these data equally well: '
@@ -57,14 +58,14 @@ def _cause_lines(cause: Cause) -> list[str]:
 
 def gain_words(fitted: float, held_out: float | None) -> str:
     """Misfit reductions as percentages."""
-    words = f'{100 * fitted:.1f} % on fitted runs'
-    return words if held_out is None else f'{words}, {100 * held_out:.1f} % on held-out runs'
+    words = f'{percent(fitted)} on fitted runs'
+    return words if held_out is None else f'{words}, {percent(held_out)} on held-out runs'
 
 
 def estimate_words(item: Estimate) -> str:
     """A value with its standard deviation and unit."""
-    spread = f' +/- {item.std:.2g}' if item.std else ''
-    return f'{item.value:.5g}{spread} {item.unit}'.rstrip()
+    return quantity(item.value, item.unit, item.std) if item.std or item.unit else (
+        compact(item.value))
 
 
 def parameter_lines(alone: Mapping[str, Estimate], found: Mapping[str, Estimate]) -> list[str]:

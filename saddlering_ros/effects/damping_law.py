@@ -34,7 +34,7 @@ class DampingLaw(Effect):
     parameters = (
         EffectParameter(
             'share', '1', 0.0, 1.0, 0.5, 0.5,
-            'share of the damping that grows; h = 1 at r = 50 um', amplitude=True, one_sided=True),
+            'share of the damping that grows; h = 1 at r = 50 µm', amplitude=True, one_sided=True),
         # Tsuji et al. 1992: 1/4; Kuwabara and Kono 1987: 1/2; Hunt and Crossley 1975: n
         EffectParameter(
             'exponent', '1', 0.2, 8.0, 1.0, 10.0 / 9.0,

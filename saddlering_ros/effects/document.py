@@ -8,6 +8,7 @@ import sys
 from saddlering_ros.effects import catalogue
 from saddlering_ros.effects.base import Effect, EffectParameter, STAGES
 from saddlering_ros.effects.rig_tests import RIG_TESTS
+from saddlering_ros.quantities import compact
 
 OPENING = """\
 # Catalogue of effects
@@ -83,7 +84,7 @@ def _section(effect: Effect) -> str:
 
 
 def _parameter(parameter: EffectParameter) -> str:
-    numbers = ' | '.join(f'{value:.3g}' for value in (
+    numbers = ' | '.join(compact(value) for value in (
         parameter.low, parameter.high, parameter.scale, parameter.start))
     return f'| {parameter.name} | {parameter.unit} | {numbers} | {parameter.words} |'
 

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saddlering_ros.estimation.distributions import normal_quantile
+from saddlering_ros.quantities import compact
 
 Array = NDArray[np.float64]
 
@@ -44,8 +45,8 @@ def reason_wide(name: str, std: float, elevations: int) -> str | None:
     half = WIDTH_95 * std
     if half <= MAX_HALF_WIDTH[name[0]]:
         return None
-    factor = f'a factor {np.exp(min(half, 50.0)):.3g}'
-    what = f'+/- {half:.2f}' if name[0] == 'n' else factor
+    factor = f'a factor {compact(float(np.exp(min(half, 50.0))))}'
+    what = f'± {half:.2f}' if name[0] == 'n' else factor
     advice = 'add a run at another elevation' if elevations < 2 else 'add more or longer runs'
     if name[0] == 'D':
         advice = 'add a faster dynamic run'

@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from saddlering_ros.identification.validation import ChannelFigures, RunValidation
+from saddlering_ros.quantities import compact, percent, quantity
 from saddlering_ros.rig import CHANNELS
 from saddlering_ros.thresholds import (
     allowed_misfit,
@@ -36,13 +37,26 @@ class Criterion:
     channel: str
 
     @property
+    def value_words(self) -> str:
+        """The value with its unit."""
+        return _figure(self.value, self.unit)
+
+    @property
+    def limit_words(self) -> str:
+        """The limit with its unit."""
+        return _figure(self.limit, self.unit)
+
+    @property
     def line(self) -> str:
-        """'met      rms misfit ...: worst delta_x of static_50, 0.31 % against 0.42 %'."""
-        scale = 100.0 if self.unit == '%' else 1.0
-        unit = f' {self.unit}' if self.unit else ''
-        shown = [f'{scale * number:.3g}{unit}' for number in (self.value, self.limit)]
+        """'passed  rms misfit ...: worst delta_x of static_50, 0.31 % against 0.42 %'."""
         return (f'{"passed" if self.is_met else "FAILED"}  {self.words}: worst {self.channel} of '
-                f'{self.bag}, {shown[0]} against {shown[1]}')
+                f'{self.bag}, {self.value_words} against {self.limit_words}')
+
+
+def _figure(value: float, unit: str) -> str:
+    if unit == '%':
+        return percent(value, 3)
+    return quantity(1e-6 * value, 'm') if unit == 'um' else compact(value)
 
 
 def judge(runs: Sequence[RunValidation]) -> tuple[Criterion, ...]:

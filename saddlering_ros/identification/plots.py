@@ -10,7 +10,7 @@ import numpy as np
 
 from saddlering_ros.identification.errors import IdentificationError
 from saddlering_ros.identification.validation import RunValidation, Validation
-from saddlering_ros.rig import CHANNELS, TONNE
+from saddlering_ros.rig import CHANNELS, FORCE_UNITS, MICRO_UNITS
 from saddlering_ros.writing import whole_file
 
 SHOWN = ('delta_x', 'delta_y', 'gamma')
@@ -22,12 +22,12 @@ def plot_paths(validation: Validation, folder: Path) -> list[Path]:
             for number, run in enumerate(validation.runs, start=1)]
 
 
-def save_plots(validation: Validation, folder: Path) -> list[Path]:
-    """One PNG per run in `folder`; the paths written."""
+def save_plots(validation: Validation, folder: Path, force_unit: str = 't') -> list[Path]:
+    """One PNG per run in `folder`; the paths written. force_unit: unit of loads."""
     matplotlib.use('Agg')
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        return [_save(run, path) for run, path in zip(
+        return [_save(run, path, force_unit) for run, path in zip(
             validation.runs, plot_paths(validation, folder), strict=True)]
     except OSError as problem:
         raise IdentificationError(
@@ -35,35 +35,34 @@ def save_plots(validation: Validation, folder: Path) -> list[Path]:
         ) from problem
 
 
-def _save(run: RunValidation, path: Path) -> Path:
+def _save(run: RunValidation, path: Path, force_unit: str) -> Path:
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(12.0, 9.0), layout='constrained')
     axes = figure.subplots(len(SHOWN), 3)
     figure.suptitle(f'{run.name}: {run.test}, {np.degrees(run.elevation):g} deg')
     for row, channel in enumerate(SHOWN):
-        _draw(axes[row], run, channel)
+        _draw(axes[row], run, channel, force_unit)
     with whole_file(path, IdentificationError) as temporary:
         figure.savefig(temporary, dpi=110)
     return path
 
 
-def _draw(axes: Any, run: RunValidation, channel: str) -> None:
+def _draw(axes: Any, run: RunValidation, channel: str, force_unit: str) -> None:
     """Over load, over time, and the residual over time, with the noise floor as a band."""
     position = CHANNELS.index(channel)
-    unit = 'urad' if channel == 'gamma' else 'um'
-    tonnes = run.load / TONNE
+    unit, size = MICRO_UNITS[channel], FORCE_UNITS[force_unit]
     measured, simulated = 1e6 * run.measured[position], 1e6 * run.simulated[position]
     over_load, over_time, residual = axes
     if run.reading_load.size:
-        loads = run.reading_load / TONNE
+        loads = run.reading_load / size
         over_load.plot(loads, 1e6 * run.reading_measured[position], 'o', ms=4, mfc='none',
                        label='measured')
         over_load.plot(loads, 1e6 * run.reading_simulated[position], '-', label='simulated')
     else:
-        over_load.plot(tonnes, measured, lw=0.8, label='measured')
-        over_load.plot(tonnes, simulated, lw=1.2, label='simulated')
-    over_load.set(xlabel='load / t', ylabel=f'{channel} / {unit}')
+        over_load.plot(run.load / size, measured, lw=0.8, label='measured')
+        over_load.plot(run.load / size, simulated, lw=1.2, label='simulated')
+    over_load.set(xlabel=f'load / {force_unit}', ylabel=f'{channel} / {unit}')
     over_load.legend()
     over_time.plot(run.time, measured, lw=0.8)
     over_time.plot(run.time, simulated, lw=1.2)

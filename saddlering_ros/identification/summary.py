@@ -9,6 +9,7 @@ from saddlering_ros.identification.criteria import judge
 from saddlering_ros.identification.result import Identification, line_contact_ratios
 from saddlering_ros.identification.uncertainty import IMPERFECTIONS
 from saddlering_ros.identification.validation import Validation
+from saddlering_ros.quantities import percent, quantity, significant, span
 from saddlering_ros.rig import PARAMETER_NAMES, PARAMETER_UNITS, stiffness_per_millimetre
 
 CORRELATION_THRESHOLD = 0.5
@@ -26,16 +27,16 @@ VALIDATION_COLUMNS = (
 )
 
 COLUMN_WORDS = (
-    ('rmse', 'rms of measured minus simulated, without the zero error, in um or urad (1e-6 rad)'),
+    ('rmse', 'rms of measured minus simulated, without the zero error, in µm or µrad'),
     ('nrmse %', "rmse in % of the channel's measured range"),
     ('noise %', 'rms noise of the measurement in % of the same range'),
-    ('max', 'largest difference, in um or urad'),
-    ('bias', 'mean of measured minus simulated, in um or urad'),
-    ('zero', 'part of the bias that the noise of the zero explains, in um or urad'),
+    ('max', 'largest difference, in µm or µrad'),
+    ('bias', 'mean of measured minus simulated, in µm or µrad'),
+    ('zero', 'part of the bias that the noise of the zero explains, in µm or µrad'),
     ('slope', 'slope of measured over simulated; 1 if the stiffness is right'),
     ('loop %', 'area of the measured loop over load minus that of the simulated loop, in % of '
                'load range times channel range; shows friction and damping'),
-    ('return', 'measured minus simulated at the end of the test, in um or urad'),
+    ('return', 'measured minus simulated at the end of the test, in µm or µrad'),
     ('shift ms', 'delay of the measurement after the simulation; dynamic tests only'),
     ('ISO', 'overall rating of the curve after ISO 18571, 0 to 1'),
     ('E/u_val', 'comparison error over validation uncertainty after ASME V&V 20'),
@@ -58,9 +59,9 @@ def identification_text(found: Identification) -> str:
         f'    bags                = {", ".join(source.bags)}',
         f'    status              = {found.status}',
         f'    evaluations         = {found.evaluations} in {found.elapsed:.2f} s',
-        f'    objective           = {found.objective:.6g}',
-        f'    chi square          = {found.chi_square:.6g}',
-        f'    reduced chi square  = {found.reduced_chi_square:.4g}'
+        f'    objective           = {quantity(found.objective, digits=6)}',
+        f'    chi square          = {quantity(found.chi_square, digits=6)}',
+        f'    reduced chi square  = {quantity(found.reduced_chi_square, digits=4)}'
         f' ({found.degrees_of_freedom} degrees of freedom)',
         '[[Parameters]]',
         *(_parameter_line(found, index, name) for index, name in enumerate(PARAMETER_NAMES)),
@@ -79,15 +80,14 @@ def identification_text(found: Identification) -> str:
 def _parameter_line(found: Identification, index: int, name: str) -> str:
     value = getattr(found.parameters.contact, name)
     unit = PARAMETER_UNITS[name]
-    unit = '' if unit == '1' else f' {unit}'
     if not found.determined[name]:
         bound = ' (at boundary)' if found.at_bound[name] else ''
-        return '    ' + undetermined_words(name, f'{value:.6g}{unit}{bound}', found.reasons[name])
-    std = found.std[index]
-    share = 100.0 * std / abs(value)
+        best = f'{quantity(value, unit)}{bound}'
+        return '    ' + undetermined_words(name, best, found.reasons[name])
+    std = float(found.std[index])
     low, high = found.intervals[name] or (np.nan, np.nan)
-    return (f'    {name}: {value:.6g} +/- {std:.3g}{unit} ({share:.2f} %), '
-            f'95 % {low:.6g} to {high:.6g}')
+    return (f'    {name}: {quantity(value, unit, std)} ({percent(std / abs(value))}), '
+            f'95 % interval {span(low, high)}')
 
 
 def _stiffness_lines(found: Identification) -> list[str]:
@@ -98,8 +98,9 @@ def _stiffness_lines(found: Identification) -> list[str]:
         stiffness, exponent = getattr(contact, f'K{row}'), getattr(contact, f'n{row}')
         lines.append(
             f'    K{row} ({name} row{"s" if row == 1 else ""}): '
-            f'{stiffness_per_millimetre(stiffness, exponent):.5g} N/mm^{exponent:.4g}, '
-            f'{ratios[f"K{row}"]:.3f} of one roller in Palmgren line contact (at 0.1 mm)'
+            f'{quantity(stiffness_per_millimetre(stiffness, exponent), "N/mm^n", digits=5)}, '
+            f'{significant(ratios[f"K{row}"], 2)} of one roller in Palmgren line contact '
+            '(at 0.1 mm)'
         )
     return lines
 
@@ -138,8 +139,12 @@ def _correlation_lines(found: Identification) -> list[str]:
 def _profile_lines(found: Identification) -> list[str]:
     lines = []
     for name, profile in found.profiles.items():
-        low, high = ('open' if end is None else f'{end:.6g}' for end in profile.interval)
-        lines.append(f'    {name}: {low} to {high}')
+        low, high = profile.interval
+        if low is not None and high is not None:
+            lines.append(f'    {name}: {span(low, high)}')
+        else:
+            ends = ['open' if end is None else quantity(end, digits=4) for end in (low, high)]
+            lines.append(f'    {name}: {" to ".join(ends)}')
     return lines
 
 
@@ -161,7 +166,9 @@ def validation_text(validation: Validation) -> str:
         lines += [f'  note: {note}' for note in run.notes]
     lines += [''] if validation.parameters.source.undetermined else []
     lines += [
-        undetermined_words(name, f'{getattr(validation.parameters.contact, name):.6g}', reason)
+        undetermined_words(
+            name, quantity(getattr(validation.parameters.contact, name), PARAMETER_UNITS[name]),
+            reason)
         for name, reason in validation.parameters.source.undetermined.items()]
     lines += ['', 'columns:', *(f'  {title:9s}  {words}' for title, words in COLUMN_WORDS)]
     lines += ['', 'criteria:', *(f'  {item.line}' for item in judge(validation.runs))]
@@ -171,4 +178,4 @@ def validation_text(validation: Validation) -> str:
 def _cell(value: float | None, scale: float) -> str:
     if value is None or not np.isfinite(value):
         return '-'
-    return f'{scale * value:.4g}'
+    return significant(scale * value, 4)

@@ -73,8 +73,8 @@ DELAY = 1e-3
 
 IMPERFECTIONS = (
     Imperfection('load_nonlinearity', '0.1 % of full scale load nonlinearity', load=_bent),
-    Imperfection('axial_clearance', '5 um of axial clearance', rig=_wider_axial),
-    Imperfection('radial_clearance', '5 um of radial clearance', rig=_wider_middle),
+    Imperfection('axial_clearance', '5 µm of axial clearance', rig=_wider_axial),
+    Imperfection('radial_clearance', '5 µm of radial clearance', rig=_wider_middle),
     Imperfection('elevation', '0.1 deg of elevation', elevation=float(np.radians(0.1))),
     Imperfection('load_gain', '0.5 % of load gain', load=lambda load, _: 1.005 * load),
     Imperfection('delay', '1 ms between the clocks of load and probes', delay=DELAY),

@@ -6,11 +6,11 @@ from collections.abc import Sequence
 from typing import Any
 
 from saddlering_interfaces.msg import RingAlarm
+from saddlering_ros.quantities import signed
 from saddlering_ros.ros.lockstep import to_stamp
 
 STATES = {RingAlarm.WAITING: 'waiting', RingAlarm.LEARNING: 'learning',
           RingAlarm.WATCHING: 'watching', RingAlarm.ALARM: 'alarm'}
-UNITS = {'delta_x': 'µm', 'delta_y': 'µm', 'gamma': 'µrad'}
 
 
 def alarm_as_page(message: RingAlarm) -> dict[str, Any]:
@@ -24,8 +24,8 @@ def alarm_as_page(message: RingAlarm) -> dict[str, Any]:
     if message.state != RingAlarm.ALARM:
         return shown
     before = (to_stamp(message.raised) - to_stamp(message.since)) / 1e9
-    unit = UNITS.get(message.channel, '')
-    return {**shown, 'channel': str(message.channel), 'size': f'{1e6 * message.size:+.3g} {unit}',
+    unit = 'rad' if message.channel == 'gamma' else 'm'
+    return {**shown, 'channel': str(message.channel), 'size': signed(message.size, unit),
             'since': to_stamp(message.since), 'before': round(before, 3),
             'follows': str(message.follows), 'guess': str(message.first_guess)}
 

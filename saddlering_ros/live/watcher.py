@@ -35,10 +35,10 @@ from saddlering_ros.live.traces import Traces
 from saddlering_ros.quantities import quantity
 from saddlering_ros.rig import (
     CHANNELS,
+    FORCE_UNITS,
     PARAMETER_NAMES,
     PARAMETER_UNITS,
     stiffness_per_millimetre,
-    TONNE,
 )
 from saddlering_ros.ros.conversions import parameters_from_message
 from saddlering_ros.ros.lockstep import to_stamp
@@ -60,8 +60,8 @@ from saddlering_ros.streams import batches
 NAME = 'saddlering_live'
 STREAMS = {'load': LOAD.relative, 'measured': DISPLACEMENT, 'simulated': SIMULATED,
            'residual': RESIDUAL}
-SCALES = {'load': 1.0 / TONNE, 'measured': 1e6, 'simulated': 1e6, 'residual': 1e6}
-"""Units of the page: tonnes, micrometres and microradians."""
+SCALES = {'measured': 1e6, 'simulated': 1e6, 'residual': 1e6}
+"""Units of the page: micrometres and microradians."""
 
 POLL = 0.05
 """Streams are drained this often [s]: the queues of `RawSubscription` hold 100 times that."""
@@ -114,7 +114,9 @@ class Watcher:
     """
 
     def __init__(self, domain_id: int | None = None, window: float = 600.0,
-                 namespace: str = '') -> None:
+                 namespace: str = '', force_unit: str = 't') -> None:
+        self.force_unit = force_unit
+        self._scales = {**SCALES, 'load': 1.0 / FORCE_UNITS[force_unit]}
         self.context = rclpy.Context()
         rclpy.init(context=self.context, args=[], domain_id=domain_id)
         self.node: Node = rclpy.create_node(
@@ -170,11 +172,11 @@ class Watcher:
         with self.lock:
             traces = self.traces
             is_new = version != traces.version
-            found = traces.since(-1 if is_new else turn, SCALES)
+            found = traces.since(-1 if is_new else turn, self._scales)
             if not found and not is_new:
                 return None
             return {'version': traces.version, 'turn': traces.turn, 'anew': is_new,
-                    'width': traces.width / 1e9, 'streams': found}
+                    'width': traces.width / 1e9, 'force_unit': self.force_unit, 'streams': found}
 
     def now(self) -> dict[str, Any]:
         """The name of the test and the numbers of this moment."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from saddlering_ros.monitoring.monitor import LEARNING, Monitor, Raised, WAITING
+from saddlering_ros.quantities import quantity, signed
 
 _FOLLOWS = {
     'load': 'the difference follows the load', 'time': 'the difference follows time',
@@ -16,13 +17,12 @@ _FOLLOWS = {
 
 def size_words(alarm: Raised) -> str:
     """The size with its unit."""
-    unit = 'urad' if alarm.channel == 'gamma' else 'um'
-    return f'{1e6 * alarm.size:+.3g} {unit}'
+    return signed(alarm.size, 'rad' if alarm.channel == 'gamma' else 'm')
 
 
 def alarm_words(alarm: Raised, origin: int | None = None) -> str:
     """An alarm in one line; with seconds since `origin` [ns] where it is given."""
-    delay = f'{1e-9 * (alarm.stamp - alarm.since):.3g} s'
+    delay = quantity(1e-9 * (alarm.stamp - alarm.since), 's')
     found = f'ALARM {delay} after the onset'
     if origin is not None:
         found = (f'ALARM at {1e-9 * (alarm.stamp - origin):.2f} s, onset at '

@@ -13,7 +13,6 @@ from std_srvs.srv import Trigger
 from saddlering_interfaces.msg import RingDisplacement
 from saddlering_ros.bags import LOAD_TOPIC, PROBE_TOPICS
 from saddlering_ros.bags.topics import LOAD, PROBES
-from saddlering_ros.rig import TONNE
 from saddlering_ros.ros.diagnostics import (
     ERROR,
     Events,
@@ -132,7 +131,8 @@ class RingDisplacementNode(StreamingNode):
         self._zero.publish(Header(stamp=to_time(stamp), frame_id=self.settings['frame_id']))
         response.success = True
         response.message = ('zero is taken from the first steady stretch after '
-                            f'{stamp / 1e9:.3f} s, at {self._stream.load / TONNE:.2f} t; '
+                            f'{stamp / 1e9:.3f} s, at '
+                            f'{self._rig.force_words(self._stream.load, 2)}; '
                             'the simulator follows')
         return response
 
@@ -149,13 +149,14 @@ class RingDisplacementNode(StreamingNode):
     def _zero_finding(self) -> Finding:
         stream = self._stream
         if stream.zero is not None:
-            return Finding(OK, f'zero at {stream.zero.load / TONNE:.3f} t',
+            return Finding(OK, f'zero at {self._rig.force_words(stream.zero.load, 3)}',
                            {'zero stamp': str(stream.zero_stamp),
                             'zero load [N]': f'{stream.zero.load:.1f}'})
         if not stream.newest_stamp:
             return Finding(OK, 'waiting for samples')
-        return Finding(WARN, f'waiting for preload (load is {stream.load / TONNE:.2f} t): '
-                       'go to preload, or call ~/zero')
+        load = self._rig.force_words(stream.load, 2)
+        return Finding(WARN, f'waiting for preload (load is {load}): go to preload, or call '
+                       '~/zero')
 
     def _events(self) -> dict[str, int]:
         return {**self._stream.counters.as_dict(), **self._stream.aligner.counters.as_dict(),

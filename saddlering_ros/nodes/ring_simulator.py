@@ -20,7 +20,6 @@ from saddlering_ros.rig import (
     ParameterSet,
     ParameterSource,
     read_parameters,
-    TONNE,
     TRUE_TO_SCALE,
 )
 from saddlering_ros.ros.conversions import parameters_from_message, parameters_to_message
@@ -233,7 +232,7 @@ class RingSimulatorNode(StreamingNode):
         if response.success:
             self._stream.zero_after(self._stream.newest_stamp)
             response.message = ('starts anew, zeroed at the first steady stretch from '
-                                f'{self._stream.load / TONNE:.2f} t')
+                                f'{self._rig.force_words(self._stream.load, 2)}')
         return response
 
     def _on_zero_message(self, message: Header) -> None:
@@ -298,13 +297,14 @@ class RingSimulatorNode(StreamingNode):
     def _zero_finding(self) -> Finding:
         zero = self._stream.simulator.zero
         if zero is not None:
-            return Finding(OK, f'zero at {zero.load / TONNE:.3f} t',
+            return Finding(OK, f'zero at {self._rig.force_words(zero.load, 3)}',
                            {'zero stamp': str(self._stream.zero_stamp),
                             'zero load [N]': f'{zero.load:.1f}'})
         if not self._stream.newest_stamp:
             return Finding(OK, 'waiting for samples')
-        return Finding(WARN, f'waiting for preload (load is {self._stream.load / TONNE:.2f} t): '
-                       'go to preload, or call ~/zero')
+        load = self._rig.force_words(self._stream.load, 2)
+        return Finding(WARN, f'waiting for preload (load is {load}): go to preload, or call '
+                       '~/zero')
 
     def _solver_finding(self) -> Finding:
         simulator = self._stream.simulator

@@ -58,13 +58,15 @@ class Background:
     """Texts of a page beside its result; empty ones are left out.
 
     covariance (6, 6) of the contact parameters in the order of PARAMETER_NAMES; quality by run;
-    command: the command line that made the page; curves_file: the name of the file of its curves.
+    command: the command line that made the page; curves_file: the name of the file of its curves;
+    force_unit: unit in which loads are shown.
     """
 
     covariance: Array | None = None
     quality: Sequence[RunQuality] = field(default=())
     command: str = ''
     curves_file: str = ''
+    force_unit: str = 't'
 
 
 def quality_of(run: TestRun, rig: Rig) -> RunQuality:

@@ -34,7 +34,7 @@ from saddlering_ros.diagnosis.wording import (
 )
 from saddlering_ros.effects import catalogue
 from saddlering_ros.identification.summary import INTERVALS
-from saddlering_ros.quantities import percent, probability, quantity, superscript
+from saddlering_ros.quantities import compact, percent, probability, quantity, span
 from saddlering_ros.report import figures, html
 from saddlering_ros.report.background import correlation
 from saddlering_ros.report.curves import Array, RunCurves
@@ -117,7 +117,7 @@ def _look_alike_rows(cause: CauseEntry, document: Document) -> list[list[str | C
         known = catalogue().get(effect_id)
         found = evidence.get(effect_id)
         rows.append([
-            title_of(effect_id), code(effect_id), number('–' if found is None else f'{found:.4g}'),
+            title_of(effect_id), code(effect_id), number(compact(found, 4)),
             '' if known is None else known.settled_by])
     return rows
 
@@ -139,7 +139,7 @@ def _cause(cause: CauseEntry, document: Document) -> str:
              ['misfit reduction on held-out runs', number(percent(gain['held_out']))],
              ["largest share of a channel's range", number(percent(cause['share_of_range']))],
              ['probability by chance alone', number(probability(evidence['p_value']))],
-             ['evidence (ΔBIC)', number(f'{evidence["delta_bic"]:.3g}')]]),
+             ['evidence (ΔBIC)', number(compact(evidence['delta_bic']))]]),
         html.table(['alternatives for these data', 'id', number('evidence (ΔBIC)'),
                     'measurement that tells them apart'],
                    _look_alike_rows(cause, document) if len(cause['group']) > 1 else []),
@@ -275,14 +275,6 @@ def interval(value: float, std: float | None) -> str:
     return span(value - 1.96 * std, value + 1.96 * std) if std else '–'
 
 
-def span(low: float, high: float) -> str:
-    """'(1.27 to 1.33) × 10⁸': two numbers with one power of ten."""
-    size = max(abs(low), abs(high))
-    power = math.floor(math.log10(size)) if size and not 1e-2 <= size < 1e4 else 0
-    words = f'{low / 10.0**power:.4g} to {high / 10.0**power:.4g}'
-    return f'({words}) × 10{superscript(power)}' if power else words
-
-
 def _moved(first: float, last: float) -> str:
     """Change of a value: in percent, or as a factor if it is more than half."""
     ratio = first / last
@@ -412,7 +404,7 @@ def _candidate(item: CandidateEntry) -> list[str | Cell]:
     return [
         Cell(' + '.join(f'<code>{html.escape(name)}</code>' for name in item['effects']),
              is_html=True),
-        _fitted_words(last, values), number(f'{item["delta_bic"]:.4g}'),
+        _fitted_words(last, values), number(compact(item['delta_bic'], 4)),
         number(probability(item['p_value'])), number(percent(item['share_of_range'])),
     ]
 

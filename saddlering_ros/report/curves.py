@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from saddlering_ros.bags import plateaus, TestRun
 from saddlering_ros.diagnosis.verdict import RunFigures, Verdict
 from saddlering_ros.discrepancy import RunBlocks
-from saddlering_ros.rig import CHANNELS
+from saddlering_ros.rig import CHANNELS, FORCE_UNITS
 
 Array = NDArray[np.float64]
 
@@ -30,7 +30,8 @@ class RunCurves:
     time [s], load [N], direction (+1 load rises, -1 it falls), width [s] of the mean that a sample
     stands for: (N,) each; measured, before, after (4, N) [m, m, rad, m] in the order of CHANNELS:
     as measured, simulated by the contact law alone, and by the extended model (the same array
-    where there is none); noise: rms noise of a sample by channel, in the channel's unit.
+    where there is none); noise: rms noise of a sample by channel, in the channel's unit;
+    force_unit: unit in which loads are shown, that of the rig file.
     """
 
     name: str
@@ -45,6 +46,12 @@ class RunCurves:
     before: Array
     after: Array
     noise: Mapping[str, float]
+    force_unit: str = 't'
+
+    @property
+    def load_in_unit(self) -> Array:
+        """The load (N,) in `force_unit`."""
+        return np.asarray(self.load / FORCE_UNITS[self.force_unit])
 
     @property
     def label(self) -> str:
@@ -58,7 +65,7 @@ class RunCurves:
         return self.after is not self.before
 
     def residual(self, channel: str, *, extended: bool) -> Array:
-        """Measured less simulated (N,)."""
+        """Measured minus simulated (N,)."""
         row = CHANNELS.index(channel)
         return np.asarray(self.measured[row] - (self.after if extended else self.before)[row])
 
@@ -75,10 +82,10 @@ class Branches:
 def curves_of(verdict: Verdict) -> list[RunCurves]:
     """The runs of a diagnosis."""
     changed = verdict.diagnosis.fits.after is not verdict.diagnosis.fits.before
-    return [_curves(figures, changed) for figures in verdict.runs]
+    return [_curves(figures, changed, verdict.rig.force_unit) for figures in verdict.runs]
 
 
-def _curves(figures: RunFigures, changed: bool) -> RunCurves:
+def _curves(figures: RunFigures, changed: bool, force_unit: str) -> RunCurves:
     run, test_run = figures.record.run, figures.record.test_run
     noise = {
         name: item.noise_floor * float(np.ptp(figures.measured[row]))
@@ -88,7 +95,7 @@ def _curves(figures: RunFigures, changed: bool) -> RunCurves:
         name=run.name, test=test_run.test, elevation_deg=float(np.degrees(test_run.elevation)),
         held_out=run.held_out, time=run.time, width=run.width, load=run.inputs['load'],
         direction=_direction(run), measured=figures.measured, before=figures.before,
-        after=figures.after if changed else figures.before, noise=noise,
+        after=figures.after if changed else figures.before, noise=noise, force_unit=force_unit,
     )
 
 
@@ -142,7 +149,7 @@ def _carried(branch: Array) -> Array:
 
 def curves_of_run(
     run: TestRun, measured: Array, before: Array, after: Array, floors: Mapping[str, float | None],
-    *, held_out: bool,
+    *, held_out: bool, force_unit: str = 't',
 ) -> RunCurves:
     """A run's curves from its channels (4, samples) at the load's stamps.
 
@@ -161,7 +168,7 @@ def curves_of_run(
         elevation_deg=round(float(np.degrees(run.elevation)), 2), held_out=held_out,
         time=means.of(run.time)[good], width=widths[good], load=means.of(run.load)[good],
         direction=means.direction[good], measured=seen[:, good], before=shown,
-        after=shown if last is first else last[:, good], noise=noise,
+        after=shown if last is first else last[:, good], noise=noise, force_unit=force_unit,
     )
 
 

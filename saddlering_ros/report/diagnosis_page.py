@@ -23,12 +23,13 @@ def write_diagnosis_report(
 ) -> tuple[Path, Path]:
     """Write the page of a verdict and its curves, whole or not at all; the paths written.
 
-    command: the line that asked.
+    command: the command line that makes the page.
     """
     known = Background(
         covariance=verdict.extended_parameters().source.covariance,
         quality=[quality_of(figures.record.test_run, verdict.rig) for figures in verdict.runs],
-        command=command, curves_file=curves_path(path).name)
+        command=command, curves_file=curves_path(path).name,
+        force_unit=verdict.rig.force_unit)
     tests = [head_line(figures.record.test_run, held_out=figures.record.run.held_out)
              for figures in verdict.runs]
     curves = curves_of(verdict)
@@ -58,7 +59,7 @@ def diagnosis_chapters(
     """Everything below the verdict, most important first."""
     return [
         chapters.causes(document),
-        proposal(document),
+        proposal(document, known.force_unit),
         background.misfit_reductions(document),
         chapters.misfit(document),
         chapters.paper_split(curves),

@@ -26,12 +26,11 @@ from saddlering_ros.report.style import (
     DOWN,
     MEASURED,
     MICRO,
-    MICRO_UNITS,
     NOISE,
     SYMBOLS,
     UP,
 )
-from saddlering_ros.rig import CHANNELS, TONNE
+from saddlering_ros.rig import CHANNELS, FORCE_UNITS, force_words, MICRO_UNITS
 
 SHOWN = CHANNELS[:3]
 """Channels of the comparison; the published tests show delta_x and gamma only."""
@@ -74,7 +73,9 @@ def _compared(
     """A channel as measured and simulated, and the residual below."""
     place = CHANNELS.index(channel)
     is_static = run.test == 'static'
-    over, across = (run.load / TONNE, 'load / t') if is_static else (run.time, 'time / s')
+    over, across = run.time, 'time / s'
+    if is_static:
+        over, across = run.load_in_unit, f'load / {run.force_unit}'
     measured, before, after = (MICRO * item[place] for item in (
         run.measured, run.before, run.after))
     if is_static:
@@ -175,18 +176,21 @@ def _over_load(run: RunCurves, channel: str, row: int, column: int) -> Panel:
     for values, colour, _ in _misfits(run, channel):
         for sign, mark in ((1.0, '^'), (-1.0, 'v')):
             here = np.sign(run.direction) == sign
-            series.append(markers(run.load[here] / TONNE, values[here], mark, colour, size=2.6,
+            series.append(markers(run.load_in_unit[here], values[here], mark, colour, size=2.6,
                                   is_open=True))
-    return _view(run, channel, row, column, 'load / t', '▵ load rising, ▿ falling', series)
+    return _view(run, channel, row, column, f'load / {run.force_unit}',
+                 '▵ load rising, ▿ falling', series)
 
 
 def _both_branches(run: RunCurves, channel: str, row: int, column: int) -> Panel:
     series = []
     for values, colour, _ in _misfits(run, channel):
         found = branches(run.load, run.direction, values)
-        series += [line(found.load / TONNE, found.mean, colour),
-                   line(found.load / TONNE, found.half_difference, colour, dash=':', width=1.8)]
-    return _view(run, channel, row, column, 'load / t', '— mean, ··· half-difference', series)
+        load = found.load / FORCE_UNITS[run.force_unit]
+        series += [line(load, found.mean, colour),
+                   line(load, found.half_difference, colour, dash=':', width=1.8)]
+    return _view(run, channel, row, column, f'load / {run.force_unit}',
+                 '— mean, ··· half-difference', series)
 
 
 def _over_time(run: RunCurves, channel: str, row: int, column: int) -> Panel:
@@ -196,12 +200,13 @@ def _over_time(run: RunCurves, channel: str, row: int, column: int) -> Panel:
 
 
 def _over_rate(run: RunCurves, channel: str, row: int, column: int) -> Panel:
-    rate = np.gradient(run.load, run.time)
+    rate = np.gradient(run.load_in_unit, run.time)
     size = max(1, round(0.1 / float(np.median(np.diff(run.time)))))
-    rate = np.convolve(rate, np.ones(size) / size, mode='same') / TONNE
+    rate = np.convolve(rate, np.ones(size) / size, mode='same')
     series = [markers(rate, values, '.', colour, size=2.2)
               for values, colour, _ in _misfits(run, channel)]
-    return _view(run, channel, row, column, 'load rate / (t/s)', 'over load rate', series)
+    return _view(run, channel, row, column, f'load rate / ({run.force_unit}/s)',
+                 'over load rate', series)
 
 
 def _over_frequency(run: RunCurves, channel: str, row: int, column: int) -> Panel:
@@ -259,9 +264,10 @@ def residual_map(runs: Sequence[RunCurves], channels: Sequence[str] = CHANNELS[:
     rows = [(run, sign) for run in runs for sign in (1.0, -1.0)]
     names = tuple(f'{run.name} {"rising" if sign > 0 else "falling"}' for run, sign in rows)
     top = max(float(run.load.max()) for run in runs)
-    loads = tuple(f'{level * top / TONNE / MAP_LEVELS:.1f} t' for level in range(MAP_LEVELS + 1))
+    unit = runs[0].force_unit
+    loads = tuple(force_words(level * top / MAP_LEVELS, unit) for level in range(MAP_LEVELS + 1))
     marks = tuple(float(level) for level in range(0, MAP_LEVELS + 1, 5))
-    x_ticks = Ticks(marks, tuple(f'{mark * top / TONNE / MAP_LEVELS:.0f} t' for mark in marks),
+    x_ticks = Ticks(marks, tuple(force_words(mark * top / MAP_LEVELS, unit, 0) for mark in marks),
                     7.5)
     y_ticks = Ticks(tuple(float(place) for place in range(len(rows))), names, 7.5)
     panels: list[Panel] = []

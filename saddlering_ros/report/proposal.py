@@ -12,14 +12,15 @@ from saddlering_ros.quantities import percent, quantity
 from saddlering_ros.report import html
 from saddlering_ros.report.charts import Chart, line, Panel
 from saddlering_ros.report.html import Cell, code, number
-from saddlering_ros.report.style import AFTER, MICRO, MICRO_UNITS
-
-SCALES = {'N': (1e-3, 'kN'), 'N/s': (1e-3, 'kN/s'), 's': (1.0, 's'), '1': (1.0, '')}
-"""Factor and unit of a coordinate on screens."""
+from saddlering_ros.report.style import AFTER, MICRO
+from saddlering_ros.rig import FORCE_UNITS, MICRO_UNITS
 
 
-def proposal(document: VerdictDocument) -> str:
-    """The proposed law with its curve, misfit reduction and doubts; empty without a law."""
+def proposal(document: VerdictDocument, force_unit: str = 't') -> str:
+    """The proposed law with its curve, misfit reduction and doubts; empty without a law.
+
+    force_unit: unit in which loads are shown.
+    """
     law = document.get('proposal')
     if not law:
         return ''
@@ -30,7 +31,7 @@ def proposal(document: VerdictDocument) -> str:
     parts = [html.paragraph('A proposal; the verdict stays unknown.', 'soft'),
              html.paragraph(worth)]
     for place, term in enumerate(law['terms']):
-        parts += _term(term, place)
+        parts += _term(term, place, force_unit)
     parts += [html.heading('Doubts') if law['doubts'] else '', html.bullets(law['doubts'])]
     if law['effect_files']:
         parts.append(html.paragraph(
@@ -38,7 +39,7 @@ def proposal(document: VerdictDocument) -> str:
     return html.section('A law that would explain the misfit', *parts)
 
 
-def _term(term: Mapping[str, Any], place: int) -> list[str]:
+def _term(term: Mapping[str, Any], place: int, force_unit: str) -> list[str]:
     rows: list[list[str | Cell]] = [
         [code(name), number(quantity(item['value'], item['unit'], item['std']))]
         for name, item in term['parameters'].items()]
@@ -46,19 +47,21 @@ def _term(term: Mapping[str, Any], place: int) -> list[str]:
     return [
         html.heading(words), html.commands([term['formula']]),
         html.table(['parameter', number('value ± standard deviation')], rows),
-        html.picture(_curve(term), f'proposal_{place + 1}', f'{words}: the addition, with twice '
-                     'its standard deviation (dotted).')]
+        html.picture(_curve(term, force_unit), f'proposal_{place + 1}', f'{words}: the addition, '
+                     'with twice its standard deviation (dotted).')]
 
 
-def _curve(term: Mapping[str, Any]) -> Chart:
+def _curve(term: Mapping[str, Any], force_unit: str) -> Chart:
     """The addition of the term over its coordinate."""
     curve = term['curve']
-    factor, unit = SCALES.get(curve['at_unit'], (1.0, curve['at_unit']))
-    at = factor * np.array(curve['at'], float)
+    newtons = FORCE_UNITS[force_unit]
+    size, unit = {'N': (newtons, force_unit), 'N/s': (newtons, f'{force_unit}/s'),
+                  '1': (1.0, '')}.get(curve['at_unit'], (1.0, curve['at_unit']))
+    at = np.array(curve['at'], float) / size
     is_load = curve['unit'] == 'N'
-    scale = 1e-3 if is_load else MICRO
+    scale = 1.0 / newtons if is_load else MICRO
     values, spread = (scale * np.array(curve[key], float) for key in ('values', 'std'))
-    shown = 'kN' if is_load else MICRO_UNITS.get(term['channel'], 'µm')
+    shown = force_unit if is_load else MICRO_UNITS.get(term['channel'], 'µm')
     across = term['coordinate'] + (f' / {unit}' if unit else '')
     series = (line(at, values, AFTER, 'proposed law'),
               line(at, values - 2.0 * spread, AFTER, dash=':'),

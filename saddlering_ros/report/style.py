@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 
+from saddlering_ros.rig import MICRO_UNITS
+
 MEASURED = '#26323d'
 BEFORE = '#d1495b'
 AFTER = '#1f6fb2'
@@ -15,7 +17,6 @@ MICRO = 1e6
 """Metres to micrometres, radians to microradians."""
 
 SYMBOLS = {'delta_x': 'δx', 'delta_y': 'δy', 'gamma': 'γ', 'parity': 'parity'}
-MICRO_UNITS = {'delta_x': 'µm', 'delta_y': 'µm', 'gamma': 'µrad', 'parity': 'µm'}
 
 FONT = {
     'font.family': 'DejaVu Sans', 'font.size': 9.0, 'axes.titlesize': 10.0,

@@ -11,7 +11,7 @@ import numpy as np
 from saddlering_ros.bags import TestRun
 from saddlering_ros.identification.criteria import judge
 from saddlering_ros.identification.validation import ChannelFigures, RunValidation, Validation
-from saddlering_ros.quantities import percent, quantity
+from saddlering_ros.quantities import compact, percent, quantity
 from saddlering_ros.report import background, chapters, html
 from saddlering_ros.report.background import correlation, quality_of
 from saddlering_ros.report.curves import curves_of_run, RunCurves
@@ -46,7 +46,7 @@ def write_validation_report(
     beside = curves_path(path)
     write_text_atomically(
         Path(path), validation_page(validation, runs, rig, identification, command, beside.name))
-    write_curves(beside, curves_of_validation(validation, runs))
+    write_curves(beside, curves_of_validation(validation, runs, rig.force_unit))
     return Path(path), beside
 
 
@@ -55,7 +55,7 @@ def validation_page(
     identification: Mapping[str, Any] | None = None, command: str = '', curves_file: str = '',
 ) -> str:
     """The whole page; curves_file: the name of the file that holds its curves."""
-    curves = curves_of_validation(validation, runs)
+    curves = curves_of_validation(validation, runs, rig.force_unit)
     found_by = ('' if identification is None else chapters.identified(identification))
     return html.page('How well the parameters predict', [
         head('How well the parameters predict', rig, [
@@ -74,18 +74,20 @@ def validation_page(
 
 
 def curves_of_validation(
-    validation: Validation, runs: Sequence[TestRun],
+    validation: Validation, runs: Sequence[TestRun], force_unit: str,
 ) -> list[RunCurves]:
-    """The curves of the runs validated, in order."""
-    return [_curves(found, run, validation.parameters)
+    """The curves of the validated runs, in order."""
+    return [_curves(found, run, validation.parameters, force_unit)
             for found, run in zip(validation.runs, runs, strict=True)]
 
 
-def _curves(found: RunValidation, run: TestRun, parameters: ParameterSet) -> RunCurves:
+def _curves(
+    found: RunValidation, run: TestRun, parameters: ParameterSet, force_unit: str,
+) -> RunCurves:
     known = {Path(bag).name for bag in parameters.source.bags}
     floors = {name: item.noise_floor for name, item in found.channels.items()}
     return curves_of_run(run, found.measured, found.simulated, found.simulated, floors,
-                         held_out=run.path.name not in known)
+                         held_out=run.path.name not in known, force_unit=force_unit)
 
 
 def _worst(validation: Validation) -> tuple[RunValidation, str, ChannelFigures]:
@@ -113,12 +115,10 @@ def _criteria(validation: Validation) -> str:
     """Every criterion with the run and channel that meets it worst."""
     rows: list[list[str | Cell]] = []
     for item in judge(validation.runs):
-        scale = 100.0 if item.unit == '%' else 1.0
         rows.append([
             item.words, f'{item.bag}, {SYMBOLS[item.channel]}',
-            number(f'{scale * item.value:.3g} {item.unit}'.strip(),
-                   'good' if item.is_met else 'bad'),
-            number(f'{scale * item.limit:.3g} {item.unit}'.strip())])
+            number(item.value_words, 'good' if item.is_met else 'bad'),
+            number(item.limit_words)])
     return html.section('Criteria', html.table(
         ['criterion', 'worst channel', number('value'), number('limit')], rows))
 
@@ -141,7 +141,7 @@ def _parameters(parameters: ParameterSet) -> str:
         shown = quantity(stiffness_per_millimetre(value, power), 'N/mm^n')
         rows.append([code(name), number(shown), '', ''])
     for effect, values in parameters.effects.items():
-        rows += [[code(f'{effect}.{name}'), number(f'{value:.5g} (SI)'), '', '']
+        rows += [[code(f'{effect}.{name}'), number(f'{compact(value, 5)} (SI)'), '', '']
                  for name, value in values.items()]
     source = parameters.source
     words = 'As given' if source.method == 'given' else f'By {source.method}'
@@ -182,4 +182,4 @@ def _figures(validation: Validation) -> str:
 
 
 def _plain(value: float | None) -> str:
-    return '–' if value is None or not np.isfinite(value) else f'{value:.3g}'
+    return quantity(value)

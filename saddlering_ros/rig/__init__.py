@@ -39,10 +39,12 @@ from saddlering_ros.rig.probes import (
     probes_to_displacement,
 )
 from saddlering_ros.rig.units import (
+    force_range,
     FORCE_UNITS,
     force_words,
     FULL_SCALE_LOAD,
     line_contact_stiffness,
+    MICRO_UNITS,
     stiffness_per_metre,
     stiffness_per_millimetre,
     TONNE,
@@ -50,11 +52,12 @@ from saddlering_ros.rig.units import (
 from saddlering_ros.rig.zeroing import zero_of_record, ZeroReading, ZeroWindow
 
 __all__ = [
-    'CHANNELS', 'FORCE_UNITS', 'FULL_SCALE_LOAD', 'PARAMETER_NAMES', 'PARAMETER_UNITS', 'TONNE',
-    'TRUE_TO_SCALE', 'Carriage', 'ContactParameters', 'Displacement', 'LoadLimits', 'ParameterSet',
-    'ParameterSource', 'Probes', 'ResolvedLoad', 'Rig', 'RigError', 'RollerRow', 'Trunnion',
+    'CHANNELS', 'FORCE_UNITS', 'FULL_SCALE_LOAD', 'MICRO_UNITS', 'PARAMETER_NAMES',
+    'PARAMETER_UNITS', 'TONNE', 'TRUE_TO_SCALE', 'Carriage', 'ContactParameters', 'Displacement',
+    'LoadLimits', 'ParameterSet', 'ParameterSource', 'Probes', 'ResolvedLoad', 'Rig', 'RigError',
+    'RollerRow', 'Trunnion',
     'ZeroReading', 'ZeroWindow', 'check_bounds', 'default_rig', 'displacement_to_probes',
-    'force_words', 'gap_increment', 'line_contact_stiffness', 'load_rig',
+    'force_range', 'force_words', 'gap_increment', 'line_contact_stiffness', 'load_rig',
     'parameters_from_mapping', 'parameters_to_mapping', 'probes_to_displacement',
     'read_parameters', 'resolve_load', 'rig_digest', 'rig_from_parameters', 'shipped_rig_file',
     'short_digest', 'stiffness_per_metre', 'stiffness_per_millimetre', 'write_parameters',

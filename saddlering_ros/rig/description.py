@@ -15,6 +15,7 @@ from saddlering_ros.rig.errors import RigError
 from saddlering_ros.rig.limits import LoadLimits
 from saddlering_ros.rig.ros_yaml import check_sections, read_ros_parameters
 from saddlering_ros.rig.units import (
+    force_range,
     FORCE_UNITS,
     force_words,
     FULL_SCALE_LOAD,
@@ -104,6 +105,10 @@ class Rig:
     def force_words(self, force: float, digits: int = 1) -> str:
         """A load [N] in the unit that the rig file chooses."""
         return force_words(force, self.force_unit, digits)
+
+    def force_range(self, low: float, high: float, digits: int = 1) -> str:
+        """Two forces [N] in that unit."""
+        return force_range(low, high, self.force_unit, digits)
 
     @property
     def digest(self) -> str:

@@ -16,8 +16,8 @@ none."""
 FORCE_UNITS = {'t': TONNE, 'kN': 1e3}
 """Units a rig file can choose for loads on screens (`rig.force_unit`), in newtons."""
 
-MICROMETRE = 1e-6
-"""One micrometre [m]."""
+MICRO_UNITS = {'delta_x': 'µm', 'delta_y': 'µm', 'gamma': 'µrad', 'parity': 'µm'}
+"""Unit in which each channel is shown: a millionth of its SI unit."""
 
 MILLIMETRE = 1e-3
 """One millimetre [m]."""
@@ -26,6 +26,11 @@ MILLIMETRE = 1e-3
 def force_words(force: float, unit: str = 't', digits: int = 1) -> str:
     """A force [N] in one of FORCE_UNITS: '4.9 t'."""
     return f'{force / FORCE_UNITS[unit]:.{digits}f} {unit}'
+
+
+def force_range(low: float, high: float, unit: str = 't', digits: int = 1) -> str:
+    """Two forces [N] in one of FORCE_UNITS: '0.5 to 25.0 t'."""
+    return f'{low / FORCE_UNITS[unit]:.{digits}f} to {force_words(high, unit, digits)}'
 
 
 def stiffness_per_millimetre(stiffness: float, exponent: float) -> float:

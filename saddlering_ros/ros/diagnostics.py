@@ -11,6 +11,8 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 import numpy as np
 from numpy.typing import NDArray
 
+from saddlering_ros.quantities import quantity
+
 OK, WARN, ERROR, STALE = 0, 1, 2, 3
 
 STATE_TASK, ACTIVE = 'state', 'active'
@@ -166,8 +168,8 @@ class ParityTask:
         self._sum = self._peak = 0.0
         self._count = 0
         if abs(mean) > limit:
-            return Finding(WARN, f'{mean * 1e6:.1f} um, beyond noise: the readings of probes 1 '
-                                 'and 3 do not belong to one rigid ring', figures)
+            return Finding(WARN, f'{quantity(mean, "m")}, beyond noise: the readings of probes '
+                                 '1 and 3 do not belong to one rigid ring', figures)
         return Finding(OK, 'zero within noise', figures)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 import io
 from pathlib import Path
 import tracemalloc
@@ -251,9 +252,9 @@ def sound():
     return load, 1e-3 - motion * -1.0 + random.normal(0.0, 3e-7, (4, 2000))
 
 
-def said(load, gaps) -> str:
+def said(load, gaps, rig=None) -> str:
     from saddlering_ros.bags.wiring import wiring_notes
-    return ' '.join(wiring_notes(default_rig(), np.radians(50.0), load, gaps))
+    return ' '.join(wiring_notes(rig or default_rig(), np.radians(50.0), load, gaps))
 
 
 def test_a_sound_ring_and_faults_of_a_few_percent_are_not_suspected(sound):
@@ -271,6 +272,7 @@ def test_a_wrong_polarity_is_named_with_the_slope(sound, probe):
     load, gaps = sound
     gaps[probe] = 2e-3 - gaps[probe]
     assert f'wrong polarity of probe {probe + 1} ' in said(load, gaps)
+    assert 'µm per kN' in said(load, gaps, replace(default_rig(), force_unit='kN'))
 
 
 @pytest.mark.parametrize(('one', 'other'), [(0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3)])

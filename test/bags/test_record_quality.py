@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from saddlering_ros.bags.record_quality import notes_between, quality_notes, topic_quality
+from saddlering_ros.quantities import quantity
 
 STEP, NOISE, RATE = 30.5e-9, 0.3e-6, 1000.0
 
@@ -43,7 +44,7 @@ def test_readings_held_at_fifty_hertz_are_named_with_their_rate():
 @pytest.mark.parametrize('step', [0.7e-6, 2e-6, 5e-6])
 def test_a_coarse_resolution_is_named_and_no_stall(step):
     (line,) = notes(*record(step=step))
-    assert f'resolution of {step * 1e6:.3g} um' in line
+    assert f'resolution of {quantity(step, "m")}' in line
 
 
 def test_single_spikes_are_found_each_and_nothing_else():

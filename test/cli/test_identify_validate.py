@@ -80,7 +80,7 @@ def test_validate_prints_a_table_writes_json_and_pictures(
     assert main(command) == 0
     printed = capsys.readouterr().out
     assert 'delta_x' in printed
-    assert 'in um or urad (1e-6 rad)' in printed
+    assert 'in µm or µrad' in printed
     assert 'criteria:' in printed
     assert f'saddlering validate {bags[2]}' in (tmp_path / 'page.html').read_text('utf-8')
     run = json.loads(out.read_text())['runs'][0]

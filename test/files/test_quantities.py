@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from saddlering_ros.quantities import percent, probability, quantity
+from saddlering_ros.quantities import compact, percent, probability, quantity, signed, span
 
 
 @pytest.mark.parametrize(('value', 'unit', 'std', 'shown'), [
@@ -19,6 +19,21 @@ from saddlering_ros.quantities import percent, probability, quantity
 ])
 def test_a_quantity_has_a_prefix_and_the_digits_its_error_leaves(value, unit, std, shown):
     assert quantity(value, unit, std) == shown
+
+
+def test_an_interval_has_one_power_of_ten_and_its_unit():
+    assert span(1.27e8, 1.33e8, 'N/m^n') == '(1.27 to 1.33) × 10⁸ N/m^n'
+    assert span(1.065, 1.0967) == '1.065 to 1.097'
+
+
+def test_a_compact_number_has_no_closing_zeros_and_no_letter_e():
+    assert [compact(value) for value in (2e4, 2e7, 0.5, 1e-6)] == [
+        '20000', '2 × 10⁷', '0.5', '1 × 10⁻⁶']
+
+
+def test_a_signed_quantity_shows_both_signs():
+    assert signed(3.2e-6, 'm') == '+3.20 µm'
+    assert signed(-3.2e-6, 'm') == '-3.20 µm'
 
 
 @pytest.mark.parametrize('value', [None, math.nan, math.inf])

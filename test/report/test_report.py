@@ -214,6 +214,15 @@ def test_the_comparison_shows_all_three_displacements():
     assert {'δx / µm', 'δy / µm', 'γ / µrad'} <= labels
 
 
+def test_loads_are_drawn_in_the_unit_of_the_rig_file():
+    for unit, peak in (('t', 25.0), ('kN', 245.17)):
+        run = replace(RUNS[0], force_unit=unit)
+        panel = figures.comparison([run]).panels[-1]
+        assert panel.x_label == f'load / {unit}'
+        assert max(max(one.x) for one in panel.series) == pytest.approx(peak, rel=1e-3)
+        assert figures.residual_map([run]).panels[-1].x_ticks.words[-1].endswith(f' {unit}')
+
+
 def test_white_noise_is_seen_under_a_curve_and_steps():
     time = np.linspace(0.0, 1.0, 4000)
     noise = np.random.default_rng(3).normal(0.0, 2e-7, time.size)

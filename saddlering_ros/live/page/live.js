@@ -22,6 +22,7 @@ const post = (path) => fetch(path, { method: 'POST', headers: { 'X-Saddlering': 
 
 let boot = '';
 let width = 0.01;
+let forceUnit = 't';
 let band = [];
 const opened = new Set();
 let streams = {};
@@ -35,6 +36,7 @@ function take(message) {
   if (message.anew || message.boot !== boot) forget();
   boot = message.boot;
   width = message.width;
+  forceUnit = message.force_unit;
   for (const [name, found] of Object.entries(message.streams)) {
     found.cell.forEach((cell, i) => {
       streams[name].set(cell, {
@@ -120,7 +122,7 @@ async function draw() {
       { ...trace(extremes('residual', channel.row), i, SIMULATED, 'lowest to highest',
         { width: 0 }), fill: 'toself', fillcolor: 'rgba(209,73,91,0.15)', hoverinfo: 'skip' },
       trace(means('residual', channel.row), i, SIMULATED, 'mean')]);
-    await Plotly.react('loops', loops, layout('load / t', true), SETTINGS);
+    await Plotly.react('loops', loops, layout(`load / ${forceUnit}`, true), SETTINGS);
     await Plotly.react('residuals', residuals, layout('time / s', false), SETTINGS);
     document.body.dataset.points = loops[0].x.length;
   }
@@ -156,12 +158,14 @@ function probeGauge(probe, number) {
   return box;
 }
 
+const loadWords = (load, unit) => `${load[unit].toFixed(unit === 't' ? 2 : 1)} ${unit}`;
+
 function showNow(now) {
   const { load, elevation, probes } = now.gauges;
   byId('test').textContent = now.test ? `Test ${now.test}` : 'Test in progress';
   document.querySelector('#now .gauges').replaceChildren(
-    gauge('Load', load ? `${load.t.toFixed(2)} t` : '–',
-      load ? `${load.kN.toFixed(1)} kN` : 'None received'),
+    gauge('Load', load ? loadWords(load, forceUnit) : '–',
+      load ? loadWords(load, forceUnit === 't' ? 'kN' : 't') : 'None received'),
     gauge('Elevation', elevation ? `${elevation.deg}°` : '–',
       elevation ? (elevation.is_measured ? 'measured' : 'as simulated') : 'None received'),
     ...probes.map((probe, i) => probeGauge(probe, i + 1)));
