@@ -1,4 +1,4 @@
-"""Additions of a user's own laws to the load of the ring and to the readings of the probes."""
+"""Additions of the user's own laws to the load at the ring and to the readings of the probes."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ Floats = NDArray[np.float64]
 
 
 class Additions:
-    """All laws along one record, from its zero on, where their sum is zero."""
+    """All laws along one record, from its zero on; their sum at the zero is zero."""
 
     def __init__(self, rig: Rig, laws: Sequence[Law], time: float, load: float) -> None:
         both = [(law, LawHistory(law, time, load)) for law in laws]

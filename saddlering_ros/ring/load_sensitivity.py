@@ -1,7 +1,7 @@
 """Sensitivity of the motion to small errors of the load: the model linearised about a motion.
 
 m d2(dq) + D(t) d(dq) + K(t) dq = b dP with the tangent stiffness K and damping D of all rollers in
-contact along the motion, by the difference formulas (BDF2) that the simulator itself steps with.
+contact along the motion, by the difference formulas (BDF2) of the simulator.
 """
 
 from __future__ import annotations
@@ -21,9 +21,9 @@ def load_sensitivity(rig: Rig, contact: ContactParameters, elevation: float, tim
                      load: Floats, nodes: int) -> Floats:
     """Mean displacements (3, nodes, nodes) [m/N, m/N, rad/N] per load error of a record.
 
-    time (N,) [s] is even, N a multiple of `nodes`: each node is the middle of a block of it. An
-    error of 1 N at node j, falling to nought at its neighbours, moves the mean of block i by
-    [:, i, j]. The motion starts at rest under its first load, errors included.
+    time (N,) [s] is evenly spaced, and N is a multiple of `nodes`. Each node is the middle of a
+    block. An error of 1 N at node j, which falls to zero at the next nodes, changes the mean of
+    block i by [:, i, j]. The motion starts at rest under its first load with the errors.
     """
     law = contact.to_array()[None]
     step = float(np.mean(np.diff(time)))

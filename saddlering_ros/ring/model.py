@@ -25,18 +25,19 @@ Floats = NDArray[np.float64]
 Model = NDArray[np.void]
 
 VECTOR = 8
-"""Size of a group of rollers that is computed at once."""
+"""Number of rollers that are computed at once."""
 
 FAR_OFF = 1.0
-"""Gap [m] of a place in a row that holds no roller."""
+"""Gap [m] of an unused place of a row."""
 
 
 @dataclass(frozen=True)
 class Rows:
-    """Rollers of upper, lower and radial row as the kernels want them.
+    """Rollers of upper, lower and radial row in the form of the kernels.
 
-    arrays (3, 3, J): per row its cosines (falling), weights (rollers at that cosine times the
-    share of the force they carry) and gaps [m]; uniform (3,): whether all gaps of a row are equal.
+    arrays (3, 3, J): per row its cosines (falling), weights (number of rollers at this cosine
+    times the share of the force that they carry) and gaps [m]; uniform (3,): whether all gaps of
+    a row are equal.
     """
 
     arrays: Floats
@@ -45,7 +46,7 @@ class Rows:
 
     @property
     def flat(self) -> Floats:
-        """The kernels' own copy of `arrays`, shape (9 J,)."""
+        """A flat copy of `arrays` for the kernels, shape (9 J,)."""
         return np.array(self.arrays.reshape(-1), dtype=np.float64)
 
 
@@ -63,9 +64,9 @@ def roller_angles(row: RollerRow) -> Floats:
 
 
 def mixed(count: int) -> Floats:
-    """Numbers (N,) evenly between -1 and 1, mixed so that any few neighbours reach over all.
+    """Numbers (N,) spread evenly between -1 and 1, in an order in which neighbours differ widely.
 
-    Multiples of the golden ratio less their whole parts (H. Weyl, Math. Ann. 77 (1916) 313).
+    Fractional parts of multiples of the golden ratio (H. Weyl, Math. Ann. 77 (1916) 313).
     """
     golden = 0.5 * (np.sqrt(5.0) - 1.0)
     return np.asarray(2.0 * np.modf((np.arange(count) + 0.5) * golden)[0] - 1.0)
@@ -90,9 +91,9 @@ def _row(row: RollerRow, geometry: RowGeometry) -> tuple[Floats, Floats, Floats,
 
 
 def _padded(rows: Sequence[Floats]) -> Floats:
-    """Rows (3, J_i) in one array (3, 3, J); rollers that fill up are far off and carry no load.
+    """Rows (3, J_i) in one array (3, 3, J); unused places have a large gap and carry no load.
 
-    The kernels go on to the next multiple of VECTOR rollers: J leaves room for that.
+    The kernels compute up to the next multiple of VECTOR rollers, and J leaves room for them.
     """
     longest = max(row.shape[1] for row in rows)
     arrays = np.zeros((len(rows), 3, (longest // VECTOR + 2) * VECTOR))
@@ -112,19 +113,19 @@ def _rows_cached(axial: RollerRow, radial: RollerRow, upper: RowGeometry, lower:
     counts = (parts[0][0].size, parts[1][0].size, parts[2][0].size)
     if counts[0] == counts[1]:
         return Rows(arrays, uniform, counts)
-    # The kernels know one count for both axial rows: spread the row that was merged.
+    # The kernels have one number for both axial rows: split the twins of the merged row again.
     wide = [_spread(axial, geometry) for geometry in (upper, lower)]
     return Rows(_padded([*wide, arrays[2]]), np.array([False, False, uniform[2]]),
                 (axial.rollers, axial.rollers, counts[2]))
 
 
 def rows_of(rig: Rig, extension: RingExtension = NO_EXTENSION) -> Rows:
-    """The three rows of a rig under an extension (kept between calls)."""
+    """The three rows of a rig under an extension (cached)."""
     return _of_extension(extension).rows(rig)
 
 
 def spread_rows(rig: Rig, extension: RingExtension) -> Rows:
-    """The three rows with a place for every roller, whether mirror twins are alike or not."""
+    """The three rows with a place for every roller, also for equal mirror twins."""
     parts = [_spread(row, geometry) for row, geometry in (
         (rig.axial_rows, extension.upper_row), (rig.axial_rows, extension.lower_row),
         (rig.radial_row, extension.radial_row))]
@@ -144,7 +145,7 @@ def _spread(row: RollerRow, geometry: RowGeometry) -> Floats:
 def _field(name: str, neutral: Any) -> list[tuple[Any, ...]]:
     """Fields of the model's record for one extension parameter, by its neutral value."""
     if isinstance(neutral, RowGeometry):
-        return [(f'{name}_stiffness', 'f8')]  # its gaps and wear are in `Rows`
+        return [(f'{name}_stiffness', 'f8')]  # gaps and wear are in `Rows`
     if isinstance(neutral, Hysteron):
         return [(name, [(part.name, 'f8') for part in fields(Hysteron)])]
     if isinstance(neutral, tuple):
@@ -156,7 +157,7 @@ RIG_FIELDS = (
     'radius', 'radial_row_height', 'axial_rollers', 'radial_rollers', 'axial_clearance',
     'radial_clearance', 'mass', 'inertia', 'weight', 'weight_x', 'trunnion_x', 'trunnion_y',
     'elevation', 'full_scale', 'cosine', 'sine', 'axial_span', 'probe_plane_height')
-"""Constants of rig and elevation; cosine and sine are of the elevation without bracket play."""
+"""Constants of rig and elevation; cosine and sine of the elevation without bracket play."""
 
 EXTENSION_FIELDS = [
     (part, item.metadata['stage'], item.metadata['acts_on'])
@@ -168,14 +169,14 @@ EXTENSION_FIELDS = [
 MODEL = np.dtype([
     *((name, 'f8') for name in (*RIG_FIELDS, *PARAMETER_NAMES)),
     *(part for part, _, _ in EXTENSION_FIELDS)])
-"""The record that the kernels read by name: rig, contact law, every extension parameter.
+"""The record of the kernels, read by name: rig, contact law, every extension parameter.
 
-All numbers are floats, so that a record is a row of floats too.
+All fields are floats, so that a record is also a row of floats.
 """
 
 
 def _numbers(extension: RingExtension) -> list[float]:
-    """The extension's numbers in the order of `MODEL`."""
+    """Numbers of the extension in the order of `MODEL`."""
     numbers: list[float] = []
     for item in shared_parameters():
         value = getattr(extension, item.name)
@@ -192,7 +193,7 @@ NO_LAW = (0.0,) * len(PARAMETER_NAMES)
 
 
 class _OfExtension:
-    """What a model takes from an extension: its numbers, and the rows of the last rig."""
+    """Parts of a model that depend on the extension: its numbers, and rows of the last rig."""
 
     def __init__(self, extension: RingExtension) -> None:
         self.numbers = _numbers(extension)
@@ -207,7 +208,7 @@ class _OfExtension:
 
 
 def _of_extension(extension: RingExtension) -> _OfExtension:
-    """Kept with the extension: a fit simulates one of them for every run and neighbour."""
+    """Cached with the extension, because a fit simulates it for every run and neighbour."""
     known: _OfExtension | None = vars(extension).get('_of_model')
     if known is None:
         known = _OfExtension(extension)
@@ -217,9 +218,9 @@ def _of_extension(extension: RingExtension) -> _OfExtension:
 
 def model_of(rig: Rig, elevation: float, extension: RingExtension = NO_EXTENSION,
              counts: tuple[int, int, int] | None = None) -> Model:
-    """The model's record, an array of one, without the contact law: `with_contact` puts it in.
+    """The record of a model, an array of one, without the contact law (see `with_contact`).
 
-    counts: places in the three rows, where they are not those of `rows_of`.
+    counts: numbers of places in the three rows, if they are not those of `rows_of`.
     """
     counts = counts or rows_of(rig, extension).counts
     at_ring = elevation + extension.elevation_error
@@ -235,7 +236,7 @@ def model_of(rig: Rig, elevation: float, extension: RingExtension = NO_EXTENSION
 
 
 def with_contact(model: Model, contacts: ArrayLike) -> Model:
-    """Copies (B,) of a model's record with each contact law of `contacts` (B, 6) put in."""
+    """Copies (B,) of the record of a model, each with a contact law of `contacts` (B, 6)."""
     laws = np.atleast_2d(np.asarray(contacts, dtype=np.float64))
     batch = np.repeat(model.view(np.float64)[None], laws.shape[0], axis=0)
     first = len(RIG_FIELDS)
@@ -249,7 +250,7 @@ def stacked_models(rig: Rig, contacts: Floats, elevation: float,
     rows: list[Floats] = []
     last = None
     for extension in extensions:
-        # Neighbours in the contact law share one extension, and stand side by side.
+        # Neighbours in the contact law share one extension and follow each other.
         if extension is not last:
             of_extension = model_of(rig, elevation, extension).view(np.float64)
             last = extension
@@ -268,16 +269,16 @@ _NEUTRAL = np.array(_numbers(NO_EXTENSION), dtype=np.float64)
 
 
 def read_motion_only(models: Model) -> NDArray[np.bool_]:
-    """Which of the models (B,) add nothing to the motion and to the readings."""
+    """Mask (B,) of the models without additions to the motion and to the readings."""
     numbers = models.view(np.float64).reshape(models.size, -1)
     added = numbers[:, len(RIG_FIELDS) + len(PARAMETER_NAMES):][:, ~_MOVES]
     return np.asarray((added == _NEUTRAL[~_MOVES]).all(axis=1))
 
 
 def same_motions(models: Model, rows: Sequence[Rows]) -> NDArray[np.intp]:
-    """For each of the models (B,) with its rows, the first whose rollers move alike.
+    """For each of the models (B,) with its rows, the first model with the same roller motion.
 
-    Extensions of two such models differ in what is added to the motion and to the readings only.
+    Two such models differ only in additions to the motion and to the readings.
     """
     numbers = models.view(np.float64).reshape(models.size, -1).copy()
     own = numbers[:, len(RIG_FIELDS) + len(PARAMETER_NAMES):]
@@ -296,7 +297,7 @@ def build_model(rig: Rig, contact: ContactParameters, elevation: float,
 
 
 def stack_rows(rows: Sequence[Rows]) -> tuple[Floats, NDArray[np.bool_]]:
-    """Rows of a batch, flat: (R, 9 J) and uniform (R, 3); R = 1 where all are the same."""
+    """Rows of a batch, flat: (R, 9 J) and uniform (R, 3); R = 1 if all are equal."""
     if all(row is rows[0] for row in rows):
         return rows[0].flat[None], rows[0].uniform[None]
     longest = max(row.arrays.shape[2] for row in rows)

@@ -1,7 +1,7 @@
 """The ring in a multibody program (exudyn): one body, one spring-damper per roller.
 
-It shares no sum, Jacobian or time stepping with the reference; only the force of one contact unit
-is written again. It verifies the reference and stands in for ADAMS.
+This model shares no sum, Jacobian or time stepping with the reference; only the force law of one
+roller is repeated. The model verifies the reference in place of ADAMS.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ UserForce = Callable[..., list[float]]
 
 
 class MultibodyError(SaddleringError):
-    """The multibody program is not installed or found no solution; one line."""
+    """The multibody program is not installed or found no solution."""
 
 
 def _exudyn() -> Any:
@@ -34,7 +34,7 @@ def _exudyn() -> Any:
 
 
 def _unit(stiffness: float, exponent: float, damping: float) -> Callable[[float, float], float]:
-    """F(p, dp/dt) of one contact unit [N]: max(0, K p^n + s(p) D dp/dt), s a C1 ramp over 1 um."""
+    """F(p, dp/dt) of one contact unit [N]: max(0, K p^n + s(p) D dp/dt), s a C1 ramp over 1 µm."""
     def force(depth: float, rate: float) -> float:
         if depth <= 0.0:
             return 0.0
@@ -61,8 +61,8 @@ def _radial(unit: Callable[[float, float], float], cosine: float, gap: float) ->
 class MultibodyRing:
     """One test in exudyn: the upper ring a rigid body in the load plane, the lower the ground.
 
-    Its rotation is right-handed, hence minus gamma. Forces act at C, with fixed lever arms, as in
-    the ring model; kinematics are finite, which differs by gamma^2.
+    The rotation is right-handed and therefore minus gamma. Forces act at C with fixed lever arms,
+    as in the ring model. The kinematics are finite and differ from those of the model by gamma^2.
     """
 
     def __init__(self, rig: Rig, contact: ContactParameters, elevation: float,

@@ -1,6 +1,6 @@
-"""The ring model to be read: plain sums over 304 rollers, equilibrium, dynamics, Jacobian.
+"""The readable ring model: plain sums over 304 rollers, equilibrium, dynamics, Jacobian.
 
-This file is written for the reader and not for speed. The compiled kernels are tested against
+This file serves the reader, not speed. The compiled kernels are tested against
 this file, and this file against closed forms, scipy's Radau and a multibody program. Source of the
 equations: docs/ring-model.md, after Lin, Qian, Yin, Chen, Liu, "Dynamic modeling and parameter
 identification of a gun saddle ring", Defence Technology, 2020 (our own formulation of it).
@@ -141,10 +141,10 @@ def static_equilibrium(rig: Rig, contact: ContactParameters, load: float, elevat
 
 def simulate_dynamic(rig: Rig, contact: ContactParameters, elevation: float, time: ArrayLike,
                      load: ArrayLike) -> Floats:
-    """Q (3, N) at the samples of time (N,), load (N,), from rest at load[0]; one step a sample.
+    """Q (3, N) at the samples of time (N,), load (N,), from rest at load[0]; one step per sample.
 
-    BDF2 (backward Euler for the first step) with Newton on the exact Jacobian. No step between
-    stamps is divided: give the mesh that is wanted.
+    BDF2 (backward Euler for the first step) with Newton on the exact Jacobian. The steps are the
+    intervals between the samples; none is divided.
     """
     seconds, force = np.asarray(time, dtype=np.float64), np.asarray(load, dtype=np.float64)
     rows = contact_rows(rig, contact)
@@ -171,7 +171,7 @@ def simulate_dynamic(rig: Rig, contact: ContactParameters, elevation: float, tim
 
 def _implicit_step(rows: tuple[ContactRow, ...], mass: Floats, external: Floats, c0: float,
                    q_past: Floats, v_past: Floats, guess: Floats) -> Floats:
-    """Q that satisfies mass (c0 v + v_past) = external + contact(q, v), v = c0 q + q_past."""
+    """Q with mass (c0 v + v_past) = external + contact(q, v), v = c0 q + q_past."""
     q = guess
     for _ in range(50):
         v = c0 * q + q_past

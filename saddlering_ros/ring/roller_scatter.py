@@ -1,10 +1,10 @@
 """The effect of the unequal rollers of a sound ring on its displacement: nuisance parameters.
 
-Every roller's gap and stiffness differ a little. To first order a gap change g_i moves the ring by
-S^-1 k_i v_i g_i and a stiffness change e_i by -S^-1 F_i v_i e_i, with v_i the roller's
+Gap and stiffness of every roller differ a little. To first order a gap change g_i moves the ring
+by S^-1 k_i v_i g_i and a stiffness change e_i by -S^-1 F_i v_i e_i, with v_i the roller's
 penetration by (delta_x, delta_y, gamma), k_i its tangent stiffness and S the sum of k_i v_i
-v_i'. Both are averaged over the scatter itself, since a roller about to touch is neither in
-contact nor out of it.
+v_i'. Both are averaged over the scatter, because a roller that is about to touch is partly in
+contact.
 """
 
 from __future__ import annotations
@@ -35,9 +35,9 @@ _WEIGHTS = _WEIGHTS / _WEIGHTS.sum()
 
 @dataclass(frozen=True)
 class Course:
-    """One run as the columns need it: time and probes (4, N) [m] simulated at the base values.
+    """One run as input of the columns: time and probes (4, N) [m], simulated at the base values.
 
-    `static`: its blocks lie in holds, where the ring has come to rest.
+    `static`: the blocks lie in holds, in which the ring rests.
     """
 
     elevation: float
@@ -52,7 +52,7 @@ class Course:
 class _Table:
     """Over loads (G,): motion (3, G), columns (G, 3, k), decay rates (G, 3, 3) [1/s].
 
-    moving (G, 3, k): part of the columns by the dampers per rate of the load [s/N].
+    moving (G, 3, k): part of the columns that the dampers add, per rate of the load [s/N].
     """
 
     load: Array
@@ -62,7 +62,7 @@ class _Table:
     decay: Array
 
     def at(self, rows: slice, load: Array, rate: Array) -> tuple[Array, Array]:
-        """Some rows of columns (N, r, k) and decay rates (N, r, 3) at loads and rates (N,)."""
+        """Columns (N, r, k), decay rates (N, r, 3) of some coordinates at loads and rates (N,)."""
         place = np.clip(np.searchsorted(self.load, load) - 1, 0, self.load.size - 2)
         low = self.load[place]
         share = np.clip((load - low) / (self.load[place + 1] - low), 0.0, 1.0)[:, None, None]
@@ -74,13 +74,13 @@ class _Table:
 
 
 def scatter_columns(rig: Rig, contact: Array, course: Course) -> Array:
-    """Probe increments (4, N, k) that one spread of each roller's scatter gives along a run.
+    """Probe increments (4, N, k) along a run by one standard deviation of the scatter.
 
-    The rollers in contact are those of the simulated motion, which lags behind the load; what
-    scatter adds to it comes as late as the dampers let it.
+    The rollers in contact are those of the simulated motion, which lags behind the load. The
+    dampers delay the contribution of the scatter too.
     """
     low, high = float(course.load.min()), float(course.load.max())
-    # Finer where contact begins.
+    # A finer grid where contact begins.
     grid = low + (high - low) * np.linspace(0.0, 1.0, GRID) ** 1.5
     motion = static_response(rig, contact, course.elevation, grid)
     per_load = np.gradient(motion, grid, axis=1)
@@ -105,7 +105,7 @@ def scatter_columns(rig: Rig, contact: Array, course: Course) -> Array:
 def _equivalent_loads(
     rig: Rig, contact: Array, course: Course, table: _Table
 ) -> tuple[Array, Array]:
-    """Loads (N,) that would hold the ring at rest where it is: by delta_x, and by gamma."""
+    """Loads (N,) under which the ring would rest at its motion: by delta_x, and by gamma."""
     zero = static_response(rig, contact, course.elevation, np.array([course.zero_load]))[:, 0]
     moved = probes_to_displacement(rig.probes, course.probes)
     answers = []
@@ -116,9 +116,9 @@ def _equivalent_loads(
 
 
 def _late(time: Array, q: Array, decay: Array) -> Array:
-    """Columns (N, 3, k) behind their equilibrium: dq/dt = decay (equilibrium - q).
+    """Columns (N, 3, k) that lag behind their equilibrium: dq/dt = decay (equilibrium - q).
 
-    Two implicit half steps a sample, to the equilibrium half way and to that at its end.
+    Two implicit half steps per sample: to the equilibrium at half the step and at its end.
     """
     late = q.copy()
     rate = 0.5 * np.diff(time)[:, None, None] * decay[1:]
@@ -133,10 +133,10 @@ def _late(time: Array, q: Array, decay: Array) -> Array:
 
 
 def known_rigs(rig: Rig) -> list[tuple[Rig, Rig]]:
-    """The rig with each thing not known exactly one spread over and one spread under its value.
+    """The rig with each uncertain quantity one standard deviation above and below its value.
 
-    Without clearances and weight among them a common gain of the load would be told from the
-    stiffnesses by nothing but clearances and a weight that no one knows so well.
+    Clearances and weight are among them. Otherwise a common gain of the load would be separated
+    from the stiffnesses by clearances and a weight that are not known well enough.
     """
     axial, middle, carriage = rig.axial_rows, rig.radial_row, rig.carriage
     pairs = []
@@ -153,19 +153,19 @@ def known_rigs(rig: Rig) -> list[tuple[Rig, Rig]]:
 
 
 def _half(row: RollerRow) -> tuple[Array, Array]:
-    """Cosines of a row's rollers on one side, and how many rollers have each: mirror twins."""
+    """Cosines of the rollers of one side of a row, and the number of rollers with each."""
     index = np.arange(row.rollers // 2 + 1)
     twins = np.where((index == 0) | (2 * index == row.rollers), 1.0, 2.0)
     return np.cos(2.0 * np.pi * index / row.rollers), twins
 
 
 def _columns_at(rig: Rig, contact: Array, q: Array, per_load: Array) -> tuple[Array, Array, Array]:
-    """Motion (G, 3, k) for one spread of every gap, every stiffness, of touching softly, at q.
+    """Motion (G, 3, k) at q (G, 3) by one standard deviation of every gap and every stiffness.
 
-    q (G, 3). Then what of it the dampers add per rate of the load, where q moves by `per_load`
-    (G, 3) [1/N]: a roller that touches early is damped early. And the rates (G, 3, 3) [1/s] at
-    which the dampers let a displacement decay there. Mirror twins move the ring alike: one column
-    of sqrt(2) times the height has the covariance of both.
+    The second result is the part that the dampers add per rate of the load, where q moves by
+    `per_load` (G, 3) [1/N]: a roller that touches early is damped early. The third result is the
+    rate (G, 3, 3) [1/s] at which the dampers let a displacement decay. Mirror twins move the ring
+    equally: one column of sqrt(2) times the height has the covariance of both.
     """
     axial, middle = rig.axial_rows, rig.radial_row
     (first, axial_twins), (second, radial_twins) = _half(axial), _half(middle)
@@ -216,13 +216,13 @@ def _columns_at(rig: Rig, contact: Array, q: Array, per_load: Array) -> tuple[Ar
 
 
 def _held(matrices: Array, share: float, radius: float) -> Array:
-    """Matrices (G, 3, 3) with a share of their trace on the diagonal: none is singular."""
+    """Matrices (G, 3, 3) plus a share of their trace on the diagonal, so that none is singular."""
     trace = np.trace(matrices, axis1=1, axis2=2)[:, None, None]
     return np.asarray(matrices + share * trace * np.diag([1.0, 1.0, radius**2]))
 
 
 def compressed(columns: Array, most: int = COLUMNS) -> Array:
-    """Fewer columns (n, <= most) of all but the same covariance as columns (n, k)."""
+    """At most `most` columns with almost the same covariance as columns (n, k)."""
     values, vectors = np.linalg.eigh(columns.T @ columns)
     order = np.argsort(values)[::-1][:most]
     order = order[values[order] > 1e-12 * values[-1]]

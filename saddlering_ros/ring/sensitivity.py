@@ -1,9 +1,9 @@
-"""How motions and readings change with contact law, loads, friction, rollers: exact tangents.
+"""Exact derivatives of motion and readings by contact law, loads, friction and rollers.
 
-One simulation and one pass along it give the change by every parameter at once, where differences
-take a simulation each. Parameters of the equation of motion are differentiated by the implicit
-function theorem (`kernels/tangents.py`); what is added to motion and readings is computed anew,
-which costs next to nothing.
+One simulation and one pass along it give the derivatives by all parameters; finite differences
+would take one simulation per parameter. Parameters of the equation of motion are differentiated by
+the implicit function theorem (`kernels/tangents.py`). Additions to motion and readings are
+computed anew, which costs little.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ Candidate = tuple[ArrayLike, RingExtension]
 
 
 def _columns(*names: str) -> list[int]:
-    """Places of fields of the model's record, and of all their parts, in its row of floats."""
+    """Indices of fields of the model's record, with all their parts, in its row of floats."""
     places: list[int] = []
     for name in names:
         kind, start = MODEL.fields[name][:2]  # type: ignore[index]
@@ -48,7 +48,7 @@ def _columns(*names: str) -> list[int]:
 
 
 K, N, D = (_columns(a, a, b) for a, b in (('K1', 'K2'), ('n1', 'n2'), ('D1', 'D2')))
-"""Of the upper, the lower and the radial row, as below."""
+"""Indices of K, n and D of the upper, the lower and the radial row."""
 
 CONTACT, (ELEVATION,) = _columns('K1', 'n1', 'D1', 'K2', 'n2', 'D2'), _columns('elevation')
 FACTORS = _columns('upper_row_stiffness', 'lower_row_stiffness', 'radial_row_stiffness')
@@ -59,12 +59,12 @@ LOADS = _columns('cosine', 'sine', *(part[0] for part, stage, _ in EXTENSION_FIE
                                      if stage == 'load path'))
 NO_TANGENT = [item for item in own_parameters()
               if item.acts_on != READING and item.stage != 'load path']
-"""Parameters of effects' own laws inside the ring's motion: only a simulation has their change."""
+"""Parameters of laws inside the motion of the ring; only a simulation gives their effect."""
 
 
 @dataclass(frozen=True)
 class Responses:
-    """Readings (4, N) [m] of a candidate, and (P, 4, N) of its neighbours to first order."""
+    """Readings (4, N) [m] of a candidate, and first-order readings (P, 4, N) of its neighbours."""
 
     centre: Floats
     neighbours: Floats
@@ -72,9 +72,9 @@ class Responses:
 
 @dataclass(frozen=True)
 class _Path:
-    """The steps of a simulation: time, load (M,), motion (M, 3); samples' places, readings (N, 4).
+    """Steps of a simulation: time and load (M,), motion (M, 3), indices of the samples, readings.
 
-    The first is the rest at the zero.
+    The first step is the rest at the zero. Readings (N, 4).
     """
 
     time: Floats
@@ -84,7 +84,7 @@ class _Path:
     readings: Floats
 
     def read_by(self, model: Model, zero_load: float, time: Floats, load: Floats) -> _Path:
-        """The same path, as a model reads it whose rollers move alike; NaN if steps failed."""
+        """The same motion as read by a model with other additions; NaN if steps failed."""
         readings = _read(model, zero_load, time, load, self.motion[self.samples])
         if not np.isfinite(self.readings).all():
             readings[:] = np.nan
@@ -93,7 +93,7 @@ class _Path:
 
 @dataclass(frozen=True)
 class FollowedMotion:
-    """A motion of the plain ring, (3, N) at the samples, and every step of it."""
+    """A motion of the ring without extension, (3, N) at the samples, and all its steps."""
 
     model: Model
     rows: Rows
@@ -151,10 +151,10 @@ def static_sensitivities(rig: Rig, contact: ArrayLike, elevation: float,
 
 
 def has_tangent(rig: Rig, centre: Candidate, neighbour: Candidate) -> bool:
-    """Whether one pass along the centre gives a neighbour cheaper than a simulation of it.
+    """Whether the pass along the centre is a cheaper way to a neighbour than a simulation.
 
-    Unequal rollers take as long as several simulations; a saturation that sets in has no slope,
-    nor has an effect's own law inside the motion.
+    A pass with unequal rollers takes as long as several simulations. A saturation that begins has
+    no derivative, and neither has the user's own law inside the motion.
     """
     (_, own), (_, other) = centre, neighbour
     if own is other and own.damping_penetration_saturation == 0.0:
@@ -169,9 +169,9 @@ def probe_sensitivities(rig: Rig, groups: Sequence[tuple[Candidate, Sequence[Can
                         elevation: float, time: ArrayLike, load: ArrayLike,
                         zero_load: float | None = None,
                         max_step: float = 1e-3) -> list[Responses]:
-    """Readings of each candidate and of its neighbours, those to first order in their distance.
+    """Readings of each candidate, and first-order readings of its neighbours.
 
-    A group is a candidate (contact law, extension) and its neighbours, a small step aside each.
+    A group is a candidate (contact law, extension) and its neighbours, each a small step away.
     Arguments and readings are those of `simulator.probe_batch`.
     """
     seconds, force = check_simulation(time, load, elevation, max_step)
@@ -205,7 +205,7 @@ def probe_sensitivities(rig: Rig, groups: Sequence[tuple[Candidate, Sequence[Can
 def _responses(rig: Rig, model: Model, extension: RingExtension, neighbours: Sequence[Candidate],
                elevation: float, time: Floats, load: Floats, zero_load: float,
                path: _Path) -> Responses:
-    """Readings of a candidate, whose path is known, and of its neighbours."""
+    """Readings of a candidate with a known path, and of its neighbours."""
     usual = of_probes_clock(path.readings.T, extension, time)
     if not neighbours:
         return Responses(usual, np.empty((0, *usual.shape)))
@@ -229,9 +229,9 @@ def _responses(rig: Rig, model: Model, extension: RingExtension, neighbours: Seq
 def _neighbouring_motions(rig: Rig, model: Model, others: Model, extension: RingExtension,
                           extensions: Sequence[RingExtension], rollers: Sequence[Rows],
                           zero_load: float, path: _Path) -> tuple[Floats, NDArray[np.intp]]:
-    """Changes (N, 3, P) of the motion at the samples, and which of them each neighbour has.
+    """Changes (N, 3, P) of the motion at the samples, and the index of each neighbour's change.
 
-    The last is none: that of neighbours that move alike.
+    The last change is zero; it belongs to neighbours with the same motion.
     """
     rows = rows_of(rig, extension)
     first = same_motions(np.concatenate([_floats(model), _floats(others)]).view(MODEL)[:, 0],
@@ -241,7 +241,7 @@ def _neighbouring_motions(rig: Rig, model: Model, others: Model, extension: Ring
     sampled = np.zeros((path.samples.size, 3, len(moving) + 1))
     if not moving:
         return sampled, moved
-    # Directions that move rollers come first: the kernel knows them by their number.
+    # Directions that change rollers come first, because the kernel identifies them by number.
     order = sorted(moving, key=lambda index: rollers[index] is rows)
     geometry = []
     count = sum(rollers[index] is not rows for index in order)
@@ -272,7 +272,7 @@ def _neighbouring_motions(rig: Rig, model: Model, others: Model, extension: Ring
 
 def _simulate(model: Model, rows: Rows, time: Floats, load: Floats, zero_load: float,
               max_step: float) -> _Path:
-    """A run, and the motion at every step that the simulator takes."""
+    """A run, and the motion at every step of the simulator."""
     motion, readings = np.empty((time.size, 3)), np.empty((time.size, 4))
     room = 2 + int(np.maximum(1.0, np.ceil(np.diff(time) / max_step)).sum())
     while True:
@@ -287,7 +287,7 @@ def _simulate(model: Model, rows: Rows, time: Floats, load: Floats, zero_load: f
     lengths = record[1:steps + 1, 0].copy()
     samples = np.searchsorted(time[0] + np.append(0.0, np.cumsum(lengths)),
                               time - 1e-6 * max_step)
-    # A step twice the one before is still of second order: rounding must not make it more.
+    # A step of twice the last one is still of second order; rounding must not exceed that.
     lengths[1:][lengths[1:] > 1.5 * lengths[:-1]] *= 1.0 - 1e-8
     return _Path(time[0] + np.append(0.0, np.cumsum(lengths)),
                  np.append(zero_load, record[1:steps + 1, 1]),
@@ -318,7 +318,7 @@ def _read(model: Model, zero_load: float, time: Floats, load: Floats, motion: Fl
 
 
 def _plain_readings(model: Model, motion: Floats) -> Floats:
-    """`courses.read_course` (N, 4, P) of motions (N, 3, P) where nothing is added to them."""
+    """Readings (N, 4, P) of motions (N, 3, P) without additions, as `courses.read_course`."""
     since = motion - motion[0]
     one = model[0]
     tilt = since[:, 2]
@@ -331,7 +331,7 @@ def _floats(model: Model) -> Floats:
 
 
 def _laws(models: Floats) -> Floats:
-    """Laws (B, 3, LAW) of upper, lower and radial row; an exponent of 0 stands for the row's n."""
+    """Laws (B, 3, LAW) of upper, lower and radial row; an exponent of 0 means n of the row."""
     share, exponent, saturation = (models[:, [place] * 3] for place in GROWTH)
     exponent = np.where(exponent > 0.0, exponent, models[:, N])
     return np.stack([models[:, K] * models[:, FACTORS], models[:, N], models[:, D], share,

@@ -44,14 +44,14 @@ Floats = NDArray[np.float64]
 
 
 class SimulationError(SaddleringError):
-    """A record that cannot be simulated; one line: fault, place, remedy."""
+    """A record cannot be simulated. The message is one line: fault, place, remedy."""
 
 
 @dataclass(frozen=True)
 class SimulatedSample:
     """One simulated state: time [s], displacement (floats), probe increments (4,) [m].
 
-    NaN where the time step did not converge, not even in many small ones.
+    NaN if the time step did not converge, even in many small steps.
     """
 
     time: float
@@ -61,11 +61,11 @@ class SimulatedSample:
 
 @dataclass(frozen=True)
 class SimulatedRun:
-    """A simulated record from its zero window on: M samples, the last M of the record's N mostly.
+    """A simulated record from its zero window on: M samples, mostly the last M of N.
 
     time (M,) [s]; displacement of (M,) arrays; probes (4, M) [m]; first: index in the record of
-    the first simulated sample; zero: where it was taken; failed_steps: those that did not
-    converge, whose samples are NaN (all of them if there was no equilibrium at the zero).
+    the first simulated sample; zero: its reading; failed_steps: number of steps that did not
+    converge. Their samples are NaN; all samples are NaN without an equilibrium at the zero.
     """
 
     time: Floats
@@ -77,11 +77,11 @@ class SimulatedRun:
 
 
 class RingSimulator:
-    """One simulated state per load sample, in step with it; live and offline are this object.
+    """One simulated state per load sample; nodes and commands use this class.
 
     rig, parameters with their effects, elevation [rad]; max_step [s] is the longest time step.
-    Samples wait until the zero window (rig.zeroing) closes, then come out at once; after that each
-    push answers its own sample, unless a negative clock offset makes it wait for later load.
+    Samples wait until the zero window (rig.zeroing) closes, and are then returned together. After
+    that each push returns its own sample, unless a negative clock offset needs a later load.
     """
 
     def __init__(self, rig: Rig, parameters: ParameterSet, elevation: float,
@@ -99,7 +99,7 @@ class RingSimulator:
         self.reset()
 
     def reset(self, *, zero_anywhere: bool = False) -> None:
-        """Forget everything; the next samples open a new zero window (at any load if asked)."""
+        """Begin anew; the next samples open a new zero window (`zero_anywhere`: at any load)."""
         self.iterations = 0
         self._lost = False
         self.zero: ZeroReading | None = None
@@ -111,11 +111,11 @@ class RingSimulator:
 
     @property
     def failed_steps(self) -> int:
-        """Steps so far in which Newton did not converge."""
+        """Number of steps in which Newton did not converge."""
         return int(self._state[at.FAILED_STEPS])
 
     def push(self, time: float, load: float) -> list[SimulatedSample]:
-        """Give one load sample, time [s] and load [N]; get the simulated samples that are due."""
+        """Take one load sample, time [s] and load [N]; the simulated samples that are ready."""
         if self.zero is not None:
             return self._samples(np.array([time]), np.array([load]))
         self._waiting.append((time, load))
@@ -126,7 +126,7 @@ class RingSimulator:
         return self._begin(reading, np.array(self._waiting))
 
     def _drop_before_window(self) -> None:
-        """Keep no sample that cannot belong to the zero window any more (bounded memory)."""
+        """Drop samples that can no longer belong to the zero window (bounded memory)."""
         keep = self._window.samples
         if len(self._waiting) > keep:
             del self._waiting[:len(self._waiting) - keep]
@@ -146,7 +146,7 @@ class RingSimulator:
             self._lost = True
 
     def _advance(self, time: Floats, load: Floats) -> Floats:
-        """Increments (N, 4) of the probes, the user's own laws in them."""
+        """Increments (N, 4) of the probes, with the user's own laws."""
         if self._additions is None:
             return self._moved(time, load)
         at_ring, added = self._additions.push(time, load)
@@ -169,7 +169,7 @@ class RingSimulator:
         return self._due()
 
     def _due(self) -> list[SimulatedSample]:
-        """Samples whose probes' clock reading falls inside what has been simulated."""
+        """Samples whose time on the probes' clock lies within the simulated time."""
         due = []
         begin, newest = self._state[at.START_TIME], self._past[-1][0]
         while self._asked:
@@ -193,14 +193,14 @@ class RingSimulator:
         return SimulatedSample(time, displacement, increments)
 
     def run(self, time: Floats, load: Floats) -> SimulatedRun:
-        """A whole record at once from a fresh start: the same numbers as pushing its samples."""
+        """Simulate a whole record from a new start: the same numbers as with `push`."""
         return next(self.run_in_blocks(time, load, len(time)))
 
     def run_in_blocks(self, time: Floats, load: Floats, size: int) -> Iterator[SimulatedRun]:
-        """The same in stretches of `size` samples from the zero on, so that none is kept.
+        """The same in stretches of `size` samples from the zero on, for long records.
 
-        `first` of a stretch is the place of its first sample in the record; the failed steps are
-        those so far.
+        `first` of a stretch is the index of its first sample in the record; `failed_steps` counts
+        from the start of the record.
         """
         self.reset()
         reading = zero_of_record(self._rig, time, load)
@@ -237,7 +237,7 @@ def check_record(time: Floats, load: Floats) -> None:
 
 def check_simulation(time: ArrayLike, load: ArrayLike, elevation: float,
                      max_step: float) -> tuple[Floats, Floats]:
-    """Time and load (N,) as the kernels want them; SimulationError if they cannot be simulated."""
+    """Time and load (N,) as arrays of the kernels; SimulationError if they are unusable."""
     if not np.isfinite(elevation):
         raise SimulationError(f'elevation is {elevation}: give a finite angle [rad]')
     seconds = np.ascontiguousarray(time, dtype=np.float64)
@@ -265,7 +265,7 @@ def simulate_in_blocks(
     rig: Rig, parameters: ParameterSet, elevation: float, time: ArrayLike, load: ArrayLike,
     size: int,
 ) -> Iterator[SimulatedRun]:
-    """`simulate` in stretches of `size` samples: the same numbers, of which none is kept."""
+    """`simulate` in stretches of `size` samples: the same numbers in little memory."""
     seconds = np.ascontiguousarray(time, dtype=np.float64)
     force = np.ascontiguousarray(load, dtype=np.float64)
     check_record(seconds, force)
@@ -273,14 +273,14 @@ def simulate_in_blocks(
 
 
 def threads() -> int:
-    """How many kernels run at once: SADDLERING_THREADS, else the processors of this process."""
+    """Number of kernels that run in parallel: SADDLERING_THREADS, or the processors available."""
     asked = os.environ.get('SADDLERING_THREADS', '')
     return max(1, int(asked)) if asked.isdigit() else len(os.sched_getaffinity(0))
 
 
 @lru_cache(maxsize=4)
 def _pool(process: int, workers: int) -> ThreadPoolExecutor:
-    # The process id is part of the key: a forked child must not use its parent's dead threads.
+    # The process id is part of the key, because the threads of a parent do not exist in a fork.
     return ThreadPoolExecutor(workers, thread_name_prefix=f'ring-{process}')
 
 
@@ -291,7 +291,7 @@ def _slices(count: int) -> list[slice]:
 
 
 def in_parallel(task: object, count: int) -> None:
-    """Run task(slice) over `count` items, on as many threads as `threads` allows."""
+    """Run task(slice) over `count` items on the threads that `threads` allows."""
     parts = _slices(count)
     if len(parts) == 1:
         task(parts[0])  # type: ignore[operator]
@@ -305,7 +305,7 @@ def static_batch(rig: Rig, contacts: ArrayLike, elevation: float, loads: ArrayLi
 
     Elastic contact only: no friction, creep or measurement part of an extension acts here.
     Rows: delta_x, delta_y [m], gamma [rad]. NaN where no equilibrium was found. Raises
-    SimulationError where elevation or a load is not finite.
+    SimulationError if elevation or a load is not finite.
     """
     m, every = _models(rig, contacts, elevation, extensions)
     rows, uniform = stack_rows(every)
@@ -332,8 +332,8 @@ def dynamic_batch(rig: Rig, contacts: ArrayLike, elevation: float, time: ArrayLi
                   load: ArrayLike, max_step: float = 1e-3) -> Floats:
     """Absolute motion (B, 3, N) of each contact law (B, 6) over a record, at rest at load[0].
 
-    NaN where a time step did not converge, and all along for a law that is not finite. Raises
-    SimulationError where time, a load, the elevation or the step is not.
+    NaN where a time step did not converge, and everywhere for a law that is not finite. Raises
+    SimulationError if time, a load, the elevation or the step is not finite.
     """
     m, rows = _models(rig, contacts, elevation, None)
     seconds, force = check_simulation(time, load, elevation, max_step)
@@ -347,9 +347,9 @@ def probe_batch(rig: Rig, candidates: Sequence[tuple[ArrayLike, RingExtension]],
     """Probe increments (B, 4, N) [m] of each (contact law (6,), extension) over a record.
 
     The zero is the equilibrium at `zero_load` [N] (load[0] if None), where the record starts.
-    NaN where a time step did not converge, and all along for a law that is not finite. Raises
-    SimulationError where time, a load, the elevation or the step is not.
-    Where a clock offset asks for samples outside the record, its first or last value is held.
+    NaN where a time step did not converge, and everywhere for a law that is not finite. Raises
+    SimulationError if time, a load, the elevation or the step is not finite.
+    Where a clock offset needs samples outside the record, its first or last value is used.
     """
     contacts = np.array([np.asarray(contact, dtype=np.float64) for contact, _ in candidates])
     extensions = [extension for _, extension in candidates]
@@ -363,7 +363,7 @@ def probe_batch(rig: Rig, candidates: Sequence[tuple[ArrayLike, RingExtension]],
                                               seconds, force, zero, max_step)
     others = np.flatnonzero(first != np.arange(first.size))
     failed = others[~np.isfinite(motion[first[others]]).all(axis=(1, 2))]
-    if failed.size:  # the continuation after a failed step is internal to the simulator
+    if failed.size:  # the values after a failed step are internal to the simulator
         _, increments[failed] = _run_batch(m[failed], [rows[index] for index in failed.tolist()],
                                            seconds, force, zero, max_step)
     for index in np.setdiff1d(others, failed).tolist():
@@ -374,7 +374,7 @@ def probe_batch(rig: Rig, candidates: Sequence[tuple[ArrayLike, RingExtension]],
 
 
 def of_probes_clock(increments: Floats, extension: RingExtension, seconds: Floats) -> Floats:
-    """Readings (4, N) as they are at the times (N,) [s] of the probes' own clock."""
+    """Readings (4, N) at the times (N,) [s] of the probes' own clock."""
     if extension.clock_offset == 0.0 and extension.clock_skew == 0.0:
         return increments
     wanted = seconds - extension.clock_offset - extension.clock_skew * (seconds - seconds[0])
@@ -383,7 +383,7 @@ def of_probes_clock(increments: Floats, extension: RingExtension, seconds: Float
 
 def _models(rig: Rig, contacts: ArrayLike, elevation: float,
             extensions: Sequence[RingExtension] | None) -> tuple[Model, list[Rows]]:
-    """Records (B,) and rows of contact laws (B, 6); without extensions the plain ring's."""
+    """Records (B,) and rows of contact laws (B, 6), without extensions those of the plain ring."""
     laws = np.atleast_2d(np.asarray(contacts, dtype=np.float64))
     if laws.ndim != 2 or laws.shape[1] != 6:
         raise SimulationError(f'contact laws have shape {laws.shape}: give (B, 6)')

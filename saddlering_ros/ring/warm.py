@@ -1,6 +1,6 @@
-"""Compile the kernels once and keep them: python -m saddlering_ros.ring.warm.
+"""Compile the kernels once and store them: python -m saddlering_ros.ring.warm.
 
-Set-up runs this, so that no node and no command spends its first seconds compiling.
+Set-up runs this module, so that no node or command compiles at its start.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from saddlering_ros.ring.simulator import dynamic_batch, simulate, static_respon
 
 
 def warm() -> float:
-    """Call every kernel that the package calls, once; returns the seconds it took."""
+    """Call every kernel of the package once; the duration in seconds."""
     rig, elevation = default_rig(), np.deg2rad(50.0)
     began = time.perf_counter()
     seconds = np.linspace(0.0, 0.59, 60)
@@ -40,7 +40,7 @@ def warm() -> float:
 
 
 def main() -> None:
-    """Warm the cache and print the result."""
+    """Compile, and print the duration."""
     seconds = warm()
     kept = f'kept in {kernel.folder}' if kernel.folder else 'not kept: set NUMBA_CACHE_DIR'
     print(f'ring kernels ready in {seconds:.1f} s ({kept})')

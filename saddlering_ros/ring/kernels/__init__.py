@@ -1,14 +1,16 @@
 """Compiled sums over rollers, equilibrium and time stepping, as plain functions of float arrays.
 
 The equations are those of docs/ring-model.md and of `ring/reference.py`, which sums the same 304
-rollers in readable numpy. What makes these files fast: rollers are sorted by their cosine, so that
-those in contact are an interval; their powers, forces and tangents are one loop that the compiler
-turns into vector code; BDF2 needs one implicit solve a step; the last step's stiffness and damping
-predict the next so well that mostly one Newton iteration is left to do.
+rollers in readable NumPy. These files are fast for four reasons. Rollers are sorted by their
+cosine, so that the rollers in contact are an interval. One loop computes powers, forces and
+tangents, and the compiler turns this loop into vector code. BDF2 needs one implicit solution per
+step. Stiffness and damping of the last step predict the next step, so that mostly one Newton
+iteration follows.
 
-`m` is the record of constants made by `ring/model.py` and read by name; the state `s` and the work
-`w` are flat arrays, and `layout` has the meaning of each place. All functions release the GIL.
-Kernels import from this folder only: its files are what the compiled code is kept by.
+`m` is the record of constants that `ring/model.py` makes; kernels read its fields by name. The
+state `s` and the work array `w` are flat; `layout` defines their indices. All functions release
+the GIL. Kernels import from this folder only, because the hash of its files identifies the
+compiled code.
 """
 
 from saddlering_ros.ring.kernels.equilibrium import static_batch

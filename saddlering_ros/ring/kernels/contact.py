@@ -11,21 +11,23 @@ from saddlering_ros.ring.kernels.options import FAST, INNER, kernel
 from saddlering_ros.ring.kernels.vector_math import power, widest_vectors
 
 RAMP = 1e-6
-"""Penetration over which the damper is faded in [m] (C1, so no force jump at touch-down)."""
+"""Penetration [m] over which the damper is faded in (C1: the force has no jump at contact)."""
 
 DAMPING_REFERENCE = 50e-6
 """Penetration at which penetration-proportional damping equals D [m]."""
 
 MIN_FORCE = 1e-15
-"""A unit that carries less [N] is open; so is one at the floor under p (finite log2)."""
+"""A roller with a smaller force [N] is open. The lower limit of p, which keeps log2 finite, gives
+such a force."""
 
 
 @kernel(fastmath=FAST, **INNER)
 def in_contact(rows: Any, base: Any, stride: Any, rollers: Any, uniform: Any, a: Any, b: Any,
                guess: Any) -> Any:
-    """First roller of a row and their number between which all rollers in contact lie.
+    """First roller and number of rollers of an interval that holds all rollers in contact.
 
-    guess: a number to start from, best that of the last call: contact edges move little in a step.
+    guess: the number at which the search starts. The number of the last call is the best guess,
+    because the ends of the contact move little in a step.
     """
     zero, one, two = np.uint64(0), np.uint64(1), np.uint64(2)
     gaps = base + two * stride
@@ -65,11 +67,12 @@ def row_sums(rows: Any, row: Any, rollers: Any, uniform: Any, a: Any, b: Any, da
     """Force sums of one row with penetration p = a + b cos - gap and rate dp/dt = da + db cos.
 
     Returns sum F, sum F cos; stiffness sums k, k cos, k cos^2 with k = dF/dp; damping sums d,
-    d cos, d cos^2 with d = dF/d(dp/dt); rollers in contact, the next call's guess. growing: None,
-    or (share, m) of the damping that grows as p^m, as p^exponent for m = 0; saturation: None, or L
-    of growth as p^m / (1 + (p L)^m). Compiled for each, so that a law not in use costs nothing.
-    rows: flat, by `model`; every row is padded with rollers that carry nothing, so that the loop
-    may run over whole vectors.
+    d cos, d cos^2 with d = dF/d(dp/dt); and the number of rollers in contact, which is the guess
+    of the next call. growing: None, or (share, m) of the damping that grows as p^m, or as
+    p^exponent for m = 0. saturation: None, or L of the growth p^m / (1 + (p L)^m). The function is
+    compiled for each combination, so that an unused law costs nothing. rows: flat array of
+    `model`; every row ends with rollers that carry no load, so that the loop runs over whole
+    vectors.
     """
     widest_vectors()
     stride = np.uint64(rows.size) // np.uint64(9)
@@ -89,8 +92,8 @@ def row_sums(rows: Any, row: Any, rollers: Any, uniform: Any, a: Any, b: Any, da
         if saturation is not None:
             turn = saturation ** growth
         factor = damping * share * (DAMPING_REFERENCE ** (-growth) + turn)
-        # For m < 1 the slope of p^m has no bound at p = 0. It is faded as the constant is (C1),
-        # over (1 - m) RAMP, so that it goes over without a jump to m >= 1, where it is p^m alone.
+        # For m < 1 the slope of p^m is unbounded at p = 0. The term is therefore faded in (C1)
+        # over (1 - m) RAMP. For m >= 1 no fade is needed, and the change at m = 1 is continuous.
         steepness = 1.0 / (RAMP * max(1.0 - growth, 1e-20))
     for j in range(count):
         c = rows[cosines + j]
@@ -145,7 +148,7 @@ def row_energy(rows: Any, row: Any, rollers: Any, a: Any, b: Any, stiffness: Any
 @kernel(**INNER)
 def forces_of_rows(m: Any, rows: Any, uniform: Any, q0: Any, q1: Any, q2: Any, v0: Any, v1: Any,
                    v2: Any, growing: Any, saturation: Any, w: Any) -> Any:
-    """`ring_forces` with damping that grows and levels off, or None, as of `row_sums`."""
+    """`ring_forces` for growing and saturating damping, or None, as in `row_sums`."""
     radius, height = m.radius, m.radial_row_height
     axial, radial = np.uint64(m.axial_rollers), np.uint64(m.radial_rollers)
     w0 = at.TOUCHING
@@ -178,8 +181,8 @@ def ring_forces(m: Any, rows: Any, uniform: Any, q0: Any, q1: Any, q2: Any, v0: 
                 v2: Any, w: Any) -> Any:
     """Contact forces on the upper ring at motion q and its rate v.
 
-    Fills w: FORCE (3,), STIFFNESS and DAMPING, -dF/dq and -dF/dv, each as its entries 00, 02, 11,
-    12, 22 (01 is zero: nothing couples delta_x to delta_y).
+    Fills w: FORCE (3,); STIFFNESS and DAMPING are -dF/dq and -dF/dv, each as its entries 00, 02,
+    11, 12, 22. Entry 01 is zero, because nothing couples delta_x to delta_y.
     """
     growing = (m.damping_penetration_share, m.damping_penetration_exponent)
     if m.damping_penetration_share == 0.0:
@@ -193,7 +196,7 @@ def ring_forces(m: Any, rows: Any, uniform: Any, q0: Any, q1: Any, q2: Any, v0: 
 
 @kernel(**INNER)
 def elastic_energy(m: Any, rows: Any, q0: Any, q1: Any, q2: Any) -> Any:
-    """Energy [J] in all rollers at motion q."""
+    """Elastic energy [J] of all rollers at motion q."""
     radius, height = m.radius, m.radial_row_height
     axial, radial = np.uint64(m.axial_rollers), np.uint64(m.radial_rollers)
     return (row_energy(rows, 2, radial, 0.0, q0 + height * q2,

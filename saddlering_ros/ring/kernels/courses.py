@@ -1,4 +1,4 @@
-"""Courses beside a known motion: the load on the ring before it, the probes' readings after."""
+"""Load on the ring before the motion is known, and readings of the probes of a known motion."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from saddlering_ros.ring.kernels.options import INNER, kernel, OUTER
 
 @kernel(**OUTER)
 def load_course(models: Any, zero_load: Any, load: Any, external: Any) -> Any:
-    """Fill external (N, 3): force and moment on the ring, at rest under zero_load at sample 0."""
+    """Fill external (N, 3) with force and moment on the ring, from rest under zero_load on."""
     m = models[0]
     s, w = np.zeros(at.STATE_SIZE), np.zeros(at.WORK_SIZE)
     load_at_rest(m, s, zero_load, w)
@@ -32,7 +32,7 @@ def load_course(models: Any, zero_load: Any, load: Any, external: Any) -> Any:
 
 @kernel(**INNER)
 def load_at_rest(m: Any, s: Any, load: Any, w: Any) -> Any:
-    """The state of the load path at the start, as `integration.rest` leaves it."""
+    """Set the load path to its state at the start, the state that `integration.rest` sets."""
     s[at.CYLINDER_Z] = s[at.CYLINDER_Z + 1] = m.cylinder_friction.initial
     s[at.BRACKET_Z] = s[at.BRACKET_Z + 1] = m.bracket_play.initial
     s[at.MEASURED_LOAD] = s[at.HIGHEST_LOAD] = load
@@ -41,7 +41,7 @@ def load_at_rest(m: Any, s: Any, load: Any, w: Any) -> Any:
 
 @kernel(**OUTER)
 def read_course(models: Any, zero_load: Any, time: Any, load: Any, path: Any, out: Any) -> Any:
-    """Fill out (N, 4): what the probes read of a motion path (N, 3) that is known."""
+    """Fill out (N, 4) with the readings of the probes for a known motion path (N, 3)."""
     m = models[0]
     s, w = np.zeros(at.STATE_SIZE), np.zeros(at.WORK_SIZE)
     true_load = load_at_rest(m, s, zero_load, w)

@@ -1,4 +1,4 @@
-"""Static equilibrium under a load, and a course of loads, by Newton on a convex energy."""
+"""Static equilibrium under a load or a sequence of loads, by Newton on a convex energy."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from saddlering_ros.ring.kernels.options import INNER, kernel, OUTER
 
 @kernel(**INNER)
 def solve3(a00: Any, a02: Any, a11: Any, a12: Any, a22: Any, r0: Any, r1: Any, r2: Any) -> Any:
-    """(found, x0, x1, x2) of a x = r, a symmetric with a01 = 0; not found unless a is definite."""
+    """(found, x0, x1, x2) with a x = r, a symmetric and a01 = 0; found only if a is definite."""
     if a00 <= 0.0 or a11 <= 0.0:
         return False, 0.0, 0.0, 0.0
     i00, i11 = 1.0 / a00, 1.0 / a11
@@ -30,8 +30,8 @@ def solve3(a00: Any, a02: Any, a11: Any, a12: Any, a22: Any, r0: Any, r1: Any, r
 def equilibrium(m: Any, rows: Any, uniform: Any, w: Any, x: Any, y: Any, tilt: Any) -> Any:
     """(iterations or -1, q) of static equilibrium under w[EXTERNAL], starting at (x, y, tilt).
 
-    The elastic energy is convex, so Newton with a backtracking on total energy converges from
-    anywhere. Directions without stiffness (a free play) are held by a small spring there.
+    The elastic energy is convex. Newton with backtracking on the total energy therefore converges
+    from any start. A small spring holds directions without stiffness (free play).
     """
     radius = m.radius
     e0, e1, e2 = w[at.EXTERNAL], w[at.EXTERNAL + 1], w[at.EXTERNAL + 2]
@@ -68,7 +68,7 @@ def equilibrium(m: Any, rows: Any, uniform: Any, w: Any, x: Any, y: Any, tilt: A
                 break
             factor *= 0.5
         if not accepted:
-            # Rounding ends the descent; what is left is compared with the load's own size.
+            # Rounding ends the descent. The residual is judged by the size of the load.
             return (iteration if largest <= 1e-7 * scale else -1), x, y, tilt
         x, y, tilt = x + factor * step0, y + factor * step1, tilt + factor * step2
         if factor * longest * shrink < 1e-15:
@@ -80,7 +80,7 @@ def equilibrium(m: Any, rows: Any, uniform: Any, w: Any, x: Any, y: Any, tilt: A
 
 @kernel(**INNER)
 def static_run(m: Any, rows: Any, uniform: Any, load: Any, w: Any, q_out: Any) -> Any:
-    """Equilibrium at each load (N,), NaN for none; each starts where the last one points to."""
+    """Equilibrium at each load (N,), or NaN; the last one and its stiffness predict the next."""
     failed = 0
     x = y = tilt = 0.0
     anew = True

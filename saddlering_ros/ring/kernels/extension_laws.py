@@ -1,4 +1,4 @@
-"""What effects add to the ring: load path, friction, series motion, what probes measure."""
+"""Laws that effects add to the ring: load path, friction, series motion, readings of probes."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from saddlering_ros.ring.kernels.options import INNER, kernel
 
 @kernel(**INNER)
 def hysteron(z_smooth: Any, z_sharp: Any, travel: Any, presliding: Any, sharpness: Any) -> Any:
-    """Rate-free friction after `travel`: (z_smooth, z_sharp, z, dz/dtravel).
+    """Rate-independent friction after `travel`: (z_smooth, z_sharp, z, dz/dtravel).
 
-    z_smooth follows Dahl's dz/dx = (1 - sgn(dx) z)/presliding, solved exactly over the step;
+    z_smooth follows Dahl's law dz/dx = (1 - sgn(dx) z)/presliding, solved exactly over the step.
     z_sharp is the elastic-plastic (Jenkins) element with the same initial slope.
     """
     sign = 1.0 if travel >= 0.0 else -1.0
@@ -29,9 +29,9 @@ def hysteron(z_smooth: Any, z_sharp: Any, travel: Any, presliding: Any, sharpnes
 
 @kernel(**INNER)
 def load_at_ring(m: Any, measured: Any, z_cylinder: Any, z_bracket: Any, w: Any) -> Any:
-    """From the measured load [N] to w[EXTERNAL] (3,) with dead weight and w[RESOLVED] without.
+    """Set w[EXTERNAL] (3,), with dead weight, and w[RESOLVED], without, by the load `measured`.
 
-    Resolved: F_x, F_y, M of the load alone, which series compliances answer to. Returns P.
+    Resolved: F_x, F_y, M of the load alone, by which series compliances deform. Returns P.
     """
     full_scale = m.full_scale
     load = measured / (1.0 + m.load_gain) - m.load_offset
@@ -53,7 +53,7 @@ def load_at_ring(m: Any, measured: Any, z_cylinder: Any, z_bracket: Any, w: Any)
 
 @kernel(**INNER)
 def low_pass(state: Any, old: Any, new: Any, dt: Any, time_constant: Any) -> Any:
-    """First-order low-pass over dt, exact for an input that is linear from `old` to `new`."""
+    """State of a first-order low-pass after dt; exact for an input linear from `old` to `new`."""
     if time_constant <= 0.0:
         return new
     ratio = dt / time_constant
@@ -67,7 +67,7 @@ def low_pass(state: Any, old: Any, new: Any, dt: Any, time_constant: Any) -> Any
 
 @kernel(**INNER)
 def opened(beyond: Any, spread: Any) -> Any:
-    """Mean of max(0, beyond - s) over s from -spread to spread [N m]: bolts that open in turn."""
+    """Mean of max(0, beyond - s) over s from -spread to spread [N m]: bolts open one by one."""
     if spread <= 0.0:
         return max(0.0, beyond)
     inside = min(max(beyond + spread, 0.0), 2.0 * spread)
@@ -76,7 +76,7 @@ def opened(beyond: Any, spread: Any) -> Any:
 
 @kernel(**INNER)
 def series_motion(m: Any, s: Any, w: Any) -> Any:
-    """w[MOTION] (3,): contact motion, series compliances, settling; then come creep, resonance."""
+    """Set w[MOTION] (3,): contact motion, series compliances, settling; no creep or resonance."""
     highest = s[at.HIGHEST_LOAD]
     moment = w[at.RESOLVED + 2]
     w[at.MOTION] = (s[at.Q] + m.radial_compliance * w[at.RESOLVED]
@@ -91,7 +91,7 @@ def series_motion(m: Any, s: Any, w: Any) -> Any:
 
 @kernel(**INNER)
 def advance_series(m: Any, s: Any, w: Any, dt: Any) -> Any:
-    """Creep and second mode on w[MOTION] over dt, replaced; their states are in s."""
+    """Add creep and second mode to w[MOTION] over dt; their states are in s."""
     for i in range(3):
         amount = m.creep_radial if i == 0 else m.creep_axial
         if amount != 0.0:
@@ -109,7 +109,7 @@ def advance_series(m: Any, s: Any, w: Any, dt: Any) -> Any:
     for i in range(3):
         old, new = s[at.RESONANCE_INPUT + i], w[at.MOTION + i]
         slope = (new - old) / dt if dt > 0.0 else 0.0
-        lag = 2.0 * zeta / frequency * slope     # a ramp is followed this far behind
+        lag = 2.0 * zeta / frequency * slope     # distance behind a ramp
         x = s[at.RESONANCE + i] - (old - lag)
         rate = s[at.RESONANCE_RATE + i] - slope
         swing = (rate + zeta * frequency * x) / damped
@@ -124,7 +124,7 @@ def advance_series(m: Any, s: Any, w: Any, dt: Any) -> Any:
 @kernel(**INNER)
 def read_probes(m: Any, s: Any, w: Any, load: Any, time: Any, dt: Any, out: Any,
                 n: Any) -> Any:
-    """Probe increments out[n] (4,) [m] from w[MOTION], with what the measurement adds."""
+    """Set probe increments out[n] (4,) [m] from w[MOTION], with the effects of the measurement."""
     half_span = 0.5 * m.axial_span
     x = w[at.MOTION] - s[at.ZERO]
     y = w[at.MOTION + 1] - s[at.ZERO + 1]

@@ -20,38 +20,38 @@ from saddlering_ros.ring.kernels.extension_laws import (
 from saddlering_ros.ring.kernels.options import INNER, kernel, OUTER
 
 STEP_TOLERANCE = 5e-11
-"""A Newton update below this [m] is the last: the next would be below 1e-12 m (quadratic)."""
+"""Largest last Newton update [m]. Convergence is quadratic: the next would be below 1e-12 m."""
 
 MAX_ITERATIONS = 60
 
 MAX_STEP_ERROR = 5e-8
-"""A step whose estimated error is larger [m] is divided, down to MIN_FRACTION of it."""
+"""Largest estimated error [m] of a step. A step with more is divided, down to MIN_FRACTION."""
 
 USUAL_STEP = 1e-3
-"""Beyond this step [s] the error that is allowed grows as an error does, with its third power:
-who steps more coarsely accepts that, and the same motions are divided at any step."""
+"""Step [s] beyond which the allowed error grows with the third power of the step, as the error
+itself does. The same motions are then divided at any step."""
 
 USUAL_DAMPING = 0.2
-"""Damping ratio down to which the errors of steps die away before they add up."""
+"""Smallest damping ratio at which the errors of steps decay before they add up."""
 
 MIN_DAMPING_SHARE = 1e-8
-"""A smaller share counts as this one, as in a ring without any damping."""
+"""Smallest share that is used, also for a ring without damping."""
 
 MIN_FRACTION = 1.0 / 256.0
 
 TOO_COARSE = -2
-"""What a step returns whose error is larger than allowed."""
+"""Return value of a step with an error that is larger than allowed."""
 
 FRICTION_STATES = 4
-"""Of the load path: two each of cylinder and bracket."""
+"""States of friction in the load path: two of the cylinder, two of the bracket."""
 
 MAX_PREDICTION = 5e-6
-"""A predicted move beyond this [m] is not trusted: the step starts from the old rate instead."""
+"""Largest predicted change [m] that is used. Beyond it, the step starts from the old rate."""
 
 
 @kernel(**INNER)
 def rest(m: Any, rows: Any, uniform: Any, s: Any, time: Any, load: Any, w: Any) -> Any:
-    """State s at rest under the measured `load` at `time`, zero taken there; False if none."""
+    """Set state s to rest under the measured `load`, zero at `time`; False if no equilibrium."""
     for i in range(s.size):
         s[i] = 0.0
     s[at.FRACTION] = 1.0
@@ -75,7 +75,7 @@ def rest(m: Any, rows: Any, uniform: Any, s: Any, time: Any, load: Any, w: Any) 
 
 @kernel(**INNER)
 def take_zero(m: Any, s: Any, true_load: Any, time: Any, w: Any) -> Any:
-    """The motion at rest under true_load [N] at `time` is where probes read zero."""
+    """Let the probes read zero at the motion at rest under true_load [N] at `time`."""
     series_motion(m, s, w)
     for i in range(3):
         s[at.CREEP + i] = s[at.CREEP_INPUT + i] = w[at.MOTION + i]
@@ -101,7 +101,7 @@ def friction_secant(element: Any, z_smooth: Any, z_sharp: Any, travel: Any) -> A
 
 @kernel(**INNER)
 def predict_with_friction(m: Any, s: Any, h: Any, c0: Any, past: Any, w: Any) -> Any:
-    """`predict` with the state's hysterons, whose forces bend with the travel: guessed twice."""
+    """`predict` with friction, whose slope depends on the travel: two passes."""
     travel0, travel2 = h * s[at.V], h * s[at.V + 2]
     trusted, x, y, tilt = False, 0.0, 0.0, 0.0
     for _ in range(2):
@@ -115,10 +115,10 @@ def predict_with_friction(m: Any, s: Any, h: Any, c0: Any, past: Any, w: Any) ->
 
 @kernel(**INNER)
 def predict(m: Any, s: Any, c0: Any, past: Any, rubbing: Any, w: Any) -> Any:
-    """Move (3,) from the last state by its own stiffness and damping: no force is evaluated.
+    """Predict the change (3,) from the last state by its stiffness and damping, without forces.
 
     Solves m a + K (q - q_old) + D (v - v_old) = external + F_old for the step's difference
-    formulas v = c0 q + ..., a = c0 v + ...; (False, 0, 0, 0) if that cannot be trusted.
+    formulas v = c0 q + ..., a = c0 v + .... The first value is False if the change is too large.
     rubbing: slopes of friction against delta_x and gamma.
     """
     c1, c2 = past
@@ -147,7 +147,7 @@ def predict(m: Any, s: Any, c0: Any, past: Any, rubbing: Any, w: Any) -> Any:
 @kernel(**INNER)
 def keep_step(m: Any, s: Any, h: Any, c0: Any, p: Any, past: Any, q: Any, friction: Any,
               w: Any) -> Any:
-    """The solved step becomes the state; its forces and slopes are kept for `predict`."""
+    """Make the solved step the state, and keep its forces and slopes for `predict`."""
     if friction:
         s[at.RADIAL_Z], s[at.RADIAL_Z + 1], _, _ = hysteron(
             s[at.RADIAL_Z], s[at.RADIAL_Z + 1], q[0] - s[at.Q],
@@ -172,9 +172,9 @@ def implicit_step(m: Any, rows: Any, uniform: Any, s: Any, h: Any, friction: Any
                   w: Any) -> Any:
     """One BDF2 step of h seconds (backward Euler after a start or a jump in h).
 
-    Unknown is q; v and a follow from the difference formulas. friction: the state's hysterons.
-    Returns the iterations; -1 if Newton fails, TOO_COARSE if the error exceeds `allowed` [m]: the
-    state is as before then.
+    The unknown is q; v and a follow from the difference formulas. friction: whether the ring has
+    friction. Returns the iterations; -1 if Newton fails; TOO_COARSE if the error exceeds `allowed`
+    [m]. After a failure the state is unchanged.
     """
     h_old = s[at.STEP_OLD]
     ratio = h / h_old if h_old > 0.0 else 0.0
@@ -230,7 +230,7 @@ def implicit_step(m: Any, rows: Any, uniform: Any, s: Any, h: Any, friction: Any
         size = max(abs(step0), abs(step1), abs(step2) * radius)
         if not size < 1e300:
             return -1
-        # Newton can cycle over a kink when a step is long: halve until it shrinks.
+        # A long Newton step can cycle about a kink: halve the step until the update shrinks.
         damp = max(0.1, 0.5 * damp) if size > 0.9 * previous else min(1.0, 2.0 * damp)
         limit = min(damp, 1e-4 / size) if size > 1e-4 else damp
         q0, q1, q2 = q0 + limit * step0, q1 + limit * step1, q2 + limit * step2
@@ -247,10 +247,10 @@ def implicit_step(m: Any, rows: Any, uniform: Any, s: Any, h: Any, friction: Any
 
 @kernel(**INNER)
 def step_error(m: Any, s: Any, h: Any, q0: Any, q1: Any, q2: Any) -> Any:
-    """Estimate [m] of what a step of h adds to the error of q, by an explicit step beside it.
+    """Estimated error [m] of q by one step of h, from the difference to an explicit step.
 
-    For smooth motions the explicit step q + h v + h^2 a / 2 is 5/12 h^3 d3q/dt3 off BDF2, and
-    BDF2 about half of that off the truth. A tilt counts at the pitch radius.
+    For smooth motions the explicit step q + h v + h^2 a / 2 differs from BDF2 by 5/12 h^3 d3q/dt3,
+    and the error of BDF2 is about half of that. A tilt counts at the pitch radius.
     """
     bend = 0.5 * h * h / s[at.STEP_OLD] if s[at.STEP_OLD] > 0.0 else 0.0
     e0 = q0 - s[at.Q] - h * s[at.V] - bend * (s[at.V] - s[at.V_OLD])
@@ -261,11 +261,12 @@ def step_error(m: Any, s: Any, h: Any, q0: Any, q1: Any, q2: Any) -> Any:
 
 @kernel(**INNER)
 def ringing(m: Any, w: Any) -> Any:
-    """By how much the errors of steps add up in a ring that goes on swinging; 1 if it does not.
+    """Factor by which the errors of steps add up in a ring that oscillates; 1 with much damping.
 
-    The smallest damping ratio counts of the three directions, each by itself. Errors of steps add
-    up for as long as a motion lasts, which is longer by the ratio, in more steps as these shrink
-    with the cube root of the error that is allowed: so the power of 3/2.
+    The smallest damping ratio of the three directions counts, each direction by itself. Errors add
+    up while a motion lasts, and its duration grows as the inverse of the ratio. The number of
+    steps grows too, because a step shrinks with the cube root of the allowed error. Together they
+    give the power of 3/2.
     """
     k, d = at.STIFFNESS, at.DAMPING
     share = min(damping_share(w[k], w[d], m.mass), damping_share(w[k + 2], w[d + 2], m.mass),
@@ -284,12 +285,13 @@ def damping_share(stiffness: Any, damping: Any, inertia: Any) -> Any:
 @kernel(**INNER)
 def careful_step(m: Any, rows: Any, uniform: Any, s: Any, h: Any, load: Any, friction: Any,
                  record: Any, w: Any) -> Any:
-    """A step of h to a measured load [N], divided where its error asks for it.
+    """A step of h to a measured load [N], divided where its error is too large.
 
-    The load is linear in between. The first fraction that is tried is the one that the last step
-    ended with. A fraction halves where its error is too large and doubles where that allows it,
-    so that BDF2 goes on. Returns the iterations and the load at the ring [N]. record: None, or
-    (S, 5) for each step's length [s], measured load, q; its first number counts the steps.
+    The load is linear in between. The first fraction is the fraction at which the last step
+    ended. A fraction is halved if its error is too large, and doubled if its error is small
+    enough, so that BDF2 continues. Returns the iterations and the load at the ring [N]. record:
+    None, or (S, 5) for the length [s], the measured load and q of each step; its first number
+    counts the steps.
     """
     before = s[at.MEASURED_LOAD]
     fraction = s[at.FRACTION]
@@ -332,7 +334,7 @@ def careful_step(m: Any, rows: Any, uniform: Any, s: Any, h: Any, load: Any, fri
 @kernel(**INNER)
 def robust_step(m: Any, rows: Any, uniform: Any, s: Any, h: Any, friction: Any, allowed: Any,
                 w: Any) -> Any:
-    """One implicit step; where Newton fails on a kink, the same step in 4, 16 ... 4096 parts."""
+    """One implicit step; if Newton fails at a kink, the same step in 4, 16 ... 4096 parts."""
     used = implicit_step(m, rows, uniform, s, h, friction, allowed, w)
     if used != -1:
         return used
@@ -357,7 +359,7 @@ def robust_step(m: Any, rows: Any, uniform: Any, s: Any, h: Any, friction: Any, 
 
 @kernel(**INNER)
 def restart_at_rest(m: Any, rows: Any, uniform: Any, s: Any, w: Any) -> Any:
-    """Count a step that did not converge and go on from equilibrium under w[EXTERNAL]."""
+    """Count a failed step, and continue from the equilibrium under w[EXTERNAL]."""
     s[at.FAILED_STEPS] += 1.0
     s[at.STEP_OLD] = 0.0
     found, x, y, tilt = equilibrium(m, rows, uniform, w, s[at.Q], s[at.Q + 1], s[at.Q + 2])
@@ -370,7 +372,7 @@ def restart_at_rest(m: Any, rows: Any, uniform: Any, s: Any, w: Any) -> Any:
 
 @kernel(**INNER)
 def take_load(m: Any, s: Any, measured: Any, w: Any) -> Any:
-    """Move the measured load [N] on to its next value; the load path's friction follows it."""
+    """Set the measured load [N] to its next value and advance the friction of the load path."""
     change = measured - s[at.MEASURED_LOAD]
     z_cylinder = z_bracket = 0.0
     if m.cylinder_friction.limit != 0.0:
@@ -389,12 +391,12 @@ def take_load(m: Any, s: Any, measured: Any, w: Any) -> Any:
 @kernel(**INNER)
 def follow(m: Any, rows: Any, uniform: Any, s: Any, time: Any, load: Any, max_step: Any,
            q_out: Any, d_out: Any, record: Any, w: Any) -> Any:
-    """Carry state s over the samples time (N,), load (N,); q_out (N, 3) and d_out (N, 4) filled.
+    """Advance state s over the samples time (N,), load (N,); q_out (N, 3) and d_out (N, 4) filled.
 
-    A sample at or before the state's time is answered from the state without stepping. Returns
-    the number of Newton iterations; s[FAILED_STEPS] counts steps that did not converge (state
-    restarted at equilibrium there), whose samples are NaN. Live and offline call this one
-    function, for one sample or a million.
+    The state itself gives a sample that is not later than the state. Returns the number of Newton
+    iterations. s[FAILED_STEPS] counts the steps that did not converge; their samples are NaN, and
+    the state restarts there at equilibrium. Nodes and commands call this function, for one sample
+    or for a million.
     """
     friction = m.radial_friction.limit != 0.0 or m.tilt_friction.limit != 0.0
     iterations = 0
@@ -427,7 +429,7 @@ def follow(m: Any, rows: Any, uniform: Any, s: Any, time: Any, load: Any, max_st
 
 @kernel(**OUTER)
 def start(models: Any, rows: Any, uniform: Any, s: Any, time: Any, load: Any) -> Any:
-    """`rest` for models (1,): numba takes an array in a twentieth of the time of a record."""
+    """`rest` for models (1,): Numba accepts an array in a twentieth of the time of a record."""
     return rest(models[0], rows, uniform, s, time, load, np.zeros(at.WORK_SIZE))
 
 
@@ -442,7 +444,7 @@ def advance(models: Any, rows: Any, uniform: Any, s: Any, time: Any, load: Any, 
 @kernel(**OUTER)
 def run_recorded(models: Any, rows: Any, uniform: Any, time: Any, load: Any, zero_load: Any,
                  max_step: Any, q_out: Any, d_out: Any, record: Any) -> Any:
-    """`run_batch` of models (1,) that also keeps every step, see `careful_step`."""
+    """`run_batch` for models (1,) that also records every step as `careful_step` does."""
     s, w = np.zeros(at.STATE_SIZE), np.zeros(at.WORK_SIZE)
     found = rest(models[0], rows, uniform, s, time[0], zero_load, w)
     follow(models[0], rows, uniform, s, time, load, max_step, q_out, d_out, record, w)
@@ -452,11 +454,10 @@ def run_recorded(models: Any, rows: Any, uniform: Any, time: Any, load: Any, zer
 @kernel(**OUTER)
 def run_batch(m: Any, rows: Any, uniform: Any, time: Any, load: Any, zero_load: Any,
               max_step: Any, q_out: Any, d_out: Any) -> Any:
-    """Simulate each parameter set of m (B, M) over one record; returns how many had failed steps.
+    """Simulate each parameter set of m (B, M) over one record; the number with failed steps.
 
-    NaN stands for what did not converge.
-
-    rows (R, 9 J), uniform (R, 3) with R = B or 1; q_out (B, N, 3), d_out (B, N, 4).
+    Samples that did not converge are NaN. rows (R, 9 J), uniform (R, 3) with R = B or 1;
+    q_out (B, N, 3), d_out (B, N, 4).
     """
     s = np.zeros(at.STATE_SIZE)
     w = np.zeros(at.WORK_SIZE)

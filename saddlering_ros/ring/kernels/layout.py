@@ -1,4 +1,4 @@
-"""Places in the flat arrays that the kernels work on: state (S,) and work (W,)."""
+"""Indices in the flat arrays of the kernels: state (S,) and work (W,)."""
 
 # State of a running simulation
 TIME = 0
@@ -26,23 +26,23 @@ RESONANCE_INPUT = 43
 LAGGED = 46
 LAG_INPUT = 50
 LAGGED_TWICE = 54
-# Forces and slopes of the last step: 3, and entries 00, 02, 11, 12, 22 of two matrices
+# Forces (3) of the last step, and entries 00, 02, 11, 12, 22 of stiffness and damping
 LAST_FORCE = 58
 LAST_STIFFNESS = 61
 LAST_DAMPING = 66
-# Estimated error of the last step [m]; the part of a step that it was taken in
+# Estimated error of the last step [m]; its length as a share of the requested step
 STEP_ERROR = 71
 FRACTION = 72
 STATE_SIZE = 73
 
-# Work of one kernel call, not kept between calls
+# Work array of one kernel call
 FORCE = 0
 STIFFNESS = 3
 DAMPING = 8
 EXTERNAL = 13
 RESOLVED = 16
 MOTION = 19
-TOUCHING = 22        # rollers in contact of each row when last summed
-LOAD_BACKUP = 25     # friction of the load path
-BACKUP = 29          # of the state
+TOUCHING = 22        # rollers in contact of each row at the last sum
+LOAD_BACKUP = 25     # states of friction in the load path
+BACKUP = 29          # copy of the state
 WORK_SIZE = BACKUP + STATE_SIZE

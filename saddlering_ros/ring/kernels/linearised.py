@@ -1,4 +1,4 @@
-"""The ring made linear about a motion, stepped by the difference formulas of the simulator."""
+"""The ring linearised about a motion, in steps of the difference formulas of the simulator."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from saddlering_ros.ring.kernels.equilibrium import solve3
 from saddlering_ros.ring.kernels.options import INNER, kernel, OUTER
 
 DIED_AWAY = 1e-17
-"""What an error does is left out once it is under this share of the largest of any."""
+"""Share of the largest response below which the response to an error is neglected."""
 
 
 @kernel(**INNER)
 def has_died(state: Any, j: Any, peak: Any, c0: Any, radius: Any) -> Any:
-    """Whether a response j moves the ring by next to nothing any more."""
+    """Whether response j has decayed below the share that counts."""
     size = max(abs(state[0, j]), abs(state[1, j]), abs(state[2, j]) * radius)
     rate = max(abs(state[3, j]), abs(state[4, j]), abs(state[5, j]) * radius)
     return max(size, rate / max(c0, 1.0)) < DIED_AWAY * peak
@@ -28,7 +28,7 @@ def follow_errors(models: Any, rows: Any, uniform: Any, q: Any, v: Any, h: Any, 
                   sensitivity: Any) -> Any:
     """Fill sensitivity (3, J, J) about a motion q (N, 3), its rate v (N, 3), in steps of h [s].
 
-    An error that has passed dies away within some steps, so that only few are followed at a time.
+    The response to a past error decays within some steps, so that few are followed at a time.
     """
     m = models[0]
     nodes = sensitivity.shape[1]

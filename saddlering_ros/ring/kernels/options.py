@@ -1,4 +1,4 @@
-"""How the kernels are compiled: one compiler for all of them, kept by all their sources."""
+"""Options of compilation. One compiler serves all kernels; a hash of all sources is its key."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ kernel = compiled.Compiler(Path(__file__).parent)
 """Decorator of every kernel: `@kernel(**INNER)`."""
 
 OUTER: dict[str, Any] = {'nogil': True, 'error_model': 'numpy'}
-"""Options of kernels that allocate or are called from Python."""
+"""Options of kernels that allocate memory or that Python calls."""
 
 INNER: dict[str, Any] = {**OUTER, '_nrt': False}
-"""Options of the rest: they borrow their arrays, so none is counted (an atomic each otherwise)."""
+"""Options of all other kernels. They borrow their arrays, so that no reference is counted."""
 
 FAST = {'reassoc', 'contract', 'nsz', 'arcp', 'nnan', 'ninf'}
-"""What fast arithmetic may do: all but reckoning with roots and reciprocals of less accuracy."""
+"""Permissions of fast arithmetic: all but approximate functions (afn)."""

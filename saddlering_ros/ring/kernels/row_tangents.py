@@ -1,6 +1,6 @@
-"""Tangents of the ring's forces: how the sums over the rollers of a row change.
+"""Tangents of the ring's forces: derivatives of the sums over the rollers of a row.
 
-One pass over the rollers of a row at one motion gives what all directions of a tangent need.
+One pass over the rollers of a row at one motion serves all directions of a tangent.
 """
 
 from __future__ import annotations
@@ -21,10 +21,10 @@ from saddlering_ros.ring.kernels.options import FAST, INNER, kernel
 from saddlering_ros.ring.kernels.vector_math import exp2_of, log2_of, widest_vectors
 
 LAW = 6
-"""Parameters of one row: K, n, D, and share, exponent and saturation of growing damping."""
+"""Number of parameters of a row: K, n, D; share, exponent, saturation of growing damping."""
 
 PARTS = 6 + 2 * LAW + 1
-"""Of a row: k and d times 1, cos, cos^2; forces per parameter times 1, cos; its next guess."""
+"""Sums of a row: k and d times 1, cos, cos^2; force per parameter times 1, cos; next guess."""
 
 LN2 = math.log(2.0)
 
@@ -150,7 +150,7 @@ def rows_tangents(m: Any, rows: Any, uniform: Any, q: Any, v: Any, growing: Any,
 @kernel(**INNER)
 def ring_tangents(m: Any, rows: Any, uniform: Any, q: Any, v: Any, grows: Any,
                   parts: Any) -> Any:
-    """`rows_tangents` with the damping law in use, or one that a direction brings in."""
+    """`rows_tangents` with the damping law of the model; `grows` if a direction changes it."""
     growing = (m.damping_penetration_share, m.damping_penetration_exponent)
     if not grows:
         rows_tangents(m, rows, uniform, q, v, None, None, parts)
@@ -163,7 +163,7 @@ def ring_tangents(m: Any, rows: Any, uniform: Any, q: Any, v: Any, grows: Any,
 @kernel(fastmath=FAST, **INNER)
 def row_geometry(rows: Any, change: Any, row: Any, rollers: Any, a: Any, b: Any, da: Any, db: Any,
                  m: Any, law: Any) -> Any:
-    """Change of sum F and sum F cos of a row by a change (9 J,) of its weights and gaps."""
+    """Change of sum F and sum F cos of a row by a change (9 J,) of weights and gaps."""
     stiffness, exponent, damping = law
     stride = rows.size // 9
     base = row * 3 * stride
@@ -221,7 +221,8 @@ def forces_by_geometry(m: Any, rows: Any, change: Any, q: Any, v: Any, by: Any,
 def forces_by_law(m: Any, parts: Any, law: Any, count: Any, by: Any) -> Any:
     """Add to by (3, P) the change of the ring's forces by changes of the rows' laws (3, LAW, P).
 
-    count: how many of the LAW parameters change. Directions are the last axis: vector code.
+    count: how many of the LAW parameters change. Directions are the last axis, so that the loop
+    becomes vector code.
     """
     radius, height = m.radius, m.radial_row_height
     for i in range(count):
@@ -237,7 +238,7 @@ def forces_by_law(m: Any, parts: Any, law: Any, count: Any, by: Any) -> Any:
 
 @kernel(**INNER)
 def matrices(m: Any, parts: Any, w: Any) -> Any:
-    """w[STIFFNESS] and w[DAMPING] from parts (3, PARTS), as `contact.ring_forces` fills them."""
+    """Set w[STIFFNESS] and w[DAMPING] from parts (3, PARTS), as `contact.ring_forces` does."""
     radius, height = m.radius, m.radial_row_height
     for place, i in ((at.STIFFNESS, 0), (at.DAMPING, 3)):
         w[place] = parts[2, i + 2]

@@ -1,8 +1,8 @@
-"""Tangents of equilibria and of time steps: how a motion changes with what the ring is made of.
+"""Tangents of equilibria and of time steps: derivatives of a motion by the parameters theta.
 
-At a solved step the residual R(q, theta) is zero, so dq = -(dR/dq)^-1 dR/dtheta (implicit function
-theorem), and dR/dq is the 3 x 3 matrix of the step. A motion is differentiated along itself: one
-sum over the rollers a step serves all directions.
+At a solved step the residual R(q, theta) is zero, so that dq = -(dR/dq)^-1 dR/dtheta (implicit
+function theorem); dR/dq is the 3 x 3 matrix of the step. One pass along the motion gives the
+derivatives: one sum over the rollers per step serves all directions.
 """
 
 from __future__ import annotations
@@ -45,9 +45,10 @@ def solve_all(a00: Any, a02: Any, a11: Any, a12: Any, a22: Any, by: Any, out: An
 
 @kernel(fastmath=FAST, **INNER)
 def carry(m: Any, w: Any, c0: Any, c1: Any, c2: Any, own: Any, past: Any, by: Any) -> Any:
-    """Take from by (3, P) what the past states, dq and dv (6, P), do to this step.
+    """Subtract from by (3, P) the contribution of the past states, dq and dv (6, P).
 
-    The difference formulas are dv = c0 dq + pulls; past (6, P) becomes the pulls of dq and dv.
+    The difference formula is dv = c0 dq + past terms; past (6, P) receives the past terms of dq
+    and dv.
     """
     d = at.DAMPING
     d00, d02, d11, d12, d22 = w[d], w[d + 1], w[d + 2], w[d + 3], w[d + 4]
@@ -66,7 +67,7 @@ def carry(m: Any, w: Any, c0: Any, c1: Any, c2: Any, own: Any, past: Any, by: An
 
 @kernel(**INNER)
 def hysteron_step(element: Any, z: Any, travel: Any) -> Any:
-    """What the changes of a hysteron's states z (2,) over `travel` need: (sign, decay, slides)."""
+    """(sign, decay, slides) of a hysteron with states z (2,) over `travel`, for its tangent."""
     decay = math.exp(-abs(travel) / element.presliding)
     slides = -1.0 < z[1] + travel / element.presliding < 1.0
     return 1.0 if travel >= 0.0 else -1.0, decay, 1.0 if slides else 0.0
@@ -75,7 +76,7 @@ def hysteron_step(element: Any, z: Any, travel: Any) -> Any:
 @kernel(**INNER)
 def hysteron_tangent(element: Any, z: Any, travel: Any, step: Any, by_smooth: Any, by_sharp: Any,
                      by_travel: Any, by_presliding: Any) -> Any:
-    """Changes of the two states of `hysteron` after `travel` by changes of what they come from."""
+    """Changes of the two states of `hysteron` by changes of states, travel and presliding."""
     sign, decay, slides = step
     presliding = element.presliding
     relative = (sign * by_travel - abs(travel) * by_presliding / presliding) / presliding
@@ -87,10 +88,11 @@ def hysteron_tangent(element: Any, z: Any, travel: Any, step: Any, by_smooth: An
 @kernel(**OUTER)
 def motion_tangents(models: Any, rows: Any, uniform: Any, law: Any, external: Any, friction: Any,
                     geometry: Any, time: Any, path: Any, out: Any) -> Any:
-    """Fill out (N, 3, P): changes of a motion path (N, 3) that starts at rest; False if it fails.
+    """Fill out (N, 3, P) with changes of a motion path (N, 3) from rest; False on failure.
 
     Each direction is a small change of law (3, LAW, P) by row, of external load (N, 3, P), of
-    friction (P, 2, 4) and, for the first G, of rollers (G, 9 J). time (N,) are the steps taken.
+    friction (P, 2, 4) and, for the first G directions, of rollers (G, 9 J). time (N,): the stamps
+    of the steps.
     """
     m = models[0]
     directions = law.shape[2]
@@ -109,7 +111,7 @@ def follow_tangents(m: Any, rows: Any, uniform: Any, law: Any, external: Any, fr
                     geometry: Any, time: Any, path: Any, out: Any, grows: Any, rubs: Any,
                     parts: Any, w: Any, states: Any, rubbed: Any, elements: Any,
                     motion: Any, by: Any) -> Any:
-    """`motion_tangents` in work arrays: three times dq and dv (3, 6, P), friction, q and v."""
+    """`motion_tangents` with work arrays: dq and dv of three steps (3, 6, P), friction, q, v."""
     radial, tilting = elements[0], elements[1]
     radial[0] = radial[1] = m.radial_friction.initial
     tilting[0] = tilting[1] = m.tilt_friction.initial
@@ -164,7 +166,7 @@ def follow_tangents(m: Any, rows: Any, uniform: Any, law: Any, external: Any, fr
 @kernel(**INNER)
 def rub(m: Any, friction: Any, path: Any, n: Any, elements: Any, rubbed: Any, own: Any,
         by: Any) -> Any:
-    """Take from by (3, P) the change of friction at step n; the slopes of both frictions."""
+    """Subtract the change of friction at step n from by (3, P); the slopes of both frictions."""
     slope0 = rub_element(m.radial_friction, friction[:, 0], 0, path, n, elements[0], rubbed[0],
                          own, by)
     slope2 = rub_element(m.tilt_friction, friction[:, 1], 2, path, n, elements[1], rubbed[1],
@@ -177,8 +179,8 @@ def rub_element(element: Any, changes: Any, i: Any, path: Any, n: Any, z: Any, r
                 own: Any, by: Any) -> Any:
     """`rub` of the friction against coordinate i.
 
-    changes (P, 4) of limit, presliding, sharpness and initial; z (2,): its states, and rubbed
-    (P, 2) their changes.
+    changes (P, 4): of limit, presliding, sharpness and initial; z (2,): the states of the
+    friction; rubbed (P, 2): changes of these states.
     """
     if n == 0:
         for j in range(by.shape[1]):
@@ -200,7 +202,7 @@ def rub_element(element: Any, changes: Any, i: Any, path: Any, n: Any, z: Any, r
 @kernel(**INNER)
 def keep_rubbing(m: Any, friction: Any, path: Any, n: Any, elements: Any, rubbed: Any, own: Any,
                  new: Any) -> Any:
-    """The states of friction, and their changes, after step n."""
+    """Advance the states of friction and their changes over step n."""
     keep_element(m.radial_friction, friction[:, 0], 0, path, n, elements[0], rubbed[0], own, new)
     keep_element(m.tilt_friction, friction[:, 1], 2, path, n, elements[1], rubbed[1], own, new)
 
@@ -224,7 +226,7 @@ def keep_element(element: Any, changes: Any, i: Any, path: Any, n: Any, z: Any, 
 
 @kernel(**OUTER)
 def static_tangents(models: Any, rows: Any, uniform: Any, law: Any, path: Any, out: Any) -> Any:
-    """Fill out (N, 3, P): changes of equilibria path (N, 3) by changes of law (3, LAW, P)."""
+    """Fill out (N, 3, P) with changes of equilibria path (N, 3) by law (3, LAW, P)."""
     m = models[0]
     parts, w = np.zeros((3, PARTS)), np.zeros(at.WORK_SIZE)
     still, by = np.zeros(3), np.zeros((3, law.shape[2]))

@@ -1,4 +1,4 @@
-"""Powers of many numbers at once: code without branch or call, which becomes vector code."""
+"""Powers without branch or call, so that loops over them become vector code."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from saddlering_ros.ring.kernels.options import FAST, INNER, kernel
 SQRT_HALF_BITS = 0x3FE6A09E667F3BCD
 
 INTEGER_FLOAT = 6755399441055744.0
-"""1.5 * 2^52: a small whole number added to it stands in its lowest bits."""
+"""1.5 * 2^52. The lowest bits of the sum with a small whole number hold this number."""
 
 INTEGER_FLOAT_BITS = 0x4338000000000000
 
@@ -29,7 +29,7 @@ def bits_of(typing_context: Any, number: Any) -> Any:
 
 @intrinsic
 def float_of(typing_context: Any, bits: Any) -> Any:
-    """The float that an integer's 64 bits stand for."""
+    """The float whose 64 bits are those of an integer."""
     def build(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         return builder.bitcast(arguments[0], ir.DoubleType())
     return nb.types.float64(nb.types.int64), build
@@ -37,11 +37,11 @@ def float_of(typing_context: Any, bits: Any) -> Any:
 
 @intrinsic
 def widest_vectors(typing_context: Any) -> Any:
-    """Let the calling function use the core's widest registers.
+    """Let the calling function use the widest registers of the core.
 
-    LLVM holds itself to 256 bits on Intel cores that have 512 (they once lowered their clock for
-    them); a loop that is arithmetic only gains a seventh. llvmlite's list of attributes does not
-    know this one, hence the way round its check; other cores ignore it.
+    LLVM uses 256 of the 512 bits of some Intel cores, because older cores lowered their clock for
+    wide registers. A loop of pure arithmetic becomes a seventh faster with all bits. llvmlite does
+    not list this attribute, so that its check is avoided here. Other cores ignore the attribute.
     """
     def build(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         set.add(builder.function.attributes, '"prefer-vector-width"="512"')
@@ -66,7 +66,7 @@ def log2_of(p: Any) -> Any:
 
 @kernel(fastmath=FAST, inline='always', **INNER)
 def exp2_of(y: Any) -> Any:
-    """2 ** y where that is a normal number."""
+    """2 ** y, if the result is a normal number."""
     k = np.rint(y)
     f = y - k
     f2 = f * f
@@ -82,10 +82,11 @@ def exp2_of(y: Any) -> Any:
 
 @kernel(fastmath=FAST, inline='always', **INNER)
 def power(p: Any, exponent: Any) -> Any:
-    """P ** exponent for a positive normal number p, relative error below 1e-13.
+    """P ** exponent for a positive normal number p, with a relative error below 1e-13.
 
-    log2 by its atanh series on the mantissa, exp2 by a polynomial, both fitted at Chebyshev
-    points (relative error 3e-14 and 2e-14), both summed in pairs (Estrin) for a short chain; no
-    branch and no call, so that a loop over it becomes vector code on any x86-64 or ARM.
+    log2 is the atanh series of the mantissa, and exp2 is a polynomial. Both are fitted at
+    Chebyshev points (relative errors 3e-14 and 2e-14) and summed in pairs (Estrin), which
+    shortens the chain of operations. There is no branch and no call, so that a loop becomes vector
+    code on any x86-64 or ARM processor.
     """
     return exp2_of(exponent * log2_of(p))
