@@ -43,7 +43,8 @@ PATIENCE = 60.0
 SAMPLES_PER_STEP = 50
 """Loads per step of the clock: many, but few enough for the buffers between the nodes."""
 
-LONGEST_STEP = 1.0
+LONGEST_STEP = 1.8
+"""[s]; the replay nodes take a step of two seconds for a move by hand."""
 
 Show = Callable[[float, str], None]
 

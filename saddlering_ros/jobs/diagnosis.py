@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 import json
 
-from saddlering_ros.api.functions import diagnose
 from saddlering_ros.jobs.plain_types import PARAMETER_TYPES, PROGRESS_TYPES, RIG_TYPES
 from saddlering_ros.progress import OnProgress
 from saddlering_ros.rig import ParameterSet, Rig
@@ -36,8 +35,14 @@ TYPES = (*PARAMETER_TYPES, *RIG_TYPES, *PROGRESS_TYPES, DiagnosisRequest, Diagno
 """Types that pass between the node and its worker."""
 
 
+PRELOADED = ('saddlering_ros.api.functions',)
+"""What the worker imports before the first job; the node has no need of it."""
+
+
 def run(request: DiagnosisRequest, on_progress: OnProgress) -> DiagnosisAnswer:
     """Diagnose."""
+    from saddlering_ros.api.functions import diagnose
+
     result = diagnose(
         request.bags, hold_out=request.hold_out, rig=request.rig,
         parameters=request.parameters_file or None, seed=request.seed, on_progress=on_progress)

@@ -5,9 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 import json
 
-from saddlering_ros.api.functions import identify_with, validate
-from saddlering_ros.api.inputs import as_bags, check_rig, runs_of
-from saddlering_ros.bags import refuse_repeats
 from saddlering_ros.identification import IdentificationSettings, SwarmSettings
 from saddlering_ros.jobs.plain_types import PARAMETER_TYPES, PROGRESS_TYPES, RIG_TYPES
 from saddlering_ros.progress import OnProgress
@@ -40,8 +37,16 @@ TYPES = (*PARAMETER_TYPES, *RIG_TYPES, *PROGRESS_TYPES, IdentificationRequest,
 """Types that pass between the node and its worker."""
 
 
+PRELOADED = ('saddlering_ros.api.functions',)
+"""What the worker imports before the first job; the node has no need of it."""
+
+
 def run(request: IdentificationRequest, on_progress: OnProgress) -> IdentificationAnswer:
     """Identify, and validate on the held-out bags (on all bags if there are none)."""
+    from saddlering_ros.api.functions import identify_with, validate
+    from saddlering_ros.api.inputs import as_bags, check_rig, runs_of
+    from saddlering_ros.bags import refuse_repeats
+
     rig = request.rig
     bags = as_bags(request.bags, rig, on_progress)
     held_out = as_bags(request.validation_bags, rig, on_progress)

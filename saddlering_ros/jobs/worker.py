@@ -2,8 +2,9 @@
 
     python -m saddlering_ros.jobs.worker FD MODULE      (started by `Worker`, never by hand)
 
-MODULE has `run(request, on_progress) -> answer`, and TYPES, the dataclasses these are made of;
-plain data (plain_data.py) pass between the processes, never pickles.
+MODULE has `run(request, on_progress) -> answer`; TYPES, the dataclasses these are made of; and
+PRELOADED, the modules that `run` needs. Plain data (plain_data.py) pass between the processes,
+never pickles.
 """
 
 from __future__ import annotations
@@ -124,13 +125,15 @@ def types_of(module: str) -> tuple[type, ...]:
 
 def serve(pipe: Channel, module: str) -> None:
     """Do jobs until the other end is gone."""
-    run = importlib.import_module(module).run
+    job = importlib.import_module(module)
+    for needed in job.PRELOADED:
+        importlib.import_module(needed)
     while True:
         try:
             request = pipe.receive()
         except EOFError:
             return
-        pipe.send(_attempt(run, request, pipe))
+        pipe.send(_attempt(job.run, request, pipe))
 
 
 def _attempt(run: Callable[..., Any], request: Any, pipe: Channel) -> tuple[str, Any]:

@@ -66,7 +66,7 @@ class ReplayClockNode(BagNode):
                                      'processed all earlier messages'),
         Parameter('participants', PARTICIPANTS, 'nodes for which the clock waits, before the '
                                                 'first message and in lockstep'),
-        Parameter('window', 0.2, 'longest bag time per step in lockstep [s]', low=0.001, high=1.0,
+        Parameter('window', 0.2, 'longest bag time per step in lockstep [s]', low=0.001, high=1.8,
                   changeable=True),
         Parameter('clock_rate', 100.0, 'steps a second in real time', low=1.0, high=1000.0),
         Parameter('timeout', 5.0, 'a node that does not catch up within this time [s] is '

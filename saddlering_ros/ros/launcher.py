@@ -9,7 +9,7 @@ import fcntl
 import os
 from pathlib import Path
 import signal
-import subprocess
+from subprocess import DEVNULL, Popen, STDOUT
 import sys
 import tempfile
 import time
@@ -111,7 +111,7 @@ class NodeProcess:
     """One running node."""
 
     name: str
-    process: subprocess.Popen[bytes]
+    process: Popen[bytes]
     log: Path
 
     @property
@@ -177,8 +177,8 @@ class NodeGroup:
         command = [sys.executable, '-m', f'saddlering_ros.nodes.{name}',
                    *ros_arguments(parameters, files, renamed)]
         with log.open('wb') as stream:
-            process = subprocess.Popen(
-                command, stdin=subprocess.DEVNULL, stdout=stream, stderr=subprocess.STDOUT,
+            process = Popen(
+                command, stdin=DEVNULL, stdout=stream, stderr=STDOUT,
                 env={**self.environment, LIFELINE: str(self._read_end)},
                 pass_fds=(self._read_end,), start_new_session=True)
         self.processes[name] = NodeProcess(name, process, log)
