@@ -5,9 +5,11 @@ import contextlib
 import signal
 from typing import Any
 
+import gate_budget
 from gate_budget import GateBudget
 from hypothesis import settings
 from made_once import MadeOnce
+from node_server import NodeServer
 import pytest
 from ros_domains import DomainLease
 from short_bags import ShortBags
@@ -79,6 +81,25 @@ def ros_domain(monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
     monkeypatch.delenv('ROS_STATIC_PEERS', raising=False)
     yield lease.number
     lease.close()
+
+
+@pytest.fixture(scope='session')
+def node_server() -> Iterator[NodeServer]:
+    """Forks the nodes of this process's tests; see its module."""
+    server = NodeServer()
+    gate_budget.BESIDE.append(server.processor_seconds)
+    yield server
+    gate_budget.BESIDE.remove(server.processor_seconds)
+    server.close()
+
+
+@pytest.fixture(autouse=True)
+def _forked_nodes(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let launchers fork the nodes of tests marked `ros`, unless those want interpreters."""
+    marked = request.node.get_closest_marker
+    if marked('ros') is not None and marked('interpreters') is None:
+        server = request.getfixturevalue('node_server')
+        monkeypatch.setattr('saddlering_ros.ros.launcher.Popen', server.popen)
 
 
 @pytest.fixture(autouse=True)

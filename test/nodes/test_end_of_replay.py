@@ -10,6 +10,7 @@ import threading
 import time
 from typing import Any
 
+from node_server import NodeServer
 import pytest
 
 from saddlering_interfaces.msg import ReplayProgress
@@ -18,20 +19,8 @@ from saddlering_ros.cli.main import main
 from saddlering_ros.ros.lockstep import LockstepGroup
 
 
-def children() -> dict[str, int]:
-    """Node processes that this one has started, by the name of their node."""
-    found = {}
-    for folder in Path('/proc').glob('[0-9]*'):
-        with contextlib.suppress(OSError, ValueError, IndexError):
-            parent = (folder / 'stat').read_text().rpartition(')')[2].split()[1]
-            words = (folder / 'cmdline').read_bytes().decode().split('\0')
-            module = words[words.index('-m') + 1]
-            if int(parent) == os.getpid() and module.startswith('saddlering_ros.nodes.'):
-                found[module.rpartition('.')[2]] = int(folder.name)
-    return found
-
-
-def soon(name: str, number: signal.Signals, recorded: Path) -> threading.Thread:
+def soon(server: NodeServer, name: str, number: signal.Signals, recorded: Path,
+         ) -> threading.Thread:
     """Signal a node of the replay once something has been recorded."""
     def act() -> None:
         for _ in range(3000):
@@ -39,7 +28,7 @@ def soon(name: str, number: signal.Signals, recorded: Path) -> threading.Thread:
             files = list(recorded.parent.glob('.*.recording.*/*/*.mcap'))
             if files and files[0].stat().st_size > 100_000:
                 break
-        os.kill(children()[name], number)
+        os.kill(server.newest[name], number)
 
     thread = threading.Thread(target=act, daemon=True)
     thread.start()
@@ -52,12 +41,13 @@ def soon(name: str, number: signal.Signals, recorded: Path) -> threading.Thread:
     ('eddy_current', signal.SIGTERM, 'ended before the bag was at its end')])
 def test_a_replay_whose_node_is_ended_fails_and_replaces_nothing(
         name: str, number: signal.Signals, words: str, bag: Path, ros_domain: int,
-        tmp_path: Path, capsys: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+        tmp_path: Path, capsys: Any, monkeypatch: pytest.MonkeyPatch, node_server: NodeServer,
+        ) -> None:
     monkeypatch.setattr('saddlering_ros.ros.launcher.RING_NODES', ('ring_displacement',))
     recorded = tmp_path / 'recorded'
     recorded.mkdir()
     (recorded / 'metadata.yaml').write_text('a good recording')
-    thread = soon(name, number, recorded)
+    thread = soon(node_server, name, number, recorded)
     assert main(['replay', str(bag), '--domain', str(ros_domain), '--record', str(recorded),
                  '--overwrite', '--rate', '0.5']) == 2
     thread.join()

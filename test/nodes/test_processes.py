@@ -18,8 +18,10 @@ from rcl_interfaces.srv import SetParameters
 from rosnet import Client, wait_until
 
 from saddlering_ros.paths import share_directory
-from saddlering_ros.ros.launcher import NodeGroup, ros_arguments, start_nodes
+from saddlering_ros.ros.launcher import NodeGroup, NodeProcess, ros_arguments, start_nodes
+from saddlering_ros.ros.registry import ACTION, ALARM, names, RING
 from saddlering_ros.ros.shared_memory import sweep
+from saddlering_ros.ros.transport import PROFILE_VARIABLES
 
 pytestmark = pytest.mark.ros
 
@@ -59,13 +61,23 @@ def alive(pid: int) -> bool:
         return False
 
 
-def test_a_signal_ends_every_node_with_status_0(
+def environment_of(node: NodeProcess) -> dict[str, str]:
+    words = Path(f'/proc/{node.process.pid}/environ').read_bytes().decode().split('\0')
+    return dict(word.split('=', 1) for word in words if '=' in word)
+
+
+@pytest.mark.interpreters
+def test_every_node_starts_as_a_program_and_ends_with_status_0_at_a_signal(
         bag: Path, ros_domain: int, tmp_path: Path) -> None:
     with start_nodes(bag, domain_id=ros_domain, log_folder=tmp_path / 'log', exit_at_end=False,
-                     nodes=('ring_displacement', 'ring_simulator', 'ring_identification'),
-                     ) as group:
+                     nodes=names(RING, ALARM, ACTION)) as group:
+        assert set(group.processes) == set(names())
         wait_until(lambda: 'playing' in group.processes['replay_clock'].said(), 80.0)
-        wait_until(lambda: 'serves' in group.processes['ring_identification'].said(), 80.0)
+        for name in names(ACTION):
+            wait_until(lambda name=name: 'serves' in group.processes[name].said(), 80.0)
+        for node in group.processes.values():
+            assert environment_of(node)[PROFILE_VARIABLES[0]].endswith('fastdds.xml')
+            assert 'XMLPARSER' not in node.said()
         for number, node in enumerate(group.processes.values()):
             os.kill(node.process.pid, (signal.SIGINT, signal.SIGTERM)[number % 2])
         wait_until(lambda: not any(node.running for node in group.processes.values()))
