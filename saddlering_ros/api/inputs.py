@@ -14,6 +14,7 @@ from saddlering_ros.api.tables import dataframe
 from saddlering_ros.bags import (
     condensed,
     displacement_of_run,
+    fit_limit,
     MeasuredRun,
     read_run,
     refuse_other_rig,
@@ -21,6 +22,7 @@ from saddlering_ros.bags import (
     TestRun,
 )
 from saddlering_ros.bags.samples import measured_samples
+from saddlering_ros.bags.scratch import extremes
 from saddlering_ros.progress import check, IsCancelled, OnProgress, Progress
 from saddlering_ros.provenance import Origin
 from saddlering_ros.rig import (
@@ -87,7 +89,8 @@ class Bag:
     def summary(self) -> str:
         """Test, elevation, length, load and notes in a few lines."""
         run = self.run
-        loads = self.rig.force_range(float(run.load.min()), float(run.load.max()), 2)
+        lowest, highest = extremes(run.load)
+        loads = self.rig.force_range(float(lowest), float(highest), 2)
         lines = [
             f'{self.name}: {self.test} test at {self.elevation_deg:g} deg, {len(run.time)} load '
             f'samples over {run.time[-1]:.1f} s, load {loads}']
@@ -154,7 +157,8 @@ def _as_bag(
 def for_fits(bags: Sequence[Bag], held_out: Sequence[Bag] = ()) -> tuple[list[Bag], list[Bag]]:
     """The same bags, long ones as averages; BagError if a recording is among them twice."""
     refuse_repeats(runs_of(bags), runs_of(held_out))
-    fitted, held = ([Bag(condensed(bag.run, bag.rig), bag.rig) for bag in several]
+    limit = fit_limit(runs_of([*bags, *held_out]))
+    fitted, held = ([Bag(condensed(bag.run, bag.rig, limit), bag.rig) for bag in several]
                     for several in (bags, held_out))
     return fitted, held
 

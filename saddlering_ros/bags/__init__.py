@@ -8,7 +8,7 @@ from __future__ import annotations
 from typing import Any, TYPE_CHECKING
 
 from saddlering_ros.bags.alignment import align, seconds, seconds_array
-from saddlering_ros.bags.condense import condensed
+from saddlering_ros.bags.condense import condensed, fit_limit
 from saddlering_ros.bags.errors import BagError
 from saddlering_ros.bags.facts import FoundFacts, TestFacts
 from saddlering_ros.bags.info import bag_info, BagInfo, TopicInfo
@@ -27,8 +27,9 @@ __all__ = [
     'LOAD_TOPIC', 'PROBE_TOPICS', 'RIG_TOPICS', 'AlignedRow', 'AlignmentCounters', 'BagError',
     'BagInfo', 'FoundFacts', 'MeasuredRun', 'PlateauMeans', 'Plateaus', 'RawRecord', 'RawTopic',
     'StreamAligner', 'TestFacts', 'TestRun', 'TopicInfo', 'align', 'bag_info',
-    'condensed', 'displacement_of_run', 'plateau_means', 'plateaus', 'read_raw', 'read_run',
-    'refuse_other_rig', 'refuse_repeats', 'rig_in_words', 'seconds', 'seconds_array', 'write_bag',
+    'condensed', 'displacement_of_run', 'fit_limit', 'plateau_means', 'plateaus', 'read_raw',
+    'read_run', 'refuse_other_rig', 'refuse_repeats', 'rig_in_words', 'seconds', 'seconds_array',
+    'write_bag',
 ]
 
 

@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from saddlering_ros.bags import scratch
 from saddlering_ros.bags.reader import TestRun
-from saddlering_ros.bags.scratch import blocks, spread_changes
+from saddlering_ros.bags.scratch import BLOCK, blocks, spread_changes
 from saddlering_ros.rig import Rig
 
 Floats = NDArray[np.float64]
+
+FIT_ROWS = 1 << 19
+"""Samples of all runs together that a fit holds in memory."""
 
 MIN_BLOCK_SHARE = 0.5
 """A block has no reading of a probe that reads at a smaller share of its samples."""
@@ -24,22 +27,37 @@ SPAN_MARGIN = 1e-4
 """A reading within this share of the span of one of its ends is at a limit."""
 
 
-def condensed(run: TestRun, rig: Rig) -> TestRun:
-    """The run itself, or one of at most `scratch.LONG` averages with a note if it is longer.
+def fit_limit(runs: Sequence[TestRun], rows: int = FIT_ROWS) -> int:
+    """Largest number of samples that each of the runs of one fit may have.
+
+    With this limit they have `rows` samples in all, so that the memory of a fit depends neither
+    on the length of the runs nor on their number. Short runs are kept whole.
+    """
+    left, counts = rows, sorted(len(run.stamps) for run in runs)
+    for shorter, count in enumerate(counts):
+        share = left // (len(counts) - shorter)
+        if count > share:
+            return max(share, 1)
+        left -= count
+    return rows
+
+
+def condensed(run: TestRun, rig: Rig, limit: int = FIT_ROWS) -> TestRun:
+    """The run itself, or one of at most `limit` averages with a note if it is longer.
 
     Only sound readings count: none that is a spike, lies across a refused reading, or is at a
     limit of the probes' span. Load and probes are averaged alike, so that a simulation of the
     averages is the average of a simulation.
     """
     count = len(run.stamps)
-    size = -(-count // scratch.LONG)
+    size = -(-count // limit)
     if size <= 1:
         return run
     period = float(np.median(spread_changes(run.stamps)))
     rows = count // size
     stamps, load = np.empty(rows, np.int64), np.empty(rows)
     gaps = np.empty((len(run.gaps), rows))
-    per_part = max(1, scratch.BLOCK // size)
+    per_part = max(1, BLOCK // size)
     for part in blocks(rows, run.stamps, run.time, run.load, run.gaps, size=per_part):
         samples = slice(part.start * size, part.stop * size)
         taken = run.stamps[samples].reshape(-1, size)

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saddlering_ros.bags.alignment import GAP_HISTORY, gap_limit, JITTER_NS, LEAP_NS
-from saddlering_ros.bags.scratch import blocks, scratch_array
+from saddlering_ros.bags.scratch import blocks, scratch_array, scratch_mask
 from saddlering_ros.bags.validity import BRIDGED, DOUBTFUL_LOAD
 from saddlering_ros.rig import Rig
 
@@ -383,7 +383,7 @@ class SoundSamples:
 
     def bridged(self, stamps: NDArray[np.int64], *, to_next: bool = False) -> NDArray[np.bool_]:
         """Which of the `stamps` (N,) `SampleGuard.marks` would mark."""
-        found = np.zeros(len(stamps), dtype=bool)
+        found = scratch_mask(len(stamps))
         for first, last in self.bridges.tolist():
             found[np.searchsorted(stamps, first, 'right'):
                   np.searchsorted(stamps, last, 'right' if to_next else 'left')] = True
@@ -391,7 +391,7 @@ class SoundSamples:
 
     def doubtful(self, stamps: NDArray[np.int64]) -> NDArray[np.bool_]:
         """Which of the load's `stamps` (N,) lie in a stretch of doubtful load."""
-        found = np.zeros(len(stamps), dtype=bool)
+        found = scratch_mask(len(stamps))
         for first, last in self.steps.tolist():
             found[np.searchsorted(stamps, first, 'right'):np.searchsorted(stamps, last)] = True
         return found

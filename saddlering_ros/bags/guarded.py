@@ -18,7 +18,7 @@ from saddlering_ros.bags.guard import (
     SoundSamples,
 )
 from saddlering_ros.bags.node_rows import complete_rows, degraded_rows, NodeRows
-from saddlering_ros.bags.scratch import extremes, scratch_copy
+from saddlering_ros.bags.scratch import blocks, extremes, scratch_copy, scratch_mask
 from saddlering_ros.bags.topics import LOAD_TOPIC, PROBE_TOPICS
 from saddlering_ros.rig import Rig
 
@@ -115,8 +115,10 @@ def node_rows(guarded: list[GuardedTopic], gaps: NDArray[np.float64]) -> NodeRow
         return None
     given = complete_rows(gaps)
     given[degraded] = True
-    bridged = np.zeros(len(stamps), dtype=bool)
+    bridged = scratch_mask(len(stamps))
     for one in probes:
-        bridged |= one.sound.bridged(stamps)
+        marks = one.sound.bridged(stamps)
+        for part in blocks(len(stamps), bridged, marks):
+            bridged[part] |= marks[part]
     return NodeRows(given, bridged, load.sound.bridged(stamps, to_next=True),
                     load.sound.doubtful(stamps))

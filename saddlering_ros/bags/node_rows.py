@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saddlering_ros.bags.alignment import DEAD_AFTER_NS, GAP_HISTORY, gap_limit, gap_mask
-from saddlering_ros.bags.scratch import blocks
+from saddlering_ros.bags.scratch import blocks, scratch_mask
 
 Stamps = NDArray[np.int64]
 Rows = NDArray[np.intp]
@@ -37,8 +37,8 @@ class NodeRows:
 
 def complete_rows(gaps: NDArray[np.float64]) -> Mask:
     """Rows (N,) of aligned gaps (4, N) at which every probe reads."""
-    found = np.empty(gaps.shape[1], dtype=bool)
-    for part in blocks(len(found), gaps):
+    found = scratch_mask(gaps.shape[1])
+    for part in blocks(len(found), gaps, found):
         found[part] = np.isfinite(gaps[:, part]).all(axis=0)
     return found
 

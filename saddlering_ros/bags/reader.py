@@ -32,7 +32,13 @@ from saddlering_ros.bags.record_quality import (
 )
 from saddlering_ros.bags.rig_notes import line_notes, parity_notes, rig_notes
 from saddlering_ros.bags.scan import OnShare, Scan, scan, ScannedTopic
-from saddlering_ros.bags.scratch import blocks, count_where, scratch_array, scratch_copy
+from saddlering_ros.bags.scratch import (
+    blocks,
+    count_where,
+    scratch_array,
+    scratch_copy,
+    scratch_mask,
+)
 from saddlering_ros.bags.stamps import put_in_order
 from saddlering_ros.bags.topics import (
     ELEVATION,
@@ -187,8 +193,8 @@ class TestRun:
     @property
     def complete(self) -> NDArray[np.bool_]:
         """Mask (N,) of the load stamps at which all four probes have a reading."""
-        found = np.empty(len(self.stamps), dtype=bool)
-        for part in blocks(len(found), self.gaps):
+        found = scratch_mask(len(self.stamps))
+        for part in blocks(len(found), self.gaps, found):
             found[part] = np.isfinite(self.gaps[:, part]).all(axis=0)
         return found
 
@@ -361,15 +367,17 @@ def _spikes(
     """Which of the load's samples (5, N) a spike of the load or of a probe reaches."""
     if not any(one.spikes.size for one in found.values()):
         return None
-    return np.array([_reached(load.stamps, raw, found[raw.topic].spikes)
-                     for raw in (record[name] for name in RIG_TOPICS)])
+    spikes = scratch_mask(len(RIG_TOPICS), len(load))
+    for name, reached in zip(RIG_TOPICS, spikes, strict=True):
+        _mark_reached(load.stamps, record[name], found[name].spikes, reached)
+    return spikes
 
 
-def _reached(
+def _mark_reached(
     load_stamps: NDArray[np.int64], raw: RawTopic, spikes: NDArray[np.intp],
-) -> NDArray[np.bool_]:
-    """Which of the load's samples (N,) are aligned with a spike among a topic's readings."""
-    reached = np.zeros(len(load_stamps), dtype=bool)
+    reached: NDArray[np.bool_],
+) -> None:
+    """Mark the load's samples (N,) that are aligned with a spike among a topic's readings."""
     for spike in spikes.tolist():
         about = slice(max(spike - GAP_HISTORY - 2, 0), spike + 3)
         stamps = raw.stamps[about]
@@ -378,7 +386,6 @@ def _reached(
         first, last = np.searchsorted(load_stamps, [stamps[0], stamps[-1]]).tolist()
         near = slice(first, last + 1)
         reached[near] |= np.nan_to_num(align(load_stamps[near], stamps, struck)) > 0.0
-    return reached
 
 
 def raw_topic(found: Scan, name: str) -> RawTopic:

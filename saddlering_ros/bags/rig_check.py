@@ -9,6 +9,7 @@ import numpy as np
 from saddlering_ros.bags.measured import displacement_of_run
 from saddlering_ros.bags.reader import RawRecord, TestRun
 from saddlering_ros.bags.same_rig import rig_in_words
+from saddlering_ros.bags.scratch import extremes
 from saddlering_ros.bags.topics import PROBE_TOPICS
 from saddlering_ros.bags.wiring import wiring_notes
 from saddlering_ros.rig import Rig, short_digest
@@ -69,7 +70,7 @@ def _ranges(rig: Rig, record: RawRecord) -> list[str]:
                 f'probe {number} states a range of {stated[0] * 1e3:g} to {stated[1] * 1e3:g} mm, '
                 f'the rig file {probes.min_range * 1e3:g} to {probes.max_range * 1e3:g} mm '
                 '(rig.probes.min_range, max_range)')
-        low, high = float(np.nanmin(raw.values)), float(np.nanmax(raw.values))
+        low, high = map(float, extremes(raw.values))
         if low < probes.min_range or high > probes.max_range:
             lines.append(f'probe {number} reads {low * 1e3:.3f} to {high * 1e3:.3f} mm, outside '
                          'of the range in the rig file (rig.probes.min_range, max_range)')

@@ -41,6 +41,14 @@ def scratch_array(shape: tuple[int, ...], dtype: DTypeLike) -> NDArray[Any]:
         raise no_room(problem) from problem
 
 
+def scratch_mask(*shape: int) -> NDArray[np.bool_]:
+    """A mask that is False everywhere, in a scratch file if it is long."""
+    mask = scratch_array(shape, np.bool_)
+    if shape[-1] <= LONG:
+        mask[:] = False
+    return mask
+
+
 def scratch_copy(values: NDArray[Any]) -> NDArray[Any]:
     """The same numbers (N,), in a scratch file if there are many."""
     if len(values) <= LONG:

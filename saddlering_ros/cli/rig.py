@@ -84,12 +84,12 @@ def _draft(args: argparse.Namespace, rig: Rig) -> tuple[Rig, list[Path]]:
 
 
 def _check(args: argparse.Namespace, bag: str, rig: Rig) -> list[str]:
-    from saddlering_ros.bags import read_raw, read_run
+    from saddlering_ros.bags import condensed, read_raw, read_run
     from saddlering_ros.bags.rig_check import check_rig
     from saddlering_ros.cli._samples import radians
 
     test_run = read_run(bag, test=args.test, elevation=radians(args.elevation), rig=rig)
-    return check_rig(rig, read_raw(bag), test_run)
+    return check_rig(rig, read_raw(bag), condensed(test_run, rig))
 
 
 def _print(rig: Rig, written: list[Path], found: dict[str, list[str]]) -> None:

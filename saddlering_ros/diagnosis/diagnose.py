@@ -7,6 +7,8 @@ from dataclasses import replace
 from pathlib import Path
 
 from saddlering_ros.bags import (
+    condensed,
+    fit_limit,
     read_run,
     refuse_other_rig,
     refuse_repeats,
@@ -53,6 +55,9 @@ def diagnose_bags(
     runs = [read_run(bag, rig=rig) for bag in bags]
     held_out = [read_run(bag, rig=rig) for bag in hold_out]
     refuse_other_rig([*runs, *held_out], rig, is_given=True)
+    refuse_repeats(runs, held_out)
+    limit = fit_limit([*runs, *held_out])
+    runs, held_out = ([condensed(run, rig, limit) for run in some] for some in (runs, held_out))
     return diagnose_runs(runs, held_out, rig, parameters, on_progress, is_cancelled, seed)
 
 

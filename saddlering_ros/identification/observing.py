@@ -17,6 +17,7 @@ from saddlering_ros.identification.load_cell import cell_noise, load_errors_of, 
 from saddlering_ros.identification.observation import Observation
 from saddlering_ros.identification.prepared import (
     block_sizes,
+    MAX_SIMULATED,
     noise_of,
     NoiseModel,
     prepare,
@@ -91,7 +92,8 @@ def _observe_static(one: PreparedRun, noise: NoiseModel) -> Observation:
     lasting = one.interval * np.array([stop - start for start, stop in one.rests], dtype=float)
     load = np.array([float(np.nanmean(measured.load[span])) for span in spans])
     time = np.array([float(np.mean(measured.time[span])) for span in spans])
-    step = max(1, int(round(SETTLING_STEP / one.interval)))
+    step = max(1, int(round(SETTLING_STEP / one.interval)),
+               -(-len(measured.load) // MAX_SIMULATED))
     zero_error = _zero_error(one, noise)
     error = np.sqrt([channel.variances(lasting) for channel in noise.channels])
     return Observation(

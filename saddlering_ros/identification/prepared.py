@@ -39,6 +39,10 @@ MAX_SAMPLES = 1000
 SIMULATION_RATE = 250.0
 """Rate [Hz] of the load of a dynamic run in a fit; faster records are averaged."""
 
+MAX_SIMULATED = 1 << 17
+"""Largest number of load samples of one run in a fit: longer records than 8.7 min at
+`SIMULATION_RATE` are averaged further, so that the memory of a fit does not grow with them."""
+
 MIN_READINGS = 5
 MIN_SHARE_READ = 0.3
 """Fewest plateaus of a static run, and smallest share of a dynamic run, with readings of all
@@ -159,7 +163,8 @@ def block_sizes(interval: float, samples: int, fit_rate: float | None) -> tuple[
     if fit_rate is None:
         return 1, 1
     size = max(1, int(round(1.0 / (fit_rate * interval))), int(np.ceil(samples / MAX_SAMPLES)))
-    fine = max(1, int(round(1.0 / (SIMULATION_RATE * interval))))
+    fine = max(1, int(round(1.0 / (SIMULATION_RATE * interval))),
+               int(np.ceil(samples / MAX_SIMULATED)))
     per_block = max(1, int(round(size / fine)))
     return per_block * max(1, size // per_block), per_block
 

@@ -12,6 +12,7 @@ from saddlering_ros.bags import RawRecord, RawTopic, read_raw
 from saddlering_ros.bags.cdr import SECOND
 from saddlering_ros.bags.checks import check_values
 from saddlering_ros.bags.reader import usable_facts
+from saddlering_ros.bags.scratch import BLOCK, forget
 from saddlering_ros.bags.topics import TOPICS
 from saddlering_ros.ros.bag_node import BagNode
 from saddlering_ros.ros.diagnostics import (
@@ -56,6 +57,8 @@ class Track:
         start = self.place
         self.move_to(now)
         rows = slice(start, self.place)
+        if start // BLOCK != self.place // BLOCK:
+            forget(self.raw.stamps, self.raw.values)
         return batches.Samples(self.raw.stamps[rows], self.raw.values[rows], self.raw.min_range,
                                self.raw.max_range)
 

@@ -1,6 +1,7 @@
 """Long bags are read through scratch files: the same numbers, in memory that does not grow."""
 
 import csv
+from dataclasses import replace
 import os
 import tracemalloc
 
@@ -12,9 +13,11 @@ from saddlering_ros.bags import (
     bag_info,
     condensed,
     displacement_of_run,
+    fit_limit,
     LOAD_TOPIC,
     PROBE_TOPICS,
     read_run,
+    refuse_repeats,
     scan,
     scratch,
 )
@@ -26,6 +29,8 @@ from saddlering_ros.bags.record_quality import topic_quality
 from saddlering_ros.bags.samples import measured_blocks, measured_samples, write_samples
 from saddlering_ros.bags.summary import summary_of_bag
 from saddlering_ros.bags.topics import TOPICS
+from saddlering_ros.diagnosis.records import build_record
+from saddlering_ros.identification.prepared import prepare
 from saddlering_ros.rig import default_rig
 
 RIG = default_rig()
@@ -115,13 +120,13 @@ def test_a_record_that_never_comes_near_the_preload_takes_its_zero_at_the_start(
     assert not expected.near_preload
 
 
-def write(path, count):
-    """A bag of `count` samples a topic at 10 kHz."""
-    random = np.random.default_rng(0)
+def write(path, count, number=0):
+    """A bag of `count` samples a topic at 10 kHz, the `number`-th minute of them."""
+    random = np.random.default_rng(number)
     span = (RIG.probes.min_range, RIG.probes.max_range)
     topics = [(TOPICS[LOAD_TOPIC], ()), *((TOPICS[name], span) for name in PROBE_TOPICS)]
-    stamps = 1_700_000_000_000_000_000 + 100_000 * np.arange(count)
-    load = RIG.preload + 2e5 * np.clip(np.linspace(-0.5, 2.0, count), 0.0, 1.0)
+    stamps = 1_700_000_000_000_000_000 + 60_000_000_000 * number + 100_000 * np.arange(count)
+    load = RIG.preload + 2e5 * np.clip(1.5 - np.abs(np.linspace(-2.0, 2.0, count)), 0, 1)
     with BlockBagWriter(path, topics, {'test': 'dynamic', 'elevation_deg': '50'}) as writer:
         writer.write([(stamps, load), *(
             (stamps + 1000, 1e-3 + 4e-10 * load + random.normal(0.0, 3e-7, count))
@@ -138,19 +143,55 @@ def peak_of(work):
         tracemalloc.stop()
 
 
-def test_memory_does_not_grow_with_the_length_of_a_bag(tmp_path, in_small_blocks):
-    bags = [write(tmp_path / f'bag_{count}', count) for count in (40_000, 160_000)]
-    in_small_blocks(long=10_000, block=10_000)
+@pytest.fixture(scope='module')
+def long_bags(tmp_path_factory):
+    """A bag, one of four times its length, and four that are as long together."""
+    folder = tmp_path_factory.mktemp('long')
+    return [[write(folder / 'short', 20_000)], [write(folder / 'long', 80_000)],
+            [write(folder / f'part_{number}', 20_000, number) for number in range(4)]]
 
-    def displacement(bag):
+
+def displacement(bags):
+    for bag in bags:
         run = read_run(bag, rig=RIG)
         for _ in measured_blocks(RIG, run, zero_of_run(RIG, run)):
             pass
 
-    for work in (displacement, bag_info):
-        work(bags[0])  # what is loaded once
-        short, long = (peak_of(lambda bag=bag, work=work: work(bag)) for bag in bags)
-        assert long < 1.3 * short
+
+def info(bags):
+    for bag in bags:
+        bag_info(bag)
+
+
+def fit(bags):
+    """What identification and diagnosis hold of their bags."""
+    runs = [read_run(bag, rig=RIG) for bag in bags]
+    refuse_repeats(runs)
+    limit = fit_limit(runs, 5_000)
+    runs = [condensed(run, RIG, limit) for run in runs]
+    return [prepare(run, RIG, 50.0) for run in runs], [
+        build_record(RIG, run, held_out=False) for run in runs]
+
+
+@pytest.mark.parametrize('work', [displacement, info, fit])
+def test_memory_grows_neither_with_the_length_nor_with_the_number_of_bags(
+    long_bags, in_small_blocks, work,
+):
+    in_small_blocks(long=5_000, block=5_000)
+    work(long_bags[0])  # what is loaded once
+    short, *others = (peak_of(lambda bags=bags: work(bags)) for bags in long_bags)
+    rows = 60_000
+    assert max(others) - short < 16 * rows, 'a sample has eleven numbers, 88 bytes'
+
+
+def test_the_samples_of_a_fit_are_bounded_and_short_records_are_kept_whole(tmp_path, recording):
+    run = read_run(recording.write(tmp_path / 'bag'), rig=RIG)
+    count = len(run.stamps)
+    half = replace(run, stamps=run.stamps[::2])
+    assert fit_limit([run, half], 2 * count) >= count
+    limit = fit_limit([run, run, half], 2 * count)
+    assert limit == (2 * count - len(half.stamps)) // 2
+    assert fit_limit([run] * 10 * count, count) == 1
 
 
 def test_the_end_of_the_files_says_how_much_there_is(tmp_path, recording):
@@ -176,15 +217,15 @@ def test_scratch_files_leave_nothing_and_a_full_disk_is_one_line(tmp_path, monke
         scratch.scratch_array((100,), np.float64)
 
 
-def test_a_long_run_is_fitted_as_averages_of_its_sound_readings(tmp_path, struck, monkeypatch):
+def test_a_long_run_is_fitted_as_averages_of_its_sound_readings(tmp_path, struck):
     run = read_run(struck.write(tmp_path / 'bag'), rig=RIG)
     assert condensed(run, RIG) is run
-    monkeypatch.setattr(scratch, 'LONG', len(run.stamps) // 4)
-    short = condensed(run, RIG)
+    limit = len(run.stamps) // 4
+    short = condensed(run, RIG, limit)
     size = len(run.stamps) // len(short.stamps)
     sound = run.without_spikes()
     middle = slice(10 * size, 11 * size)
-    assert len(short.stamps) <= scratch.LONG
+    assert len(short.stamps) <= limit
     assert short.load[10] == pytest.approx(sound.load[middle].mean())
     assert short.gaps[:, 10] == pytest.approx(sound.gaps[:, middle].mean(axis=1))
     assert short.time[10] == pytest.approx(run.time[middle].mean() - run.time[:size].mean())
