@@ -24,9 +24,9 @@ PLACE = 'saddlering_ros.api.functions.diagnose_runs'
 def shared_diagnose(made: MadeOnce) -> Callable[..., Verdict]:
     """`diagnose_runs`, which computes an answer once for each runs, rig, start and seed."""
     def diagnose(runs: Sequence[TestRun], hold_out: Sequence[TestRun] = (), rig: Any = None,
-                 parameters: Any = None, *watch: Any, seed: int = 0, **more: Any) -> Verdict:
+                 parameters: Any = None, *, seed: int = 0, **more: Any) -> Verdict:
         def make(folder: Path) -> None:
-            found = diagnose_runs(runs, hold_out, rig, parameters, *watch, seed=seed, **more)
+            found = diagnose_runs(runs, hold_out, rig, parameters, seed=seed, **more)
             (folder / 'verdict').write_bytes(pickle.dumps(found))
 
         asked = _digest(runs, hold_out, (rig, parameters, seed))

@@ -225,12 +225,14 @@ def _rig_topic(
     if seen is None:
         seen = topic_quality(raw.stamps, raw.values) if is_finite else UNKNOWN_QUALITY
     return TopicInfo(
-        raw.topic, kind, count, 1e9 / float(np.median(spread_changes(raw.stamps))),
-        (int(raw.stamps[0]) - start) / 1e9, int(raw.stamps[-1] - raw.stamps[0]) / 1e9,
-        len(gaps), float(gaps.max()) / 1e9 if len(gaps) else 0.0,
-        lowest, highest, raw.frame_id,
-        seen.repeated, seen.update_rate, seen.resolution, seen.noise, seen.bandwidth,
-        int(seen.spikes.size))
+        topic=raw.topic, type=kind, count=count,
+        rate=1e9 / float(np.median(spread_changes(raw.stamps))),
+        start=(int(raw.stamps[0]) - start) / 1e9,
+        duration=int(raw.stamps[-1] - raw.stamps[0]) / 1e9, gaps=len(gaps),
+        longest_gap=float(gaps.max()) / 1e9 if len(gaps) else 0.0, lowest=lowest, highest=highest,
+        frame_id=raw.frame_id, repeated=seen.repeated, update_rate=seen.update_rate,
+        resolution=seen.resolution, noise=seen.noise, bandwidth=seen.bandwidth,
+        spikes=int(seen.spikes.size))
 
 
 def _plain(value: Any) -> Any:

@@ -91,5 +91,6 @@ def displacement_of_run(rig: Rig, run: TestRun) -> MeasuredRun:
     found = probes_to_displacement(rig.probes, increments)
     validity = validity_of(run, found)
     complete = np.asarray(np.isfinite(increments).all(axis=0))
-    return MeasuredRun(run.time, run.stamps, run.load, increments, found, zero, complete,
-                       given & is_published(validity), validity)
+    return MeasuredRun(
+        time=run.time, stamps=run.stamps, load=run.load, d=increments, displacement=found,
+        zero=zero, complete=complete, given=given & is_published(validity), validity=validity)

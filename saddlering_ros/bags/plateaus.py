@@ -107,8 +107,10 @@ def plateaus(run: TestRun) -> Plateaus:
     level = _levels(load.mean)
     branch, cycle = _branches(level)
     time = plateau_means(start, hold_stop, run.time, errors=False).mean
-    return Plateaus(load.mean, load.std_error, gaps.mean, gaps.std_error, time, start, hold_stop,
-                    hold_start, hold_stop, branch, level, cycle)
+    return Plateaus(
+        load=load.mean, load_std_error=load.std_error, gaps=gaps.mean,
+        gaps_std_error=gaps.std_error, time=time, start=start, stop=hold_stop,
+        hold_start=hold_start, hold_stop=hold_stop, branch=branch, level=level, cycle=cycle)
 
 
 def plateau_means(

@@ -427,8 +427,9 @@ def raw_topic(found: Scan, name: str) -> RawTopic:
     low, high = _span(topic, notes)
     if not found.cuts and found.damage is None:  # they count what is readable
         topic.release()
-    return RawTopic(name, TOPICS[name].type, topic.frame_id, stamps, values, low, high,
-                    tuple(notes))
+    return RawTopic(
+        topic=name, type=TOPICS[name].type, frame_id=topic.frame_id, stamps=stamps, values=values,
+        min_range=low, max_range=high, notes=tuple(notes))
 
 
 def _span(topic: ScannedTopic, notes: list[str]) -> tuple[float, float]:

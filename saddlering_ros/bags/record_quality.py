@@ -125,8 +125,9 @@ class TopicQuality:
 
 
 UNKNOWN_QUALITY = TopicQuality(
-    math.nan, math.nan, math.nan, math.nan, math.nan, math.nan, math.nan,
-    np.zeros(0, dtype=np.intp), (0, 0), (math.nan, 0))
+    rate=math.nan, mean_rate=math.nan, repeated=math.nan, update_rate=math.nan,
+    resolution=math.nan, noise=math.nan, bandwidth=math.nan, spikes=np.zeros(0, dtype=np.intp),
+    stall=(0, 0), limit=(math.nan, 0))
 """Of readings that are no numbers."""
 
 
@@ -151,8 +152,9 @@ def topic_quality(stamps: NDArray[np.int64], values: Floats) -> TopicQuality:
     stall = (0, 0) if held else _stall(values, new, runs, resolution)
     spikes = np.zeros(0, dtype=np.intp) if held else spikes_of(values, resolution, noise)
     return TopicQuality(
-        rate, _mean_rate(stamps), repeated, update_rate, resolution, noise,
-        _bandwidth(fresh, update_rate, resolution), spikes, stall, limit)
+        rate=rate, mean_rate=_mean_rate(stamps), repeated=repeated, update_rate=update_rate,
+        resolution=resolution, noise=noise, bandwidth=_bandwidth(fresh, update_rate, resolution),
+        spikes=spikes, stall=stall, limit=limit)
 
 
 def _mean_rate(stamps: NDArray[np.int64]) -> float:

@@ -46,8 +46,9 @@ class RigTopic:
 
 def _probe(number: int) -> RigTopic:
     return RigTopic(
-        f'/rig/eddy_current_{number}', RANGE_TYPE, 'range', 'm', f'eddy_current_{number}',
-        f'gap [m] of eddy-current probe {number}', 'eddy_current', 'min_range', 'max_range')
+        name=f'/rig/eddy_current_{number}', type=RANGE_TYPE, field='range', unit='m',
+        frame_id=f'eddy_current_{number}', words=f'gap [m] of eddy-current probe {number}',
+        replayed_by='eddy_current', low='min_range', high='max_range')
 
 
 LOAD = RigTopic(

@@ -77,8 +77,9 @@ def run_campaign(
     began = last = time.time()
 
     def status(running: bool) -> Status:
-        return Status(len(tasks), count.done, count.failed, began, time.time(), slots,
-                      count.computed, running)
+        return Status(
+            total=len(tasks), done=count.done, failed=count.failed, started=began,
+            updated=time.time(), slots=slots, computed=count.computed, running=running)
 
     running: dict[Future[str], SessionTask] = {}
     lost: dict[str, int] = {}

@@ -94,9 +94,11 @@ def tasks_of(
             for role in (FIT, HOLD_OUT) for bag in session.of_role(role))
         key = _key(bags, rig_sha256, compute, session)
         tasks.setdefault(key, SessionTask(
-            key, session.name, session.ring, session.bench, session.time, session.service_hours,
-            session.maintenance, bags, '' if rig is None else str(rig.resolve()), rig_sha256,
-            limits, compute, '' if reports is None else str(reports.resolve()), session.problem))
+            key=key, name=session.name, ring=session.ring, bench=session.bench, time=session.time,
+            service_hours=session.service_hours, maintenance=session.maintenance, bags=bags,
+            rig='' if rig is None else str(rig.resolve()), rig_sha256=rig_sha256, limits=limits,
+            compute=compute, reports='' if reports is None else str(reports.resolve()),
+            problem=session.problem))
     return list(tasks.values())
 
 

@@ -120,8 +120,10 @@ class _Story:
         curves = [self._offline_curves(run, first, identified, extended, verdict)
                   for run in self.plan.identify]
         curves += [self._live_curves(run, before, after, verdict) for run in self.plan.verify]
-        return Outcome(self.plan, self.rig, identified, identification, extended, verdict,
-                       tuple(curves), tuple(self.replays), self.console.seconds)
+        return Outcome(
+            plan=self.plan, rig=self.rig, identified=identified, identification=identification,
+            extended=extended, verdict=verdict, curves=tuple(curves),
+            replays=tuple(self.replays), seconds=self.console.seconds)
 
     # --- steps ---
 

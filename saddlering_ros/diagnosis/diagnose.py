@@ -58,7 +58,8 @@ def diagnose_bags(
     refuse_repeats(runs, held_out)
     limit = fit_limit([*runs, *held_out])
     runs, held_out = ([condensed(run, rig, limit) for run in some] for some in (runs, held_out))
-    return diagnose_runs(runs, held_out, rig, parameters, on_progress, is_cancelled, seed)
+    return diagnose_runs(runs, held_out, rig, parameters, on_progress=on_progress,
+                         is_cancelled=is_cancelled, seed=seed)
 
 
 def diagnose_runs(
@@ -66,6 +67,7 @@ def diagnose_runs(
     hold_out: Sequence[TestRun] = (),
     rig: Rig | None = None,
     parameters: ParameterSet | None = None,
+    *,
     on_progress: OnProgress | None = None,
     is_cancelled: IsCancelled | None = None,
     seed: int = 0,

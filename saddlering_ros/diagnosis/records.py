@@ -225,16 +225,12 @@ def _load_grid(readings: _Readings, blocks: _Blocks) -> LoadGrid:
     starts = np.array(cuts, dtype=np.int64)
     count = np.diff(np.append(starts, readings.time.size))
     return LoadGrid(
-        readings.test_run.elevation,
-        np.add.reduceat(readings.time, starts) / count,
-        np.add.reduceat(readings.load, starts) / count,
-        readings.zero_load,
-        np.array(first),
-        np.array(last),
-        LONGEST_STEP,
-        _white_noise(readings.load)
-        / np.sqrt([block.last - block.first for block in blocks.spans]),
-    )
+        elevation=readings.test_run.elevation,
+        time=np.add.reduceat(readings.time, starts) / count,
+        load=np.add.reduceat(readings.load, starts) / count, zero_load=readings.zero_load,
+        first=np.array(first), last=np.array(last), max_step=LONGEST_STEP,
+        load_noise=_white_noise(readings.load)
+        / np.sqrt([block.last - block.first for block in blocks.spans]))
 
 
 def _white_noise(load: Array) -> float:
@@ -259,19 +255,9 @@ def _run(readings: _Readings, blocks: _Blocks, held_out: bool) -> RunBlocks:
     degrees = np.degrees(test_run.elevation)
     name = test_run.path.name or test_run.name
     return RunBlocks(
-        name,
-        f'{degrees:.1f} deg',
-        means.time,
-        means.width,
-        means.probes,
-        {'load': load},
-        tuple(blocks.rest),
-        held_out,
-        grid,
-        direction=direction,
-        rate=rate,
-        hold=blocks.hold,
-    )
+        name=name, group=f'{degrees:.1f} deg', time=means.time, width=means.width,
+        channels=means.probes, inputs={'load': load}, rest=tuple(blocks.rest), held_out=held_out,
+        payload=grid, direction=direction, rate=rate, hold=blocks.hold)
 
 
 def _carried(branch: Array) -> Array:

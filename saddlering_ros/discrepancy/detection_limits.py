@@ -87,15 +87,12 @@ def detection_limits(
         limit = _nine_in_ten([item.limit for item in configurations])
         answers.append(
             DetectionLimit(
-                name,
-                share,
-                _value(effect, limit),
-                _value(effect, min(item.limit for item in configurations)),
-                _value(effect, _nine_in_ten([item.material_limit for item in configurations])),
-                effect.size.unit,
-                share >= MIN_SHARE and bool(np.isfinite(limit)),
-                tuple(_as_values(effect, item) for item in configurations),
-            )
+                effect=name, share=share, limit=_value(effect, limit),
+                best_limit=_value(effect, min(item.limit for item in configurations)),
+                material_limit=_value(
+                    effect, _nine_in_ten([item.material_limit for item in configurations])),
+                unit=effect.size.unit, testable=share >= MIN_SHARE and bool(np.isfinite(limit)),
+                configurations=tuple(_as_values(effect, item) for item in configurations))
         )
     return answers
 

@@ -153,8 +153,8 @@ class LackOfFitTests:
             sizes[view] = np.array(own)
         chances = self._chances(slopes)
         return SlowResidual(
-            statistic - free, free, p_value, visible, where, powers, sizes, chances
-        )
+            excess=statistic - free, dimensions=free, p_value=p_value, visible=visible,
+            where=where, powers=powers, sizes=sizes, chances=chances)
 
     def _chances(self, slopes: Array) -> dict[tuple[str, str], float]:
         """Chance that noise alone leaves as much slow structure in each channel of each run."""

@@ -69,6 +69,7 @@ class ModelSpace:
 
     def __init__(
         self,
+        *,
         metric: Metric,
         base: Fit,
         base_tangent: Tangent,

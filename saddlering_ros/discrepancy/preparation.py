@@ -77,8 +77,8 @@ def space_about(
     trials = max(1, shapes_tried(signatures) + lines)
     known = _noise_knowledge(metric)
     return ModelSpace(
-        metric, base, sensitivities, signatures, scale, trials, known, settings, watch
-    )
+        metric=metric, base=base, base_tangent=sensitivities, signatures=signatures, scale=scale,
+        trials=trials, known=known, settings=settings, watch=watch)
 
 
 def better_base(space: ModelSpace, fit: Fit) -> Fit | None:
@@ -116,16 +116,9 @@ def moved_to(space: ModelSpace, fit: Fit) -> tuple[ModelSpace, Fit]:
     sensitivities = tangent(metric, base)
     signatures = whitened_by(metric, space.signatures, sensitivities)
     moved = ModelSpace(
-        metric,
-        base,
-        sensitivities,
-        signatures,
-        space.scale,
-        space.trials,
-        _noise_knowledge(metric),
-        space.settings,
-        space.watch,
-    )
+        metric=metric, base=base, base_tangent=sensitivities, signatures=signatures,
+        scale=space.scale, trials=space.trials, known=_noise_knowledge(metric),
+        settings=space.settings, watch=space.watch)
     return moved, moved.keep(fit)
 
 

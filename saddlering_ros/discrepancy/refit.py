@@ -98,16 +98,10 @@ def refit(
         aside = differenced
     residual = found.answer.residual
     return Fit(
-        candidate,
-        found.point,
-        float(residual @ residual) if np.isfinite(found.cost) else np.inf,
-        residual,
-        found.columns,
-        found.answer.prediction,
-        candidate.point(base, found.point),
-        found.costs,
-        found.converged,
-    )
+        candidate=candidate, theta_unit=found.point,
+        misfit=float(residual @ residual) if np.isfinite(found.cost) else np.inf,
+        whitened=residual, jacobian=found.columns, prediction=found.answer.prediction,
+        point=candidate.point(base, found.point), history=found.costs, converged=found.converged)
 
 
 def _differences(columns: Array) -> Array:

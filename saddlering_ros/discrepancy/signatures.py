@@ -167,16 +167,10 @@ def _measured(
     shown = [bool(np.isfinite(column).all()) for column in part.T]
     return [
         Signature(
-            effect,
-            variant,
-            theta_unit,
-            effect.size.from_unit(float(theta_unit[0])) - effect.neutral,
-            part[:, column],
-            left[:, column],
-            float(shares[column]),
-            float(lengths[column]),
-            float(visible[column]),
-        )
+            effect=effect, variant=variant, theta_unit=theta_unit,
+            size=effect.size.from_unit(float(theta_unit[0])) - effect.neutral,
+            plain=part[:, column], white=left[:, column], share=float(shares[column]),
+            length=float(lengths[column]), visible=float(visible[column]))
         for column, (effect, variant, theta_unit) in enumerate(starts)
         if shown[column]
     ]

@@ -114,8 +114,10 @@ def follow(series: Series) -> History | None:
     forecast = Forecast(
         float(series.time[-1]), found.state[0] * unit, trend.slope * unit / span,
         trend.covariance * np.outer(back, back), trend.free, level_noise * unit**2 / span)
-    return History(series, found.level * unit, found.level_std * unit, trend.slope * unit / span,
-                   trend.slope_std * unit / span, trend.p_value, found.surprises, forecast)
+    return History(
+        series=series, level=found.level * unit, level_std=found.level_std * unit,
+        slope=trend.slope * unit / span, slope_std=trend.slope_std * unit / span,
+        drift_p_value=trend.p_value, surprises=found.surprises, forecast=forecast)
 
 
 @dataclass(frozen=True)

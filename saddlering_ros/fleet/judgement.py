@@ -120,14 +120,16 @@ def judge_fleet(
                         strict=True))
     answer = [
         RingJudgement(
-            ring, own[-1].bench, tuple(own), evidence[ring], bool(findings[ring]),
-            unlike.get(ring), histories[ring], of_ring.get(ring),
-            _lives(histories[ring], own, limits, level, drifts=ring in of_ring))
+            ring=ring, bench=own[-1].bench, sessions=tuple(own), e_value=evidence[ring],
+            finding=bool(findings[ring]), unlike=unlike.get(ring), history=histories[ring],
+            drift=of_ring.get(ring),
+            life=_lives(histories[ring], own, limits, level, drifts=ring in of_ring))
         for ring, own in rings.items()
     ]
     answer.sort(key=lambda item: (-item.concern, item.ring))
-    return Fleet(tuple(judged), stands, tuple(answer), tuple(rigs), population, inflation, limits,
-                 level)
+    return Fleet(
+        sessions=tuple(judged), session_stands=stands, rings=tuple(answer), rigs=tuple(rigs),
+        population=population, inflation=inflation, limits=limits, level=level)
 
 
 def _measured(sessions: Sequence[SessionFigures]) -> tuple[list[Array], list[Array]]:

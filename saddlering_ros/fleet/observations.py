@@ -64,10 +64,11 @@ def figures_of(task: Mapping[str, Any], result: Mapping[str, Any], p_value: floa
         for size in list((item.get('parameters') or {}).values())[:1]
     }
     return SessionFigures(
-        result['key'], task['name'], task['ring'], task['bench'], _number(task['time']),
-        _number(task['service_hours']), bool(task['maintenance']),
-        document.get('verdict') or 'failed', p_value, value, covariance, causes,
-        document.get('next_test') or '', result.get('report') or '')
+        key=result['key'], name=task['name'], ring=task['ring'], bench=task['bench'],
+        time=_number(task['time']), service_hours=_number(task['service_hours']),
+        maintenance=bool(task['maintenance']), verdict=document.get('verdict') or 'failed',
+        p_value=p_value, value=value, covariance=covariance, causes=causes,
+        next_test=document.get('next_test') or '', report=result.get('report') or '')
 
 
 def _coordinates(document: Mapping[str, Any], covariance: object) -> tuple[Array, Array]:

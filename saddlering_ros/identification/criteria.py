@@ -101,4 +101,6 @@ def _worst(
         return None
     over, value, limit, run_name, channel = max(cases)
     bag = run_name.rstrip('/').rsplit('/', 1)[-1]
-    return Criterion(name, words, over <= 1.0, value, limit, unit, bag, channel)
+    return Criterion(
+        id=name, words=words, is_met=over <= 1.0, value=value, limit=limit, unit=unit, bag=bag,
+        channel=channel)

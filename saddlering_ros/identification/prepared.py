@@ -110,15 +110,16 @@ def prepare(run: TestRun, rig: Rig, fit_rate: float | None) -> PreparedRun:
         if len(rests) < MIN_READINGS:
             raise IdentificationError(clipped_words(name))
         return PreparedRun(
-            run, measured, displacement, load, explained, rests, branch[seen], interval, parity,
-            rounding)
+            run=run, measured=measured, displacement=displacement, load=load, explained=explained,
+            rests=rests, branch=branch[seen], interval=interval, parity=parity, rounding=rounding)
     if np.mean(np.isfinite(displacement[0])) < MIN_SHARE_READ:
         raise IdentificationError(clipped_words(name))
     rests = quiet_stretches(
         stretches_at_rest(measured.time, measured.load, rig.limits.rest_band))
     rests = rests or [(measured.zero.start, measured.zero.end)]
     return PreparedRun(
-        run, measured, displacement, load, explained, rests, None, interval, parity, rounding)
+        run=run, measured=measured, displacement=displacement, load=load, explained=explained,
+        rests=rests, branch=None, interval=interval, parity=parity, rounding=rounding)
 
 
 def _rounding(run: TestRun, rig: Rig) -> Array | float:

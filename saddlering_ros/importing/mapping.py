@@ -219,11 +219,13 @@ def _channel(name: str, section: Any, file: str, folder: Path) -> ChannelMap:
     if polarity not in (-1.0, 1.0):
         raise ImportingError(f'{where}.polarity is {polarity:g}: give 1 or -1')
     return ChannelMap(
-        name, topic, str(section['column']), calibration,
-        _time(section['time'], f'{file}: channels.{name}.time') if 'time' in section else None,
-        str(section.get('file', '*')), _number(section.get('delay', 0.0), f'{where}.delay'),
-        polarity, _range(section.get('range'), topic, where),
-        str(section.get('rod_pressure', '')), areas)
+        name=name, topic=topic, column=str(section['column']), calibration=calibration,
+        time=(_time(section['time'], f'{file}: channels.{name}.time') if 'time' in section
+              else None),
+        file=str(section.get('file', '*')),
+        delay=_number(section.get('delay', 0.0), f'{where}.delay'), polarity=polarity,
+        range=_range(section.get('range'), topic, where),
+        second=str(section.get('rod_pressure', '')), areas=areas)
 
 
 def _remedy(unit: Unit, wanted: str) -> str:

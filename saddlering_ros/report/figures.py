@@ -274,8 +274,9 @@ def residual_map(runs: Sequence[RunCurves], channels: Sequence[str] = CHANNELS[:
     for place, channel in enumerate(channels):
         for column, (extended, words) in enumerate(versions):
             values = np.array([_map_row(*row, channel, extended, top) for row in rows])
-            heat = HeatMap(values, BROWN_TO_PURPLE, -MAP_LIMIT, MAP_LIMIT, names, loads,
-                           'mean misfit / noise floor' if not panels else '', '#dde3e9')
+            heat = HeatMap(
+                values, BROWN_TO_PURPLE, low=-MAP_LIMIT, high=MAP_LIMIT, rows=names, columns=loads,
+                label='' if panels else 'mean misfit / noise floor', background='#dde3e9')
             is_last = place == len(channels) - 1
             panels.append(Panel(
                 place, column, 'load', 'run and branch', heat=heat,

@@ -35,10 +35,10 @@ class HeadLine:
 def head_line(run: TestRun, *, held_out: bool = False) -> HeadLine:
     """The line of the head for one run."""
     return HeadLine(
-        run.path.name, run.test, round(float(np.degrees(run.elevation)), 2), run.rig, run.run,
-        run.details.get('date', '') or date_of(int(run.stamps[0])),
-        run.details.get('operator', ''),
-        held_out)
+        bag=run.path.name, test=run.test,
+        elevation_deg=round(float(np.degrees(run.elevation)), 2), rig=run.rig, run=run.run,
+        date=run.details.get('date', '') or date_of(int(run.stamps[0])),
+        operator=run.details.get('operator', ''), held_out=held_out)
 
 
 def date_of(stamp: int) -> str:

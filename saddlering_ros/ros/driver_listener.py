@@ -51,8 +51,9 @@ class _Flow:
             first: Any = deserialize_message(self.messages[0], message_class(self.topic.type))
             frame_id = first.header.frame_id
         return HeardTopic(
-            samples.stamps, np.array(self.arrivals[:len(samples)], np.int64), samples.values,
-            samples.low, samples.high, frame_id, len(infos), types)
+            stamps=samples.stamps, arrivals=np.array(self.arrivals[:len(samples)], np.int64),
+            values=samples.values, low=samples.low, high=samples.high, frame_id=frame_id,
+            publishers=len(infos), types=types)
 
 
 def listen(domain: int | None, namespace: str, seconds: float) -> dict[str, HeardTopic]:

@@ -95,10 +95,11 @@ def static_schedule(rig: Rig, *, hold: float = 5.0, step: float | None = None,
                     lowest: float | None = None) -> Schedule:
     """0 to full scale and back in steps of a 25th; it starts and ends at the preload."""
     share = rig.full_scale_load / FULL_SCALE_LOAD
-    return Schedule('static', rig.full_scale_load if peak is None else peak,
-                    rig.preload if lowest is None else lowest,
-                    share * TONNE if step is None else step, hold, 1.0, hold + 2.0, cycles,
-                    100.0 * share)
+    return Schedule(
+        test='static', peak=rig.full_scale_load if peak is None else peak,
+        lowest=rig.preload if lowest is None else lowest,
+        step=share * TONNE if step is None else step, hold=hold, ramp=1.0, rest=hold + 2.0,
+        cycles=cycles, step_error=100.0 * share)
 
 
 def dynamic_schedule(rig: Rig, *, duration: float = 10.0, speed: float = 1.0,
@@ -110,9 +111,10 @@ def dynamic_schedule(rig: Rig, *, duration: float = 10.0, speed: float = 1.0,
                               'give numbers above zero')
     rest = max(duration / 8.0, 1.0)
     ramp = max(duration - 2.0 * rest, 0.2 * duration) / 2.0 / speed
-    return Schedule('dynamic', rig.full_scale_load if peak is None else peak,
-                    rig.preload if lowest is None else lowest, TONNE, hold, ramp, rest, cycles,
-                    0.0)
+    return Schedule(
+        test='dynamic', peak=rig.full_scale_load if peak is None else peak,
+        lowest=rig.preload if lowest is None else lowest, step=TONNE, hold=hold, ramp=ramp,
+        rest=rest, cycles=cycles, step_error=0.0)
 
 
 def controlled_load(schedule: Schedule, spacing: float, count: int,

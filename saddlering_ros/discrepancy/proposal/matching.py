@@ -195,8 +195,10 @@ def _law_term(misfit: Misfit, fit: BlockFit, form: Form, shape: Array, wanted: A
         plain = name.rstrip('*').removesuffix('_s')
         parameters[plain] = LawParameter(float(shape[index]), std, unit, 'shape')
     at = np.linspace(*fit.block.span, CURVE_POINTS)
-    term = Term(fit.target, fit.block.coordinate, form.name, form.words, parameters, at,
-                np.zeros(at.size), np.zeros(at.size), float(form.count), form)
+    term = Term(
+        target=fit.target, coordinate=fit.block.coordinate, law=form.name, words=form.words,
+        parameters=parameters, at=at, values=np.zeros(at.size), band=np.zeros(at.size),
+        freedom=float(form.count), form=form)
     if fit.block.kind not in ('plays', 'relaxation'):
         along = dict.fromkeys((LOAD, RATE, TIME, ANGLE, fit.block.coordinate), at)
         along[DIRECTION] = np.ones(at.size)
@@ -206,8 +208,10 @@ def _law_term(misfit: Misfit, fit: BlockFit, form: Form, shape: Array, wanted: A
             np.maximum(np.einsum('ni,ij,nj->n', own, covariance[: own.shape[1], : own.shape[1]],
                                  own), 0.0)
         )
-        term = Term(term.target, term.coordinate, term.law, term.words, parameters, at, values,
-                    spread, term.freedom, form)
+        term = Term(
+            target=term.target, coordinate=term.coordinate, law=term.law, words=term.words,
+            parameters=parameters, at=at, values=values, band=spread, freedom=term.freedom,
+            form=form)
     return term
 
 
@@ -223,13 +227,17 @@ def _curve_term(misfit: Misfit, fit: BlockFit, left: float) -> Term:
         scale = 1.0 if block.kind == 'plays' else 1.0 / (block.span[1] - block.span[0])
         spread = np.sqrt(np.maximum(np.diag(fit.covariance) * inflation, 0.0))
         words = {'plays': 'a sum of plays', 'relaxation': 'a sum of relaxations'}[block.kind]
-        return Term(fit.target, block.coordinate, block.kind, words, {}, at,
-                    coefficients * scale, spread * scale, fit.freedom, None, block)
+        return Term(
+            target=fit.target, coordinate=block.coordinate, law=block.kind, words=words,
+            parameters={}, at=at, values=coefficients * scale, band=spread * scale,
+            freedom=fit.freedom, form=None, block=block)
     at = np.linspace(*block.span, CURVE_POINTS)
     if block.kind == 'own curve':
         zero = np.zeros(at.size)
-        return Term(fit.target, block.coordinate, block.kind,
-                    'a separate curve over time for each run', {}, at, zero, zero, fit.freedom)
+        return Term(
+            target=fit.target, coordinate=block.coordinate, law=block.kind,
+            words='a separate curve over time for each run', parameters={}, at=at, values=zero,
+            band=zero, freedom=fit.freedom)
     if block.kind == 'harmonics':
         waves = np.arange(1, ANGLE_WAVES + 1)
         basis = np.hstack([np.cos(at[:, None] * waves), np.sin(at[:, None] * waves)])
@@ -237,8 +245,10 @@ def _curve_term(misfit: Misfit, fit: BlockFit, left: float) -> Term:
         pieces = PIECES.get(block.coordinate, LOAD_PIECES // 2)
         basis = Spline(*block.span, pieces).values(at)
     variance = np.einsum('ni,ij,nj->n', basis, fit.covariance * inflation, basis)
-    return Term(fit.target, block.coordinate, 'curve', 'a smooth curve, given as a table', {}, at,
-                basis @ coefficients, np.sqrt(np.maximum(variance, 0.0)), fit.freedom)
+    return Term(
+        target=fit.target, coordinate=block.coordinate, law='curve',
+        words='a smooth curve, given as a table', parameters={}, at=at,
+        values=basis @ coefficients, band=np.sqrt(np.maximum(variance, 0.0)), freedom=fit.freedom)
 
 
 def additions(misfit: Misfit, terms: tuple[Term, ...]) -> Array:

@@ -123,7 +123,9 @@ def propose_law(
     )
     doubts = _doubts(misfit, ranked, terms, held_out, worse)
     share = 1.0 - float(white_left @ white_left) / total
-    return LawProposal(terms, share, p_value, fit, held, move, tuple(doubts), others)
+    return LawProposal(
+        terms=terms, share=share, p_value=p_value, fit=fit, held_out=held, move=move,
+        doubts=tuple(doubts), alternatives=others)
 
 
 def _left(wanted: Array, fits: Sequence[BlockFit]) -> Array:

@@ -73,16 +73,9 @@ def fit_block(misfit: Misfit, target: str, block: Block, wanted: Array) -> Block
     if block.non_negative:
         freedom = min(freedom, 1.0 + float(np.count_nonzero(coefficients)))
     return BlockFit(
-        target,
-        block,
-        coefficients,
-        inverse,
-        float(wanted @ wanted - left @ left),
-        best,
-        max(freedom, 1.0),
-        chosen,
-        white,
-    )
+        target=target, block=block, coefficients=coefficients, covariance=inverse,
+        taken=float(wanted @ wanted - left @ left), predicted=best, freedom=max(freedom, 1.0),
+        strength=chosen, white=white)
 
 
 def rank_blocks(
