@@ -30,6 +30,7 @@ from saddlering_ros.cli.watch import monitored_samples
 from saddlering_ros.monitoring import (
     assumed_noise,
     BlockNoise,
+    ChannelInnovations,
     Detector,
     least_wander,
     materiality,
@@ -38,7 +39,6 @@ from saddlering_ros.monitoring import (
     Sample,
     threshold_of,
     watch,
-    Whitener,
 )
 from saddlering_ros.monitoring.blocks import SINCE_ZERO, wander_limit
 from saddlering_ros.monitoring.detector import MAX_BEYOND, SIZES
@@ -140,7 +140,7 @@ def false_alarms_swinging(hours: float, seed: int) -> int:
 
 def _steady(noise: BlockNoise) -> tuple[float, float, float]:
     """Gain, scale and response of the whitener when it is steady."""
-    whitener, scale = Whitener(noise), 1.0
+    whitener, scale = ChannelInnovations(noise), 1.0
     for _ in range(2000):
         _, scale = whitener.step(0.0)
     return 1.0 - noise.white / scale**2, scale, whitener.response

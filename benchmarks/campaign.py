@@ -24,7 +24,7 @@ import tempfile
 import time
 from typing import Any
 
-from saddlering_ros.campaign import Limits, run_campaign, SessionTask, Store
+from saddlering_ros.campaign import run_campaign, SessionLimits, SessionTask, Store
 from saddlering_ros.campaign.executors import dask_workers, local_workers
 from saddlering_ros.campaign.fleet_files import write_fleet
 from saddlering_ros.campaign.tables import write_tables
@@ -57,7 +57,7 @@ def stub_tasks(count: int, work: float) -> list[SessionTask]:
     """Sessions without bags; each ring has ten."""
     return [
         SessionTask(f'{number:032x}', f'session {number}', f'SR-{number // 10}', 'rig',
-                    1.77e9 + 86400.0 * number, work, False, (), '', '', Limits(),
+                    1.77e9 + 86400.0 * number, work, False, (), '', '', SessionLimits(),
                     'campaign:spin')
         for number in range(count)
     ]

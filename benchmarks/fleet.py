@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from saddlering_ros.fleet import COORDINATES, judge_fleet, SessionFigures
 from saddlering_ros.fleet.drifts import YEAR
-from saddlering_ros.fleet.history import follow, Series
+from saddlering_ros.fleet.history import follow, TimeSeries
 from saddlering_ros.fleet.remaining_life import first_passage
 
 Array = NDArray[np.float64]
@@ -158,7 +158,7 @@ def life_scores(fleets: int, seed: int) -> list[str]:
             if times.size < 5:
                 continue
             value = rate * times + noise * chance.standard_normal(times.size)
-            history = follow(Series(times, value, np.full(times.size, noise),
+            history = follow(TimeSeries(times, value, np.full(times.size, noise),
                                     np.zeros(times.size, dtype=bool)))
             if history is None or history.drift_p_value > 0.05 or not history.predicts_well:
                 continue

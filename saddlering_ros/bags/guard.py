@@ -62,7 +62,7 @@ class Samples:
 
 
 @dataclass(frozen=True)
-class Limits:
+class ReadingLimits:
     """Range of a possible reading: low to high.
 
     rate [1/s], noise: a change by more than noise + rate * dt is a leap. step: one that stays, and
@@ -76,21 +76,22 @@ class Limits:
     step: float = math.inf
 
 
-def load_limits(rig: Rig) -> Limits:
+def load_limits(rig: Rig) -> ReadingLimits:
     """Limits of the cylinder's load [N]."""
     full = rig.full_scale_load
-    return Limits(-MAX_PULL * full, MAX_OVERLOAD * full, full / rig.full_scale_time,
+    return ReadingLimits(-MAX_PULL * full, MAX_OVERLOAD * full, full / rig.full_scale_time,
                   NOISE_SHARE * full, STEP_SHARE * full)
 
 
-def probe_limits(rig: Rig) -> Limits:
+def probe_limits(rig: Rig) -> ReadingLimits:
     """Limits of a probe's gap [m]: its range, and as much again at either end.
 
     The load moves the gap by a part of the probe's span, so the gap cannot pass the span in less
     time than the load its full scale.
     """
     low, span = rig.probes.min_range, rig.probes.max_range - rig.probes.min_range
-    return Limits(low - span, low + 2.0 * span, span / rig.full_scale_time, NOISE_SHARE * span)
+    return ReadingLimits(
+        low - span, low + 2.0 * span, span / rig.full_scale_time, NOISE_SHARE * span)
 
 
 @dataclass
@@ -155,7 +156,7 @@ class Steps:
 class SampleGuard:
     """Passes the sound samples of one stream on, in batches; counts those it refuses."""
 
-    def __init__(self, limits: Limits, counters: GuardCounters | None = None, *,
+    def __init__(self, limits: ReadingLimits, counters: GuardCounters | None = None, *,
                  remembered: int = MAX_REMEMBERED) -> None:
         self.limits = limits
         self.counters = counters or GuardCounters()
@@ -398,7 +399,7 @@ class SoundSamples:
 
 
 def sound_samples(
-    limits: Limits, stamps: NDArray[np.int64], values: NDArray[np.float64],
+    limits: ReadingLimits, stamps: NDArray[np.int64], values: NDArray[np.float64],
 ) -> SoundSamples:
     """Result of a guard on a whole record: stamps (N,) [ns] in order, values (N,)."""
     guard = SampleGuard(limits, remembered=len(stamps) + 1)
@@ -413,7 +414,7 @@ def sound_samples(
 
 
 def _passed(
-    limits: Limits, stamps: NDArray[np.int64], values: NDArray[np.float64], count: int,
+    limits: ReadingLimits, stamps: NDArray[np.int64], values: NDArray[np.float64], count: int,
 ) -> Samples:
     """The `count` sound samples; those of a long record lie in scratch files."""
     guard = SampleGuard(limits)

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from saddlering_ros.bags.checks import check_load_unit, check_probe_unit, check_values
 from saddlering_ros.bags.errors import BagError
 from saddlering_ros.bags.guard import (
-    Limits,
     load_limits,
     probe_limits,
+    ReadingLimits,
     sound_samples,
     SoundSamples,
 )
@@ -68,7 +68,7 @@ def guarded_topics(record: RawRecord, rig: Rig) -> list[GuardedTopic]:
             for name in (LOAD_TOPIC, *PROBE_TOPICS)]
 
 
-def _guarded(record: RawRecord, raw: RawTopic, limits: Limits, rig: Rig) -> GuardedTopic:
+def _guarded(record: RawRecord, raw: RawTopic, limits: ReadingLimits, rig: Rig) -> GuardedTopic:
     where = f'{record.path}: {raw.topic}'
     check_values(where, raw.stamps, raw.values)
     sound = sound_samples(limits, raw.stamps, raw.values)

@@ -61,7 +61,7 @@ class CutOffError(DamageError):
     """The file ends too early; the data before are whole (by the checksums, if there are any)."""
 
 
-class Channel(NamedTuple):
+class McapChannel(NamedTuple):
     """A topic as the file declares it; definition: of the message type, as the file holds it."""
 
     topic: str
@@ -84,7 +84,7 @@ class Messages:
 
 
 @dataclass(frozen=True)
-class Block:
+class McapBlock:
     """A stretch of the file: its bytes, and the messages in it by channel id, in file order."""
 
     data: NDArray[np.uint8]
@@ -97,7 +97,7 @@ class McapFile:
 
     path: Path
     name: str = ''
-    channels: dict[int, Channel] = field(default_factory=dict)
+    channels: dict[int, McapChannel] = field(default_factory=dict)
     metadata: dict[str, dict[str, str]] = field(default_factory=dict)
     compressions: set[str] = field(default_factory=set)
     message_count: int = 0
@@ -110,7 +110,7 @@ class McapFile:
     def __post_init__(self) -> None:
         self.name = self.name or str(self.path)
 
-    def blocks(self) -> Iterator[Block]:
+    def blocks(self) -> Iterator[McapBlock]:
         """Yield the messages, block by block; DamageError names the end of the readable data.
 
         CutOffError, a DamageError, means that the file ends there.
@@ -124,7 +124,7 @@ class McapFile:
 
     # -- the file ------------------------------------------------------------------------------
 
-    def _blocks(self, buffer: mmap.mmap) -> Iterator[Block]:
+    def _blocks(self, buffer: mmap.mmap) -> Iterator[McapBlock]:
         size = len(buffer)
         if buffer[:len(MAGIC)] != MAGIC:
             raise DamageError(
@@ -186,7 +186,7 @@ class McapFile:
             number, schema = fields.uint16(), fields.uint16()
             topic, encoding = fields.text(), fields.text()
             name, schema_encoding, definition = self._schemas.get(schema, ('', '', b''))
-            self.channels[number] = Channel(topic, name, encoding, schema_encoding, definition)
+            self.channels[number] = McapChannel(topic, name, encoding, schema_encoding, definition)
         elif opcode == METADATA:
             name = fields.text()
             self.metadata[name] = fields.text_map()
@@ -211,7 +211,7 @@ class McapFile:
         if buffer[after:after + len(MAGIC)] != MAGIC:
             raise self._cut_off(size)
 
-    def _counted(self, block: Block) -> Block:
+    def _counted(self, block: McapBlock) -> McapBlock:
         for messages in block.messages.values():
             self.message_count += len(messages)
             if not len(messages):
@@ -223,7 +223,7 @@ class McapFile:
 
     # -- a chunk -------------------------------------------------------------------------------
 
-    def _chunk(self, buffer: mmap.mmap, start: int, stop: int, size: int) -> Block:
+    def _chunk(self, buffer: mmap.mmap, start: int, stop: int, size: int) -> McapBlock:
         _, _, uncompressed_size, crc = _chunk_head.unpack_from(buffer, start)
         fields = _Fields(buffer, start + _chunk_head.size, stop)
         compression = fields.text()
@@ -257,7 +257,7 @@ class McapFile:
             f'{self.name}: chunks are compressed with {compression!r}, which is not supported: '
             'convert the bag to zstd, lz4 or no compression')
 
-    def _walked(self, data: bytes) -> Block:
+    def _walked(self, data: bytes) -> McapBlock:
         """Find the messages of a chunk record by record."""
         collector = _Collector()
         position, size, others = 0, len(data), 0
@@ -276,7 +276,9 @@ class McapFile:
             position = stop
         return collector.block(data)
 
-    def _indexed(self, data: bytes, buffer: mmap.mmap, position: int, size: int) -> Block | None:
+    def _indexed(
+        self, data: bytes, buffer: mmap.mmap, position: int, size: int,
+    ) -> McapBlock | None:
         """Find the messages of a chunk by its message index; None unless it accounts for all."""
         index = self._message_index(buffer, position, size)
         if not index:
@@ -310,7 +312,7 @@ class McapFile:
             messages[int(channels[mine[0]])] = Messages(
                 offsets[mine] + RECORD_HEAD + MESSAGE_HEAD, sizes[mine] - MESSAGE_HEAD,
                 log_times[mine])
-        return Block(array, messages)
+        return McapBlock(array, messages)
 
     def _message_index(
         self, buffer: mmap.mmap, position: int, size: int,
@@ -393,12 +395,12 @@ class _Collector:
         self._found.setdefault(channel, []).append((start, stop - start, log_time))
         self._count += 1
 
-    def block(self, data: bytes | mmap.mmap) -> Block:
+    def block(self, data: bytes | mmap.mmap) -> McapBlock:
         messages = {}
         for channel, found in self._found.items():
             table = np.array(found, dtype=np.uint64).astype(np.int64)
             messages[channel] = Messages(*(table[:, column] for column in range(3)))
-        return Block(np.frombuffer(data, dtype=np.uint8), messages)
+        return McapBlock(np.frombuffer(data, dtype=np.uint8), messages)
 
 
 class _Fields:

@@ -22,10 +22,10 @@ from saddlering_ros.bags.directory import (
 from saddlering_ros.bags.errors import BagError
 from saddlering_ros.bags.facts import find_facts, FoundFacts, KEYS, RECORD, same_fact
 from saddlering_ros.bags.mcap_file import (
-    Block,
-    Channel,
     CutOffError,
     MAX_CHUNK,
+    McapBlock,
+    McapChannel,
     McapFile,
     MESSAGE_HEAD,
     Messages,
@@ -322,8 +322,8 @@ def _take_summary(result: Scan, file: McapFile) -> None:
     result.log_start, result.log_stop = min(starts, default=None), max(stops, default=None)
 
 
-def _take_block(result: Scan, file: McapFile, block: Block, topics: Collection[str]) -> None:
-    by_topic: dict[str, list[tuple[Channel, Messages]]] = defaultdict(list)
+def _take_block(result: Scan, file: McapFile, block: McapBlock, topics: Collection[str]) -> None:
+    by_topic: dict[str, list[tuple[McapChannel, Messages]]] = defaultdict(list)
     for number, messages in block.messages.items():
         channel = file.channels[number]
         by_topic[channel.topic].append((channel, messages))
@@ -340,7 +340,7 @@ def _take_block(result: Scan, file: McapFile, block: Block, topics: Collection[s
 
 
 def _take_messages(
-    topic: ScannedTopic, channel: Channel, block: Block, messages: Messages,
+    topic: ScannedTopic, channel: McapChannel, block: McapBlock, messages: Messages,
     directory: BagDirectory,
 ) -> None:
     known = TOPICS.get(topic.topic)

@@ -5,13 +5,13 @@ from __future__ import annotations
 import re
 
 from saddlering_ros.bags.layouts import definition_lines
-from saddlering_ros.bags.mcap_file import Channel
+from saddlering_ros.bags.mcap_file import McapChannel
 from saddlering_ros.bags.topics import RigTopic
 
 _FIELD = re.compile(r'^\s*([A-Za-z][\w/]*(?:\[[^\]]*\])?)\s+([A-Za-z]\w*)\s*(?![\w=\s])', re.M)
 
 
-def other_fields(channel: Channel, topic: RigTopic) -> str:
+def other_fields(channel: McapChannel, topic: RigTopic) -> str:
     """Why messages of `channel`, by their definition, cannot be read as `topic`; '' if they can.
 
     Only definitions of encoding ros2msg that name any field are judged; whatever follows the

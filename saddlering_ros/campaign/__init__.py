@@ -6,10 +6,22 @@ from saddlering_ros.campaign.errors import CampaignError, CampaignInterruptedErr
 from saddlering_ros.campaign.manifest import read_manifest, write_manifest
 from saddlering_ros.campaign.sessions import group_sessions, Grouping, Session
 from saddlering_ros.campaign.store import Store
-from saddlering_ros.campaign.task import Limits, SessionTask, tasks_of
+from saddlering_ros.campaign.task import SessionLimits, SessionTask, tasks_of
 
 __all__ = [
-    'CampaignError', 'CampaignInterruptedError', 'FoundBag', 'Grouping', 'Limits', 'Session',
-    'SessionTask', 'Store', 'Summary', 'find_bags', 'group_sessions', 'read_manifest',
-    'run_campaign', 'tasks_of', 'write_manifest',
+    'CampaignError',
+    'CampaignInterruptedError',
+    'FoundBag',
+    'Grouping',
+    'Session',
+    'SessionLimits',
+    'SessionTask',
+    'Store',
+    'Summary',
+    'find_bags',
+    'group_sessions',
+    'read_manifest',
+    'run_campaign',
+    'tasks_of',
+    'write_manifest',
 ]

@@ -21,7 +21,7 @@ VERDICT = 'saddlering_ros.campaign.verdict:session_verdict'
 
 
 @dataclass(frozen=True)
-class Limits:
+class SessionLimits:
     """Limits of one session: wall time [s] and address space [bytes] of its process."""
 
     seconds: float = 1800.0
@@ -56,7 +56,7 @@ class SessionTask:
     bags: tuple[TaskBag, ...]
     rig: str
     rig_sha256: str
-    limits: Limits
+    limits: SessionLimits
     compute: str = VERDICT
     reports: str = ''
     problem: str = ''
@@ -76,16 +76,16 @@ def task_from(document: Mapping[str, Any]) -> SessionTask:
     """The task whose plain data these are."""
     values = dict(document)
     values['bags'] = tuple(TaskBag(**bag) for bag in values['bags'])
-    values['limits'] = Limits(**values['limits'])
+    values['limits'] = SessionLimits(**values['limits'])
     return SessionTask(**values)
 
 
 def tasks_of(
-    sessions: Sequence[Session], rig: Path | None = None, limits: Limits | None = None, *,
+    sessions: Sequence[Session], rig: Path | None = None, limits: SessionLimits | None = None, *,
     compute: str = VERDICT, reports: Path | None = None,
 ) -> list[SessionTask]:
     """A task a session; sessions of the same recordings, rig and settings have the same key."""
-    limits = limits or Limits()
+    limits = limits or SessionLimits()
     rig_sha256 = sha256_of_file(rig) if rig is not None else ''
     tasks: dict[str, SessionTask] = {}
     for session in sessions:

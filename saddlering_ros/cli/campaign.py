@@ -61,7 +61,7 @@ def run(args: argparse.Namespace) -> int:
     from saddlering_ros.campaign import (
         CampaignError,
         find_bags,
-        Limits,
+        SessionLimits,
         Store,
         tasks_of,
         write_manifest,
@@ -89,7 +89,7 @@ def run(args: argparse.Namespace) -> int:
     store.prepare()
     write_manifest(store.folder, sessions)
     tasks = tasks_of(
-        sessions, args.rig, Limits(args.time_limit, int(args.memory_limit * 2**30)),
+        sessions, args.rig, SessionLimits(args.time_limit, int(args.memory_limit * 2**30)),
         reports=store.reports if args.reports == 'flagged' else None)
     summary = _compute(args, tasks, store)
     write_tables(store, tasks)

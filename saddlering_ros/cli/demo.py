@@ -9,7 +9,7 @@ from typing import Any, TYPE_CHECKING
 from saddlering_ros.cli._json import tell_json
 
 if TYPE_CHECKING:
-    from saddlering_ros.demo.story import Outcome
+    from saddlering_ros.demo.story import DemoOutcome
 
 
 def add_parser(subparsers: Any) -> None:
@@ -51,7 +51,7 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def summary(outcome: Outcome) -> str:
+def summary(outcome: DemoOutcome) -> str:
     """The findings in at most one screen of lines."""
     from saddlering_ros.demo import figures
     from saddlering_ros.diagnosis.wording import (

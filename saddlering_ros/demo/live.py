@@ -26,8 +26,8 @@ from rclpy.signals import SignalHandlerOptions
 from saddlering_interfaces.action import DiagnoseRing, IdentifyRing
 from saddlering_interfaces.msg import ReplayState
 from saddlering_ros.demo.errors import DemoError
+from saddlering_ros.demo.recorder import DemoRecorder, ReplayRecording
 from saddlering_ros.demo.recorder import NAME as RECORDER
-from saddlering_ros.demo.recorder import Recorder, Recording
 from saddlering_ros.ros.launcher import last_line, NodeGroup, REPLAY_NODES, RING_NODES
 from saddlering_ros.ros.lockstep import to_stamp
 from saddlering_ros.ros.names import DIAGNOSE, DIAGNOSTICS, IDENTIFY, STATE
@@ -130,7 +130,7 @@ class LiveRig:
         }
         for action in self._actions.values():
             stack.callback(action.destroy)
-        self._recorder = Recorder()
+        self._recorder = DemoRecorder()
         stack.callback(self._recorder.destroy_node)
         self._recorder.start()
         self._spinning = threading.Thread(
@@ -185,7 +185,7 @@ class LiveRig:
 
     # --- replays ---
 
-    def replay(self, bag: Path, interval: float, show: Show) -> Recording:
+    def replay(self, bag: Path, interval: float, show: Show) -> ReplayRecording:
         """Replay a bag with a load every `interval` [s] in lockstep; the published messages."""
         self._recorder.cut()
         self._state = None

@@ -14,7 +14,7 @@ from typing import Any
 from saddlering_ros.demo import figures
 from saddlering_ros.demo.errors import DemoError
 from saddlering_ros.demo.page import demo_page
-from saddlering_ros.demo.story import Outcome
+from saddlering_ros.demo.story import DemoOutcome
 from saddlering_ros.report.html import pictures_of
 from saddlering_ros.rig import write_parameters
 from saddlering_ros.writing import temporary_folder
@@ -29,7 +29,7 @@ def check_folder(folder: Path) -> None:
         raise DemoError(f'{there}: cannot be written to: choose another place (--out)')
 
 
-def write_all(outcome: Outcome, folder: Path, command: str) -> list[Path]:
+def write_all(outcome: DemoOutcome, folder: Path, command: str) -> list[Path]:
     """Write everything beside `folder` first, then move it in, at one go; the paths.
 
     `command` is the command line that makes the report again.
@@ -49,7 +49,7 @@ def write_all(outcome: Outcome, folder: Path, command: str) -> list[Path]:
                         '(--out)') from problem
 
 
-def _fill(staging: Path, outcome: Outcome, command: str) -> None:
+def _fill(staging: Path, outcome: DemoOutcome, command: str) -> None:
     page = demo_page(outcome, command)
     (staging / 'report.html').write_text(page, encoding='utf-8')
     for name, data in pictures_of(page).items():
@@ -60,7 +60,7 @@ def _fill(staging: Path, outcome: Outcome, command: str) -> None:
     write_parameters(staging / 'parameters_extended.yaml', outcome.extended)
 
 
-def numbers_of(outcome: Outcome) -> dict[str, Any]:
+def numbers_of(outcome: DemoOutcome) -> dict[str, Any]:
     """All numbers of the demo, for a program."""
     return {
         'bags': {'identify': [run.path.name for run in outcome.plan.identify],

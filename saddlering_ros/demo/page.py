@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from saddlering_ros.demo import figures
-from saddlering_ros.demo.story import Outcome
+from saddlering_ros.demo.story import DemoOutcome
 from saddlering_ros.quantities import percent
 from saddlering_ros.report import background, chapters, html
 from saddlering_ros.report.background import quality_of
@@ -13,7 +13,7 @@ FOUND_BY = ('The result of /identify_ring, before the diagnosis. The missing cau
             'contact parameters.')
 
 
-def demo_page(outcome: Outcome, command: str) -> str:
+def demo_page(outcome: DemoOutcome, command: str) -> str:
     """The whole page; `command` is the command line that makes it again."""
     document = outcome.verdict.copy()
     document['runs'] = figures.misfit_table(outcome.curves)
@@ -42,14 +42,14 @@ def demo_page(outcome: Outcome, command: str) -> str:
     ])
 
 
-def _lead(outcome: Outcome) -> str:
+def _lead(outcome: DemoOutcome) -> str:
     first, second = outcome.plan.identify, outcome.plan.verify
     return (f'Identified from {", ".join(run.path.name for run in first)}; verified on '
             f'{", ".join(run.path.name for run in second)}, which were held out. All bags were '
             'replayed to live ROS 2 nodes, and an ordinary client called both actions.')
 
 
-def _tiles(outcome: Outcome) -> str:
+def _tiles(outcome: DemoOutcome) -> str:
     before, after = (figures.overall(outcome.verified, extended=item) for item in (False, True))
     messages = sum(item.messages for item in outcome.replays)
     lost = sum(item.lost for item in outcome.replays)
@@ -63,7 +63,7 @@ def _tiles(outcome: Outcome) -> str:
     ])
 
 
-def _replays(outcome: Outcome) -> str:
+def _replays(outcome: DemoOutcome) -> str:
     rows: list[list[str | Cell]] = [[
         item.bag, item.parameters, number(str(item.messages)), number(f'{item.seconds:.1f}'),
         number(f'{item.speed:.2g}')] for item in outcome.replays]

@@ -21,7 +21,7 @@ NAME = 'demo_recorder'
 
 
 @dataclass(frozen=True)
-class Recording:
+class ReplayRecording:
     """Messages received during one replay: the batch of each topic, and the number of loads."""
 
     measured: batches.Displacements
@@ -49,7 +49,7 @@ class Recording:
         return _placed(self.measured, stamps), _placed(self.simulated, stamps)
 
 
-class Recorder(StreamingNode):
+class DemoRecorder(StreamingNode):
     """Keeps displacements and loads; the clock in lockstep waits for it too."""
 
     def __init__(self) -> None:
@@ -75,13 +75,13 @@ class Recorder(StreamingNode):
                 self.inputs[-1].last_stamp = int(load.stamps[-1])
                 self._loads += len(load)
 
-    def cut(self) -> Recording:
+    def cut(self) -> ReplayRecording:
         """The messages since the last cut."""
         with self._lock:
             kept, loads = self._kept, self._loads
             self._clear()
         measured, simulated, residual = (batches.join(kept[topic]) for topic in DISPLACEMENTS)
-        return Recording(measured, simulated, residual, loads)
+        return ReplayRecording(measured, simulated, residual, loads)
 
     def _clear(self) -> None:
         self._kept: dict[str, list[batches.Displacements]] = {topic: [] for topic in DISPLACEMENTS}

@@ -17,7 +17,7 @@ from saddlering_ros.demo import figures
 from saddlering_ros.demo.console import Console
 from saddlering_ros.demo.live import LiveRig
 from saddlering_ros.demo.plan import elevation_of, Plan
-from saddlering_ros.demo.recorder import Recording
+from saddlering_ros.demo.recorder import ReplayRecording
 from saddlering_ros.diagnosis.contract import RunEntry, VerdictDocument
 from saddlering_ros.diagnosis.wording import headline
 from saddlering_ros.quantities import percent
@@ -45,7 +45,7 @@ class Replayed:
 
 
 @dataclass(frozen=True)
-class Outcome:
+class DemoOutcome:
     """Everything the demo found."""
 
     plan: Plan
@@ -70,7 +70,7 @@ class Outcome:
         return 1.0 - figures.overall(self.verified, extended=True) / max(before, 1e-300)
 
 
-def tell(plan: Plan, console: Console) -> Outcome:
+def tell(plan: Plan, console: Console) -> DemoOutcome:
     """Run the demo on live nodes; everything it started is gone when this returns or raises."""
     with temporary_folder(Path(tempfile.gettempdir()), SCRATCH_PREFIX) as scratch:
         return _Story(plan, console, scratch).run()
@@ -85,7 +85,7 @@ class _Story:
         self.replays: list[Replayed] = []
         self.first, self.second = (elevation_of(runs[0]) for runs in (plan.identify, plan.verify))
 
-    def run(self) -> Outcome:
+    def run(self) -> DemoOutcome:
         """All steps."""
         self.console.step('starting eight nodes, each in its own process')
         with LiveRig(self.plan.folder, self.scratch, self.first) as live:
@@ -94,7 +94,7 @@ class _Story:
                              f'ROS_DOMAIN_ID={live.domain} ros2 topic list shows them')
             return self._with(live)
 
-    def _with(self, live: LiveRig) -> Outcome:
+    def _with(self, live: LiveRig) -> DemoOutcome:
         self.console.step(f'replaying the {self.first:g}° tests in lockstep, simulated with '
                           'true-to-scale parameters')
         first = {run.path.name: self._replay(live, run, 'true to scale')
@@ -120,14 +120,14 @@ class _Story:
         curves = [self._offline_curves(run, first, identified, extended, verdict)
                   for run in self.plan.identify]
         curves += [self._live_curves(run, before, after, verdict) for run in self.plan.verify]
-        return Outcome(
+        return DemoOutcome(
             plan=self.plan, rig=self.rig, identified=identified, identification=identification,
             extended=extended, verdict=verdict, curves=tuple(curves),
             replays=tuple(self.replays), seconds=self.console.seconds)
 
     # --- steps ---
 
-    def _replay(self, live: LiveRig, run: TestRun, words: str) -> Recording:
+    def _replay(self, live: LiveRig, run: TestRun, words: str) -> ReplayRecording:
         name, began = run.path.name, time.monotonic()
         interval = float(np.median(np.diff(run.time)))
         recording = live.replay(run.path, interval, lambda share, speed: self.console.show(
@@ -166,7 +166,7 @@ class _Story:
 
     # --- comparisons ---
 
-    def _compare(self, recordings: dict[str, Recording]) -> None:
+    def _compare(self, recordings: dict[str, ReplayRecording]) -> None:
         for run in self.plan.verify:
             measured, simulated = recordings[run.path.name].at(run.stamps)
             seen = figures.curves(run, measured, simulated, simulated, None, held_out=True)
@@ -175,7 +175,7 @@ class _Story:
             self.console.say(f'      {run.path.name} is missed by {", ".join(parts)} of range')
 
     def _live_curves(
-        self, run: TestRun, before: dict[str, Recording], after: dict[str, Recording],
+        self, run: TestRun, before: dict[str, ReplayRecording], after: dict[str, ReplayRecording],
         verdict: VerdictDocument,
     ) -> RunCurves:
         name = run.path.name
@@ -184,7 +184,7 @@ class _Story:
         return figures.curves(run, measured, first, last, _entry(verdict, run), held_out=True)
 
     def _offline_curves(
-        self, run: TestRun, first: dict[str, Recording], identified: ParameterSet,
+        self, run: TestRun, first: dict[str, ReplayRecording], identified: ParameterSet,
         extended: ParameterSet, verdict: VerdictDocument,
     ) -> RunCurves:
         """Measured live, simulated here with both parameter sets: the same code as the node's."""

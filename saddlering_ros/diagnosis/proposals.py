@@ -63,9 +63,9 @@ def _courses(rig: Rig, degrees: float) -> list[Proposal]:
     full, low = rig.full_scale_load, rig.preload
     peak = force_words(full, rig.force_unit, 0)
     where = f'at {degrees:g} deg'
-    slow = Course([0, 1, 31, 61, 62], [low, low, full, low, low])
-    fast = Course([0, 1, 2.5, 4, 6], [low, low, full, low, low])
-    cycles = Course([0, 1, 6, 36, 41, 71, 76, 106, 111, 141],
+    slow = LoadCourse([0, 1, 31, 61, 62], [low, low, full, low, low])
+    fast = LoadCourse([0, 1, 2.5, 4, 6], [low, low, full, low, low])
+    cycles = LoadCourse([0, 1, 6, 36, 41, 71, 76, 106, 111, 141],
                     [low, low, full, full, low, low, full, full, low, low])
     return [
         Proposal(f'Record a slow ramp to {peak} and back in 60 s {where}.',
@@ -82,7 +82,7 @@ def _repeats(rig: Rig, degrees: float) -> list[Proposal]:
     static = _staircase(rig, degrees)
     low = rig.preload
     full = rig.full_scale_load
-    rest = Course([0, REST_SECONDS], [low, low + SAG * full]).run(degrees)
+    rest = LoadCourse([0, REST_SECONDS], [low, low + SAG * full]).run(degrees)
     cell = (Reading('load_gain', CELL_GAIN), Reading('load_offset', CELL_SHARE * full),
             Reading('load_nonlinearity', CELL_SHARE), Reading('cylinder_friction',
                                                               CELL_SHARE * full))
@@ -126,7 +126,7 @@ def on_slewed_ring(point: Point) -> Point:
 
 
 @dataclass(frozen=True)
-class Course:
+class LoadCourse:
     """A course of load: times [s] and loads [N] between which it is straight."""
 
     times: Sequence[float]

@@ -20,9 +20,9 @@ from saddlering_ros.rig import PARAMETER_NAMES, PARAMETER_UNITS, Rig, TRUE_TO_SC
 from saddlering_ros.ring.additions import Additions
 from saddlering_ros.ring.roller_scatter import (
     compressed,
-    Course,
     known_rigs,
     scatter_columns,
+    SimulatedCourse,
 )
 from saddlering_ros.ring.sensitivity import has_tangent, probe_sensitivities
 from saddlering_ros.ring.simulator import probe_batch
@@ -208,7 +208,8 @@ class RingSystem:
             grid: LoadGrid = run.payload
             static = run.rate is None or not np.any(run.rate)
             load = next(iter(run.inputs.values()))
-            course = Course(grid.elevation, grid.zero_load, load, run.time, contacts, static)
+            course = SimulatedCourse(
+                grid.elevation, grid.zero_load, load, run.time, contacts, static)
             parts.append(scatter_columns(self.rig, base, course))
             sides = [
                 [replace(self, rig=rig).predict_many(run, [point])[0] for rig in pair]
@@ -314,7 +315,7 @@ def _finite(readings: Array) -> Array:
     return np.nan_to_num(readings, nan=FAILED, posinf=FAILED, neginf=-FAILED)
 
 
-def engine_effects(effect: catalogue_of_effects.Effect) -> tuple[Effect, ...]:
+def engine_effects(effect: catalogue_of_effects.RingEffect) -> tuple[Effect, ...]:
     """A ring effect in the engine's words, and its wider forms, which free more parameters."""
     plain = sum(not variant.frees for variant in effect.variants)
     return (
@@ -323,7 +324,7 @@ def engine_effects(effect: catalogue_of_effects.Effect) -> tuple[Effect, ...]:
     )
 
 
-def engine_effect(effect: catalogue_of_effects.Effect, variants: range) -> Effect:
+def engine_effect(effect: catalogue_of_effects.RingEffect, variants: range) -> Effect:
     """Variants of a ring effect that have the same parameters; the amplitude comes first."""
     own = effect.parameters_of(effect.variants[variants.start])
     ordered = sorted(own, key=lambda item: not item.amplitude)
@@ -355,14 +356,14 @@ def engine_effect(effect: catalogue_of_effects.Effect, variants: range) -> Effec
     )
 
 
-def _line_channels(effect: catalogue_of_effects.Effect) -> tuple[tuple[int, ...], ...]:
+def _line_channels(effect: catalogue_of_effects.RingEffect) -> tuple[tuple[int, ...], ...]:
     """Channels of each variant of an effect that acts on one probe, or on all for 0."""
     probes = [int(variant.values['probe']) for variant in effect.variants]
     return tuple((probe - 1,) if probe else (0, 1, 2, 3) for probe in probes)
 
 
 def _starts(
-    effect: catalogue_of_effects.Effect,
+    effect: catalogue_of_effects.RingEffect,
     ordered: Sequence[catalogue_of_effects.EffectParameter],
 ) -> tuple[dict[str, float], ...]:
     """Three sizes at the usual shape, and the starts that the effect declares."""

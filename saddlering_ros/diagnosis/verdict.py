@@ -26,7 +26,7 @@ from saddlering_ros.rig import (
 
 
 @dataclass(frozen=True)
-class ChannelFigures:
+class ChannelMisfit:
     """One channel of one run: rms misfit over the channel's measured range, and the noise's."""
 
     nrmse_before: float
@@ -39,7 +39,7 @@ class RunFigures:
     """One run with its channels, and its arrays: displacement (4, N) in the order of CHANNELS."""
 
     record: Record
-    channels: Mapping[str, ChannelFigures]
+    channels: Mapping[str, ChannelMisfit]
     measured: Array
     before: Array
     after: Array
@@ -122,7 +122,7 @@ def run_figures(
         span = max(float(np.ptp(measured)), 1e-12)
         weights = found.fits.metric.experiment.system.views[name]
         noise = _noise_floor(found, run, weights)
-        channels[name] = ChannelFigures(
+        channels[name] = ChannelMisfit(
             _rms(first - measured) / span, _rms(last - measured) / span, noise / span
         )
     return RunFigures(record, channels, *seen)

@@ -13,9 +13,9 @@ import pkgutil
 
 from saddlering_ros.effects.base import (
     Choice,
-    Effect,
     EffectError,
     EffectParameter,
+    RingEffect,
     STAGES,
     Variant,
 )
@@ -28,9 +28,22 @@ from saddlering_ros.effects.extension import (
 from saddlering_ros.effects.law import Law, LawEffect, read_law_effect
 
 __all__ = [
-    'NO_EXTENSION', 'STAGES', 'Choice', 'Effect', 'EffectError', 'EffectParameter', 'LawEffect',
-    'OwnParameter', 'RingExtension', 'Variant', 'catalogue', 'effect', 'extension_of', 'laws_of',
-    'own_parameters', 'use_folder',
+    'NO_EXTENSION',
+    'STAGES',
+    'Choice',
+    'EffectError',
+    'EffectParameter',
+    'LawEffect',
+    'OwnParameter',
+    'RingEffect',
+    'RingExtension',
+    'Variant',
+    'catalogue',
+    'effect',
+    'extension_of',
+    'laws_of',
+    'own_parameters',
+    'use_folder',
 ]
 
 FOLDER_VARIABLE = 'SADDLERING_EFFECTS'
@@ -38,13 +51,13 @@ FOLDER_VARIABLE = 'SADDLERING_EFFECTS'
 
 
 @lru_cache(maxsize=1)
-def _shipped() -> dict[str, Effect]:
-    found: dict[str, Effect] = {}
+def _shipped() -> dict[str, RingEffect]:
+    found: dict[str, RingEffect] = {}
     for module_info in pkgutil.iter_modules(__path__):
         module = importlib.import_module(f'{__name__}.{module_info.name}')
         for _, cls in inspect.getmembers(module, inspect.isclass):
             is_here = cls.__module__ == module.__name__
-            if not (is_here and issubclass(cls, Effect)) or inspect.isabstract(cls):
+            if not (is_here and issubclass(cls, RingEffect)) or inspect.isabstract(cls):
                 continue
             if cls is not LawEffect:
                 found[cls.id] = cls()
@@ -64,12 +77,12 @@ def own_parameters() -> tuple[OwnParameter, ...]:
 
 
 @lru_cache(maxsize=4)
-def _of_folder(folder: str) -> dict[str, Effect]:
+def _of_folder(folder: str) -> dict[str, RingEffect]:
     """Effects of a user's folder, one file each."""
     path = Path(folder)
     if not path.is_dir():
         raise EffectError(f'{folder}: is no folder: give a folder of effect files (*.yaml)')
-    found: dict[str, Effect] = {}
+    found: dict[str, RingEffect] = {}
     for file in sorted(path.glob('*.yaml')):
         own = read_law_effect(file)
         if own.id in _shipped() or own.id in found:
@@ -87,17 +100,17 @@ def use_folder(folder: Path | str) -> None:
     os.environ[FOLDER_VARIABLE] = str(folder)
 
 
-def _found() -> dict[str, Effect]:
+def _found() -> dict[str, RingEffect]:
     folder = os.environ.get(FOLDER_VARIABLE, '')
     return {**_shipped(), **_of_folder(folder)} if folder else _shipped()
 
 
-def catalogue() -> dict[str, Effect]:
+def catalogue() -> dict[str, RingEffect]:
     """Every effect by its id, in alphabetical order, those of the user's folder included."""
     return dict(sorted(_found().items()))
 
 
-def effect(effect_id: str) -> Effect:
+def effect(effect_id: str) -> RingEffect:
     """The effect of that id; EffectError that names the ids spelled most like it."""
     known = _found()
     if effect_id in known:

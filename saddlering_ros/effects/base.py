@@ -11,7 +11,8 @@ from saddlering_ros.effects.extension import OwnParameter, RingExtension, STAGES
 from saddlering_ros.effects.rig_tests import Outcomes
 from saddlering_ros.errors import SaddleringError
 
-__all__ = ['STAGES', 'Choice', 'Effect', 'EffectError', 'EffectParameter', 'Variant', 'unit_words']
+__all__ = [
+    'STAGES', 'Choice', 'EffectError', 'EffectParameter', 'RingEffect', 'Variant', 'unit_words']
 
 
 def unit_words(unit: str) -> str:
@@ -70,7 +71,7 @@ class Choice:
     words: str
 
 
-class Effect(ABC):
+class RingEffect(ABC):
     """One cause by which a measurement can part from the simulation; one subclass, one file.
 
     A subclass states the class attributes and `extend`; discovery finds it by walking the folder.

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 import math
 
-from saddlering_ros.effects.base import Choice, Effect, EffectParameter, Variant
+from saddlering_ros.effects.base import Choice, EffectParameter, RingEffect, Variant
 from saddlering_ros.effects.extension import RingExtension
 from saddlering_ros.effects.rig_tests import Outcomes
 
@@ -19,7 +19,7 @@ SHORTEST_PERIOD = 1e-4
 """Below this period [s] the mode is as good as rigid."""
 
 
-class CarriageResonance(Effect):
+class CarriageResonance(RingEffect):
     """Resonance of the carriage."""
 
     id = 'carriage_resonance'

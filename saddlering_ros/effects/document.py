@@ -6,7 +6,7 @@ from collections.abc import Iterator
 import sys
 
 from saddlering_ros.effects import catalogue
-from saddlering_ros.effects.base import Effect, EffectParameter, STAGES
+from saddlering_ros.effects.base import EffectParameter, RingEffect, STAGES
 from saddlering_ros.effects.rig_tests import RIG_TESTS
 from saddlering_ros.quantities import compact
 
@@ -58,7 +58,7 @@ def _tests() -> Iterator[str]:
     yield ''
 
 
-def _overview(effects: list[Effect]) -> Iterator[str]:
+def _overview(effects: list[RingEffect]) -> Iterator[str]:
     yield '| id | effect | stage | shows in |\n|---|---|---|---|'
     for stage in STAGES:
         for effect in effects:
@@ -68,7 +68,7 @@ def _overview(effects: list[Effect]) -> Iterator[str]:
                        f'| {", ".join(effect.channels)}{runs} |')
 
 
-def _section(effect: Effect) -> str:
+def _section(effect: RingEffect) -> str:
     lines = [f'### {effect.id}\n', f'**{effect.title}.** {effect.words}\n',
              f'Added to the model: {_formula(effect)}\n',
              '| parameter | unit | from | to | typical | start | meaning |',
@@ -89,7 +89,7 @@ def _parameter(parameter: EffectParameter) -> str:
     return f'| {parameter.name} | {parameter.unit} | {numbers} | {parameter.words} |'
 
 
-def _formula(effect: Effect) -> str:
+def _formula(effect: RingEffect) -> str:
     first_line = (sys.modules[type(effect).__module__].__doc__ or '').splitlines()[0]
     return first_line[:1].lower() + first_line[1:]
 

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from saddlering_ros.effects.base import Effect, EffectError, EffectParameter
+from saddlering_ros.effects.base import EffectError, EffectParameter, RingEffect
 from saddlering_ros.effects.extension import RingExtension
 from saddlering_ros.memory_operators import Direction, Plays, Relaxations
 from saddlering_ros.plain_yaml import read_strict_yaml
@@ -97,7 +97,7 @@ class LawHistory:
         return self._direction.push(load) * value if law.coordinate == 'direction' else value
 
 
-class LawEffect(Effect):
+class LawEffect(RingEffect):
     """An effect of the user's own folder; its attributes are read from the file."""
 
     def __init__(self, effect_id: str, law: Law, parameter: EffectParameter,

@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 
-from saddlering_ros.effects.base import Effect, EffectParameter, Variant
+from saddlering_ros.effects.base import EffectParameter, RingEffect, Variant
 from saddlering_ros.effects.extension import RingExtension, with_probe
 from saddlering_ros.effects.probe_choice import ANY_PROBE, probe_of, probe_variants
 from saddlering_ros.effects.rig_tests import Outcomes, UNCLEAR
 
 
-class MainsPickup(Effect):
+class MainsPickup(RingEffect):
     """Mains pickup."""
 
     id = 'mains_pickup'

@@ -6,12 +6,12 @@ from collections.abc import Mapping
 from dataclasses import replace
 import math
 
-from saddlering_ros.effects.base import Effect, EffectParameter
+from saddlering_ros.effects.base import EffectParameter, RingEffect
 from saddlering_ros.effects.extension import RingExtension
 from saddlering_ros.effects.rig_tests import Outcomes, UNCLEAR
 
 
-class OutOfRound(Effect):
+class OutOfRound(RingEffect):
     """Raceway out of round."""
 
     id = 'out_of_round'

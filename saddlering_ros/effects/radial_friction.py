@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 
-from saddlering_ros.effects.base import Effect, EffectParameter
+from saddlering_ros.effects.base import EffectParameter, RingEffect
 from saddlering_ros.effects.extension import RingExtension
 from saddlering_ros.effects.friction_shape import hysteron, loop_parameters
 from saddlering_ros.effects.rig_tests import Outcomes, UNCLEAR
 
 
-class RadialFriction(Effect):
+class RadialFriction(RingEffect):
     """Dry friction in the radial row."""
 
     id = 'radial_friction'

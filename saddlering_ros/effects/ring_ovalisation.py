@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from saddlering_ros.effects.base import Effect, EffectParameter
+from saddlering_ros.effects.base import EffectParameter, RingEffect
 from saddlering_ros.effects.extension import OwnParameter, READING, RingExtension
 from saddlering_ros.effects.rig_tests import Outcomes
 
@@ -12,7 +12,7 @@ OVALISATION = OwnParameter('ovalisation', 'ring', READING)
 """d1 and d3 += c F_x [m/N]."""
 
 
-class RingOvalisation(Effect):
+class RingOvalisation(RingEffect):
     """Ovalisation of the ring."""
 
     id = 'ring_ovalisation'

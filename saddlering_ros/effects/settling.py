@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 
-from saddlering_ros.effects.base import Choice, Effect, EffectParameter, Variant
+from saddlering_ros.effects.base import Choice, EffectParameter, RingEffect, Variant
 from saddlering_ros.effects.extension import RingExtension
 from saddlering_ros.effects.rig_tests import Outcomes, UNCLEAR
 
@@ -15,7 +15,7 @@ EACH = 3.0
 SETTLING = ('settling_x', 'settling_y', 'settling_tilt')
 
 
-class Settling(Effect):
+class Settling(RingEffect):
     """Settling in the first cycle."""
 
     id = 'settling'

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 
-from saddlering_ros.effects.base import Choice, Effect, EffectParameter, Variant
+from saddlering_ros.effects.base import Choice, EffectParameter, RingEffect, Variant
 from saddlering_ros.effects.extension import RingExtension
 from saddlering_ros.effects.rig_tests import Outcomes
 
@@ -13,7 +13,7 @@ TILT, EACH = 2.0, 3.0
 """The choices: tilt alone, or every coordinate by its own amount."""
 
 
-class TiltCompliance(Effect):
+class TiltCompliance(RingEffect):
     """Tilt compliance in series."""
 
     id = 'tilt_compliance'

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 
-from saddlering_ros.effects.base import Choice, Effect, EffectParameter, Variant
+from saddlering_ros.effects.base import Choice, EffectParameter, RingEffect, Variant
 from saddlering_ros.effects.extension import RingExtension
 from saddlering_ros.effects.friction_shape import hysteron, loop_parameters
 from saddlering_ros.effects.rig_tests import Outcomes, UNCLEAR
@@ -14,7 +14,7 @@ TILT, EACH = 2.0, 3.0
 """The choices: against tilting alone, or against radial motion too."""
 
 
-class TiltFriction(Effect):
+class TiltFriction(RingEffect):
     """Dry friction in the axial rows."""
 
     id = 'tilt_friction'

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 
-from saddlering_ros.effects.base import Effect, Variant
+from saddlering_ros.effects.base import RingEffect, Variant
 from saddlering_ros.effects.extension import RingExtension
 from saddlering_ros.effects.rig_tests import Outcomes, UNCLEAR
 from saddlering_ros.effects.worn_arc import (
@@ -17,7 +17,7 @@ from saddlering_ros.effects.worn_arc import (
 )
 
 
-class WornSectorRadial(Effect):
+class WornSectorRadial(RingEffect):
     """Worn sector of the radial row."""
 
     id = 'worn_sector_radial'

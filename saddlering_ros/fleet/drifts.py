@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy.stats import chi2, ttest_1samp
 
 from saddlering_ros.fleet.error_control import benjamini_hochberg
-from saddlering_ros.fleet.history import follow, History, Series
+from saddlering_ros.fleet.history import follow, History, TimeSeries
 from saddlering_ros.fleet.observations import COORDINATES, SessionFigures
 
 Array = NDArray[np.float64]
@@ -115,14 +115,14 @@ def histories_of(ring: str, sessions: Sequence[SessionFigures]) -> RingHistory:
 
 def _series(
     sessions: Sequence[SessionFigures], times: Array, values: Array, spread: Array
-) -> Series | None:
+) -> TimeSeries | None:
     good = np.isfinite(values) & np.isfinite(spread) & (spread > 0.0) & np.isfinite(times)
     if good.sum() < 2:
         return None
     serviced = np.cumsum([session.maintenance for session in sessions])[good]
     renewed = np.concatenate([[False], np.diff(serviced) > 0])
     order = np.argsort(times[good], kind='stable')
-    return Series(times[good][order], values[good][order], np.sqrt(spread[good])[order],
+    return TimeSeries(times[good][order], values[good][order], np.sqrt(spread[good])[order],
                   renewed[order])
 
 

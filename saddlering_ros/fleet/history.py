@@ -34,7 +34,7 @@ MIN_COVERAGE_P = 0.05
 
 
 @dataclass(frozen=True)
-class Series:
+class TimeSeries:
     """Readings (N,) with standard deviations at ascending times (any unit).
 
     renewed (N,): whether the reading is the first after maintenance.
@@ -71,7 +71,7 @@ class History:
     nothing could be predicted.
     """
 
-    series: Series
+    series: TimeSeries
     level: Array
     level_std: Array
     slope: float
@@ -100,13 +100,13 @@ class History:
         return bool(binom.cdf(inside, self.predictions, COVERAGE) > MIN_COVERAGE_P)
 
 
-def follow(series: Series) -> History | None:
+def follow(series: TimeSeries) -> History | None:
     """The history of a series; None where it has fewer than two readings."""
     if series.value.size < 2 or not np.ptp(series.time) > 0.0:
         return None
     span = float(np.ptp(series.time))
     unit = float(np.median(series.std))
-    scaled = Series(series.time / span, series.value / unit, series.std / unit, series.renewed)
+    scaled = TimeSeries(series.time / span, series.value / unit, series.std / unit, series.renewed)
     level_noise, slope_noise = _noises(scaled)
     found = _filtered(scaled, level_noise, slope_noise)
     trend = drift(scaled)
@@ -134,7 +134,7 @@ class Trend:
     free: int
 
 
-def drift(series: Series) -> Trend:
+def drift(series: TimeSeries) -> Trend:
     """The slope of a series and whether there is one, by generalised least squares.
 
     Each stretch between services has a level of its own, which wanders; how much is estimated
@@ -173,7 +173,7 @@ def drift(series: Series) -> Trend:
     return Trend(float(found[0]), deviation, p_value, both @ spread @ both.T, free)
 
 
-def _noises(series: Series) -> tuple[float, float]:
+def _noises(series: TimeSeries) -> tuple[float, float]:
     """Variances a unit of time of level and slope that make the readings most likely."""
     if series.value.size < MIN_SESSIONS:
         return 0.0, 0.0
@@ -200,7 +200,7 @@ class _Pass:
     likelihood: float
 
 
-def _filtered(series: Series, level_noise: float, slope_noise: float) -> _Pass:
+def _filtered(series: TimeSeries, level_noise: float, slope_noise: float) -> _Pass:
     """The Kalman filter of the local linear trend, in plain numbers: matrices cost more here."""
     level, slope = float(series.value[0]), 0.0
     p_level, p_both, p_slope = DIFFUSE**2, 0.0, DIFFUSE**2

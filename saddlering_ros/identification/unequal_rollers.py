@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from saddlering_ros.identification.objective import predict, WeightedObjective
 from saddlering_ros.identification.observation import Observation
 from saddlering_ros.rig import probes_to_displacement, Rig
-from saddlering_ros.ring.roller_scatter import Course, scatter_columns
+from saddlering_ros.ring.roller_scatter import scatter_columns, SimulatedCourse
 
 Array = NDArray[np.float64]
 
@@ -37,7 +37,7 @@ def _increments(rig: Rig, contact: Array, one: Observation) -> Array:
     height, half = rig.probes.radial_height, 0.5 * rig.probes.axial_span
     probes = np.stack([x + height * gamma, y + half * gamma, -x - height * gamma,
                        y - half * gamma])
-    course = Course(
+    course = SimulatedCourse(
         one.elevation, one.zero_load, np.append(one.zero_load, one.load),
         np.append(one.time[0] - BEFORE, one.time), probes, not one.dynamic)
     columns = scatter_columns(rig, contact, course)

@@ -27,7 +27,7 @@ from saddlering_ros.ros.conversions import parameters_to_message
 from saddlering_ros.ros.diagnostics import ERROR, Finding, OK, to_message
 from saddlering_ros.ros.errors import NodeError
 from saddlering_ros.ros.names import diagnostic_name, DIAGNOSTICS, PARAMETERS_IN_FORCE, rig_name
-from saddlering_ros.ros.parameters import declare, declare_rig, HARDWARE_ID, Parameter
+from saddlering_ros.ros.parameters import declare, declare_rig, HARDWARE_ID, NodeParameter
 from saddlering_ros.ros.qos import LATCHED, MANY_REQUESTS
 from saddlering_ros.ros.rig_agreement import RigAgreement
 from saddlering_ros.ros.roots import bag_below, below, root_folder
@@ -76,13 +76,16 @@ class ActionNode(Node):
     NAME: ClassVar[str]
     JOB: ClassVar[str]
 
-    PARAMETERS: ClassVar[tuple[Parameter, ...]] = (
-        Parameter('bag_root', '', 'folder below which every bag of a goal must lie (links are '
-                                  'resolved first); none: the shipped bags'),
-        Parameter('parameters_root', '', 'folder below which every parameter file of a goal must '
-                                         'lie; none: bag_root'),
-        Parameter('longest_goal', 86400.0, 'a goal that takes longer than this [s] is aborted',
-                  low=1.0, high=1e7),
+    PARAMETERS: ClassVar[tuple[NodeParameter, ...]] = (
+        NodeParameter(
+            'bag_root', '', 'folder below which every bag of a goal must lie (links are '
+            'resolved first); none: the shipped bags'),
+        NodeParameter(
+            'parameters_root', '', 'folder below which every parameter file of a goal must '
+            'lie; none: bag_root'),
+        NodeParameter(
+            'longest_goal', 86400.0, 'a goal that takes longer than this [s] is aborted', low=1.0,
+            high=1e7),
         HARDWARE_ID,
     )
 

@@ -25,7 +25,7 @@ class PlainDataError(ValueError):
     """A value that is no plain data, or bytes that are no message."""
 
 
-class Channel:
+class ValueSocket:
     """A stream socket on which values go whole; `types` are the dataclasses that may."""
 
     def __init__(self, stream: socket.socket, types: Iterable[type]) -> None:

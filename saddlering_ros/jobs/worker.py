@@ -22,7 +22,7 @@ import threading
 from typing import Any
 
 from saddlering_ros.errors import SaddleringError
-from saddlering_ros.jobs.plain_data import Channel, PlainDataError
+from saddlering_ros.jobs.plain_data import PlainDataError, ValueSocket
 from saddlering_ros.progress import Cancelled, IsCancelled, OnProgress
 from saddlering_ros.ros.lifeline import follow_lifeline, LIFELINE
 
@@ -50,7 +50,7 @@ class Worker:
     def __init__(self, module: str) -> None:
         self._module = module
         self._process: subprocess.Popen[bytes] | None = None
-        self._pipe: Channel | None = None
+        self._pipe: ValueSocket | None = None
         self._life: int | None = None
         self._starting = threading.Lock()
         self.start()
@@ -72,7 +72,7 @@ class Worker:
             start_new_session=True, env={**os.environ, LIFELINE: str(read_end)})
         os.close(read_end)
         theirs.close()
-        self._pipe = Channel(ours, types_of(self._module))
+        self._pipe = ValueSocket(ours, types_of(self._module))
 
     def run(self, request: Any, on_progress: OnProgress, is_cancelled: IsCancelled) -> Outcome:
         """Do one job, with the progress and cancel protocol of the API.
@@ -123,7 +123,7 @@ def types_of(module: str) -> tuple[type, ...]:
     return types
 
 
-def serve(pipe: Channel, module: str) -> None:
+def serve(pipe: ValueSocket, module: str) -> None:
     """Do jobs until the other end is gone."""
     job = importlib.import_module(module)
     for needed in job.PRELOADED:
@@ -136,7 +136,7 @@ def serve(pipe: Channel, module: str) -> None:
         pipe.send(_attempt(job.run, request, pipe))
 
 
-def _attempt(run: Callable[..., Any], request: Any, pipe: Channel) -> tuple[str, Any]:
+def _attempt(run: Callable[..., Any], request: Any, pipe: ValueSocket) -> tuple[str, Any]:
     try:
         return DONE, run(request, lambda progress: pipe.send(('progress', progress)))
     except SaddleringError as problem:
@@ -151,7 +151,7 @@ def main() -> None:
     with contextlib.suppress(OSError):
         os.nice(NICENESS)
     number, module = sys.argv[1:]
-    serve(Channel(socket.socket(fileno=int(number)), types_of(module)), module)
+    serve(ValueSocket(socket.socket(fileno=int(number)), types_of(module)), module)
 
 
 if __name__ == '__main__':

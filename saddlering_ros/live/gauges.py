@@ -17,7 +17,7 @@ NARROW, ENDED = 0.10, 0.01
 
 
 @dataclass(frozen=True)
-class Reading:
+class GaugeReading:
     """A value in SI units, its sensor's range (NaN: not stated), when it came [s, monotonic]."""
 
     value: float
@@ -30,11 +30,11 @@ class Gauges:
     """The newest reading of every sensor by name; from any thread that holds the page's lock."""
 
     def __init__(self) -> None:
-        self._readings: dict[str, Reading] = {}
+        self._readings: dict[str, GaugeReading] = {}
 
     def push(self, name: str, value: float, low: float = math.nan, high: float = math.nan) -> None:
         """Take a reading: 'load' [N], 'elevation' [rad], 'probe_1' to 'probe_4' [m]."""
-        self._readings[name] = Reading(value, low, high, time.monotonic())
+        self._readings[name] = GaugeReading(value, low, high, time.monotonic())
 
     def as_page(self, assumed_elevation: float | None = None) -> dict[str, Any]:
         """Load in t and kN, elevation in degrees, gaps in mm with margin; None where none came.
@@ -50,12 +50,12 @@ class Gauges:
             else {'deg': assumed_elevation, 'is_measured': False},
             'probes': [_probe(self._fresh(f'probe_{number}')) for number in (1, 2, 3, 4)]}
 
-    def _fresh(self, name: str) -> Reading | None:
+    def _fresh(self, name: str) -> GaugeReading | None:
         found = self._readings.get(name)
         return None if found is None or time.monotonic() - found.at > FRESH else found
 
 
-def _probe(found: Reading | None) -> dict[str, Any] | None:
+def _probe(found: GaugeReading | None) -> dict[str, Any] | None:
     """Gap and span in mm, the margin to the nearer end, and how that is to be judged."""
     if found is None or not math.isfinite(found.value):
         return None

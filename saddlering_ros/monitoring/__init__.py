@@ -4,7 +4,7 @@ from saddlering_ros.monitoring.blocks import BlockWatch
 from saddlering_ros.monitoring.cause import first_guess, FIRST_GUESSES
 from saddlering_ros.monitoring.detector import Alarm, Detector, threshold_of
 from saddlering_ros.monitoring.errors import MonitoringError
-from saddlering_ros.monitoring.innovations import block_noise, BlockNoise, Whitener
+from saddlering_ros.monitoring.innovations import block_noise, BlockNoise, ChannelInnovations
 from saddlering_ros.monitoring.instruments import assumed_noise, least_wander
 from saddlering_ros.monitoring.materiality import materiality
 from saddlering_ros.monitoring.monitor import (
@@ -30,6 +30,7 @@ __all__ = [
     'Alarm',
     'BlockNoise',
     'BlockWatch',
+    'ChannelInnovations',
     'Detector',
     'Lapse',
     'Monitor',
@@ -39,7 +40,6 @@ __all__ = [
     'RestLearner',
     'RestNoise',
     'Sample',
-    'Whitener',
     'assumed_noise',
     'block_noise',
     'first_guess',

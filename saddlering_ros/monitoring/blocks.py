@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saddlering_ros.monitoring.detector import Alarm, Detector, threshold_of
-from saddlering_ros.monitoring.innovations import BlockNoise, Whitener
+from saddlering_ros.monitoring.innovations import BlockNoise, ChannelInnovations
 
 Array = NDArray[np.float64]
 
@@ -50,7 +50,7 @@ class BlockWatch:
         self, noise: Sequence[BlockNoise], block: float, false_alarm_hours: float
     ) -> None:
         self._channels = len(noise)
-        self._whiteners = [Whitener(item) for item in noise]
+        self._whiteners = [ChannelInnovations(item) for item in noise]
         self._white = np.sqrt([item.white for item in noise])
         self._wander = np.array([
             wander_limit(item, block, false_alarm_hours, self._channels) for item in noise])

@@ -42,7 +42,7 @@ def block_noise(noise: ChannelNoise, step: float) -> BlockNoise:
     return BlockNoise(max(here - wander, 1e-6 * here), wander, memory)
 
 
-class Whitener:
+class ChannelInnovations:
     """Innovations of one channel, block by block.
 
     `response` is what the filter would predict next had every mean so far been 1, the noise apart:

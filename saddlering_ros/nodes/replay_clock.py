@@ -22,7 +22,7 @@ from saddlering_ros.ros.diagnostics import ERROR, Finding, FunctionTask, OK, WAR
 from saddlering_ros.ros.errors import NodeError
 from saddlering_ros.ros.lockstep import LockstepGroup, to_time
 from saddlering_ros.ros.names import CLOCK, PROGRESS, STATE
-from saddlering_ros.ros.parameters import Parameter
+from saddlering_ros.ros.parameters import NodeParameter
 from saddlering_ros.ros.qos import CLOCK_QOS, LATCHED
 from saddlering_ros.ros.raw_topics import RawPublisher, RawSubscription
 from saddlering_ros.ros.registry import names, REPLAY, RING
@@ -61,22 +61,28 @@ class ReplayClockNode(BagNode):
 
     PARAMETERS = (
         *BagNode.PARAMETERS,
-        Parameter('rate', 1.0, 'speed: 1 is real time; 0 is as fast as the nodes follow (in '
-                               'lockstep only)', low=0.0, high=100.0),
-        Parameter('lockstep', False, 'advance the clock only when all participants have '
-                                     'processed all earlier messages'),
-        Parameter('participants', PARTICIPANTS, 'nodes for which the clock waits, before the '
-                                                'first message and in lockstep'),
-        Parameter('window', 0.2, 'longest bag time per step in lockstep [s]', low=0.001, high=1.8,
-                  changeable=True),
-        Parameter('clock_rate', 100.0, 'steps a second in real time', low=1.0, high=1000.0),
-        Parameter('timeout', 5.0, 'a node that does not catch up within this time [s] is '
-        'reported; the clock does not wait for this node until it has caught up',
-                  low=0.1, high=3600.0),
-        Parameter('start_paused', False, 'wait for ~/play'),
-        Parameter('elevation_deg', math.nan, 'elevation of the test [deg], in place of that of '
-        'the bag; nan: that of the bag', low=-10.0, high=90.0, nan_allowed=True),
-        Parameter('exit_at_end', False, 'exit at the end of the bag'),
+        NodeParameter(
+            'rate', 1.0, 'speed: 1 is real time; 0 is as fast as the nodes follow (in '
+            'lockstep only)', low=0.0, high=100.0),
+        NodeParameter(
+            'lockstep', False, 'advance the clock only when all participants have '
+            'processed all earlier messages'),
+        NodeParameter(
+            'participants', PARTICIPANTS, 'nodes for which the clock waits, before the '
+            'first message and in lockstep'),
+        NodeParameter(
+            'window', 0.2, 'longest bag time per step in lockstep [s]', low=0.001, high=1.8,
+            changeable=True),
+        NodeParameter('clock_rate', 100.0, 'steps a second in real time', low=1.0, high=1000.0),
+        NodeParameter(
+            'timeout', 5.0, 'a node that does not catch up within this time [s] is '
+            'reported; the clock does not wait for this node until it has caught up', low=0.1,
+            high=3600.0),
+        NodeParameter('start_paused', False, 'wait for ~/play'),
+        NodeParameter(
+            'elevation_deg', math.nan, 'elevation of the test [deg], in place of that of '
+            'the bag; nan: that of the bag', low=-10.0, high=90.0, nan_allowed=True),
+        NodeParameter('exit_at_end', False, 'exit at the end of the bag'),
     )
 
     def __init__(self) -> None:

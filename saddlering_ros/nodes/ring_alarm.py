@@ -28,7 +28,7 @@ from saddlering_ros.ros.diagnostics import (
     WARN,
 )
 from saddlering_ros.ros.names import PARAMETERS_IN_FORCE, RESIDUAL, RING_ALARM, WITHIN_LIMITS
-from saddlering_ros.ros.parameters import declare_rig, Parameter
+from saddlering_ros.ros.parameters import declare_rig, NodeParameter
 from saddlering_ros.ros.qos import LATCHED, LATCHED_BY_SEVERAL
 from saddlering_ros.ros.raw_topics import RawSubscription
 from saddlering_ros.ros.rig_agreement import RigAgreement
@@ -52,14 +52,17 @@ class RingAlarmNode(StreamingNode):
 
     PARAMETERS = (
         INPUT_RELIABILITY,
-        Parameter('false_alarm_hours', 1000.0, 'hours of testing in which one false alarm is '
-                  'allowed in the mean', low=1.0, high=1e6, while_inactive=True),
-        Parameter('materiality', DEFAULT_PERCENT, 'residual without an alarm, in percent of the '
-                  "channel's range from preload to full scale", low=0.0, high=100.0,
-                  while_inactive=True),
-        Parameter('block', 0.02, 'time [s] over which residuals are averaged before they are '
-                  'judged', low=0.001, high=10.0, while_inactive=True),
-        Parameter('frame_id', 'ring', 'frame of the alarm: reference point C of the ring'),
+        NodeParameter(
+            'false_alarm_hours', 1000.0, 'hours of testing in which one false alarm is '
+            'allowed in the mean', low=1.0, high=1e6, while_inactive=True),
+        NodeParameter(
+            'materiality', DEFAULT_PERCENT, 'residual without an alarm, in percent of the '
+            "channel's range from preload to full scale", low=0.0, high=100.0,
+            while_inactive=True),
+        NodeParameter(
+            'block', 0.02, 'time [s] over which residuals are averaged before they are ' 'judged',
+            low=0.001, high=10.0, while_inactive=True),
+        NodeParameter('frame_id', 'ring', 'frame of the alarm: reference point C of the ring'),
     )
 
     def __init__(self) -> None:

@@ -28,7 +28,7 @@ from saddlering_ros.ros.diagnostics import (
 from saddlering_ros.ros.elevation import ElevationWatch
 from saddlering_ros.ros.lockstep import to_time
 from saddlering_ros.ros.names import DISPLACEMENT, ZERO
-from saddlering_ros.ros.parameters import declare_rig, Parameter
+from saddlering_ros.ros.parameters import declare_rig, NodeParameter
 from saddlering_ros.ros.qos import ZERO_QOS
 from saddlering_ros.ros.raw_topics import RawPublisher, RawSubscription
 from saddlering_ros.ros.rig_agreement import RigAgreement
@@ -46,11 +46,14 @@ class RingDisplacementNode(StreamingNode):
 
     PARAMETERS = (
         INPUT_RELIABILITY, MAX_GAP,
-        Parameter('frame_id', 'ring', 'frame of the displacement: reference point C of the ring'),
-        Parameter('parity_noise', 0.3e-6, 'noise of the parity [m]; a mean of more than five '
-        'times this value is reported', low=1e-9, high=1e-3, changeable=True),
-        Parameter('lowest_rate', 0.0, 'rate of a topic [messages/s] below which diagnostics warn',
-                  low=0.0, high=1e5),
+        NodeParameter(
+            'frame_id', 'ring', 'frame of the displacement: reference point C of the ring'),
+        NodeParameter(
+            'parity_noise', 0.3e-6, 'noise of the parity [m]; a mean of more than five '
+            'times this value is reported', low=1e-9, high=1e-3, changeable=True),
+        NodeParameter(
+            'lowest_rate', 0.0, 'rate of a topic [messages/s] below which diagnostics warn',
+            low=0.0, high=1e5),
     )
 
     def __init__(self) -> None:

@@ -19,7 +19,7 @@ from saddlering_ros.ros.diagnostics import (
     WARN,
 )
 from saddlering_ros.ros.names import DISPLACEMENT, RESIDUAL, SIMULATED
-from saddlering_ros.ros.parameters import declare_rig, Parameter
+from saddlering_ros.ros.parameters import declare_rig, NodeParameter
 from saddlering_ros.ros.raw_topics import RawPublisher, RawSubscription
 from saddlering_ros.ros.readiness import ReadinessTask
 from saddlering_ros.ros.registry import names, RING
@@ -35,9 +35,10 @@ class RingResidualNode(StreamingNode):
 
     PARAMETERS = (
         INPUT_RELIABILITY,
-        Parameter('frame_id', 'ring', 'frame of the residual: reference point C of the ring'),
-        Parameter('needed_nodes', list(names(RING)), 'nodes that must be active and report '
-                  'nothing but OK for the status `ready to test`'),
+        NodeParameter('frame_id', 'ring', 'frame of the residual: reference point C of the ring'),
+        NodeParameter(
+            'needed_nodes', list(names(RING)), 'nodes that must be active and report '
+            'nothing but OK for the status `ready to test`'),
     )
 
     def __init__(self) -> None:

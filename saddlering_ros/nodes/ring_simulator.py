@@ -37,7 +37,7 @@ from saddlering_ros.ros.elevation import Elevation, ElevationWatch
 from saddlering_ros.ros.errors import NodeError
 from saddlering_ros.ros.lockstep import to_stamp, to_time
 from saddlering_ros.ros.names import PARAMETERS_IN_FORCE, SIMULATED, ZERO
-from saddlering_ros.ros.parameters import declare_rig, given_sections, Parameter
+from saddlering_ros.ros.parameters import declare_rig, given_sections, NodeParameter
 from saddlering_ros.ros.qos import LATCHED, LATCHED_BY_SEVERAL, ZERO_QOS
 from saddlering_ros.ros.raw_topics import RawPublisher, RawSubscription
 from saddlering_ros.ros.rig_agreement import RigAgreement
@@ -59,19 +59,23 @@ class RingSimulatorNode(StreamingNode):
 
     PARAMETERS = (
         INPUT_RELIABILITY, MAX_GAP,
-        Parameter('parameters_file', '', 'file of contact parameters and effects, from '
-        '`saddlering identify --out` (or pass the file by --params-file); none: the '
-        'true-to-scale values'),
-        Parameter('follow_parameters', False, 'use parameters that are offered on '
-        '/ring/parameters (the simulation then starts anew)'),
-        Parameter('follow_zero', True, 'take a new zero when ring_displacement takes one'),
-        Parameter('bag', '', 'a bag whose elevation is used, unless elevation_deg is given'),
-        Parameter('elevation_deg', math.nan, 'elevation of the load [deg]; nan: that of the bag, '
-        'else that of rig/elevation, else 50', low=-10.0, high=90.0,
-                  nan_allowed=True, while_inactive=True),
-        Parameter('max_step', 1e-3, 'longest time step of the integration [s]', low=1e-6,
-                  high=0.1),
-        Parameter('frame_id', 'ring', 'frame of the displacement: reference point C of the ring'),
+        NodeParameter(
+            'parameters_file', '', 'file of contact parameters and effects, from '
+            '`saddlering identify --out` (or pass the file by --params-file); none: the '
+            'true-to-scale values'),
+        NodeParameter(
+            'follow_parameters', False, 'use parameters that are offered on '
+            '/ring/parameters (the simulation then starts anew)'),
+        NodeParameter('follow_zero', True, 'take a new zero when ring_displacement takes one'),
+        NodeParameter('bag', '', 'a bag whose elevation is used, unless elevation_deg is given'),
+        NodeParameter(
+            'elevation_deg', math.nan, 'elevation of the load [deg]; nan: that of the bag, '
+            'else that of rig/elevation, else 50', low=-10.0, high=90.0, nan_allowed=True,
+            while_inactive=True),
+        NodeParameter(
+            'max_step', 1e-3, 'longest time step of the integration [s]', low=1e-6, high=0.1),
+        NodeParameter(
+            'frame_id', 'ring', 'frame of the displacement: reference point C of the ring'),
     )
 
     def __init__(self) -> None:

@@ -38,7 +38,7 @@ class Series:
 
 
 @dataclass(frozen=True)
-class Band:
+class ShadedBand:
     """A band of y across the whole panel; name: in the legend ('': not)."""
 
     low: float
@@ -90,7 +90,7 @@ class Panel:
     x_label: str
     y_label: str
     series: tuple[Series, ...] = ()
-    bands: tuple[Band, ...] = ()
+    bands: tuple[ShadedBand, ...] = ()
     levels: tuple[float, ...] = ()
     heat: HeatMap | None = None
     title: str = ''
@@ -122,11 +122,11 @@ class Chart:
     legend_columns: int = 5
 
     @property
-    def named(self) -> list[Series | Band]:
+    def named(self) -> list[Series | ShadedBand]:
         """Entries of the legend: the first series or band of each name."""
-        found: dict[str, Series | Band] = {}
+        found: dict[str, Series | ShadedBand] = {}
         for panel in self.panels:
-            items: list[Series | Band] = [*panel.series, *panel.bands]
+            items: list[Series | ShadedBand] = [*panel.series, *panel.bands]
             for item in items:
                 if item.name:
                     found.setdefault(item.name, item)

@@ -11,7 +11,7 @@ from matplotlib.patches import Patch
 from matplotlib.ticker import FuncFormatter
 import numpy as np
 
-from saddlering_ros.report.charts import Band, Chart, HeatMap, Panel, Series
+from saddlering_ros.report.charts import Chart, HeatMap, Panel, Series, ShadedBand
 from saddlering_ros.report.style import drawing, NOISE
 
 MANY_COLUMNS = 3
@@ -105,7 +105,7 @@ def _legend(figure: Figure, chart: Chart) -> None:
         figure.legend(handles=handles, loc='outside lower center', ncols=chart.legend_columns)
 
 
-def _handle(item: Series | Band) -> Any:
-    if isinstance(item, Band):
+def _handle(item: Series | ShadedBand) -> Any:
+    if isinstance(item, ShadedBand):
         return Patch(color=item.colour, alpha=item.opacity, lw=0.0, label=item.name)
     return Line2D([], [], label=item.name, **_look(item))

@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 
 from saddlering_ros.report.charts import (
-    Band,
     Chart,
     HeatMap,
     line,
     markers,
     Panel,
     Series,
+    ShadedBand,
     Ticks,
     without_inner_labels,
 )
@@ -99,7 +99,7 @@ def _compared(
         Panel(row + 1, column, across, f'misfit\n{MICRO_UNITS[channel]}',
               tuple(line(over, measured - values, colour, width=0.9)
                     for values, colour, _, _ in versions),
-              bands=(Band(-size, size),), levels=(0.0,))]
+              bands=(ShadedBand(-size, size),), levels=(0.0,))]
 
 
 def misfit(runs: Sequence[Mapping[str, Any]], channels: Sequence[str] = CHANNELS[:3]) -> Chart:
@@ -166,7 +166,7 @@ def _view(
 ) -> Panel:
     """One view of a channel's misfit, with twice the noise floor as a band."""
     size = 2.0 * MICRO * run.noise[channel]
-    bands = (Band(-size, size, name='± 2 × noise floor'),) if with_band else ()
+    bands = (ShadedBand(-size, size, name='± 2 × noise floor'),) if with_band else ()
     return Panel(row, column, label, axis_label(channel), tuple(series), bands,
                  title=title if row == 0 else '', shows_y_label=column == 0)
 

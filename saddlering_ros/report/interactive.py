@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from saddlering_ros.report.charts import Band, Chart, HeatMap, Panel, Series, Ticks
+from saddlering_ros.report.charts import Chart, HeatMap, Panel, Series, ShadedBand, Ticks
 from saddlering_ros.report.style import NOISE
 
 PIXELS_PER_INCH = 100.0
@@ -65,7 +65,7 @@ def chart_of(chart: Chart) -> Plotly:
         for series in panel.series:
             traces.append(_trace(series, panel, suffix, is_first=series.name not in shown))
             shown.add(series.name)
-    traces += [_patch(item) for item in chart.named if isinstance(item, Band)]
+    traces += [_patch(item) for item in chart.named if isinstance(item, ShadedBand)]
     return {'data': traces, 'layout': layout, 'height': round(height)}
 
 
@@ -215,7 +215,7 @@ def _title(panel: Panel, across: Span, up: Span) -> list[Plotly]:
              'xanchor': 'center'}]
 
 
-def _patch(band: Band) -> Plotly:
+def _patch(band: ShadedBand) -> Plotly:
     """A trace without points that puts a band's name into the legend."""
     return {'type': 'scatter', 'x': [None], 'y': [None], 'mode': 'markers', 'name': band.name,
             'marker': {'symbol': 'square', 'size': 11, 'color': band.colour},

@@ -34,7 +34,7 @@ _WEIGHTS = _WEIGHTS / _WEIGHTS.sum()
 
 
 @dataclass(frozen=True)
-class Course:
+class SimulatedCourse:
     """One run as input of the columns: time and probes (4, N) [m], simulated at the base values.
 
     `static`: the blocks lie in holds, in which the ring rests.
@@ -73,7 +73,7 @@ class _Table:
         return columns + rate[:, None, None] * moving, decay
 
 
-def scatter_columns(rig: Rig, contact: Array, course: Course) -> Array:
+def scatter_columns(rig: Rig, contact: Array, course: SimulatedCourse) -> Array:
     """Probe increments (4, N, k) along a run by one standard deviation of the scatter.
 
     The rollers in contact are those of the simulated motion, which lags behind the load. The
@@ -103,7 +103,7 @@ def scatter_columns(rig: Rig, contact: Array, course: Course) -> Array:
 
 
 def _equivalent_loads(
-    rig: Rig, contact: Array, course: Course, table: _Table
+    rig: Rig, contact: Array, course: SimulatedCourse, table: _Table
 ) -> tuple[Array, Array]:
     """Loads (N,) under which the ring would rest at its motion: by delta_x, and by gamma."""
     zero = static_response(rig, contact, course.elevation, np.array([course.zero_load]))[:, 0]

@@ -10,13 +10,14 @@ from rclpy.parameter import Parameter as RosParameter
 
 from saddlering_ros.paths import share_directory
 from saddlering_ros.ros.errors import NodeError
-from saddlering_ros.ros.parameters import Parameter
+from saddlering_ros.ros.parameters import NodeParameter
 from saddlering_ros.ros.roots import bag_below, root_folder
 from saddlering_ros.ros.streaming_node import StreamingNode
 
-BAG = Parameter('bag', '', 'the bag to replay: a rosbag2 directory or an .mcap file; none: wait',
-                changeable=True)
-BAG_ROOT = Parameter(
+BAG = NodeParameter(
+    'bag', '', 'the bag to replay: a rosbag2 directory or an .mcap file; none: wait',
+    changeable=True)
+BAG_ROOT = NodeParameter(
     'bag_root', '', 'folder below which every bag must lie that is set while the node runs '
     '(links are resolved first); none: the folder of the bag at the start, else the shipped bags')
 
@@ -28,7 +29,7 @@ class BagNode(StreamingNode):
     trusted that far: what they name must lie below a root, as for goals.
     """
 
-    PARAMETERS: ClassVar[tuple[Parameter, ...]] = (BAG, BAG_ROOT)
+    PARAMETERS: ClassVar[tuple[NodeParameter, ...]] = (BAG, BAG_ROOT)
 
     def __init__(self, name: str, **options: Any) -> None:
         super().__init__(name, **options)

@@ -32,7 +32,7 @@ Value = bool | int | float | str | list[str] | list[float]
 
 
 @dataclass(frozen=True)
-class Parameter:
+class NodeParameter:
     """One parameter of a node.
 
     low, high: range of a number, both included; choices: what a text may be; changeable: may be
@@ -80,11 +80,11 @@ class Parameter:
         return ''
 
 
-HARDWARE_ID = Parameter(
+HARDWARE_ID = NodeParameter(
     'hardware_id', '', 'identity of the rig in /diagnostics; none: saddlering and the namespace')
 
 
-class Settings(dict[str, Any]):
+class NodeSettings(dict[str, Any]):
     """The values of a node's parameters by name; kept up to date when one is set."""
 
     def text(self, name: str) -> str:
@@ -92,9 +92,9 @@ class Settings(dict[str, Any]):
         return str(self[name]).strip()
 
 
-def declare(node: Node, parameters: Sequence[Parameter]) -> Settings:
+def declare(node: Node, parameters: Sequence[NodeParameter]) -> NodeSettings:
     """Declare `parameters` on `node`; NodeError names the first that was given a bad value."""
-    settings = Settings()
+    settings = NodeSettings()
     for parameter in parameters:
         settings[parameter.name] = _declare_one(node, parameter)
     by_name = {parameter.name: parameter for parameter in parameters}
@@ -120,7 +120,7 @@ def declare(node: Node, parameters: Sequence[Parameter]) -> Settings:
     return settings
 
 
-def _declare_one(node: Node, parameter: Parameter) -> Any:
+def _declare_one(node: Node, parameter: NodeParameter) -> Any:
     override = _override(node, parameter)
     if override is not None:
         reason = parameter.refusal(override)
@@ -137,7 +137,7 @@ def _declare_one(node: Node, parameter: Parameter) -> Any:
         raise NodeError(f'{node.get_name()}: parameter {problem}') from problem
 
 
-def _override(node: Node, parameter: Parameter) -> Any:
+def _override(node: Node, parameter: NodeParameter) -> Any:
     """The value given at the start, if any; a whole number where a float is due is one."""
     overrides: dict[str, RosParameter] = node._parameter_overrides
     given = overrides.get(parameter.name)
@@ -156,7 +156,7 @@ def _kind(default: Value) -> str:
     return names[type(default)]
 
 
-def table(parameters: Sequence[Parameter]) -> str:
+def table(parameters: Sequence[NodeParameter]) -> str:
     """The parameters as a Markdown table, for the docs page of a node."""
     lines = ['| parameter | default | range | meaning |', '|---|---|---|---|']
     for parameter in parameters:

@@ -9,7 +9,7 @@ import importlib
 from pathlib import Path
 import sys
 
-from saddlering_ros.ros.parameters import HARDWARE_ID, Parameter, table
+from saddlering_ros.ros.parameters import HARDWARE_ID, NodeParameter, table
 from saddlering_ros.ros.registry import NodeEntry, NODES, nodes_table
 from saddlering_ros.ros.streaming_node import AUTOSTART, StreamingNode
 
@@ -18,10 +18,10 @@ MARKER = '<!-- from here on written by python -m saddlering_ros.ros.reference --
 TABLE, TABLE_END = '<!-- nodes: from the registry -->\n', '\n<!-- end of nodes -->'
 
 
-def parameters_of(node: NodeEntry) -> tuple[Parameter, ...]:
+def parameters_of(node: NodeEntry) -> tuple[NodeParameter, ...]:
     """All parameters of a node but those of the rig."""
     kind = getattr(importlib.import_module(node.module), node.class_name)
-    own: tuple[Parameter, ...] = kind.PARAMETERS
+    own: tuple[NodeParameter, ...] = kind.PARAMETERS
     return (AUTOSTART, HARDWARE_ID, *own) if issubclass(kind, StreamingNode) else own
 
 

@@ -6,13 +6,13 @@ from pathlib import Path
 from typing import Protocol
 
 from saddlering_ros.ros.errors import NodeError
-from saddlering_ros.ros.parameters import Settings
+from saddlering_ros.ros.parameters import NodeSettings
 
 
 class WithSettings(Protocol):
     """A node whose parameters were declared."""
 
-    settings: Settings
+    settings: NodeSettings
 
     def get_name(self) -> str:
         """The node's name."""

@@ -21,7 +21,7 @@ from saddlering_ros.ros.diagnostics import (
 )
 from saddlering_ros.ros.lockstep import progress_of
 from saddlering_ros.ros.names import diagnostic_name, DIAGNOSTICS, PROGRESS, rig_name
-from saddlering_ros.ros.parameters import declare, HARDWARE_ID, Parameter
+from saddlering_ros.ros.parameters import declare, HARDWARE_ID, NodeParameter
 from saddlering_ros.ros.qos import PROGRESS_QOS
 from saddlering_ros.ros.raw_topics import RawPublisher, RawSubscription, RELIABILITIES
 
@@ -33,14 +33,15 @@ DIAGNOSTICS_PERIOD = 1.0
 FIRST_DIAGNOSIS = 0.4
 """Time [s] within which a started node reports its missing inputs."""
 
-AUTOSTART = Parameter('autostart', True, 'configure and activate at the start; false: wait for '
-                                         '`ros2 lifecycle set`')
-INPUT_RELIABILITY = Parameter(
+AUTOSTART = NodeParameter(
+    'autostart', True, 'configure and activate at the start; false: wait for '
+    '`ros2 lifecycle set`')
+INPUT_RELIABILITY = NodeParameter(
     'input_reliability', 'auto', 'requested QoS; auto: reliable if all publishers are reliable, '
                                  'else best effort', choices=RELIABILITIES)
-MAX_GAP = Parameter('max_gap', 10.0, 'a larger jump of the stamps [s] restarts zero and '
-                                     'simulation',
-                    low=0.1, high=3600.0)
+MAX_GAP = NodeParameter(
+    'max_gap', 10.0, 'a larger jump of the stamps [s] restarts zero and ' 'simulation', low=0.1,
+    high=3600.0)
 
 
 class StreamingNode(LifecycleNode):
@@ -50,7 +51,7 @@ class StreamingNode(LifecycleNode):
     be used), `connect` (make the flows), `process_batch` (one batch) and its diagnostics tasks.
     """
 
-    PARAMETERS: ClassVar[tuple[Parameter, ...]] = ()
+    PARAMETERS: ClassVar[tuple[NodeParameter, ...]] = ()
     TELLS_PROGRESS: ClassVar[bool] = True
 
     def __init__(self, name: str, **options: Any) -> None:

@@ -6,10 +6,10 @@ from saddlering_ros.virtual_rig.effects import (
     EffectRequest,
     EFFECTS,
     find_effect,
-    Parameter,
     parse_requests,
     request,
     RigEffect,
+    TrueSize,
 )
 from saddlering_ros.virtual_rig.errors import VirtualRigError
 from saddlering_ros.virtual_rig.physics import PhysicalRig, PhysicalRun, run_test
@@ -29,9 +29,30 @@ from saddlering_ros.virtual_rig.schedule import (
 )
 
 __all__ = [
-    'EFFECTS', 'EffectRequest', 'Instruments', 'Parameter', 'PhysicalRig', 'PhysicalRun',
-    'RigEffect', 'Rollers', 'Scatter', 'Schedule', 'TestPlan', 'TestRecord', 'VirtualRigError',
-    'controlled_load', 'dynamic_schedule', 'effects_load', 'effects_probes', 'effects_ring',
-    'find_effect', 'make_rollers', 'parse_requests', 'record_test', 'request', 'run_test',
-    'static_schedule', 'write_record',
+    'EFFECTS',
+    'EffectRequest',
+    'Instruments',
+    'PhysicalRig',
+    'PhysicalRun',
+    'RigEffect',
+    'Rollers',
+    'Scatter',
+    'Schedule',
+    'TestPlan',
+    'TestRecord',
+    'TrueSize',
+    'VirtualRigError',
+    'controlled_load',
+    'dynamic_schedule',
+    'effects_load',
+    'effects_probes',
+    'effects_ring',
+    'find_effect',
+    'make_rollers',
+    'parse_requests',
+    'record_test',
+    'request',
+    'run_test',
+    'static_schedule',
+    'write_record',
 ]

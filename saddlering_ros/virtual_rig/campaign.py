@@ -14,9 +14,9 @@ from saddlering_ros.rig import ContactParameters, default_rig, Rig, TRUE_TO_SCAL
 from saddlering_ros.virtual_rig.effects import (
     EffectRequest,
     EFFECTS,
-    Parameter,
     request,
     RigEffect,
+    TrueSize,
 )
 from saddlering_ros.virtual_rig.errors import VirtualRigError
 from saddlering_ros.virtual_rig.physics import PhysicalRig
@@ -207,14 +207,14 @@ def _draw_request(chance: np.random.Generator, effect: RigEffect,
     return request(effect.id, values, settings.forms.get(effect.id, form))
 
 
-def _draw_size(chance: np.random.Generator, parameter: Parameter,
+def _draw_size(chance: np.random.Generator, parameter: TrueSize,
                sizes: tuple[float, float]) -> float:
     share = float(chance.uniform(*sizes))
     size = float(parameter.low * (parameter.high / parameter.low) ** share)
     return -size if parameter.signed and chance.random() < 0.5 else size
 
 
-def _draw_value(chance: np.random.Generator, parameter: Parameter) -> float:
+def _draw_value(chance: np.random.Generator, parameter: TrueSize) -> float:
     if parameter.choices:
         return float(chance.choice(np.array(parameter.choices)))
     if parameter.positive:

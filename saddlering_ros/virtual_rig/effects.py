@@ -18,7 +18,7 @@ STAGES = ('load', 'rollers', 'friction', 'motion', 'probes', 'recording')
 
 
 @dataclass(frozen=True)
-class Parameter:
+class TrueSize:
     """One number of an effect, in SI units; plausible sizes run from low to high.
 
     signed: drawn with either sign; choices: the only values allowed; positive: below or at zero
@@ -46,7 +46,7 @@ class RigEffect:
     id: str
     stage: str
     channels: tuple[str, ...]
-    parameters: tuple[Parameter, ...]
+    parameters: tuple[TrueSize, ...]
     act: Callable[[Any, Mapping[str, float], str], None]
     forms: tuple[str, ...] = ('default',)
     dynamic_only: bool = False
@@ -71,7 +71,7 @@ EFFECTS: dict[str, RigEffect] = {}
 
 
 def effect(
-    name: str, stage: str, channels: Sequence[str], parameters: Iterable[Parameter],
+    name: str, stage: str, channels: Sequence[str], parameters: Iterable[TrueSize],
     forms: Sequence[str] = ('default',), *, dynamic_only: bool = False,
 ) -> Callable[[Callable[[Any, Mapping[str, float], str], None]],
               Callable[[Any, Mapping[str, float], str], None]]:

@@ -10,12 +10,12 @@ from numpy.typing import NDArray
 
 from saddlering_ros.rig import Rig
 from saddlering_ros.virtual_rig.compilation import compiled
-from saddlering_ros.virtual_rig.effects import effect, Parameter
+from saddlering_ros.virtual_rig.effects import effect, TrueSize
 from saddlering_ros.virtual_rig.friction import follow, LAWS
 
 Floats = NDArray[np.float64]
 
-INITIAL = Parameter('initial', '1', -0.3, 0.3, 0.0)
+INITIAL = TrueSize('initial', '1', -0.3, 0.3, 0.0)
 RATE_FREE = ('jenkins', 'dahl', 'bouc_wen')
 X_AND_T = ('delta_x', 'delta_y', 'gamma')
 
@@ -47,21 +47,21 @@ def hysteresis(law: int, values: Floats, presliding: float, initial: float) -> F
     return state
 
 
-@effect('load_gain', 'load', X_AND_T, [Parameter('gain', '1', 0.01, 0.08, 0.03, signed=True)])
+@effect('load_gain', 'load', X_AND_T, [TrueSize('gain', '1', 0.01, 0.08, 0.03, signed=True)])
 def load_gain(path: LoadPath, values: Mapping[str, float], form: str) -> None:
     """The cell reads too much by a share."""
     path.arriving /= 1.0 + values['gain']
 
 
 @effect('load_offset', 'load', X_AND_T,
-        [Parameter('offset', 'N', 500.0, 4000.0, 2000.0, signed=True)])
+        [TrueSize('offset', 'N', 500.0, 4000.0, 2000.0, signed=True)])
 def load_offset(path: LoadPath, values: Mapping[str, float], form: str) -> None:
     """The cell reads too much by a constant."""
     path.arriving -= values['offset']
 
 
 @effect('load_nonlinearity', 'load', X_AND_T,
-        [Parameter('curvature', '1', 0.003, 0.03, 0.01, signed=True)])
+        [TrueSize('curvature', '1', 0.003, 0.03, 0.01, signed=True)])
 def load_nonlinearity(path: LoadPath, values: Mapping[str, float], form: str) -> None:
     """The cell's characteristic is a parabola."""
     full = path.rig.full_scale_load
@@ -69,8 +69,8 @@ def load_nonlinearity(path: LoadPath, values: Mapping[str, float], form: str) ->
 
 
 @effect('cylinder_friction', 'load', X_AND_T,
-        [Parameter('force', 'N', 500.0, 8000.0, 3000.0),
-         Parameter('presliding', 'N', 1000.0, 8000.0, 3000.0, positive=True), INITIAL], RATE_FREE)
+        [TrueSize('force', 'N', 500.0, 8000.0, 3000.0),
+         TrueSize('presliding', 'N', 1000.0, 8000.0, 3000.0, positive=True), INITIAL], RATE_FREE)
 def cylinder_friction(path: LoadPath, values: Mapping[str, float], form: str) -> None:
     """Seal friction takes a part of the load on the way up and adds it on the way down."""
     z = hysteresis(LAWS[form], path.measured, values['presliding'], values['initial'])
@@ -78,22 +78,22 @@ def cylinder_friction(path: LoadPath, values: Mapping[str, float], form: str) ->
 
 
 @effect('elevation_error', 'load', X_AND_T,
-        [Parameter('angle', 'rad', 0.005, 0.04, 0.0175, signed=True)])
+        [TrueSize('angle', 'rad', 0.005, 0.04, 0.0175, signed=True)])
 def elevation_error(path: LoadPath, values: Mapping[str, float], form: str) -> None:
     """The barrel stands at another elevation than recorded."""
     path.elevation += values['angle']
 
 
 @effect('moment_arm', 'load', ('delta_y', 'gamma'),
-        [Parameter('offset', 'm', 0.01, 0.08, 0.03, signed=True)])
+        [TrueSize('offset', 'm', 0.01, 0.08, 0.03, signed=True)])
 def moment_arm(path: LoadPath, values: Mapping[str, float], form: str) -> None:
     """The trunnion lies higher than in the rig file."""
     path.trunnion_y += values['offset']
 
 
 @effect('bracket_play', 'load', X_AND_T,
-        [Parameter('angle', 'rad', 0.001, 0.015, 0.005),
-         Parameter('presliding', 'N', 1000.0, 8000.0, 3000.0, positive=True), INITIAL], RATE_FREE)
+        [TrueSize('angle', 'rad', 0.001, 0.015, 0.005),
+         TrueSize('presliding', 'N', 1000.0, 8000.0, 3000.0, positive=True), INITIAL], RATE_FREE)
 def bracket_play(path: LoadPath, values: Mapping[str, float], form: str) -> None:
     """The bracket tips over its play when the load turns round."""
     z = hysteresis(LAWS[form], path.measured, values['presliding'], values['initial'])
@@ -103,7 +103,7 @@ def bracket_play(path: LoadPath, values: Mapping[str, float], form: str) -> None
 # -- in no catalogue ---------------------------------------------------------------------------
 
 
-@effect('out:load_cell_lens', 'load', X_AND_T, [Parameter('share', '1', 0.005, 0.03, 0.015)])
+@effect('out:load_cell_lens', 'load', X_AND_T, [TrueSize('share', '1', 0.005, 0.03, 0.015)])
 def load_cell_lens(path: LoadPath, values: Mapping[str, float], form: str) -> None:
     """Hysteresis of the cell's body: a lens that closes at both ends of the range."""
     full = path.rig.full_scale_load
@@ -113,8 +113,8 @@ def load_cell_lens(path: LoadPath, values: Mapping[str, float], form: str) -> No
 
 
 @effect('out:pump_ripple', 'load', X_AND_T,
-        [Parameter('force', 'N', 300.0, 4000.0, 1500.0),
-         Parameter('frequency', 'Hz', 0.7, 6.0, 2.3, positive=True)])
+        [TrueSize('force', 'N', 300.0, 4000.0, 1500.0),
+         TrueSize('frequency', 'Hz', 0.7, 6.0, 2.3, positive=True)])
 def pump_ripple(path: LoadPath, values: Mapping[str, float], form: str) -> None:
     """The pump makes the load swing, the more the higher it is; the cell's filter hides it."""
     swing = np.sin(2.0 * np.pi * values['frequency'] * path.time)
@@ -122,8 +122,8 @@ def pump_ripple(path: LoadPath, values: Mapping[str, float], form: str) -> None:
 
 
 @effect('out:valve_stick', 'load', X_AND_T,
-        [Parameter('force', 'N', 500.0, 5000.0, 2500.0),
-         Parameter('spacing', 'N', 2e4, 8e4, 4e4, positive=True)])
+        [TrueSize('force', 'N', 500.0, 5000.0, 2500.0),
+         TrueSize('spacing', 'N', 2e4, 8e4, 4e4, positive=True)])
 def valve_stick(path: LoadPath, values: Mapping[str, float], form: str) -> None:
     """The load at the ring sticks and slips: a saw over the load."""
     phase = path.measured / values['spacing']

@@ -8,15 +8,15 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from saddlering_ros.virtual_rig.effects import effect, Parameter
+from saddlering_ros.virtual_rig.effects import effect, TrueSize
 from saddlering_ros.virtual_rig.effects_load import X_AND_T
 from saddlering_ros.virtual_rig.effects_ring import Motion
 from saddlering_ros.virtual_rig.filters import low_pass
 
 Floats = NDArray[np.float64]
 ALL_CHANNELS = ('delta_x', 'delta_y', 'gamma', 'parity')
-ONE_PROBE = Parameter('probe', '1', 1.0, 4.0, 1.0, choices=(1.0, 2.0, 3.0, 4.0))
-ANY_PROBE = Parameter('probe', '1', 0.0, 4.0, 0.0, choices=(0.0, 1.0, 2.0, 3.0, 4.0))
+ONE_PROBE = TrueSize('probe', '1', 1.0, 4.0, 1.0, choices=(1.0, 2.0, 3.0, 4.0))
+ANY_PROBE = TrueSize('probe', '1', 0.0, 4.0, 0.0, choices=(0.0, 1.0, 2.0, 3.0, 4.0))
 
 
 @dataclass
@@ -64,7 +64,7 @@ class Recording:
 
 
 @effect('ring_ovalisation', 'probes', ('parity',),
-        [Parameter('compliance', 'm/N', 0.5e-11, 8e-11, 3e-11, signed=True)])
+        [TrueSize('compliance', 'm/N', 0.5e-11, 8e-11, 3e-11, signed=True)])
 def ring_ovalisation(seen: ProbeMotion, values: Mapping[str, float], form: str) -> None:
     """The ring goes oval under the radial force: probes 1 and 3 move alike."""
     common = values['compliance'] * (seen.motion.force_x - seen.motion.force_x[0])
@@ -72,7 +72,7 @@ def ring_ovalisation(seen: ProbeMotion, values: Mapping[str, float], form: str) 
 
 
 @effect('probe_height', 'probes', X_AND_T[:1],
-        [Parameter('height', 'm', 0.005, 0.05, 0.02, signed=True)])
+        [TrueSize('height', 'm', 0.005, 0.05, 0.02, signed=True)])
 def probe_height(seen: ProbeMotion, values: Mapping[str, float], form: str) -> None:
     """The radial probes stand higher than in the rig file."""
     tilt = values['height'] * (seen.motion.tilt - seen.motion.tilt[0])
@@ -81,7 +81,7 @@ def probe_height(seen: ProbeMotion, values: Mapping[str, float], form: str) -> N
 
 
 @effect('probe_bracket', 'probes', ALL_CHANNELS,
-        [Parameter('compliance', 'm/N', 0.5e-11, 6e-11, 2e-11, signed=True), ONE_PROBE])
+        [TrueSize('compliance', 'm/N', 0.5e-11, 6e-11, 2e-11, signed=True), ONE_PROBE])
 def probe_bracket(seen: ProbeMotion, values: Mapping[str, float], form: str) -> None:
     """The bracket of one probe bends with the load."""
     load = seen.motion.load - seen.motion.load[0]
@@ -89,14 +89,14 @@ def probe_bracket(seen: ProbeMotion, values: Mapping[str, float], form: str) -> 
 
 
 @effect('probe_gain', 'probes', ALL_CHANNELS,
-        [Parameter('gain', '1', 0.01, 0.1, 0.03, signed=True), ONE_PROBE])
+        [TrueSize('gain', '1', 0.01, 0.1, 0.03, signed=True), ONE_PROBE])
 def probe_gain(seen: ProbeMotion, values: Mapping[str, float], form: str) -> None:
     """One probe reads too much by a share."""
     seen.increments[seen.rows(values)] *= 1.0 + values['gain']
 
 
 @effect('probe_nonlinearity', 'probes', ALL_CHANNELS,
-        [Parameter('curvature', '1/m', 50.0, 500.0, 150.0, signed=True), ONE_PROBE])
+        [TrueSize('curvature', '1/m', 50.0, 500.0, 150.0, signed=True), ONE_PROBE])
 def probe_nonlinearity(seen: ProbeMotion, values: Mapping[str, float], form: str) -> None:
     """One probe's characteristic is bent."""
     rows = seen.rows(values)
@@ -104,7 +104,7 @@ def probe_nonlinearity(seen: ProbeMotion, values: Mapping[str, float], form: str
 
 
 @effect('probe_drift', 'probes', ALL_CHANNELS,
-        [Parameter('rate', 'm/s', 0.3e-8, 6e-8, 2e-8, signed=True), ONE_PROBE],
+        [TrueSize('rate', 'm/s', 0.3e-8, 6e-8, 2e-8, signed=True), ONE_PROBE],
         ('linear', 'fading'))
 def probe_drift(seen: ProbeMotion, values: Mapping[str, float], form: str) -> None:
     """One probe drifts; fading: the drift dies out over twice the run."""
@@ -116,7 +116,7 @@ def probe_drift(seen: ProbeMotion, values: Mapping[str, float], form: str) -> No
 
 
 @effect('probe_lag', 'probes', ALL_CHANNELS,
-        [Parameter('time', 's', 0.01, 0.1, 0.03, positive=True), ANY_PROBE],
+        [TrueSize('time', 's', 0.01, 0.1, 0.03, positive=True), ANY_PROBE],
         ('first_order', 'two_stages'), dynamic_only=True)
 def probe_lag(seen: ProbeMotion, values: Mapping[str, float], form: str) -> None:
     """The amplifier answers late; two_stages: two low-passes share the time constant."""
@@ -128,25 +128,25 @@ def probe_lag(seen: ProbeMotion, values: Mapping[str, float], form: str) -> None
 
 
 @effect('mains_pickup', 'recording', ALL_CHANNELS,
-        [Parameter('cosine', 'm', 0.3e-6, 3e-6, 1e-6, signed=True),
-         Parameter('sine', 'm', 0.0, 1e-6, 0.0, signed=True),
-         Parameter('frequency', 'Hz', 45.0, 65.0, 50.0, positive=True), ANY_PROBE])
+        [TrueSize('cosine', 'm', 0.3e-6, 3e-6, 1e-6, signed=True),
+         TrueSize('sine', 'm', 0.0, 1e-6, 0.0, signed=True),
+         TrueSize('frequency', 'Hz', 45.0, 65.0, 50.0, positive=True), ANY_PROBE])
 def mains_pickup(recording: Recording, values: Mapping[str, float], form: str) -> None:
     """The cables of one or all probes pick up a line."""
     recording.pickups.append(dict(values))
 
 
 @effect('probe_saturation', 'recording', ALL_CHANNELS,
-        [Parameter('limit', 'm', 30e-6, 90e-6, 60e-6, positive=True), ONE_PROBE,
-         Parameter('side', '1', -1.0, 1.0, 1.0, choices=(1.0, -1.0))])
+        [TrueSize('limit', 'm', 30e-6, 90e-6, 60e-6, positive=True), ONE_PROBE,
+         TrueSize('side', '1', -1.0, 1.0, 1.0, choices=(1.0, -1.0))])
 def probe_saturation(recording: Recording, values: Mapping[str, float], form: str) -> None:
     """One probe's reading, with its noise, is cut off at one side."""
     recording.cut_offs.append(dict(values))
 
 
 @effect('clock_offset', 'recording', X_AND_T,
-        [Parameter('offset', 's', 0.005, 0.1, 0.02, signed=True),
-         Parameter('skew', '1', 0.0, 1e-4, 0.0, signed=True)], dynamic_only=True)
+        [TrueSize('offset', 's', 0.005, 0.1, 0.02, signed=True),
+         TrueSize('skew', '1', 0.0, 1e-4, 0.0, signed=True)], dynamic_only=True)
 def clock_offset(recording: Recording, values: Mapping[str, float], form: str) -> None:
     """The probes' clock is ahead of the load's."""
     recording.clock_offset += values['offset']
@@ -157,7 +157,7 @@ def clock_offset(recording: Recording, values: Mapping[str, float], form: str) -
 
 
 @effect('out:probe_crosstalk', 'probes', ALL_CHANNELS,
-        [Parameter('share', '1', 0.01, 0.08, 0.03, signed=True)])
+        [TrueSize('share', '1', 0.01, 0.08, 0.03, signed=True)])
 def probe_crosstalk(seen: ProbeMotion, values: Mapping[str, float], form: str) -> None:
     """Probes 1 and 2 hear each other."""
     first, second = seen.increments[0].copy(), seen.increments[1].copy()
@@ -166,7 +166,7 @@ def probe_crosstalk(seen: ProbeMotion, values: Mapping[str, float], form: str) -
 
 
 @effect('out:bracket_slip', 'probes', ALL_CHANNELS,
-        [Parameter('step', 'm', 0.5e-6, 5e-6, 2e-6), Parameter('slips', '1', 3.0, 12.0, 6.0),
+        [TrueSize('step', 'm', 0.5e-6, 5e-6, 2e-6), TrueSize('slips', '1', 3.0, 12.0, 6.0),
          ONE_PROBE])
 def bracket_slip(seen: ProbeMotion, values: Mapping[str, float], form: str) -> None:
     """The bracket of one probe slips now and then, by steps of random height."""
@@ -180,15 +180,15 @@ def bracket_slip(seen: ProbeMotion, values: Mapping[str, float], form: str) -> N
 
 
 @effect('out:load_clipping', 'recording', X_AND_T,
-        [Parameter('limit', 'N', 1.4e5, 2.3e5, 2e5, positive=True)])
+        [TrueSize('limit', 'N', 1.4e5, 2.3e5, 2e5, positive=True)])
 def load_clipping(recording: Recording, values: Mapping[str, float], form: str) -> None:
     """The load cell's amplifier clips; the ring feels the full load."""
     recording.load_limit = min(recording.load_limit, values['limit'])
 
 
 @effect('out:heat_wave', 'probes', ('delta_x', 'parity'),
-        [Parameter('height', 'm', 0.5e-6, 4e-6, 2e-6),
-         Parameter('share', '1', 0.1, 0.4, 0.2, positive=True)])
+        [TrueSize('height', 'm', 0.5e-6, 4e-6, 2e-6),
+         TrueSize('share', '1', 0.1, 0.4, 0.2, positive=True)])
 def heat_wave(seen: ProbeMotion, values: Mapping[str, float], form: str) -> None:
     """A draught: probe 1 swings slowly, by a period that is a share of the run."""
     time = seen.motion.time

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saddlering_ros.virtual_rig import integrator as at
-from saddlering_ros.virtual_rig.effects import effect, Parameter
+from saddlering_ros.virtual_rig.effects import effect, TrueSize
 from saddlering_ros.virtual_rig.effects_load import hysteresis, INITIAL, X_AND_T
 from saddlering_ros.virtual_rig.filters import low_pass, second_mode
 from saddlering_ros.virtual_rig.friction import LAWS
@@ -77,20 +77,20 @@ def _clearance(rollers: Rollers, rows: tuple[str, ...], change: float, form: str
 
 
 @effect('radial_clearance', 'rollers', X,
-        [Parameter('change', 'm', 5e-6, 30e-6, 15e-6, signed=True)], ('uniform', 'spread'))
+        [TrueSize('change', 'm', 5e-6, 30e-6, 15e-6, signed=True)], ('uniform', 'spread'))
 def radial_clearance(rollers: Rollers, values: Mapping[str, float], form: str) -> None:
     """The radial row has another clearance than in the rig file."""
     _clearance(rollers, ('middle',), values['change'], form)
 
 
 @effect('axial_clearance', 'rollers', T,
-        [Parameter('change', 'm', 5e-6, 30e-6, 15e-6, signed=True)], ('uniform', 'spread'))
+        [TrueSize('change', 'm', 5e-6, 30e-6, 15e-6, signed=True)], ('uniform', 'spread'))
 def axial_clearance(rollers: Rollers, values: Mapping[str, float], form: str) -> None:
     """The axial rows have another clearance than in the rig file."""
     _clearance(rollers, ('upper', 'lower'), values['change'], form)
 
 
-@effect('unequal_rows', 'rollers', T, [Parameter('excess', '1', 0.05, 0.5, 0.2, signed=True)])
+@effect('unequal_rows', 'rollers', T, [TrueSize('excess', '1', 0.05, 0.5, 0.2, signed=True)])
 def unequal_rows(rollers: Rollers, values: Mapping[str, float], form: str) -> None:
     """The lower row is stiffer than the upper row."""
     rollers.of('lower')[:, at.STIFFNESS] *= 1.0 + values['excess']
@@ -98,8 +98,8 @@ def unequal_rows(rollers: Rollers, values: Mapping[str, float], form: str) -> No
 
 WEAR_FORMS = ('hard', 'cosine', 'hard_gap', 'cosine_gap')
 WEAR = (
-    Parameter('wear', '1', 0.1, 0.6, 0.3), Parameter('centre', 'rad', 0.0, math.pi, 0.5),
-    Parameter('half_width', 'rad', 0.3, 0.9, 0.5, positive=True),
+    TrueSize('wear', '1', 0.1, 0.6, 0.3), TrueSize('centre', 'rad', 0.0, math.pi, 0.5),
+    TrueSize('half_width', 'rad', 0.3, 0.9, 0.5, positive=True),
 )
 WORN_GAP = 1e-4
 """Extra gap [m] at a wear of 1."""
@@ -122,7 +122,7 @@ def _wear(rollers: Rollers, row: str, values: Mapping[str, float], form: str) ->
 
 
 @effect('worn_sector_axial', 'rollers', T,
-        [*WEAR, Parameter('row', '1', 0.0, 2.0, 0.0, choices=(0.0, 1.0, 2.0))], WEAR_FORMS)
+        [*WEAR, TrueSize('row', '1', 0.0, 2.0, 0.0, choices=(0.0, 1.0, 2.0))], WEAR_FORMS)
 def worn_sector_axial(rollers: Rollers, values: Mapping[str, float], form: str) -> None:
     """An arc of the axial raceways is worn: row 0 both, 1 upper, 2 lower."""
     for number, row in ((1.0, 'upper'), (2.0, 'lower')):
@@ -137,15 +137,15 @@ def worn_sector_radial(rollers: Rollers, values: Mapping[str, float], form: str)
 
 
 @effect('out_of_round', 'rollers', X,
-        [Parameter('amplitude', 'm', 3e-6, 20e-6, 8e-6, signed=True),
-         Parameter('angle', 'rad', 0.0, math.pi / 4, 0.2)])
+        [TrueSize('amplitude', 'm', 3e-6, 20e-6, 8e-6, signed=True),
+         TrueSize('angle', 'rad', 0.0, math.pi / 4, 0.2)])
 def out_of_round(rollers: Rollers, values: Mapping[str, float], form: str) -> None:
     """The radial raceway is oval."""
     angle = rollers.angles('middle') - values['angle']
     rollers.of('middle')[:, at.GAP] += values['amplitude'] * np.cos(2.0 * angle)
 
 
-@effect('damping_law', 'rollers', X_AND_T, [Parameter('share', '1', 0.3, 1.0, 0.7)],
+@effect('damping_law', 'rollers', X_AND_T, [TrueSize('share', '1', 0.3, 1.0, 0.7)],
         ('hunt_crossley', 'linear', 'exponent_1_5', 'threshold'), dynamic_only=True)
 def damping_law(rollers: Rollers, values: Mapping[str, float], form: str) -> None:
     """Damping grows with penetration: as p^n, p, p^1.5, or sets in above 15 um."""
@@ -158,7 +158,7 @@ def damping_law(rollers: Rollers, values: Mapping[str, float], form: str) -> Non
 
 
 @effect('out:softening', 'rollers', X_AND_T,
-        [Parameter('per_metre', '1/m', 1000.0, 8000.0, 4000.0, positive=True)])
+        [TrueSize('per_metre', '1/m', 1000.0, 8000.0, 4000.0, positive=True)])
 def softening(rollers: Rollers, values: Mapping[str, float], form: str) -> None:
     """Rollers yield as they are pressed: F = K p^n / (1 + s p)."""
     rollers.table[:, at.SOFTENING] = values['per_metre']
@@ -168,24 +168,24 @@ def softening(rollers: Rollers, values: Mapping[str, float], form: str) -> None:
 
 
 @effect('radial_friction', 'friction', X,
-        [Parameter('force', 'N', 1000.0, 15000.0, 5000.0),
-         Parameter('presliding', 'm', 1e-6, 6e-6, 2e-6, positive=True), INITIAL], SLIDING)
+        [TrueSize('force', 'N', 1000.0, 15000.0, 5000.0),
+         TrueSize('presliding', 'm', 1e-6, 6e-6, 2e-6, positive=True), INITIAL], SLIDING)
 def radial_friction(elements: FrictionElements, values: Mapping[str, float], form: str) -> None:
     """Dry friction against radial motion."""
     elements.add((1.0, 0.0, 0.0), values['force'], values['presliding'], form, values['initial'])
 
 
 @effect('tilt_friction', 'friction', T,
-        [Parameter('moment', 'N m', 500.0, 10000.0, 3000.0),
-         Parameter('presliding', 'rad', 1e-6, 8e-6, 3e-6, positive=True), INITIAL], SLIDING)
+        [TrueSize('moment', 'N m', 500.0, 10000.0, 3000.0),
+         TrueSize('presliding', 'rad', 1e-6, 8e-6, 3e-6, positive=True), INITIAL], SLIDING)
 def tilt_friction(elements: FrictionElements, values: Mapping[str, float], form: str) -> None:
     """Dry friction against tilting."""
     elements.add((0.0, 0.0, 1.0), values['moment'], values['presliding'], form, values['initial'])
 
 
 @effect('out:axial_friction', 'friction', T,
-        [Parameter('force', 'N', 5000.0, 30000.0, 15000.0),
-         Parameter('presliding', 'm', 1e-6, 4e-6, 2e-6, positive=True), INITIAL], SLIDING)
+        [TrueSize('force', 'N', 5000.0, 30000.0, 15000.0),
+         TrueSize('presliding', 'm', 1e-6, 4e-6, 2e-6, positive=True), INITIAL], SLIDING)
 def axial_friction(elements: FrictionElements, values: Mapping[str, float], form: str) -> None:
     """Dry friction against axial motion."""
     elements.add((0.0, 1.0, 0.0), values['force'], values['presliding'], form, values['initial'])
@@ -194,29 +194,29 @@ def axial_friction(elements: FrictionElements, values: Mapping[str, float], form
 # -- joints, film and carriage -----------------------------------------------------------------
 
 
-@effect('radial_compliance', 'motion', X, [Parameter('compliance', 'm/N', 1e-11, 2e-10, 6e-11)])
+@effect('radial_compliance', 'motion', X, [TrueSize('compliance', 'm/N', 1e-11, 2e-10, 6e-11)])
 def radial_compliance(motion: Motion, values: Mapping[str, float], form: str) -> None:
     """The joint gives under the radial force it passes on."""
     motion.x += values['compliance'] * motion.force_x
 
 
 @effect('axial_compliance', 'motion', ('delta_y',),
-        [Parameter('compliance', 'm/N', 1e-11, 2e-10, 5e-11)])
+        [TrueSize('compliance', 'm/N', 1e-11, 2e-10, 5e-11)])
 def axial_compliance(motion: Motion, values: Mapping[str, float], form: str) -> None:
     """The joint gives under the axial force it passes on."""
     motion.y += values['compliance'] * motion.force_y
 
 
 @effect('tilt_compliance', 'motion', ('gamma',),
-        [Parameter('compliance', 'rad/(N m)', 2e-11, 3e-10, 1e-10)])
+        [TrueSize('compliance', 'rad/(N m)', 2e-11, 3e-10, 1e-10)])
 def tilt_compliance(motion: Motion, values: Mapping[str, float], form: str) -> None:
     """The joint gives under the moment it passes on."""
     motion.tilt += values['compliance'] * motion.moment
 
 
 @effect('bolt_opening', 'motion', ('gamma',),
-        [Parameter('compliance', 'rad/(N m)', 5e-11, 5e-10, 2e-10),
-         Parameter('moment', 'N m', 5e4, 1.4e5, 9e4, positive=True)], ('sharp', 'smooth'))
+        [TrueSize('compliance', 'rad/(N m)', 5e-11, 5e-10, 2e-10),
+         TrueSize('moment', 'N m', 5e4, 1.4e5, 9e4, positive=True)], ('sharp', 'smooth'))
 def bolt_opening(motion: Motion, values: Mapping[str, float], form: str) -> None:
     """The bolted joint opens beyond one moment; smooth: bolt after bolt over a tenth of it."""
     beyond = motion.moment - values['moment']
@@ -227,9 +227,9 @@ def bolt_opening(motion: Motion, values: Mapping[str, float], form: str) -> None
 
 
 @effect('film_creep', 'motion', X_AND_T,
-        [Parameter('share', '1', 0.02, 0.15, 0.05),
-         Parameter('time', 's', 2.0, 30.0, 8.0, positive=True),
-         Parameter('rows', '1', 0.0, 2.0, 0.0, choices=(0.0, 1.0, 2.0))],
+        [TrueSize('share', '1', 0.02, 0.15, 0.05),
+         TrueSize('time', 's', 2.0, 30.0, 8.0, positive=True),
+         TrueSize('rows', '1', 0.0, 2.0, 0.0, choices=(0.0, 1.0, 2.0))],
         ('one_time', 'two_times'))
 def film_creep(motion: Motion, values: Mapping[str, float], form: str) -> None:
     """The film yields with time: rows 0 all, 1 middle, 2 axial; two_times: T/6 and T share it."""
@@ -244,8 +244,8 @@ def film_creep(motion: Motion, values: Mapping[str, float], form: str) -> None:
 
 
 @effect('settling', 'motion', X_AND_T,
-        [Parameter('settling', 'm/N', 1e-11, 1e-10, 4e-11, signed=True),
-         Parameter('coordinate', '1', 0.0, 2.0, 2.0, choices=(0.0, 1.0, 2.0))],
+        [TrueSize('settling', 'm/N', 1e-11, 1e-10, 4e-11, signed=True),
+         TrueSize('coordinate', '1', 0.0, 2.0, 2.0, choices=(0.0, 1.0, 2.0))],
         ('max_load', 'late'))
 def settling(motion: Motion, values: Mapping[str, float], form: str) -> None:
     """Joints settle for good under the highest load yet; late: only above a fifth of the peak."""
@@ -258,9 +258,9 @@ def settling(motion: Motion, values: Mapping[str, float], form: str) -> None:
 
 
 @effect('carriage_resonance', 'motion', X_AND_T,
-        [Parameter('period', 's', 0.05, 0.4, 0.15, positive=True),
-         Parameter('damping', '1', 0.02, 0.2, 0.05, positive=True),
-         Parameter('share', '1', 0.3, 1.0, 1.0, positive=True)], dynamic_only=True)
+        [TrueSize('period', 's', 0.05, 0.4, 0.15, positive=True),
+         TrueSize('damping', '1', 0.02, 0.2, 0.05, positive=True),
+         TrueSize('share', '1', 0.3, 1.0, 1.0, positive=True)], dynamic_only=True)
 def carriage_resonance(motion: Motion, values: Mapping[str, float], form: str) -> None:
     """The carriage swings on the ring as a second mode, which has a share of its motion."""
     frequency = 2.0 * math.pi / values['period']
@@ -274,8 +274,8 @@ def carriage_resonance(motion: Motion, values: Mapping[str, float], form: str) -
 
 
 @effect('out:tilt_backlash', 'motion', ('gamma',),
-        [Parameter('angle', 'rad', 2e-6, 20e-6, 8e-6),
-         Parameter('load', 'N', 4e4, 1.5e5, 8e4, positive=True)])
+        [TrueSize('angle', 'rad', 2e-6, 20e-6, 8e-6),
+         TrueSize('load', 'N', 4e4, 1.5e5, 8e4, positive=True)])
 def tilt_backlash(motion: Motion, values: Mapping[str, float], form: str) -> None:
     """On unloading, the tilt falls back by a step at one load; it is taken up again on loading."""
     z = hysteresis(LAWS['jenkins'], motion.load, 0.05 * values['load'], 1.0)
@@ -284,23 +284,23 @@ def tilt_backlash(motion: Motion, values: Mapping[str, float], form: str) -> Non
 
 
 @effect('out:waviness', 'motion', X,
-        [Parameter('height', 'm', 0.7e-6, 5e-6, 2e-6),
-         Parameter('spacing', 'N', 3e4, 9e4, 6e4, positive=True)])
+        [TrueSize('height', 'm', 0.7e-6, 5e-6, 2e-6),
+         TrueSize('spacing', 'N', 3e4, 9e4, 6e4, positive=True)])
 def waviness(motion: Motion, values: Mapping[str, float], form: str) -> None:
     """The raceway is wavy: the radial motion swings over the load."""
     motion.x += values['height'] * np.sin(2.0 * np.pi * motion.load / values['spacing'])
 
 
 @effect('out:sqrt_lift', 'motion', ('delta_y',),
-        [Parameter('lift', 'm/N^0.5', 0.5e-8, 5e-8, 2e-8, signed=True)])
+        [TrueSize('lift', 'm/N^0.5', 0.5e-8, 5e-8, 2e-8, signed=True)])
 def sqrt_lift(motion: Motion, values: Mapping[str, float], form: str) -> None:
     """The ring lifts by the square root of the load."""
     motion.y += values['lift'] * np.sqrt(np.maximum(motion.load, 0.0))
 
 
 @effect('out:snap', 'motion', X,
-        [Parameter('height', 'm', 1e-6, 8e-6, 4e-6, signed=True),
-         Parameter('load', 'N', 6e4, 1.8e5, 1.2e5, positive=True)])
+        [TrueSize('height', 'm', 1e-6, 8e-6, 4e-6, signed=True),
+         TrueSize('load', 'N', 6e4, 1.8e5, 1.2e5, positive=True)])
 def snap(motion: Motion, values: Mapping[str, float], form: str) -> None:
     """A seat snaps over at one load, both ways."""
     motion.x += values['height'] * 0.5 * (1.0 + np.tanh((motion.load - values['load']) / 3e3))

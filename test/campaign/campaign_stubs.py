@@ -13,7 +13,7 @@ import yaml
 
 from saddlering_ros.campaign.discovery import find_bags
 from saddlering_ros.campaign.sessions import group_sessions
-from saddlering_ros.campaign.task import Limits, SessionTask, tasks_of
+from saddlering_ros.campaign.task import SessionLimits, SessionTask, tasks_of
 from saddlering_ros.errors import SaddleringError
 
 START = 1_767_600_000
@@ -123,4 +123,4 @@ def write_bag(folder: Path, ring: str, name: str, *, day: float = 0.0, elevation
 def tasks(folder: Path, compute: str = 'judge', **limits: float) -> list[SessionTask]:
     """Tasks of the bags under `folder`, judged by a function of this file."""
     sessions = group_sessions(find_bags(folder))
-    return tasks_of(sessions, None, Limits(**limits), compute=f'campaign_stubs:{compute}')
+    return tasks_of(sessions, None, SessionLimits(**limits), compute=f'campaign_stubs:{compute}')

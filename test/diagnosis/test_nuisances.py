@@ -13,7 +13,7 @@ from saddlering_ros.diagnosis.ring_system import CURVATURE, LOAD_WANDER, MAX_STE
 from saddlering_ros.discrepancy import Point, RunBlocks
 from saddlering_ros.effects import FOLDER_VARIABLE
 from saddlering_ros.rig import default_rig, limits, TRUE_TO_SCALE
-from saddlering_ros.ring.roller_scatter import CLEARANCE_UNKNOWN, Course, scatter_columns
+from saddlering_ros.ring.roller_scatter import CLEARANCE_UNKNOWN, scatter_columns, SimulatedCourse
 
 BASE = TRUE_TO_SCALE.to_array()
 KNOWN = 6
@@ -62,7 +62,7 @@ def test_unequal_rollers_show_at_the_load_that_the_ring_feels(campaign):
 def test_what_scatter_adds_comes_as_late_as_the_dampers_let_it(fast):
     rig = default_rig()
     usual = RingSystem(rig).predict_many(fast, [Point(BASE)])[0]
-    course = Course(fast.payload.elevation, fast.payload.zero_load, fast.inputs['load'],
+    course = SimulatedCourse(fast.payload.elevation, fast.payload.zero_load, fast.inputs['load'],
                     fast.time, usual, static=False)
     late = scatter_columns(rig, BASE, course)
     at_once = scatter_columns(rig, BASE, replace(course, static=True))

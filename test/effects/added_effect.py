@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from saddlering_ros.effects.base import Effect, EffectParameter
+from saddlering_ros.effects.base import EffectParameter, RingEffect
 from saddlering_ros.effects.extension import OwnParameter, READING, RingExtension
 
 HARDENING = OwnParameter('tilt_hardening', 'ring', READING)
 """c [rad/(N m)^2]."""
 
 
-class TiltHardening(Effect):
+class TiltHardening(RingEffect):
     """Tilt compliance that hardens."""
 
     id = 'tilt_hardening'

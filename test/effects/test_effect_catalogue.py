@@ -13,11 +13,11 @@ import pytest
 from saddlering_ros import effects
 from saddlering_ros.effects import (
     catalogue,
-    Effect,
     effect,
     EffectError,
     extension_of,
     NO_EXTENSION,
+    RingEffect,
     RingExtension,
     STAGES,
     Variant,
@@ -50,7 +50,7 @@ UNITS = {'1', 'N', 'm', 'rad', 'N m', 'm/N', 'rad/(N m)', 's', '1/m', 'm/s', 'Hz
 EACH = pytest.mark.parametrize('one', catalogue().values(), ids=list(catalogue()))
 
 
-def typical_values(one: Effect, variant: Variant) -> dict[str, float]:
+def typical_values(one: RingEffect, variant: Variant) -> dict[str, float]:
     """Values with every amplitude at its typical size."""
     values = one.neutral_values(variant)
     return values | {p.name: p.scale for p in one.parameters if p.amplitude}
@@ -84,7 +84,7 @@ def test_the_callers_dictionary_is_their_own() -> None:
 
 
 @EACH
-def test_an_effect_can_be_read_by_a_person(one: Effect) -> None:
+def test_an_effect_can_be_read_by_a_person(one: RingEffect) -> None:
     assert 1 <= len(one.title.split()) <= 6
     assert 2 <= len(re.findall(r'\.(?= [A-Z]|$)', one.words)) <= 4
     assert one.settled_by.endswith('.')
@@ -92,7 +92,7 @@ def test_an_effect_can_be_read_by_a_person(one: Effect) -> None:
 
 
 @EACH
-def test_channels_are_known_ones(one: Effect) -> None:
+def test_channels_are_known_ones(one: RingEffect) -> None:
     assert one.channels
     assert set(one.channels) <= set(CHANNELS)
     for variant in one.variants:
@@ -102,12 +102,12 @@ def test_channels_are_known_ones(one: Effect) -> None:
 
 
 @EACH
-def test_the_first_parameter_makes_the_effect_vanish(one: Effect) -> None:
+def test_the_first_parameter_makes_the_effect_vanish(one: RingEffect) -> None:
     assert one.parameters[0].amplitude
 
 
 @EACH
-def test_bounds_hold_start_neutral_and_typical_size(one: Effect) -> None:
+def test_bounds_hold_start_neutral_and_typical_size(one: RingEffect) -> None:
     for parameter in one.parameters:
         assert parameter.low < parameter.high
         assert parameter.low <= parameter.start <= parameter.high
@@ -124,7 +124,7 @@ def test_bounds_hold_start_neutral_and_typical_size(one: Effect) -> None:
 
 
 @EACH
-def test_variants_are_what_the_choices_offer(one: Effect) -> None:
+def test_variants_are_what_the_choices_offer(one: RingEffect) -> None:
     for choice in one.choices:
         assert {variant.values[choice.name] for variant in one.variants} == set(choice.values)
     names = {choice.name for choice in one.choices}
@@ -133,13 +133,13 @@ def test_variants_are_what_the_choices_offer(one: Effect) -> None:
 
 
 @EACH
-def test_first_guesses_can_be_used(one: Effect) -> None:
+def test_first_guesses_can_be_used(one: RingEffect) -> None:
     for start in one.starts:
         one.complete(start)
 
 
 @EACH
-def test_an_effect_sets_extension_parameters_of_its_own_stage_only(one: Effect) -> None:
+def test_an_effect_sets_extension_parameters_of_its_own_stage_only(one: RingEffect) -> None:
     for variant in one.variants:
         extension = one.extend(NO_EXTENSION, typical_values(one, variant))
         assert changed_stages(extension) == {one.stage}
@@ -168,7 +168,7 @@ def test_no_effects_is_the_plain_model() -> None:
 
 
 @EACH
-def test_an_effect_survives_a_parameter_file(one: Effect, tmp_path: Path) -> None:
+def test_an_effect_survives_a_parameter_file(one: RingEffect, tmp_path: Path) -> None:
     values = typical_values(one, one.variants[-1])
     path = tmp_path / 'parameters.yaml'
     write_parameters(path, ParameterSet(TRUE_TO_SCALE, {one.id: values}))

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 import pytest
 from scipy.signal import lsim
 
-from saddlering_ros.effects import catalogue, Effect, extension_of, NO_EXTENSION, Variant
+from saddlering_ros.effects import catalogue, extension_of, NO_EXTENSION, RingEffect, Variant
 from saddlering_ros.effects.worn_arc import worn_arc
 from saddlering_ros.rig import (
     CHANNELS,
@@ -69,7 +69,7 @@ def simulated(effects: Mapping[str, Mapping[str, float]], record: tuple[Floats, 
     return dict(zip(CHANNELS, channels(probes), strict=True))
 
 
-def guesses(one: Effect, variant: Variant) -> list[dict[str, float]]:
+def guesses(one: RingEffect, variant: Variant) -> list[dict[str, float]]:
     """The effect at its typical size, from each of its first guesses."""
     typical = {p.name: p.scale for p in one.parameters if p.amplitude}
     return [{**one.neutral_values(variant), **typical, **start} for start in one.starts or ({},)]

@@ -19,7 +19,7 @@ from saddlering_ros.fleet import (
 )
 from saddlering_ros.fleet.drifts import scales_alike, YEAR
 from saddlering_ros.fleet.error_control import benjamini_hochberg, e_value, e_value_of_sessions
-from saddlering_ros.fleet.history import follow, Series
+from saddlering_ros.fleet.history import follow, TimeSeries
 from saddlering_ros.fleet.observations import to_coordinates
 from saddlering_ros.fleet.page import fleet_page
 from saddlering_ros.fleet.random_effects import fit_population, unlike_sisters
@@ -137,17 +137,17 @@ def test_maintenance_breaks_a_history():
     time = np.arange(10.0)
     value = np.where(time < 5, 0.0, 1.0) + 0.01 * np.random.default_rng(5).standard_normal(10)
     renewed = time == 5
-    broken = follow(Series(time, value, np.full(10, 0.01), renewed))
+    broken = follow(TimeSeries(time, value, np.full(10, 0.01), renewed))
     assert broken.drift_p_value > 0.01
     assert abs(broken.surprises[np.isfinite(broken.surprises)]).max() < 4.0
 
 
 def test_remaining_life_is_silent_without_a_significant_drift():
     time = np.arange(10.0)
-    still = follow(Series(time, 0.01 * np.random.default_rng(6).standard_normal(10),
+    still = follow(TimeSeries(time, 0.01 * np.random.default_rng(6).standard_normal(10),
                           np.full(10, 0.01), np.zeros(10, dtype=bool)))
     assert remaining_life(still, -1.0, 0.05, drifts=True) is None
-    falling = follow(Series(time, still.series.value - 0.05 * time, np.full(10, 0.01),
+    falling = follow(TimeSeries(time, still.series.value - 0.05 * time, np.full(10, 0.01),
                             np.zeros(10, dtype=bool)))
     life = remaining_life(falling, -1.0, 0.05, drifts=True)
     assert life.low < 11.0 < life.high
@@ -158,7 +158,7 @@ def test_remaining_life_holds_its_interval():
     held, count = 0, 0
     for seed in range(60):
         value = -0.05 * np.arange(8.0) + 0.012 * np.random.default_rng(seed).standard_normal(8)
-        history = follow(Series(np.arange(8.0), value, np.full(8, 0.012), np.zeros(8, bool)))
+        history = follow(TimeSeries(np.arange(8.0), value, np.full(8, 0.012), np.zeros(8, bool)))
         life = remaining_life(history, -0.6, 0.05, drifts=True)
         if life is not None:
             count += 1

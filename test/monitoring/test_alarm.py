@@ -14,6 +14,7 @@ from saddlering_ros.monitoring import (
     block_noise,
     BlockNoise,
     BlockWatch,
+    ChannelInnovations,
     Detector,
     first_guess,
     LEARNING,
@@ -26,7 +27,6 @@ from saddlering_ros.monitoring import (
     WAITING,
     watch,
     WATCHING,
-    Whitener,
 )
 from saddlering_ros.rig import default_rig
 
@@ -76,7 +76,7 @@ def test_one_wild_block_is_no_change():
 def test_innovations_of_wandering_noise_are_independent():
     chance = np.random.default_rng(4)
     noise, wander, values = BlockNoise(1.0, 4.0, 0.98), 0.0, []
-    whitener = Whitener(noise)
+    whitener = ChannelInnovations(noise)
     for _ in range(10_000):
         wander = 0.98 * wander + np.sqrt(4.0 * (1.0 - 0.98**2)) * chance.standard_normal()
         values.append(whitener.step(wander + chance.standard_normal())[0])

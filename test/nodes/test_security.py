@@ -20,13 +20,13 @@ from saddlering_ros.jobs import diagnosis as diagnosis_job
 from saddlering_ros.jobs import identification as identification_job
 from saddlering_ros.jobs.action_server import ActionNode
 from saddlering_ros.jobs.identification import IdentificationAnswer, IdentificationRequest
-from saddlering_ros.jobs.plain_data import Channel, PlainDataError
+from saddlering_ros.jobs.plain_data import PlainDataError, ValueSocket
 from saddlering_ros.nodes.ring_identification import settings_of
 from saddlering_ros.paths import share_directory
 from saddlering_ros.rig import default_rig, ParameterSet, ParameterSource, TRUE_TO_SCALE
 from saddlering_ros.ros.diagnostics import OK, SourcesTask, WARN
 from saddlering_ros.ros.errors import NodeError
-from saddlering_ros.ros.parameters import Parameter
+from saddlering_ros.ros.parameters import NodeParameter
 from saddlering_ros.ros.roots import bag_below
 from saddlering_ros.ros.transport import local_discovery
 
@@ -63,9 +63,9 @@ def test_nothing_turns_data_into_code_or_goes_through_a_shell(path: Path) -> Non
 
 # --- what goes between a node and its worker ---
 
-def pair(types=()) -> tuple[Channel, Channel]:
+def pair(types=()) -> tuple[ValueSocket, ValueSocket]:
     one, other = socket.socketpair()
-    return Channel(one, types), Channel(other, types)
+    return ValueSocket(one, types), ValueSocket(other, types)
 
 
 VALUES = st.recursive(
@@ -118,20 +118,20 @@ def test_what_is_no_plain_data_is_not_sent(value) -> None:
 
 def test_a_class_that_was_not_agreed_on_is_not_made() -> None:
     one, other = socket.socketpair()
-    Channel(one, [Stranger]).send(Stranger())
+    ValueSocket(one, [Stranger]).send(Stranger())
     with pytest.raises(PlainDataError, match='not among the types'):
-        Channel(other, []).receive()
+        ValueSocket(other, []).receive()
 
 
 def test_a_length_beyond_all_measure_is_refused_and_an_end_is_an_end() -> None:
     one, other = socket.socketpair()
     one.sendall(b'\xff\xff\xff\xff')
     with pytest.raises(PlainDataError, match='too large'):
-        Channel(other, []).receive()
+        ValueSocket(other, []).receive()
     one, other = socket.socketpair()
     one.close()
     with pytest.raises(EOFError):
-        Channel(other, []).receive()
+        ValueSocket(other, []).receive()
 
 
 # --- goals ---
@@ -166,7 +166,7 @@ def test_a_goal_cannot_name_more_than_a_hundred_bags(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize('value', [math.nan, math.inf, -1.0, 1e9])
 def test_a_parameter_out_of_range_is_refused_also_while_running(value: float) -> None:
-    parameter = Parameter('rate', 1.0, 'a rate', low=0.0, high=100.0, changeable=True)
+    parameter = NodeParameter('rate', 1.0, 'a rate', low=0.0, high=100.0, changeable=True)
     assert parameter.refusal(value)
     assert not parameter.refusal(2.0)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from saddlering_ros.effects import catalogue, Effect, extension_of, NO_EXTENSION
+from saddlering_ros.effects import catalogue, extension_of, NO_EXTENSION, RingEffect
 from saddlering_ros.rig import (
     ContactParameters,
     default_rig,
@@ -72,7 +72,7 @@ def test_damping_changes_no_equilibrium() -> None:
 
 @pytest.mark.parametrize('one', catalogue().values(), ids=list(catalogue()))
 def test_readings_change_with_every_parameter_of_an_effect_as_differences_say(
-        one: Effect) -> None:
+        one: RingEffect) -> None:
     for variant in one.variants[:2]:
         usual = {item.name: min(item.scale, 0.9 * item.high) for item in one.parameters}
         values = one.complete({**usual, **variant.values})

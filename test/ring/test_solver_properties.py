@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 import numpy as np
 import pytest
 
-from saddlering_ros.bags.guard import Limits, SampleGuard
+from saddlering_ros.bags.guard import ReadingLimits, SampleGuard
 from saddlering_ros.effects import catalogue
 from saddlering_ros.rig import (
     Carriage,
@@ -216,7 +216,7 @@ def test_the_node_gives_out_nothing_for_it_and_counts_it():
     time, load = spike()
     stamps = 10 ** 18 + np.round(time * 1e9).astype(np.int64)
     stream = SimulationStream(BASE, ParameterSet(TRUE_TO_SCALE), 0.9)
-    stream.guard = SampleGuard(Limits(-np.inf, np.inf))  # which would refuse such a load
+    stream.guard = SampleGuard(ReadingLimits(-np.inf, np.inf))  # which would refuse such a load
     given_out = stream.push(Samples(stamps, load))
     assert np.isfinite(given_out.channels).all()
     assert stamps[1500] not in given_out.stamps

@@ -32,7 +32,7 @@ LAGS = 8
 
 
 @dataclass(frozen=True)
-class Block:
+class ShapeFamily:
     """One family of shapes: columns (N, k) by run, penalty (k, k) on their roughness.
 
     span: the range of the coordinate seen. non_negative: all coefficients have one sign.
@@ -80,7 +80,7 @@ def span_of(runs: Sequence[ObservedRun], name: str) -> tuple[float, float]:
     )
 
 
-def blocks_of(runs: tuple[ObservedRun, ...]) -> list[Block]:
+def blocks_of(runs: tuple[ObservedRun, ...]) -> list[ShapeFamily]:
     """Every block that these runs can show."""
     blocks = [_curve(runs, LOAD, LOAD_PIECES), _hysteresis(runs)]
     names = set.intersection(*(set(run.coordinates) for run in runs))
@@ -95,31 +95,31 @@ def blocks_of(runs: tuple[ObservedRun, ...]) -> list[Block]:
     return blocks + [_curve(runs, name, LOAD_PIECES // 2) for name in sorted(names - known)]
 
 
-def _curve(runs: tuple[ObservedRun, ...], name: str, pieces: int) -> Block:
+def _curve(runs: tuple[ObservedRun, ...], name: str, pieces: int) -> ShapeFamily:
     low, high = span_of(runs, name)
     spline = Spline(low, high, pieces)
     shapes = tuple(spline.values(run.coordinates[name]) for run in runs)
-    return Block(name, 'curve', shapes, spline.roughness(), (low, high))
+    return ShapeFamily(name, 'curve', shapes, spline.roughness(), (low, high))
 
 
-def _direction(runs: tuple[ObservedRun, ...]) -> Block:
+def _direction(runs: tuple[ObservedRun, ...]) -> ShapeFamily:
     low, high = span_of(runs, LOAD)
     spline = Spline(low, high, DIRECTION_PIECES)
     shapes = tuple(
         run.coordinates[DIRECTION][:, None] * spline.values(run.coordinates[LOAD]) for run in runs
     )
-    return Block(DIRECTION, 'curve', shapes, spline.roughness(), (low, high))
+    return ShapeFamily(DIRECTION, 'curve', shapes, spline.roughness(), (low, high))
 
 
-def _hysteresis(runs: tuple[ObservedRun, ...]) -> Block:
+def _hysteresis(runs: tuple[ObservedRun, ...]) -> ShapeFamily:
     low, high = span_of(runs, LOAD)
     reaches = np.geomspace(*REACHES, PLAYS) * (high - low)
     shapes = tuple(stop_operators(run.coordinates[LOAD], reaches) / reaches for run in runs)
     settings = {'reaches': reaches}
-    return Block(HYSTERESIS, 'plays', shapes, np.eye(PLAYS), (low, high), True, settings)
+    return ShapeFamily(HYSTERESIS, 'plays', shapes, np.eye(PLAYS), (low, high), True, settings)
 
 
-def _relaxation(runs: tuple[ObservedRun, ...]) -> Block:
+def _relaxation(runs: tuple[ObservedRun, ...]) -> ShapeFamily:
     low, high = span_of(runs, LOAD)
     step = min(float(np.median(np.diff(run.coordinates[TIME]))) for run in runs)
     longest = max(float(np.ptp(run.coordinates[TIME])) for run in runs)
@@ -129,10 +129,10 @@ def _relaxation(runs: tuple[ObservedRun, ...]) -> Block:
         for run in runs
     )
     settings = {'constants': constants}
-    return Block(RATE, 'relaxation', shapes, np.eye(LAGS), (low, high), False, settings)
+    return ShapeFamily(RATE, 'relaxation', shapes, np.eye(LAGS), (low, high), False, settings)
 
 
-def own_curves(runs: tuple[ObservedRun, ...]) -> Block:
+def own_curves(runs: tuple[ObservedRun, ...]) -> ShapeFamily:
     """One curve over time for each run: a description, without a prediction of other runs."""
     columns, penalty = [], np.zeros((0, 0))
     for number, run in enumerate(runs):
@@ -148,10 +148,10 @@ def own_curves(runs: tuple[ObservedRun, ...]) -> Block:
         shape = np.zeros((values.shape[0], penalty.shape[0]))
         shape[:, number * width : (number + 1) * width] = values
         shapes.append(shape)
-    return Block(TIME, 'own curve', tuple(shapes), penalty, span_of(runs, TIME))
+    return ShapeFamily(TIME, 'own curve', tuple(shapes), penalty, span_of(runs, TIME))
 
 
-def _angle(runs: tuple[ObservedRun, ...]) -> Block:
+def _angle(runs: tuple[ObservedRun, ...]) -> ShapeFamily:
     waves = np.arange(1, ANGLE_WAVES + 1)
     shapes = tuple(
         np.hstack(
@@ -161,4 +161,4 @@ def _angle(runs: tuple[ObservedRun, ...]) -> Block:
         for run in runs
     )
     penalty = np.diag(np.tile(waves.astype(np.float64) ** 4, 2))
-    return Block(ANGLE, 'harmonics', shapes, penalty, span_of(runs, ANGLE))
+    return ShapeFamily(ANGLE, 'harmonics', shapes, penalty, span_of(runs, ANGLE))

@@ -10,10 +10,10 @@ from scipy.optimize import minimize
 
 from saddlering_ros.discrepancy.proposal.blocks import (
     ANGLE_WAVES,
-    Block,
     DIRECTION_PIECES,
     LOAD_PIECES,
     RATE_PIECES,
+    ShapeFamily,
     Spline,
     TIME_PIECES,
 )
@@ -67,7 +67,7 @@ class Term:
     band: Array
     freedom: float
     form: Form | None = None
-    block: Block | None = None
+    block: ShapeFamily | None = None
 
     def evaluate(self, coordinates: Coordinates) -> Array:
         """The addition (N,) along one run."""

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from saddlering_ros.discrepancy.proposal.blocks import Block, blocks_of, own_curves, span_of
+from saddlering_ros.discrepancy.proposal.blocks import blocks_of, own_curves, ShapeFamily, span_of
 from saddlering_ros.discrepancy.proposal.matching import match_law, Term
 from saddlering_ros.discrepancy.proposal.misfit import (
     DIRECTION,
@@ -285,4 +285,4 @@ def describe(term: Term) -> str:
     return f'{term.target} has an addition that follows {along}: {term.law} ({term.words})'
 
 
-__all__ = ['Alternative', 'Block', 'LawProposal', 'describe', 'propose_law']
+__all__ = ['Alternative', 'LawProposal', 'ShapeFamily', 'describe', 'propose_law']

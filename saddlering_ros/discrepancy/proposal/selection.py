@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import nnls
 
-from saddlering_ros.discrepancy.proposal.blocks import Block
+from saddlering_ros.discrepancy.proposal.blocks import ShapeFamily
 from saddlering_ros.discrepancy.proposal.misfit import Misfit
 from saddlering_ros.discrepancy.system import Array
 from saddlering_ros.estimation.distributions import fisher_chance
@@ -32,7 +32,7 @@ class BlockFit:
     """
 
     target: str
-    block: Block
+    block: ShapeFamily
     coefficients: Array
     covariance: Array
     taken: float
@@ -48,7 +48,7 @@ class BlockFit:
         return min(1.0, trials * float(each))
 
 
-def fit_block(misfit: Misfit, target: str, block: Block, wanted: Array) -> BlockFit:
+def fit_block(misfit: Misfit, target: str, block: ShapeFamily, wanted: Array) -> BlockFit:
     """`block` on `target`, fitted to a whitened residual `wanted` (n,)."""
     white = misfit.columns(target, block.shapes)
     folds = _folds(misfit)
@@ -79,7 +79,7 @@ def fit_block(misfit: Misfit, target: str, block: Block, wanted: Array) -> Block
 
 
 def rank_blocks(
-    misfit: Misfit, blocks: Sequence[Block], targets: Sequence[str], wanted: Array
+    misfit: Misfit, blocks: Sequence[ShapeFamily], targets: Sequence[str], wanted: Array
 ) -> list[BlockFit]:
     """Every block on every target, the one that predicts most first."""
     fits = [fit_block(misfit, target, block, wanted) for block in blocks for target in targets]
@@ -96,12 +96,12 @@ def _folds(misfit: Misfit) -> list[NDArray[np.int64]]:
     return [np.flatnonzero(stacked == number) for number in range(FOLDS)]
 
 
-def _penalty(block: Block, strength: float, gram: Array) -> Array:
+def _penalty(block: ShapeFamily, strength: float, gram: Array) -> Array:
     ridge = MIN_RIDGE * float(np.trace(gram)) / gram.shape[0] + 1e-300
     return np.asarray(strength * block.penalty + ridge * np.eye(gram.shape[0]))
 
 
-def _solve(block: Block, gram: Array, slope: Array, penalty: Array) -> Array:
+def _solve(block: ShapeFamily, gram: Array, slope: Array, penalty: Array) -> Array:
     """Penalised least squares; coefficients of one sign where the block asks for it."""
     matrix = gram + penalty
     if not block.non_negative:

@@ -29,7 +29,7 @@ MAX_BLOCKS = 1_000_000
 
 
 @dataclass(frozen=True)
-class Block:
+class MdfBlock:
     """A block: its four-character id, the places it links to, and its data."""
 
     id: str
@@ -46,7 +46,7 @@ class MdfBlocks:
         self._file.seek(0, 2)
         self._size = self._file.tell()
 
-    def block(self, place: int, *ids: str) -> Block:
+    def block(self, place: int, *ids: str) -> MdfBlock:
         """The block at `place`, which must be one of `ids`."""
         name, length, links = self._head(place)
         if ids and name not in ids:
@@ -56,9 +56,9 @@ class MdfBlocks:
         body = self._file.read(length - _HEAD.size)
         if len(body) < length - _HEAD.size or links * 8 > len(body):
             raise self.damaged('it ends too early')
-        return Block(name, struct.unpack(f'<{links}Q', body[:links * 8]), body[links * 8:])
+        return MdfBlock(name, struct.unpack(f'<{links}Q', body[:links * 8]), body[links * 8:])
 
-    def chain(self, place: int, name: str) -> Iterator[Block]:
+    def chain(self, place: int, name: str) -> Iterator[MdfBlock]:
         """A block and all that follow it by their first link."""
         for _ in range(MAX_BLOCKS):
             if not place:
@@ -122,7 +122,7 @@ class MdfBlocks:
             yield piece
             self._file.seek(place)
 
-    def _unzipped(self, block: Block) -> bytes:
+    def _unzipped(self, block: MdfBlock) -> bytes:
         kind, parameter, size, packed = struct.unpack_from('<xxBxIQQ', block.data)
         if size > MAX_BLOCK:
             raise self.damaged('a zipped block of more than 256 MB')

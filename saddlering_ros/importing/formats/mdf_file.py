@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saddlering_ros.importing.errors import ImportingError
-from saddlering_ros.importing.formats.mdf_blocks import Block, HEADER_PLACE, MdfBlocks
+from saddlering_ros.importing.formats.mdf_blocks import HEADER_PLACE, MdfBlock, MdfBlocks
 from saddlering_ros.importing.source import BLOCK_ROWS, Column, NUMBER, Source, Timing
 
 _MASTER, _VIRTUAL_MASTER = 2, 3
@@ -128,7 +128,7 @@ class MdfSource(Source):
 
     # -- the description -----------------------------------------------------------------------
 
-    def _read_header(self, header: Block) -> None:
+    def _read_header(self, header: MdfBlock) -> None:
         stamp, flags = struct.unpack_from('<Q4xB', header.data)
         self._start = stamp or None
         if flags & 1:
@@ -138,7 +138,7 @@ class MdfSource(Source):
         for group in self._blocks.chain(header.links[0], '##DG'):
             self._read_data_group(group)
 
-    def _read_data_group(self, block: Block) -> None:
+    def _read_data_group(self, block: MdfBlock) -> None:
         prefix = block.data[0]
         groups = [group for group in self._blocks.chain(block.links[1], '##CG')
                   if struct.unpack_from('<8xQ', group.data)[0]]
@@ -153,7 +153,7 @@ class MdfSource(Source):
                                        content, rows))
             self._read_channels(group)
 
-    def _read_channels(self, group: Block) -> None:
+    def _read_channels(self, group: MdfBlock) -> None:
         number, timing = len(self._groups) - 1, None
         channels = list(self._blocks.chain(group.links[1], '##CN'))
         for channel in channels:
@@ -168,7 +168,7 @@ class MdfSource(Source):
         for channel in channels:
             self._read_channel(channel, number, timing)
 
-    def _read_channel(self, block: Block, number: int, timing: Timing | None) -> None:
+    def _read_channel(self, block: MdfBlock, number: int, timing: Timing | None) -> None:
         kind, _, form, bit, offset, bits, flags, invalid = struct.unpack_from(
             '<BBBBIIII', block.data)
         text = self._blocks.text(block.links[2])
