@@ -63,6 +63,8 @@ def _named(args: argparse.Namespace, names: tuple[str, ...]) -> Iterator[_Named]
             path = Path(text)
             if _exists(path) and not (path.is_file() or path.is_dir()):
                 continue
+            if name == 'effects' and path.is_dir():
+                yield from (_Named(file, f'--effects {file}') for file in path.glob('*.yaml'))
             option = '' if name in ('bag', 'bags', 'folder') else f'--{name.replace("_", "-")} '
             yield _Named(path, f'{option}{text}')
 

@@ -71,6 +71,7 @@ def _import(args: argparse.Namespace) -> int:
         raise ImportingError('--map and --out are both needed: give --map MAP.yaml --out BAG, or '
                              'start with --draft --map MAP.yaml')
     mapping = read_map(args.map)
+    _spare_tables(args, mapping.tables)
     rig = load_rig(args.rig) if args.rig is not None else None
     result = import_files(args.files, mapping, args.out, rig=rig, overwrite=args.overwrite,
                           on_progress=_counter())
@@ -86,6 +87,17 @@ def _import(args: argparse.Namespace) -> int:
     print(f'next: saddlering info {result.runs[0].path}'
           + (f' --rig {args.rig}' if args.rig is not None else ''))
     return 0
+
+
+def _spare_tables(args: argparse.Namespace, tables: list[Path]) -> None:
+    """Refuse an output that is a calibration table of the map."""
+    from saddlering_ros.spared import spare_files
+
+    named = [(table, f'table {table}') for table in tables]
+    for option in ('out', 'json', 'preview'):
+        given = getattr(args, option)
+        if given is not None and str(given) != '-':
+            spare_files(Path(given), f'--{option} {given}', named)
 
 
 def _counter() -> Any:

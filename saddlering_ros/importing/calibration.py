@@ -49,11 +49,12 @@ class Polynomial:
 
 @dataclass(frozen=True)
 class Table:
-    """A calibration table: linear between its points, NaN outside of them."""
+    """A calibration table: linear between its points, NaN outside of them; path: its file."""
 
     unit: Unit
     readings: tuple[float, ...]
     values: tuple[float, ...]
+    path: Path | None = None
 
     def apply(self, readings: Floats) -> Floats:
         """Readings in SI."""
@@ -100,7 +101,7 @@ def read_table(path: Path, reading_unit: Unit, value_unit: Unit | None) -> Table
                              'least two lines: sort the table')
     if steps[0] < 0:
         readings, values = readings[::-1], values[::-1]
-    return Table(unit, readings, values)
+    return Table(unit, readings, values, path)
 
 
 def scaled_unit(text: str, reading_unit: Unit, where: str) -> Unit:

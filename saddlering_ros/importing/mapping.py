@@ -108,6 +108,12 @@ class ImportMap:
     csv: Mapping[str, Any] = field(default_factory=dict)
     text: str = ''
 
+    @property
+    def tables(self) -> list[Path]:
+        """The files of its calibration tables."""
+        found = (getattr(channel.calibration, 'path', None) for channel in self.channels)
+        return [path for path in found if path is not None]
+
 
 def read_map(path: Path) -> ImportMap:
     """The map at `path`; ImportingError with one line if it cannot be used."""

@@ -122,3 +122,37 @@ def test_a_folder_that_holds_an_input_is_not_replaced(bag: Path, tmp_path: Path)
 def test_an_output_beside_the_bag_is_written(bag: Path, tmp_path: Path) -> None:
     assert main(['info', str(bag), '--json', str(tmp_path / 'own.json')]) == 0
     assert (tmp_path / 'own.json').exists()
+
+
+def test_an_effect_file_of_a_folder_that_is_read_is_no_output(
+        bag: Path, tmp_path: Path, capsys) -> None:
+    effect = tmp_path / 'mine' / 'snap.yaml'
+    effect.parent.mkdir()
+    effect.write_text('precious')
+    (tmp_path / 'link.json').symlink_to(effect)
+    for output in (effect, tmp_path / 'link.json'):
+        assert main(['diagnose', str(bag), '--effects', str(effect.parent),
+                     '--json', str(output)]) == 2
+        assert 'is the file that is read as --effects' in capsys.readouterr().err
+    assert effect.read_text() == 'precious'
+
+
+@pytest.mark.parametrize('option', ['--json', '--preview', '--out'])
+def test_a_calibration_table_of_a_map_is_no_output(
+        option: str, tmp_path: Path, capsys, monkeypatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    columns = ['t', 'load', *(f's{probe}' for probe in range(1, 5))]
+    rows = [f'{0.01 * row:.2f},{row},1,1,1,1' for row in range(50)]
+    Path('data.csv').write_text('\n'.join([','.join(columns), *rows]))
+    Path('table.png').write_text('V,mm\n0,0\n5,2\n')
+    probes = ''.join(f'  eddy_current_{probe}: {{column: s{probe}, unit: V, table: table.png, '
+                     'range: [0, 0.002]}\n' for probe in range(1, 5))
+    Path('map.yaml').write_text(
+        'time: {column: t, unit: s, start: "2026-11-20T08:00:00Z"}\nchannels:\n'
+        f'  hydraulic_load: {{column: load, unit: kN}}\n{probes}'
+        'test: {test: dynamic, elevation_deg: 50}\n')
+    given = {'--out': 'bag', option: 'table.png'}
+    options = [word for pair in given.items() for word in pair]
+    assert main(['import', 'data.csv', '--map', 'map.yaml', *options, '--overwrite']) == 2
+    assert 'table.png is the file that is read' in capsys.readouterr().err
+    assert Path('table.png').read_text().startswith('V,mm')
