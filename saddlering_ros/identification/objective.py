@@ -28,6 +28,10 @@ LONGEST_STEP = 2e-3
 COARSE_STEP = 5e-3
 """The same where a run is simulated on its fit grid."""
 
+MAX_STEPS = 1 << 18
+"""Number of steps of one run above which they become longer: after 8.7 min. Motion and its
+derivatives at every step lie in memory."""
+
 SEARCH_STEP = 2e-2
 """The same while a swarm looks for a start, and for the first descents."""
 
@@ -98,7 +102,8 @@ def _longest_step(observation: Observation) -> float:
         return observation.longest_step
     if observation.spans is not None:
         return 2.0 * SETTLING_STEP
-    return LONGEST_STEP if observation.per_block > 1 else COARSE_STEP
+    usual = LONGEST_STEP if observation.per_block > 1 else COARSE_STEP
+    return max(usual, float(observation.fine_time[-1] - observation.fine_time[0]) / MAX_STEPS)
 
 
 @dataclass
