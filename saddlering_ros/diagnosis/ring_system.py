@@ -101,7 +101,7 @@ class RingSystem:
         return tuple(
             item
             for effect in catalogue_of_effects.catalogue().values()
-            for item in engine_effects(effect)
+            for item in engine_effects(effect, self.rig)
         )
 
     @cached_property
@@ -285,7 +285,7 @@ class RingSystem:
             if len(self._kept) >= KEPT_POINTS:
                 self._kept.clear()
             known = self._kept[key] = _ReadPoint(
-                catalogue_of_effects.extension_of(point.effects),
+                catalogue_of_effects.extension_of(point.effects, self.rig),
                 catalogue_of_effects.laws_of(point.effects))
         return known
 
@@ -315,18 +315,23 @@ def _finite(readings: Array) -> Array:
     return np.nan_to_num(readings, nan=FAILED, posinf=FAILED, neginf=-FAILED)
 
 
-def engine_effects(effect: catalogue_of_effects.RingEffect) -> tuple[Effect, ...]:
+def engine_effects(
+    effect: catalogue_of_effects.RingEffect, rig: Rig,
+) -> tuple[Effect, ...]:
     """A ring effect in the engine's words, and its wider forms, which free more parameters."""
     plain = sum(not variant.frees for variant in effect.variants)
     return (
-        engine_effect(effect, range(plain)),
-        *(engine_effect(effect, range(n, n + 1)) for n in range(plain, len(effect.variants))),
+        engine_effect(effect, range(plain), rig),
+        *(engine_effect(effect, range(n, n + 1), rig)
+          for n in range(plain, len(effect.variants))),
     )
 
 
-def engine_effect(effect: catalogue_of_effects.RingEffect, variants: range) -> Effect:
+def engine_effect(
+    effect: catalogue_of_effects.RingEffect, variants: range, rig: Rig,
+) -> Effect:
     """Variants of a ring effect that have the same parameters; the amplitude comes first."""
-    own = effect.parameters_of(effect.variants[variants.start])
+    own = effect.parameters_of(effect.variants[variants.start], rig)
     ordered = sorted(own, key=lambda item: not item.amplitude)
     parameters = {
         item.name: Parameter(

@@ -26,6 +26,7 @@ from saddlering_ros.effects.extension import (
     shared_parameters,
 )
 from saddlering_ros.effects.law import Law, LawEffect, read_law_effect
+from saddlering_ros.rig import Rig
 
 __all__ = [
     'NO_EXTENSION',
@@ -120,12 +121,17 @@ def effect(effect_id: str) -> RingEffect:
     raise EffectError(f'effects.{effect_id} is not in the catalogue: choose {choice}')
 
 
-def extension_of(effects: Mapping[str, Mapping[str, float]]) -> RingExtension:
-    """The extension of effects (id to parameter values); EffectError for an unknown name."""
+def extension_of(
+    effects: Mapping[str, Mapping[str, float]], rig: Rig | None = None,
+) -> RingExtension:
+    """The extension of effects (id to parameter values) on a rig (None: that of the catalogue).
+
+    EffectError for an unknown name or a value out of bounds.
+    """
     extension = NO_EXTENSION
     for effect_id, values in effects.items():
         one = effect(effect_id)
-        extension = one.extend(extension, one.complete(values))
+        extension = one.extend(extension, one.complete(values, rig))
     return extension
 
 

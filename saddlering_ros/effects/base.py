@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
 from saddlering_ros.effects.extension import OwnParameter, RingExtension, STAGES
 from saddlering_ros.effects.rig_tests import Outcomes
 from saddlering_ros.errors import SaddleringError
+from saddlering_ros.quantities import compact
+from saddlering_ros.rig import FULL_SCALE_LOAD, Rig
 
 __all__ = [
     'STAGES', 'Choice', 'EffectError', 'EffectParameter', 'RingEffect', 'Variant', 'unit_words']
@@ -18,6 +20,17 @@ __all__ = [
 def unit_words(unit: str) -> str:
     """' ' and the unit; empty for a plain number ('1')."""
     return '' if unit == '1' else f' {unit}'
+
+
+NOMINAL_RADIUS = 0.6
+"""Pitch radius [m] of the rig for which the catalogue states sizes; its full scale is 25 t."""
+
+
+def size_factor(unit: str, rig: Rig) -> float:
+    """Factor from a size of the catalogue to that on a rig: forces follow its full scale."""
+    load = rig.full_scale_load / FULL_SCALE_LOAD
+    moment = load * (rig.axial_rows.pitch_radius / NOMINAL_RADIUS)
+    return {'N': load, 'N m': moment, 'm/N': 1.0 / load, 'rad/(N m)': 1.0 / moment}.get(unit, 1.0)
 
 
 class EffectError(SaddleringError):
@@ -44,6 +57,15 @@ class EffectParameter:
     one_sided: bool = False
     neutral: float = 0.0
     logarithmic: bool = False
+
+    def sized_for(self, rig: Rig) -> EffectParameter:
+        """The same with bounds, typical size and start of a rig."""
+        factor = size_factor(self.unit, rig)
+        if factor == 1.0:
+            return self
+        return replace(
+            self, low=factor * self.low, high=factor * self.high, scale=factor * self.scale,
+            start=factor * self.start, neutral=factor * self.neutral)
 
 
 @dataclass(frozen=True)
@@ -99,28 +121,37 @@ class RingEffect(ABC):
     def extend(self, extension: RingExtension, values: Mapping[str, float]) -> RingExtension:
         """The extension with this effect added; `values` holds every parameter and choice."""
 
-    def parameters_of(self, variant: Variant) -> tuple[EffectParameter, ...]:
+    def parameters_on(self, rig: Rig | None) -> tuple[EffectParameter, ...]:
+        """All parameters with the bounds of a rig; None: the rig of the catalogue."""
+        if rig is None:
+            return self.parameters
+        return tuple(item.sized_for(rig) for item in self.parameters)
+
+    def parameters_of(
+        self, variant: Variant, rig: Rig | None = None,
+    ) -> tuple[EffectParameter, ...]:
         """Parameters that mean something in one of the variants."""
         others = {name for item in self.variants for name in item.frees} - set(variant.frees)
-        return tuple(item for item in self.parameters if item.name not in others)
+        return tuple(item for item in self.parameters_on(rig) if item.name not in others)
 
     def channels_of(self, variant: Variant) -> tuple[str, ...]:
         """Channels in which the effect shows in one of its variants."""
         return variant.channels or self.channels
 
-    def complete(self, values: Mapping[str, float]) -> dict[str, float]:
+    def complete(self, values: Mapping[str, float], rig: Rig | None = None) -> dict[str, float]:
         """`values` with start values for missing ones.
 
         EffectError for a name that does not exist, a number out of bounds or a choice not offered.
         """
-        known = {parameter.name: parameter.start for parameter in self.parameters}
+        parameters = self.parameters_on(rig)
+        known = {parameter.name: parameter.start for parameter in parameters}
         known.update(self.variants[0].values)
         for name in values:
             if name not in known:
                 raise EffectError(f'effects.{self.id}.{name} does not exist: '
                                   f'choose from {", ".join(known)}')
         complete = {**known, **values}
-        self._check(complete)
+        self._check(complete, parameters)
         return complete
 
     def neutral_values(self, variant: Variant | None = None) -> dict[str, float]:
@@ -128,14 +159,17 @@ class RingEffect(ABC):
         values = {p.name: p.neutral if p.amplitude else p.start for p in self.parameters}
         return {**values, **(variant or self.variants[0]).values}
 
-    def _check(self, values: Mapping[str, float]) -> None:
-        for parameter in self.parameters:
+    def _check(
+        self, values: Mapping[str, float], parameters: tuple[EffectParameter, ...],
+    ) -> None:
+        for parameter in parameters:
             value = values[parameter.name]
             slack = 1e-9 * (parameter.high - parameter.low)
             if not parameter.low - slack <= value <= parameter.high + slack:
                 raise EffectError(
-                    f'effects.{self.id}.{parameter.name} is {value:g}: give a number from '
-                    f'{parameter.low:g} to {parameter.high:g}{unit_words(parameter.unit)}')
+                    f'effects.{self.id}.{parameter.name} is {compact(value)}: give a number from '
+                    f'{compact(parameter.low)} to {compact(parameter.high)}'
+                    f'{unit_words(parameter.unit)}')
         for choice in self.choices:
             if values[choice.name] not in choice.values:
                 offered = ', '.join(f'{value:g}' for value in choice.values)

@@ -8,6 +8,7 @@ from dataclasses import replace
 from saddlering_ros.effects.base import EffectParameter, RingEffect
 from saddlering_ros.effects.extension import RingExtension
 from saddlering_ros.effects.rig_tests import Outcomes
+from saddlering_ros.rig import Rig
 
 
 class DampingLaw(RingEffect):
@@ -49,9 +50,9 @@ class DampingLaw(RingEffect):
     starts = ({'exponent': 0.25}, {'exponent': 6.0, 'levelling': 5e4},
               {'exponent': 6.0, 'levelling': 1.2e5})
 
-    def complete(self, values: Mapping[str, float]) -> dict[str, float]:
+    def complete(self, values: Mapping[str, float], rig: Rig | None = None) -> dict[str, float]:
         """An exponent left out stays out: it is n of each row, as in files that have none."""
-        complete = super().complete(values)
+        complete = super().complete(values, rig)
         if 'exponent' not in values:
             del complete['exponent']
         return complete

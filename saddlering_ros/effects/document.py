@@ -25,7 +25,9 @@ An effect in a parameter file extends the model in every simulation, live and of
 
 Units are SI. The default of a parameter is the value in the column *start*, that of a choice its
 first value. *Typical* is a size that a real rig may have. Bounds and typical sizes are project
-assumptions, not properties of a measured rig.
+assumptions, not properties of a measured rig. They are those of a rig of 25 t with a pitch radius
+of 0.6 m. On another rig forces scale with its full scale, moments also with its radius, and
+compliances inversely.
 """
 
 ADDING = """\

@@ -20,6 +20,7 @@ from saddlering_ros.effects.base import EffectError, EffectParameter, RingEffect
 from saddlering_ros.effects.extension import RingExtension
 from saddlering_ros.memory_operators import Direction, Plays, Relaxations
 from saddlering_ros.plain_yaml import read_strict_yaml
+from saddlering_ros.rig import Rig
 
 Floats = NDArray[np.float64]
 
@@ -114,6 +115,10 @@ class LawEffect(RingEffect):
     def extend(self, extension: RingExtension, values: Mapping[str, float]) -> RingExtension:
         """No change: the law is added beside the extension, see `bound`."""
         return extension
+
+    def parameters_on(self, rig: Rig | None) -> tuple[EffectParameter, ...]:
+        """The parameters as the user's file states them, for any rig."""
+        return self.parameters
 
     def bound(self, values: Mapping[str, float]) -> Law:
         """The law with its size."""

@@ -88,7 +88,7 @@ class RingSimulator:
                  max_step: float = 1e-3) -> None:
         _check_step(max_step)
         self._rig = rig
-        extension = extension_of(parameters.effects)
+        extension = extension_of(parameters.effects, rig)
         self._laws = laws_of(parameters.effects)
         self._additions: Additions | None = None
         model = build_model(rig, parameters.contact, elevation, extension)

@@ -14,16 +14,36 @@ from saddlering_ros.diagnosis.diagnose import diagnose_bags, diagnose_runs
 from saddlering_ros.diagnosis.records import build_record
 from saddlering_ros.diagnosis.ring_system import engine_effects, RingSystem
 from saddlering_ros.discrepancy import Point
-from saddlering_ros.effects import catalogue
+from saddlering_ros.effects import catalogue, EffectError, extension_of
 from saddlering_ros.rig import default_rig, TRUE_TO_SCALE
 
 
 @pytest.mark.parametrize('name', ['carriage_resonance', 'probe_saturation'])
 def test_every_start_an_effect_holds_worth_trying_is_tried(name):
     effect = catalogue()[name]
-    for form in engine_effects(effect):
+    for form in engine_effects(effect, default_rig()):
         assert all(any(start.items() <= item.items() for item in form.starts)
                    for start in effect.starts)
+
+
+@pytest.mark.parametrize(('name', 'size', 'power'), [
+    ('radial_friction', 'force', 1), ('load_offset', 'offset', 1),
+    ('radial_compliance', 'compliance', -1), ('axial_clearance', 'change', 0)])
+def test_sizes_that_are_searched_follow_the_full_scale_of_the_rig(name, size, power):
+    usual, large = (engine_effects(catalogue()[name], replace(
+        default_rig(), full_scale_load=factor * default_rig().full_scale_load))[0]
+        for factor in (1.0, 16.0))
+    for bound in ('low', 'high'):
+        at = getattr(usual.parameters[size], bound) * 16.0**power
+        assert getattr(large.parameters[size], bound) == pytest.approx(at)
+
+
+def test_a_parameter_file_of_a_large_rig_may_hold_large_forces():
+    effects, rig = {'radial_friction': {'force': 150e3}}, default_rig()
+    large = replace(rig, full_scale_load=16.0 * rig.full_scale_load)
+    assert extension_of(effects, large).radial_friction.limit == 150e3
+    with pytest.raises(EffectError, match='give a number from 0 to 80000 N'):
+        extension_of(effects, rig)
 
 
 def test_stiffness_and_exponent_are_told_apart_by_their_slopes_not_by_the_bend_of_a_step(campaign):
