@@ -1,8 +1,9 @@
 """The generic engine: it names the causes that a simulator lacks, at a known error rate.
 
-Declare a `Model` of any machine and `diagnose(model, runs)`. `diagnose` also takes a `System` with
-its `RunBlocks`, for simulators with nuisance parameters, combined channels or sensitivities of
-their own, as the ring has. What is exported here is all that a user of the engine may import.
+Declare a `Model` of any machine and call `diagnose(model, runs)`. `diagnose` also accepts a
+`System` with its `RunBlocks`, for simulators that have nuisance parameters, combined channels or
+sensitivities of their own, like that of the ring. This module exports all names that a user of the
+engine may import.
 """
 
 from saddlering_ros.discrepancy.assumptions import Assumptions

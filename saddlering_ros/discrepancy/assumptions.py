@@ -1,4 +1,4 @@
-"""Assumptions of the engine on noise, offsets and model error before a residual is known."""
+"""Assumptions of the engine on noise, offsets and model error, made before a residual is known."""
 
 from __future__ import annotations
 
@@ -12,21 +12,21 @@ from saddlering_ros.discrepancy.system import Array, RunBlocks
 
 NoiseByRun = Mapping[tuple[str, int], ChannelNoise]
 LearnNoise = Callable[[Sequence[RunBlocks], Sequence[Array] | None], NoiseByRun]
-"""Noise by run name and channel, from runs and, once there are some, residuals (C, N) a run."""
+"""Noise by run name and channel, from runs and, if there are some, residuals (C, N) per run."""
 
 
 @dataclass(frozen=True)
 class Assumptions:
     """Noise, offsets and model error of a system.
 
-    learn_noise: how noise is known; relearns: it is learnt again from the residual of a model with
-    the causes found; offsets: spread of each channel's constant, None where they are free;
-    model_error: smooth error over the drive, None for none; form_error: share of the misfit an
-    effect explains by which its form may err and a name still stands;
-    coordinate_waves: half waves that are tested along the first coordinate and along each other;
-    proposes_law: a law is proposed where no cause explains the misfit;
-    many_valleys: the base may fit in several places, of which the best without an effect need not
-    be near the best with it.
+    learn_noise: source of the noise; relearns: whether the noise is learnt again from the
+    residual of a model with the causes; offsets: spread of the constant of each channel, None
+    if it is free; model_error: smooth error over the drive, None for none; form_error: share
+    of the misfit explained by an effect by which its form may err while a name remains valid;
+    coordinate_waves: half waves that are tested along the first coordinate and along each
+    other one; proposes_law: whether a law is proposed if no cause explains the misfit;
+    many_valleys: whether the base may have several minima, so that the best one without an
+    effect may be far from the best one with it.
     """
 
     learn_noise: LearnNoise = learn_noise
@@ -39,5 +39,5 @@ class Assumptions:
     many_valleys: bool = False
 
     def frees_constant(self, channel: int) -> bool:
-        """Whether a constant in a channel means nothing."""
+        """Whether a constant in a channel has no meaning."""
         return self.offsets is None or self.offsets[channel] >= FREE_OFFSET

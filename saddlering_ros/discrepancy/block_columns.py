@@ -1,8 +1,8 @@
 """Stacked columns that are zero outside a few channels of a few runs, and their products.
 
-A column of the tests on residuals lives in one channel of one run, or in the same few channels of
-every run. As full arrays, such columns would hold channels times runs times samples
-numbers; here only the blocks that are not zero are kept, and only small products are formed.
+A column of the tests on residuals belongs to one channel of one run, or to the same few channels
+of every run. Full arrays of such columns would hold channels times runs times samples numbers.
+This module stores only the blocks that are not zero, and forms only small products.
 """
 
 from __future__ import annotations
@@ -22,9 +22,9 @@ Index = NDArray[np.intp]
 
 @dataclass(frozen=True)
 class Block:
-    """Columns `index` (k,) in one channel of one run: `plain` (N, k); `slot`: which channel.
+    """Columns `index` (k,) in one channel of one run: `plain` (N, k).
 
-    slot is the number in `Experiment.slices`.
+    `slot`: index in `Experiment.slices`.
     """
 
     slot: int

@@ -10,7 +10,7 @@ import numpy as np
 from saddlering_ros.discrepancy.system import Array, Effect, Parameter, Point
 
 Key = tuple[tuple[str, int], ...]
-"""Key of the fit of a candidate: effects and variants, without an order."""
+"""Key of the fit of a candidate: its effects and variants, in any order."""
 
 
 @dataclass(frozen=True)
@@ -38,7 +38,7 @@ class Candidate:
         return Candidate(tuple(item for item in self.effects if item[0].id != effect_id))
 
     def slices(self, fixed: int) -> Iterator[tuple[Effect, int, slice]]:
-        """Each effect, its variant, and its positions among parameters after `fixed` base ones."""
+        """Each effect, its variant, and its parameters' indices after `fixed` base parameters."""
         start = fixed
         for effect, variant in self.effects:
             stop = start + len(effect.ordered)

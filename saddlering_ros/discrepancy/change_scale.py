@@ -1,4 +1,4 @@
-"""How large a change of the prediction is, as a share of a view's range."""
+"""Size of a change of the prediction, as a share of the range of a view."""
 
 from __future__ import annotations
 
@@ -12,8 +12,9 @@ from saddlering_ros.discrepancy.system import Array
 def visible_falls(metric: Metric, less: Array, more: Array) -> dict[str, Array]:
     """Fall of the rms residual between two predictions (n,): per view one number per run.
 
-    Taken in quadrature, as a share of the view's range, after the nuisances took what they can of
-    either: what is beyond a sound system's own small errors.
+    The fall is a difference of squares, as a share of the range of the view. Nuisance
+    parameters are fitted to both residuals first, so that small errors of a sound system do
+    not count.
     """
     experiment = metric.experiment
     measured = experiment.measured
@@ -35,10 +36,10 @@ def visible_falls(metric: Metric, less: Array, more: Array) -> dict[str, Array]:
 
 
 class ChangeScale:
-    """How large a change is as a share of range, noise and nuisances apart.
+    """Size of a change as a share of range, without noise and nuisance parameters.
 
-    What the base parameters, moved to the least rms over all runs and views, make of a change is
-    taken off first: it is no misfit.
+    The part that the base parameters imitate, moved to the least rms over all runs and views,
+    is subtracted first, because it is no misfit.
     """
 
     def __init__(self, experiment: Experiment, base_plain: Array) -> None:
@@ -52,7 +53,7 @@ class ChangeScale:
         return float(self.beyond_base_of_each(change[:, None])[0])
 
     def beyond_base_of_each(self, changes: Array) -> Array:
-        """The same (B,) of stacked changes (n, B)."""
+        """The same (B,) for stacked changes (n, B)."""
         return np.asarray(self._sizes(changes).max(axis=0))
 
     def by_run(self, change: Array) -> dict[str, Array]:
@@ -68,7 +69,7 @@ class ChangeScale:
         return np.array([np.linalg.norm(part, axis=0) for part in np.split(left, self._edges)])
 
     def _seen(self, changes: Array) -> Array:
-        """Changes (n, B) seen in every view and run, squares adding up to a mean square share."""
+        """Changes (n, B) in every view and run; their squares add up to a mean square share."""
         experiment = self._experiment
         return np.concatenate([
             seen * (experiment.root_weights(run, view) / experiment.view_ranges[view])[:, None]
@@ -80,7 +81,7 @@ class ChangeScale:
 
 
 def orthonormal(columns: Array) -> Array:
-    """Orthonormal basis of columns, by a Gram matrix with its weak directions left out."""
+    """Orthonormal basis of columns by a Gram matrix, without its weak directions."""
     if columns.shape[1] == 0:
         return columns
     scale = np.sqrt((columns**2).sum(axis=0))

@@ -1,4 +1,4 @@
-"""The conclusion: from the selected model to the verdict and the numbers that are published."""
+"""The conclusion: the verdict on the selected model, and the published numbers."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ class Judgement:
 
 
 def residual_of(space: ModelSpace, fit: Fit) -> Residual:
-    """The residual of a fit; where laws are taken to be exact, its consistency too."""
+    """The residual of a fit; with consistency tests if laws are assumed to be exact."""
     sensitivities, slow = space.tangent_of(fit), space.slow_residual(fit)
     shapes = space.tests.shapes(fit, sensitivities.white)
     consistency: list[ShapeTest] = []
@@ -120,7 +120,7 @@ def _unexplained(space: ModelSpace, after: Residual) -> list[str]:
     """Channels and runs whose residual exceeds the noise and the declared model error."""
     experiment = space.metric.experiment
     if experiment.assumptions.form_error > 0.0:
-        return []  # judged view by view, against the form of the effects
+        return []  # Judged in each view, against the form error of the effects.
     found = [
         f'{channel} in {run}'
         for (channel, run), chance in after.slow.chances.items()
@@ -165,10 +165,11 @@ def _doubts(space: ModelSpace, fit: Fit, after: Residual, share: float) -> list[
 
 
 def _shapes_at_bounds(space: ModelSpace, fit: Fit) -> list[str]:
-    """A sentence for every shape of a cause that its bounds stopped.
+    """A sentence for every shape of a cause that is stopped by its bound.
 
-    Stopped: beyond the bound the misfit would fall by more than noise and the form of the effect
-    can explain. A shape that stands at its neutral value or its start is not stopped.
+    A shape is stopped if the misfit beyond the bound would fall by more than noise and the
+    form error of the effect explain. A shape at its neutral value or at its start is not
+    stopped.
     """
     experiment, settings = space.metric.experiment, space.settings
     white = space.tangent_of(fit).white
@@ -195,7 +196,7 @@ def _shapes_at_bounds(space: ModelSpace, fit: Fit) -> list[str]:
 
 
 def _is_at_bound(shape: Parameter, theta_unit: float) -> bool:
-    """Whether a shape stands at a bound that is neither its neutral value nor its start."""
+    """Whether a shape is at a bound that is neither its neutral value nor its start."""
     if shape.periodic or min(theta_unit, 1.0 - theta_unit) >= AT_BOUND:
         return False
     bound = shape.high if theta_unit > 0.5 else shape.low
@@ -203,17 +204,18 @@ def _is_at_bound(shape: Parameter, theta_unit: float) -> bool:
 
 
 def explained_share_of(before: Residual, after: Residual) -> float:
-    """Share of the misfit beyond noise that is gone."""
+    """Share of the misfit beyond noise that is explained."""
     remaining = max(after.slow.excess, 0.0) + after.fast.excess
     return 1.0 - remaining / max(before.slow.excess + before.fast.excess, 1e-9)
 
 
 class Publication:
-    """The selected models fitted with no other freedom than the runs' offsets.
+    """The selected models, refitted with no other freedom than the offsets of the runs.
 
-    Naming shares a misfit between parameters and nuisance parameters; a parameter file has
-    parameters only. What is published, predicted and measured as gain is therefore this fit. What
-    the nuisances would have taken is part of what the published values are unsure of.
+    During naming, parameters and nuisance parameters share a misfit, but a parameter file
+    holds parameters only. This fit therefore gives the published values, predictions and
+    gains. The part that nuisance parameters would have explained adds to the uncertainty of
+    the published values.
     """
 
     def __init__(
@@ -273,7 +275,7 @@ class Publication:
     def causes(
         self, evidence: Mapping[str, Evidence], alternatives: Alternatives
     ) -> tuple[Cause, ...]:
-        """The fitted causes, as the selected model has them."""
+        """The fitted causes of the selected model."""
         return tuple(
             self._cause(effect, variant, part, evidence[effect.id], alternatives)
             for effect, variant, part in self.fit.candidate.slices(len(self.parameters))
@@ -323,7 +325,7 @@ class Publication:
         return Gain(fitted, left_out_gain(self.experiment, before, after), 'held out in turn')
 
     def sizes_at_bounds(self) -> list[str]:
-        """A sentence for every effect as large as its bounds allow."""
+        """A sentence for every effect whose size is at its bound."""
         sentences = []
         for effect, _, part in self.fit.candidate.slices(len(self.parameters)):
             size, theta_unit = effect.size, float(self.fit.theta_unit[part.start])
@@ -338,14 +340,14 @@ class Publication:
         return sentences
 
     def predictions(self) -> tuple[RunPrediction, ...]:
-        """What base and model predict for every run, held out or not."""
+        """Predictions of base and model for every run, held out or not."""
         return _predictions(self.experiment.system, self.runs, self.base, self.fit)
 
 
 def _covariance(
     sensitivities: Tangent, residual: Residual, moved: Array, error_rate: float
 ) -> Array:
-    """Covariance in bound-scaled coordinates, widened by the misfit and what nuisances took."""
+    """Covariance in bound-scaled coordinates, widened by misfit and nuisance parameters."""
     own = covariance(sensitivities.white, PRIOR) * residual.inflation(error_rate)
     return np.asarray(own + np.diag(moved**2))
 

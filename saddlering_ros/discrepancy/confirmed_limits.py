@@ -1,8 +1,8 @@
 """Detection limits confirmed: the base is refitted beside an effect of the stated size.
 
-A signature says what the base parameters leave of a change to first order. A resonance that a
-spring has shifted by one percent is another matter: gravity, refitted, imitates it all but wholly,
-and a limit taken from signatures is far too low.
+A signature shows to first order which part of a change the base parameters imitate. A nonlinear
+example is a resonance that a spring has shifted by one percent: refitted gravity imitates the
+shift almost completely, and a limit from signatures is far too low.
 """
 
 from __future__ import annotations
@@ -24,13 +24,13 @@ from saddlering_ros.discrepancy.refit import refit, run_refits
 from saddlering_ros.discrepancy.system import Array, Effect
 
 ENOUGH = 0.9
-"""A limit stands if the refitted base leaves this share of the length that is needed."""
+"""Share of the required length that must remain beside the refitted base for a limit to hold."""
 
 MAX_TRIES = 6
-"""Larger sizes that are tried at most."""
+"""Largest number of larger sizes that are tried."""
 
 MIN_FACTOR, MAX_FACTOR = 1.3, 4.0
-"""By which a size grows from try to try."""
+"""Factor between two sizes that are tried."""
 
 ROUNDS = 8
 """Rounds of each refit of the base."""
@@ -38,7 +38,7 @@ ROUNDS = 8
 
 @dataclass(frozen=True)
 class Shown:
-    """What an effect of one size shows beside the refitted base: standard deviations, range."""
+    """Visible part of an effect of one size beside the base: deviations, share of range."""
 
     length: float
     visible: float
@@ -47,7 +47,7 @@ class Shown:
 def confirmed_limits(
     space: ModelSpace, limits: Sequence[DetectionLimit], trials: int
 ) -> list[DetectionLimit]:
-    """The same limits, larger where the refitted base takes more than its tangents do."""
+    """The same limits, larger where the refitted base imitates more than its tangents do."""
     effects = {effect.id: effect for effect in space.metric.experiment.system.effects}
     return [_confirmed(space, item, effects[item.effect], trials) for item in limits]
 
@@ -86,7 +86,7 @@ def _confirmed(
 
 
 def _configuration(item: DetectionLimit) -> Configuration:
-    """The configuration whose limit is the stated one."""
+    """The configuration with the stated limit."""
     return min(item.configurations, key=lambda one: abs(one.limit - item.limit))
 
 
@@ -97,7 +97,7 @@ def _part(shown: Shown | None, name: str) -> float:
 def _size_at(
     height: Callable[[float], float], size: float, wanted: float, reach: float
 ) -> float:
-    """The size at which a height reaches `wanted`, from `size` on; inf if none up to `reach`."""
+    """The size, from `size` on, at which a height reaches `wanted`; inf if none up to `reach`."""
     if not np.isfinite(size):
         return size
     low, below = size, height(size)
@@ -118,7 +118,7 @@ def _size_at(
 def _shown(
     space: ModelSpace, effect: Effect, configuration: Configuration, size: float
 ) -> Shown | None:
-    """What one size shows beside the refitted base, of the sign that shows less."""
+    """Visible part of one size beside the refitted base, for the sign with the smaller part."""
     signs = [
         sign
         for sign in (1.0, -1.0)
@@ -132,7 +132,7 @@ def _shown(
 def _refitted(
     space: ModelSpace, effect: Effect, configuration: Configuration, size: float
 ) -> Shown | None:
-    """What an effect shows that the base, fitted to its prediction, does not imitate."""
+    """Part of an effect that the base, fitted to the effect's prediction, does not imitate."""
     metric, base = space.metric, space.base
     experiment = metric.experiment
     variant = next(

@@ -1,9 +1,9 @@
 """Consistency: whether the same parameters and laws fit in every run, channel and state.
 
-A cause that is not the true one can take all but a little of a misfit, less than shows among all
-slow shapes. What it leaves is much like its own change, or like that of the base parameters, in
-other proportions from run to run, from channel to channel, or over state and time. Each family of
-such shapes is small, so that little is enough for it to show.
+A wrong cause can explain almost the whole misfit, so that the remainder is too small for a test of
+all slow shapes. The remainder then resembles the change of the cause, or of the base parameters,
+in proportions that differ from run to run, from channel to channel, or over state and time. Each
+family of such shapes is small, so that a small remainder is significant.
 """
 
 from __future__ import annotations
@@ -23,25 +23,25 @@ from saddlering_ros.discrepancy.system import Array
 from saddlering_ros.estimation.distributions import fisher_chance
 
 CAUSE_WAVES, PARAMETER_WAVES, STATE_WAVES = 2, 1, 3
-"""Half waves over a state: of a cause's change, of the parameters' sensitivities, of a channel."""
+"""Half waves over a state: for the change of a cause, the sensitivities, a channel."""
 
 CAUSE_TIMES, PARAMETER_TIMES = 3, 2
-"""Half waves over the time of a run, likewise."""
+"""Half waves over the time of a run, for the same three."""
 
 MIN_LEFT = 1e-4
-"""Share of the square of a shape that the parameters have to leave for it to count."""
+"""Smallest share of the square of a shape beside the parameters for the shape to count."""
 
 MIN_LEVEL = 0.2
-"""The noise is taken to be this share of what was learnt at least."""
+"""Smallest share of the learnt noise that is assumed."""
 
 Columns = Callable[[int], Array]
-"""Shapes (N, k) of a family in one channel of one run, by the number of the slice."""
+"""Shapes (N, k) of a family in one channel of one run, by the index of the slice."""
 
 
 def consistency_tests(
     metric: Metric, fit: Fit, tangent: Tangent, slow: SlowResidual, pairs: int
 ) -> list[ShapeTest]:
-    """Every family that these runs have; p-values carry the number of families."""
+    """Every family of these runs; the number of families is counted in the p-values."""
     families = _Families(metric.experiment, fit, tangent).all()
     tests = [
         test
@@ -52,7 +52,7 @@ def consistency_tests(
 
 
 class _Families:
-    """Families of shapes about a fit, each laid out for one channel of one run at a time."""
+    """Families of shapes about a fit, each evaluated for one channel of one run at a time."""
 
     def __init__(self, experiment: Experiment, fit: Fit, tangent: Tangent) -> None:
         self._experiment, self._plain = experiment, tangent.plain
@@ -69,7 +69,7 @@ class _Families:
         self._times = [np.pi * (run.time - run.time[0]) / np.ptp(run.time) for run in self._runs]
 
     def all(self) -> dict[str, Columns]:
-        """The families by what they are shapes of."""
+        """The families by the kind of their shapes."""
         families: dict[str, Columns] = {
             'state, as the parameters act': lambda slot: self._over_states(
                 slot, self._sensitivities(slot)[:, : self._base], PARAMETER_WAVES),
@@ -110,7 +110,7 @@ class _Families:
             shapes * np.cos(wave * time)[:, None] for wave in range(1, waves + 1)])
 
     def _one_of(self, slot: int, number: int, count: int) -> Array:
-        """The sensitivities in one of `count` runs or channels, none of them in the last."""
+        """The sensitivities in one of `count` runs or channels, and none in the last."""
         own = self._sensitivities(slot)
         whole = np.zeros((own.shape[0], count - 1, own.shape[1]))
         if number < count - 1:
@@ -118,7 +118,7 @@ class _Families:
         return whole.reshape(own.shape[0], -1)
 
     def _of_channels(self, slot: int) -> Array:
-        """Shapes over the predicted channels in this channel of any run."""
+        """Shapes over the predicted channels, in this channel of any run."""
         run, channel, _ = self._experiment.slices[slot]
         waves = np.arange(1, STATE_WAVES + 1)
         own = np.hstack([np.cos(places[run][:, None] * waves) for places in self._seen])
@@ -128,7 +128,7 @@ class _Families:
 
 
 def _places(values: Sequence[Array]) -> list[Array]:
-    """A state (N,) of each run between 0 and pi."""
+    """A state (N,) of each run, scaled to the interval from 0 to pi."""
     low = min(float(item.min()) for item in values)
     high = max(float(item.max()) for item in values)
     return [np.pi * (item - low) / max(high - low, 1e-300) for item in values]
@@ -136,7 +136,7 @@ def _places(values: Sequence[Array]) -> list[Array]:
 
 @dataclass(frozen=True)
 class _Products:
-    """Products of whitened shapes: with each other, the tangents (k, p), the residual (k,)."""
+    """Products of whitened shapes with each other, the tangents (k, p) and the residual (k,)."""
 
     gram: Array
     tangents: Array
@@ -144,17 +144,17 @@ class _Products:
 
 
 class _Test:
-    """One family beside the model's own sensitivities."""
+    """One family beside the sensitivities of the model."""
 
     def __init__(self, metric: Metric, fit: Fit, tangent: Tangent, columns: Columns) -> None:
         self._metric, self._tangent, self._columns = metric, tangent, columns
         self._products = _products(metric, fit, tangent, columns)
 
     def result(self, name: str, slow: SlowResidual, pairs: int) -> ShapeTest | None:
-        """The family's test, none where the parameters imitate every shape.
+        """The test of the family; None if the parameters imitate every shape.
 
-        Noise learnt from swift parts of a residual can be too large where it is slow; all slow
-        structure that the fit leaves bounds its level from above.
+        Noise that is learnt from fast parts of a residual can be too large at slow times.
+        The slow structure of the residual bounds its level from above.
         """
         products = self._products
         lengths = np.sqrt(np.maximum(np.diag(products.gram), 1e-300))
@@ -198,7 +198,7 @@ class _Test:
 
 
 def _products(metric: Metric, fit: Fit, tangent: Tangent, columns: Columns) -> _Products:
-    """Products of a family's shapes, whitened one channel of one run at a time."""
+    """Products of the shapes of a family, whitened one channel of one run at a time."""
     shared = metric.shared
     count = columns(0).shape[1]
     gram, residual = np.zeros((count, count)), np.zeros(count)

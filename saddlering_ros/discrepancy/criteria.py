@@ -1,4 +1,4 @@
-"""The criteria of selection, each a function of numbers: what is real, material, exhaustive."""
+"""The criteria of selection as functions of numbers: real, material, exhaustive."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from saddlering_ros.discrepancy.system import Array
 from saddlering_ros.estimation.distributions import fisher_chance, fisher_limit
 
 MAX_IN_ONE_VIEW = 2
-"""Largest number of effects in one channel; more of them can fit any misfit."""
+"""Largest number of effects in one channel. More effects can fit any misfit."""
 
 MAX_WITH_ALTERNATIVES = 2
 """Largest number of effects in a model of which some have alternatives."""
@@ -23,7 +23,7 @@ Sizes = Mapping[str, Array]
 
 
 def likelihood_ratio_test(gain: float, extra: int, pairs: int, trials: int) -> float:
-    """p-value of a fall `gain` of the misfit by `extra` parameters, one of `trials` shapes.
+    """p-value of a fall `gain` of the misfit by `extra` parameters, as one of `trials` shapes.
 
     The noise is known from `pairs` independent differences.
     """
@@ -43,12 +43,13 @@ def real_and_material(residual: SlowResidual | FastResidual, settings: Settings)
 def closes_misfit(
     p_value: float, gain: float, left: float, inflated_gain: float, settings: Settings
 ) -> bool:
-    """Whether a further effect is beyond doubt and explains all but all of the misfit.
+    """Whether a further effect is certain and explains almost all of the misfit.
 
-    gain: its fall of the misfit; left: excess misfit after it; inflated_gain: the fall that
-    inflated nuisance parameters give in its place. The inexact form of another effect leaves no
-    such misfit: it takes more than one other effect, or looks like nuisance parameters that are
-    larger than usual, as rollers do whose clearances differ.
+    gain: fall of the misfit by the effect; left: excess misfit with the effect; inflated_gain:
+    fall by inflated nuisance parameters in its place. The form error of another effect does
+    not leave such a misfit: it needs more than one other effect to explain, or resembles
+    nuisance parameters that are larger than usual, like those of rollers with different
+    clearances.
     """
     if p_value >= settings.error_rate**3 or gain < settings.min_total * (gain + left):
         return False
@@ -58,11 +59,12 @@ def closes_misfit(
 def exceeds_form_error(
     added: Sizes, known: Sizes, form_error: float, materiality: float
 ) -> list[str]:
-    """Views in which `added` is more than the inexact form of what explains `known` could leave.
+    """Views in which `added` exceeds the form error of the effects that explain `known`.
 
-    Judged in every view of every run. A form leaves `form_error` of the misfit it explains
-    where it acts, and by way of the base parameters, which give way to it, that share of this
-    in the other runs; in a view where it has no part, what is immaterial.
+    Every view of every run is judged. A form leaves a share `form_error` of the misfit that it
+    explains where it acts. In the other runs it leaves the same share of this remainder,
+    because base parameters adapt to it. In a view in which the effect has no part, the
+    immaterial size is the limit.
     """
     views = []
     for view, size in added.items():
@@ -74,18 +76,18 @@ def exceeds_form_error(
 
 
 def exceeds_forms(p_value: float, gain: float, left: float, settings: Settings) -> bool:
-    """Whether a cause is real beside other forms of the laws found, and takes most of the rest.
+    """Whether a cause is real beside other forms of the found laws, and explains most of the rest.
 
-    gain: fall of the misfit with these forms marginalised; left: excess misfit after it.
+    gain: fall of the misfit with these forms marginalised; left: excess misfit with the cause.
     """
     return p_value < settings.error_rate**2 and gain >= settings.min_partial * (gain + left)
 
 
 def adds_new_channel(p_value: float, added: Sizes, known: Sizes, settings: Settings) -> bool:
-    """Whether an effect surely adds what shows in a view where no other effect shows.
+    """Whether an effect surely explains misfit in a view in which no other effect shows.
 
-    Surely (the error rate squared), for an inexact form can reach a little into a view in
-    which the catalogue's has no part.
+    Surely means at the square of the error rate, because an inexact form can have a small part
+    in a view in which the form of the catalogue has none.
     """
     if p_value >= settings.error_rate**2:
         return False
@@ -94,7 +96,7 @@ def adds_new_channel(p_value: float, added: Sizes, known: Sizes, settings: Setti
 
 
 def explained_share(before: SlowResidual, after: SlowResidual, settings: Settings) -> float:
-    """Share of the misfit `before` that is gone `after`: in all, or in one material view."""
+    """Share of the misfit `before` that `after` has not: in all, or in one material view."""
     shares = [1.0 - max(after.excess, 0.0) / max(before.excess, 1e-9)]
     shares += [
         1.0 - after.powers[view] / power
@@ -105,10 +107,10 @@ def explained_share(before: SlowResidual, after: SlowResidual, settings: Setting
 
 
 def alternative_floor(pairs: int, settings: Settings) -> float:
-    """Misfit by which noise may set the better model back: more where its level is less sure.
+    """Misfit by which noise may put the true model behind another; more if the level is uncertain.
 
-    Of two models the wrong one is d ahead of the true one with a chance of at most that of a
-    normal number beyond sqrt(d), however far apart the two are.
+    The chance that a wrong model is better by d than the true one is at most that of a normal
+    number beyond sqrt(d), however different the two models are.
     """
     return fisher_limit(settings.alternative_rate, 1, pairs)
 
@@ -118,9 +120,9 @@ def indistinguishable(
 ) -> bool:
     """Whether these data leave an alternative open whose misfit is `distance` larger.
 
-    The misfit that is left over (`excess`) makes the judgement milder. So does the misfit `taken`
-    by the effect, since no effect's form is exact; and an alternative of `fewer` parameters is
-    given that much for each, for it cannot bend to a form as the best could.
+    The limit rises with the remaining misfit (`excess`) and with the misfit `taken` by the
+    effect, because no form is exact. An alternative with `fewer` parameters receives an
+    allowance for each of them, because it cannot adapt to a form as the best model can.
     """
     margin = floor + settings.alternative_share * min(excess, taken)
     return distance <= max(margin, settings.form_error * (1 + max(0, fewer)) * taken)
@@ -129,14 +131,14 @@ def indistinguishable(
 def too_many(effects: int) -> bool:
     """Whether a model has too many effects for one of them to have alternatives.
 
-    With three effects and several choices for each, some model fits the misfit of a cause that is
-    in no catalogue.
+    With three effects and several choices for each, some model fits the misfit of a cause that
+    is in no catalogue.
     """
     return effects > MAX_WITH_ALTERNATIVES
 
 
 def crowded(explained: Iterable[Sizes], settings: Settings) -> bool:
-    """Whether one view took more effects than can be told from a cause that is not known."""
+    """Whether one view has too many effects to exclude a cause that is not in the catalogue."""
     crowd: Counter[str] = Counter()
     for sizes in explained:
         crowd.update(view for view, size in sizes.items() if size.max() >= settings.materiality)

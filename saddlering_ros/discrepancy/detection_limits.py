@@ -16,7 +16,7 @@ from saddlering_ros.discrepancy.signatures import (
 from saddlering_ros.discrepancy.system import Effect
 from saddlering_ros.estimation.distributions import fisher_limit
 
-#: A change of less than this share of what is wanted is none.
+#: A size is found if its height deviates from the wanted one by less than this share.
 NOTHING = 1e-3
 #: Normal quantile of 0.9: found nine times in ten.
 POWER_QUANTILE = 1.2816
@@ -24,9 +24,9 @@ POWER_QUANTILE = 1.2816
 
 @dataclass(frozen=True)
 class Configuration:
-    """Detection and materiality limit of an effect that acts in one way: which probe, which arc.
+    """Detection and materiality limit of an effect that acts in one way (which probe, which arc).
 
-    `values`: its fixed values and the parameters that shape it, in their units.
+    `values`: fixed values, and the parameters of its shape in their units.
     """
 
     values: Mapping[str, float]
@@ -36,14 +36,14 @@ class Configuration:
 
 @dataclass(frozen=True)
 class DetectionLimit:
-    """What these data could have shown of one effect.
+    """Detection limits of one effect in these data.
 
-    limit: smallest size found nine times in ten at the given error rate, in nine of ten of the
-    `configurations` tried at which it can be found at all (inf: none can); best_limit: at the
-    best of them;
-    material_limit: smallest size that changes a view by the stated share of its range, likewise.
-    Of either sign, the one that shows less. Of an effect whose size is not 0 where it does nothing
-    (a limit of a span) all are values of it, not distances from there.
+    limit: smallest size that is found nine times in ten at the given error rate, in nine of
+    ten of those `configurations` in which it can be found at all (inf: none); best_limit: the
+    limit in the best of them; material_limit: smallest size that changes a view by the stated
+    share of its range, likewise. Of both signs, the one with the larger limit counts. If an
+    effect does nothing at a size other than 0 (a limit of a span), all numbers are values of
+    the size, not distances.
     """
 
     effect: str
@@ -62,15 +62,15 @@ def detection_limits(
     materiality: float,
     pairs: int,
 ) -> list[DetectionLimit]:
-    """What can be found of each effect, and what shows, wherever it acts.
+    """Limits of each effect in all its configurations.
 
-    By the test that a candidate has to pass: with the shapes it was drawn from, the parameters it
-    brings, and the noise known from `pairs` independent differences.
+    The test is that of a candidate: it counts the shapes that the candidate was drawn from,
+    its parameters, and the noise known from `pairs` independent differences.
     """
     effects: dict[str, list[Signature]] = {}
     for item in signatures:
         if item.effect.first_variant:
-            continue  # a wider form: the limit stated is that of the plain one
+            continue  # a wider form: the stated limit is that of the plain form
         effects.setdefault(item.effect.id, []).append(item)
     rate = error_rate / max(shapes_tried(signatures), 1)
     answers = []
@@ -100,13 +100,13 @@ def detection_limits(
 def needed_length(extra: int, rate: float, pairs: int) -> float:
     """Length [standard deviations] of a signature that the test finds nine times in ten.
 
-    extra: parameters that the effect brings; rate: chance of a false cause in one test.
+    extra: parameters of the effect; rate: chance of a false cause in one test.
     """
     return float(np.sqrt(extra * fisher_limit(rate, extra, pairs))) + POWER_QUANTILE
 
 
 def _as_values(effect: Effect, configuration: Configuration) -> Configuration:
-    """A configuration whose limits are distances from where the effect does nothing, as sizes."""
+    """A configuration with its limits converted from distances to sizes."""
     return replace(
         configuration,
         limit=_value(effect, configuration.limit),
@@ -115,7 +115,7 @@ def _as_values(effect: Effect, configuration: Configuration) -> Configuration:
 
 
 def _value(effect: Effect, distance: float) -> float:
-    """The size at that distance from where the effect does nothing; inf stays."""
+    """The size at that distance from the neutral size; inf stays inf."""
     if effect.neutral == 0.0 or not np.isfinite(distance):
         return distance
     sign = 1.0 if effect.neutral < 0.5 * (effect.size.low + effect.size.high) else -1.0
@@ -125,7 +125,7 @@ def _value(effect: Effect, distance: float) -> float:
 def _limits_at(
     members: Sequence[Signature], needed: float, materiality: float, reach: float
 ) -> Configuration:
-    """Limits in one variant and shape, whose sizes go to `reach`; of the sign that shows less."""
+    """Limits in one variant and shape, for sizes up to `reach` and the sign that shows less."""
     effect, shape = members[0].effect, members[0].theta_unit[1:]
     values = {
         item.name: item.from_unit(float(u))
@@ -146,7 +146,7 @@ def _limits_at(
 
 
 def _nine_in_ten(limits: Sequence[float]) -> float:
-    """The size that is enough in nine of ten configurations where any is; inf if none is."""
+    """The size that is enough in nine of ten configurations that have a limit; inf if none has."""
     finite = [item for item in limits if np.isfinite(item)]
     return float(np.quantile(finite, 0.9, method='higher')) if finite else float(np.inf)
 
@@ -154,8 +154,9 @@ def _nine_in_ten(limits: Sequence[float]) -> float:
 def _size_at(heights: Sequence[tuple[float, float]], wanted: float) -> float:
     """Size at which a growing height reaches `wanted`, from (size > 0, height) pairs.
 
-    In proportion below the least size and beyond the largest, log-log between; where a size does
-    nothing and the next more than enough, that next one.
+    Below the smallest and beyond the largest size the height is proportional; between two
+    sizes the interpolation is log-log. If a size has no effect and the next one more than
+    enough, the result is the next one.
     """
     sizes, tall = np.array(sorted(heights)).T
     if not tall.any():

@@ -45,12 +45,12 @@ PARTIAL_SUBJECT = 0.5
 
 
 MAX_BASES = 3
-"""So many times the search begins again about a better fit of the base."""
+"""Number of times that the search begins again about a better fit of the base."""
 
 
 @dataclass(frozen=True)
 class Search:
-    """The model that a search ends with, the space it is judged in, its alternatives."""
+    """The model at the end of a search, the space in which it is judged, its alternatives."""
 
     space: ModelSpace
     fit: Fit
@@ -59,14 +59,14 @@ class Search:
 
 
 def _search(space: ModelSpace) -> Search:
-    """Effects selected, nuisance parameters moved to them, alternatives checked."""
+    """Select effects, adapt the nuisance parameters to them, check the alternatives."""
     log = SearchLog()
     fit = select(space, log)
     alternatives: Alternatives = {}
     space.watch.progress('check of alternatives', 0.75)
     if fit.candidate.effects:
         space, fit = moved_to(space, fit)
-        if space.metric.experiment.assumptions.relearns:  # with less noise, more may show
+        if space.metric.experiment.assumptions.relearns:  # With less noise, more effects may show.
             fit = forward(space, fit, log)
         fit = prune(space, fit, log)
         fit, alternatives = check_alternatives(space, fit, log)
@@ -85,7 +85,7 @@ def diagnose_system(
     on_progress: OnProgress | None = None,
     is_cancelled: IsCancelled | None = None,
 ) -> Diagnosis:
-    """Where `system` and `runs` differ, and why. `start` are first guesses of base parameters."""
+    """Differences between `system` and `runs`, and their causes. `start`: guesses of the base."""
     settings, watch = settings or Settings(), Watch('diagnose', on_progress, is_cancelled)
     began = clock.monotonic()
     refuse_repeats(runs)
@@ -93,7 +93,7 @@ def diagnose_system(
 
     space = prepare(experiment, first_guess(system, start), settings, watch)
     swings = find_swings(space.metric, space.base, runs, settings, space.trials)
-    if swings is not None:  # all that follows sees the runs without them
+    if swings is not None:  # The following steps use runs without these lines.
         runs = swings.runs
         experiment = Experiment(system, [run for run in runs if not run.held_out], assumptions)
         space = prepare(experiment, first_guess(system, start), settings, watch)

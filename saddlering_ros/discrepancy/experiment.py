@@ -1,6 +1,6 @@
-"""The runs that are fitted and the simulator that should reproduce them, stacked into one vector.
+"""The fitted runs and their simulator, stacked into one vector.
 
-Stacked vectors run over runs, then channels, then samples.
+The order of a stacked vector is runs, then channels, then samples.
 """
 
 from __future__ import annotations
@@ -21,15 +21,15 @@ from saddlering_ros.discrepancy.system import (
 )
 
 EMPTY_VIEW = 0.1
-"""A view whose range is under this share of its neighbours' is empty but for what is wrong."""
+"""A view is empty except for faults if its range is below this share of its neighbours' range."""
 MIN_SHARED, MIN_SHARED_PART = 8, 0.1
-"""Two runs share content if so many samples, and this part of the shorter run, are the same."""
+"""Two runs share content if they share so many samples and this part of the shorter run."""
 MIN_VIEW_SHARE = 0.2
-"""A view's range counts as this share of its neighbours' at least."""
+"""Smallest range of a view, as a share of its neighbours' range."""
 
 
 class Experiment:
-    """Fitted runs and their simulator; `simulations` counts how often it was asked."""
+    """Fitted runs and their simulator; `simulations` counts the points that were simulated."""
 
     def __init__(
         self,
@@ -92,9 +92,10 @@ class Experiment:
         return np.ascontiguousarray(np.concatenate(parts, axis=1).T)
 
     def predict_neighbours(self, groups: Sequence[Sequence[Point]]) -> list[Array]:
-        """Stacked channels (n, B) of each group: a point, and others a small step aside of it.
+        """Stacked channels (n, B) of each group: a point, and others a small step away.
 
-        A system that knows its tangents answers by them, any other is asked for every point.
+        A system with tangents of its own computes the others from them; any other system
+        simulates every point.
         """
         if not isinstance(self.system, SystemWithTangents):
             answers = self.predict([point for group in groups for point in group])
@@ -108,7 +109,7 @@ class Experiment:
         ]
 
     def by_run(self, stacked: Array) -> list[Array]:
-        """A stacked vector (n,) or columns (n, B) as one (C, N) or (C, N, B) block a run."""
+        """A stacked vector (n,) or columns (n, B) as one (C, N) or (C, N, B) block per run."""
         blocks, start = [], 0
         for run in self.runs:
             part = stacked[start : start + run.channels.size]
@@ -117,9 +118,9 @@ class Experiment:
         return blocks
 
     def view_residuals(self, residual: Array, view: str) -> list[Array]:
-        """Stacked residuals (n,) or (n, B) seen in one view, run by run.
+        """Stacked residuals (n,) or (n, B) in one view, run by run.
 
-        They are freed of a mean that means nothing.
+        A mean that has no meaning is subtracted.
         """
         weights = self.system.views[view]
         return [
@@ -128,7 +129,7 @@ class Experiment:
         ]
 
     def freed(self, seen: Array, run: RunBlocks, view: str) -> Array:
-        """What is seen in one view (N,) or (N, k) less its mean, where a constant is free."""
+        """Values of one view (N,) or (N, k), minus their mean if a constant is free."""
         channels = np.flatnonzero(self.system.views[view])
         if not any(self.assumptions.frees_constant(int(channel)) for channel in channels):
             return seen
@@ -136,17 +137,17 @@ class Experiment:
         return np.asarray(seen - mean)
 
     def root_weights(self, run: RunBlocks, view: str) -> Array:
-        """Roots (N,) of the shares that samples have in a mean square over time."""
+        """Square roots (N,) of the weights of samples in a mean square over time."""
         weights = sample_weights(self.system, run, view)
         return np.asarray(np.sqrt(weights / weights.sum()))
 
     def mean_square(self, seen: Array, run: RunBlocks, view: str) -> float:
-        """Mean square over time of what is seen in a view (N,), missing samples left out."""
+        """Mean square over time of the values (N,) of a view, without missing samples."""
         return float(np.average(seen**2, weights=sample_weights(self.system, run, view)))
 
 
 def refuse_repeats(runs: Sequence[RunBlocks]) -> None:
-    """Refuse the same name or the same content twice: nothing is both fitted and held out."""
+    """Refuse the same name or the same content twice: no run is both fitted and held out."""
     for number, run in enumerate(runs):
         for other in runs[:number]:
             if _shares_content(run.channels, other.channels):
@@ -162,9 +163,9 @@ def refuse_repeats(runs: Sequence[RunBlocks]) -> None:
 
 
 def _shares_content(one: Array, other: Array) -> bool:
-    """Whether a stretch of one run (C, N) is a stretch of the other, to the bit.
+    """Whether a stretch of one run (C, N) is a stretch of the other, bit for bit.
 
-    That is: one contains the other, or begins in it and goes on beyond its end.
+    One run then contains the other, or begins in it and continues beyond its end.
     """
     least = max(MIN_SHARED, round(MIN_SHARED_PART * min(one.shape[1], other.shape[1])))
     for first, second in ((one, other), (other, one)):
@@ -181,7 +182,7 @@ def _shares_content(one: Array, other: Array) -> bool:
 
 
 def sample_weights(system: System, run: RunBlocks, view: str) -> Array:
-    """Time (N,) that each sample counts for in a view: 0 where a channel of it is missing."""
+    """Weight (N,) of each sample in a view as a time; 0 if one of its channels is missing."""
     if run.present is None:
         return run.width
     channels = np.flatnonzero(system.views[view])
@@ -191,8 +192,8 @@ def sample_weights(system: System, run: RunBlocks, view: str) -> Array:
 def view_ranges(system: System, runs: Sequence[RunBlocks]) -> dict[str, float]:
     """Range that a misfit in each view is compared with.
 
-    A view that ought to be empty (parity) is compared with the widest view made of channels it
-    uses.
+    A view that should be empty (parity) is compared with the widest view that uses its
+    channels.
     """
     ranges = {
         name: max(float(np.ptp(weights @ run.channels)) for run in runs)

@@ -1,8 +1,8 @@
 """Octaves of half waves in one run, faster than the slow structure, in whitened samples.
 
-A narrow octave is laid out as an orthonormal basis. A wide one is read from the cosine transform
-of the whitened samples, which costs N log N; whitened waves are waves nearly, as long as the noise
-changes little over an octave.
+A narrow octave has an orthonormal basis. A wide octave is read from the cosine transform of the
+whitened samples in N log N operations. Whitened waves are almost waves, because the noise changes
+little over an octave.
 """
 
 from __future__ import annotations
@@ -23,20 +23,20 @@ WAVE_SAMPLES = 4
 """Samples per half wave at the fastest structure."""
 
 MAX_BASIS = 512
-"""Half waves at most that are laid out as a basis."""
+"""Largest number of half waves in a basis."""
 
 MAX_BASIS_NUMBERS = 2_000_000
-"""Largest number of values in such a basis; the cost grows with it."""
+"""Largest number of values in a basis, which limits its cost."""
 
 NOISE_DRAWS = 8
-"""Draws from which the plain size of a wide octave's noise is known, to a few percent."""
+"""Number of draws that give the plain size of the noise of a wide octave, to a few percent."""
 
 
 class Band(Protocol):
     """One octave of one run.
 
-    first: number of the first half wave; duration [s] of the run; noise (C,): mean square that
-    noise alone gives each channel in this octave.
+    first: number of the first half wave; duration [s] of the run; noise (C,): mean square of
+    the noise alone in each channel of this octave.
     """
 
     @property
@@ -52,17 +52,17 @@ class Band(Protocol):
     def noise(self) -> Array: ...
 
     def coefficients(self, white: Array) -> list[Array]:
-        """Of stacked whitened samples (n,): each channel's share in this octave, unit variance."""
+        """Part of stacked whitened samples (n,) in this octave, by channel, with unit variance."""
         ...
 
     def seen(self, coefficients: Sequence[Array]) -> Array:
-        """The same share as it is measured (C, N)."""
+        """The same part in units of the channels (C, N)."""
         ...
 
 
 @dataclass(frozen=True)
 class BasisBand:
-    """A narrow octave: per channel its samples and its bases (N, k), whitened and as measured."""
+    """A narrow octave: samples and bases (N, k) by channel, whitened and plain."""
 
     run: int
     first: int
@@ -144,7 +144,7 @@ class _Octave:
 
 
 def fast_bands(metric: Metric, first: int) -> list[Band]:
-    """Octaves from half wave number `first` on, as far as the samples of a run reach."""
+    """Octaves from half wave `first` up to the limit of the samples of a run."""
     bands: list[Band] = []
     slices = metric.experiment.slices
     for index, run in enumerate(metric.experiment.runs):

@@ -1,9 +1,9 @@
 """Misfit reduction: residual rms with and without an extension, on fitted and held-out runs.
 
-One metric, fixed beforehand: the root of the mean, over runs and views, of the squared residual
-over the view's range, each run freed of constants that mean nothing. Gain = 1 - metric with /
-metric without; it is negative where the extension predicts worse. Base and extension are each
-fitted in this very metric, on the fitted runs alone.
+One metric is fixed beforehand: the root of the mean, over runs and views, of the squared residual
+over the range of the view, without constants that have no meaning. Gain = 1 - metric with / metric
+without. It is negative if the extension predicts worse. Base and extension are each fitted in this
+metric, on the fitted runs alone.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from saddlering_ros.progress import Watch
 
 @dataclass(frozen=True)
 class Gain:
-    """Shares, 1 for all; `held_out` None if no run could be held out."""
+    """Gains as shares, 1 for no misfit; `held_out`: None if no run was held out."""
 
     fit: float
     held_out: float | None
@@ -31,13 +31,13 @@ class Gain:
 
 @dataclass(frozen=True)
 class GainMetric:
-    """The metric of the gain for refits: weighted residuals in every view, `unit` as one."""
+    """The metric of the gain for refits: weighted residuals in every view, scaled to `unit`."""
 
     experiment: Experiment
     unit: float = 1.0
 
     def whiten(self, columns: Array) -> Array:
-        """Stacked columns (n, B) or (n,) as their views, weighted by time, over their range."""
+        """Stacked columns (n, B) or (n,) in their views, weighted by time, over the range."""
         experiment = self.experiment
         parts = [
             (seen.T * (experiment.root_weights(run, view) / experiment.view_ranges[view])).T
@@ -52,10 +52,10 @@ class GainMetric:
 def plain_fits(
     experiment: Experiment, fits: Sequence[Fit], rounds: int, watch: Watch
 ) -> list[Fit]:
-    """The same models, each fitted as well as it can be in the metric of the gain.
+    """The same models, each fitted in the metric of the gain.
 
-    A base without effects starts from its declared start too: whitened and plain least squares
-    can lie in different valleys.
+    A base without effects is also fitted from its declared start, because whitened and plain
+    least squares can have different minima.
     """
     base = experiment.system.base_parameters
     answers = []
@@ -89,7 +89,7 @@ def mean_square(
 
 
 def ratio(before: float, after: float) -> float:
-    """Gain from two mean squares; negative where it became worse."""
+    """Gain from two mean squares; negative if the second is larger."""
     if before <= 0.0:
         return 0.0 if after <= 0.0 else -np.inf
     return 1.0 - float(np.sqrt(after / before))
@@ -109,7 +109,7 @@ def fitted_gain(experiment: Experiment, less: Fit, fit: Fit) -> float:
 
 
 def held_out_gain(experiment: Experiment, held: Sequence[RunBlocks], less: Fit, fit: Fit) -> float:
-    """Gain on held-out runs, nothing refitted."""
+    """Gain on held-out runs, without a refit."""
     before, after = [], []
     for run in held:
         both = experiment.system.predict_many(run, [less.point, fit.point])
@@ -119,12 +119,12 @@ def held_out_gain(experiment: Experiment, held: Sequence[RunBlocks], less: Fit, 
 
 
 def left_out_gain(experiment: Experiment, less: Fit, more: Fit) -> float:
-    """Gain on each run predicted from the others: one Gauss-Newton step without it."""
+    """Gain on each run, predicted from the others by one Gauss-Newton step without it."""
     return ratio(_left_out(experiment, less), _left_out(experiment, more))
 
 
 def _left_out(experiment: Experiment, fit: Fit) -> float:
-    """Mean square of each run predicted from the others."""
+    """Mean square of each run, predicted from the others."""
     start = GainMetric(experiment).whiten(fit.prediction - experiment.measured)
     metric = GainMetric(experiment, max(float(np.sqrt(start @ start / start.size)), 1e-12))
     residual = metric.whiten(fit.prediction - experiment.measured)

@@ -1,9 +1,8 @@
 """Lack of fit: tests of the residual on generic shapes with their own error rate.
 
-Each family of shapes lives in one coordinate (drive, direction of the drive, its rate, time)
-and one view; its statistic is the whitened misfit it takes after the model's own sensitivities are
-projected off. The noise comes from stretches at rest, so what is tested cannot have been
-swallowed by it.
+Each family of shapes belongs to one coordinate (drive, direction of the drive, its rate, time) and
+one view. Its statistic is the whitened misfit that the family explains beside the sensitivities of
+the model. The noise comes from stretches at rest, so that the tested structure is not part of it.
 """
 
 from __future__ import annotations
@@ -24,18 +23,18 @@ from saddlering_ros.discrepancy.system import Array, RunBlocks
 from saddlering_ros.estimation.distributions import fisher_chance
 
 WAVES_PER_RUN = 20
-"""Half waves per run that are judged together, as slow structure."""
+"""Half waves per run that are tested together as slow structure."""
 
 TIME_WAVES = 8
 """Half waves along the time of each run, as one family of shapes."""
 
 MAX_CHANCE = 0.01
-"""A band counts if its probability under noise alone is smaller than this."""
+"""Largest probability under noise alone at which a band counts."""
 
 
 @dataclass(frozen=True)
 class ShapeTest:
-    """One family of shapes: how significant, and how large as a share of the view's range."""
+    """One family of shapes: its significance, and its size as a share of the range of the view."""
 
     view: str
     coordinate: str
@@ -47,11 +46,11 @@ class ShapeTest:
 
 @dataclass(frozen=True)
 class SlowResidual:
-    """All slow structure left: whitened excess over what noise alone would leave, and its size.
+    """All slow structure of a residual: whitened excess over noise, and size.
 
-    powers: mean square by view beyond what noise gives, the worst run's, as shares of range;
-    sizes (R,): its root by view, run by run; chances: by channel and run, the chance that noise
-    alone leaves as much there, with the number of channels and runs in it.
+    powers: mean square beyond noise by view, in the worst run, as shares of range; sizes (R,):
+    its root by view and run; chances: by channel and run, the chance of as much from noise
+    alone, with the number of channels and runs included.
     """
 
     excess: float
@@ -66,9 +65,9 @@ class SlowResidual:
 
 @dataclass(frozen=True)
 class FastResidual:
-    """Structure too fast for `SlowResidual`: excess in all bands, and the largest that is real.
+    """Structure too fast for `SlowResidual`: excess in all bands, and the largest real one.
 
-    Its view, run and frequency [Hz], the latter a guide only.
+    The largest one has a view, a run and an approximate frequency [Hz].
     """
 
     excess: float
@@ -80,7 +79,7 @@ class FastResidual:
 
 
 class LackOfFitTests:
-    """Shapes laid out once for a set of runs; asked for every fit."""
+    """Shapes that are evaluated once for a set of runs and used for every fit."""
 
     def __init__(self, metric: Metric, noise_pairs: int) -> None:
         self._metric = metric
@@ -100,9 +99,10 @@ class LackOfFitTests:
         self._bands = fast_bands(metric, WAVES_PER_RUN + 1)
 
     def fast(self, fit: Fit) -> FastResidual:
-        """Structure faster than that of `structure`: the band that stands out most, and where.
+        """Structure faster than `structure`: the most significant band, with its view and run.
 
-        Its p-value carries the number of bands; of each band only what is beyond noise counts.
+        The p-value counts the number of bands. Only the part of a band beyond noise
+        counts.
         """
         metric = self._metric
         left = metric.without_nuisances(fit.prediction - metric.experiment.measured)
@@ -175,7 +175,7 @@ class LackOfFitTests:
         return chances
 
     def shapes(self, fit: Fit, white_columns: Array) -> list[ShapeTest]:
-        """Every family, most significant first; p-values carry the number of families."""
+        """Every family, the most significant first; the p-values count the number of families."""
         experiment = self._metric.experiment
         orthogonal = orthonormal(white_columns)
         families = _families(experiment.runs, experiment.assumptions)
@@ -193,7 +193,7 @@ class LackOfFitTests:
     def _shape_test(
         self, fit: Fit, orthogonal: Array, coordinate: str, family: Family, view: str
     ) -> ShapeTest:
-        """One family in one view, beside the model's own sensitivities."""
+        """One family in one view, beside the sensitivities of the model."""
         metric = self._metric
         columns = _spread(metric, family, metric.experiment.system.views[view])
         shared = columns.products(orthogonal)
@@ -218,7 +218,7 @@ class LackOfFitTests:
 
 
 def _view_variance(metric: Metric, columns: BlockColumns, root: Array, view: str) -> list[float]:
-    """Mean square that noise alone gives the fitted structure, per run, in one view."""
+    """Mean square of the fitted structure under noise alone, per run, in one view."""
     experiment = metric.experiment
     weights = experiment.system.views[view]
     found = []
@@ -239,7 +239,7 @@ def _view_variance(metric: Metric, columns: BlockColumns, root: Array, view: str
 
 
 def _structure_columns(metric: Metric) -> BlockColumns:
-    """Cosines of time in every run and channel; a constant too where that is a misfit."""
+    """Cosines of time in every run and channel, with a constant if a constant is a misfit."""
     experiment = metric.experiment
     cosines = [_waves(run.time, min(WAVES_PER_RUN, run.time.size // 4)) for run in experiment.runs]
     blocks, start = [], 0
@@ -259,14 +259,14 @@ def _waves(values: Array, count: int) -> Array:
 
 @dataclass(frozen=True)
 class Family:
-    """Shapes along one coordinate: by run, the numbers of its shapes and the shapes (N, k)."""
+    """Shapes along one coordinate: by run, the indices of its shapes, and the shapes (N, k)."""
 
     by_run: tuple[tuple[Index, Array], ...]
     count: int
 
 
 def _families(runs: tuple[RunBlocks, ...], assumptions: Assumptions) -> dict[str, Family]:
-    """Shapes by coordinate; runs of one group share theirs, those over time are each run's own."""
+    """Shapes by coordinate. Runs of one group share them; shapes over time belong to one run."""
     first, others = assumptions.coordinate_waves
     seen = [run.coordinates for run in runs]
     names = [name for name in seen[0] if all(name in other for other in seen)]
@@ -299,7 +299,7 @@ def _families(runs: tuple[RunBlocks, ...], assumptions: Assumptions) -> dict[str
 
 
 def _by_group(runs: tuple[RunBlocks, ...], shapes: list[Array]) -> Family:
-    """Shapes (N, k) of each run, the same numbers for the runs of one group."""
+    """Shapes (N, k) of each run, with the same indices in the runs of one group."""
     groups = sorted({run.group for run in runs})
     each = shapes[0].shape[1]
     return Family(
@@ -312,7 +312,7 @@ def _by_group(runs: tuple[RunBlocks, ...], shapes: list[Array]) -> Family:
 
 
 def _spread(metric: Metric, family: Family, weights: Array) -> BlockColumns:
-    """Shapes in a view as stacked columns: the least change of channels that shows as 1 there."""
+    """Shapes of a view as stacked columns: the smallest change of channels with 1 in the view."""
     pattern = weights / float(weights @ weights)
     blocks = []
     for slot, (number, channel, _) in enumerate(metric.experiment.slices):

@@ -1,8 +1,9 @@
-"""How the law of an effect may err: its own change, bent over load, direction, time, run, channel.
+"""Errors of the law of an effect: its change times smooth shapes.
 
-A real law differs from the idealised one of the catalogue. What it may add to the residual are
-products of the change that the effect makes and smooth shapes, each with a prior spread. If a
-misfit still asks for a further cause with these columns marginalised, no form of the law made it.
+The shapes lie over load, direction, time, run and channel. A real law differs from the idealised
+law of the catalogue. Products of the change of the effect and smooth shapes, each with a prior
+spread, describe the difference. If a misfit needs a further cause with these columns marginalised,
+no form of the law explains it.
 """
 
 from __future__ import annotations
@@ -14,16 +15,16 @@ from saddlering_ros.discrepancy.experiment import Experiment
 from saddlering_ros.discrepancy.system import Array, Point, RunBlocks
 
 LOAD_WAVES = 4
-"""Half waves over the drive by which a law may bend."""
+"""Half waves over the drive by which a law may deviate."""
 
 LAGS = (0.01, 0.05, 0.2)
-"""Delays of a law's change, as shares of a run's duration."""
+"""Delays of the change of a law, as shares of the duration of a run."""
 
 
 def form_columns(experiment: Experiment, fit: Fit, form_error: float) -> Array:
     """Columns (n, k), each one standard deviation, for every effect of a fit.
 
-    form_error: share of the square of an effect's change by which its law errs, all together.
+    form_error: share of the square of the change of an effect by which its law errs in total.
     """
     columns = []
     for change in changes_of_effects(experiment, fit).T:
@@ -34,7 +35,7 @@ def form_columns(experiment: Experiment, fit: Fit, form_error: float) -> Array:
 
 
 def changes_of_effects(experiment: Experiment, fit: Fit) -> Array:
-    """What each effect of a fit changes (n, E); nothing where the simulator fails."""
+    """Change (n, E) by each effect of a fit; 0 where the simulator fails."""
     effects = fit.point.effects
     points = [
         Point(fit.point.base, {name: values for name, values in effects.items() if name != less})
@@ -47,7 +48,7 @@ def changes_of_effects(experiment: Experiment, fit: Fit) -> Array:
 
 
 def _shapes(experiment: Experiment, change: list[Array]) -> list[list[Array]]:
-    """An effect's change (C, N) a run, times each shape."""
+    """The change of an effect (C, N) per run, times each shape."""
     runs = experiment.runs
     drives = [_drive(run) for run in runs]
     low = min(float(item.min()) for item in drives)
@@ -75,12 +76,12 @@ def _shapes(experiment: Experiment, change: list[Array]) -> list[list[Array]]:
 
 
 def _drive(run: RunBlocks) -> Array:
-    """The first coordinate (N,); time where a run has none."""
+    """The first coordinate (N,), or time if a run has none."""
     return next(iter(run.inputs.values()), run.time - run.time[0])
 
 
 def _lagged(change: Array, run: RunBlocks, lag: float) -> Array:
-    """A change (C, N) that follows by a first-order lag of a share of the run's duration."""
+    """A change (C, N) delayed by a first-order lag of a share of the duration of the run."""
     slow = change.copy()
     decay = np.exp(-np.diff(run.time) / (lag * max(float(np.ptp(run.time)), 1e-300)))
     for number, kept in enumerate(decay, start=1):

@@ -1,8 +1,9 @@
-"""Steady lines on stretches at rest, such as pickup of the mains: looked for at the raw rate.
+"""Steady lines on stretches at rest, such as mains pickup, at the original sampling rate.
 
-Block means average a line away, so it cannot be fitted with the other effects. The statistic at a
-frequency is the sum over stretches of windowed power over its own neighbourhood's level. Under
-noise of any smooth spectrum it is an F ratio; Bonferroni over frequencies and channels.
+Block means remove a line, so that it cannot be fitted with the other effects. The statistic at a
+frequency is the sum over stretches of windowed power over the level of the neighbouring
+frequencies. Under noise of any smooth spectrum the statistic is an F ratio, with a Bonferroni
+correction over frequencies and channels.
 """
 
 from __future__ import annotations
@@ -19,24 +20,24 @@ from saddlering_ros.estimation.distributions import fisher_chance, fisher_limit
 from saddlering_ros.estimation.rest import RestSegment
 
 MIN_FREQUENCY = 8.0
-"""Slower oscillations [Hz] are left to the residual tests: they may belong to the machine."""
+"""Frequency [Hz] below which the residual tests apply: slower swings may belong to the machine."""
 MIN_SAMPLES = 100
-"""Fewest samples of a stretch whose spectrum is used."""
+"""Smallest number of samples of a stretch whose spectrum is used."""
 NEIGHBOURS = 15
-"""Independent frequencies to each side from which the level of the noise is taken."""
+"""Independent frequencies on each side that give the level of the noise."""
 POWER_QUANTILE = 1.2816
 """Normal quantile of 0.9: found nine times in ten."""
 WINDOW_WIDTH = 2.0
-"""Independent frequencies that a Hann window makes one."""
+"""Independent frequencies that a Hann window combines into one."""
 
 
 @dataclass(frozen=True)
 class Line:
-    """A steady line: frequency [Hz], amplitude (C,) in each channel, chance of it from noise.
+    """A steady line: frequency [Hz], amplitude (C,) in each channel, chance under noise.
 
-    `own` (C,) says in which channels it is real by itself; `deviation` (C,) of the amplitudes;
-    `delta_bic` what it is worth after its phases are paid for; `step` [s] of the record it was
-    seen in.
+    `own` (C,): channels in which the line alone is real; `deviation` (C,): of the amplitudes;
+    `delta_bic`: evidence with its phases counted; `step` [s] of the record in which it was
+    found.
     """
 
     frequency: float
@@ -50,7 +51,7 @@ class Line:
 
 @dataclass(frozen=True)
 class LineSearch:
-    """What the stretches at rest show: a line or none, and the amplitude they would have shown."""
+    """Result of the search at rest: a line or None, and the amplitude that would be found."""
 
     line: Line | None
     limit: float
@@ -62,9 +63,9 @@ def find_line(
     between: tuple[float, float] = (MIN_FREQUENCY, np.inf),
     min_samples: int = MIN_SAMPLES,
 ) -> LineSearch:
-    """The strongest line that is real at `error_rate`, looked for where sampling is fastest.
+    """The strongest line that is real at `error_rate`, in the runs with the fastest sampling.
 
-    between: the least and the largest frequency [Hz] that it may have.
+    between: lowest and highest frequency [Hz] of the search.
     """
     usable = [item for item in segments if item.values.shape[1] >= min_samples]
     if not usable:
@@ -84,7 +85,7 @@ def find_line(
     limit = _limit(usable, fisher_limit(error_rate / trials, 2 * count, freedom))
     chance = fisher_chance(ratio, 2 * count, freedom) * trials
     chance[:, ~inside] = np.inf
-    # The chance of a very strong line is 0 at several places: the ratio tells them apart.
+    # The chance of a very strong line is 0 at several frequencies; the ratio separates them.
     shown = np.where(inside, ratio, -np.inf)
     channel, place = np.unravel_index(int(np.argmax(shown)), shown.shape)
     p_value = float(chance[channel, place])
@@ -103,8 +104,8 @@ def find_line(
 def _limit(segments: Sequence[RestSegment], threshold: float) -> float:
     """Amplitude in the quietest channel that passes a threshold nine times in ten.
 
-    Under a Hann window a line of amplitude a over n samples of noise s has a^2 n / (6 s^2) times
-    the noise's power at its frequency.
+    Under a Hann window a line of amplitude a over n samples of noise s has a^2 n / (6 s^2)
+    times the power of the noise at its frequency.
     """
     unit = np.mean(
         [item.values.shape[1] / (6.0 * _detrended(item.values).var(axis=1)) for item in segments],
@@ -116,7 +117,7 @@ def _limit(segments: Sequence[RestSegment], threshold: float) -> float:
 
 
 def _ratios(segments: Sequence[RestSegment], size: int) -> tuple[Array, Array, float]:
-    """Summed power (C, F), power over the local level (C, F), and the level's freedom."""
+    """Summed power (C, F), power over the local level (C, F), and its degrees of freedom."""
     powers, relative = [], []
     for item in segments:
         count = item.values.shape[1]
@@ -130,7 +131,7 @@ def _ratios(segments: Sequence[RestSegment], size: int) -> tuple[Array, Array, f
 
 
 def _detrended(values: Array) -> Array:
-    """Values (C, n) less their straight line."""
+    """Values (C, n) minus their straight line."""
     place = np.linspace(-1.0, 1.0, values.shape[1])
     level = values - values.mean(axis=1, keepdims=True)
     return np.asarray(level - np.outer(level @ place / (place @ place), place))
@@ -143,7 +144,7 @@ def turns(item: RestSegment, frequency: float) -> Array:
 
 
 def _measured(segments: Sequence[RestSegment], frequency: float) -> tuple[Array, Array, float]:
-    """Amplitudes (C,) less what noise gives them, their deviations (C,), and the delta BIC."""
+    """Amplitudes (C,) minus their bias by noise, their deviations (C,), and the delta BIC."""
     channels = segments[0].values.shape[0]
     total, noise, worth, weight = np.zeros(channels), np.zeros(channels), 0.0, 0
     for item in segments:
@@ -169,7 +170,7 @@ def amplitudes(item: RestSegment, frequency: float) -> tuple[Array, Array]:
 
 
 def line_gain(segments: Sequence[RestSegment], frequency: float, amplitude: Array) -> float:
-    """1 - rms without / rms with the line, its phase free, over the channels that have it."""
+    """1 - rms without / rms with the line, its phase free, over the channels with the line."""
     before = after = 0.0
     having = amplitude > 0.0
     for item in segments:

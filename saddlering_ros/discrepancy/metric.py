@@ -1,8 +1,8 @@
-"""The metric in which misfit is counted: whitened by the noise, nuisance parameters marginalised.
+"""The metric of the misfit: whitened by the noise, nuisance parameters marginalised.
 
 With noise covariance C = L L' per run and channel and nuisance columns G of prior covariance S,
-the metric is (C + G S G')^-1. It is applied as L^-1 followed by the symmetric operator
-I - U (1 - 1/sqrt(1 + s^2)) U', where U, s are the singular vectors and values of L^-1 G S^(1/2).
+the metric is (C + G S G')^-1. It is applied as L^-1 followed by the symmetric operator I - U (1 -
+1/sqrt(1 + s^2)) U', where U, s are the singular vectors and values of L^-1 G S^(1/2).
 """
 
 from __future__ import annotations
@@ -22,14 +22,14 @@ MAX_SPREADS = 2.5
 """Largest size of a nuisance parameter, in its standard deviations."""
 
 FREE_STRENGTH = 1e3
-"""Size of a nuisance parameter, in noise, above which it counts as free."""
+"""Size of a nuisance parameter, in units of noise, above which it counts as free."""
 
 JITTER = 1e-6
-"""Noise added to every sample, as a share of the widest channel's range."""
+"""Noise added to every sample, as a share of the range of the widest channel."""
 
 
 class Whitening(Protocol):
-    """A metric that a refit can work in."""
+    """The interface of a metric for refits."""
 
     @property
     def experiment(self) -> Experiment: ...
@@ -41,10 +41,10 @@ class Whitening(Protocol):
 
 @dataclass(frozen=True)
 class Metric:
-    """Noise of every run and channel, and the nuisance parameters marginalised.
+    """Noise of every run and channel, with the nuisance parameters marginalised.
 
-    shared: the nuisances, errors that the whitened residuals share. A metric is never changed:
-    `marginalise` makes another one.
+    shared: the nuisance parameters, which the whitened residuals share. A metric is never
+    changed: `marginalise` makes another one.
     """
 
     experiment: Experiment
@@ -53,7 +53,7 @@ class Metric:
     shared: SharedErrors
 
     def marginalise(self, nuisances: Array) -> Metric:
-        """The same noise with these nuisances alone: columns (n, k) times their spreads."""
+        """The same noise with these nuisance parameters: columns (n, k) times their spreads."""
         return replace(self, shared=SharedErrors.of(self.whiten_noise(nuisances)))
 
     def whiten_noise(self, columns: Array) -> Array:
@@ -75,16 +75,16 @@ class Metric:
         return self.shared.apply(self.whiten_noise(columns))
 
     def inflated(self, factor: float, free: Array) -> Array:
-        """Nuisance columns, whitened, `factor` times as large, and columns (n, p) beside them.
+        """Nuisance columns, whitened and multiplied by `factor`, and columns (n, p) beside them.
 
-        Offsets, whose spread is wide already, stay as they are.
+        Offsets keep their spread, which is wide already.
         """
         strength = self.shared.strength
         larger = np.where(strength < FREE_STRENGTH, factor * strength, strength)
         return np.hstack([self.shared.directions * larger, self.whiten_noise(free)])
 
     def without_nuisances(self, residual: Array) -> Array:
-        """A stacked plain residual less its part by nuisances of usual size."""
+        """A stacked plain residual minus its part by nuisance parameters of usual size."""
         white = self.whiten_noise(residual)
         spreads = np.clip(self.shared.along(white), -MAX_SPREADS, MAX_SPREADS)
         shared = self.shared.directions @ (self.shared.strength * spreads)
@@ -92,12 +92,12 @@ class Metric:
 
     @property
     def free_count(self) -> float:
-        """Dimensions left after the nuisances have taken theirs."""
+        """Dimensions beside the nuisance parameters."""
         return self.experiment.size - self.shared.dimensions
 
 
 def noise_metric(experiment: Experiment, noise: Mapping[tuple[str, int], ChannelNoise]) -> Metric:
-    """The metric of the noise alone: no nuisance parameters yet."""
+    """The metric of the noise alone, without nuisance parameters."""
     jitter = float((JITTER * experiment.channel_ranges.max()) ** 2)
     whiteners = []
     for index, channel, _ in experiment.slices:
