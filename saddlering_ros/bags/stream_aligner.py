@@ -256,6 +256,15 @@ class StreamAligner:
         return len(self._pending)
 
     @property
+    def missing(self) -> list[int]:
+        """Probes (0 is the first) that the first waiting load sample needs a sample of."""
+        if not self._pending:
+            return []
+        stamp = self._pending[0][0]
+        return [place for place, probe in enumerate(self._probes)
+                if probe.newest is None or probe.newest < stamp]
+
+    @property
     def holds(self) -> bool:
         """Whether a load sample is held back in case an earlier one still comes."""
         return bool(self._pending) and self._pending[-1][0] > self._due_until()

@@ -62,6 +62,7 @@ class RingDisplacementNode(StreamingNode):
         self._agreement = RigAgreement(self, self._rig)
         self._watch = ElevationWatch(self)
         self._arrived = 0.0
+        self._awaited = 0
         self.create_service(Trigger, '~/zero', self._on_zero)
         self._zero = self.create_publisher(Header, ZERO, ZERO_QOS)
 
@@ -102,7 +103,14 @@ class RingDisplacementNode(StreamingNode):
         self._arrived = time.monotonic()
         self._stream.elevation = self._watch.resolve().value
         self._stream.recording = self._watch.recording
+        rows = self._stream.rows
         self._send(self._stream.push(load, gaps))
+        awaited = self._stream.awaited(rows)
+        self._awaited = self._awaited if awaited is None else awaited
+
+    def awaited(self) -> list[RawSubscription]:
+        """The topic whose sample brings the next row."""
+        return self.inputs[self._awaited:self._awaited + 1]
 
     def at_intervals(self, now: float) -> float:
         """Take the samples that wait for successors, after a time without data."""

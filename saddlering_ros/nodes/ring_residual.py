@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from saddlering_interfaces.msg import RingDisplacement
 from saddlering_ros.rig import CHANNELS
@@ -13,6 +14,7 @@ from saddlering_ros.ros.diagnostics import (
     Events,
     Finding,
     FunctionTask,
+    Kept,
     OK,
     SourcesTask,
     StreamTask,
@@ -51,6 +53,7 @@ class RingResidualNode(StreamingNode):
         """Make the join and its diagnostics."""
         self._stream = ResidualStream(self._rig.full_scale_load)
         self._streams = [StreamTask(f'/{DISPLACEMENT}'), StreamTask(f'/{SIMULATED}')]
+        self._kept = Kept(self._add)
         self._sums = np.zeros(4)
         self._count = np.zeros(4, np.int64)
         self.tasks = [*self._streams, FunctionTask('zero', self._zero_finding),
@@ -65,6 +68,14 @@ class RingResidualNode(StreamingNode):
                        for topic in (DISPLACEMENT, SIMULATED)]
         self.outputs = [RawPublisher(self, RESIDUAL, RingDisplacement)]
 
+    def awaited(self) -> list[RawSubscription]:
+        """The side that is missing while the other waits for it."""
+        if not self.active:
+            return self.inputs
+        missing = [flow for flow, count in zip(self.inputs, self._stream.waiting, strict=True)
+                   if not count]
+        return missing or self.inputs
+
     def process_batch(self) -> None:
         """One batch of either, residuals out."""
         measured, simulated = (
@@ -76,8 +87,7 @@ class RingResidualNode(StreamingNode):
                 task.push(batch.stamps)
         residual = self._stream.push(measured, simulated)
         if len(residual):
-            self._sums += np.nansum(residual.channels ** 2, axis=1)
-            self._count += np.isfinite(residual.channels).sum(axis=1)
+            self._kept.push(residual.channels.T)
             self.outputs[0].send(batches.encode_displacements(residual, self.settings['frame_id']),
                                  int(residual.stamps[-1]))
 
@@ -92,7 +102,12 @@ class RingResidualNode(StreamingNode):
                                  'subtracted: call /ring_displacement/zero', figures)
         return Finding(OK, 'measured and simulated have the same zero', figures)
 
+    def _add(self, residuals: NDArray[np.float64]) -> None:
+        self._sums += np.nansum(residuals ** 2, axis=0)
+        self._count += np.isfinite(residuals).sum(axis=0)
+
     def _residual_finding(self) -> Finding:
+        self._kept.judge()
         if not self._count.any():
             return Finding(OK, 'no residual yet')
         rms = np.sqrt(self._sums / np.maximum(self._count, 1))

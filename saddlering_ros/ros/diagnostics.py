@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 import math
-from typing import Protocol
+from typing import Any, Protocol
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 import numpy as np
@@ -17,6 +17,12 @@ OK, WARN, ERROR, STALE = 0, 1, 2, 3
 
 STATE_TASK, ACTIVE = 'state', 'active'
 """The status of every lifecycle node by which others know that it is active."""
+
+JUDGED_TOGETHER = 4096
+"""Numbers that are judged at once, at the latest; fewer at the end of a period."""
+
+ENOUGH_INTERVALS = 8
+"""So many intervals judged together have a median of their own."""
 
 
 @dataclass(frozen=True)
@@ -37,11 +43,35 @@ class Task(Protocol):
         """Finding of the last `elapsed` seconds."""
 
 
+class Kept:
+    """Numbers of many small batches, judged together: one batch alone costs as much to judge."""
+
+    def __init__(self, judge: Callable[[NDArray[Any]], None]) -> None:
+        self._judge = judge
+        self._batches: list[NDArray[Any]] = []
+        self._count = 0
+
+    def push(self, batch: NDArray[Any]) -> None:
+        """Keep a batch; judge what is kept if it is much."""
+        if len(batch):
+            self._batches.append(batch)
+            self._count += len(batch)
+            if self._count >= JUDGED_TOGETHER:
+                self.judge()
+
+    def judge(self) -> None:
+        """Judge what is kept."""
+        if self._batches:
+            batches, self._batches, self._count = self._batches, [], 0
+            self._judge(np.concatenate(batches))
+
+
 class StreamTask:
     """Rate and gaps of one topic, by its stamps; silence is STALE.
 
-    A gap is an interval over `gap_periods` times the median interval of the batch's history and
-    over `floor` seconds; a step back over `floor` is a jump, a smaller one a message late.
+    A gap is an interval over `floor` seconds and over `gap_periods` times the median interval: of
+    those judged together with it if they are enough, else of those before them. A step back over
+    `floor` is a jump, a smaller one a message late.
     """
 
     def __init__(self, topic: str, *, lowest_rate: float = 0.0, gap_periods: float = 5.0,
@@ -51,22 +81,23 @@ class StreamTask:
         self.total = self.gaps = self.late = 0
         self._median = math.nan
         self._last: int | None = None
+        self._stamps = Kept(self._judge)
         self._clear()
 
     def _clear(self) -> None:
         self._count = self._new_gaps = self._new_late = 0
         self.longest_gap = 0.0
-        self._first_stamp: int | None = None
 
     def push(self, stamps: NDArray[np.int64]) -> None:
         """Take the stamps [ns] of a batch, in the order of arrival; those not set are left out."""
+        self._stamps.push(stamps)
+
+    def _judge(self, stamps: NDArray[np.int64]) -> None:
         stamps = stamps[stamps > 0]
         if not len(stamps):
             return
         self._count += len(stamps)
         self.total += len(stamps)
-        if self._first_stamp is None:
-            self._first_stamp = int(stamps[0])
         chain = stamps if self._last is None else np.concatenate(([self._last], stamps))
         steps = np.diff(chain) / 1e9
         self._last = int(stamps[-1])
@@ -74,17 +105,18 @@ class StreamTask:
         forward = steps[steps > 0.0]
         if not len(forward):
             return
-        if not math.isnan(self._median):
-            limit = max(self.gap_periods * self._median, self.floor)
-            long = forward[forward > limit]
-            self._new_gaps += len(long)
-            if len(long):
-                self.longest_gap = max(self.longest_gap, float(long.max()))
         middle = float(np.median(forward))
-        self._median = middle if math.isnan(self._median) else 0.9 * self._median + 0.1 * middle
+        are_enough = math.isnan(self._median) or len(forward) >= ENOUGH_INTERVALS
+        limit = max(self.gap_periods * (middle if are_enough else self._median), self.floor)
+        long = forward[forward > limit]
+        self._new_gaps += len(long)
+        if len(long):
+            self.longest_gap = max(self.longest_gap, float(long.max()))
+        self._median = middle if are_enough else 0.9 * self._median + 0.1 * middle
 
     def report(self, elapsed: float) -> Finding:
         """Rate (by arrival), period (by stamps), gaps and late messages of the period."""
+        self._stamps.judge()
         rate = self._count / elapsed if elapsed > 0.0 else 0.0
         self.gaps += self._new_gaps
         self.late += self._new_late
@@ -116,9 +148,13 @@ class SaturationTask:
         self.low, self.high = low, high
         self.total = self._new = 0
         self._margin = math.inf
+        self._values = Kept(self._judge)
 
     def push(self, values: NDArray[np.float64]) -> None:
         """Take the gaps [m] of a batch; those that are not finite are counted elsewhere."""
+        self._values.push(values)
+
+    def _judge(self, values: NDArray[np.float64]) -> None:
         values = values[np.isfinite(values)]
         if not len(values):
             return
@@ -130,6 +166,7 @@ class SaturationTask:
 
     def report(self, elapsed: float) -> Finding:
         """How many readings of the period were saturated, and how near the ends they came."""
+        self._values.judge()
         self.total += self._new
         figures = {'saturated': str(self.total),
                    'nearest to an end [mm]': f'{self._margin * 1e3:.4g}'}
@@ -149,9 +186,13 @@ class ParityTask:
         self._noise, self._sigmas = noise, sigmas
         self._sum = self._peak = 0.0
         self._count = 0
+        self._parities = Kept(self._judge)
 
     def push(self, parity: NDArray[np.float64]) -> None:
         """Take the parities [m] of a batch; NaN where a probe is missing."""
+        self._parities.push(parity)
+
+    def _judge(self, parity: NDArray[np.float64]) -> None:
         parity = parity[np.isfinite(parity)]
         if len(parity):
             self._sum += float(np.sum(parity))
@@ -160,6 +201,7 @@ class ParityTask:
 
     def report(self, elapsed: float) -> Finding:
         """Mean and peak of the period."""
+        self._parities.judge()
         if not self._count:
             return Finding(OK, 'no displacement yet')
         mean, limit = self._sum / self._count, self._sigmas * self._noise()

@@ -26,9 +26,12 @@ SERVE_ALL = 0.25
 """The executor looks this often [s] for what `DataWait` does not see: events of the middleware.
 It is asked seldom, because its look costs as much as ten messages."""
 
-COALESCE = 0.001
-"""Shortest time from one batch to the next [s]: at 1 kHz messages are then worked off by fives and
-tens, each wake-up costing as much as several messages, for a millisecond of delay."""
+PERIOD = 0.0015
+"""Shortest time from one batch to the next [s]: a wake-up costs as much as several messages. At
+1 kHz messages are worked off by fives and tens, for a millisecond of delay."""
+
+PATIENCE = 0.005
+"""Longest wait for the awaited subscriptions alone [s]; then any message begins a batch."""
 
 
 class Streaming(Protocol):
@@ -36,6 +39,9 @@ class Streaming(Protocol):
 
     def raw_subscriptions(self) -> list[RawSubscription]:
         """The subscriptions to wait for (they may change from call to call)."""
+
+    def awaited(self) -> list[RawSubscription]:
+        """Those of them without whose next message a batch would give no result."""
 
     def work(self) -> None:
         """Take and process the messages that have arrived."""
@@ -62,8 +68,7 @@ class DataWait:
 
     def __init__(self, context: Context) -> None:
         self._context = context
-        self._sizes = (-1, -1)
-        self._set: Any = None
+        self._sets: dict[tuple[int, int], Any] = {}
 
     def wait(self, subscriptions: list[RawSubscription], seconds: float,
              node: Node | None = None) -> Ready:
@@ -94,14 +99,15 @@ class DataWait:
                 or bool(services and ready.get_ready_entities('service')))
 
     def _wait_set(self, subscriptions: int, services: int) -> Any:
-        """An empty set with these sizes; the present one, if it has them."""
-        if self._sizes != (subscriptions, services):
-            self._sizes = subscriptions, services
+        """An empty set with these sizes, made once."""
+        sizes = subscriptions, services
+        if sizes not in self._sets:
             with self._context.handle:
-                self._set = rclpy_implementation.WaitSet(
+                self._sets[sizes] = rclpy_implementation.WaitSet(
                     subscriptions, 0, 0, 0, services, 0, self._context.handle)
-        self._set.clear_entities()
-        return self._set
+        found = self._sets[sizes]
+        found.clear_entities()
+        return found
 
 
 def spin_streaming(node: Node, streaming: Streaming) -> None:
@@ -117,11 +123,16 @@ def spin_streaming(node: Node, streaming: Streaming) -> None:
     heard = time.monotonic()
     try:
         while node.context.ok() and not streaming.finished():
-            asleep = time.monotonic() - heard >= ASLEEP_AFTER
-            ready = data.wait(streaming.raw_subscriptions(), limit, node if asleep else None)
+            silent = time.monotonic() - heard
+            asleep = silent >= ASLEEP_AFTER
+            if silent < PATIENCE:
+                ready = data.wait(streaming.awaited(), min(limit, PATIENCE))
+            else:
+                ready = data.wait(streaming.raw_subscriptions(), limit, node if asleep else None)
             woke = time.monotonic()
             if ready.data:
-                heard = woke
+                time.sleep(max(0.0, heard + PERIOD - woke))
+                heard = time.monotonic()
                 streaming.work()
             called = ready.call
             if not asleep and woke - looked >= IDLE_WAIT:
@@ -130,10 +141,6 @@ def spin_streaming(node: Node, streaming: Streaming) -> None:
                 _serve(executor)
                 served = time.monotonic()
             limit = min(ASLEEP_WAIT if asleep else IDLE_WAIT, streaming.tick(time.monotonic()))
-            if ready.data:
-                rest = COALESCE - (time.monotonic() - woke)
-                if rest > 0.0:
-                    time.sleep(rest)
     finally:
         executor.remove_node(node)
         executor.shutdown(timeout_sec=0.0)

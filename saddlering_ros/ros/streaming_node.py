@@ -169,6 +169,10 @@ class StreamingNode(LifecycleNode):
         """The subscriptions to wait for."""
         return self.inputs
 
+    def awaited(self) -> list[RawSubscription]:
+        """Those of them without whose next message a batch would give no result."""
+        return self.inputs
+
     def finished(self) -> bool:
         """Whether the node wants to leave."""
         return self.done

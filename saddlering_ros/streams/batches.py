@@ -9,7 +9,7 @@ import struct
 import numpy as np
 from numpy.typing import NDArray
 
-from saddlering_ros.bags.cdr import decode_list, encode_list, readings_of, SECOND
+from saddlering_ros.bags.cdr import decode_list, encode_list, SECOND
 from saddlering_ros.bags.guard import Samples as Samples
 from saddlering_ros.bags.layouts import DISPLACEMENT_TYPE
 from saddlering_ros.bags.topics import RigTopic
@@ -115,9 +115,12 @@ def decode_samples(messages: Sequence[bytes], topic: RigTopic) -> Samples:
     """Readings of a topic of the rig, with the range that the last message states."""
     if not messages:
         return no_samples()
-    found = readings_of(decode_list(messages, topic.type, topic.fields), topic)
-    low, high = found.spans[-1].tolist() if topic.low else (float('nan'), float('nan'))
-    return Samples(found.stamps, found.values, low, high)
+    found = decode_list(messages, topic.type, topic.fields)
+    values = found.fields[topic.field].astype(np.float64)
+    if not topic.low:
+        return Samples(found.stamps, values)
+    low, high = (float(found.fields[name][-1]) for name in (topic.low, topic.high))
+    return Samples(found.stamps, values, low, high)
 
 
 def encode_samples(samples: Samples, topic: RigTopic, frame_id: str | None = None) -> list[bytes]:

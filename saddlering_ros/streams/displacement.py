@@ -103,6 +103,16 @@ class DisplacementStream:
         return (self.aligner.holds or self._load_guard.holds
                 or any(guard.holds for guard in self._gap_guards))
 
+    def awaited(self, rows_before: int) -> int | None:
+        """The sample that brings the next row: 0 of the load, 1 to 4 of a probe.
+
+        rows_before: `rows` before the last batch. None: the same as before the last batch.
+        """
+        missing = self.aligner.missing
+        if missing:
+            return missing[-1] + 1
+        return 0 if self.aligner.pending or self.rows == rows_before else None
+
     def flush(self) -> Displacements:
         """Take the held samples after a time without data."""
         rows = self._align(self._load_guard.flush(),
@@ -173,11 +183,12 @@ class DisplacementStream:
         gaps = np.array([row.gaps for row in rows]).T
         increments = gap_increment(self._rig.probes, gaps, np.array(self.zero.gaps))
         found = probes_to_displacement(self._rig.probes, increments)
-        self._missing += np.isnan(gaps).sum(axis=1)
         channels = np.stack([found.delta_x, found.delta_y, found.gamma, found.parity])
-        known = np.isfinite(channels[:3]).any(axis=0)
-        rows = [row for row, is_known in zip(rows, known.tolist(), strict=True) if is_known]
-        channels = np.ascontiguousarray(channels[:, known])
+        if not np.isfinite(channels).all():
+            self._missing += np.isnan(gaps).sum(axis=1)
+            known = np.isfinite(channels[:3]).any(axis=0)
+            rows = [row for row, is_known in zip(rows, known.tolist(), strict=True) if is_known]
+            channels = np.ascontiguousarray(channels[:, known])
         stamps = np.array([row.stamp for row in rows], dtype=np.int64)
         return [Displacements(
             stamps, channels,
@@ -190,7 +201,8 @@ class DisplacementStream:
         """The mark of rows that were interpolated across a reading that was refused."""
         marks = np.zeros(len(stamps), np.uint8)
         for guard in self._gap_guards:
-            marks |= guard.marks(stamps)
+            if guard.bridges:
+                marks |= guard.marks(stamps)
         return marks
 
 

@@ -78,6 +78,9 @@ class _Side:
 
     def forget(self, used: np.ndarray, before: int) -> int:
         """Drop rows `used` and rows stamped before `before`; how many of the latter."""
+        if len(used) == len(self.waiting) and not self.given_up:
+            self.waiting = no_displacements()
+            return 0
         keep = np.ones(len(self.waiting), dtype=bool)
         keep[used] = False
         old = keep & (self.waiting.stamps < before)
@@ -119,11 +122,15 @@ class ResidualStream:
         ours, theirs = self._measured.waiting, self._simulated.waiting
         if not len(ours) or not len(theirs):
             return no_displacements()
-        stamps, mine, other = np.intersect1d(ours.stamps, theirs.stamps, assume_unique=True,
-                                             return_indices=True)
-        if not len(stamps):
-            return no_displacements()
-        measured, simulated = pick(ours, mine), pick(theirs, other)
+        if np.array_equal(ours.stamps, theirs.stamps):  # the usual case
+            stamps, measured, simulated = ours.stamps, ours, theirs
+            mine = other = np.arange(len(stamps))
+        else:
+            stamps, mine, other = np.intersect1d(ours.stamps, theirs.stamps, assume_unique=True,
+                                                 return_indices=True)
+            if not len(stamps):
+                return no_displacements()
+            measured, simulated = pick(ours, mine), pick(theirs, other)
         before = int(stamps[-1]) - KEEP_NS
         self.counters.measured_alone += self._measured.forget(mine, before)
         self.counters.simulated_alone += self._simulated.forget(other, before)

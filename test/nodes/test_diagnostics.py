@@ -26,6 +26,16 @@ def test_the_longest_gap_is_that_of_the_period_and_a_stamp_of_0_makes_none() -> 
     assert (second.level, second.figures['longest gap of this period [s]']) == (OK, '0')
 
 
+def test_the_next_test_at_another_rate_has_no_gaps() -> None:
+    task = StreamTask('/rig/hydraulic_load')
+    task.push(START + MS * np.arange(1000))
+    task.report(1.0)
+    for stamp in START + 1000 * MS + 40 * MS * np.arange(25):
+        task.push(np.array([stamp]))
+    found = task.report(1.0)
+    assert (found.level, found.figures['period by stamps [ms]']) == (OK, '40')
+
+
 def test_a_reading_that_is_no_number_is_not_at_an_end_of_the_range() -> None:
     task = SaturationTask('/rig/eddy_current_1', 0.0, 2e-3)
     task.push(np.array([1e-3, np.nan, np.inf]))

@@ -323,3 +323,22 @@ def test_a_test_sampled_at_another_rate_than_the_one_before_is_as_it_is_alone(
     fresh = simulation().push(samples(after.stamps, after.load))
     assert np.array_equal(again.stamps, fresh.stamps)
     assert np.array_equal(again.channels, fresh.channels)
+
+
+def test_the_topic_that_brings_the_next_row_is_awaited(record) -> None:
+    stream, _ = measure(record, slice(0, 40))
+
+    def push(load: int, *probes: int) -> int | None:
+        """Which topic is awaited after a batch with these rows of the load and of each probe."""
+        rows = stream.rows
+        stream.push(samples(record.stamps[load - 1:load], record.load[load - 1:load]),
+                    [samples(record.probe_stamps[place][row - 1:row],
+                             record.gaps[place][row - 1:row])
+                     for place, row in enumerate(probes)])
+        return stream.awaited(rows)
+
+    nothing = 0
+    assert push(41, nothing, nothing, nothing, nothing) == 4  # which comes last of the five
+    assert push(nothing, 41, 41, nothing, 41) == 3
+    assert push(nothing, nothing, nothing, 41, nothing) is None  # a row has come
+    assert push(nothing, 42, 42, 42, 42) == 0  # here the load comes last
