@@ -8,6 +8,7 @@ type stand in `layouts.py`.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+import contextlib
 from dataclasses import dataclass
 import functools
 import struct
@@ -33,8 +34,17 @@ _LITTLE_ENDIAN = 1
 _BYTE_ORDER_AND_ALIGNMENT = {0: ('>', 8), 1: ('<', 8), 6: ('>', 4), 7: ('<', 4)}
 """By representation identifier: byte order, and the alignment of a double."""
 
+FEW = 8
+"""So few messages are read and written sooner one by one than as arrays."""
+
+_FORMATS = {'i4': 'i', 'u4': 'I', 'u1': 'B', 'f4': 'f', 'f8': 'd'}
+"""Of `struct`, by the type of a field."""
+
 MAX_FRAME_IDS = 100
 """Lengths of frame ids in one block; a topic of the rig has one."""
+
+
+TOO_MANY_NANOSECONDS = 'a stamp has a second or more of nanoseconds'
 
 
 class CdrError(ValueError):
@@ -87,7 +97,8 @@ def decode_list(messages: Sequence[bytes], message_type: str, names: Sequence[st
     """Read messages that lie one by one in memory."""
     wanted = tuple(names)
     if messages and len(messages[0]) >= _HEAD and len(set(map(len, messages))) == 1:
-        records = _decode_equal(messages, message_type, wanted)
+        decode_equal = _decode_few if len(messages) <= FEW else _decode_equal
+        records = decode_equal(messages, message_type, wanted)
         if records is not None:
             return records
     sizes = np.fromiter(map(len, messages), np.int64, len(messages))
@@ -108,6 +119,28 @@ def _decode_equal(messages: Sequence[bytes], message_type: str, names: tuple[str
     if np.count_nonzero(records['kind'] != kind) or np.count_nonzero(records['length'] != length):
         return None
     return _checked(records, names, _frame_id(first, length))
+
+
+def _decode_few(messages: Sequence[bytes], message_type: str, names: tuple[str, ...],
+                ) -> Records | None:
+    """The same as `_decode_equal`, message by message."""
+    first = messages[0]
+    kind, length = _head_of(first)
+    row = _row(message_type, kind, length, names)
+    if len(first) < row.size:
+        raise CdrError(f'a message is shorter than a {message_type}')
+    kinds, seconds, nanoseconds, lengths, texts, *columns = zip(
+        *[row.unpack_from(message) for message in messages], strict=True)
+    if len(set(kinds)) > 1 or len(set(lengths)) > 1:
+        return None
+    if max(nanoseconds) >= SECOND:
+        raise CdrError(TOO_MANY_NANOSECONDS)
+    stamps = np.array([second * SECOND + nanosecond for second, nanosecond in zip(
+        seconds, nanoseconds, strict=True)], np.int64)
+    by_name = dict(zip(_in_order(message_type, names), columns, strict=True))
+    types = dict(LAYOUTS[message_type])
+    return Records(stamps, {name: np.array(by_name[name], types[name]) for name in names},
+                   texts[0].rstrip(b'\0').decode('utf-8', 'replace'))
 
 
 def decode_records(
@@ -159,7 +192,7 @@ def _read(data: NDArray[np.uint8], starts: NDArray[np.int64], sizes: NDArray[np.
 def _checked(records: NDArray[Any], names: Sequence[str], frame_id: str) -> Records:
     nanoseconds = records['nanosec']
     if (nanoseconds >= SECOND).any():
-        raise CdrError('a stamp has a second or more of nanoseconds')
+        raise CdrError(TOO_MANY_NANOSECONDS)
     stamps = records['sec'].astype(np.int64) * SECOND + nanoseconds
     return Records(stamps, {name: records[name] for name in names}, frame_id)
 
@@ -218,6 +251,25 @@ def _layout(message_type: str, kind: int, length: int, names: tuple[str, ...]) -
                      'offsets': [offset for offset, _ in found.values()], 'itemsize': size})
 
 
+def _in_order(message_type: str, names: tuple[str, ...]) -> list[str]:
+    """The same names in the order of the message's definition."""
+    return [name for name, _ in LAYOUTS[message_type] if name in names]
+
+
+@functools.lru_cache(maxsize=256)
+def _row(message_type: str, kind: int, length: int, names: tuple[str, ...]) -> struct.Struct:
+    """The bytes of one message: kind, seconds, nanoseconds, frame id's length and text, fields."""
+    layout = _layout(message_type, kind, length, names)
+    assert layout.fields is not None
+    words = [f'{_BYTE_ORDER_AND_ALIGNMENT[kind][0]}2s2xiII{length}s']
+    place = _HEAD + length
+    for name in _in_order(message_type, names):
+        found, offset = layout.fields[name][:2]
+        words.append(f'{offset - place}x{_FORMATS[found.str[1:]]}')
+        place = offset + found.itemsize
+    return struct.Struct(''.join(words))
+
+
 def _aligned(position: int, alignment: int) -> int:
     return -(-position // alignment) * alignment
 
@@ -242,6 +294,30 @@ def encode(message_type: str, frame_id: str, stamps: ArrayLike,
 def encode_list(message_type: str, frame_id: str, stamps: ArrayLike,
                 fields: Mapping[str, ArrayLike]) -> list[bytes]:
     """As `encode`, each message by itself."""
-    raw = encode(message_type, frame_id, stamps, fields)
+    times = np.asarray(stamps, dtype=np.int64)
+    if len(times) <= FEW:
+        with contextlib.suppress(OverflowError):  # a reading beyond its type becomes infinite
+            return _encode_few(message_type, frame_id, times.tolist(), fields)
+    raw = encode(message_type, frame_id, times, fields)
     size, data = raw.shape[1], raw.tobytes()
     return [data[start:start + size] for start in range(0, len(data), size)]
+
+
+def _encode_few(message_type: str, frame_id: str, stamps: Sequence[int],
+                fields: Mapping[str, ArrayLike]) -> list[bytes]:
+    """The same as `encode`, message by message."""
+    text = frame_id.encode() + b'\0'
+    names = tuple(name for name, _ in LAYOUTS[message_type])
+    row = _row(message_type, _LITTLE_ENDIAN, len(text), names)
+    given = {**DEFAULTS.get(message_type, {}), **fields}
+    columns = [_as_list(given.get(name, 0), len(stamps)) for name in names]
+    return [row.pack(b'\0\1', *divmod(stamp, SECOND), len(text), text, *values)
+            for stamp, *values in zip(stamps, *columns, strict=True)]
+
+
+def _as_list(values: ArrayLike, count: int) -> list[Any]:
+    """Values (N,), or one for all."""
+    if isinstance(values, np.ndarray) and values.ndim:
+        found: list[Any] = values.tolist()
+        return found
+    return [values] * count

@@ -19,7 +19,13 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from saddlering_ros.bags.alignment import GAP_HISTORY, gap_limit, JITTER_NS, LEAP_NS
+from saddlering_ros.bags.alignment import (
+    GAP_FLOOR_NS,
+    GAP_HISTORY,
+    gap_limit,
+    JITTER_NS,
+    LEAP_NS,
+)
 from saddlering_ros.bags.scratch import blocks, scratch_array, scratch_mask
 from saddlering_ros.bags.validity import BRIDGED, DOUBTFUL_LOAD
 from saddlering_ros.rig import Rig
@@ -203,10 +209,11 @@ class SampleGuard:
                            np.concatenate([part.values for part in parts]), samples.low,
                            samples.high)
         sound: list[tuple[int, float]] = []
-        for stamp, value in zip(samples.stamps.tolist(), samples.values.tolist(), strict=True):
-            if self._is_possible(stamp, value):
-                sound += self._judge((stamp, value))
-        return self._batch(sound, samples)
+        pairs = list(zip(samples.stamps.tolist(), samples.values.tolist(), strict=True))
+        for pair in pairs:
+            if self._is_possible(*pair):
+                sound += self._judge(pair)
+        return samples if sound == pairs else self._batch(sound, samples)
 
     def flush(self) -> Samples:
         """The held sample, after a time without a successor to judge it by."""
@@ -247,7 +254,9 @@ class SampleGuard:
                 samples.values <= self.limits.high).all():
             return False
         steps = np.diff(stamps)
-        if steps.min() <= 0 or steps.max() > gap_limit(list(self._steps)):
+        longest = int(steps.max())
+        if steps.min() <= 0 or (
+                longest > GAP_FLOOR_NS and longest > gap_limit(list(self._steps))):
             return False
         leap = self.limits.noise + self.limits.rate * 1e-9 * steps
         return bool((np.abs(np.diff(values)) <= leap).all())
@@ -313,7 +322,10 @@ class SampleGuard:
         return self._follows(last[0], sample[0]) and self._is_near(last, sample)
 
     def _follows(self, last: int, stamp: int) -> bool:
-        return -JITTER_NS <= stamp - last <= gap_limit(list(self._steps))
+        step = stamp - last
+        if step <= GAP_FLOOR_NS:  # no gap, whatever the steps before
+            return step >= -JITTER_NS
+        return step <= gap_limit(list(self._steps))
 
     def _is_near(self, last: tuple[int, float], sample: tuple[int, float]) -> bool:
         elapsed = abs(sample[0] - last[0]) * 1e-9

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import fields
+
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import WrenchStamped
 import numpy as np
@@ -10,7 +12,8 @@ from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import Range
 
 from saddlering_interfaces.msg import RingDisplacement
-from saddlering_ros.bags.cdr import CdrError
+from saddlering_ros.bags.cdr import _layout, CdrError, FEW
+from saddlering_ros.bags.layouts import DISPLACEMENT_TYPE, LAYOUTS
 from saddlering_ros.bags.topics import LOAD, PROBES
 from saddlering_ros.streams.batches import (
     decode_displacements,
@@ -18,6 +21,8 @@ from saddlering_ros.streams.batches import (
     Displacements,
     encode_displacements,
     encode_samples,
+    join,
+    pick,
     Samples,
 )
 
@@ -76,6 +81,45 @@ def test_displacements_are_the_same_bytes_a_message_has(frame: str) -> None:
     assert np.array_equal(again.zero_stamps, batch.zero_stamps)
     assert np.array_equal(again.elevations, batch.elevations)
     assert np.array_equal(again.validity, batch.validity)
+
+
+def test_few_messages_are_read_and_written_as_many_are() -> None:
+    count = 3 * FEW
+    values = np.random.default_rng(0).normal(size=(6, count))
+    batch = Displacements(STAMPS[0] + np.arange(count), values[:4], STAMPS[1] + np.arange(count),
+                          values[4], values[5], np.arange(count, dtype=np.uint8))
+    many = encode_displacements(batch, 'ring')
+    few = [encode_displacements(pick(batch, np.array([row])), 'ring')[0] for row in range(count)]
+    assert many == few
+    swapped = [swap(message) for message in many]
+    for messages in (many, swapped):
+        whole = decode_displacements(messages)
+        parts = join([decode_displacements(messages[row:row + 2]) for row in range(0, count, 2)])
+        for one in (whole, parts):
+            for field in fields(Displacements):
+                assert np.array_equal(getattr(one, field.name), getattr(batch, field.name))
+    gaps = Samples(batch.stamps, np.float64(np.float32(values[0])), -1.0, 0.1)
+    messages = encode_samples(gaps, PROBES[0])
+    assert messages[:2] == encode_samples(
+        Samples(gaps.stamps[:2], gaps.values[:2], -1.0, 0.1), PROBES[0])
+    assert np.array_equal(decode_samples(messages[:2], PROBES[0]).values, gaps.values[:2])
+    assert decode_samples(messages[:2], PROBES[0]).high == decode_samples(messages, PROBES[0]).high
+    absurd = Samples(STAMPS[:1], np.array([1e300]), 0.0, 1.0)
+    with np.errstate(over='ignore'):
+        assert decode_samples(encode_samples(absurd, PROBES[0]), PROBES[0]).values == np.inf
+
+
+def swap(message: bytes) -> bytes:
+    """A displacement in the frame `ring`, in the other byte order."""
+    names = tuple(name for name, _ in LAYOUTS[DISPLACEMENT_TYPE])
+    layout, other = (_layout(DISPLACEMENT_TYPE, order, len('ring') + 1, names) for order in (1, 0))
+    found = np.frombuffer(message, layout)[0]
+    raw = bytearray(message)
+    turned = np.ndarray((1,), other, raw)
+    for name in layout.names:
+        turned[name] = found[name]
+    turned['kind'] = 0
+    return bytes(raw)
 
 
 def test_messages_of_different_frames_are_read_in_their_order() -> None:
