@@ -22,6 +22,7 @@ from saddlering_ros.bags.topics import TOPICS
 from saddlering_ros.rig import load_rig
 from saddlering_ros.rig.frames import frames_of
 from saddlering_ros.ros.registry import ACTION, ALARM, CLOCK, NODES, REPLAY, RING
+from saddlering_ros.ros.transport import packed_publication
 
 PACKAGE = 'saddlering_ros'
 
@@ -89,6 +90,7 @@ def start_nodes(context):
         'namespace': namespace, 'output': 'screen', 'respawn': given['respawn'] == 'true',
         'arguments': ['--ros-args', '--log-level', given['log_level']],
         'remappings': remappings(given, namespace),
+        'additional_env': packed_publication() if given['lockstep'] == 'true' else {},
     }
     parameters = parameters_by_kind(given)
     nodes = []

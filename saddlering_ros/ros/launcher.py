@@ -19,7 +19,7 @@ from typing import Any, IO
 from saddlering_ros.ros.errors import NodeError
 from saddlering_ros.ros.lifeline import LIFELINE
 from saddlering_ros.ros.registry import ACTION, ALARM, names, REPLAY, RING
-from saddlering_ros.ros.transport import transport_environment
+from saddlering_ros.ros.transport import packed_publication, transport_environment
 from saddlering_ros.writing import temporary_folder
 
 REPLAY_NODES = names(REPLAY)
@@ -259,7 +259,8 @@ def start_nodes(
         given[name] = {'bag': str(bag), **given.get(name, {})}
     if 'ring_simulator' in nodes and 'elevation_deg' not in given.get('ring_simulator', {}):
         given['ring_simulator'] = {'bag': str(bag), **given.get('ring_simulator', {})}
-    with NodeGroup(domain_id=domain_id, log_folder=log_folder, namespace=namespace) as group:
+    with NodeGroup(domain_id=domain_id, log_folder=log_folder, namespace=namespace,
+                   extra_environment=packed_publication() if lockstep else None) as group:
         for name in (*nodes, *REPLAY_NODES, 'replay_clock'):
             group.start(name, given.get(name), files=files)
         yield group
