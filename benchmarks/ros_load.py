@@ -14,6 +14,7 @@ from __future__ import annotations
 import argparse
 from collections.abc import Callable, Iterator
 import contextlib
+import functools
 import json
 import os
 from pathlib import Path
@@ -99,36 +100,68 @@ def drive(seconds: float, rate: float = RATE, published: Path | None = None) -> 
 
 
 def plain(seconds: float, rate: float = RATE) -> None:
-    """What a plain node receives of the five topics: counts, and when the load's callback ran."""
+    """What a plain node receives of the five topics: the stamp and the time of each callback."""
     from geometry_msgs.msg import WrenchStamped
     from rclpy.qos import QoSProfile
     from sensor_msgs.msg import Range
     rclpy.init()
     node = Node('plain')
-    stamps: list[int] = []
-    arrivals: list[int] = []
-    counts = dict.fromkeys((LOAD_TOPIC, *PROBE_TOPICS), 0)
+    calls: dict[str, list[tuple[int, int]]] = {
+        topic: [] for topic in (LOAD_TOPIC, *PROBE_TOPICS)}
 
-    def on_load(message: WrenchStamped) -> None:
-        arrivals.append(time.time_ns())
-        stamps.append(to_stamp(message.header.stamp))
-        counts[LOAD_TOPIC] += 1
+    def callback(topic: str) -> Any:
+        kept = calls[topic]
 
-    def on_gap(topic: str) -> Any:
-        def count(message: Range) -> None:
-            counts[topic] += 1
-        return count
+        def note(message: Any) -> None:
+            kept.append((to_stamp(message.header.stamp), time.time_ns()))
+        return note
 
     qos = QoSProfile(depth=1000)
-    node.create_subscription(WrenchStamped, LOAD_TOPIC, on_load, qos)
+    node.create_subscription(WrenchStamped, LOAD_TOPIC, callback(LOAD_TOPIC), qos)
     for topic in PROBE_TOPICS:
-        node.create_subscription(Range, topic, on_gap(topic), qos)
+        node.create_subscription(Range, topic, callback(topic), qos)
     print('ready', flush=True)
     end = time.monotonic() + seconds + 25.0
-    while time.monotonic() < end and sum(counts.values()) < 5 * round(seconds * rate):
+    expected = 5 * round(seconds * rate)
+    while time.monotonic() < end and sum(map(len, calls.values())) < expected:
         rclpy.spin_once(node, timeout_sec=1.0)
-    print(json.dumps({'received': sum(counts.values()), 'stamps': stamps, 'arrivals': arrivals,
-                      'cpu': time.process_time()}), flush=True)
+    print(json.dumps({'calls': calls, 'cpu': time.process_time()}), flush=True)
+
+
+class Calls:
+    """Callbacks of the plain node: stamps and times [ns] by topic (2, N)."""
+
+    def __init__(self, said: dict[str, Any]) -> None:
+        self._topics = [np.array(calls, np.int64).reshape(-1, 2).T
+                        for calls in said['calls'].values()]
+
+    @property
+    def count(self) -> int:
+        """How many there were."""
+        return sum(calls.shape[1] for calls in self._topics)
+
+    @property
+    def of_load(self) -> np.ndarray:
+        """Those of the load alone, which is published first of the five."""
+        return self._topics[0]
+
+    @property
+    def of_all(self) -> np.ndarray:
+        """Those of all five topics."""
+        return np.concatenate(self._topics, axis=1)
+
+    @property
+    def complete(self) -> np.ndarray:
+        """The last of the five of each stamp: then a node has what a residual needs."""
+        common = functools.reduce(np.intersect1d, [calls[0] for calls in self._topics])
+        return np.stack([common, np.max(
+            [calls[1][np.searchsorted(calls[0], common)] for calls in self._topics], axis=0)])
+
+
+def busy() -> float:
+    """Processor time [s] that this machine has spent since its start on anything."""
+    fields = [int(word) for word in Path('/proc/stat').read_text().split('\n', 1)[0].split()[1:9]]
+    return (sum(fields) - fields[3] - fields[4]) / os.sysconf('SC_CLK_TCK')
 
 
 def cpu_of(pid: int) -> float:
@@ -311,9 +344,10 @@ def with_plain_rclpy(seconds: float) -> dict[str, Any]:
         said = json.loads(reader.stdout.readline())
         driver.wait()
         reader.wait()
-    delays = (np.array(said['arrivals']) - np.array(said['stamps'])) / 1e6
+    calls = Calls(said)
+    delays = (calls.of_all[1] - calls.of_all[0]) / 1e6
     sent = 5 * round(seconds * RATE)
-    return {'raw messages received': said['received'], 'lost': sent - said['received'],
+    return {'raw messages received': calls.count, 'lost': sent - calls.count,
             'callback latency p50 [ms]': float(np.percentile(delays, 50)),
             'callback latency p99 [ms]': float(np.percentile(delays, 99)),
             'cpu [%] (receives only, computes nothing)': 100.0 * said['cpu'] / seconds}

@@ -8,9 +8,10 @@ messages. The nodes (two that replay, displacement, simulation, residual, clock)
 as they follow, and lose nothing. On a busy machine six processes get more of it than one: both
 rates are therefore given by processor time as well, as if they had all cores to themselves.
 Latency is measured in real time on one driver to which the plain node and the nodes listen at the
-same time: from the publication of a load sample to the callback of the plain node, and to the
-arrival of its residual in another process. With --profile, what each node's time goes into, by
-function.
+same time: from the publication of the samples of one moment to the callbacks of the plain node,
+and to the arrival of the residual in another process. The plain node has callbacks for five
+topics, of which the load is published first; a residual needs all five. Each process has a session
+of its own. With --profile, what each node's time goes into, by function.
 """
 
 from __future__ import annotations
@@ -145,30 +146,38 @@ def side_by_side(seconds: float, rate: float) -> dict[str, float]:
             group.start(name)
         kept = Path(folder) / 'published.npy'
         plain = subprocess.Popen([*command, 'plain'], env=group.environment,
-                                 stdout=subprocess.PIPE, text=True)
+                                 stdout=subprocess.PIPE, text=True, start_new_session=True)
         driver = subprocess.Popen([*command, 'drive', '--published', str(kept)],
                                   env=group.environment, stdin=subprocess.PIPE,
-                                  stdout=subprocess.PIPE, text=True)
+                                  stdout=subprocess.PIPE, text=True, start_new_session=True)
         assert plain.stdout is not None
         assert driver.stdin is not None
         plain.stdout.readline()
         wait_matched(progress)
         progress.close()  # as beside a driver, where no clock in lockstep listens
+        processes = [os.getpid(), plain.pid, driver.pid,
+                     *(one.process.pid for one in group.processes.values())]
+        spent, own = ros_load.busy(), sum(ros_load.cpu_of(pid) for pid in processes)
         driver.stdin.write('3 2 2 2 2\n')
         driver.stdin.flush()
         stamps, arrivals = ros_load.receive(node, [residual], round(seconds * rate), seconds + 10)
         said = json.loads(plain.stdout.readline())
+        own = sum(ros_load.cpu_of(pid) for pid in processes) - own
+        spent = ros_load.busy() - spent
         driver.wait()
         plain.wait()
         published = np.load(kept)
-    residuals = delays(published, stamps, arrivals)
-    callbacks = delays(published, np.array(said['stamps']), np.array(said['arrivals']))
-    return {'callback p50 [ms]': float(np.percentile(callbacks, 50)),
-            'callback p99 [ms]': float(np.percentile(callbacks, 99)),
-            'residual p50 [ms]': float(np.percentile(residuals, 50)),
-            'residual p99 [ms]': float(np.percentile(residuals, 99)),
-            'lost by the plain node': 5 * round(seconds * rate) - said['received'],
+    calls = ros_load.Calls(said)
+    found: dict[str, float] = {}
+    for name, when in (('callback', calls.of_all), ('callback of the load', calls.of_load),
+                       ('last callback of a stamp', calls.complete),
+                       ('residual', np.stack([stamps, arrivals]))):
+        waited = delays(published, *when)
+        found |= {f'{name} p{share} [ms]': float(np.percentile(waited, share))
+                  for share in (50, 99)}
+    return {**found, 'lost by the plain node': 5 * round(seconds * rate) - calls.count,
             'residuals lost': round(seconds * rate) - len(stamps),
+            'processor of other programs [s]': spent - own,
             'load average': os.getloadavg()[0]}
 
 
