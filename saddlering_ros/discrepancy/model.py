@@ -20,9 +20,9 @@ MIN_SAMPLES = 8
 class Channel:
     """A measured quantity that the simulator predicts.
 
-    offset: 'none' where a constant in the reading is a misfit, 'free' if it has no meaning, or
-    the standard deviation of a constant that any such sensor may have [unit].
-    model_error: share of the channel's range by which a sound simulator may be wrong.
+    offset: 'none' if a constant in the reading is a misfit, 'free' if it has no meaning, or
+    the standard deviation of a constant that any such sensor may have [unit]. model_error:
+    share of the channel's range by which a sound simulator may be wrong.
     """
 
     unit: str = ''
@@ -51,8 +51,8 @@ class Channel:
 class Run:
     """One record: `outputs` by channel (N,) at `time` (N,), NaN where a sample is missing.
 
-    inputs: data for the simulator; coordinates (N,): that a residual may follow, by name
-    (inputs of the same length where none are given).
+    inputs: data for the simulator; coordinates (N,) by name: quantities that a residual may
+    depend on (default: the inputs of the same length).
     """
 
     name: str
@@ -76,7 +76,7 @@ class Run:
             object.__setattr__(self, kind, self._checked(kind))
 
     def _checked(self, kind: str) -> dict[str, Array]:
-        """Arrays of floats of time's length."""
+        """Arrays of floats of the length of `time`."""
         answer = {}
         for name, values in getattr(self, kind).items():
             array = np.asarray(values, dtype=np.float64)
@@ -94,7 +94,7 @@ class Run:
 
 
 def _refuse_other_types(name: str, given: object, wanted: type) -> None:
-    """Refuse an argument that is no mapping from names to `wanted`."""
+    """Refuse an argument that is not a mapping from names to `wanted`."""
     if not isinstance(given, Mapping):
         raise DiscrepancyError(
             f'model: {name} is a {type(given).__name__}: give a mapping from names to '
@@ -115,9 +115,9 @@ SimulateMany = Callable[[list[dict[str, float]], Run], Sequence[Outputs]]
 class Model:
     """A simulator, its fitted parameters (`base`), possible causes (`effects`), its channels.
 
-    simulate(parameters, run) gives every channel at run.time. The parameters hold the base by
-    name and every effect's as 'effect.parameter', neutral where the effect is not in the model.
-    simulate_many(list of parameters, run) is used in its place where it is given.
+    simulate(parameters, run) returns every channel at run.time. The parameters hold the base
+    by name and those of every effect as 'effect.parameter', neutral if the effect is not in
+    the model. simulate_many(list of parameters, run) replaces `simulate` if it is given.
     """
 
     simulate: Simulate
@@ -159,7 +159,7 @@ class Model:
         object.__setattr__(self, 'base', base)
 
     def neutral(self) -> dict[str, float]:
-        """Every effect's parameters where the effect is not in the model."""
+        """The parameters of every effect that is not in the model."""
         values = {}
         for key, effect in self.effects.items():
             for number, item in enumerate(effect.ordered):

@@ -18,19 +18,19 @@ from saddlering_ros.discrepancy.refit import fit_base, tangent
 from saddlering_ros.discrepancy.signatures import effect_starts, MIN_SHARE
 
 USUAL_SIMULATIONS = 900
-"""Simulations of a diagnosis with a few effects, beside those of each effect."""
+"""Number of simulations of a diagnosis, in addition to those of each effect."""
 
 PER_EFFECT = 120
 
 TIMED = 3
-"""Simulations that are timed."""
+"""Number of simulations that are timed."""
 
 MIN_SENSITIVITY = 1.0
-"""A parameter whose whole range changes the misfit by less than this cannot be seen."""
+"""Largest change of the misfit by the whole range of a parameter that cannot be seen."""
 
 
 class CheckReport(list[str]):
-    """One line a finding; prints as lines."""
+    """Findings, one line each; it prints as these lines."""
 
     def __str__(self) -> str:
         return '\n'.join(self)
@@ -64,14 +64,14 @@ def check(model: Model, runs: Sequence[Run]) -> CheckReport:
 
 
 def _seconds_each(experiment: Experiment, fit: Fit) -> float:
-    """Time that one simulation of all runs takes, once everything is compiled [s]."""
+    """Time of one simulation of all runs, after compilation [s]."""
     began = clock.monotonic()
     experiment.predict([fit.point] * TIMED)
     return (clock.monotonic() - began) / TIMED
 
 
 def _base_lines(metric: Metric, fit: Fit) -> list[str]:
-    """How well each base parameter is determined by itself."""
+    """Standard deviation of each base parameter by itself."""
     white = tangent(metric, fit).white
     lines = []
     parameters = metric.experiment.system.base_parameters
@@ -119,7 +119,7 @@ def _effect_lines(metric: Metric, fit: Fit) -> list[str]:
 
 
 def _residual_lines(metric: Metric, fit: Fit) -> list[str]:
-    """The residual of the base beside the noise, by channel and run."""
+    """The residual of the base in units of the noise, by channel and run."""
     experiment = metric.experiment
     white = metric.whiten(fit.prediction - experiment.measured)
     lines = []

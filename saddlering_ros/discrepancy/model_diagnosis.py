@@ -26,7 +26,7 @@ from saddlering_ros.discrepancy.system import DiscrepancyError, RunBlocks, Syste
 from saddlering_ros.progress import IsCancelled, OnProgress
 
 MODEL_SETTINGS = Settings(form_error=0.02, rounds=20, max_rounds=100)
-"""How strict a diagnosis of a declared model is: its laws are taken to be nearly exact."""
+"""Strictness of a diagnosis of a declared model: its laws are assumed to be nearly exact."""
 
 
 def diagnose(
@@ -40,12 +40,12 @@ def diagnose(
     on_progress: OnProgress | None = None,
     is_cancelled: IsCancelled | None = None,
 ) -> Diagnosis:
-    """Where `model` and `runs` differ, and why; what an extension is worth on `hold_out`.
+    """Differences between `model` and `runs`, their causes, and the gain on `hold_out`.
 
-    A simulator with nuisance parameters and combined views of its own is given as a `System`, its
-    runs as `RunBlocks`, as the ring's are. start: first guesses of base parameters; proposals:
-    tests among which the next one is chosen where causes cannot be told apart; on_progress and
-    is_cancelled: docs/python_api.md.
+    A simulator with nuisance parameters and combined views of its own is given as a `System`
+    with `RunBlocks`, like the ring. start: first guesses of base parameters; proposals: tests
+    of which one is chosen if causes cannot be told apart; on_progress and is_cancelled:
+    docs/python_api.md.
     """
     if isinstance(runs, (Run, RunBlocks)):
         raise DiscrepancyError('diagnose: runs is a single run: give a list of runs')
@@ -70,7 +70,7 @@ def diagnose(
 
 
 def _finished(found: Diagnosis, system: ModelSystem) -> Diagnosis:
-    """The same in the channels' units, with what should make a reader doubt it."""
+    """The same in the units of the channels, with warnings for the reader."""
     found = _with_noise_doubts(found)
     warnings = [*found.warnings, *system.failure_sentences()]
     if not found.converged:
@@ -83,7 +83,7 @@ def _finished(found: Diagnosis, system: ModelSystem) -> Diagnosis:
 
 
 def _declared(runs: Sequence[Run] | Sequence[RunBlocks]) -> list[Run]:
-    """Runs as a declared model has them."""
+    """Runs in the form of a declared model."""
     declared = [run for run in runs if isinstance(run, Run)]
     if len(declared) != len(runs):
         raise DiscrepancyError('diagnose: a Model takes runs of the class Run')
@@ -95,7 +95,7 @@ def _blocks(
     runs: Sequence[Run] | Sequence[RunBlocks],
     hold_out: Sequence[Run] | Sequence[RunBlocks],
 ) -> list[RunBlocks]:
-    """All runs as the engine fits them."""
+    """All runs in the form of the engine."""
     blocks = []
     for part, held_out in ((runs, False), (hold_out, True)):
         for run in part:
@@ -111,7 +111,7 @@ def _blocks(
 def prepared(
     model: Model, runs: Sequence[Run], hold_out: Sequence[Run] = ()
 ) -> tuple[ModelSystem, list[RunBlocks]]:
-    """The model as a system, and its runs as the engine fits them."""
+    """The model as a `System`, and its runs in the form of the engine."""
     if not runs:
         raise DiscrepancyError('diagnose: no runs: give at least one')
     system = ModelSystem(model, runs)
@@ -119,7 +119,7 @@ def prepared(
 
 
 def _with_noise_doubts(found: Diagnosis) -> Diagnosis:
-    """The same with a warning, and no name, where the misfit is not that of the noise."""
+    """The same with a warning, and without a name, if the misfit does not agree with the noise."""
     metric, fit = found.fits.metric, found.fits.after
     experiment = metric.experiment
     residual = fit.prediction - experiment.measured
@@ -139,7 +139,7 @@ def _with_noise_doubts(found: Diagnosis) -> Diagnosis:
         if material and underestimated(statistic, free, noise.pairs):
             under.append(underestimated_sentence(statistic, free, f'{name} in {run.name}'))
     if found.verdict == 'unknown':
-        under = []  # that a misfit remains is known already
+        under = []  # The warning on a remaining misfit stands already.
     if not under and not over:
         return found
     causes = tuple(replace(cause, partial=True) for cause in found.causes)
@@ -152,13 +152,13 @@ def _with_noise_doubts(found: Diagnosis) -> Diagnosis:
 
 
 def _is_exact(experiment: Experiment, noise: ChannelNoise, run: RunBlocks) -> bool:
-    """Whether there is no noise but the rounding that every metric allows for."""
+    """Whether the noise is only the rounding that every metric contains."""
     limit = (JITTER * float(experiment.channel_ranges.max())) ** 2
     return float(noise.variances(run.width).max()) <= limit
 
 
 def _in_units(item: RunPrediction, system: ModelSystem) -> RunPrediction:
-    """A run and its predictions in the channels' own units."""
+    """A run and its predictions in the units of the channels."""
     scale = system.scales[:, None]
     measured = item.run.channels * scale
     if item.run.present is not None:

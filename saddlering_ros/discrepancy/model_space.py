@@ -1,4 +1,4 @@
-"""Models fitted in one metric, each fit kept under its candidate, and compared in pairs."""
+"""Models fitted in one metric; each fit is stored under its candidate and compared in pairs."""
 
 from __future__ import annotations
 
@@ -30,42 +30,43 @@ from saddlering_ros.discrepancy.system import Array
 from saddlering_ros.progress import Watch
 
 COARSE_ROUNDS = 4
-"""Rounds of a refit from each of several starts, before the best is refined."""
+"""Rounds of a refit from each of several starts, before the best one is refined."""
 
 RACE_ROUNDS = 2
-"""Rounds of a refit that every candidate gets while much is left to explain."""
+"""Rounds of a refit that every candidate receives while much misfit remains."""
 
 SCREENED_SHARE = 0.1
-"""Share of what the best candidate takes that a candidate must be expected to take, at its start
-and to first order of all its parameters together, to be given these rounds: a fifth of
-CLOSE_SHARE."""
+"""Smallest expected share of the gain of the best candidate for a candidate to receive these
+rounds. The expectation is the first-order gain of all its parameters together, at its start. The
+value is a fifth of CLOSE_SHARE."""
 
 CLOSE_SHARE = 0.5
-"""After these rounds a refit goes on if it is to take this share of what the best one takes."""
+"""Smallest expected share of the gain of the best refit for a refit to continue after these
+rounds."""
 
 FULL_JACOBIANS = 2
-"""Number of the best refits of a step that are refitted with a full Jacobian."""
+"""Number of the best refits of a step that are repeated with a full Jacobian."""
 
 AT_BOUND = 1e-3
-"""A parameter this close to a bound, as a share of its range, was stopped by it."""
+"""Distance from a bound, as a share of the range, within which a parameter is at the bound."""
 
 INFLATION = 4.0
 """Factor by which nuisance parameters are inflated to compare them with an effect."""
 
 FREE_SPREAD = 10.0
-"""Spread that leaves a parameter free, in shares of its range."""
+"""Spread, in shares of the range, of a parameter that counts as free."""
 
 
 @dataclass(frozen=True)
 class NoiseKnowledge:
-    """How many independent differences the noise rests on: in the poorest run, in the richest."""
+    """Numbers of independent differences that the noise is known from: poorest and richest run."""
 
     pairs: int
     max_pairs: int
 
 
 class ModelSpace:
-    """Every model that was fitted in one metric; a new metric has a new space."""
+    """Every model fitted in one metric. A new metric has a new space."""
 
     def __init__(
         self,
@@ -94,7 +95,7 @@ class ModelSpace:
     # ---- fits
 
     def keep(self, fit: Fit) -> Fit:
-        """File a fit under its candidate."""
+        """Store a fit under its candidate."""
         self._fits[fit.candidate.key] = fit
         return fit
 
@@ -107,39 +108,39 @@ class ModelSpace:
         return [fit for fit in self._fits.values() if len(fit.candidate.effects) == 1]
 
     def tangent_of(self, fit: Fit) -> Tangent:
-        """All sensitivities of a fit, differenced once."""
+        """All sensitivities of a fit, computed once."""
         known = self._tangents.get(fit.candidate.key)
         if known is None or known[0] is not fit:
             known = self._tangents[fit.candidate.key] = fit, tangent(self.metric, fit)
         return known[1]
 
     def slow_residual(self, fit: Fit) -> SlowResidual:
-        """The slow structure that a fit leaves."""
+        """The slow structure of the residual of a fit."""
         known = self._slow.get(fit.candidate.key)
         if known is None or known[0] is not fit:
             known = self._slow[fit.candidate.key] = fit, self.tests.slow(fit)
         return known[1]
 
     def fast_residual(self, fit: Fit) -> FastResidual:
-        """The structure that a fit leaves which is too fast for `slow_residual`."""
+        """The structure of the residual of a fit that is too fast for `slow_residual`."""
         return self.tests.fast(fit)
 
     def scores(self, fit: Fit, skip: Sequence[str] = ()) -> list[Score]:
-        """First-order gains beside `fit` of every testable effect that is not in it."""
+        """First-order gains beside `fit` of all testable effects that are not in it."""
         skipped = [*fit.candidate.ids, *skip]
         return rank(fit, self.tangent_of(fit).white, self.usable, skipped)
 
     @property
     def real_gain(self) -> float:
-        """Fall of the misfit at which an effect of one parameter is real."""
+        """Fall of the misfit at which an effect with one parameter is real."""
         return criteria.real_gain(self.known.pairs, self.trials, self.settings)
 
     def penalised(self, fit: Fit) -> float:
-        """Misfit with the price of its parameters (BIC)."""
+        """Misfit plus the penalty of its parameters (BIC)."""
         return fit.misfit + fit.theta_unit.size * self.log_size
 
     def fit_each(self, fit: Fit, scores: Sequence[Score]) -> list[Fit]:
-        """`fit`'s model plus each scored candidate, refitted side by side, the best first."""
+        """The model of `fit` plus each scored candidate, refitted together, the best first."""
         candidates = [fit.candidate.plus(score.effect, score.variant) for score in scores]
         wanted = [
             score
@@ -153,17 +154,18 @@ class ModelSpace:
         return sorted(found, key=self.penalised)
 
     def fit_best(self, fit: Fit, scores: Sequence[Score]) -> list[Fit]:
-        """`fit`'s model plus each scored candidate, coarsely; the best refined and kept."""
+        """The model of `fit` plus each scored candidate by coarse fits; the best is refined."""
         coarse = sorted(self.coarse_fit(fit, _starts_of_each(scores)), key=self.penalised)
         found = self.refine(coarse[: self.settings.refits])
         return sorted((self.keep(item) for item in found), key=self.penalised)
 
     def fit_race(self, fit: Fit, first: Sequence[Fit], others: Sequence[Score]) -> list[Fit]:
-        """`first` and the best of `fit`'s model plus `others`, refined and kept, the best first.
+        """`first` and the best of the model of `fit` plus `others`, refined, the best first.
 
-        Every candidate is refitted for a few rounds, base parameters free: a first-order gain says
-        little of an effect that the base fit has given way to. Those are refined whose residual,
-        followed down its slopes, would fall by a good share of what the best of all takes.
+        Every candidate is refitted for a few rounds with free base parameters, because a
+        first-order gain is a poor guide to an effect that the base fit imitates. A
+        candidate is refined if the slopes of its residual promise a good share of the gain
+        of the best one.
         """
         others = [
             score
@@ -184,9 +186,10 @@ class ModelSpace:
         return sorted([*first, *found], key=self.penalised)
 
     def _raced(self, fit: Fit, first: Sequence[Fit], others: Sequence[Score]) -> list[Fit]:
-        """`fit`'s model plus each of `others` after a few rounds, or none where these are vain.
+        """The model of `fit` plus each of `others` after a few rounds; none if these are hopeless.
 
-        Base parameters that a bound stopped say nothing at the start: there, all take the rounds.
+        Base parameters at their bounds have no first-order gain at the start. In that case
+        all candidates receive the rounds.
         """
         trials = [(score, [score.start]) for score in others]
         if self.stopped_base(fit).any():
@@ -204,7 +207,7 @@ class ModelSpace:
         ])
 
     def foreseen(self, fit: Fit) -> float:
-        """Penalised misfit at the end of the slopes of a fit that may be on its way."""
+        """Penalised misfit that the slopes of an unfinished fit lead to."""
         slope = fit.jacobian.T @ fit.whitened
         gram = fit.jacobian.T @ fit.jacobian + np.eye(slope.size)
         return self.penalised(fit) - float(slope @ np.linalg.solve(gram, slope))
@@ -215,7 +218,7 @@ class ModelSpace:
         trials: Sequence[tuple[Score, Sequence[Array]]],
         rounds: int = COARSE_ROUNDS,
     ) -> list[Fit]:
-        """`fit`'s model plus each candidate after a few rounds, from the best of its starts."""
+        """The model of `fit` plus each candidate after a few rounds from its best start."""
         base = self.metric.experiment.system.base_parameters
         stopped = self.stopped_base(fit)
         freed = fit.theta_unit.copy()
@@ -254,15 +257,15 @@ class ModelSpace:
         return [item for item in best.values() if np.isfinite(item.misfit)]
 
     def stopped_base(self, fit: Fit) -> Array:
-        """Which base parameters (B,) a bound stopped: they may have given way to an effect.
+        """Mask (B,) of base parameters at a bound, which may imitate an effect.
 
-        From there the way back to where the effect would show can be long.
+        The way from there to the place where the effect shows can be long.
         """
         theta_unit = fit.theta_unit[: len(self.metric.experiment.system.base_parameters)]
         return np.asarray(np.minimum(theta_unit, 1.0 - theta_unit) < AT_BOUND)
 
     def refine(self, fits: Sequence[Fit]) -> list[Fit]:
-        """The same fits brought to their end, the best of them with a full Jacobian."""
+        """The same fits completed, the best of them with a full Jacobian."""
         count = len(self.metric.experiment.system.base_parameters)
         refined = self._run(
             [
@@ -285,11 +288,11 @@ class ModelSpace:
         return refined
 
     def refit_full_jacobian(self, fits: Sequence[Fit]) -> list[Fit]:
-        """The same fits carried on with every sensitivity differenced at every step."""
+        """The same fits continued, with every sensitivity differenced at every step."""
         return refit_full_jacobian(self.metric, fits, self.settings.rounds, self.watch)
 
     def without(self, fit: Fit, effect_id: str) -> Fit:
-        """The model less one effect, refitted."""
+        """The model without one effect, refitted."""
         candidate = fit.candidate.without(effect_id)
         if not candidate.effects:
             return self.base
@@ -320,7 +323,7 @@ class ModelSpace:
         return Comparison(self, less, more)
 
     def misfit_with_inflated_nuisances(self, fit: Fit) -> float:
-        """Misfit of `fit` if every nuisance parameter were `INFLATION` times its usual size."""
+        """Misfit of `fit` if every nuisance parameter had `INFLATION` times its usual size."""
         if not fit.candidate.effects:
             return fit.misfit
         known = self._inflated.get(fit.candidate.key)
@@ -332,7 +335,7 @@ class ModelSpace:
         return known[1]
 
     def misfit_with_forms(self, fit: Fit, about: Fit) -> float:
-        """Misfit of `fit`, all its parameters free, if the laws in `about` err as they may."""
+        """Misfit of `fit` with all its parameters free, if the laws in `about` err as they may."""
         known = self._forms.get(about.candidate.key)
         if known is None or known[0] is not about:
             experiment = self.metric.experiment
@@ -343,7 +346,7 @@ class ModelSpace:
         return self._misfit_beside(residual, np.hstack([free, known[1]]))
 
     def _misfit_beside(self, residual: Array, columns: Array) -> float:
-        """Misfit of a plain residual less what whitened columns of unit spread take of it."""
+        """Misfit of a plain residual minus the part of whitened columns with unit spread."""
         white = self.metric.whiten_noise(residual)
         inner = columns.T @ white
         gram = np.eye(inner.size) + columns.T @ columns
@@ -352,8 +355,8 @@ class ModelSpace:
     def explained(self, less: Fit, more: Fit) -> criteria.Sizes:
         """Rms share of range that `more` explains beside `less`, per view one number per run.
 
-        No more than what it changes: where the residual is large, a shift of base parameters that
-        changes little makes it fall as much as an effect would.
+        It is at most the size of its change. If the residual is large, a small shift of
+        base parameters reduces it as much as an effect would.
         """
         falls = visible_falls(self.metric, less.prediction, more.prediction)
         changes = self.scale.by_run(more.prediction - less.prediction)
@@ -362,7 +365,7 @@ class ModelSpace:
 
 @dataclass(frozen=True)
 class Comparison:
-    """Two fits of one space, `more` with effects that `less` has not, put to the criteria."""
+    """Two fits of one space, of which `more` has further effects, compared by the criteria."""
 
     space: ModelSpace
     less: Fit
@@ -375,7 +378,7 @@ class Comparison:
 
     @cached_property
     def p_value(self) -> float:
-        """Of the likelihood ratio test, with all shapes that the candidate was drawn from."""
+        """p-value of the likelihood ratio test, with all shapes of the candidate counted."""
         known = self.space.known
         return criteria.likelihood_ratio_test(
             self.gain, self._extra, known.pairs, self.space.trials
@@ -383,7 +386,7 @@ class Comparison:
 
     @cached_property
     def visible(self) -> float:
-        """Largest rms of what is added and base parameters cannot imitate, as share of range."""
+        """Largest rms of the change that base parameters cannot imitate, as a share of range."""
         return self.space.scale.beyond_base(self.more.prediction - self.less.prediction)
 
     @property
@@ -401,12 +404,12 @@ class Comparison:
 
     @cached_property
     def known(self) -> criteria.Sizes:
-        """What `less` explains beside the base."""
+        """Size that `less` explains beside the base."""
         return self.space.explained(self.space.base, self.less)
 
     @property
     def closes_misfit(self) -> bool:
-        """Whether it is beyond doubt and explains all but all of the misfit."""
+        """Whether the cause is certain and explains almost all of the misfit."""
         space = self.space
         left = max(space.slow_residual(self.more).excess, 0.0)
         inflated = self.less.misfit - space.misfit_with_inflated_nuisances(self.less)
@@ -414,7 +417,7 @@ class Comparison:
 
     @property
     def exceeds_form_error(self) -> bool:
-        """Whether it is more than the inexact form of the effects in `less` could leave."""
+        """Whether the cause exceeds the form error of the effects in `less`."""
         if not self.less.candidate.effects:
             return True
         settings = self.space.settings
@@ -426,7 +429,7 @@ class Comparison:
 
     @cached_property
     def exceeds_forms(self) -> bool:
-        """Whether laws of another form cannot take its place, and it explains most of the rest."""
+        """Whether the cause explains most of the rest, and other forms of the laws cannot."""
         space, less, more = self.space, self.less, self.more
         if not less.candidate.effects or self.p_value >= space.settings.error_rate**2:
             return False
@@ -438,18 +441,18 @@ class Comparison:
 
     @property
     def is_cause_of_its_own(self) -> bool:
-        """Whether it is another cause than those in `less`, whatever the form of their laws."""
+        """Whether the cause differs from those in `less`, for any form of their laws."""
         return self.exceeds_form_error or self.exceeds_forms
 
     @property
     def adds_new_channel(self) -> bool:
-        """Whether it shows in a view where no effect of `less` shows."""
+        """Whether the cause shows in a view in which no effect of `less` shows."""
         if self.p_value >= self.space.settings.error_rate**2:
             return False
         return criteria.adds_new_channel(self.p_value, self.added, self.known, self.space.settings)
 
     def evidence(self, step: int = 0) -> Evidence:
-        """The likelihood ratio test as a line of the report's table."""
+        """The likelihood ratio test as a line of the table in the report."""
         more = self.more
         return Evidence(
             step=step,
@@ -470,7 +473,7 @@ class Comparison:
 def refit_full_jacobian(
     metric: Metric, fits: Sequence[Fit], rounds: int, watch: Watch
 ) -> list[Fit]:
-    """Fits carried on in a metric with every sensitivity differenced at every step."""
+    """Fits continued in a metric, with every sensitivity differenced at every step."""
     wanted = [
         refit(metric, fit.candidate, fit.theta_unit, rounds=rounds, full_jacobian=True)
         for fit in fits
@@ -479,14 +482,14 @@ def refit_full_jacobian(
 
 
 def _starts_of_each(scores: Sequence[Score]) -> list[tuple[Score, list[Array]]]:
-    """All starts of each candidate; of the first two a smaller size too."""
+    """All starts of each candidate, and a smaller size of the first two."""
     return [
         (score, _starts_of(score, tries_smaller=number < 2)) for number, score in enumerate(scores)
     ]
 
 
 def _starts_of(score: Score, tries_smaller: bool) -> list[Array]:
-    """Starts of a candidate: those of other shapes, or else a smaller size of the same shape."""
+    """Starts of a candidate: those of other shapes, or a smaller size of the same shape."""
     starts = [score.start, *score.others]
     if tries_smaller and not score.others:
         size = score.effect.size

@@ -1,6 +1,6 @@
 """A declared model as the engine's `System`: channels as shares of range, failures counted.
 
-Every channel is divided by its range over the fitted runs, so that no unit matters.
+Every channel is divided by its range over the fitted runs, so that results do not depend on units.
 """
 
 from __future__ import annotations
@@ -30,20 +30,20 @@ from saddlering_ros.discrepancy.system import (
 )
 
 PROVISIONAL_STD = 0.01
-"""Noise that is not known yet, as a share of range: makes the first fit plain least squares."""
+"""Unknown noise as a share of range, with which the first fit is plain least squares."""
 
 COORDINATE_WAVES = 40
-"""Half waves along each coordinate: what repeats with it is no noise, however fast in time."""
+"""Half waves along each coordinate. A residual that repeats along it is no noise."""
 
 EXACT = 1e-9
-"""A residual under this share of range is rounding."""
+"""Share of range below which a residual is rounding."""
 
 DIVERGED = 1e6
-"""A prediction so many ranges away has diverged."""
+"""Distance, in ranges, of a prediction that has diverged."""
 
 
 class ModelSystem:
-    """A `System` made of a model and the runs it is fitted to."""
+    """A `System` of a model and the runs to which it is fitted."""
 
     def __init__(self, model: Model, fitted: Sequence[Run]) -> None:
         self.model = model
@@ -68,7 +68,7 @@ class ModelSystem:
         return dict(zip(self.channel_names, np.eye(len(self.channel_names)), strict=True))
 
     def blocks(self, run: Run, *, held_out: bool) -> RunBlocks:
-        """A run as the engine fits it: shares of range, 0 where a sample is missing."""
+        """A run in the form of the engine: shares of range, 0 where a sample is missing."""
         rows = []
         for name in self.channel_names:
             if name not in run.outputs:
@@ -97,7 +97,7 @@ class ModelSystem:
         )
 
     def values(self, point: Point) -> dict[str, float]:
-        """All parameters by the names that `simulate` knows."""
+        """All parameters by the names that `simulate` uses."""
         values = {
             item.name: float(value)
             for item, value in zip(self.base_parameters, point.base, strict=True)
@@ -108,7 +108,7 @@ class ModelSystem:
         return values
 
     def predict_many(self, run: RunBlocks, points: Sequence[Point]) -> Array:
-        """Channels (B, C, N); NaN for a point at which the simulator failed."""
+        """Channels (B, C, N); NaN at a point at which the simulator failed."""
         source: Run = run.payload
         asked = [self.values(point) for point in points]
         self.calls += len(asked)
@@ -134,7 +134,7 @@ class ModelSystem:
         return [np.zeros((*run.channels.shape, 0)) for run in runs]
 
     def assumptions(self) -> Assumptions:
-        """What the channels declare."""
+        """Noise, offsets and model error as the channels declare them."""
         offsets = [
             (FREE_OFFSET if channel.offset == 'free' else 0.0)
             if isinstance(channel.offset, str)
@@ -149,7 +149,7 @@ class ModelSystem:
             model_error=None,
             form_error=0.0,
             coordinate_waves=(COORDINATE_WAVES, COORDINATE_WAVES),
-            proposes_law=False,  # its numbers would be in shares of range
+            proposes_law=False,  # Its numbers would be shares of range.
         )
 
     def learn_noise(
@@ -191,7 +191,7 @@ class ModelSystem:
         return noise
 
     def _simulated(self, asked: list[dict[str, float]], run: Run) -> list[Outputs | None]:
-        """What the simulator answers, None where it raises."""
+        """Results of the simulator; None where it raises an error."""
         if self.model.simulate_many is not None:
             try:
                 found: list[Outputs | None] = list(
@@ -226,7 +226,7 @@ class ModelSystem:
         return answers
 
     def _refuse_other_results(self, outputs: object, run: Run) -> None:
-        """Refuse what is no mapping from channel to values."""
+        """Refuse a result that is not a mapping from channel to values."""
         if not isinstance(outputs, Mapping):
             raise DiscrepancyError(
                 f'simulator: it returned {type(outputs).__name__} for run {run.name}: return a '
@@ -234,7 +234,7 @@ class ModelSystem:
             )
 
     def _rows(self, outputs: Outputs, run: Run) -> tuple[Array | None, str]:
-        """Channels (C, N) of one answer, or why there are none."""
+        """Channels (C, N) of one result, or the reason why there are none."""
         missing = [name for name in self.channel_names if name not in outputs]
         if missing:
             raise DiscrepancyError(
@@ -265,7 +265,7 @@ class ModelSystem:
             )
 
     def failure_sentences(self) -> list[str]:
-        """What a reader should know of points at which the simulator failed."""
+        """Warning about the points at which the simulator failed."""
         return [
             f'the simulator failed at {count} of {self.calls} points, which were left out: '
             f'{what}; the last at {self.failed_at[what]}'
@@ -274,11 +274,11 @@ class ModelSystem:
 
 
 MAX_LOST = 25
-"""A simulator that fails at so many points and never succeeds is given up."""
+"""Number of failed points after which a simulator without success is abandoned."""
 
 
 def _range(name: str, fitted: Sequence[Run]) -> float:
-    """Largest range of a channel in any fitted run; of a constant channel its size."""
+    """Largest range of a channel in a fitted run; for a constant channel its size."""
     values = [
         run.outputs[name][np.isfinite(run.outputs[name])] for run in fitted if name in run.outputs
     ]
@@ -289,7 +289,7 @@ def _range(name: str, fitted: Sequence[Run]) -> float:
 
 
 def _varies(name: str, fitted: Sequence[Run]) -> bool:
-    """Whether a channel, where it was recorded, has two values in a fitted run."""
+    """Whether a recorded channel has two different values in a fitted run."""
     values = [run.outputs[name] for run in fitted if name in run.outputs]
     seen = [item[np.isfinite(item)] for item in values]
     ranges = [float(np.ptp(item)) for item in seen if item.size]
@@ -297,13 +297,13 @@ def _varies(name: str, fitted: Sequence[Run]) -> bool:
 
 
 def _widths(time: Array) -> Array:
-    """Time that each sample stands for, no more than three times the usual."""
+    """Weight of each sample as a time, at most three times the usual one."""
     width = np.gradient(time)
     return np.asarray(np.minimum(width, 3.0 * np.median(width)))
 
 
 def _coordinates(run: Run) -> dict[str, Array]:
-    """Coordinates as declared, else the inputs that could be some."""
+    """Declared coordinates, or the inputs that can serve as coordinates."""
     if run.coordinates:
         return dict(run.coordinates)
     found = {}
@@ -335,12 +335,12 @@ def _provisional(scale: float) -> ChannelNoise:
 
 
 def _at_least(noise: ChannelNoise, left: ChannelRecord) -> ChannelNoise:
-    """Measured noise with the broadband error beyond it; declared noise as it is."""
+    """Measured noise plus broadband model error; declared noise unchanged."""
     return noise if noise.pairs >= KNOWN_EXACTLY else widened(noise, left)
 
 
 def _scaled(noise: ChannelNoise, scale: float) -> ChannelNoise:
-    """Noise in shares of the range."""
+    """Noise as a share of the range."""
     power = scale**2
     return ChannelNoise(
         noise.white / power,

@@ -1,4 +1,4 @@
-"""The next test: of the tests that could be made, the one that most often leaves the truth."""
+"""The next test: the possible test that most often leaves only the true model."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from saddlering_ros.discrepancy.separation import (
 def separate_rivals(
     space: ModelSpace, fit: Fit, alternatives: Alternatives, proposals: Sequence[Proposal]
 ) -> tuple[Separation, ...]:
-    """The proposed tests, the best first: how each would separate a model and its rivals."""
+    """The proposed tests, the best first, with their separation of a model and alternatives."""
     others = [
         Rival(other, space.without(fit, name))
         for name, found in alternatives.items()

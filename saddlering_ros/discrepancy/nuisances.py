@@ -9,11 +9,11 @@ from saddlering_ros.discrepancy.priors import FREE_OFFSET, ModelErrorPrior
 from saddlering_ros.discrepancy.system import Array, Point
 
 RATE_SHAPES = 4
-"""Shapes over the drive of the error that goes with its rate."""
+"""Shapes over the drive of the error that depends on its rate."""
 
 
 def nuisance_columns(experiment: Experiment, point: Point, prediction: Array) -> Array:
-    """Every nuisance parameter as a column (n, k), as it shows at a point's prediction (n,)."""
+    """Every nuisance parameter as a column (n, k) at the prediction (n,) of a point."""
     columns = [offset_columns(experiment)]
     prior = experiment.assumptions.model_error
     if prior is not None:
@@ -70,7 +70,7 @@ def model_error_columns(experiment: Experiment, prior: ModelErrorPrior) -> Array
 def _error_shapes(
     prior: ModelErrorPrior, place: Array, direction: Array, rate: Array
 ) -> list[Array]:
-    """Shapes (N,) of model error at `place` of the drive (0 to 1), each times its spread."""
+    """Shapes (N,) of model error at positions of the drive (0 to 1), each times its spread."""
     smooth = [prior.smooth * np.cos(np.pi * wave * place) for wave in range(1, prior.degree + 1)]
     loop = prior.loop * direction * 4.0 * place * (1.0 - place)
     rates = [prior.rate * rate * np.cos(np.pi * wave * place) for wave in range(RATE_SHAPES)]
@@ -78,7 +78,7 @@ def _error_shapes(
 
 
 def timing_columns(experiment: Experiment, prior: ModelErrorPrior, prediction: Array) -> Array:
-    """Change by a small delay of each channel, in runs whose drive has a rate; columns (n, k)."""
+    """Changes (n, k) by a small delay of each channel, in runs whose drive has a rate."""
     columns = []
     for index, _, part in experiment.slices:
         run = experiment.runs[index]

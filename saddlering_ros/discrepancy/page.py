@@ -21,7 +21,7 @@ STYLE = (
 )
 COLOURS = {'measured': '#6b7885', 'before': '#c2571a', 'after': '#1f6fb2'}
 MAX_POINTS = 600
-"""Samples of a curve that are drawn."""
+"""Largest number of drawn samples of a curve."""
 
 
 def write_page(found: Diagnosis, path: Path) -> None:

@@ -37,19 +37,19 @@ from saddlering_ros.discrepancy.system import Array, DiscrepancyError, System
 from saddlering_ros.progress import Watch
 
 MIN_PAIRS = 12
-"""However short the stretches at rest, their many samples tell the level this well."""
+"""Smallest number of degrees of freedom of the level, whatever the length of the stretches."""
 
 BASE_ROUNDS = 25
-"""Rounds of the fit of the base parameters alone, on which everything rests."""
+"""Rounds of the fit of the base parameters alone."""
 
 MIN_DEEPER, MIN_DEEPER_SHARE = 10.0, 0.01
-"""A valley is deeper by more than this misfit, and by more than this share of it."""
+"""A minimum is deeper if its misfit is smaller by more than this, and by more than this share."""
 
 
 def prepare(
     experiment: Experiment, start: Array | None, settings: Settings, watch: Watch
 ) -> ModelSpace:
-    """Noise learnt, nuisance parameters marginalised, base fitted, signatures measured."""
+    """Learn the noise, marginalise nuisance parameters, fit the base, compute signatures."""
     watch.progress('noise of the channels', 0.0)
     metric = noise_metric(experiment, experiment.assumptions.learn_noise(experiment.runs, None))
     metric = metric.marginalise(offset_columns(experiment))
@@ -61,7 +61,7 @@ def prepare(
 def space_about(
     experiment: Experiment, rough: Fit, settings: Settings, watch: Watch
 ) -> ModelSpace:
-    """Noise learnt from what a rough fit of the base leaves, base fitted, signatures measured."""
+    """Learn the noise from the residual of a rough fit, fit the base, compute signatures."""
     residual = experiment.by_run(rough.prediction - experiment.measured)
     metric = noise_metric(
         experiment, experiment.assumptions.learn_noise(experiment.runs, residual)
@@ -82,9 +82,10 @@ def space_about(
 
 
 def better_base(space: ModelSpace, fit: Fit) -> Fit | None:
-    """The base fitted from where the model with effects has it, if that is a deeper valley.
+    """The base refitted from its parameters in the model with effects, if that minimum is deeper.
 
-    Without this an effect that does nothing could be named for leading the fit out of a valley.
+    Otherwise an effect without influence could be named because it leads the fit to another
+    minimum.
     """
     if not fit.candidate.effects:
         return None
@@ -104,10 +105,11 @@ def better_base(space: ModelSpace, fit: Fit) -> Fit | None:
 
 
 def moved_to(space: ModelSpace, fit: Fit) -> tuple[ModelSpace, Fit]:
-    """Nuisance parameters as they show with the effects found, and base and model fitted anew.
+    """Nuisance columns evaluated with the found effects, and base and model refitted.
 
-    A load that is wrong by some percent moves the place where rollers begin to touch, and
-    with it what unequal rollers do: seen from the model without it, that is evidence.
+    A load that is wrong by some percent moves the point at which rollers begin to touch, and
+    with it the contribution of unequal rollers. Seen from the model without the effects, this
+    difference is evidence.
     """
     metric = _with_nuisances(_relearnt(space.metric, fit), fit)
     base, fit = refit_full_jacobian(
@@ -123,12 +125,12 @@ def moved_to(space: ModelSpace, fit: Fit) -> tuple[ModelSpace, Fit]:
 
 
 def _with_nuisances(metric: Metric, fit: Fit) -> Metric:
-    """The metric with every nuisance parameter marginalised, as it shows at `fit`."""
+    """The metric with every nuisance parameter marginalised, evaluated at `fit`."""
     return metric.marginalise(nuisance_columns(metric.experiment, fit.point, fit.prediction))
 
 
 def _relearnt(metric: Metric, fit: Fit) -> Metric:
-    """The noise learnt again from what a fit leaves, where it is learnt from residuals."""
+    """The noise, learnt again from the residual of a fit if its source is residuals."""
     experiment = metric.experiment
     if not experiment.assumptions.relearns:
         return metric
@@ -137,9 +139,9 @@ def _relearnt(metric: Metric, fit: Fit) -> Metric:
 
 
 def _fit_base_again(metric: Metric, rough: Fit, watch: Watch) -> Fit:
-    """The base fitted in a new metric, from the rough fit and from the declared start.
+    """The base refitted in a new metric, from the rough fit and from the declared start.
 
-    A large misfit makes several valleys.
+    A large misfit has several minima.
     """
     starts = [
         rough.theta_unit,
@@ -153,13 +155,13 @@ def _fit_base_again(metric: Metric, rough: Fit, watch: Watch) -> Fit:
 
 
 def _noise_knowledge(metric: Metric) -> NoiseKnowledge:
-    """The level of slow noise is as sure as the run that saw most of it makes it."""
+    """Knowledge of the level of slow noise: that of the run with the most of it."""
     pairs = [item.pairs for item in metric.noise.values()]
     return NoiseKnowledge(max(MIN_PAIRS, min(pairs)), max(MIN_PAIRS, max(pairs)))
 
 
 def first_guess(system: System, start: Mapping[str, float] | None) -> Array | None:
-    """First guesses of base parameters, bound-scaled; as declared where they are not given."""
+    """First guesses of base parameters, bound-scaled; declared ones where none are given."""
     if start is None:
         return None
     known = {item.name: item for item in system.base_parameters}

@@ -10,10 +10,10 @@ FREE_OFFSET = 10.0
 
 @dataclass(frozen=True)
 class ModelErrorPrior:
-    """How wrong the simulator may be, smoothly, without that being a finding; share of range.
+    """Smooth error of the simulator that is no finding, as a share of range.
 
     smooth: over the drive; loop: with its direction; rate: at the fastest change of the drive.
-    instants [s]: how well a channel's time is known beside the drive's, run by run.
+    instants [s]: uncertainty of the time of a channel against the drive, per run.
     """
 
     smooth: float = 3e-4

@@ -13,28 +13,28 @@ from saddlering_ros.discrepancy.change_scale import orthonormal
 from saddlering_ros.discrepancy.signatures import Signature
 from saddlering_ros.discrepancy.system import Array, Effect
 
-#: A start of another shape is tried too if its first-order gain is this share of the best one's.
+#: A start of another shape is tried if its first-order gain is at least this share of the best.
 OTHER_SHARE = 0.3
 MAX_OTHERS = 2
-#: Shapes nearer than this, in shares of their range, are one.
+#: Shapes that differ by less than this share of their range count as one.
 MIN_APART = 0.05
 #: A start is scaled by so much at most: straight effects, and amplitude-dependent ones.
 STRAIGHT_REACH, AMPLITUDE_DEPENDENT_REACH = (-5.0, 5.0), (0.7, 1.4)
 #: An amplitude-dependent effect starts at the size that was seen if that takes so much of what its
 #: shape could.
 SEEN_ENOUGH = 0.5
-#: Variants of one effect whose first-order gains are this close are one in these data.
+#: Variants of one effect with first-order gains this close are equal in these data.
 ALIKE = 1e-4
-#: A second variant of an effect is refitted if its gain is this share of the best one's.
+#: A second variant of an effect is refitted if its gain is this share of the best gain.
 MAX_VARIANTS, VARIANT_SHARE = 2, 0.6
 
 
 @dataclass(frozen=True)
 class Score:
-    """How much of the misfit one candidate would explain, to first order, and from where.
+    """First-order gain of one candidate, and its start.
 
-    `others`: starts of another shape whose first-order gain is more than OTHER_SHARE of its own;
-    amplitude_dependent: as of its signature.
+    `others`: starts of another shape with a first-order gain above OTHER_SHARE of this one;
+    amplitude_dependent: as in its signature.
     """
 
     effect: Effect
@@ -51,7 +51,7 @@ def rank(
     signatures: Sequence[Signature],
     skip: Sequence[str] = (),
 ) -> list[Score]:
-    """Candidates by how much of the fit's misfit their signature takes, best start of each."""
+    """Candidates by the first-order gain of their signatures, each with its best start."""
     orthogonal = orthonormal(white_columns)
     found: dict[tuple[str, int], list[tuple[float, Signature, Array]]] = {}
     usable = [item for item in signatures if item.effect.id not in skip and item.length > 1e-9]
@@ -108,9 +108,9 @@ def best_of_each(scores: Sequence[Score]) -> list[Score]:
 def _other_shapes(
     members: Sequence[tuple[float, Signature, Array]], start: Array, least: float
 ) -> tuple[Array, ...]:
-    """Starts that differ from `start` and each other in shape, largest gain first.
+    """Starts that differ in shape from `start` and from each other, largest gain first.
 
-    Of an amplitude-dependent effect the size is part of the shape.
+    The size of an amplitude-dependent effect is part of its shape.
     """
     kept = [start]
     first = 0 if members[0][1].amplitude_dependent else 1
@@ -124,7 +124,7 @@ def _other_shapes(
 
 
 def shortlist(scores: Sequence[Score], least: float, count: int) -> list[Score]:
-    """The best `count` effects of a gain of `least` or more, two variants of each at most."""
+    """The best `count` effects with a gain of `least` or more, at most two variants of each."""
     chosen: list[Score] = []
     used: Counter[str] = Counter()
     last: dict[str, float] = {}

@@ -1,8 +1,9 @@
-"""Bounded least squares for many candidate models at once, their simulations put in one batch.
+"""Bounded least squares for many candidate models at once, with all simulations in one batch.
 
-Each refit is a generator that asks for points and is sent their whitened residuals, so a simulator
-that runs its batch in parallel is kept busy. Levenberg-Marquardt in bound-scaled coordinates; base
-columns are kept and improved by Broyden's update, effect columns are differenced at every step.
+Each refit is a generator that yields points and receives their whitened residuals, so that a
+simulator with parallel batches stays busy. The method is Levenberg-Marquardt in bound-scaled
+coordinates. Columns of the base are stored and improved by Broyden's update, and columns of
+effects are differenced at every step.
 """
 
 from __future__ import annotations
@@ -21,24 +22,25 @@ from saddlering_ros.estimation.least_squares import descend, Descent, Rule
 PRIOR = 1.0
 
 QUIET_GAIN, QUIET_SHARE = 0.02, 1e-4
-"""Gains under this, or under this share of the misfit, are of no account."""
+"""Gains below this number, or below this share of the misfit, are negligible."""
 
 NEGLIGIBLE_GAIN = 0.1 * QUIET_GAIN
-"""A step of which less is expected is not taken."""
+"""Smallest expected gain of a step that is taken."""
 
 SPREAD = 24
-"""Starts of the base that cover the range of every parameter."""
+"""Number of starts of the base that cover the range of every parameter."""
 
 MAX_BASE_STARTS, COARSE_BASE = 6, 6
-"""So many starts of the base are followed for so many rounds before the best are fitted."""
+"""Number of starts of the base that are followed, and of their rounds, before the best are
+fitted."""
 
 WHITENED_AT_ONCE = 8_000_000
-"""Numbers whitened together: one product of matrices is faster than one for every refit."""
+"""Numbers whitened together, because one product of matrices is faster than one per refit."""
 
 
 @dataclass(frozen=True)
 class Asked:
-    """What a refit asks for: a point, and others that lie `steps` aside of it."""
+    """Request of a refit: a point, and others that lie `steps` away from it."""
 
     points: list[Point]
     steps: list[float]
@@ -46,7 +48,7 @@ class Asked:
 
 @dataclass(frozen=True)
 class Told:
-    """What it is sent: the whitened residual (n,), sensitivities (n, k), and the prediction."""
+    """Answer to a request: whitened residual (n,), sensitivities (n, k), and prediction."""
 
     residual: Array
     columns: Array
@@ -67,12 +69,12 @@ def refit(
     fresh_base: bool = False,
     known_start: Fit | None = None,
 ) -> Asking:
-    """Levenberg-Marquardt from `start`; asks for points, is sent residual and sensitivities.
+    """Levenberg-Marquardt from `start`; yields requests and receives residuals and sensitivities.
 
-    `full_jacobian` differences every column at every step; else the base columns start from
-    `base_columns` (`fresh_base`: from differences at `start`, where an effect changes them) and
-    are improved as the fit goes. known_start: the fit in this metric that ended at `start`, with
-    sensitivities to all that is differenced.
+    `full_jacobian`: every column is differenced at every step. Otherwise the columns of the
+    base begin with `base_columns` and are improved during the fit (`fresh_base`: they begin
+    with differences at `start`, where an effect changes them). known_start: the fit in this
+    metric that ended at `start`, with sensitivities to all differenced parameters.
     """
     base = metric.experiment.system.base_parameters
     parameters = candidate.parameters(base)
@@ -105,7 +107,7 @@ def refit(
 
 
 def _differences(columns: Array) -> Array:
-    """Sensitivities (n, k); none where the simulator failed one step aside."""
+    """Sensitivities (n, k); None if the simulator failed at a neighbour."""
     return np.where(np.isfinite(columns).all(axis=0), columns, 0.0)
 
 
@@ -114,7 +116,7 @@ def neighbours(
     theta_unit: Array,
     differenced: Sequence[int],
 ) -> tuple[list[Array], list[float]]:
-    """`theta_unit`, and the same one step aside in each of `differenced`; the steps."""
+    """`theta_unit`, its neighbours by one step in each of `differenced`, and the steps."""
     asked, steps = [theta_unit], []
     for index in differenced:
         step = parameters[index].step
@@ -151,7 +153,7 @@ def run_refits(
     refits: Sequence[Asking],
     check: Callable[[], None] = lambda: None,
 ) -> list[Fit]:
-    """Drive refits side by side, all their points in one batch per round."""
+    """Run refits together, with all their points in one batch per round."""
     done: dict[int, Fit] = {}
     waiting: dict[int, Asked] = {}
     for number, item in enumerate(refits):
@@ -173,7 +175,7 @@ def run_refits(
 
 
 def _told(metric: Whitening, asked: Sequence[Asked]) -> list[Told]:
-    """Residual and sensitivities of each, simulated and whitened together."""
+    """Residual and sensitivities of each refit, simulated and whitened together."""
     experiment = metric.experiment
     answers = experiment.predict_neighbours([item.points for item in asked])
     raw = []
@@ -199,7 +201,7 @@ def _told(metric: Whitening, asked: Sequence[Asked]) -> list[Told]:
 
 
 def declared_start(base: Sequence[Parameter]) -> Array:
-    """The start that each parameter declares, the middle of its range where it does not."""
+    """The declared start of each parameter, or the middle of its range."""
     return np.array([item.first_guess for item in base])
 
 
@@ -216,7 +218,7 @@ def fit_base(
     seed: int,
     check: Callable[[], None] = lambda: None,
 ) -> Fit:
-    """The model without effects: a spread of starts, then bounded least squares from the best."""
+    """The model without effects: many starts, then bounded least squares from the best."""
     base = metric.experiment.system.base_parameters
     empty = Candidate()
     starts: list[Fit | None]

@@ -30,7 +30,7 @@ class Estimate:
 
 @dataclass(frozen=True)
 class Evidence:
-    """A candidate as it was refitted, and its likelihood ratio test: for the report's table."""
+    """A refitted candidate and its likelihood ratio test, for the table of the report."""
 
     step: int
     effects: tuple[str, ...]
@@ -44,9 +44,9 @@ class Evidence:
 
 @dataclass(frozen=True)
 class Cause:
-    """A cause found: its effect's id, what it cannot be told from, how sure, what it is worth.
+    """A found cause: the id of its effect, its alternatives, its evidence and its gain.
 
-    partial: it is real, and something else is wrong beside it.
+    partial: the cause is real, and something else is wrong besides.
     """
 
     effect: str
@@ -63,7 +63,7 @@ class Cause:
 
 @dataclass(frozen=True)
 class RunPrediction:
-    """Predictions for one run, (C, N) each, offsets not taken out: without and with the causes."""
+    """Predictions for one run, (C, N) each, with offsets: without and with the causes."""
 
     run: RunBlocks
     before: Array
@@ -80,9 +80,9 @@ class SearchLog:
 
 @dataclass(frozen=True)
 class Residual:
-    """What a model leaves: slow and fast structure, and tests on shapes in each coordinate.
+    """The residual of a model: slow and fast structure, and tests on shapes in each coordinate.
 
-    consistency: tests whether parameters and laws fit alike everywhere, of declared models.
+    consistency: tests whether parameters and laws fit everywhere alike, for declared models.
     """
 
     slow: SlowResidual
@@ -91,9 +91,9 @@ class Residual:
     consistency: tuple[ShapeTest, ...] = ()
 
     def inflation(self, error_rate: float) -> float:
-        """Factor of the variances for a misfit that remains, be it too small to matter.
+        """Factor of the variances for a remaining misfit, even one too small to matter.
 
-        Misfit of the shapes that the parameters themselves have moves the parameters.
+        Misfit with the shapes of the parameters changes the parameters.
         """
         ratios = [1.0 + self.slow.excess / self.slow.dimensions]
         ratios += [
@@ -106,7 +106,7 @@ class Residual:
 
 @dataclass(frozen=True)
 class Observability:
-    """What these data could show: detection limits, and cosines between signatures."""
+    """Observability in these data: detection limits, and cosines between signatures."""
 
     limits: tuple[DetectionLimit, ...]
     labels: tuple[str, ...]
@@ -115,9 +115,9 @@ class Observability:
 
 @dataclass(frozen=True)
 class PublishedFits:
-    """Fits of the base and of base and causes with parameters alone, as they are published.
+    """The published fits of the base, and of base and causes, by parameters alone.
 
-    base_covariance: of the base parameters with the causes in, in their units.
+    base_covariance: of the base parameters beside the causes, in their units.
     """
 
     metric: Metric
@@ -128,12 +128,12 @@ class PublishedFits:
 
 @dataclass(frozen=True)
 class Diagnosis:
-    """Everything found: the verdict first, then what it rests on.
+    """The whole result: the verdict, and the fits and tests behind it.
 
-    base: base parameters with the causes in, base_alone without; explained: share of the misfit;
-    warnings: what should make a reader doubt it; converged: every fit the verdict rests on.
-    law: a law proposed for what no cause explains, with `unknown` only.
-    separations: proposed tests, the best first, with how they would separate an `ambiguous` group.
+    base: base parameters beside the causes; base_alone: without causes; explained: share of
+    the misfit; warnings: reasons for a reader's doubt; converged: whether every fit behind the
+    verdict converged. law: a proposed law, with `unknown` only. separations: proposed tests,
+    the best first, with their separation of an `ambiguous` group.
     """
 
     verdict: Verdict
@@ -163,7 +163,7 @@ class Diagnosis:
         return summary_text(self)
 
     def write_report(self, path: Path | str) -> None:
-        """One HTML page, with nothing to load from elsewhere."""
+        """One HTML page that loads nothing from elsewhere."""
         from saddlering_ros.discrepancy.page import write_page
 
         write_page(self, Path(path))

@@ -1,4 +1,4 @@
-"""Noise of every run and channel, learnt from the stretches at rest of runs sampled alike."""
+"""Noise of every run and channel, learnt from stretches at rest of runs with equal sampling."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from saddlering_ros.estimation.sampling_classes import noise_by_class, Quiet, sa
 def learn_noise(
     runs: Sequence[RunBlocks], residuals: Sequence[Array] | None = None
 ) -> dict[tuple[str, int], ChannelNoise]:
-    """Noise by run name and channel; runs sampled alike share one estimate.
+    """Noise by run name and channel; runs with equal sampling share one estimate.
 
-    `residuals` (C, N) per run, if given, give the noise between holds.
+    `residuals` (C, N) per run, if given, add the noise between holds.
     """
     segments: dict[int, list[RestSegment]] = {}
     series: dict[int, list[HeldSeries]] = {}
@@ -43,7 +43,7 @@ def learn_noise(
 
 
 def _sampling(run: RunBlocks) -> int:
-    """Class of sampling rates a run belongs to; -1 for one without rest."""
+    """Class of the sampling rate of a run; -1 for a run without rest."""
     return sampling_class(run.rest[0].step) if run.rest else -1
 
 

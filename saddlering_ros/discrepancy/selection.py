@@ -1,8 +1,8 @@
 """Selection of the causes: one effect after another, pruned, checked against alternatives.
 
-`forward` adds effects while the next is real, material and explains more than an inexact form
-could leave. `prune` drops members that explain too little. `simpler` looks for one effect that
-does what several were found for. `check_alternatives` puts every member to the test of the others.
+`forward` adds effects while the next one is real, material and larger than form errors. `prune`
+removes members that explain too little. `simpler` searches one effect that explains the part of
+several. `check_alternatives` compares every member with the other effects.
 """
 
 from __future__ import annotations
@@ -22,21 +22,21 @@ from saddlering_ros.discrepancy.results import SearchLog
 from saddlering_ros.discrepancy.silent_effects import fit_in_other_valleys, fit_silent
 
 MAX_SILENT = 2
-"""Immaterial effects kept in the model at most while others are looked for."""
+"""Largest number of immaterial effects in the model while others are searched."""
 
 MIN_GAIN, MIN_GAIN_SHARE = 4.0, 1.0 / 3.0
-"""First-order gain under which an effect is not refitted, and the same as a share of the gain at
-which an effect of one parameter is real."""
+"""First-order gain below which an effect is not refitted, and the same as a share of the gain at
+which an effect with one parameter is real."""
 
 MAX_CHECKS = 3
 """Largest number of rounds of alternatives; a round follows each replaced member."""
 
 Alternatives = Mapping[str, tuple[Fit, ...]]
-"""Models that these data cannot tell from the best, by the member in whose place they stand."""
+"""Models that these data cannot tell from the best, by the member that they replace."""
 
 
 def select(space: ModelSpace, log: SearchLog) -> Fit:
-    """The model that explains the misfit with as few effects as possible."""
+    """The model that explains the misfit with the fewest effects."""
     fit = prune(space, forward(space, space.base, log), log)
     one = simpler(space, fit, log)
     if one is not fit:
@@ -48,10 +48,10 @@ def select(space: ModelSpace, log: SearchLog) -> Fit:
 
 
 def _concealed(space: ModelSpace, fit: Fit, log: SearchLog) -> Fit:
-    """An effect that the base fit conceals and that fits better than a `fit` with a misfit left.
+    """An effect that the base fit conceals and that fits better than a `fit` with misfit.
 
-    Silent ones are tried, and all of them where `fit` leaves most of the misfit and the base may
-    have several valleys.
+    Silent effects are tried. All effects are tried if `fit` leaves most of the misfit and the
+    base may have several minima.
     """
     if not _leaves_misfit(space, fit):
         return fit
@@ -71,10 +71,10 @@ def _is_mostly_left(space: ModelSpace, fit: Fit) -> bool:
 
 
 def forward(space: ModelSpace, current: Fit, log: SearchLog) -> Fit:
-    """Effects one after another while the next is real, material, and something is left.
+    """Effects one after another while the next is real and material and misfit remains.
 
-    What is real but immaterial stays in the model while the search goes on, or a worse name
-    would be found for it, and is left out of the answer.
+    A real but immaterial effect stays in the model during the search, because otherwise a
+    wrong effect would take its place. It is not part of the answer.
     """
     settings = space.settings
     silent: list[str] = []
@@ -104,18 +104,19 @@ def forward(space: ModelSpace, current: Fit, log: SearchLog) -> Fit:
 
 
 def _is_another_cause(item: Comparison, wanted: bool) -> bool:
-    """Whether an effect is a cause beside those found; `wanted`: a real residual is left."""
+    """Whether an effect is a cause beside the found ones; `wanted`: a real residual remains."""
     if item.closes_misfit or item.exceeds_forms:
         return True
     return item.exceeds_form_error if wanted else item.adds_new_channel
 
 
 def refitted(space: ModelSpace, current: Fit) -> list[Fit]:
-    """`current`'s model plus every effect that could be seen in what is left, the best fit first.
+    """The model of `current` plus every effect that the residual could show, the best first.
 
-    First come those of the largest first-order gain. Where one of them is real, or more is left
-    than noise, every variant of every other effect is refitted: each would show at its detection
-    limit, and no cause has a name before all others were tried.
+    Effects with the largest first-order gains are refitted first. If one of them is real, or
+    the residual exceeds the noise, every variant of every other effect is refitted too. An
+    effect at its detection limit is then found, and no cause is named before all others were
+    tried.
     """
     scores = space.scores(current)
     least = max(MIN_GAIN, MIN_GAIN_SHARE * space.real_gain)
@@ -129,7 +130,7 @@ def refitted(space: ModelSpace, current: Fit) -> list[Fit]:
 
 
 def _is_much_left(space: ModelSpace, fit: Fit) -> bool:
-    """Whether effects beside `fit` could be at work that base parameters conceal."""
+    """Whether base parameters could conceal effects beside `fit`."""
     if space.stopped_base(fit).any() and not fit.candidate.effects:
         return True
     return _leaves_misfit(space, fit)
@@ -142,10 +143,10 @@ def _leaves_misfit(space: ModelSpace, fit: Fit) -> bool:
 
 
 def prune(space: ModelSpace, fit: Fit, log: SearchLog) -> Fit:
-    """Drop members that explain too little of what is left without them.
+    """Remove members that explain too little of the misfit without them.
 
-    Judged in the view where a member explains most: what another's inexact form leaves in one
-    channel is no reason to doubt a cause that shows in another.
+    The judgement uses the view in which a member explains most: the form error of another
+    effect in one channel is no argument against a cause that shows in another channel.
     """
     settings = space.settings
     while len(fit.candidate.effects) > 1:
@@ -162,7 +163,7 @@ def prune(space: ModelSpace, fit: Fit, log: SearchLog) -> Fit:
 
 
 def _share_of_member(item: Comparison) -> float:
-    """Share of the misfit that a member explains; 0 if it is no cause by itself."""
+    """Share of the misfit that a member explains; 0 if the member is no cause by itself."""
     space, settings = item.space, item.space.settings
     if not item.is_real or not item.is_material:
         return 0.0
@@ -175,10 +176,10 @@ def _share_of_member(item: Comparison) -> float:
 
 
 def simpler(space: ModelSpace, fit: Fit, log: SearchLog) -> Fit:
-    """The one effect that fits better than the several of `fit` do, if there is any.
+    """The single effect that fits better than the several of `fit`, if there is one.
 
-    Found one after the other, two can share between them what one did that was not on the
-    first shortlist. So every effect is tried.
+    Two effects that were found in turn can share the part of one effect that was not on the
+    first shortlist. Every effect is therefore tried.
     """
     if len(fit.candidate.effects) < 2:
         return fit
@@ -193,7 +194,7 @@ def simpler(space: ModelSpace, fit: Fit, log: SearchLog) -> Fit:
 
 
 def check_alternatives(space: ModelSpace, fit: Fit, log: SearchLog) -> tuple[Fit, Alternatives]:
-    """Alternatives to every member; one that fits better takes the member's place."""
+    """Alternatives to every member; a better alternative replaces the member."""
     alternatives: dict[str, tuple[Fit, ...]] = {}
     for _ in range(MAX_CHECKS):
         alternatives, better = {}, []
@@ -216,7 +217,7 @@ def check_alternatives(space: ModelSpace, fit: Fit, log: SearchLog) -> tuple[Fit
 def _alternatives_to(
     space: ModelSpace, name: str, less: Fit, fit: Fit, log: SearchLog
 ) -> list[Fit]:
-    """`less` with another effect in place of `name`, where the effect is a cause by itself."""
+    """`less` with another effect in place of `name`, if that effect is a cause by itself."""
     taken = less.misfit - fit.misfit
     scores = space.scores(less, [name])
     listed = shortlist(scores, 0.1 * taken, space.settings.refits)
@@ -234,7 +235,7 @@ def _alternatives_to(
 
 
 def _competitors(less: Fit, log: SearchLog) -> set[str]:
-    """Effects that came near the best one beside those of `less` when the next was looked for."""
+    """Effects that were almost as good as the best one beside those of `less`."""
     known = set(less.candidate.ids)
     tried = [item for item in log.candidates if set(item.effects[:-1]) == known]
     least = CLOSE_SHARE * max((item.delta_bic for item in tried), default=0.0)
@@ -242,7 +243,7 @@ def _competitors(less: Fit, log: SearchLog) -> set[str]:
 
 
 def _is_indistinguishable(space: ModelSpace, other: Fit, best: Fit, less: Fit) -> bool:
-    """Whether these data leave `other` open beside `best`; `less` is the model of neither."""
+    """Whether these data leave `other` open beside `best`; `less`: the common model."""
     return indistinguishable(
         distance=other.misfit - best.misfit,
         taken=less.misfit - best.misfit,

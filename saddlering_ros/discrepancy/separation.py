@@ -1,11 +1,11 @@
-"""How often a further test would leave the true one of several models, by simulation.
+"""Share of simulated draws of a further test that leave only the true one of several models.
 
-Each model in turn is taken to be the truth. What it predicts for the test is drawn with its
-parameters and the nuisance parameters as the data leave them, and with the noise of the record.
-Then every model is judged on the old data and the new, by the rule that keeps an alternative in a
-group. Models are linear about their fits, so a fit to all data needs no further simulation: the
-misfit grows by that of the new data in the metric of the model's own prediction (the update of a
-linear model with normal errors).
+Each model in turn is the truth. Its prediction for the test is drawn with its parameters and the
+nuisance parameters as the data leave them, and with the noise of the record. Every model is then
+judged on the old and the new data, by the rule that keeps an alternative in a group. Models are
+linear about their fits, so that a fit to all data needs no further simulation: the misfit grows by
+that of the new data in the metric of the model's own prediction (the update of a linear model with
+normal errors).
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ from saddlering_ros.discrepancy.system import (
 )
 
 DRAWS = 100
-"""Draws with each model as the truth."""
+"""Number of draws with each model as the truth."""
 
 
 @dataclass(frozen=True)
@@ -52,11 +52,11 @@ class Reading:
 
 @dataclass(frozen=True)
 class Proposal:
-    """A test that could be made: its sentence, and a run with empty channels.
+    """A possible test: its sentence, and a run with empty channels.
 
-    kind: the kind of test; as_made: how the effects act in it, where that is not as before;
-    readings: what is measured directly; is_other_place: whether other units of the machine carry
-    the load, so that small errors of the units known from the old data say nothing.
+    kind: the kind of test; as_made: how the effects act in it, if not as before; readings:
+    quantities that are measured directly; is_other_place: whether other units of the machine
+    carry the load, so that small errors of the units in the old data do not apply.
     """
 
     sentence: str
@@ -69,7 +69,7 @@ class Proposal:
 
 @dataclass(frozen=True)
 class Rival:
-    """A model that the data leave open, and the model without the cause in question."""
+    """A model that the data leave open, and the same model without the cause in question."""
 
     fit: Fit
     less: Fit
@@ -77,7 +77,7 @@ class Rival:
 
 @dataclass(frozen=True)
 class JudgingRule:
-    """What keeps a model in a group: see `criteria.indistinguishable`."""
+    """Limits within which a model stays in a group: see `criteria.indistinguishable`."""
 
     floor: float
     excess: float
@@ -87,10 +87,10 @@ class JudgingRule:
 
 @dataclass(frozen=True)
 class Separation:
-    """What a proposed test does in simulated draws.
+    """Result of a proposed test in simulated draws.
 
-    draws: over all truths; alone: draws that leave the true model alone; kept: draws that
-    leave it at all; by_truth: share of the draws that leave each model alone if it is the truth.
+    draws: over all truths; alone: draws that leave only the true model; kept: draws that leave
+    it at all; by_truth: share of the draws that leave only the true model, for each truth.
     """
 
     proposal: Proposal
@@ -101,7 +101,7 @@ class Separation:
 
     @property
     def share(self) -> float:
-        """Share of the draws that leave the true model alone."""
+        """Share of the draws that leave only the true model."""
         return self.alone / self.draws
 
     @property
@@ -124,7 +124,7 @@ def simulate_tests(
     draws: int = DRAWS,
     seed: int = 0,
 ) -> list[Separation]:
-    """Each proposal with how it would separate the rivals, the best first."""
+    """Each proposal with its separation of the models, the best first."""
     old = metric.experiment
     fits = list({fit.candidate.key: fit for rival in rivals
                  for fit in (rival.fit, rival.less)}.values())
@@ -153,14 +153,14 @@ def simulate_tests(
 
 @dataclass(frozen=True)
 class _View:
-    """What a model shows in a test: values (m,) and sensitivities (m, p)."""
+    """Prediction of a model in a test: values (m,) and sensitivities (m, p)."""
 
     values: Array
     columns: Array
 
 
 def _seen_by(system: System, proposal: Proposal, fits: Sequence[Fit]) -> list[_View]:
-    """A test as each fit predicts it, its direct readings last."""
+    """Predictions of a test by each fit, its direct readings last."""
     base = system.base_parameters
     groups, steps = [], []
     for fit in fits:
@@ -188,7 +188,7 @@ def _seen_by(system: System, proposal: Proposal, fits: Sequence[Fit]) -> list[_V
 
 
 def _size(point: Point, effects: Mapping[str, Effect], name: str) -> float:
-    """Size of an effect at a point less the size at which it does nothing."""
+    """Size of an effect at a point minus its neutral size."""
     if name not in point.effects:
         return 0.0
     effect = effects[name]
@@ -198,7 +198,7 @@ def _size(point: Point, effects: Mapping[str, Effect], name: str) -> float:
 def _nuisances(
     joint: Experiment, fit: Fit, predicted: Sequence[Array]
 ) -> tuple[Array, Array]:
-    """Columns of old runs and proposed ones: those of the test stand, those of its units."""
+    """Columns of old and proposed runs: those of the test stand, and those of its units."""
     prediction = np.concatenate([fit.prediction, *predicted])
     columns = [offset_columns(joint)]
     prior = joint.assumptions.model_error
@@ -208,7 +208,7 @@ def _nuisances(
 
 
 def _apart(shared: Array, local: Array, proposal: Proposal) -> Array:
-    """Nuisance columns (m, k) of a test: shared with the old data, then its own."""
+    """Nuisance columns (m, k) of a test: those shared with the old data, then its own."""
     none = np.zeros_like(local)
     parts = [shared, none, local] if proposal.is_other_place else [shared, local, none]
     columns = np.hstack(parts)
@@ -216,7 +216,7 @@ def _apart(shared: Array, local: Array, proposal: Proposal) -> Array:
 
 
 def _whitener(metric: Metric, proposal: Proposal) -> Callable[[Array], Array]:
-    """Division of columns (m, B) by the noise that the test would have."""
+    """Columns (m, B) divided by the expected noise of the test."""
     run = proposal.run
     width = float(np.median(run.width))
     alike = min(
@@ -247,9 +247,10 @@ def _covariance(metric: Metric, name: str, channel: int, run: RunBlocks) -> Arra
 
 @dataclass(frozen=True)
 class _Known:
-    """What the old data say of a model's parameters and nuisances together.
+    """Knowledge of a model's parameters and nuisance parameters from the old data.
 
-    mean (k,): away from the fit; root (k, k): lower factor of the inverse of their covariance.
+    mean (k,): offset from the fit; root (k, k): lower factor of the inverse of their
+    covariance.
     """
 
     mean: Array
@@ -269,7 +270,7 @@ class _Known:
 
 @dataclass(frozen=True)
 class _Forecast:
-    """What a model predicts for a test, whitened: mean (m,) and spread (m, k)."""
+    """Whitened prediction of a model for a test: mean (m,) and spread (m, k)."""
 
     mean: Array
     spread: Array
@@ -292,7 +293,7 @@ class _Forecast:
         return np.asarray(self.mean[:, None] + noise + self.spread @ freedom)
 
     def misfits(self, results: Array) -> Array:
-        """What results (m, draws) add to the misfit of this model (draws,)."""
+        """Increase (draws,) of the misfit of this model by results (m, draws)."""
         away = results - self.mean[:, None]
         along = solve_triangular(np.tril(self.inner), self.spread.T @ away, lower=True)
         return np.asarray((away**2).sum(axis=0) - (along**2).sum(axis=0))
@@ -307,7 +308,7 @@ def _separation(
     draws: int,
     random: np.random.Generator,
 ) -> Separation:
-    """How a test would separate the rivals, each of them the truth in turn."""
+    """Separation of the models by a test, with each model as the truth in turn."""
     number = {fit.candidate.key: index for index, fit in enumerate(fits)}
     own_places = [number[item.fit.candidate.key] for item in rivals]
     less_places = [number[item.less.candidate.key] for item in rivals]
@@ -331,12 +332,12 @@ def _separation(
 def _left(
     rivals: Sequence[Rival], misfits: Array, less: Array, rule: JudgingRule
 ) -> list[int]:
-    """Rivals that stay in the group at these misfits, in order."""
+    """Models that stay in the group at these misfits, in order."""
     price = [rule.log_size * item.fit.theta_unit.size for item in rivals]
     best = int(np.argmin(np.add(misfits, price)))
     left = []
     for number, item in enumerate(rivals):
-        # The first rival stands for no cause in particular: the other names the cause in question.
+        # The first model stands for no particular cause; the other names the cause in question.
         taken = (less[best] if number == 0 else less[number]) - misfits[best]
         stays = number == best or indistinguishable(
             distance=misfits[number] - misfits[best],

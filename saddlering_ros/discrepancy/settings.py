@@ -1,4 +1,4 @@
-"""How strict a diagnosis is."""
+"""Strictness of a diagnosis."""
 
 from __future__ import annotations
 
@@ -7,19 +7,19 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Settings:
-    """How strict to be. The figures were chosen before the blind trials that check them.
+    """Strictness of a diagnosis. The values were chosen before the blind trials that check them.
 
     error_rate: chance of a false cause on clean data; materiality: share of a channel's range
-    under which a finding is listed only; max_causes: largest number of causes; refits: candidates
-    refitted at each step; min_partial: share of the remaining misfit that a member of a model must
-    explain, in all or in one channel; min_total: share of the misfit that all causes together must
-    explain to be named; alternative_rate: chance that noise alone sets the true cause so far
-    behind an alternative that it leaves the group; alternative_share: an alternative stays in the
-    group while its additional misfit is within this share of the residual; form_error: share of
-    the misfit explained by an effect that its simplified law may leave over (alternatives within
-    this share stay in the group, and a smaller further cause in the same channel is not accepted);
-    rounds: least-squares rounds of each candidate; max_rounds: least-squares rounds of the fits on
-    which the verdict rests; seed: of random starts.
+    below which a finding is only listed; max_causes: largest number of causes; refits:
+    candidates refitted at each step; min_partial: share of the remaining misfit that a member
+    of a model must explain, in all or in one channel; min_total: share of the misfit that all
+    causes together must explain to be named; alternative_rate: chance that noise alone puts
+    the true cause so far behind an alternative that it leaves the group; alternative_share: an
+    alternative stays in the group while its additional misfit is within this share of the
+    residual; form_error: share of the misfit explained by an effect that its simplified law
+    may leave (alternatives within this share stay in the group, and a smaller further cause in
+    the same channel is not accepted); rounds: least-squares rounds of each candidate;
+    max_rounds: least-squares rounds of the fits behind the verdict; seed: of random starts.
     """
 
     error_rate: float = 0.01

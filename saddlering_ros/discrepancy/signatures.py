@@ -1,7 +1,7 @@
-"""Signatures: the change that each effect makes, without the part that base parameters imitate.
+"""Signatures: the change by each effect, without the part that base parameters imitate.
 
-The angle between two signatures tells two causes apart; the length over the noise is what can be
-detected; the share left beside the base parameters says whether an effect shows at all.
+The angle between two signatures tells two causes apart. The length over the noise gives the
+detection limit. The share beside the base parameters shows whether an effect can be seen.
 """
 
 from __future__ import annotations
@@ -18,30 +18,30 @@ from saddlering_ros.discrepancy.metric import Metric
 from saddlering_ros.discrepancy.refit import Tangent
 from saddlering_ros.discrepancy.system import Array, Effect, Parameter, Point
 
-#: An effect of which less than this share is left beside the base parameters cannot be tested.
+#: An effect cannot be tested if less than this share remains beside the base parameters.
 MIN_SHARE = 0.02
 #: A change shorter than this, in standard deviations before the projection, does not show.
 MIN_LENGTH = 1.0
-#: Signatures of two sizes less parallel than this (cosine) differ in shape.
+#: Signatures of two sizes with a smaller cosine than this differ in shape.
 MIN_STRAIGHT = 0.9
 #: An amplitude-dependent effect is looked at in ever smaller sizes, each this share of the last,
 #: while it stands out by more than this many standard deviations, so many times at most.
 SMALLER, STANDS_OUT, MAX_SMALLER = 0.3, 12.0, 4
-#: So many simulations are asked for at once.
+#: Number of simulations in one batch.
 BATCH = 64
 #: Sizes tried of an effect without starts, as shares of its reach, and shapes, of their range.
 SIZES, SHAPES, MAX_SHAPES = (0.03, 0.15, 0.6), (0.15, 0.85), 16
-#: And of a limit, which does nothing over much of its reach.
+#: The same for a limit, which does nothing over much of its reach.
 FAR = 0.9
 
 
 @dataclass(frozen=True)
 class Signature:
-    """Change that one effect at one start makes, at `theta_unit` of its parameters.
+    """Change by one effect at one start, at `theta_unit` of its parameters.
 
-    plain (n,) as it is measured; white (n,): whitened, with what base parameters take off.
-    amplitude_dependent: its shape depends on its size, as with thresholds and frequencies; so a
-    signature of one size says nothing about another size.
+    plain (n,): as measured; white (n,): whitened, without the part of base parameters.
+    amplitude_dependent: the shape depends on the size, as with thresholds and frequencies, so
+    that a signature at one size does not describe another size.
     """
 
     effect: Effect
@@ -61,12 +61,12 @@ class Signature:
 
     @property
     def shape(self) -> tuple[object, ...]:
-        """The same for signatures that differ in size only."""
+        """A key that is equal for signatures that differ in size only."""
         return (*self.key, *np.round(self.theta_unit[1:], 6))
 
 
 def effect_starts(effect: Effect) -> list[Array]:
-    """First guesses of an effect's parameters, bound-scaled."""
+    """First guesses of the parameters of an effect, bound-scaled."""
     if effect.starts:
         return [
             np.array(
@@ -86,7 +86,7 @@ def effect_starts(effect: Effect) -> list[Array]:
 
 
 def _sizes(effect: Effect) -> list[float]:
-    """Bound-scaled sizes to both sides of where the effect does nothing."""
+    """Bound-scaled sizes on both sides of the neutral size."""
     size, neutral = effect.size, effect.neutral
     if size.scale == 'log':
         return [0.2, 0.5, 0.8]
@@ -100,7 +100,7 @@ def _sizes(effect: Effect) -> list[float]:
 
 
 def _other_shapes(shapes: Sequence[Parameter]) -> list[list[float]]:
-    """Shapes beside the usual one: all together while they are few, else one at a time."""
+    """Shapes besides the usual one: all combinations of a few, or one parameter at a time."""
     if not shapes:
         return []
     usual = [item.first_guess for item in shapes]
@@ -127,7 +127,7 @@ def measure_signatures(
 ) -> list[Signature]:
     """Signatures of every effect, variant and start at the base fit.
 
-    Of amplitude-dependent effects at small sizes too.
+    Amplitude-dependent effects have signatures at small sizes too.
     """
     starts: list[tuple[Effect, int, Array]] = [
         (effect, variant, start)
@@ -177,10 +177,11 @@ def _measured(
 
 
 def _smaller(signatures: Sequence[Signature]) -> list[tuple[Effect, int, Array]]:
-    """Smaller starts of amplitude-dependent effects that stand far out at their least size.
+    """Smaller starts of amplitude-dependent effects that are far above noise at their least size.
 
-    What friction does that never turns round says little of one a tenth as strong, which does; and
-    between a limit that cuts much and one that cuts nothing lies one that cuts a little.
+    Strong friction that never reverses does not show the shape of a tenth of it, which does
+    reverse. Between a limit that cuts much and one that cuts nothing lies one that cuts a
+    little.
     """
     sides: dict[tuple[str, int, bool], list[Signature]] = {}
     for item in signatures:
@@ -224,7 +225,7 @@ def whitened_by(metric: Metric, signatures: Sequence[Signature], base: Tangent) 
 
 
 def _beyond(metric: Metric, changes: Array, orthogonal: Array) -> tuple[Array, Array, Array]:
-    """Changes (n, B) whitened, beyond base parameters; their lengths and shares left."""
+    """Changes (n, B), whitened and without base parameters; their lengths and remaining shares."""
     white = metric.whiten(changes)
     whole = np.sqrt((metric.whiten_noise(changes) ** 2).sum(axis=0))
     left = white - orthogonal @ (orthogonal.T @ white)
@@ -233,7 +234,7 @@ def _beyond(metric: Metric, changes: Array, orthogonal: Array) -> tuple[Array, A
 
 
 def with_amplitude_dependence(signatures: Sequence[Signature]) -> list[Signature]:
-    """The same signatures, each told whether sizes of its shape differ in more than height."""
+    """The same signatures, marked if sizes of their shape differ in more than height."""
     shapes: dict[tuple[object, ...], list[Signature]] = {}
     for item in signatures:
         shapes.setdefault(item.shape, []).append(item)
@@ -253,10 +254,10 @@ def with_amplitude_dependence(signatures: Sequence[Signature]) -> list[Signature
 
 
 def testable_share(members: Sequence[Signature]) -> float:
-    """Share of an effect's signature that base parameters leave, of its best variant.
+    """Share of the signature of an effect beside the base parameters, for its best variant.
 
-    Taken at the smallest size that shows: at larger ones the base parameters' own curvature would
-    pass for something left.
+    It is taken at the smallest size that shows. At larger sizes the curvature of the base
+    parameters would count as a remainder.
     """
     best = 0.0
     for variant in {item.variant for item in members}:
@@ -268,7 +269,7 @@ def testable_share(members: Sequence[Signature]) -> float:
 
 
 def shapes_tried(signatures: Sequence[Signature]) -> int:
-    """How many signatures differ in more than size: what a name is drawn from."""
+    """Number of signatures that differ in more than size: the number of trials of a name."""
     return len({item.shape for item in signatures})
 
 
@@ -286,7 +287,7 @@ def testable(signatures: Sequence[Signature]) -> list[Signature]:
 
 
 def angle_matrix(signatures: Sequence[Signature]) -> tuple[list[str], Array]:
-    """Labels (effect:variant) and absolute cosines between signatures, longest of each."""
+    """Labels (effect:variant) and absolute cosines between the longest signature of each."""
     chosen: dict[tuple[str, int], Signature] = {}
     for item in signatures:
         if item.key not in chosen or item.length > chosen[item.key].length:

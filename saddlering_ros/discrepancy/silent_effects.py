@@ -1,8 +1,8 @@
-"""Effects that the base fit conceals, tried from starts all over the base's range.
+"""Effects that the base fit conceals, tried from starts over the whole range of the base.
 
-A threshold that the base fit never reaches has no signature there, although data may hold it: a
-tank that is thought to be half full does not overflow. And a swing that is fitted with one turn
-too many lies in a valley of its own, where the effect that it lacks explains nothing.
+A threshold that the base fit never reaches has no signature there, although the data may show it:
+a tank that the fit takes for half full does not overflow. Similarly, an oscillation that is fitted
+with one turn too many lies in a minimum of its own, in which its missing effect explains nothing.
 """
 
 from __future__ import annotations
@@ -24,11 +24,11 @@ from saddlering_ros.discrepancy.signatures import effect_starts, MIN_LENGTH, Sig
 from saddlering_ros.discrepancy.system import Array, Effect
 
 MAX_STARTS = 3
-"""First guesses of a silent effect that are tried with each start of the base."""
+"""Number of first guesses of a silent effect for each start of the base."""
 
 
 def silent_effects(signatures: Sequence[Signature]) -> list[tuple[Effect, int]]:
-    """Effects and variants of which no start changes the prediction by what noise would hide."""
+    """Effects and variants whose starts change the prediction by less than the noise hides."""
     loudest: dict[tuple[str, int], float] = {}
     known: dict[tuple[str, int], Effect] = {}
     for item in signatures:
@@ -39,14 +39,14 @@ def silent_effects(signatures: Sequence[Signature]) -> list[tuple[Effect, int]]:
 
 
 def fit_silent(space: ModelSpace) -> list[Fit]:
-    """The base and each silent effect alone, fitted from where the effect acts; the best first."""
+    """The base and each silent effect alone, from starts with influence; the best first."""
     return _fit_from_all_over(space, silent_effects(space.signatures), MAX_STARTS)
 
 
 def fit_in_other_valleys(space: ModelSpace) -> list[Fit]:
-    """The base and each effect alone, fitted from starts all over the base's range.
+    """The base and each effect alone, fitted from starts over the whole range of the base.
 
-    Without its effect the base can lie in a valley from which no way leads to the true one.
+    Without its effect the base can be in a minimum from which no path leads to the true one.
     """
     known = {item.key: (item.effect, item.variant) for item in space.signatures}
     return _fit_from_all_over(space, list(known.values()), starts=1)
@@ -57,7 +57,7 @@ def _fit_from_all_over(
 ) -> list[Fit]:
     """The base and each effect alone, the best of several starts; the best first.
 
-    starts: first guesses of an effect that are tried with each start of the base.
+    starts: first guesses of an effect for each start of the base.
     """
     found = []
     for effect, variant in effects:
@@ -69,7 +69,7 @@ def _fit_from_all_over(
 
 
 def _coarse(space: ModelSpace, candidate: Candidate, effect: Effect, count: int) -> list[Fit]:
-    """A few rounds from the starts of base and effect at which the effect acts."""
+    """A few rounds from those starts of base and effect at which the effect has influence."""
     metric = space.metric
     base = metric.experiment.system.base_parameters
     thetas = spread_starts(base, space.settings.seed)

@@ -1,11 +1,11 @@
-"""Steady lines too slow for stretches at rest: looked for in what is left of every whole run.
+"""Steady lines too slow for stretches at rest, searched in the residual of whole runs.
 
-A line below a few hertz has few periods in a stretch at rest. It is as strong while the load
-moves, so it is looked for in the residual of the base fit. Rings sway at such frequencies too, and
-a load that swings makes any misfit swing. A line counts therefore only if its strength stays the
-same all along every run, and at rest, and if the drive has no line there or at a whole part of its
-frequency. A run with gaps is searched between them. Where only static tests were made, lines are
-looked for in their holds.
+A line below a few hertz has few periods in a stretch at rest. Its strength while the load moves is
+the same, so that it is searched in the residual of the base fit. A ring can sway at such
+frequencies too, and an oscillating load makes any misfit oscillate. A line therefore counts only
+if its strength is constant along every run and at rest, and if the drive has no line there or at
+an integer fraction of its frequency. A run with gaps is searched between the gaps. If only static
+tests exist, the search uses their holds.
 """
 
 from __future__ import annotations
@@ -29,36 +29,36 @@ from saddlering_ros.discrepancy.system import Array, RunBlocks
 from saddlering_ros.estimation.rest import RestSegment
 
 MAX_LINES = 3
-"""Lines looked for, one after the other."""
+"""Largest number of lines, searched one after the other."""
 
 MIN_HOLDS, MIN_HOLD_SAMPLES = 8, 40
-"""Holds of a static test, and samples of each, that show a line."""
+"""Number of holds of a static test, and of samples in each, that show a line."""
 
 MIN_PERIODS = 20.0
-"""The longest run shows so many periods of the slowest line: fewer are a drift, or a sway."""
+"""Periods of the slowest line in the longest run. Fewer periods are a drift or a sway."""
 
 MAX_SHARE = 0.8
-"""Block means show lines up to this share of half their rate."""
+"""Share of half their rate up to which block means show lines."""
 
 PIECES, PIECE_PERIODS = 8, 3.0
-"""A run is cut into so many pieces, or fewer, of so many periods each, to see the line in each."""
+"""Pieces of a run, and periods in each, that show the strength of a line over time."""
 
 MAX_UNSTEADY = 0.35
-"""The line's strength in a piece may differ so far from its mean, noise apart."""
+"""Deviation of the strength in a piece from its mean that is allowed beside noise."""
 
 HARMONICS = 5
-"""A drive's line may show in the readings at its frequency and at so many multiples."""
+"""Number of multiples of its frequency at which a line of the drive may show in the readings."""
 
 DRIVEN_SHARE = 0.1
-"""A drive whose swing makes less than this share of a line does not make the line."""
+"""Share of a line below which the swing of the drive does not cause the line."""
 
 NOISE_SPREAD = 3.0
-"""Standard deviations of noise that a strength may be off."""
+"""Allowed deviation of a strength in standard deviations of noise."""
 
 
 @dataclass(frozen=True)
 class SlowLine:
-    """A steady line (its amplitude in the channels as they are), and where it was seen."""
+    """A steady line (its plain amplitude in the channels), and where it was found."""
 
     line: Line
     segments: tuple[RestSegment, ...]
@@ -66,7 +66,7 @@ class SlowLine:
 
 @dataclass(frozen=True)
 class Stretch:
-    """A part [first, last) of a run whose blocks follow each other in even steps."""
+    """A part [first, last) of a run with evenly spaced blocks."""
 
     run: int
     first: int
@@ -95,7 +95,7 @@ def _in_whole_runs(
     experiment: Experiment, runs: Sequence[RunBlocks], stretches: Sequence[Stretch],
     error_rate: float,
 ) -> SlowLine | None:
-    """The strongest line of whole runs, if it is a steady one."""
+    """The strongest line of whole runs, if it is steady."""
     usable = [item.segment for item in stretches]
     longest = max(item.values.shape[1] * item.step for item in usable)
     most = MAX_SHARE * 0.5 / min(item.step for item in usable)
@@ -116,7 +116,7 @@ def _at_rest(
     experiment: Experiment, runs: Sequence[RunBlocks], stretches: Sequence[Stretch],
     error_rate: float,
 ) -> SlowLine | None:
-    """The strongest line of the holds of static tests, where no run has even steps."""
+    """The strongest line of the holds of static tests, if no run is evenly spaced."""
     usable = [segment for run in runs if not run.held_out for segment in run.rest
               if segment.values.shape[1] >= MIN_HOLD_SAMPLES]
     if len(usable) < MIN_HOLDS:
@@ -130,12 +130,12 @@ def _at_rest(
 
 
 def stretches_of(runs: Sequence[RunBlocks], values: Sequence[Array]) -> list[Stretch]:
-    """Parts of runs (C, N) with even steps and no missing sample, each as a stretch."""
+    """Evenly spaced parts of runs (C, N) without a missing sample, each as a stretch."""
     found = []
     for number, (run, own) in enumerate(zip(runs, values, strict=True)):
         steps = np.diff(run.time)
         step = float(np.median(steps))
-        # The last block may be a short one.
+        # The last block may be shorter.
         uneven = np.append(np.abs(steps[:-1] - step) > 0.2 * step, False)
         if run.present is not None:
             whole = np.asarray(run.present.all(axis=0))
@@ -150,9 +150,9 @@ def stretches_of(runs: Sequence[RunBlocks], values: Sequence[Array]) -> list[Str
 
 
 def _is_driven(runs: Sequence[RunBlocks], line: Line, error_rate: float) -> bool:
-    """Whether the drive itself swings at the frequency, or at a whole part of it, strongly enough.
+    """Whether the drive oscillates strongly at the frequency or at an integer fraction of it.
 
-    The corners of a course that is cut short have a spectrum too, which is not steady.
+    The corners of a load course that is cut short have a spectrum too, which is not steady.
     """
     drives = [next(iter(run.inputs.values()))[None, :] for run in runs]
     usable = [item.segment for item in stretches_of(runs, drives)]
@@ -168,7 +168,7 @@ def _is_driven(runs: Sequence[RunBlocks], line: Line, error_rate: float) -> bool
 
 
 def _least_swing(runs: Sequence[RunBlocks], drives: Sequence[Array], line: Line) -> float:
-    """Amplitude of the drive whose straight response is a share of the line."""
+    """Amplitude of the drive whose linear response is a share of the line."""
     drive = max(float(np.ptp(own)) for own in drives)
     ranges = np.max([np.ptp(run.channels, axis=1) for run in runs], axis=0)
     shares = line.amplitude[line.own] / np.maximum(ranges[line.own], 1e-300)
@@ -176,7 +176,7 @@ def _least_swing(runs: Sequence[RunBlocks], drives: Sequence[Array], line: Line)
 
 
 def _is_steady(segments: Sequence[RestSegment], line: Line) -> bool:
-    """Whether a line is as strong in every piece of every run, and swings on in between."""
+    """Whether a line is equally strong in every piece of every run, and continues in between."""
     strengths, spreads, whole = [], [], []
     for item in segments:
         periods = item.values.shape[1] * item.step * line.frequency
@@ -195,7 +195,7 @@ def _is_steady(segments: Sequence[RestSegment], line: Line) -> bool:
 
 
 def _is_there_at_rest(rest: Sequence[RestSegment], line: Line) -> bool:
-    """Whether stretches at rest, where they are long enough to say so, show the line as strong."""
+    """Whether stretches at rest of sufficient length show the line with the same strength."""
     usual = float(np.linalg.norm(line.amplitude[line.own]))
     whole = float(np.sinc(line.frequency * line.step))
     strengths, spreads = [], []
@@ -213,7 +213,7 @@ def _is_there_at_rest(rest: Sequence[RestSegment], line: Line) -> bool:
 
 
 def _strength(item: RestSegment, line: Line) -> tuple[float, float]:
-    """Amplitude over the channels that have the line, together, and its standard deviation."""
+    """Amplitude over all channels with the line, and its standard deviation."""
     size, deviation = amplitudes(item, line.frequency)
     own = line.own
     return float(np.linalg.norm(size[own])), float(np.linalg.norm(deviation[own]))
@@ -223,13 +223,13 @@ def _cleaned(
     runs: Sequence[RunBlocks], residuals: Sequence[Array], stretches: Sequence[Stretch],
     found: SlowLine,
 ) -> tuple[tuple[RunBlocks, ...], list[Array]]:
-    """Runs and residuals less the line, of its own phase in every channel and stretch."""
+    """Runs and residuals minus the line, with a phase of its own in every channel and stretch."""
     channels = [run.channels.copy() for run in runs]
     left = [item.copy() for item in residuals]
     for item in stretches:
         part = slice(item.first, item.last)
         swing = _line_in(item.segment, found.line)
-        channels[item.run][:, part] += swing  # the residual is prediction less measurement
+        channels[item.run][:, part] += swing  # The residual is prediction minus measurement.
         left[item.run][:, part] -= swing
     cleaned = []
     for run, own in zip(runs, channels, strict=True):
@@ -241,7 +241,7 @@ def _cleaned(
 
 
 def _line_in(item: RestSegment, line: Line) -> Array:
-    """The line as it is in a stretch (C, n): the best cosine and sine, nothing where it is not."""
+    """The line in a stretch (C, n): the best cosine and sine; 0 in channels without the line."""
     swings = turns(item, line.frequency)
     place = np.linspace(-1.0, 1.0, item.values.shape[1])
     shapes = np.column_stack([swings, np.ones_like(place), place])

@@ -1,4 +1,4 @@
-"""Causes that are steady lines: looked for on stretches at rest, beside the fitted causes."""
+"""Causes that are steady lines, searched on stretches at rest, beside the fitted causes."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from saddlering_ros.estimation.rest import RestSegment
 
 @dataclass(frozen=True)
 class SteadyLines:
-    """Lines that are causes, those too small to be, and what could have been seen."""
+    """Lines that are causes, lines that are too small, and the detection limit."""
 
     causes: tuple[Cause, ...]
     immaterial: tuple[Evidence, ...]
@@ -62,7 +62,7 @@ class Swings:
 def find_swings(
     metric: Metric, base: Fit, runs: Sequence[RunBlocks], settings: Settings, trials: int
 ) -> Swings | None:
-    """The slow lines in what the base fit leaves of whole runs, moving or not, if material."""
+    """The material slow lines in the residual of the base fit, in motion or not."""
     experiment = metric.experiment
     effect = next((item for item in experiment.system.effects if item.line), None)
     if effect is None:
@@ -87,7 +87,7 @@ def _swing_cause(experiment: Experiment, effect: Effect, found: SlowLine) -> Cau
 
 
 def _material_limit(experiment: Experiment, settings: Settings) -> float:
-    """Amplitude of a line that shows as the smallest material rms in some view."""
+    """Amplitude of a line with the smallest material rms in some view."""
     widest = max(
         float(np.abs(weights).max()) / experiment.view_ranges[view]
         for view, weights in experiment.system.views.items()
@@ -107,7 +107,7 @@ def _cause(
     rest: Sequence[RestSegment],
     held_out: Sequence[RestSegment],
 ) -> Cause:
-    """The line as a cause, in the variant whose channels are most nearly those that show it."""
+    """The line as a cause, in the variant whose channels are closest to those with the line."""
     hit = {int(channel) for channel in np.flatnonzero(line.own)}
     variant = min(range(len(effect.line)), key=lambda item: len({*effect.line[item]} ^ hit))
     own = line.amplitude * line.own
@@ -138,7 +138,7 @@ def _parameters(effect: Effect, variant: int, line: Line) -> dict[str, Estimate]
     channels[list(effect.line[variant])] = 1.0
     amplitude = float(channels @ line.amplitude / channels.sum())
     deviation = float(np.sqrt(channels @ line.deviation**2) / channels.sum())
-    # Channels brought to common instants by straight lines have lost up to this of a swing.
+    # Linear interpolation to common instants reduces a swing by up to this share.
     lost = (2.0 * np.pi * line.frequency * line.step) ** 2 / 8.0
     deviation = float(np.hypot(deviation, lost * amplitude))
     cosine, sine, frequency = effect.ordered

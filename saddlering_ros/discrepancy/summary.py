@@ -16,7 +16,7 @@ WORDS = {
 
 
 def summary_text(found: Diagnosis) -> str:
-    """Verdict, causes, what the extension is worth, parameters, warnings."""
+    """Verdict, causes, misfit reduction, parameters, warnings."""
     lines = [f'verdict: {found.verdict} ({WORDS[found.verdict]})']
     for cause in found.causes:
         lines += _cause_lines(cause)
@@ -69,7 +69,7 @@ def estimate_words(item: Estimate) -> str:
 
 
 def parameter_lines(alone: Mapping[str, Estimate], found: Mapping[str, Estimate]) -> list[str]:
-    """One line a base parameter."""
+    """One line per base parameter."""
     return [
         f'  {name}: {estimate_words(alone[name])} -> {estimate_words(item)}'
         for name, item in found.items()

@@ -19,17 +19,17 @@ EffectValues = Mapping[str, Mapping[str, float]]
 
 
 class DiscrepancyError(SaddleringError):
-    """Runs or a simulator the engine cannot work with."""
+    """Runs or a simulator that the engine cannot use."""
 
 
 @dataclass(frozen=True)
 class Parameter:
-    """A number that may be fitted, searched between `low` and `high` on a straight or log scale.
+    """A fitted number, searched between `low` and `high` on a linear or logarithmic scale.
 
-    start: first guess, the middle where it is not given; neutral: the value at which an effect of
-    this size does nothing (0 where it is not given), of a shape its natural end; step: share of
-    the range by which sensitivities are differenced; periodic: `high` is `low` again, as of an
-    angle. The name is given by the mapping in which a parameter stands.
+    start: first guess (default: the middle); neutral: the value at which an effect of this
+    size does nothing (default: 0), or the natural end of a shape; step: share of the range by
+    which sensitivities are differenced; periodic: `high` equals `low`, as for an angle. The
+    name comes from the mapping that holds the parameter.
     """
 
     low: float
@@ -64,7 +64,7 @@ class Parameter:
 
     @classmethod
     def angle(cls, unit: str = 'rad', start: float | None = None) -> Parameter:
-        """An angle or phase, of any value: a full turn is where it began."""
+        """An angle or phase of any value; a full turn returns to the start."""
         turn = 360.0 if unit == 'deg' else 2.0 * math.pi
         return cls(0.0, turn, unit=unit, start=start, periodic=True)
 
@@ -84,35 +84,35 @@ class Parameter:
         return float(self.low + coordinate * (self.high - self.low))
 
     def slope(self, coordinate: float) -> float:
-        """Derivative of the value by its coordinate: carries a standard error back to units."""
+        """Derivative of the value by its coordinate, which converts a standard error to units."""
         if self.scale == 'log':
             return self.from_unit(coordinate) * math.log(self.high / self.low)
         return self.high - self.low
 
     @property
     def first_guess(self) -> float:
-        """Bound-scaled coordinate of the start, the middle where it is not given."""
+        """Bound-scaled coordinate of the start (default: the middle)."""
         return 0.5 if self.start is None else self.to_unit(self.start)
 
 
 @dataclass(frozen=True)
 class Effect:
-    """One possible cause: its first parameter is its size, neutral where that does nothing.
+    """One possible cause. Its first parameter is its size, at whose neutral value it does nothing.
 
-    `variants` are discrete choices inside one cause, such as which of four sensors; each is a
-    set of fixed values passed on with the fitted ones. `starts` are first guesses tried by the
-    screening; left empty, several sizes and shapes between the bounds are tried.
+    `variants`: discrete choices of one cause, such as which of four sensors; each is a set of
+    fixed values beside the fitted ones. `starts`: first guesses for the screening (default:
+    several sizes and shapes between the bounds).
 
-    `line`, the channels that each variant acts on, makes it a steady line looked for in stretches
-    at rest and not fitted; its parameters are then cosine, sine and frequency [Hz].
+    `line`: the channels of each variant of a steady line, which is searched in stretches at
+    rest and not fitted; its parameters are cosine, sine and frequency [Hz].
 
-    `form`: standard deviation of the size, as a share of it, that comes from the law being an
-    idealised one; no residual tells it. The id is given by the mapping in which an effect stands;
-    an effect without one goes by its title.
+    `form`: standard deviation of the size, as a share, because the law is idealised; no
+    residual shows it. The id comes from the mapping that holds the effect; an effect without
+    an id is named by its title.
 
-    `first_variant`: variants before it are those of an effect of the same id with fewer
-    parameters, of which this one is a wider form. `contains`: effects of other ids that it can do
-    in full, so that it is no alternative to them.
+    `first_variant`: variants before it belong to an effect of the same id with fewer
+    parameters, of which this one is a wider form. `contains`: effects of other ids that this
+    one can imitate completely, so that it is no alternative to them.
     """
 
     title: str
@@ -161,7 +161,7 @@ class Effect:
 
 @dataclass(frozen=True)
 class Point:
-    """What one simulation is run with: base values in order, and effects by id."""
+    """Input of one simulation: base values in order, and effects by id."""
 
     base: Array
     effects: EffectValues = field(default_factory=dict)
@@ -169,13 +169,13 @@ class Point:
 
 @dataclass(frozen=True)
 class RunBlocks:
-    """One run as the engine fits it: `channels` (C, N) are means over `width` (N,) about `time`.
+    """One run: `channels` (C, N) are means over `width` (N,) about `time`.
 
-    `group` names runs made under one setting (they share their systematic model error).
-    `inputs` are the coordinates that a residual may depend on, the first being the drive.
-    Of the drive may be given (N,): its `direction`, 1 while it rises and -1 while it falls; its
-    `rate` [unit / s]; and `hold`, the number of the level at which it is held. `payload` is
-    for the simulator alone. `present` (C, N), where given, is false where a sample is missing; the
+    `group` names runs under one setting, which share their systematic model error. `inputs`
+    are the coordinates that a residual may depend on, the first being the drive. Optional
+    properties (N,) of the drive: `direction`, 1 while it rises and -1 while it falls; `rate`
+    [unit / s]; `hold`, the number of the level at which it is held. `payload` is for the
+    simulator alone. `present` (C, N), if given, is false where a sample is missing; the
     channel is 0 there.
     """
 
@@ -195,7 +195,7 @@ class RunBlocks:
 
     @property
     def coordinates(self) -> dict[str, Array]:
-        """Inputs and, where it is given, the rate of the drive."""
+        """Inputs and, if it is given, the rate of the drive."""
         rate = {} if self.rate is None else {'rate': self.rate}
         return {**self.inputs, **rate}
 
@@ -209,7 +209,7 @@ class RunBlocks:
 
 
 class System(Protocol):
-    """A simulator with its base parameters and the causes that could be missing from it."""
+    """A simulator with its base parameters and the causes that it could lack."""
 
     @property
     def channel_names(self) -> tuple[str, ...]: ...
@@ -222,33 +222,33 @@ class System(Protocol):
 
     @property
     def views(self) -> Mapping[str, Array]:
-        """Combinations of channels a person looks at: name to weights (C,)."""
+        """Combinations of channels for people: name to weights (C,)."""
         ...
 
     def predict_many(self, run: RunBlocks, points: Sequence[Point]) -> Array:
-        """Channels (B, C, N) of `run` for every point; a constant per channel is of no account."""
+        """Channels (B, C, N) of `run` for every point; a constant per channel has no meaning."""
         ...
 
     def nuisances(self, runs: Sequence[RunBlocks], point: Point) -> Sequence[Array]:
-        """What is wrong with any such system and no cause: per run columns (C, N, k), k the same.
+        """Errors of any such system that are no cause: per run columns (C, N, k), with equal k.
 
-        Each column is one standard deviation of one nuisance parameter at `point` (base values,
-        and the effects found), shared by all runs; k = 0 for a simulator that is right but for
-        its causes.
+        Each column is one standard deviation of one nuisance parameter at `point` (base
+        values and found effects), shared by all runs. k = 0 for a simulator that is exact
+        but for its causes.
         """
         ...
 
 
 @runtime_checkable
 class SystemWithTangents(Protocol):
-    """A `System` that knows its sensitivities, for less than a simulation for every parameter."""
+    """A `System` with sensitivities that are cheaper than a simulation per parameter."""
 
     def predict_neighbours(
         self, run: RunBlocks, groups: Sequence[Sequence[Point]]
     ) -> list[Array]:
         """Channels (B, C, N) of `run` for every group of points.
 
-        Each group's first point is simulated; the others lie a small step aside, and are needed to
-        first order in it only.
+        The first point of a group is simulated. The others lie a small step away and need
+        first-order accuracy only.
         """
         ...

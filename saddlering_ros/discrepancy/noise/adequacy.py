@@ -5,16 +5,16 @@ from __future__ import annotations
 from saddlering_ros.estimation.distributions import fisher_chance, fisher_share_below
 
 MAX_CHANCE = 1e-3
-"""A misfit is far under the noise if noise alone would leave as little less often than this."""
+"""Chance of as small a misfit from noise alone, below which the noise is overestimated ..."""
 
 MAX_RATIO = 0.5
-"""And if it is less than this share of what noise alone would leave."""
+"""... if the misfit is also below this share of the expected one."""
 
 
 def overestimated(statistic: float, dimensions: float, degrees: float) -> bool:
-    """Whether a whitened misfit over `dimensions` is far less than noise alone would leave.
+    """Whether a whitened misfit over `dimensions` is far below the misfit of noise alone.
 
-    degrees: degrees of freedom of the noise's level.
+    degrees: degrees of freedom of the level of the noise.
     """
     if dimensions <= 0 or statistic >= MAX_RATIO * dimensions:
         return False
@@ -23,7 +23,7 @@ def overestimated(statistic: float, dimensions: float, degrees: float) -> bool:
 
 
 def underestimated(statistic: float, dimensions: float, degrees: float) -> bool:
-    """Whether a whitened misfit over `dimensions` is far more than noise alone would leave."""
+    """Whether a whitened misfit over `dimensions` is far above the misfit of noise alone."""
     if dimensions <= 0 or statistic <= dimensions / MAX_RATIO:
         return False
     return bool(fisher_chance(statistic / dimensions, dimensions, degrees) < MAX_CHANCE)

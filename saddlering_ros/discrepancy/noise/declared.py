@@ -21,14 +21,14 @@ from saddlering_ros.estimation.stretch_noise import (
 )
 
 KNOWN_EXACTLY = 1_000_000
-"""Degrees of freedom of a level that was declared and not estimated."""
+"""Degrees of freedom of a declared level."""
 
 MAX_SPECTRUM_ERROR = 0.5
-"""Largest rms error of the logarithm of a spectrum that relaxations may leave."""
+"""Largest rms error of the logarithm of a spectrum in the fit by relaxations."""
 
 
 class Noise(ABC):
-    """Noise of one channel, as declared. Use the constructors; `resolve` belongs to the engine."""
+    """Declared noise of one channel. Use the constructors; the engine calls `resolve`."""
 
     learns_from_residuals: ClassVar[bool] = False
 
@@ -66,7 +66,7 @@ class Noise(ABC):
 
     @abstractmethod
     def resolve(self, records: Sequence[ChannelRecord]) -> Mapping[str, ChannelNoise]:
-        """The process by run. The records hold readings, later residuals."""
+        """The process by run. The records hold readings first and residuals later."""
 
 
 @dataclass(frozen=True)

@@ -1,9 +1,10 @@
 """Noise learnt from residuals: the remainder of a flexible fit over time, read as a process.
 
-Slow structure of a residual may be a cause, so none of it may become noise. A flexible fit takes
-all waves slower than `SLOW_WAVES` half waves a run; what is left is swift. Its level is assumed to
-go on at slower times (a spectrum flat below), and its degrees of freedom are those of the swift
-part: tests against this noise are F tests with so many. A record need not rest.
+Slow structure of a residual may be a cause and must not become noise. A flexible fit therefore
+removes all waves slower than `SLOW_WAVES` half waves per run, and the remainder is fast. The level
+of the remainder is assumed to continue at slower times (a flat spectrum below). Its degrees of
+freedom are those of the fast part, and tests against this noise are F tests with this number. The
+record needs no rest.
 """
 
 from __future__ import annotations
@@ -31,17 +32,17 @@ from saddlering_ros.estimation.stretch_noise import (
 )
 
 SLOW_WAVES = 40
-"""Half waves a run that a flexible fit takes."""
+"""Half waves per run that a flexible fit removes."""
 
 MIN_SLOW_WAVES = 20
-"""Half waves that a flexible fit takes of a run of few samples: those that are tested."""
+"""Half waves that a flexible fit removes from a run of few samples: those that are tested."""
 
 SAMPLES_PER_WAVE, MIN_SAMPLES_PER_WAVE = 10, 5
-"""Samples for each half wave above that number of half waves, and in any run."""
+"""Samples per half wave above that number of half waves, and smallest number in a run."""
 
 
 def swift_part(values: Array) -> tuple[Array, int]:
-    """Remainder (N,) of a flexible fit over the order of samples; its number of half waves."""
+    """Remainder (N,) of a flexible fit over the order of samples, and its number of half waves."""
     waves = min(SLOW_WAVES, max(MIN_SLOW_WAVES, values.size // SAMPLES_PER_WAVE))
     waves = min(waves, values.size // MIN_SAMPLES_PER_WAVE)
     spectrum = dct(values, norm='ortho')
@@ -50,21 +51,21 @@ def swift_part(values: Array) -> tuple[Array, int]:
 
 
 def noise_of_residuals(record: ChannelRecord) -> ChannelNoise:
-    """Noise of one channel of one run, from the swift part of its residual.
+    """Noise of one channel of one run, from the fast part of its residual.
 
-    Missing samples are bridged for the flexible fit and left out of the statistics.
+    Missing samples are interpolated for the flexible fit and left out of the statistics.
     """
     values, waves = _swift(record)
     noise = _of_spectrum(record, values, waves, None)
-    # Below the swift part the level is no surer than at the slowest waves seen.
+    # Below the fast part the level is as uncertain as at the slowest waves of the fast part.
     return replace(noise, pairs=max(1, min(noise.pairs, 2 * waves)))
 
 
 def widened(noise: ChannelNoise, record: ChannelRecord) -> ChannelNoise:
-    """`noise` and the broadband model error that the swift part of a residual shows beyond it.
+    """`noise` plus the broadband model error in the fast part of a residual.
 
-    Noise measured at rest is not all there is on most machines. An excess counts if it is half
-    the level at some averaging time, and more than chance gives.
+    On most machines the noise at rest is not the whole noise. An excess counts if it is half
+    the level at some averaging time and larger than chance.
     """
     values, waves = _swift(record)
     octaves = np.log2(values.size / (waves + 1.0))
@@ -86,8 +87,9 @@ def with_model_error(
 ) -> ChannelNoise:
     """`noise` and a declared broadband model error of `share` of the channel's range `span`.
 
-    Its variance is spread evenly over all decades of time from `step` to `duration` [s], and as
-    much is of each sample alone: whitening then gives no band of frequencies all the weight.
+    Its variance is spread evenly over all decades of time from `step` to `duration` [s], and
+    an equal part is independent in each sample, so that no band of frequencies receives all
+    the weight.
     """
     if share <= 0.0:
         return noise
@@ -104,7 +106,7 @@ def with_model_error(
 def _of_spectrum(
     record: ChannelRecord, values: Array, waves: int, known: ChannelNoise | None
 ) -> ChannelNoise:
-    """Noise of the swift part (N,) of a residual, beyond the `known` noise."""
+    """Noise of the fast part (N,) of a residual, beyond the `known` noise."""
     sizes = [part.size for part in replace(record, values=values).stretches()]
     if sum(sizes) < MIN_SAMPLES:
         raise DiscrepancyError(
@@ -127,7 +129,7 @@ def _of_spectrum(
 
 
 def _swift(record: ChannelRecord) -> tuple[Array, int]:
-    """Swift part (N,) of a residual, NaN where missing; the half waves that were taken."""
+    """Fast part (N,) of a residual, NaN where missing; the number of removed half waves."""
     there = np.isfinite(record.values)
     bridged = np.interp(record.time, record.time[there], record.values[there])
     swift, waves = swift_part(bridged)

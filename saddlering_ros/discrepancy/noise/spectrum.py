@@ -1,8 +1,8 @@
 """White noise and relaxations fitted to the spectrum of a filtered residual.
 
-What a flexible fit leaves has no slow part any more, so statistics over time would be biased; its
-spectrum above the waves that were taken is not. The parts are those of the greatest Whittle
-likelihood: lines of a spectrum are independent, each exponential about its expectation.
+The remainder of a flexible fit has no slow part, so that statistics over time would be biased. Its
+spectrum above the removed waves is unbiased. The parts maximise the Whittle likelihood: the lines
+of a spectrum are independent and exponentially distributed about their expectation.
 """
 
 from __future__ import annotations
@@ -20,13 +20,13 @@ from saddlering_ros.estimation.process import (
 )
 
 MAX_BINS = 120
-"""Lines are averaged in this many bins, evenly on a log scale: costs little, loses little."""
+"""Bins of the averaged lines, evenly spaced on a log scale, for speed with little loss."""
 
 ROUNDS = 300
 """Rounds of the multiplicative update; each one raises the likelihood."""
 
 BINS_AN_OCTAVE = 2
-"""Bins in which a spectrum is compared with one that is known."""
+"""Bins of the comparison of a spectrum with a known one."""
 
 
 @dataclass(frozen=True)
@@ -39,7 +39,7 @@ class Spectrum:
 
 
 def spectrum_above(values: Array, waves: int, bins: int) -> Spectrum:
-    """Spectrum of values (N,), NaN where missing, above `waves` half waves, in `bins` at most."""
+    """Spectrum of values (N,), NaN where missing, above `waves` half waves, in at most `bins`."""
     there = np.isfinite(values)
     count = values.size
     power = dct(np.where(there, values, 0.0), norm='ortho')[waves + 1 :] ** 2
@@ -56,7 +56,7 @@ def spectrum_above(values: Array, waves: int, bins: int) -> Spectrum:
 
 
 def expected_power(noise: ChannelNoise, frequency: Array, step: float) -> Array:
-    """Mean squares (F,) that `noise` gives lines at `frequency` in samples of `step` [s]."""
+    """Mean squares (F,) of lines at `frequency` in `noise` with samples of `step` [s]."""
     parts = noise.parts()
     columns = _columns(frequency, np.array([tau for _, tau in parts]), step)
     white = noise.white + noise.floor * step
@@ -66,9 +66,9 @@ def expected_power(noise: ChannelNoise, frequency: Array, step: float) -> Array:
 def parts_of_spectrum(
     spectrum: Spectrum, constants: Array, step: float, known: Array | None = None
 ) -> Array:
-    """White density and variances of relaxations (1 + T,) of the greatest likelihood.
+    """White density and variances of relaxations (1 + T,) with the greatest likelihood.
 
-    known (F,): expectation of noise that is there besides.
+    known (F,): expectation of a noise that is present besides.
     """
     columns = _columns(spectrum.frequency, constants, step)
     unit = columns.mean(axis=0)
@@ -84,7 +84,7 @@ def parts_of_spectrum(
 
 
 def exceeds(spectrum: Spectrum, known: Array) -> bool:
-    """Whether a spectrum is half above `known` (F,) somewhere, and more than chance gives."""
+    """Whether a spectrum exceeds `known` (F,) somewhere by half and by more than chance."""
     chance = 4.0 * np.sqrt(2.0 / spectrum.lines)
     return bool(np.any(spectrum.power > known * (1.0 + np.maximum(0.5, chance))))
 

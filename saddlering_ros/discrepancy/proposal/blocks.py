@@ -1,6 +1,6 @@
-"""Blocks of shapes that an unknown cause may have, each in one coordinate.
+"""Families of shapes of an unknown cause, each in one coordinate.
 
-A block gives columns for every run and a penalty on their coefficients: smooth curves in load,
+A family has columns for every run and a penalty on their coefficients: smooth curves in load,
 rate, time and angle, curves that change sign with the direction, relaxations, and play operators.
 """
 
@@ -27,7 +27,7 @@ from saddlering_ros.discrepancy.system import Array
 LOAD_PIECES, DIRECTION_PIECES, RATE_PIECES, TIME_PIECES, ANGLE_WAVES = 32, 12, 10, 24, 8
 PLAYS = 10
 REACHES = (0.004, 0.5)
-"""Least and largest half width of a play, as shares of the range of the load."""
+"""Smallest and largest half width of a play, as shares of the range of the load."""
 LAGS = 8
 
 
@@ -49,7 +49,7 @@ class ShapeFamily:
 
 @dataclass(frozen=True)
 class Spline:
-    """Cubic B-splines with even knots over [low, high]; constant beyond."""
+    """Cubic B-splines with even knots over [low, high]; constant outside."""
 
     low: float
     high: float
@@ -81,7 +81,7 @@ def span_of(runs: Sequence[ObservedRun], name: str) -> tuple[float, float]:
 
 
 def blocks_of(runs: tuple[ObservedRun, ...]) -> list[ShapeFamily]:
-    """Every block that these runs can show."""
+    """Every family that these runs can show."""
     blocks = [_curve(runs, LOAD, LOAD_PIECES), _hysteresis(runs)]
     names = set.intersection(*(set(run.coordinates) for run in runs))
     if DIRECTION in names and any(np.ptp(run.coordinates[DIRECTION]) > 0.0 for run in runs):
@@ -133,7 +133,7 @@ def _relaxation(runs: tuple[ObservedRun, ...]) -> ShapeFamily:
 
 
 def own_curves(runs: tuple[ObservedRun, ...]) -> ShapeFamily:
-    """One curve over time for each run: a description, without a prediction of other runs."""
+    """One curve over time for each run: a description that predicts no other run."""
     columns, penalty = [], np.zeros((0, 0))
     for number, run in enumerate(runs):
         time = run.coordinates[TIME]

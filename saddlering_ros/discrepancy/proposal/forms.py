@@ -1,7 +1,7 @@
-"""Simple laws that a curve may be: power, saturation, step, sine, exponential, dead zone.
+"""Simple laws for a curve: power, saturation, step, sine, exponential, dead zone.
 
-Every form is linear in its amplitudes; its shape parameters are searched from a grid that is laid
-over the range seen, so that no unit is in it.
+Every law is linear in its amplitudes. Its shape parameters are searched on a grid over the
+observed range, so that results do not depend on units.
 """
 
 from __future__ import annotations
@@ -23,10 +23,11 @@ Columns = Callable[[Coordinates, Shape], Array]
 
 @dataclass(frozen=True)
 class Form:
-    """One law: `columns` (N, m) of coordinates and shape values, one column an amplitude.
+    """One law: `columns` (N, m) of coordinates and shape values, one column per amplitude.
 
-    amplitudes, shapes: names; a shape that ends in '*' has the unit of the coordinate, the others
-    are plain numbers. words: the formula. grid: shape values worth starting from, for a range.
+    amplitudes, shapes: names; a shape that ends in '*' has the unit of the coordinate, and the
+    others are plain numbers. words: the formula. grid: shape values to start from, for a
+    range.
     """
 
     name: str
@@ -73,7 +74,7 @@ def _constant(u: Array, shape: Shape) -> Array:
 
 
 def _apart(value: float) -> float:
-    """The same number, kept from zero."""
+    """The number, limited to a smallest absolute value."""
     return value if abs(value) > 1e-300 else 1e-300
 
 
@@ -128,7 +129,7 @@ _CURVES: tuple[tuple[str, tuple[str, ...], tuple[str, ...], str, Curve, Grid], .
 
 
 def forms_of(coordinate: str, kind: str) -> list[Form]:
-    """The simple laws that a block of one coordinate and kind may be."""
+    """The simple laws for a family of one coordinate and kind."""
     if kind == 'plays':
         return [_stop_form()]
     if kind == 'relaxation':

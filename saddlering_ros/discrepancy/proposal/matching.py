@@ -1,4 +1,4 @@
-"""A fitted block matched to a simple law, by BIC; otherwise given as a curve with its band."""
+"""A fitted family matched to a simple law by BIC, or given as a curve with its band."""
 
 from __future__ import annotations
 
@@ -33,14 +33,14 @@ from saddlering_ros.discrepancy.system import Array
 
 CURVE_POINTS = 65
 STEP = 1e-3
-"""Share of a shape parameter by which its sensitivity is differenced."""
+"""Step of a shape parameter for its sensitivity, as a share."""
 
 
 @dataclass(frozen=True)
 class LawParameter:
-    """One number of a law with its standard deviation; `unit` in words of channel and coordinate.
+    """One number of a law with its standard deviation; `unit` in terms of channel and coordinate.
 
-    kind: 'amplitude', or 'shape'.
+    kind: 'amplitude' or 'shape'.
     """
 
     value: float
@@ -53,8 +53,8 @@ class LawParameter:
 class Term:
     """One addition to one target: a simple law, or a curve with its band.
 
-    at, values, band (K,): the curve over its coordinate, its value and standard deviation; for a
-    simple law the law's own. weights: of plays and relaxations, at their reaches or lags.
+    at, values, band (K,): the coordinate, the curve and its standard deviation; for a simple
+    law, those of the law. weights: of plays and relaxations, at their reaches or lags.
     """
 
     target: str
@@ -86,7 +86,7 @@ class Term:
 
 
 def match_law(misfit: Misfit, fit: BlockFit, wanted: Array) -> Term:
-    """The simple law that is as good as the block by BIC, or the block's own curve."""
+    """The simple law that is as good as the family by BIC, or the curve of the family."""
     left = float(wanted @ wanted) - fit.taken
     curve_bic = _bic(left, fit.freedom, misfit.size)
     best: tuple[float, Form, Array] | None = None
@@ -113,7 +113,7 @@ def _columns(misfit: Misfit, target: str, form: Form, shapes: list[Array]) -> Ar
 
 
 def _left(columns: Array, wanted: Array) -> float:
-    """Misfit left after the best amplitudes of columns (n, m)."""
+    """Misfit with the best amplitudes of columns (n, m)."""
     gram = columns.T @ columns
     slope = columns.T @ wanted
     found = np.linalg.pinv(gram, hermitian=True) @ slope
@@ -121,7 +121,7 @@ def _left(columns: Array, wanted: Array) -> float:
 
 
 def _search(misfit: Misfit, fit: BlockFit, form: Form, wanted: Array) -> tuple[float, Array]:
-    """Misfit left and shape of the best law of one form."""
+    """Misfit and shape of the best law of one form."""
     low, high = fit.block.span
     if form.name == 'exponential memory' and fit.block.settings is not None:
         constants = fit.block.settings['constants']
@@ -135,7 +135,7 @@ def _search(misfit: Misfit, fit: BlockFit, form: Form, wanted: Array) -> tuple[f
     ]
     best = int(np.argmin(lefts))
     start = shapes[best]
-    # The scale of a power goes with its size: it is no shape to search.
+    # The scale of a power follows from its size and is not searched.
     free = np.arange(start.size) if form.name != 'power' else np.array([1])
     if start.size == 0:
         return lefts[best], start
@@ -219,7 +219,7 @@ PIECES = {LOAD: LOAD_PIECES, DIRECTION: DIRECTION_PIECES, RATE: RATE_PIECES, TIM
 
 
 def _curve_term(misfit: Misfit, fit: BlockFit, left: float) -> Term:
-    """The block itself: a curve with its band, or weights of plays and relaxations."""
+    """The family itself: a curve with its band, or weights of plays and relaxations."""
     block, coefficients = fit.block, fit.coefficients
     inflation = max(1.0, left / misfit.size)
     if block.settings is not None:

@@ -1,4 +1,4 @@
-"""Operators with a memory over whole records: plays, relaxations, the direction of a drive."""
+"""Operators with memory over whole records: plays, relaxations, direction of a drive."""
 
 from __future__ import annotations
 
@@ -9,15 +9,15 @@ from saddlering_ros.memory_operators import Direction, Plays, Relaxations
 
 
 def stop_operators(drive: Array, reaches: Array) -> Array:
-    """(N, R): the part of the drive (N,) that plays of half width `reaches` (R,) do not follow."""
+    """(N, R): the drive (N,) minus the output of plays with half widths `reaches` (R,)."""
     plays = Plays(np.asarray(reaches, dtype=np.float64), float(drive[0]))
     return np.array([plays.push(value) for value in drive.tolist()])
 
 
 def relaxations(time: Array, drive: Array, constants: Array) -> Array:
-    """(N, T): the drive (N,) less first-order lags of it with time constants (T,) [s].
+    """(N, T): the drive (N,) minus first-order lags of it with time constants (T,) [s].
 
-    The first sample finds every lag at rest. The drive is straight between samples.
+    Every lag rests at the first sample. The drive is linear between samples.
     """
     lags = Relaxations(np.asarray(constants, dtype=np.float64))
     pairs = zip(np.diff(time).tolist(), np.diff(drive).tolist(), strict=True)
@@ -26,6 +26,6 @@ def relaxations(time: Array, drive: Array, constants: Array) -> Array:
 
 
 def direction_of(drive: Array, band: float) -> Array:
-    """+1 (N,) while the drive rises and -1 while it falls, the last of them while it rests."""
+    """+1 (N,) while the drive rises and -1 while it falls; at rest the last direction."""
     direction = Direction(band, float(drive[0]))
     return np.array([direction.push(value) for value in drive.tolist()])

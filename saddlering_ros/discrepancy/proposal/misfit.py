@@ -1,4 +1,4 @@
-"""The input of a proposal: a residual, its coordinates, and the metric in which it counts."""
+"""The input of a proposal: a residual, its coordinates, and its metric."""
 
 from __future__ import annotations
 
@@ -16,14 +16,13 @@ ANGLE, HYSTERESIS = 'angle', 'hysteresis'
 
 @dataclass(frozen=True)
 class ObservedRun:
-    """One run: coordinates (N,) by name, and how an addition to a target shows in its channels.
+    """One run: coordinates (N,) by name, and the change of its channels by an addition.
 
-    coordinates: 'load' is the drive; 'direction' and 'rate' are its; 'time' [s] counts from the
-    start of the run; any other name is taken as it is, 'angle' as periodic over 2 pi.
-    targets: name to (C, N), the change of the channels by a unit of the addition, sample by
-    sample.
-    residual (C, N): measured less predicted. slopes (C, N, P): change of the prediction by each
-    base parameter.
+    coordinates: 'load' is the drive, 'direction' and 'rate' belong to the drive, 'time' [s]
+    counts from the start of the run; 'angle' is periodic over 2 pi; any other name is used as
+    it is. targets: name to (C, N), the change of the channels per unit of the addition, sample
+    by sample. residual (C, N): measured minus predicted. slopes (C, N, P): change of the
+    prediction by each base parameter.
     """
 
     name: str
@@ -41,8 +40,8 @@ class ObservedRun:
 class Misfit:
     """Residuals of the fitted runs and their metric.
 
-    whiten: applies the metric to stacked columns (n, B); stacked means runs, then channels, then
-    samples. degrees: degrees of freedom of the noise's level.
+    whiten: applies the metric to stacked columns (n, B), in the order of runs, channels,
+    samples. degrees: degrees of freedom of the level of the noise.
     """
 
     runs: tuple[ObservedRun, ...]
@@ -72,12 +71,12 @@ class Misfit:
 
     @cached_property
     def residual(self) -> Array:
-        """The whitened residual (n,), less its part by base parameters."""
+        """The whitened residual (n,) minus its part by base parameters."""
         plain = np.concatenate([run.residual.ravel() for run in self.runs])
         return self.freed(self.whiten(plain[:, None]))[:, 0]
 
     def freed(self, white: Array) -> Array:
-        """Whitened columns less their part by base parameters."""
+        """Whitened columns minus their part by base parameters."""
         return np.asarray(white - self.base @ (self.base.T @ white))
 
     def columns(self, target: str, shapes: tuple[Array, ...]) -> Array:

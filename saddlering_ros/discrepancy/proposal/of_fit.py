@@ -1,4 +1,4 @@
-"""A law proposed for a fitted model: its residual, coordinates and targets put together."""
+"""A law proposed for a fitted model: its residual, coordinates and targets combined."""
 
 from __future__ import annotations
 
@@ -24,26 +24,26 @@ from saddlering_ros.discrepancy.refit import neighbours, tangent
 from saddlering_ros.discrepancy.system import Array, Point, RunBlocks, System
 
 DIRECTION_BAND = 0.01
-"""Share of the drive's range by which it must turn back to have another direction."""
+"""Smallest return of the drive that changes its direction, as a share of its range."""
 
 
 @runtime_checkable
 class HasTargets(Protocol):
-    """A system with more places for an addition than its views and channels."""
+    """A system with further targets of an addition besides its views and channels."""
 
     def targets(self, run: RunBlocks, point: Point) -> Mapping[str, Array]:
-        """Change of the channels (C, N) by a unit of the addition, by the target's name."""
+        """Change of the channels (C, N) per unit of the addition, by the name of the target."""
         ...
 
     def start_of(self, run: RunBlocks) -> float:
-        """Instant [s] from which time counts in a law."""
+        """Start of the time [s] of a law."""
         ...
 
 
 def propose_for(
     metric: Metric, fit: Fit, runs: Sequence[RunBlocks], degrees: int, error_rate: float
 ) -> LawProposal | None:
-    """The law that would explain the residual of `fit`; `runs` are all, fitted and held out."""
+    """The law that would explain the residual of `fit`; `runs`: all runs, fitted and held out."""
     experiment = metric.experiment
     system = experiment.system
     observed = []
@@ -111,5 +111,5 @@ def coordinates_of(run: RunBlocks, begin: float) -> dict[str, Array]:
 
 
 def _alike(one: Array, other: Array) -> bool:
-    """Whether two targets differ by a factor only."""
+    """Whether two targets are proportional."""
     return bool(np.allclose(one / np.abs(one).max(), other / np.abs(other).max()))

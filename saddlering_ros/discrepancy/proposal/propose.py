@@ -1,9 +1,9 @@
 """A law proposed for a misfit that no effect of the catalogue explains.
 
-The whitened residual, freed of base parameters, is offered blocks of shapes on every target; the
-block that predicts most of runs held out in turn is taken, and a second one if it adds enough. A
-block counts only if it passes the same likelihood-ratio gate as a name, with the number of blocks
-tried paid for. The curve is matched to simple laws. The verdict stays unknown.
+Families of shapes on every target are fitted to the whitened residual without the base parameters.
+The family that predicts most of runs held out in turn is chosen, and a second one if it adds
+enough. A family counts only if it passes the likelihood ratio test of a cause, with the number of
+families counted. The curve is matched to simple laws. The verdict stays `unknown`.
 """
 
 from __future__ import annotations
@@ -30,29 +30,29 @@ from saddlering_ros.discrepancy.system import Array
 
 MAX_BLOCKS = 2
 MIN_SHARE = 0.1
-"""Smallest share of the misfit that the first block must predict."""
+"""Smallest share of the misfit that the first family must predict."""
 
 MIN_SECOND_SHARE = 0.1
-"""Share of the misfit left that a second block must predict."""
+"""Smallest share of the remaining misfit that a second family must predict."""
 
 OWN_CURVES = 0.3
-"""Where no law that holds for all runs predicts this share, a curve of each run's own is tried."""
+"""Predicted share below which a curve of its own is tried for each run."""
 
 ALIKE = 0.9
-"""Another coordinate that predicts this share of the best one's is a doubt."""
+"""Predicted share, relative to the best one, at which another coordinate is a doubt."""
 
 BEYOND = 0.02
-"""Share of the range seen by which a held-out run may exceed it."""
+"""Share of the observed range by which a held-out run may exceed it."""
 
 BACKFITS = 3
 
 MeanSquare = Callable[[ObservedRun, Array], float]
-"""Mean square of a plain residual (C, N) of a run, over the ranges, as for the gain."""
+"""Mean square of a plain residual (C, N) of a run over the ranges, as in the gain."""
 
 
 @dataclass(frozen=True)
 class Alternative:
-    """Another target and coordinate, with the share of the misfit that its block predicts."""
+    """Another target and coordinate, with the share of the misfit that its family predicts."""
 
     target: str
     coordinate: str
@@ -63,9 +63,10 @@ class Alternative:
 class LawProposal:
     """A law that would explain the residual.
 
-    terms: one or two additions. share: of the whitened misfit taken. p_value: with all blocks paid
-    for. fit, held_out: gain as 1 - rms with / rms without; negative where it predicts worse. move
-    (P,): change of base parameters with the law in the model. doubts: one sentence each.
+    terms: one or two additions. share: explained share of the whitened misfit. p_value: with
+    all families counted. fit, held_out: gain as 1 - rms with / rms without; negative if the
+    law predicts worse. move (P,): change of base parameters beside the law. doubts: one
+    sentence each.
     """
 
     terms: tuple[Term, ...]
@@ -89,7 +90,7 @@ def propose_law(
     held_out: Sequence[ObservedRun] = (),
     error_rate: float = 0.01,
 ) -> LawProposal | None:
-    """The best law of at most two blocks, or None if none passes the gate."""
+    """The best law of at most two families, or None if none passes the test."""
     blocks = blocks_of(misfit.runs)
     targets = list(misfit.runs[0].targets)
     wanted = misfit.residual
@@ -136,7 +137,7 @@ def _left(wanted: Array, fits: Sequence[BlockFit]) -> Array:
 
 
 def _backfitted(misfit: Misfit, fits: list[BlockFit], wanted: Array) -> list[BlockFit]:
-    """Blocks fitted together: each to the residual of the other, in turn; the larger first."""
+    """Families fitted together, each to the residual of the other, in turn; the larger first."""
     for _ in range(BACKFITS):
         for number, item in enumerate(fits):
             rest = [other for place, other in enumerate(fits) if place != number]
@@ -175,7 +176,7 @@ def _base_move(misfit: Misfit, change: list[Array]) -> tuple[Array, Array]:
     slopes = np.concatenate([run.slopes.reshape(-1, run.slopes.shape[2]) for run in misfit.runs])
     joined = misfit.whiten(np.column_stack([plain, slopes]))
     white, columns = joined[:, 0], joined[:, 1:]
-    # Bound-scaled parameters whose whole range is one standard deviation: idle ones stay.
+    # Bound-scaled parameters have a prior of one range, so that idle ones stay.
     gram = columns.T @ columns + np.eye(columns.shape[1])
     move = np.linalg.solve(gram, columns.T @ white)
     return np.asarray(move), np.asarray(white - columns @ move)
@@ -189,7 +190,7 @@ def _gains(
     move: Array,
     held_out: Sequence[ObservedRun],
 ) -> tuple[float, float | None, list[str]]:
-    """Gain on fitted and on held-out runs, and the names of runs that get worse."""
+    """Gain on fitted and on held-out runs, and the names of runs with a larger misfit."""
     worse = []
     before, after = [], []
     for run, part in zip(misfit.runs, change, strict=True):
@@ -264,7 +265,7 @@ def _outside(misfit: Misfit, term: Term, held_out: Sequence[ObservedRun]) -> lis
 
 
 def _one_rate(runs: tuple[ObservedRun, ...]) -> bool:
-    """Whether all runs that move do so at much the same largest rate."""
+    """Whether all moving runs have about the same largest rate."""
     if any(RATE not in run.coordinates for run in runs):
         return True
     fastest = [float(np.abs(run.coordinates[RATE]).max()) for run in runs]

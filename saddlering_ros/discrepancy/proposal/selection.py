@@ -1,4 +1,4 @@
-"""Blocks fitted, regularised by leave-one-run-out, compared, and gated like a name."""
+"""Families fitted, regularised by leave-one-run-out, compared, and tested like a cause."""
 
 from __future__ import annotations
 
@@ -15,19 +15,19 @@ from saddlering_ros.discrepancy.system import Array
 from saddlering_ros.estimation.distributions import fisher_chance
 
 STRENGTHS = np.geomspace(1e-6, 1e4, 11)
-"""Regularisation tried, in shares of the size of the columns."""
+"""Strengths of the regularisation, in shares of the size of the columns."""
 
 FOLDS = 5
-"""Parts of a run that is alone, held out in turn."""
+"""Parts of a single run that are held out in turn."""
 
 MIN_RIDGE = 1e-9
 
 
 @dataclass(frozen=True)
 class BlockFit:
-    """One block added to one target: coefficients and what they take of the whitened misfit.
+    """One family added to one target: coefficients, and explained part of the whitened misfit.
 
-    predicted: the misfit taken from runs held out in turn, under zero if the block predicts
+    predicted: explained misfit of runs held out in turn, negative if the family predicts
     nothing. freedom: effective number of parameters.
     """
 
@@ -43,7 +43,7 @@ class BlockFit:
     """Whitened columns (n, k)."""
 
     def p_value(self, degrees: int, trials: int) -> float:
-        """Chance that noise alone gives any of `trials` blocks as much."""
+        """Chance that noise alone gives one of `trials` families as much."""
         each = fisher_chance(max(self.taken, 0.0) / self.freedom, self.freedom, degrees)
         return min(1.0, trials * float(each))
 
@@ -81,13 +81,13 @@ def fit_block(misfit: Misfit, target: str, block: ShapeFamily, wanted: Array) ->
 def rank_blocks(
     misfit: Misfit, blocks: Sequence[ShapeFamily], targets: Sequence[str], wanted: Array
 ) -> list[BlockFit]:
-    """Every block on every target, the one that predicts most first."""
+    """Every family on every target, the one that predicts most first."""
     fits = [fit_block(misfit, target, block, wanted) for block in blocks for target in targets]
     return sorted(fits, key=lambda fit: -fit.predicted)
 
 
 def _folds(misfit: Misfit) -> list[NDArray[np.int64]]:
-    """Rows held out in turn: runs, or parts of the only run."""
+    """Rows that are held out in turn: runs, or parts of a single run."""
     if len(misfit.runs) > 1:
         return [np.arange(rows.start, rows.stop) for rows in misfit.rows]
     run = misfit.runs[0]
@@ -102,7 +102,7 @@ def _penalty(block: ShapeFamily, strength: float, gram: Array) -> Array:
 
 
 def _solve(block: ShapeFamily, gram: Array, slope: Array, penalty: Array) -> Array:
-    """Penalised least squares; coefficients of one sign where the block asks for it."""
+    """Penalised least squares, with coefficients of one sign if the family requires it."""
     matrix = gram + penalty
     if not block.non_negative:
         return np.asarray(np.linalg.solve(matrix, slope))
