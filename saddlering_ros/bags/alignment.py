@@ -30,11 +30,12 @@ GAP_LEAST_HISTORY = 3
 GAP_FLOOR_NS = 5_000_000
 LEAP_NS = 10_000_000_000
 JITTER_NS = 250_000_000
-"""A stamp further back than this behind its topic's newest one is a clock that jumped back."""
+"""Smallest step back [ns] of a stamp behind the newest of its topic that shows a clock set
+back."""
 
 DEAD_AFTER_NS = 2_000_000_000
-"""A live probe without a sample for this long, while the load goes on, does not read, and rows go
-out without it. Longer than any step of a replay in lockstep."""
+"""Time [ns] without a sample of a live probe, while the load continues, after which the probe does
+not read and rows are published without it. It is longer than any step of a replay in lockstep."""
 
 
 def seconds(stamp: int, epoch: int) -> float:
@@ -53,7 +54,7 @@ def seconds_array(stamps: NDArray[np.int64], epoch: int) -> NDArray[np.float64]:
 def gap_limit(history: list[int]) -> int:
     """Longest interval [ns] that is still interpolated, from the intervals [ns] before it.
 
-    Of an even number of intervals the lower median counts. A short history sets no limit.
+    The lower median counts for an even number of intervals. A short history sets no limit.
     """
     leaps = [place for place, interval in enumerate(history) if interval > LEAP_NS]
     if leaps:
@@ -65,7 +66,7 @@ def gap_limit(history: list[int]) -> int:
 
 
 def gap_mask(stamps: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """Which of the intervals between consecutive `stamps` (N,) are gaps: (N - 1,)."""
+    """Mask (N - 1,) of the intervals between consecutive `stamps` (N,) that are gaps."""
     mask = np.zeros(max(len(stamps) - 1, 0), dtype=bool)
     intervals = np.diff(stamps[:GAP_HISTORY + 1])
     for early in np.flatnonzero(intervals > GAP_FLOOR_NS).tolist():
@@ -77,7 +78,7 @@ def gap_mask(stamps: NDArray[np.int64]) -> NDArray[np.bool_]:
 
 
 def _mask_block(intervals: NDArray[np.int64], mask: NDArray[np.bool_]) -> None:
-    """Mark in `mask` which `intervals` behind the first GAP_HISTORY are gaps."""
+    """Mark gaps in `mask` among the `intervals` after the first GAP_HISTORY."""
     long = np.flatnonzero(intervals[GAP_HISTORY:] > GAP_FLOOR_NS)
     if not len(long):
         return
@@ -106,7 +107,7 @@ def align(
     for rows in blocks(len(load_stamps), load_stamps, stamps, values, aligned):
         aligned[rows] = nan
         of_load = load_stamps[rows]
-        # Only the readings about this block, so that its search stays within a few pages.
+        # Only the readings near this block, so that the search stays within a few pages of memory.
         low, high = np.searchsorted(stamps, [of_load[0], of_load[-1]], side='right').tolist()
         near = slice(max(low - 1, 0), high + 1)
         if high:

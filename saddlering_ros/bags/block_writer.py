@@ -1,7 +1,7 @@
-"""A bag written block by block: as large as it may be, in the memory of one block.
+"""A bag of any size, written block by block in the memory of one block.
 
-The messages of a block are encoded and put into the file by NumPy, which is about thirty times
-as fast as message by message.
+NumPy encodes the messages of a block and puts them into the file, about thirty times as fast as
+message by message.
 """
 
 from __future__ import annotations
@@ -31,11 +31,10 @@ CHUNK_MESSAGES = 1 << 14
 
 
 class BlockBagWriter:
-    """A rosbag2 directory in the making; a context manager, after which it is at its place.
+    """A rosbag2 directory that is being written; a context manager, at whose end it is in place.
 
     topics: the rig's topics with the range [m] of their sensors (() for none); metadata: texts
-    for custom_data and the record saddlering.test. If the block ends with an exception, nothing
-    is left.
+    for custom_data and the record saddlering.test. An exception in the block leaves no file.
     """
 
     def __init__(
@@ -59,7 +58,7 @@ class BlockBagWriter:
 
     @property
     def messages(self) -> int:
-        """How many messages have been written."""
+        """Number of messages written."""
         return sum(self._writer.counts.values())
 
     def write(
@@ -118,7 +117,7 @@ class BlockBagWriter:
 def _parts(
     samples: Sequence[tuple[NDArray[np.int64], NDArray[np.float64]]],
 ) -> list[list[tuple[NDArray[np.int64], NDArray[np.float64]]]]:
-    """The samples cut at common times into parts of about CHUNK_MESSAGES messages."""
+    """The samples, cut at common times into parts of about CHUNK_MESSAGES messages."""
     total = sum(len(stamps) for stamps, _ in samples)
     if not total:
         return []
@@ -133,7 +132,7 @@ def _parts(
 
 
 class _Writer(Rosbag2Writer):
-    """rosbags' writer, which makes metadata.yaml, on top of a file that takes whole blocks."""
+    """The writer of rosbags, which makes metadata.yaml, on top of a file of whole blocks."""
 
     def __init__(self, path: Path, metadata: Mapping[str, str]) -> None:
         super().__init__(path, version=9, storage_plugin=StoragePlugin.MCAP)
@@ -165,12 +164,12 @@ class _Writer(Rosbag2Writer):
 
 
 class _Storage:
-    """One MCAP file of blocks, as rosbags' writer wants its storages."""
+    """One MCAP file of blocks, in the form of a storage of the rosbags writer."""
 
     def __init__(self, folder: Path, metadata: Mapping[str, str]) -> None:
         self.path = folder / f'{folder.name}_0.mcap'
         self._file = McapBlockFile(self.path, 'saddlering_ros')
-        self._file.add_metadata(RECORD, metadata)  # first, so that a file cut off has it
+        self._file.add_metadata(RECORD, metadata)  # First, so that a file that is cut off has it.
         self._schemas: dict[str, int] = {}
         self._channels: dict[int, int] = {}
 

@@ -1,8 +1,8 @@
-"""The one decoder and encoder of CDR: stamps and numbers of many messages at once.
+"""The decoder and encoder of CDR: stamps and numbers of many messages at once.
 
-A NumPy view over the bytes of all messages; no message object is ever made. Source of the layout:
-OMG DDS-XTypes 1.3, 7.4 (plain CDR, versions 1 and 2, both byte orders); the fields of each message
-type stand in `layouts.py`.
+It uses NumPy views of the bytes of all messages and makes no message objects. Source of the
+layout: OMG DDS-XTypes 1.3, 7.4 (plain CDR, versions 1 and 2, both byte orders). `layouts.py` lists
+the fields of each message type.
 """
 
 from __future__ import annotations
@@ -22,17 +22,17 @@ from saddlering_ros.bags.mcap_file import Messages, take
 from saddlering_ros.bags.topics import RigTopic
 
 ENCAPSULATION = 4
-"""Bytes before the first field; alignment counts from behind them."""
+"""Bytes before the first field; alignment counts from their end."""
 
 SECOND = 1_000_000_000
 
 _TEXT = 12
-"""Where the frame id's characters begin, behind seconds, nanoseconds and its length."""
+"""Offset of the characters of the frame id, after seconds, nanoseconds and its length."""
 
 _HEAD = ENCAPSULATION + _TEXT
 _LITTLE_ENDIAN = 1
 _BYTE_ORDER_AND_ALIGNMENT = {0: ('>', 8), 1: ('<', 8), 6: ('>', 4), 7: ('<', 4)}
-"""By representation identifier: byte order, and the alignment of a double."""
+"""Byte order and alignment of a double, by representation identifier."""
 
 FEW = 8
 """So few messages are read and written sooner one by one than as arrays."""
@@ -41,14 +41,14 @@ _FORMATS = {'i4': 'i', 'u4': 'I', 'u1': 'B', 'f4': 'f', 'f8': 'd'}
 """Of `struct`, by the type of a field."""
 
 MAX_FRAME_IDS = 100
-"""Lengths of frame ids in one block; a topic of the rig has one."""
+"""Largest number of different lengths of frame ids in a block; a topic of the rig has one."""
 
 
 TOO_MANY_NANOSECONDS = 'a stamp has a second or more of nanoseconds'
 
 
 class CdrError(ValueError):
-    """Bytes that are not the expected message; the text states the reason."""
+    """The bytes are not the expected message; the text states the reason."""
 
 
 @dataclass(frozen=True)
@@ -94,7 +94,7 @@ def readings_of(records: Records, topic: RigTopic) -> Readings:
 
 
 def decode_list(messages: Sequence[bytes], message_type: str, names: Sequence[str]) -> Records:
-    """Read messages that lie one by one in memory."""
+    """Read messages that are separate in memory."""
     wanted = tuple(names)
     if messages and len(messages[0]) >= _HEAD and len(set(map(len, messages))) == 1:
         decode_equal = _decode_few if len(messages) <= FEW else _decode_equal
@@ -108,7 +108,7 @@ def decode_list(messages: Sequence[bytes], message_type: str, names: Sequence[st
 
 def _decode_equal(messages: Sequence[bytes], message_type: str, names: tuple[str, ...],
                   ) -> Records | None:
-    """As `decode_list`, of messages of equal size; None if they are not of one layout."""
+    """`decode_list` for messages of equal size; None if their layouts differ."""
     first = messages[0]
     kind, length = _head_of(first)
     layout = _layout(message_type, kind, length, names)
@@ -167,7 +167,7 @@ def decode_records(
 
 
 def _head_of(message: bytes) -> tuple[int, int]:
-    """Representation and frame id's length of a message."""
+    """Representation, and length of the frame id, of a message."""
     kind = message[0] << 8 | message[1]
     if kind not in _BYTE_ORDER_AND_ALIGNMENT:
         raise CdrError(f'CDR representation {kind:#06x} is not supported')
@@ -201,7 +201,7 @@ def _decode_mixed(
     data: NDArray[np.uint8], starts: NDArray[np.int64], sizes: NDArray[np.int64],
     message_type: str, names: tuple[str, ...],
 ) -> Records:
-    """As `decode_records`, of messages of several representations or frame ids."""
+    """`decode_records` for messages of several representations or frame ids."""
     kinds = data[starts].astype(np.int64) << 8 | data[starts + 1]
     unknown = set(np.unique(kinds).tolist()) - set(_BYTE_ORDER_AND_ALIGNMENT)
     if unknown:
@@ -293,7 +293,7 @@ def encode(message_type: str, frame_id: str, stamps: ArrayLike,
 
 def encode_list(message_type: str, frame_id: str, stamps: ArrayLike,
                 fields: Mapping[str, ArrayLike]) -> list[bytes]:
-    """As `encode`, each message by itself."""
+    """`encode` with each message separate."""
     times = np.asarray(stamps, dtype=np.int64)
     if len(times) <= FEW:
         with contextlib.suppress(OverflowError):  # a reading beyond its type becomes infinite

@@ -1,4 +1,4 @@
-"""Readings that are impossible, and readings that deserve a note."""
+"""Checks for impossible readings, and notes on doubtful ones."""
 
 from __future__ import annotations
 
@@ -13,16 +13,16 @@ from saddlering_ros.bags.scratch import count_where, extremes, spread
 from saddlering_ros.rig import LoadLimits, TONNE
 
 MAX_ABSENT_UNMENTIONED = 0.005
-"""Share of load stamps without a reading (as at both ends of a record) not worth a note."""
+"""Largest share of load stamps without a reading (as at both ends of a record) without a note."""
 
 MIN_SAMPLES = 10
-"""Fewer samples of a topic are no test."""
+"""Smallest number of samples of a topic in a test."""
 
 MAX_SPAN = 0.1
-"""A gap of this size [m] is beyond any eddy-current probe, so the unit must be another one."""
+"""Smallest gap [m] beyond any eddy-current probe, which shows another unit."""
 
 FAR_OUTSIDE = 20.0
-"""A typical gap this many times the probe's span beyond it was not published in metres."""
+"""Distance of a typical gap from the probe's span, in spans, that shows another unit."""
 
 def check_values(where: str, stamps: NDArray[np.int64], values: NDArray[np.float64]) -> None:
     """Raise BagError if any of `values` (N,) at `stamps` (N,) [ns] is NaN or infinite."""

@@ -1,4 +1,4 @@
-"""A long run as averages over blocks of samples: the input of a fit, in bounded memory."""
+"""A long run as averages over blocks of samples: input of a fit in bounded memory."""
 
 from __future__ import annotations
 
@@ -18,13 +18,14 @@ FIT_ROWS = 1 << 19
 """Samples of all runs together that a fit holds in memory."""
 
 MIN_BLOCK_SHARE = 0.5
-"""A block has no reading of a probe that reads at a smaller share of its samples."""
+"""Smallest share of the samples of a block with a reading of a probe."""
 
 MAX_BLOCK_SECONDS = 1.5
-"""Number of usual lengths beyond which a block lies across a gap."""
+"""Length of a block, in usual lengths, beyond which it lies across a gap."""
 
 SPAN_MARGIN = 1e-4
-"""A reading within this share of the span of one of its ends is at a limit."""
+"""Distance from an end of the span, as a share of the span, within which a reading is at a
+limit."""
 
 
 def fit_limit(runs: Sequence[TestRun], rows: int = FIT_ROWS) -> int:

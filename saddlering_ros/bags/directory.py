@@ -23,18 +23,19 @@ INFORMATION = 'rosbag2_bagfile_information'
 SUFFIXES = ('.mcap', '.mcap.zstd')
 
 MAX_EXPANSION = 100
-"""A compressed file that unpacks to more than this times its size, and to more than ..."""
+"""Ratio of unpacked to compressed size above which a file was not recorded, if it is also above
+..."""
 
 ALWAYS_ALLOWED = 1 << 26
-"""... this [bytes], was not recorded."""
+"""... this unpacked size [bytes]."""
 
 
 @dataclass(frozen=True)
 class BagDirectory:
     """The files of a bag, in order of recording, and the content of metadata.yaml.
 
-    custom_data: text to text; message_count: of all files, None if not said; compression of each
-    message ('' or 'zstd'), as rosbag2's compression mode "message" leaves them.
+    custom_data: text to text; message_count: of all files, None if not stated; compression of
+    each message ('' or 'zstd'), as in the compression mode "message" of rosbag2.
     """
 
     path: Path
@@ -54,11 +55,11 @@ class BagDirectory:
 
     @property
     def size(self) -> int:
-        """Bytes of its files; one that is not there any more counts nothing."""
+        """Bytes of its files; a missing file counts as 0."""
         return sum(file.stat().st_size for file in self.files if file.exists())
 
     def sha256(self) -> str:
-        """One hash of all that is read: of a bare file its own, of a directory sha256_of_files."""
+        """One hash of all content: that of a bare file, or sha256_of_files of a directory."""
         if self.path.is_dir():
             metadata = [self.path / METADATA] if self.has_metadata else []
             return sha256_of_files([*metadata, *self.files])
@@ -84,7 +85,7 @@ def open_directory(path: Path | str) -> BagDirectory:
 
 
 def announced(path: Path | str) -> str:
-    """Content of a bag by its metadata.yaml and the size of its files, before it is read."""
+    """Content of a bag by its metadata.yaml and the sizes of its files, before reading."""
     try:
         directory = open_directory(path)
     except BagError:
@@ -96,7 +97,7 @@ def announced(path: Path | str) -> str:
 
 @contextmanager
 def plain_file(path: Path) -> Iterator[Path]:
-    """The file without rosbag2's compression of whole files; a temporary copy if it has one."""
+    """The file, or a temporary copy without the compression of whole files by rosbag2."""
     if not path.name.endswith('.zstd'):
         yield path
         return
@@ -212,9 +213,9 @@ def custom_data_of(text: str) -> dict[str, str]:
 
 
 def _locate(folder: Path, name: str) -> Path:
-    """A file of the bag, also where metadata.yaml names it with a folder that has since moved.
+    """A file of the bag, also if metadata.yaml names it with a folder that has moved.
 
-    Never a file outside the bag's folder, even if metadata.yaml names one.
+    It is never a file outside of the folder of the bag, even if metadata.yaml names one.
     """
     steps = Path(name).parts
     inside = not Path(name).is_absolute() and '..' not in steps

@@ -6,8 +6,8 @@ from saddlering_ros.errors import SaddleringError
 
 
 class BagError(SaddleringError):
-    """A bag that cannot be used; one line: fault, place, remedy."""
+    """A bag cannot be used. The message is one line: fault, place, remedy."""
 
     def __init__(self, message: str) -> None:
-        # Names read from a damaged file may hold anything.
+        # Names from a damaged file may contain any characters.
         super().__init__(message.replace('\r', ' ').replace('\n', ' '))

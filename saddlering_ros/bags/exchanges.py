@@ -1,4 +1,4 @@
-"""Two probes that exchange their readings in the middle of a record: a cable or channel moved."""
+"""Two probes that exchange their readings within a record: a cable or channel was moved."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ from saddlering_ros.rig import Rig
 Floats = NDArray[np.float64]
 
 ROWS = 2
-"""Rows over which readings are compared: one of them may be interpolated across the exchange."""
+"""Rows over which readings are compared. One of them may be interpolated across the exchange."""
 
 USUAL_SHARE = 0.99
 MIN_SIZE = 8.0
-"""An exchange moves each reading by more than so many times the change over ROWS that this share
-of the rows does not exceed."""
+"""Smallest change of each reading at an exchange, as a multiple of the change over ROWS that this
+share of the rows does not exceed."""
 
 MATCH = 0.1
-"""Each probe then reads what the other read before, to this share of its own change."""
+"""Largest difference from the earlier reading of the other probe, as a share of the change."""
 
 
 def exchange_notes(rig: Rig, time: Floats, load: Floats, gaps: Floats) -> list[str]:
@@ -50,7 +50,7 @@ def _usual_change(values: Floats) -> float:
 
 
 def _exchanged(first: Floats, second: Floats, size: float) -> NDArray[np.bool_]:
-    """Places where two probes read, ROWS later, the value of the other."""
+    """Places where each of two probes reads, ROWS later, the earlier value of the other."""
     with np.errstate(invalid='ignore'):
         change = np.minimum(np.abs(first[ROWS:] - first[:-ROWS]),
                             np.abs(second[ROWS:] - second[:-ROWS]))

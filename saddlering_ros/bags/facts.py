@@ -13,8 +13,8 @@ RECORD = 'saddlering.test'
 
 KEYS = ('test', 'elevation_deg', 'rig', 'run')
 DETAILS = ('date', 'service_hours', 'operator', 'rig_hash', 'import_map', 'import_sources')
-"""What a bag may say besides: of the test, of the rig's description (Rig.digest), and of the
-files that the bag was imported from."""
+"""Further texts of a bag: on the test, on the description of the rig (Rig.digest), and on the
+files of an import."""
 
 KINDS = ('static', 'dynamic')
 LOWEST_ELEVATION, HIGHEST_ELEVATION = -10.0, 90.0
@@ -40,7 +40,7 @@ class TestFacts:
         check_elevation(self.elevation_deg, 'facts')
 
     def as_text(self) -> dict[str, str]:
-        """The facts as a bag keeps them, text to text."""
+        """The facts in the form of a bag, text to text."""
         elevation = repr(float(self.elevation_deg)).removesuffix('.0')
         return {
             'test': self.test, 'elevation_deg': elevation,
@@ -76,7 +76,7 @@ class FoundFacts:
         return (*self.conflicts, *self.faults, *missing)
 
     def overruled(self, test: str | None, elevation_deg: float | None) -> FoundFacts:
-        """The same with the values of options in place."""
+        """The same with values of options in place of those of the bag."""
         facts = self
         if test is not None:
             facts = facts._settled('test', test=check_kind(test, 'option'))
@@ -96,11 +96,11 @@ class FoundFacts:
 def find_facts(
     custom_data: Mapping[str, str], record: Mapping[str, str], recorder: Mapping[str, str],
 ) -> FoundFacts:
-    """The facts that a bag's places agree on.
+    """The facts on which the places of a bag agree.
 
     `custom_data` of metadata.yaml and the MCAP record `saddlering.test` count alike: either is
-    enough, and what both say must agree. `recorder` (custom_data in the MCAP record that rosbag2
-    itself writes) is asked only for what neither says, as after a reindexing, which loses
+    enough, and both must agree. `recorder` (custom_data in the MCAP record that rosbag2 writes
+    itself) gives only facts that neither states, for instance after a reindexing, which loses
     custom_data from metadata.yaml.
     """
     values: dict[str, str] = {}
@@ -151,7 +151,7 @@ def _clean(value: object) -> str | None:
 
 
 def same_fact(key: str, first: str, second: str) -> bool:
-    """Whether two texts state the same of a test."""
+    """Whether two texts state the same fact of a test."""
     if key == 'elevation_deg':
         one, other = _number(first), _number(second)
         if one is not None and other is not None:

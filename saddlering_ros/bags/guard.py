@@ -1,13 +1,13 @@
-"""A guard before each stream: an impossible stamp or reading costs itself and no other sample.
+"""A guard before each stream: it refuses an impossible stamp or reading, and no other sample.
 
-The rule. A sample is refused at once if its stamp is not set (0 or less), or its reading is not
-finite or beyond what the rig can do. A sample whose stamp or reading leaps away from the last one
-is held until the next one comes: if that goes on from where the last sound sample was, the one
-held was an outlier and is refused; otherwise it was a true leap, and both are given out. So a
-clock that was set, a seek and a step of the load pass, one sample later.
+The rule. A sample is refused at once if its stamp is not set (0 or less), or if its reading is not
+finite or beyond the limits of the rig. A sample whose stamp or reading leaps away from the last
+one is held until the next one comes. If the next one continues from the last sound sample, the
+held sample was an outlier and is refused. Otherwise the leap was real, and both are passed on. A
+clock that was set, a seek and a step of the load therefore pass, one sample later.
 
-The rule looks at stamps and readings in their order of arrival, never at the wall clock, so nodes
-that hear the same samples refuse the same ones.
+The rule uses stamps and readings in their order of arrival, never the wall clock, so that nodes
+with the same input refuse the same samples.
 """
 
 from __future__ import annotations
@@ -31,27 +31,27 @@ from saddlering_ros.bags.validity import BRIDGED, DOUBTFUL_LOAD
 from saddlering_ros.rig import Rig
 
 MAX_OVERLOAD = 1.5
-"""A load beyond this share of full scale is no load of the cylinder."""
+"""Largest load as a share of full scale."""
 
 MAX_PULL = 0.1
-"""The cylinder pushes: a load further below zero than this share of full scale is none."""
+"""Largest negative load as a share of full scale; the cylinder pushes."""
 
 STEP_SHARE = 0.1
-"""A step of the load by more than this share of full scale, beyond what the hydraulics can make
-meanwhile, makes the load behind it doubtful."""
+"""Step of the load, as a share of full scale beyond the reach of the hydraulics, after which the
+load is doubtful."""
 
 NOISE_SHARE = 0.01
-"""Noise as a share of full scale, or of a probe's span, that is no leap at any rate."""
+"""Noise, as a share of full scale or of a probe's span, that is no leap at any rate."""
 
 MAX_REMEMBERED = 100
-"""Stretches between sound readings whose rows are still to be marked."""
+"""Largest number of stretches between sound readings whose rows are still to be marked."""
 
 SHORT = 32
-"""Samples among which an outlier is looked for one by one."""
+"""Number of samples among which an outlier is searched one by one."""
 
 
 FEW = 4
-"""So few samples are judged one by one sooner than together."""
+"""Number of samples up to which a loop is faster than arrays."""
 
 
 @dataclass(frozen=True)
@@ -102,11 +102,11 @@ def probe_limits(rig: Rig) -> ReadingLimits:
 
 @dataclass
 class GuardCounters:
-    """Samples refused, by reason, and those that are given out as doubtful.
+    """Numbers of refused samples by reason, and of doubtful ones.
 
     without_stamp: the stamp is 0 or less; not_finite; impossible: beyond the limits;
-    leaps_of_stamp, leaps_of_reading: one sample away from those before and after;
-    doubtful_load: behind a step that the hydraulics cannot make.
+    leaps_of_stamp, leaps_of_reading: one sample differs from those before and after;
+    doubtful_load: after a step that the hydraulics cannot make.
     """
 
     without_stamp: int = 0
@@ -129,10 +129,10 @@ class GuardCounters:
 
 @dataclass
 class Steps:
-    """Stretches behind steps of the load that the hydraulics cannot make.
+    """Stretches after steps of the load that the hydraulics cannot make.
 
-    offset [N]: sum of these steps, while it is not back at zero; since [ns]: the last stamp before
-    the first of them; over: pairs of that stamp and of the first one after the way back.
+    offset [N]: sum of these steps until they return to zero; since [ns]: the last stamp before
+    the first of them; over: pairs of this stamp and of the first one after the return.
     """
 
     offset: float = 0.0
@@ -140,7 +140,7 @@ class Steps:
     over: list[tuple[int, int]] = field(default_factory=list)
 
     def add(self, before: int, stamp: int, change: float, tolerance: float) -> None:
-        """A step from the stamp `before` to `stamp`; it leads back to within a tolerance."""
+        """Whether a step from the stamp `before` to `stamp` leads back to within a tolerance."""
         self.offset += change
         if self.since is None:
             self.since = before
@@ -160,7 +160,7 @@ class Steps:
 
 
 class SampleGuard:
-    """Passes the sound samples of one stream on, in batches; counts those it refuses."""
+    """Passes on the sound samples of one stream in batches, and counts the refused ones."""
 
     def __init__(self, limits: ReadingLimits, counters: GuardCounters | None = None, *,
                  remembered: int = MAX_REMEMBERED) -> None:
@@ -176,14 +176,14 @@ class SampleGuard:
 
     @property
     def bridges(self) -> list[tuple[int, int]]:
-        """Stamps [ns] of the sound readings about each that was refused, not yet passed."""
+        """Stamps [ns] of the sound readings around each refused one that was not yet passed."""
         return self._bridges
 
     @property
     def doubtful(self) -> list[tuple[int, int]]:
-        """Stamps [ns] of the sound readings about each stretch of doubtful load, not yet passed.
+        """Stamps [ns] of the sound readings around each stretch of doubtful load, not yet passed.
 
-        The last stretch may go on: then it ends at the largest number.
+        An open last stretch ends at the largest number.
         """
         return self._doubtful.stretches()
 
@@ -193,7 +193,7 @@ class SampleGuard:
         return self._held is not None
 
     def push(self, samples: Samples) -> Samples:
-        """The sound samples that are due, in order of arrival."""
+        """The sound samples that are ready, in order of arrival."""
         if not len(samples):
             return samples
         if len(samples) > FEW and self._is_plain(samples):
@@ -216,7 +216,7 @@ class SampleGuard:
         return samples if sound == pairs else self._batch(sound, samples)
 
     def flush(self) -> Samples:
-        """The held sample, after a time without a successor to judge it by."""
+        """The held sample, after a time without a successor."""
         held, self._held = self._held, None
         if held is None:
             return Samples(np.empty(0, np.int64), np.empty(0))
@@ -224,11 +224,12 @@ class SampleGuard:
         return Samples(np.array([held[0]], np.int64), np.array([held[1]]))
 
     def marks(self, stamps: NDArray[np.int64], *, to_next: bool = False) -> NDArray[np.uint8]:
-        """BRIDGED at those `stamps` (N,), in order, that a refused reading would have reached.
+        """BRIDGED at those `stamps` (N,), in order, that a refused reading would have influenced.
 
-        They lie between the sound readings before and after it; with `to_next`, the stamp of the
-        one after it counts as well. DOUBTFUL_LOAD is added at stamps of doubtful loads. A stretch
-        that later stamps may lie in is remembered for the next call.
+        They lie between the sound readings before and after the refused one; with
+        `to_next` the stamp of the later one counts too. DOUBTFUL_LOAD is added at stamps
+        of doubtful loads. A stretch that may contain later stamps is stored for the next
+        call.
         """
         marks = np.zeros(len(stamps), np.uint8)
         if not len(stamps):
@@ -243,7 +244,7 @@ class SampleGuard:
         return marks
 
     def _is_plain(self, samples: Samples) -> bool:
-        """Whether every sample of the batch goes on from the one before (the usual case)."""
+        """Whether every sample of the batch continues from the one before (the usual case)."""
         if self._held is not None or self._last is None or self._refused_since is not None:
             return False
         if len(self._steps) < GAP_HISTORY:
@@ -281,12 +282,12 @@ class SampleGuard:
         return False
 
     def _bridge_from_last(self) -> None:
-        """A reading is refused: rows up to the next sound one are interpolated across it."""
+        """Note a refused reading: rows up to the next sound one are interpolated across it."""
         if self._refused_since is None and self._last is not None:
             self._refused_since = self._last[0]
 
     def _judge(self, sample: tuple[int, float]) -> list[tuple[int, float]]:
-        """Samples that are due after the arrival of `sample`."""
+        """Samples that are ready after the arrival of `sample`."""
         if self._held is None:
             if self._goes_on(self._last, sample):
                 return self._accept(sample)
@@ -304,7 +305,7 @@ class SampleGuard:
         return due + self._judge(sample)
 
     def _step_to(self, held: tuple[int, float]) -> None:
-        """The held sample begins another level; note a step that the hydraulics cannot make."""
+        """Accept the held sample as another level; note a step that the hydraulics cannot make."""
         if self._last is None or not self._follows(self._last[0], held[0]):
             return
         change, elapsed = held[1] - self._last[1], abs(held[0] - self._last[0]) * 1e-9
@@ -332,12 +333,12 @@ class SampleGuard:
         return abs(sample[1] - last[1]) <= self.limits.noise + self.limits.rate * elapsed
 
     def _has_overtaken(self, held: tuple[int, float], sample: tuple[int, float]) -> bool:
-        """Whether the one held came early by no more than an ordinary gap."""
+        """Whether the held sample was early by at most an ordinary gap."""
         return (self._goes_on(self._last, sample) and self._is_near(held, sample)
                 and 0 < held[0] - sample[0] <= gap_limit(list(self._steps)))
 
     def _between(self, held: tuple[int, float], sample: tuple[int, float]) -> bool:
-        """Whether the one held lies on the way from the last sample to this one."""
+        """Whether the held sample lies between the last sample and this one."""
         assert self._last is not None
         in_time = self._last[0] < held[0] < sample[0]
         return in_time and self._is_near(self._last, held) and self._is_near(held, sample)
@@ -359,7 +360,7 @@ class SampleGuard:
                 self._doubtful = Steps()
                 self._refused_since = None
             elif step > 0:
-                if step > LEAP_NS:  # another test begins
+                if step > LEAP_NS:  # Another test begins.
                     self._doubtful.end(sample[0])
                 self._steps.append(step)
                 self._bridge_to(sample[0])
@@ -383,10 +384,10 @@ class SampleGuard:
 
 @dataclass(frozen=True)
 class SoundSamples:
-    """The sound ones of a whole record's samples, in order of their stamps.
+    """The sound samples of a whole record, in order of their stamps.
 
-    counters: the others, by reason; bridges (M, 2) [ns]: the sound stamps about each refused one;
-    steps (K, 2) [ns]: the sound stamps about each stretch of doubtful load.
+    counters: the others by reason; bridges (M, 2) [ns]: the sound stamps around each refused
+    sample; steps (K, 2) [ns]: the sound stamps around each stretch of doubtful load.
     """
 
     samples: Samples
@@ -395,7 +396,7 @@ class SoundSamples:
     steps: NDArray[np.int64]
 
     def bridged(self, stamps: NDArray[np.int64], *, to_next: bool = False) -> NDArray[np.bool_]:
-        """Which of the `stamps` (N,) `SampleGuard.marks` would mark."""
+        """Mask of the `stamps` (N,) that `SampleGuard.marks` would mark."""
         found = scratch_mask(len(stamps))
         for first, last in self.bridges.tolist():
             found[np.searchsorted(stamps, first, 'right'):
@@ -403,7 +404,7 @@ class SoundSamples:
         return found
 
     def doubtful(self, stamps: NDArray[np.int64]) -> NDArray[np.bool_]:
-        """Which of the load's `stamps` (N,) lie in a stretch of doubtful load."""
+        """Mask of the load's `stamps` (N,) in a stretch of doubtful load."""
         found = scratch_mask(len(stamps))
         for first, last in self.steps.tolist():
             found[np.searchsorted(stamps, first, 'right'):np.searchsorted(stamps, last)] = True
@@ -428,7 +429,7 @@ def sound_samples(
 def _passed(
     limits: ReadingLimits, stamps: NDArray[np.int64], values: NDArray[np.float64], count: int,
 ) -> Samples:
-    """The `count` sound samples; those of a long record lie in scratch files."""
+    """The `count` sound samples, in scratch files if the record is long."""
     guard = SampleGuard(limits)
     kept = Samples(scratch_array((count,), np.int64), scratch_array((count,), np.float64))
     begin = 0
@@ -439,7 +440,7 @@ def _passed(
 
 
 def _put(kept: Samples, begin: int, samples: Samples) -> int:
-    """Write samples into `kept` from the place `begin` on; the place behind them."""
+    """Write samples into `kept` from index `begin`; the index after them."""
     end = begin + len(samples)
     kept.stamps[begin:end], kept.values[begin:end] = samples.stamps, samples.values
     return end

@@ -1,4 +1,4 @@
-"""The topics of a recorded test through the guard of the live nodes, which refuses the same."""
+"""The topics of a recorded test through the guard of the live nodes, with equal results."""
 
 from __future__ import annotations
 
@@ -26,13 +26,13 @@ if TYPE_CHECKING:
     from saddlering_ros.bags.reader import RawRecord, RawTopic
 
 MAX_REFUSED_SHARE = 0.05
-"""Of a record of which more is refused, the readings are not single mishaps: the unit, the sensor
-or the rig file is wrong."""
+"""Largest share of refused samples. With more of them the unit, the sensor or the rig file is
+wrong."""
 
 
 @dataclass(frozen=True)
 class GuardedTopic:
-    """A topic of the rig with its sound samples only; sound: the refused ones."""
+    """A topic of the rig with its sound samples only; `sound` has the refused ones."""
 
     topic: RawTopic
     sound: SoundSamples
@@ -57,7 +57,7 @@ class GuardedTopic:
 
     @property
     def doubtful(self) -> int:
-        """How many of the samples are doubtful."""
+        """Number of doubtful samples."""
         return self.sound.counters.doubtful_load
 
 
@@ -106,7 +106,7 @@ def possible_record(record: RawRecord, rig: Rig) -> RawRecord:
 
 
 def node_rows(guarded: list[GuardedTopic], gaps: NDArray[np.float64]) -> NodeRows | None:
-    """Use of the rows with aligned gaps (4, N) by the live nodes; None: all complete rows."""
+    """Rows that the live nodes use, with aligned gaps (4, N); None: all complete rows."""
     load, *probes = guarded
     stamps = load.topic.stamps
     degraded = degraded_rows(stamps, [one.topic.stamps for one in probes], gaps)

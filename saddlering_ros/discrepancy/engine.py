@@ -15,7 +15,7 @@ from saddlering_ros.discrepancy.candidate import Fit
 from saddlering_ros.discrepancy.conclusion import judge, Publication, residual_of
 from saddlering_ros.discrepancy.experiment import Experiment, refuse_repeats
 from saddlering_ros.discrepancy.model_space import ModelSpace
-from saddlering_ros.discrepancy.next_test import separate_rivals
+from saddlering_ros.discrepancy.next_test import separate_open_models
 from saddlering_ros.discrepancy.preparation import (
     better_base,
     first_guess,
@@ -119,7 +119,7 @@ def diagnose_system(
     separations: tuple[Separation, ...] = ()
     if judgement.verdict == 'ambiguous':
         watch.progress('next test', 0.88)
-        separations = separate_rivals(space, fit, alternatives, proposals)
+        separations = separate_open_models(space, fit, alternatives, proposals)
     law = None
     if judgement.verdict == 'unknown' and experiment.assumptions.proposes_law:
         watch.progress('search for a law', 0.9)

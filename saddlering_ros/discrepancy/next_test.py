@@ -10,19 +10,19 @@ from saddlering_ros.discrepancy.model_space import ModelSpace
 from saddlering_ros.discrepancy.selection import Alternatives
 from saddlering_ros.discrepancy.separation import (
     JudgingRule,
+    OpenModel,
     Proposal,
-    Rival,
     Separation,
     simulate_tests,
 )
 
 
-def separate_rivals(
+def separate_open_models(
     space: ModelSpace, fit: Fit, alternatives: Alternatives, proposals: Sequence[Proposal]
 ) -> tuple[Separation, ...]:
     """The proposed tests, the best first, with their separation of a model and alternatives."""
     others = [
-        Rival(other, space.without(fit, name))
+        OpenModel(other, space.without(fit, name))
         for name, found in alternatives.items()
         for other in found
     ]
@@ -34,6 +34,6 @@ def separate_rivals(
         log_size=space.log_size,
         settings=space.settings,
     )
-    rivals = [Rival(fit, others[0].less), *others]
+    open_models = [OpenModel(fit, others[0].less), *others]
     return tuple(simulate_tests(
-        space.metric, rivals, space.tangent_of, proposals, rule, seed=space.settings.seed))
+        space.metric, open_models, space.tangent_of, proposals, rule, seed=space.settings.seed))

@@ -68,7 +68,7 @@ class Proposal:
 
 
 @dataclass(frozen=True)
-class Rival:
+class OpenModel:
     """A model that the data leave open, and the same model without the cause in question."""
 
     fit: Fit
@@ -116,7 +116,7 @@ class Separation:
 
 def simulate_tests(
     metric: Metric,
-    rivals: Sequence[Rival],
+    open_models: Sequence[OpenModel],
     tangent_of: Callable[[Fit], Tangent],
     proposals: Sequence[Proposal],
     rule: JudgingRule,
@@ -126,14 +126,14 @@ def simulate_tests(
 ) -> list[Separation]:
     """Each proposal with its separation of the models, the best first."""
     old = metric.experiment
-    fits = list({fit.candidate.key: fit for rival in rivals
-                 for fit in (rival.fit, rival.less)}.values())
+    fits = list({fit.candidate.key: fit for open_model in open_models
+                 for fit in (open_model.fit, open_model.less)}.values())
     seen = [_seen_by(old.system, proposal, fits) for proposal in proposals]
     joint = Experiment(old.system, [*old.runs, *(item.run for item in proposals)],
                        old.assumptions)
     first = [own[0].values[: item.run.channels.size]
              for own, item in zip(seen, proposals, strict=True)]
-    shared, local = _nuisances(joint, rivals[0].fit, first)
+    shared, local = _nuisances(joint, open_models[0].fit, first)
     known = [_Known.of(metric, fit, tangent_of(fit), shared[: old.size], local[: old.size])
              for fit in fits]
     random = np.random.default_rng(seed)
@@ -147,7 +147,7 @@ def simulate_tests(
             _Forecast.of(item, view, columns, whiten)
             for item, view in zip(known, own, strict=True)
         ]
-        answers.append(_separation(proposal, rivals, fits, forecasts, rule, draws, random))
+        answers.append(_separation(proposal, open_models, fits, forecasts, rule, draws, random))
     return sorted(answers, key=lambda item: (-item.alone, -item.kept))
 
 
@@ -301,7 +301,7 @@ class _Forecast:
 
 def _separation(
     proposal: Proposal,
-    rivals: Sequence[Rival],
+    open_models: Sequence[OpenModel],
     fits: Sequence[Fit],
     forecasts: Sequence[_Forecast],
     rule: JudgingRule,
@@ -310,10 +310,10 @@ def _separation(
 ) -> Separation:
     """Separation of the models by a test, with each model as the truth in turn."""
     number = {fit.candidate.key: index for index, fit in enumerate(fits)}
-    own_places = [number[item.fit.candidate.key] for item in rivals]
-    less_places = [number[item.less.candidate.key] for item in rivals]
+    own_places = [number[item.fit.candidate.key] for item in open_models]
+    less_places = [number[item.less.candidate.key] for item in open_models]
     alone, kept, by_truth = 0, 0, {}
-    for truth, rival in enumerate(rivals):
+    for truth, open_model in enumerate(open_models):
         results = forecasts[own_places[truth]].drawn(random, draws)
         misfits = np.array([
             fit.misfit + forecast.misfits(results)
@@ -321,29 +321,29 @@ def _separation(
         ])
         own = 0
         for column in misfits.T:
-            left = _left(rivals, column[own_places], column[less_places], rule)
+            left = _left(open_models, column[own_places], column[less_places], rule)
             kept += truth in left
             own += left == [truth]
         alone += own
-        by_truth[rival.fit.candidate.ids] = own / draws
-    return Separation(proposal, draws * len(rivals), alone, kept, by_truth)
+        by_truth[open_model.fit.candidate.ids] = own / draws
+    return Separation(proposal, draws * len(open_models), alone, kept, by_truth)
 
 
 def _left(
-    rivals: Sequence[Rival], misfits: Array, less: Array, rule: JudgingRule
+    open_models: Sequence[OpenModel], misfits: Array, less: Array, rule: JudgingRule
 ) -> list[int]:
     """Models that stay in the group at these misfits, in order."""
-    price = [rule.log_size * item.fit.theta_unit.size for item in rivals]
+    price = [rule.log_size * item.fit.theta_unit.size for item in open_models]
     best = int(np.argmin(np.add(misfits, price)))
     left = []
-    for number, item in enumerate(rivals):
+    for number, item in enumerate(open_models):
         # The first model stands for no particular cause; the other names the cause in question.
         taken = (less[best] if number == 0 else less[number]) - misfits[best]
         stays = number == best or indistinguishable(
             distance=misfits[number] - misfits[best],
             taken=taken,
             excess=rule.excess,
-            fewer=rivals[best].fit.theta_unit.size - item.fit.theta_unit.size,
+            fewer=open_models[best].fit.theta_unit.size - item.fit.theta_unit.size,
             floor=rule.floor,
             settings=rule.settings,
         )

@@ -26,6 +26,7 @@ REPLACED = {
     'knob': (r'\bknobs?\b', 'extension parameter'),
     'kept back': (r'\bkept[ _](back|apart)\b', 'held out'),
     'left out in turn': (r'left out in turn', 'held out'),
+    'rival': (r'(?i)\brivals?\b', 'alternative, open model'),
     'pinned': (r'\.pinned\b', 'determined'),
     'trouble': (r'\btrouble\b', 'failed_steps'),
     'polished': (r'\bpolished\b', 'refit_full_jacobian'),

@@ -233,13 +233,13 @@ def _doubts(
                 f'{term.target} follows a separate curve over time in each run, which predicts '
                 'no other run'
             )
-    rivals = {
+    equal_coordinates = {
         item.block.coordinate
         for item in ranked[1:]
         if item.predicted >= ALIKE * best.predicted
         and item.block.coordinate != best.block.coordinate
     }
-    for name in sorted(rivals):
+    for name in sorted(equal_coordinates):
         doubts.append(
             f'{name} explains nearly as much as {best.block.coordinate} (within 10 %): these '
             'runs do not tell the two apart'
