@@ -108,9 +108,10 @@ def bag_info(
     path: Path | str, *, test: str | None = None, elevation: float | None = None,
     rig: Rig | None = None, on_progress: OnShare = lambda share: None,
 ) -> BagInfo:
-    """Look at the bag at `path`; BagError only if there is no bag at all.
+    """Examine the bag at `path`; BagError only if there is no bag at all.
 
-    `test`, `elevation` [rad], `rig` (default: the shipped one) and `on_progress` as in `read_run`.
+    `test`, `elevation` [rad], `rig` (default: the shipped one) and `on_progress` as in
+    `read_run`.
     """
     found = scan(path, on_progress=on_progress)
     degrees = None if elevation is None else math.degrees(elevation)

@@ -1,7 +1,8 @@
-"""Fields of the messages that are read and written as bytes, behind their std_msgs/Header.
+"""Fields of the messages that are read and written as bytes, after their std_msgs/Header.
 
-Every such message begins with a Header and goes on with numbers only, so that all messages of
-one frame id have one size. A field is named by its path in the message; kinds are NumPy's.
+Every such message begins with a Header and continues with numbers only, so that all messages with
+the same frame id have one size. The name of a field is its path in the message. Kinds are those of
+NumPy.
 """
 
 from __future__ import annotations
@@ -31,7 +32,7 @@ LAYOUTS: dict[str, Fields] = {
 """Fields by message type, in the order of the message's definition."""
 
 INFRARED = 1
-"""Radiation type of sensor_msgs/Range; of its two, the other (ultrasound) is further off."""
+"""Radiation type of sensor_msgs/Range. Of its two values, the other (ultrasound) fits less."""
 
 DEFAULTS: dict[str, dict[str, float]] = {RANGE_TYPE: {'radiation_type': INFRARED}}
 """Fields whose default is not 0."""
@@ -40,9 +41,9 @@ _WORDS = {'f8': 'float64', 'f4': 'float32', 'u1': 'uint8', 'i4': 'int32', 'u4': 
 
 
 def definition_lines(message_type: str, last: str) -> tuple[str, ...]:
-    """The lines of a message's definition up to the field `last`, packages left out.
+    """The lines of a message's definition up to the field `last`, without packages.
 
-    A nested message stands as its own line: 'Wrench wrench' for wrench.force.x.
+    A nested message is one line: 'Wrench wrench' for wrench.force.x.
     """
     lines = ['Header header']
     for path, kind in LAYOUTS[message_type]:

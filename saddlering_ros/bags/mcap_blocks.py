@@ -1,8 +1,8 @@
-"""MCAP files written from blocks of equal messages: a chunk is put together by NumPy.
+"""MCAP files written from blocks of equal messages; NumPy builds each chunk.
 
 Source of the format: the MCAP specification (https://mcap.dev/spec). The mcap package writes the
-records of which a file has few; messages and their index, of which it has millions, are written
-here. The files have chunks compressed with zstd, checksums, message indices and a summary.
+records of which a file has few. This module writes messages and their index, of which a file has
+millions. The files have chunks compressed with zstd, checksums, message indices and a summary.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ class MessageBlock:
 
 
 class McapBlockFile:
-    """One MCAP file in the making: schemas, channels, metadata and blocks in, a summary last."""
+    """One MCAP file that is being written: schemas, channels, metadata, blocks, then a summary."""
 
     def __init__(self, path: Path, library: str) -> None:
         self._file: BinaryIO = path.open('xb')
@@ -148,7 +148,7 @@ class McapBlockFile:
         self._file.close()
 
     def abort(self) -> None:
-        """Close the file as it is."""
+        """Close the file without a summary."""
         self._file.close()
 
     def _write(self, record: McapRecord) -> int:
@@ -175,9 +175,9 @@ def _index(block: MessageBlock, offsets: NDArray[np.int64]) -> bytes:
 def _interleave(
     blocks: Sequence[MessageBlock], counts: dict[int, int],
 ) -> tuple[bytes, list[NDArray[np.int64]]]:
-    """The message records of all blocks by log time, and where each block's records begin.
+    """The message records of all blocks by log time, and the start of each block's records.
 
-    Counts the messages of each channel on, from which sequence numbers follow.
+    The message counters of the channels advance; sequence numbers follow from them.
     """
     times = np.concatenate([block.log_times for block in blocks])
     sizes = np.concatenate([

@@ -1,9 +1,9 @@
 """An MCAP file as blocks of raw messages, read once from front to back, with every fault named.
 
-Source of the format: the MCAP specification (https://mcap.dev/spec). The file is mapped, not
-loaded; one decompressed chunk at a time is held. Inside a chunk the message
-index is used if the file has one and it accounts for every byte of the chunk; otherwise the
-records are walked. Checksums are checked wherever the writer gave any.
+Source of the format: the MCAP specification (https://mcap.dev/spec). The file is mapped and not
+loaded. One decompressed chunk at a time is in memory. Inside a chunk the message index is used if
+the file has one that accounts for every byte of the chunk. Otherwise the records are read one by
+one. Checksums are verified if the writer stored them.
 """
 
 from __future__ import annotations
@@ -36,16 +36,16 @@ MESSAGE_HEAD = 22
 """Bytes of a message record's content before the message itself."""
 
 MAX_CHUNK = 1 << 28
-"""A chunk that claims to be larger than this [bytes] is taken for damaged."""
+"""Largest stated size [bytes] of a chunk; a larger one is damage."""
 
 MAX_DECLARATIONS = 200_000
-"""A chunk with more records than these that are no messages is damaged: ids are of 16 bits."""
+"""Largest number of records in a chunk that are no messages; ids have 16 bits."""
 
 BLOCK_MESSAGES = 1 << 16
 """Messages per block of a file without chunks."""
 
 GIVEN_BACK = 1 << 24
-"""Bytes of the mapped file that are read before their memory is given back."""
+"""Bytes of the mapped file that are read before their memory is released."""
 
 _record_head = struct.Struct('<BQ')
 _message_head = struct.Struct('<BQHIQ')
@@ -54,11 +54,11 @@ _INDEX_ENTRY = np.dtype([('log_time', '<u8'), ('offset', '<u8')])
 
 
 class DamageError(BagError):
-    """Damage found in an MCAP file at a byte; the data before it were readable."""
+    """An MCAP file is damaged at a byte. The data before it were readable."""
 
 
 class CutOffError(DamageError):
-    """The file ends too early; the data before are whole (by the checksums, if there are any)."""
+    """The file ends too early. The data before are complete (by their checksums, if any)."""
 
 
 class McapChannel(NamedTuple):
@@ -104,7 +104,7 @@ class McapFile:
     log_start: int | None = None
     log_stop: int | None = None
     share: float = 0.0
-    """How much of the file's bytes `blocks` has passed, 0 to 1."""
+    """Share of the file's bytes that `blocks` has passed, 0 to 1."""
     _schemas: dict[int, tuple[str, str, bytes]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -164,10 +164,10 @@ class McapFile:
         opcode, length = _record_head.unpack_from(buffer, position)
         start = position + RECORD_HEAD
         if opcode == 0 and _only_zeros(buffer, position, size):
-            raise self._cut_off(position)  # rest of a growing file after a loss of power
+            raise self._cut_off(position)  # Rest of a growing file after a loss of power.
         if start + length > size:
             if buffer[size - len(MAGIC):] == MAGIC:
-                raise self._damaged(position, 'a record')  # the end is there
+                raise self._damaged(position, 'a record')  # The end is complete.
             raise self._cut_off(size)
         if opcode == 0:
             raise self._damaged(position, 'a record')
@@ -176,7 +176,7 @@ class McapFile:
     def _declaration(
         self, opcode: int, buffer: bytes | mmap.mmap, start: int, stop: int,
     ) -> None:
-        """Take in a schema, channel or metadata record; pass over any other."""
+        """Read a schema, channel or metadata record; skip any other."""
         fields = _Fields(buffer, start, stop)
         if opcode == SCHEMA:
             number = fields.uint16()
@@ -334,7 +334,7 @@ class McapFile:
     def _declared_between(
         self, data: bytes, starts: NDArray[np.int64], ends: NDArray[np.int64],
     ) -> bool:
-        """Take in the records between indexed messages; False if one is itself a message."""
+        """Read the records between indexed messages; False if one of them is a message."""
         edges = np.concatenate([[0], ends])
         following = np.concatenate([starts, [len(data)]])
         if (following < edges).any():
@@ -378,7 +378,7 @@ def take(data: NDArray[np.uint8], starts: NDArray[np.int64], dtype: str) -> NDAr
 
 
 class _Collector:
-    """Messages found one by one, gathered into a block."""
+    """Messages that were found one by one, collected into a block."""
 
     def __init__(self) -> None:
         self._found: dict[int, list[tuple[int, int, int]]] = {}
@@ -489,7 +489,7 @@ def _checksum(buffer: mmap.mmap, stop: int) -> int:
 
 
 def _give_back(buffer: mmap.mmap, start: int, stop: int) -> int:
-    """Give the memory of a stretch that was read back to the system; where the next one begins."""
+    """Release the memory of a stretch that was read; the start of the next one."""
     if stop - start < GIVEN_BACK:
         return start
     first = start // mmap.PAGESIZE * mmap.PAGESIZE

@@ -1,8 +1,8 @@
-"""Which rows of a whole record the live nodes publish, and which of them are not quite sound.
+"""Rows of a whole record that the live nodes publish, with marks of those that are not sound.
 
-The rule is that of `StreamAligner`: a probe that has been silent for more than DEAD_AFTER_NS of
-the load's stamps does not read, and rows go out without it; a shorter silence costs the rows in
-it.
+The rule is that of `StreamAligner`: a probe without a sample for more than DEAD_AFTER_NS of the
+load's stamps does not read, and rows are published without it. A shorter silence removes the rows
+within it.
 """
 
 from __future__ import annotations
@@ -22,11 +22,11 @@ Mask = NDArray[np.bool_]
 
 @dataclass(frozen=True)
 class NodeRows:
-    """Masks (N,) over a record's load stamps.
+    """Masks (N,) over the load stamps of a record.
 
-    given: at which ring_displacement publishes; bridged: at which a probe's reading is
-    interpolated across a refused one; load_bridged: between which and the stamp before it a load
-    was refused; load_doubtful: at which the load came in a step that the hydraulics cannot make.
+    given: ring_displacement publishes the row; bridged: the reading of a probe is interpolated
+    across a refused one; load_bridged: a load was refused between this stamp and the one
+    before; load_doubtful: the load came in a step that the hydraulics cannot make.
     """
 
     given: Mask
@@ -36,7 +36,7 @@ class NodeRows:
 
 
 def complete_rows(gaps: NDArray[np.float64]) -> Mask:
-    """Rows (N,) of aligned gaps (4, N) at which every probe reads."""
+    """Mask (N,) of the rows of aligned gaps (4, N) at which every probe reads."""
     found = scratch_mask(gaps.shape[1])
     for part in blocks(len(found), gaps, found):
         found[part] = np.isfinite(gaps[:, part]).all(axis=0)
@@ -46,9 +46,10 @@ def complete_rows(gaps: NDArray[np.float64]) -> Mask:
 def degraded_rows(
     load_stamps: Stamps, probe_stamps: list[Stamps], gaps: NDArray[np.float64],
 ) -> Rows:
-    """Rows that the nodes give without a probe, of aligned gaps (4, N), NaN where it has none.
+    """Mask of rows that the nodes publish without a probe, from aligned gaps (4, N) with NaN.
 
-    At each of them every probe reads or does not work, and a radial or an axial pair reads.
+    At each of these rows every probe reads or does not work, and a radial or an axial pair
+    reads.
     """
     rows = np.flatnonzero(~complete_rows(gaps))
     reads = np.isfinite(gaps[:, rows])
@@ -63,7 +64,7 @@ def degraded_rows(
 
 
 def _is_absent(load_stamps: Stamps, stamps: Stamps, rows: Rows, run_start: Stamps) -> Mask:
-    """At which of some rows without a reading a probe with `stamps` (M,) does not work."""
+    """Mask of rows without a reading at which a probe with `stamps` (M,) does not work."""
     asked = load_stamps[rows]
     place = np.searchsorted(stamps, asked, side='right') - 1
     before = np.maximum(stamps[np.maximum(place, 0)], run_start)
@@ -80,7 +81,7 @@ def _is_absent(load_stamps: Stamps, stamps: Stamps, rows: Rows, run_start: Stamp
 
 
 def _run_starts(load_stamps: Stamps, rows: Rows) -> Stamps:
-    """At some rows, the load stamp from which on it has gone on without a leap."""
+    """For some rows, the load stamp since which the load has continued without a leap."""
     starts = [0]
     for part in blocks(len(load_stamps) - 1, load_stamps):
         steps = np.diff(load_stamps[part.start:part.stop + 1])

@@ -1,17 +1,17 @@
 """A static run cut into plateaus by its load, and the reading of each plateau.
 
-How it is cut: over a window of `WINDOWS` seconds before and after each sample the mean load is
-compared; where the two differ by little the load is held. Nothing is assumed of the
-step, the number of cycles, or how long a plateau lasts (but that it lasts several windows).
+Cutting. The mean loads over windows of `WINDOWS` seconds before and after each sample are
+compared. Where the two differ by little, the load is held. The step, the number of cycles and the
+length of a plateau are free, but a plateau lasts several windows.
 
-How it is read: the first `SETTLING_SHARE` of a hold is left to settling; the reading is the mean
-of the rest. Its standard error counts neighbouring samples as the autocorrelation says they
-count, sd * sqrt(tau / n) with tau = 1 + 2 sum_k (1 - k/n) rho_k, summed as far as Sokal's window
-(K >= 5 tau) goes and corrected for the mean having been taken from the same samples.
-Source: A. Sokal, Monte Carlo Methods in Statistical Mechanics, 1996, section 3. The correlation
-is pooled over all plateaus of a run, each channel by itself, since one plateau is too short to
-tell it. Where it lasts too long even so, a model of it (white noise and one relaxation) is
-fitted. Noise that is slower than a plateau cannot be seen within it and is not in the error.
+Reading. The first `SETTLING_SHARE` of a hold is for settling; the reading is the mean of the rest.
+Its standard error is sd * sqrt(tau / n) with tau = 1 + 2 sum_k (1 - k/n) rho_k, where rho is the
+autocorrelation of the samples. The sum ends at Sokal's window (K >= 5 tau) and is corrected for
+the mean of the same samples. Source: A. Sokal, Monte Carlo Methods in Statistical Mechanics, 1996,
+section 3. The correlation of each channel is pooled over all plateaus of a run, because one
+plateau is too short for it. If the correlation lasts too long even so, a model (white noise and
+one relaxation) is fitted. Noise that is slower than a plateau does not show within it and is not
+in the error.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from saddlering_ros.bags.reader import TestRun
 
 WINDOWS = (0.5, 0.25, 0.1)
-"""Widths [s] of the comparison, widest first; the first one that finds enough plateaus is used."""
+"""Widths [s] of the comparison, widest first. The first one with enough plateaus is used."""
 
 STEADY_SHARE = 0.0015
 """Means that differ by less than this share of the load's range belong to one hold."""
@@ -38,21 +38,21 @@ NOISE_FACTOR = 5.0
 """... or by less than this many standard errors of the difference."""
 
 LONGEST_INTERRUPTION = 1.0
-"""Two stretches at the same level not further apart than this [s] are one hold."""
+"""Largest interval [s] between two stretches at the same level that are one hold."""
 
 EDGE = 0.1
-"""The end of a hold is looked for with means over this long [s]."""
+"""Length [s] of the means that find the end of a hold."""
 
 SETTLING_SHARE = 0.4
-"""Share of a hold that is left to settling."""
+"""Share of a hold for settling."""
 
 SHORTEST_HOLD = 0.5
-"""A steady stretch shorter than this [s] is a turning point, not a plateau."""
+"""Length [s] below which a steady stretch is a turning point and no plateau."""
 
 MIN_SAMPLES = 5
 MIN_PLATEAUS = 3
 SAME_LEVEL_SHARE = 0.35
-"""Plateaus whose loads differ by less than this share of a step are at the same level."""
+"""Difference of loads, as a share of a step, below which plateaus are at the same level."""
 
 
 @dataclass(frozen=True)
@@ -187,7 +187,7 @@ def _holds(
 
 
 def _edge(period: float, window: float, span: float, noise: float) -> int:
-    """Samples whose mean shows the load well enough to see the end of a hold, at most a window."""
+    """Number of samples whose mean shows the end of a hold, at most a window."""
     wanted = max(EDGE / period, (NOISE_FACTOR * noise / (4.0 * STEADY_SHARE * span)) ** 2)
     return max(1, round(min(wanted, window / period)))
 
@@ -196,10 +196,10 @@ def _extended(
     holds: list[tuple[int, int]], load: NDArray[np.float64], edge: int, tolerance: float,
     noise: float,
 ) -> list[tuple[int, int]]:
-    """Extend each hold by the samples at its level that the window took at its ends.
+    """Extend each hold by the samples at its level that the window removed at its ends.
 
-    A hold ends where the mean of `edge` samples leaves its level; these samples and as many
-    before them are not part of it.
+    A hold ends where the mean of `edge` samples leaves its level. These samples and as many
+    before them do not belong to the hold.
     """
     total = _running_sum(load)
     limit = max(tolerance, NOISE_FACTOR * noise / np.sqrt(edge))
@@ -219,7 +219,7 @@ def _extended(
 def _first_away(
     total: NDArray[np.float64], edge: int, rows: tuple[int, int], level: float, limit: float,
 ) -> int | None:
-    """The first of the samples [start, stop) from which on `edge` samples have another level."""
+    """The first of the samples [start, stop) after which `edge` samples have another level."""
     start, stop = rows[0], min(rows[1], len(total) - edge)
     for part in blocks(stop - start, total):
         away = _away(total, edge, start + part.start, start + part.stop, level) > limit
@@ -243,7 +243,7 @@ def _last_away(
 def _away(
     total: NDArray[np.float64], edge: int, start: int, stop: int, level: float,
 ) -> NDArray[np.float64]:
-    """How far the means of `edge` samples from each of the samples [start, stop) on lie away."""
+    """Distance from the level of the means of `edge` samples from each of [start, stop)."""
     means = (total[start + edge:stop + edge] - total[start:stop]) / edge
     return np.asarray(np.abs(means - level))
 
@@ -251,7 +251,7 @@ def _away(
 def _steady(
     time: NDArray[np.float64], load: NDArray[np.float64], window: float, tolerance: float,
 ) -> NDArray[np.bool_]:
-    """Where the means over the windows after and before a sample differ by little."""
+    """Mask of samples at which the means over the windows before and after differ by little."""
     total = _running_sum(load, float(load.mean()))
     steady = np.zeros(len(time), dtype=bool)
     for part in blocks(len(time), time, load, total):
@@ -265,7 +265,7 @@ def _steady(
 
 
 def _running_sum(values: NDArray[np.float64], less: float = 0.0) -> NDArray[np.float64]:
-    """Sums (N + 1,) of the first 0 to N values, each less a constant."""
+    """Sums (N + 1,) of the first 0 to N values, each minus a constant."""
     total = scratch_array((len(values) + 1,), np.float64)
     total[0] = 0.0
     for part in blocks(len(values), values, total):
@@ -275,7 +275,7 @@ def _running_sum(values: NDArray[np.float64], less: float = 0.0) -> NDArray[np.f
 
 
 def _runs(mask: NDArray[np.bool_]) -> list[tuple[int, int]]:
-    """Stretches [start, stop) over which `mask` holds."""
+    """Stretches [start, stop) in which `mask` is true."""
     edges = np.flatnonzero(np.diff(mask, prepend=False, append=False))
     return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))
 
@@ -375,7 +375,7 @@ def _autocovariance_sums(deviation: NDArray[np.float64]) -> NDArray[np.float64]:
 def _corrected_for_mean(
     covariance: NDArray[np.float64], size: int,
 ) -> NDArray[np.float64]:
-    """Add the variance of the mean, which its removal from the same samples took."""
+    """Add the variance of the mean, which was subtracted from the same samples."""
     corrected = covariance
     for _ in range(20):
         correlation = corrected / corrected[0]
@@ -389,9 +389,9 @@ def _modelled(
 ) -> NDArray[np.float64]:
     """Autocovariance (length,) of white noise and one relaxation, fitted to an estimate (n,).
 
-    For correlation so long that a plateau shows but part of it: the estimate is compared with
-    what such noise would give after the mean of n samples was taken from it, exactly. The
-    relaxation is taken to last n/2 samples at most, since a longer one looks the same.
+    It serves correlation that is so long that a plateau shows only a part of it. The estimate
+    is compared with the exact expectation for such noise minus the mean of n samples. The
+    relaxation lasts at most n/2 samples, because a longer one looks the same.
     """
     size = len(covariance)
     lags = np.arange(size)
@@ -414,7 +414,7 @@ def _modelled(
 def _two_amounts(
     shapes: NDArray[np.float64], target: NDArray[np.float64],
 ) -> tuple[NDArray[np.float64], float]:
-    """Amounts (2,), not negative, of two shapes (2, n) nearest to a target (n,); the misfit."""
+    """Amounts (2,) >= 0 of two shapes (2, n) that fit a target (n,) best; the misfit."""
     gram, moments = shapes @ shapes.T, shapes @ target
     determinant = gram[0, 0] * gram[1, 1] - gram[0, 1] ** 2
     candidates = [np.zeros(2)]

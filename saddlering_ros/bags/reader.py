@@ -52,10 +52,10 @@ from saddlering_ros.provenance import Origin
 from saddlering_ros.rig import default_rig, Rig
 
 MAX_GAP_SHARE = 0.5
-"""A probe whose record lies in gaps for a larger share is stamped by blocks."""
+"""Share of a probe's record in gaps above which its stamps come by blocks."""
 
 ELEVATION_TOLERANCE_DEG = 0.5
-"""An inclinometer that differs by more [degrees] contradicts the elevation stated."""
+"""Difference [degrees] between inclinometer and stated elevation that is a contradiction."""
 
 
 @dataclass(frozen=True)
@@ -113,15 +113,15 @@ class RawRecord:
 class TestRun:
     """A test, aligned on the load's stamps.
 
-    test: 'static' or 'dynamic'; elevation [rad]; rig, run: free text; stamps (N,) int64 [ns] of
-    the load's headers; time (N,) [s] since the first of them; load (N,) [N]; gaps (4, N) [m] of
-    the probes on the load's stamps, NaN outside a probe's own span and inside its gaps; notes:
-    what is wrong with the bag without keeping it from being used; sha256: of the bag's files
-    ('' for a run that was never in a bag); others: readings (N,) of the optional topics of the rig
-    that the bag holds, by name, aligned alike; details: further test metadata by key, such as
-    rig_hash; spikes (5, N): where the load and the four probes read a spike (None: nowhere);
-    quality: what each topic's readings show of the logger; node_rows: which rows live nodes
-    publish, and which lie across a refused reading (None: all complete rows, none).
+    test: 'static' or 'dynamic'; elevation [rad]; rig, run: free text; stamps (N,) int64 [ns]
+    of the load's headers; time (N,) [s] since the first of them; load (N,) [N]; gaps (4, N)
+    [m] of the probes on the load's stamps, NaN outside of a probe's own span and inside its
+    gaps; notes: faults of the bag that do not prevent its use; sha256: of the bag's files (''
+    for a run without a bag); others: readings (N,) of the optional topics of the rig in the
+    bag, by name, aligned alike; details: further test metadata by key, such as rig_hash;
+    spikes (5, N): spikes of the load and the four probes (None: nowhere); quality: properties
+    of the logger, by topic; node_rows: rows that live nodes publish, and those across a
+    refused reading (None: all complete rows, none).
     """
 
     __test__ = False
@@ -147,8 +147,8 @@ class TestRun:
     def without_spikes(self) -> TestRun:
         """The same with sound readings only: NaN in the gaps, a straight line in the load.
 
-        Left out are spikes, what is interpolated across a refused reading, and what lies beside
-        a doubtful load. Rows that lack a probe are not complete.
+        Spikes, values interpolated across a refused reading, and values beside a doubtful
+        load are left out. Rows that lack a probe are not complete.
         """
         gaps, load = self.gaps, self.load
         wrong_load = np.zeros(len(load), dtype=bool)
@@ -205,10 +205,10 @@ def read_raw(
 ) -> RawRecord:
     """The rig topics of the bag at `path` as recorded.
 
-    All topics of the rig unless `topics` names some; an optional one that the bag does not hold,
-    or not readably, is left out (with a note in the second case).
+    These are all topics of the rig unless `topics` names some. A missing optional topic is
+    left out; an unreadable one too, with a note.
 
-    Readings are not judged (NaN stays NaN); stamps are (BagError if they go back).
+    Readings are not judged (NaN stays NaN). Stamps are judged (BagError if they go back).
     """
     wanted = tuple(TOPICS if topics is None else topics)
     unknown = set(wanted) - set(TOPICS)
@@ -240,11 +240,11 @@ def read_run(
     path: Path | str, *, test: str | None = None, elevation: float | None = None,
     rig: Rig | None = None, on_progress: OnShare = lambda share: None,
 ) -> TestRun:
-    """The test recorded in the bag at `path`, aligned on the load's stamps.
+    """The test in the bag at `path`, aligned on the load's stamps.
 
-    `test` and `elevation` [rad], where given, win over what the bag says. Raises BagError with
-    one line on anything that makes the bag unusable. Given the `rig`, the run's notes also say
-    which probes look swapped, stuck, dead or of the wrong polarity on it. `on_progress` gets the
+    `test` and `elevation` [rad], if given, replace the statements of the bag. BagError, one
+    line, for any fault that makes the bag unusable. With a `rig`, the notes also name probes
+    that look swapped, stuck, dead or of the wrong polarity on it. `on_progress` receives the
     share of the bag's bytes that was read.
     """
     record = read_raw(path, on_progress=on_progress)
@@ -364,7 +364,7 @@ def record_quality_notes(record: RawRecord, found: dict[str, TopicQuality]) -> l
 def _spikes(
     load: RawTopic, record: RawRecord, found: dict[str, TopicQuality],
 ) -> NDArray[np.bool_] | None:
-    """Which of the load's samples (5, N) a spike of the load or of a probe reaches."""
+    """Mask (5, N) of the load's samples that a spike of the load or of a probe reaches."""
     if not any(one.spikes.size for one in found.values()):
         return None
     spikes = scratch_mask(len(RIG_TOPICS), len(load))
@@ -425,7 +425,7 @@ def raw_topic(found: Scan, name: str) -> RawTopic:
         notes.append(f'{name}: {order.duplicates} messages repeat the stamp of another and are '
                      'left out')
     low, high = _span(topic, notes)
-    if not found.cuts and found.damage is None:  # they count what is readable
+    if not found.cuts and found.damage is None:  # These numbers count the readable part.
         topic.release()
     return RawTopic(
         topic=name, type=TOPICS[name].type, frame_id=topic.frame_id, stamps=stamps, values=values,

@@ -25,33 +25,33 @@ from saddlering_ros.quantities import quantity
 Floats = NDArray[np.float64]
 
 HELD_SHARE = 0.5
-"""Readings of which more than this share repeat the one before may be held."""
+"""Share of readings equal to the one before above which readings may be held."""
 
 HELD_STEPS = 2.0
-"""Held readings change by more than this many steps of the converter at once (rms)."""
+"""Smallest change (rms) of held readings, in steps of the converter."""
 
 STALL_SAMPLES = 20
 STALL_SIZE = 8.0
-"""Equal readings in a row that may be a stall, and by how many usual changes it ends at once."""
+"""Number of equal readings that may be a stall, and change at its end in usual changes ..."""
 
 STALL_STEPS = 3.0
-"""... and by how many steps of the converter."""
+"""... and in steps of the converter."""
 
 STALL_CHANCE = 1e-6
-"""A run of equal readings that chance makes more often than this is none."""
+"""Chance above which a run of equal readings is no stall."""
 
 SPIKE_SIZE = 10.0
-"""A reading further than this many standard deviations from its four neighbours is a spike."""
+"""Distance of a spike from its four neighbours, in standard deviations."""
 
 NOISE_SHARE = 0.7
-"""... where the standard deviation counts as no less than this share of the white noise's: the
-median of five follows noise, and seven deviations are no spike but once in 1e11 readings."""
+"""Smallest standard deviation for it, as a share of that of the white noise. The median of five
+follows noise, and seven deviations occur once in 1e11 readings without a spike."""
 
 RETURN_SHARE = 0.5
-"""Behind a spike the readings come back to where they were, to this share of its size."""
+"""Distance, as a share of the spike, within which the readings after a spike return."""
 
 EQUAL_AT_LIMIT = 20
-"""Readings equal to the largest or smallest one, in a row, that show a limit."""
+"""Number of readings in a row, equal to the largest or smallest one, that show a limit."""
 
 QUIET_SECONDS = 0.8
 """Length [s] of the beginning of a record in which the bandwidth of the noise is looked for."""
@@ -66,23 +66,24 @@ CHANCE_ERRORS = 4.5
 white noise."""
 
 BAND_LIMIT = 0.2
-"""A noise whose bandwidth is under this share of the sampling rate is band-limited."""
+"""Bandwidth, as a share of the sampling rate, below which noise is band-limited."""
 
 BAND_RATIO = 2.0
-"""Load and probes are filtered differently if their bandwidths, each over its own rate, differ by
-more than this factor."""
+"""Ratio of the bandwidths of load and probes, each over its own rate, above which their filters
+differ."""
 
 COARSE_SHARE = 1.5
-"""A converter's step over this many standard deviations of the noise is coarse."""
+"""Step of a converter, in standard deviations of the noise, above which it is coarse."""
 
 MAX_GROWTH = 4.0
-"""Changes over 40 readings that exceed those over 10 by more (mean square) are a movement."""
+"""Ratio of the mean square changes over 40 and over 10 readings above which there is a
+movement."""
 
 LOOKED_AT = 1_000_000
 """Largest number of readings that give the step of the converter."""
 
 DRIFT_MIN, DRIFT_MAX = 5e-5, 1e-2
-"""Rates of load and probes that differ by a share between these were meant to be equal."""
+"""Shares between which different rates of load and probes were meant to be equal."""
 
 DRIFT_SECONDS, DRIFT_PERIODS = 1e-3, 0.15
 """A drift between clocks that is larger than this at the end of the record [s], and than this
@@ -128,7 +129,7 @@ UNKNOWN_QUALITY = TopicQuality(
     rate=math.nan, mean_rate=math.nan, repeated=math.nan, update_rate=math.nan,
     resolution=math.nan, noise=math.nan, bandwidth=math.nan, spikes=np.zeros(0, dtype=np.intp),
     stall=(0, 0), limit=(math.nan, 0))
-"""Of readings that are no numbers."""
+"""Properties of readings that are no numbers."""
 
 
 def topic_quality(stamps: NDArray[np.int64], values: Floats) -> TopicQuality:
@@ -217,7 +218,7 @@ def spikes_of(values: Floats, step: float, noise: float) -> NDArray[np.intp]:
 
 
 def _away_from_neighbours(values: Floats) -> Floats:
-    """How far each reading (N,) is from the median of five about it; ends are repeated."""
+    """Distance of each reading (N,) from the median of the five around it; ends are repeated."""
     padded = np.pad(values, 2, mode='edge')
     first, second, third, fourth, fifth = (
         padded[place:place + len(values)] for place in range(5))
@@ -229,7 +230,7 @@ def _away_from_neighbours(values: Floats) -> Floats:
 
 
 def _usual_change(values: Floats, places: NDArray[np.intp]) -> Floats:
-    """The median of nine changes about some places (M,): what moves fast there is no spike."""
+    """The median of nine changes around some indices (M,): a fast movement there is no spike."""
     last = len(values) - 1
     about = np.clip(places[:, None] + np.arange(-4, 5), 0, last)
     return np.asarray(np.median(np.abs(values[np.minimum(about + 1, last)] - values[about]),
@@ -237,10 +238,10 @@ def _usual_change(values: Floats, places: NDArray[np.intp]) -> Floats:
 
 
 def _moved_over(values: Floats, places: NDArray[np.intp]) -> Floats:
-    """How far the readings behind some places (M,) lie from those before them.
+    """Distance between the readings after and before some indices (M,).
 
-    A ring that jumps through its clearance swings over its new place by a single reading; after
-    a spike the readings are where they were.
+    A ring that jumps through its clearance overshoots its new position by a single reading.
+    After a spike the readings return.
     """
     last = len(values) - 1
     before = values[np.clip(places - 2, 0, last)] + values[np.clip(places - 3, 0, last)]
@@ -380,7 +381,7 @@ def quality_notes(topic: str, found: TopicQuality, unit: str) -> list[str]:
 def notes_between(
     load: TopicQuality, probes: Sequence[TopicQuality], seconds: float
 ) -> list[str]:
-    """What the load's readings and the probes' show of each other over a record of `seconds`."""
+    """Notes on load and probes together over a record of `seconds`."""
     notes = []
     lag = _filter_lag(load, probes)
     if lag:
@@ -400,7 +401,7 @@ def notes_between(
 
 
 def doubtful_lag(load: TopicQuality, probes: Sequence[TopicQuality], seconds: float) -> float:
-    """How far [s] readings of load and probes may be apart in time by all that they show."""
+    """Largest possible delay [s] between readings of load and probes."""
     ages = [0.5 / one.update_rate if one.is_held else 0.0 for one in (load, *probes)]
     age = ages[0] - _median(ages[1:])
     drift = abs(_rate_share(load, probes, seconds)) * seconds
@@ -408,7 +409,7 @@ def doubtful_lag(load: TopicQuality, probes: Sequence[TopicQuality], seconds: fl
 
 
 def _filter_lag(load: TopicQuality, probes: Sequence[TopicQuality]) -> float:
-    """By how much [s] a filter makes the load late, less that of the probes; 0 if none shows."""
+    """Delay [s] of the load by a filter minus that of the probes; 0 if none shows."""
     if load.is_held or any(one.is_held for one in probes):
         return 0.0
     lags = []
@@ -425,7 +426,7 @@ def _filter_lag(load: TopicQuality, probes: Sequence[TopicQuality]) -> float:
 
 
 def _rate_share(load: TopicQuality, probes: Sequence[TopicQuality], seconds: float) -> float:
-    """By what share the probes' rate exceeds the load's, if that may be a drift; else 0."""
+    """Share by which the probes' rate exceeds the load's, if that may be a drift; else 0."""
     share = _median([one.mean_rate for one in probes]) / load.mean_rate - 1.0
     period = 1.0 / min(load.rate, _median([one.rate for one in probes]))
     least = max(DRIFT_SECONDS, DRIFT_PERIODS * period)

@@ -1,4 +1,4 @@
-"""A bag written message by message as they come, of any types whose definitions are at hand."""
+"""A bag written message by message, of any types with known definitions."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ class BagRecording:
             for topic, kind in topics.items()}
 
     def write(self, topic: str, log_time: int, message: bytes) -> None:
-        """Add one serialized message, heard at `log_time` [ns]."""
+        """Add one serialized message that was received at `log_time` [ns]."""
         try:
             self._writer.write(self._connections[topic], log_time, message)
         except OSError as problem:
@@ -73,7 +73,7 @@ class BagRecording:
 
     def __exit__(self, kind: type[BaseException] | None, problem: BaseException | None,
                  trace: TracebackType | None) -> None:
-        if self._failed:  # what failed lies in the middle, should there be room again by now
+        if self._failed:  # The failed part lies in the middle if there is room again by now.
             self._writer.abort()
             return
         try:

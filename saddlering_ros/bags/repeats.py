@@ -11,7 +11,7 @@ from saddlering_ros.bags.reader import TestRun
 from saddlering_ros.bags.scratch import blocks
 
 SAME_SHARE = 0.5
-"""Two runs that share more than this part of the shorter one's samples are one recording."""
+"""Share of the shorter run's samples in common above which two runs are one recording."""
 
 
 def is_same_recording(first: TestRun, second: TestRun) -> bool:

@@ -15,7 +15,7 @@ from saddlering_ros.bags.wiring import wiring_notes
 from saddlering_ros.rig import Rig, short_digest
 
 MAX_ELEVATION_ERROR = math.radians(20.0)
-"""Tilt over lift gives the elevation to 13 degrees on sound rings of 48 and 97 rollers."""
+"""Accuracy [degrees] of the elevation from tilt over lift, on sound rings of 48 and 97 rollers."""
 
 MAX_OVERLOAD, MIN_PEAK = 1.05, 0.5
 """Shares of the full scale between which the highest load of a test lies."""

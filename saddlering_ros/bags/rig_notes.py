@@ -24,10 +24,10 @@ LENGTH_UNITS = {'inches': 0.0254, 'feet': 0.3048, 'millimetres': 1e-3, 'mils': 2
                 'micrometres': 1e-6, 'centimetres': 1e-2}
 
 UNIT_TOLERANCE = 0.03
-"""A ratio this close to that of a unit looks like that unit."""
+"""Largest deviation of a ratio from that of a unit for the note."""
 
 PEAK_TOLERANCE = 1.1
-"""A record in another unit stays under this share of full scale in that unit, and above ..."""
+"""Share of full scale, in another unit, below which its record stays, and above ..."""
 
 PEAK_SHARE = 0.3
 
@@ -36,7 +36,7 @@ PARTS = 20
 
 MIN_HOLDS = 8
 MIN_HELD_SHARE = 0.6
-"""A dynamic record with so many holds, over such a share of its time, looks like a static test."""
+"""Number of holds, and share of its time in them, with which a dynamic record looks static."""
 
 
 PARITY_SHARE = 0.004

@@ -12,14 +12,14 @@ from saddlering_ros.bags.reader import TestRun
 from saddlering_ros.rig import Rig, short_digest
 
 UNDESCRIBED = ('', 'virtual rig')
-"""Names of rigs for which no file is asked: none, and the one of the shipped bags."""
+"""Names of rigs without a file: no name, and that of the shipped bags."""
 
 
 def refuse_other_rig(runs: Sequence[TestRun], rig: Rig, *, is_given: bool) -> None:
     """BagError if a run states the hash of another rig than `rig`.
 
-    is_given: whether `rig` was named by the user, or is the shipped one for want of another. A run
-    that names a rig without its hash gets a note in that case.
+    is_given: whether the user named `rig`; otherwise it is the shipped one. A run that names a
+    rig without its hash then gets a note.
     """
     for run in runs:
         if run.rig_hash and run.rig_hash != rig.digest:

@@ -1,4 +1,4 @@
-"""Displacement samples as a table, and the files (CSV, parquet) that hold it."""
+"""Displacement samples as a table, and its files (CSV, Parquet)."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ class DisplacementSamples:
         return len(self.stamps)
 
     def rows(self, kept: NDArray[Any]) -> DisplacementSamples:
-        """The samples that a mask (N,) or indices name."""
+        """The samples of a mask (N,) or of indices."""
         displacement = Displacement(
             **{name: np.asarray(getattr(self.displacement, name))[kept] for name in CHANNELS})
         return DisplacementSamples(self.stamps[kept], self.time[kept], self.load[kept],
@@ -60,7 +60,7 @@ class DisplacementSamples:
 
     @property
     def is_finite(self) -> NDArray[np.bool_]:
-        """Which samples (N,) have a displacement that is known in every channel."""
+        """Mask (N,) of samples with a known displacement in every channel."""
         known = [getattr(self.displacement, name) for name in CHANNELS]
         return np.asarray(np.isfinite(known).all(axis=0))
 
@@ -81,7 +81,7 @@ def measured_samples(measured: MeasuredRun) -> DisplacementSamples:
 def measured_blocks(
     rig: Rig, run: TestRun, zero: ZeroReading, on_progress: OnShare = lambda share: None,
 ) -> Iterator[DisplacementSamples]:
-    """The same samples stretch by stretch, so that a long run is never held whole."""
+    """The same samples stretch by stretch, so that a long run is never in memory as a whole."""
     for part in blocks(len(run.time), run.stamps, run.time, run.load, run.gaps):
         samples, given = measured_rows(rig, run, zero, part)
         yield samples.rows(given)
@@ -102,11 +102,12 @@ def measured_rows(
 
 @dataclass
 class SamplesSummary:
-    """Summary of samples that pass by.
+    """Summary of a stream of samples.
 
-    count: of samples; lowest, highest, last, at_peak: of each column by name, the last two at the
-    last sample and where the load is highest, NaN where not known; validity: how many samples are
-    sound, lack a channel, were interpolated across a refused reading, or go by a doubtful load.
+    count: number of samples; lowest, highest, last, at_peak: of each column by name, the last
+    two at the last sample and at the highest load, NaN where unknown; validity: number of
+    samples that are sound, lack a channel, were interpolated across a refused reading, or
+    depend on a doubtful load.
     """
 
     count: int = 0
@@ -117,7 +118,7 @@ class SamplesSummary:
     validity: dict[str, int] = field(default_factory=dict)
 
     def watch(self, parts: Iterable[DisplacementSamples]) -> Iterator[DisplacementSamples]:
-        """Pass samples on and take note of them."""
+        """Pass samples on and count them."""
         for samples in parts:
             if len(samples):
                 self._add(samples.columns())

@@ -35,17 +35,18 @@ from saddlering_ros.bags.scratch import extremes, GrowingArray, LONG
 from saddlering_ros.bags.topics import optional_topics, RIG_TOPICS, TOPICS
 
 MAX_MESSAGE = 1 << 16
-"""A single compressed message of the rig that claims to be larger [bytes] is damaged."""
+"""Largest stated size [bytes] of a single compressed message of the rig; a larger one is
+damage."""
 
 MAX_EXPANSION = 100
-"""Messages that are more than this times the size of their file [bytes] were not recorded: even
-readings that never change do not compress so far. Of other topics only the heads count."""
+"""Largest ratio of the size of messages to that of their file [bytes]: even constant readings do
+not compress further. Other topics count with their headers only."""
 
 ALWAYS_ALLOWED = 1 << 24
-"""Bytes of messages about which a file's size is not asked."""
+"""Bytes of messages below which the size of the file is not checked."""
 
 OnShare = Callable[[float], None]
-"""Called with the share of a bag that was read, 0 to 1."""
+"""A function that receives the read share of a bag, 0 to 1."""
 
 
 @dataclass
@@ -66,7 +67,7 @@ class ScannedTopic:
     _long: _LongTopic | None = None
 
     def add(self, readings: Readings, log_times: NDArray[np.int64]) -> None:
-        """Take in the content of a block."""
+        """Add the content of a block."""
         self.frame_id = self.frame_id or readings.frame_id
         spans = readings.spans
         if len(spans) and (spans == spans[0]).all():
@@ -79,7 +80,7 @@ class ScannedTopic:
             self._put_aside()
 
     def _put_aside(self) -> None:
-        """Move the samples held to scratch files."""
+        """Move the samples in memory to scratch files."""
         self._long = self._long or _LongTopic()
         for part in self._parts:
             self._long.stamps.append(_joined([part.stamps]))
@@ -88,7 +89,7 @@ class ScannedTopic:
         self._parts.clear()
 
     def release(self) -> None:
-        """Forget the readings, once they are held elsewhere."""
+        """Drop the readings after another object has them."""
         self._parts.clear()
         self._long = None
 
@@ -124,7 +125,7 @@ class ScannedTopic:
 
 
 class _LongTopic:
-    """The messages of a topic that are too many to be held in memory."""
+    """The messages of a topic that are too many for memory."""
 
     def __init__(self) -> None:
         self.stamps = GrowingArray(np.int64)
@@ -134,7 +135,7 @@ class _LongTopic:
 
 @dataclass(frozen=True)
 class _Part:
-    """Messages of one block: a long record is held in these, each number as narrow as it goes."""
+    """Messages of one block, each number in its narrowest type: the memory of a long record."""
 
     stamps: _Times
     values: NDArray[np.float64] | NDArray[np.float32]
@@ -214,7 +215,7 @@ class Scan:
 
     @property
     def readable_part(self) -> str:
-        """How much of a damaged bag can be read, in words."""
+        """Readable part of a damaged bag, in words."""
         stamps = [topic.stamps for name, topic in self.topics.items() if name in RIG_TOPICS]
         stamps = [of_topic for of_topic in stamps if len(of_topic)]
         if not stamps:
@@ -376,7 +377,7 @@ def _full_name(name: str) -> str:
 def _decompressed(
     data: NDArray[np.uint8], messages: Messages,
 ) -> tuple[NDArray[np.uint8], Messages]:
-    """The same messages, each freed from its own zstd frame."""
+    """The same messages, each without its own zstd frame."""
     decompressor = zstandard.ZstdDecompressor()
     plain: list[bytes] = []
     size_so_far = 0

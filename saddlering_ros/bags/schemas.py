@@ -12,10 +12,10 @@ _FIELD = re.compile(r'^\s*([A-Za-z][\w/]*(?:\[[^\]]*\])?)\s+([A-Za-z]\w*)\s*(?![
 
 
 def other_fields(channel: McapChannel, topic: RigTopic) -> str:
-    """Why messages of `channel`, by their definition, cannot be read as `topic`; '' if they can.
+    """Reason why messages of `channel`, by their definition, cannot be read as `topic`, or ''.
 
-    Only definitions of encoding ros2msg that name any field are judged; whatever follows the
-    last field we read may differ between releases of ROS.
+    Only definitions of encoding ros2msg that name any field are judged. The part after the
+    last field that is read may differ between releases of ROS.
     """
     if channel.schema_encoding != 'ros2msg':
         return ''

@@ -23,7 +23,7 @@ LONG = 1 << 20
 """Samples beyond which an array lies in a scratch file: 105 s at 10 kHz."""
 
 BLOCK = 1 << 18
-"""Samples of a long array that are looked at together."""
+"""Samples of a long array that are processed together."""
 
 PARTS = 16
 """Stretches of a long record from which medians are taken."""
@@ -61,7 +61,7 @@ def scratch_copy(values: NDArray[Any]) -> NDArray[Any]:
 
 
 def scratch_file() -> BinaryIO:
-    """A file without a name, on a disk where there is a choice: /tmp may be memory."""
+    """A file without a name, on a disk if possible: /tmp may be memory."""
     folder = os.environ.get('TMPDIR') or ('/var/tmp' if os.access('/var/tmp', os.W_OK) else None)
     try:
         return tempfile.TemporaryFile(buffering=0, dir=folder)
@@ -82,7 +82,7 @@ def _mapped(file: BinaryIO, shape: tuple[int, ...], dtype: DTypeLike) -> NDArray
 
 
 class GrowingArray:
-    """Numbers (N,) of one kind that come part by part, in a scratch file beyond `LONG`."""
+    """Numbers (N,) of one kind that arrive in parts, in a scratch file beyond `LONG`."""
 
     def __init__(self, dtype: DTypeLike) -> None:
         self._dtype = np.dtype(dtype)
@@ -111,14 +111,14 @@ class GrowingArray:
 
 
 def blocks(count: int, *arrays: NDArray[Any], size: int = BLOCK) -> Iterator[slice]:
-    """The rows 0 to `count` in stretches of `size`; after each, `arrays` are forgotten."""
+    """The rows 0 to `count` in stretches of `size`; `arrays` are released after each."""
     for start in range(0, count, size):
         yield slice(start, min(start + size, count))
         forget(*arrays)
 
 
 def forget(*arrays: NDArray[Any]) -> None:
-    """Give back the memory in which mapped arrays were seen; their numbers stay in the file."""
+    """Release the memory of mapped arrays; their numbers stay in the file."""
     for array in arrays:
         mapping = _mapping_of(array)
         if mapping is not None:
@@ -168,10 +168,10 @@ def extremes(values: NDArray[Any]) -> tuple[Any, Any]:
 def count_where(
     test: Callable[..., NDArray[np.bool_]], *arrays: NDArray[Any], ahead: int = 0,
 ) -> int:
-    """Of how many rows a test of blocks of `arrays` (..., N) is true.
+    """Number of rows for which a test of blocks of `arrays` (..., N) is true.
 
-    With `ahead` each block goes on so many rows into the next one, and the test is true of so
-    many rows less than it is given.
+    With `ahead` each block includes so many rows of the next one, and the test returns so many
+    rows fewer than it receives.
     """
     count = arrays[0].shape[-1]
     return sum(

@@ -1,12 +1,12 @@
 """Header stamps of one topic: put in order, or found to go back.
 
-The rule. A recorder may store messages in another order than they were made; a clock must not go
-back. Stamps are taken for reordered, and sorted, if they are in order to within jitter
-(`JITTER_NS`) either as the file holds the messages or by their log times, and if
-the messages that came late fill places nobody else has taken. They go back if both orders break
-by more than jitter; or if most late messages fall between or upon others, half a period or
-less away: two passes over the same stretch of time; or if messages stored later lie more than
-`MAX_HOLE_NS` before all that was stored earlier: a recorder that reorders leaves no hole.
+The rule. A recorder may store messages in another order than that of their creation, but a clock
+must not go back. Stamps count as reordered, and are sorted, if they are in order to within jitter
+(`JITTER_NS`), either in the file or by their log times, and if the late messages fill places
+without other messages. Stamps go back in three cases: both orders break by more than jitter; most
+late messages lie between or upon others, at most half a period away (two passes over the same
+stretch of time); or later messages lie more than `MAX_HOLE_NS` before all earlier ones, because a
+recorder that reorders leaves no hole.
 """
 
 from __future__ import annotations
@@ -22,12 +22,12 @@ from saddlering_ros.bags.errors import BagError
 from saddlering_ros.bags.scratch import count_where, extremes
 
 MAX_DUPLICATES = 0.01
-"""Larger share of stamps taken twice by different readings: the clock stands still at times."""
+"""Share of stamps with two different readings above which the clock stands still at times."""
 
 MAX_HOLE_NS = 1_000_000_000
 
 MAX_BREAKS = 0.05
-"""Larger share of messages stored before an earlier one: the file's order is shuffled."""
+"""Share of messages stored before an earlier one above which the order of the file is random."""
 
 REGULAR_SHARE = 0.8
 """Share of intervals near the typical one from which on stamps count as regular."""
@@ -35,12 +35,12 @@ REGULAR_SHARE = 0.8
 _FAR = np.iinfo(np.int64).max
 
 LONGEST_LEAP_NS = 3600 * 1_000_000_000
-"""Stamps that jump ahead further than this were set, not measured."""
+"""Jump ahead [ns] of stamps above which they were set and not measured."""
 
 
 @dataclass(frozen=True)
 class StampOrder:
-    """Messages to keep, in stamp order (indices; a slice if all), and the changes made."""
+    """Messages to keep in stamp order (indices, or a slice for all), and the changes made."""
 
     keep: NDArray[np.int64] | slice
     reordered: int
@@ -78,7 +78,7 @@ def _goes_back(stamps: NDArray[np.int64]) -> NDArray[np.bool_]:
 
 
 def _lateness(stamps: NDArray[np.int64]) -> NDArray[np.int64]:
-    """How far each stamp lies behind the newest before it [ns]; 0 for those in order."""
+    """Distance of each stamp behind the newest before it [ns]; 0 for stamps in order."""
     return np.maximum.accumulate(stamps) - stamps if len(stamps) else stamps
 
 
@@ -115,11 +115,11 @@ def _jitter(stamps: NDArray[np.int64], period: float) -> float:
 
 
 def _period(stamps: NDArray[np.int64], intervals: NDArray[np.int64]) -> float:
-    """Typical time between samples [ns], from the order in which more of it can be seen.
+    """Typical time between samples [ns], from the order that shows more of it.
 
-    Sorted `intervals` tell it where the file's order is shuffled through and through. Where it
-    breaks but now and then, the file's own do, since two passes over one stretch of time would
-    halve the sorted ones.
+    Sorted `intervals` show it if the order of the file is random. If the order breaks only now
+    and then, the intervals of the file show it, because two passes over one stretch of time
+    would halve the sorted ones.
     """
     steps = np.diff(stamps)
     shuffled = (steps < 0).sum() > MAX_BREAKS * len(steps)

@@ -23,19 +23,19 @@ from saddlering_ros.bags.alignment import (
 )
 
 MAX_HOLD_NS = 50_000_000
-"""No load sample is held back longer than this [ns] to let an earlier one overtake it."""
+"""Largest time [ns] that a load sample is held back for an earlier one to overtake it."""
 
 NEVER = 2**63 - 1
 """A silence [ns] that no probe reaches: the rows wait for all probes."""
 
 PROBES = 4
-"""Channels of the ring's rig; an aligner can be made for more."""
+"""Number of channels of the ring's rig; an aligner can have more."""
 
 
 def longer_hold(hold: int, delay: int) -> int:
-    """How long samples are held back [ns] from now on, after one that came `delay` [ns] too late.
+    """Time [ns] that samples are held back after one that came `delay` [ns] too late.
 
-    Twice the delay, so that the next late ones are in time.
+    It is twice the delay, so that the next late samples are in time.
     """
     return min(max(hold, 2 * delay), MAX_HOLD_NS)
 
@@ -86,7 +86,7 @@ class AlignmentCounters:
 
     @property
     def dropped(self) -> int:
-        """Load stamps for which no row can be given."""
+        """Number of load stamps without a row."""
         return self.before_probes + self.in_gap + self.timed_out + self.late_loads
 
     def as_dict(self) -> dict[str, int]:
@@ -297,12 +297,12 @@ class StreamAligner:
         self._pending.append((stamp, load))
 
     def release(self) -> list[AlignedRow]:
-        """Hold no load sample back any longer; return the rows that became complete."""
+        """Release all load samples that are held back; return the rows that became complete."""
         self._released = self._newest or 0
         return self._drain()
 
     def _due_until(self) -> int:
-        """Load stamps up to this one [ns] are not held back."""
+        """Largest load stamp [ns] that is not held back."""
         return max((self._newest or 0) - self._hold, self._released)
 
     def push_gap(self, probe: int, stamp: int, gap: float) -> list[AlignedRow]:
@@ -321,7 +321,7 @@ class StreamAligner:
         return waiting
 
     def reset(self) -> None:
-        """Forget all samples and start anew, as after a jump; the counters go on."""
+        """Drop all samples and begin anew, as after a jump; the counters continue."""
         self.restarts += 1
         self._pending.clear()
         for probe in self._probes:
@@ -338,7 +338,7 @@ class StreamAligner:
         self._pending.clear()
         for probe in self._probes:
             if not probe.jumped:
-                probe.clear()  # its samples are of the time before the jump
+                probe.clear()  # Its samples are from the time before the jump.
             probe.jumped = False
         self._epoch = self._newest = stamp
         self._last_out = None

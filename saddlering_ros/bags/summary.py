@@ -1,4 +1,4 @@
-"""The summary at the end of an MCAP file, which is read at once for a bag of any length.
+"""The summary at the end of an MCAP file, which is read quickly for a bag of any length.
 
 Source of the format: the MCAP specification (https://mcap.dev/spec), summary section.
 """
@@ -18,7 +18,7 @@ _STATISTICS = struct.Struct('<QHIIIIQQ')
 _FOOTER_CODE, _STATISTICS_CODE = 0x02, 0x0B
 
 MAX_SUMMARY = 1 << 26
-"""A summary that claims to be larger [bytes] is not read."""
+"""Largest stated size [bytes] of a summary that is read."""
 
 
 @dataclass(frozen=True)

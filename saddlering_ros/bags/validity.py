@@ -1,4 +1,4 @@
-"""Bits of `validity`: which channels of a displacement are not known, or of refused readings."""
+"""Bits of `validity`: unknown channels of a displacement, and values beside refused readings."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from saddlering_ros.rig import CHANNELS
 
 NOT_KNOWN = dict(zip(CHANNELS, (1, 2, 4, 8), strict=True))
-"""Bits by the channel that is not known; as in RingDisplacement.msg."""
+"""Bits of unknown channels, as in RingDisplacement.msg."""
 
 BRIDGED = 16
 """Bit of a result that was interpolated across a reading that was refused."""
@@ -25,6 +25,6 @@ def unknown(channels: NDArray[np.float64]) -> NDArray[np.uint8]:
 
 
 def is_published(validity: NDArray[np.uint8]) -> NDArray[np.bool_]:
-    """Which rows (N,) have any of delta_x, delta_y and gamma; the others are not published."""
+    """Mask (N,) of rows with any of delta_x, delta_y and gamma; the others are not published."""
     nothing = NOT_KNOWN['delta_x'] | NOT_KNOWN['delta_y'] | NOT_KNOWN['gamma']
     return np.asarray(validity & nothing != nothing)

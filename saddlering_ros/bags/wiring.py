@@ -1,13 +1,12 @@
-"""Readings that suggest a probe is wired wrongly, stuck or dead, each with its evidence.
+"""Readings that suggest that a probe is wired wrongly, stuck or dead, each with its evidence.
 
-What is held against the readings is no model that is identified from them, only what any ring on
-this rig must do: probes 1 and 3 face each other, so one gap opens by what the other closes; and
-a load moves each probe to the side that the load and the geometry say, whatever the stiffness.
-The side follows from the forces at C (rig.resolve_load) on a ring of rollers on a circle of
-radius R, whose tilting stiffness is R^2/2 times its axial one.
+The checks use no identified model, only properties of any ring on this rig. Probes 1 and 3 face
+each other, so that one gap opens as the other closes. A load moves each probe to a side that
+follows from the forces at C (rig.resolve_load), whatever the stiffness. The ring is a set of
+rollers on a circle of radius R, with a tilting stiffness of R^2/2 times its axial stiffness.
 
-Faults of a few percent (a gain, a bracket that gives, clipping at the end of a range) are effects
-for the diagnosis to find; here a probe moves the other way, not at all, or as another should.
+Faults of a few percent (a gain, a bracket that gives way, clipping at the end of a range) are
+effects for the diagnosis. Here a probe moves to the wrong side, not at all, or like another one.
 """
 
 from __future__ import annotations
@@ -24,17 +23,17 @@ from saddlering_ros.rig import FORCE_UNITS, gap_increment, resolve_load, Rig
 Floats = NDArray[np.float64]
 
 MIN_LOAD_SPAN = 0.1
-"""Share of the full-scale load that a run must cover before it is judged."""
+"""Share of the full-scale load that a run must cover for a judgement."""
 
 CLEAR_SIDE = 0.25
-"""A probe is expected to move to a side if its share of the largest motion is at least this."""
+"""Smallest share of the largest motion at which the side of a probe is certain."""
 
 DEAD_SHARE = 0.02
-"""A probe that moves by less than this share of the largest motion does not follow the load."""
+"""Share of the largest motion below which a probe does not follow the load."""
 
 SAME_LIMIT, MIRROR_LIMIT = 0.1, 0.06
-"""Two probes mirror each other if their sum is at most the second times their difference (rms);
-probes 1 and 3 are said not to from the first on."""
+"""Two probes mirror each other if their sum is at most the second number times their difference
+(rms). Probes 1 and 3 do not mirror each other from the first number on."""
 
 STUCK_LOAD_CHANGE = 0.05
 """Share of the load's span that must pass while a reading stands still, for it to be stuck."""
@@ -44,7 +43,7 @@ STUCK_SAMPLES = 20
 
 @dataclass(frozen=True)
 class _Response:
-    """How probes answer the load: slope [m/N] and motion over the load's span [m], (4,) each."""
+    """Response of the probes to the load (4,): slope [m/N], motion over the load's span [m]."""
 
     slope: Floats
     motion: Floats
@@ -85,7 +84,7 @@ def _expected(rig: Rig, elevation: float) -> Floats:
 
 
 def _clear(expected: Floats) -> NDArray[np.bool_]:
-    """Which probes (4,) must move to their side: not those that hardly move at this elevation."""
+    """Mask (4,) of probes with a certain side; not those that hardly move at this elevation."""
     axial = np.abs(expected[1::2]).max()
     largest = np.array([1.0, axial, 1.0, axial])
     return np.asarray(np.abs(expected) >= CLEAR_SIDE * largest)
@@ -126,7 +125,7 @@ def _mirrored(increments: Floats) -> list[str]:
     around = increments - increments.mean(axis=1, keepdims=True)
     own = _unlikeness(around[0], around[2])
     if own < SAME_LIMIT or own > 1.0 / SAME_LIMIT:
-        return []  # they do, or move the same way: a matter of sides
+        return []  # They do, or move to the same side: `_sides` judges that.
     pairs = {(a, b): _unlikeness(around[a], around[b])
              for a in range(4) for b in range(a + 1, 4) if (a, b) != (0, 2)}
     pair = min(pairs, key=lambda key: pairs[key])
@@ -138,7 +137,7 @@ def _mirrored(increments: Floats) -> list[str]:
 
 
 def _sides(rig: Rig, response: _Response, expected: Floats) -> list[str]:
-    """Probes that move to the other side than they must."""
+    """A note on probes that move to the wrong side."""
     clear = _clear(expected)
     wrong = [probe for probe in range(4)
              if clear[probe] and response.slope[probe] * expected[probe] < 0.0]

@@ -1,7 +1,7 @@
-"""Bags as a recorder leaves them: rosbag2 directories with one zstd-chunked MCAP file.
+"""Bags in the form of a recorder: rosbag2 directories with one zstd-chunked MCAP file.
 
-rosbags writes metadata.yaml (quality of service, type hashes, custom data); the MCAP file itself
-is written by the mcap package, since its files carry checksums and metadata records.
+rosbags writes metadata.yaml (quality of service, type hashes, custom data). The mcap package
+writes the MCAP file, because its files have checksums and metadata records.
 """
 
 from __future__ import annotations
@@ -144,7 +144,7 @@ class _Writer(Rosbag2Writer):
 
 
 class _McapStorage:
-    """One zstd-chunked MCAP file with checksums, as rosbags' writer wants its storages."""
+    """One zstd-chunked MCAP file with checksums, as a storage of the rosbags writer."""
 
     def __init__(self, folder: Path, facts: Mapping[str, str], chunk_size: int) -> None:
         self.path = folder / f'{folder.name}_0.mcap'
@@ -154,7 +154,8 @@ class _McapStorage:
             self._file, chunk_size=chunk_size, compression=CompressionType.ZSTD,
             enable_crcs=True)
         self._writer.start(profile='ros2', library='saddlering_ros')
-        self._writer.add_metadata(RECORD, self._facts)  # first, so that a file cut off has it
+        self._writer.add_metadata(RECORD, self._facts)  # First, so that a file that is cut off has
+                                                        # it.
         self._schemas: dict[str, int] = {}
         self._channels: dict[int, int] = {}
         self._sequences: dict[int, int] = {}
@@ -198,7 +199,7 @@ def _check_target(path: Path, overwrite: bool) -> None:
 
 
 def _put_in_place(written: Path, path: Path) -> None:
-    """Move the finished bag to `path`; one that was there leaves at the same moment."""
+    """Move the finished bag to `path` and remove an earlier one at the same moment."""
     for file in written.iterdir():
         settle(file)
     if path.exists():

@@ -1,7 +1,7 @@
-"""Allan variances, and the mixture of white noise and relaxations that comes closest to them.
+"""Allan variances, and the mixture of white noise and relaxations that fits them best.
 
 The Allan variance (half the mean square difference of neighbouring means over m samples) needs no
-mean and shows every kind of slow noise by its growth with m. Allan, Proc. IEEE 54 (1966) 221.
+mean, and its growth with m shows slow noise of any kind. Allan, Proc. IEEE 54 (1966) 221.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from saddlering_ros.estimation.process import mean_correlation, mean_variance
 Array = NDArray[np.float64]
 
 MIN_PAIRS = 4
-"""Smallest number of differences of an Allan variance that counts."""
+"""Smallest number of differences in an Allan variance that is used."""
 
 
 def allan_of_relaxation(ratio: Array) -> Array:
@@ -27,7 +27,7 @@ def allan_of_relaxation(ratio: Array) -> Array:
 
 
 def mixture(columns: Array, seen: Array, pairs: Array) -> Array:
-    """Non-negative parts whose statistics come closest to those seen, in relative terms."""
+    """Non-negative parts whose statistics fit the observed ones best, in relative terms."""
     if not seen.any():
         return np.zeros(columns.shape[1])
     floor = max(float(seen.max()) * 1e-9, np.finfo(float).tiny)
@@ -48,7 +48,7 @@ def allan_columns(scales: Array, time_constants: Array) -> Array:
 
 
 def allan_variances(rows: Sequence[tuple[Array, float]]) -> tuple[Array, Array, Array]:
-    """Averaging times [s], Allan variances and how many differences each rests on.
+    """Averaging times [s], Allan variances, and the number of differences in each.
 
     Each of `rows` is (values (N,), step [s]).
     """
@@ -66,7 +66,7 @@ def allan_variances(rows: Sequence[tuple[Array, float]]) -> tuple[Array, Array, 
 
 
 def averaged_counts(size: int) -> list[int]:
-    """How many of `size` values are averaged: two numbers an octave, up to half of them."""
+    """Numbers of averaged values out of `size`: two per octave, up to half of them."""
     octaves = np.arange(0.0, 2.0 * np.log2(max(2.0, 0.5 * size)) + 1e-9)
     return [int(count) for count in np.unique(np.round(2.0 ** (0.5 * octaves)))
             if size // count >= 2]
@@ -78,7 +78,7 @@ def running_total(values: Array) -> Array:
 
 
 def allan_variance(total: Array, count: int) -> float:
-    """Allan variance at means over `count` values, wherever these begin, of a running total."""
+    """Allan variance of means over `count` values, from every start, of a running total."""
     return float(allan_variances_of(total[None], count)[0])
 
 

@@ -1,4 +1,4 @@
-"""Noise that two records have in common, by the Allan variances of their sum and difference."""
+"""Common noise of two records, from the Allan variances of their sum and difference."""
 
 from __future__ import annotations
 
@@ -19,16 +19,16 @@ from saddlering_ros.estimation.process import ChannelNoise
 Array = NDArray[np.float64]
 
 SLOW_TIMES = np.array([1.0, 2.0, 4.0, 8.0])
-"""Time constants [s] that a common wander may have."""
+"""Possible time constants [s] of a common wander."""
 
 
 def common_noise(
     first: Sequence[Array], second: Sequence[Array], weights: Sequence[float], step: float
 ) -> ChannelNoise:
-    """Noise that pairs of segments (n_i,), sampled every `step` [s], have in common.
+    """Common noise of pairs of segments (n_i,) with samples every `step` [s].
 
-    Each pair weighs `weights`. Noise of one channel does not count. Segments of seconds hardly
-    tell a slow time constant, so each of SLOW_TIMES counts by its likelihood.
+    `weights`: of the pairs. Noise of one channel does not count. Segments of a few seconds
+    hardly determine a slow time constant, so that each of SLOW_TIMES counts by its likelihood.
     """
     counts = np.array(averaged_counts(max(map(len, first))))
     pairs = np.array([[max(0, len(row) // count - 1) for count in counts] for row in first])

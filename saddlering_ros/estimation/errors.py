@@ -4,4 +4,4 @@ from saddlering_ros.errors import SaddleringError
 
 
 class EstimationError(SaddleringError):
-    """Records that noise cannot be learnt from, or that cannot be whitened."""
+    """Noise cannot be learnt from records, or records cannot be whitened."""

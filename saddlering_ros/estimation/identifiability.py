@@ -1,4 +1,4 @@
-"""The contact parameters that data determine, and the words for it wherever one is printed.
+"""The contact parameters that data determine, and the words for them everywhere.
 
 K, n and D are judged in the coordinates (ln K, n, ln D) of `estimation.space`.
 """
@@ -54,7 +54,7 @@ def reason_wide(name: str, std: float, elevations: int) -> str | None:
 
 
 def reason_unequal(name: str, std: float, noise_std: float, elevations: int) -> str | None:
-    """The same where noise alone would not leave it open but unequal rollers do."""
+    """The same reason if unequal rollers, and not noise alone, leave the parameter open."""
     reason = reason_wide(name, std, elevations)
     if reason is None or reason_wide(name, noise_std, elevations) is not None:
         return reason
@@ -65,9 +65,9 @@ def reason_unequal(name: str, std: float, noise_std: float, elevations: int) -> 
 
 
 def reason_misfit(name: str, std: float, fitted_std: float, advice: str) -> str | None:
-    """The same where only the misfit, which widens the interval, leaves the parameter open.
+    """The same reason if only the misfit, which widens the interval, leaves the parameter open.
 
-    fitted_std: standard deviation (coordinates) if the fit missed the readings by their noise.
+    fitted_std: standard deviation (coordinates) for a misfit as large as the noise.
     """
     reason = reason_wide(name, std, 1)
     if reason is None or reason_wide(name, fitted_std, 1) is not None:
@@ -79,9 +79,9 @@ def reason_misfit(name: str, std: float, fitted_std: float, advice: str) -> str 
 def reason_one_elevation(
     name: str, std: float, shift: float, imperfection: str, elevations: int
 ) -> str | None:
-    """Why a parameter rests on curvature alone; None if it does not.
+    """Why a parameter depends on curvature alone; None if it does not.
 
-    shift: change of it by `imperfection`, the worst small one that no fit can detect
+    shift: its change by `imperfection`, the worst small one that no fit can detect
     (coordinates).
     """
     tolerable = shift + WIDTH_95 * std <= MAX_HALF_WIDTH[name[0]]
@@ -93,7 +93,7 @@ def reason_one_elevation(
 
 
 def coordinate_std(name: str, value: float, std: float) -> float:
-    """Standard deviation in (ln K, n, ln D) of one in the parameter's unit."""
+    """Standard deviation in (ln K, n, ln D) from one in the unit of the parameter."""
     return std if name[0] == 'n' else std / max(abs(value), 1e-300)
 
 
@@ -107,8 +107,9 @@ def still_open(
 ) -> dict[str, str]:
     """Reasons by name for parameters that a larger model leaves open.
 
-    values: name to value and standard deviation in that model; before: reasons of the contact law
-    alone. A parameter that was open before stays open, as further unknowns determine nothing.
+    values: name to value and standard deviation in that model; before: reasons of the contact
+    law alone. A parameter that was open before stays open, because further unknowns determine
+    nothing.
     """
     reasons = dict(before)
     for name, (value, std) in values.items():

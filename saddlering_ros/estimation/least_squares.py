@@ -1,8 +1,8 @@
-"""Bounded least squares of whitened residuals, and the covariance at its bottom.
+"""Bounded least squares of whitened residuals, and the covariance at the optimum.
 
-Levenberg-Marquardt in coordinates of which the whole box is 0 to 1. A descent is a generator: it
-asks for a point and is sent an answer, so that many descents can have their simulations in one
-batch, and so that sensitivities come from wherever they are cheapest.
+The method is Levenberg-Marquardt in coordinates whose box is 0 to 1. A descent is a generator that
+yields points and receives answers. Many descents can therefore share batches of simulations, and
+sensitivities can come from the cheapest source.
 """
 
 from __future__ import annotations
@@ -18,13 +18,13 @@ from scipy.optimize import lsq_linear
 
 Array = NDArray[np.float64]
 AT_BOUND = 1e-4
-"""A point this close to a bound, as a share of the box, lies on it."""
+"""Distance from a bound, as a share of the box, within which a point is on it."""
 
 PERIODIC_REACH = 0.25
-"""A step turns a periodic coordinate by so much of its period at most."""
+"""Largest step of a periodic coordinate, as a share of its period."""
 
 MIN_MOVE = 1e-6
-"""A step shorter than this, in shares of the box, ends a descent."""
+"""Length of a step, in shares of the box, below which a descent ends."""
 
 FAILED_ROUNDS = 4
 """Number of steps uphill in a row after which a descent ends."""
@@ -33,7 +33,7 @@ MAX_ROUNDS = 60
 """Rounds of `minimise`."""
 
 NEGLIGIBLE = 1e-7
-"""A gain of chi square by which no parameter moves by more than 3e-4 of its deviation."""
+"""Gain of chi square with which no parameter moves by more than 3e-4 of its deviation."""
 
 
 class Answer(Protocol):
@@ -53,10 +53,10 @@ Answers = TypeVar('Answers', bound=Answer)
 class Rule:
     """Settings of a descent.
 
-    periodic (F,): coordinates that are angles; prior: the whole box counts as this many standard
-    deviations, which keeps idle coordinates still; a descent ends after `quiet_rounds` gains in a
-    row under `quiet_gain` of the misfit, or under `quiet_share` of it, or before a step of which
-    no more than `negligible` is expected.
+    periodic (F,): coordinates that are angles; prior: number of standard deviations in the
+    whole box, which keeps idle coordinates still. A descent ends after `quiet_rounds` gains in
+    a row below `quiet_gain` of the misfit or below `quiet_share` of it, or before a step with
+    an expected gain of at most `negligible`.
     """
 
     periodic: NDArray[np.bool_]
@@ -68,19 +68,19 @@ class Rule:
     negligible: float = 0.0
 
     def cost(self, residual: Array, point: Array) -> float:
-        """Misfit and prior; infinite where the residual is no number."""
+        """Misfit and prior; infinite for a residual that is not finite."""
         apart = np.where(self.periodic, 0.0, point - 0.5)
         value = float(residual @ residual + self.prior**2 * (apart**2).sum())
         return value if np.isfinite(value) else np.inf
 
     def inside(self, point: Array) -> Array:
-        """The point in the box; periodic coordinates go round."""
+        """The point inside the box; periodic coordinates wrap around."""
         return np.where(self.periodic, point % 1.0, np.clip(point, 0.0, 1.0))
 
 
 @dataclass(frozen=True)
 class Descent(Generic[Answers]):
-    """Where a descent ended: point (F,), sensitivities (n, F), the answer there, costs on the way.
+    """End of a descent: point (F,), sensitivities (n, F), the answer there, costs on the way.
 
     cost: misfit and prior, infinite if the start failed.
     """
@@ -104,11 +104,11 @@ def descend(
     first_fresh: Sequence[int] | None = None,
     first_answer: Answers | None = None,
 ) -> Generator[Array, Answers, Descent[Answers]]:
-    """Levenberg-Marquardt from `start` (F,): asks for points, is sent answers.
+    """Levenberg-Marquardt from `start` (F,): yields points and receives answers.
 
-    fresh: coordinates whose sensitivities an answer holds (`first_fresh`: the first answer). Those
-    of the first coordinates that it does not hold are `known` (n, k) at first, and are improved by
-    Broyden's update as the descent goes. first_answer: that at the start, if it is known.
+    fresh: coordinates whose sensitivities an answer holds (`first_fresh`: the first answer).
+    Those of the other coordinates, which come first, begin with `known` (n, k) and are
+    improved by Broyden's update. first_answer: the answer at the start, if it is known.
     """
     first_fresh = fresh if first_fresh is None else first_fresh
     kept = 0 if known is None else known.shape[1]
@@ -158,7 +158,7 @@ def descend(
 
 
 def _expected(columns: Array, residual: Array, point: Array, move: Array, rule: Rule) -> float:
-    """Fall of the cost by a step, were the residual straight."""
+    """Fall of the cost by a step for a linear residual."""
     if rule.negligible <= 0.0:
         return np.inf
     return rule.cost(residual, point) - rule.cost(residual + columns @ move, point + move)
@@ -167,13 +167,13 @@ def _expected(columns: Array, residual: Array, point: Array, move: Array, rule: 
 def _bounded_step(
     columns: Array, residual: Array, point: Array, damping: float, rule: Rule
 ) -> Array:
-    """Damped Gauss-Newton step that stays in the box."""
+    """Damped Gauss-Newton step inside the box."""
     gram = columns.T @ columns
     slope = columns.T @ residual
     gram[np.diag_indices_from(gram)] += rule.prior**2
     slope = slope + rule.prior**2 * np.where(rule.periodic, 0.0, point - 0.5)
     gram[np.diag_indices_from(gram)] *= 1.0 + damping
-    # In coordinates scaled by the diagonal: K and n of one contact are all but parallel.
+    # The coordinates are scaled by the diagonal, because K and n of a contact are almost parallel.
     diagonal = np.diag(gram)
     scale = 1.0 / np.sqrt(np.maximum(diagonal, 1e-12 * diagonal.max()))
     scaled = gram * np.outer(scale, scale)
@@ -191,7 +191,7 @@ def _bounded_step(
 
 @dataclass(frozen=True)
 class Minimum:
-    """The bottom: point (F,), chi square, Jacobian (R, F), which coordinates lie on a bound."""
+    """The optimum: point (F,), chi square, Jacobian (R, F), mask of coordinates on a bound."""
 
     point: Array
     chi_square: float
@@ -200,7 +200,7 @@ class Minimum:
 
 
 class Linearised(Protocol):
-    """Whitened residual (R,) at a point, and how it changes, which is computed where asked."""
+    """Whitened residual (R,) at a point; its derivatives are computed on demand."""
 
     @property
     def residual(self) -> Array: ...
@@ -212,7 +212,7 @@ class Linearised(Protocol):
 
 @dataclass(frozen=True)
 class _Lazily:
-    """An answer whose sensitivities are computed once a step is taken."""
+    """An answer whose sensitivities are computed when a step is taken."""
 
     residual: Array
     slopes: Callable[[], Array] = field(repr=False)
@@ -226,9 +226,9 @@ def minimise(
     linearised: Callable[[Array], Linearised], start: Array, low: Array, high: Array,
     negligible: float = NEGLIGIBLE,
 ) -> Minimum:
-    """Least squares inside the box from `start` (F,), without a prior, to its bottom.
+    """Least squares inside the box from `start` (F,), without a prior, to the optimum.
 
-    It ends where the next step is expected to gain less than `negligible`.
+    The descent ends if the next step is expected to gain less than `negligible`.
     """
     span = high - low
     rule = Rule(np.zeros(span.size, dtype=bool), 0.0, MAX_ROUNDS, 1e-6, 1e-10,
@@ -252,7 +252,7 @@ def minimise(
 
 
 def on_bound(point: Array, low: Array, high: Array) -> NDArray[np.bool_]:
-    """Which coordinates (F,) of a point lie on a bound of the box."""
+    """Mask (F,) of coordinates of a point on a bound of the box."""
     near = AT_BOUND * (high - low)
     return np.asarray((point - low < near) | (high - point < near))
 

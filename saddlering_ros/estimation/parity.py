@@ -1,8 +1,8 @@
-"""Whether the parity of four probes is noise alone, and how it compares with the channels' noise.
+"""Whether the parity of four probes is noise alone, and its ratio to the noise of the channels.
 
-The parity of the radial probes is zero for a rigid ring with any contact: where it is
-noise alone, it shows the slow part of the noise over the whole record, and between stretches at
-rest. It is no noise where a cause shows in it, so that a diagnosis must not read noise from it.
+The parity of the radial probes is zero for a rigid ring with any contact. If the parity is noise
+alone, it shows the slow noise of the whole record, also between stretches at rest. If a cause
+shows in the parity, it is no noise; a diagnosis must therefore not read noise from it.
 """
 
 from __future__ import annotations
@@ -17,27 +17,28 @@ from saddlering_ros.estimation.allan import allan_variance, running_total
 Array = NDArray[np.float64]
 
 COMPARED_COUNTS = (4, 8)
-"""Samples over which a channel's noise is compared with the parity's: longer than what
-interpolation between stamps smooths, shorter than any movement of a ring at rest."""
+"""Samples over which the noise of a channel is compared with that of the parity: longer than the
+smoothing by interpolation between stamps, shorter than any movement of a ring at rest."""
 
 MAX_RATIO = 10.0
-"""A channel that much quieter or noisier (variance) than the parity is read by another kind."""
+"""Ratio of variances of channel and parity above which another kind of sensor reads the
+channel."""
 
 MAX_GROWTH = 2.0
-"""The parity is noise alone if its Allan variance over the record is at most that many times what
-it is at rest, and grows at most that much faster than a random walk's."""
+"""The parity is noise alone if its Allan variance over the record is at most this multiple of that
+at rest, and grows at most this much faster than that of a random walk."""
 
 SURE_PAIRS = 10
-"""A comparison counts at averaging times at which rest shows this many differences."""
+"""Smallest number of differences at rest for a comparison at an averaging time."""
 
 
 def parity_ratios(
     parities: Sequence[Array], rests: Sequence[Array], segments: Sequence[Array]
 ) -> Array | None:
-    """Variance of each channel's noise over the parity's, shape (C,); None if the parity moves.
+    """Variance of the noise of each channel over that of the parity (C,).
 
-    parities (N_i,) of whole records sampled alike, rests (n_i,): their stretches at rest;
-    segments (C, n_i): all channels there.
+    None if the parity moves. parities (N_i,) of whole records with equal sampling; rests
+    (n_i,): their stretches at rest; segments (C, n_i): all channels there.
     """
     if not segments:
         return None

@@ -1,7 +1,7 @@
-"""The noise of one channel as a process: white noise, relaxations, and a converter's held part.
+"""The noise of one channel as a process: white noise, relaxations, and a held part of a converter.
 
-White noise, Ornstein-Uhlenbeck noise and a random walk have their covariance between block means
-in closed form, so a non-negative mixture of them describes noise at any spacing of samples.
+White noise, Ornstein-Uhlenbeck noise and a random walk have a closed covariance between block
+means. A non-negative mixture of them therefore describes noise at any spacing of samples.
 """
 
 from __future__ import annotations
@@ -14,19 +14,19 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 
-#: Time constants of the mixture [s]; the longest stands for a random walk.
+#: Time constants of the mixture [s]; the longest one represents a random walk.
 TIME_CONSTANTS = np.array([0.01, 0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 40.0])
 
 
 @dataclass(frozen=True)
 class ChannelNoise:
-    """Noise of one channel: white density and the variances of the slow parts.
+    """Noise of one channel: white density, and variances of the slow parts.
 
-    `white` [unit^2 s] is the variance of a mean over one second of white noise; `slow` (T,)
-    [unit^2] the variances of the parts with `time_constants` (T,) [s]; `held` [unit^2] the part a
-    coarse converter keeps while nothing moves; `pairs` how many independent differences the level
-    rests on, the degrees of freedom of every test against this noise; `floor` [unit^2] the
-    variance that every mean has of its own, however wide it is.
+    `white` [unit^2 s]: variance of a mean over one second of white noise; `slow` (T,)
+    [unit^2]: variances of the parts with `time_constants` (T,) [s]; `held` [unit^2]: part that
+    a coarse converter keeps at rest; `pairs`: number of independent differences behind the
+    level, which are the degrees of freedom of tests against this noise; `floor` [unit^2]:
+    variance of every mean of its own, for any width.
     """
 
     white: float
@@ -57,7 +57,7 @@ class ChannelNoise:
         return matrix
 
     def parts(self) -> list[tuple[float, float]]:
-        """(variance, time constant) of the relaxations that are there."""
+        """(variance, time constant) of the relaxations with a variance."""
         pairs = zip(self.slow, self.time_constants, strict=True)
         return [(float(variance), float(tau)) for variance, tau in pairs if variance > 0.0]
 
@@ -69,7 +69,7 @@ class ChannelNoise:
         return np.asarray(total)
 
     def since(self, time: Array, width: Array, reference: float, span: float) -> Array:
-        """Standard deviation (N,) of block means less the mean over `span` s at `reference`."""
+        """Standard deviation (N,) of block means minus the mean over `span` s at `reference`."""
         shared = np.zeros(time.size)
         gap = np.maximum(np.abs(time - reference) - 0.5 * (width + span), 0.0)
         for variance, tau in self.parts():
@@ -92,7 +92,7 @@ class ChannelNoise:
                        held=factor * self.held, floor=factor * self.floor)
 
     def at_least(self, deviation: float, width: float) -> ChannelNoise:
-        """The same noise, whose means over `width` seconds scatter by `deviation` or more."""
+        """The same noise with a scatter of `deviation` or more of means over `width` seconds."""
         least = deviation**2 * width
         return self if self.white >= least else replace(self, white=least)
 

@@ -11,27 +11,27 @@ Array = NDArray[np.float64]
 Stretches = list[tuple[int, int]]
 
 BLOCK_SECONDS = 0.05
-"""The load is compared in means over this time [s]."""
+"""Length [s] of the means of the load that are compared."""
 
 MIN_SECONDS = 0.3
 """Shortest rest [s]."""
 
 SETTLING_SECONDS = 0.5
-"""Time [s] of settling after a movement that is left out, at most half the stretch."""
+"""Time [s] of settling after a movement, at most half the stretch."""
 
 GUARD_SECONDS = 0.1
-"""Time [s] left out before the next movement, at most a fifth of the stretch."""
+"""Time [s] before the next movement that is left out, at most a fifth of the stretch."""
 
 MIN_SAMPLES = 8
 
 
 @dataclass(frozen=True)
 class RestSegment:
-    """A stretch of record with the system at rest, at its raw rate: where noise is learnt from.
+    """A stretch of a record with the system at rest, at its original rate: a source of noise.
 
     `values` (C, n) of all channels, `step` seconds between samples. Segments of one `label`
-    share a systematic course (say, creep after a step up), whose mean is taken out before noise is
-    measured.
+    share a systematic course (for instance creep after a step), whose mean is subtracted
+    before noise is measured.
     """
 
     values: Array
@@ -67,8 +67,8 @@ def stretches_at_rest(time: Array, load: Array, band: float) -> Stretches:
 
 
 def quiet_stretches(stretches: Stretches) -> Stretches:
-    """Stretches to read noise from: that before the first movement alone, where there is one.
+    """Stretches for noise: only the one before the first movement, if there is one.
 
-    After a movement the ring still creeps back while the load is at rest: that is no noise.
+    After a movement the ring still creeps while the load rests, and creep is no noise.
     """
     return [one for one in stretches if one[0] == 0] or stretches

@@ -18,18 +18,18 @@ Array = NDArray[np.float64]
 
 
 MODEL_ERROR = 0.02
-"""Relative error of a mixture of relaxations, as no instrument's noise is one."""
+"""Relative error of a mixture of relaxations, because no real noise is exactly one."""
 
 SHORT_MODEL_ERROR = 0.2
 SMOOTHED = 3.5
-"""The same for means over fewer samples than this: interpolated between stamps, samples share
-their neighbours' noise."""
+"""Number of samples below which means have this error, because interpolated samples share the
+noise of their neighbours."""
 
 LEVEL_REACH = 1.5
-"""Longest time constant, in longest stretches at rest, if the level of a reading counts."""
+"""Longest time constant, in lengths of the longest rest, if the level of a reading counts."""
 
 MIN_NOISE = 1e-9
-"""Noise assumed where a displacement shows less [m, or rad]: one nanometre."""
+"""Smallest assumed noise of a displacement [m, or rad]: one nanometre."""
 
 CORRELATED_OVER = 8
 """Readings in the means whose steps give the correlation of channels."""
@@ -41,7 +41,7 @@ TOO_SHORT = 'noise: the stretches at rest are too short to learn from'
 class HeldSeries:
     """Residual means (C, H) of consecutive holds at `time` (H,), each over `width` (H,) seconds.
 
-    A simulator's smooth error all but vanishes in second differences, noise between holds stays.
+    Second differences almost remove a simulator's smooth error and keep noise between holds.
     """
 
     means: Array
@@ -67,13 +67,15 @@ def measure_noise(
 ) -> list[ChannelNoise]:
     """Noise of each of `count` channels, pooled over all stretches at rest.
 
-    Parts with time constants over `longest` [s] are left out: a few short stretches say nothing of
-    noise slower than themselves, and a trend in them would be read as a random walk.
+    Parts with time constants above `longest` [s] are left out, because a few short stretches
+    do not show slower noise, and a trend in them would count as a random walk.
 
-    Labelled stretches, whose common course can be taken out, are preferred where there are many.
+    If there are many labelled stretches, whose common course can be subtracted, they are
+    preferred.
 
-    The channels share the shape of the slow part (they are instruments of one kind, and one alone
-    tells too little of slow noise), not its size nor the white part.
+    The channels share the shape of the slow part, because they are instruments of one kind and
+    one channel alone shows too little slow noise. They do not share its size or the white
+    part.
     """
     if not segments:
         raise EstimationError(
@@ -89,7 +91,7 @@ def measure_noise(
     statistics = [replace(item, columns=item.columns * seen) for item in statistics]
     solved = [mixture(item.columns, item.seen, item.pairs) for item in statistics]
     totals = [max(float(item.seen.max()), np.finfo(float).tiny) for item in statistics]
-    # One shape: each channel's statistics over its own size, all in one mixture.
+    # One shape: the statistics of each channel over its own size, all in one mixture.
     pooled = mixture(
         np.vstack([item.columns for item in statistics]),
         np.concatenate(
@@ -168,7 +170,7 @@ def _second_difference(width: float, spacing: float) -> float:
 def _without_common_course(
     segments: Sequence[RestSegment], channel: int
 ) -> list[tuple[Array, float]]:
-    """Each stretch less its own mean, and less the mean course of its label."""
+    """Each stretch minus its own mean and the mean course of its label."""
     labels: dict[str, list[RestSegment]] = {}
     for segment in segments:
         labels.setdefault(segment.label, []).append(segment)
@@ -214,10 +216,10 @@ def noise_alone(stretches: Sequence[Array], step: float) -> ChannelNoise:
 
 
 def channel_correlation(segments: Sequence[RestSegment]) -> Array:
-    """Correlation (C, C) of the channels' noise: of steps between means of a few readings.
+    """Correlation (C, C) of the noise of channels, from steps between means of a few readings.
 
-    From reading to reading it would be that of interpolation between stamps: of two probes, the
-    one whose stamps lie between those of the load seems the quieter. Insignificant values are 0.
+    Single readings would show the correlation of the interpolation between stamps: the probe
+    whose stamps lie between those of the load seems quieter. Insignificant values are 0.
     """
     steps = np.concatenate(
         [np.diff(block_means(segment.values, CORRELATED_OVER), axis=1) for segment in segments],

@@ -1,4 +1,4 @@
-"""Noise of runs sampled at several rates: each learns from its own kind, all from the richest."""
+"""Noise of runs with several sampling rates, each from its own class and the richest one."""
 
 from __future__ import annotations
 
@@ -16,23 +16,24 @@ from saddlering_ros.estimation.rest_noise import HeldSeries, measure_noise, TOO_
 Array = NDArray[np.float64]
 
 SEEN_SHARE = 0.25
-"""A stretch at rest shows noise of time constants up to this share of its length."""
+"""Share of its length up to which a stretch at rest shows time constants of noise."""
 
 FEW_STRETCHES = 10
 """Smallest number of stretches at rest that show noise slower than a stretch."""
 
 MIN_SAMPLES = 16
-"""Runs sampled alike that rest for fewer samples in all give no noise of their own."""
+"""Smallest number of samples at rest in runs with equal sampling for a noise of their own."""
 
 LENT_FROM = 0.3
-"""Noise of this time constant [s] and slower is the instrument's at any rate."""
+"""Time constant [s] from which noise is that of the instrument at any rate."""
 
 
 @dataclass(frozen=True)
 class Silence:
-    """A record that is noise alone throughout, read by instruments of the same kind.
+    """A record that is noise alone, read by instruments of the same kind.
 
-    segments: rows (1, n); ratios (C,): variance of each channel's noise over the record's.
+    segments: rows (1, n); ratios (C,): variance of the noise of each channel over that of the
+    record.
     """
 
     segments: Sequence[RestSegment]
@@ -41,10 +42,10 @@ class Silence:
 
 @dataclass(frozen=True)
 class Quiet:
-    """Noise of runs sampled alike.
+    """Noise of runs with equal sampling.
 
-    segments: stretches at rest; series: means over consecutive holds; silence: where there is one,
-    the shape of the noise is read from it.
+    segments: stretches at rest; series: means over consecutive holds; silence: source of the
+    shape of the noise, if there is one.
     """
 
     segments: Sequence[RestSegment]
@@ -53,7 +54,7 @@ class Quiet:
 
     @property
     def is_usable(self) -> bool:
-        """Whether there are samples enough."""
+        """Whether there are enough samples."""
         return sum(segment.values.shape[1] for segment in self.segments) >= MIN_SAMPLES
 
     def noise(self, count: int, longest: float) -> list[ChannelNoise]:
@@ -65,7 +66,7 @@ class Quiet:
 
 
 def sampling_class(step: float) -> int:
-    """Class of sampling rates that samples `step` [s] apart belong to."""
+    """Class of the sampling rate of samples `step` [s] apart."""
     return round(20 * np.log10(step))
 
 
@@ -74,13 +75,13 @@ def noise_by_class(
 ) -> dict[int, list[ChannelNoise]]:
     """Noise of each of `count` channels, by class of sampling rates.
 
-    slowest: time constants of the richest class up to so many times its longest stretch. Beyond
-    it a level says nothing: of use only to who lets each channel's level be free.
+    slowest: largest time constant of the richest class in its longest stretches. Slower noise
+    serves only an analysis in which the level of each channel is free.
     """
     usable = {key: quiet for key, quiet in classes.items() if quiet.is_usable}
     if not usable:
         raise EstimationError(TOO_SHORT)
-    # Slow noise is a matter of the instrument, not of the rate: take it from who saw most of it.
+    # Slow noise belongs to the instrument and not to the rate: the richest class gives it.
     richest = max(usable, key=lambda key: len(usable[key].segments))
     best = usable[richest]
     learnt = {
@@ -109,7 +110,7 @@ def _span(segments: Sequence[RestSegment]) -> float:
 
 
 def _going_on(noise: ChannelNoise, segments: Sequence[RestSegment]) -> ChannelNoise:
-    """Noise that at times longer than any stretch at rest is as large as at the longest seen."""
+    """Noise that is as large beyond the longest stretch at rest as at the longest stretch."""
     span = _span(segments)
     longest = noise.deviation(0.25 * span) ** 2
     slow = np.where(span < TIME_CONSTANTS, np.maximum(noise.slow, longest), noise.slow)

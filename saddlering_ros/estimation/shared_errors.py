@@ -1,7 +1,7 @@
-"""Errors that whitened residuals share, for instance of a zero or a clearance: their removal.
+"""Removal of errors that whitened residuals share, for instance of a zero or a clearance.
 
-Residuals of covariance I + A A' (A: the effect of each error of unit variance) become
-uncorrelated by I - U (1 - 1/sqrt(1 + s^2)) U', U and s being the singular vectors and values of A.
+Residuals of covariance I + A A' (A: the effect of each error of unit variance) become uncorrelated
+by I - U (1 - 1/sqrt(1 + s^2)) U', where U and s are the singular vectors and values of A.
 """
 
 from __future__ import annotations
@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 MIN_STRENGTH = 1e-3
-"""Errors that do less than this, in units of the residuals' own scatter, are left in."""
+"""Smallest effect of an error that is removed, in units of the scatter of the residuals."""
 
 MIN_STRENGTH_OF_MANY = 0.03
-"""The same where there are hundreds."""
+"""The same limit for hundreds of errors."""
 
 
 @dataclass(frozen=True)
@@ -34,12 +34,12 @@ class SharedErrors:
 
     @classmethod
     def none(cls, size: int) -> SharedErrors:
-        """No error at all, of residuals (size,)."""
+        """No shared error of residuals (size,)."""
         return cls(np.zeros((size, 0)), np.zeros(0), np.zeros((0, 0)))
 
     @classmethod
     def of(cls, answers: Array) -> SharedErrors:
-        """For residuals that answer by the columns (n, M) to M errors of any size."""
+        """Shared errors of residuals with the responses (n, M) to M errors of any size."""
         left, strength, right = np.linalg.svd(answers, full_matrices=False)
         kept = strength > MIN_STRENGTH
         return cls(np.ascontiguousarray(left[:, kept]), strength[kept], right[kept].T)
@@ -54,12 +54,12 @@ class SharedErrors:
 
     @property
     def shrink(self) -> Array:
-        """Shares (k,) of residuals along the directions that are taken out."""
+        """Parts (k,) of residuals along the directions that are removed."""
         return np.asarray(1.0 - 1.0 / np.sqrt(1.0 + self.strength**2))
 
     @property
     def dimensions(self) -> float:
-        """Dimensions of the residuals that the errors have taken."""
+        """Number of dimensions that the errors remove from the residuals."""
         return float((1.0 - (1.0 - self.shrink) ** 2).sum())
 
     def apply(self, columns: Array) -> Array:

@@ -35,7 +35,7 @@ class SearchSpace:
         held: ContactParameters,
         logarithmic: Iterable[str] = (),
     ) -> SearchSpace:
-        """Space over the names in `free`, inside bounds (values), the rest held."""
+        """Space of the names in `free`, inside bounds (values); the others are held."""
         logarithmic = set(logarithmic)
         names = [name for name in PARAMETER_NAMES if name in set(free)]
         mask = np.array([name in logarithmic for name in PARAMETER_NAMES])

@@ -1,7 +1,7 @@
-"""A record cut into stretches without a missing sample; their noise as a process.
+"""A record cut into stretches without a missing sample, and their noise as a process.
 
-Time constants are chosen from the stretches themselves, so that nothing here depends on the unit
-of time or of the channel.
+The time constants follow from the stretches, so that nothing depends on the unit of time or of the
+channel.
 """
 
 from __future__ import annotations
@@ -26,10 +26,10 @@ PARTS_PER_DECADE = 2
 """Relaxations per decade of time constants: closer ones cannot be separated."""
 
 MAX_PARTS = 12
-"""Relaxations at most in one channel's noise; the cost of whitening grows with their square."""
+"""Largest number of relaxations of a channel; the cost of whitening grows with its square."""
 
 MIN_SAMPLES = 16
-"""Fewer samples than this give no noise."""
+"""Smallest number of samples for noise."""
 
 
 @dataclass(frozen=True)
@@ -80,10 +80,10 @@ def noise_of_stretches(
     where: str,
     known: ChannelNoise | None = None,
 ) -> ChannelNoise:
-    """White noise and relaxations whose Allan variances come closest to those of `stretches`.
+    """White noise and relaxations that fit the Allan variances of `stretches` best.
 
-    longest [s]: averaging times and time constants beyond this are left out. where: words for the
-    message if there are too few samples. known: noise taken off first; the answer is the excess.
+    longest [s]: largest averaging time and time constant. where: place for the message if
+    there are too few samples. known: noise that is subtracted first; the result is the excess.
     """
     rows = [(np.asarray(row - row.mean()), step) for row in stretches]
     count = sum(row.size for row, _ in rows)
@@ -115,10 +115,10 @@ def noise_of_stretches(
 
 
 def effective_degrees(noise: ChannelNoise, step: float, sizes: Sequence[int]) -> int:
-    """Independent samples in stretches of `sizes`: the sum of squared correlations counts.
+    """Number of independent samples in stretches of `sizes`, from the sum of squared correlations.
 
-    The variance of a variance estimate from N samples of correlation r_k is that of
-    N / sum r_k^2 independent ones (Bartlett).
+    The variance of a variance estimate from N samples of correlation r_k equals that of N /
+    sum r_k^2 independent samples (Bartlett).
     """
     lags = np.arange(max(sizes)) * step
     own = noise.white / step + noise.floor
@@ -136,10 +136,10 @@ def effective_degrees(noise: ChannelNoise, step: float, sizes: Sequence[int]) ->
 
 
 def continued(noise: ChannelNoise, seen: float, duration: float) -> ChannelNoise:
-    """Slow noise that at times longer than those seen is as large as at the longest seen.
+    """Slow noise that is as large at longer times as at the longest observed ones.
 
-    A stretch of `seen` seconds shows no slower noise. Where its slowest relaxation is
-    there, noise is assumed to go on; white noise is not.
+    A stretch of `seen` seconds shows no slower noise. If its slowest relaxation is present,
+    noise is assumed to continue; white noise is not.
     """
     slowest = float(noise.slow[noise.time_constants > 0.3 * seen].sum())
     if slowest <= 0.0 or duration <= 1.5 * seen:

@@ -18,14 +18,15 @@ from saddlering_ros.estimation.process import (
 Array = NDArray[np.float64]
 
 OVERLAP = 0.1
-"""Share of a block by which the one before it may overlap it, as stamps that jitter do."""
+"""Largest overlap of neighbouring blocks, as a share of a block, by jitter of stamps."""
 
 
 @dataclass(frozen=True)
 class Whitener:
-    """Cholesky factor L of a noise covariance, as the N x (4 T + 1) numbers that it consists of.
+    """Cholesky factor L of a noise covariance, as its N x (4 T + 1) numbers.
 
-    `whiten` applies L^-1 and `colour` L. The result is the dense factor's to rounding.
+    `whiten` applies L^-1 and `colour` applies L. The result equals that of the dense factor to
+    rounding.
     """
 
     ahead: Array
@@ -36,12 +37,12 @@ class Whitener:
 
     @property
     def present(self) -> Array:
-        """Which samples (N,) are not missing."""
+        """Mask (N,) of the samples that are present."""
         return np.asarray(np.isfinite(self.pivots))
 
     @property
     def log_determinant(self) -> float:
-        """Logarithm of the covariance's determinant over the samples present."""
+        """Logarithm of the determinant of the covariance of the present samples."""
         return float(np.log(self.pivots[self.present]).sum())
 
     def whiten(self, columns: Array) -> Array:
@@ -84,7 +85,7 @@ def build_whitener(
     own = noise.white / width + noise.floor + jitter
     own = own + mean_variance(ratio) @ variance
     gap = np.diff(time, prepend=time[0]) - 0.5 * (width + np.append(width[0], width[:-1]))
-    # Blocks may overlap by the jitter of their stamps; distances along the run stay exact so.
+    # Blocks may overlap by the jitter of their stamps; distances along the run stay exact.
     gap = np.maximum(gap, -OVERLAP * np.minimum(width, np.append(width[0], width[:-1])))
     gaps = np.exp(-gap[:, None] / tau)
     inside = np.exp(-ratio)
@@ -110,7 +111,7 @@ def build_whitener(
 
 
 def _same_level(hold: Array | None, count: int) -> Array:
-    """1 (N,) where a sample stands at the level of the one before it."""
+    """1 (N,) where a sample is at the level of the one before it."""
     if hold is None:
         return np.zeros(count)
     return np.append(0.0, (np.diff(hold) == 0.0).astype(np.float64))

@@ -18,8 +18,8 @@ __all__ = [
 
 _PLACES = {'identify': 'methods', 'Identification': 'result',
            'validate': 'validation', 'Validation': 'validation'}
-"""Names whose modules import SciPy: they are imported when first used, so that a node which only
-needs the settings starts in a third of the time."""
+"""Names whose modules import SciPy. They are imported on first use, so that a node that needs only
+the settings starts in a third of the time."""
 
 
 def __getattr__(name: str) -> Any:

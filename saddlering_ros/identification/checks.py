@@ -11,12 +11,12 @@ from saddlering_ros.rig import Rig
 
 
 def run_name(run: TestRun) -> str:
-    """How a run is called in messages: its path, or its name when it has none."""
+    """Name of a run in messages: its path, or its name if it has none."""
     return str(run.path) if getattr(run, 'path', None) else run.name
 
 
 def warnings_of(run: TestRun, rig: Rig) -> list[str]:
-    """Faults that make the result of a run doubtful but do not forbid it, one line each."""
+    """Faults that make the result of a run doubtful, one line each."""
     name = run_name(run)
     warnings = [f'{name}: {note}' for note in run.notes]
     for probe, clipped in enumerate(saturated(run, rig), start=1):
@@ -34,7 +34,7 @@ def warnings_of(run: TestRun, rig: Rig) -> list[str]:
 
 
 def saturated(run: TestRun, rig: Rig) -> NDArray[np.bool_]:
-    """Where each probe (4, N) reads a limit of its span, so that its face may be farther."""
+    """Mask (4, N) of readings at a limit of the span, behind which the face may be farther."""
     margin = 1e-4 * (rig.probes.max_range - rig.probes.min_range)
     low, high = rig.probes.min_range + margin, rig.probes.max_range - margin
     with np.errstate(invalid='ignore'):
@@ -44,7 +44,7 @@ def saturated(run: TestRun, rig: Rig) -> NDArray[np.bool_]:
 def check_run(run: TestRun, rig: Rig) -> Plateaus | None:
     """The plateaus of a static run, None for a dynamic one.
 
-    IdentificationError when the run's range is too small to identify anything from.
+    IdentificationError if the range of the run is too small for an identification.
     """
     name = run_name(run)
     if not np.isfinite(run.elevation):

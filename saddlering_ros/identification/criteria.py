@@ -21,9 +21,9 @@ SIMULATED = tuple(name for name in CHANNELS if name != 'parity')
 
 @dataclass(frozen=True)
 class Criterion:
-    """One criterion as judged: its demand, whether it is met, and its worst run and channel.
+    """A judged criterion: its demand, whether it is met, and its worst run and channel.
 
-    value and limit in `unit`; bag and channel: where value over limit (or limit over value, where
+    value and limit in `unit`; bag and channel: where value over limit (or limit over value, if
     more is better) is largest.
     """
 
@@ -60,7 +60,7 @@ def _figure(value: float, unit: str) -> str:
 
 
 def judge(runs: Sequence[RunValidation]) -> tuple[Criterion, ...]:
-    """Every criterion that these runs have figures for."""
+    """Every criterion for which these runs have figures."""
     found = [
         _worst(runs, SIMULATED, 'misfit', f'rms misfit at most {GOOD:g} x noise, or '
                f'{100.0 * MATERIAL:g} % of range', '%',
@@ -80,7 +80,7 @@ Pair = tuple[float | None, float]
 
 
 def _parity_figures(item: ChannelFigures) -> Pair:
-    """Parity and its limit in micrometres: a share of its range, noise, is void."""
+    """Parity and its limit in micrometres; a share of its range, which is noise, is void."""
     return 1e6 * item.rmse, 1e6 * GOOD * (item.noise_floor or 0.0) * item.range
 
 

@@ -25,10 +25,10 @@ ANSWER_STEP = 2e-3
 def slow_cell_noise(
     rig: Rig, contact: ContactParameters, runs: Sequence[PreparedRun]
 ) -> ChannelNoise | None:
-    """Noise [N] of the load cell that its readings share with what the model then gets wrong.
+    """Noise [N] of the load cell that the misfit of the model shares with its readings.
 
-    At rest the ring follows the load, and the simulation the cell. From plateaus only: other
-    stretches at rest are too short to show it.
+    At rest the ring follows the load, and the simulation follows the cell. Only plateaus are
+    used, because other stretches at rest are too short.
     """
     held = [one for one in runs if one.branch is not None]
     held = [one for one in held if abs(one.interval / held[0].interval - 1.0) <= 0.05]
@@ -62,8 +62,8 @@ def load_errors_of(
 ) -> LoadErrors | None:
     """Effect of the load cell's noise on a run; None if it cannot be computed.
 
-    That is where the fit keeps every sample of a long record, the model finds no motion, or the
-    load has no noise at all.
+    There is none if the fit keeps every sample of a long record, if the model finds no motion,
+    or if the load has no noise.
     """
     zero, readings = one.measured.zero, len(seen.time)
     at_zero = static_slopes(rig, contact, seen.elevation, np.array([seen.zero_load]))[:, 0]

@@ -63,14 +63,14 @@ MISFIT_ADVICE = {
 """Remedy for a misfit, by method."""
 
 STALLED_AFTER, STALLED_GAIN = 4, 0.05
-"""A swarm before least squares stops when so many iterations gain less than this share: descents
-along exact gradients reach the bottom faster from there."""
+"""Share of gain per so many iterations below which a swarm before least squares stops: descents
+along exact gradients are faster from there."""
 
 PROVISIONAL = 1e-3
-"""Gain of chi square under which a descent ends that another one follows."""
+"""Gain of chi square below which a descent ends that is followed by another one."""
 
 LOAD_CORRECTIONS = 2
-"""How often the load of dynamic runs is corrected and the fit repeated."""
+"""Number of times that the load of dynamic runs is corrected and the fit repeated."""
 
 
 @dataclass
@@ -88,7 +88,7 @@ class _Search:
     notes: list[str] = field(default_factory=list)
 
     def observations(self, contact: ContactParameters | None = None) -> list[Observation]:
-        """The runs to be fitted, their noise read with the help of a first finding."""
+        """The fitted runs, with their noise from a first result."""
         rate = self.settings.fit_rate
         found = (observe_prepared(self.prepared, rate) if contact is None
                  else observe_with_cell(self.prepared, self.rig, rate, contact))
@@ -97,7 +97,7 @@ class _Search:
 
     @cached_property
     def prepared(self) -> list[PreparedRun]:
-        """The runs with all that observations need."""
+        """The runs with the input of their observations."""
         return prepare_all(self.runs, self.rig, self.settings.fit_rate)
 
     @property
@@ -111,14 +111,14 @@ class _Search:
 
     @property
     def swarm_settings(self) -> swarm.SwarmSettings:
-        """The user's settings; before least squares a swarm may stop once it gains little."""
+        """The settings of the user; before least squares a swarm may stop at small gains."""
         chosen = self.settings.swarm
         if self.settings.method == 'paper' or chosen.stagnation is not None:
             return chosen
         return replace(chosen, stagnation=STALLED_AFTER, stagnation_tolerance=STALLED_GAIN)
 
     def space(self, free: Sequence[str], held: ContactParameters, *, log: bool) -> SearchSpace:
-        """Search space of `free`; log scales for K and D, or for K only if that is asked for."""
+        """Search space of `free`, logarithmic for K and D, or for K only on request."""
         names: tuple[str, ...] = ('K1', 'K2', 'D1', 'D2') if log else ()
         if not log and self.settings.logarithmic_stiffness:
             names = ('K1', 'K2')
@@ -166,9 +166,9 @@ def identify(
 ) -> Identification:
     """Identify K1, n1, D1, K2, n2, D2 from static and dynamic runs of any elevations.
 
-    Raises IdentificationError (one line) when the runs, bounds or settings cannot be used. A
-    cancelled identification returns what it had, marked `cancelled`. profiles asks for the
-    profile likelihood of every free parameter.
+    IdentificationError (one line) if the runs, bounds or settings cannot be used. A cancelled
+    identification returns its result so far, marked `cancelled`. profiles: compute the profile
+    likelihood of every free parameter.
     """
     settings = settings or IdentificationSettings()
     bounds = settings.bounds_for(rig)
@@ -182,9 +182,9 @@ def identify(
 
 @dataclass(frozen=True)
 class _Found:
-    """End of a method: the contact, its objective, the names searched, the observations.
+    """End of a method: the contact, its objective, the searched names, the observations.
 
-    bottom: the descent that ended there, with its objective, where one did.
+    bottom: the descent that ended there, with its objective, if there was one.
     """
 
     contact: ContactParameters
@@ -206,7 +206,7 @@ def _start(bounds: Bounds) -> ContactParameters:
 
 
 def _by_paper(search: _Search, observations: Sequence[Observation]) -> _Found:
-    """The published procedure: static records give K, n; with these fixed, dynamic ones give D."""
+    """The published method: static records give K and n, and then dynamic ones give D."""
     static, dynamic = _split(observations)
     if not static:
         raise IdentificationError(
@@ -258,10 +258,10 @@ def _refined(
     searched: tuple[str, ...],
     best: float,
 ) -> _Found:
-    """Joint least squares from two starts in long steps, from the better one in ever shorter ones.
+    """Joint least squares from two starts in long steps, then from the better one in short steps.
 
-    The starts are the swarm's best and the true-to-scale parameters; where they end in different
-    places, a note says so.
+    The starts are the best point of the swarm and the true-to-scale parameters. A note reports
+    if they end in different points.
     """
     channels = search.settings.channels
     rough = WeightedObjective(
@@ -312,7 +312,7 @@ def _report_refinement(search: _Search, step: int, bottom: Refinement) -> None:
 def _judged(
     search: _Search, found: _Found, profiles: bool
 ) -> Identification:
-    """Covariance and all that follows from it at the result; coarse when cancelled."""
+    """Covariance and its consequences at the result; coarse if cancelled."""
     observations = found.observations
     space = search.space(found.searched, found.contact, log=True)
     if found.bottom is not None and not search.cancelled:

@@ -26,18 +26,18 @@ LONGEST_STEP = 2e-3
 """Longest step [s] of the simulator inside a fit."""
 
 COARSE_STEP = 5e-3
-"""The same where a run is simulated on its fit grid."""
+"""The same for a run that is simulated on its fit grid."""
 
 MAX_STEPS = 1 << 18
-"""Number of steps of one run above which they become longer: after 8.7 min. Motion and its
-derivatives at every step lie in memory."""
+"""Number of steps of one run above which they become longer (after 8.7 min), because motion and
+its derivatives at every step are in memory."""
 
 SEARCH_STEP = 2e-2
-"""The same while a swarm looks for a start, and for the first descents."""
+"""The same during the swarm and the first descents."""
 
 
 class Objective(Protocol):
-    """Something that judges contact parameters (B, 6), the smaller (B,) the better."""
+    """An objective of contact parameters (B, 6): the smaller (B,), the better."""
 
     evaluations: int
 
@@ -60,14 +60,14 @@ def predict(rig: Rig, contacts: Array, observation: Observation) -> Array:
 
 @dataclass(frozen=True)
 class _Followed:
-    """Increments (3, N) of one run by one law, and their derivatives (6, 3, N) where asked."""
+    """Increments (3, N) of one run by one law, and their derivatives (6, 3, N) on request."""
 
     increments: Array
     slopes: Callable[[], Array]
 
 
 def _follow(rig: Rig, contact: Array, observation: Observation) -> _Followed:
-    """`predict` for one law (6,), kept for its derivatives."""
+    """`predict` for one law (6,), stored for its derivatives."""
     loads = np.append(observation.zero_load, observation.load)
     if not observation.dynamic and observation.spans is None:
         still = static_batch(rig, contact, observation.elevation, loads)[0]
@@ -117,7 +117,7 @@ class WeightedObjective:
     shared: list[SharedErrors] = field(default_factory=list, repr=False)
 
     def __post_init__(self) -> None:
-        # Taken over from another objective of the same runs, whose load was another.
+        # From another objective of the same runs with another load.
         self.shared = self.shared or [
             one.shared_errors(self.channels) for one in self.observations]
 
@@ -161,8 +161,9 @@ class WeightedObjective:
     def with_likely_loads(self, contact: Array) -> WeightedObjective:
         """The same with the load of dynamic runs corrected by their displacements.
 
-        The model answers to the load cell's noise, with little damping by ringing, as the ring did
-        not: left in, that noise passes for sensitivity to the parameters.
+        With little damping the model responds to the load cell's noise by ringing, and the
+        ring did not. Without the correction this noise would count as sensitivity to the
+        parameters.
         """
         white = self._plainly_white([
             predict(self.rig, contact[None, :], one) - one.displacement
@@ -181,7 +182,7 @@ class WeightedObjective:
         ]
 
     def _plainly_white(self, raw: Sequence[Array]) -> list[Array]:
-        """The same, as if load and zero had no errors."""
+        """The same without errors of load and zero."""
         channels = list(self.channels)
         return [
             one.whiten(part[:, channels], self.channels)
@@ -194,13 +195,13 @@ class WeightedObjective:
 
     @property
     def size(self) -> int:
-        """Number of residuals that count; those left out are 0."""
+        """Number of residuals that count; the others are 0."""
         return sum(one.readings(channel) for one in self.observations for channel in self.channels)
 
 
 @dataclass(frozen=True)
 class LinearisedFit:
-    """Whitened residuals (R,) of one contact law, whose motions are kept for the derivatives."""
+    """Whitened residuals (R,) of one contact law, whose motions are stored for the derivatives."""
 
     objective: WeightedObjective
     residual: Array
@@ -220,10 +221,10 @@ class LinearisedFit:
 
 @dataclass
 class PaperObjective:
-    """J = J_dx / m_dx + J_gamma / m_gamma, averaged over runs; every sample counts the same.
+    """J = J_dx / m_dx + J_gamma / m_gamma, averaged over runs, with equal weight of every sample.
 
-    J_c = (1/N) sum (simulated - measured)^2. The paper's m_c are not available to us: m_c is the
-    mean square of the measured channel here, which brings the channels to one level.
+    J_c = (1/N) sum (simulated - measured)^2. The paper's m_c are not published. Here m_c is
+    the mean square of the measured channel, which brings the channels to one level.
     """
 
     rig: Rig
@@ -287,7 +288,7 @@ def average_branches(observation: Observation, level_step: float) -> Observation
 
 
 def _both_branches(observation: Observation, members: NDArray[np.intp]) -> list[NDArray[np.intp]]:
-    """The step's readings split by branch, so that each branch weighs the same."""
+    """The readings of the step by branch, so that both branches have equal weight."""
     up = members[observation.branch[members] >= 0]
     down = members[observation.branch[members] < 0]
     return [side for side in (up, down) if len(side)]

@@ -1,7 +1,7 @@
 """Observations of an identification: plateau readings of static, block means of dynamic runs.
 
-Both are an `Observation`: loads, displacement increments since zero, and how their errors hang
-together, so that everything after this module treats all runs alike.
+Both are an `Observation`: loads, displacement increments since zero, and the covariance of their
+errors. All further code treats all runs alike.
 """
 
 from __future__ import annotations
@@ -23,8 +23,8 @@ Array = NDArray[np.float64]
 class LoadErrors:
     """M independent errors of a run's load of unit variance, in its readings and simulation.
 
-    answers (M, 3, N): what each does to simulated increments; loads (M, N) [N]: what it is at each
-    reading's time; at_zero (M,) [N]: at the zero.
+    answers (M, 3, N): change of simulated increments by each error; loads (M, N) [N]: each
+    error at the times of the readings; at_zero (M,) [N]: at the zero.
     """
 
     answers: Array
@@ -35,10 +35,10 @@ class LoadErrors:
     def of(
         cls, covariance: Array, answers: Array, in_zero: Array, at_zero: Array
     ) -> LoadErrors | None:
-        """Errors of covariance (M, M) at M times, of which the first N are the readings'.
+        """Errors of covariance (M, M) at M times, of which the first N are those of the readings.
 
-        answers (3, N, M): to each; in_zero (M,): its share in the zero's load; at_zero (3,): what
-        that does to the zero. None where these are no numbers.
+        answers (3, N, M): change by each error; in_zero (M,): its share in the load of the
+        zero; at_zero (3,): change of the zero by that load. None if these are not finite.
         """
         if not (np.all(np.isfinite(answers)) and np.all(np.isfinite(at_zero))):
             return None
@@ -87,15 +87,15 @@ class Observation:
     longest_step: float | None = None
 
     def coarse(self, longest_step: float | None = None) -> Observation:
-        """The same run simulated at its readings alone: for a swarm, which needs no more."""
+        """The same run, simulated at its readings only, which is enough for a swarm."""
         return replace(self, fine_time=self.time, fine_load=self.load, per_block=1, spans=None,
                        longest_step=longest_step)
 
     def with_load_less(self, errors: Array) -> Observation:
-        """A dynamic run whose load is corrected by errors (M + 3,) as of `shared_errors`.
+        """A dynamic run with its load corrected by errors (M + 3,) as in `shared_errors`.
 
-        What these do to its increments is taken off the measured ones: where the model is linear
-        its residuals stay as they were.
+        Their change of its increments is subtracted from the measured ones, so that a
+        linear model keeps its residuals.
         """
         if self.load_errors is None or not self.dynamic:
             return self
@@ -110,9 +110,9 @@ class Observation:
         )
 
     def whiten(self, residuals: Array, channels: Sequence[int]) -> Array:
-        """Residuals (B, C * N) of raw ones (B, C, N) for the given channels, the noise white.
+        """Residuals (B, C * N) of raw ones (B, C, N) for the given channels, with white noise.
 
-        What readings share, errors of the zero and of the load, is in them yet.
+        Errors of zero and load, which readings share, are still in them.
         """
         rows = np.stack(
             [

@@ -1,4 +1,4 @@
-"""From test runs to observations: readings, their noise, and the load cell's part in it."""
+"""From test runs to observations: readings, their noise, and the part of the load cell."""
 
 from __future__ import annotations
 
@@ -35,11 +35,11 @@ def observe(
     runs: Sequence[TestRun], rig: Rig, *, fit_rate: float | None,
     contact: ContactParameters | None = None,
 ) -> list[Observation]:
-    """Observations of runs; IdentificationError where a run cannot be used to identify.
+    """Observations of runs; IdentificationError if a run cannot be used.
 
-    The noise is estimated from all runs of one sampling rate together. contact: a first finding,
-    by which the load cell's noise is followed as a damped ring follows it; else it is taken to
-    follow at once, in proportion.
+    The noise is estimated from all runs of one sampling rate together. contact: a first
+    result, by which a damped ring follows the load cell's noise; without it the ring follows
+    at once, in proportion.
     """
     prepared = prepare_all(runs, rig, fit_rate)
     if contact is None:
@@ -50,7 +50,7 @@ def observe(
 def prepare_all(
     runs: Sequence[TestRun], rig: Rig, fit_rate: float | None
 ) -> list[PreparedRun]:
-    """Runs with all that their observations need, once for every finding."""
+    """Runs with the input of their observations, once for all contact laws."""
     if not runs:
         raise IdentificationError('no runs to identify from: give at least one bag')
     refuse_repeats(runs)
@@ -73,7 +73,7 @@ def observe_prepared(
 def observe_with_cell(
     prepared: Sequence[PreparedRun], rig: Rig, fit_rate: float | None, contact: ContactParameters
 ) -> list[Observation]:
-    """Observations with the noise of the load cell, as it shows by a first finding."""
+    """Observations with the noise of the load cell, evaluated at a first result."""
     explained = [one.explained_by(rig, contact) for one in prepared]
     observed = observe_prepared(explained, fit_rate)
     slow = slow_cell_noise(rig, contact, explained)

@@ -1,4 +1,4 @@
-"""A run with its displacement, where it is at rest, and the noise its probes show there."""
+"""A run with its displacement, its stretches at rest, and the noise of its probes there."""
 
 from __future__ import annotations
 
@@ -45,14 +45,14 @@ MAX_SIMULATED = 1 << 17
 
 MIN_READINGS = 5
 MIN_SHARE_READ = 0.3
-"""Fewest plateaus of a static run, and smallest share of a dynamic run, with readings of all
-four probes."""
+"""Smallest number of plateaus of a static run, and smallest share of a dynamic run, with readings
+of all four probes."""
 
 MIN_REST = 4
 """Smallest number of readings at rest that count."""
 
 SLOW_SECONDS = 0.25
-"""Slower movements of the load [s] are removed from readings at rest."""
+"""Time [s] above which movements of the load are removed from readings at rest."""
 
 
 @dataclass(frozen=True)
@@ -77,15 +77,15 @@ class PreparedRun:
 
 
     def explained_by(self, rig: Rig, contact: ContactParameters) -> PreparedRun:
-        """The same, explained by the simulation with a contact law."""
+        """The same, explained by a simulation with a contact law."""
         return replace(self, explained=_simulated(
             rig, contact, self.run, self.measured.time, self.load))
 
 
 def prepare(run: TestRun, rig: Rig, fit_rate: float | None) -> PreparedRun:
-    """A run with all that its observation needs; IdentificationError where it cannot be used.
+    """A run with the input of its observation; IdentificationError if it cannot be used.
 
-    Its displacement is explained by the load, in proportion.
+    Its displacement is explained by a proportion of the load.
     """
     name = run_name(run)
     run = run.without_spikes()
@@ -132,10 +132,10 @@ def _rounding(run: TestRun, rig: Rig) -> Array | float:
 
 
 def _smoothed(load: Array, size: int) -> Array:
-    """Load averaged over a block of the fit about each sample (an odd number: without delay).
+    """Load averaged over a block of the fit around each sample (an odd number: without delay).
 
-    A model of little damping rings at the cell's noise, and least squares would give it damping
-    until it does not; what is faster than a block is not compared anyway.
+    A model with little damping rings with the cell's noise, and least squares would add
+    damping against it. Frequencies above a block are not compared anyway.
     """
     return np.asarray(uniform_filter1d(load, 2 * (size // 2) + 1, mode='nearest'))
 
@@ -160,7 +160,7 @@ def _simulated(
 
 
 def block_sizes(interval: float, samples: int, fit_rate: float | None) -> tuple[int, int]:
-    """Samples in a block of the fit grid, and into how many simulated steps it is cut."""
+    """Number of samples in a block of the fit grid, and of its simulated steps."""
     if fit_rate is None:
         return 1, 1
     size = max(1, int(round(1.0 / (fit_rate * interval))), int(np.ceil(samples / MAX_SAMPLES)))
@@ -179,7 +179,7 @@ class NoiseModel:
 
 
 def noise_of(runs: Sequence[PreparedRun]) -> list[NoiseModel]:
-    """Noise of each run, learnt from all runs that are sampled alike."""
+    """Noise of each run, learnt from all runs with equal sampling."""
     alike: dict[int, list[PreparedRun]] = {}
     for one in runs:
         alike.setdefault(sampling_class(one.interval), []).append(one)
@@ -201,7 +201,7 @@ def noise_of(runs: Sequence[PreparedRun]) -> list[NoiseModel]:
 
 
 def _quiet(runs: Sequence[PreparedRun]) -> Quiet:
-    """Noise of runs sampled alike: at rest, and in the parity if the parity is noise."""
+    """Noise of runs with equal sampling: at rest, and in the parity if the parity is noise."""
     segments = [part for one in runs for part in rest_segments(one)]
     parities = [one.parity for one in runs]
     still = [parity[start:stop] for one, parity in zip(runs, parities, strict=True)
@@ -215,10 +215,10 @@ def _quiet(runs: Sequence[PreparedRun]) -> Quiet:
 
 
 def rest_segments(one: PreparedRun) -> list[RestSegment]:
-    """Stretches at rest of a run, less the part that the load explains.
+    """Stretches at rest of a run minus the part that the load explains.
 
-    Only its slow movement: the rest is the cell's noise, which is none of the probes' and would
-    make the channels' errors seem correlated.
+    Only slow movement of the load counts. The rest is noise of the cell, which does not belong
+    to the probes and would correlate the errors of the channels.
     """
     width = max(1, int(round(SLOW_SECONDS / one.interval)))
     segments = []
@@ -234,7 +234,7 @@ def rest_segments(one: PreparedRun) -> list[RestSegment]:
 
 
 def parity_at_rest(measured: MeasuredRun) -> Array:
-    """Parity (N,) of a run less its smooth part over load and time; missing values filled."""
+    """Parity (N,) of a run minus its smooth part over load and time; missing values filled."""
     parity = np.asarray(measured.displacement.parity)
     good = np.isfinite(parity)
     load = measured.load / max(float(np.max(np.abs(measured.load))), 1e-9)

@@ -1,4 +1,4 @@
-"""From a good start to the bottom: bounded least squares on the whitened residuals."""
+"""From a good start to the optimum: bounded least squares on the whitened residuals."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Refinement:
-    """The bottom: coordinates (F,), contact (6,), chi square, Jacobian (R, F), at bound (F,)."""
+    """The optimum: coordinates (F,), contact (6,), chi square, Jacobian (R, F), at bound (F,)."""
 
     point: Array
     contact: Array
@@ -35,7 +35,7 @@ class Refinement:
 
 @dataclass(frozen=True)
 class _At:
-    """Residual (R,) at a point (F,) of the search space, and its Jacobian (R, F) where asked."""
+    """Residual (R,) at a point (F,) of the search space, and its Jacobian (R, F) on demand."""
 
     linearised: LinearisedFit
     space: SearchSpace
@@ -57,9 +57,9 @@ def refine(
     is_cancelled: IsCancelled | None = None,
     negligible: float = NEGLIGIBLE,
 ) -> Refinement:
-    """Least squares from coordinates `start` (F,); raises Cancelled when asked to stop.
+    """Least squares from coordinates `start` (F,); Cancelled on request.
 
-    It ends where the next step is expected to gain less than `negligible` of chi square.
+    The descent ends if the next step is expected to gain less than `negligible` of chi square.
     """
 
     def at(point: Array) -> _At:
@@ -75,7 +75,7 @@ def refine(
 def stay_at(
     objective: WeightedObjective, space: SearchSpace, contact: ContactParameters
 ) -> Refinement:
-    """A `Refinement` at given contact parameters, without moving them."""
+    """A `Refinement` at given contact parameters, without a step."""
     point = space.coordinates(contact.to_array())
     found = _at(objective, space, point)
     return Refinement(point, contact.to_array(), float(found.residual @ found.residual),

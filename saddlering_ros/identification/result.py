@@ -1,4 +1,4 @@
-"""The answer of an identification, and its JSON."""
+"""The result of an identification, and its JSON."""
 
 from __future__ import annotations
 
@@ -27,14 +27,14 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Identification:
-    """Contact parameters found, and how far they can be trusted.
+    """Identified contact parameters and their uncertainty.
 
     objective: the paper's J (method 'paper') or chi square (method 'default'). covariance and
-    correlation (6, 6), std (6,) in the order of PARAMETER_NAMES; std is NaN and the interval None
-    where the data do not determine the parameter, and reasons says why; its value is then the best
-    known one. All of these allow for unequal rollers; the covariance of the parameters' source
-    counts noise alone, for predictions of the same ring and its changes. systematic: shift (6,) in
-    (ln K, n, ln D) of each small imperfection no fit can see.
+    correlation (6, 6), std (6,) in the order of PARAMETER_NAMES. If the data do not determine
+    a parameter, std is NaN, the interval is None, reasons states why, and the value is the
+    best known one. All of these allow for unequal rollers; the covariance in the parameters'
+    source counts noise alone, for predictions of the same ring and its changes. systematic:
+    shift (6,) in (ln K, n, ln D) by each small imperfection that no fit can see.
     """
 
     parameters: ParameterSet
@@ -69,7 +69,7 @@ class Identification:
 
     @property
     def reduced_chi_square(self) -> float:
-        """Chi square per degree of freedom: 1 when the fit is as good as the noise allows."""
+        """Chi square per degree of freedom; 1 if the misfit equals the noise."""
         return self.chi_square / max(1, self.degrees_of_freedom)
 
     def to_json(self) -> dict[str, Any]:

@@ -16,13 +16,13 @@ Bounds = dict[str, tuple[float, float]]
 
 @dataclass(frozen=True, slots=True)
 class IdentificationSettings:
-    """Choices of one identification.
+    """Settings of one identification.
 
     method: 'default' (all channels, both branches, joint least squares) or 'paper' (two steps,
-    branches averaged, swarm alone). bounds override the rig's for the names they hold (SI).
-    logarithmic_stiffness lets the paper's swarm search K on a logarithmic scale; the default
-    method always does. use_delta_y None: the usual choice of the method (paper: left out).
-    fit_rate [Hz] is the grid dynamic records are block-averaged to (its bandwidth is 0.44 of it);
+    mean of the branches, swarm alone). bounds replace those of the rig for their names (SI).
+    logarithmic_stiffness: the paper's swarm searches K on a logarithmic scale; the default
+    method always does. use_delta_y None: the usual choice of the method (paper: without).
+    fit_rate [Hz]: grid of the block means of dynamic records (its bandwidth is 0.44 of it);
     None keeps every sample.
     """
 
@@ -51,7 +51,7 @@ class IdentificationSettings:
             )
 
     def bounds_for(self, rig: Rig) -> Bounds:
-        """Bounds of all six parameters; IdentificationError when one pair is reversed."""
+        """Bounds of all six parameters; IdentificationError if one pair is reversed."""
         bounds = {name: self.bounds.get(name, rig.bounds[name]) for name in PARAMETER_NAMES}
         try:
             return check_bounds(bounds, 'identification bounds')
@@ -60,6 +60,6 @@ class IdentificationSettings:
 
     @property
     def channels(self) -> tuple[int, ...]:
-        """Indices of the channels (delta_x, delta_y, gamma) the objective looks at."""
+        """Indices of the channels (delta_x, delta_y, gamma) of the objective."""
         use_delta_y = self.method == 'default' if self.use_delta_y is None else self.use_delta_y
         return (0, 1, 2) if use_delta_y else (0, 2)

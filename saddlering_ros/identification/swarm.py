@@ -1,8 +1,8 @@
-"""Particle swarm optimisation as the paper sets it, for objectives that take the whole swarm.
+"""Particle swarm optimisation as in the paper, for objectives of a whole swarm.
 
-Kennedy and Eberhart's swarm with the inertia of Shi and Eberhart (1998) falling linearly:
-v <- w v + c1 r1 (own best - x) + c2 r2 (swarm's best - x), |v| <= v_max, x <- x + v. A particle
-that would leave the box is put on its wall and loses the velocity towards it.
+Kennedy and Eberhart's swarm with the inertia of Shi and Eberhart (1998) falling linearly: v <- w v
++ c1 r1 (own best - x) + c2 r2 (swarm's best - x), |v| <= v_max, x <- x + v. A particle that would
+leave the box is put on its wall and loses its velocity towards the wall.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ BatchObjective = Callable[[Array], Array]
 
 
 class StopReason(Enum):
-    """Why a swarm came to rest."""
+    """Reason for the end of a swarm."""
 
     ITERATIONS = 'all iterations done'
     ACCURACY = 'accuracy reached'
@@ -125,7 +125,7 @@ class Swarm:
         return np.array(self._position)
 
     def tell(self, objective: Array) -> None:
-        """Take the objective (particles,) of the asked positions and move the swarm."""
+        """Receive the objective (particles,) of these positions, and move the swarm."""
         objective = np.asarray(objective, dtype=float)
         if objective.shape != self._own_objective.shape:
             raise ValueError(f'{objective.shape} objectives for {self._own_objective.shape}')

@@ -47,7 +47,7 @@ class Imperfection:
     delay: float = 0.0
 
     def on_load(self, one: Observation, full_scale: float) -> Array:
-        """The loads [N] to simulate an observation with, as this imperfection would have them."""
+        """The loads [N] of an observation with this imperfection, for its simulation."""
         load = one.fine_load
         if one.dynamic and self.delay:
             load = np.asarray(np.interp(one.fine_time - self.delay, one.fine_time, load))
@@ -84,13 +84,13 @@ IMPERFECTIONS = (
 
 @dataclass(frozen=True)
 class Uncertainty:
-    """Everything about the trust in one result; arrays over the six parameters, NaN where held.
+    """Uncertainty of one result; arrays over the six parameters, NaN if held.
 
-    std in the parameters' units; coordinate_std in (ln K, n, ln D); covariance (6, 6), correlation
-    (6, 6). noise_covariance (6, 6) and noise_std (6,) (coordinates) count noise alone: the change
-    of the estimate by another test of the same ring. intervals by name; systematic:
-    imperfection -> shift (6,) in coordinates; determined and reasons by name; collinearity by
-    subset of names ('K1,n1').
+    std in the parameters' units; coordinate_std in (ln K, n, ln D); covariance (6, 6),
+    correlation (6, 6). noise_covariance (6, 6) and noise_std (6,) (coordinates) count noise
+    alone: the change of the estimate by another test of the same ring. intervals by name;
+    systematic: imperfection to shift (6,) in coordinates; determined and reasons by name;
+    collinearity by subset of names ('K1,n1').
     """
 
     std: Array
@@ -109,10 +109,10 @@ class Uncertainty:
 
 @dataclass(frozen=True)
 class _Spread:
-    """Standard deviations over the six parameters (coordinates), NaN where held.
+    """Standard deviations over the six parameters (coordinates), NaN if held.
 
-    std: of everything; noise_std: of noise alone; std_without_misfit: of everything, if the fit
-    missed the readings by their noise; systematic and misfit_advice as in `assess`.
+    std: total; noise_std: of noise alone; std_without_misfit: total for a misfit as large as
+    the noise; systematic and misfit_advice as in `assess`.
     """
 
     std: Array
@@ -129,7 +129,7 @@ def assess(
     bounds: dict[str, tuple[float, float]],
     misfit_advice: str,
 ) -> Uncertainty:
-    """Judge a refined fit; `space` holds the free parameters.
+    """Judge a refined fit; `space` has the free parameters.
 
     misfit_advice: remedy for a misfit that leaves a parameter open.
     """
@@ -137,7 +137,7 @@ def assess(
     reduced = best.chi_square / freedom
     widening = max(1.0, reduced, *objective.mean_squares(best.contact))
     systematic = systematic_shifts(objective, space, best)
-    # Delay of logger and filters between load and probes, as far as the readings leave it open.
+    # Delay of logger and filters between load and probes, within the limits from the readings.
     lag = max(one.doubtful_lag for one in objective.observations)
     late = systematic['delay'][space.free] * lag / DELAY
     at_noise = covariance(best.jacobian)
@@ -179,7 +179,7 @@ def _spread_over_six(values: Array, space: SearchSpace) -> Array:
 def _with_bounds_alone(
     covariance: Array, space: SearchSpace, bounds: dict[str, tuple[float, float]]
 ) -> Array:
-    """(6, 6) covariance; a parameter that was held has the variance its bounds alone give it."""
+    """(6, 6) covariance; a held parameter has the variance of its bounds."""
     six = np.diag([(high - low) ** 2 / 12.0 for low, high in (bounds[n] for n in PARAMETER_NAMES)])
     six[np.ix_(space.free, space.free)] = covariance
     return np.asarray(six)

@@ -1,8 +1,8 @@
-"""The effect of the unequal rollers of any sound ring on the readings, and so on the estimate.
+"""The effect of the unequal rollers of any sound ring on readings and estimate.
 
-The rig file describes a ring of equal rollers. Those of a real ring differ, and move the readings
-of all runs together by many times the noise of a mean. How much they differ is what the diagnosis
-allows for as well (ring/roller_scatter.py).
+The rig file describes a ring of equal rollers. The rollers of a real ring differ, and their common
+effect on the readings of all runs is many times the noise of a mean. The size of the differences
+is that of the diagnosis (ring/roller_scatter.py).
 """
 
 from __future__ import annotations
@@ -18,13 +18,13 @@ from saddlering_ros.ring.roller_scatter import scatter_columns, SimulatedCourse
 Array = NDArray[np.float64]
 
 BEFORE = 1.0
-"""The zero is a rest this long [s] before the first reading, if it is no part of the record."""
+"""Length [s] of the rest before the first reading that is the zero, if it is not in the record."""
 
 
 def roller_effects(objective: WeightedObjective, contact: Array) -> Array:
-    """Whitened residuals (R, M) that one spread of each roller's scatter gives at a law (6,).
+    """Whitened residuals (R, M) by one standard deviation of each roller's scatter at a law (6,).
 
-    All runs share a column: the same rollers are unequal in each of them.
+    All runs share a column, because the same rollers are unequal in each of them.
     """
     raw = [_increments(objective.rig, contact, one) for one in objective.observations]
     return np.concatenate(objective.whiten(raw), axis=1).T

@@ -1,8 +1,8 @@
 """Prediction of given runs by given parameters, channel by channel, compared with the noise.
 
-A dynamic run is compared sample by sample; a static one at its plateaus (settled samples for
-rmse and noise floor, plateau means for the shape figures), since between them the load moves
-faster than anybody recorded it.
+A dynamic run is compared sample by sample. A static run is compared at its plateaus (settled
+samples for rmse and noise floor, plateau means for the shape figures), because the load moves
+faster in between than the recorder samples.
 """
 
 from __future__ import annotations
@@ -41,10 +41,10 @@ Array = NDArray[np.float64]
 Spans = list[tuple[int, int]]
 
 MAX_ZERO_ERROR = 3.0
-"""Largest part of a mean residual, in standard errors of the zero, that the zero explains."""
+"""Largest mean residual, in standard errors of the zero, that the zero explains."""
 
 LAG = 3
-"""Samples over which a step of the residual at rest is taken: neighbours share stamps."""
+"""Samples over which a step of the residual at rest is taken, because neighbours share stamps."""
 
 UNITS = {'delta_x': 'm', 'delta_y': 'm', 'gamma': 'rad', 'parity': 'm'}
 
@@ -90,11 +90,11 @@ class ChannelFigures:
 
 @dataclass(frozen=True)
 class RunValidation:
-    """One run: its figures by channel, and the curves behind them.
+    """One run: its figures by channel, and their curves.
 
-    time [s], load [N] (N,); measured and simulated (4, N) in the order of CHANNELS; compared
-    marks the samples that count; readings of a static run: load (M,), branch (M,), measured and
-    simulated (4, M).
+    time [s], load [N] (N,); measured and simulated (4, N) in the order of CHANNELS; compared:
+    mask of the samples that count; readings of a static run: load (M,), branch (M,), measured
+    and simulated (4, M).
     """
 
     name: str
@@ -122,7 +122,7 @@ class Validation:
     parameters: ParameterSet
 
     def to_json(self) -> dict[str, Any]:
-        """`runs` as diagnose --json has them, each channel with all its figures."""
+        """`runs` in the form of diagnose --json, each channel with all its figures."""
         contact = self.parameters.contact
         return {
             'runs': [_run_json(run) for run in self.runs],
@@ -155,9 +155,9 @@ def validate(
     runs: Sequence[TestRun], rig: Rig, parameters: ParameterSet,
     before_run: Callable[[int], None] | None = None,
 ) -> Validation:
-    """Compare simulation and measurement; IdentificationError where a run cannot be compared.
+    """Compare simulation and measurement; IdentificationError if a run cannot be compared.
 
-    before_run is called with the index of each run in turn; an exception ends the validation.
+    before_run is called with the index of each run; an exception ends the validation.
     """
     if not runs:
         raise IdentificationError('no runs to validate on: give at least one bag')
@@ -215,8 +215,8 @@ class _Comparison:
 def _noise_of(compared: Sequence[_Comparison]) -> list[Sequence[ChannelNoise]]:
     """Noise of the four channels of each run.
 
-    Runs whose parity is noise alone learn from each other how slowly it wanders. Elsewhere the
-    model's misfit may move a channel at rest: each then speaks for itself.
+    Runs whose parity is noise alone share their knowledge of slow noise. In other runs the
+    misfit of the model may move a channel at rest, so that each run has its own noise.
     """
     shown = [one.quiet() for one in compared]
     silent = {number: quiet for number, quiet in enumerate(shown)
@@ -391,8 +391,8 @@ def _noise_of_sample(
 ) -> float:
     """Rms noise of a sample: half the mean square step over a short lag, plus the residual there.
 
-    Readings interpolated between stamps are smoother than the fitted noise; a step over more than
-    two samples is that of unsmoothed ones.
+    Interpolation between stamps smooths readings below the fitted noise; a step over more than
+    two samples is that of readings without smoothing.
     """
     steps = np.concatenate([
         residual[start + LAG:stop] - residual[start:stop - LAG] for start, stop in rests
@@ -413,7 +413,7 @@ def _noise_of_means(noise: ChannelNoise, rests: Spans, step: float) -> float:
 def _zero_error(
     residual: Array, noise: ChannelNoise, step: float, zero_noise: float
 ) -> float:
-    """Error of the zero by the mean of a residual (N,), within the limits of its noise."""
+    """Error of the zero from the mean of a residual (N,), within the limits of its noise."""
     own = noise.deviation(step * len(residual)) ** 2
     share = zero_noise**2 / max(zero_noise**2 + own, 1e-300)
     limit = MAX_ZERO_ERROR * zero_noise
@@ -421,7 +421,7 @@ def _zero_error(
 
 
 def _range(values: Array, static: bool) -> float:
-    """Measured range; of a record of samples it is that of a running mean over 0.5 % of it."""
+    """Measured range; for samples that of a running mean over 0.5 % of the record."""
     if not static and len(values) > 400:
         width = len(values) // 200
         values = np.convolve(values, np.ones(width) / width, mode='valid')
@@ -451,7 +451,7 @@ def _closed_area(load: Array, values: Array) -> float:
 
 
 def _zero_return(run: RunValidation, residual: Array, rests: Spans) -> float:
-    """Residual where the record ends: over its last stretch at rest, or its last hundredth."""
+    """Residual at the end of the record: over its last stretch at rest, or its last hundredth."""
     count = max(1, len(residual) // 100)
     start = max(rests[-1][0], len(residual) - 50 * count) if rests else len(residual) - count
     stop = rests[-1][1] if rests else len(residual)
