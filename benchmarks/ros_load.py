@@ -123,8 +123,11 @@ def plain(seconds: float, rate: float = RATE) -> None:
     print('ready', flush=True)
     end = time.monotonic() + seconds + 25.0
     expected = 5 * round(seconds * rate)
-    while time.monotonic() < end and sum(map(len, calls.values())) < expected:
+    received, last = 0, end
+    while received < expected and time.monotonic() < min(end, last + 3.0):
         rclpy.spin_once(node, timeout_sec=1.0)
+        before, received = received, sum(map(len, calls.values()))
+        last = time.monotonic() if received > before else last
     print(json.dumps({'calls': calls, 'cpu': time.process_time()}), flush=True)
 
 

@@ -170,8 +170,7 @@ class RingDisplacementNode(StreamingNode):
                        '~/zero')
 
     def _events(self) -> dict[str, int]:
-        return {**self._stream.counters.as_dict(), **self._stream.aligner.counters.as_dict(),
-                'jumps_ahead': self._stream.jumps_ahead,
+        return {**self._stream.events(),
                 'malformed': sum(flow.malformed for flow in self.inputs)}
 
 

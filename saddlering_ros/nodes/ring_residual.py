@@ -53,6 +53,7 @@ class RingResidualNode(StreamingNode):
         """Make the join and its diagnostics."""
         self._stream = ResidualStream(self._rig.full_scale_load)
         self._streams = [StreamTask(f'/{DISPLACEMENT}'), StreamTask(f'/{SIMULATED}')]
+        self._awaited = 0
         self._kept = Kept(self._add)
         self._sums = np.zeros(4)
         self._count = np.zeros(4, np.int64)
@@ -69,12 +70,8 @@ class RingResidualNode(StreamingNode):
         self.outputs = [RawPublisher(self, RESIDUAL, RingDisplacement)]
 
     def awaited(self) -> list[RawSubscription]:
-        """The side that is missing while the other waits for it."""
-        if not self.active:
-            return self.inputs
-        missing = [flow for flow, count in zip(self.inputs, self._stream.waiting, strict=True)
-                   if not count]
-        return missing or self.inputs
+        """The side without which no residual comes, or the one that came last before."""
+        return [self.inputs[self._awaited]] if self.inputs else []
 
     def process_batch(self) -> None:
         """One batch of either, residuals out."""
@@ -86,6 +83,9 @@ class RingResidualNode(StreamingNode):
                 flow.last_stamp = int(batch.stamps[-1])
                 task.push(batch.stamps)
         residual = self._stream.push(measured, simulated)
+        missing = [not count for count in self._stream.waiting]
+        if not all(missing):
+            self._awaited = missing.index(True) if any(missing) else 0
         if len(residual):
             self._kept.push(residual.channels.T)
             self.outputs[0].send(batches.encode_displacements(residual, self.settings['frame_id']),

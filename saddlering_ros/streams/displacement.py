@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from math import isfinite
 
@@ -85,6 +86,12 @@ class DisplacementStream:
         """Rows without a reading (or a zero) of each probe since the last call."""
         missing, self._missing = self._missing, np.zeros(4, np.int64)
         return [int(count) for count in missing]
+
+    def events(self) -> dict[str, int]:
+        """Counts of the guard and of the aligner by name; what both count is added."""
+        counts = Counter(self.counters.as_dict())
+        counts.update(self.aligner.counters.as_dict())
+        return {**counts, 'jumps_ahead': self.jumps_ahead}
 
     @property
     def waiting_for_zero(self) -> bool:

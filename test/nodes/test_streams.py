@@ -342,3 +342,10 @@ def test_the_topic_that_brings_the_next_row_is_awaited(record) -> None:
     assert push(nothing, 41, 41, nothing, 41) == 3
     assert push(nothing, nothing, nothing, 41, nothing) is None  # a row has come
     assert push(nothing, 42, 42, 42, 42) == 0  # here the load comes last
+
+
+def test_a_reading_that_is_no_number_is_counted_once_among_the_events(record) -> None:
+    stream, _ = measure(record, slice(0, 40))
+    stream.push(NONE, [samples(record.stamps[40:41], np.array([np.nan])), NONE, NONE, NONE])
+    assert stream.events()['not_finite'] == 1
+    assert stream.events().keys() > stream.aligner.counters.as_dict().keys()
