@@ -18,13 +18,13 @@ from saddlering_ros.effects.extension import MOTION, NO_EXTENSION, RingExtension
 from saddlering_ros.effects.law import Law
 from saddlering_ros.rig import PARAMETER_NAMES, PARAMETER_UNITS, Rig, TRUE_TO_SCALE
 from saddlering_ros.ring.additions import Additions
+from saddlering_ros.ring.neighbours import has_tangent, Neighbourhoods
 from saddlering_ros.ring.roller_scatter import (
     compressed,
     known_rigs,
     scatter_columns,
     SimulatedCourse,
 )
-from saddlering_ros.ring.sensitivity import has_tangent, probe_sensitivities
 from saddlering_ros.ring.simulator import probe_batch
 
 Array = NDArray[np.float64]
@@ -68,6 +68,17 @@ class _ReadPoint(NamedTuple):
 
 
 @dataclass(frozen=True)
+class _Asked:
+    """Groups of points, as candidates; near: which of a group are neighbours of its first."""
+
+    rig: Rig
+    groups: Sequence[Sequence[Point]]
+    candidates: list[list[tuple[Array, RingExtension]]]
+    near: list[list[bool]]
+    neighbourhoods: Neighbourhoods
+
+
+@dataclass(frozen=True)
 class RingSystem:
     """The engine's `System` for one rig."""
 
@@ -75,6 +86,7 @@ class RingSystem:
     channel_names: tuple[str, ...] = ('d1', 'd2', 'd3', 'd4')
     _kept: dict[tuple[object, ...], _ReadPoint] = field(
         default_factory=dict, repr=False, compare=False)
+    _last_asked: list[_Asked] = field(default_factory=list, repr=False, compare=False)
 
     @cached_property
     def base_parameters(self) -> tuple[Parameter, ...]:
@@ -130,41 +142,53 @@ class RingSystem:
         A neighbour whose rollers differ is simulated: the tangent pass would have to follow every
         roller by itself, which costs more. So is one that has no tangent.
         """
-        if any(self._laws(point) for group in groups for point in group):
+        if any(self._laws(group[0]) for group in groups):
             return [self.predict_many(run, group) for group in groups]
+        asked = self._asked_with(groups)
         grid: LoadGrid = run.payload
+        found = asked.neighbourhoods.along(
+            grid.elevation,
+            grid.time,
+            grid.load,
+            grid.zero_load,
+            grid.max_step,
+            (grid.first, grid.last),
+        )
+        answers, missing = [], []
+        for number, (near, response) in enumerate(zip(asked.near, found, strict=True)):
+            answer = np.empty((1 + len(near), *run.channels.shape))
+            answer[0] = response.centre
+            answer[1:][near] = response.neighbours
+            answer[1:][np.logical_not(near)] = np.nan
+            answers.append(answer)
+            missing += [(number, index) for index in range(len(answer))
+                        if not np.isfinite(answer[index]).all()]
+        if missing:
+            simulated = self._simulated(run, [asked.candidates[a][b] for a, b in missing])
+            for (a, b), values in zip(missing, simulated, strict=True):
+                answers[a][b] = values
+        return [np.clip(answer, -10.0 * FAILED, 10.0 * FAILED) for answer in answers]
+
+    def _asked_with(self, groups: Sequence[Sequence[Point]]) -> _Asked:
+        """What all runs need of these groups; every run is asked for the same ones in turn."""
+        known = self._last_asked[-1] if self._last_asked else None
+        if known is None or known.groups is not groups or known.rig is not self.rig:
+            known = self._asked(groups)
+            self._last_asked[:] = [known]
+        return known
+
+    def _asked(self, groups: Sequence[Sequence[Point]]) -> _Asked:
         candidates = [
             [(point.base, self.extension(point)) for point in group] for group in groups
         ]
         near = [
             [has_tangent(self.rig, group[0], other) for other in group[1:]] for group in candidates
         ]
-        found = probe_sensitivities(
-            self.rig,
-            [
-                (group[0], list(compress(group[1:], own)))
-                for group, own in zip(candidates, near, strict=True)
-            ],
-            grid.elevation,
-            grid.time,
-            grid.load,
-            grid.zero_load,
-            max_step=grid.max_step,
-        )
-        answers, missing = [], []
-        for number, (group, own, response) in enumerate(zip(candidates, near, found, strict=True)):
-            answer = np.empty((len(group), *run.channels.shape))
-            answer[0] = grid.block_means(response.centre)
-            answer[1:][own] = grid.block_means(response.neighbours)
-            answer[1:][np.logical_not(own)] = np.nan
-            answers.append(answer)
-            missing += [(number, index) for index in range(len(group))
-                        if not np.isfinite(answer[index]).all()]
-        if missing:
-            simulated = self._simulated(run, [candidates[a][b] for a, b in missing])
-            for (a, b), values in zip(missing, simulated, strict=True):
-                answers[a][b] = values
-        return [np.clip(answer, -10.0 * FAILED, 10.0 * FAILED) for answer in answers]
+        neighbourhoods = Neighbourhoods(self.rig, [
+            (group[0], list(compress(group[1:], own)))
+            for group, own in zip(candidates, near, strict=True)
+        ])
+        return _Asked(self.rig, groups, candidates, near, neighbourhoods)
 
     def _with_laws(self, run: RunBlocks, point: Point, laws: Sequence[Law], plain: Array) -> Array:
         """Channels (C, N) with the user's own laws, from those without."""

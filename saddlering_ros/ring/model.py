@@ -216,23 +216,41 @@ def _of_extension(extension: RingExtension) -> _OfExtension:
     return known
 
 
-def model_of(rig: Rig, elevation: float, extension: RingExtension = NO_EXTENSION,
-             counts: tuple[int, int, int] | None = None) -> Model:
-    """The record of a model, an array of one, without the contact law (see `with_contact`).
-
-    counts: numbers of places in the three rows, if they are not those of `rows_of`.
-    """
-    counts = counts or rows_of(rig, extension).counts
-    at_ring = elevation + extension.elevation_error
-    of_rig = (
+def _of_rig(rig: Rig, counts: tuple[int, int, int]) -> list[float]:
+    """Numbers of RIG_FIELDS, without those of an elevation."""
+    return [
         rig.axial_rows.pitch_radius, rig.radial_row.height, counts[0], counts[2],
         rig.axial_rows.clearance, rig.radial_row.clearance, rig.carriage.mass,
         rig.carriage.inertia, rig.carriage.weight, rig.carriage.weight_x, rig.trunnion.x,
-        rig.trunnion.y, elevation, rig.full_scale_load, float(np.cos(at_ring)),
-        float(np.sin(at_ring)),
-        rig.probes.axial_span, rig.probes.radial_height)
-    added = _of_extension(extension).numbers
-    return np.array([*of_rig, *NO_LAW, *added], dtype=np.float64).view(MODEL)
+        rig.trunnion.y, 0.0, rig.full_scale_load, 0.0, 0.0,
+        rig.probes.axial_span, rig.probes.radial_height]
+
+
+def model_of(rig: Rig, elevation: float, extension: RingExtension = NO_EXTENSION) -> Model:
+    """The record of a model, an array of one, without the contact law (see `with_contact`)."""
+    return at_elevation(_record(rig, extension).view(MODEL), elevation)
+
+
+def _record(rig: Rig, extension: RingExtension) -> Floats:
+    """Numbers (M,) of a model's record without contact law and elevation."""
+    numbers = [*_of_rig(rig, rows_of(rig, extension).counts), *NO_LAW]
+    return np.array(numbers + _of_extension(extension).numbers, dtype=np.float64)
+
+
+def at_elevation(models: Model, elevation: float) -> Model:
+    """Copies (B,) of records with the elevation [rad] of a run put in."""
+    at_run = models.copy()
+    at_ring = elevation + at_run['elevation_error']
+    at_run['elevation'] = elevation
+    at_run['cosine'], at_run['sine'] = np.cos(at_ring), np.sin(at_ring)
+    return at_run
+
+
+def with_counts(models: Model, counts: tuple[int, int, int]) -> Model:
+    """Copies (B,) of records with other numbers of places in the three rows."""
+    other = models.copy()
+    other['axial_rollers'], other['radial_rollers'] = counts[0], counts[2]
+    return other
 
 
 def with_contact(model: Model, contacts: ArrayLike) -> Model:
@@ -247,14 +265,19 @@ def with_contact(model: Model, contacts: ArrayLike) -> Model:
 def stacked_models(rig: Rig, contacts: Floats, elevation: float,
                    extensions: Sequence[RingExtension]) -> Model:
     """Records (B,) of contact laws (B, 6), each with its extension."""
+    return at_elevation(model_rows(rig, contacts, extensions), elevation)
+
+
+def model_rows(rig: Rig, contacts: Floats, extensions: Sequence[RingExtension]) -> Model:
+    """The same without an elevation, for runs of any."""
     rows: list[Floats] = []
     last = None
     for extension in extensions:
         # Neighbours in the contact law share one extension and follow each other.
         if extension is not last:
-            of_extension = model_of(rig, elevation, extension).view(np.float64)
+            own = _record(rig, extension)
             last = extension
-        rows.append(of_extension)
+        rows.append(own)
     numbers = np.array(rows)
     first = len(RIG_FIELDS)
     numbers[:, first:first + contacts.shape[1]] = contacts
@@ -270,7 +293,7 @@ _NEUTRAL = np.array(_numbers(NO_EXTENSION), dtype=np.float64)
 
 def read_motion_only(models: Model) -> NDArray[np.bool_]:
     """Mask (B,) of the models without additions to the motion and to the readings."""
-    numbers = models.view(np.float64).reshape(models.size, -1)
+    numbers = models.view(np.float64).reshape(models.size, MODEL.itemsize // 8)
     added = numbers[:, len(RIG_FIELDS) + len(PARAMETER_NAMES):][:, ~_MOVES]
     return np.asarray((added == _NEUTRAL[~_MOVES]).all(axis=1))
 
@@ -280,12 +303,12 @@ def same_motions(models: Model, rows: Sequence[Rows]) -> NDArray[np.intp]:
 
     Two such models differ only in additions to the motion and to the readings.
     """
-    numbers = models.view(np.float64).reshape(models.size, -1).copy()
+    numbers = models.view(np.float64).reshape(models.size, MODEL.itemsize // 8).copy()
     own = numbers[:, len(RIG_FIELDS) + len(PARAMETER_NAMES):]
     own[:, ~_MOVES] = 0.0
-    first: dict[tuple[bytes, bytes], int] = {}
-    keys = [(number.tobytes(), row.arrays.tobytes())
-            for number, row in zip(numbers, rows, strict=True)]
+    first: dict[tuple[bytes, int], int] = {}
+    # Rows are kept, so that equal ones are the same object, or else are simulated once more.
+    keys = [(number.tobytes(), id(row)) for number, row in zip(numbers, rows, strict=True)]
     return np.array([first.setdefault(key, index) for index, key in enumerate(keys)])
 
 

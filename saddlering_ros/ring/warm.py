@@ -5,6 +5,7 @@ Set-up runs this module, so that no node or command compiles at its start.
 
 from __future__ import annotations
 
+from dataclasses import replace
 import time
 
 import numpy as np
@@ -13,11 +14,8 @@ from saddlering_ros.effects.extension import NO_EXTENSION
 from saddlering_ros.rig import default_rig, ParameterSet, TRUE_TO_SCALE
 from saddlering_ros.ring.kernels.options import kernel
 from saddlering_ros.ring.load_sensitivity import load_sensitivity
-from saddlering_ros.ring.sensitivity import (
-    motion_sensitivities,
-    probe_sensitivities,
-    static_sensitivities,
-)
+from saddlering_ros.ring.neighbours import probe_sensitivities
+from saddlering_ros.ring.sensitivity import motion_sensitivities, static_sensitivities
 from saddlering_ros.ring.simulator import dynamic_batch, simulate, static_response
 
 
@@ -32,8 +30,8 @@ def warm() -> float:
     static_sensitivities(rig, contact, elevation, still)
     dynamic_batch(rig, contact[None], elevation, seconds, load)
     motion_sensitivities(rig, contact, elevation, seconds, load)
-    plain = contact, NO_EXTENSION
-    probe_sensitivities(rig, [(plain, [plain])], elevation, seconds, load)
+    plain, creeping = (contact, NO_EXTENSION), (contact, replace(NO_EXTENSION, creep_axial=0.1))
+    probe_sensitivities(rig, [(plain, [plain, creeping])], elevation, seconds, load)
     load_sensitivity(rig, TRUE_TO_SCALE, elevation, seconds, load, 6)
     simulate(rig, ParameterSet(TRUE_TO_SCALE), elevation, seconds, load)
     return time.perf_counter() - began

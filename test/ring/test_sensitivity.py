@@ -14,11 +14,8 @@ from saddlering_ros.rig import (
     TRUE_TO_SCALE,
 )
 from saddlering_ros.ring import probe_batch, reference, static_batch
-from saddlering_ros.ring.sensitivity import (
-    motion_sensitivities,
-    probe_sensitivities,
-    static_sensitivities,
-)
+from saddlering_ros.ring.neighbours import probe_sensitivities
+from saddlering_ros.ring.sensitivity import motion_sensitivities, static_sensitivities
 
 RIG, ELEVATION = default_rig(), 0.9
 LAW = TRUE_TO_SCALE.to_array()

@@ -42,7 +42,12 @@ def load_at_rest(m: Any, s: Any, load: Any, w: Any) -> Any:
 @kernel(**OUTER)
 def read_course(models: Any, zero_load: Any, time: Any, load: Any, path: Any, out: Any) -> Any:
     """Fill out (N, 4) with the readings of the probes for a known motion path (N, 3)."""
-    m = models[0]
+    read_motion(models[0], zero_load, time, load, path, out)
+
+
+@kernel(**OUTER)
+def read_motion(m: Any, zero_load: Any, time: Any, load: Any, path: Any, out: Any) -> None:
+    """`read_course` of one model."""
     s, w = np.zeros(at.STATE_SIZE), np.zeros(at.WORK_SIZE)
     true_load = load_at_rest(m, s, zero_load, w)
     for i in range(3):
@@ -58,3 +63,93 @@ def read_course(models: Any, zero_load: Any, time: Any, load: Any, path: Any, ou
         series_motion(m, s, w)
         advance_series(m, s, w, step)
         read_probes(m, s, w, true_load, time[n], step, out, n)
+
+
+@kernel(**OUTER)
+def steps_of_record(record: Any, time: Any, max_step: Any, step_time: Any, step_load: Any,
+                    motion: Any, samples: Any) -> None:
+    """From the record of `integration.careful_step` the steps (S + 1,) after the rest at the zero.
+
+    step_time, step_load and motion (S + 1, 3) are filled from place 1 on; samples (N,): the step
+    that ends at each of the times (N,).
+    """
+    steps = step_time.size - 1
+    step_time[0] = reached = time[0]
+    elapsed, place = 0.0, 0
+    while place < time.size and time[place] - 1e-6 * max_step <= time[0]:
+        samples[place] = 0
+        place += 1
+    total = 0.0
+    for n in range(1, steps + 1):
+        length = record[n, 0]
+        total += length
+        while place < time.size and time[place] - 1e-6 * max_step <= time[0] + total:
+            samples[place] = n
+            place += 1
+        # A step twice the one before is still of second order: rounding must not make it more.
+        if n > 1 and length > 1.5 * record[n - 1, 0]:
+            length *= 1.0 - 1e-8
+        elapsed += length
+        reached = time[0] + elapsed
+        step_time[n] = reached
+        step_load[n] = record[n, 1]
+        for i in range(3):
+            motion[n, i] = record[n, 2 + i]
+    while place < time.size:
+        samples[place] = steps
+        place += 1
+
+
+@kernel(**OUTER)
+def read_courses(models: Any, zero_load: Any, time: Any, load: Any, motion: Any, changes: Any,
+                 moved: Any, out: Any) -> None:
+    """`read_course` of models (P,) into out (P, N, 4), of a motion (N, 3) with a change each.
+
+    changes (N, 3, S); moved (P,): the change of each model, -1 for none.
+    """
+    path = np.empty(motion.shape)
+    for k in range(models.size):
+        for n in range(time.size):
+            for i in range(3):
+                change = changes[n, i, moved[k]] if moved[k] >= 0 else 0.0
+                path[n, i] = motion[n, i] + change
+        read_motion(models[k], zero_load, time, load, path, out[k])
+
+
+@kernel(**OUTER)
+def block_means(readings: Any, starts: Any, stops: Any, out: Any) -> None:
+    """Fill out (P, 4, B): means of readings (P, N, 4) over the blocks [start, stop)."""
+    for k in range(readings.shape[0]):
+        for b in range(starts.size):
+            for i in range(4):
+                total = 0.0
+                for n in range(starts[b], stops[b]):
+                    total += readings[k, n, i]
+                out[k, i, b] = total / (stops[b] - starts[b])
+
+
+@kernel(**OUTER)
+def plain_changes(models: Any, changes: Any, samples: Any, moved: Any, starts: Any, stops: Any,
+                  out: Any) -> None:
+    """Fill out (P, 4, B): block means of readings of changes (M, 3, S) that add nothing else.
+
+    samples (N,): the step of each sample; moved (P,): the change of each row, -1 for none.
+    """
+    height, half_span = models[0].probe_plane_height, 0.5 * models[0].axial_span
+    for k in range(moved.size):
+        j = moved[k]
+        if j < 0:
+            out[k] = 0.0
+            continue
+        zero_x, zero_y, zero_tilt = changes[0, 0, j], changes[0, 1, j], changes[0, 2, j]
+        for b in range(starts.size):
+            x = y = tilt = 0.0
+            for n in range(starts[b], stops[b]):
+                x += changes[samples[n], 0, j]
+                y += changes[samples[n], 1, j]
+                tilt += changes[samples[n], 2, j]
+            share = 1.0 / (stops[b] - starts[b])
+            tilt = tilt * share - zero_tilt
+            radial, axial = x * share - zero_x + height * tilt, y * share - zero_y
+            out[k, 0, b], out[k, 2, b] = radial, -radial
+            out[k, 1, b], out[k, 3, b] = axial + half_span * tilt, axial - half_span * tilt

@@ -1,0 +1,267 @@
+"""Readings of candidates, and first-order readings of their neighbours, by one pass each.
+
+A candidate is a contact law with an extension; its neighbours lie a small step away. Parameters of
+the equation of motion are differentiated by the implicit function theorem (`kernels/tangents.py`).
+Additions to motion and readings are computed anew, which costs little. Elevation, time and load
+differ between runs; everything else is prepared once for all runs.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from saddlering_ros.effects import own_parameters
+from saddlering_ros.effects.extension import READING, RingExtension
+from saddlering_ros.rig import Rig
+from saddlering_ros.ring.kernels import courses
+from saddlering_ros.ring.model import (
+    at_elevation,
+    Model,
+    model_rows,
+    read_motion_only,
+    Rows,
+    rows_of,
+    same_motions,
+    spread_rows,
+    with_counts,
+)
+from saddlering_ros.ring.motion_path import (
+    external_along,
+    floats,
+    FRICTIONS,
+    laws_of,
+    LOADS,
+    MotionPath,
+    simulate_path,
+    tangents_along,
+)
+from saddlering_ros.ring.simulator import check_simulation, in_parallel, of_probes_clock
+
+Floats = NDArray[np.float64]
+Places = NDArray[np.intp]
+Candidate = tuple[ArrayLike, RingExtension]
+
+NO_TANGENT = [item for item in own_parameters()
+              if item.acts_on != READING and item.stage != 'load path']
+"""Parameters of laws inside the motion of the ring; only a simulation gives their effect."""
+
+
+@dataclass(frozen=True)
+class Responses:
+    """Readings (4, B) [m] of a candidate, and first-order readings (P, 4, B) of its neighbours."""
+
+    centre: Floats
+    neighbours: Floats
+
+
+def has_tangent(rig: Rig, centre: Candidate, neighbour: Candidate) -> bool:
+    """Whether the pass along the centre is a cheaper way to a neighbour than a simulation.
+
+    A pass with unequal rollers takes as long as several simulations. A saturation that begins has
+    no derivative, and neither has the own law of an effect inside the motion.
+    """
+    (_, own), (_, other) = centre, neighbour
+    if own is other and own.damping_penetration_saturation == 0.0:
+        return True
+    if any(item.of(own) != item.of(other) for item in NO_TANGENT):
+        return False
+    return rows_of(rig, own) is rows_of(rig, other) and (
+        own.damping_penetration_saturation != 0.0 or other.damping_penetration_saturation == 0.0)
+
+
+def probe_sensitivities(rig: Rig, groups: Sequence[tuple[Candidate, Sequence[Candidate]]],
+                        elevation: float, time: ArrayLike, load: ArrayLike,
+                        zero_load: float | None = None,
+                        max_step: float = 1e-3) -> list[Responses]:
+    """Readings of each candidate, and first-order readings of its neighbours.
+
+    A group is a candidate (contact law, extension) and its neighbours. Arguments and readings are
+    those of `simulator.probe_batch`.
+    """
+    return Neighbourhoods(rig, groups).along(elevation, time, load, zero_load, max_step)
+
+
+@dataclass(frozen=True)
+class _Neighbourhood:
+    """A candidate and its P neighbours, as they are in every run.
+
+    models (1 + P,) without an elevation; extensions of the P neighbours; moved (P,): index of the
+    direction of the pass that a neighbour takes, -1 for none; first (S,): the neighbour of each
+    direction; law (3, LAW, S), friction (S, 2, 4) and geometry are those of the pass, whose rows
+    are `along`; loaded: directions with another load path; plain (P,): neighbours without
+    additions to the motion.
+    """
+
+    models: Model
+    extension: RingExtension
+    extensions: Sequence[RingExtension]
+    rows: Rows
+    along: Rows
+    moved: Places
+    first: Places
+    law: Floats
+    friction: Floats
+    geometry: Sequence[Floats]
+    loaded: Places
+    plain: NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class _Record:
+    """A run: time, load (N,), its zero; readings are means over the blocks [starts, stops)."""
+
+    elevation: float
+    time: Floats
+    load: Floats
+    zero_load: float
+    max_step: float
+    starts: Places
+    stops: Places
+
+    def means(self, readings: Floats) -> Floats:
+        """Block means (P, 4, B) of readings (P, N, 4)."""
+        out = np.empty((readings.shape[0], 4, self.starts.size))
+        courses.block_means(readings, self.starts, self.stops, out)
+        return out
+
+    def read(self, models: Model, motion: Floats, changes: Floats, moved: Places) -> Floats:
+        """Readings (P, N, 4) by models (P,) of a motion (N, 3) with its changes (N, 3, S)."""
+        out = np.empty((models.size, self.time.size, 4))
+        courses.read_courses(
+            models, self.zero_load, self.time, self.load, motion, changes, moved, out)
+        return out
+
+
+class Neighbourhoods:
+    """Candidates with their neighbours, prepared for any number of runs of one rig."""
+
+    def __init__(self, rig: Rig,
+                 groups: Sequence[tuple[Candidate, Sequence[Candidate]]]) -> None:
+        self._groups = [_neighbourhood(rig, centre, others) for centre, others in groups]
+        # Motions are shared by candidates that differ in what is added to the readings only.
+        self._members: list[list[int]] = []
+        if groups:
+            centres = np.concatenate([one.models[:1] for one in self._groups])
+            alike: dict[int, list[int]] = {}
+            first = same_motions(centres, [one.rows for one in self._groups])
+            for index, leader in enumerate(first.tolist()):
+                alike.setdefault(leader, []).append(index)
+            self._members = list(alike.values())
+
+    def along(self, elevation: float, time: ArrayLike, load: ArrayLike,
+              zero_load: float | None = None, max_step: float = 1e-3,
+              blocks: tuple[Places, Places] | None = None) -> list[Responses]:
+        """Responses of every group in one run; as means over the blocks [start, stop), if given."""
+        seconds, force = check_simulation(time, load, elevation, max_step)
+        zero = float(force[0]) if zero_load is None else zero_load
+        if blocks is None:
+            each = np.arange(seconds.size)
+            blocks = each, each + 1
+        record = _Record(elevation, seconds, force, zero, max_step, *blocks)
+        found: dict[int, Responses] = {}
+
+        def run(part: slice) -> None:
+            for indices in self._members[part]:
+                found.update(zip(
+                    indices, _together([self._groups[index] for index in indices], record),
+                    strict=True))
+
+        if self._members:
+            in_parallel(run, len(self._members))
+        return [found[index] for index in range(len(self._groups))]
+
+
+def _together(groups: Sequence[_Neighbourhood], record: _Record) -> list[Responses]:
+    """Responses of groups that share one motion."""
+    answers: list[Responses] = []
+    path: MotionPath | None = None
+    for one in groups:
+        models = at_elevation(one.models, record.elevation)
+        if path is None:
+            path = own = simulate_path(models[:1], one.rows, record.time, record.load,
+                                       record.zero_load, record.max_step)
+        else:
+            own = path.read_by(models[:1], record.zero_load, record.time, record.load)
+        answers.append(_responses(one, models, own, record))
+    return answers
+
+
+def _neighbourhood(rig: Rig, centre: Candidate, others: Sequence[Candidate]) -> _Neighbourhood:
+    """What the group of a candidate and its neighbours has in common in every run."""
+    extensions = [extension for _, extension in others]
+    every = [centre, *others]
+    models = model_rows(rig, np.array([law for law, _ in every], dtype=np.float64),
+                        [extension for _, extension in every])
+    rollers = [rows_of(rig, extension) for _, extension in every]
+    leader = same_motions(models, rollers)[1:]
+    # Directions that move rollers come first: the kernel knows them by their number.
+    first = np.array(sorted(np.flatnonzero(leader).tolist(),
+                            key=lambda index: rollers[index + 1] is rollers[0]), dtype=np.intp)
+    moved = np.full(len(others), -1)
+    moved[first] = np.arange(first.size)
+    geometry: list[Floats] = []
+    along = rollers[0]
+    count = sum(rollers[index + 1] is not rollers[0] for index in first.tolist())
+    if count:
+        along = spread_rows(rig, centre[1])
+        geometry = [spread_rows(rig, extensions[index]).flat - along.flat
+                    for index in first[:count].tolist()]
+    numbers = floats(models)
+    own, aside = numbers[:1], numbers[1:][first]
+    return _Neighbourhood(
+        models, centre[1], extensions, rollers[0], along, moved, first,
+        np.ascontiguousarray((laws_of(aside) - laws_of(own)).transpose(1, 2, 0)),
+        (aside[:, FRICTIONS] - own[:, FRICTIONS]).reshape(-1, 2, 4),
+        geometry,
+        np.flatnonzero((aside[:, LOADS] != own[:, LOADS]).any(axis=1)),
+        (read_motion_only(models[1:]) & read_motion_only(models[:1])[0]),
+    )
+
+
+def _responses(one: _Neighbourhood, models: Model, path: MotionPath,
+               record: _Record) -> Responses:
+    """Readings of a candidate, whose path is known, and of its neighbours."""
+    usual = of_probes_clock(path.readings.T, one.extension, record.time)
+    centre = record.means(np.ascontiguousarray(usual.T)[None])[0]
+    answers = np.empty((len(one.extensions), *centre.shape))
+    if not len(answers):
+        return Responses(centre, answers)
+    changes = _changes(one, models, path, record)
+    plain = np.flatnonzero(one.plain)
+    if plain.size:
+        rise = np.empty((plain.size, *centre.shape))
+        courses.plain_changes(models, changes, path.samples, one.moved[plain], record.starts,
+                              record.stops, rise)
+        answers[plain] = centre + rise
+    added = np.flatnonzero(~one.plain)
+    if added.size:
+        at_samples = changes[path.samples]
+        read = record.read(models[1 + added], path.motion[path.samples], at_samples,
+                           one.moved[added])
+        for place, index in enumerate(added.tolist()):
+            extension = one.extensions[index]
+            if extension.clock_offset != 0.0 or extension.clock_skew != 0.0:
+                read[place] = of_probes_clock(read[place].T, extension, record.time).T
+        answers[added] = record.means(read)
+    return Responses(centre, answers)
+
+
+def _changes(one: _Neighbourhood, models: Model, path: MotionPath, record: _Record) -> Floats:
+    """Changes (M, 3, S) of the motion by every direction."""
+    if not one.first.size:
+        return np.empty((path.time.size, 3, 0))
+    external = np.zeros((path.time.size, 3, one.first.size))
+    if one.loaded.size:
+        course = external_along(models[:1], record.zero_load, path)
+        for number in one.loaded.tolist():
+            index = 1 + one.first[number]
+            external[:, :, number] = external_along(
+                models[index:index + 1], record.zero_load, path) - course
+    own = models[:1]
+    if one.along is not one.rows:
+        own = with_counts(own, one.along.counts)
+    return tangents_along(own, one.along, one.law, external, one.friction, one.geometry, path)
