@@ -46,17 +46,25 @@ class ContactLaw:
                 ] if self.refusal else []
 
 
-def contact_law(
-    diagnosis: Diagnosis, runs: Sequence[TestRun], rig: Rig,
-    is_cancelled: IsCancelled | None = None,
-) -> ContactLaw:
-    """The contact law of the fitted runs: as identified alone, and after a diagnosis."""
+def identified(
+    runs: Sequence[TestRun], rig: Rig, is_cancelled: IsCancelled | None = None
+) -> Identification | str:
+    """The contact law of the fitted runs without causes, or the words in which it is refused."""
     try:
         found = identify(runs, rig, is_cancelled=is_cancelled)
     except IdentificationError as refusal:
-        return refused(diagnosis, str(refusal), elevations_of(runs))
+        return str(refusal)
     if found.cancelled:
         raise Cancelled('diagnose: cancelled')
+    return found
+
+
+def contact_law(
+    diagnosis: Diagnosis, runs: Sequence[TestRun], found: Identification | str
+) -> ContactLaw:
+    """The contact law of the fitted runs: as identified alone, and after a diagnosis."""
+    if isinstance(found, str):
+        return refused(diagnosis, found, elevations_of(runs))
     return beside_causes(diagnosis, found, elevations_of(runs))
 
 

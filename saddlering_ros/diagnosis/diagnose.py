@@ -16,7 +16,7 @@ from saddlering_ros.bags import (
     TestRun,
 )
 from saddlering_ros.diagnosis import next_test
-from saddlering_ros.diagnosis.contact_law import contact_law
+from saddlering_ros.diagnosis.contact_law import contact_law, identified
 from saddlering_ros.diagnosis.document import signature_cosines
 from saddlering_ros.diagnosis.proposals import propose
 from saddlering_ros.diagnosis.records import (
@@ -30,6 +30,7 @@ from saddlering_ros.diagnosis.ring_system import RingSystem
 from saddlering_ros.diagnosis.verdict import run_figures, RunFigures, Verdict
 from saddlering_ros.discrepancy import diagnose, Diagnosis, Settings
 from saddlering_ros.effects import catalogue, LawEffect
+from saddlering_ros.identification import Identification
 from saddlering_ros.progress import IsCancelled, OnProgress, Progress
 from saddlering_ros.rig import ContactParameters, ParameterSet, Rig
 from saddlering_ros.thresholds import is_left, MATERIAL
@@ -83,6 +84,11 @@ def diagnose_runs(
     records = [build_record(rig, run, held_out=False) for run in runs]
     records += [build_record(rig, run, held_out=True) for run in hold_out]
     records = _named_apart(records)
+    if on_progress is not None:
+        on_progress(Progress('diagnose', 'contact parameters', 0.0))
+    alone = identified(runs, rig, is_cancelled)
+    if parameters is None and isinstance(alone, Identification):
+        parameters = alone.parameters
     start = None
     if parameters is not None:
         start = dict(
@@ -104,9 +110,7 @@ def diagnose_runs(
         run_figures(rig, found, record, residual.before, residual.after)
         for record, residual in zip(records, found.runs, strict=True)
     )
-    if on_progress is not None:
-        on_progress(Progress('diagnose', 'contact parameters', 0.95))
-    law = contact_law(found, runs, rig, is_cancelled)
+    law = contact_law(found, runs, alone)
     notes = [*check_set(records, rig), *found.warnings, *law.notes]
     notes += next_test.repeated_laws(_own_laws(found), signature_cosines(found))
     notes += [f'{record.run.name}: {note}' for record in records for note in record.test_run.notes]

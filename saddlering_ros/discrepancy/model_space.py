@@ -32,18 +32,6 @@ from saddlering_ros.progress import Watch
 COARSE_ROUNDS = 4
 """Rounds of a refit from each of several starts, before the best one is refined."""
 
-RACE_ROUNDS = 2
-"""Rounds of a refit that every candidate receives while much misfit remains."""
-
-SCREENED_SHARE = 0.1
-"""Smallest expected share of the gain of the best candidate for a candidate to receive these
-rounds. The expectation is the first-order gain of all its parameters together, at its start. The
-value is a fifth of CLOSE_SHARE."""
-
-CLOSE_SHARE = 0.5
-"""Smallest expected share of the gain of the best refit for a refit to continue after these
-rounds."""
-
 FULL_JACOBIANS = 2
 """Number of the best refits of a step that are repeated with a full Jacobian."""
 
@@ -55,6 +43,10 @@ INFLATION = 4.0
 
 FREE_SPREAD = 10.0
 """Spread, in shares of the range, of a parameter that counts as free."""
+
+
+Trial = tuple[Score, Sequence[Array]]
+"""A candidate and its starts."""
 
 
 @dataclass(frozen=True)
@@ -103,6 +95,10 @@ class ModelSpace:
         """Whether the candidate has a fit already."""
         return candidate.key in self._fits
 
+    def fit_of(self, candidate: Candidate) -> Fit:
+        """The fit of a candidate that is fitted."""
+        return self._fits[candidate.key]
+
     def single_effect_fits(self) -> list[Fit]:
         """Fits of one effect beside the base."""
         return [fit for fit in self._fits.values() if len(fit.candidate.effects) == 1]
@@ -139,71 +135,19 @@ class ModelSpace:
         """Misfit plus the penalty of its parameters (BIC)."""
         return fit.misfit + fit.theta_unit.size * self.log_size
 
-    def fit_each(self, fit: Fit, scores: Sequence[Score]) -> list[Fit]:
-        """The model of `fit` plus each scored candidate, refitted together, the best first."""
-        candidates = [fit.candidate.plus(score.effect, score.variant) for score in scores]
-        wanted = [
-            score
-            for candidate, score in zip(candidates, scores, strict=True)
-            if not self.is_fitted(candidate)
-        ]
-        for item in self.refine(self.coarse_fit(fit, _starts_of_each(wanted))):
-            self.keep(item)
-        keys = dict.fromkeys(candidate.key for candidate in candidates)
-        found = [self._fits[key] for key in keys if key in self._fits]
-        return sorted(found, key=self.penalised)
-
     def fit_best(self, fit: Fit, scores: Sequence[Score]) -> list[Fit]:
         """The model of `fit` plus each scored candidate by coarse fits; the best is refined."""
-        coarse = sorted(self.coarse_fit(fit, _starts_of_each(scores)), key=self.penalised)
+        coarse = sorted(self.coarse_fit(fit, starts_of_each(scores)), key=self.penalised)
         found = self.refine(coarse[: self.settings.refits])
         return sorted((self.keep(item) for item in found), key=self.penalised)
 
-    def fit_race(self, fit: Fit, first: Sequence[Fit], others: Sequence[Score]) -> list[Fit]:
-        """`first` and the best of the model of `fit` plus `others`, refined, the best first.
-
-        Every candidate is refitted for a few rounds with free base parameters, because a
-        first-order gain is a poor guide to an effect that the base fit imitates. A
-        candidate is refined if the slopes of its residual promise a good share of the gain
-        of the best one.
-        """
-        others = [
-            score
-            for score in others
-            if not self.is_fitted(fit.candidate.plus(score.effect, score.variant))
-        ]
-        if not others:
-            return list(first)
-        coarse = sorted(self._raced(fit, first, others), key=self.foreseen)
-        lowest = min(self.foreseen(item) for item in [*first, *coarse])
-        highest = self.penalised(fit) - CLOSE_SHARE * (self.penalised(fit) - lowest)
-        leading: dict[str, Fit] = {}
-        for item in coarse:
-            if self.foreseen(item) < highest:
-                leading.setdefault(item.candidate.ids[-1], item)
-        joining = list(leading.values())[: self.settings.refits]
-        found = [self.keep(item) for item in self.refine(joining)]
-        return sorted([*first, *found], key=self.penalised)
-
-    def _raced(self, fit: Fit, first: Sequence[Fit], others: Sequence[Score]) -> list[Fit]:
-        """The model of `fit` plus each of `others` after a few rounds; none if these are hopeless.
-
-        Base parameters at their bounds have no first-order gain at the start. In that case
-        all candidates receive the rounds.
-        """
-        trials = [(score, [score.start]) for score in others]
-        if self.stopped_base(fit).any():
-            return self.coarse_fit(fit, trials, RACE_ROUNDS)
-        screened = self.coarse_fit(fit, trials, rounds=0)
-        lowest = min(self.foreseen(item) for item in [*first, *screened])
-        highest = self.penalised(fit) - SCREENED_SHARE * (self.penalised(fit) - lowest)
+    def carried_on(self, fits: Sequence[Fit], rounds: int) -> list[Fit]:
+        """The same fits after further rounds."""
         count = len(self.metric.experiment.system.base_parameters)
-        going = [item for item in screened if self.foreseen(item) < highest]
-        resting = [item for item in screened if not self.foreseen(item) < highest]
-        return resting + self._run([
+        return self._run([
             refit(self.metric, item.candidate, item.theta_unit, item.jacobian[:, :count],
-                  rounds=RACE_ROUNDS, known_start=item)
-            for item in going
+                  rounds=rounds, known_start=item)
+            for item in fits
         ])
 
     def foreseen(self, fit: Fit) -> float:
@@ -212,13 +156,12 @@ class ModelSpace:
         gram = fit.jacobian.T @ fit.jacobian + np.eye(slope.size)
         return self.penalised(fit) - float(slope @ np.linalg.solve(gram, slope))
 
-    def coarse_fit(
-        self,
-        fit: Fit,
-        trials: Sequence[tuple[Score, Sequence[Array]]],
-        rounds: int = COARSE_ROUNDS,
-    ) -> list[Fit]:
+    def coarse_fit(self, fit: Fit, trials: Sequence[Trial]) -> list[Fit]:
         """The model of `fit` plus each candidate after a few rounds from its best start."""
+        return best_of_each(self.started(fit, trials, COARSE_ROUNDS))
+
+    def started(self, fit: Fit, trials: Sequence[Trial], rounds: int) -> list[Fit]:
+        """The model of `fit` plus each candidate after so many rounds, from each of its starts."""
         base = self.metric.experiment.system.base_parameters
         stopped = self.stopped_base(fit)
         freed = fit.theta_unit.copy()
@@ -249,12 +192,7 @@ class ModelSpace:
                     )
                     for start in starts
                 ]
-        best: dict[Key, Fit] = {}
-        for found in self._run(wanted):
-            key = found.candidate.key
-            if key not in best or found.misfit < best[key].misfit:
-                best[key] = found
-        return [item for item in best.values() if np.isfinite(item.misfit)]
+        return [found for found in self._run(wanted) if np.isfinite(found.misfit)]
 
     def stopped_base(self, fit: Fit) -> Array:
         """Mask (B,) of base parameters at a bound, which may imitate an effect.
@@ -266,20 +204,7 @@ class ModelSpace:
 
     def refine(self, fits: Sequence[Fit]) -> list[Fit]:
         """The same fits completed, the best of them with a full Jacobian."""
-        count = len(self.metric.experiment.system.base_parameters)
-        refined = self._run(
-            [
-                refit(
-                    self.metric,
-                    fit.candidate,
-                    fit.theta_unit,
-                    fit.jacobian[:, :count],
-                    rounds=self.settings.rounds,
-                    known_start=fit,
-                )
-                for fit in fits
-            ]
-        )
+        refined = self.carried_on(fits, self.settings.rounds)
         order = sorted(range(len(refined)), key=lambda item: self.penalised(refined[item]))
         best = order[:FULL_JACOBIANS]
         refitted_fully = self.refit_full_jacobian([refined[item] for item in best])
@@ -481,8 +406,18 @@ def refit_full_jacobian(
     return run_refits(metric, wanted, watch.check)
 
 
-def _starts_of_each(scores: Sequence[Score]) -> list[tuple[Score, list[Array]]]:
-    """All starts of each candidate, and a smaller size of the first two."""
+def best_of_each(fits: Sequence[Fit]) -> list[Fit]:
+    """The best fit of each candidate, in their order."""
+    best: dict[Key, Fit] = {}
+    for found in fits:
+        key = found.candidate.key
+        if key not in best or found.misfit < best[key].misfit:
+            best[key] = found
+    return list(best.values())
+
+
+def starts_of_each(scores: Sequence[Score]) -> list[Trial]:
+    """All starts of each candidate; of the first two a smaller size too."""
     return [
         (score, _starts_of(score, tries_smaller=number < 2)) for number, score in enumerate(scores)
     ]

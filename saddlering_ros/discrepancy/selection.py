@@ -16,7 +16,8 @@ from saddlering_ros.discrepancy.criteria import (
     indistinguishable,
     real_and_material,
 )
-from saddlering_ros.discrepancy.model_space import CLOSE_SHARE, Comparison, ModelSpace
+from saddlering_ros.discrepancy.model_space import Comparison, ModelSpace
+from saddlering_ros.discrepancy.race import CLOSE_SHARE, fit_each, fit_race
 from saddlering_ros.discrepancy.ranking import best_of_each, shortlist
 from saddlering_ros.discrepancy.results import SearchLog
 from saddlering_ros.discrepancy.silent_effects import fit_in_other_valleys, fit_silent
@@ -121,12 +122,12 @@ def refitted(space: ModelSpace, current: Fit) -> list[Fit]:
     scores = space.scores(current)
     least = max(MIN_GAIN, MIN_GAIN_SHARE * space.real_gain)
     listed = shortlist(scores, least, space.settings.refits)
-    first = space.fit_each(current, listed)
+    first = fit_each(space, current, listed)
     if not (_is_much_left(space, current)
             or any(space.compare(current, item).is_real for item in first)):
         return first
     others = [score for score in scores if all(score is not item for item in listed)]
-    return space.fit_race(current, first, others)
+    return fit_race(space, current, first, others)
 
 
 def _is_much_left(space: ModelSpace, fit: Fit) -> bool:
@@ -225,7 +226,7 @@ def _alternatives_to(
     listed += [score for score in best_of_each(scores) if score.effect.id in names]
     listed = [score for score in listed if name not in score.effect.contains]
     answers = []
-    for item in space.fit_each(less, listed):
+    for item in fit_each(space, less, listed, [fit]):
         if name in item.candidate.ids:
             continue
         comparison = space.compare(less, item)

@@ -71,7 +71,8 @@ def simulate_path(model: Model, rows: Rows, time: Floats, load: Floats, zero_loa
         if steps < room:
             break
         room = steps + 1
-    step_time, step_load, moved = np.empty(steps + 1), np.empty(steps + 1), np.empty((steps + 1, 3))
+    step_time, step_load = np.empty(steps + 1), np.empty(steps + 1)
+    moved = np.empty((steps + 1, 3))
     samples = np.empty(time.size, dtype=np.intp)
     step_load[0], moved[0] = zero_load, motion[0]
     courses.steps_of_record(record, time, max_step, step_time, step_load, moved, samples)
@@ -80,7 +81,7 @@ def simulate_path(model: Model, rows: Rows, time: Floats, load: Floats, zero_loa
 
 def tangents_along(model: Model, rows: Rows, law: Floats, external: Floats, friction: Floats,
                    geometry: Sequence[Floats], path: MotionPath) -> Floats:
-    """Changes (M, 3, P) at every step; NaN where the pass fails. See `tangents.motion_tangents`."""
+    """Changes (M, 3, P) at every step; NaN if that fails. See `tangents.motion_tangents`."""
     changes = np.empty((path.time.size, 3, law.shape[2]))
     rollers = np.array(geometry) if geometry else np.empty((0, rows.flat.size))
     if not tangents.motion_tangents(model, rows.flat, rows.uniform, law, external, friction,

@@ -20,6 +20,7 @@ from saddlering_ros.rig import Rig
 from saddlering_ros.ring.kernels import courses
 from saddlering_ros.ring.model import (
     at_elevation,
+    MODEL,
     Model,
     model_rows,
     read_motion_only,
@@ -145,9 +146,9 @@ class Neighbourhoods:
         # Motions are shared by candidates that differ in what is added to the readings only.
         self._members: list[list[int]] = []
         if groups:
-            centres = np.concatenate([one.models[:1] for one in self._groups])
+            centres = np.concatenate([floats(one.models[:1]) for one in self._groups])
             alike: dict[int, list[int]] = {}
-            first = same_motions(centres, [one.rows for one in self._groups])
+            first = same_motions(centres.view(MODEL), [one.rows for one in self._groups])
             for index, leader in enumerate(first.tolist()):
                 alike.setdefault(leader, []).append(index)
             self._members = list(alike.values())
@@ -155,7 +156,7 @@ class Neighbourhoods:
     def along(self, elevation: float, time: ArrayLike, load: ArrayLike,
               zero_load: float | None = None, max_step: float = 1e-3,
               blocks: tuple[Places, Places] | None = None) -> list[Responses]:
-        """Responses of every group in one run; as means over the blocks [start, stop), if given."""
+        """Responses of every group in one run; as means over blocks [start, stop) if given."""
         seconds, force = check_simulation(time, load, elevation, max_step)
         zero = float(force[0]) if zero_load is None else zero_load
         if blocks is None:

@@ -64,11 +64,11 @@ def test_reading_is_cancelled_too(paths):
         diagnose(paths, rig=RIG, is_cancelled=lambda: True)
 
 
-def test_a_cancel_during_the_last_fit_of_a_diagnosis_gives_no_verdict(monkeypatch):
+def test_a_cancel_during_the_identification_of_a_diagnosis_gives_no_verdict(monkeypatch):
     from saddlering_ros.diagnosis import contact_law
 
     half_done = object.__new__(Identification)
     object.__setattr__(half_done, 'cancelled', True)
     monkeypatch.setattr(contact_law, 'identify', lambda *_, **__: half_done)
     with pytest.raises(Cancelled):
-        contact_law.contact_law(None, [], RIG, lambda: True)
+        contact_law.identified([], RIG, lambda: True)

@@ -38,7 +38,7 @@ def diagnosis(causes=(), std=0.001):
 
 
 def test_without_a_cause_values_and_reasons_are_those_of_identify(runs, found):
-    law = contact_law(diagnosis(), runs, RIG)
+    law = contact_law(diagnosis(), runs, found)
     for name in PARAMETER_NAMES:
         value = getattr(found.parameters.contact, name)
         assert law.before[name].value == law.after[name].value == value

@@ -15,6 +15,7 @@ from saddlering_ros.discrepancy import (
 )
 from saddlering_ros.discrepancy.candidate import Fit
 from saddlering_ros.discrepancy.model_space import ModelSpace
+from saddlering_ros.discrepancy.race import fit_each
 from saddlering_ros.discrepancy.results import SearchLog
 
 NOISE = 1e-3
@@ -42,7 +43,7 @@ def test_one_effect_takes_the_place_of_two_that_fit_no_better(
             return search(space, fit, log)
         for name in ('square', 'cube'):
             scores = [score for score in space.scores(fit) if score.effect.id == name]
-            fit = space.fit_each(fit, scores)[0]
+            fit = fit_each(space, fit, scores)[0]
         return fit
 
     monkeypatch.setattr(selection, 'forward', misled)
