@@ -360,9 +360,11 @@ def _standard_errors(parts: list[NDArray[np.float64]]) -> NDArray[np.float64]:
     window = _window(corrected / corrected[0], typical)
     if window is None or 4 * window > typical:
         corrected = _modelled(covariance[:typical], counts[:typical], longest)
-    errors = [np.sqrt(corrected[0] * _inflation(corrected / corrected[0], len(part)) / len(part))
-              for part in parts]
-    return np.array(errors)
+    correlation = corrected / corrected[0]
+    sizes, members = np.unique([len(part) for part in parts], return_inverse=True)
+    errors = [np.sqrt(corrected[0] * _inflation(correlation, size) / size)
+              for size in sizes.tolist()]
+    return np.array(errors)[members]
 
 
 def _autocovariance_sums(deviation: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -376,11 +378,14 @@ def _corrected_for_mean(
     covariance: NDArray[np.float64], size: int,
 ) -> NDArray[np.float64]:
     """Add the variance of the mean, which was subtracted from the same samples."""
-    corrected = covariance
+    corrected, before = covariance, 0.0
     for _ in range(20):
         correlation = corrected / corrected[0]
         of_mean = corrected[0] * min(_inflation(correlation, size) / size, 0.5)
         corrected = covariance + of_mean
+        if of_mean == before:
+            break
+        before = of_mean
     return corrected
 
 
@@ -449,9 +454,14 @@ def _after_mean(covariance: NDArray[np.float64]) -> NDArray[np.float64]:
 
 def _window(correlation: NDArray[np.float64], size: int) -> int | None:
     """Sokal's window: the first lag K with K >= 5 tau(K); None if there is none."""
-    lags, terms = _partial_inflation(correlation, size)
+    return _window_of(*_partial_inflation(correlation, size))
+
+
+def _window_of(lags: NDArray[np.int64], terms: NDArray[np.float64]) -> int | None:
+    """`_window` of partial sums `terms` up to each of the lags."""
     enough = lags >= 5.0 * np.maximum(terms, 0.2)
-    return int(lags[np.argmax(enough)]) if enough.any() else None
+    first = int(np.argmax(enough)) if len(enough) else 0
+    return int(lags[first]) if len(enough) and enough[first] else None
 
 
 def _partial_inflation(
@@ -464,9 +474,9 @@ def _partial_inflation(
 
 def _inflation(correlation: NDArray[np.float64], size: int) -> float:
     """Factor tau for `size` samples with this `correlation` (k = 0, 1, ...), at least 1/size."""
-    _, terms = _partial_inflation(correlation, size)
+    lags, terms = _partial_inflation(correlation, size)
     if not len(terms):
         return 1.0
-    window = _window(correlation, size)
+    window = _window_of(lags, terms)
     place = len(terms) - 1 if window is None else window - 1
     return float(max(terms[place], 1.0 / size))

@@ -7,6 +7,7 @@ mean, and its growth with m shows slow noise of any kind. Allan, Proc. IEEE 54 (
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -52,24 +53,29 @@ def allan_variances(rows: Sequence[tuple[Array, float]]) -> tuple[Array, Array, 
 
     Each of `rows` is (values (N,), step [s]).
     """
-    sums: dict[float, list[float]] = {}
+    by_step: dict[float, list[Array]] = {}
     for row, step in rows:
-        total = running_total(row)
-        for count in averaged_counts(row.size):
-            differences = row.size // count - 1
+        by_step.setdefault(step, []).append(row)
+    sums: dict[float, list[float]] = {}
+    for step, alike in by_step.items():
+        totals = RowTotals(alike)
+        for count in averaged_counts(int(totals.sizes.max())):
+            own = np.array([count in averaged_counts(size) for size in totals.sizes.tolist()])
+            weighted, differences = totals.weighted_variance(count, own)
             entry = sums.setdefault(float(f'{count * step:.3g}'), [0.0, 0.0])
-            entry[0] += differences * allan_variance(total, count)
+            entry[0] += weighted
             entry[1] += differences
     scales = np.array(sorted(scale for scale, entry in sums.items() if entry[1] >= MIN_PAIRS))
     allan = np.array([sums[scale][0] / sums[scale][1] for scale in scales])
     return scales, allan, np.array([sums[scale][1] for scale in scales])
 
 
-def averaged_counts(size: int) -> list[int]:
+@lru_cache(maxsize=4096)
+def averaged_counts(size: int) -> tuple[int, ...]:
     """Numbers of averaged values out of `size`: two per octave, up to half of them."""
     octaves = np.arange(0.0, 2.0 * np.log2(max(2.0, 0.5 * size)) + 1e-9)
-    return [int(count) for count in np.unique(np.round(2.0 ** (0.5 * octaves)))
-            if size // count >= 2]
+    return tuple(int(count) for count in np.unique(np.round(2.0 ** (0.5 * octaves)))
+                 if size // count >= 2)
 
 
 def running_total(values: Array) -> Array:
@@ -77,12 +83,38 @@ def running_total(values: Array) -> Array:
     return np.concatenate([[0.0], np.cumsum(values)])
 
 
-def allan_variance(total: Array, count: int) -> float:
-    """Allan variance of means over `count` values, from every start, of a running total."""
-    return float(allan_variances_of(total[None], count)[0])
+class RowTotals:
+    """Running totals of rows (n_i,), all in one array, for Allan variances over all of them."""
+
+    def __init__(self, rows: Sequence[Array]) -> None:
+        self.sizes = np.array([row.size for row in rows], dtype=np.intp)
+        self._ends = np.cumsum(self.sizes)
+        self._total = running_total(np.concatenate(rows))
+
+    def weighted_variance(
+        self, count: int, among: NDArray[np.bool_] | None = None
+    ) -> tuple[float, int]:
+        """Sum of the Allan variances of the rows, weighted by their numbers of differences.
+
+        The second result is the number of all differences. The means are over `count` values.
+        among (R,): mask of the rows used; a row shorter than two means is never used.
+        """
+        part = self.sizes // count >= 2
+        if among is not None:
+            part &= among
+        if not part.any():
+            return 0.0, 0
+        means = (self._total[count:] - self._total[:-count]) / count
+        squares = np.append((means[count:] - means[:-count]) ** 2, 0.0)
+        starts = self._ends[part] - self.sizes[part]
+        stops = self._ends[part] - 2 * count + 1
+        sums = np.add.reduceat(squares, np.column_stack([starts, stops]).ravel())[::2]
+        differences = self.sizes[part] // count - 1
+        variances = 0.5 * sums / (stops - starts)
+        return float(differences @ variances), int(differences.sum())
 
 
 def allan_variances_of(totals: Array, count: int) -> Array:
-    """The same (rows,) of running totals (rows, N)."""
+    """Allan variances (rows,) of means over `count` values, from running totals (rows, N)."""
     means = (totals[:, count:] - totals[:, :-count]) / count
     return np.asarray(0.5 * np.mean((means[:, count:] - means[:, :-count]) ** 2, axis=1))

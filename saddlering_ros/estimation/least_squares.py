@@ -32,6 +32,9 @@ FAILED_ROUNDS = 4
 MAX_ROUNDS = 60
 """Rounds of `minimise`."""
 
+USUAL_DAMPING, NEAR = 1e-3, 1e-6
+"""Damping of the first step of a descent, and of one that starts where it will end."""
+
 NEGLIGIBLE = 1e-7
 """Gain of chi square with which no parameter moves by more than 3e-4 of its deviation."""
 
@@ -56,7 +59,7 @@ class Rule:
     periodic (F,): coordinates that are angles; prior: number of standard deviations in the
     whole box, which keeps idle coordinates still. A descent ends after `quiet_rounds` gains in
     a row below `quiet_gain` of the misfit or below `quiet_share` of it, or before a step with
-    an expected gain of at most `negligible`.
+    an expected gain of at most `negligible`. damping: that of the first step.
     """
 
     periodic: NDArray[np.bool_]
@@ -66,6 +69,7 @@ class Rule:
     quiet_share: float
     quiet_rounds: int = 2
     negligible: float = 0.0
+    damping: float = USUAL_DAMPING
 
     def cost(self, residual: Array, point: Array) -> float:
         """Misfit and prior; infinite for a residual that is not finite."""
@@ -123,7 +127,7 @@ def descend(
     columns[:, list(first_fresh)] = answer.columns
     improves = len(fresh) < start.size
     best = rule.cost(residual, point)
-    costs, damping, quiet, failed, converged = [best], 1e-3, 0, 0, False
+    costs, damping, quiet, failed, converged = [best], rule.damping, 0, 0, False
     for _ in range(rule.rounds):
         if not np.isfinite(best):
             break
@@ -224,15 +228,16 @@ class _Lazily:
 
 def minimise(
     linearised: Callable[[Array], Linearised], start: Array, low: Array, high: Array,
-    negligible: float = NEGLIGIBLE,
+    negligible: float = NEGLIGIBLE, damping: float = USUAL_DAMPING,
 ) -> Minimum:
     """Least squares inside the box from `start` (F,), without a prior, to the optimum.
 
-    The descent ends if the next step is expected to gain less than `negligible`.
+    The descent ends if the next step is expected to gain less than `negligible`. damping: that of
+    the first step.
     """
     span = high - low
     rule = Rule(np.zeros(span.size, dtype=bool), 0.0, MAX_ROUNDS, 1e-6, 1e-10,
-                negligible=negligible)
+                negligible=negligible, damping=damping)
 
     def answer(unit: Array) -> _Lazily:
         found = linearised(low + span * unit)

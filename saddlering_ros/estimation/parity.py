@@ -12,7 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from saddlering_ros.estimation.allan import allan_variance, running_total
+from saddlering_ros.estimation.allan import RowTotals
 
 Array = NDArray[np.float64]
 
@@ -42,22 +42,22 @@ def parity_ratios(
     """
     if not segments:
         return None
-    whole = np.array([_pooled(parities, count)[0] for count in COMPARED_COUNTS])
-    channels = np.array([
-        [_pooled([part[row] for part in segments], count)[0] for count in COMPARED_COUNTS]
-        for row in range(len(segments[0]))
-    ])
+    records = RowTotals(parities)
+    whole = np.array([_pooled(records, count)[0] for count in COMPARED_COUNTS])
+    at_rest = [RowTotals([part[row] for part in segments]) for row in range(len(segments[0]))]
+    channels = np.array(
+        [[_pooled(one, count)[0] for count in COMPARED_COUNTS] for one in at_rest])
     if not (np.all(np.isfinite(channels)) and np.all(whole > 0.0)):
         return None
     ratios = np.mean(channels / whole, axis=1)
     if np.any(ratios < 1.0 / MAX_RATIO) or np.any(ratios > MAX_RATIO):
         return None
-    return None if _moves(parities, rests) else np.asarray(ratios)
+    return None if _moves(records, RowTotals(rests)) else np.asarray(ratios)
 
 
-def _moves(parities: Sequence[Array], rests: Sequence[Array]) -> bool:
+def _moves(parities: RowTotals, rests: RowTotals) -> bool:
     """Whether parities move by more than their noise at rest."""
-    last, longest = 0, max(parity.size for parity in parities) // 8
+    last, longest = 0, int(parities.sizes.max()) // 8
     walk = np.inf
     count = 1
     while count <= max(longest, 1):
@@ -73,11 +73,7 @@ def _moves(parities: Sequence[Array], rests: Sequence[Array]) -> bool:
     return not last
 
 
-def _pooled(rows: Sequence[Array], count: int) -> tuple[float, int]:
-    """Allan variance of rows (n_i,) at means over `count`, and its number of differences."""
-    pairs = [max(0, row.size // count - 1) for row in rows]
-    if not any(pairs):
-        return np.nan, 0
-    total = sum(number * allan_variance(running_total(row), count)
-                for row, number in zip(rows, pairs, strict=True) if number)
-    return total / sum(pairs), sum(pairs)
+def _pooled(rows: RowTotals, count: int) -> tuple[float, int]:
+    """Allan variance of rows at means over `count`, and its number of differences."""
+    weighted, pairs = rows.weighted_variance(count)
+    return (weighted / pairs if pairs else np.nan), pairs

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from saddlering_ros.bags import BagError, displacement_of_run, Plateaus, plateaus, TestRun
+from saddlering_ros.bags import BagError, Plateaus, plateaus, TestRun
+from saddlering_ros.bags.measured import zero_of_run
 from saddlering_ros.identification.errors import IdentificationError
 from saddlering_ros.rig import Rig
 
@@ -27,7 +28,7 @@ def warnings_of(run: TestRun, rig: Rig) -> list[str]:
                 'the record, which is left out'
             )
     noted = any('not near the preload' in note for note in run.notes)
-    if not noted and not displacement_of_run(rig, run).zero.near_preload:
+    if not noted and not zero_of_run(rig, run).near_preload:
         warnings.append(f'{name}: the record does not start near the preload; its zero is at a '
                         'higher load')
     return warnings

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from saddlering_ros.bags import TestRun
 from saddlering_ros.errors import Cancelled
 from saddlering_ros.estimation.identifiability import WIDTH_95
+from saddlering_ros.estimation.least_squares import NEAR
 from saddlering_ros.estimation.space import SearchSpace
 from saddlering_ros.identification import swarm
 from saddlering_ros.identification.checks import warnings_of
@@ -199,6 +200,11 @@ def _split(observations: Sequence[Observation]) -> tuple[list[Observation], list
     return static, [one for one in observations if one.dynamic]
 
 
+def _fastest(dynamic: Sequence[Observation]) -> list[Observation]:
+    """The run whose load moves fastest: it shows the damping well enough for a start."""
+    return [max(dynamic, key=lambda one: float(np.ptp(one.load) / np.ptp(one.time)))]
+
+
 def _start(bounds: Bounds) -> ContactParameters:
     """The true-to-scale parameters, pulled into the bounds."""
     low, high = np.array([bounds[name] for name in PARAMETER_NAMES]).T
@@ -242,7 +248,10 @@ def _by_default(search: _Search, observations: Sequence[Observation]) -> _Found:
     if dynamic and not search.cancelled:
         contact, best = search.run_swarm(
             'dynamic swarm',
-            WeightedObjective(search.rig, [one.coarse(SEARCH_STEP) for one in dynamic], channels),
+            WeightedObjective(
+                search.rig,
+                [one.coarse(SEARCH_STEP) for one in (_fastest(dynamic) if static else dynamic)],
+                channels),
             search.space(DAMPING_NAMES if static else PARAMETER_NAMES, contact, log=True),
         )
     searched = PARAMETER_NAMES if dynamic else STATIC_NAMES
@@ -281,11 +290,14 @@ def _refined(
         found = _Found(lowest.law, lowest.chi_square, searched, observations)
         _note_different_optima(search, bottoms)
         fine = WeightedObjective(search.rig, search.observations(lowest.law), channels)
+        with_cell = replace(
+            fine, observations=[one.coarse() for one in fine.observations], evaluations=0)
+        lowest = refine(with_cell, space, lowest.point, search.is_cancelled, PROVISIONAL)
         for _ in range(LOAD_CORRECTIONS if search.has_dynamic else 0):
-            lowest = refine(fine, space, lowest.point, search.is_cancelled, PROVISIONAL)
+            lowest = refine(fine, space, lowest.point, search.is_cancelled, PROVISIONAL, NEAR)
             fine = fine.with_likely_loads(lowest.contact)
-        lowest = refine(fine, space, lowest.point, search.is_cancelled)
-        evaluations = fine.evaluations
+        lowest = refine(fine, space, lowest.point, search.is_cancelled, damping=NEAR)
+        evaluations = with_cell.evaluations + fine.evaluations
         found = _Found(
             lowest.law, lowest.chi_square, searched, fine.observations, (fine, lowest))
         _report_refinement(search, 3, lowest)

@@ -115,6 +115,7 @@ class WeightedObjective:
     channels: tuple[int, ...]
     evaluations: int = 0
     shared: list[SharedErrors] = field(default_factory=list, repr=False)
+    _lowest: LinearisedFit | None = field(default=None, init=False, repr=False)
 
     def __post_init__(self) -> None:
         # From another objective of the same runs with another load.
@@ -147,7 +148,10 @@ class WeightedObjective:
         residual = np.concatenate(white, axis=1)[0]
         if np.isnan(residual).any():
             raise IdentificationError(_not_a_number(contact))
-        return LinearisedFit(self, residual, found)
+        fit = LinearisedFit(self, contact, residual, found)
+        if self._lowest is None or residual @ residual < self._lowest.chi_square:
+            self._lowest = fit
+        return fit
 
     def mean_squares(self, contact: Array) -> list[float]:
         """Mean square of the whitened residuals of each run at a contact law (6,)."""
@@ -155,8 +159,17 @@ class WeightedObjective:
 
     def _of_each_run(self, contacts: Array) -> list[Array]:
         return self.whiten([
-            predict(self.rig, contacts, one) - one.displacement for one in self.observations
+            found - one.displacement
+            for found, one in zip(self.increments(contacts), self.observations, strict=True)
         ])
+
+    def increments(self, contacts: Array) -> list[Array]:
+        """Simulated increments (B, 3, N) of each run; those of the lowest fit so far are known."""
+        lowest = self._lowest
+        if lowest is not None and len(contacts) == 1 and np.array_equal(
+                contacts[0], lowest.contact):
+            return [one.increments[None] for one in lowest.followed]
+        return [predict(self.rig, contacts, one) for one in self.observations]
 
     def with_likely_loads(self, contact: Array) -> WeightedObjective:
         """The same with the load of dynamic runs corrected by their displacements.
@@ -166,8 +179,9 @@ class WeightedObjective:
         parameters.
         """
         white = self._plainly_white([
-            predict(self.rig, contact[None, :], one) - one.displacement
-            for one in self.observations])
+            found - one.displacement
+            for found, one in zip(
+                self.increments(contact[None, :]), self.observations, strict=True)])
         corrected = [
             one.with_load_less(shared.likely(part[0]))
             for one, shared, part in zip(self.observations, self.shared, white, strict=True)
@@ -201,11 +215,16 @@ class WeightedObjective:
 
 @dataclass(frozen=True)
 class LinearisedFit:
-    """Whitened residuals (R,) of one contact law, whose motions are stored for the derivatives."""
+    """Whitened residuals (R,) of a contact law (6,), with its motions for the derivatives."""
 
     objective: WeightedObjective
+    contact: Array
     residual: Array
     followed: Sequence[_Followed]
+
+    @property
+    def chi_square(self) -> float:
+        return float(self.residual @ self.residual)
 
     def slopes(self) -> Array:
         """Derivatives (6, R) of the whitened residuals by the contact parameters."""

@@ -8,7 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saddlering_ros.errors import Cancelled
-from saddlering_ros.estimation.least_squares import minimise, NEGLIGIBLE, on_bound
+from saddlering_ros.estimation.least_squares import (
+    minimise,
+    NEGLIGIBLE,
+    on_bound,
+    USUAL_DAMPING,
+)
 from saddlering_ros.estimation.space import SearchSpace
 from saddlering_ros.identification.objective import LinearisedFit, WeightedObjective
 from saddlering_ros.progress import IsCancelled
@@ -56,10 +61,12 @@ def refine(
     start: Array,
     is_cancelled: IsCancelled | None = None,
     negligible: float = NEGLIGIBLE,
+    damping: float = USUAL_DAMPING,
 ) -> Refinement:
     """Least squares from coordinates `start` (F,); Cancelled on request.
 
     The descent ends if the next step is expected to gain less than `negligible` of chi square.
+    damping: that of the first step.
     """
 
     def at(point: Array) -> _At:
@@ -67,7 +74,7 @@ def refine(
             raise Cancelled
         return _at(objective, space, point)
 
-    found = minimise(at, start, space.low, space.high, negligible)
+    found = minimise(at, start, space.low, space.high, negligible, damping)
     return Refinement(found.point, space.contacts(found.point)[0], found.chi_square,
                       found.jacobian, found.at_bound)
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from saddlering_ros.identification.objective import predict, WeightedObjective
+from saddlering_ros.identification.objective import WeightedObjective
 from saddlering_ros.identification.observation import Observation
 from saddlering_ros.rig import probes_to_displacement, Rig
 from saddlering_ros.ring.roller_scatter import scatter_columns, SimulatedCourse
@@ -26,13 +26,14 @@ def roller_effects(objective: WeightedObjective, contact: Array) -> Array:
 
     All runs share a column, because the same rollers are unequal in each of them.
     """
-    raw = [_increments(objective.rig, contact, one) for one in objective.observations]
+    usual = objective.increments(contact[None, :])
+    raw = [_increments(objective.rig, contact, one, found[0])
+           for one, found in zip(objective.observations, usual, strict=True)]
     return np.concatenate(objective.whiten(raw), axis=1).T
 
 
-def _increments(rig: Rig, contact: Array, one: Observation) -> Array:
-    """Increments (M, 3, N) of one run since its zero."""
-    usual = predict(rig, contact[None, :], one)[0]
+def _increments(rig: Rig, contact: Array, one: Observation, usual: Array) -> Array:
+    """Increments (M, 3, N) of one run since its zero, beside the usual ones (3, N)."""
     x, y, gamma = np.concatenate([np.zeros((3, 1)), usual], axis=1)
     height, half = rig.probes.radial_height, 0.5 * rig.probes.axial_span
     probes = np.stack([x + height * gamma, y + half * gamma, -x - height * gamma,

@@ -29,6 +29,9 @@ MIN_SAMPLES = 5
 BLOCK = 8192
 """Samples of a record looked at together."""
 
+CONVERTED = 512
+"""Samples made numbers of Python together: most zeros end within a second."""
+
 
 Samples = tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]
 """Time (N,) [s], load (N,) [N] and gaps (4 or none, N) [m] of a stretch of a record."""
@@ -141,10 +144,12 @@ def zero_of_blocks(rig: Rig, blocks: Callable[[], Iterable[Samples]]) -> ZeroRea
         for time, load, gaps in blocks():
             if window.passes_over(load):
                 continue
-            for seconds, force, row in zip(time.tolist(), load.tolist(), gaps.T.tolist(),
-                                           strict=True):
-                reading = window.push(seconds, force, row)
-                if reading is not None:
-                    return reading
+            for begin in range(0, len(time), CONVERTED):
+                part = slice(begin, begin + CONVERTED)
+                for sample in zip(time[part].tolist(), load[part].tolist(),
+                                  gaps[:, part].T.tolist(), strict=True):
+                    reading = window.push(*sample)
+                    if reading is not None:
+                        return reading
     time, load, gaps = next(block for block in iter(blocks()) if len(block[0]))
     return ZeroReading(float(load[0]), tuple(gaps[:, 0].tolist()), 0, 1, False)
