@@ -10,7 +10,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from saddlering_ros.diagnosis.records import LoadGrid
+from saddlering_ros.diagnosis.records import LoadGrid, LONGEST_STEP
 from saddlering_ros.discrepancy import Point, Proposal, Reading, RunBlocks
 from saddlering_ros.effects import catalogue
 from saddlering_ros.effects.rig_tests import RIG_TESTS
@@ -24,6 +24,9 @@ BLOCKS = 250
 
 RAMP, HOLD, STEPS = 1.0, 5.0, 25
 """Seconds between the holds of a static test, seconds of a hold, and holds up to full scale."""
+
+FAST_STEP = 5e-3
+"""Longest step [s] in which a fast ramp is simulated: damping shows in it."""
 
 REST_SECONDS = 600.0
 """Length of a record at constant preload."""
@@ -64,7 +67,7 @@ def _courses(rig: Rig, degrees: float) -> list[Proposal]:
     peak = force_words(full, rig.force_unit, 0)
     where = f'at {degrees:g} deg'
     slow = LoadCourse([0, 1, 31, 61, 62], [low, low, full, low, low])
-    fast = LoadCourse([0, 1, 2.5, 4, 6], [low, low, full, low, low])
+    fast = LoadCourse([0, 1, 2.5, 4, 6], [low, low, full, low, low], FAST_STEP)
     cycles = LoadCourse([0, 1, 6, 36, 41, 71, 76, 106, 111, 141],
                     [low, low, full, full, low, low, full, full, low, low])
     return [
@@ -127,10 +130,14 @@ def on_slewed_ring(point: Point) -> Point:
 
 @dataclass(frozen=True)
 class LoadCourse:
-    """A course of load: times [s] and loads [N] between which it is straight."""
+    """A course of load: times [s] and loads [N] between which it is straight.
+
+    max_step [s]: longest step of its simulation. The samples of a slow course are close enough.
+    """
 
     times: Sequence[float]
     loads: Sequence[float]
+    max_step: float = LONGEST_STEP
 
     def run(self, degrees: float) -> RunBlocks:
         """An empty run along the course."""
@@ -142,7 +149,7 @@ class LoadCourse:
         drive = load.reshape(BLOCKS, 2).mean(axis=1)
         centre = time.reshape(BLOCKS, 2).mean(axis=1)
         grid = LoadGrid(float(np.radians(degrees)), time, load, float(load[0]), first, first + 2,
-                        min(5e-3, 0.5 * width))
+                        self.max_step)
         change = np.gradient(drive, centre)
         return _empty_run(grid, centre, np.full(BLOCKS, width), np.sign(change), rate=change)
 

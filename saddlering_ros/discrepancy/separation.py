@@ -12,10 +12,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 import math
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve, cholesky, solve_triangular
+from numpy.typing import NDArray
+from scipy.linalg import cho_solve, cholesky, solve_triangular
 
 from saddlering_ros.discrepancy.candidate import Fit
 from saddlering_ros.discrepancy.criteria import indistinguishable
@@ -134,17 +136,17 @@ def simulate_tests(
     first = [own[0].values[: item.run.channels.size]
              for own, item in zip(seen, proposals, strict=True)]
     shared, local = _nuisances(joint, open_models[0].fit, first)
-    known = [_Known.of(metric, fit, tangent_of(fit), shared[: old.size], local[: old.size])
-             for fit in fits]
+    nuisances = _Columns(np.hstack([shared, local]), shared.shape[1], old.size)
+    known = [_Known.of(metric, fit, tangent_of(fit), nuisances.in_old_data) for fit in fits]
     random = np.random.default_rng(seed)
     answers, start = [], old.size
     for proposal, own in zip(proposals, seen, strict=True):
         part = slice(start, start + proposal.run.channels.size)
         start = part.stop
         whiten = _whitener(metric, proposal)
-        columns = _apart(shared[part], local[part], proposal)
+        again, anew = nuisances.of(part, proposal)
         forecasts = [
-            _Forecast.of(item, view, columns, whiten)
+            _Forecast.of(item, view, again, anew, whiten)
             for item, view in zip(known, own, strict=True)
         ]
         answers.append(_separation(proposal, open_models, fits, forecasts, rule, draws, random))
@@ -207,12 +209,39 @@ def _nuisances(
     return np.hstack(columns), system_columns(joint, fit.point)
 
 
-def _apart(shared: Array, local: Array, proposal: Proposal) -> Array:
-    """Nuisance columns (m, k) of a test: those shared with the old data, then its own."""
-    none = np.zeros_like(local)
-    parts = [shared, none, local] if proposal.is_other_place else [shared, local, none]
-    columns = np.hstack(parts)
-    return np.vstack([columns, np.zeros((len(proposal.readings), columns.shape[1]))])
+@dataclass(frozen=True)
+class _Columns:
+    """Nuisance columns (n, k) of the old data and of all tests.
+
+    The old data are the first `old` rows. The first `shared` columns belong to the test stand, the
+    others to the units of the machine that carry the load.
+    """
+
+    columns: Array
+    shared: int
+    old: int
+
+    @cached_property
+    def seen_before(self) -> NDArray[np.bool_]:
+        """Mask (k,) of the columns that act on the old data."""
+        return np.asarray(self.columns[: self.old].any(axis=0))
+
+    @property
+    def in_old_data(self) -> Array:
+        """The columns that act on the old data, in the old data."""
+        return self.columns[: self.old, self.seen_before]
+
+    def of(self, part: slice, proposal: Proposal) -> tuple[Array, Array]:
+        """Columns of a test: the columns (m, k) of `in_old_data`, and its own columns."""
+        whole, seen = self.columns[part], self.seen_before
+        again, anew = whole[:, seen], whole[:, ~seen]
+        if proposal.is_other_place:
+            is_shared = np.arange(seen.size) < self.shared
+            again = np.where(is_shared[seen], again, 0.0)
+            anew = whole[:, ~(seen & is_shared)]
+        anew = anew[:, anew.any(axis=0)]
+        readings = ((0, len(proposal.readings)), (0, 0))
+        return np.pad(again, readings), np.pad(anew, readings)
 
 
 def _whitener(metric: Metric, proposal: Proposal) -> Callable[[Array], Array]:
@@ -257,11 +286,8 @@ class _Known:
     root: Array
 
     @classmethod
-    def of(
-        cls, metric: Metric, fit: Fit, tangent: Tangent, shared: Array, local: Array
-    ) -> _Known:
-        columns = metric.whiten_noise(np.hstack([tangent.plain, shared, local]))
-        columns = np.hstack([columns, np.zeros((len(columns), local.shape[1]))])
+    def of(cls, metric: Metric, fit: Fit, tangent: Tangent, nuisances: Array) -> _Known:
+        columns = metric.whiten_noise(np.hstack([tangent.plain, nuisances]))
         left = metric.whiten_noise(metric.experiment.measured - fit.prediction)
         root = cholesky(columns.T @ columns + np.eye(columns.shape[1]), lower=True)
         mean = cho_solve((root, True), columns.T @ left)
@@ -270,7 +296,10 @@ class _Known:
 
 @dataclass(frozen=True)
 class _Forecast:
-    """Whitened prediction of a model for a test: mean (m,) and spread (m, k)."""
+    """Whitened prediction of a model for a test: mean (m,) and spread (m, k).
+
+    inner (k, k): lower factor of 1 + spread^T spread.
+    """
 
     mean: Array
     spread: Array
@@ -278,12 +307,13 @@ class _Forecast:
 
     @classmethod
     def of(
-        cls, known: _Known, view: _View, nuisances: Array, whiten: Callable[[Array], Array]
+        cls, known: _Known, view: _View, again: Array, anew: Array,
+        whiten: Callable[[Array], Array]
     ) -> _Forecast:
-        white = whiten(np.column_stack([view.values, view.columns, nuisances]))
-        columns = white[:, 1:]
-        spread = solve_triangular(known.root, columns.T, lower=True).T
-        inner = cho_factor(np.eye(spread.shape[1]) + spread.T @ spread, lower=True)[0]
+        white = whiten(np.column_stack([view.values, view.columns, again, anew]))
+        columns, own = np.split(white[:, 1:], [known.mean.size], axis=1)
+        spread = np.hstack([solve_triangular(known.root, columns.T, lower=True).T, own])
+        inner = cholesky(np.eye(spread.shape[1]) + spread.T @ spread, lower=True)
         return cls(white[:, 0] + columns @ known.mean, spread, inner)
 
     def drawn(self, random: np.random.Generator, draws: int) -> Array:
@@ -295,7 +325,7 @@ class _Forecast:
     def misfits(self, results: Array) -> Array:
         """Increase (draws,) of the misfit of this model by results (m, draws)."""
         away = results - self.mean[:, None]
-        along = solve_triangular(np.tril(self.inner), self.spread.T @ away, lower=True)
+        along = solve_triangular(self.inner, self.spread.T @ away, lower=True)
         return np.asarray((away**2).sum(axis=0) - (along**2).sum(axis=0))
 
 
