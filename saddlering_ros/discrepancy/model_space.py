@@ -141,7 +141,7 @@ class ModelSpace:
         found = self.refine(coarse[: self.settings.refits])
         return sorted((self.keep(item) for item in found), key=self.penalised)
 
-    def carried_on(self, fits: Sequence[Fit], rounds: int) -> list[Fit]:
+    def continued(self, fits: Sequence[Fit], rounds: int) -> list[Fit]:
         """The same fits after further rounds."""
         count = len(self.metric.experiment.system.base_parameters)
         return self._run([
@@ -204,7 +204,7 @@ class ModelSpace:
 
     def refine(self, fits: Sequence[Fit]) -> list[Fit]:
         """The same fits completed, the best of them with a full Jacobian."""
-        refined = self.carried_on(fits, self.settings.rounds)
+        refined = self.continued(fits, self.settings.rounds)
         order = sorted(range(len(refined)), key=lambda item: self.penalised(refined[item]))
         best = order[:FULL_JACOBIANS]
         refitted_fully = self.refit_full_jacobian([refined[item] for item in best])

@@ -90,7 +90,7 @@ def _raced(
         return space.started(fit, trials, RACE_ROUNDS)
     screened = space.started(fit, trials, rounds=0)
     going, resting = _split(space, fit, screened, beside, SCREENED_SHARE)
-    return [*resting, *space.carried_on(going, RACE_ROUNDS)]
+    return [*resting, *space.continued(going, RACE_ROUNDS)]
 
 
 def _heats(
@@ -98,7 +98,7 @@ def _heats(
 ) -> tuple[list[Fit], list[Fit]]:
     """Each candidate from its best start: the candidates close to the best one, and the others."""
     going, behind = _split(space, fit, _raced(space, fit, trials, beside), beside, CLOSE_SHARE)
-    going = best_of_each(space.carried_on(going, COARSE_ROUNDS - RACE_ROUNDS))
+    going = best_of_each(space.continued(going, COARSE_ROUNDS - RACE_ROUNDS))
     followed = {item.candidate.key for item in going}
     behind = [item for item in best_of_each(behind) if item.candidate.key not in followed]
     return going, behind
