@@ -183,13 +183,17 @@ def _set(topic: RawTopic, seconds: float) -> RawTopic:
     return replace(topic, stamps=topic.stamps + late)
 
 
-def _rolled_over(topic: RawTopic, share: float) -> RawTopic:
-    """A counter too narrow for the last `share` of the travel, which wraps to the other end."""
+def _rolled_over(topic: RawTopic, share: float, turn: float = 2.0) -> RawTopic:
+    """A counter too narrow for the last `share` of the travel.
+
+    It wraps by `turn` times the travel: a signed one to the other end, an unsigned one to the
+    start.
+    """
     start = float(topic.values[:50].mean())
     away = topic.values - start
     far = float(np.abs(away).max())
     wrapped = np.abs(away) > (1.0 - share) * far
-    return replace(topic, values=np.where(wrapped, topic.values - 2.0 * np.sign(away) * far,
+    return replace(topic, values=np.where(wrapped, topic.values - turn * np.sign(away) * far,
                                           topic.values))
 
 
@@ -276,6 +280,12 @@ FAULTS: dict[str, Fault] = {
         '% of its travel'),
     '32-bit rollover of the load': Fault(
         lambda t, s: _each(t, LOAD, lambda one: _rolled_over(one, 1e-2 * s)), 30.0,
+        '% of its travel'),
+    'unsigned rollover of one probe': Fault(
+        lambda t, s: _each(t, ONE_PROBE, lambda one: _rolled_over(one, 1e-2 * s, 1.0)), 30.0,
+        '% of its travel'),
+    'unsigned rollover of the load': Fault(
+        lambda t, s: _each(t, LOAD, lambda one: _rolled_over(one, 1e-2 * s, 1.0)), 30.0,
         '% of its travel'),
 }
 

@@ -5,8 +5,10 @@
 For each fault `ring_displacement` runs as a process of its own. The ramp with the fault is
 published over ROS, in order of arrival. Its messages are
 compared with the rows that `saddlering displacement` gives for the same record: stamps, channels
-and marks (`validity`). A difference without a word in the node's diagnostics is silent. Where the
-command refuses the record, diagnostics must hold a warning.
+and marks (`validity`). The node publishes nothing before its zero, where it reports that it waits
+for the preload; rows of the command before that zero are counted apart. A difference without a
+word in the node's diagnostics is silent. Where the command refuses the record, diagnostics must
+hold a warning.
 """
 
 from __future__ import annotations
@@ -129,10 +131,11 @@ class Bench(ServedNode):
 
 @dataclass(frozen=True)
 class Compared:
-    """Messages of the node, rows of the command, and how many of them differ."""
+    """Messages of the node, rows of the command, early ones before the zero, other differences."""
 
     live: int
     offline: int
+    early: int
     differ: int
     marked: int
     words: tuple[str, ...]
@@ -184,22 +187,24 @@ def compared(record: RawRecord, topics: Topics) -> Compared:
     try:
         offline = of_command(record, topics)
     except SaddleringError as refusal:
-        return Compared(len(live), 0, 0, marked, words, str(refusal).partition(': ')[2])
+        return Compared(len(live), 0, 0, 0, marked, words, str(refusal).partition(': ')[2])
     _, here, there = np.intersect1d(live.stamps, offline.stamps, return_indices=True)
     channels = np.stack([np.asarray(getattr(offline.displacement, name)) for name in CHANNELS])
     same = (np.isclose(live.channels[:, here], channels[:, there], rtol=0.0, atol=1e-15,
                        equal_nan=True).all(axis=0)
             & (live.validity[here] == offline.validity[there]))
-    differ = max(len(live), len(offline)) - int(same.sum())
-    return Compared(len(live), len(offline), differ, marked, words)
+    early = int(np.count_nonzero(offline.stamps < live.zero_stamps[0])) if len(live) else 0
+    differ = max(len(live), len(offline) - early) - int(same.sum())
+    return Compared(len(live), len(offline), early, differ, marked, words)
 
 
 def line_of(name: str, fault: Fault, severity: float, found: Compared) -> str:
     """One row of the table."""
     words = found.refused and f'the command refuses: {found.refused[:60]}; node: '
     words += '; '.join(found.words)[:160]
-    return (f'| {name} | {severity:.3g} {fault.unit} | {found.live} | {found.offline} | '
-            f'{found.differ} | {found.marked} | {words} | {"SILENT" if found.is_silent else ""} |')
+    cells = (name, f'{severity:.3g} {fault.unit}', found.live, found.offline, found.early,
+             found.differ, found.marked, words, 'SILENT' if found.is_silent else '')
+    return f'| {" | ".join(map(str, cells))} |'
 
 
 def main() -> int:
@@ -208,8 +213,8 @@ def main() -> int:
     parser.add_argument('--rounds', type=int, default=1)
     args = parser.parse_args()
     record = raw_record('dynamic')
-    print('| fault | severity | messages | rows | differ | marked | diagnostics | |')
-    print('|---|---|---|---|---|---|---|---|')
+    print('| fault | severity | messages | rows | early | differ | marked | diagnostics | |')
+    print('|---|---|---|---|---|---|---|---|---|')
     sound = Fault(lambda topics, severity: topics, 0.0, '')
     chosen = {'none': sound, **FAULTS}
     silent = 0

@@ -40,6 +40,9 @@ STEP_SHARE = 0.1
 """Step of the load, as a share of full scale beyond the reach of the hydraulics, after which the
 load is doubtful."""
 
+LEFT_SHARE = 0.35
+"""A step back from a doubtful load leaves this share of the step there at most."""
+
 NOISE_SHARE = 0.01
 """Noise, as a share of full scale or of a probe's span, that is no leap at any rate."""
 
@@ -131,20 +134,30 @@ class GuardCounters:
 class Steps:
     """Stretches after steps of the load that the hydraulics cannot make.
 
-    offset [N]: sum of these steps until they return to zero; since [ns]: the last stamp before
-    the first of them; over: pairs of this stamp and of the first one after the return.
+    offset [N]: sum of these steps until they return to zero; since, first [ns]: the last stamp
+    before the first of them, and the next stamp; over: pairs of `since` and of the first stamp
+    after the return.
     """
 
     offset: float = 0.0
     since: int | None = None
+    first: int = 0
     over: list[tuple[int, int]] = field(default_factory=list)
 
-    def add(self, before: int, stamp: int, change: float, tolerance: float) -> None:
-        """Whether a step from the stamp `before` to `stamp` leads back to within a tolerance."""
+    def begin(self, before: int, stamp: int, change: float) -> None:
+        """The first step, from the stamp `before` to `stamp`."""
+        self.since, self.first, self.offset = before, stamp, change
+
+    def add(self, stamp: int, change: float, tolerance: float, changed: int) -> None:
+        """Take a further step to `stamp`; the reading has not changed since the stamp `changed`.
+
+        The step returns if little of the offset is left, because the load may have moved
+        meanwhile, or if the reading did not change since the first step (an open contact).
+        """
+        before = self.offset
         self.offset += change
-        if self.since is None:
-            self.since = before
-        elif abs(self.offset) <= tolerance:
+        little = max(tolerance, LEFT_SHARE * abs(before))
+        if abs(self.offset) <= little or self.offset * before < 0.0 or changed <= self.first:
             self.end(stamp)
 
     def end(self, stamp: int) -> None:
@@ -173,6 +186,7 @@ class SampleGuard:
         self._steps: deque[int] = deque(maxlen=GAP_HISTORY)
         self._last: tuple[int, float] | None = None
         self._held: tuple[int, float] | None = None
+        self._changed = 0
 
     @property
     def bridges(self) -> list[tuple[int, int]]:
@@ -266,6 +280,9 @@ class SampleGuard:
         assert self._last is not None
         recent = np.concatenate(([self._last[0]], samples.stamps))[-GAP_HISTORY - 1:]
         self._steps.extend(np.diff(recent).tolist())
+        new = np.flatnonzero(np.diff(samples.values, prepend=self._last[1]))
+        if len(new):
+            self._changed = int(samples.stamps[new[-1]])
         self._last = int(samples.stamps[-1]), float(samples.values[-1])
 
     def _is_possible(self, stamp: int, value: float) -> bool:
@@ -305,13 +322,19 @@ class SampleGuard:
         return due + self._judge(sample)
 
     def _step_to(self, held: tuple[int, float]) -> None:
-        """Accept the held sample as another level; note a step that the hydraulics cannot make."""
+        """Accept the held sample as another level; note a step that the hydraulics cannot make.
+
+        The age of a reading counts from its last change, so that the load after a stall is sound.
+        """
         if self._last is None or not self._follows(self._last[0], held[0]):
             return
         change, elapsed = held[1] - self._last[1], abs(held[0] - self._last[0]) * 1e-9
-        tolerance = self.limits.step + self.limits.rate * elapsed
-        if abs(change) > tolerance:
-            self._doubtful.add(self._last[0], held[0], change, tolerance)
+        age = max(elapsed, (held[0] - self._changed) * 1e-9)
+        if self._doubtful.since is not None:
+            self._doubtful.add(held[0], change, self.limits.step + self.limits.rate * elapsed,
+                               self._changed)
+        elif abs(change) > self.limits.step + self.limits.rate * age:
+            self._doubtful.begin(self._last[0], held[0], change)
 
     def _count_doubtful(self, count: int) -> None:
         if self._doubtful.since is not None:
@@ -352,6 +375,8 @@ class SampleGuard:
             self.counters.leaps_of_stamp += 1
 
     def _accept(self, sample: tuple[int, float]) -> list[tuple[int, float]]:
+        if self._last is None or sample[1] != self._last[1]:
+            self._changed = sample[0]
         if self._last is not None:
             step = sample[0] - self._last[0]
             if step < -JITTER_NS:

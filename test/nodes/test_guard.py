@@ -131,11 +131,30 @@ def test_a_load_that_rolls_over_is_refused_or_doubtful_until_it_comes_back(
 def test_a_load_that_stays_away_is_doubtful_up_to_the_next_test() -> None:
     stamps, values = steady(200)
     values[50:] = [1e5 - 0.3 * RIG.full_scale_load] * 150
+    values[::2] = [value + 50.0 for value in values[::2]]
     stamps[150:] = [stamp + 60 * 10**9 for stamp in stamps[150:]]
     guard = SampleGuard(load_limits(RIG))
     assert through(guard, stamps, values) == list(zip(stamps, values, strict=True))
     marked = guard.marks(np.asarray(stamps, np.int64)) == DOUBTFUL_LOAD
     assert np.flatnonzero(marked).tolist() == list(range(50, 150))
+
+
+def test_the_load_behind_a_stall_is_not_doubtful() -> None:
+    stamps = START + MS * np.arange(3000)
+    load = 0.9 * RIG.full_scale_load * np.sin(np.pi * np.arange(3000) / 3000.0)
+    load[300:900] = load[300]
+    guard = SampleGuard(load_limits(RIG))
+    assert len(through(guard, stamps, load)) == 3000
+    assert not any(guard.counters.as_dict().values())
+
+
+def test_a_contact_that_opens_is_doubtful_until_it_closes() -> None:
+    stamps = START + MS * np.arange(3000)
+    load = 0.9 * RIG.full_scale_load * np.sin(np.pi * np.arange(3000) / 3000.0)
+    load[900:1200] = 0.0
+    guard = SampleGuard(load_limits(RIG))
+    through(guard, stamps, load)
+    assert np.flatnonzero(guard.marks(stamps) == DOUBTFUL_LOAD).tolist() == list(range(900, 1200))
 
 
 def test_a_simulation_by_a_doubtful_load_is_marked(record) -> None:
