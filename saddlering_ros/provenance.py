@@ -93,11 +93,6 @@ def files(*paths: Path | str | None) -> tuple[Origin, ...]:
     return tuple(Origin(str(path), sha256_of_file(path)) for path in paths if path is not None)
 
 
-def name_files(document: dict[str, Any], *paths: Path | str | None) -> dict[str, Any]:
-    """`document`, a result's JSON, with the files that were given added to its provenance."""
-    return add_origins(document, files(*paths))
-
-
 def add_origins(document: dict[str, Any], origins: Iterable[Origin]) -> dict[str, Any]:
     """`document`, a result's JSON, with these files added to its provenance."""
     document['provenance']['files'] += [_plain(origin) for origin in origins]

@@ -59,10 +59,11 @@ def add_trust_option(parser: argparse.ArgumentParser) -> None:
                         help='accept a bag that states another rig than --rig')
 
 
-def add_parameter_option(parser: argparse.ArgumentParser) -> None:
-    """The parameter file that is simulated with."""
+def add_parameter_options(parser: argparse.ArgumentParser) -> None:
+    """The parameter file of a simulation, and the folder of the user's own effects in it."""
     parser.add_argument('--params', type=Path, required=True, metavar='FILE',
                         help='parameter file of an identification or diagnosis')
+    add_effects_option(parser)
 
 
 def add_effects_option(parser: argparse.ArgumentParser) -> None:

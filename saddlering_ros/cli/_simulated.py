@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import argparse
+from collections.abc import Callable, Iterator
 from itertools import chain
 
 import numpy as np
@@ -13,11 +14,37 @@ from saddlering_ros.bags.samples import DisplacementSamples, measured_rows
 from saddlering_ros.bags.scan import OnShare
 from saddlering_ros.bags.scratch import BLOCK, forget
 from saddlering_ros.bags.validity import BRIDGED, DOUBTFUL_LOAD
-from saddlering_ros.rig import CHANNELS, Displacement, ParameterSet, Rig, ZeroReading
+from saddlering_ros.cli._progress import Bar
+from saddlering_ros.cli._samples import check_outputs, deliver, read_shown, take_effects
+from saddlering_ros.rig import (
+    CHANNELS,
+    Displacement,
+    load_rig,
+    ParameterSet,
+    read_parameters,
+    Rig,
+    ZeroReading,
+)
 from saddlering_ros.ring import SimulationError
 from saddlering_ros.ring.simulator import simulate_in_blocks, SimulatedRun
 
 Parts = Iterator[DisplacementSamples]
+
+SamplesOf = Callable[[Rig, TestRun, ParameterSet, list[str], OnShare], tuple[Parts, ZeroReading]]
+
+
+def deliver_simulation(args: argparse.Namespace, samples_of: SamplesOf, what: str) -> int:
+    """Read the bag, compute its samples stretch by stretch, and deliver them as `what`."""
+    check_outputs(args)
+    take_effects(args)
+    rig, parameters = load_rig(args.rig), read_parameters(args.params)
+    test_run = read_shown(args, rig)
+    notes = list(test_run.notes)
+    with Bar() as bar:
+        samples, zero = samples_of(
+            rig, test_run, parameters, notes, lambda share: bar.show('simulate', share))
+        deliver(args, test_run, samples, zero, what, notes)
+    return 0
 
 
 def simulated_samples(

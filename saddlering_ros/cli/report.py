@@ -11,7 +11,11 @@ from saddlering_ros.cli._json import tell_json
 
 def add_parser(subparsers: Any) -> None:
     """Declare the subcommand."""
-    from saddlering_ros.cli._samples import add_fact_options, add_trust_option
+    from saddlering_ros.cli._samples import (
+        add_fact_options,
+        add_parameter_options,
+        add_trust_option,
+    )
 
     parser = subparsers.add_parser(
         'report', help='write a report on parameters and their predictions',
@@ -19,8 +23,7 @@ def add_parser(subparsers: Any) -> None:
         'uncertainty, and simulation beside measurement for the given bags. (saddlering diagnose '
         '--report writes the report of a diagnosis.)')
     parser.add_argument('bags', nargs='+', metavar='BAG', help='runs to predict')
-    parser.add_argument('--params', type=Path, required=True, metavar='FILE',
-                        help='parameter file')
+    add_parameter_options(parser)
     parser.add_argument('--identification', type=Path, metavar='FILE.json',
                         help='JSON of the identification, from `saddlering identify --json`')
     parser.add_argument('--rig', type=Path, help='rig file (default: the shipped rig)')
@@ -34,8 +37,9 @@ def add_parser(subparsers: Any) -> None:
 def run(args: argparse.Namespace) -> int:
     """Validate, and write the page."""
     from saddlering_ros import load_rig, read_parameters, validate
-    from saddlering_ros.cli._samples import bags_of
+    from saddlering_ros.cli._samples import bags_of, take_effects
 
+    take_effects(args)
     read_parameters(args.params)  # a fault there is reported before any bag is read
     identification = _identification(args.identification)
     bags = bags_of(args, args.bags, load_rig(args.rig))

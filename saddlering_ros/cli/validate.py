@@ -11,11 +11,15 @@ from saddlering_ros.cli._result import finish
 
 def add_parser(subparsers: Any) -> None:
     """Declare the subcommand."""
-    from saddlering_ros.cli._samples import add_fact_options, add_trust_option
+    from saddlering_ros.cli._samples import (
+        add_fact_options,
+        add_parameter_options,
+        add_trust_option,
+    )
 
     parser = subparsers.add_parser('validate', help='check how well parameters predict bags')
     parser.add_argument('bags', nargs='+', metavar='BAG', help='runs to predict')
-    parser.add_argument('--params', type=Path, required=True, help='parameter file')
+    add_parameter_options(parser)
     parser.add_argument('--rig', type=Path, help='rig file (default: the shipped rig)')
     parser.add_argument('--json', metavar='FILE', help='write all figures as JSON; - for stdout')
     parser.add_argument('--plots', type=Path, metavar='DIR',
@@ -30,8 +34,9 @@ def run(args: argparse.Namespace) -> int:
     """Validate and print, write or emit the figures."""
     from saddlering_ros import load_rig, read_parameters, validate
     from saddlering_ros.cli._progress import Bar
-    from saddlering_ros.cli._samples import bags_of
+    from saddlering_ros.cli._samples import bags_of, take_effects
 
+    take_effects(args)
     read_parameters(args.params)  # a fault there is reported before any bag is read
     bags = bags_of(args, args.bags, load_rig(args.rig))
     with Bar() as bar:

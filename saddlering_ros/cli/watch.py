@@ -24,7 +24,7 @@ def add_parser(subparsers: Any) -> None:
     """Declare the subcommand."""
     from pathlib import Path
 
-    from saddlering_ros.cli._samples import add_fact_options, add_parameter_option
+    from saddlering_ros.cli._samples import add_fact_options, add_parameter_options
 
     parser = subparsers.add_parser(
         'watch', help='find the moment when a recorded ring leaves its model')
@@ -32,7 +32,7 @@ def add_parser(subparsers: Any) -> None:
                         help='rosbag2 directories or .mcap files; each bag is watched separately')
     parser.add_argument('--rig', type=Path, help='rig file (default: the shipped rig)')
     add_fact_options(parser)
-    add_parameter_option(parser)
+    add_parameter_options(parser)
     parser.add_argument('--materiality', type=float, default=MATERIALITY_PERCENT,
                         metavar='PERCENT', help='residual that is allowed without an alarm, in '
                         'percent of the range from preload to full scale (default '
@@ -45,8 +45,10 @@ def add_parser(subparsers: Any) -> None:
 def run(args: argparse.Namespace) -> int:
     """Read, measure, simulate, watch each bag; the alarm in one line."""
     from saddlering_ros.cli._json import tell_json
+    from saddlering_ros.cli._samples import take_effects
     from saddlering_ros.rig import load_rig, read_parameters
 
+    take_effects(args)
     rig, parameters = load_rig(args.rig), read_parameters(args.params)
     runs = [_watch_bag(args, bag, rig, parameters) for bag in args.bags]
     document = {'false_alarm_hours': args.false_alarm_hours, 'runs': [

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -18,11 +18,10 @@ from saddlering_ros.importing.clock import (
     SECOND,
     Stamps,
     TimeSource,
-    words_of,
 )
 from saddlering_ros.importing.errors import ImportingError
 from saddlering_ros.importing.mapping import ChannelMap, Split
-from saddlering_ros.importing.source import Column, MOMENT, Source, Timing
+from saddlering_ros.importing.source import MOMENT, Source, Timing
 
 Floats = NDArray[np.float64]
 
@@ -285,13 +284,3 @@ def first_stamp(piece: Piece) -> int:
             return int(good[0])
     raise ImportingError(f'{piece.source.path}: has no row whose time can be read: correct time: '
                          'in the map')
-
-
-def columns_in_words(columns: Sequence[Column]) -> str:
-    """The names of columns, for a message."""
-    return ', '.join(column.name for column in columns[:12])
-
-
-def span_in_words(start: int, stop: int) -> str:
-    """A stretch of time, for people."""
-    return f'{words_of(start)}, {(stop - start) / SECOND:.3f} s'

@@ -93,11 +93,6 @@ class DisplacementStream:
         counts.update(self.aligner.counters.as_dict())
         return {**counts, 'jumps_ahead': self.jumps_ahead}
 
-    @property
-    def waiting_for_zero(self) -> bool:
-        """Whether displacements are held back until a zero is found."""
-        return self.zero is None
-
     def push(self, load: Samples, gaps: Sequence[Samples]) -> Displacements:
         """Take a batch of the load and of each of the four probes; return what is due."""
         return self._displacements(self._align(

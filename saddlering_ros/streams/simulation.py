@@ -92,11 +92,6 @@ class SimulationStream:
         return self._last
 
     @property
-    def waiting_for_zero(self) -> bool:
-        """Whether states are held back until a zero is found."""
-        return self.simulator.zero is None
-
-    @property
     def held(self) -> int:
         """Samples held back in case an earlier one still comes."""
         return len(self._held)

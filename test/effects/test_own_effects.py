@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 
 from saddlering_ros import effects
+from saddlering_ros.cli.main import build_parser, main
 from saddlering_ros.effects import EffectError, use_folder
 from saddlering_ros.effects.law import Law, LawHistory, read_law_effect
-from saddlering_ros.rig import default_rig, ParameterSet, TRUE_TO_SCALE
+from saddlering_ros.rig import default_rig, ParameterSet, TRUE_TO_SCALE, write_parameters
 from saddlering_ros.ring import simulate
 from saddlering_ros.ring.simulator import RingSimulator
 
@@ -120,6 +121,28 @@ def test_a_file_that_is_no_effect_is_refused_in_one_line(
 def test_a_folder_that_does_not_exist_is_refused_in_one_line(tmp_path: Path) -> None:
     with pytest.raises(EffectError, match='is no folder'):
         use_folder(tmp_path / 'nowhere')
+
+
+@pytest.mark.parametrize('command', ['simulate', 'residual', 'validate', 'report', 'watch'])
+def test_every_command_with_a_parameter_file_takes_the_folder_of_effects(command: str) -> None:
+    parser, _ = build_parser()
+    out = ['--out', 'page.html'] if command == 'report' else []
+    args = parser.parse_args([command, 'bag', '--params', 'p.yaml', '--effects', 'own', *out])
+    assert args.effects == Path('own')
+
+
+def test_a_residual_uses_an_effect_of_the_folder(
+        tmp_path: Path, campaign, capsys, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv(effects.FOLDER_VARIABLE, '')
+    own = tmp_path / 'own'
+    own.mkdir()
+    (own / 'seat_snaps.yaml').write_text(STEP.format(target='delta_x', coordinate='load'))
+    bag = next(bag for bag in campaign() if bag.name == 'static_50')
+    write_parameters(tmp_path / 'extended.yaml', parameters(5e-6))
+    command = ['residual', str(bag), '--params', str(tmp_path / 'extended.yaml')]
+    assert main(command) == 2
+    assert 'seat_snaps is not in the catalogue' in capsys.readouterr().err
+    assert main([*command, '--effects', str(own)]) == 0
 
 
 def test_a_proposed_law_becomes_a_file_that_gives_the_same_law(tmp_path: Path) -> None:

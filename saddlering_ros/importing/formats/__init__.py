@@ -10,8 +10,6 @@ from typing import Any
 from saddlering_ros.importing.errors import ImportingError
 from saddlering_ros.importing.source import Source
 
-FORMATS = 'CSV, TDMS, MAT (5 and 7.3), HDF5, MDF4'
-
 
 def open_source(path: Path, csv_shape: Mapping[str, Any] | None = None) -> Source:
     """The reader of the file at `path`, found by its first bytes; ImportingError if there is none.
