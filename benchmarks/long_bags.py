@@ -2,13 +2,15 @@
 
     python benchmarks/long_bags.py [--minutes 1 5] [--rate 10000] [--keep FOLDER]
 
-Each bag is written block by block. Each command runs in a process of its own, of which the peak
-of resident memory, the processor time and the time on the clock are printed.
+Each bag is written block by block. Each command runs in a process of its own, of which the peaks
+of resident and of anonymous memory, the processor time and the time on the clock are printed.
+Resident memory includes pages of scratch files, which the system can take back.
 """
 
 from __future__ import annotations
 
 import argparse
+from dataclasses import dataclass
 import os
 from pathlib import Path
 import subprocess
@@ -31,8 +33,13 @@ COMMANDS = {
     'residual to parquet': ['residual', '{bag}', '--params', '{out}.yaml',
                             '--out', '{out}.parquet'],
     'validate': ['validate', '{bag}', '--params', '{out}.yaml'],
+    'report': ['report', '{bag}', '--params', '{out}.yaml', '--out', '{out}.html'],
+    'watch': ['watch', '{bag}', '--params', '{out}.yaml'],
+    'rig --check': ['rig', '--check', '{bag}'],
     'diagnose': ['diagnose', '{bag}'],
 }
+SAMPLED_EVERY = 0.05
+"""Time between two looks at the memory of a command [s]."""
 
 
 def main() -> int:
@@ -44,8 +51,8 @@ def main() -> int:
     parser.add_argument('--commands', nargs='+', help='only these')
     parser.add_argument('--keep', type=Path, help='folder for the bags, which are kept there')
     args = parser.parse_args()
-    print(f'{"minutes":>8}{"messages":>12}{"MB":>8}  {"command":<26}{"peak MB":>9}{"CPU s":>8}'
-          f'{"s":>8}')
+    print(f'{"minutes":>8}{"messages":>12}{"MB":>8}  {"command":<26}{"peak MB":>9}{"anon MB":>9}'
+          f'{"CPU s":>8}{"s":>8}')
     with tempfile.TemporaryDirectory(prefix='saddlering-bench-') as scratch:
         folder = args.keep or Path(scratch)
         for minutes in args.minutes:
@@ -58,22 +65,47 @@ def main() -> int:
                 if args.commands and name.split()[0] not in args.commands:
                     continue
                 command = [word.format(bag=bag, out=Path(scratch) / 'out') for word in words]
-                peak, processor, passed = measured(command)
-                print(f'{minutes:>8g}{5 * count:>12}{size:>8.0f}  {name:<26}{peak:>9.0f}'
-                      f'{processor:>8.1f}{passed:>8.1f}', flush=True)
+                found = measured(command)
+                print(f'{minutes:>8g}{5 * count:>12}{size:>8.0f}  {name:<26}{found.peak:>9.0f}'
+                      f'{found.anonymous:>9.0f}{found.processor:>8.1f}{found.passed:>8.1f}',
+                      flush=True)
     return 0
 
 
-def measured(words: list[str]) -> tuple[float, float, float]:
-    """Peak memory [MB], processor time [s] and time [s] of one command."""
-    start = time.monotonic()
+@dataclass(frozen=True)
+class Measured:
+    """Peaks of resident and of anonymous memory [MB], processor time and time [s]."""
+
+    peak: float
+    anonymous: float
+    processor: float
+    passed: float
+
+
+def measured(words: list[str]) -> Measured:
+    """The memory and time of one command."""
+    start, anonymous = time.monotonic(), 0.0
     child = subprocess.Popen([sys.executable, '-m', 'saddlering_ros.cli.main', *words],
                              stdout=subprocess.DEVNULL)
-    _, status, usage = os.wait4(child.pid, 0)
+    while True:
+        ended, status, usage = os.wait4(child.pid, os.WNOHANG)
+        if ended:
+            break
+        anonymous = max(anonymous, anonymous_memory(child.pid))
+        time.sleep(SAMPLED_EVERY)
     if status:
         raise SystemExit(f'{" ".join(words)}: status {status}')
-    return (usage.ru_maxrss / 1024.0, usage.ru_utime + usage.ru_stime,
-            time.monotonic() - start)
+    return Measured(usage.ru_maxrss / 1024.0, anonymous, usage.ru_utime + usage.ru_stime,
+                    time.monotonic() - start)
+
+
+def anonymous_memory(process: int) -> float:
+    """Memory [MB] of a process that lies in no file."""
+    try:
+        lines = Path(f'/proc/{process}/status').read_text(encoding='ascii').splitlines()
+    except OSError:
+        return 0.0
+    return sum(float(line.split()[1]) for line in lines if line.startswith('RssAnon')) / 1024.0
 
 
 def write(bag: Path, count: int, rate: float, test: str) -> None:
