@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator
 import contextlib
+import gc
 import signal
 from typing import Any
 
@@ -52,6 +53,12 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
                                     f'{", ".join(FOLDERS_WITH_NODES)}, or change tools/test.sh')
 
 
+def pytest_collection_finish(session: pytest.Session) -> None:
+    """Spare the garbage collector what was imported: it stays to the end."""
+    gc.collect()
+    gc.freeze()
+
+
 @pytest.fixture(scope='session')
 def made_once(tmp_path_factory: pytest.TempPathFactory) -> MadeOnce:
     """Folders that all workers of this run have in common."""
@@ -81,6 +88,13 @@ def ros_domain(monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
     monkeypatch.delenv('ROS_STATIC_PEERS', raising=False)
     yield lease.number
     lease.close()
+
+
+@pytest.fixture
+def pictures_once(made_once: MadeOnce, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let reports take the picture of a chart that another test drew."""
+    from shared_pictures import DRAWN, shared_drawn
+    monkeypatch.setattr(DRAWN, shared_drawn(made_once))
 
 
 @pytest.fixture(scope='session')

@@ -15,6 +15,7 @@ import shlex
 from unittest import mock
 
 from made_once import MadeOnce
+from shared_pictures import DRAWN, shared_drawn
 from shared_verdicts import PLACE, shared_diagnose
 from short_bags import ShortBags
 
@@ -81,7 +82,8 @@ def typed_page(page: Path, made: MadeOnce, bags: ShortBags) -> TypedPage:
         (folder / 'docs').mkdir()
         (folder / 'docs' / 'data').symlink_to(ROOT / 'docs' / 'data')
         said = []
-        with _inside(folder), mock.patch(PLACE, shared_diagnose(made)):
+        with (_inside(folder), mock.patch(PLACE, shared_diagnose(made)),
+              mock.patch(DRAWN, shared_drawn(made))):
             for line in lines_run(page):
                 said.append(_typed(line))
                 if said[-1][1]:

@@ -190,11 +190,16 @@ def table(
 
 def picture(chart: Chart, name: str, caption: str) -> str:
     """A chart as picture and as data to draw it from; `name` is its file name."""
-    data = base64.b64encode(png(draw(chart))).decode()
+    data = base64.b64encode(drawn(chart)).decode()
     script = interactive.as_script(interactive.chart_of(chart), escape(name))
     return (f'<figure><img id="{escape(name)}" alt="{escape(caption)}" '
             f'src="data:image/png;base64,{data}">'
             f'<figcaption>{escape(caption)}</figcaption>{script}</figure>')
+
+
+def drawn(chart: Chart) -> bytes:
+    """A chart as a PNG file's bytes."""
+    return png(draw(chart))
 
 
 def pictures_of(document: str) -> dict[str, bytes]:

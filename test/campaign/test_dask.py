@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from contextlib import contextmanager
+from importlib.util import find_spec
 import json
 import os
 from pathlib import Path
@@ -18,7 +19,8 @@ import pytest
 from saddlering_ros.campaign import CampaignError, CampaignInterruptedError, run_campaign, Store
 from saddlering_ros.campaign.executors import _warning, dask_workers
 
-pytest.importorskip('distributed')
+# Not imported to find out: it takes a second of each process that collects tests.
+pytestmark = pytest.mark.skipif(find_spec('distributed') is None, reason='needs distributed')
 
 HERE = Path(__file__).resolve().parent
 

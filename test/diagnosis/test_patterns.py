@@ -35,7 +35,7 @@ def probes(run: RunBlocks, x: np.ndarray, y: np.ndarray, tilt: np.ndarray) -> np
 
 @pytest.fixture(scope='module')
 def runs(campaign) -> list[RunBlocks]:
-    bags = [bag for bag in campaign() if bag.name in ('static_50', 'dynamic_50')]
+    bags = [bag for bag in campaign() if bag.name in ('static_50', 'dynamic_50_fast')]
     return [build_record(default_rig(), read_run(bag), held_out=False).run for bag in bags]
 
 

@@ -3,11 +3,13 @@
 import csv
 from dataclasses import replace
 import re
+from unittest import mock
 
 from documents import document, run_curves
 import numpy as np
 import pytest
 import scipy.signal
+from shared_pictures import DRAWN, shared_drawn
 
 from saddlering_ros.bags import read_run, TestFacts, write_bag
 from saddlering_ros.bags.scatter import white_noise
@@ -28,8 +30,9 @@ RUNS = [run_curves(), run_curves(degrees=70.0, held_out=True), run_curves('dynam
 
 
 @pytest.fixture(scope='module')
-def page():
-    return diagnosis_page(document(), RUNS)
+def page(made_once):
+    with mock.patch(DRAWN, shared_drawn(made_once)):
+        return diagnosis_page(document(), RUNS)
 
 
 def test_the_page_says_the_verdict_before_anything_else(page):

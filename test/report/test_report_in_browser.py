@@ -1,9 +1,12 @@
 """Claims about a report as a browser shows it: offline, without errors, to zoom into, to print."""
 
+from unittest import mock
+
 from browser import browser_page
 from documents import document, run_curves
 import numpy as np
 import pytest
+from shared_pictures import DRAWN, shared_drawn
 
 from saddlering_ros.provenance import Origin, Provenance
 from saddlering_ros.report.background import Background, RunQuality
@@ -28,9 +31,10 @@ def whole_page():
 
 
 @pytest.fixture(scope='module')
-def page(tmp_path_factory):
+def page(tmp_path_factory, made_once):
     file = tmp_path_factory.mktemp('report') / 'page.html'
-    file.write_text(whole_page(), encoding='utf-8')
+    with mock.patch(DRAWN, shared_drawn(made_once)):
+        file.write_text(whole_page(), encoding='utf-8')
     with browser_page() as tab:
         tab.open(file.as_uri())
         tab.wait('document.documentElement.dataset.charts === "ready"')

@@ -1,0 +1,32 @@
+"""The picture of the same chart, drawn once for all tests of a run.
+
+The pictures of a report take five seconds of processor time, and several tests write a report of
+the same verdict.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+import hashlib
+from pathlib import Path
+import pickle
+
+from made_once import MadeOnce
+
+from saddlering_ros.report.charts import Chart
+
+DRAWN = 'saddlering_ros.report.html.drawn'
+"""Where reports find the function that these tests replace."""
+
+
+def shared_drawn(made: MadeOnce) -> Callable[[Chart], bytes]:
+    """`drawn`, which draws each chart once."""
+    from saddlering_ros.report.html import draw, png
+
+    def drawn(chart: Chart) -> bytes:
+        def make(folder: Path) -> None:
+            (folder / 'picture').write_bytes(png(draw(chart)))
+
+        digest = hashlib.sha256(pickle.dumps(chart)).hexdigest()[:20]
+        return (made.folder(f'pictures/{digest}', make) / 'picture').read_bytes()
+    return drawn
