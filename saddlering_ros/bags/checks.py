@@ -15,6 +15,11 @@ from saddlering_ros.rig import LoadLimits, TONNE
 MAX_ABSENT_UNMENTIONED = 0.005
 """Largest share of load stamps without a reading (as at both ends of a record) without a note."""
 
+LENGTH_UNITS = {
+    'inches': 0.0254, 'feet': 0.3048, 'millimetres': 1e-3, 'mils': 25.4e-6, 'micrometres': 1e-6,
+    'centimetres': 1e-2, 'nanometres': 1e-9}
+"""Lengths [m] in which a probe may publish by mistake."""
+
 MIN_SAMPLES = 10
 """Smallest number of samples of a topic in a test."""
 
@@ -110,9 +115,10 @@ def notes_on_probe(
     if _is_span(min_range, max_range):
         at_limit = count_where(lambda part: (part <= min_range) | (part >= max_range), gaps)
         if at_limit:
+            unit = unit_outside(gaps, min_range, max_range)
             notes.append(
                 f'{topic}: {at_limit} of {len(gaps)} readings are at or beyond the limits of its '
-                f'span ({min_range:g} to {max_range:g} m)')
+                f'span ({min_range:g} to {max_range:g} m){unit}')
     else:
         notes.append(f'{topic}: states no span (min_range, max_range)')
     lowest, highest = extremes(gaps)
@@ -136,9 +142,17 @@ def _is_span(low: float, high: float) -> bool:
     return math.isfinite(low) and math.isfinite(high) and low < high
 
 
+def unit_outside(gaps: NDArray[np.float64], min_range: float, max_range: float) -> str:
+    """Words on the unit of a probe's gaps (N,), of which most lie outside of its span."""
+    typical = float(np.median(np.abs(spread(gaps))))
+    if not _is_span(min_range, max_range) or min_range < typical < max_range:
+        return ''
+    return f' and look like {_guess_unit(typical, min_range, max_range)}'
+
+
 def _guess_unit(typical: float, low: float, high: float) -> str:
-    for factor, name in ((1e-3, 'millimetres'), (25.4e-3, 'inches'), (1e-6, 'micrometres'),
-                         (1e-9, 'nanometres')):
-        if low <= typical * factor <= high:
-            return name
-    return 'another unit'
+    """The unit in which a typical reading lies nearest to the middle of a span in metres."""
+    middle = 0.5 * (low + high)
+    inside = {abs(math.log(typical * factor / middle)): name
+              for name, factor in LENGTH_UNITS.items() if low < typical * factor < high}
+    return inside[min(inside)] if inside else 'another unit'

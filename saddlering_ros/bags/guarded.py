@@ -8,7 +8,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from saddlering_ros.bags.checks import check_load_unit, check_probe_unit, check_values
+from saddlering_ros.bags.checks import (
+    check_load_unit,
+    check_probe_unit,
+    check_values,
+    unit_outside,
+)
 from saddlering_ros.bags.errors import BagError
 from saddlering_ros.bags.guard import (
     load_limits,
@@ -81,10 +86,12 @@ def _guarded(record: RawRecord, raw: RawTopic, limits: ReadingLimits, rig: Rig) 
     else:
         check_probe_unit(where, judged, raw.min_range, raw.max_range)
     if many:
+        unit = '' if raw.topic == LOAD_TOPIC else unit_outside(
+            raw.values, raw.min_range, raw.max_range)
         raise BagError(
             f'{where}: {wrong} of {len(raw)} readings cannot be those of this rig (from '
             f'{limits.low:.4g} to {limits.high:.4g}, or change faster than rig.full_scale_time '
-            'allows): correct the rig file, or see to the sensor')
+            f'allows){unit}: correct the rig file, or see to the sensor')
     if not refused:
         return GuardedTopic(raw, sound)
     return GuardedTopic(

@@ -1,20 +1,73 @@
-"""The same recording given twice: found by its readings, at any path and compression."""
+"""The same recording given twice: found by its readings, at any path, compression and stamps."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from saddlering_ros.bags.errors import BagError
 from saddlering_ros.bags.reader import TestRun
 from saddlering_ros.bags.scratch import blocks
 
+Floats = NDArray[np.float64]
+
 SAME_SHARE = 0.5
 """Share of the shorter run's samples in common above which two runs are one recording."""
 
 
+ANCHORS = (0.3, 0.5, 0.7)
+"""Shares of the length of the shorter run, from which it is searched in the longer one."""
+
+ANCHOR_ROWS = 16
+"""Successive loads that are searched."""
+
+
 def is_same_recording(first: TestRun, second: TestRun) -> bool:
+    """Whether two runs share their readings over most of the shorter one, whatever the stamps."""
+    return _is_same_at_its_stamps(first, second) or _is_stamped_anew(first, second)
+
+
+def _is_stamped_anew(first: TestRun, second: TestRun) -> bool:
+    """Whether most of the shorter run stands in the longer one row by row, at other stamps."""
+    shorter, longer = sorted((first, second), key=lambda run: len(run.load))
+    for share in ANCHORS:
+        anchor = int(share * len(shorter.load))
+        head = shorter.load[anchor:anchor + ANCHOR_ROWS]
+        if len(head) < ANCHOR_ROWS or head.min() == head.max():
+            continue
+        for place in _places(longer.load, head):
+            if _equal_rows(shorter, longer, place - anchor) > SAME_SHARE * len(shorter.load):
+                return True
+    return False
+
+
+def _places(load: Floats, head: Floats) -> list[int]:
+    """Rows of a load (N,) from which on it goes like `head` (M,)."""
+    found: list[int] = []
+    for part in blocks(len(load) - len(head) + 1, load):
+        rows = part.start + np.flatnonzero(load[part] == head[0])
+        found += [row for row in rows.tolist()
+                  if np.array_equal(load[row:row + len(head)], head)]
+    return found
+
+
+def _equal_rows(shorter: TestRun, longer: TestRun, shift: int) -> int:
+    """Number of rows of a run that equal those of another `shift` rows later."""
+    start = max(0, -shift)
+    stop = min(len(shorter.load), len(longer.load) - shift)
+    count = 0
+    for part in blocks(stop - start, shorter.load, shorter.gaps, longer.load, longer.gaps):
+        rows = slice(start + part.start, start + part.stop)
+        others = slice(rows.start + shift, rows.stop + shift)
+        one, other = shorter.gaps[:, rows], longer.gaps[:, others]
+        equal = ((one == other) | (np.isnan(one) & np.isnan(other))).all(axis=0)
+        count += int(np.count_nonzero(equal & (shorter.load[rows] == longer.load[others])))
+    return count
+
+
+def _is_same_at_its_stamps(first: TestRun, second: TestRun) -> bool:
     """Whether two runs share stamps and readings over most of the shorter one."""
     shorter = min(first.stamps.size, second.stamps.size)
     begin = max(first.stamps[0], second.stamps[0])

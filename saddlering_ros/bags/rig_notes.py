@@ -12,6 +12,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from saddlering_ros.bags.checks import LENGTH_UNITS
 from saddlering_ros.bags.plateaus import find_holds
 from saddlering_ros.bags.scratch import complete_rows, count_where, extremes
 from saddlering_ros.quantities import quantity
@@ -20,8 +21,6 @@ from saddlering_ros.rig import gap_increment, Rig, zero_of_record
 Floats = NDArray[np.float64]
 
 FORCE_UNITS = {'kgf': 9.80665, 'daN': 10.0, 'lbf': 4.4482216, 'kips': 4448.2216}
-LENGTH_UNITS = {'inches': 0.0254, 'feet': 0.3048, 'millimetres': 1e-3, 'mils': 25.4e-6,
-                'micrometres': 1e-6, 'centimetres': 1e-2}
 
 UNIT_TOLERANCE = 0.03
 """Largest deviation of a ratio from that of a unit for the note."""
@@ -134,6 +133,10 @@ def _unit_of_load(rig: Rig, time: Floats, load: Floats) -> list[str]:
         return [f'the load begins at {start:.4g} and ends at {peak:.4g} at most, which looks like '
                 f'{" or ".join(looks)} (the preload is {rig.preload:.4g} N): publish newtons, or '
                 f'K comes out about {FORCE_UNITS[looks[0]]:.2g} times too small']
+    if peak > PEAK_TOLERANCE * rig.full_scale_load:
+        return [f'the load reaches {rig.force_words(peak)} and the full scale is '
+                f'{rig.force_words(rig.full_scale_load)}: the unit or the gain of the load, or '
+                'full_scale_load of the rig file, is wrong']
     if not zero.near_preload:
         return [f'the record starts at {rig.force_words(start)}, which is not near the preload '
                 f'({rig.force_words(rig.preload)}): displacements count from there']

@@ -48,6 +48,21 @@ def test_a_span_converted_with_the_readings_looks_like_its_unit(metres, unit):
     assert f'looks like {unit}' in notes[0]
 
 
+@pytest.mark.parametrize(('metres', 'unit'), [
+    (1e-3, 'millimetres'), (0.0254, 'inches'), (0.3048, 'feet'), (1e-2, 'centimetres'),
+    (25.4e-6, 'mils')])
+def test_readings_outside_of_their_span_look_like_a_unit(recording, tmp_path, metres, unit):
+    for topic in PROBE_TOPICS:
+        recording = recording.changed(topic, values=recording.values[topic] / metres)
+    info = bag_info(recording.write(tmp_path / 'bag'))
+    assert f'look like {unit}' in ' '.join([*info.problems, *info.notes])
+
+
+def test_a_load_beyond_the_full_scale_is_noted():
+    (note,) = rig_notes(RIG, 'dynamic', TIME, 1.5 * RAMP, SPANS)
+    assert note.startswith('the load reaches 36.8 t and the full scale is 25.0 t')
+
+
 def test_a_record_that_starts_at_fifteen_tonnes_is_noted():
     (note,) = rig_notes(RIG, 'dynamic', TIME, np.maximum(RAMP, 15.0 * TONNE), SPANS)
     assert note.startswith('the record starts at 15.0 t, which is not near the preload (0.5 t)')
@@ -85,6 +100,17 @@ def test_the_same_recording_under_another_name_and_a_part_of_it_are_refused():
                    time=first.time[300:], gaps=first.gaps[:, 300:])
     with pytest.raises(BagError, match='is fitted: hold out another recording'):
         refuse_repeats([first], [part])
+
+
+def test_a_copy_with_new_stamps_and_a_part_of_it_are_the_same_recording():
+    first = run()
+    for rows in (slice(None), slice(100, 800)):
+        other = replace(
+            first, path=Path('anew'), stamps=first.stamps[rows] + 3600 * 10**9,
+            load=first.load[rows], time=first.time[rows], gaps=first.gaps[:, rows])
+        with pytest.raises(BagError, match='holds the same recording as'):
+            refuse_repeats([first, other])
+    refuse_repeats([first, replace(run(seed=1), load=first.load, path=Path('same course'))])
 
 
 def test_a_copied_bag_with_other_log_times_is_the_same_recording(tmp_path, recording):
