@@ -25,7 +25,7 @@ from saddlering_ros.ring.roller_scatter import (
     scatter_columns,
     SimulatedCourse,
 )
-from saddlering_ros.ring.simulator import probe_batch
+from saddlering_ros.ring.simulator import probe_means
 
 Array = NDArray[np.float64]
 
@@ -204,17 +204,17 @@ class RingSystem:
         self, run: RunBlocks, candidates: Sequence[tuple[Array, RingExtension]]
     ) -> Array:
         grid: LoadGrid = run.payload
-        simulated = probe_batch(
+        means = probe_means(
             self.rig,
             candidates,
             grid.elevation,
             grid.time,
             grid.load,
+            (grid.first, grid.last),
             grid.zero_load,
             max_step=grid.max_step,
         )
-        means = grid.block_means(_finite(simulated))
-        return np.clip(means, -10.0 * FAILED, 10.0 * FAILED)
+        return np.clip(_finite(means), -10.0 * FAILED, 10.0 * FAILED)
 
     def nuisances(self, runs: Sequence[RunBlocks], point: Point) -> list[Array]:
         """Unequal rollers of a sound ring; clearances and a weight not known exactly; load noise.

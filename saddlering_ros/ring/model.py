@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from functools import lru_cache
+from operator import attrgetter
 from typing import Any
 
 import numpy as np
@@ -175,18 +176,23 @@ All fields are floats, so that a record is also a row of floats.
 """
 
 
+_shared_values = attrgetter(*(item.name for item in shared_parameters()))
+
+
 def _numbers(extension: RingExtension) -> list[float]:
     """Numbers of the extension in the order of `MODEL`."""
     numbers: list[float] = []
-    for item in shared_parameters():
-        value = getattr(extension, item.name)
-        if isinstance(value, tuple):
+    for value in _shared_values(extension):
+        if isinstance(value, float):
+            numbers.append(value)
+        elif isinstance(value, tuple):
             numbers += value
         elif isinstance(value, Hysteron):
             numbers += value.limit, value.presliding, value.sharpness, value.initial
         else:
             numbers.append(value.stiffness if isinstance(value, RowGeometry) else value)
-    return numbers + [item.of(extension) for item in own_parameters()]
+    own = dict(extension.own)
+    return numbers + [own.get(item, 0.0) for item in own_parameters()]
 
 
 NO_LAW = (0.0,) * len(PARAMETER_NAMES)
@@ -199,6 +205,14 @@ class _OfExtension:
         self.numbers = _numbers(extension)
         self._geometry = extension.upper_row, extension.lower_row, extension.radial_row
         self._rows: tuple[Rig, Rows] | None = None
+        self._record: tuple[Rig, Floats] | None = None
+
+    def record(self, rig: Rig) -> Floats:
+        """Numbers (M,) of the record of a model, without contact law and elevation."""
+        if self._record is None or self._record[0] is not rig:
+            numbers = [*_of_rig(rig, self.rows(rig).counts), *NO_LAW, *self.numbers]
+            self._record = rig, np.array(numbers, dtype=np.float64)
+        return self._record[1]
 
     def rows(self, rig: Rig) -> Rows:
         """The three rows of a rig."""
@@ -228,13 +242,7 @@ def _of_rig(rig: Rig, counts: tuple[int, int, int]) -> list[float]:
 
 def model_of(rig: Rig, elevation: float, extension: RingExtension = NO_EXTENSION) -> Model:
     """The record of a model, an array of one, without the contact law (see `with_contact`)."""
-    return at_elevation(_record(rig, extension).view(MODEL), elevation)
-
-
-def _record(rig: Rig, extension: RingExtension) -> Floats:
-    """Numbers (M,) of a model's record without contact law and elevation."""
-    numbers = [*_of_rig(rig, rows_of(rig, extension).counts), *NO_LAW]
-    return np.array(numbers + _of_extension(extension).numbers, dtype=np.float64)
+    return at_elevation(_of_extension(extension).record(rig).view(MODEL), elevation)
 
 
 def at_elevation(models: Model, elevation: float) -> Model:
@@ -275,7 +283,7 @@ def model_rows(rig: Rig, contacts: Floats, extensions: Sequence[RingExtension]) 
     for extension in extensions:
         # Neighbours in the contact law share one extension and follow each other.
         if extension is not last:
-            own = _record(rig, extension)
+            own = _of_extension(extension).record(rig)
             last = extension
         rows.append(own)
     numbers = np.array(rows)
