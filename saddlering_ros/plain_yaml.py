@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 import re
 import stat
@@ -56,7 +57,7 @@ def read_strict_yaml(path: Path | str, error: type[SaddleringError]) -> Any:
     Raises `error` with one line that names the file, the line and the reason. Only regular files
     of at most MAX_BYTES bytes are opened: a pipe would block and a device would never end.
     """
-    text = _read_text(Path(path), error)
+    text = read_regular_text(Path(path), error)
     try:
         return parse_strict_yaml(text)
     except YamlRefused as problem:
@@ -70,16 +71,38 @@ def read_strict_yaml(path: Path | str, error: type[SaddleringError]) -> Any:
         raise error(f'{path}{line}: is not YAML{beside}: correct the file') from problem
 
 
-def _read_text(path: Path, error: type[SaddleringError]) -> str:
+def _read_at_once(path: Path, error: type[SaddleringError], limit: int) -> bytes:
+    """The first `limit` + 1 bytes of a regular file; never waits for data.
+
+    Some files below /proc are regular by their kind, and a read of them waits for ever.
+    """
+    _refuse_irregular(path, path.stat().st_mode, error)
+    handle = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
+    with open(handle, 'rb', buffering=0) as file:
+        _refuse_irregular(path, os.fstat(handle).st_mode, error)  # it may be another one by now
+        data = b''
+        while len(data) <= limit and (part := file.read(limit + 1 - len(data))) != b'':
+            if part is None:
+                raise error(f'{path}: cannot be read (it waits for data): give the path of a '
+                            'regular file')
+            data += part
+    return data
+
+
+def _refuse_irregular(path: Path, mode: int, error: type[SaddleringError]) -> None:
+    if not stat.S_ISREG(mode):
+        kind = 'a directory' if stat.S_ISDIR(mode) else 'a pipe or device'
+        raise error(f'{path}: cannot be read ({kind}): give the path of a regular file')
+
+
+def read_regular_text(
+    path: Path, error: type[SaddleringError], limit: int = MAX_BYTES,
+) -> str:
+    """The text of a regular file of at most `limit` bytes; `error` with one line otherwise."""
     try:
-        mode = path.stat().st_mode
-        if not stat.S_ISREG(mode):
-            kind = 'a directory' if stat.S_ISDIR(mode) else 'a pipe or device'
-            raise error(f'{path}: cannot be read ({kind}): give the path of a regular file')
-        with path.open('rb') as file:
-            data = file.read(MAX_BYTES + 1)
-        if len(data) > MAX_BYTES:
-            raise error(f'{path}: is larger than {MAX_BYTES >> 20} MB, the limit for such files: '
+        data = _read_at_once(path, error, limit)
+        if len(data) > limit:
+            raise error(f'{path}: is larger than {limit >> 20} MB, the limit for such files: '
                         'check the path')
         return data.decode('utf-8')
     except (OSError, UnicodeDecodeError, ValueError) as problem:

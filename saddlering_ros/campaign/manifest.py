@@ -16,6 +16,7 @@ from typing import Any
 from saddlering_ros.campaign.discovery import FoundBag
 from saddlering_ros.campaign.errors import CampaignError
 from saddlering_ros.campaign.sessions import FIT, HOLD_OUT, Member, ROLES, Session
+from saddlering_ros.plain_yaml import read_regular_text
 from saddlering_ros.writing import whole_file, write_text
 
 COLUMNS = (
@@ -23,6 +24,10 @@ COLUMNS = (
     'maintenance', 'note', 'sha256',
 )
 YES = ('1', 'true', 'yes')
+
+
+MAX_MANIFEST = 64 << 20
+"""Size of the largest manifest that is read [bytes]."""
 
 
 @dataclass(frozen=True)
@@ -92,11 +97,8 @@ def read_manifest(path: Path, bags: Sequence[FoundBag]) -> list[Session]:
 
 
 def _lines(path: Path) -> list[ManifestLine]:
-    try:
-        text = path.read_text(encoding='utf-8-sig')
-    except (OSError, UnicodeDecodeError) as problem:
-        raise CampaignError(f'{path}: cannot be read as a table: give a CSV file') from problem
-    reader = csv.DictReader(io.StringIO(text))
+    text = read_regular_text(path, CampaignError, MAX_MANIFEST)
+    reader = csv.DictReader(io.StringIO(text.removeprefix('\ufeff')))
     missing = [name for name in ('bag', 'session') if name not in (reader.fieldnames or [])]
     if missing:
         raise CampaignError(f'{path}: has no column {missing[0]!r}: its columns are '

@@ -8,6 +8,9 @@ from typing import Any
 
 from saddlering_ros.cli._json import tell_json
 
+MAX_IDENTIFICATION = 64 << 20
+"""Size of the largest JSON file of an identification that is read [bytes]."""
+
 
 def add_parser(subparsers: Any) -> None:
     """Declare the subcommand."""
@@ -57,12 +60,13 @@ def _identification(path: Path | None) -> dict[str, Any] | None:
     """The JSON of an identification; ReportError if it is something else."""
     import json
 
+    from saddlering_ros.plain_yaml import read_regular_text
     from saddlering_ros.report import ReportError
 
     if path is None:
         return None
     try:
-        found = json.loads(path.read_text(encoding='utf-8'))
+        found = json.loads(read_regular_text(path, ReportError, MAX_IDENTIFICATION))
     except ValueError as problem:
         raise ReportError(f'{path}: is not JSON ({problem}): give the file of saddlering '
                           'identify --json') from problem

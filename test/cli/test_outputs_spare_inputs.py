@@ -13,6 +13,7 @@ import pytest
 from saddlering_ros.cli._files import BAGS_READ, FILES_READ, FOLDERS_OF_BAGS, WRITTEN
 from saddlering_ros.cli.main import build_parser, main
 from saddlering_ros.paths import share_directory
+from saddlering_ros.rig import ParameterSet, TRUE_TO_SCALE, write_parameters
 
 SHIPPED = share_directory() / 'bags' / 'dynamic_50_fast'
 WORDS_OF_PATHS = ('FILE', 'DIR', 'FOLDER', 'OUT', 'BAG')
@@ -156,3 +157,14 @@ def test_a_calibration_table_of_a_map_is_no_output(
     assert main(['import', 'data.csv', '--map', 'map.yaml', *options, '--overwrite']) == 2
     assert 'table.png is the file that is read' in capsys.readouterr().err
     assert Path('table.png').read_text().startswith('V,mm')
+
+
+@pytest.mark.parametrize('option', ['--identification', '--params', '--rig'])
+def test_a_pipe_given_as_a_file_is_refused_and_not_waited_for(
+        option: str, bag: Path, tmp_path: Path, capsys) -> None:
+    os.mkfifo(tmp_path / 'pipe')
+    write_parameters(tmp_path / 'p.yaml', ParameterSet(TRUE_TO_SCALE))
+    given = {'--params': tmp_path / 'p.yaml', option: tmp_path / 'pipe'}
+    options = [str(word) for pair in given.items() for word in pair]
+    assert main(['report', str(bag), *options, '--out', str(tmp_path / 'r.html')]) == 2
+    assert 'give the path of a regular file' in capsys.readouterr().err

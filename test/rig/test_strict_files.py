@@ -75,6 +75,23 @@ def test_a_pipe_and_an_endless_device_are_refused_at_once(tmp_path: Path, read) 
             read(path)
 
 
+def test_a_file_that_becomes_a_pipe_is_refused_at_once(tmp_path: Path, monkeypatch) -> None:
+    path = tmp_path / 'rig.yaml'
+    path.write_text(SHIPPED)
+    before = path.stat()
+    path.unlink()
+    os.mkfifo(path)
+    monkeypatch.setattr(Path, 'stat', lambda self, **_: before)
+    with pytest.raises(RigError, match='give the path of a regular file'):
+        load_rig(path)
+
+
+@pytest.mark.skipif(not os.access('/proc/kmsg', os.R_OK), reason='only root reads this file')
+def test_a_file_that_waits_for_data_is_not_waited_for() -> None:
+    with pytest.raises(RigError, match='cannot be read'):
+        load_rig(Path('/proc/kmsg'))
+
+
 @pytest.mark.parametrize('read', [load_rig, read_parameters])
 def test_a_file_over_a_megabyte_is_refused_by_its_size(tmp_path: Path, read) -> None:
     path = tmp_path / 'rig.yaml'
