@@ -1,8 +1,8 @@
-"""The contact law of the fitted runs: the numbers and words of `identify`, in a verdict too.
+"""The contact law of the fitted runs: a verdict has the numbers and words of `identify`.
 
-The engine's own fit of the base parameters serves its metric; it counts model error and other
-nuisance parameters. The contact law alone in a verdict is the identification of the
-same runs, so that the same bags give the same K, n, D everywhere.
+The engine's own fit of the base parameters serves its metric and counts model error and other
+nuisance parameters. The contact law alone in a verdict is the identification of the same runs, so
+that the same bags give the same K, n, D everywhere.
 """
 
 from __future__ import annotations
@@ -27,8 +27,8 @@ Array = NDArray[np.float64]
 class ContactLaw:
     """Contact parameters by name, alone (before) and beside the causes found (after).
 
-    covariance (6, 6) of those after; reasons by name: why the fitted runs do not determine one;
-    refusal: why the runs could not be identified, '' if they could.
+    covariance (6, 6): of the values after; reasons by name: why the fitted runs do not
+    determine a parameter; refusal: why the runs could not be identified, '' if they could.
     """
 
     before: Mapping[str, Estimate]
@@ -40,7 +40,7 @@ class ContactLaw:
 
     @property
     def notes(self) -> list[str]:
-        """Why the engine's own values had to be given, if so."""
+        """Reason for values of the engine itself, if they had to be used."""
         return ['the contact parameters are those of the diagnosis, not of an identification: '
                 f'{self.refusal}'
                 ] if self.refusal else []
@@ -49,7 +49,7 @@ class ContactLaw:
 def identified(
     runs: Sequence[TestRun], rig: Rig, is_cancelled: IsCancelled | None = None
 ) -> Identification | str:
-    """The contact law of the fitted runs without causes, or the words in which it is refused."""
+    """The contact law of the fitted runs without causes, or the reason why there is none."""
     try:
         found = identify(runs, rig, is_cancelled=is_cancelled)
     except IdentificationError as refusal:
@@ -69,7 +69,7 @@ def contact_law(
 
 
 def refused(diagnosis: Diagnosis, refusal: str, elevations: int) -> ContactLaw:
-    """The engine's own estimates, where the runs cannot be identified."""
+    """Estimates of the engine itself, if the runs cannot be identified."""
     before = still_open(_values(diagnosis.base_alone), {}, elevations)
     after = still_open(_values(diagnosis.base), before, elevations)
     return ContactLaw(diagnosis.base_alone, diagnosis.base, diagnosis.fits.base_covariance,
@@ -77,7 +77,7 @@ def refused(diagnosis: Diagnosis, refusal: str, elevations: int) -> ContactLaw:
 
 
 def beside_causes(diagnosis: Diagnosis, found: Identification, elevations: int) -> ContactLaw:
-    """As identified; with causes in the model, the engine's estimates after."""
+    """The identified contact law; with causes in the model, estimates of the engine after."""
     before = _estimates(found)
     if not diagnosis.causes:
         of_noise = found.parameters.source.covariance

@@ -1,6 +1,7 @@
-"""The types of a verdict's document, the JSON that interfaces.md promises.
+"""The types of a verdict's document, the JSON of interfaces.md.
 
-Terminal, report, live page and demo print from it, and mypy checks the keys that they read.
+Terminal, report, live page and demo print from the document, and mypy checks the keys that they
+read.
 """
 
 from __future__ import annotations
@@ -11,7 +12,7 @@ Shares = dict[str, float]
 
 
 class SizeEntry(TypedDict):
-    """A parameter of a cause in SI units; std 0 for one that is chosen and not fitted."""
+    """A parameter of a cause in SI units; std 0 for a chosen parameter that is not fitted."""
 
     value: float
     std: float
@@ -19,7 +20,7 @@ class SizeEntry(TypedDict):
 
 
 class EvidenceEntry(TypedDict):
-    """How sure a cause is."""
+    """Evidence for a cause."""
 
     p_value: float | None
     delta_bic: float | None
@@ -33,7 +34,7 @@ class ReductionEntry(TypedDict):
 
 
 class TotalReductionEntry(ReductionEntry):
-    """That of all causes together; how: 'held out' or 'held out in turn'."""
+    """Gain of all causes together; how: 'held out' or 'held out in turn'."""
 
     how: str
 
@@ -140,8 +141,8 @@ class ShapesEntry(TypedDict):
 class SimulatedTestEntry(TypedDict):
     """A test of an `ambiguous` verdict, simulated with each open model as the truth in turn.
 
-    share_alone: share of the draws after which the true model alone is left; share_kept: it is
-    left at all; by_truth: share_alone by the effects of the true model.
+    share_alone: share of the draws that leave only the true model; share_kept: share that
+    leave it at all; by_truth: share_alone by the effects of the true model.
     """
 
     test: str

@@ -148,7 +148,7 @@ def _named_apart(records: list[Record]) -> list[Record]:
 
 
 def _is_rounding(figures: Sequence[RunFigures]) -> bool:
-    """Whether probes are so coarse that all that is left may be their rounding."""
+    """Whether probes are so coarse that the residual may be their rounding."""
     is_coarse = any(
         quality.is_coarse
         for run in figures for quality in run.record.test_run.quality.values())
@@ -160,9 +160,10 @@ def _is_rounding(figures: Sequence[RunFigures]) -> bool:
 def _geometry_first(
     sentence: str | None, found: Diagnosis, runs: Sequence[TestRun], rig: Rig,
 ) -> str | None:
-    """The advice with the rig file before the hardware, where no hash vouches for the file.
+    """The advice with the rig file before the hardware, if no hash identifies the file.
 
-    A wrong dimension misfits in a shape that no cause has; the drawing shows it without tools.
+    A wrong dimension causes a misfit with a shape of no cause. The drawing shows it without
+    tools.
     """
     if found.verdict != 'unknown' or all(run.rig_hash == rig.digest for run in runs):
         return sentence
@@ -172,7 +173,7 @@ def _geometry_first(
 
 
 def _next_test(found: Diagnosis) -> str | None:
-    """The one test that is worth most now, with which outcome means which cause."""
+    """The most valuable next test, and the cause that each outcome means."""
     if found.verdict == 'unknown':
         return _test_for_shape(found)
     if found.verdict == 'none':

@@ -1,4 +1,4 @@
-"""The verdict document: a verdict as the JSON that interfaces.md promises."""
+"""The verdict document: a verdict as the JSON of interfaces.md."""
 
 from __future__ import annotations
 
@@ -158,7 +158,7 @@ def _evidence_json(item: Evidence) -> dict[str, Any]:
 
 
 MIN_COSINE = 0.3
-"""Signatures further apart than this are left out of the verdict's JSON."""
+"""Cosine below which two signatures are left out of the verdict's JSON."""
 
 
 def signature_cosines(found: Diagnosis) -> dict[str, dict[str, float]]:
@@ -194,7 +194,7 @@ def _shape_json(item: ShapeTest) -> ShapeEntry:
 
 
 def _finite(value: Any) -> Any:
-    """The same document with numbers JSON knows: infinite and undefined become null."""
+    """The same document with JSON numbers: infinite and undefined become null."""
     if isinstance(value, dict):
         return {key: _finite(item) for key, item in value.items()}
     if isinstance(value, (list, tuple)):

@@ -1,8 +1,8 @@
 """The next test of a verdict: its instruction, and the cause that each outcome means.
 
-For causes that the data cannot separate, the engine simulates the tests that the rig could make,
-and the test that most often leaves the true cause alone comes first. Where a cause is named, the
-test is chosen from the table of tests by the causes that look most like it.
+For causes that the data cannot separate, the engine simulates the possible tests of the rig, and
+the test that most often leaves only the true cause comes first. For a named cause, the test is
+chosen from the table of tests by the most similar causes.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ MAX_ALTERNATIVES = 3
 
 
 ENOUGH = 0.5
-"""A simulated test that leaves the true cause alone less often gives way to one of the table."""
+"""Share of draws below which a simulated test is replaced by a test of the table."""
 
 
 def outcome(effect_id: str, test: RigTest) -> str:
@@ -44,9 +44,9 @@ def separated(test: RigTest, effects: Sequence[str]) -> int:
 
 
 def for_group(effects: Sequence[str], separations: Sequence[Separation]) -> str | None:
-    """The next test for a group, with how often it leaves the true cause in simulated draws.
+    """The next test for a group, with its share of simulated draws that leave only the true cause.
 
-    A test that could not be simulated comes first where no simulated one separates the group.
+    A test that could not be simulated comes first if no simulated test separates the group.
     """
     table = _of_table(effects)
     best = separations[0] if separations else None
@@ -59,7 +59,7 @@ def for_group(effects: Sequence[str], separations: Sequence[Separation]) -> str 
 
 
 def share_words(separation: Separation) -> str:
-    """How often a test leaves the true cause alone: 'In 87 of 100 simulated draws, ...'."""
+    """The share of a test in words: 'In 87 of 100 simulated draws, ...'."""
     share, low, high = (
         round(100.0 * item) for item in (separation.share, *separation.interval))
     return (f'In {share} of 100 simulated draws, this test leaves the true cause alone '
@@ -73,7 +73,7 @@ def between(effects: Sequence[str]) -> str | None:
 
 
 def _of_table(effects: Sequence[str]) -> RigTest | None:
-    """The test that separates most pairs; of equal ones, the first effect from most others."""
+    """The test that separates most pairs; among equal ones, the first effect from most others."""
     scored = [(separated(test, effects), _first_separated(test, effects), test)
               for test in RIG_TESTS]
     best = max(scored, key=lambda item: item[:2])
@@ -96,7 +96,7 @@ def confirming(effect_id: str, alternatives: Sequence[str]) -> str:
 
 
 def look_alikes(effect_id: str, cosines: Mapping[str, Mapping[str, float]]) -> list[str]:
-    """The effects whose signature is most like this one's, the most alike first."""
+    """The effects with the most similar signatures, the most similar first."""
     found: dict[str, float] = {}
     for label, row in cosines.items():
         if label.partition(':')[0] != effect_id:
@@ -109,7 +109,7 @@ def look_alikes(effect_id: str, cosines: Mapping[str, Mapping[str, float]]) -> l
 
 
 def repeated_laws(own: Sequence[str], cosines: Mapping[str, Mapping[str, float]]) -> list[str]:
-    """One sentence for each law of the user's own that repeats an effect of the catalogue here."""
+    """One sentence for each law of the user that repeats an effect of the catalogue here."""
     sentences = []
     for name in own:
         rows = [row for label, row in cosines.items() if label.partition(':')[0] == name]
@@ -127,7 +127,7 @@ def repeated_laws(own: Sequence[str], cosines: Mapping[str, Mapping[str, float]]
 
 
 def for_unseen(effects: Sequence[str]) -> str | None:
-    """The test that shows most of the effects which these data cannot show at all."""
+    """The test that shows most of the effects that these data cannot show."""
     scored = [([name for name in effects if _shows(name, test)], test) for test in RIG_TESTS
               if test.otherwise]
     best, test = max(scored, key=lambda item: len(item[0]), default=([], RIG_TESTS[0]))

@@ -1,4 +1,4 @@
-"""The tests that a rig could make next, as the engine simulates them."""
+"""The possible next tests of a rig, in the form that the engine simulates."""
 
 from __future__ import annotations
 
@@ -17,36 +17,36 @@ from saddlering_ros.effects.rig_tests import RIG_TESTS
 from saddlering_ros.rig import force_words, Rig
 
 ELEVATIONS = (30.0, 50.0, 70.0)
-"""Elevations [deg] that are proposed beside those on hand."""
+"""Elevations [deg] that are proposed besides those of the data."""
 
 BLOCKS = 250
-"""Block means of a simulated ramp."""
+"""Number of block means of a simulated ramp."""
 
 RAMP, HOLD, STEPS = 1.0, 5.0, 25
 """Seconds between the holds of a static test, seconds of a hold, and holds up to full scale."""
 
 FAST_STEP = 5e-3
-"""Longest step [s] in which a fast ramp is simulated: damping shows in it."""
+"""Longest step [s] of the simulation of a fast ramp, in which damping shows."""
 
 REST_SECONDS = 600.0
 """Length of a record at constant preload."""
 
 SAG = 1e-4
-"""Share of full scale by which a held load wanders in that time."""
+"""Wander of a held load in that time, as a share of full scale."""
 
 CELL_GAIN, CELL_SHARE = 2e-3, 5e-4
-"""A reference cell is good to this share of the load and this share of full scale."""
+"""Accuracy of a reference cell: share of the load, and share of full scale."""
 
 INCLINOMETER, SCALE = math.radians(0.02), 1e-3
 """Standard deviations of an inclinometer [rad] and of a measured height [m]."""
 
 OTHER_PROBE = {1.0: 3.0, 3.0: 1.0, 2.0: 4.0, 4.0: 2.0}
 MOVES = 'a misfit that moves with the probe'
-"""The outcome of swapped probes for an effect that belongs to the probe, not to its place."""
+"""Outcome of swapped probes for an effect that belongs to the probe and not to its place."""
 
 
 def propose(rig: Rig, runs: Sequence[RunBlocks]) -> list[Proposal]:
-    """Tests that this rig could make at the elevations on hand and at others."""
+    """Possible tests of this rig at the elevations of the data and at others."""
     known = sorted({round(float(np.degrees(run.payload.elevation)), 1) for run in runs})
     answers = []
     for degrees in sorted({*known, *ELEVATIONS}):
@@ -115,7 +115,7 @@ def with_swapped_probes(point: Point) -> Point:
 
 
 def on_slewed_ring(point: Point) -> Point:
-    """The same with the ring a quarter turn further: an oval and worn arcs lie elsewhere."""
+    """The same with the ring turned by a quarter, so that an oval and worn arcs lie elsewhere."""
     effects = {}
     for name, values in point.effects.items():
         if name == 'out_of_round':
@@ -130,9 +130,10 @@ def on_slewed_ring(point: Point) -> Point:
 
 @dataclass(frozen=True)
 class LoadCourse:
-    """A course of load: times [s] and loads [N] between which it is straight.
+    """A course of load: times [s] and loads [N], linear in between.
 
-    max_step [s]: longest step of its simulation. The samples of a slow course are close enough.
+    max_step [s]: longest step of its simulation. The samples of a slow course are close
+    enough.
     """
 
     times: Sequence[float]

@@ -1,4 +1,4 @@
-"""A proposed law in the words of the rig: its JSON, and an effect file for the user's folder."""
+"""A proposed law in terms of the rig: its JSON, and an effect file for the user's folder."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from saddlering_ros.discrepancy import describe, LawProposal, Term
 from saddlering_ros.rig import write_text_atomically
 
 TABLE_POINTS = 1025
-"""Points of the table of a simple law: a step as narrow as a hundredth of the range is seen."""
+"""Points of the table of a simple law, which resolve a hundredth of the range."""
 
 TURN = 0.01
-"""Share of the full scale by which the load must turn back to have another direction."""
+"""Smallest return of the load that changes its direction, as a share of full scale."""
 
 REACH = 3.0
-"""Sizes that a fit of the effect file may take, in sizes of the law as proposed."""
+"""Range of sizes in a fit of the effect file, in sizes of the proposed law."""
 
 CHANNELS = {f'd{probe}': f'eddy_current_{probe}' for probe in (1, 2, 3, 4)}
 UNITS = {'gamma': 'rad', 'hydraulic_load': 'N'}
@@ -28,7 +28,7 @@ ALONG = {'load': 'N', 'direction': 'N', 'hysteresis': 'N', 'rate': 'N/s', 'time'
 
 
 def channel_of(term: Term) -> str:
-    """Target of a term, as bags and effect files name it."""
+    """Target of a term, by its name in bags and effect files."""
     return CHANNELS.get(term.target, term.target)
 
 
@@ -81,7 +81,7 @@ def _term_document(term: Term) -> dict[str, Any]:
 
 
 def write_effect_files(law: LawProposal, folder: Path, full_scale_load: float) -> list[Path]:
-    """One file a term that can be simulated; none for curves of each run's own."""
+    """One file per term that can be simulated; none for separate curves of the runs."""
     paths = effect_paths(law, folder)
     for path, term in zip(paths, _simulated_terms(law), strict=True):
         folder.mkdir(parents=True, exist_ok=True)

@@ -23,18 +23,18 @@ Array = NDArray[np.float64]
 STATIC_GRID = 0.2
 """Spacing of the simulated load between the holds of static runs [s]."""
 HELD_GRID = 1.3
-"""The same while the load is held: longer means, or noise would move friction loops."""
+"""The same while the load is held. Longer steps would let noise move friction loops."""
 BLOCKS_PER_PLATEAU = 4
 LONGEST_BLOCK = 2.5
 DYNAMIC_BLOCKS = 600
 """Largest number of block means of a dynamic run."""
 SHORTEST_BLOCK = 0.02
 MOVING_PARTS = (4, 8)
-"""Simulated load samples per block of a dynamic run while the load moves; one at rest."""
+"""Simulated load samples per block of a dynamic run while the load moves (one at rest)."""
 PART_CHANGE = 0.003
 """Change of load over one of them, as a share of full scale, unless there are that many."""
 LONGEST_STEP = 1.0
-"""Longest time step of the simulation [s]; its samples are closer wherever the load moves."""
+"""Longest time step of the simulation [s]; samples are closer while the load moves."""
 MIN_SAMPLES = 40
 
 
@@ -65,7 +65,7 @@ class LoadGrid:
 
 @dataclass(frozen=True)
 class Record:
-    """A test run as measured, and as the engine sees it."""
+    """A test run as measured, and in the form of the engine."""
 
     test_run: TestRun
     measured: MeasuredRun
@@ -73,7 +73,7 @@ class Record:
 
 
 class Span(NamedTuple):
-    """Samples [first, last) of one block, and in how many parts their load is simulated."""
+    """Samples [first, last) of one block, and the number of parts of its simulated load."""
 
     first: int
     last: int
@@ -103,9 +103,9 @@ class _Readings:
 
 @dataclass(frozen=True)
 class _Blocks:
-    """How a run is cut: blocks, stretches at rest, hold and branch of each block.
+    """Division of a run: blocks, stretches at rest, hold and branch of each block.
 
-    between: samples of one part of the load where no block is.
+    between: samples of one part of the load outside of blocks.
     """
 
     spans: list[Span]
@@ -189,7 +189,7 @@ def _dynamic(readings: _Readings) -> _Blocks:
 
 @dataclass(frozen=True)
 class _Means:
-    """Blocks as the engine sees them: middle, width (N,) [s], probes (4, N) [m]."""
+    """Blocks in the form of the engine: middle, width (N,) [s], probes (4, N) [m]."""
 
     time: Array
     width: Array
@@ -210,7 +210,7 @@ class _Means:
 def _load_grid(readings: _Readings, blocks: _Blocks) -> LoadGrid:
     """Mean time and load of the parts of every block, and of the samples between blocks.
 
-    The parts of a block are its own: a part that reached over its edge would shift its mean.
+    The parts of a block end at its edges, because a part beyond an edge would shift the mean.
     """
     cuts: list[int] = []
     first, last, reached = [], [], 0
@@ -261,7 +261,7 @@ def _run(readings: _Readings, blocks: _Blocks, held_out: bool) -> RunBlocks:
 
 
 def _carried(branch: Array) -> Array:
-    """Branch of plateaus with the turning points counted to the branch that led there."""
+    """Branch of plateaus; turning points belong to the branch before them."""
     direction = branch.copy()
     for index in range(direction.size):
         if direction[index] == 0.0:

@@ -1,4 +1,4 @@
-"""The ring as the engine sees it: contact parameters, catalogue of effects, roller scatter."""
+"""The ring in the form of the engine: contact parameters, effects, roller scatter."""
 
 from __future__ import annotations
 
@@ -31,37 +31,37 @@ Array = NDArray[np.float64]
 
 
 OTHER_SIGN = (0.15, 0.9, 2.7)
-"""Sizes of the starts of the other sign, in usual sizes; others than any start of this sign."""
+"""Sizes of the starts of the other sign, in usual sizes. They differ from all starts of this
+sign."""
 
 FINE_STEP = 2e-4
-"""Step of sensitivities on a log scale and of K and n, as a share of the range.
-
-K and n of one contact are so nearly alike that the bend of their curves over a step ten times
-this long passes for a difference, and a refit creeps along their valley without an end.
-"""
+"""Step of sensitivities on a log scale and of K and n, as a share of the range. K and n of one
+contact are so similar that the curvature over a step ten times as long looks like a difference,
+and a refit then moves along their valley without an end."""
 
 LOAD_STEP = 500.0
 """Change of the load [N] by which its sensitivity is differenced."""
 
 FAILED = 1e-3
-"""Reading [m] of a simulation that failed: far from any that is measured."""
+"""Reading [m] of a failed simulation, far from any measured one."""
 
 LOAD_WANDER = 1e-4
-"""Share of full scale by which a load cell wanders slowly."""
+"""Slow wander of a load cell as a share of full scale."""
 
 STEEP, MAX_STEEP = 3.0, 20
-"""Blocks so many times as steep as usual feel the noise of the load; so many of a run count."""
+"""Steepness of a block, in usual ones, from which the noise of the load counts; and their largest
+number in a run."""
 
 CURVATURE = 1.5
-"""Standard deviation of the square of a standard normal number, nearly."""
+"""Approximate standard deviation of the square of a standard normal number."""
 
 
 KEPT_POINTS = 4096
-"""Values of effects whose extensions are kept: every run is simulated at the same ones."""
+"""Number of stored extensions, because every run is simulated at the same effects."""
 
 
 class _ReadPoint(NamedTuple):
-    """What the effects of a point are to the ring."""
+    """The effects of a point as extension and laws of the ring."""
 
     extension: RingExtension
     laws: Sequence[Law]
@@ -137,10 +137,10 @@ class RingSystem:
     def predict_neighbours(
         self, run: RunBlocks, groups: Sequence[Sequence[Point]]
     ) -> list[Array]:
-        """Each group's points (B, C, N): the first simulated, those near it by exact tangents.
+        """Points (B, C, N) of each group: the first simulated, its neighbours by exact tangents.
 
-        A neighbour whose rollers differ is simulated: the tangent pass would have to follow every
-        roller by itself, which costs more. So is one that has no tangent.
+        A neighbour with other rollers is simulated, because a tangent pass would follow
+        every roller and cost more. A neighbour without a tangent is simulated too.
         """
         if any(self._laws(group[0]) for group in groups):
             return [self.predict_many(run, group) for group in groups]
@@ -170,7 +170,7 @@ class RingSystem:
         return [np.clip(answer, -10.0 * FAILED, 10.0 * FAILED) for answer in answers]
 
     def _asked_with(self, groups: Sequence[Sequence[Point]]) -> _Asked:
-        """What all runs need of these groups; every run is asked for the same ones in turn."""
+        """Common input of all runs for these groups; every run gets the same groups in turn."""
         known = self._last_asked[-1] if self._last_asked else None
         if known is None or known.groups is not groups or known.rig is not self.rig:
             known = self._asked(groups)
@@ -217,17 +217,17 @@ class RingSystem:
         return np.clip(_finite(means), -10.0 * FAILED, 10.0 * FAILED)
 
     def nuisances(self, runs: Sequence[RunBlocks], point: Point) -> list[Array]:
-        """Unequal rollers of a sound ring; clearances and a weight not known exactly; load noise.
+        """Nuisance columns: unequal rollers, uncertain clearances and weight, noise of the load.
 
-        Where rollers begin to touch, a little load moves the ring far: what one of them does there
-        stands at another measured load if the load at the ring is another. The noise of the load
-        is as visible there as that of the probes.
+        Where rollers begin to touch, a little load moves the ring far. An error of the
+        load at the ring then shifts the place of that motion, so that the noise of the
+        load shows as much as that of the probes.
         """
         parts, known = [], []
         base, extension = point.base, self.extension(point)
         touching = extension.only(MOTION)
         for run in runs:
-            usual = self.predict_many(run, [point])[0]  # a law of the user's own in it
+            usual = self.predict_many(run, [point])[0]  # A law of the user is in it.
             contacts = self._simulated(run, [(base, touching)])[0]
             grid: LoadGrid = run.payload
             static = run.rate is None or not np.any(run.rate)
@@ -257,9 +257,9 @@ class RingSystem:
         return answer
 
     def _load_noise(self, runs: Sequence[RunBlocks], point: Point) -> list[Array]:
-        """What noise of the load changes (C, N, k) where a little load moves the ring far.
+        """Changes (C, N, k) by noise of the load where a little load moves the ring far.
 
-        One column a block; k over all runs, each of them with its own.
+        There is one column per block; k counts over all runs, each with its own blocks.
         """
         wander = LOAD_WANDER * self.rig.full_scale_load
         changes, places = [], []
@@ -278,7 +278,7 @@ class RingSystem:
         return answer
 
     def targets(self, run: RunBlocks, point: Point) -> dict[str, Array]:
-        """Change by one more newton at the ring: a law may add to its load."""
+        """Change by one more newton at the ring, with the laws that add to its load."""
         extension = self.extension(point)
         less, more = (
             replace(extension, load_offset=extension.load_offset + sign * LOAD_STEP)
@@ -299,7 +299,7 @@ class RingSystem:
         return self._read_point(point).extension
 
     def _laws(self, point: Point) -> Sequence[Law]:
-        """The laws of a user's own effects at a point."""
+        """The laws of the user's own effects at a point."""
         return self._read_point(point).laws if point.effects else ()
 
     def _read_point(self, point: Point) -> _ReadPoint:
@@ -315,9 +315,9 @@ class RingSystem:
 
 
 def _beside(per_newton: Array) -> Array:
-    """Each block's change (C, N), or that of the block beside it, whichever is larger.
+    """Change (C, N) of each block or of its neighbour, whichever is larger.
 
-    The block in which a motion ends feels its error as much as the one before.
+    The block in which a motion ends has as much of its error as the block before.
     """
     widened = np.pad(per_newton, ((0, 0), (1, 1)), mode='edge')
     near = np.stack([widened[:, :-2], per_newton, widened[:, 2:]])
@@ -326,7 +326,7 @@ def _beside(per_newton: Array) -> Array:
 
 
 def _steep(run: RunBlocks, per_newton: Array) -> NDArray[np.int64]:
-    """Blocks in which a newton moves the ring much further than it does under load."""
+    """Blocks in which a newton moves the ring much further than under load."""
     load = next(iter(run.inputs.values()))
     moves = np.linalg.norm(per_newton, axis=0)
     usual = float(np.median(moves[load >= 0.5 * load.max()]))
@@ -335,14 +335,14 @@ def _steep(run: RunBlocks, per_newton: Array) -> NDArray[np.int64]:
 
 
 def _finite(readings: Array) -> Array:
-    """Readings with something far off where the simulation failed."""
+    """Readings with a distant value where the simulation failed."""
     return np.nan_to_num(readings, nan=FAILED, posinf=FAILED, neginf=-FAILED)
 
 
 def engine_effects(
     effect: catalogue_of_effects.RingEffect, rig: Rig,
 ) -> tuple[Effect, ...]:
-    """A ring effect in the engine's words, and its wider forms, which free more parameters."""
+    """A ring effect as an engine effect, and its wider forms, which free more parameters."""
     plain = sum(not variant.frees for variant in effect.variants)
     return (
         engine_effect(effect, range(plain), rig),
@@ -354,7 +354,7 @@ def engine_effects(
 def engine_effect(
     effect: catalogue_of_effects.RingEffect, variants: range, rig: Rig,
 ) -> Effect:
-    """Variants of a ring effect that have the same parameters; the amplitude comes first."""
+    """Variants of a ring effect with the same parameters; the amplitude comes first."""
     own = effect.parameters_of(effect.variants[variants.start], rig)
     ordered = sorted(own, key=lambda item: not item.amplitude)
     parameters = {
@@ -386,7 +386,7 @@ def engine_effect(
 
 
 def _line_channels(effect: catalogue_of_effects.RingEffect) -> tuple[tuple[int, ...], ...]:
-    """Channels of each variant of an effect that acts on one probe, or on all for 0."""
+    """Channels of each variant of an effect on one probe, or on all probes for 0."""
     probes = [int(variant.values['probe']) for variant in effect.variants]
     return tuple((probe - 1,) if probe else (0, 1, 2, 3) for probe in probes)
 
@@ -400,7 +400,7 @@ def _starts(
     factors = (0.2, 1.0, 3.0) if size.neutral == 0.0 else (0.5, 1.0, 1.5)
     sizes = [float(np.clip(factor * size.scale, size.low, size.high)) for factor in factors]
     if size.low < size.neutral < size.high:
-        # One sign may change the contacts of the ring and the other may not.
+        # Only one of the signs may change the contacts of the ring.
         sizes += [float(np.clip(-part * size.scale, size.low, size.high)) for part in OTHER_SIGN]
     usual = {item.name: item.start for item in shapes}
     starts = [{size.name: value, **usual} for value in sizes]

@@ -27,7 +27,7 @@ from saddlering_ros.rig import (
 
 @dataclass(frozen=True)
 class ChannelMisfit:
-    """One channel of one run: rms misfit over the channel's measured range, and the noise's."""
+    """One channel of one run: rms misfit and noise over the channel's measured range."""
 
     nrmse_before: float
     nrmse_after: float
@@ -68,7 +68,7 @@ class Verdict:
     def extended_parameters(self) -> ParameterSet:
         """Contact parameters after the diagnosis, with the effects found.
 
-        Steady lines stay out: their phase starts anew with every run.
+        Steady lines are left out, because their phase is new in every run.
         """
         found = self.diagnosis
         values = np.array([estimate.value for estimate in self.contact_law.after.values()])
@@ -129,11 +129,11 @@ def run_figures(
 
 
 ZERO_SPAN = 0.5
-"""Length of record [s] whose mean is a run's zero."""
+"""Length [s] of the mean that is the zero of a run."""
 
 
 def _noise_floor(found: Diagnosis, run: RunBlocks, weights: Array) -> float:
-    """Rms noise of a view over the run's block means, the zero's own noise with it."""
+    """Rms noise of a view over the block means of the run, with the noise of the zero."""
     known = found.fits.metric.noise
     fitted = run.name if (run.name, 0) in known else _alike(found, run)
     start = float(run.time[0])
@@ -152,7 +152,7 @@ def _noise_floor(found: Diagnosis, run: RunBlocks, weights: Array) -> float:
 
 
 def _alike(found: Diagnosis, run: RunBlocks) -> str:
-    """The fitted run whose block means are as long as those of a run held out."""
+    """The fitted run with block means as long as those of a held-out run."""
     width = float(np.median(run.width))
     fitted = found.fits.metric.experiment.runs
     return min(fitted, key=lambda item: abs(np.log(np.median(item.width) / width))).name

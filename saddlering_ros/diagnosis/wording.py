@@ -32,18 +32,18 @@ WORDS = {
 
 
 def title_of(effect_id: str) -> str:
-    """An effect's title, or its id where the catalogue does not hold it."""
+    """The title of an effect, or its id if the catalogue does not have it."""
     known = catalogue().get(effect_id)
     return effect_id if known is None else known.title
 
 
 def lowered(title: str) -> str:
-    """A title in the middle of a sentence."""
+    """A title in the form for the middle of a sentence."""
     return title[:1].lower() + title[1:] if title[1:2].islower() else title
 
 
 def effects_of(document: Document) -> list[CauseEntry]:
-    """The causes that are effects of the catalogue (an unknown's shapes left out)."""
+    """The causes that are effects of the catalogue, without the shapes of an `unknown`."""
     return causes_of(document)
 
 
@@ -65,7 +65,7 @@ def headline(document: Document) -> str:
 
 
 def gain_sentence(document: Document) -> str:
-    """The misfit reduction of the extension, on held-out runs where there are some."""
+    """The misfit reduction of the extension, with that on held-out runs if there are some."""
     gain = document.get('gain')
     if document['verdict'] == 'none' or gain is None or gain.get('fit') is None:
         return ''
@@ -81,14 +81,14 @@ def gain_sentence(document: Document) -> str:
 
 
 def size_of(cause: CauseEntry) -> str:
-    """Where a cause acts and the size of its first parameter: 'probe 2 gain +3.0 ± 0.2 %'."""
+    """Place of a cause and the size of its first parameter: 'probe 2 gain +3.0 ± 0.2 %'."""
     name, item = next((name, item) for name, item in cause['parameters'].items()
                       if name not in choices_of(cause['effect']))
     return ' '.join(filter(None, (place_of(cause), parameter_value(cause['effect'], name, item))))
 
 
 def parameter_words(cause: CauseEntry) -> str:
-    """Where a cause acts, and all its fitted parameters, in one line."""
+    """Place of a cause and all its fitted parameters, in one line."""
     choices = choices_of(cause['effect'])
     parts = [place_of(cause)] + [
         parameter_value(cause['effect'], name, item)
@@ -98,14 +98,14 @@ def parameter_words(cause: CauseEntry) -> str:
 
 
 def parameter_value(effect_id: str, name: str, item: SizeEntry) -> str:
-    """A parameter with its value and error, in the unit and with the sign that make sense."""
+    """A parameter with its value and error, in a suitable unit and with its sign."""
     return f'{name} {value_words(effect_id, name, item["value"], item["unit"], item["std"])}'
 
 
 def value_words(
     effect_id: str, name: str, value: float, unit: str, std: float | None = None,
 ) -> str:
-    """A value of an effect's parameter with its error: shares in percent, signs where both are."""
+    """A value with its error: shares in percent, a sign if both signs are possible."""
     known = catalogue().get(effect_id)
     found = next((one for one in known.parameters if one.name == name), None) if known else None
     if found is not None and found.amplitude and unit in ('', '1'):
@@ -120,14 +120,14 @@ def choices_of(effect_id: str) -> frozenset[str]:
 
 
 def place_of(cause: CauseEntry) -> str:
-    """The variant of a cause in words, for instance which probe; '' where it has one form only."""
+    """The variant of a cause in words, for instance the probe; '' if it has one form only."""
     names = choices_of(cause['effect'])
     choices = {name: item['value'] for name, item in cause['parameters'].items() if name in names}
     return variant_words(cause['effect'], choices) if choices else ''
 
 
 def variant_words(effect_id: str, choices: Mapping[str, float]) -> str:
-    """Which variant of an effect has these fixed values, in words."""
+    """The variant of an effect with these fixed values, in words."""
     known = catalogue().get(effect_id)
     for variant in known.variants if known is not None else ():
         if variant.label and all(variant.values.get(k) == v for k, v in choices.items()):
@@ -166,7 +166,7 @@ def why_lost(item: CandidateEntry, best: CandidateEntry, chosen: Collection[str]
 
 
 def shape_words(shape: ShapeEntry) -> str:
-    """'delta_x follows the load, 0.4 % of range rms'; an oscillation is worded by itself."""
+    """'delta_x follows the load, 0.4 % of range rms'; an oscillation has words of its own."""
     if shape.get('shape'):
         return str(shape['shape'])
     words = COORDINATES.get(shape['coordinate'], shape['coordinate'])

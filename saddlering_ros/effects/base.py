@@ -34,16 +34,16 @@ def size_factor(unit: str, rig: Rig) -> float:
 
 
 class EffectError(SaddleringError):
-    """An effect or a parameter of an effect that does not exist or is out of its bounds."""
+    """An effect or one of its parameters does not exist or is out of its bounds."""
 
 
 @dataclass(frozen=True)
 class EffectParameter:
-    """One parameter: SI unit, bounds, `scale` (a size that a rig may well show), start value.
+    """One parameter: SI unit, bounds, `scale` (a typical size on a real rig), start value.
 
-    one_sided: the sign is fixed by physics. amplitude: marks the parameter that makes the effect
-    vanish when it is `neutral`; the others only shape it. The first parameter of an effect is one.
-    logarithmic: searched on a log scale (low > 0), for instance time constants.
+    one_sided: physics fixes the sign. amplitude: the effect vanishes if this parameter is
+    `neutral`; the other parameters only shape it. The first parameter of an effect is an
+    amplitude. logarithmic: searched on a log scale (low > 0), for instance time constants.
     """
 
     name: str
@@ -72,9 +72,9 @@ class EffectParameter:
 class Variant:
     """A discrete choice inside one effect (which probe, which row): fixed values and a label.
 
-    channels: where this choice shows, if not in all channels of the effect. frees: parameters that
-    have a meaning in this choice alone, for instance one size for each coordinate. contains:
-    effects that this choice can do in full, so that it is no alternative to them.
+    channels: where this choice shows, if not in all channels of the effect. frees: parameters
+    with a meaning in this choice alone, for instance one size for each coordinate. contains:
+    effects that this choice can imitate completely, so that it is no alternative to them.
     """
 
     label: str
@@ -86,7 +86,7 @@ class Variant:
 
 @dataclass(frozen=True)
 class Choice:
-    """A parameter that is not fitted but chosen: its values in order of the variants, in words."""
+    """A parameter that is chosen and not fitted: its values in order of the variants, in words."""
 
     name: str
     values: tuple[float, ...]
@@ -94,11 +94,11 @@ class Choice:
 
 
 class RingEffect(ABC):
-    """One cause by which a measurement can part from the simulation; one subclass, one file.
+    """One cause of a difference between measurement and simulation; one subclass, one file.
 
-    A subclass states the class attributes and `extend`; discovery finds it by walking the folder.
-    starts: first guesses worth trying where one is not enough (searched places, times); a name
-    left out takes its parameter's own start. The first variant holds where none is chosen.
+    A subclass states the class attributes and `extend`; a walk of the folder finds it. starts:
+    first guesses for effects that need several (searched places, times); a missing name takes
+    the start of its parameter. The first variant is the default.
     """
 
     id: ClassVar[str]
@@ -130,7 +130,7 @@ class RingEffect(ABC):
     def parameters_of(
         self, variant: Variant, rig: Rig | None = None,
     ) -> tuple[EffectParameter, ...]:
-        """Parameters that mean something in one of the variants."""
+        """Parameters with a meaning in one of the variants."""
         others = {name for item in self.variants for name in item.frees} - set(variant.frees)
         return tuple(item for item in self.parameters_on(rig) if item.name not in others)
 
@@ -155,7 +155,7 @@ class RingEffect(ABC):
         return complete
 
     def neutral_values(self, variant: Variant | None = None) -> dict[str, float]:
-        """Values by which the effect adds nothing: amplitudes neutral, the rest at their start."""
+        """Values without influence: amplitudes neutral, the other parameters at their start."""
         values = {p.name: p.neutral if p.amplitude else p.start for p in self.parameters}
         return {**values, **(variant or self.variants[0]).values}
 
