@@ -14,7 +14,7 @@ from saddlering_ros.rig import (
     TRUE_TO_SCALE,
 )
 from saddlering_ros.ring import probe_batch, reference, static_batch
-from saddlering_ros.ring.neighbours import probe_sensitivities
+from saddlering_ros.ring.neighbours import Neighbourhoods, probe_sensitivities
 from saddlering_ros.ring.sensitivity import motion_sensitivities, static_sensitivities
 
 RIG, ELEVATION = default_rig(), 0.9
@@ -109,3 +109,19 @@ def test_an_effect_that_is_not_there_yet_has_a_slope() -> None:
         expected = with_it - without
         assert found.neighbours[0] - found.centre == pytest.approx(
             expected, abs=2e-2 * np.abs(expected).max()), effects
+
+
+def test_block_means_are_means_of_the_readings_at_the_samples() -> None:
+    """Of plain readings, and of those of an effect with a clock of its own."""
+    starts = np.array([0, 10, 11, 90])
+    stops = np.array([10, 11, 60, 150])
+    plain = LAW, extension_of({})
+    stiffer = LAW * (1.0 + 1e-5 * np.eye(6)[0]), plain[1]
+    late = LAW, extension_of({'clock_offset': {'offset': 1e-5}})
+    groups = Neighbourhoods(RIG, [(plain, [plain, stiffer, late])])
+    whole = groups.along(ELEVATION, SLOW, SLOW_LOAD, max_step=STEP)[0]
+    means = groups.along(ELEVATION, SLOW, SLOW_LOAD, max_step=STEP, blocks=(starts, stops))[0]
+    for few, every in ((means.centre, whole.centre), (means.neighbours, whole.neighbours)):
+        expected = np.stack([every[..., start:stop].mean(axis=-1)
+                             for start, stop in zip(starts, stops, strict=True)], axis=-1)
+        assert few == pytest.approx(expected, rel=1e-9, abs=1e-18)
