@@ -150,6 +150,7 @@ def test_other_nodes_lose_nothing_and_the_server_answers_while_one_identifies(
         record, bag: Path, bag_root: Path, group: NodeGroup, heard: Client) -> None:
     for name in ('ring_displacement', 'ring_simulator', 'ring_residual'):
         group.start(name)
+    group.extra_environment = {'SADDLERING_THREADS': '1'}  # it lasts, and costs no more
     group.start('ring_identification', {'bag_root': str(bag_root)})
     driver, goals = Driver(heard), Goals(heard, IdentifyRing, '/identify_ring')
     wait_until(lambda: driver.matched(2) and heard.ring_nodes_matched(), 80.0, 'all are matched')
@@ -157,13 +158,13 @@ def test_other_nodes_lose_nothing_and_the_server_answers_while_one_identifies(
     long = goals.send(bags=['run'], particles=4000, iterations=100_000, seed=1)
     wait_until(lambda: bool(goals.feedback), 60.0, 'it runs')
     heard.diagnostics.clear()
-    rows = slice(0, 800)
-    driver.send(record, rows)
-    owed = len(offline_displacement(record, rows))
-    wait_until(lambda: len(heard.raw['/ring/residual']) == owed, 60.0, f'{owed} residuals')
     name = 'ring_identification: /identify_ring'
     wait_until(lambda: heard.diagnostics.get(name, (0, 'idle'))[1] not in ('idle', 'starting'),
                what='the server reports that it identifies')
+    rows = slice(0, 800)
+    driver.send(record, rows, pace=200)
+    owed = len(offline_displacement(record, rows))
+    wait_until(lambda: len(heard.raw['/ring/residual']) == owed, 60.0, f'{owed} residuals')
     goals.cancel(long)
     assert goals.result(long).status == GoalStatus.STATUS_CANCELED
 
