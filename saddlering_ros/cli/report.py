@@ -65,8 +65,9 @@ def _identification(path: Path | None) -> dict[str, Any] | None:
 
     if path is None:
         return None
+    text = read_regular_text(path, ReportError, MAX_IDENTIFICATION)
     try:
-        found = json.loads(read_regular_text(path, ReportError, MAX_IDENTIFICATION))
+        found = json.loads(text)
     except ValueError as problem:
         raise ReportError(f'{path}: is not JSON ({problem}): give the file of saddlering '
                           'identify --json') from problem

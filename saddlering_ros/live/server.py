@@ -104,7 +104,7 @@ def serve(watcher: Watcher, where: Address, on_ready: Callable[[Address], None],
 async def _serve(watcher: Watcher, where: Address, on_ready: Callable[[Address], None],
                  until: threading.Event | None, rig: Rig | None) -> None:
     runner = web.AppRunner(application(watcher, where, rig), access_log=None, shutdown_timeout=0.5,
-                           keepalive_timeout=KEEP_ALIVE)
+                           keepalive_timeout=KEEP_ALIVE, lingering_time=0.0)
     loud_again = quiet_log()
     await runner.setup()
     door = Door()

@@ -60,6 +60,17 @@ def test_a_browser_is_served_at_once_beside_three_hundred_half_open_requests(mon
         assert all(is_closed(one, 60.0) for one in opened[:300 - connections.MAX_WAITING])
 
 
+def test_requests_whose_bodies_do_not_come_keep_no_browser_out():
+    head = b'POST /clear HTTP/1.1\r\nHost: localhost\r\nContent-Length: 1000000\r\n\r\n'
+    with served() as port, contextlib.ExitStack() as stack:
+        for _ in range(connections.MAX_SERVED + 20):
+            one = stack.enter_context(socket.create_connection(('127.0.0.1', port), 60.0))
+            one.sendall(head)
+            assert one.recv(8) == b'HTTP/1.1'
+            while one.recv(4096):  # the end of the answer is the end of the connection
+                pass
+
+
 def test_a_half_open_request_is_closed_after_its_time(monkeypatch):
     monkeypatch.setattr(connections.Door.__init__, '__defaults__', (0.2, 64, 128))
     with served() as port, contextlib.ExitStack() as stack:
