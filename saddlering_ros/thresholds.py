@@ -1,4 +1,11 @@
-"""The thresholds by which results are judged wherever they are printed."""
+"""The thresholds of results, and the words of verdicts, wherever they are printed."""
+
+VERDICT_WORDS = {
+    'none': 'these data show no misfit beyond noise', 'named': 'the cause is identified',
+    'ambiguous': 'several causes explain the misfit',
+    'unknown': 'no known cause explains the misfit',
+}
+"""A verdict in words: console, report, and the page of any simulator."""
 
 MATERIAL = 1e-3
 """Share of a channel's range below which a misfit is immaterial."""

@@ -15,7 +15,7 @@ from saddlering_ros.diagnosis.contract import (
 )
 from saddlering_ros.effects import catalogue
 from saddlering_ros.quantities import compact, percent, quantity, signed_percent
-from saddlering_ros.thresholds import CHANCE, MATERIAL
+from saddlering_ros.thresholds import CHANCE, MATERIAL, VERDICT_WORDS
 
 Document = VerdictDocument
 
@@ -24,11 +24,7 @@ COORDINATES = {
     'rate': 'follows the rate of the load', 'time': 'follows time',
 }
 
-WORDS = {
-    'none': 'these data show no misfit beyond noise', 'named': 'the cause is identified',
-    'ambiguous': 'several causes explain the misfit',
-    'unknown': 'no known cause explains the misfit',
-}
+WORDS = VERDICT_WORDS
 
 
 def title_of(effect_id: str) -> str:
@@ -52,7 +48,7 @@ def headline(document: Document) -> str:
     verdict = document['verdict']
     if verdict == 'none':
         return ('The simulation lacks nothing that these data could show. The residual is noise, '
-                "or smaller than 0.1 % of a channel's range.")
+                f"or smaller than {100.0 * MATERIAL:g} % of a channel's range.")
     if verdict == 'unknown':
         return ('Something is wrong, and no cause of the catalogue explains the misfit. '
                 + _shapes(shapes_of(document)))

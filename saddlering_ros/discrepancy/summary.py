@@ -6,13 +6,9 @@ from collections.abc import Mapping
 
 from saddlering_ros.discrepancy.results import Cause, Diagnosis, Estimate
 from saddlering_ros.quantities import compact, percent, probability, quantity
+from saddlering_ros.thresholds import CHANCE, VERDICT_WORDS
 
-WORDS = {
-    'none': 'these data show no misfit beyond noise',
-    'named': 'the cause is identified',
-    'ambiguous': 'several causes explain the misfit',
-    'unknown': 'no known cause explains the misfit',
-}
+WORDS = VERDICT_WORDS
 
 
 def summary_text(found: Diagnosis) -> str:
@@ -29,7 +25,7 @@ def summary_text(found: Diagnosis) -> str:
     if found.verdict == 'unknown':
         after = found.residual_after
         tests = sorted((*after.consistency, *after.shapes), key=lambda item: item.p_value)
-        shapes = [item for item in tests if item.p_value < 0.01][:4]
+        shapes = [item for item in tests if item.p_value < CHANCE][:4]
         lines += [
             f'  residual: {item.view} along {item.coordinate}, {percent(item.visible)} of range'
             for item in shapes
