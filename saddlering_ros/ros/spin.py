@@ -27,8 +27,8 @@ SERVE_ALL = 0.25
 It is asked seldom, because its look costs as much as ten messages."""
 
 PERIOD = 0.0015
-"""Shortest time from one batch to the next [s]: a wake-up costs as much as several messages. At
-1 kHz messages are worked off by fives and tens, for a millisecond of delay."""
+"""Shortest mean time from one batch to the next [s]: a wake-up costs as much as several messages.
+At 1 kHz messages are worked off by fives and tens, for a millisecond of delay."""
 
 PATIENCE = 0.005
 """Longest wait for the awaited subscriptions alone [s]; then any message begins a batch."""
@@ -119,7 +119,7 @@ def spin_streaming(node: Node, streaming: Streaming) -> None:
     executor = SingleThreadedExecutor(context=node.context)
     executor.add_node(node)
     data, calls = DataWait(node.context), DataWait(node.context)
-    looked = served = limit = 0.0
+    looked = served = due = limit = 0.0
     heard = time.monotonic()
     try:
         while node.context.ok() and not streaming.finished():
@@ -131,7 +131,8 @@ def spin_streaming(node: Node, streaming: Streaming) -> None:
                 ready = data.wait(streaming.raw_subscriptions(), limit, node if asleep else None)
             woke = time.monotonic()
             if ready.data:
-                time.sleep(max(0.0, heard + PERIOD - woke))
+                due = max(due + PERIOD, woke - PERIOD)  # after a late one, the next may be early
+                time.sleep(max(0.0, due - woke))
                 heard = time.monotonic()
                 streaming.work()
             called = ready.call
