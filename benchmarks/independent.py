@@ -1,0 +1,307 @@
+"""Verdicts on rings of an independent simulator, and laws proposed for faults without a name.
+
+python benchmarks/independent.py [--seed N] [--kinds clean,single,outside] [--only NAME,NAME]
+[--out FILE.jsonl] draws rings of benchmarks/independent_ring.py: sound ones, every effect of the
+catalogue once, every law of independent_faults.OUTSIDE once. For a law outside the catalogue the
+proposal is compared with the truth, its file is put into the catalogue, and fresh tests of the
+same ring are diagnosed with it. --table prints the table of FILE.
+"""
+
+from __future__ import annotations
+
+import os
+
+os.environ.setdefault('SADDLERING_THREADS', '1')
+
+import argparse
+from collections.abc import Iterable, Sequence
+from dataclasses import asdict, dataclass
+import json
+from pathlib import Path
+import sys
+import tempfile
+import time
+from typing import Any
+
+from blind import interval, size_over_limit
+from independent_faults import EFFECTS, fault_of, OUTSIDE, Outside
+from independent_ring import (
+    Course,
+    Fault,
+    Noise,
+    other_courses,
+    Record,
+    record,
+    Ring,
+    usual_courses,
+)
+import numpy as np
+
+from saddlering_ros.bags import TestFacts, write_bag
+from saddlering_ros.diagnosis import diagnose_bags, Verdict
+from saddlering_ros.diagnosis.proposed_law import write_effect_files
+from saddlering_ros.discrepancy.gain import mean_square
+from saddlering_ros.effects import FOLDER_VARIABLE, use_folder
+from saddlering_ros.rig import default_rig
+from saddlering_ros.virtual_rig.scoring import score
+
+RIG = default_rig()
+BEGIN = 1_800_000_000_000_000_000
+"""Stamp [ns] of the first record."""
+
+TWICE = 2.0
+MIN_REDUCTION = 0.8
+"""Share of the reduction by the true law that a proposal should reach on a held-out run."""
+
+
+@dataclass(frozen=True)
+class Case:
+    """One ring: what was hidden, the verdict and its score.
+
+    For laws outside the catalogue: channel, coordinate and law of the proposal, whether both are
+    right, held-out reductions by the proposal and by the truth, doubts, and the verdict on fresh
+    data with the proposal in the catalogue.
+    """
+
+    kind: str
+    seed: int
+    hidden: str
+    verdict: str
+    groups: list[list[str]]
+    score: str
+    ratio: float | None
+    seconds: float
+    channel: str = ''
+    coordinate: str = ''
+    law: str = ''
+    is_right: bool = False
+    reduction: float | None = None
+    true_reduction: float | None = None
+    doubts: Sequence[str] = ()
+    round_trip: str = ''
+    round_trip_groups: Sequence[Sequence[str]] = ()
+    is_named: bool = False
+
+
+def draw_ring(seed: int) -> tuple[Ring, Noise]:
+    """Contact and instruments of one rig."""
+    draw = np.random.default_rng([seed, 11])
+    stiff = np.exp(draw.uniform(-0.25, 0.25, 2)) * 1.29e8
+    bent = draw.uniform(1.06, 1.16, 2)
+    damping = np.exp(draw.uniform(-0.7, 0.7, 2)) * 3e6
+    ring = Ring(stiff[0], bent[0], damping[0], stiff[1], bent[1], damping[1],
+                float(draw.uniform(0.0, 0.015)), seed)
+    noise = Noise(float(draw.uniform(20.0, 60.0)), float(draw.uniform(0.6e-7, 1.6e-7)),
+                  float(draw.uniform(1e-8, 4e-8)), float(draw.uniform(0.1, 0.8)))
+    return ring, noise
+
+
+def write(own: Record, number: int, folder: Path) -> Path:
+    """One run as a bag."""
+    course = own.course
+    begin = BEGIN + 900_000_000_000 * number
+
+    def stamps(seconds: np.ndarray) -> np.ndarray:
+        return begin + np.round(1e9 * seconds).astype(np.int64)
+
+    gaps = [1e-3 + own.d[:, probe] for probe in range(4)]
+    facts = TestFacts(course.test, course.degrees, 'independent', course.name,
+                      details={'rig_hash': RIG.digest})
+    return write_bag(folder / course.name, facts, stamps(own.time), own.load,
+                     [stamps(item) for item in own.probe_times], gaps, RIG.probes,
+                     log_delay=300_000, overwrite=True)
+
+
+def verdict_on(ring: Ring, noise: Noise, fault: Fault, courses: Sequence[Course], seed: int,
+               folder: Path) -> Verdict:
+    """Write every course and diagnose; the last is held out."""
+    bags = [write(record(ring, fault, course, seed + 31 * number, noise), number, folder)
+            for number, course in enumerate(courses)]
+    return diagnose_bags(bags[:-1], bags[-1:], seed=seed)
+
+
+def groups_of(verdict: Verdict) -> list[list[str]]:
+    """Ids of each cause's group."""
+    return [list(cause.group) for cause in verdict.diagnosis.causes]
+
+
+def held_residual(verdict: Verdict) -> tuple[Any, np.ndarray]:
+    """The held-out run and its residual without any cause."""
+    for figures, pair in zip(verdict.runs, verdict.diagnosis.runs, strict=True):
+        if figures.record.run.held_out:
+            return figures.record.run, figures.record.run.channels - pair.before
+    raise ValueError('no run is held out')
+
+
+def true_reduction(faulty: Verdict, sound: Verdict) -> float:
+    """Reduction on the held-out run if the model knew the fault: what the sound twin leaves."""
+    experiment = faulty.diagnosis.fits.metric.experiment
+    run, before = held_residual(faulty)
+    _, after = held_residual(sound)
+    ratio = mean_square(experiment, [run], [after]) / mean_square(experiment, [run], [before])
+    return float(1.0 - np.sqrt(ratio))
+
+
+def single(effect: str, seed: int, folder: Path) -> Case:
+    """One effect of the catalogue."""
+    began = time.process_time()
+    ring, noise = draw_ring(seed)
+    hidden = fault_of(effect, np.random.default_rng([seed, 12]))
+    verdict = verdict_on(ring, noise, hidden.fault, usual_courses(RIG), seed, folder)
+    answer: dict[str, Any] = {**verdict.to_json()}
+    groups = [cause['group'] for cause in answer['causes'] if 'effect' in cause]
+    counted, _ = score('single', [effect], answer['verdict'], groups)
+    ratio = size_over_limit(hidden.to_json(), answer['detection_limits'])
+    return Case('single', seed, effect, answer['verdict'], groups, counted, ratio,
+                time.process_time() - began)
+
+
+def clean(seed: int, folder: Path) -> Case:
+    """A sound ring."""
+    began = time.process_time()
+    ring, noise = draw_ring(seed)
+    verdict = verdict_on(ring, noise, Fault(), usual_courses(RIG), seed, folder)
+    law = verdict.diagnosis.law
+    return Case('clean', seed, '', verdict.verdict, groups_of(verdict),
+                score('clean', [], verdict.verdict, [])[0], None, time.process_time() - began,
+                law='' if law is None else law.term.law)
+
+
+def outside(law: Outside, seed: int, folder: Path) -> Case:
+    """A law that the catalogue does not have: verdict, proposal, round trip."""
+    began = time.process_time()
+    ring, noise = draw_ring(seed)
+    fault = law.fault(np.random.default_rng([seed, 12]))
+    faulty = verdict_on(ring, noise, fault, usual_courses(RIG), seed, folder / 'faulty')
+    sound = verdict_on(ring, noise, Fault(), usual_courses(RIG), seed, folder / 'sound')
+    answer: dict[str, Any] = {**faulty.to_json()}
+    groups = groups_of(faulty)
+    case = {'kind': 'outside', 'seed': seed, 'hidden': law.name, 'verdict': faulty.verdict,
+            'groups': groups, 'score': score('outside', [], faulty.verdict, groups)[0],
+            'ratio': None, 'true_reduction': true_reduction(faulty, sound)}
+    proposal = answer['proposal']
+    if proposal:
+        case |= {'channel': proposal['channel'], 'coordinate': proposal['coordinate'],
+                 'law': ' + '.join(f'{term["channel"]}/{term["coordinate"]}/{term["law"]}'
+                                   for term in proposal['terms']),
+                 'is_right': proposal['channel'] in law.channels
+                 and proposal['coordinate'] in law.coordinates,
+                 'reduction': proposal['gain']['held_out'], 'doubts': proposal['doubts']}
+        case |= round_trip(faulty, ring, noise, fault, seed, folder)
+    return Case(**case, seconds=time.process_time() - began)
+
+
+def round_trip(faulty: Verdict, ring: Ring, noise: Noise, fault: Fault, seed: int,
+               folder: Path) -> dict[str, Any]:
+    """Fresh tests of the same ring, diagnosed with the proposed files in the catalogue."""
+    law = faulty.diagnosis.law
+    files = write_effect_files(law, folder / 'effects', RIG.full_scale_load) if law else []
+    if not files:
+        return {'round_trip': 'no file'}
+    use_folder(folder / 'effects')
+    try:
+        fresh = verdict_on(ring, noise, fault, other_courses(RIG), seed + 500_000,
+                           folder / 'fresh')
+    finally:
+        os.environ.pop(FOLDER_VARIABLE, None)
+    names = [path.stem for path in files]
+    groups = groups_of(fresh)
+    return {'round_trip': fresh.verdict, 'round_trip_groups': groups,
+            'is_named': fresh.verdict == 'named' and all(
+                group[0] in names for group in groups) and bool(groups)}
+
+
+def line_of(case: Case) -> str:
+    """One case in one line."""
+    said = ' + '.join('|'.join(group) for group in case.groups)
+    ratio = '' if case.ratio is None else f' ({case.ratio:.1f} x limit)'
+    line = f'{case.kind} {case.seed}: {case.score}: {case.hidden or "-"}{ratio} -> '
+    line += f'{case.verdict} {said}'
+    if case.kind == 'outside':
+        known = '' if case.true_reduction is None else f' of {case.true_reduction:.2f}'
+        found = 'none' if case.reduction is None else f'{case.reduction:.2f}'
+        line += (f'; proposal {case.law or "none"} right {case.is_right}, held out {found}{known},'
+                 f' {len(case.doubts)} doubts; fresh: {case.round_trip} '
+                 f'{" + ".join("|".join(group) for group in case.round_trip_groups)}')
+    return f'{line} {case.seconds:.0f} s'
+
+
+def table(cases: Sequence[Case]) -> str:
+    """Every rate."""
+    singles = [case for case in cases if case.kind == 'single']
+    over = [case for case in singles if (case.ratio or 0.0) >= 1.0]
+    plain = [case for case in singles if (case.ratio or 0.0) >= TWICE]
+    sound = [case for case in cases if case.kind == 'clean']
+    laws = [case for case in cases if case.kind == 'outside']
+    near = [case for case in laws if case.reduction is not None and case.true_reduction]
+
+    def share(own: Iterable[bool]) -> str:
+        listed = list(own)
+        return interval(sum(listed), len(listed))
+
+    return '\n'.join([
+        f'sound rings none: {share(case.score == "right" for case in sound)}, with a proposal: '
+        f'{sum(bool(case.law) for case in sound)}',
+        f'effects over their limit right: {share(case.score == "right" for case in over)}',
+        f'effects over twice their limit right: {share(case.score == "right" for case in plain)}',
+        f'wrong names: {share(case.score == "wrong" for case in [*singles, *laws])}',
+        f'outside the catalogue unknown: {share(case.score == "right" for case in laws)}',
+        f'right channel and coordinate: {share(case.is_right for case in laws)}',
+        f'reduction at least {MIN_REDUCTION} of that of the truth: ' + share(
+            (case.reduction or 0.0) >= MIN_REDUCTION * (case.true_reduction or 0.0)
+            for case in near) + f'; of all {len(laws)} laws, none proposed: '
+        f'{sum(not case.law for case in laws)}',
+        f'named on fresh data: {share(case.is_named for case in laws if case.law)}',
+    ])
+
+
+def read_cases(path: Path) -> list[Case]:
+    """Cases kept so far."""
+    if not path.exists():
+        return []
+    return [Case(**json.loads(line)) for line in path.read_text().splitlines() if line]
+
+
+def plan(seed: int, kinds: Sequence[str], count: int) -> list[tuple[str, int, str]]:
+    """Kind, seed and name of every case."""
+    wanted = []
+    if 'outside' in kinds:
+        wanted += [('outside', seed + i, law.name) for i, law in enumerate(OUTSIDE)]
+    if 'clean' in kinds:
+        wanted += [('clean', seed + 100 + i, '') for i in range(count)]
+    if 'single' in kinds:
+        wanted += [('single', seed + 200 + i, name) for i, name in enumerate(EFFECTS)]
+    return wanted
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument('--seed', type=int, default=440_000)
+    parser.add_argument('--kinds', default='outside,clean,single')
+    parser.add_argument('--clean', type=int, default=5, help='sound rings')
+    parser.add_argument('--only', default='', help='numbers of seeds or names, by commas')
+    parser.add_argument('--out', type=Path, default=Path('out/independent.jsonl'))
+    parser.add_argument('--table', action='store_true', help='print the table of --out only')
+    args = parser.parse_args()
+    args.out.parent.mkdir(parents=True, exist_ok=True)
+    known = {(case.kind, case.seed) for case in read_cases(args.out)}
+    chosen = set(filter(None, args.only.split(',')))
+    for kind, seed, name in [] if args.table else plan(args.seed, args.kinds.split(','),
+                                                       args.clean):
+        if (kind, seed) in known or (chosen and not chosen & {str(seed), name}):
+            continue
+        with tempfile.TemporaryDirectory(prefix='independent_') as folder:
+            case = (clean(seed, Path(folder)) if kind == 'clean'
+                    else single(name, seed, Path(folder)) if kind == 'single'
+                    else outside(next(law for law in OUTSIDE if law.name == name), seed,
+                                 Path(folder)))
+        with args.out.open('a') as kept:
+            kept.write(json.dumps(asdict(case)) + '\n')
+        print(line_of(case), flush=True)
+    cases = read_cases(args.out)
+    print(table(cases))
+    return 1 if any(case.score in ('false', 'wrong') for case in cases) else 0
+
+
+if __name__ == '__main__':
+    sys.exit(main())
