@@ -24,7 +24,7 @@ from saddlering_ros.discrepancy.preparation import (
     prepare,
     space_about,
 )
-from saddlering_ros.discrepancy.proposal import propose_for
+from saddlering_ros.discrepancy.proposal import Proposer
 from saddlering_ros.discrepancy.results import Diagnosis, SearchLog
 from saddlering_ros.discrepancy.selection import (
     Alternatives,
@@ -120,14 +120,18 @@ def diagnose_system(
     if judgement.verdict == 'ambiguous':
         watch.progress('next test', 0.88)
         separations = separate_open_models(space, fit, alternatives, proposals)
+    published = Publication(space, fit, before, after, runs)
     law = None
     if judgement.verdict == 'unknown' and experiment.assumptions.proposes_law:
         watch.progress('search for a law', 0.9)
-        subject = fit if judgement.explained >= PARTIAL_SUBJECT else space.base
-        law = propose_for(
-            space.metric, subject, runs, space.known.max_pairs, settings.error_rate
-        )
-    published = Publication(space, fit, before, after, runs)
+        # The fits of the gain: where nuisance parameters take a share of the misfit, a law would
+        # predict only the rest of it.
+        fits = published.fits()
+        subject = fits.after if judgement.explained >= PARTIAL_SUBJECT else fits.before
+        law = Proposer(
+            space.metric, runs, space.known.max_pairs, settings.error_rate, settings.max_rounds,
+            watch,
+        ).law_for(subject)
     verdict = judgement.verdict
     steady = [*lines.causes, *(() if swings is None else swings.causes)]
     if steady and verdict == 'none':

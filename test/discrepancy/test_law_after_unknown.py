@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from types import MappingProxyType
+
 from bench import LOAD, recorded, System, TIME
 import numpy as np
 import pytest
@@ -83,3 +86,30 @@ def test_the_law_put_into_the_catalogue_is_named_on_fresh_data(found: Diagnosis)
     assert again.verdict == 'named'
     assert again.causes[0].effect == 'proposed'
     assert again.causes[0].parameters['size'].value == pytest.approx(0.05, rel=0.05)
+
+
+class TwoChannels(System):
+    """A load seen bent in two channels, by the same base parameter."""
+
+    channel_names = ('one', 'two')
+    views = MappingProxyType({'one': np.array([1.0, 0.0]), 'two': np.array([0.0, 1.0])})
+    base_parameters = (Parameter(0.2, 6.0, name='bend'), Parameter(0.5, 2.0, name='slope'))
+    effects = ()
+
+    def predict(self, name: str, point: Point) -> np.ndarray:
+        bend, slope = point.base
+        bent = np.expm1(bend * LOAD) / np.expm1(bend)
+        return np.stack([slope * bent, LOAD + bent])
+
+
+def test_a_law_that_bent_the_base_fit_counts_with_the_base_fitted_beside_it() -> None:
+    bench, random = TwoChannels(), np.random.default_rng(5)
+    law = -0.5 * np.exp(-(((LOAD - 0.8) / 0.1) ** 2)) * [[1.0], [0.0]]
+    exact = bench.predict('', Point(np.array([4.0, 1.2]), {})) + law
+    made = [recorded(f'run {k}', exact + random.normal(size=exact.shape) * NOISE)
+            for k in range(3)]
+    found = diagnose_system(bench, [*made[:2], replace(made[2], held_out=True)])
+    without = found.runs[2].before - made[2].channels
+    assert found.law is not None
+    assert found.law.term.coordinate == 'load'
+    assert 1.0 - found.law.held_out < 1.15 * NOISE / np.sqrt(np.mean(without**2))

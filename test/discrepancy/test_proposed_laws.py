@@ -119,3 +119,13 @@ def test_coordinates_that_go_together_are_a_doubt() -> None:
     found = propose_law(misfit, lambda _, residual: float(np.mean(residual**2)))
     assert any('within 10 %' in doubt for doubt in found.doubts)
     assert any('all runs have one rate' in doubt for doubt in found.doubts)
+
+
+def test_a_held_out_run_that_gets_worse_is_a_doubt() -> None:
+    step = LAWS['step'][0]
+    fitted = tuple(run(f'run {k}', step, k) for k in range(3))
+    other = run('held', lambda coordinates: -step(coordinates), 9)
+    misfit = Misfit(fitted, lambda columns: columns / NOISE, 1000)
+    found = propose_law(misfit, lambda _, residual: float(np.mean(residual**2)), [other])
+    assert 'the law makes held (held out) worse' in found.doubts
+    assert found.held_out < 0.0

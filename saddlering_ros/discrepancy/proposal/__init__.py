@@ -2,7 +2,7 @@
 
 from saddlering_ros.discrepancy.proposal.matching import LawParameter, Term
 from saddlering_ros.discrepancy.proposal.misfit import Misfit, ObservedRun
-from saddlering_ros.discrepancy.proposal.of_fit import propose_for
+from saddlering_ros.discrepancy.proposal.of_fit import Proposer
 from saddlering_ros.discrepancy.proposal.propose import (
     Alternative,
     describe,
@@ -11,6 +11,6 @@ from saddlering_ros.discrepancy.proposal.propose import (
 )
 
 __all__ = [
-    'Alternative', 'LawParameter', 'LawProposal', 'Misfit', 'ObservedRun', 'Term', 'describe',
-    'propose_for', 'propose_law',
+    'Alternative', 'LawParameter', 'LawProposal', 'Misfit', 'ObservedRun', 'Proposer', 'Term',
+    'describe', 'propose_law',
 ]

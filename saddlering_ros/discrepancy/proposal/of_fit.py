@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Protocol, runtime_checkable
 
 import numpy as np
 
 from saddlering_ros.discrepancy import gain
 from saddlering_ros.discrepancy.candidate import Fit
+from saddlering_ros.discrepancy.experiment import Experiment
 from saddlering_ros.discrepancy.metric import Metric
 from saddlering_ros.discrepancy.proposal.memory import direction_of
 from saddlering_ros.discrepancy.proposal.misfit import (
@@ -19,9 +21,10 @@ from saddlering_ros.discrepancy.proposal.misfit import (
     RATE,
     TIME,
 )
-from saddlering_ros.discrepancy.proposal.propose import LawProposal, propose_law
+from saddlering_ros.discrepancy.proposal.propose import LawProposal, Outcome, propose_law
 from saddlering_ros.discrepancy.refit import neighbours, tangent
 from saddlering_ros.discrepancy.system import Array, Point, RunBlocks, System
+from saddlering_ros.progress import Watch
 
 DIRECTION_BAND = 0.01
 """Smallest return of the drive that changes its direction, as a share of its range."""
@@ -40,33 +43,99 @@ class HasTargets(Protocol):
         ...
 
 
-def propose_for(
-    metric: Metric, fit: Fit, runs: Sequence[RunBlocks], degrees: int, error_rate: float
-) -> LawProposal | None:
-    """The law that would explain the residual of `fit`; `runs`: all runs, fitted and held out."""
-    experiment = metric.experiment
-    system = experiment.system
-    observed = []
-    plain = tangent(metric, fit).plain
-    residuals = experiment.by_run(experiment.measured - fit.prediction)
-    start = 0
-    for run, residual in zip(experiment.runs, residuals, strict=True):
-        slopes = plain[start : start + run.channels.size]
-        start += run.channels.size
-        observed.append(
-            _observed(system, run, fit.point, residual, slopes.reshape(*run.channels.shape, -1))
-        )
-    held = [_held_out(system, run, fit) for run in runs if run.held_out]
-    by_name = {run.name: run for run in runs}
-
-    def mean_square(run: ObservedRun, residual: Array) -> float:
-        return gain.mean_square(experiment, [by_name[run.name]], [residual])
-
-    misfit = Misfit(tuple(observed), metric.whiten, degrees)
-    return propose_law(misfit, mean_square, held, error_rate)
+REFITS = 1
+"""So many times the law is fitted again, about base parameters fitted beside the one before."""
 
 
-def _held_out(system: System, run: RunBlocks, fit: Fit) -> ObservedRun:
+@dataclass(frozen=True)
+class Proposer:
+    """What a law is looked for in: the metric and all runs, fitted and held out.
+
+    degrees: of freedom of the noise's level; max_rounds: of the fits of base parameters.
+    """
+
+    metric: Metric
+    runs: Sequence[RunBlocks]
+    degrees: int
+    error_rate: float
+    max_rounds: int
+    watch: Watch
+
+    def law_for(self, subject: Fit) -> LawProposal | None:
+        """The law that would explain the residual of `subject`.
+
+        Base parameters that were fitted without a law have taken a part of it. So they are fitted
+        again beside the law, and the law about them; the gain is that of both together. Where
+        their bounds do not allow that, the first law stays, with its linear change of them.
+        """
+        first = self._law_about(subject)
+        if first is None or not first.predicts:
+            return first
+        found, law, fit = [first], first, subject
+        for _ in range(REFITS):
+            fit = self._beside(law, fit)
+            again = self._law_about(fit)
+            if again is None or not again.predicts:
+                break
+            law = again
+            found.append(self._judged(law, subject, self._beside(law, fit)))
+        return max(found, key=lambda item: item.fit)
+
+    @property
+    def _experiment(self) -> Experiment:
+        return self.metric.experiment
+
+    def _law_about(self, fit: Fit) -> LawProposal | None:
+        misfit = Misfit(tuple(self._fitted(fit)), self.metric.whiten, self.degrees)
+        held = [_with_slopes(self._experiment.system, run, fit) for run in self._held_out]
+        return propose_law(misfit, self._mean_square, held, self.error_rate)
+
+    @property
+    def _held_out(self) -> list[RunBlocks]:
+        return [run for run in self.runs if run.held_out]
+
+    def _fitted(self, fit: Fit) -> Iterator[ObservedRun]:
+        """Each fitted run with its residual and the slopes of its prediction."""
+        plain = tangent(self.metric, fit).plain
+        residuals = self._experiment.by_run(self._experiment.measured - fit.prediction)
+        start = 0
+        for run, residual in zip(self._experiment.runs, residuals, strict=True):
+            slopes = plain[start : start + run.channels.size]
+            start += run.channels.size
+            yield _observed(self._experiment.system, run, fit.point, residual,
+                            slopes.reshape(*run.channels.shape, -1))
+
+    def _beside(self, law: LawProposal, fit: Fit) -> Fit:
+        """The model of `fit`, fitted to the runs less what the law adds."""
+        experiment = self._experiment
+        runs = [replace(run, channels=run.channels - law.addition(self._plain(run, fit)))
+                for run in experiment.runs]
+        without = Experiment(experiment.system, runs, experiment.assumptions)
+        return gain.plain_fits(without, [fit], self.max_rounds, self.watch)[0]
+
+    def _judged(self, law: LawProposal, subject: Fit, beside: Fit) -> LawProposal:
+        """The law with the gains of both models' own predictions."""
+        fitted: list[Outcome] = []
+        held: list[Outcome] = []
+        for run in [*self._experiment.runs, *self._held_out]:
+            seen = self._plain(run, beside)
+            both = self._experiment.system.predict_many(run, [subject.point, beside.point])
+            before, after = run.channels - both[0], run.channels - both[1] - law.addition(seen)
+            (held if run.held_out else fitted).append(Outcome(seen, before, after))
+        move = beside.theta_unit - subject.theta_unit
+        return replace(law.judged_by(fitted, held, self._mean_square), move=move)
+
+    def _plain(self, run: RunBlocks, fit: Fit) -> ObservedRun:
+        """A run with targets and coordinates only."""
+        still = np.zeros((*run.channels.shape, 0))
+        return _observed(self._experiment.system, run, fit.point, run.channels, still)
+
+    def _mean_square(self, run: ObservedRun, residual: Array) -> float:
+        own = next(item for item in self.runs if item.name == run.name)
+        return gain.mean_square(self._experiment, [own], [residual])
+
+
+def _with_slopes(system: System, run: RunBlocks, fit: Fit) -> ObservedRun:
     """A held-out run with the slopes of its prediction."""
     base = system.base_parameters
     parameters = fit.candidate.parameters(base)

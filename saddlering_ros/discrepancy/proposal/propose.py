@@ -9,7 +9,7 @@ families counted. The curve is matched to simple laws. The verdict stays `unknow
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -60,13 +60,22 @@ class Alternative:
 
 
 @dataclass(frozen=True)
+class Outcome:
+    """Residuals (C, N) of one run without and with a law."""
+
+    run: ObservedRun
+    before: Array
+    after: Array
+
+
+@dataclass(frozen=True)
 class LawProposal:
     """A law that would explain the residual.
 
     terms: one or two additions. share: explained share of the whitened misfit. p_value: with
     all families counted. fit, held_out: gain as 1 - rms with / rms without; negative if the
-    law predicts worse. move (P,): change of base parameters beside the law. doubts: one
-    sentence each.
+    law predicts worse. move (P,): change of base parameters beside the law. worse: runs that it
+    predicts worse. reasons: further reasons not to trust it, one sentence each.
     """
 
     terms: tuple[Term, ...]
@@ -75,13 +84,41 @@ class LawProposal:
     fit: float
     held_out: float | None
     move: Array
-    doubts: tuple[str, ...]
+    worse: tuple[str, ...]
+    reasons: tuple[str, ...]
     alternatives: tuple[Alternative, ...]
 
     @property
     def term(self) -> Term:
         """The term that explains most."""
         return self.terms[0]
+
+    @property
+    def predicts(self) -> bool:
+        """Whether it says anything of a run that it was not fitted to."""
+        return all(term.law != 'own curve' for term in self.terms)
+
+    @property
+    def doubts(self) -> tuple[str, ...]:
+        """Every reason not to trust it, one sentence each."""
+        return (*(f'the law makes {name} worse' for name in self.worse), *self.reasons)
+
+    def addition(self, run: ObservedRun) -> Array:
+        """What the law adds to the channels (C, N) of a run."""
+        added = np.zeros(run.residual.shape)
+        for term in self.terms:
+            added += run.targets[term.target] * term.evaluate(run.coordinates)
+        return added
+
+    def judged_by(self, fitted: Sequence[Outcome], held_out: Sequence[Outcome],
+                  mean_square: MeanSquare) -> LawProposal:
+        """The same law with the gains of these residuals."""
+        fit, worse = _gain_of(fitted, mean_square)
+        held = None
+        if held_out and self.predicts:
+            held, more = _gain_of(held_out, mean_square)
+            worse += [f'{name} (held out)' for name in more]
+        return replace(self, fit=fit, held_out=held, worse=tuple(worse))
 
 
 def propose_law(
@@ -116,17 +153,25 @@ def propose_law(
     terms = _matched(misfit, chosen, wanted)
     change = _changes(misfit, terms, chosen)
     move, white_left = _base_move(misfit, change)
-    fit, held, worse = _gains(misfit, mean_square, terms, change, move, held_out)
     others = tuple(
         Alternative(item.target, item.block.coordinate, item.predicted / total)
         for item in ranked[1:6]
         if item.predicted > 0.0
     )
-    doubts = _doubts(misfit, ranked, terms, held_out, worse)
+    reasons = _reasons(misfit, ranked, terms, held_out)
     share = 1.0 - float(white_left @ white_left) / total
-    return LawProposal(
-        terms=terms, share=share, p_value=p_value, fit=fit, held_out=held, move=move,
-        doubts=tuple(doubts), alternatives=others)
+    law = LawProposal(
+        terms=terms, share=share, p_value=p_value, fit=0.0, held_out=None, move=move, worse=(),
+        reasons=tuple(reasons), alternatives=others)
+    fitted = [
+        Outcome(run, run.residual, run.residual - part - run.slopes @ move)
+        for run, part in zip(misfit.runs, change, strict=True)
+    ]
+    held = [
+        Outcome(run, run.residual, run.residual - law.addition(run) - run.slopes @ move)
+        for run in held_out if law.predicts
+    ]
+    return law.judged_by(fitted, held, mean_square)
 
 
 def _left(wanted: Array, fits: Sequence[BlockFit]) -> Array:
@@ -182,54 +227,31 @@ def _base_move(misfit: Misfit, change: list[Array]) -> tuple[Array, Array]:
     return np.asarray(move), np.asarray(white - columns @ move)
 
 
-def _gains(
-    misfit: Misfit,
-    mean_square: MeanSquare,
-    terms: tuple[Term, ...],
-    change: list[Array],
-    move: Array,
-    held_out: Sequence[ObservedRun],
-) -> tuple[float, float | None, list[str]]:
-    """Gain on fitted and on held-out runs, and the names of runs with a larger misfit."""
-    worse = []
-    before, after = [], []
-    for run, part in zip(misfit.runs, change, strict=True):
-        before.append(mean_square(run, run.residual))
-        after.append(mean_square(run, run.residual - part - run.slopes @ move))
-        if after[-1] > before[-1]:
-            worse.append(run.name)
-    fit = _gain(before, after)
-    if not held_out or any(term.law == 'own curve' for term in terms):
-        return fit, None, worse
-    before, after = [], []
-    for run in held_out:
-        part = np.zeros(run.residual.shape)
-        for term in terms:
-            part += run.targets[term.target] * term.evaluate(run.coordinates)
-        before.append(mean_square(run, run.residual))
-        after.append(mean_square(run, run.residual - part - run.slopes @ move))
-        if after[-1] > before[-1]:
-            worse.append(f'{run.name} (held out)')
-    return fit, _gain(before, after), worse
+def _gain_of(outcomes: Sequence[Outcome], mean_square: MeanSquare) -> tuple[float, list[str]]:
+    """Gain over some runs, and the names of those that get worse."""
+    before = [mean_square(item.run, item.before) for item in outcomes]
+    after = [mean_square(item.run, item.after) for item in outcomes]
+    worse = [item.run.name for item, old, new in zip(outcomes, before, after, strict=True)
+             if new > old]
+    return _gain(before, after), worse
 
 
 def _gain(before: list[float], after: list[float]) -> float:
     return 1.0 - float(np.sqrt(np.mean(after) / max(float(np.mean(before)), 1e-300)))
 
 
-def _doubts(
+def _reasons(
     misfit: Misfit,
     ranked: list[BlockFit],
     terms: tuple[Term, ...],
     held_out: Sequence[ObservedRun],
-    worse: list[str],
 ) -> list[str]:
     best = ranked[0]
-    doubts = [f'the law makes {name} worse' for name in worse]
+    reasons: list[str] = []
     for term in terms:
-        doubts += _outside(misfit, term, held_out)
+        reasons += _outside(misfit, term, held_out)
         if term.law == 'own curve':
-            doubts.append(
+            reasons.append(
                 f'{term.target} follows a separate curve over time in each run, which predicts '
                 'no other run'
             )
@@ -240,16 +262,16 @@ def _doubts(
         and item.block.coordinate != best.block.coordinate
     }
     for name in sorted(equal_coordinates):
-        doubts.append(
+        reasons.append(
             f'{name} explains nearly as much as {best.block.coordinate} (within 10 %): these '
             'runs do not tell the two apart'
         )
     if _one_rate(misfit.runs):
-        doubts.append('all runs have one rate of loading: whether the law depends on the rate is '
+        reasons.append('all runs have one rate of loading: whether the law depends on the rate is '
                       'open')
     if len(misfit.runs) == 1:
-        doubts.append('the law was fitted to one run')
-    return doubts
+        reasons.append('the law was fitted to one run')
+    return reasons
 
 
 def _outside(misfit: Misfit, term: Term, held_out: Sequence[ObservedRun]) -> list[str]:
