@@ -265,7 +265,7 @@ class RingSystem:
         changes, places = [], []
         for run in runs:
             grid: LoadGrid = run.payload
-            per_newton = _beside(self.targets(run, point)['hydraulic_load'])
+            per_newton = _beside(self._per_newton(run, point))
             white = 0.0 if grid.load_noise is None else grid.load_noise
             changes.append(per_newton * np.hypot(white, wander))
             places.append(_steep(run, per_newton))
@@ -277,15 +277,30 @@ class RingSystem:
             answer.append(columns)
         return answer
 
-    def targets(self, run: RunBlocks, point: Point) -> dict[str, Array]:
-        """Change by one more newton at the ring, with the laws that add to its load."""
+    def _per_newton(self, run: RunBlocks, point: Point) -> Array:
+        """Change (C, N) by one more newton in all of a run, its zero included."""
         extension = self.extension(point)
         less, more = (
             replace(extension, load_offset=extension.load_offset + sign * LOAD_STEP)
             for sign in (1.0, -1.0)
         )
         answers = self._simulated(run, [(point.base, less), (point.base, more)])
-        return {'hydraulic_load': (answers[1] - answers[0]) / (2.0 * LOAD_STEP)}
+        return np.asarray((answers[1] - answers[0]) / (2.0 * LOAD_STEP))
+
+    def targets(self, run: RunBlocks, point: Point) -> dict[str, Array]:
+        """Change by one more newton at the ring, for laws that add to its load.
+
+        The zero of the probes stays where it is: a law counts from there.
+        """
+        grid: LoadGrid = run.payload
+        less, more = (
+            self._simulated(
+                replace(run, payload=replace(grid, load=grid.load + change)),
+                [(point.base, self.extension(point))],
+            )[0]
+            for change in (-LOAD_STEP, LOAD_STEP)
+        )
+        return {'hydraulic_load': (more - less) / (2.0 * LOAD_STEP)}
 
     def start_of(self, run: RunBlocks) -> float:
         """The start of the zero window."""

@@ -118,3 +118,18 @@ def test_bags_of_different_rigs_get_no_confident_name(
     assert 'different rigs' in ' '.join(apart.notes)
     assert 'another rig' in str(apart.next_test)
     assert not apart.extended_parameters().effects
+
+
+def test_a_newton_more_at_the_ring_moves_it_from_the_zero_that_was_taken(campaign) -> None:
+    """As the file of a law on the load does: its addition is none at the zero of a run."""
+    bag = next(bag for bag in campaign() if bag.name == 'static_50')
+    system = RingSystem(default_rig())
+    run = build_record(default_rig(), read_run(bag), held_out=False).run
+    point = Point(TRUE_TO_SCALE.to_array())
+    drive, grid = run.inputs['load'], run.payload
+    swell = 400.0 * np.sin(np.pi * drive / default_rig().full_scale_load)
+    loads = grid.load + 400.0 * np.sin(np.pi * grid.load / default_rig().full_scale_load)
+    changed = replace(run, payload=replace(grid, load=loads))
+    moved = system.predict_many(changed, [point])[0] - system.predict_many(run, [point])[0]
+    expected = system.targets(run, point)['hydraulic_load'] * swell
+    assert moved == pytest.approx(expected, abs=0.05 * np.abs(expected).max())

@@ -22,7 +22,8 @@ class ObservedRun:
     counts from the start of the run; 'angle' is periodic over 2 pi; any other name is used as
     it is. targets: name to (C, N), the change of the channels per unit of the addition, sample
     by sample. residual (C, N): measured minus predicted. slopes (C, N, P): change of the
-    prediction by each base parameter.
+    prediction by each base parameter. from_start: targets to which a law adds its change since
+    the first sample.
     """
 
     name: str
@@ -30,6 +31,12 @@ class ObservedRun:
     targets: Mapping[str, Array]
     residual: Array
     slopes: Array
+    from_start: frozenset[str] = frozenset()
+
+    def added(self, target: str, values: Array) -> Array:
+        """Change of the channels (C, N, k) by additions (N, k) to a target."""
+        change = values - values[:1] if target in self.from_start else values
+        return np.asarray(self.targets[target][:, :, None] * change[None, :, :])
 
     @property
     def samples(self) -> int:
@@ -88,7 +95,5 @@ def stacked(runs: tuple[ObservedRun, ...], target: str, shapes: tuple[Array, ...
     """Plain stacked columns (n, k) of an addition of `shapes` (N, k) by run to a target."""
     parts = []
     for run, shape in zip(runs, shapes, strict=True):
-        pattern = run.targets[target]
-        spread = pattern[:, :, None] * shape[None, :, :]
-        parts.append(spread.reshape(-1, shape.shape[1]))
+        parts.append(run.added(target, shape).reshape(-1, shape.shape[1]))
     return np.concatenate(parts)

@@ -159,10 +159,14 @@ def _observed(
         if not any(_alike(alone, other) for other in targets.values()):
             targets[name] = alone
     begin = float(run.time[0])
+    from_start: frozenset[str] = frozenset()
     if isinstance(system, HasTargets):
-        targets.update(system.targets(run, point))
+        more = system.targets(run, point)
+        targets.update(more)
+        from_start = frozenset(more)
         begin = system.start_of(run)
-    return ObservedRun(run.name, coordinates_of(run, begin), targets, residual, slopes)
+    return ObservedRun(run.name, coordinates_of(run, begin), targets, residual, slopes,
+                       from_start)
 
 
 def coordinates_of(run: RunBlocks, begin: float) -> dict[str, Array]:

@@ -107,7 +107,7 @@ class LawProposal:
         """What the law adds to the channels (C, N) of a run."""
         added = np.zeros(run.residual.shape)
         for term in self.terms:
-            added += run.targets[term.target] * term.evaluate(run.coordinates)
+            added += run.added(term.target, term.evaluate(run.coordinates)[:, None])[:, :, 0]
         return added
 
     def judged_by(self, fitted: Sequence[Outcome], held_out: Sequence[Outcome],
