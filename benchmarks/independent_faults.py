@@ -126,9 +126,8 @@ def fault_of(effect: str, draw: np.random.Generator) -> Hidden:
         size = {'force': 4e3 * up}
         fault = Fault(friction_x=Sliders(size['force'], 2e-6))
     elif effect == 'tilt_friction':
-        size = {'moment': 6e3 * up, 'coordinate': 2.0 if side > 0 else 1.0}
-        seal = Sliders(size['moment'], 3e-6)
-        fault = Fault(friction_tilt=seal) if side > 0 else Fault(friction_y=seal)
+        size = {'moment': 6e3 * up}
+        fault = Fault(friction_tilt=Sliders(size['moment'], 3e-6))
     elif effect in ('radial_clearance', 'axial_clearance'):
         size = {'change': (30e-6 if side > 0 else -15e-6) * up}
         pair = (0.0, size['change']) if effect.startswith('radial') else (size['change'], 0.0)
