@@ -11,7 +11,7 @@ def test_an_alarm_is_shown_with_channel_size_onset_guess_and_lapses():
         since=to_time(10_000_000_000), raised=to_time(10_400_000_000), follows='direction',
         first_guess='friction', lapses=['9.5 s: the zero was renewed']))
     assert shown == {
-        'state': 'alarm', 'words': 'ALARM', 'channel': 'gamma', 'size': '-2.5 µrad',
+        'state': 'alarm', 'words': 'ALARM', 'channel': 'gamma', 'size': '-2.50 µrad',
         'since': 10_000_000_000, 'before': 0.4, 'follows': 'direction', 'guess': 'friction',
         'lapses': ['the zero was renewed']}
 
