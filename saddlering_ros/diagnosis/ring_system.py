@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from saddlering_ros import effects as catalogue_of_effects
 from saddlering_ros.diagnosis.records import LoadGrid
 from saddlering_ros.discrepancy import Effect, Parameter, Point, RunBlocks
+from saddlering_ros.effects.base import size_factor
 from saddlering_ros.effects.extension import MOTION, NO_EXTENSION, RingExtension
 from saddlering_ros.effects.law import Law
 from saddlering_ros.rig import PARAMETER_NAMES, PARAMETER_UNITS, Rig, TRUE_TO_SCALE
@@ -390,7 +391,7 @@ def engine_effect(
         effect.title,
         parameters,
         variants=tuple(dict(item.values) for item in effect.variants[: variants.stop]),
-        starts=_starts(effect, ordered),
+        starts=_starts(effect, ordered, rig),
         settled_by=effect.settled_by,
         line=_line_channels(effect) if effect.line else (),
         form=effect.form,
@@ -406,9 +407,19 @@ def _line_channels(effect: catalogue_of_effects.RingEffect) -> tuple[tuple[int, 
     return tuple((probe - 1,) if probe else (0, 1, 2, 3) for probe in probes)
 
 
+def _declared_starts(
+    effect: catalogue_of_effects.RingEffect, rig: Rig,
+) -> list[dict[str, float]]:
+    """Starts that an effect declares for the rig of the catalogue, in the sizes of this rig."""
+    factors = {item.name: size_factor(item.unit, rig) for item in effect.parameters}
+    return [{name: value * factors.get(name, 1.0) for name, value in start.items()}
+            for start in effect.starts]
+
+
 def _starts(
     effect: catalogue_of_effects.RingEffect,
     ordered: Sequence[catalogue_of_effects.EffectParameter],
+    rig: Rig,
 ) -> tuple[dict[str, float], ...]:
     """Three sizes at the usual shape, and the starts that the effect declares."""
     size, *shapes = ordered
@@ -419,7 +430,7 @@ def _starts(
         sizes += [float(np.clip(-part * size.scale, size.low, size.high)) for part in OTHER_SIGN]
     usual = {item.name: item.start for item in shapes}
     starts = [{size.name: value, **usual} for value in sizes]
-    for other in effect.starts:
+    for other in _declared_starts(effect, rig):
         if size.name in other or any(
             other.get(item.name, item.start) != item.start for item in shapes
         ):

@@ -133,3 +133,14 @@ def test_a_newton_more_at_the_ring_moves_it_from_the_zero_that_was_taken(campaig
     moved = system.predict_many(changed, [point])[0] - system.predict_many(run, [point])[0]
     expected = system.targets(run, point)['hydraulic_load'] * swell
     assert moved == pytest.approx(expected, abs=0.05 * np.abs(expected).max())
+
+
+def test_every_declared_start_lies_within_the_bounds_of_a_small_ring():
+    rig = default_rig()
+    small = replace(rig, full_scale_load=0.4 * rig.full_scale_load,
+                    axial_rows=replace(rig.axial_rows, pitch_radius=0.4))
+    for effect in catalogue().values():
+        for form in engine_effects(effect, small):
+            for start in form.starts:
+                assert all(form.parameters[name].low <= value <= form.parameters[name].high
+                           for name, value in start.items() if name in form.parameters), start
