@@ -5,6 +5,7 @@ from __future__ import annotations
 import atexit
 from collections.abc import Callable, Sequence
 import contextlib
+import faulthandler
 import gc
 import os
 import signal
@@ -26,6 +27,7 @@ from saddlering_ros.ros.streaming_node import StreamingNode
 from saddlering_ros.ros.transport import prepare_transport
 
 UNUSABLE = 2
+LONGEST_END = 10.0
 
 
 def run_streaming(make: Callable[[], StreamingNode], args: Sequence[str] | None = None) -> int:
@@ -83,12 +85,18 @@ def keep_out_of_collections() -> None:
     gc.freeze()
 
 
-def leave(status: int) -> NoReturn:
+def leave(status: int, longest: float = LONGEST_END) -> NoReturn:
     """End the process with `status`, once all that was registered for the end has run.
 
     The interpreter is not taken apart: with compiled kernels that takes longer than everything
     else, and a launch file gives its nodes five seconds to end, all at once.
+
+    A middleware that has not left the network after `longest` seconds is abandoned: the process
+    prints where each thread is and ends with status 1. A thread of the C runtime sees to this,
+    for the middleware may hold the interpreter, and both signals are ignored by now.
     """
+    with contextlib.suppress(OSError, ValueError, RuntimeError, AttributeError):  # no stderr
+        faulthandler.dump_traceback_later(longest, exit=True)
     gc.unfreeze()
     gc.collect()  # the rest of the node leaves the network
     atexit._run_exitfuncs()

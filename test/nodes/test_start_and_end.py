@@ -21,6 +21,21 @@ import saddlering_ros.nodes
 os.kill(os.getpid(), getattr(signal, sys.argv[2]))
 print('goes on')
 """
+HELD = """
+import ctypes, gc, signal
+from saddlering_ros.ros.run import leave
+for number in (signal.SIGINT, signal.SIGTERM):
+    signal.signal(number, signal.SIG_IGN)
+
+class Participant:
+    def __del__(self):
+        ctypes.PyDLL(None).sleep(3600)  # a call into C that keeps the interpreter
+
+participant = Participant()
+participant.itself = participant
+del participant
+leave(0, longest=0.5)
+"""
 
 
 def told_to_stop(program: str, number: str) -> subprocess.CompletedProcess[str]:
@@ -34,6 +49,13 @@ def test_a_node_that_is_told_to_stop_while_it_imports_ends_with_status_0(number:
     assert (node.returncode, node.stdout, node.stderr) == (0, '', '')
     other = told_to_stop('/usr/bin/pytest', number)
     assert other.returncode == -getattr(signal, number)
+
+
+def test_a_middleware_that_does_not_leave_the_network_is_abandoned() -> None:
+    node = subprocess.run([sys.executable, '-c', HELD], capture_output=True, text=True,
+                          timeout=60, check=False)
+    assert node.returncode == 1
+    assert 'in __del__' in node.stderr
 
 
 @pytest.mark.ros
