@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 import re
 import tempfile
@@ -35,7 +35,8 @@ class BagDirectory:
     """The files of a bag, in order of recording, and the content of metadata.yaml.
 
     custom_data: text to text; message_count: of all files, None if not stated; compression of
-    each message ('' or 'zstd'), as in the compression mode "message" of rosbag2.
+    each message ('' or 'zstd'), as in the compression mode "message" of rosbag2; unlisted: names
+    of MCAP files in the folder that metadata.yaml does not list, which are not read.
     """
 
     path: Path
@@ -44,6 +45,7 @@ class BagDirectory:
     message_count: int | None = None
     message_compression: str = ''
     has_metadata: bool = False
+    unlisted: tuple[str, ...] = ()
 
     @property
     def name(self) -> str:
@@ -137,8 +139,12 @@ def _of_directory(path: Path) -> BagDirectory:
         raise BagError(
             f'{path}: is recorded with storage {storage}: convert it with "ros2 bag convert" to '
             'storage mcap')
-    files = [_locate(path, name) for name in _names(information)]
-    return _with_information(path, tuple(dict.fromkeys(files)) or tuple(found), information)
+    files = tuple(dict.fromkeys(_locate(path, name) for name in _names(information)))
+    of_bag = _with_information(path, files or tuple(found), information)
+    # A player of rosbag2 leaves the plain file beside the compressed one.
+    known = {file.name.removesuffix('.zstd') for file in of_bag.files}
+    return replace(of_bag, unlisted=tuple(
+        file.name for file in found if file.name.removesuffix('.zstd') not in known))
 
 
 def _of_file(path: Path) -> BagDirectory:

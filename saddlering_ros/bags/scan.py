@@ -205,6 +205,9 @@ class Scan:
     @property
     def notes(self) -> tuple[str, ...]:
         """Faults of the bag as a whole that do not prevent its use."""
+        return (*self._notes_on_completeness(), *self._notes_on_unlisted_files())
+
+    def _notes_on_completeness(self) -> tuple[str, ...]:
         said = self.directory.message_count
         if self.cuts:
             return tuple(f'{_said(cut)}; {self.readable_part}' for cut in self.cuts)
@@ -212,6 +215,14 @@ class Scan:
             return ()
         return (f'metadata.yaml counts {said} messages and the files hold {self.message_count}: '
                 '"ros2 bag reindex" corrects the count',)
+
+    def _notes_on_unlisted_files(self) -> tuple[str, ...]:
+        names = self.directory.unlisted
+        if not names:
+            return ()
+        more = f' and {len(names) - 3} more' if len(names) > 3 else ''
+        return (f'not read, because metadata.yaml does not list them: {", ".join(names[:3])}{more}'
+                '; "ros2 bag reindex" lists every file, if they belong to this test',)
 
     @property
     def readable_part(self) -> str:

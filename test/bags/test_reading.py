@@ -254,6 +254,17 @@ def test_a_count_that_metadata_got_wrong_is_noted(tmp_path, recording, expected)
     assert ['4711' in note for note in run.notes] == [True]
 
 
+def test_a_file_that_metadata_does_not_list_is_noted(tmp_path, recording, expected):
+    bag = recording.write(tmp_path / 'bag')
+    shutil.copy(bag / 'bag_0.mcap', bag / 'bag_1.mcap')
+    shutil.copy(bag / 'bag_0.mcap', bag / 'bag_0.mcap.zstd')  # as a player leaves it
+    run = read_run(bag)
+    assert_same(run, expected)
+    assert [note for note in run.notes if 'metadata.yaml' in note] == [
+        'not read, because metadata.yaml does not list them: bag_1.mcap; "ros2 bag reindex" lists '
+        'every file, if they belong to this test']
+
+
 def test_memory_follows_the_arrays_asked_for_not_the_bag(tmp_path, recording, raw):
     """Thirty megabytes of somebody else's topic pass by without being kept."""
     bag = raw(tmp_path / 'bag.mcap', recording, extra=50, extra_size=300_000)
