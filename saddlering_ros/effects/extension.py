@@ -153,8 +153,9 @@ class RingExtension:
     upper_row: RowGeometry = in_ring(ROLLERS, RowGeometry())
     lower_row: RowGeometry = in_ring(ROLLERS, RowGeometry())
     radial_row: RowGeometry = in_ring(ROLLERS, RowGeometry())
-    # Limits of the next two in [N] and [N m], presliding in [m] and [rad]
+    # Limits of the next three in [N], [N] and [N m], presliding in [m], [m] and [rad]
     radial_friction: Hysteron = in_ring(MOTION, Hysteron(presliding=2e-6))
+    axial_friction: Hysteron = in_ring(MOTION, Hysteron(presliding=3e-6))
     tilt_friction: Hysteron = in_ring(MOTION, Hysteron(presliding=3e-6))
     damping_penetration_share: float = in_ring(MOTION, 0.0)  # 0 constant D, 1 all grows with p
     damping_penetration_exponent: float = in_ring(MOTION, 0.0)  # m of p^m; 0: n of the row

@@ -30,7 +30,7 @@ K, N, D = (_columns(a, a, b) for a, b in (('K1', 'K2'), ('n1', 'n2'), ('D1', 'D2
 FACTORS = _columns('upper_row_stiffness', 'lower_row_stiffness', 'radial_row_stiffness')
 GROWTH = _columns('damping_penetration_share', 'damping_penetration_exponent',
                   'damping_penetration_saturation')
-FRICTIONS = _columns('radial_friction', 'tilt_friction')
+FRICTIONS = _columns('radial_friction', 'axial_friction', 'tilt_friction')
 LOADS = _columns('cosine', 'sine', *(part[0] for part, stage, _ in EXTENSION_FIELDS
                                      if stage == 'load path'))
 

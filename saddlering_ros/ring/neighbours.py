@@ -92,7 +92,7 @@ class _Neighbourhood:
 
     models (1 + P,) without an elevation; extensions of the P neighbours; moved (P,): index of the
     direction of the pass that a neighbour takes, -1 for none; first (S,): the neighbour of each
-    direction; law (3, LAW, S), friction (S, 2, 4) and geometry are those of the pass, whose rows
+    direction; law (3, LAW, S), friction (S, 3, 4) and geometry are those of the pass, whose rows
     are `along`; loaded: directions with another load path; plain (P,): neighbours without
     additions to the motion.
     """
@@ -216,7 +216,7 @@ def _neighbourhood(rig: Rig, centre: Candidate, others: Sequence[Candidate]) -> 
     return _Neighbourhood(
         models, centre[1], extensions, rollers[0], along, moved, first,
         np.ascontiguousarray((laws_of(aside) - laws_of(own)).transpose(1, 2, 0)),
-        (aside[:, FRICTIONS] - own[:, FRICTIONS]).reshape(-1, 2, 4),
+        (aside[:, FRICTIONS] - own[:, FRICTIONS]).reshape(-1, 3, 4),
         geometry,
         np.flatnonzero((aside[:, LOADS] != own[:, LOADS]).any(axis=1)),
         (read_motion_only(models[1:]) & read_motion_only(models[:1])[0]),

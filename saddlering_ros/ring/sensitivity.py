@@ -42,7 +42,7 @@ class FollowedMotion:
         """Derivatives (6, 3, N) by K1, n1, D1, K2, n2, D2, in SI."""
         none = np.zeros((self.path.time.size, 3, 6))
         changes = tangents_along(self.model, self.rows, unit_laws(self.model), none,
-                                 np.zeros((6, 2, 4)), [], self.path)
+                                 np.zeros((6, 3, 4)), [], self.path)
         return np.ascontiguousarray(changes[self.path.samples].transpose(2, 1, 0))
 
 

@@ -177,18 +177,15 @@ def radial_friction(elements: FrictionElements, values: Mapping[str, float], for
 
 @effect('tilt_friction', 'friction', T,
         [TrueSize('moment', 'N m', 500.0, 10000.0, 3000.0),
-         TrueSize('presliding', 'rad', 1e-6, 8e-6, 3e-6, positive=True), INITIAL], SLIDING)
+         TrueSize('presliding', 'rad', 1e-6, 8e-6, 3e-6, positive=True), INITIAL,
+         TrueSize('coordinate', '1', 1.0, 2.0, 2.0, choices=(1.0, 2.0))], SLIDING)
 def tilt_friction(elements: FrictionElements, values: Mapping[str, float], form: str) -> None:
-    """Dry friction against tilting."""
-    elements.add((0.0, 0.0, 1.0), values['moment'], values['presliding'], form, values['initial'])
+    """Dry friction of the axial rows: against tilting (2), or against axial motion (1).
 
-
-@effect('out:axial_friction', 'friction', T,
-        [TrueSize('force', 'N', 5000.0, 30000.0, 15000.0),
-         TrueSize('presliding', 'm', 1e-6, 4e-6, 2e-6, positive=True), INITIAL], SLIDING)
-def axial_friction(elements: FrictionElements, values: Mapping[str, float], form: str) -> None:
-    """Dry friction against axial motion."""
-    elements.add((0.0, 1.0, 0.0), values['force'], values['presliding'], form, values['initial'])
+    Of axial motion the moment is that of its force at 1 m.
+    """
+    against = (0.0, 1.0, 0.0) if values['coordinate'] == 1.0 else (0.0, 0.0, 1.0)
+    elements.add(against, values['moment'], values['presliding'], form, values['initial'])
 
 
 # -- joints, film and carriage -----------------------------------------------------------------

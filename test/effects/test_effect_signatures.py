@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from functools import lru_cache
 from itertools import pairwise
 
@@ -23,7 +24,7 @@ from saddlering_ros.rig import (
     TONNE,
     TRUE_TO_SCALE,
 )
-from saddlering_ros.ring import probe_batch, RingSimulator, simulate
+from saddlering_ros.ring import probe_batch, RingSimulator, simulate, static_batch
 
 Floats = NDArray[np.float64]
 
@@ -388,3 +389,18 @@ def test_live_and_offline_give_the_same_numbers_under_many_effects() -> None:
     live = RingSimulator(RIG, parameters, PUSHED)
     samples = [sample for t, p in zip(time, load, strict=True) for sample in live.push(t, p)]
     assert np.array_equal(np.array([sample.probes for sample in samples]).T, offline.probes)
+
+
+def test_axial_friction_carries_a_part_of_the_weight_while_the_ring_goes_down() -> None:
+    """Sliding friction is a constant force, as that of a ring that is lighter by it."""
+    force = 6e3
+    seal = {'tilt_friction': {'coordinate': 1.0, 'moment': force, 'presliding': 1e-6,
+                              'sharpness': 1.0}}
+    extension = extension_of(seal)
+    time = np.arange(0.0, 60.0, 0.05)
+    load = np.interp(time, [0.0, 30.0, 60.0], [RIG.preload, FULL_SCALE_LOAD, FULL_SCALE_LOAD])
+    moved = channels(probe_batch(RIG, [(CONTACT, extension)], PUSHED, time, load)[0])[1:3, -1]
+    lighter = replace(RIG, carriage=replace(RIG.carriage, weight=RIG.carriage.weight - force))
+    at_full = static_batch(lighter, CONTACT[None], PUSHED, [FULL_SCALE_LOAD])[0][1:, 0]
+    at_zero = static_batch(RIG, CONTACT[None], PUSHED, [RIG.preload])[0][1:, 0]
+    assert moved == pytest.approx(at_full - at_zero, abs=2e-9)

@@ -30,7 +30,8 @@ LOAD = np.interp(TIME, [0.0, 0.15, 0.3], [RIG.preload, FULL_SCALE_LOAD, RIG.prel
 # Every law is in use, so that each parameter can show what it changes.
 BUSY = replace(
     NO_EXTENSION, cylinder_friction=Hysteron(500.0, 2000.0), bracket_play=Hysteron(1e-3, 2000.0),
-    radial_friction=Hysteron(500.0, 2e-6), tilt_friction=Hysteron(200.0, 3e-6),
+    radial_friction=Hysteron(500.0, 2e-6), axial_friction=Hysteron(300.0, 3e-6),
+    tilt_friction=Hysteron(200.0, 3e-6),
     damping_penetration_share=0.5, damping_penetration_exponent=1.5,
     damping_penetration_saturation=2e4, opening_compliance=1e-9, creep_radial=0.1,
     creep_axial=0.1, resonance_frequency=100.0)

@@ -58,11 +58,13 @@ def rest(m: Any, rows: Any, uniform: Any, s: Any, time: Any, load: Any, w: Any) 
     s[at.CYLINDER_Z] = s[at.CYLINDER_Z + 1] = m.cylinder_friction.initial
     s[at.BRACKET_Z] = s[at.BRACKET_Z + 1] = m.bracket_play.initial
     s[at.RADIAL_Z] = s[at.RADIAL_Z + 1] = m.radial_friction.initial
+    s[at.AXIAL_Z] = s[at.AXIAL_Z + 1] = m.axial_friction.initial
     s[at.TILT_Z] = s[at.TILT_Z + 1] = m.tilt_friction.initial
     s[at.MEASURED_LOAD] = load
     s[at.HIGHEST_LOAD] = load
     true_load = load_at_ring(m, load, m.cylinder_friction.initial, m.bracket_play.initial, w)
     w[at.EXTERNAL] -= m.radial_friction.limit * m.radial_friction.initial
+    w[at.EXTERNAL + 1] -= m.axial_friction.limit * m.axial_friction.initial
     w[at.EXTERNAL + 2] -= m.tilt_friction.limit * m.tilt_friction.initial
     found, s[at.Q], s[at.Q + 1], s[at.Q + 2] = equilibrium(
         m, rows, uniform, w, math.copysign(0.5 * m.radial_clearance + 1e-5, w[at.EXTERNAL]),
@@ -88,6 +90,15 @@ def take_zero(m: Any, s: Any, true_load: Any, time: Any, w: Any) -> Any:
 
 
 @kernel(**INNER)
+def friction_force(element: Any, z_smooth: Any, z_sharp: Any, travel: Any) -> Any:
+    """Force [N or N m] of a friction after `travel` [m or rad], and its slope."""
+    if element.limit == 0.0:
+        return 0.0, 0.0
+    _, _, z, slope = hysteron(z_smooth, z_sharp, travel, element.presliding, element.sharpness)
+    return element.limit * z, element.limit * slope
+
+
+@kernel(**INNER)
 def friction_secant(element: Any, z_smooth: Any, z_sharp: Any, travel: Any) -> Any:
     """Change of a friction force over `travel` [m or rad], per travel."""
     if element.limit == 0.0:
@@ -102,14 +113,15 @@ def friction_secant(element: Any, z_smooth: Any, z_sharp: Any, travel: Any) -> A
 @kernel(**INNER)
 def predict_with_friction(m: Any, s: Any, h: Any, c0: Any, past: Any, w: Any) -> Any:
     """`predict` with friction, whose slope depends on the travel: two passes."""
-    travel0, travel2 = h * s[at.V], h * s[at.V + 2]
+    travel0, travel1, travel2 = h * s[at.V], h * s[at.V + 1], h * s[at.V + 2]
     trusted, x, y, tilt = False, 0.0, 0.0, 0.0
     for _ in range(2):
         rubbing = (
             friction_secant(m.radial_friction, s[at.RADIAL_Z], s[at.RADIAL_Z + 1], travel0),
+            friction_secant(m.axial_friction, s[at.AXIAL_Z], s[at.AXIAL_Z + 1], travel1),
             friction_secant(m.tilt_friction, s[at.TILT_Z], s[at.TILT_Z + 1], travel2))
         trusted, x, y, tilt = predict(m, s, c0, past, rubbing, w)
-        travel0, travel2 = x, tilt
+        travel0, travel1, travel2 = x, y, tilt
     return trusted, x, y, tilt
 
 
@@ -119,7 +131,7 @@ def predict(m: Any, s: Any, c0: Any, past: Any, rubbing: Any, w: Any) -> Any:
 
     Solves m a + K (q - q_old) + D (v - v_old) = external + F_old for the step's difference
     formulas v = c0 q + ..., a = c0 v + .... The first value is False if the change is too large.
-    rubbing: slopes of friction against delta_x and gamma.
+    rubbing: slopes of friction against delta_x, delta_y and gamma.
     """
     c1, c2 = past
     mass, inertia = m.mass, m.inertia
@@ -138,8 +150,8 @@ def predict(m: Any, s: Any, c0: Any, past: Any, rubbing: Any, w: Any) -> Any:
     square = c0 * c0
     found, x, y, tilt = solve3(
         s[k] + c0 * s[d] + mass * square + rubbing[0], s[k + 1] + c0 * s[d + 1],
-        s[k + 2] + c0 * s[d + 2] + mass * square, s[k + 3] + c0 * s[d + 3],
-        s[k + 4] + c0 * s[d + 4] + inertia * square + rubbing[1], r0, r1, r2)
+        s[k + 2] + c0 * s[d + 2] + mass * square + rubbing[1], s[k + 3] + c0 * s[d + 3],
+        s[k + 4] + c0 * s[d + 4] + inertia * square + rubbing[2], r0, r1, r2)
     size = max(abs(x), abs(y), abs(tilt) * m.radius)
     return found and size < MAX_PREDICTION, x, y, tilt
 
@@ -152,6 +164,9 @@ def keep_step(m: Any, s: Any, h: Any, c0: Any, p: Any, past: Any, q: Any, fricti
         s[at.RADIAL_Z], s[at.RADIAL_Z + 1], _, _ = hysteron(
             s[at.RADIAL_Z], s[at.RADIAL_Z + 1], q[0] - s[at.Q],
             m.radial_friction.presliding, m.radial_friction.sharpness)
+        s[at.AXIAL_Z], s[at.AXIAL_Z + 1], _, _ = hysteron(
+            s[at.AXIAL_Z], s[at.AXIAL_Z + 1], q[1] - s[at.Q + 1],
+            m.axial_friction.presliding, m.axial_friction.sharpness)
         s[at.TILT_Z], s[at.TILT_Z + 1], _, _ = hysteron(
             s[at.TILT_Z], s[at.TILT_Z + 1], q[2] - s[at.Q + 2],
             m.tilt_friction.presliding, m.tilt_friction.sharpness)
@@ -196,7 +211,7 @@ def implicit_step(m: Any, rows: Any, uniform: Any, s: Any, h: Any, friction: Any
     if second_order and friction:
         trusted, move0, move1, move2 = predict_with_friction(m, s, h, c0, (c1, c2), w)
     elif second_order:
-        trusted, move0, move1, move2 = predict(m, s, c0, (c1, c2), (0.0, 0.0), w)
+        trusted, move0, move1, move2 = predict(m, s, c0, (c1, c2), (0.0, 0.0, 0.0), w)
     if second_order and not trusted:
         ahead = min(h, 0.01)
         move0, move1, move2 = ahead * s[at.V], ahead * s[at.V + 1], ahead * s[at.V + 2]
@@ -210,20 +225,21 @@ def implicit_step(m: Any, rows: Any, uniform: Any, s: Any, h: Any, friction: Any
         r0 = w[at.EXTERNAL] + w[at.FORCE] - mass * (c0 * v0 + past0)
         r1 = w[at.EXTERNAL + 1] + w[at.FORCE + 1] - mass * (c0 * v1 + past1)
         r2 = w[at.EXTERNAL + 2] + w[at.FORCE + 2] - inertia * (c0 * v2 + past2)
-        rubbing0 = rubbing2 = 0.0
+        rubbing0 = rubbing1 = rubbing2 = 0.0
         if friction:
-            _, _, z, slope = hysteron(s[at.RADIAL_Z], s[at.RADIAL_Z + 1], q0 - s[at.Q],
-                                      m.radial_friction.presliding, m.radial_friction.sharpness)
-            r0 -= m.radial_friction.limit * z
-            rubbing0 = m.radial_friction.limit * slope
-            _, _, z, slope = hysteron(s[at.TILT_Z], s[at.TILT_Z + 1], q2 - s[at.Q + 2],
-                                      m.tilt_friction.presliding, m.tilt_friction.sharpness)
-            r2 -= m.tilt_friction.limit * z
-            rubbing2 = m.tilt_friction.limit * slope
+            held, rubbing0 = friction_force(
+                m.radial_friction, s[at.RADIAL_Z], s[at.RADIAL_Z + 1], q0 - s[at.Q])
+            r0 -= held
+            held, rubbing1 = friction_force(
+                m.axial_friction, s[at.AXIAL_Z], s[at.AXIAL_Z + 1], q1 - s[at.Q + 1])
+            r1 -= held
+            held, rubbing2 = friction_force(
+                m.tilt_friction, s[at.TILT_Z], s[at.TILT_Z + 1], q2 - s[at.Q + 2])
+            r2 -= held
         k, d = at.STIFFNESS, at.DAMPING
         found, step0, step1, step2 = solve3(
             w[k] + c0 * w[d] + mass * square + rubbing0, w[k + 1] + c0 * w[d + 1],
-            w[k + 2] + c0 * w[d + 2] + mass * square, w[k + 3] + c0 * w[d + 3],
+            w[k + 2] + c0 * w[d + 2] + mass * square + rubbing1, w[k + 3] + c0 * w[d + 3],
             w[k + 4] + c0 * w[d + 4] + inertia * square + rubbing2, r0, r1, r2)
         if not found:
             return -1
@@ -398,7 +414,8 @@ def follow(m: Any, rows: Any, uniform: Any, s: Any, time: Any, load: Any, max_st
     the state restarts there at equilibrium. Nodes and commands call this function, for one sample
     or for a million.
     """
-    friction = m.radial_friction.limit != 0.0 or m.tilt_friction.limit != 0.0
+    friction = (m.radial_friction.limit != 0.0 or m.axial_friction.limit != 0.0
+                or m.tilt_friction.limit != 0.0)
     iterations = 0
     true_load = take_load(m, s, s[at.MEASURED_LOAD], w)
     for n in range(time.size):

@@ -91,18 +91,18 @@ def motion_tangents(models: Any, rows: Any, uniform: Any, law: Any, external: An
     """Fill out (N, 3, P) with changes of a motion path (N, 3) from rest; False on failure.
 
     Each direction is a small change of law (3, LAW, P) by row, of external load (N, 3, P), of
-    friction (P, 2, 4) and, for the first G directions, of rollers (G, 9 J). time (N,): the stamps
+    friction (P, 3, 4) and, for the first G directions, of rollers (G, 9 J). time (N,): the stamps
     of the steps.
     """
     m = models[0]
     directions = law.shape[2]
     grows = m.damping_penetration_share != 0.0 or np.any(law[:, 3:])
-    rubs = (m.radial_friction.limit != 0.0 or m.tilt_friction.limit != 0.0
-            or np.any(friction))
+    rubs = (m.radial_friction.limit != 0.0 or m.axial_friction.limit != 0.0
+            or m.tilt_friction.limit != 0.0 or np.any(friction))
     return follow_tangents(
         m, rows, uniform, law, external, friction, geometry, time, path, out, grows, rubs,
         np.zeros((3, PARTS)), np.zeros(at.WORK_SIZE), np.zeros((3, 6, directions)),
-        np.zeros((2, directions, 2)), np.zeros((2, 2)), np.zeros((2, 3)),
+        np.zeros((3, directions, 2)), np.zeros((3, 2)), np.zeros((2, 3)),
         np.zeros((3, directions)))
 
 
@@ -112,14 +112,15 @@ def follow_tangents(m: Any, rows: Any, uniform: Any, law: Any, external: Any, fr
                     parts: Any, w: Any, states: Any, rubbed: Any, elements: Any,
                     motion: Any, by: Any) -> Any:
     """`motion_tangents` with work arrays: dq and dv of three steps (3, 6, P), friction, q, v."""
-    radial, tilting = elements[0], elements[1]
+    radial, axial, tilting = elements[0], elements[1], elements[2]
     radial[0] = radial[1] = m.radial_friction.initial
+    axial[0] = axial[1] = m.axial_friction.initial
     tilting[0] = tilting[1] = m.tilt_friction.initial
     q, v = motion[0], motion[1]
     h_old, soft = 0.0, 1e-9 * m.K1
     changing = LAW if grows else 3
     for n in range(time.size):
-        c0 = c1 = c2 = rubbing0 = rubbing2 = 0.0
+        c0 = c1 = c2 = rubbing0 = rubbing1 = rubbing2 = 0.0
         if n > 0:
             h = time[n] - time[n - 1]
             ratio = h / h_old if h_old > 0.0 else 0.0
@@ -145,12 +146,13 @@ def follow_tangents(m: Any, rows: Any, uniform: Any, law: Any, external: Any, fr
         for j in range(geometry.shape[0]):
             forces_by_geometry(m, rows, geometry[j], q, v, by, j)
         if rubs:
-            rubbing0, rubbing2 = rub(m, friction, path, n, elements, rubbed, own, by)
+            rubbing0, rubbing1, rubbing2 = rub(m, friction, path, n, elements, rubbed, own, by)
         carry(m, w, c0, c1, c2, own, past, by)
         k, d, square = at.STIFFNESS, at.DAMPING, c0 * c0
         if not solve_all(
                 w[k] + c0 * w[d] + m.mass * square + rubbing0 + soft, w[k + 1] + c0 * w[d + 1],
-                w[k + 2] + c0 * w[d + 2] + m.mass * square + soft, w[k + 3] + c0 * w[d + 3],
+                w[k + 2] + c0 * w[d + 2] + m.mass * square + rubbing1 + soft,
+                w[k + 3] + c0 * w[d + 3],
                 w[k + 4] + c0 * w[d + 4] + m.inertia * square + rubbing2
                 + soft * m.radius * m.radius, by, new):
             return False
@@ -166,12 +168,14 @@ def follow_tangents(m: Any, rows: Any, uniform: Any, law: Any, external: Any, fr
 @kernel(**INNER)
 def rub(m: Any, friction: Any, path: Any, n: Any, elements: Any, rubbed: Any, own: Any,
         by: Any) -> Any:
-    """Subtract the change of friction at step n from by (3, P); the slopes of both frictions."""
+    """Subtract the change of friction at step n from by (3, P); the slopes of all frictions."""
     slope0 = rub_element(m.radial_friction, friction[:, 0], 0, path, n, elements[0], rubbed[0],
                          own, by)
-    slope2 = rub_element(m.tilt_friction, friction[:, 1], 2, path, n, elements[1], rubbed[1],
+    slope1 = rub_element(m.axial_friction, friction[:, 1], 1, path, n, elements[1], rubbed[1],
                          own, by)
-    return slope0, slope2
+    slope2 = rub_element(m.tilt_friction, friction[:, 2], 2, path, n, elements[2], rubbed[2],
+                         own, by)
+    return slope0, slope1, slope2
 
 
 @kernel(**INNER)
@@ -204,7 +208,8 @@ def keep_rubbing(m: Any, friction: Any, path: Any, n: Any, elements: Any, rubbed
                  new: Any) -> Any:
     """Advance the states of friction and their changes over step n."""
     keep_element(m.radial_friction, friction[:, 0], 0, path, n, elements[0], rubbed[0], own, new)
-    keep_element(m.tilt_friction, friction[:, 1], 2, path, n, elements[1], rubbed[1], own, new)
+    keep_element(m.axial_friction, friction[:, 1], 1, path, n, elements[1], rubbed[1], own, new)
+    keep_element(m.tilt_friction, friction[:, 2], 2, path, n, elements[2], rubbed[2], own, new)
 
 
 @kernel(**INNER)
