@@ -63,12 +63,12 @@ class TiltFriction(RingEffect):
     )
     variants = (
         Variant('gamma', {'coordinate': TILT}, ('delta_y', 'gamma')),
+        Variant('delta_y', {'coordinate': AXIAL}, ('delta_y', 'gamma')),
         Variant('each coordinate', {'coordinate': EACH},
                 frees=('force', 'presliding_x', 'force_y', 'presliding_y'),
                 contains=('radial_friction',)),
-        Variant('delta_y', {'coordinate': AXIAL}, ('delta_y', 'gamma')),
     )
-    choices = (Choice('coordinate', (TILT, EACH, AXIAL), '2 gamma, 3 each, 1 delta_y'),)
+    choices = (Choice('coordinate', (TILT, AXIAL, EACH), '2 gamma, 1 delta_y, 3 each'),)
 
     def extend(self, extension: RingExtension, values: Mapping[str, float]) -> RingExtension:
         """Set the friction against gamma, against delta_y, or against each coordinate."""
