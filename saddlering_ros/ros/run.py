@@ -5,7 +5,7 @@ from __future__ import annotations
 import atexit
 from collections.abc import Callable, Sequence
 import contextlib
-import faulthandler
+import ctypes
 import gc
 import os
 import signal
@@ -27,7 +27,8 @@ from saddlering_ros.ros.streaming_node import StreamingNode
 from saddlering_ros.ros.transport import prepare_transport
 
 UNUSABLE = 2
-LONGEST_END = 10.0
+LONGEST_END = 3.0
+"""Longest time [s] for the middleware to leave the network; a launch grants five in all."""
 
 
 def run_streaming(make: Callable[[], StreamingNode], args: Sequence[str] | None = None) -> int:
@@ -91,19 +92,44 @@ def leave(status: int, longest: float = LONGEST_END) -> NoReturn:
     The interpreter is not taken apart: with compiled kernels that takes longer than everything
     else, and a launch file gives its nodes five seconds to end, all at once.
 
-    A middleware that has not left the network after `longest` seconds is abandoned: the process
-    prints where each thread is and ends with status 1. A thread of the C runtime sees to this,
-    for the middleware may hold the interpreter, and both signals are ignored by now.
+    Its work is done and written by now, so that the status stands even if the middleware crashes
+    or hangs while it leaves the network, which Fast DDS does now and then when many nodes end at
+    once. After `longest` seconds it is abandoned.
     """
-    with contextlib.suppress(OSError, ValueError, RuntimeError, AttributeError):  # no stderr
-        faulthandler.dump_traceback_later(longest, exit=True)
+    handler = _abandon_middleware(status, longest)
     gc.unfreeze()
     gc.collect()  # the rest of the node leaves the network
     atexit._run_exitfuncs()
     for stream in (sys.stdout, sys.stderr):
         with contextlib.suppress(OSError, ValueError):
             stream.flush()
+    del handler
     os._exit(status)
+
+
+def _abandon_middleware(status: int, longest: float) -> object:
+    """End with `status` at a crash of this process from now on, or after `longest` seconds.
+
+    Returns what must be kept until then: the handler.
+
+    The handlers are those of the C runtime: the middleware may keep the interpreter while it
+    hangs, and Python would run its own handlers only after that.
+    """
+    def end(number: int) -> None:
+        why = 'hung' if number == signal.SIGALRM else 'crashed'
+        with contextlib.suppress(OSError):
+            os.write(2, f'the middleware {why} while it left the network, after the end of all '
+                        'work: nothing is lost\n'.encode())
+        os._exit(status)
+
+    handler_type = ctypes.CFUNCTYPE(None, ctypes.c_int)
+    handler = handler_type(end)
+    set_handler = ctypes.CDLL(None).signal
+    set_handler.argtypes, set_handler.restype = (ctypes.c_int, handler_type), ctypes.c_void_p
+    for number in (signal.SIGALRM, signal.SIGSEGV, signal.SIGABRT, signal.SIGBUS):
+        set_handler(number, handler)
+    signal.setitimer(signal.ITIMER_REAL, longest)
+    return handler
 
 
 def _clean_up(node: Node | None) -> None:
