@@ -155,13 +155,13 @@ def test_other_nodes_lose_nothing_and_the_server_answers_while_one_identifies(
     driver, goals = Driver(heard), Goals(heard, IdentifyRing, '/identify_ring')
     wait_until(lambda: driver.matched(2) and heard.ring_nodes_matched(), 80.0, 'all are matched')
     # The swarm stops after some 40 iterations without progress: its size makes it last.
-    long = goals.send(bags=['run'], particles=4000, iterations=100_000, seed=1)
+    long = goals.send(bags=['run'], particles=10_000, iterations=100_000, seed=1)
     wait_until(lambda: bool(goals.feedback), 60.0, 'it runs')
     heard.diagnostics.clear()
     name = 'ring_identification: /identify_ring'
     wait_until(lambda: heard.diagnostics.get(name, (0, 'idle'))[1] not in ('idle', 'starting'),
                what='the server reports that it identifies')
-    rows = slice(0, 800)
+    rows = slice(0, 400)
     driver.send(record, rows, pace=200)
     owed = len(offline_displacement(record, rows))
     wait_until(lambda: len(heard.raw['/ring/residual']) == owed, 60.0, f'{owed} residuals')

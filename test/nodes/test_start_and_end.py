@@ -56,9 +56,8 @@ def test_a_node_that_is_told_to_stop_while_it_imports_ends_with_status_0(number:
 @pytest.mark.parametrize('fault', ['hung', 'crashed'])
 def test_a_middleware_that_does_not_leave_the_network_is_abandoned(fault: str) -> None:
     node = subprocess.run([sys.executable, '-c', HELD, fault], capture_output=True, text=True,
-                          timeout=60, check=False)
-    assert node.returncode == 0
-    assert f'the middleware {fault} while it left the network' in node.stderr
+                          timeout=60, check=False)  # an hour, were it not abandoned
+    assert (node.returncode, node.stderr) == (0, '')
 
 
 @pytest.mark.ros
