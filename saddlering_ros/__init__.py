@@ -1,6 +1,8 @@
 """saddlering_ros: a test rig for saddle rings, its simulator and its diagnosis, on ROS 2."""
 
-from typing import Any, TYPE_CHECKING
+from typing import TYPE_CHECKING
+
+from saddlering_ros.lazy_names import names_on_first_use
 
 if TYPE_CHECKING:
     from saddlering_ros.api.functions import diagnose, identify, validate
@@ -32,16 +34,7 @@ __all__ = [
     'load_rig', 'read_bag', 'read_parameters', 'validate',
 ]
 
-
-def __getattr__(name: str) -> Any:
-    """A public name, imported from where it is defined."""
-    if name not in _PLACES:
-        raise AttributeError(f'module {__name__!r} has no attribute {name!r}')
-    from importlib import import_module
-
-    value = getattr(import_module(f'{__name__}.{_PLACES[name]}'), name)
-    globals()[name] = value
-    return value
+__getattr__ = names_on_first_use(__name__, _PLACES)
 
 
 def __dir__() -> list[str]:

@@ -5,7 +5,7 @@ Writing is imported when it is first used: its libraries take a quarter of a sec
 
 from __future__ import annotations
 
-from typing import Any, TYPE_CHECKING
+from typing import TYPE_CHECKING
 
 from saddlering_ros.bags.alignment import align, seconds, seconds_array
 from saddlering_ros.bags.condense import condensed, fit_limit
@@ -19,6 +19,7 @@ from saddlering_ros.bags.repeats import refuse_repeats
 from saddlering_ros.bags.same_rig import refuse_other_rig, rig_in_words
 from saddlering_ros.bags.stream_aligner import AlignedRow, AlignmentCounters, StreamAligner
 from saddlering_ros.bags.topics import LOAD_TOPIC, PROBE_TOPICS, RIG_TOPICS
+from saddlering_ros.lazy_names import names_on_first_use
 
 if TYPE_CHECKING:
     from saddlering_ros.bags.writer import write_bag
@@ -32,11 +33,4 @@ __all__ = [
     'write_bag',
 ]
 
-
-def __getattr__(name: str) -> Any:
-    """Import `write_bag` on its first use."""
-    if name == 'write_bag':
-        from saddlering_ros.bags.writer import write_bag
-
-        return write_bag
-    raise AttributeError(f'module {__name__!r} has no attribute {name!r}')
+__getattr__ = names_on_first_use(__name__, {'write_bag': 'writer'})

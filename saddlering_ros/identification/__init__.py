@@ -1,10 +1,11 @@
 """Contact parameters from test runs, with their uncertainty and their predictions."""
 
-from typing import Any, TYPE_CHECKING
+from typing import TYPE_CHECKING
 
 from saddlering_ros.identification.errors import IdentificationError
 from saddlering_ros.identification.settings import IdentificationSettings
 from saddlering_ros.identification.swarm import StopReason, SwarmSettings
+from saddlering_ros.lazy_names import names_on_first_use
 
 if TYPE_CHECKING:
     from saddlering_ros.identification.methods import identify
@@ -21,13 +22,4 @@ _PLACES = {'identify': 'methods', 'Identification': 'result',
 """Names whose modules import SciPy. They are imported on first use, so that a node that needs only
 the settings starts in a third of the time."""
 
-
-def __getattr__(name: str) -> Any:
-    """A name of the package, imported from where it is defined."""
-    if name not in _PLACES:
-        raise AttributeError(f'module {__name__!r} has no attribute {name!r}')
-    from importlib import import_module
-
-    value = getattr(import_module(f'{__name__}.{_PLACES[name]}'), name)
-    globals()[name] = value
-    return value
+__getattr__ = names_on_first_use(__name__, _PLACES)
