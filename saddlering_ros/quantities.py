@@ -11,6 +11,8 @@ PREFIXES = ((1e6, 'M'), (1e3, 'k'), (1.0, ''), (1e-3, 'm'), (1e-6, 'µ'), (1e-9,
 PREFIXED = frozenset({'N', 'm', 'rad', 's', 'Hz', 'm/s'})
 PLAIN = frozenset({'', '1'})
 
+DIGITS, RAISED_DIGITS = '-0123456789', '⁻⁰¹²³⁴⁵⁶⁷⁸⁹'
+
 MIN_SHARE = 1e-5
 """Smallest share that is printed."""
 
@@ -75,7 +77,7 @@ def probability(value: float | None) -> str:
 
 def superscript(power: int) -> str:
     """A whole number as it stands above a ten."""
-    return str(power).translate(str.maketrans('-0123456789', '⁻⁰¹²³⁴⁵⁶⁷⁸⁹'))
+    return str(power).translate(str.maketrans(DIGITS, RAISED_DIGITS))
 
 
 def significant(value: float, digits: int) -> str:

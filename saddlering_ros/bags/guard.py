@@ -89,7 +89,7 @@ def load_limits(rig: Rig) -> ReadingLimits:
     """Limits of the cylinder's load [N]."""
     full = rig.full_scale_load
     return ReadingLimits(-MAX_PULL * full, MAX_OVERLOAD * full, full / rig.full_scale_time,
-                  NOISE_SHARE * full, STEP_SHARE * full)
+                         NOISE_SHARE * full, STEP_SHARE * full)
 
 
 def probe_limits(rig: Rig) -> ReadingLimits:

@@ -5,13 +5,15 @@ from __future__ import annotations
 import codecs
 import sys
 
+from saddlering_ros.quantities import DIGITS, RAISED_DIGITS
+
 HANDLER = 'saddlering.ascii'
 ASCII = str.maketrans({
     '±': '+/-', '×': 'x', '·': '*', '−': '-', '–': '-', '—': '-', '…': '...', '→': '->',
     '≤': '<=', '≥': '>=', 'µ': 'u', 'μ': 'u', '°': ' deg', 'δ': 'delta_', 'γ': 'gamma',
     'Δ': 'delta ', '√': 'sqrt ', '²': '^2', '³': '^3',
 })
-SUPERSCRIPTS = str.maketrans('⁻⁰¹²³⁴⁵⁶⁷⁸⁹', '-0123456789')
+SUPERSCRIPTS = str.maketrans(RAISED_DIGITS, DIGITS)
 
 
 def use_ascii_where_needed() -> None:

@@ -60,7 +60,7 @@ class RingAlarmNode(StreamingNode):
             "channel's range from preload to full scale", low=0.0, high=100.0,
             while_inactive=True),
         NodeParameter(
-            'block', 0.02, 'time [s] over which residuals are averaged before they are ' 'judged',
+            'block', 0.02, 'time [s] over which residuals are averaged before they are judged',
             low=0.001, high=10.0, while_inactive=True),
         NodeParameter('frame_id', 'ring', 'frame of the alarm: reference point C of the ring'),
     )

@@ -23,7 +23,6 @@ from saddlering_ros.ros.diagnostics import (
     SaturationTask,
     SourcesTask,
     StreamTask,
-    WARN,
 )
 from saddlering_ros.ros.elevation import ElevationWatch
 from saddlering_ros.ros.lockstep import to_time
@@ -34,6 +33,7 @@ from saddlering_ros.ros.raw_topics import RawPublisher, RawSubscription
 from saddlering_ros.ros.rig_agreement import RigAgreement
 from saddlering_ros.ros.run import leave, run_streaming
 from saddlering_ros.ros.streaming_node import INPUT_RELIABILITY, MAX_GAP, StreamingNode
+from saddlering_ros.ros.zero_finding import zero_finding
 from saddlering_ros.streams import batches
 from saddlering_ros.streams.displacement import DisplacementStream
 
@@ -159,15 +159,8 @@ class RingDisplacementNode(StreamingNode):
 
     def _zero_finding(self) -> Finding:
         stream = self._stream
-        if stream.zero is not None:
-            return Finding(OK, f'zero at {self._rig.force_words(stream.zero.load, 3)}',
-                           {'zero stamp': str(stream.zero_stamp),
-                            'zero load [N]': f'{stream.zero.load:.1f}'})
-        if not stream.newest_stamp:
-            return Finding(OK, 'waiting for samples')
-        load = self._rig.force_words(stream.load, 2)
-        return Finding(WARN, f'waiting for preload (load is {load}): go to preload, or call '
-                       '~/zero')
+        return zero_finding(self._rig, stream.zero, stream.zero_stamp, stream.newest_stamp,
+                            stream.load)
 
     def _events(self) -> dict[str, int]:
         return {**self._stream.events(),

@@ -43,6 +43,7 @@ from saddlering_ros.ros.raw_topics import RawPublisher, RawSubscription
 from saddlering_ros.ros.rig_agreement import RigAgreement
 from saddlering_ros.ros.run import leave, run_streaming
 from saddlering_ros.ros.streaming_node import INPUT_RELIABILITY, MAX_GAP, StreamingNode
+from saddlering_ros.ros.zero_finding import zero_finding
 from saddlering_ros.streams import batches
 from saddlering_ros.streams.simulation import SimulationStream
 
@@ -299,16 +300,9 @@ class RingSimulatorNode(StreamingNode):
                 'malformed': sum(flow.malformed for flow in self.inputs)}
 
     def _zero_finding(self) -> Finding:
-        zero = self._stream.simulator.zero
-        if zero is not None:
-            return Finding(OK, f'zero at {self._rig.force_words(zero.load, 3)}',
-                           {'zero stamp': str(self._stream.zero_stamp),
-                            'zero load [N]': f'{zero.load:.1f}'})
-        if not self._stream.newest_stamp:
-            return Finding(OK, 'waiting for samples')
-        load = self._rig.force_words(self._stream.load, 2)
-        return Finding(WARN, f'waiting for preload (load is {load}): go to preload, or call '
-                       '~/zero')
+        stream = self._stream
+        return zero_finding(self._rig, stream.simulator.zero, stream.zero_stamp,
+                            stream.newest_stamp, stream.load)
 
     def _solver_finding(self) -> Finding:
         simulator = self._stream.simulator

@@ -40,7 +40,7 @@ INPUT_RELIABILITY = NodeParameter(
     'input_reliability', 'auto', 'requested QoS; auto: reliable if all publishers are reliable, '
                                  'else best effort', choices=RELIABILITIES)
 MAX_GAP = NodeParameter(
-    'max_gap', 10.0, 'a larger jump of the stamps [s] restarts zero and ' 'simulation', low=0.1,
+    'max_gap', 10.0, 'a larger jump of the stamps [s] restarts zero and simulation', low=0.1,
     high=3600.0)
 
 
