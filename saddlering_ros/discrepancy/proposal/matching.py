@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.optimize import minimize
@@ -135,84 +135,100 @@ def _search(misfit: Misfit, fit: BlockFit, form: Form, wanted: Array) -> tuple[f
     ]
     best = int(np.argmin(lefts))
     start = shapes[best]
-    # The scale of a power follows from its size and is not searched.
-    free = np.arange(start.size) if form.name != 'power' else np.array([1])
+    free = _searched(form)
     if start.size == 0:
         return lefts[best], start
 
-    def cost(moved: Array) -> float:
+    def moved_by(move: Array) -> Array:
         shape = start.copy()
-        shape[free] = start[free] * np.exp(moved) if np.all(start[free]) else start[free] + moved
-        return _left(_columns(misfit, fit.target, form, [shape]), wanted)
+        shape[free] = start[free] * np.exp(move) if np.all(start[free]) else start[free] + move
+        return shape
+
+    def cost(move: Array) -> float:
+        return _left(_columns(misfit, fit.target, form, [moved_by(move)]), wanted)
 
     found = minimize(
         cost,
-        np.zeros(free.size),
+        np.zeros(len(free)),
         method='Nelder-Mead',
         options={
             'maxfev': 60,
             'xatol': 1e-4,
             'fatol': 1e-7 * max(lefts[best], 1e-300),
-            'initial_simplex': np.vstack([np.zeros(free.size), 0.1 * np.eye(free.size)]),
+            'initial_simplex': np.vstack([np.zeros(len(free)), 0.1 * np.eye(len(free))]),
         },
     )
     if found.fun >= lefts[best]:
         return lefts[best], start
-    shape = start.copy()
-    shape[free] = start[free] * np.exp(found.x) if np.all(start[free]) else start[free] + found.x
-    return float(found.fun), shape
+    return float(found.fun), moved_by(found.x)
+
+
+def _searched(form: Form) -> list[int]:
+    """Positions of the shape parameters that are searched.
+
+    The scale of a power follows from its size.
+    """
+    return [1] if form.name == 'power' else list(range(len(form.shapes)))
 
 
 def _law_term(misfit: Misfit, fit: BlockFit, form: Form, shape: Array, wanted: Array) -> Term:
+    """The simple law with the best amplitudes, their standard deviations and its curve."""
     columns = _columns(misfit, fit.target, form, [shape])
-    sizes = np.linalg.lstsq(columns, wanted, rcond=None)[0]
-    sensitivities = [columns]
-    free = [index for index in range(shape.size) if form.name != 'power' or index == 1]
-    for index in free:
-        moved = shape.copy()
-        step = STEP * (abs(shape[index]) or 1.0)
-        moved[index] += step
-        beside = _columns(misfit, fit.target, form, [moved])
-        sensitivities.append(((beside - columns) @ sizes / step)[:, None])
-    slopes = np.hstack(sensitivities)
+    sizes = np.asarray(np.linalg.lstsq(columns, wanted, rcond=None)[0], dtype=np.float64)
+    slopes = np.hstack([columns, *_shape_slopes(misfit, fit, form, shape, columns @ sizes, sizes)])
     left = wanted - columns @ sizes
-    inflation = max(1.0, float(left @ left) / misfit.size)
-    unit = np.maximum(np.sqrt((slopes**2).sum(axis=0)), 1e-300)
-    scaled = slopes / unit
-    covariance = np.linalg.pinv(scaled.T @ scaled, hermitian=True) * inflation
-    covariance = covariance / np.outer(unit, unit)
-    deviations = np.sqrt(np.maximum(np.diag(covariance), 0.0))
-    parameters: dict[str, LawParameter] = {}
-    for index, name in enumerate(form.amplitudes):
-        unit = 'target per coordinate' if name == 'slope' else 'target'
-        parameters[name] = LawParameter(float(sizes[index]), float(deviations[index]), unit,
-                                        'amplitude')
-    for index, name in enumerate(form.shapes):
-        std = 0.0
-        if index in free:
-            std = float(deviations[len(form.amplitudes) + free.index(index)])
-        unit = 'coordinate' if name.endswith('*') else 's' if name.endswith('_s') else '1'
-        plain = name.rstrip('*').removesuffix('_s')
-        parameters[plain] = LawParameter(float(shape[index]), std, unit, 'shape')
+    covariance = _covariance(slopes) * max(1.0, float(left @ left) / misfit.size)
     at = np.linspace(*fit.block.span, CURVE_POINTS)
     term = Term(
         target=fit.target, coordinate=fit.block.coordinate, law=form.name, words=form.words,
-        parameters=parameters, at=at, values=np.zeros(at.size), band=np.zeros(at.size),
-        freedom=float(form.count), form=form)
-    if fit.block.kind not in ('plays', 'relaxation'):
-        along = dict.fromkeys((LOAD, RATE, TIME, ANGLE, fit.block.coordinate), at)
-        along[DIRECTION] = np.ones(at.size)
-        values = term.evaluate(along)
-        own = form.columns(along, shape)
-        spread = np.sqrt(
-            np.maximum(np.einsum('ni,ij,nj->n', own, covariance[: own.shape[1], : own.shape[1]],
-                                 own), 0.0)
-        )
-        term = Term(
-            target=term.target, coordinate=term.coordinate, law=term.law, words=term.words,
-            parameters=parameters, at=at, values=values, band=spread, freedom=term.freedom,
-            form=form)
-    return term
+        parameters=_law_parameters(form, sizes, shape, covariance), at=at,
+        values=np.zeros(at.size), band=np.zeros(at.size), freedom=float(form.count), form=form)
+    if fit.block.kind in ('plays', 'relaxation'):
+        return term
+    along = dict.fromkeys((LOAD, RATE, TIME, ANGLE, fit.block.coordinate), at)
+    along[DIRECTION] = np.ones(at.size)
+    own = form.columns(along, shape)
+    of_sizes = covariance[:own.shape[1], :own.shape[1]]
+    variance = np.einsum('ni,ij,nj->n', own, of_sizes, own)
+    return replace(term, values=term.evaluate(along), band=np.sqrt(np.maximum(variance, 0.0)))
+
+
+def _shape_slopes(
+    misfit: Misfit, fit: BlockFit, form: Form, shape: Array, law: Array, sizes: Array,
+) -> list[Array]:
+    """Change (n, 1) of the law (n,) by each searched shape parameter, by a difference."""
+    slopes = []
+    for index in _searched(form):
+        step = STEP * (abs(shape[index]) or 1.0)
+        moved = shape.copy()
+        moved[index] += step
+        beside = _columns(misfit, fit.target, form, [moved]) @ sizes
+        slopes.append(((beside - law) / step)[:, None])
+    return slopes
+
+
+def _covariance(slopes: Array) -> Array:
+    """Covariance (m, m) of parameters with sensitivities (n, m), for noise of size one."""
+    size = np.maximum(np.sqrt((slopes**2).sum(axis=0)), 1e-300)
+    scaled = slopes / size
+    return np.asarray(np.linalg.pinv(scaled.T @ scaled, hermitian=True) / np.outer(size, size))
+
+
+def _law_parameters(
+    form: Form, sizes: Array, shape: Array, covariance: Array,
+) -> dict[str, LawParameter]:
+    """Amplitudes and shape parameters by name; one that was not searched has the deviation 0."""
+    deviations = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    parameters: dict[str, LawParameter] = {}
+    for name, size, std in zip(form.amplitudes, sizes, deviations, strict=False):
+        unit = 'target per coordinate' if name == 'slope' else 'target'
+        parameters[name] = LawParameter(float(size), float(std), unit, 'amplitude')
+    of_shapes = dict(zip(_searched(form), deviations[len(form.amplitudes):], strict=True))
+    for index, name in enumerate(form.shapes):
+        unit = 'coordinate' if name.endswith('*') else 's' if name.endswith('_s') else '1'
+        parameters[name.rstrip('*').removesuffix('_s')] = LawParameter(
+            float(shape[index]), float(of_shapes.get(index, 0.0)), unit, 'shape')
+    return parameters
 
 
 PIECES = {LOAD: LOAD_PIECES, DIRECTION: DIRECTION_PIECES, RATE: RATE_PIECES, TIME: TIME_PIECES}
