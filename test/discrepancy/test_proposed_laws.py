@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -119,6 +121,19 @@ def test_coordinates_that_go_together_are_a_doubt() -> None:
     found = propose_law(misfit, lambda _, residual: float(np.mean(residual**2)))
     assert any('within 10 %' in doubt for doubt in found.doubts)
     assert any('all runs have one rate' in doubt for doubt in found.doubts)
+
+
+def test_targets_that_go_together_are_a_doubt() -> None:
+    def beside(name: str, seed: int) -> ObservedRun:
+        one = run(name, LAWS['step'][0], seed)
+        nearly = one.targets['one'] + 0.02 * one.targets['two']
+        return replace(one, targets={**one.targets, 'nearly one': nearly})
+
+    misfit = Misfit((beside('a', 1), beside('b', 2)), lambda columns: columns / NOISE, 1000)
+    found = propose_law(misfit, lambda _, residual: float(np.mean(residual**2)))
+    told = {found.term.target, *(name for name in ('one', 'nearly one', 'two') if any(
+        f'an addition to {name} explains nearly as much' in doubt for doubt in found.doubts))}
+    assert told == {'one', 'nearly one'}
 
 
 def test_a_held_out_run_that_gets_worse_is_a_doubt() -> None:

@@ -39,7 +39,7 @@ OWN_CURVES = 0.3
 """Predicted share below which a curve of its own is tried for each run."""
 
 ALIKE = 0.9
-"""Predicted share, relative to the best one, at which another coordinate is a doubt."""
+"""Predicted share, relative to the best, at which another coordinate or target is a doubt."""
 
 BEYOND = 0.02
 """Share of the observed range by which a held-out run may exceed it."""
@@ -255,23 +255,37 @@ def _reasons(
                 f'{term.target} follows a separate curve over time in each run, which predicts '
                 'no other run'
             )
-    equal_coordinates = {
-        item.block.coordinate
-        for item in ranked[1:]
-        if item.predicted >= ALIKE * best.predicted
-        and item.block.coordinate != best.block.coordinate
-    }
-    for name in sorted(equal_coordinates):
-        reasons.append(
-            f'{name} explains nearly as much as {best.block.coordinate} (within 10 %): these '
-            'runs do not tell the two apart'
-        )
+    reasons += [
+        f'{name} explains nearly as much as {best.block.coordinate} (within 10 %): these runs do '
+        'not tell the two apart' for name in _other_coordinates(best, ranked)]
+    reasons += [
+        f'an addition to {name} explains nearly as much as an addition to {best.target} (within '
+        '10 %): these runs do not tell the two apart'
+        for name in _other_targets(best, ranked, terms)]
     if _one_rate(misfit.runs):
         reasons.append('all runs have one rate of loading: whether the law depends on the rate is '
                       'open')
     if len(misfit.runs) == 1:
         reasons.append('the law was fitted to one run')
     return reasons
+
+
+def _as_good(best: BlockFit, ranked: list[BlockFit]) -> list[BlockFit]:
+    """Families that predict nearly as much as the best one."""
+    return [item for item in ranked if item is not best
+            and item.predicted >= ALIKE * best.predicted]
+
+
+def _other_coordinates(best: BlockFit, ranked: list[BlockFit]) -> list[str]:
+    return sorted({item.block.coordinate for item in _as_good(best, ranked)}
+                  - {best.block.coordinate})
+
+
+def _other_targets(best: BlockFit, ranked: list[BlockFit], terms: tuple[Term, ...]) -> list[str]:
+    """Targets beside those of the law on which the coordinate of the best family is as good."""
+    return sorted({item.target for item in _as_good(best, ranked)
+                   if item.block.coordinate == best.block.coordinate}
+                  - {term.target for term in terms} - {best.target})
 
 
 def _outside(misfit: Misfit, term: Term, held_out: Sequence[ObservedRun]) -> list[str]:
