@@ -12,7 +12,12 @@ import time as clock
 
 from saddlering_ros.discrepancy.assumptions import Assumptions
 from saddlering_ros.discrepancy.candidate import Fit
-from saddlering_ros.discrepancy.conclusion import judge, Publication, residual_of
+from saddlering_ros.discrepancy.conclusion import (
+    judge,
+    Judgement,
+    Publication,
+    residual_of,
+)
 from saddlering_ros.discrepancy.experiment import Experiment, refuse_repeats
 from saddlering_ros.discrepancy.model_space import ModelSpace
 from saddlering_ros.discrepancy.next_test import separate_open_models
@@ -24,8 +29,8 @@ from saddlering_ros.discrepancy.preparation import (
     prepare,
     space_about,
 )
-from saddlering_ros.discrepancy.proposal import Proposer
-from saddlering_ros.discrepancy.results import Diagnosis, SearchLog
+from saddlering_ros.discrepancy.proposal import LawProposal, Proposer
+from saddlering_ros.discrepancy.results import Cause, Diagnosis, SearchLog
 from saddlering_ros.discrepancy.selection import (
     Alternatives,
     check_alternatives,
@@ -36,7 +41,7 @@ from saddlering_ros.discrepancy.selection import (
 from saddlering_ros.discrepancy.separation import Proposal, Separation
 from saddlering_ros.discrepancy.settings import Settings
 from saddlering_ros.discrepancy.steady_lines import find_steady_lines, find_swings
-from saddlering_ros.discrepancy.system import RunBlocks, System
+from saddlering_ros.discrepancy.system import Array, RunBlocks, System
 from saddlering_ros.progress import IsCancelled, OnProgress, Watch
 from saddlering_ros.threads import one_blas_thread
 
@@ -49,28 +54,27 @@ MAX_BASES = 3
 
 
 @dataclass(frozen=True)
-class Search:
-    """The model at the end of a search, the space in which it is judged, its alternatives."""
+class Subject:
+    """Runs without slow steady lines, their experiment and space, and the lines."""
 
+    runs: Sequence[RunBlocks]
+    experiment: Experiment
+    space: ModelSpace
+    lines: tuple[Cause, ...]
+
+
+@dataclass(frozen=True)
+class Search:
+    """The model at the end of a search, its alternatives, and two spaces.
+
+    begun: the space about the base fit; space: the one in which the model is judged.
+    """
+
+    begun: ModelSpace
     space: ModelSpace
     fit: Fit
     alternatives: Alternatives
     log: SearchLog
-
-
-def _search(space: ModelSpace) -> Search:
-    """Select effects, adapt the nuisance parameters to them, check the alternatives."""
-    log = SearchLog()
-    fit = select(space, log)
-    alternatives: Alternatives = {}
-    space.watch.progress('check of alternatives', 0.75)
-    if fit.candidate.effects:
-        space, fit = moved_to(space, fit)
-        if space.metric.experiment.assumptions.relearns:  # With less noise, more effects may show.
-            fit = forward(space, fit, log)
-        fit = prune(space, fit, log)
-        fit, alternatives = check_alternatives(space, fit, log)
-    return Search(space, fit, alternatives, log)
 
 
 @one_blas_thread()
@@ -89,22 +93,11 @@ def diagnose_system(
     settings, watch = settings or Settings(), Watch('diagnose', on_progress, is_cancelled)
     began = clock.monotonic()
     refuse_repeats(runs)
-    experiment = Experiment(system, [run for run in runs if not run.held_out], assumptions)
-
-    space = prepare(experiment, first_guess(system, start), settings, watch)
-    swings = find_swings(space.metric, space.base, runs, settings, space.trials)
-    if swings is not None:  # The following steps use runs without these lines.
-        runs = swings.runs
-        experiment = Experiment(system, [run for run in runs if not run.held_out], assumptions)
-        space = prepare(experiment, first_guess(system, start), settings, watch)
-    search = _search(space)
-    for _ in range(MAX_BASES):
-        deeper = better_base(search.space, search.fit)
-        if deeper is None:
-            break
-        space = space_about(experiment, deeper, settings, watch)
-        search = _search(space)
-    observability = observed(space)
+    subject = _prepared(Experiment(system, _fitted(runs), assumptions), runs,
+                        first_guess(system, start), settings, watch)
+    experiment, runs = subject.experiment, subject.runs
+    search = _searched(subject)
+    observability = observed(search.begun)
     space, fit, alternatives, log = search.space, search.fit, search.alternatives, search.log
     before = residual_of(space, space.base)
     after = residual_of(space, fit) if fit.candidate.effects else before
@@ -124,20 +117,11 @@ def diagnose_system(
     law = None
     if judgement.verdict == 'unknown' and experiment.assumptions.proposes_law:
         watch.progress('search for a law', 0.9)
-        # The fits of the gain: where nuisance parameters take a share of the misfit, a law would
-        # predict only the rest of it.
-        fits = published.fits()
-        subject = fits.after if judgement.explained >= PARTIAL_SUBJECT else fits.before
-        law = Proposer(
-            space.metric, runs, space.known.max_pairs, settings.error_rate, settings.max_rounds,
-            watch,
-        ).law_for(subject)
-    verdict = judgement.verdict
-    steady = [*lines.causes, *(() if swings is None else swings.causes)]
-    if steady and verdict == 'none':
-        verdict = 'named'
-    causes = [*published.causes(evidence, alternatives), *steady]
-    causes = [replace(cause, partial=verdict == 'unknown') for cause in causes]
+        law = _law(space, judgement, published)
+    steady = (*lines.causes, *subject.lines)
+    verdict = 'named' if steady and judgement.verdict == 'none' else judgement.verdict
+    causes = [replace(cause, partial=verdict == 'unknown')
+              for cause in (*published.causes(evidence, alternatives), *steady)]
     return Diagnosis(
         verdict=verdict,
         causes=tuple(sorted(causes, key=lambda cause: -cause.visible)),
@@ -159,3 +143,60 @@ def diagnose_system(
         simulations=experiment.simulations,
         seconds=clock.monotonic() - began,
     )
+
+
+def _fitted(runs: Sequence[RunBlocks]) -> list[RunBlocks]:
+    return [run for run in runs if not run.held_out]
+
+
+def _prepared(
+    experiment: Experiment, runs: Sequence[RunBlocks], start: Array | None, settings: Settings,
+    watch: Watch,
+) -> Subject:
+    """Noise, base fit and signatures, of runs without the slow steady lines that they have."""
+    space = prepare(experiment, start, settings, watch)
+    swings = find_swings(space.metric, space.base, runs, settings, space.trials)
+    if swings is None:
+        return Subject(runs, experiment, space, ())
+    without = Experiment(experiment.system, _fitted(swings.runs), experiment.assumptions)
+    return Subject(swings.runs, without, prepare(without, start, settings, watch), swings.causes)
+
+
+def _searched(subject: Subject) -> Search:
+    """The search, begun again while the model that it found leads to a better base."""
+    search = _search(subject.space)
+    for _ in range(MAX_BASES):
+        deeper = better_base(search.space, search.fit)
+        if deeper is None:
+            break
+        space = subject.space
+        search = _search(space_about(subject.experiment, deeper, space.settings, space.watch))
+    return search
+
+
+def _search(begun: ModelSpace) -> Search:
+    """Select effects, adapt the nuisance parameters to them, check the alternatives."""
+    space, log = begun, SearchLog()
+    fit = select(space, log)
+    alternatives: Alternatives = {}
+    space.watch.progress('check of alternatives', 0.75)
+    if fit.candidate.effects:
+        space, fit = moved_to(space, fit)
+        if space.metric.experiment.assumptions.relearns:  # With less noise, more effects may show.
+            fit = forward(space, fit, log)
+        fit = prune(space, fit, log)
+        fit, alternatives = check_alternatives(space, fit, log)
+    return Search(begun, space, fit, alternatives, log)
+
+
+def _law(space: ModelSpace, judgement: Judgement, published: Publication) -> LawProposal | None:
+    """A law for the misfit that remains beside partial causes, or for all of it.
+
+    The law is looked for in the fits of the misfit reduction: where nuisance parameters take a
+    share of the misfit, it would predict only the rest.
+    """
+    fits, settings = published.fits(), space.settings
+    proposer = Proposer(space.metric, published.runs, space.known.max_pairs, settings.error_rate,
+                        settings.max_rounds, space.watch)
+    is_partial = judgement.explained >= PARTIAL_SUBJECT
+    return proposer.law_for(fits.after if is_partial else fits.before)
