@@ -40,8 +40,8 @@ FINE_STEP = 2e-4
 contact are so similar that the curvature over a step ten times as long looks like a difference,
 and a refit then moves along their valley without an end."""
 
-LOAD_STEP = 500.0
-"""Change of the load [N] by which its sensitivity is differenced."""
+LOAD_STEP = 0.002
+"""Change of the load by which its sensitivity is differenced, as a share of full scale."""
 
 FAILED = 1e-3
 """Reading [m] of a failed simulation, far from any measured one."""
@@ -92,18 +92,13 @@ class RingSystem:
     @cached_property
     def base_parameters(self) -> tuple[Parameter, ...]:
         starts = dict(zip(PARAMETER_NAMES, TRUE_TO_SCALE.to_array(), strict=True))
-        units = (
-            PARAMETER_UNITS
-            if isinstance(PARAMETER_UNITS, Mapping)
-            else dict(zip(PARAMETER_NAMES, PARAMETER_UNITS, strict=True))
-        )
         return tuple(
             Parameter(
                 *self.rig.bounds[name],
                 name=name,
                 start=float(np.clip(starts[name], *self.rig.bounds[name])),
                 scale='linear' if name.startswith('n') else 'log',
-                unit=units[name],
+                unit=PARAMETER_UNITS[name],
                 step=FINE_STEP,
             )
             for name in PARAMETER_NAMES
@@ -280,13 +275,13 @@ class RingSystem:
 
     def _per_newton(self, run: RunBlocks, point: Point) -> Array:
         """Change (C, N) by one more newton in all of a run, its zero included."""
-        extension = self.extension(point)
+        extension, step = self.extension(point), LOAD_STEP * self.rig.full_scale_load
         less, more = (
-            replace(extension, load_offset=extension.load_offset + sign * LOAD_STEP)
-            for sign in (1.0, -1.0)
+            replace(extension, load_offset=extension.load_offset + change)
+            for change in (step, -step)
         )
         answers = self._simulated(run, [(point.base, less), (point.base, more)])
-        return np.asarray((answers[1] - answers[0]) / (2.0 * LOAD_STEP))
+        return np.asarray((answers[1] - answers[0]) / (2.0 * step))
 
     def targets(self, run: RunBlocks, point: Point) -> dict[str, Array]:
         """Change by one more newton at the ring, for laws that add to its load.
@@ -294,14 +289,15 @@ class RingSystem:
         The zero of the probes stays where it is: a law counts from there.
         """
         grid: LoadGrid = run.payload
+        step = LOAD_STEP * self.rig.full_scale_load
         less, more = (
             self._simulated(
                 replace(run, payload=replace(grid, load=grid.load + change)),
                 [(point.base, self.extension(point))],
             )[0]
-            for change in (-LOAD_STEP, LOAD_STEP)
+            for change in (-step, step)
         )
-        return {'hydraulic_load': (more - less) / (2.0 * LOAD_STEP)}
+        return {'hydraulic_load': (more - less) / (2.0 * step)}
 
     def start_of(self, run: RunBlocks) -> float:
         """The start of the zero window."""

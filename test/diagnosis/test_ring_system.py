@@ -71,6 +71,21 @@ def test_stiffness_and_exponent_are_told_apart_by_their_slopes_not_by_the_bend_o
     assert np.linalg.norm(fine @ vectors[1] - weak) < 0.1 * np.linalg.norm(weak)
 
 
+def test_the_change_by_a_newton_is_a_slope_on_a_small_rig_too(campaign):
+    small = replace(default_rig(), full_scale_load=0.01 * default_rig().full_scale_load)
+    bag = next(bag for bag in campaign() if bag.name == 'static_50')
+    run = build_record(default_rig(), read_run(bag), held_out=False).run
+    grid = run.payload
+    weak = replace(grid, load=0.01 * grid.load, zero_load=0.01 * grid.zero_load)
+    system, point = RingSystem(small), Point(TRUE_TO_SCALE.to_array())
+    less, more = (
+        system.predict_many(
+            replace(run, payload=replace(weak, load=weak.load + change)), [point])[0]
+        for change in (-0.1, 0.1))
+    found = system.targets(replace(run, payload=weak), point)['hydraulic_load']
+    assert np.abs(found - (more - less) / 0.2).max() < 0.02 * np.abs(found).max()
+
+
 def test_neighbours_of_a_point_are_what_simulations_of_them_give(campaign):
     rig = default_rig()
     bag = next(bag for bag in campaign() if bag.name == 'static_50')
