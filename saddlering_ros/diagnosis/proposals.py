@@ -69,7 +69,7 @@ def _courses(rig: Rig, degrees: float) -> list[Proposal]:
     slow = LoadCourse([0, 1, 31, 61, 62], [low, low, full, low, low])
     fast = LoadCourse([0, 1, 2.5, 4, 6], [low, low, full, low, low], FAST_STEP)
     cycles = LoadCourse([0, 1, 6, 36, 41, 71, 76, 106, 111, 141],
-                    [low, low, full, full, low, low, full, full, low, low])
+                        [low, low, full, full, low, low, full, full, low, low])
     return [
         Proposal(f'Record a slow ramp to {peak} and back in 60 s {where}.',
                  slow.run(degrees), 'second_rate'),

@@ -123,7 +123,7 @@ def _series(
     renewed = np.concatenate([[False], np.diff(serviced) > 0])
     order = np.argsort(times[good], kind='stable')
     return TimeSeries(times[good][order], values[good][order], np.sqrt(spread[good])[order],
-                  renewed[order])
+                      renewed[order])
 
 
 def significant_drifts(

@@ -69,7 +69,7 @@ class ImportResult:
                 'samples': count, 'first': run.spans[name][0], 'last': run.spans[name][1],
                 'lowest': min(run.envelopes[name].lowest),
                 'highest': max(run.envelopes[name].highest)}
-                for name, count in run.counts.items()},
+                         for name, count in run.counts.items()},
         } for run in self.runs]
         return {'runs': runs, 'warnings': list(self.warnings)}
 

@@ -129,7 +129,7 @@ class ReplayClockNode(BagNode):
     def connect(self) -> None:
         """Publish the clock; hear how far the others are."""
         self._heard = RawSubscription(self, PROGRESS, ReplayProgress, reliability='reliable',
-                             depth=1000)
+                                      depth=1000)
         self.inputs = [self._heard]
         self.outputs = [RawPublisher(self, CLOCK, Clock, CLOCK_QOS)]
         self._began = time.monotonic()

@@ -122,7 +122,7 @@ class RingSimulatorNode(StreamingNode):
     def connect(self) -> None:
         """Subscribe to the load; publish the simulated displacement."""
         self.inputs = [RawSubscription(self, LOAD.relative, WrenchStamped,
-                              reliability=self.settings['input_reliability'])]
+                                       reliability=self.settings['input_reliability'])]
         self.outputs = [RawPublisher(self, SIMULATED, RingDisplacement)]
         self._on_elevation()
         offered, self._offered = self._offered, None

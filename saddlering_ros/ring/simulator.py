@@ -155,7 +155,7 @@ class RingSimulator:
     def _moved(self, time: Floats, load: Floats) -> Floats:
         motion, increments = np.empty((time.size, 3)), np.empty((time.size, 4))
         self.iterations += integration.advance(self._m, self._rows, self._uniform, self._state,
-                                              time, load, self._max_step, motion, increments)
+                                               time, load, self._max_step, motion, increments)
         if self._lost:
             increments[:] = np.nan
         return increments

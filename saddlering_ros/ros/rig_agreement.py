@@ -42,5 +42,5 @@ class RigAgreement:
             words = ', '.join(f'{name} ({short_digest(digest)})'
                               for name, digest in others.items())
             return Finding(ERROR, f'this node has rig {short_digest(self.digest)}, and others '
-            f'have another, {words}: give all nodes the same rig file', figures)
+                           f'have another, {words}: give all nodes the same rig file', figures)
         return Finding(OK, f'rig {short_digest(self.digest)}', figures)

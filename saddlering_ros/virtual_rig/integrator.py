@@ -319,7 +319,7 @@ def integrate(rollers: Floats, friction: Floats, z: Floats, mass: Floats, start:
     for n in range(steps + 1):
         if n > 0:
             failed_steps += _advance(rollers, friction, z, mass, q, v, step, loads[3 * n - 3],
-                                loads[3 * n - 2], loads[3 * n])
+                                     loads[3 * n - 2], loads[3 * n])
         positions[n] = q
         rates[n] = v
         contact(rollers, q, v, forces[n], by_q, by_v)

@@ -63,7 +63,7 @@ def test_what_scatter_adds_comes_as_late_as_the_dampers_let_it(fast):
     rig = default_rig()
     usual = RingSystem(rig).predict_many(fast, [Point(BASE)])[0]
     course = SimulatedCourse(fast.payload.elevation, fast.payload.zero_load, fast.inputs['load'],
-                    fast.time, usual, static=False)
+                             fast.time, usual, static=False)
     late = scatter_columns(rig, BASE, course)
     at_once = scatter_columns(rig, BASE, replace(course, static=True))
     rising = (fast.rate > 0.5 * fast.rate.max())

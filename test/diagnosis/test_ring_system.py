@@ -32,7 +32,7 @@ def test_every_start_an_effect_holds_worth_trying_is_tried(name):
 def test_sizes_that_are_searched_follow_the_full_scale_of_the_rig(name, size, power):
     usual, large = (engine_effects(catalogue()[name], replace(
         default_rig(), full_scale_load=factor * default_rig().full_scale_load))[0]
-        for factor in (1.0, 16.0))
+                    for factor in (1.0, 16.0))
     for bound in ('low', 'high'):
         at = getattr(usual.parameters[size], bound) * 16.0**power
         assert getattr(large.parameters[size], bound) == pytest.approx(at)

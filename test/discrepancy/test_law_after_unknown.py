@@ -41,7 +41,7 @@ def runs(size: float, seed: int = 3) -> list[RunBlocks]:
     made = [recorded(f'run {k}', item) for k, item in enumerate(seen)]
     held = made[2]
     return [*made[:2], RunBlocks(held.name, held.group, held.time, held.width, held.channels,
-                           held.inputs, held.rest, True)]
+                                 held.inputs, held.rest, True)]
 
 
 @pytest.fixture(scope='module')

@@ -145,10 +145,10 @@ def test_maintenance_breaks_a_history():
 def test_remaining_life_is_silent_without_a_significant_drift():
     time = np.arange(10.0)
     still = follow(TimeSeries(time, 0.01 * np.random.default_rng(6).standard_normal(10),
-                          np.full(10, 0.01), np.zeros(10, dtype=bool)))
+                              np.full(10, 0.01), np.zeros(10, dtype=bool)))
     assert remaining_life(still, -1.0, 0.05, drifts=True) is None
     falling = follow(TimeSeries(time, still.series.value - 0.05 * time, np.full(10, 0.01),
-                            np.zeros(10, dtype=bool)))
+                                np.zeros(10, dtype=bool)))
     life = remaining_life(falling, -1.0, 0.05, drifts=True)
     assert life.low < 11.0 < life.high
     assert remaining_life(falling, 1.0, 0.05, drifts=True) is None  # away from the limit

@@ -50,7 +50,7 @@ def test_noise_that_two_series_share_is_read_whatever_each_has_beside():
     shared = wander(random, 20.0, 3.0, 0.02, shape) + random.normal(0.0, 50.0, shape)
     drift = np.linspace(0.0, 100.0, shape[1])
     found = common_noise(list(shared + drift), list(shared + random.normal(0.0, 80.0, shape)),
-                       [1.0] * len(shared), 0.02)
+                         [1.0] * len(shared), 0.02)
     assert found.white / 0.02 == pytest.approx(50.0**2, rel=0.05)
     assert np.sqrt(found.slow.sum()) == pytest.approx(20.0, rel=0.35)
 

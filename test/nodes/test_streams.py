@@ -218,7 +218,7 @@ def test_only_equal_stamps_are_subtracted_whatever_the_order_of_arrival() -> Non
     found = []
     for start in range(0, 2000, 100):
         found.append(stream.push(pair(ours[start:start + 100], 3.0),
-                               pair(rng.permutation(theirs[start:start + 100]), 1.0)))
+                                 pair(rng.permutation(theirs[start:start + 100]), 1.0)))
     together = join([batch for batch in found if len(batch)])
     assert sorted(together.stamps.tolist()) == np.intersect1d(ours, theirs).tolist()
     assert np.allclose(together.channels, 2.0, rtol=0.0, atol=1e-12)
@@ -254,7 +254,7 @@ def test_a_side_that_zeroed_anew_is_joined_by_what_the_other_did_meanwhile(resta
     for start in range(0, 4000, 130):
         part = {name: pick(side, np.flatnonzero(
             (side.stamps > start * 1_000_000) & (side.stamps <= (start + 130) * 1_000_000)))
-            for name, side in sides.items()}
+                for name, side in sides.items()}
         found.append(stream.push(part['measured'], part['simulated']))
     together = join([batch for batch in found if len(batch)])
     assert together.stamps[0] <= stamps[2502]

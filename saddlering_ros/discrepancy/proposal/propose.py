@@ -264,7 +264,7 @@ def _reasons(
         for name in _other_targets(best, ranked, terms)]
     if _one_rate(misfit.runs):
         reasons.append('all runs have one rate of loading: whether the law depends on the rate is '
-                      'open')
+                       'open')
     if len(misfit.runs) == 1:
         reasons.append('the law was fitted to one run')
     return reasons
