@@ -80,7 +80,7 @@ def drawn_contact(random: np.random.Generator, rig: Rig = RIG) -> ContactParamet
 
 
 def _probe_readings(rig: Rig, contact: ContactParameters, elevation_deg: float):
-    loads = np.array([rig.preload, FULL_SCALE_LOAD])
+    loads = np.array([rig.preload, rig.full_scale_load])
     q = static_response(rig, contact.to_array(), np.radians(elevation_deg), loads)
     moved = q[:, 1] - q[:, 0]
     return displacement_to_probes(rig.probes, Displacement(moved[0], moved[1], moved[2], 0.0))

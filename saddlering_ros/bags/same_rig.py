@@ -34,7 +34,7 @@ def refuse_other_rig(runs: Sequence[TestRun], rig: Rig, *, is_given: bool) -> No
 def rig_in_words(rig: Rig) -> str:
     """Main dimensions of a rig, and its hash."""
     return (f'{rig.axial_rows.rollers} rollers in a row, '
-            f'{rig.force_words(rig.full_scale_load, 0)}, hash {short_digest(rig.digest)}')
+            f'{rig.full_scale_words}, hash {short_digest(rig.digest)}')
 
 
 def _refusal(run: TestRun, rig: Rig, is_given: bool) -> str:

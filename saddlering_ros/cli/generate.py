@@ -24,7 +24,7 @@ def add_parser(subparsers: Any) -> None:
     effect = parser.add_argument(
         '--effect', action='append', default=[], metavar='NAME[.PARAM]=VALUE',
         help='an effect to hide in the bag (SI units; may be repeated); NAME alone gives a '
-             'typical size; see --list-effects')
+             'typical size on the rig; see --list-effects')
     setattr(effect, 'completer', _effects)  # noqa: B010  # read by argcomplete
     parser.add_argument('--form', action='append', default=[], metavar='NAME=FORM',
                         help='physical form of an effect that has several')
@@ -57,12 +57,14 @@ def add_parser(subparsers: Any) -> None:
                         help='factor of the speed of a dynamic ramp (default 1)')
     parser.add_argument('--hold', type=float, metavar='S',
                         help='time per static step (default 5), or at the peak (default 0)')
-    parser.add_argument('--load-step', type=float, metavar='TONNES',
-                        help='step of a static test (default: a 25th of full scale)')
-    parser.add_argument('--peak', type=float, metavar='TONNES',
-                        help='highest load (default: full scale)')
-    parser.add_argument('--lowest', type=float, metavar='TONNES',
-                        help='load at both ends (default: the preload of the rig file)')
+    parser.add_argument('--load-step', type=float, metavar='LOAD',
+                        help='step of a static test, in the unit of the rig file, rig.force_unit '
+                             '(default: a 25th of full scale)')
+    parser.add_argument('--peak', type=float, metavar='LOAD',
+                        help='highest load, in the unit of the rig file (default: full scale)')
+    parser.add_argument('--lowest', type=float, metavar='LOAD',
+                        help='load at both ends, in the unit of the rig file (default: its '
+                             'preload)')
     parser.add_argument('--cycles', type=int, default=1, help='number of load cycles (default 1)')
     parser.add_argument('--run-name', default='', help='free text for the bag')
     parser.add_argument('--overwrite', action='store_true', help='replace an existing bag')
@@ -79,6 +81,7 @@ def _effects(**_: object) -> list[str]:
 
 def run(args: argparse.Namespace) -> int:
     """Generate one bag and print its content."""
+    from saddlering_ros.rig import load_rig
     from saddlering_ros.virtual_rig import (
         parse_requests,
         record_test,
@@ -87,7 +90,7 @@ def run(args: argparse.Namespace) -> int:
     )
 
     if args.list_effects:
-        print(effects_text())
+        print(effects_text(load_rig(args.rig)))
         return 0
     parse_requests(args.effect, args.form)  # a misspelt effect is worth knowing first
     if args.out is None or args.test is None or args.elevation is None:
@@ -135,7 +138,8 @@ def _plan(args: argparse.Namespace) -> TestPlan:
     if args.seed < 0 or args.rig_seed < 0:
         raise VirtualRigError('a seed is below zero: give a whole number from 0 up')
     physical = PhysicalRig(
-        rig, _contact(args), math.radians(args.elevation), parse_requests(args.effect, args.form),
+        rig, _contact(args), math.radians(args.elevation),
+        parse_requests(args.effect, args.form, rig),
         Scatter(args.gap_scatter * 1e-6, args.stiffness_scatter / 100.0), args.rig_seed)
     instruments = Instruments(noise=args.noise * 1e-6, load_noise=load_noise)
     return TestPlan(
@@ -144,7 +148,7 @@ def _plan(args: argparse.Namespace) -> TestPlan:
 
 
 def _schedule(args: argparse.Namespace, rig: Rig) -> Schedule:
-    from saddlering_ros.rig import TONNE
+    from saddlering_ros.rig import FORCE_UNITS
     from saddlering_ros.virtual_rig import dynamic_schedule, static_schedule, VirtualRigError
 
     static = args.test == 'static'
@@ -153,11 +157,12 @@ def _schedule(args: argparse.Namespace, rig: Rig) -> Schedule:
             raise VirtualRigError(f'--{name.replace("_", "-")} is for '
                                   f'{"dynamic" if static else "static"} tests: leave it out')
     given: dict[str, Any] = {'cycles': args.cycles}
-    for name, key, unit in (('peak', 'peak', TONNE), ('lowest', 'lowest', TONNE),
-                            ('load_step', 'step', TONNE), ('hold', 'hold', 1.0),
-                            ('duration', 'duration', 1.0), ('speed', 'speed', 1.0)):
+    for name, key in (('peak', 'peak'), ('lowest', 'lowest'), ('load_step', 'step')):
         if getattr(args, name) is not None:
-            given[key] = getattr(args, name) * unit
+            given[key] = getattr(args, name) * FORCE_UNITS[rig.force_unit]
+    for name in ('hold', 'duration', 'speed'):
+        if getattr(args, name) is not None:
+            given[name] = getattr(args, name)
     return static_schedule(rig, **given) if static else dynamic_schedule(rig, **given)
 
 
@@ -186,15 +191,15 @@ def _contact(args: argparse.Namespace) -> ContactParameters:
     return ContactParameters(**values)
 
 
-def effects_text() -> str:
-    """All effects with their parameters (main one first), plausible sizes, and forms."""
+def effects_text(rig: Rig) -> str:
+    """All effects with their parameters (main one first), plausible sizes on a rig, and forms."""
     from saddlering_ros.virtual_rig import EFFECTS
 
     lines = []
     for name, effect in sorted(EFFECTS.items()):
         words = (effect.act.__doc__ or '').strip()
         lines.append(f'{name}: {words}')
-        for parameter in effect.parameters:
+        for parameter in effect.parameters_on(rig):
             sign = '+-' if parameter.signed else ''
             lines.append(f'    {parameter.name} [{parameter.unit}] {sign}{parameter.low:g} to '
                          f'{parameter.high:g}, typical {parameter.typical:g}')

@@ -10,6 +10,7 @@ from saddlering_ros.cli._json import tell_json
 
 if TYPE_CHECKING:
     from saddlering_ros.importing import ImportResult
+    from saddlering_ros.rig import Rig
 
 
 def add_parser(subparsers: Any) -> None:
@@ -73,15 +74,16 @@ def _import(args: argparse.Namespace) -> int:
     mapping = read_map(args.map)
     _spare_tables(args, mapping.tables)
     rig = load_rig(args.rig) if args.rig is not None else None
+    shown = rig or load_rig()
     result = import_files(args.files, mapping, args.out, rig=rig, overwrite=args.overwrite,
                           on_progress=_counter())
     if args.preview is not None:
-        save_preview(args.preview, result.runs)
+        save_preview(args.preview, result.runs, shown)
     for line in result.warnings:
         print(f'saddlering import: warning: {line}', file=sys.stderr)
     if tell_json(args, result.as_dict()):
         return 0
-    _print_runs(result)
+    _print_runs(result, shown)
     if args.preview is not None:
         print(f'written: {args.preview}')
     print(f'next: saddlering info {result.runs[0].path}'
@@ -113,7 +115,7 @@ def _counter() -> Any:
     return show
 
 
-def _print_runs(result: ImportResult) -> None:
+def _print_runs(result: ImportResult, rig: Rig) -> None:
     from saddlering_ros.importing.clock import words_of
 
     for run in result.runs:
@@ -124,12 +126,15 @@ def _print_runs(result: ImportResult) -> None:
         for name, count in run.counts.items():
             low = min(run.envelopes[name].lowest)
             high = max(run.envelopes[name].highest)
-            print(f'  {name}: {count} samples, {_reading(name, low)} to {_reading(name, high)}')
+            print(f'  {name}: {count} samples, {_reading(name, low, rig)} to '
+                  f'{_reading(name, high, rig)}')
 
 
-def _reading(name: str, value: float) -> str:
+def _reading(name: str, value: float, rig: Rig) -> str:
     import math
 
     if name.startswith('eddy'):
         return f'{value * 1e3:.4f} mm'
-    return f'{math.degrees(value):.3f} deg' if name == 'elevation' else f'{value / 1e3:.3f} kN'
+    if name == 'elevation':
+        return f'{math.degrees(value):.3f} deg'
+    return rig.force_words(value, 3)

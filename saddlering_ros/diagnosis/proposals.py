@@ -14,7 +14,7 @@ from saddlering_ros.diagnosis.records import LoadGrid, LONGEST_STEP
 from saddlering_ros.discrepancy import Point, Proposal, Reading, RunBlocks
 from saddlering_ros.effects import catalogue
 from saddlering_ros.effects.rig_tests import RIG_TESTS
-from saddlering_ros.rig import force_words, Rig
+from saddlering_ros.rig import Rig
 
 ELEVATIONS = (30.0, 50.0, 70.0)
 """Elevations [deg] that are proposed besides those of the data."""
@@ -63,8 +63,7 @@ def propose(rig: Rig, runs: Sequence[RunBlocks]) -> list[Proposal]:
 
 def _courses(rig: Rig, degrees: float) -> list[Proposal]:
     """Ramps and cycles at an elevation."""
-    full, low = rig.full_scale_load, rig.preload
-    peak = force_words(full, rig.force_unit, 0)
+    full, low, peak = rig.full_scale_load, rig.preload, rig.full_scale_words
     where = f'at {degrees:g} deg'
     slow = LoadCourse([0, 1, 31, 61, 62], [low, low, full, low, low])
     fast = LoadCourse([0, 1, 2.5, 4, 6], [low, low, full, low, low], FAST_STEP)

@@ -14,10 +14,15 @@ from numpy.typing import NDArray
 from saddlering_ros import effects as catalogue_of_effects
 from saddlering_ros.diagnosis.records import LoadGrid
 from saddlering_ros.discrepancy import Effect, Parameter, Point, RunBlocks
-from saddlering_ros.effects.base import size_factor
 from saddlering_ros.effects.extension import MOTION, NO_EXTENSION, RingExtension
 from saddlering_ros.effects.law import Law
-from saddlering_ros.rig import PARAMETER_NAMES, PARAMETER_UNITS, Rig, TRUE_TO_SCALE
+from saddlering_ros.rig import (
+    PARAMETER_NAMES,
+    PARAMETER_UNITS,
+    Rig,
+    size_factor,
+    TRUE_TO_SCALE,
+)
 from saddlering_ros.ring.additions import Additions
 from saddlering_ros.ring.neighbours import has_tangent, Neighbourhoods
 from saddlering_ros.ring.roller_scatter import (

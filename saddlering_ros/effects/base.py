@@ -11,7 +11,7 @@ from saddlering_ros.effects.extension import OwnParameter, RingExtension, STAGES
 from saddlering_ros.effects.rig_tests import Outcomes
 from saddlering_ros.errors import SaddleringError
 from saddlering_ros.quantities import compact
-from saddlering_ros.rig import FULL_SCALE_LOAD, Rig
+from saddlering_ros.rig import Rig, size_factor
 
 __all__ = [
     'STAGES', 'Choice', 'EffectError', 'EffectParameter', 'RingEffect', 'Variant', 'unit_words']
@@ -20,17 +20,6 @@ __all__ = [
 def unit_words(unit: str) -> str:
     """' ' and the unit; empty for a plain number ('1')."""
     return '' if unit == '1' else f' {unit}'
-
-
-NOMINAL_RADIUS = 0.6
-"""Pitch radius [m] of the rig for which the catalogue states sizes; its full scale is 25 t."""
-
-
-def size_factor(unit: str, rig: Rig) -> float:
-    """Factor from a size of the catalogue to that on a rig: forces follow its full scale."""
-    load = rig.full_scale_load / FULL_SCALE_LOAD
-    moment = load * (rig.axial_rows.pitch_radius / NOMINAL_RADIUS)
-    return {'N': load, 'N m': moment, 'm/N': 1.0 / load, 'rad/(N m)': 1.0 / moment}.get(unit, 1.0)
 
 
 class EffectError(SaddleringError):

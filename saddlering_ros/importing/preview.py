@@ -4,46 +4,34 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from saddlering_ros.importing.clock import SECOND, words_of
 from saddlering_ros.importing.convert import ImportedRun
 from saddlering_ros.importing.errors import ImportingError
+from saddlering_ros.rig import FORCE_UNITS, Rig
 from saddlering_ros.writing import whole_file
 
 MAX_RUNS = 6
-_SHOWN = {'hydraulic_load': ('load [kN]', 1e3), 'elevation': ('elevation [deg]', np.pi / 180)}
+_GAP, _MILLIMETRE = 'eddy_current_', 1e-3
 _COLOURS = ('#0072B2', '#D55E00', '#009E73', '#CC79A7')
 
 
-def save_preview(path: Path, runs: Sequence[ImportedRun]) -> None:
-    """Write the picture (PNG, SVG or PDF, by the suffix) of the first MAX_RUNS runs."""
+def save_preview(path: Path, runs: Sequence[ImportedRun], rig: Rig) -> None:
+    """Write the picture (PNG, SVG or PDF, by the suffix) of the first MAX_RUNS runs.
+
+    rig: whose unit of forces the picture has.
+    """
     from matplotlib.figure import Figure
 
     shown = list(runs[:MAX_RUNS])
     figure = Figure(figsize=(max(7.5, 4.0 * len(shown)), 5.0), layout='constrained')
     axes = figure.subplots(2, len(shown), squeeze=False, sharex='col')
-    for column, run in enumerate(shown):
-        start = min(first for first, _ in run.spans.values())
-        for name, envelope in run.envelopes.items():
-            is_gap = name.startswith('eddy')
-            label, factor = (name.replace('eddy_current_', 'probe '), 1e-3) if is_gap else \
-                _SHOWN[name]
-            if name == 'elevation':
-                continue
-            plot = axes[int(is_gap), column]
-            time = (np.array(envelope.stamps) - start) / SECOND
-            low, high = np.array(envelope.lowest) / factor, np.array(envelope.highest) / factor
-            colour = _COLOURS[int(name[-1]) - 1] if is_gap else '#333333'
-            plot.fill_between(time, low, high, color=colour, alpha=0.35, linewidth=0)
-            plot.plot(time, (low + high) / 2, color=colour, linewidth=0.9,
-                      label=label if is_gap else None)
-        facts = run.metadata
-        axes[0, column].set_title(f'{run.path.name}: {facts.test}, {facts.elevation_deg:g} deg\n'
-                                  f'from {words_of(start)}', fontsize=9)
-        axes[1, column].set_xlabel('time [s]')
-    axes[0, 0].set_ylabel('load [kN]')
+    for run, (load, gaps) in zip(shown, axes.T, strict=True):
+        _draw_run(run, load, gaps, FORCE_UNITS[rig.force_unit])
+    axes[0, 0].set_ylabel(f'load [{rig.force_unit}]')
     axes[1, 0].set_ylabel('gap [mm]')
     axes[1, 0].legend(fontsize=8, loc='best')
     for plot in axes.flat:
@@ -55,3 +43,25 @@ def save_preview(path: Path, runs: Sequence[ImportedRun]) -> None:
         except ValueError as problem:
             raise ImportingError(f'{path}: this kind of figure is not supported: give a name '
                                  'that ends in .png, .svg or .pdf') from problem
+
+
+def _draw_run(run: ImportedRun, load: Any, gaps: Any, force_unit: float) -> None:
+    """Draw one run into its two plots; force_unit [N]: of the plot of the load."""
+    start = min(first for first, _ in run.spans.values())
+    for name, envelope in run.envelopes.items():
+        time = (np.array(envelope.stamps) - start) / SECOND
+        band = np.array([envelope.lowest, envelope.highest])
+        if name.startswith(_GAP):
+            number = int(name.removeprefix(_GAP))
+            _draw_band(gaps, time, band / _MILLIMETRE, _COLOURS[number - 1], f'probe {number}')
+        elif name == 'hydraulic_load':
+            _draw_band(load, time, band / force_unit, '#333333', None)
+    facts = run.metadata
+    load.set_title(f'{run.path.name}: {facts.test}, {facts.elevation_deg:g} deg\n'
+                   f'from {words_of(start)}', fontsize=9)
+    gaps.set_xlabel('time [s]')
+
+
+def _draw_band(plot: Any, time: Any, band: Any, colour: str, label: str | None) -> None:
+    plot.fill_between(time, *band, color=colour, alpha=0.35, linewidth=0)
+    plot.plot(time, band.mean(axis=0), color=colour, linewidth=0.9, label=label)

@@ -15,7 +15,14 @@ from saddlering_ros.quantities import percent, quantity
 from saddlering_ros.report import html
 from saddlering_ros.report.html import Cell, number
 from saddlering_ros.report.style import SYMBOLS
-from saddlering_ros.rig import CHANNELS, FORCE_UNITS, force_words, PARAMETER_NAMES, Rig
+from saddlering_ros.rig import (
+    CHANNELS,
+    force_decimals,
+    force_range,
+    force_words,
+    PARAMETER_NAMES,
+    Rig,
+)
 from saddlering_ros.thresholds import allowed_misfit
 
 Array = NDArray[np.float64]
@@ -51,6 +58,11 @@ class RunQuality:
     noise: Mapping[str, float]
     notes: tuple[str, ...] = ()
     force_unit: str = 't'
+
+    @property
+    def decimals(self) -> int:
+        """Decimals of the loads of this run."""
+        return force_decimals(self.load[1], self.force_unit)
 
 
 @dataclass(frozen=True)
@@ -92,12 +104,11 @@ def data_quality(runs: Sequence[RunQuality]) -> str:
     rows: list[list[str | Cell]] = [[
         run.name, number(f'{run.samples}'), number(f'{run.duration:.1f} s'),
         number(f'{run.rate:.4g} Hz'),
-        number(f'{run.load[0] / FORCE_UNITS[run.force_unit]:.2f} to '
-               f'{force_words(run.load[1], run.force_unit, 2)}'),
+        number(force_range(*run.load, run.force_unit, run.decimals + 1)),
         number(f'{run.incomplete}', 'bad' if run.incomplete > 0.01 * run.samples else ''),
         number('none' if not run.gaps else f'{run.gaps} (≤ {run.longest_gap:.3g} s)',
                'bad' if run.gaps else ''),
-        number(force_words(run.zero_load, run.force_unit, 3),
+        number(force_words(run.zero_load, run.force_unit, run.decimals + 2),
                '' if run.is_zeroed_at_preload else 'bad'),
         *(number(quantity(run.noise[name], 'rad' if name == 'gamma' else 'm'))
           for name in CHANNELS)] for run in runs]

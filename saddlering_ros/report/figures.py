@@ -30,7 +30,7 @@ from saddlering_ros.report.style import (
     SYMBOLS,
     UP,
 )
-from saddlering_ros.rig import CHANNELS, FORCE_UNITS, force_words, MICRO_UNITS
+from saddlering_ros.rig import CHANNELS, force_decimals, FORCE_UNITS, force_words, MICRO_UNITS
 
 SHOWN = CHANNELS[:3]
 """Channels of the comparison; the published tests show delta_x and gamma only."""
@@ -265,10 +265,12 @@ def residual_map(runs: Sequence[RunCurves], channels: Sequence[str] = CHANNELS[:
     names = tuple(f'{run.name} {"rising" if sign > 0 else "falling"}' for run, sign in rows)
     top = max(float(run.load.max()) for run in runs)
     unit = runs[0].force_unit
-    loads = tuple(force_words(level * top / MAP_LEVELS, unit) for level in range(MAP_LEVELS + 1))
+    decimals = force_decimals(top, unit)
+    loads = tuple(force_words(level * top / MAP_LEVELS, unit, decimals)
+                  for level in range(MAP_LEVELS + 1))
     marks = tuple(float(level) for level in range(0, MAP_LEVELS + 1, 5))
-    x_ticks = Ticks(marks, tuple(force_words(mark * top / MAP_LEVELS, unit, 0) for mark in marks),
-                    7.5)
+    x_ticks = Ticks(marks, tuple(force_words(mark * top / MAP_LEVELS, unit, decimals - 1)
+                                 for mark in marks), 7.5)
     y_ticks = Ticks(tuple(float(place) for place in range(len(rows))), names, 7.5)
     panels: list[Panel] = []
     for place, channel in enumerate(channels):

@@ -22,6 +22,7 @@ from saddlering_ros.rig.digest import rig_digest, short_digest
 from saddlering_ros.rig.errors import RigError
 from saddlering_ros.rig.limits import LoadLimits
 from saddlering_ros.rig.loads import resolve_load, ResolvedLoad
+from saddlering_ros.rig.nominal import size_factor
 from saddlering_ros.rig.parameter_file import (
     parameters_from_mapping,
     parameters_to_mapping,
@@ -39,6 +40,7 @@ from saddlering_ros.rig.probes import (
     probes_to_displacement,
 )
 from saddlering_ros.rig.units import (
+    force_decimals,
     force_range,
     FORCE_UNITS,
     force_words,
@@ -57,9 +59,10 @@ __all__ = [
     'LoadLimits', 'ParameterSet', 'ParameterSource', 'Probes', 'ResolvedLoad', 'Rig', 'RigError',
     'RollerRow', 'Trunnion',
     'ZeroReading', 'ZeroWindow', 'check_bounds', 'default_rig', 'displacement_to_probes',
-    'force_range', 'force_words', 'gap_increment', 'line_contact_stiffness', 'load_rig',
+    'force_decimals', 'force_range', 'force_words', 'gap_increment',
+    'line_contact_stiffness', 'load_rig',
     'parameters_from_mapping', 'parameters_to_mapping', 'probes_to_displacement',
     'read_parameters', 'resolve_load', 'rig_digest', 'rig_from_parameters', 'shipped_rig_file',
-    'short_digest', 'stiffness_per_metre', 'stiffness_per_millimetre', 'write_parameters',
-    'write_text_atomically', 'zero_of_record',
+    'short_digest', 'size_factor', 'stiffness_per_metre', 'stiffness_per_millimetre',
+    'write_parameters', 'write_text_atomically', 'zero_of_record',
 ]

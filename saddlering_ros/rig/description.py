@@ -9,12 +9,14 @@ import math
 from pathlib import Path
 from typing import Any
 
+from saddlering_ros.quantities import compact
 from saddlering_ros.rig.contact import EXPONENTS, PARAMETER_NAMES
 from saddlering_ros.rig.digest import rig_digest
 from saddlering_ros.rig.errors import RigError
 from saddlering_ros.rig.limits import LoadLimits
 from saddlering_ros.rig.ros_yaml import check_sections, read_ros_parameters
 from saddlering_ros.rig.units import (
+    force_decimals,
     force_range,
     FORCE_UNITS,
     force_words,
@@ -102,13 +104,21 @@ class Rig:
         """Limits of loads, from the full scale."""
         return LoadLimits(self.full_scale_load)
 
-    def force_words(self, force: float, digits: int = 1) -> str:
-        """A load [N] in the unit that the rig file chooses."""
-        return force_words(force, self.force_unit, digits)
+    @property
+    def full_scale_words(self) -> str:
+        """The full scale in three digits: '25 t', '9.81 kN'."""
+        return f'{compact(self.full_scale_load / FORCE_UNITS[self.force_unit])} {self.force_unit}'
 
-    def force_range(self, low: float, high: float, digits: int = 1) -> str:
+    def force_words(self, force: float, decimals: int = 1) -> str:
+        """A load [N] in the unit that the rig file chooses; a small rig gets more decimals."""
+        return force_words(force, self.force_unit, self._decimals(decimals))
+
+    def force_range(self, low: float, high: float, decimals: int = 1) -> str:
         """Two forces [N] in that unit."""
-        return force_range(low, high, self.force_unit, digits)
+        return force_range(low, high, self.force_unit, self._decimals(decimals))
+
+    def _decimals(self, decimals: int) -> int:
+        return force_decimals(self.full_scale_load, self.force_unit, decimals)
 
     @property
     def digest(self) -> str:

@@ -1,5 +1,9 @@
 """Units that engineers at the rig read, and their factors to SI (inside, all code is in SI)."""
 
+from __future__ import annotations
+
+import math
+
 STANDARD_GRAVITY = 9.80665
 """Standard acceleration of gravity [m/s2]."""
 
@@ -23,14 +27,20 @@ MILLIMETRE = 1e-3
 """One millimetre [m]."""
 
 
-def force_words(force: float, unit: str = 't', digits: int = 1) -> str:
+def force_decimals(largest: float, unit: str, decimals: int = 1) -> int:
+    """Decimals for loads up to `largest` [N]: `decimals` for 25 units, more for smaller loads."""
+    smaller = 25.0 * FORCE_UNITS[unit] / largest if largest > 0.0 else 1.0
+    return decimals + max(0, round(math.log10(smaller)))
+
+
+def force_words(force: float, unit: str = 't', decimals: int = 1) -> str:
     """A force [N] in one of FORCE_UNITS: '4.9 t'."""
-    return f'{force / FORCE_UNITS[unit]:.{digits}f} {unit}'
+    return f'{force / FORCE_UNITS[unit]:.{decimals}f} {unit}'
 
 
-def force_range(low: float, high: float, unit: str = 't', digits: int = 1) -> str:
+def force_range(low: float, high: float, unit: str = 't', decimals: int = 1) -> str:
     """Two forces [N] in one of FORCE_UNITS: '0.5 to 25.0 t'."""
-    return f'{low / FORCE_UNITS[unit]:.{digits}f} to {force_words(high, unit, digits)}'
+    return f'{low / FORCE_UNITS[unit]:.{decimals}f} to {force_words(high, unit, decimals)}'
 
 
 def stiffness_per_millimetre(stiffness: float, exponent: float) -> float:

@@ -62,10 +62,11 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Draw, write, seal, print."""
     args = _parser().parse_args(argv)
     try:
-        truth = draw_truth(args.seed, args.kind, _settings(args))
+        rig = load_rig(args.rig)
+        truth = draw_truth(args.seed, args.kind, _settings(args), rig)
         record = RecordSettings(args.hold, args.static_rate, args.duration, args.dynamic_rate)
         runs = args.runs.split(',') if args.runs else tuple(RUNS)
-        bags = write_campaign(truth, args.out, runs, record, load_rig(args.rig),
+        bags = write_campaign(truth, args.out, runs, record, rig,
                               overwrite=args.overwrite)
         digest = seal(args.out / SEALED, truth)
     except SaddleringError as problem:

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from saddlering_ros.rig import ContactParameters, default_rig, Rig, TRUE_TO_SCALE
+from saddlering_ros.rig import ContactParameters, default_rig, Rig, size_factor, TRUE_TO_SCALE
 from saddlering_ros.virtual_rig.effects import (
     EffectRequest,
     EFFECTS,
@@ -112,20 +112,24 @@ class DrawSettings:
     forms: dict[str, str] = field(default_factory=dict)
 
 
-def draw_truth(seed: int, kind: str, settings: DrawSettings | None = None) -> Truth:
-    """Draw a rig with its faults; the same seed, kind and settings give the same one."""
+def draw_truth(seed: int, kind: str, settings: DrawSettings | None = None,
+               rig: Rig | None = None) -> Truth:
+    """Draw the faults of a rig (default: the shipped one); the same arguments give the same draw.
+
+    Forces, moments and compliances that are drawn follow the size of the rig.
+    """
     if kind not in KINDS:
         raise VirtualRigError(f'kind is {kind!r}: give one of {", ".join(KINDS)}')
     if seed < 0:
         raise VirtualRigError(f'seed is {seed}: give a whole number from 0 up')
-    settings = settings or DrawSettings()
+    settings, rig = settings or DrawSettings(), rig or default_rig()
     chance = np.random.default_rng([seed, KINDS.index(kind)])
     noise = math.exp(chance.uniform(math.log(0.2e-6), math.log(0.45e-6)))
     contact, scatter = _draw_contact(chance), Scatter(float(chance.uniform(0.5e-6, 1e-6)), 0.02)
     instruments = Instruments(noise=noise if settings.noise is None else settings.noise,
-                              load_noise=float(chance.uniform(20.0, 90.0)))
+                              load_noise=size_factor('N', rig) * float(chance.uniform(20.0, 90.0)))
     drawn = _draw_effects(chance, kind, settings)
-    requests = tuple(_draw_request(chance, effect, settings) for effect in drawn)
+    requests = tuple(_draw_request(chance, effect, settings, rig) for effect in drawn)
     return Truth(seed, kind, contact, requests, scatter, instruments)
 
 
@@ -196,15 +200,15 @@ def _draw_effects(chance: np.random.Generator, kind: str,
 
 
 def _draw_request(chance: np.random.Generator, effect: RigEffect,
-                  settings: DrawSettings) -> EffectRequest:
+                  settings: DrawSettings, rig: Rig) -> EffectRequest:
     form = effect.forms[int(chance.integers(len(effect.forms)))]
-    main, *rest = effect.parameters
+    main, *rest = effect.parameters_on(rig)
     values = {main.name: _draw_size(chance, main, settings.sizes)}
     values.update({parameter.name: _draw_value(chance, parameter) for parameter in rest})
     if 'side' in values:  # a probe can only run into the limit that it moves towards
         values['side'] = 1.0 if values['probe'] in (1.0, 2.0) else -1.0
     values.update(settings.fixed.get(effect.id, {}))
-    return request(effect.id, values, settings.forms.get(effect.id, form))
+    return request(effect.id, values, settings.forms.get(effect.id, form), rig)
 
 
 def _draw_size(chance: np.random.Generator, parameter: TrueSize,

@@ -7,11 +7,12 @@ that the diagnosis is never examined by the very formulas it uses.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 import difflib
 import math
 from typing import Any
 
+from saddlering_ros.rig import default_rig, Rig, size_factor
 from saddlering_ros.virtual_rig.errors import VirtualRigError
 
 STAGES = ('load', 'rollers', 'friction', 'motion', 'probes', 'recording')
@@ -21,6 +22,7 @@ STAGES = ('load', 'rollers', 'friction', 'motion', 'probes', 'recording')
 class TrueSize:
     """One number of an effect, in SI units; plausible sizes run from low to high.
 
+    Declarations state the sizes on the nominal rig (rig/nominal.py).
     signed: drawn with either sign; choices: the only values allowed; positive: below or at zero
     makes no sense.
     """
@@ -33,6 +35,12 @@ class TrueSize:
     signed: bool = False
     choices: tuple[float, ...] = ()
     positive: bool = False
+
+    def sized_for(self, rig: Rig) -> TrueSize:
+        """The same with the sizes of another rig."""
+        factor = size_factor(self.unit, rig)
+        return replace(self, low=factor * self.low, high=factor * self.high,
+                       typical=factor * self.typical)
 
 
 @dataclass(frozen=True)
@@ -50,6 +58,10 @@ class RigEffect:
     act: Callable[[Any, Mapping[str, float], str], None]
     forms: tuple[str, ...] = ('default',)
     dynamic_only: bool = False
+
+    def parameters_on(self, rig: Rig) -> tuple[TrueSize, ...]:
+        """The parameters with their sizes on a rig, the main one first."""
+        return tuple(parameter.sized_for(rig) for parameter in self.parameters)
 
     @property
     def in_catalogue(self) -> bool:
@@ -85,13 +97,14 @@ def effect(
 
 
 def request(name: str, values: Mapping[str, float] | None = None,
-            form: str | None = None) -> EffectRequest:
-    """A complete request; parameters not given take their typical size.
+            form: str | None = None, rig: Rig | None = None) -> EffectRequest:
+    """A complete request; parameters not given take their typical size on `rig`.
 
     Raises VirtualRigError, naming what exists, for an unknown effect, parameter or form.
     """
     found = find_effect(name)
-    complete = {parameter.name: parameter.typical for parameter in found.parameters}
+    parameters = found.parameters_on(rig or default_rig())
+    complete = {parameter.name: parameter.typical for parameter in parameters}
     for key, value in (values or {}).items():
         complete[key] = _checked(found, key, value)
     if form is None:
@@ -128,8 +141,12 @@ def _checked(found: RigEffect, key: str, value: float) -> float:
     return float(value)
 
 
-def parse_requests(texts: Iterable[str], forms: Iterable[str] = ()) -> tuple[EffectRequest, ...]:
-    """Requests from NAME, NAME=VALUE (main parameter) or NAME.PARAM=VALUE; forms: NAME=FORM."""
+def parse_requests(texts: Iterable[str], forms: Iterable[str] = (),
+                   rig: Rig | None = None) -> tuple[EffectRequest, ...]:
+    """Requests from NAME, NAME=VALUE (main parameter) or NAME.PARAM=VALUE; forms: NAME=FORM.
+
+    rig: whose typical sizes stand for the values that are not given (default: the shipped rig).
+    """
     values: dict[str, dict[str, float]] = {}
     for text in texts:
         left, equals, right = text.partition('=')
@@ -151,4 +168,4 @@ def parse_requests(texts: Iterable[str], forms: Iterable[str] = ()) -> tuple[Eff
         if name not in values:
             raise VirtualRigError(f'form {text!r}: write NAME=FORM, NAME one of the effects')
         chosen[name] = form
-    return tuple(request(name, given, chosen.get(name)) for name, given in values.items())
+    return tuple(request(name, given, chosen.get(name), rig) for name, given in values.items())

@@ -9,6 +9,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from saddlering_ros.rig import Rig, size_factor
 from saddlering_ros.virtual_rig import integrator as at
 from saddlering_ros.virtual_rig.effects import effect, TrueSize
 from saddlering_ros.virtual_rig.effects_load import hysteresis, INITIAL, X_AND_T
@@ -49,6 +50,7 @@ class Motion:
     force in the joints of the ring, dead weight included; load [N]: at the ring.
     """
 
+    rig: Rig
     time: Floats
     x: Floats
     y: Floats
@@ -300,4 +302,5 @@ def sqrt_lift(motion: Motion, values: Mapping[str, float], form: str) -> None:
          TrueSize('load', 'N', 6e4, 1.8e5, 1.2e5, positive=True)])
 def snap(motion: Motion, values: Mapping[str, float], form: str) -> None:
     """A seat snaps over at one load, both ways."""
-    motion.x += values['height'] * 0.5 * (1.0 + np.tanh((motion.load - values['load']) / 3e3))
+    width = size_factor('N', motion.rig) * 3e3
+    motion.x += values['height'] * 0.5 * (1.0 + np.tanh((motion.load - values['load']) / width))

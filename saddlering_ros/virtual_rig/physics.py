@@ -79,7 +79,7 @@ def run_test(physical: PhysicalRig, load: Floats, step: float, seed: int = 0) ->
     force_x, force_y, moment = forces[every].T
     x, y, tilt = positions.T.copy()
     motion = Motion(
-        time=path.time[every], x=x, y=y, tilt=tilt, force_x=force_x.copy(),
+        rig=physical.rig, time=path.time[every], x=x, y=y, tilt=tilt, force_x=force_x.copy(),
         force_y=force_y.copy(), moment=moment.copy(), load=path.arriving[every].copy())
     _act(physical, 'motion', motion)
     seen = ProbeMotion(motion, _increments(physical.rig, motion), seed)

@@ -28,6 +28,7 @@ from saddlering_ros.importing import (
     read_map,
     save_preview,
 )
+from saddlering_ros.rig import default_rig
 
 
 def lines(**columns: list[str]) -> list[str]:
@@ -160,7 +161,7 @@ def test_a_draft_keeps_what_it_knows_and_is_refused_until_completed(tmp_path: Pa
     (tmp_path / 'map.yaml').write_text(completed)
     result = import_files([path], read_map(tmp_path / 'map.yaml'), tmp_path / 'bag')
     assert read_raw(tmp_path / 'bag').facts.test == 'static'
-    save_preview(tmp_path / 'a.png', result.runs)
+    save_preview(tmp_path / 'a.png', result.runs, default_rig())
     assert (tmp_path / 'a.png').read_bytes().startswith(b'\x89PNG')
 
 

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
 import yaml
 
-from saddlering_ros.rig import default_rig, load_rig, RigError, shipped_rig_file
+from saddlering_ros.rig import default_rig, load_rig, RigError, shipped_rig_file, TONNE
 
 SHIPPED = Path(__file__).resolve().parents[2] / 'config' / 'rig.yaml'
 
@@ -117,3 +118,15 @@ def test_bytes_that_are_no_text_are_refused(tmp_path: Path) -> None:
     path.write_bytes(b'\xff\xfe\x00\x80')
     with pytest.raises(RigError, match='not a text file'):
         load_rig(path)
+
+
+@pytest.mark.parametrize(('full_scale', 'unit', 'shown'), [
+    (25.0 * TONNE, 't', ('25 t', '0.5 t')), (TONNE, 't', ('1 t', '0.02 t')),
+    (TONNE, 'kN', ('9.81 kN', '0.2 kN')), (400.0 * TONNE, 't', ('400 t', '8.0 t')),
+    (7.6 * TONNE, 't', ('7.6 t', '0.15 t')), (200.0, 'kN', ('0.2 kN', '0.004 kN')),
+])
+def test_a_small_rig_prints_its_loads_with_more_decimals(
+    full_scale: float, unit: str, shown: tuple[str, str],
+) -> None:
+    rig = replace(default_rig(), full_scale_load=full_scale, force_unit=unit)
+    assert (rig.full_scale_words, rig.force_words(0.02 * full_scale)) == shown
