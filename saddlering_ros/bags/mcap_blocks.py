@@ -53,6 +53,11 @@ class MessageBlock:
         return len(self.log_times)
 
 
+def record_size(messages: NDArray[np.uint8]) -> int:
+    """Bytes of the record of each of `messages` (N, size) in a chunk."""
+    return RECORD_HEAD + MESSAGE_HEAD + int(messages.shape[1])
+
+
 class McapBlockFile:
     """One MCAP file that is being written: schemas, channels, metadata, blocks, then a summary."""
 
@@ -94,7 +99,9 @@ class McapBlockFile:
         blocks = [block for block in blocks if len(block)]
         if not blocks:
             return
-        data, offsets = _interleave(blocks, self._counts)
+        data, offsets = _interleave(blocks)
+        for block in blocks:
+            self._counts[block.channel] = self._counts.get(block.channel, 0) + len(block)
         first = min(int(block.log_times.min()) for block in blocks)
         last = max(int(block.log_times.max()) for block in blocks)
         packed = self._compressor.compress(data)
@@ -173,36 +180,27 @@ def _index(block: MessageBlock, offsets: NDArray[np.int64]) -> bytes:
 
 
 def _interleave(
-    blocks: Sequence[MessageBlock], counts: dict[int, int],
+    blocks: Sequence[MessageBlock],
 ) -> tuple[bytes, list[NDArray[np.int64]]]:
-    """The message records of all blocks by log time, and the start of each block's records.
-
-    The message counters of the channels advance; sequence numbers follow from them.
-    """
+    """The message records of all blocks by log time, and the start of each block's records."""
     times = np.concatenate([block.log_times for block in blocks])
     sizes = np.concatenate([
-        np.full(len(block), RECORD_HEAD + MESSAGE_HEAD + block.messages.shape[1])
-        for block in blocks])
+        np.full(len(block), record_size(block.messages)) for block in blocks])
     order = np.argsort(times, kind='stable')
     ends = np.cumsum(sizes[order])
     starts = np.empty(len(times), dtype=np.int64)
     starts[order] = ends - sizes[order]
-    records: list[bytes] = []
-    for block in blocks:
-        first = counts.get(block.channel, 0)
-        counts[block.channel] = first + len(block)
-        records += _records(block, first)
+    records = [record for block in blocks for record in _records(block)]
     limits = np.cumsum([len(block) for block in blocks])[:-1]
     return b''.join([records[place] for place in order.tolist()]), np.split(starts, limits)
 
 
-def _records(block: MessageBlock, first: int) -> list[bytes]:
-    """The block's message records, each as bytes; their sequence numbers count from `first`."""
-    head = np.empty(len(block), dtype=_MESSAGE_RECORD)
+def _records(block: MessageBlock) -> list[bytes]:
+    """The block's message records, each as bytes; without sequence numbers."""
+    head = np.zeros(len(block), dtype=_MESSAGE_RECORD)
     head['opcode'] = MESSAGE
     head['length'] = MESSAGE_HEAD + block.messages.shape[1]
     head['channel'] = block.channel
-    head['sequence'] = np.arange(first, first + len(block)) & 0xFFFFFFFF
     head['log_time'] = head['publish_time'] = block.log_times
     rows = np.hstack([head.view(np.uint8).reshape(len(block), -1), block.messages])
     size, data = rows.shape[1], rows.tobytes()

@@ -3,22 +3,30 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from contextlib import suppress
 from pathlib import Path
 import shutil
 import tempfile
 from types import TracebackType
+from typing import BinaryIO
 
+from mcap.writer import CompressionType
+from mcap.writer import Writer as McapWriter
 from rosbags.interfaces import Qos, QosDurability, QosReliability
 from rosbags.typesys import get_types_from_msg, get_typestore, Stores
 from rosbags.typesys.store import Typestore
 
-from saddlering_ros.bags.errors import BagError
-from saddlering_ros.bags.writer import (
-    _check_target,
-    _put_in_place,
-    _RELIABLE,
-    _Writer,
+from saddlering_ros.bags.bag_folder import (
+    BagFolder,
+    BagTopic,
+    check_target,
+    FOLDER_RECORD,
+    LIBRARY,
+    put_in_place,
+    RELIABLE,
 )
+from saddlering_ros.bags.errors import BagError
+from saddlering_ros.bags.facts import RECORD
 
 CHUNK_SIZE = 1 << 16
 """Largest loss by a crash [bytes]: 6 s at 10 Hz. Bags are 2 % larger than by chunks of 1 MB."""
@@ -42,7 +50,7 @@ class BagRecording:
         self.path = Path(path)
         self.messages = 0
         self._failed = False
-        _check_target(self.path, overwrite)
+        check_target(self.path, overwrite)
         try:
             self.path.parent.mkdir(parents=True, exist_ok=True)
             self._folder = Path(tempfile.mkdtemp(prefix=f'.{self.path.name}.recording.',
@@ -50,19 +58,17 @@ class BagRecording:
         except OSError as problem:
             raise BagError(self._complaint(problem)) from problem
         self._written = self._folder / self.path.name
-        self._writer = _Writer(self._written, dict(facts or {}), CHUNK_SIZE)
-        self._writer.open()
+        folder = BagFolder(self._written, facts or {})
         store = _store(definitions or {})
-        self._connections = {
-            topic: self._writer.add_connection(
-                topic, kind, typestore=store,
-                offered_qos_profiles=[_latched() if topic in latched else _RELIABLE])
-            for topic, kind in topics.items()}
+        qos = {topic: _latched() if topic in latched else RELIABLE for topic in topics}
+        self._bag = _MessageBag(folder, facts or {})
+        for topic, kind in topics.items():
+            self._bag.add_topic(folder.add_topic(topic, kind, store, qos[topic]))
 
     def write(self, topic: str, log_time: int, message: bytes) -> None:
         """Add one serialized message that was received at `log_time` [ns]."""
         try:
-            self._writer.write(self._connections[topic], log_time, message)
+            self._bag.write(topic, log_time, message)
         except OSError as problem:
             self._failed = True
             raise self._unwritable(problem) from problem
@@ -74,13 +80,13 @@ class BagRecording:
     def __exit__(self, kind: type[BaseException] | None, problem: BaseException | None,
                  trace: TracebackType | None) -> None:
         if self._failed:  # The failed part lies in the middle if there is room again by now.
-            self._writer.abort()
+            self._bag.abort()
             return
         try:
-            self._writer.close()
-            _put_in_place(self._written, self.path)
+            self._bag.close()
+            put_in_place(self._written, self.path)
         except OSError as fault:
-            self._writer.abort()
+            self._bag.abort()
             raise self._unwritable(fault) from fault
         shutil.rmtree(self._folder, ignore_errors=True)
 
@@ -93,8 +99,48 @@ class BagRecording:
                 'choose another place')
 
 
+class _MessageBag:
+    """The files of a bag that is being written message by message, with checksums.
+
+    The metadata record of the facts comes first, so that a file that is cut off has it.
+    """
+
+    def __init__(self, folder: BagFolder, facts: Mapping[str, str]) -> None:
+        self._folder = folder
+        self._file: BinaryIO = folder.file.open('xb')
+        self._writer = McapWriter(
+            self._file, chunk_size=CHUNK_SIZE, compression=CompressionType.ZSTD, enable_crcs=True)
+        self._writer.start(profile='ros2', library=LIBRARY)
+        self._writer.add_metadata(RECORD, dict(facts))
+        self._schemas: dict[str, int] = {}
+        self._channels: dict[str, tuple[BagTopic, int]] = {}
+
+    def add_topic(self, topic: BagTopic) -> None:
+        if topic.type not in self._schemas:
+            self._schemas[topic.type] = self._writer.register_schema(
+                name=topic.type, encoding='ros2msg', data=topic.definition.encode())
+        self._channels[topic.name] = topic, self._writer.register_channel(
+            topic=topic.name, message_encoding='cdr', schema_id=self._schemas[topic.type],
+            metadata=topic.channel_metadata())
+
+    def write(self, name: str, log_time: int, message: bytes) -> None:
+        topic, channel = self._channels[name]
+        self._writer.add_message(channel, log_time=log_time, publish_time=log_time, data=message)
+        topic.add(1, log_time, log_time)
+
+    def close(self) -> None:
+        self._writer.add_metadata(FOLDER_RECORD, self._folder.record())
+        self._writer.finish()
+        self._file.close()
+        self._folder.describe()
+
+    def abort(self) -> None:
+        with suppress(OSError):
+            self._file.close()
+
+
 def _latched() -> Qos:
-    return _RELIABLE._replace(durability=QosDurability.TRANSIENT_LOCAL,
+    return RELIABLE._replace(durability=QosDurability.TRANSIENT_LOCAL,
                               reliability=QosReliability.RELIABLE)
 
 

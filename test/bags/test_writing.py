@@ -12,6 +12,7 @@ import yaml
 
 from saddlering_ros.bags import BagError, LOAD_TOPIC, PROBE_TOPICS, RIG_TOPICS, TestFacts
 from saddlering_ros.bags import writer as writer_module
+from saddlering_ros.bags.mcap_blocks import McapBlockFile
 
 FACTS = {'test': 'dynamic', 'elevation_deg': '50', 'rig': 'a rig', 'run': 'a run'}
 
@@ -116,17 +117,19 @@ def test_what_is_no_bag_is_never_replaced(tmp_path, recording):
 @pytest.mark.parametrize('interruption', [KeyboardInterrupt, OSError])
 def test_an_interruption_leaves_nothing_half_written(
         tmp_path, recording, monkeypatch, interruption):
-    written = 0
+    written, add_chunk = 0, McapBlockFile.add_chunk
 
-    def fail(*_, **__):
+    def fail(*arguments):
         nonlocal written
         written += 1
-        if written > 700:
+        if written > 3:
             raise interruption(28, 'No space left on device')
+        add_chunk(*arguments)
 
-    monkeypatch.setattr(writer_module.McapWriter, 'add_message', fail)
+    monkeypatch.setattr(McapBlockFile, 'add_chunk', fail)
     with pytest.raises((BagError, KeyboardInterrupt)):
-        recording.write(tmp_path / 'bag')
+        recording.write(tmp_path / 'bag', chunk_size=10_000)
+    assert written == 4
     assert list(tmp_path.iterdir()) == []
 
 
@@ -136,7 +139,7 @@ def test_an_interruption_keeps_the_old_bag(tmp_path, recording, bag, monkeypatch
     def fail(*_, **__):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(writer_module.McapWriter, 'finish', fail)
+    monkeypatch.setattr(McapBlockFile, 'finish', fail)
     with pytest.raises(KeyboardInterrupt):
         recording.write(bag, overwrite=True)
     assert (bag / 'bag_0.mcap').read_bytes() == before
