@@ -20,6 +20,8 @@ from saddlering_ros.bags.errors import BagError
 from saddlering_ros.bags.facts import FoundFacts
 from saddlering_ros.bags.plateaus import plateaus
 from saddlering_ros.bags.reader import (
+    absent_topic,
+    mirrored_topic,
     notes_on_rig,
     raw_topic,
     RawRecord,
@@ -120,16 +122,20 @@ def bag_info(
     if found.damage is not None:
         problems.append(str(found.fault))
     raw = {}
+    rig = rig or default_rig()
+    absent = absent_topic(rig)
     for name in RIG_TOPICS:
+        if name == absent:
+            continue
         try:
             raw[name] = raw_topic(found, name)
         except BagError as fault:
             problems.append(str(fault))
     problems += [f'{found.path}: {problem}' for problem in facts.problems]
-    rig = rig or default_rig()
     problems += _faults_of_readings(found.path, raw, rig)
     run = None
-    record = RawRecord(found.path, raw, facts, found.notes)
+    read = raw if problems or not absent else {**raw, absent: mirrored_topic(rig, raw)}
+    record = RawRecord(found.path, read, facts, found.notes)
     if not problems:
         run = _try_run(record, facts, rig, problems)
     count = None

@@ -16,7 +16,7 @@ from saddlering_ros.rig import (
     CHANNELS,
     Displacement,
     gap_increment,
-    probes_to_displacement,
+    measured_displacement,
     Rig,
     ZeroReading,
 )
@@ -88,7 +88,7 @@ def displacement_of_run(rig: Rig, run: TestRun) -> MeasuredRun:
     rows = np.flatnonzero(given)
     zero = replace(zero, start=int(rows[zero.start]), end=int(rows[zero.end - 1]) + 1)
     increments = gap_increment(rig.probes, run.gaps, np.array(zero.gaps))
-    found = probes_to_displacement(rig.probes, increments)
+    found = measured_displacement(rig.probes, increments)
     validity = validity_of(run, found)
     complete = np.asarray(np.isfinite(increments).all(axis=0))
     return MeasuredRun(

@@ -49,7 +49,10 @@ from saddlering_ros.bags.topics import (
 )
 from saddlering_ros.bags.wiring import wiring_notes
 from saddlering_ros.provenance import Origin
-from saddlering_ros.rig import default_rig, Rig
+from saddlering_ros.rig import default_rig, mirrored_gap, Rig
+
+RADIAL_TOPICS = (PROBE_TOPICS[0], PROBE_TOPICS[2])
+"""Topics of probes that a rig may lack."""
 
 MAX_GAP_SHARE = 0.5
 """Share of a probe's record in gaps above which its stamps come by blocks."""
@@ -121,7 +124,8 @@ class TestRun:
     bag, by name, aligned alike; details: further test metadata by key, such as rig_hash;
     spikes (5, N): spikes of the load and the four probes (None: nowhere); quality: properties
     of the logger, by topic; node_rows: rows that live nodes publish, and those across a
-    refused reading (None: all complete rows, none).
+    refused reading (None: all complete rows, none); absent: number of the radial probe that the
+    rig does not have (0: it has all), whose gaps mirror those of the other.
     """
 
     __test__ = False
@@ -143,6 +147,7 @@ class TestRun:
     others: dict[str, NDArray[np.float64]] = field(default_factory=dict)
     details: Mapping[str, str] = field(default_factory=dict)
     node_rows: NodeRows | None = None
+    absent: int = 0
 
     def without_spikes(self) -> TestRun:
         """The same with sound readings only: NaN in the gaps, a straight line in the load.
@@ -201,12 +206,13 @@ class TestRun:
 
 def read_raw(
     path: Path | str, topics: Sequence[str] | None = None,
-    on_progress: OnShare = lambda share: None,
+    on_progress: OnShare = lambda share: None, rig: Rig | None = None,
 ) -> RawRecord:
     """The rig topics of the bag at `path` as recorded.
 
     These are all topics of the rig unless `topics` names some. A missing optional topic is
-    left out; an unreadable one too, with a note.
+    left out; an unreadable one too, with a note. The probe that is absent from the `rig` (None:
+    it has all) is not read; the opposite probe stands for it.
 
     Readings are not judged (NaN stays NaN). Stamps are judged (BagError if they go back).
     """
@@ -219,12 +225,16 @@ def read_raw(
     if found.damage is not None:
         assert found.fault is not None
         raise found.fault
-    return raw_record(found, wanted)
+    return raw_record(found, wanted, rig)
 
 
-def raw_record(found: Scan, wanted: Sequence[str]) -> RawRecord:
+def raw_record(found: Scan, wanted: Sequence[str], rig: Rig | None = None) -> RawRecord:
     """The `wanted` topics of a scanned bag; BagError if a required one cannot be used."""
-    topics = {name: raw_topic(found, name) for name in wanted if TOPICS[name].required}
+    absent = absent_topic(rig)
+    topics = {name: raw_topic(found, name)
+              for name in wanted if TOPICS[name].required and name != absent}
+    if rig is not None and absent in wanted:
+        topics[absent] = mirrored_topic(rig, topics)
     notes = list(found.notes)
     for name in wanted:
         if TOPICS[name].required or name not in found.topics:
@@ -234,6 +244,29 @@ def raw_record(found: Scan, wanted: Sequence[str]) -> RawRecord:
         except BagError as fault:
             notes.append(f'left out: {fault}')
     return RawRecord(found.path, topics, found.facts, tuple(notes))
+
+
+def absent_topic(rig: Rig | None) -> str:
+    """Topic of the probe that is absent from the rig; '' if none is."""
+    return PROBE_TOPICS[rig.probes.absent - 1] if rig is not None and rig.probes.absent else ''
+
+
+def mirrored_topic(rig: Rig, topics: Mapping[str, RawTopic]) -> RawTopic:
+    """The topic that the absent radial probe would have at a rigid ring."""
+    other = topics[PROBE_TOPICS[rig.probes.partner - 1]]
+    return replace(other, topic=absent_topic(rig), notes=(),
+                   values=scratch_copy(mirrored_gap(rig.probes, other.values)))
+
+
+def absence_notes(rig: Rig | None) -> list[str]:
+    """A line on the absent probe."""
+    if not absent_topic(rig):
+        return []
+    assert rig is not None
+    absent, partner = rig.probes.absent, rig.probes.partner
+    return [f'probe {absent} is absent (rig.probes.absent): delta_x is of probe {partner} alone, '
+            'with the ring taken as rigid; the parity is unknown, and causes that show in it '
+            'cannot be told from others']
 
 
 def read_run(
@@ -247,7 +280,7 @@ def read_run(
     that look swapped, stuck, dead or of the wrong polarity on it. `on_progress` receives the
     share of the bag's bytes that was read.
     """
-    record = read_raw(path, on_progress=on_progress)
+    record = read_raw(path, on_progress=on_progress, rig=rig)
     facts = usable_facts(record.path, record.facts, test, elevation)
     if elevation is None:
         check_measured_elevation(record, facts)
@@ -262,7 +295,7 @@ def notes_on_rig(rig: Rig, run: TestRun, record: RawRecord) -> list[str]:
     """Probable faults of a run on this rig: wiring, zero, kind, units."""
     spans = [(record[name].min_range, record[name].max_range) for name in PROBE_TOPICS]
     wiring = wiring_notes(rig, run.elevation, run.load, run.gaps)
-    parity = [] if wiring else [*parity_notes(rig, run.load, run.gaps),
+    parity = [] if wiring or rig.probes.absent else [*parity_notes(rig, run.load, run.gaps),
                                 *line_notes(rig, float(run.time[-1]), run.load, run.gaps)]
     return [*wiring, *parity, *exchange_notes(rig, run.time, run.load, run.gaps),
             *rig_notes(rig, run.test, run.time, run.load, spans)]
@@ -294,22 +327,25 @@ def run_of_record(
 ) -> TestRun:
     """Check the readings and put the probes on the load's stamps."""
     where = str(record.path)
+    absent = absent_topic(rig)
     guarded = guarded_topics(record, rig or default_rig())
     load, *probes = (one.topic for one in guarded)
     for raw in probes:
         check_overlap(where, load.stamps, raw.topic, raw.stamps)
     gaps = scratch_array((len(probes), len(load)), np.float64)
-    notes = [*record.notes, *load.notes, *notes_on_load(load.stamps)]
+    notes = [*record.notes, *absence_notes(rig), *load.notes, *notes_on_load(load.stamps)]
     for raw, aligned in zip(probes, gaps, strict=True):
         is_gap = gap_mask(raw.stamps)
         align(load.stamps, raw.stamps, raw.values, aligned=aligned, is_gap=is_gap)
+        if raw.topic == absent:
+            continue  # Its partner has the same faults, and a note on each.
         notes += raw.notes
         notes += notes_on_probe(
             raw.topic, raw.stamps, raw.values, raw.min_range, raw.max_range, is_gap, aligned)
-    notes += [note for one in guarded for note in one.notes()]
+    notes += [note for one in guarded if one.topic.topic != absent for note in one.notes()]
     possible = possible_record(record, rig or default_rig())
     found = record_quality(possible)
-    notes += record_quality_notes(possible, found)
+    notes += record_quality_notes(possible, found, absent)
     rows = node_rows(guarded, gaps)
     read = (count_where(lambda part: np.isfinite(part).all(axis=0), gaps) if rows is None
             else int(rows.given.sum()))
@@ -328,7 +364,7 @@ def run_of_record(
         stamps=load.stamps, time=seconds_array(load.stamps, int(load.stamps[0])),
         load=load.values, gaps=gaps, notes=notes,
         spikes=_spikes(load, possible, found), quality=found, others=others,
-        details=facts.details, node_rows=rows)
+        details=facts.details, node_rows=rows, absent=0 if rig is None else rig.probes.absent)
 
 
 def _why_apart(probes: Sequence[RawTopic]) -> str:
@@ -350,10 +386,14 @@ def record_quality(record: RawRecord) -> dict[str, TopicQuality]:
             for name in (LOAD_TOPIC, *PROBE_TOPICS)}
 
 
-def record_quality_notes(record: RawRecord, found: dict[str, TopicQuality]) -> list[str]:
-    """The same in words, a line each."""
+def record_quality_notes(
+    record: RawRecord, found: dict[str, TopicQuality], absent: str = '',
+) -> list[str]:
+    """The same in words, a line each; none on the topic of the absent probe."""
     notes = []
     for name, quality in found.items():
+        if name == absent:
+            continue
         notes += quality_notes(name, quality, 'N' if name == LOAD_TOPIC else 'm')
     load = record[LOAD_TOPIC]
     seconds = float(load.stamps[-1] - load.stamps[0]) * 1e-9
@@ -399,8 +439,10 @@ def raw_topic(found: Scan, name: str) -> RawTopic:
         raise BagError(f'{found.path}: holds no messages: check that the rig ran and record again')
     if topic is None:
         have = ', '.join(sorted(found.topics)) or 'none'
+        radial = (f', or state rig.probes.absent: {name[-1]} in the rig file if the rig does not '
+                  'have this probe') if name in RADIAL_TOPICS else ''
         raise BagError(f'{found.path}: has no topic {name} (it has: {have}): record this topic '
-                       'too')
+                       f'too{radial}')
     if topic.fault:
         raise BagError(f'{where}: {topic.fault}')
     wrong = sorted(kind for kind in topic.types if kind != TOPICS[name].type)

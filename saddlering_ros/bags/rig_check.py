@@ -62,8 +62,8 @@ def _hash(rig: Rig, run: TestRun) -> list[str]:
 def _ranges(rig: Rig, record: RawRecord) -> list[str]:
     probes = rig.probes
     lines = []
-    for number, topic in enumerate(PROBE_TOPICS, 1):
-        raw = record[topic]
+    for number in probes.present:
+        raw = record[PROBE_TOPICS[number - 1]]
         stated = (raw.min_range, raw.max_range)
         if not np.allclose(stated, (probes.min_range, probes.max_range), rtol=1e-3, atol=1e-9):
             lines.append(

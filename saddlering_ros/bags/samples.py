@@ -22,7 +22,7 @@ from saddlering_ros.rig import (
     CHANNELS,
     Displacement,
     gap_increment,
-    probes_to_displacement,
+    measured_displacement,
     Rig,
     ZeroReading,
 )
@@ -93,7 +93,7 @@ def measured_rows(
 ) -> tuple[DisplacementSamples, NDArray[np.bool_]]:
     """Displacements at the rows of a stretch of a run, and which of them the live node gives."""
     increments = gap_increment(rig.probes, run.gaps[:, part], np.array(zero.gaps))
-    found = probes_to_displacement(rig.probes, increments)
+    found = measured_displacement(rig.probes, increments)
     validity = validity_of(run, found, part)
     samples = DisplacementSamples(
         run.stamps[part], run.time[part], run.load[part], found, validity)

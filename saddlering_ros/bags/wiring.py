@@ -55,11 +55,12 @@ def wiring_notes(rig: Rig, elevation: float, load: Floats, gaps: Floats) -> list
     load, gaps = complete_rows(load, gaps)
     if len(load) < STUCK_SAMPLES or float(np.ptp(load)) < MIN_LOAD_SPAN * rig.full_scale_load:
         return []
-    stuck = {probe: note for probe in range(4) if (note := _stuck(rig, probe, load, gaps[probe]))}
+    probes = [number - 1 for number in rig.probes.present]
+    stuck = {probe: note for probe in probes if (note := _stuck(rig, probe, load, gaps[probe]))}
     increments = gap_increment(rig.probes, gaps, gaps[:, 0])
     response = _response(load, increments)
     expected = _expected(rig, elevation)
-    dead = {probe: note for probe in range(4)
+    dead = {probe: note for probe in probes
             if probe not in stuck and (note := _dead(rig, probe, response, expected))}
     notes = [*stuck.values(), *dead.values()]
     if notes:
@@ -150,10 +151,11 @@ def _sides(rig: Rig, response: _Response, expected: Floats) -> list[str]:
     if len(wrong) == int(clear.sum()):
         guess = ('all probes have the opposite sign: the sign of the load, every polarity, or '
                  'the elevation is wrong')
-    elif wrong in ([0, 2], [1, 3]):
+    elif wrong in ([0, 2], [1, 3]) and not (rig.probes.absent and wrong[0] == 0):
         guess = (f'probes {wrong[0] + 1} and {wrong[1] + 1} look swapped, or both of the wrong '
                  'polarity')
     else:
+        wrong = [probe for probe in wrong if probe + 1 in rig.probes.present]
         names = ' and '.join(str(probe + 1) for probe in wrong)
         guess = f'wrong polarity of probe{"s" * (len(wrong) > 1)} {names} (rig.probes.polarity)'
     return [f'{guess}: µm per {rig.force_unit} {slopes}']

@@ -47,15 +47,17 @@ def write_bag(
 
     load_stamps (N,) int64 [ns], load (N,) [N]; probe_stamps and gaps: four arrays each, (M_i,)
     int64 [ns] and (M_i,) [m] (kept as float32, the message's type); others: stamps and readings
-    of optional topics by name. `log_delay` [ns] is put
+    of optional topics by name. The probe that is absent has no topic. `log_delay` [ns] is put
     between a stamp and its log time. An existing bag is replaced only if `overwrite` is
     set, and anything else at `path` never.
     """
     path = Path(path)
     span = {'min_range': probes.min_range, 'max_range': probes.max_range}
+    absent = PROBES[probes.absent - 1] if probes.absent else None
     channels = [messages_of(LOAD, load_stamps, load)]
     channels += [messages_of(topic, stamps, gap, **span)
-                 for topic, stamps, gap in zip(PROBES, probe_stamps, gaps, strict=True)]
+                 for topic, stamps, gap in zip(PROBES, probe_stamps, gaps, strict=True)
+                 if topic is not absent]
     channels += [messages_of(TOPICS[name], *samples) for name, samples in (others or {}).items()]
     check_target(path, overwrite)
     try:

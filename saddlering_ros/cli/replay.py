@@ -56,13 +56,15 @@ def run(args: argparse.Namespace) -> int:
     import time
 
     from saddlering_ros.bags import read_raw
+    from saddlering_ros.bags.reader import absent_topic
     from saddlering_ros.rig import load_rig, read_parameters
     from saddlering_ros.ros.errors import NodeError
     from saddlering_ros.ros.launcher import ALARM_NODES, REPLAY_NODES, RING_NODES, start_nodes
     from saddlering_ros.ros.names import namespace_of
 
-    record = read_raw(args.bag)
-    load_rig(args.rig)
+    rig = load_rig(args.rig)
+    record = read_raw(args.bag, rig=rig)
+    sent = {name: len(record[name]) for name in record if name != absent_topic(rig)}
     simulator: dict[str, Any] = {}
     if args.params is not None:
         read_parameters(args.params)
@@ -93,7 +95,7 @@ def run(args: argparse.Namespace) -> int:
         try:
             _wait(group, began + patience, length / args.rate if args.rate else None)
             if recorder is not None:
-                _wait_for_all(recorder, {name: len(record[name]) for name in record})
+                _wait_for_all(recorder, sent)
         except BaseException:
             _leave_incomplete(recorder)
             raise

@@ -89,7 +89,7 @@ def _check(args: argparse.Namespace, bag: str, rig: Rig) -> list[str]:
     from saddlering_ros.cli._samples import radians
 
     test_run = read_run(bag, test=args.test, elevation=radians(args.elevation), rig=rig)
-    return check_rig(rig, read_raw(bag), condensed(test_run, rig))
+    return check_rig(rig, read_raw(bag, rig=rig), condensed(test_run, rig))
 
 
 def _print(rig: Rig, written: list[Path], found: dict[str, list[str]]) -> None:

@@ -71,11 +71,11 @@ def _courses(rig: Rig, degrees: float) -> list[Proposal]:
                         [low, low, full, full, low, low, full, full, low, low])
     return [
         Proposal(f'Record a slow ramp to {peak} and back in 60 s {where}.',
-                 slow.run(degrees), 'second_rate'),
+                 slow.run(rig, degrees), 'second_rate'),
         Proposal(f'Record a fast ramp to {peak} and back in 3 s {where}.',
-                 fast.run(degrees), 'second_rate'),
+                 fast.run(rig, degrees), 'second_rate'),
         Proposal(f'Record two cycles to {peak} with holds of 30 s at full load and at preload '
-                 f'{where}.', cycles.run(degrees), 'repeat_cycle'),
+                 f'{where}.', cycles.run(rig, degrees), 'repeat_cycle'),
     ]
 
 
@@ -84,7 +84,7 @@ def _repeats(rig: Rig, degrees: float) -> list[Proposal]:
     static = _staircase(rig, degrees)
     low = rig.preload
     full = rig.full_scale_load
-    rest = LoadCourse([0, REST_SECONDS], [low, low + SAG * full]).run(degrees)
+    rest = LoadCourse([0, REST_SECONDS], [low, low + SAG * full]).run(rig, degrees)
     cell = (Reading('load_gain', CELL_GAIN), Reading('load_offset', CELL_SHARE * full),
             Reading('load_nonlinearity', CELL_SHARE), Reading('cylinder_friction',
                                                               CELL_SHARE * full))
@@ -139,7 +139,7 @@ class LoadCourse:
     loads: Sequence[float]
     max_step: float = LONGEST_STEP
 
-    def run(self, degrees: float) -> RunBlocks:
+    def run(self, rig: Rig, degrees: float) -> RunBlocks:
         """An empty run along the course."""
         edge = np.linspace(self.times[0], self.times[-1], 2 * BLOCKS + 1)
         time = 0.5 * (edge[:-1] + edge[1:])
@@ -151,7 +151,8 @@ class LoadCourse:
         grid = LoadGrid(float(np.radians(degrees)), time, load, float(load[0]), first, first + 2,
                         self.max_step)
         change = np.gradient(drive, centre)
-        return _empty_run(grid, centre, np.full(BLOCKS, width), np.sign(change), rate=change)
+        return _empty_run(rig, grid, centre, np.full(BLOCKS, width), np.sign(change),
+                          rate=change)
 
 
 def _staircase(rig: Rig, degrees: float) -> RunBlocks:
@@ -178,11 +179,12 @@ def _staircase(rig: Rig, degrees: float) -> RunBlocks:
     grid = LoadGrid(float(np.radians(degrees)), np.array(time), np.array(load), load[0], starts,
                     starts + 1, 1.0)
     blocks = len(first)
-    return _empty_run(grid, grid.time[starts], np.full(blocks, HOLD / 4), np.array(branch),
+    return _empty_run(rig, grid, grid.time[starts], np.full(blocks, HOLD / 4), np.array(branch),
                       hold=np.array(hold), rate=np.zeros(blocks))
 
 
 def _empty_run(
+    rig: Rig,
     grid: LoadGrid,
     time: NDArray[np.float64],
     width: NDArray[np.float64],
@@ -194,5 +196,5 @@ def _empty_run(
     drive = grid.block_means(grid.load)
     return RunBlocks(
         'proposed', f'{np.degrees(grid.elevation):.1f} deg', time, width,
-        np.zeros((4, time.size)), {'load': drive}, payload=grid, direction=direction, rate=rate,
-        hold=hold)
+        np.zeros((len(rig.probes.present), time.size)), {'load': drive}, payload=grid,
+        direction=direction, rate=rate, hold=hold)

@@ -82,7 +82,7 @@ class Span(NamedTuple):
 
 @dataclass(frozen=True)
 class _Readings:
-    """Complete samples of a run: time [s], load [N] (N,), probes (4, N) [m].
+    """Complete samples of a run: time [s], load [N] (N,), probes (C, N) [m] that the rig has.
 
     quiet: the probes with noise in place of the rounding of a coarse logger.
     """
@@ -123,6 +123,9 @@ def build_record(rig: Rig, test_run: TestRun, *, held_out: bool) -> Record:
     good[: measured.zero.start] = False
     probes, rounding = measured.d[:, good], probe_rounding(test_run)
     quiet = probes if rounding is None else probes + rounding[:, good]
+    if rig.probes.absent:
+        there = [number - 1 for number in rig.probes.present]
+        probes, quiet = probes[there], quiet[there]
     readings = _Readings(rig, test_run, measured.zero.load, measured.time[good],
                          measured.load[good], probes, quiet)
     if readings.time.size < MIN_SAMPLES:

@@ -89,10 +89,20 @@ class RingSystem:
     """The engine's `System` for one rig."""
 
     rig: Rig
-    channel_names: tuple[str, ...] = ('d1', 'd2', 'd3', 'd4')
     _kept: dict[tuple[object, ...], _ReadPoint] = field(
         default_factory=dict, repr=False, compare=False)
     _last_asked: list[_Asked] = field(default_factory=list, repr=False, compare=False)
+
+    @cached_property
+    def channel_names(self) -> tuple[str, ...]:
+        """The increments of the probes that the rig has."""
+        return tuple(f'd{number}' for number in self.rig.probes.present)
+
+    @cached_property
+    def _seen(self) -> list[int] | slice:
+        """Rows of the probes that the rig has among those of all four."""
+        probes = self.rig.probes
+        return [number - 1 for number in probes.present] if probes.absent else slice(None)
 
     @cached_property
     def base_parameters(self) -> tuple[Parameter, ...]:
@@ -119,13 +129,18 @@ class RingSystem:
 
     @cached_property
     def views(self) -> Mapping[str, Array]:
-        span = self.rig.probes.axial_span
-        return {
+        probes = self.rig.probes
+        views = {
             'delta_x': np.array([0.5, 0.0, -0.5, 0.0]),
             'delta_y': np.array([0.0, 0.5, 0.0, 0.5]),
-            'gamma': np.array([0.0, 1.0, 0.0, -1.0]) / span,
+            'gamma': np.array([0.0, 1.0, 0.0, -1.0]) / probes.axial_span,
             'parity': np.array([0.5, 0.0, 0.5, 0.0]),
         }
+        if not probes.absent:
+            return views
+        del views['parity']
+        views['delta_x'] *= 2.0  # All of it is of one probe.
+        return {name: weights[self._seen] for name, weights in views.items()}
 
     def predict_many(self, run: RunBlocks, points: Sequence[Point]) -> Array:
         answer = self._simulated(run, [(point.base, self.extension(point)) for point in points])
@@ -158,8 +173,8 @@ class RingSystem:
         answers, missing = [], []
         for number, (near, response) in enumerate(zip(asked.near, found, strict=True)):
             answer = np.empty((1 + len(near), *run.channels.shape))
-            answer[0] = response.centre
-            answer[1:][near] = response.neighbours
+            answer[0] = response.centre[self._seen]
+            answer[1:][near] = response.neighbours[:, self._seen]
             answer[1:][np.logical_not(near)] = np.nan
             answers.append(answer)
             missing += [(number, index) for index in range(len(answer))
@@ -199,9 +214,15 @@ class RingSystem:
         if not np.array_equal(at_ring, grid.load):
             changed = replace(run, payload=replace(grid, load=at_ring))
             plain = self._simulated(changed, [(point.base, self.extension(point))])[0]
-        return plain + grid.block_means(np.ascontiguousarray(added.T))
+        return plain + grid.block_means(np.ascontiguousarray(added.T[self._seen]))
 
     def _simulated(
+        self, run: RunBlocks, candidates: Sequence[tuple[Array, RingExtension]]
+    ) -> Array:
+        """Increments (B, C, N) of the probes that the rig has."""
+        return self._four_probes(run, candidates)[:, self._seen]
+
+    def _four_probes(
         self, run: RunBlocks, candidates: Sequence[tuple[Array, RingExtension]]
     ) -> Array:
         grid: LoadGrid = run.payload
@@ -229,13 +250,13 @@ class RingSystem:
         touching = extension.only(MOTION)
         for run in runs:
             usual = self.predict_many(run, [point])[0]  # A law of the user is in it.
-            contacts = self._simulated(run, [(base, touching)])[0]
+            contacts = self._four_probes(run, [(base, touching)])[0]
             grid: LoadGrid = run.payload
             static = run.rate is None or not np.any(run.rate)
             load = next(iter(run.inputs.values()))
             course = SimulatedCourse(
                 grid.elevation, grid.zero_load, load, run.time, contacts, static)
-            parts.append(scatter_columns(self.rig, base, course))
+            parts.append(scatter_columns(self.rig, base, course)[self._seen])
             sides = [
                 [replace(self, rig=rig).predict_many(run, [point])[0] for rig in pair]
                 for pair in known_rigs(self.rig)

@@ -18,10 +18,11 @@ from saddlering_ros.provenance import Provenance
 from saddlering_ros.rig import (
     CHANNELS,
     ContactParameters,
+    measured_displacement,
     ParameterSet,
     ParameterSource,
-    probes_to_displacement,
     Rig,
+    with_absent,
 )
 
 
@@ -113,14 +114,17 @@ class Verdict:
 def run_figures(
     rig: Rig, found: Diagnosis, record: Record, before: Array, after: Array
 ) -> RunFigures:
-    """Misfits and curves of one run, from predictions before and after (4, N)."""
+    """Misfits and curves of one run, from predictions before and after (C, N)."""
     run = record.run
     seen = [_displacement(rig, item) for item in (run.channels, before, after)]
     channels = {}
+    views = found.fits.metric.experiment.system.views
     for index, name in enumerate(CHANNELS):
+        if name not in views:
+            continue  # A probe is absent.
         measured, first, last = (item[index] for item in seen)
         span = max(float(np.ptp(measured)), 1e-12)
-        weights = found.fits.metric.experiment.system.views[name]
+        weights = views[name]
         noise = _noise_floor(found, run, weights)
         channels[name] = ChannelMisfit(
             _rms(first - measured) / span, _rms(last - measured) / span, noise / span
@@ -159,7 +163,8 @@ def _alike(found: Diagnosis, run: RunBlocks) -> str:
 
 
 def _displacement(rig: Rig, increments: Array) -> NDArray[np.float64]:
-    motion = probes_to_displacement(rig.probes, increments)
+    """Channels (4, N) from the increments (C, N) of the probes that the rig has."""
+    motion = measured_displacement(rig.probes, with_absent(rig.probes, increments))
     return np.stack([np.asarray(getattr(motion, name)) for name in CHANNELS])
 
 

@@ -13,6 +13,7 @@ from saddlering_ros.estimation.rounding import (
     hidden_rounding,
     rounding_record,
 )
+from saddlering_ros.rig import OPPOSITE
 
 Array = NDArray[np.float64]
 
@@ -35,4 +36,6 @@ def probe_rounding(run: TestRun) -> Array | None:
             lasting = crossing_seconds(
                 quality.resolution, run.gaps[probe], float(run.time[-1] - run.time[0]))
         rows[probe] = rounding_record(rms, lasting, step, run.time.size, probe)
+    if run.absent:
+        rows[run.absent - 1] = -rows[OPPOSITE[run.absent] - 1]
     return rows if rows.any() else None

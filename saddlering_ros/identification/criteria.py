@@ -92,6 +92,8 @@ def _worst(
     cases = []
     for run in runs:
         for channel in channels:
+            if channel not in run.channels:
+                continue  # A probe is absent.
             value, limit = figures_of(run.channels[channel])
             if value is not None:
                 over = limit / max(value, 1e-300) if more_is_better else (

@@ -234,9 +234,14 @@ def rest_segments(one: PreparedRun) -> list[RestSegment]:
 
 
 def parity_at_rest(measured: MeasuredRun) -> Array:
-    """Parity (N,) of a run minus its smooth part over load and time; missing values filled."""
+    """Parity (N,) of a run minus its smooth part over load and time; missing values filled.
+
+    It is zero where it is nowhere known.
+    """
     parity = np.asarray(measured.displacement.parity)
     good = np.isfinite(parity)
+    if not good.any():
+        return np.zeros_like(parity)
     load = measured.load / max(float(np.max(np.abs(measured.load))), 1e-9)
     time = measured.time / max(float(measured.time[-1]), 1e-9)
     design = np.stack([np.ones_like(load), load, load**2, time, time**2], axis=1)

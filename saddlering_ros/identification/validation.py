@@ -175,11 +175,15 @@ def validate(
 
 @dataclass(frozen=True)
 class _Comparison:
-    """A run beside its simulation, without figures; rests: its stretches at rest."""
+    """A run beside its simulation, without figures; rests: its stretches at rest.
+
+    channels: those that are measured, all but the parity if a radial probe is absent.
+    """
 
     run: RunValidation
     measured: MeasuredRun
     rests: Spans
+    channels: tuple[str, ...]
 
     @property
     def interval(self) -> float:
@@ -187,8 +191,9 @@ class _Comparison:
         return float(np.median(np.diff(self.run.time)))
 
     def quiet(self) -> Quiet:
-        """Noise of the four channels of the run."""
-        residual = self.run.measured - self.run.simulated
+        """Noise of the channels of the run."""
+        rows = slice(len(self.channels))
+        residual = self.run.measured[rows] - self.run.simulated[rows]
         segments = [residual[:, start:stop] for start, stop in self.rests]
         segments = [part[:, np.all(np.isfinite(part), axis=0)] for part in segments]
         segments = [part for part in segments if part.shape[1] >= MIN_REST]
@@ -206,29 +211,30 @@ class _Comparison:
         zero = self.measured.zero
         variance = _input_variance(rig, parameters, self.run, zero.load)
         lasting = self.interval * max(1, zero.end - zero.start)
-        for position, (channel, own) in enumerate(zip(CHANNELS, noise, strict=True)):
+        for position, (channel, own) in enumerate(zip(self.channels, noise, strict=True)):
             self.run.channels[channel] = _figures(
                 self.run, position, self.rests, own, self.interval, lasting, variance[position])
         return self.run
 
 
 def _noise_of(compared: Sequence[_Comparison]) -> list[Sequence[ChannelNoise]]:
-    """Noise of the four channels of each run.
+    """Noise of the channels of each run.
 
     Runs whose parity is noise alone share their knowledge of slow noise. In other runs the
     misfit of the model may move a channel at rest, so that each run has its own noise.
     """
     shown = [one.quiet() for one in compared]
+    count = len(compared[0].channels)
     silent = {number: quiet for number, quiet in enumerate(shown)
               if quiet.silence is not None and quiet.is_usable}
-    learnt = noise_by_class(silent, len(CHANNELS), LEVEL_REACH) if silent else {}
-    return [learnt[number] if number in learnt else _alone(quiet)
+    learnt = noise_by_class(silent, count, LEVEL_REACH) if silent else {}
+    return [learnt[number] if number in learnt else _alone(quiet, count)
             for number, quiet in enumerate(shown)]
 
 
-def _alone(quiet: Quiet) -> list[ChannelNoise]:
+def _alone(quiet: Quiet, count: int) -> list[ChannelNoise]:
     answers = []
-    for row in range(len(CHANNELS)):
+    for row in range(count):
         own = [segment.values[row] for segment in quiet.segments]
         try:
             answers.append(noise_alone(own, quiet.segments[0].step if own else 1.0))
@@ -247,18 +253,20 @@ def _compare(run: TestRun, rig: Rig, parameters: ParameterSet) -> _Comparison:
         raise IdentificationError(f'{name}: {problem}') from problem
     actual = _stack(measured.displacement)
     simulated = _simulated(rig, parameters, run, measured)
+    channels = CHANNELS[:-1] if rig.probes.absent else CHANNELS
+    known = np.all(np.isfinite(actual + simulated)[:len(channels)], axis=0)
     if found is None:
         rests = stretches_at_rest(
             measured.time, measured.load, rig.limits.rest_band)
         rests = rests or [(measured.zero.start, measured.zero.end)]
         readings: Spans = []
         branch = np.zeros(0)
-        compared = np.all(np.isfinite(actual + simulated), axis=0)
+        compared = known
     else:
         rests = readings = list(zip(found.start.tolist(), found.stop.tolist(), strict=True))
         branch = np.asarray(found.branch, dtype=float)
         compared = _inside(readings, len(measured.time))
-        compared &= np.all(np.isfinite(actual + simulated), axis=0)
+        compared &= known
     if np.count_nonzero(compared) < 5:
         raise IdentificationError(
             f'{name}: fewer than 5 samples can be compared: check that load and probes overlap'
@@ -275,7 +283,7 @@ def _compare(run: TestRun, rig: Rig, parameters: ParameterSet) -> _Comparison:
             () if measured.zero.near_preload else ('the record does not start near preload',))),
         origin=run.origin,
     )
-    return _Comparison(result, measured, rests)
+    return _Comparison(result, measured, rests, channels)
 
 
 def _stack(motion: Displacement) -> Array:
@@ -301,10 +309,14 @@ def _inside(spans: Spans, samples: int) -> NDArray[np.bool_]:
 
 
 def _means(values: Array, spans: Spans) -> Array:
-    """Means (C, M) over spans of values (C, N)."""
+    """Means (C, M) over spans of values (C, N); NaN of an unknown parity."""
     if not spans:
         return np.zeros((len(values), 0))
-    return np.stack([np.nanmean(values[:, start:stop], axis=1) for start, stop in spans], axis=1)
+    means = np.full((len(values), len(spans)), np.nan)
+    there = np.isfinite(values).any(axis=1)
+    means[there] = np.stack(
+        [np.nanmean(values[there, start:stop], axis=1) for start, stop in spans], axis=1)
+    return means
 
 
 def _input_variance(

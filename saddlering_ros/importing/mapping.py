@@ -47,6 +47,10 @@ CHANNELS: dict[str, RigTopic] = {
 
 REQUIRED = tuple(name for name, topic in CHANNELS.items() if topic.required)
 
+RADIAL = ('eddy_current_1', 'eddy_current_3')
+ABSENT = 'absent'
+"""In place of a radial probe that the rig does not have (rig.probes.absent)."""
+
 QUANTITIES = {'N': FORCE, 'm': LENGTH, 'rad': ANGLE}
 """Quantity of a topic, by its unit in the bag."""
 
@@ -138,7 +142,12 @@ def parse_map(document: Any, where: str, folder: Path, text: str = '') -> Import
     if missing:
         raise ImportingError(f'{where}: channels.{missing[0]} is missing: a bag needs '
                              f'{", ".join(REQUIRED)}')
-    channels = tuple(_channel(name, given[name], where, folder) for name in given)
+    absent = [name for name in RADIAL if given[name] == ABSENT]
+    if len(absent) == len(RADIAL):
+        raise ImportingError(f'{where}: channels.{absent[0]} and channels.{absent[1]} are both '
+                             'absent, and delta_x needs one of them')
+    channels = tuple(
+        _channel(name, given[name], where, folder) for name in given if name not in absent)
     csv = document.get('csv') or {}
     return ImportMap(channels, _time(document['time'], f'{where}: time'),
                      _test(document['test'], f'{where}: test'),

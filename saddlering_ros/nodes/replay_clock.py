@@ -22,7 +22,7 @@ from saddlering_ros.ros.diagnostics import ERROR, Finding, FunctionTask, OK, WAR
 from saddlering_ros.ros.errors import NodeError
 from saddlering_ros.ros.lockstep import LockstepGroup, to_time
 from saddlering_ros.ros.names import CLOCK, PROGRESS, STATE
-from saddlering_ros.ros.parameters import NodeParameter
+from saddlering_ros.ros.parameters import given_rig, NodeParameter
 from saddlering_ros.ros.qos import CLOCK_QOS, LATCHED
 from saddlering_ros.ros.raw_topics import RawPublisher, RawSubscription
 from saddlering_ros.ros.registry import names, REPLAY, RING
@@ -87,6 +87,7 @@ class ReplayClockNode(BagNode):
 
     def __init__(self) -> None:
         super().__init__('replay_clock')
+        self._rig = given_rig(self)
         self.create_service(Trigger, '~/play', self._on_play)
         self.create_service(Trigger, '~/pause', self._on_pause)
         self.create_service(SetRate, '~/set_rate', self._on_set_rate)
@@ -96,7 +97,7 @@ class ReplayClockNode(BagNode):
 
     def configure(self) -> None:
         """Read from when to when the bag goes."""
-        record = read_raw(self.bag_path())
+        record = read_raw(self.bag_path(), rig=self._rig)
         self._start, self._end = record.start - 1, record.stop
         self._limit = shortest_time_of(MESSAGES_PER_STEP, [record[name].stamps for name in record])
         self._bag, self._elevation = str(record.path), self._elevation_of(record)

@@ -11,7 +11,6 @@ from std_msgs.msg import Header
 from std_srvs.srv import Trigger
 
 from saddlering_interfaces.msg import RingDisplacement
-from saddlering_ros.bags import LOAD_TOPIC, PROBE_TOPICS
 from saddlering_ros.bags.topics import LOAD, PROBES
 from saddlering_ros.ros.diagnostics import (
     ERROR,
@@ -69,12 +68,14 @@ class RingDisplacementNode(StreamingNode):
     def configure(self) -> None:
         """Make the stream and its diagnostics."""
         probes = self._rig.probes
+        self._topics = (LOAD, *(PROBES[number - 1] for number in probes.present))
         self._stream = DisplacementStream(self._rig, max_gap=self.settings['max_gap'])
         lowest = self.settings['lowest_rate']
+        names = [topic.name for topic in self._topics]
         self._streams = [StreamTask(topic, lowest_rate=lowest)
-                         for topic in (LOAD_TOPIC, *PROBE_TOPICS)]
+                         for topic in names]
         self._saturation = [SaturationTask(topic, probes.min_range, probes.max_range)
-                            for topic in PROBE_TOPICS]
+                            for topic in names[1:]]
         self._parity = ParityTask(lambda: float(self.settings['parity_noise']))
         self.tasks = [
             FunctionTask('zero', self._zero_finding),
@@ -87,13 +88,13 @@ class RingDisplacementNode(StreamingNode):
         wanted = self.settings['input_reliability']
         self.inputs = [RawSubscription(self, LOAD.relative, WrenchStamped, reliability=wanted)]
         self.inputs += [RawSubscription(self, topic.relative, Range, reliability=wanted)
-                        for topic in PROBES]
+                        for topic in self._topics[1:]]
         self.outputs = [RawPublisher(self, DISPLACEMENT, RingDisplacement)]
 
     def process_batch(self) -> None:
         """One batch: samples in, displacements out."""
         load, *gaps = (flow.take_samples(topic)
-                       for flow, topic in zip(self.inputs, (LOAD, *PROBES), strict=True))
+                       for flow, topic in zip(self.inputs, self._topics, strict=True))
         for flow, task, samples in zip(self.inputs, self._streams, (load, *gaps), strict=True):
             if len(samples):
                 flow.last_stamp = int(samples.stamps[-1])
@@ -148,10 +149,14 @@ class RingDisplacementNode(StreamingNode):
         return response
 
     def _probes_finding(self) -> Finding:
-        missing = [number for number, count in enumerate(self._stream.take_missing(), 1) if count]
+        absent = self._rig.probes.absent
+        missing = [number for number, count in enumerate(self._stream.take_missing(), 1)
+                   if count and number != absent]
         lost = {1: 'delta_x', 2: 'delta_y and gamma', 3: 'delta_x', 4: 'delta_y and gamma'}
         if not missing:
-            return Finding(OK, 'all four read')
+            return Finding(OK, 'all four read' if not absent else
+                           f'the other three read; probe {absent} is absent (rig.probes.absent), '
+                           'parity unknown')
         channels = ' and '.join(sorted({lost[number] for number in missing}))
         probes = ', '.join(map(str, missing))
         return Finding(ERROR, f'probe {probes} does not read, {channels} unknown: repair the '

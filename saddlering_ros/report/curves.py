@@ -158,7 +158,8 @@ def curves_of_run(
     means = means_of(run)
     seen, first = means.of(measured), means.of(before)
     last = first if after is before else means.of(after)
-    good = np.isfinite(seen + first + last).all(axis=0)
+    there = np.isfinite(seen).any(axis=1)  # The parity is unknown if a probe is absent.
+    good = np.isfinite(seen + first + last)[there].all(axis=0)
     widths = means.of(np.gradient(run.time)) * (means.stop - means.start)
     noise = {name: (floors.get(name) or 0.0) * float(np.ptp(seen[row][good]))
              for row, name in enumerate(CHANNELS)}

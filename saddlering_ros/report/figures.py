@@ -138,14 +138,18 @@ def _short(run: Mapping[str, Any]) -> str:
 
 
 def residuals(run: RunCurves) -> Chart:
-    """The misfit of one run: four channels over all that matters."""
+    """The misfit of one run: every channel over all that matters.
+
+    The parity is left out if it is unknown, because a probe is absent.
+    """
+    channels = [name for row, name in enumerate(CHANNELS) if np.isfinite(run.measured[row]).any()]
     views = [_over_load, _both_branches, _over_time, _over_frequency]
     if run.test != 'static':
         views.insert(3, _over_rate)
     panels = [view(run, channel, row, column)
-              for row, channel in enumerate(CHANNELS) for column, view in enumerate(views)]
-    return Chart(tuple(without_inner_labels(panels, len(CHANNELS))), width=11.4, height=8.0,
-                 heights=(1.0,) * len(CHANNELS), columns=len(views), shares_x=True,
+              for row, channel in enumerate(channels) for column, view in enumerate(views)]
+    return Chart(tuple(without_inner_labels(panels, len(channels))), width=11.4, height=8.0,
+                 heights=(1.0,) * len(channels), columns=len(views), shares_x=True,
                  legend_columns=3)
 
 

@@ -91,6 +91,7 @@ def dimensions(rig: Rig) -> list[tuple[str, str]]:
         ('probes 1 and 3, height', f'{1e3 * rig.probes.radial_height:g} mm'),
         ('probes, polarity of 1 to 4',
          ', '.join(f'{sign:+g}' for sign in rig.probes.polarity)),
+        *([('probe that is absent', f'{rig.probes.absent}')] if rig.probes.absent else []),
         ('probes, span', f'{1e3 * rig.probes.min_range:g} to {1e3 * rig.probes.max_range:g} mm'),
         ('carriage, mass', f'{rig.carriage.mass:g} kg'),
         ('preload', rig.force_words(rig.preload, 2)),

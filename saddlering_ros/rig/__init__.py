@@ -11,6 +11,7 @@ from saddlering_ros.rig.description import (
     check_bounds,
     default_rig,
     load_rig,
+    OPPOSITE,
     Probes,
     Rig,
     rig_from_parameters,
@@ -37,7 +38,10 @@ from saddlering_ros.rig.probes import (
     Displacement,
     displacement_to_probes,
     gap_increment,
+    measured_displacement,
+    mirrored_gap,
     probes_to_displacement,
+    with_absent,
 )
 from saddlering_ros.rig.units import (
     force_decimals,
@@ -54,15 +58,15 @@ from saddlering_ros.rig.units import (
 from saddlering_ros.rig.zeroing import zero_of_record, ZeroReading, ZeroWindow
 
 __all__ = [
-    'CHANNELS', 'FORCE_UNITS', 'FULL_SCALE_LOAD', 'MICRO_UNITS', 'PARAMETER_NAMES',
-    'PARAMETER_UNITS', 'TONNE', 'TRUE_TO_SCALE', 'Carriage', 'ContactParameters', 'Displacement',
-    'LoadLimits', 'ParameterSet', 'ParameterSource', 'Probes', 'ResolvedLoad', 'Rig', 'RigError',
-    'RollerRow', 'Trunnion',
-    'ZeroReading', 'ZeroWindow', 'check_bounds', 'default_rig', 'displacement_to_probes',
-    'force_decimals', 'force_range', 'force_words', 'gap_increment',
-    'line_contact_stiffness', 'load_rig',
-    'parameters_from_mapping', 'parameters_to_mapping', 'probes_to_displacement',
-    'read_parameters', 'resolve_load', 'rig_digest', 'rig_from_parameters', 'shipped_rig_file',
-    'short_digest', 'size_factor', 'stiffness_per_metre', 'stiffness_per_millimetre',
-    'write_parameters', 'write_text_atomically', 'zero_of_record',
+    'CHANNELS', 'FORCE_UNITS', 'FULL_SCALE_LOAD', 'MICRO_UNITS', 'OPPOSITE', 'PARAMETER_NAMES',
+    'PARAMETER_UNITS', 'TONNE', 'TRUE_TO_SCALE', 'Carriage', 'ContactParameters',
+    'Displacement', 'LoadLimits', 'ParameterSet', 'ParameterSource', 'Probes', 'ResolvedLoad',
+    'Rig', 'RigError', 'RollerRow', 'Trunnion', 'ZeroReading', 'ZeroWindow', 'check_bounds',
+    'default_rig', 'displacement_to_probes', 'force_decimals', 'force_range', 'force_words',
+    'gap_increment', 'line_contact_stiffness', 'load_rig', 'measured_displacement',
+    'mirrored_gap', 'parameters_from_mapping', 'parameters_to_mapping',
+    'probes_to_displacement', 'read_parameters', 'resolve_load', 'rig_digest',
+    'rig_from_parameters', 'shipped_rig_file', 'short_digest', 'size_factor',
+    'stiffness_per_metre', 'stiffness_per_millimetre', 'with_absent', 'write_parameters',
+    'write_text_atomically', 'zero_of_record',
 ]

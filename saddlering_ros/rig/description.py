@@ -58,15 +58,33 @@ class Trunnion:
     y: float
 
 
+OPPOSITE = {1: 3, 3: 1}
+"""Radial probes by the probe that faces them."""
+
+
 @dataclass(frozen=True)
 class Probes:
-    """Four eddy-current probes: span of the axial, height of the radial pair, gap range [m]."""
+    """Four eddy-current probes: span of the axial, height of the radial pair, gap range [m].
+
+    absent: number of the radial probe that the rig does not have, 1 or 3; 0 if it has all four.
+    """
 
     axial_span: float
     radial_height: float
     polarity: tuple[float, float, float, float]
     min_range: float
     max_range: float
+    absent: int = 0
+
+    @property
+    def present(self) -> tuple[int, ...]:
+        """Numbers of the probes that the rig has."""
+        return tuple(number for number in (1, 2, 3, 4) if number != self.absent)
+
+    @property
+    def partner(self) -> int:
+        """Number of the radial probe opposite to the absent one; 0 if none is absent."""
+        return OPPOSITE.get(self.absent, 0)
 
 
 Pair = tuple[float, float]
@@ -224,6 +242,18 @@ def _polarity(section: _Section, where: str) -> tuple[float, float, float, float
     return first, second, third, fourth
 
 
+def _absent(section: _Section, where: str) -> int:
+    number = section.raw('absent') if section.has('absent') else 0
+    if isinstance(number, bool) or number not in (0, 1, 2, 3, 4):
+        raise RigError(f'{where}: rig.probes.absent is {number!r}: give 1 or 3, the number of the '
+                       'radial probe that is missing, or 0')
+    if number in (2, 4):
+        raise RigError(
+            f'{where}: rig.probes.absent is {number}: without it delta_y and gamma cannot be '
+            'parted, only a radial probe (1 or 3) can be absent: repair or move the axial probe')
+    return int(number)
+
+
 def _force_unit(section: _Section, where: str) -> str:
     unit = section.raw('force_unit') if section.has('force_unit') else 't'
     if not isinstance(unit, str) or unit not in FORCE_UNITS:
@@ -280,6 +310,7 @@ def rig_from_parameters(parameters: Mapping[str, Any], where: str) -> Rig:
             polarity=_polarity(probes, where),
             min_range=probes.number('min_range', 0.0, 1.0),
             max_range=probes.number('max_range', 0.0, 1.0),
+            absent=_absent(probes, where),
         ),
         preload=rig.number('preload', 0.0, 1e9),
         full_scale_load=rig.number('full_scale_load', 1.0, 1e9, default=FULL_SCALE_LOAD),

@@ -13,8 +13,9 @@ if TYPE_CHECKING:
 SHORT_DIGITS = 12
 """Digits of the form for people."""
 
-NOT_OF_THE_RIG = ('bounds', 'force_unit', 'full_scale_time')
-"""Fields of a Rig for identification, guarding and display, which are not part of the hash."""
+NOT_OF_THE_RIG = ('bounds', 'force_unit', 'full_scale_time', 'absent')
+"""Fields of a Rig for identification, guarding and display, and the number of a probe that is
+absent. They are not part of the hash: the ring is the same."""
 
 FIELDS = {'middle_row': 'radial_row'}
 """Fields of a Rig by the names of rig files where these differ; the hash is that of the files'."""

@@ -29,6 +29,7 @@ ENTRIES: tuple[tuple[str, str], ...] = (
     ('probes.polarity', 'of probes 1 to 4; 1: the gap grows as the drawing shows, -1: it shrinks'),
     ('probes.min_range', 'm, the span of the probes'),
     ('probes.max_range', 'm'),
+    ('probes.absent', 'radial probe (1 or 3) that the rig does not have; 0: it has all four'),
     ('preload', 'N: at this load displacements are zero'),
     ('full_scale_load', 'N, of the cylinder; every limit of loads is a share of it'),
     ('full_scale_time', 's: a change by full scale in less time is impossible and is refused'),

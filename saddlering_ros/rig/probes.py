@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -48,6 +48,36 @@ def probes_to_displacement(probes: Probes, increments: ArrayLike) -> Displacemen
         delta_x=(first - third) / 2.0 - lean,
         delta_y=(second + fourth) / 2.0, gamma=gamma, parity=(first + third) / 2.0,
     )
+
+
+def mirrored_gap(probes: Probes, gaps: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Gaps [m] that the absent radial probe would read at a rigid ring, from those of the other.
+
+    There d3 = -d1. The gap is put within the range of the probes, and is counted from zero anyway.
+    """
+    here, there = (probes.polarity[number - 1] for number in (probes.absent, probes.partner))
+    if here != there:
+        return gaps
+    return np.asarray(probes.min_range + probes.max_range - gaps)
+
+
+def with_absent(probes: Probes, increments: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Increments (4, N) of all probes from those (C, N) of the probes that the rig has."""
+    if not probes.absent:
+        return increments
+    return np.insert(increments, probes.absent - 1, -increments[0 if probes.partner == 1 else 1],
+                     axis=0)
+
+
+def measured_displacement(probes: Probes, increments: ArrayLike) -> Displacement:
+    """Displacement from measured increments d, shape (4, ...) [m].
+
+    The parity is NaN if a radial probe is absent, as its increment comes from the other.
+    """
+    found = probes_to_displacement(probes, increments)
+    if not probes.absent:
+        return found
+    return replace(found, parity=np.full_like(np.asarray(found.parity), np.nan))
 
 
 def displacement_to_probes(probes: Probes, displacement: Displacement) -> NDArray[np.float64]:

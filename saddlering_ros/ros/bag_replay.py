@@ -11,7 +11,7 @@ from rosgraph_msgs.msg import Clock
 from saddlering_ros.bags import RawRecord, RawTopic, read_raw
 from saddlering_ros.bags.cdr import SECOND
 from saddlering_ros.bags.checks import check_values
-from saddlering_ros.bags.reader import usable_facts
+from saddlering_ros.bags.reader import absent_topic, usable_facts
 from saddlering_ros.bags.scratch import BLOCK, forget
 from saddlering_ros.bags.topics import TOPICS
 from saddlering_ros.ros.bag_node import BagNode
@@ -24,6 +24,7 @@ from saddlering_ros.ros.diagnostics import (
     WARN,
 )
 from saddlering_ros.ros.names import CLOCK
+from saddlering_ros.ros.parameters import given_rig
 from saddlering_ros.ros.raw_topics import message_class, RawPublisher, RawSubscription
 from saddlering_ros.streams import batches
 
@@ -84,16 +85,18 @@ class ReplayNode(BagNode):
 
     def __init__(self) -> None:
         super().__init__(self.NAME)
+        self._rig = given_rig(self)
 
     def configure(self) -> None:
         """Read the bag."""
-        record = read_raw(self.bag_path(), topics_of(self.NAME))
+        record = read_raw(self.bag_path(), topics_of(self.NAME), rig=self._rig)
         for topic in record:
             check_values(f'{record.path}: {topic}', record[topic].stamps, record[topic].values)
         said = [note for name in record for note in record[name].notes]
         for note in (*record.notes, *said):
             self.get_logger().warning(f'{record.path}: {note}')
-        self._tracks = tracks_of(record, self.NAME)
+        absent = absent_topic(self._rig)
+        self._tracks = [one for one in tracks_of(record, self.NAME) if one.topic.name != absent]
         self._now = 0
         self._heard = time.monotonic()
         self._jumps = self._dropped = 0

@@ -189,6 +189,7 @@ def _rig_values(rig: Rig) -> dict[str, Any]:
         'rig.probes.polarity': [int(sign) for sign in rig.probes.polarity],
         'rig.probes.min_range': rig.probes.min_range,
         'rig.probes.max_range': rig.probes.max_range,
+        'rig.probes.absent': rig.probes.absent,
         'rig.preload': rig.preload, 'rig.full_scale_load': rig.full_scale_load,
         'rig.full_scale_time': rig.full_scale_time, 'rig.force_unit': rig.force_unit,
     }
@@ -215,6 +216,17 @@ def declare_rig(node: Node) -> Rig:
     return rig_from_parameters(nested, f'parameters of {node.get_name()}')
 
 
+def given_rig(node: Node) -> Rig:
+    """The rig that the node was given, by `rig.*` and `bounds.*`; the shipped one without any.
+
+    Only given entries are declared, unlike `declare_rig`: for nodes that need little of the rig.
+    """
+    nested = given_sections(node, ('rig', 'bounds'))
+    if 'rig' not in nested:
+        return default_rig()
+    return rig_from_parameters(nested, f'parameters of {node.get_name()}')
+
+
 _RIG_WORDS = {
     'rig.axial_rows.rollers': 'rollers of the upper and of the lower row',
     'rig.axial_rows.pitch_radius': 'pitch radius of the axial rows [m]',
@@ -234,6 +246,7 @@ _RIG_WORDS = {
     'rig.probes.polarity': 'per probe 1, or -1 if its gap has the opposite sign of the formulas',
     'rig.probes.min_range': 'low end of the range of a probe [m]',
     'rig.probes.max_range': 'high end of the range of a probe [m]',
+    'rig.probes.absent': 'radial probe (1 or 3) that the rig does not have; 0: it has all four',
     'rig.preload': 'preload of the rig [N], at which displacements are zero',
     'rig.full_scale_load': 'full scale of the hydraulic cylinder [N]',
     'rig.full_scale_time': 'least time in which the hydraulics change the load by full scale [s]; '

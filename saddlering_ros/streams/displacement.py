@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
+from dataclasses import replace
 from math import isfinite
 
 import numpy as np
@@ -21,7 +22,8 @@ from saddlering_ros.bags.guard import (
 from saddlering_ros.bags.validity import unknown
 from saddlering_ros.rig import (
     gap_increment,
-    probes_to_displacement,
+    measured_displacement,
+    mirrored_gap,
     Rig,
     ZeroReading,
     ZeroWindow,
@@ -52,7 +54,9 @@ class DisplacementStream:
         self.aligner = StreamAligner(dead_after=DEAD_AFTER_NS)
         self.counters = GuardCounters()
         self._load_guard = SampleGuard(load_limits(rig), self.counters)
-        self._gap_guards = [SampleGuard(probe_limits(rig), self.counters) for _ in range(4)]
+        self._gap_guards = [
+            SampleGuard(probe_limits(rig), self.counters if number in rig.probes.present
+                        else GuardCounters()) for number in (1, 2, 3, 4)]
         self._zero_duration = 0.0
         self.elevation = float('nan')
         self.recording = ANY_TIME
@@ -83,7 +87,7 @@ class DisplacementStream:
         self._asked_after = stamp
 
     def take_missing(self) -> list[int]:
-        """Rows without a reading (or a zero) of each probe since the last call."""
+        """Rows without a reading (or a zero) of each of four probes since the last call."""
         missing, self._missing = self._missing, np.zeros(4, np.int64)
         return [int(count) for count in missing]
 
@@ -94,10 +98,20 @@ class DisplacementStream:
         return {**counts, 'jumps_ahead': self.jumps_ahead}
 
     def push(self, load: Samples, gaps: Sequence[Samples]) -> Displacements:
-        """Take a batch of the load and of each of the four probes; return what is due."""
+        """Take a batch of the load and of each probe that the rig has; return what is due."""
         return self._displacements(self._align(
             self._load_guard.push(load),
-            [guard.push(samples) for guard, samples in zip(self._gap_guards, gaps, strict=True)]))
+            [guard.push(samples) for guard, samples in zip(
+                self._gap_guards, self._of_all_probes(gaps), strict=True)]))
+
+    def _of_all_probes(self, gaps: Sequence[Samples]) -> Sequence[Samples]:
+        """Samples of four probes: the absent one mirrors the one that faces it."""
+        probes = self._rig.probes
+        if not probes.absent:
+            return gaps
+        other = gaps[probes.present.index(probes.partner)]
+        mirrored = replace(other, values=mirrored_gap(probes, other.values))
+        return [*gaps[:probes.absent - 1], mirrored, *gaps[probes.absent - 1:]]
 
     @property
     def held(self) -> bool:
@@ -106,13 +120,14 @@ class DisplacementStream:
                 or any(guard.holds for guard in self._gap_guards))
 
     def awaited(self, rows_before: int) -> int | None:
-        """The sample that brings the next row: 0 of the load, 1 to 4 of a probe.
+        """The sample that brings the next row: 0 of the load, n of the n-th probe of the rig.
 
         rows_before: `rows` before the last batch. None: the same as before the last batch.
         """
-        missing = self.aligner.missing
+        probes = self._rig.probes
+        missing = [probe + 1 for probe in self.aligner.missing if probe + 1 != probes.absent]
         if missing:
-            return missing[-1] + 1
+            return 1 + probes.present.index(missing[-1])
         return 0 if self.aligner.pending or self.rows == rows_before else None
 
     def flush(self) -> Displacements:
@@ -184,7 +199,7 @@ class DisplacementStream:
             return []
         gaps = np.array([row.gaps for row in rows]).T
         increments = gap_increment(self._rig.probes, gaps, np.array(self.zero.gaps))
-        found = probes_to_displacement(self._rig.probes, increments)
+        found = measured_displacement(self._rig.probes, increments)
         channels = np.stack([found.delta_x, found.delta_y, found.gamma, found.parity])
         if not np.isfinite(channels).all():
             self._missing += np.isnan(gaps).sum(axis=1)

@@ -16,7 +16,7 @@ from saddlering_ros.bags.guard import load_limits, probe_limits, SampleGuard
 from saddlering_ros.bags.record_quality import white_noise
 from saddlering_ros.bags.topics import LOAD, LOAD_TOPIC, PROBE_TOPICS, PROBES, RigTopic
 from saddlering_ros.bags.wiring import MIN_LOAD_SPAN, wiring_notes
-from saddlering_ros.rig import Rig
+from saddlering_ros.rig import mirrored_gap, Rig
 from saddlering_ros.streams.batches import Samples
 
 Stamps = NDArray[np.int64]
@@ -117,7 +117,8 @@ def check_driver(
     """
     found = _Findings()
     usable = True
-    for topic in (LOAD, *PROBES):
+    probes = [PROBES[number - 1] for number in rig.probes.present]
+    for topic in (LOAD, *probes):
         one = heard.get(topic.name)
         if one is None or len(one) < MIN_SAMPLES:
             _absent(found, topic, one)
@@ -127,7 +128,7 @@ def check_driver(
         _stamps(found, topic, one, rate)
         _values(found, rig, topic, one)
     if usable:
-        _skew(found, heard)
+        _skew(found, heard, [topic.name for topic in probes])
         _load(found, rig, heard[LOAD_TOPIC])
         _directions(found, rig, heard, elevation)
     return sorted(found.found, key=lambda one: one.level != FAULT)
@@ -249,19 +250,21 @@ def _range(
                    'the probe to the middle')
 
 
-def _skew(found: _Findings, heard: Mapping[str, HeardTopic]) -> None:
+def _skew(
+    found: _Findings, heard: Mapping[str, HeardTopic], probes: Sequence[str],
+) -> None:
     load = heard[LOAD_TOPIC].delay
-    for name in PROBE_TOPICS:
+    for name in probes:
         skew = heard[name].delay - load
         if abs(skew) > SKEW_LIMIT and abs(load) < CLOCK_LIMIT:
             found.fault(name, f'stamps are {abs(skew) * 1e3:.3g} ms '
                         f'{"older" if skew > 0.0 else "younger"} than those of the load that '
                         'arrive with them: use one clock for both, and stamp with the time of '
                         'measurement')
-    rates = [heard[name].rate for name in PROBE_TOPICS]
+    rates = [heard[name].rate for name in probes]
     load_rate = heard[LOAD_TOPIC].rate
     if min(rates) < 0.5 * load_rate:
-        found.note(PROBE_TOPICS[int(np.argmin(rates))], f'comes at {min(rates):.4g} Hz and the '
+        found.note(probes[int(np.argmin(rates))], f'comes at {min(rates):.4g} Hz and the '
                    f'load at {load_rate:.4g} Hz: damping is known better with equal rates')
 
 
@@ -293,7 +296,12 @@ def _directions(
         found.note(LOAD_TOPIC, 'the load did not move: polarity, order of the probes and sign of '
                    f'the load are not checked; move it by {rig.force_words(least)} meanwhile')
         return
-    gaps = np.stack([align(stamps, *_in_order(heard[name])) for name in PROBE_TOPICS])
+    probes = rig.probes
+    gaps = np.stack([align(stamps, *_in_order(heard[PROBE_TOPICS[number - 1]]))
+                     for number in probes.present])
+    if probes.absent:
+        other = gaps[probes.present.index(probes.partner)]
+        gaps = np.insert(gaps, probes.absent - 1, mirrored_gap(probes, other), axis=0)
     for words in wiring_notes(rig, elevation, values, gaps):
         found.fault('probes', words)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +24,7 @@ from map_documents import (
 import numpy as np
 import pytest
 
-from saddlering_ros.bags import read_raw
+from saddlering_ros.bags import BagError, read_raw
 from saddlering_ros.importing import read_map
 from saddlering_ros.rig import default_rig
 
@@ -138,3 +139,16 @@ def test_the_map_of_the_contract_reads(tmp_path: Path) -> None:
         'column: "Kraft*", unit: kN, scale: 1, offset: 0')
     (tmp_path / 'map.yaml').write_text(text)
     assert read_map(tmp_path / 'map.yaml').channels[0].column == 'Kraft*'
+
+
+def test_a_radial_probe_that_the_rig_lacks_is_stated_in_the_map(tmp_path: Path) -> None:
+    map_ = document()
+    map_['channels']['eddy_current_3'] = 'absent'
+    convert(tmp_path, plain_table(), map_)
+    rig = default_rig()
+    rig = replace(rig, probes=replace(rig.probes, absent=3))
+    assert len(read_raw(tmp_path / 'bag', rig=rig)['/rig/eddy_current_3']) == ROWS
+    with pytest.raises(BagError, match=r'rig\.probes\.absent: 3'):
+        read_raw(tmp_path / 'bag')
+    map_['channels']['eddy_current_1'] = 'absent'
+    assert 'are both absent, and delta_x needs one' in refusal(tmp_path, map_)
