@@ -107,12 +107,11 @@ def usual(plateaus: int = 25, hold: float = 5.0, rate: float = 1000.0) -> tuple[
 
 @dataclass(frozen=True)
 class Condition:
-    """How tests are made: runs, the ring, a probe that is not there (0: none)."""
+    """How tests are made: runs, and the ring."""
 
     words: str
     runs: tuple[Run, ...]
     rig: Rig
-    missing: int = 0
 
 
 DEFAULT = default_rig()
@@ -135,7 +134,9 @@ CONDITIONS: Mapping[str, Condition] = {
         'sinusoidal loads, no static test',
         (sine(50.0, 8.0, 2), sine(50.0, 2.0, 4), sine(70.0, 8.0, 2),
          sine(70.0, 2.0, 4, held_out=True)), DEFAULT),
-    'probe_missing': Condition('probe 3 missing', usual(), DEFAULT, missing=3),
+    'probe_missing': Condition(
+        'probe 3 missing, and the rig file states it', usual(),
+        replace(DEFAULT, probes=replace(DEFAULT.probes, absent=3))),
     'small_ring': Condition('48 rollers, 10 t, radius 0.4 m', usual(), sized_rig(10.0, 48, 0.4)),
 }
 
@@ -196,7 +197,7 @@ def _sized(truth: Truth, rig: Rig) -> Truth:
 
 
 def _write(truth: Truth, condition: Condition, number: int, folder: Path) -> Path:
-    """Write the bag of one run; a missing probe has no topic."""
+    """Write the bag of one run."""
     run, rig = condition.runs[number], condition.rig
     physical = PhysicalRig(rig, truth.contact, math.radians(run.elevation_deg), truth.effects,
                            truth.scatter, truth.seed)
@@ -204,14 +205,11 @@ def _write(truth: Truth, condition: Condition, number: int, folder: Path) -> Pat
     plan = TestPlan(physical, run.schedule(rig), seed, truth.instruments, run.rate,
                     begin=EPOCH + 900 * number)
     record = record_test(plan)
-    stamps, gaps = list(record.probe_stamps), list(record.gaps)
-    if condition.missing:
-        stamps[condition.missing - 1] = np.zeros(0, dtype=np.int64)
-        gaps[condition.missing - 1] = np.zeros(0)
     facts = TestFacts(record.facts.test, record.facts.elevation_deg, record.facts.rig,
                       record.facts.run, details={'rig_hash': rig.digest})
-    return Path(write_bag(folder / run.name, facts, record.load_stamps, record.load, stamps, gaps,
-                          rig.probes, log_delay=record.log_delay, overwrite=True))
+    return Path(write_bag(folder / run.name, facts, record.load_stamps, record.load,
+                          record.probe_stamps, record.gaps, rig.probes,
+                          log_delay=record.log_delay, overwrite=True))
 
 
 def line_of(case: Case) -> str:
