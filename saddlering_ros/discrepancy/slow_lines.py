@@ -16,7 +16,6 @@ from itertools import pairwise
 
 import numpy as np
 
-from saddlering_ros.discrepancy.experiment import Experiment
 from saddlering_ros.discrepancy.lines import (
     amplitudes,
     find_line,
@@ -75,15 +74,15 @@ class Stretch:
 
 
 def find_slow_lines(
-    experiment: Experiment, runs: Sequence[RunBlocks], residuals: Sequence[Array],
-    error_rate: float,
+    runs: Sequence[RunBlocks], residuals: Sequence[Array], error_rate: float,
 ) -> tuple[list[SlowLine], tuple[RunBlocks, ...]]:
     """Steady lines in the residuals (C, N) of runs, the strongest first; the runs without them."""
     found: list[SlowLine] = []
     left, kept = list(residuals), tuple(runs)
     while len(found) < MAX_LINES:
         stretches = stretches_of(kept, left)
-        line = (_in_whole_runs if stretches else _at_rest)(experiment, kept, stretches, error_rate)
+        line = (_in_whole_runs(kept, stretches, error_rate) if stretches
+                else _at_rest(kept, error_rate))
         if line is None:
             break
         found.append(line)
@@ -92,8 +91,7 @@ def find_slow_lines(
 
 
 def _in_whole_runs(
-    experiment: Experiment, runs: Sequence[RunBlocks], stretches: Sequence[Stretch],
-    error_rate: float,
+    runs: Sequence[RunBlocks], stretches: Sequence[Stretch], error_rate: float,
 ) -> SlowLine | None:
     """The strongest line of whole runs, if it is steady."""
     usable = [item.segment for item in stretches]
@@ -105,17 +103,14 @@ def _in_whole_runs(
     shown = [item for item in usable if item.step * line.frequency <= 0.5 * MAX_SHARE
              and item.values.shape[1] * item.step * line.frequency >= PIECE_PERIODS]
     at_rest = [segment for run in runs if not run.held_out for segment in run.rest]
-    if not _is_steady(shown, line) or not _is_there_at_rest(at_rest, line):
+    if not shown or not _is_steady(shown, line) or not _is_there_at_rest(at_rest, line):
         return None
     whole = float(np.sinc(line.frequency * line.step))
     seen = replace(line, amplitude=line.amplitude / whole, deviation=line.deviation / whole)
     return SlowLine(seen, tuple(shown))
 
 
-def _at_rest(
-    experiment: Experiment, runs: Sequence[RunBlocks], stretches: Sequence[Stretch],
-    error_rate: float,
-) -> SlowLine | None:
+def _at_rest(runs: Sequence[RunBlocks], error_rate: float) -> SlowLine | None:
     """The strongest line of the holds of static tests, if no run is evenly spaced."""
     usable = [segment for run in runs if not run.held_out for segment in run.rest
               if segment.values.shape[1] >= MIN_HOLD_SAMPLES]

@@ -75,7 +75,7 @@ def find_swings(
         else experiment.system.predict_many(run, [base.point])[0] - run.channels
         for run in runs
     ]
-    found, cleaned = find_slow_lines(experiment, runs, residuals, settings.error_rate / trials)
+    found, cleaned = find_slow_lines(runs, residuals, settings.error_rate / trials)
     causes = [_swing_cause(experiment, effect, item) for item in found]
     material = tuple(cause for cause in causes if cause.visible >= settings.materiality)
     return Swings(material, cleaned) if material else None
