@@ -29,6 +29,8 @@ POWER_QUANTILE = 1.2816
 """Normal quantile of 0.9: found nine times in ten."""
 WINDOW_WIDTH = 2.0
 """Independent frequencies that a Hann window combines into one."""
+ROUNDING = 1e-12
+"""Deviation from a straight line below which values are still, as a share of the largest one."""
 
 
 @dataclass(frozen=True)
@@ -65,24 +67,29 @@ def find_line(
 ) -> LineSearch:
     """The strongest line that is real at `error_rate`, in the runs with the fastest sampling.
 
-    between: lowest and highest frequency [Hz] of the search.
+    between: lowest and highest frequency [Hz] of the search. A channel that is still in a stretch
+    has no level of noise, and is not searched.
     """
     usable = [item for item in segments if item.values.shape[1] >= min_samples]
     if not usable:
         return LineSearch(None, np.inf)
     fastest = min(item.step for item in usable)
     usable = [item for item in usable if item.step < 1.05 * fastest]
+    moving = np.all([_is_moving(item.values) for item in usable], axis=0)
+    if not moving.any():
+        return LineSearch(None, np.inf)
     step = float(np.median([item.step for item in usable]))
     size = 2 * 2 ** int(np.ceil(np.log2(max(item.values.shape[1] for item in usable))))
     frequency = np.fft.rfftfreq(size, step)
     power, ratio, freedom = _ratios(usable, size)
+    ratio[~moving] = 0.0
     edge = 4.0 / (step * min(item.values.shape[1] for item in usable))
     inside = (frequency >= between[0]) & (frequency <= min(between[1], frequency[-1] - edge))
     if not inside.any():
         return LineSearch(None, np.inf)
-    trials = ratio.shape[0] * int(inside.sum())
+    trials = int(moving.sum()) * int(inside.sum())
     count = len(usable)
-    limit = _limit(usable, fisher_limit(error_rate / trials, 2 * count, freedom))
+    limit = _limit(usable, moving, fisher_limit(error_rate / trials, 2 * count, freedom))
     chance = fisher_chance(ratio, 2 * count, freedom) * trials
     chance[:, ~inside] = np.inf
     # The chance of a very strong line is 0 at several frequencies; the ratio separates them.
@@ -101,14 +108,23 @@ def find_line(
     return LineSearch(line, limit)
 
 
-def _limit(segments: Sequence[RestSegment], threshold: float) -> float:
-    """Amplitude in the quietest channel that passes a threshold nine times in ten.
+def _is_moving(values: Array) -> NDArray[np.bool_]:
+    """Channels (C,) whose values (C, n) leave a straight line by more than rounding."""
+    swing = _detrended(values).std(axis=1)
+    return np.asarray(swing > ROUNDING * np.abs(values).max(axis=1))
+
+
+def _limit(
+    segments: Sequence[RestSegment], moving: NDArray[np.bool_], threshold: float,
+) -> float:
+    """Amplitude in the quietest of the moving channels that passes a threshold nine times in ten.
 
     Under a Hann window a line of amplitude a over n samples of noise s has a^2 n / (6 s^2)
     times the power of the noise at its frequency.
     """
     unit = np.mean(
-        [item.values.shape[1] / (6.0 * _detrended(item.values).var(axis=1)) for item in segments],
+        [item.values.shape[1] / (6.0 * _detrended(item.values[moving]).var(axis=1))
+         for item in segments],
         axis=0,
     ).max()
     beyond = max(threshold - 1.0, 0.0)
@@ -124,6 +140,7 @@ def _ratios(segments: Sequence[RestSegment], size: int) -> tuple[Array, Array, f
         power = np.abs(np.fft.rfft(_detrended(item.values) * np.hanning(count), size)) ** 2
         width = 2 * int(np.ceil(NEIGHBOURS * WINDOW_WIDTH * size / count)) + 1
         level = median_filter(power, (1, width), mode='mirror') / np.log(2.0)
+        level = np.maximum(level, 1e-300)
         powers.append(power / level.mean(axis=1, keepdims=True))
         relative.append(power / level)
     freedom = 2.0 * NEIGHBOURS * len(segments)
@@ -155,7 +172,7 @@ def _measured(segments: Sequence[RestSegment], frequency: float) -> tuple[Array,
         total += count * (parts**2).sum(axis=0) - 4.0 * left
         noise += count * left
         weight += count
-        gain = np.log((values**2).mean(axis=1) / np.maximum(left, 1e-300))
+        gain = np.log(np.maximum((values**2).mean(axis=1), 1e-300) / np.maximum(left, 1e-300))
         worth += float(count * gain.sum() - 2.0 * channels * np.log(count))
     amplitude = np.sqrt(np.maximum(total / weight, 0.0))
     return amplitude, np.sqrt(2.0 * noise) / weight, worth

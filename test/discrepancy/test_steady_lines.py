@@ -7,7 +7,7 @@ import pytest
 from scipy.signal import lfilter
 
 from saddlering_ros.discrepancy import RestSegment
-from saddlering_ros.discrepancy.lines import find_line, line_gain
+from saddlering_ros.discrepancy.lines import find_line, line_gain, LineSearch
 
 STEP = 1e-3
 
@@ -58,6 +58,22 @@ def test_a_line_of_half_the_limit_is_seldom_found() -> None:
 
 def test_a_slow_swing_is_left_to_others() -> None:
     assert find_line(stretches(4, 3.0, 2.0), 1e-3).line is None
+
+
+@pytest.mark.filterwarnings('error')
+def test_a_channel_that_stands_still_is_not_searched_and_hides_no_line() -> None:
+    found = [find_line([RestSegment(np.vstack([item.values, np.full(item.values.shape[1], 0.7)]),
+                                    item.step) for item in stretches(3, 50.0, size)], 1e-3)
+             for size in (0.5, 0.0)]
+    assert found[0].line.frequency == pytest.approx(50.0, abs=0.1)
+    assert found[0].line.own.tolist() == [False, True, False]
+    assert found[1] == find_line(stretches(3), 1e-3)
+
+
+@pytest.mark.filterwarnings('error')
+@pytest.mark.parametrize('still', [np.full(1000, 0.7), np.linspace(0.0, 1.0, 1000)])
+def test_values_without_noise_show_no_line_and_no_limit(still: np.ndarray) -> None:
+    assert find_line([RestSegment(still[None], 0.01)], 0.01) == LineSearch(None, np.inf)
 
 
 def test_stretches_too_short_for_a_spectrum_show_nothing() -> None:
