@@ -143,8 +143,9 @@ class LackOfFitTests:
             seen = metric.experiment.view_residuals(shape, view)
             expected = self._variances[view]
             own = []
-            for run, part, variance in zip(metric.experiment.runs, seen, expected, strict=True):
-                power = metric.experiment.mean_square(part, run, view) - variance
+            for run, part, variance, whole in zip(
+                    metric.experiment.runs, seen, expected, self._whole(fit, view), strict=True):
+                power = min(metric.experiment.mean_square(part, run, view), whole) - variance
                 size = float(np.sqrt(max(power, 0.0))) / self._ranges[view]
                 own.append(size)
                 powers[view] = max(powers.get(view, 0.0), size**2)
@@ -155,6 +156,17 @@ class LackOfFitTests:
         return SlowResidual(
             excess=statistic - free, dimensions=free, p_value=p_value, visible=visible,
             where=where, powers=powers, sizes=sizes, chances=chances)
+
+    def _whole(self, fit: Fit, view: str) -> list[float]:
+        """Mean square of the residual in each run, which no structure in it exceeds.
+
+        A structure that nuisance parameters can imitate has an estimate with a large error. The
+        estimate may then be larger than the residual itself.
+        """
+        experiment = self._metric.experiment
+        left = experiment.view_residuals(fit.prediction - experiment.measured, view)
+        return [experiment.mean_square(part, run, view)
+                for part, run in zip(left, experiment.runs, strict=True)]
 
     def _chances(self, slopes: Array) -> dict[tuple[str, str], float]:
         """Chance that noise alone leaves as much slow structure in each channel of each run."""
@@ -208,8 +220,9 @@ class LackOfFitTests:
         statistic = float(inner @ inner)
         seen = metric.experiment.view_residuals(columns.combined(root @ inner), view)
         sizes = [
-            metric.experiment.mean_square(part, run, view) ** 0.5 / self._ranges[view]
-            for run, part in zip(metric.experiment.runs, seen, strict=True)
+            min(metric.experiment.mean_square(part, run, view), whole) ** 0.5 / self._ranges[view]
+            for run, part, whole in zip(
+                metric.experiment.runs, seen, self._whole(fit, view), strict=True)
         ]
         p_value = 1.0
         if count:

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 import sys
 
+from bench import LOAD, recorded, System, TIME
 import numpy as np
 import pytest
 
-from saddlering_ros.discrepancy import diagnose_system, RunBlocks
+from saddlering_ros.discrepancy import diagnose_system, Effect, Parameter, Point, RunBlocks
 
 sys.path.insert(0, str(Path(__file__).parents[2] / 'examples'))
 
@@ -52,3 +54,28 @@ def test_an_idealised_law_widens_the_interval_of_its_size() -> None:
     found = diagnose_system(Idealised(), runs(3, friction={'force': 2.0}))
     force = found.causes[0].parameters['force']
     assert 0.1 < force.std / force.value < 0.15
+
+
+class Imitated(System):
+    """A slope, and a nuisance parameter with a wave and a narrow peak in its column."""
+
+    base_parameters = (Parameter(0.5, 2.0, name='slope'),)
+    effects = (Effect('bend', {'size': Parameter(-1.0, 1.0)}),)
+
+    def predict(self, name: str, point: Point) -> np.ndarray:
+        bend = point.effects.get('bend', {}).get('size', 0.0)
+        return (point.base[0] * LOAD + bend * LOAD**2)[None, :]
+
+    def nuisances(self, runs: Sequence[RunBlocks], point: Point) -> list[np.ndarray]:
+        column = 0.1 * np.cos(2.5 * np.pi * TIME / TIME[-1]) + PEAK
+        return [column[None, :, None] for _ in runs]
+
+
+PEAK = 0.02 * np.exp(-((TIME - 12.0) / 0.15) ** 2)
+
+
+def test_a_structure_is_not_larger_than_the_residual_in_which_it_is_seen() -> None:
+    noise = 2e-4 * np.random.default_rng(5).standard_normal((2, TIME.size))
+    measured = [recorded(f'run {k}', (LOAD + PEAK + own)[None, :]) for k, own in enumerate(noise)]
+    found = diagnose_system(Imitated(), measured)
+    assert found.residual_before.slow.visible < 0.0143  # rms of the residual; the wave is 0.07
