@@ -14,7 +14,7 @@ os.environ.setdefault('SADDLERING_THREADS', '1')
 
 import argparse
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from dataclasses import asdict, dataclass
 from itertools import pairwise
@@ -182,12 +182,20 @@ def best_gain(verdict: Verdict, names: Sequence[str]) -> float | None:
 # -- the campaign ------------------------------------------------------------------------------
 
 
-def plan(draws: int, seed: int) -> list[tuple[str, int]]:
+def counts_of(draws: int, wanted: Sequence[str]) -> dict[str, int]:
+    """Trials of each kind: those of KIND=N if any is given, else their shares of all draws."""
+    if not wanted:
+        return {kind: round(draws * share) for kind, share in SHARES.items()}
+    pairs = [item.partition('=') for item in wanted]
+    return {kind: int(count) for kind, _, count in pairs}
+
+
+def plan(counts: Mapping[str, int], seed: int) -> list[tuple[str, int]]:
     """(kind, seed) of every trial, the kinds mixed so that a part of them is a fair sample."""
     places = [
-        ((number + 0.5) / max(1, round(draws * share)), kind, seed + number)
-        for kind, share in SHARES.items()
-        for number in range(round(draws * share))
+        ((number + 0.5) / count, kind, seed + number)
+        for kind, count in counts.items()
+        for number in range(count)
     ]
     return [(kind, own) for _, kind, own in sorted(places)]
 
@@ -359,6 +367,8 @@ def _confusion(trials: Sequence[Trial]) -> list[str]:
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument('--draws', type=int, default=300)
+    parser.add_argument('--count', action='append', default=[], metavar='KIND=N',
+                        help='so many trials of one kind, instead of --draws')
     parser.add_argument('--seed', type=int, default=20_000, help='seed of the first of each kind')
     parser.add_argument('--out', type=Path, default=Path('out/blind.jsonl'))
     parser.add_argument('--jobs', type=int, default=len(os.sched_getaffinity(0)))
@@ -368,7 +378,8 @@ def main() -> int:
     args, extra = parser.parse_known_args()
     if not args.table:
         draws = 20 if args.quick else args.draws
-        campaign(plan(draws, args.seed), args.out, args.jobs, args.minutes, tuple(extra))
+        wanted = plan(counts_of(draws, args.count), args.seed)
+        campaign(wanted, args.out, args.jobs, args.minutes, tuple(extra))
     trials = read_trials(args.out)
     print(table(trials))
     broken = broken_promises([(item.kind, item.score) for item in trials])

@@ -34,13 +34,18 @@ RIG = default_rig()
 
 @dataclass(frozen=True)
 class Check:
-    """One group: what was hidden, the test, the stated share, and the group after the test."""
+    """One group: what was hidden, the test, the stated shares, and the group after the test.
+
+    share_alone: over all members of the group as the truth; share_of_truth: with the hidden
+    effects as the truth, if they are a member.
+    """
 
     seed: int
     hidden: list[str]
     group: list[list[str]]
     test: str
     share_alone: float
+    share_of_truth: float | None
     after: str
     group_after: list[list[str]]
 
@@ -92,8 +97,9 @@ def check(kind: str, seed: int, folder: Path) -> Check | None:
     best = possible[0]
     again = diagnose_bags([*fitted, made(truth, best.proposal.sentence, folder)], held, seed=seed)
     hidden = [item.effect.id for item in truth.effects]
-    return Check(seed, hidden, _groups(first), best.proposal.sentence, best.share, again.verdict,
-                 _groups(again))
+    of_truth = [share for names, share in best.by_truth.items() if set(names) == set(hidden)]
+    return Check(seed, hidden, _groups(first), best.proposal.sentence, best.share,
+                 of_truth[0] if of_truth else None, again.verdict, _groups(again))
 
 
 def _groups(verdict: Verdict) -> list[list[str]]:

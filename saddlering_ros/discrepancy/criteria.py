@@ -75,12 +75,20 @@ def exceeds_form_error(
     return views
 
 
-def exceeds_forms(p_value: float, gain: float, left: float, settings: Settings) -> bool:
+def exceeds_forms(
+    p_value: float, gain: float, plain_gain: float, left: float, settings: Settings
+) -> bool:
     """Whether a cause is real beside other forms of the found laws, and explains most of the rest.
 
-    gain: fall of the misfit with these forms marginalised; left: excess misfit with the cause.
+    gain: fall of the misfit with these forms marginalised, p_value of it; plain_gain: the same
+    fall without forms; left: excess misfit with the cause and these forms. If forms explain a
+    part of the fall, the cause must be certain, because the prior of the forms is rough. If they
+    explain nothing of it, the cause is judged as a first one.
     """
-    return p_value < settings.error_rate**2 and gain >= settings.min_partial * (gain + left)
+    if gain < settings.min_partial * (gain + left):
+        return False
+    has_no_form = gain >= settings.min_total * plain_gain
+    return p_value < (settings.error_rate if has_no_form else settings.error_rate**2)
 
 
 def adds_new_channel(p_value: float, added: Sizes, known: Sizes, settings: Settings) -> bool:

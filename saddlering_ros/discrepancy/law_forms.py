@@ -1,9 +1,10 @@
-"""Errors of the law of an effect: its change times smooth shapes.
+"""Forms of the law of an effect: mixtures of the law with others of its kind, and bent laws.
 
-The shapes lie over load, direction, time, run and channel. A real law differs from the idealised
-law of the catalogue. Products of the change of the effect and smooth shapes, each with a prior
-spread, describe the difference. If a misfit needs a further cause with these columns marginalised,
-no form of the law explains it.
+A real law differs from the idealised law of the catalogue. A film creeps with several time
+constants, joints slip at several loads: such a law is a mixture of the same law with other values
+of its shape. Other laws are bent: their change is that of the catalogue times a smooth shape over
+load, highest load so far, direction, time, run or channel. Each form has a prior spread. The forms
+compete with a second cause for the misfit that the idealised law leaves.
 """
 
 from __future__ import annotations
@@ -17,6 +18,12 @@ from saddlering_ros.discrepancy.system import Array, Point, RunBlocks
 LOAD_WAVES = 4
 """Half waves over the drive by which a law may deviate."""
 
+HIGHEST_WAVES = 2
+"""The same over the highest drive so far, because joints remember it."""
+
+OTHER_SHAPES = (-0.2, -0.1, 0.1, 0.2)
+"""Distances to the other laws of a mixture, in ranges of a shape parameter."""
+
 LAGS = (0.01, 0.05, 0.2)
 """Delays of the change of a law, as shares of the duration of a run."""
 
@@ -27,11 +34,38 @@ def form_columns(experiment: Experiment, fit: Fit, form_error: float) -> Array:
     form_error: share of the square of the change of an effect by which its law errs in total.
     """
     columns = []
-    for change in changes_of_effects(experiment, fit).T:
-        shaped = _shapes(experiment, experiment.by_run(change))
+    mixtures = _mixtures(experiment, fit)
+    for change, mixed in zip(changes_of_effects(experiment, fit).T, mixtures, strict=True):
+        bent = [
+            np.concatenate([part.ravel() for part in item])
+            for item in _shapes(experiment, experiment.by_run(change))
+        ]
+        shaped = [*bent, *mixed]
         scale = np.sqrt(form_error / len(shaped))
-        columns += [scale * np.concatenate([part.ravel() for part in item]) for item in shaped]
+        columns += [scale * item for item in shaped]
     return np.array(columns).reshape(-1, experiment.size).T
+
+
+def _mixtures(experiment: Experiment, fit: Fit) -> list[list[Array]]:
+    """By effect, the changes (n,) if the law had other values of one of its shape parameters."""
+    base = experiment.system.base_parameters
+    owners, points = [], []
+    for number, (effect, _, part) in enumerate(fit.candidate.slices(len(base))):
+        shapes = range(part.start + 1, part.stop)
+        for index, item in zip(shapes, effect.ordered[1:], strict=True):
+            for apart in OTHER_SHAPES:
+                moved = fit.theta_unit.copy()
+                moved[index] = moved[index] + apart
+                if item.periodic or 0.0 <= moved[index] <= 1.0:
+                    owners.append(number)
+                    points.append(fit.candidate.point(base, moved))
+    found: list[list[Array]] = [[] for _ in fit.candidate.effects]
+    if points:
+        changes = experiment.predict(points) - fit.prediction[:, None]
+        for owner, change in zip(owners, changes.T, strict=True):
+            if np.isfinite(change).all():
+                found[owner].append(change)
+    return found
 
 
 def changes_of_effects(experiment: Experiment, fit: Fit) -> Array:
@@ -57,6 +91,11 @@ def _shapes(experiment: Experiment, change: list[Array]) -> list[list[Array]]:
     found = [
         [part * np.cos(np.pi * wave * place) for part, place in zip(change, places, strict=True)]
         for wave in range(1, LOAD_WAVES + 1)
+    ]
+    highest = [np.maximum.accumulate(place) for place in places]
+    found += [
+        [part * np.cos(np.pi * wave * place) for part, place in zip(change, highest, strict=True)]
+        for wave in range(1, HIGHEST_WAVES + 1)
     ]
     found.append([
         part * (np.zeros(run.time.size) if run.direction is None else run.direction)

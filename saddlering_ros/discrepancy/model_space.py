@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -82,7 +82,7 @@ class ModelSpace:
         self._tangents = {base.candidate.key: (base, base_tangent)}
         self._slow: dict[Key, tuple[Fit, SlowResidual]] = {}
         self._inflated: dict[Key, tuple[Fit, float]] = {}
-        self._forms: dict[Key, tuple[Fit, Array]] = {}
+        self._forms: dict[Key, tuple[Fit, Array, Array]] = {}
 
     # ---- fits
 
@@ -259,16 +259,25 @@ class ModelSpace:
             known = self._inflated[fit.candidate.key] = fit, misfit
         return known[1]
 
-    def misfit_with_forms(self, fit: Fit, about: Fit) -> float:
-        """Misfit of `fit` with all its parameters free, if the laws in `about` err as they may."""
+    def with_forms(self, fit: Fit, about: Fit) -> Fit:
+        """`fit` with the most likely forms of the laws in `about`, and its parameters beside them.
+
+        The prediction is that of the simulator to first order. The misfit counts the forms and
+        the moved parameters by their prior spreads.
+        """
         known = self._forms.get(about.candidate.key)
         if known is None or known[0] is not about:
-            experiment = self.metric.experiment
-            columns = form_columns(experiment, about, self.settings.form_error)
-            known = self._forms[about.candidate.key] = about, self.metric.whiten_noise(columns)
-        free = self.metric.inflated(1.0, FREE_SPREAD * self.tangent_of(fit).plain)
-        residual = fit.prediction - self.metric.experiment.measured
-        return self._misfit_beside(residual, np.hstack([free, known[1]]))
+            forms = form_columns(self.metric.experiment, about, self.settings.form_error)
+            known = self._forms[about.candidate.key] = about, forms, self.metric.whiten(forms)
+        tangents = self.tangent_of(fit)
+        plain = np.hstack([FREE_SPREAD * tangents.plain, known[1]])
+        white = np.hstack([FREE_SPREAD * tangents.white, known[2]])
+        gram = np.eye(white.shape[1]) + white.T @ white
+        steps = -np.linalg.solve(gram, white.T @ fit.whitened)
+        whitened = fit.whitened + white @ steps
+        return replace(
+            fit, prediction=fit.prediction + plain @ steps, whitened=whitened,
+            misfit=float(whitened @ whitened + steps @ steps))
 
     def _misfit_beside(self, residual: Array, columns: Array) -> float:
         """Misfit of a plain residual minus the part of whitened columns with unit spread."""
@@ -353,16 +362,23 @@ class Comparison:
         )
 
     @cached_property
+    def with_forms(self) -> tuple[Fit, Fit]:
+        """Both fits with the most likely forms of the laws in `less`."""
+        return self.space.with_forms(self.less, self.less), self.space.with_forms(
+            self.more, self.less)
+
+    @cached_property
     def exceeds_forms(self) -> bool:
         """Whether the cause explains most of the rest, and other forms of the laws cannot."""
-        space, less, more = self.space, self.less, self.more
-        if not less.candidate.effects or self.p_value >= space.settings.error_rate**2:
+        space = self.space
+        if not self.less.candidate.effects or not self.is_real:
             return False
-        gain = space.misfit_with_forms(less, less) - space.misfit_with_forms(more, less)
+        less, more = self.with_forms
+        gain = less.misfit - more.misfit
         p_value = criteria.likelihood_ratio_test(
             gain, self._extra, space.known.pairs, space.trials)
-        left = max(space.slow_residual(more).excess, 0.0)
-        return criteria.exceeds_forms(p_value, gain, left, space.settings)
+        left = max(space.tests.slow(more).excess, 0.0)
+        return criteria.exceeds_forms(p_value, gain, self.gain, left, space.settings)
 
     @property
     def is_cause_of_its_own(self) -> bool:

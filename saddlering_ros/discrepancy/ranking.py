@@ -64,17 +64,8 @@ def rank(
     for item, squared, product in zip(usable, lengths, inner, strict=True):
         if squared <= 1e-12 * item.length**2 or item.size == 0.0:
             continue
-        neutral = item.effect.neutral
-        low, high = sorted(
-            (
-                (item.effect.size.low - neutral) / item.size,
-                (item.effect.size.high - neutral) / item.size,
-            )
-        )
-        least, most = AMPLITUDE_DEPENDENT_REACH if item.amplitude_dependent else STRAIGHT_REACH
-        if neutral != 0.0:
-            least = most = 1.0
-        factor = float(np.clip(product / squared, max(low, least), min(high, most)))
+        neutral, (low, high) = item.effect.neutral, reach_of(item)
+        factor = float(np.clip(product / squared, low, high))
         gain = float(2.0 * factor * product - factor**2 * squared)
         if item.amplitude_dependent:
             # Of another size it takes another shape, none knows which: what this one could take at
@@ -95,6 +86,16 @@ def rank(
             Score(item.effect, item.variant, gain, start, others, item.amplitude_dependent)
         )
     return sorted(scores, key=lambda score: -score.gain)
+
+
+def reach_of(item: Signature) -> tuple[float, float]:
+    """Factors of the size of a signature between which its shape and its bounds hold."""
+    neutral, size = item.effect.neutral, item.effect.size
+    if neutral != 0.0:
+        return 1.0, 1.0
+    low, high = sorted(((size.low - neutral) / item.size, (size.high - neutral) / item.size))
+    least, most = AMPLITUDE_DEPENDENT_REACH if item.amplitude_dependent else STRAIGHT_REACH
+    return max(low, least), min(high, most)
 
 
 def best_of_each(scores: Sequence[Score]) -> list[Score]:

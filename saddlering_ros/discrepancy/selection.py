@@ -16,6 +16,7 @@ from saddlering_ros.discrepancy.criteria import (
     indistinguishable,
     real_and_material,
 )
+from saddlering_ros.discrepancy.masked_pairs import masked_pair
 from saddlering_ros.discrepancy.model_space import Comparison, ModelSpace
 from saddlering_ros.discrepancy.race import CLOSE_SHARE, fit_each, fit_race
 from saddlering_ros.discrepancy.ranking import best_of_each, shortlist
@@ -43,9 +44,12 @@ def select(space: ModelSpace, log: SearchLog) -> Fit:
     if one is not fit:
         fit = prune(space, forward(space, one, log), log)
     other = _concealed(space, fit, log)
-    if other is fit:
+    if other is not fit:
+        fit = prune(space, forward(space, other, log), log)
+    pair = masked_pair(space, fit, log)
+    if pair is fit:
         return fit
-    return prune(space, forward(space, other, log), log)
+    return min(fit, prune(space, forward(space, pair, log), log), key=space.penalised)
 
 
 def _concealed(space: ModelSpace, fit: Fit, log: SearchLog) -> Fit:
@@ -171,9 +175,9 @@ def _share_of_member(item: Comparison) -> float:
     share = explained_share(
         space.slow_residual(item.less), space.slow_residual(item.more), settings
     )
-    if item.closes_misfit:
+    if item.closes_misfit or item.exceeds_forms:
         return max(share, settings.min_partial)
-    return share if item.is_cause_of_its_own else 0.0
+    return share if item.exceeds_form_error else 0.0
 
 
 def simpler(space: ModelSpace, fit: Fit, log: SearchLog) -> Fit:

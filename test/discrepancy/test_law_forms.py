@@ -1,0 +1,63 @@
+"""Claims on forms of a law that compete with a second cause for what the law leaves."""
+
+from __future__ import annotations
+
+from bench import LOAD, recorded, STEP, System
+import numpy as np
+
+from saddlering_ros.discrepancy import diagnose_system, Diagnosis, Effect, Parameter, Point
+
+NOISE = 5e-4
+SIZE, TIME_CONSTANTS = 0.3, (0.25, 4.0)
+BEND = 0.012
+"""A second cause a fifth as large as was needed when a share of the first one was form error."""
+
+
+def lagged(load: np.ndarray, time: float) -> np.ndarray:
+    """A load (N,) behind a first-order lag."""
+    seen, kept = np.zeros(load.size), np.exp(-STEP / time)
+    for number in range(1, load.size):
+        seen[number] = kept * seen[number - 1] + (1.0 - kept) * load[number]
+    return seen
+
+
+class Film(System):
+    """A channel straight in the load; a film creeps with one time constant, a beam bends."""
+
+    effects = (
+        Effect('creep', {
+            'size': Parameter(0.0, 1.0),
+            'time': Parameter(0.05, 50.0, scale='log', start=1.0),
+        }),
+        Effect('bend', {'size': Parameter(-0.5, 0.5)}),
+    )
+
+    def predict(self, name: str, point: Point) -> np.ndarray:
+        seen = point.base[0] * LOAD
+        for effect, values in point.effects.items():
+            own = LOAD**2 if effect == 'bend' else lagged(LOAD, values['time'])
+            seen = seen + values['size'] * own
+        return seen[None, :]
+
+
+def measured(bend: float) -> np.ndarray:
+    """What is seen of a film with two time constants, and of a bend of this size."""
+    films = [lagged(LOAD, time) for time in TIME_CONSTANTS]
+    seen = LOAD + SIZE * np.mean(films, axis=0) + bend * LOAD**2
+    return (seen + np.random.default_rng(1).normal(0.0, NOISE, LOAD.size))[None, :]
+
+
+def diagnosed(bend: float) -> Diagnosis:
+    return diagnose_system(Film(), [recorded('slow', measured(bend))])
+
+
+def names(found: Diagnosis) -> set[str]:
+    return {cause.effect for cause in found.causes}
+
+
+def test_a_mixture_of_laws_of_one_kind_gets_no_second_name() -> None:
+    assert names(diagnosed(0.0)) == {'creep'}
+
+
+def test_a_second_cause_is_named_beside_a_mixture_that_the_catalogue_does_not_have() -> None:
+    assert names(diagnosed(BEND)) == {'creep', 'bend'}
