@@ -12,7 +12,6 @@ from saddlering_ros.discrepancy.consistency import consistency_tests
 from saddlering_ros.discrepancy.criteria import (
     alternative_floor,
     crowded,
-    exceeds_form_error,
     real_and_material,
     too_many,
 )
@@ -145,11 +144,8 @@ def _doubts(space: ModelSpace, fit: Fit, after: Residual, share: float) -> list[
     doubts = []
     if _is_left(space, after):
         where = ', '.join(_unexplained(space, after)) or after.slow.where or after.fast.view
-        known = space.explained(space.base, fit)
-        beyond = exceeds_form_error(
-            after.slow.sizes, known, assumptions.form_error, settings.materiality
-        )
-        if share < settings.min_total or beyond or assumptions.form_error == 0.0:
+        is_exact = assumptions.form_error == 0.0
+        if share < settings.min_total or is_exact or _exceeds_forms(space, fit):
             doubts.append(
                 f'{100 * (1 - share):.0f} % of the misfit remains, which is more than noise and '
                 f'model error in {where}: {" and ".join(fit.candidate.ids)} can only be a part '
@@ -162,6 +158,12 @@ def _doubts(space: ModelSpace, fit: Fit, after: Residual, share: float) -> list[
             'can fit any misfit, and none of them is certain'
         )
     return [*doubts, *_shapes_at_bounds(space, fit)]
+
+
+def _exceeds_forms(space: ModelSpace, fit: Fit) -> bool:
+    """Whether more remains than any form of the laws of a fit explains."""
+    remaining = space.tests.slow(space.with_forms(fit, fit))
+    return real_and_material(remaining, space.settings)
 
 
 def _shapes_at_bounds(space: ModelSpace, fit: Fit) -> list[str]:

@@ -92,11 +92,10 @@ def forward(space: ModelSpace, current: Fit, log: SearchLog) -> Fit:
         real = [item for item in tried if item.is_real]
         named = len(current.candidate.effects) - len(silent)
         wanted = not named or real_and_material(space.slow_residual(current), settings)
-        beyond = [item for item in real if _is_another_cause(item, wanted)]
-        if not beyond or named == settings.max_causes:
+        best = next((item for item in real if _is_another_cause(item, wanted)), None)
+        if best is None or named == settings.max_causes:
             log.immaterial += [item.evidence(step + 1) for item in real[:3]]
             break
-        best = beyond[0]
         if not best.is_material:
             log.immaterial.append(best.evidence(step + 1))
             if len(silent) == MAX_SILENT:

@@ -171,7 +171,12 @@ def _least_swing(runs: Sequence[RunBlocks], drives: Sequence[Array], line: Line)
 
 
 def _is_steady(segments: Sequence[RestSegment], line: Line) -> bool:
-    """Whether a line is equally strong in every piece of every run, and continues in between."""
+    """Whether a line is equally strong in every piece of every run, and continues in between.
+
+    A line that no run shows for a few periods is not known to be steady.
+    """
+    if not segments:
+        return False
     strengths, spreads, whole = [], [], []
     for item in segments:
         periods = item.values.shape[1] * item.step * line.frequency

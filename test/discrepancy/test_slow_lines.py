@@ -156,3 +156,18 @@ def test_a_line_is_named_from_the_holds_where_static_tests_alone_were_made() -> 
 
 def test_holds_without_a_line_show_none() -> None:
     assert diagnose_system(Bench(), [held_test(1, 0.0), held_test(2, 0.0)]).verdict == 'none'
+
+
+def test_a_swing_of_two_periods_in_the_one_fast_run_is_no_line() -> None:
+    runs = []
+    for name, step, count in (('long', 1.0, 400), ('short', 0.02, 128)):
+        time = step * np.arange(count)
+        load = np.interp(time / time[-1], [0.0, 0.2, 0.6, 1.0], [0.0, 0.0, 1.0, 0.0])
+        noise = NOISE * np.random.default_rng(count).normal(size=(1, count))
+        swing = 0.1 * np.cos(2.0 * np.pi * 0.8 * time) * (name == 'short')
+        seen = load + swing + noise
+        runs.append(RunBlocks(
+            name, 'bench', time, np.full(count, step), seen, {'load': load},
+            (RestSegment(seen[:, load == 0.0], step),), direction=np.sign(np.gradient(load))))
+    found = diagnose_system(Bench(), runs)
+    assert 'pickup' not in {cause.effect for cause in found.causes}
