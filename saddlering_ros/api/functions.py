@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 
 from saddlering_ros import identification
+from saddlering_ros.api.arguments import check_bounds, check_number, check_seed, check_whole
 from saddlering_ros.api.inputs import (
     as_bags,
     as_parameters,
@@ -12,7 +13,6 @@ from saddlering_ros.api.inputs import (
     BagLike,
     check_parameters,
     check_rig,
-    check_seed,
     for_fits,
     origins,
     ParametersLike,
@@ -47,6 +47,13 @@ def identify(
     with the result so far as `partial`. Raises SaddleringError for input that cannot be used.
     """
     check_seed(seed)
+    check_bounds({} if bounds is None else bounds)
+    for name, value in (('particles', particles), ('iterations', iterations)):
+        check_whole(name, value)
+    if stagnation is not None:
+        check_whole('stagnation', stagnation)
+    if accuracy is not None:
+        check_number('accuracy', accuracy)
     settings = IdentificationSettings(
         method=method, bounds=dict(bounds or {}), logarithmic_stiffness=log_stiffness,
         use_delta_y=use_delta_y, seed=seed, swarm=SwarmSettings(
@@ -116,7 +123,7 @@ def diagnose(
     known = as_rig(rig)
     law = None if parameters is None else as_parameters(parameters)
     fitted = as_bags(bags, known, on_progress, is_cancelled)
-    held = as_bags(hold_out, known, on_progress, is_cancelled)
+    held = as_bags(hold_out, known, on_progress, is_cancelled, name='hold_out')
     check_rig([*fitted, *held], known, rig, trust_rig)
     if law is not None:
         check_parameters(law, known, trust_rig)

@@ -9,6 +9,7 @@ import math
 from pathlib import Path
 from typing import Any, TYPE_CHECKING
 
+from saddlering_ros.api.arguments import check_calls, check_number, check_path, several
 from saddlering_ros.api.errors import ApiError
 from saddlering_ros.api.tables import dataframe
 from saddlering_ros.bags import (
@@ -125,7 +126,11 @@ def read_bag(
     of the bag. on_progress is called with the share that is read (task 'read'). Raises BagError,
     with one line, if the bag cannot be used.
     """
+    check_path('path', path)
+    check_calls(on_progress, None)
     known = as_rig(rig)
+    if elevation_deg is not None:
+        check_number('elevation_deg', elevation_deg)
     elevation = None if elevation_deg is None else math.radians(elevation_deg)
     report = on_progress or (lambda progress: None)
     name = Path(path).name
@@ -135,11 +140,12 @@ def read_bag(
 
 def as_bags(
     given: BagLike | Iterable[BagLike], rig: Rig, on_progress: OnProgress | None = None,
-    is_cancelled: IsCancelled | None = None,
+    is_cancelled: IsCancelled | None = None, *, name: str = 'bags',
 ) -> list[Bag]:
-    """Bags from bags or paths, one or several; paths are read."""
-    several = [given] if isinstance(given, (Bag, TestRun, Path, str)) else given
-    return [_as_bag(item, rig, on_progress, is_cancelled) for item in several]
+    """Bags from bags or paths, one or several; paths are read. name: of the argument."""
+    check_calls(on_progress, is_cancelled)
+    return [_as_bag(item, rig, on_progress, is_cancelled)
+            for item in several(name, given, (Bag, TestRun))]
 
 
 def _as_bag(
@@ -184,15 +190,13 @@ def check_parameters(law: ParameterSet, known: Rig, trust_rig: bool) -> None:
             '--trust-rig to continue with this rig')
 
 
-def check_seed(seed: int) -> None:
-    """Refuse a seed that no random generator takes."""
-    if seed < 0:
-        raise ApiError(f'seed is {seed}: give a whole number, 0 or above')
-
-
 def as_rig(given: RigLike) -> Rig:
     """A rig as it is, a file as a rig, None as the shipped one."""
-    return given if isinstance(given, Rig) else load_rig(given)
+    if isinstance(given, Rig):
+        return given
+    if given is not None:
+        check_path('rig', given, ', a Rig or None')
+    return load_rig(given)
 
 
 def as_parameters(given: ParametersLike) -> ParameterSet:
@@ -207,7 +211,8 @@ def as_parameters(given: ParametersLike) -> ParameterSet:
 
 
 def origins(*given: object) -> tuple[Origin, ...]:
-    """The files among the arguments, with their hashes."""
+    """The files among the arguments and the user's effect files, with their hashes."""
+    from saddlering_ros.effects import own_files
     from saddlering_ros.provenance import files
 
-    return files(*(item for item in given if isinstance(item, (Path, str))))
+    return files(*(item for item in given if isinstance(item, (Path, str))), *own_files())

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
 import json
 from pathlib import Path
@@ -31,6 +31,7 @@ from saddlering_ros.rig import (
     write_text_atomically,
 )
 from saddlering_ros.spared import bag_folder, spare_bags, spare_files
+from saddlering_ros.writing import whole_file
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -42,16 +43,23 @@ PLOT_SUFFIXES = ('.png', '.svg', '.pdf')
 
 @dataclass(frozen=True)
 class Plot:
-    """A figure: a notebook shows it, `save` writes it, `figure` is matplotlib's own object."""
+    """A figure: a notebook shows it, `save` writes it, `figure` is matplotlib's own object.
+
+    spare: refuses a path that is an input of the result.
+    """
 
     figure: Figure
+    spare: Callable[[Path], None] = field(repr=False)
 
     def save(self, path: Path | str) -> None:
         """Write a PNG, SVG or PDF, as the name ends."""
-        if Path(path).suffix.lower() not in PLOT_SUFFIXES:
+        suffix = Path(path).suffix.lower()
+        if suffix not in PLOT_SUFFIXES:
             raise ApiError(f'{path}: cannot be saved under this name: end the name with '
                            f'{", ".join(PLOT_SUFFIXES)}')
-        self.figure.savefig(path)
+        self.spare(Path(path))
+        with whole_file(path, ApiError) as temporary:
+            self.figure.savefig(temporary, format=suffix.lstrip('.'))
 
     def _repr_png_(self) -> bytes:
         from saddlering_ros.report.html import png
@@ -256,7 +264,7 @@ class ValidationResult(Result):
 
         curves = curves_of_validation(self.found, runs_of(self.bags), self.rig.force_unit)
         static = [item for item in curves if item.test == 'static']
-        return Plot(draw(figures.comparison((static or curves)[:3])))
+        return Plot(draw(figures.comparison((static or curves)[:3])), self._spare_inputs)
 
     def write_report(
         self, path: Path | str, *, command: str = '',
@@ -337,7 +345,7 @@ class DiagnosisResult(Result, _Parametric):
         from saddlering_ros.report import figures
         from saddlering_ros.report.drawing import draw
 
-        return Plot(draw(figures.misfit(self.document['runs'])))
+        return Plot(draw(figures.misfit(self.document['runs'])), self._spare_inputs)
 
     def write_report(self, path: Path | str, *, command: str = '') -> tuple[Path, ...]:
         """Write the report of the diagnosis."""

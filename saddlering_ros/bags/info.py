@@ -33,6 +33,7 @@ from saddlering_ros.bags.record_quality import topic_quality, TopicQuality, UNKN
 from saddlering_ros.bags.scan import OnShare, Scan, scan
 from saddlering_ros.bags.scratch import count_where, extremes, spread_changes
 from saddlering_ros.bags.topics import LOAD_TOPIC, PROBE_TOPICS, RIG_TOPICS
+from saddlering_ros.finite_json import finite_json
 from saddlering_ros.rig import default_rig, Rig
 
 
@@ -102,7 +103,7 @@ class BagInfo:
         mapping = asdict(self)
         mapping['path'] = str(self.path)
         mapping['usable'] = self.usable
-        plain: dict[str, Any] = _plain(mapping)
+        plain: dict[str, Any] = finite_json(mapping)
         return plain
 
 
@@ -240,13 +241,3 @@ def _rig_topic(
         frame_id=raw.frame_id, repeated=seen.repeated, update_rate=seen.update_rate,
         resolution=seen.resolution, noise=seen.noise, bandwidth=seen.bandwidth,
         spikes=int(seen.spikes.size))
-
-
-def _plain(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {key: _plain(item) for key, item in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [_plain(item) for item in value]
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    return value

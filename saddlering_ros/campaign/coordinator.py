@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable, Sequence
 from concurrent.futures import CancelledError, Executor, FIRST_COMPLETED, Future, wait
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 import time
 
 from saddlering_ros.campaign.errors import CampaignError, CampaignInterruptedError
@@ -65,7 +65,39 @@ def run_campaign(
     campaign ends with CampaignError and goes on with the next call.
     """
     store.prepare()
-    count, waiting = _Count(), deque[SessionTask]()
+    count = _Count()
+    work = _Work(store, executor, TASKS_A_SLOT * slots, _waiting(tasks, store, count, retry=retry))
+    began = last = time.time()
+
+    def status(*, running: bool) -> Status:
+        return Status(
+            total=len(tasks), done=count.done, failed=count.failed, started=began,
+            updated=time.time(), slots=slots, computed=count.computed, running=running)
+
+    store.write_status(status(running=True))
+    try:
+        while not work.is_done:
+            documents, is_late = work.next_results()
+            for document in documents:
+                count.add(document, new=True)
+            if is_late and not alive():
+                raise _gone(count.done, len(tasks))
+            if time.time() - last >= STATUS_SECONDS:
+                last = time.time()
+                store.write_status(status(running=True))
+                on_status(status(running=True))
+    finally:
+        work.cancel()
+        store.write_status(status(running=False))
+    on_status(status(running=False))
+    return Summary(len(tasks), count.done, count.failed, count.computed, count.faults)
+
+
+def _waiting(
+    tasks: Sequence[SessionTask], store: Store, count: _Count, *, retry: bool
+) -> deque[SessionTask]:
+    """The tasks without a result, with `retry` failed ones too; the others are counted."""
+    waiting = deque[SessionTask]()
     for task in tasks:
         found = store.read_result(task.key)
         if found is None:
@@ -74,44 +106,46 @@ def run_campaign(
             waiting.append(replace(task, attempt=int(found.get('attempt', 0)) + 1))
         else:
             count.add(found, new=False)
-    began = last = time.time()
+    return waiting
 
-    def status(running: bool) -> Status:
-        return Status(
-            total=len(tasks), done=count.done, failed=count.failed, started=began,
-            updated=time.time(), slots=slots, computed=count.computed, running=running)
 
-    running: dict[Future[str], SessionTask] = {}
-    lost: dict[str, int] = {}
-    store.write_status(status(True))
-    try:
-        while waiting or running:
-            while waiting and len(running) < TASKS_A_SLOT * slots:
-                task = waiting.popleft()
-                running[executor.submit(execute, task.as_dict(), str(store.folder.resolve()))] = (
-                    task)
-            finished, _ = wait(running, timeout=HEARTBEAT, return_when=FIRST_COMPLETED)
-            if not finished and not alive():
-                raise _gone(count.done, len(tasks))
-            for future in finished:
-                task = running.pop(future)
-                document = _result(future, task, store, lost)
-                if document is None:
-                    if not alive():
-                        raise _gone(count.done, len(tasks))
-                    waiting.append(task)
-                else:
-                    count.add(document, new=True)
-            if time.time() - last >= STATUS_SECONDS:
-                last = time.time()
-                store.write_status(status(True))
-                on_status(status(True))
-    finally:
-        for future in running:
+@dataclass
+class _Work:
+    """Tasks that wait and tasks that run, `limit` at most; lost: dead workers by task."""
+
+    store: Store
+    executor: Executor
+    limit: int
+    waiting: deque[SessionTask]
+    running: dict[Future[str], SessionTask] = field(default_factory=dict)
+    lost: dict[str, int] = field(default_factory=dict)
+
+    @property
+    def is_done(self) -> bool:
+        return not (self.waiting or self.running)
+
+    def next_results(self) -> tuple[list[dict[str, object]], bool]:
+        """Results that came, and whether the executor may be gone: none came, or a worker died."""
+        while self.waiting and len(self.running) < self.limit:
+            task = self.waiting.popleft()
+            self.running[self.executor.submit(
+                execute, task.as_dict(), str(self.store.folder.resolve()))] = task
+        finished, _ = wait(self.running, timeout=HEARTBEAT, return_when=FIRST_COMPLETED)
+        documents, given_again = [], 0
+        for future in finished:
+            task = self.running.pop(future)
+            document = _result(future, task, self.store, self.lost)
+            if document is None:
+                self.waiting.append(task)
+                given_again += 1
+            else:
+                documents.append(document)
+        return documents, given_again > 0 or not finished
+
+    def cancel(self) -> None:
+        """Withdraw what no worker has begun."""
+        for future in self.running:
             future.cancel()
-        store.write_status(status(False))
-    on_status(status(False))
-    return Summary(len(tasks), count.done, count.failed, count.computed, count.faults)
 
 
 def _result(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+import os
 from pathlib import Path
 
 from saddlering_ros.spared import (
@@ -48,9 +49,18 @@ def check_files(args: argparse.Namespace) -> None:
                 raise FileConflict(f'{output.words} and {other.words} are the same file: choose '
                                    'two files')
         spare_files(output.path, output.words, _pairs(_named(args, FILES_READ)))
+        spare_files(output.path, output.words, _effects_of_environment())
         spare_bags(output.path, output.words, _pairs(_bags(args)))
         if not _is_filled(args, output):
             _check_contains(output, [*_named(args, FILES_READ), *_bags(args)])
+
+
+def _effects_of_environment() -> Iterator[tuple[Path, str]]:
+    """The effect files of the folder that the environment names."""
+    if os.environ.get('SADDLERING_EFFECTS'):
+        from saddlering_ros.effects import own_files
+
+        yield from ((file, f'{file} (SADDLERING_EFFECTS)') for file in own_files())
 
 
 def _named(args: argparse.Namespace, names: tuple[str, ...]) -> Iterator[_Named]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from typing import Any, TYPE_CHECKING
 
 import numpy as np
@@ -11,6 +10,7 @@ from saddlering_ros.diagnosis.contract import ShapeEntry, SimulatedTestEntry, Ve
 from saddlering_ros.diagnosis.proposed_law import proposal_document
 from saddlering_ros.diagnosis.wording import shape_words, swing_words
 from saddlering_ros.discrepancy import Cause, Diagnosis, Evidence, Separation, ShapeTest
+from saddlering_ros.finite_json import finite_json
 from saddlering_ros.thresholds import is_left, MATERIAL
 
 if TYPE_CHECKING:
@@ -67,7 +67,7 @@ def verdict_document(verdict: Verdict) -> VerdictDocument:
         'seed': verdict.seed,
         'seconds': found.seconds,
     }
-    answer: VerdictDocument = _finite(document)
+    answer: VerdictDocument = finite_json(document)
     return answer
 
 
@@ -191,18 +191,3 @@ def _shape_json(item: ShapeTest) -> ShapeEntry:
         'p_value': item.p_value,
         'share_of_range': item.visible,
     }
-
-
-def _finite(value: Any) -> Any:
-    """The same document with JSON numbers: infinite and undefined become null."""
-    if isinstance(value, dict):
-        return {key: _finite(item) for key, item in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [_finite(item) for item in value]
-    if isinstance(value, (bool, np.bool_)):
-        return bool(value)
-    if isinstance(value, (float, np.floating)):
-        return float(value) if math.isfinite(value) else None
-    if isinstance(value, np.integer):
-        return int(value)
-    return value

@@ -241,6 +241,12 @@ def _white_noise(load: Array) -> float:
     return float(1.4826 * np.median(np.abs(np.diff(load, 2))) / math.sqrt(6.0))
 
 
+def smooth_rate(load: Array, time: Array) -> Array:
+    """Change of a load (N,) per second, as a running mean over 0.1 s."""
+    size = max(1, round(0.1 / float(np.median(np.diff(time)))))
+    return np.convolve(np.gradient(load, time), np.ones(size) / size, mode='same')
+
+
 def _run(readings: _Readings, blocks: _Blocks, held_out: bool) -> RunBlocks:
     rig, test_run, branch = readings.rig, readings.test_run, blocks.branch
     grid = _load_grid(readings, blocks)
@@ -250,9 +256,7 @@ def _run(readings: _Readings, blocks: _Blocks, held_out: bool) -> RunBlocks:
         direction_of(load, rig.limits.reversal_band) if branch is None else _carried(branch)
     )
     if test_run.test != 'static':
-        rate = np.gradient(load, means.time)
-        size = max(1, round(0.1 / float(np.median(np.diff(means.time)))))
-        rate = np.convolve(rate, np.ones(size) / size, mode='same')
+        rate = smooth_rate(load, means.time)
     else:
         rate = np.zeros(load.size)
     degrees = np.degrees(test_run.elevation)

@@ -74,14 +74,52 @@ class _ReadPoint(NamedTuple):
 
 
 @dataclass(frozen=True)
-class _Asked:
-    """Groups of points, as candidates; near: which of a group are neighbours of its first."""
+class RingNeighbourhood:
+    """Groups of points of a ring, prepared for any run.
 
-    rig: Rig
+    candidates: each group as contact laws with extensions; near: whether a point after the first
+    of its group has a tangent; passes: the first points and the near ones.
+    """
+
+    system: RingSystem
     groups: Sequence[Sequence[Point]]
     candidates: list[list[tuple[Array, RingExtension]]]
     near: list[list[bool]]
-    neighbourhoods: Neighbourhoods
+    passes: Neighbourhoods
+
+    def predict(self, run: RunBlocks) -> list[Array]:
+        """Points (B, C, N) of each group: the first simulated, its neighbours by exact tangents.
+
+        A neighbour with other rollers is simulated, because a tangent pass would follow
+        every roller and cost more. A neighbour without a tangent is simulated too.
+        """
+        if any(self.system.laws(group[0]) for group in self.groups):
+            return [self.system.predict_many(run, group) for group in self.groups]
+        answers = self._by_tangents(run)
+        missing = [
+            (answer, index, candidate)
+            for answer, group in zip(answers, self.candidates, strict=True)
+            for index, candidate in enumerate(group) if not np.isfinite(answer[index]).all()]
+        if missing:
+            simulated = self.system.simulated(run, [candidate for _, _, candidate in missing])
+            for (answer, index, _), values in zip(missing, simulated, strict=True):
+                answer[index] = values
+        return [np.clip(answer, -10.0 * FAILED, 10.0 * FAILED) for answer in answers]
+
+    def _by_tangents(self, run: RunBlocks) -> list[Array]:
+        """The same, NaN for a point that must be simulated."""
+        grid: LoadGrid = run.payload
+        seen = self.system.seen
+        found = self.passes.along(
+            grid.elevation, grid.time, grid.load, grid.zero_load, grid.max_step,
+            (grid.first, grid.last))
+        answers = []
+        for near, response in zip(self.near, found, strict=True):
+            answer = np.full((1 + len(near), *run.channels.shape), np.nan)
+            answer[0] = response.centre[seen]
+            answer[1:][near] = response.neighbours[:, seen]
+            answers.append(answer)
+        return answers
 
 
 @dataclass(frozen=True)
@@ -91,7 +129,6 @@ class RingSystem:
     rig: Rig
     _kept: dict[tuple[object, ...], _ReadPoint] = field(
         default_factory=dict, repr=False, compare=False)
-    _last_asked: list[_Asked] = field(default_factory=list, repr=False, compare=False)
 
     @cached_property
     def channel_names(self) -> tuple[str, ...]:
@@ -99,7 +136,7 @@ class RingSystem:
         return tuple(f'd{number}' for number in self.rig.probes.present)
 
     @cached_property
-    def _seen(self) -> list[int] | slice:
+    def seen(self) -> list[int] | slice:
         """Rows of the probes that the rig has among those of all four."""
         probes = self.rig.probes
         return [number - 1 for number in probes.present] if probes.absent else slice(None)
@@ -140,71 +177,29 @@ class RingSystem:
             return views
         del views['parity']
         views['delta_x'] *= 2.0  # All of it is of one probe.
-        return {name: weights[self._seen] for name, weights in views.items()}
+        return {name: weights[self.seen] for name, weights in views.items()}
 
     def predict_many(self, run: RunBlocks, points: Sequence[Point]) -> Array:
-        answer = self._simulated(run, [(point.base, self.extension(point)) for point in points])
+        answer = self.simulated(run, [(point.base, self.extension(point)) for point in points])
         for number, point in enumerate(points):
-            laws = self._laws(point)
+            laws = self.laws(point)
             if laws:
                 answer[number] = self._with_laws(run, point, laws, answer[number])
         return answer
 
-    def predict_neighbours(
-        self, run: RunBlocks, groups: Sequence[Sequence[Point]]
-    ) -> list[Array]:
-        """Points (B, C, N) of each group: the first simulated, its neighbours by exact tangents.
-
-        A neighbour with other rollers is simulated, because a tangent pass would follow
-        every roller and cost more. A neighbour without a tangent is simulated too.
-        """
-        if any(self._laws(group[0]) for group in groups):
-            return [self.predict_many(run, group) for group in groups]
-        asked = self._asked_with(groups)
-        grid: LoadGrid = run.payload
-        found = asked.neighbourhoods.along(
-            grid.elevation,
-            grid.time,
-            grid.load,
-            grid.zero_load,
-            grid.max_step,
-            (grid.first, grid.last),
-        )
-        answers, missing = [], []
-        for number, (near, response) in enumerate(zip(asked.near, found, strict=True)):
-            answer = np.empty((1 + len(near), *run.channels.shape))
-            answer[0] = response.centre[self._seen]
-            answer[1:][near] = response.neighbours[:, self._seen]
-            answer[1:][np.logical_not(near)] = np.nan
-            answers.append(answer)
-            missing += [(number, index) for index in range(len(answer))
-                        if not np.isfinite(answer[index]).all()]
-        if missing:
-            simulated = self._simulated(run, [asked.candidates[a][b] for a, b in missing])
-            for (a, b), values in zip(missing, simulated, strict=True):
-                answers[a][b] = values
-        return [np.clip(answer, -10.0 * FAILED, 10.0 * FAILED) for answer in answers]
-
-    def _asked_with(self, groups: Sequence[Sequence[Point]]) -> _Asked:
-        """Common input of all runs for these groups; every run gets the same groups in turn."""
-        known = self._last_asked[-1] if self._last_asked else None
-        if known is None or known.groups is not groups or known.rig is not self.rig:
-            known = self._asked(groups)
-            self._last_asked[:] = [known]
-        return known
-
-    def _asked(self, groups: Sequence[Sequence[Point]]) -> _Asked:
+    def neighbourhood(self, groups: Sequence[Sequence[Point]]) -> RingNeighbourhood:
+        """Groups of points with their extensions, and the tangents that each group allows."""
         candidates = [
             [(point.base, self.extension(point)) for point in group] for group in groups
         ]
         near = [
             [has_tangent(self.rig, group[0], other) for other in group[1:]] for group in candidates
         ]
-        neighbourhoods = Neighbourhoods(self.rig, [
+        passes = Neighbourhoods(self.rig, [
             (group[0], list(compress(group[1:], own)))
             for group, own in zip(candidates, near, strict=True)
         ])
-        return _Asked(self.rig, groups, candidates, near, neighbourhoods)
+        return RingNeighbourhood(self, groups, candidates, near, passes)
 
     def _with_laws(self, run: RunBlocks, point: Point, laws: Sequence[Law], plain: Array) -> Array:
         """Channels (C, N) with the user's own laws, from those without."""
@@ -213,14 +208,14 @@ class RingSystem:
         at_ring, added = additions.push(grid.time, grid.load)
         if not np.array_equal(at_ring, grid.load):
             changed = replace(run, payload=replace(grid, load=at_ring))
-            plain = self._simulated(changed, [(point.base, self.extension(point))])[0]
-        return plain + grid.block_means(np.ascontiguousarray(added.T[self._seen]))
+            plain = self.simulated(changed, [(point.base, self.extension(point))])[0]
+        return plain + grid.block_means(np.ascontiguousarray(added.T[self.seen]))
 
-    def _simulated(
+    def simulated(
         self, run: RunBlocks, candidates: Sequence[tuple[Array, RingExtension]]
     ) -> Array:
-        """Increments (B, C, N) of the probes that the rig has."""
-        return self._four_probes(run, candidates)[:, self._seen]
+        """Increments (B, C, N) of the probes that the rig has, for laws with extensions."""
+        return self._four_probes(run, candidates)[:, self.seen]
 
     def _four_probes(
         self, run: RunBlocks, candidates: Sequence[tuple[Array, RingExtension]]
@@ -256,7 +251,7 @@ class RingSystem:
             load = next(iter(run.inputs.values()))
             course = SimulatedCourse(
                 grid.elevation, grid.zero_load, load, run.time, contacts, static)
-            parts.append(scatter_columns(self.rig, base, course)[self._seen])
+            parts.append(scatter_columns(self.rig, base, course)[self.seen])
             sides = [
                 [replace(self, rig=rig).predict_many(run, [point])[0] for rig in pair]
                 for pair in known_rigs(self.rig)
@@ -306,7 +301,7 @@ class RingSystem:
             replace(extension, load_offset=extension.load_offset + change)
             for change in (step, -step)
         )
-        answers = self._simulated(run, [(point.base, less), (point.base, more)])
+        answers = self.simulated(run, [(point.base, less), (point.base, more)])
         return np.asarray((answers[1] - answers[0]) / (2.0 * step))
 
     def targets(self, run: RunBlocks, point: Point) -> dict[str, Array]:
@@ -317,7 +312,7 @@ class RingSystem:
         grid: LoadGrid = run.payload
         step = LOAD_STEP * self.rig.full_scale_load
         less, more = (
-            self._simulated(
+            self.simulated(
                 replace(run, payload=replace(grid, load=grid.load + change)),
                 [(point.base, self.extension(point))],
             )[0]
@@ -336,7 +331,7 @@ class RingSystem:
             return NO_EXTENSION
         return self._read_point(point).extension
 
-    def _laws(self, point: Point) -> Sequence[Law]:
+    def laws(self, point: Point) -> Sequence[Law]:
         """The laws of the user's own effects at a point."""
         return self._read_point(point).laws if point.effects else ()
 

@@ -102,7 +102,8 @@ class Experiment:
             ends = np.cumsum([len(group) for group in groups])
             return np.split(answers, ends[:-1], axis=1)
         self.simulations += sum(len(group) for group in groups)
-        runs = [self.system.predict_neighbours(run, groups) for run in self.runs]
+        prepared = self.system.neighbourhood(groups)
+        runs = [prepared.predict(run) for run in self.runs]
         return [
             np.concatenate([answer.reshape(len(answer), -1) for answer in parts], axis=1).T
             for parts in zip(*runs, strict=True)

@@ -166,9 +166,8 @@ def _measured(segments: Sequence[RestSegment], frequency: float) -> tuple[Array,
     total, noise, worth, weight = np.zeros(channels), np.zeros(channels), 0.0, 0
     for item in segments:
         count = item.values.shape[1]
-        values, swings = _detrended(item.values), turns(item, frequency)
-        parts = np.linalg.lstsq(swings, values.T, rcond=None)[0]
-        left = ((values.T - swings @ parts) ** 2).mean(axis=0)
+        values = _detrended(item.values)
+        parts, left = _fitted(values, turns(item, frequency))
         total += count * (parts**2).sum(axis=0) - 4.0 * left
         noise += count * left
         weight += count
@@ -180,10 +179,14 @@ def _measured(segments: Sequence[RestSegment], frequency: float) -> tuple[Array,
 
 def amplitudes(item: RestSegment, frequency: float) -> tuple[Array, Array]:
     """Amplitude (C,) of a line in one stretch, and its standard deviation (C,)."""
-    values, swings = _detrended(item.values), turns(item, frequency)
+    parts, left = _fitted(_detrended(item.values), turns(item, frequency))
+    return np.hypot(*parts), np.sqrt(2.0 * left / item.values.shape[1])
+
+
+def _fitted(values: Array, swings: Array) -> tuple[Array, Array]:
+    """Cosine and sine (2, C) of each channel of values (C, n), and the mean square left (C,)."""
     parts = np.linalg.lstsq(swings, values.T, rcond=None)[0]
-    left = ((values.T - swings @ parts) ** 2).mean(axis=0)
-    return np.hypot(*parts), np.sqrt(2.0 * left / len(swings))
+    return parts, ((values.T - swings @ parts) ** 2).mean(axis=0)
 
 
 def line_gain(segments: Sequence[RestSegment], frequency: float, amplitude: Array) -> float:

@@ -174,7 +174,7 @@ def _seen_by(system: System, proposal: Proposal, fits: Sequence[Fit]) -> list[_V
     if proposal.as_made is not None:
         made = [[proposal.as_made(point) for point in group] for group in groups]
     if isinstance(system, SystemWithTangents):
-        answers = system.predict_neighbours(proposal.run, made)
+        answers = system.neighbourhood(made).predict(proposal.run)
     else:
         answers = [system.predict_many(proposal.run, group) for group in made]
     views = []

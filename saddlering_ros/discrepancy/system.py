@@ -239,14 +239,20 @@ class System(Protocol):
         ...
 
 
+class Neighbourhood(Protocol):
+    """Groups of points, made once for all runs."""
+
+    def predict(self, run: RunBlocks) -> list[Array]:
+        """Channels (B, C, N) of `run` for every group."""
+        ...
+
+
 @runtime_checkable
 class SystemWithTangents(Protocol):
     """A `System` with sensitivities that are cheaper than a simulation per parameter."""
 
-    def predict_neighbours(
-        self, run: RunBlocks, groups: Sequence[Sequence[Point]]
-    ) -> list[Array]:
-        """Channels (B, C, N) of `run` for every group of points.
+    def neighbourhood(self, groups: Sequence[Sequence[Point]]) -> Neighbourhood:
+        """The groups, prepared for any run.
 
         The first point of a group is simulated. The others lie a small step away and need
         first-order accuracy only.

@@ -43,6 +43,7 @@ __all__ = [
     'effect',
     'extension_of',
     'laws_of',
+    'own_files',
     'own_parameters',
     'use_folder',
 ]
@@ -99,6 +100,12 @@ def use_folder(folder: Path | str) -> None:
     """
     _of_folder(str(folder))
     os.environ[FOLDER_VARIABLE] = str(folder)
+
+
+def own_files() -> tuple[Path, ...]:
+    """The effect files of the user's folder that this process uses."""
+    folder = os.environ.get(FOLDER_VARIABLE, '')
+    return tuple(sorted(Path(folder).glob('*.yaml'))) if folder else ()
 
 
 def _found() -> dict[str, RingEffect]:

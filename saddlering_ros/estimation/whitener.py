@@ -40,11 +40,6 @@ class Whitener:
         """Mask (N,) of the samples that are present."""
         return np.asarray(np.isfinite(self.pivots))
 
-    @property
-    def log_determinant(self) -> float:
-        """Logarithm of the determinant of the covariance of the present samples."""
-        return float(np.log(self.pivots[self.present]).sum())
-
     def whiten(self, columns: Array) -> Array:
         """L^-1 times columns (N, B) or (N,); 0 where a sample is missing."""
         return self._applied(kernels.whiten, columns)

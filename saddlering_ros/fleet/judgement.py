@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from saddlering_ros.finite_json import finite_json
 from saddlering_ros.fleet.drifts import (
     Drift,
     histories_of,
@@ -203,7 +204,7 @@ def fleet_document(fleet: Fleet) -> dict[str, Any]:
     verdicts: dict[str, int] = {}
     for session in fleet.sessions:
         verdicts[session.verdict] = verdicts.get(session.verdict, 0) + 1
-    document: dict[str, Any] = _plain({
+    document: dict[str, Any] = finite_json({
         'level': fleet.level,
         'sessions': {
             'total': len(fleet.sessions), 'verdicts': verdicts,
@@ -265,13 +266,3 @@ def _drift_document(item: Drift) -> dict[str, Any]:
                    for name, (value, std) in item.slopes.items()},
         'p_value': item.p_value, 'group': list(item.group), 'next_test': item.next_test,
     }
-
-
-def _plain(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {key: _plain(item) for key, item in value.items()}
-    if isinstance(value, list):
-        return [_plain(item) for item in value]
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    return value

@@ -56,6 +56,11 @@ class SwarmSettings:
                 f'swarm of {self.particles} particles and {self.iterations} iterations: '
                 'at least 2 particles and 1 iteration are needed'
             )
+        if self.stagnation is not None and self.stagnation < 1:
+            raise IdentificationError(
+                f'stagnation is {self.stagnation}: give a number of iterations from 1 up')
+        if self.accuracy is not None and not np.isfinite(self.accuracy):
+            raise IdentificationError(f'accuracy is {self.accuracy}: give a finite objective')
         numbers = (self.cognitive, self.social, self.inertia_start, self.inertia_end)
         if not all(np.isfinite(number) and number >= 0.0 for number in numbers):
             raise IdentificationError(

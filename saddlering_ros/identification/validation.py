@@ -93,8 +93,8 @@ class RunValidation:
     """One run: its figures by channel, and their curves.
 
     time [s], load [N] (N,); measured and simulated (4, N) in the order of CHANNELS; compared:
-    mask of the samples that count; readings of a static run: load (M,), branch (M,), measured
-    and simulated (4, M).
+    mask of the samples that count; readings of a static run: load (M,), measured and simulated
+    (4, M).
     """
 
     name: str
@@ -107,7 +107,6 @@ class RunValidation:
     simulated: Array = field(repr=False)
     compared: NDArray[np.bool_] = field(repr=False)
     reading_load: Array = field(repr=False)
-    reading_branch: Array = field(repr=False)
     reading_measured: Array = field(repr=False)
     reading_simulated: Array = field(repr=False)
     notes: tuple[str, ...] = ()
@@ -260,11 +259,9 @@ def _compare(run: TestRun, rig: Rig, parameters: ParameterSet) -> _Comparison:
             measured.time, measured.load, rig.limits.rest_band)
         rests = rests or [(measured.zero.start, measured.zero.end)]
         readings: Spans = []
-        branch = np.zeros(0)
         compared = known
     else:
         rests = readings = list(zip(found.start.tolist(), found.stop.tolist(), strict=True))
-        branch = np.asarray(found.branch, dtype=float)
         compared = _inside(readings, len(measured.time))
         compared &= known
     if np.count_nonzero(compared) < 5:
@@ -276,7 +273,6 @@ def _compare(run: TestRun, rig: Rig, parameters: ParameterSet) -> _Comparison:
         time=measured.time, load=measured.load, measured=actual, simulated=simulated,
         compared=compared,
         reading_load=_means(measured.load[None, :], readings)[0],
-        reading_branch=branch,
         reading_measured=_means(actual, readings),
         reading_simulated=_means(simulated, readings),
         notes=(*run.notes, *(
@@ -360,7 +356,7 @@ def _figures(
     else:
         shape_load, shape_measured = run.load[compared], measured[compared]
         shape_simulated = simulated[compared]
-    extent = _range(shape_measured, static)
+    extent = float(np.ptp(shape_measured if static else _smooth(shape_measured)))
     zero_noise = noise.deviation(zero_lasting)
     zero_error = _zero_error(residual[compared], noise, step, zero_noise)
     rmse = float(np.sqrt(np.mean((residual[compared] - zero_error) ** 2)))
@@ -432,12 +428,12 @@ def _zero_error(
     return float(np.clip(share * np.mean(residual), -limit, limit))
 
 
-def _range(values: Array, static: bool) -> float:
-    """Measured range; for samples that of a running mean over 0.5 % of the record."""
-    if not static and len(values) > 400:
-        width = len(values) // 200
-        values = np.convolve(values, np.ones(width) / width, mode='valid')
-    return float(np.max(values) - np.min(values))
+def _smooth(samples: Array) -> Array:
+    """Running mean of samples over 0.5 % of the record."""
+    if len(samples) <= 400:
+        return samples
+    width = len(samples) // 200
+    return np.convolve(samples, np.ones(width) / width, mode='valid')
 
 
 def _slope_ratio(measured: Array, simulated: Array) -> float | None:

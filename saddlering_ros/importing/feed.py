@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -118,7 +118,6 @@ class Feed:
     _run: int = 0
     _label: str = ''
     _last: int = MISSING
-    _labels: list[str] = field(default_factory=list)
 
     def parts(self) -> Iterator[Part]:
         """Its samples, run after run, in order of time."""

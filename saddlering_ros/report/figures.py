@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from saddlering_ros.diagnosis.records import smooth_rate
 from saddlering_ros.report.charts import (
     Chart,
     HeatMap,
@@ -204,9 +205,7 @@ def _over_time(run: RunCurves, channel: str, row: int, column: int) -> Panel:
 
 
 def _over_rate(run: RunCurves, channel: str, row: int, column: int) -> Panel:
-    rate = np.gradient(run.load_in_unit, run.time)
-    size = max(1, round(0.1 / float(np.median(np.diff(run.time)))))
-    rate = np.convolve(rate, np.ones(size) / size, mode='same')
+    rate = smooth_rate(run.load_in_unit, run.time)
     series = [markers(rate, values, '.', colour, size=2.2)
               for values, colour, _ in _misfits(run, channel)]
     return _view(run, channel, row, column, f'load rate / ({run.force_unit}/s)',

@@ -61,7 +61,7 @@ def chart_of(chart: Chart) -> Plotly:
         layout['shapes'] += _shapes(panel, suffix)
         layout['annotations'] += _title(panel, across, up)
         if panel.heat is not None:
-            traces.append(_heat_map(panel.heat, suffix, up))
+            traces.append(_heat_map(panel.heat, suffix))
         for series in panel.series:
             traces.append(_trace(series, panel, suffix, is_first=series.name not in shown))
             shown.add(series.name)
@@ -182,7 +182,7 @@ def _marker(series: Series) -> Plotly:
     return found
 
 
-def _heat_map(heat: HeatMap, suffix: str, up: Span) -> Plotly:
+def _heat_map(heat: HeatMap, suffix: str) -> Plotly:
     last = len(heat.colours) - 1
     return {
         'type': 'heatmap', 'z': [_numbers(row) for row in heat.values], 'zmin': heat.low,

@@ -333,6 +333,8 @@ def load_rig(path: Path | str | None = None) -> Rig:
     """
     if path is None:
         return default_rig()
+    if not isinstance(path, (str, Path)):
+        raise RigError(f'rig file is of type {type(path).__name__}: give a path')
     return rig_from_parameters(read_ros_parameters(Path(path), RigError), str(path))
 
 

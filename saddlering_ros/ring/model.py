@@ -32,13 +32,13 @@ FAR_OFF = 1.0
 """Gap [m] of an unused place of a row."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Rows:
     """Rollers of upper, lower and radial row in the form of the kernels.
 
     arrays (3, 3, J): per row its cosines (falling), weights (number of rollers at this cosine
     times the share of the force that they carry) and gaps [m]; uniform (3,): whether all gaps of
-    a row are equal.
+    a row are equal. Equal rows are one object (`rows_of` keeps them), and are compared as such.
     """
 
     arrays: Floats
@@ -314,9 +314,8 @@ def same_motions(models: Model, rows: Sequence[Rows]) -> NDArray[np.intp]:
     numbers = models.view(np.float64).reshape(models.size, MODEL.itemsize // 8).copy()
     own = numbers[:, len(RIG_FIELDS) + len(PARAMETER_NAMES):]
     own[:, ~_MOVES] = 0.0
-    first: dict[tuple[bytes, int], int] = {}
-    # Rows are kept, so that equal ones are the same object, or else are simulated once more.
-    keys = [(number.tobytes(), id(row)) for number, row in zip(numbers, rows, strict=True)]
+    first: dict[tuple[bytes, Rows], int] = {}
+    keys = [(number.tobytes(), row) for number, row in zip(numbers, rows, strict=True)]
     return np.array([first.setdefault(key, index) for index, key in enumerate(keys)])
 
 

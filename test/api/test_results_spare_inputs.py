@@ -1,14 +1,18 @@
 """What a result writes never replaces what it was made from."""
 
+from argparse import Namespace
 import os
 from pathlib import Path
 import shutil
 from types import SimpleNamespace
 
+from matplotlib.figure import Figure
 import pytest
 
 from saddlering_ros import read_bag
-from saddlering_ros.api.results import DiagnosisResult, Result, ValidationResult
+from saddlering_ros.api.inputs import origins
+from saddlering_ros.api.results import DiagnosisResult, Plot, Result, ValidationResult
+from saddlering_ros.cli._files import check_files
 from saddlering_ros.provenance import Origin
 from saddlering_ros.rig import default_rig
 from saddlering_ros.spared import FileConflict
@@ -57,6 +61,37 @@ def test_a_result_is_not_saved_over_its_inputs(place, name):
     assert (place / 'params.json').read_text() == 'mine'
     result.save(place / 'other.json')
     assert '"value": 1.0' in (place / 'other.json').read_text()
+
+
+def test_an_effect_file_in_use_is_an_input(place, monkeypatch):
+    effects = place / 'effects'
+    effects.mkdir()
+    own = effects / 'own.yaml'
+    own.write_text('mine')
+    monkeypatch.setenv('SADDLERING_EFFECTS', str(effects))
+    rig = default_rig()
+    made_from = origins()
+    assert [item.path for item in made_from] == [str(own)]
+    result = _Summary((read_bag(place / 'bag', rig=rig),), rig, made_from)
+    (place / 'own.json').symlink_to(own)
+    with pytest.raises(FileConflict, match='own'):
+        result.save(place / 'own.json')
+    with pytest.raises(FileConflict, match='SADDLERING_EFFECTS'):
+        check_files(Namespace(command='info', bags=[], json=str(own)))
+    assert own.read_text() == 'mine'
+
+
+def test_a_plot_is_not_saved_over_an_input(place):
+    rig = default_rig()
+    picture = place / 'plot.png'
+    picture.write_text('mine')
+    result = _Summary((), rig, (Origin(str(picture)),))
+    plot = Plot(Figure(), result._spare_inputs)
+    with pytest.raises(FileConflict, match='plot'):
+        plot.save(picture)
+    plot.save(place / 'other.png')
+    assert (place / 'other.png').read_bytes().startswith(b'\x89PNG')
+    assert picture.read_text() == 'mine'
 
 
 def test_pictures_and_effect_files_do_not_replace_inputs(place):

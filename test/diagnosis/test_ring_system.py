@@ -98,7 +98,7 @@ def test_neighbours_of_a_point_are_what_simulations_of_them_give(campaign):
     ahead = {**friction, 'probe_gain': {'gain': 1e-5, 'probe': 1}}
     group = [Point(values, friction), Point(law, friction), Point(values, rougher),
              Point(values, oval), Point(values, ahead)]
-    found, oval_alone = system.predict_neighbours(run, [group, [group[0], group[3]]])
+    found, oval_alone = system.neighbourhood([group, [group[0], group[3]]]).predict(run)
     simulated = system.predict_many(run, group)
     assert np.array_equal(oval_alone, found[[0, 3]])
     assert found[0] == pytest.approx(simulated[0], abs=1e-13)

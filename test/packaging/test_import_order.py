@@ -32,9 +32,10 @@ def imported(path):
                 yield name.split('.')[1]
 
 
-def test_every_folder_of_the_package_stands_in_the_list():
+def test_every_folder_and_module_of_the_package_stands_in_the_list():
     folders = {path.parent.name for path in PACKAGE.glob('*/__init__.py')}
-    assert folders <= set(layers())
+    modules = {path.stem for path in PACKAGE.glob('*.py')} - {'__init__'}
+    assert folders | modules == set(layers())
 
 
 @pytest.mark.parametrize('layer', layers())

@@ -115,7 +115,9 @@ def _none(low: float, high: float) -> list[tuple[float, ...]]:
     return [()]
 
 
-_CURVES: tuple[tuple[str, tuple[str, ...], tuple[str, ...], str, Curve, Grid], ...] = (
+_Law = tuple[str, tuple[str, ...], tuple[str, ...], str, Curve, Grid]
+
+_CURVES: tuple[_Law, ...] = (
     ('power', ('size',), ('scale*', 'exponent'), 'size (u / scale)^exponent', _power, _power_grid),
     ('saturation', ('size',), ('scale*',), 'size tanh(u / scale)', _saturation, _scale_grid),
     ('exponential', ('size',), ('scale*',), 'size (1 - e^(-u / scale))', _exponential,
@@ -126,6 +128,7 @@ _CURVES: tuple[tuple[str, tuple[str, ...], tuple[str, ...], str, Curve, Grid], .
      'sine sin(2 pi u / spacing) + cosine cos(2 pi u / spacing)', _sine, _spacing_grid),
     ('dead zone', ('slope',), ('at*',), 'slope max(0, u - at)', _dead_zone, _place_grid),
 )
+_CONSTANT: _Law = ('constant', ('size',), (), 'size', _constant, _none)
 
 
 def forms_of(coordinate: str, kind: str) -> list[Form]:
@@ -136,31 +139,28 @@ def forms_of(coordinate: str, kind: str) -> list[Form]:
         return [_memory_form()]
     if kind == 'own curve':
         return []
-    along = LOAD if coordinate == DIRECTION else coordinate
-    forms = [
-        Form(
-            name,
-            coordinate,
-            amplitudes,
-            shapes,
-            words if coordinate != DIRECTION else f'direction * {words}',
-            _along(curve, along, coordinate == DIRECTION),
-            grid,
-        )
-        for name, amplitudes, shapes, words, curve, grid in _CURVES
-    ]
     if coordinate == DIRECTION:
-        columns = _along(_constant, along, True)
-        forms.append(
-            Form('constant', coordinate, ('size',), (), 'direction * size', columns, _none)
-        )
-    return forms
+        return [
+            Form(name, DIRECTION, amplitudes, shapes, f'direction * {words}', _with_sign(curve),
+                 grid)
+            for name, amplitudes, shapes, words, curve, grid in (*_CURVES, _CONSTANT)]
+    return [
+        Form(name, coordinate, amplitudes, shapes, words, _along(curve, coordinate), grid)
+        for name, amplitudes, shapes, words, curve, grid in _CURVES]
 
 
-def _along(curve: Curve, name: str, signed: bool) -> Columns:
+def _along(curve: Curve, name: str) -> Columns:
+    """A curve over one coordinate."""
     def columns(coordinates: Coordinates, shape: Shape) -> Array:
-        values = curve(coordinates[name], shape)
-        return values * coordinates[DIRECTION][:, None] if signed else values
+        return curve(coordinates[name], shape)
+
+    return columns
+
+
+def _with_sign(curve: Curve) -> Columns:
+    """A curve over the load with the sign of its direction."""
+    def columns(coordinates: Coordinates, shape: Shape) -> Array:
+        return curve(coordinates[LOAD], shape) * coordinates[DIRECTION][:, None]
 
     return columns
 

@@ -17,7 +17,7 @@ from saddlering_ros.importing.source import BLOCK_ROWS, Column, NUMBER, Source, 
 
 _MASTER, _VIRTUAL_MASTER = 2, 3
 _TIME = 1
-_FIXED, _VIRTUAL = 0, 6
+_FIXED = 0
 _NUMBERS = {0: '<u', 1: '>u', 2: '<i', 3: '>i', 4: '<f', 5: '>f'}
 _ALL_INVALID, _HAS_INVALID_BIT = 1, 2
 

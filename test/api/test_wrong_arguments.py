@@ -1,0 +1,36 @@
+"""A wrong kind of argument is refused in one line that names it, before anything is read."""
+
+import pytest
+
+from saddlering_ros import diagnose, identify, load_rig, read_bag, validate
+from saddlering_ros.errors import SaddleringError
+
+BAG = 'bags/dynamic_50_fast'
+
+
+@pytest.mark.parametrize(('call', 'words'), [
+    (lambda: read_bag(3), 'path is of type int'),
+    (lambda: read_bag([BAG]), 'path is of type list'),
+    (lambda: read_bag(BAG, elevation_deg='50'), "elevation_deg is '50'"),
+    (lambda: load_rig(3), 'of type int'),
+    (lambda: identify(None), 'bags is None'),
+    (lambda: identify([BAG, None]), r'bags\[1\] is None'),
+    (lambda: identify({'bag': BAG}), 'bags is of type dict'),
+    (lambda: identify([]), 'at least one bag'),
+    (lambda: identify(BAG, rig={}), 'rig is of type dict'),
+    (lambda: identify(BAG, bounds=[1, 2]), 'bounds is of type list'),
+    (lambda: identify(BAG, bounds={'K1': (1, 2, 3)}), 'bounds of K1'),
+    (lambda: identify(BAG, bounds={'K9': (1, 2)}), "'K9'"),
+    (lambda: identify(BAG, particles='many'), "particles is 'many'"),
+    (lambda: identify(BAG, stagnation=-3), 'stagnation is -3'),
+    (lambda: identify(BAG, accuracy=float('nan')), 'accuracy is nan'),
+    (lambda: identify(BAG, seed=1.5), 'seed is 1.5'),
+    (lambda: identify(BAG, on_progress=3), 'on_progress is of type int'),
+    (lambda: validate(BAG, parameters=3), 'parameters'),
+    (lambda: diagnose(BAG, hold_out=None), 'hold_out is None'),
+    (lambda: diagnose(BAG, is_cancelled=True), 'is_cancelled is of type bool'),
+])
+def test_an_argument_of_a_wrong_kind_is_refused_in_one_line(call, words):
+    with pytest.raises(SaddleringError, match=words) as caught:
+        call()
+    assert '\n' not in str(caught.value)
