@@ -1,7 +1,7 @@
 """Operators with a memory, a sample at a time: plays, relaxations, the direction of a drive.
 
 Each is causal: its value at a sample follows from that sample and those before. A law in such a
-value can be simulated live, and gives the same numbers however many samples come at once.
+value can be simulated live, and gives the same numbers for any number of samples at once.
 Rate-free hysteresis as a sum of plays with non-negative weights is the Prandtl-Ishlinskii model;
 Krasnosel'skii and Pokrovskii, Systems with Hysteresis (1989).
 """

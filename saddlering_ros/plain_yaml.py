@@ -74,7 +74,7 @@ def read_strict_yaml(path: Path | str, error: type[SaddleringError]) -> Any:
 def _read_at_once(path: Path, error: type[SaddleringError], limit: int) -> bytes:
     """The first `limit` + 1 bytes of a regular file; never waits for data.
 
-    Some files below /proc are regular by their kind, and a read of them waits for ever.
+    Some files below /proc are regular by their kind, and a read of them never ends.
     """
     _refuse_irregular(path, path.stat().st_mode, error)
     handle = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
@@ -172,8 +172,8 @@ class _Strictness(_Safety):
     def _check_key(self, event: yaml.ScalarEvent) -> None:
         keys = self._open[-1].keys
         if event.value in keys:
-            raise _refused(event, f'the key {event.value!r} stands twice in one section (first in '
-                                  f'line {keys[event.value]}): remove one')
+            raise _refused(event, f'the key {event.value!r} is given twice in one section '
+                                  f'(first in line {keys[event.value]}): remove one')
         keys[event.value] = _line(event)
 
     def _check_number(self, event: yaml.ScalarEvent) -> None:

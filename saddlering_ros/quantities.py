@@ -76,7 +76,7 @@ def probability(value: float | None) -> str:
 
 
 def superscript(power: int) -> str:
-    """A whole number as it stands above a ten."""
+    """A whole number as an exponent of ten."""
     return str(power).translate(str.maketrans(DIGITS, RAISED_DIGITS))
 
 

@@ -1,4 +1,4 @@
-"""What stands beside the MCAP file of a rosbag2 bag that is being written: metadata.yaml.
+"""The files beside the MCAP file of a rosbag2 bag that is being written: metadata.yaml.
 
 rosbags knows the definitions of the messages and their hashes. Its own writer forms every text of
 YAML by pure Python, several times a bag, which took half the time of a short bag.

@@ -98,10 +98,10 @@ def find_facts(
 ) -> FoundFacts:
     """The facts on which the places of a bag agree.
 
-    `custom_data` of metadata.yaml and the MCAP record `saddlering.test` count alike: either is
-    enough, and both must agree. `recorder` (custom_data in the MCAP record that rosbag2 writes
-    itself) gives only facts that neither states, for instance after a reindexing, which loses
-    custom_data from metadata.yaml.
+    `custom_data` of metadata.yaml and the MCAP record `saddlering.test` have the same weight:
+    either is enough, and both must agree. `recorder` (custom_data in the MCAP record that
+    rosbag2 writes itself) gives only facts that neither states, for instance after a
+    reindexing, which loses custom_data from metadata.yaml.
     """
     values: dict[str, str] = {}
     conflicts = []

@@ -347,7 +347,7 @@ class SampleGuard:
 
     def _follows(self, last: int, stamp: int) -> bool:
         step = stamp - last
-        if step <= GAP_FLOOR_NS:  # no gap, whatever the steps before
+        if step <= GAP_FLOOR_NS:  # no gap, for any steps before
             return step >= -JITTER_NS
         return step <= gap_limit(list(self._steps))
 

@@ -71,7 +71,7 @@ class TopicInfo:
 class BagInfo:
     """Content of a bag; problems prevent its use, notes do not.
 
-    size [bytes]; compressions and schema encodings as the files say; duration [s] and start [ns]
+    size [bytes]; compressions and schema encodings of the files; duration [s] and start [ns]
     by header stamps of the rig's topics (NaN and None if there are none); load_range [N];
     plateaus: their number (None if not a static test); facts as found; sha256 of its files.
     """

@@ -25,12 +25,12 @@ ANCHOR_ROWS = 16
 
 
 def is_same_recording(first: TestRun, second: TestRun) -> bool:
-    """Whether two runs share their readings over most of the shorter one, whatever the stamps."""
+    """Whether two runs share their readings over most of the shorter one; stamps do not count."""
     return _is_same_at_its_stamps(first, second) or _is_stamped_anew(first, second)
 
 
 def _is_stamped_anew(first: TestRun, second: TestRun) -> bool:
-    """Whether most of the shorter run stands in the longer one row by row, at other stamps."""
+    """Whether most rows of the shorter run are in the longer one, in order, at other stamps."""
     shorter, longer = sorted((first, second), key=lambda run: len(run.load))
     for share in ANCHORS:
         anchor = int(share * len(shorter.load))

@@ -150,7 +150,7 @@ class _Times(NamedTuple):
 
 
 def _narrow(times: NDArray[np.int64]) -> _Times:
-    """Times within two seconds of the first as 32-bit distances, others as they are."""
+    """Times within two seconds of the first as 32-bit distances, others unchanged."""
     if not len(times):
         return _Times(0, times)
     since = times - times[0]
@@ -236,7 +236,7 @@ class Scan:
         count = sum(len(of_topic) for of_topic in stamps)
         said = self.directory.message_count
         whole = '' if said is None or said < self.message_count else (
-            f' ({100.0 * self.message_count / max(said, 1):.1f} % of what metadata.yaml counts)')
+            f' ({100.0 * self.message_count / max(said, 1):.1f} % of the count in metadata.yaml)')
         return (f'{count} messages over {(last - first) / 1e9:.3f} s before that are readable'
                 f'{whole}')
 

@@ -49,7 +49,7 @@ def main() -> None:
 
 
 def _load(name: str) -> Callable[[SessionTask], dict[str, Any]]:
-    """The computing function; what its module prepares here, every child has without loading."""
+    """The computing function; every child shares the modules that are loaded here."""
     module, _, function = name.partition(':')
     found: Callable[[SessionTask], dict[str, Any]] = getattr(
         importlib.import_module(module), function)

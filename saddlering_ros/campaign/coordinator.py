@@ -62,7 +62,7 @@ def run_campaign(
     """Compute the missing results until every task has one; `retry` repeats failures.
 
     alive: whether the executor still works; where it does not, or a result cannot be written, the
-    campaign ends with CampaignError and goes on with the next call.
+    campaign ends with CampaignError. The next call continues it.
     """
     store.prepare()
     count = _Count()
@@ -143,7 +143,7 @@ class _Work:
         return documents, given_again > 0 or not finished
 
     def cancel(self) -> None:
-        """Withdraw what no worker has begun."""
+        """Withdraw tasks that no worker has begun."""
         for future in self.running:
             future.cancel()
 

@@ -1,4 +1,4 @@
-"""Refuses outputs that would destroy what a command reads; every command passes through here."""
+"""Refuses outputs that would destroy an input of a command; every command passes here."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ class _Named:
 
 
 def check_files(args: argparse.Namespace) -> None:
-    """Raise FileConflict if an output is an input, lies in a bag that is read, or stands twice."""
+    """FileConflict if an output is an input, lies in a bag that is read, or is given twice."""
     outputs = list(_named(args, WRITTEN))
     for number, output in enumerate(outputs):
         for other in outputs[:number]:

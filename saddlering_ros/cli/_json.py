@@ -17,7 +17,7 @@ def tell_json(args: argparse.Namespace, told: Any) -> bool:
         return False
     document = json.dumps(told, indent=2)
     if args.json == '-':
-        print(document, flush=True)  # some commands go on for hours
+        print(document, flush=True)  # some commands run for hours
         return True
     write_text_atomically(Path(args.json), document + '\n')
     return False

@@ -43,7 +43,7 @@ class Bar:
             self._progress.stop()
 
     def tell(self, progress: Progress) -> None:
-        """Show what a computation reports; an identification gets a line for each stage."""
+        """Show the progress of a computation; an identification gets a line for each stage."""
         if progress.task == 'identify':
             self.show(progress.stage, progress.share, progress.detail)
         else:

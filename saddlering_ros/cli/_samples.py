@@ -54,7 +54,7 @@ def read_shown(args: argparse.Namespace, rig: Rig) -> TestRun:
 
 
 def add_trust_option(parser: argparse.ArgumentParser) -> None:
-    """The option to go on although a bag states another rig."""
+    """The option to continue although a bag states another rig."""
     parser.add_argument('--trust-rig', action='store_true',
                         help='accept a bag that states another rig than --rig')
 

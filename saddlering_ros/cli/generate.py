@@ -92,7 +92,7 @@ def run(args: argparse.Namespace) -> int:
     if args.list_effects:
         print(effects_text(load_rig(args.rig)))
         return 0
-    parse_requests(args.effect, args.form)  # a misspelt effect is worth knowing first
+    parse_requests(args.effect, args.form)  # a misspelt effect is reported before missing options
     if args.out is None or args.test is None or args.elevation is None:
         raise VirtualRigError('the test is not stated: give OUT --test static|dynamic '
                               '--elevation DEG, or --list-effects')

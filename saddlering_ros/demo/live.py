@@ -242,7 +242,7 @@ class LiveRig:
     # --- the simulator ---
 
     def restart_simulator(self, elevation_deg: float, parameters_file: Path) -> None:
-        """The simulator anew at another elevation, with given parameters."""
+        """Restart the simulator at another elevation with given parameters."""
         process = self._group.processes['ring_simulator'].process
         process.send_signal(signal.SIGINT)
         self._until(lambda: process.poll() is not None, 'ring_simulator does not leave')

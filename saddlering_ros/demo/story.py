@@ -110,7 +110,7 @@ class _Story:
         before = {run.path.name: self._replay(live, run, 'identified')
                   for run in self.plan.verify}
         self._compare(before)
-        self.console.step(f'/diagnose_ring: what is missing ({self.second:g}° held out)')
+        self.console.step(f'/diagnose_ring: the missing cause ({self.second:g}° held out)')
         extended, verdict = self._diagnose(live, before_file)
         self.console.say(f'      {headline(verdict)}')
         live.wait_for_parameters(extended.contact.K1, len(extended.effects))

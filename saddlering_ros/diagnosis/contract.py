@@ -92,7 +92,7 @@ class _ParametersMore(TypedDict, total=False):
 
 
 class ParametersEntry(_ParametersMore):
-    """Contact parameters by name; `after` holds K1_std and so on as well."""
+    """Contact parameters by name; `after` holds K1_std to D2_std as well."""
 
     before: dict[str, float]
     after: dict[str, Any]

@@ -101,7 +101,7 @@ def judge(
 
 def _too_many_words(effects: int, open_members: Sequence[str]) -> str:
     return (
-        f'{effects} effects were needed, and other effects can stand in place of '
+        f'{effects} effects were needed, and other effects can replace '
         f'{" and ".join(open_members)}: so many models can fit any misfit, and none of them is '
         'certain'
     )

@@ -193,7 +193,7 @@ def _law(space: ModelSpace, judgement: Judgement, published: Publication) -> Law
     """A law for the misfit that remains beside partial causes, or for all of it.
 
     The law is looked for in the fits of the misfit reduction: where nuisance parameters take a
-    share of the misfit, it would predict only the rest.
+    share of the misfit, it would predict only the remainder.
     """
     fits, settings = published.fits(), space.settings
     proposer = Proposer(space.metric, published.runs, space.known.max_pairs, settings.error_rate,

@@ -139,7 +139,7 @@ def _with_noise_doubts(found: Diagnosis) -> Diagnosis:
         if material and underestimated(statistic, free, noise.pairs):
             under.append(underestimated_sentence(statistic, free, f'{name} in {run.name}'))
     if found.verdict == 'unknown':
-        under = []  # The warning on a remaining misfit stands already.
+        under = []  # The warning on a remaining misfit is given already.
     if not under and not over:
         return found
     causes = tuple(replace(cause, partial=True) for cause in found.causes)

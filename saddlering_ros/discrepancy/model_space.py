@@ -369,7 +369,7 @@ class Comparison:
 
     @cached_property
     def exceeds_forms(self) -> bool:
-        """Whether the cause explains most of the rest, and other forms of the laws cannot."""
+        """Whether the cause explains most of the residual, and other forms of the laws cannot."""
         space = self.space
         if not self.less.candidate.effects or not self.is_real:
             return False

@@ -63,7 +63,7 @@ def _parts(found: Diagnosis) -> Iterator[str]:
             for name, item in found.base.items()
         ],
     )
-    yield '<h2>What these data could have shown</h2>'
+    yield '<h2>Detection limits of these data</h2>'
     yield _table(
         ['effect', 'size found nine times in ten', 'can be tested'],
         [

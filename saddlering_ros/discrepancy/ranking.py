@@ -68,7 +68,7 @@ def rank(
         factor = float(np.clip(product / squared, low, high))
         gain = float(2.0 * factor * product - factor**2 * squared)
         if item.amplitude_dependent:
-            # Of another size it takes another shape, none knows which: what this one could take at
+            # Another size has another, unknown shape. The gain that this shape could reach at
             # its best height counts, or an effect seen too large would never be tried.
             gain = float(max(product, 0.0) ** 2 / squared)
             if 2.0 * product - squared > SEEN_ENOUGH * gain:

@@ -1,4 +1,4 @@
-"""A diagnosis as numbers and arrays, for console, JSON and report alike."""
+"""A diagnosis as numbers and arrays, for console, JSON and report."""
 
 from __future__ import annotations
 

@@ -83,7 +83,7 @@ def find_swings(
 
 def _swing_cause(experiment: Experiment, effect: Effect, found: SlowLine) -> Cause:
     cause = _cause(experiment, effect, found.line, found.segments, ())
-    return replace(cause, gain=replace(cause.gain, how='in what is left, its phase free'))
+    return replace(cause, gain=replace(cause.gain, how='in the residual, its phase free'))
 
 
 def _material_limit(experiment: Experiment, settings: Settings) -> float:

@@ -43,7 +43,7 @@ class DampingLaw(RingEffect):
             logarithmic=True),
         EffectParameter(
             'levelling', '1/m', 0.0, 2e5, 2e4, 0.0,
-            'L, one over the penetration beyond which damping is constant; 0: no such limit',
+            'L, one over the penetration beyond which damping is constant; 0: no limit',
             one_sided=True),
     )
     dynamic_only = True

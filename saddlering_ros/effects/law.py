@@ -59,7 +59,7 @@ class Law:
 class LawHistory:
     """The value of a law along a record: live and offline are this object.
 
-    Every sample is computed in the same way, however many are given at once.
+    Every sample is computed in the same way, in any number at once.
     """
 
     def __init__(self, law: Law, time: float, load: float) -> None:

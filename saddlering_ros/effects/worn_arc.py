@@ -22,8 +22,8 @@ roller."""
 STARTS = (
     {'centre': 0.15, 'half_width': 0.4}, {'centre': 0.8, 'half_width': 0.4},
     {'centre': 0.4, 'half_width': 1.0}, {'centre': 1.6}, {'centre': 2.7})
-"""The load zone at the rear (not at 0, where a mirror image hides what the centre does), the place
-between and the load zone at the front."""
+"""The load zone at the rear (not at 0, where a mirror image hides the influence of the centre),
+the place between and the load zone at the front."""
 
 
 def arc_parameters(centre: float) -> tuple[EffectParameter, ...]:

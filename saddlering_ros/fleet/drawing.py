@@ -22,7 +22,7 @@ INK, SOFT = '#26323d', '#9aa5b1'
 def history_drawing(history: History, title: str, clock: str) -> str:
     """Readings with two standard deviations, the filtered level, services as dashed lines.
 
-    Logarithms are drawn as percent of the first level, exponents and sizes as they are.
+    Logarithms are drawn as percent of the first level, exponents and sizes unchanged.
     """
     series = history.series
     first = history.level[0]

@@ -22,7 +22,7 @@ COORDINATES = ('stiffness_1', 'exponent_1', 'damping_1', 'stiffness_2', 'exponen
 
 PARAMETERS = ('K1', 'n1', 'D1', 'K2', 'n2', 'D2')
 REFERENCE_PENETRATION = 2e-5
-"""Penetration [m] of the reference stiffness: half of what full load presses."""
+"""Penetration [m] of the reference stiffness: half of that at full load."""
 
 MAX_DEVIATION = 1.0
 """A logarithm known no better than this is not a measurement."""

@@ -1,7 +1,7 @@
 """Observations of an identification: plateau readings of static, block means of dynamic runs.
 
 Both are an `Observation`: loads, displacement increments since zero, and the covariance of their
-errors. All further code treats all runs alike.
+errors. All further code treats static and dynamic runs in the same way.
 """
 
 from __future__ import annotations

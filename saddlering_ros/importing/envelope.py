@@ -1,4 +1,4 @@
-"""The course of a channel, however long, in a few thousand points for a picture."""
+"""The course of a channel of any length in a few thousand points, for a picture."""
 
 from __future__ import annotations
 

@@ -26,7 +26,7 @@ from saddlering_ros.importing.source import MOMENT, Source, Timing
 Floats = NDArray[np.float64]
 
 MAX_LEFT_OUT = 0.01
-"""Largest share of a file's rows that may be left out as their time does not go on."""
+"""Largest share of a file's rows that may be left out because their time does not rise."""
 
 
 @dataclass(frozen=True)
@@ -217,7 +217,7 @@ class Feed:
             reasons = '; '.join(line.partition(': ')[2] for line in piece.source.warnings.all()
                                 if 'time' in line)
             raise ImportingError(
-                f'{piece.source.path}: {left_out} of {rows} rows have no time that goes on '
+                f'{piece.source.path}: {left_out} of {rows} rows have a time that does not rise '
                 f'({reasons}): several runs in one file need split: {{by: gap}}, a time with too '
                 'few digits rate: and start:, local time at the end of daylight saving the times '
                 'of the logger in UTC')

@@ -103,7 +103,7 @@ class Split:
 
 @dataclass(frozen=True)
 class ImportMap:
-    """A whole map; `text` is the file as it was read."""
+    """A whole map; `text` is the unchanged text of the file."""
 
     channels: tuple[ChannelMap, ...]
     time: TimeSource

@@ -42,7 +42,7 @@ class Timing:
 class Column:
     """A column as a file declares it.
 
-    unit: as the file says, '' if it does not; rows: how many, None if not known before reading;
+    unit: as in the file, '' if it states none; rows: how many, None if not known before reading;
     samples: its first cells, for people; others: further names that it answers to.
     """
 

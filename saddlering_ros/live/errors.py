@@ -4,4 +4,4 @@ from saddlering_ros.errors import SaddleringError
 
 
 class LiveError(SaddleringError):
-    """A page that cannot be served as it was asked for."""
+    """A page that cannot be served with these options."""

@@ -56,7 +56,7 @@ class Gauges:
 
 
 def _probe(found: GaugeReading | None) -> dict[str, Any] | None:
-    """Gap and span in mm, the margin to the nearer end, and how that is to be judged."""
+    """Gap and span in mm, the margin to the nearer end, and its judgement."""
     if found is None or not math.isfinite(found.value):
         return None
     span = found.high - found.low

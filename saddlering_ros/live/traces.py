@@ -180,7 +180,7 @@ class Traces:
         return min(starts, default=0)
 
     def means(self, name: str) -> Floats:
-        """Means (C, N) of the cells of a stream, as they are drawn; NaN where not known."""
+        """Means (C, N) of the drawn cells of a stream; NaN where not known."""
         cells = self._cells[name]
         return _means(cells.total, cells.count)
 

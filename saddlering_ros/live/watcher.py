@@ -199,7 +199,7 @@ class Watcher:
                 'jobs': {name: asdict(job) for name, job in self._jobs.items()}}
 
     def clear(self) -> None:
-        """Begin the drawings anew."""
+        """Clear the plots."""
         with self.lock:
             self.traces.clear()
 
@@ -249,7 +249,7 @@ class Watcher:
             action.look_after()
 
     def _band_of_residual(self) -> list[float | None]:
-        """Noise of the residual's means as they are drawn [um, urad]; None while too few are."""
+        """Noise of the drawn means of the residual [um, urad]; None while they are too few."""
         means = self.traces.means('residual')
         if means.shape[1] < MIN_MEANS:
             return [None] * len(CHANNELS)

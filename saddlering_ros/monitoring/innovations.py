@@ -45,7 +45,7 @@ def block_noise(noise: ChannelNoise, step: float) -> BlockNoise:
 class ChannelInnovations:
     """Innovations of one channel, block by block.
 
-    `response` is what the filter would predict next had every mean so far been 1, the noise apart:
+    `response` is the prediction of the filter next had every mean so far been 1, the noise apart:
     means that stay within m of nought have innovations within (1 + response) m.
     """
 

@@ -171,7 +171,7 @@ class Monitor:
         """The ring is simulated with other parameters from now on."""
         if self._last is not None:
             self._take_materiality(self._last.elevation)
-            self._lapse('the parameters in force changed: the evidence begins anew')
+            self._lapse('the parameters in force changed: the evidence restarts')
             self._clear_evidence()
 
     def step(self, sample: Sample) -> None:
@@ -181,7 +181,7 @@ class Monitor:
             if last.stamp - sample.stamp <= MAX_BACK:
                 return
             self.lapses = [lapse for lapse in self.lapses if not lapse.is_lasting]
-            self._lapse('the stamps jumped back: noise and evidence begin anew')
+            self._lapse('the stamps jumped back: noise and evidence restart')
             self._begin_anew()
             last = None
         if last is None:
@@ -200,16 +200,16 @@ class Monitor:
     def _check_continuity(self, last: Sample, sample: Sample) -> None:
         """Begin anew after a new zero, a new elevation or a pause."""
         if sample.zero != last.zero:
-            self._lapse('the zero was renewed: the evidence begins anew', sample.stamp)
+            self._lapse('the zero was renewed: the evidence restarts', sample.stamp)
             self._clear_evidence()
         if not _same(sample.elevation, last.elevation):
             self._take_materiality(sample.elevation)
             self._lapse(f'the elevation changed to {math.degrees(sample.elevation):.3f} deg: the '
-                        'evidence begins anew', sample.stamp)
+                        'evidence restarts', sample.stamp)
             self._clear_evidence()
         pause = (sample.stamp - last.stamp) / SECOND
         if self.rest is not None and pause > MAX_GAP * self.rest.block + self.rest.interval:
-            self._lapse(f'no samples for {pause:.3g} s: the evidence begins anew', sample.stamp)
+            self._lapse(f'no samples for {pause:.3g} s: the evidence restarts', sample.stamp)
             self._clear_evidence()
 
     def _take_materiality(self, elevation: float) -> None:

@@ -1,6 +1,6 @@
 """The noise of the residual, learnt while the load rests, from samples as they come.
 
-The rule is that of `estimation.rest`, without a look ahead: a rest goes on while the mean load of
+The rule is that of `estimation.rest`, without a look ahead: a rest lasts while the mean load of
 each 50 ms stays within a band of the mean before.
 """
 

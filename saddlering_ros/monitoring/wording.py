@@ -1,4 +1,4 @@
-"""The finding of a monitor in one line: for the command and the node alike."""
+"""The finding of a monitor in one line: for the command and the node."""
 
 from __future__ import annotations
 

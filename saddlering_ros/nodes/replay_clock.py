@@ -128,7 +128,7 @@ class ReplayClockNode(BagNode):
         return math.radians(given)
 
     def connect(self) -> None:
-        """Publish the clock; hear how far the others are."""
+        """Publish the clock; receive how far the others are."""
         self._heard = RawSubscription(self, PROGRESS, ReplayProgress, reliability='reliable',
                                       depth=1000)
         self.inputs = [self._heard]
@@ -137,14 +137,14 @@ class ReplayClockNode(BagNode):
         self._say_state(self._began)
 
     def process_batch(self) -> None:
-        """Hear the others, and go on at once if that lets time go on."""
+        """Take reports of the participants, and advance the time at once if they allow it."""
         now = time.monotonic()
         for raw in self._heard.take():
             self._group.hear(deserialize_message(raw, ReplayProgress), now)
         self.at_intervals(now)
 
     def at_intervals(self, now: float) -> float:
-        """Let time go on if it may."""
+        """Advance the time if all participants are ready."""
         if self._state == ReplayState.WAITING:
             self._wait(now)
         elif self._state == ReplayState.PLAYING:
@@ -171,7 +171,7 @@ class ReplayClockNode(BagNode):
     def _wait(self, now: float) -> None:
         self._waiting_for = self._group.absent()
         if now - self._began < HEED:
-            return  # so that everyone has heard of the bag and its elevation
+            return  # so that every node has received the bag and its elevation
         if not self._waiting_for:
             self._enter(self._after_waiting, now)
         elif now - self._began > self.settings['timeout']:

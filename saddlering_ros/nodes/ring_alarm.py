@@ -158,8 +158,8 @@ class RingAlarmNode(StreamingNode):
         had = monitor.alarm
         monitor.reset()
         response.success = True
-        response.message = ('there was no alarm; the evidence begins anew' if had is None else
-                            f'the alarm of {had.channel} is reset; the evidence begins anew')
+        response.message = ('there was no alarm; the evidence restarts' if had is None else
+                            f'the alarm of {had.channel} is reset; the evidence restarts')
         self._tell_state()
         return response
 

@@ -66,7 +66,7 @@ class RingSimulatorNode(StreamingNode):
             'true-to-scale values'),
         NodeParameter(
             'follow_parameters', False, 'use parameters that are offered on '
-            '/ring/parameters (the simulation then starts anew)'),
+            '/ring/parameters (the simulation then restarts)'),
         NodeParameter('follow_zero', True, 'take a new zero when ring_displacement takes one'),
         NodeParameter('bag', '', 'a bag whose elevation is used, unless elevation_deg is given'),
         NodeParameter(
@@ -170,7 +170,7 @@ class RingSimulatorNode(StreamingNode):
         self._stream.hold = hold
         self._tell_in_force(self._in_force)
         self.get_logger().info(f'elevation {math.degrees(self._elevation):.3f} deg, '
-                               f'{self._elevation_source}: starts anew')
+                               f'{self._elevation_source}: restarts')
 
     def _make(self, parameters: ParameterSet) -> None:
         self._stream = SimulationStream(
@@ -224,7 +224,7 @@ class RingSimulatorNode(StreamingNode):
     def _on_restart(self, request: Trigger.Request, response: Trigger.Response,
                     ) -> Trigger.Response:
         response.success = self.active
-        response.message = 'starts anew at the next preload' if self.active else 'is not active'
+        response.message = 'restarts at the next preload' if self.active else 'is not active'
         if self.active:
             self._stream.restart()
         return response
@@ -236,7 +236,7 @@ class RingSimulatorNode(StreamingNode):
                             f'{self.get_fully_qualified_name()} activate')
         if response.success:
             self._stream.zero_after(self._stream.newest_stamp)
-            response.message = ('starts anew, zeroed at the first steady stretch from '
+            response.message = ('restarts, zeroed at the first steady stretch from '
                                 f'{self._rig.force_words(self._stream.load, 2)}')
         return response
 

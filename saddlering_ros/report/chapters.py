@@ -449,7 +449,7 @@ def detection_limits(document: Document) -> str:
             number(_limit(item, 'material_limit')),
             number(percent(item['share'])),
         ])
-    return html.section('What these data could have shown', html.folded(
+    return html.section('Detection limits of these data', html.folded(
         'Detection limit of every cause in the catalogue',
         html.table(
             ['cause', 'id', number('detection limit'), number('limit, best configuration'),

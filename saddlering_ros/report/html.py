@@ -95,7 +95,7 @@ SCRIPT = Path(__file__).with_name('charts.js')
 
 @dataclass(frozen=True)
 class Cell:
-    """One cell of a table: text, or HTML as it is; number aligns right, mark colours it."""
+    """One cell of a table: text, or finished HTML; number aligns right, mark colours it."""
 
     text: str
     is_number: bool = False

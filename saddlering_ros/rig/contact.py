@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from saddlering_ros.rig.errors import RigError
 
 EXPONENTS = (0.5, 5.0)
-"""Range of n in F = K p^n; far outside it the solver fails at touch-down and takes for ever."""
+"""Range of n in F = K p^n; far outside it the solver fails at touch-down and hardly ends."""
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""The hash of a rig's description: equal for equal rigs, however their files are written."""
+"""The hash of a rig's description: equal for equal rigs, in any form of their files."""
 
 from __future__ import annotations
 

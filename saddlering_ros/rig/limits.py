@@ -1,7 +1,7 @@
 """Limits of loads that follow from a rig's full scale: one place for all of them.
 
 Every share below counts from `rig.full_scale_load` of the rig file, so that a rig of 1 t and a rig
-of 400 t are judged alike.
+of 400 t are judged by the same shares.
 """
 
 from __future__ import annotations

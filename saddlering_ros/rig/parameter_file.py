@@ -33,9 +33,9 @@ class ParameterSource:
     """Where parameters came from: method, bags, objective reached, covariance (6, 6), a note.
 
     sha256: of each bag, '' where not known, or () (provenance.py says how they are made);
-    versions: of what computed them, in words; undetermined: why the data of these bags do not
-    determine a parameter, by name, where they do not; rig_hash: digest of the rig they hold for,
-    '' where not known.
+    versions: of the programs that computed them, in words; undetermined: why the data of
+    these bags do not determine a parameter, by name; rig_hash: digest of the rig that the
+    parameters belong to, '' where not known.
     """
 
     method: str = 'given'

@@ -14,7 +14,7 @@ SECTIONS = ('rig', 'bounds', 'contact', 'effects', 'source')
 """What a rig file or a parameter file may hold; one file may be both."""
 
 OF_EVERY_NODE = ('use_sim_time',)
-"""Parameters of ROS itself that may stand in the same file."""
+"""Parameters of ROS itself that the same file may hold."""
 
 
 def read_ros_parameters(path: Path, error: type[SaddleringError]) -> dict[str, Any]:
@@ -58,7 +58,7 @@ def parameters_of_document(
     (node,) = entries.values()
     beside = [str(key) for key in node if key != 'ros__parameters']
     if beside:
-        raise error(f'{where}: {beside[0]} stands beside ros__parameters: move it below')
+        raise error(f'{where}: {beside[0]} is beside ros__parameters: move it below')
     return unfold(node['ros__parameters'], where, error)
 
 
@@ -101,7 +101,7 @@ def _put(
 
 
 def _number(value: Any) -> Any:
-    """YAML 1.1 reads `1e8` as text; ROS reads it as a number, and so do we."""
+    """YAML 1.1 reads `1e8` as text; ROS and this reader read it as a number."""
     if isinstance(value, list):
         return [_number(item) for item in value]
     if not isinstance(value, str):

@@ -88,7 +88,7 @@ def probe_sensitivities(rig: Rig, groups: Sequence[tuple[Candidate, Sequence[Can
 
 @dataclass(frozen=True)
 class _Neighbourhood:
-    """A candidate and its P neighbours, as they are in every run.
+    """A candidate and its P neighbours, common to every run.
 
     models (1 + P,) without an elevation; extensions of the P neighbours; moved (P,): index of the
     direction of the pass that a neighbour takes, -1 for none; first (S,): the neighbour of each
@@ -192,7 +192,7 @@ def _together(groups: Sequence[_Neighbourhood], record: _Record) -> list[Respons
 
 
 def _neighbourhood(rig: Rig, centre: Candidate, others: Sequence[Candidate]) -> _Neighbourhood:
-    """What the group of a candidate and its neighbours has in common in every run."""
+    """The common part of a candidate and its neighbours in every run."""
     extensions = [extension for _, extension in others]
     every = [centre, *others]
     models = model_rows(rig, np.array([law for law, _ in every], dtype=np.float64),

@@ -52,7 +52,7 @@ class Kept:
         self._count = 0
 
     def push(self, batch: NDArray[Any]) -> None:
-        """Keep a batch; judge what is kept if it is much."""
+        """Keep a batch; judge the kept samples when they are many."""
         if len(batch):
             self._batches.append(batch)
             self._count += len(batch)

@@ -1,4 +1,4 @@
-"""Listens to the topics of a rig for some seconds, whoever publishes them."""
+"""Listens to the topics of a rig for some seconds, from any publisher."""
 
 from __future__ import annotations
 

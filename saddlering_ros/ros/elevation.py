@@ -27,7 +27,7 @@ SAME_MEASURED = math.radians(0.5)
 """An inclinometer that differs by more from the elevation in use contradicts it."""
 
 MOVED = math.radians(0.1)
-"""An elevation taken from the inclinometer is taken anew when it has moved by this."""
+"""The elevation of the inclinometer is read again when it has moved by this."""
 
 LOWEST, HIGHEST = math.radians(-10.0), math.radians(90.0)
 

@@ -63,8 +63,8 @@ class LockstepGroup:
         self.heard[message.node] = now
 
     def absent(self) -> list[str]:
-        """Who has not been heard of, or is not matched with the others, in words."""
-        reasons = [f'{name}: not heard of' for name in self.names if name not in self.said]
+        """Participants that sent nothing yet, or are not matched with the others, in words."""
+        reasons = [f'{name}: nothing received' for name in self.names if name not in self.said]
         if reasons:
             return reasons
         for name in self.names:

@@ -1,4 +1,4 @@
-"""Relative names of topics and actions, so that everything of a rig stands under its namespace."""
+"""Relative names of topics and actions, so that everything of a rig is under its namespace."""
 
 from __future__ import annotations
 

@@ -35,7 +35,7 @@ Value = bool | int | float | str | list[str] | list[float]
 class NodeParameter:
     """One parameter of a node.
 
-    low, high: range of a number, both included; choices: what a text may be; changeable: may be
+    low, high: range of a number, both included; choices: allowed texts; changeable: may be
     set while the node runs (else it is read only), while_inactive: only while a lifecycle node is
     not active; nan_allowed: NaN stands for `not given`.
     """
@@ -299,7 +299,7 @@ def refuse_undeclared(node: Node) -> None:
 def check_parameter_files(arguments: Sequence[str]) -> None:
     """Read the files of `--params-file` strictly, before rclpy does; NodeError for a bad one.
 
-    rclpy lets the last of two equal keys win, reads 0110 as 72, and waits for ever on a pipe.
+    rclpy lets the last of two equal keys win, reads 0110 as 72, and never returns from a pipe.
     """
     for option, value in pairwise(arguments):
         if option != '--params-file':

@@ -128,7 +128,7 @@ class RawSubscription:
 
 
 class RawPublisher:
-    """One topic a node writes; counts what it sends, and takes serialized messages."""
+    """One topic that a node writes. It takes serialized messages and counts them."""
 
     def __init__(self, node: Node, topic: str, message_type: Any, qos: QoSProfile | None = None,
                  ) -> None:

@@ -99,7 +99,7 @@ def leave(status: int, longest: float = LONGEST_END) -> NoReturn:
     """
     handler = _abandon_middleware(status, longest)
     gc.unfreeze()
-    gc.collect()  # the rest of the node leaves the network
+    gc.collect()  # the node leaves the network
     atexit._run_exitfuncs()
     for stream in (sys.stdout, sys.stderr):
         with contextlib.suppress(OSError, ValueError):
@@ -111,7 +111,7 @@ def leave(status: int, longest: float = LONGEST_END) -> NoReturn:
 def _abandon_middleware(status: int, longest: float) -> object:
     """End with `status` at a crash of this process from now on, or after `longest` seconds.
 
-    Returns what must be kept until then: the handler.
+    Returns the handler, which must be kept until then.
 
     The handlers are those of the C runtime: the middleware may keep the interpreter while it
     hangs, and Python would run its own handlers only after that.

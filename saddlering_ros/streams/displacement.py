@@ -41,11 +41,10 @@ from saddlering_ros.streams.batches import (
 class DisplacementStream:
     """The displacement at each load stamp, from batches of samples in any interleaving.
 
-    It is what `displacement_of_run` computes for a bag, bit for bit, on rows that come in as they
-    happen. Rows wait until a zero is found; then they come out at once. Load stamps that jump
-    back, or ahead by more than `max_gap` [s], start everything anew, the zero included: another
-    test has begun. A jump ahead inside `recording` (first and last stamp [ns]) is a pause of the
-    same test.
+    The result equals that of `displacement_of_run` for a bag, bit for bit. Rows wait until a zero
+    is found; then they come out at once. Load stamps that jump back, or ahead by more than
+    `max_gap` [s], restart everything, the zero included: another test has begun. A jump ahead
+    inside `recording` (first and last stamp [ns]) is a pause of the same test.
     """
 
     def __init__(self, rig: Rig, *, max_gap: float = 10.0) -> None:
@@ -92,13 +91,13 @@ class DisplacementStream:
         return [int(count) for count in missing]
 
     def events(self) -> dict[str, int]:
-        """Counts of the guard and of the aligner by name; what both count is added."""
+        """Counts of the guard and of the aligner by name; counts of both are added."""
         counts = Counter(self.counters.as_dict())
         counts.update(self.aligner.counters.as_dict())
         return {**counts, 'jumps_ahead': self.jumps_ahead}
 
     def push(self, load: Samples, gaps: Sequence[Samples]) -> Displacements:
-        """Take a batch of the load and of each probe that the rig has; return what is due."""
+        """Take a batch of the load and of each probe of the rig; return the complete rows."""
         return self._displacements(self._align(
             self._load_guard.push(load),
             [guard.push(samples) for guard, samples in zip(

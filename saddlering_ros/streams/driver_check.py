@@ -73,7 +73,7 @@ class HeardTopic:
 
     @property
     def rate(self) -> float:
-        """Samples a second by the stamps; NaN if they do not go on."""
+        """Samples a second by the stamps; NaN if the stamps do not rise."""
         steps = np.diff(self.stamps)
         steps = steps[steps > 0]
         return 1e9 / float(np.median(steps)) if len(steps) else math.nan
@@ -139,7 +139,7 @@ def _absent(found: _Findings, topic: RigTopic, one: HeardTopic | None) -> None:
     if wrong:
         found.fault(topic.name, f'is published as {wrong[0]}: publish {topic.type}')
     elif one is None or not one.publishers:
-        found.fault(topic.name, 'nobody publishes it: start the driver, or remap its topic')
+        found.fault(topic.name, 'it has no publisher: start the driver, or remap its topic')
     else:
         found.fault(topic.name, f'{len(one)} samples came from {one.publishers} publisher(s): '
                     'check that the driver reads its device, or listen longer')
@@ -189,8 +189,8 @@ def _rates(found: _Findings, topic: RigTopic, one: HeardTopic, wanted: float | N
     arrived = float(one.arrivals[-1] - one.arrivals[0])
     stamped = float(one.stamps[-1] - one.stamps[0])
     if not gaps.any() and arrived > 1e9 and abs(stamped / arrived - 1.0) > RATE_TOLERANCE:
-        found.fault(topic.name, f'stamps go on by {stamped / 1e9:.3g} s in {arrived / 1e9:.3g} s: '
-                    'stamps count something else than time, or the driver falls behind')
+        found.fault(topic.name, f'stamps advance by {stamped / 1e9:.3g} s in '
+                    f'{arrived / 1e9:.3g} s: the stamps are not times, or the driver falls behind')
 
 
 def _values(found: _Findings, rig: Rig, topic: RigTopic, one: HeardTopic) -> None:

@@ -100,7 +100,7 @@ def request(name: str, values: Mapping[str, float] | None = None,
             form: str | None = None, rig: Rig | None = None) -> EffectRequest:
     """A complete request; parameters not given take their typical size on `rig`.
 
-    Raises VirtualRigError, naming what exists, for an unknown effect, parameter or form.
+    VirtualRigError lists the existing names for an unknown effect, parameter or form.
     """
     found = find_effect(name)
     parameters = found.parameters_on(rig or default_rig())

@@ -80,7 +80,7 @@ def cylinder_friction(path: LoadPath, values: Mapping[str, float], form: str) ->
 @effect('elevation_error', 'load', X_AND_T,
         [TrueSize('angle', 'rad', 0.005, 0.04, 0.0175, signed=True)])
 def elevation_error(path: LoadPath, values: Mapping[str, float], form: str) -> None:
-    """The barrel stands at another elevation than recorded."""
+    """The barrel has another elevation than recorded."""
     path.elevation += values['angle']
 
 

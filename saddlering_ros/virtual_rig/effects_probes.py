@@ -74,7 +74,7 @@ def ring_ovalisation(seen: ProbeMotion, values: Mapping[str, float], form: str) 
 @effect('probe_height', 'probes', X_AND_T[:1],
         [TrueSize('height', 'm', 0.005, 0.05, 0.02, signed=True)])
 def probe_height(seen: ProbeMotion, values: Mapping[str, float], form: str) -> None:
-    """The radial probes stand higher than in the rig file."""
+    """The radial probes are higher than in the rig file."""
     tilt = values['height'] * (seen.motion.tilt - seen.motion.tilt[0])
     seen.increments[0] += tilt
     seen.increments[2] -= tilt
@@ -159,7 +159,7 @@ def clock_offset(recording: Recording, values: Mapping[str, float], form: str) -
 @effect('out:probe_crosstalk', 'probes', ALL_CHANNELS,
         [TrueSize('share', '1', 0.01, 0.08, 0.03, signed=True)])
 def probe_crosstalk(seen: ProbeMotion, values: Mapping[str, float], form: str) -> None:
-    """Probes 1 and 2 hear each other."""
+    """The readings of probes 1 and 2 leak into each other."""
     first, second = seen.increments[0].copy(), seen.increments[1].copy()
     seen.increments[0] += values['share'] * second
     seen.increments[1] += values['share'] * first

@@ -108,7 +108,7 @@ WORN_GAP = 1e-4
 
 
 def _wear(rollers: Rollers, row: str, values: Mapping[str, float], form: str) -> None:
-    """Rollers on the arc carry less, or stand lower; hard or cosine-shaped edges."""
+    """Rollers on the arc carry less, or lie lower; hard or cosine-shaped edges."""
     part, angle = rollers.of(row), rollers.angles(row)
     off = np.abs(np.angle(np.exp(1j * (angle - values['centre'])))) / values['half_width']
     if form.startswith('hard'):
@@ -162,7 +162,7 @@ def damping_law(rollers: Rollers, values: Mapping[str, float], form: str) -> Non
 @effect('out:softening', 'rollers', X_AND_T,
         [TrueSize('per_metre', '1/m', 1000.0, 8000.0, 4000.0, positive=True)])
 def softening(rollers: Rollers, values: Mapping[str, float], form: str) -> None:
-    """Rollers yield as they are pressed: F = K p^n / (1 + s p)."""
+    """Rollers soften under load: F = K p^n / (1 + s p)."""
     rollers.table[:, at.SOFTENING] = values['per_metre']
 
 

@@ -157,7 +157,7 @@ def write_record(path: Path | str, record: TestRecord, rig: Rig, *,
 
 def _instants(first: float, last: float, rate: float, jitter: float,
               random: np.random.Generator) -> Floats:
-    """When samples are taken [s]: a phase of its own, then `rate` with jitter, in microseconds."""
+    """When samples are taken [s]: a random phase, then `rate` with jitter, in microseconds."""
     period = 1.0 / rate
     phase = random.uniform(0.05, 0.95) * period
     count = max(int((last - first - phase) * rate), 2)

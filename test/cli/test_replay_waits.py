@@ -15,14 +15,14 @@ class _Stopped:
 
     @staticmethod
     def said():
-        return '[WARN] [replay_clock]: still waits for ring_simulator: not heard of\n'
+        return '[WARN] [replay_clock]: still waits for ring_simulator: nothing received\n'
 
 
 def test_a_node_that_stops_before_it_is_heard_is_named_and_ends_the_replay(monkeypatch, capsys):
     monkeypatch.setattr(replay, 'START_PATIENCE', 0.0)
     group = SimpleNamespace(
         processes={'replay_clock': _Stopped()}, check=lambda: None, wait=lambda *_: 0)
-    with pytest.raises(NodeError, match=r'does not start: .*ring_simulator: not heard of'):
+    with pytest.raises(NodeError, match=r'does not start: .*ring_simulator: nothing received'):
         replay._wait(group, float('inf'), None)
     err = capsys.readouterr().err
-    assert err == 'note: the replay still waits for ring_simulator: not heard of\n'
+    assert err == 'note: the replay still waits for ring_simulator: nothing received\n'

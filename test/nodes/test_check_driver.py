@@ -73,7 +73,7 @@ def without(start: int, stop: int) -> Callable[[HeardTopic], HeardTopic]:
     (LOAD_TOPIC, lambda one: replace(one, arrivals=one.arrivals + 90 * 10**9),
      'stamps are 90 s behind the clock'),
     (LOAD_TOPIC, lambda one: replace(one, arrivals=one.arrivals[0] + 2 * (
-        one.arrivals - one.arrivals[0])), 'stamps count something else'),
+        one.arrivals - one.arrivals[0])), 'the stamps are not times'),
     (FIRST_PROBE, lambda one: replace(one, stamps=one.stamps - 50_000_000), '50 ms older'),
     (FIRST_PROBE, with_reading(700, np.nan), '1 of 2000 readings are not numbers'),
     (LOAD_TOPIC, with_reading(700, 3e38), 'far beyond the cylinder: publish newtons'),
@@ -97,7 +97,7 @@ def test_a_fault_is_found_in_one_line(
 def test_a_topic_that_nobody_publishes_and_one_of_another_type_are_told_apart(
         heard_topics: Heard) -> None:
     nothing = without(0, 5000)(replace(heard_topics[LOAD_TOPIC], publishers=0))
-    assert 'nobody publishes it' in findings({**heard_topics, LOAD_TOPIC: nothing})[0]
+    assert 'it has no publisher' in findings({**heard_topics, LOAD_TOPIC: nothing})[0]
     other = replace(nothing, publishers=1, types=('std_msgs/msg/Float64',))
     assert 'is published as std_msgs/msg/Float64' in findings(
         {**heard_topics, LOAD_TOPIC: other})[0]

@@ -67,4 +67,4 @@ def test_progress_that_does_not_belong_together_or_is_of_nobody_waited_for_is_no
     assert group.malformed == 1
     assert group.said == {}
     assert group.heard == {}
-    assert group.absent() == ['reader: not heard of']
+    assert group.absent() == ['reader: nothing received']

@@ -32,7 +32,7 @@ def refusal(path: Path, text: str) -> str:
     ('bounds:', 'bound:', 'has unknown entries (bound): did you mean bounds?'),
     ('      K1:', '      k1:', 'bounds has unknown entries (k1): did you mean K1?'),
     ('rollers: 97', 'rollers: 97\n        rollers: 98',
-     "line 8: the key 'rollers' stands twice in one section (first in line 7)"),
+     "line 8: the key 'rollers' is given twice in one section (first in line 7)"),
     ('rollers: 110', 'rollers: 0110', 'the number 0110 is not in plain decimal digits'),
     ('rollers: 110', 'rollers: 0x6e', 'the number 0x6e is not in plain decimal digits'),
     ('mass: 4079.0', 'mass: 1:30', 'the number 1:30 is not in plain decimal digits'),
@@ -50,7 +50,7 @@ def test_a_fault_in_a_rig_file_is_refused_with_its_place(
 
 @pytest.mark.parametrize(('line', 'words'), [
     ('effect: {probe_gain: {gain: 0.02}}', '(effect): did you mean effects?'),
-    ('contact: {K1: 1e8}', "the key 'contact' stands twice"),
+    ('contact: {K1: 1e8}', "the key 'contact' is given twice"),
     ('contact.K3: 1e8', 'contact has unknown entries (K3)'),
     ('source: {methd: x}', 'source has unknown entries (methd): did you mean method?'),
     ('source: {bags: 3}', 'source.bags is 3.0: give a list of texts'),

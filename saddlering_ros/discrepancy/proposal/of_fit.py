@@ -49,7 +49,7 @@ REFITS = 1
 
 @dataclass(frozen=True)
 class Proposer:
-    """What a law is looked for in: the metric and all runs, fitted and held out.
+    """The data in which a law is searched: the metric and all runs, fitted and held out.
 
     degrees: of freedom of the noise's level; max_rounds: of the fits of base parameters.
     """
@@ -106,7 +106,7 @@ class Proposer:
                             slopes.reshape(*run.channels.shape, -1))
 
     def _beside(self, law: LawProposal, fit: Fit) -> Fit:
-        """The model of `fit`, fitted to the runs less what the law adds."""
+        """The model of `fit`, fitted to the runs minus the part of the law."""
         experiment = self._experiment
         runs = [replace(run, channels=run.channels - law.addition(self._plain(run, fit)))
                 for run in experiment.runs]

@@ -95,7 +95,7 @@ class LawProposal:
 
     @property
     def predicts(self) -> bool:
-        """Whether it says anything of a run that it was not fitted to."""
+        """Whether it predicts a run that it was not fitted to."""
         return all(term.law != 'own curve' for term in self.terms)
 
     @property
@@ -104,7 +104,7 @@ class LawProposal:
         return (*(f'the law makes {name} worse' for name in self.worse), *self.reasons)
 
     def addition(self, run: ObservedRun) -> Array:
-        """What the law adds to the channels (C, N) of a run."""
+        """The part of the law in the channels (C, N) of a run."""
         added = np.zeros(run.residual.shape)
         for term in self.terms:
             added += run.added(term.target, term.evaluate(run.coordinates)[:, None])[:, :, 0]
