@@ -71,7 +71,9 @@ class Trial:
     ratios: Sequence[float | None] = ()
 
 
-def trial(kind: str, seed: int, extra: tuple[str, ...] = ()) -> Trial:
+def trial(
+    kind: str, seed: int, extra: tuple[str, ...] = (), *, with_best_gain: bool = True
+) -> Trial:
     """Draw, seal, diagnose, open, score."""
     folder = Path(tempfile.mkdtemp(prefix='blind_'))
     command = [sys.executable, '-m', 'saddlering_ros.virtual_rig.blind', '--seed', str(seed)]
@@ -101,7 +103,7 @@ def trial(kind: str, seed: int, extra: tuple[str, ...] = ()) -> Trial:
     return Trial(
         kind, seed, truth['effects'], answer['verdict'], groups, counted, found, ratio, error,
         within, answer['gain']['held_out'] if causes else None,
-        None if kind == 'outside' else best_gain(verdict, names), seconds,
+        best_gain(verdict, names) if with_best_gain and kind != 'outside' else None, seconds,
         ratios if kind == 'pair' else (),
     )
 
@@ -218,6 +220,8 @@ def campaign(
     jobs: int,
     minutes: float,
     extra: tuple[str, ...],
+    *,
+    with_best_gain: bool,
 ) -> None:
     """Run what is not kept yet, and keep each trial as soon as it is done."""
     done = {(item.kind, item.seed) for item in read_trials(path)}
@@ -229,7 +233,8 @@ def campaign(
         while running or (waiting and time.monotonic() < end):
             while waiting and len(running) < jobs and time.monotonic() < end:
                 kind, seed = waiting.pop(0)
-                running[pool.submit(trial, kind, seed, extra)] = (kind, seed)
+                own = pool.submit(trial, kind, seed, extra, with_best_gain=with_best_gain)
+                running[own] = (kind, seed)
             finished, _ = wait(running, return_when=FIRST_COMPLETED)
             for future in finished:
                 kind, seed = running.pop(future)
@@ -373,13 +378,16 @@ def main() -> int:
     parser.add_argument('--out', type=Path, default=Path('out/blind.jsonl'))
     parser.add_argument('--jobs', type=int, default=len(os.sched_getaffinity(0)))
     parser.add_argument('--minutes', type=float, default=math.inf, help='begin nothing later')
+    parser.add_argument('--no-best-gain', action='store_true',
+                        help='leave out the fits of the true causes')
     parser.add_argument('--table', action='store_true', help='print the table of --out only')
     parser.add_argument('--quick', action='store_true', help='twenty draws')
     args, extra = parser.parse_known_args()
     if not args.table:
         draws = 20 if args.quick else args.draws
         wanted = plan(counts_of(draws, args.count), args.seed)
-        campaign(wanted, args.out, args.jobs, args.minutes, tuple(extra))
+        campaign(wanted, args.out, args.jobs, args.minutes, tuple(extra),
+                 with_best_gain=not args.no_best_gain)
     trials = read_trials(args.out)
     print(table(trials))
     broken = broken_promises([(item.kind, item.score) for item in trials])

@@ -206,9 +206,13 @@ def _is_at_bound(shape: Parameter, theta_unit: float) -> bool:
 
 
 def explained_share_of(before: Residual, after: Residual) -> float:
-    """Share of the misfit beyond noise that is explained."""
+    """Share of the misfit beyond noise that is explained, 0 to 1.
+
+    A small cause can be certain although all structures together are no more than noise.
+    """
     remaining = max(after.slow.excess, 0.0) + after.fast.excess
-    return 1.0 - remaining / max(before.slow.excess + before.fast.excess, 1e-9)
+    found = max(before.slow.excess, 0.0) + before.fast.excess
+    return 1.0 - min(1.0, remaining / max(found, 1e-9))
 
 
 class Publication:

@@ -43,6 +43,7 @@ def diagnosed(**sizes: float) -> Diagnosis:
 def test_two_causes_that_mask_each_other_are_both_named(monkeypatch: pytest.MonkeyPatch) -> None:
     found = diagnosed(**SIZES)
     assert {cause.effect for cause in found.causes} == set(SIZES)
+    assert 0.0 <= found.explained <= 1.0
     monkeypatch.setattr(selection, 'masked_pair', lambda space, fit, log: fit)
     assert not diagnosed(**SIZES).causes
 
