@@ -23,7 +23,7 @@ class Settling(RingEffect):
     words = (
         'Joints, shims or asperities settle permanently under the highest load so far. The first '
         'cycle does not return to zero, and its loop is open at the lower end. A second cycle to '
-        'the same load shows no such change.'
+        'the same load shows no change.'
     )
     settled_by = (
         'A repeat cycle with holds at zero and full load: the second cycle shows no settling.'
