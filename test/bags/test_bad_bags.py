@@ -314,7 +314,7 @@ def run_or_line(path) -> TestRun | str:
     return run
 
 
-PLACES = 12
+PLACES = 25
 """Damaged places of each kind of file; benchmarks/fuzz.py damages thousands."""
 
 
@@ -322,9 +322,9 @@ PLACES = 12
     *((compression, True) for compression in CompressionType), (CompressionType.NONE, False)])
 @pytest.mark.parametrize('kind', ['flip', 'zero', 'insert'])
 def test_damage_anywhere_is_refused_or_harmless(
-        tmp_path, short, raw, compression, chunked, kind):
+        tmp_path, brief, raw, compression, chunked, kind):
     """With checksums, whatever is wrong with the bytes: a line, or the data as they were."""
-    whole = raw(tmp_path / 'whole.mcap', short, compression=compression, chunked=chunked,
+    whole = raw(tmp_path / 'whole.mcap', brief, compression=compression, chunked=chunked,
                 data_crcs=not chunked)
     sound, data = read_run(whole), whole.read_bytes()
     random = np.random.default_rng(zlib.crc32(f'{compression}{chunked}{kind}'.encode()))
@@ -345,16 +345,16 @@ def test_damage_anywhere_is_refused_or_harmless(
         else:
             np.testing.assert_array_equal(run.load, sound.load)
             np.testing.assert_array_equal(run.gaps, sound.gaps)
-    assert refused > 1
+    assert refused > 5
 
 
-def test_damage_without_checksums_ends_in_a_line_too(tmp_path, short, raw):
+def test_damage_without_checksums_ends_in_a_line_too(tmp_path, brief, raw):
     """Changed numbers cannot be noticed then, but nothing may fall over."""
-    whole = raw(tmp_path / 'whole.mcap', short, compression=CompressionType.NONE,
+    whole = raw(tmp_path / 'whole.mcap', brief, compression=CompressionType.NONE,
                 crcs=False, chunk_size=4000)
     data = whole.read_bytes()
     random = np.random.default_rng(3)
-    for place in random.integers(0, len(data), 20).tolist():
+    for place in random.integers(0, len(data), 40).tolist():
         damaged = bytearray(data)
         damaged[place] = int(random.integers(256))
         bag = tmp_path / 'damaged.mcap'
