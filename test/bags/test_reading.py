@@ -30,6 +30,12 @@ def assert_same(run: TestRun, expected: TestRun) -> None:
 
 
 @pytest.fixture
+def recording(short):
+    """Six tenths of a second: how a bag is stored shows in that."""
+    return short
+
+
+@pytest.fixture
 def expected(tmp_path, recording) -> TestRun:
     return read_run(recording.write(tmp_path / 'expected'))
 
