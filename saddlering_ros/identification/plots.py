@@ -36,15 +36,17 @@ def save_plots(validation: Validation, folder: Path, force_unit: str = 't') -> l
 
 
 def _save(run: RunValidation, path: Path, force_unit: str) -> Path:
+    """Draw a run; `Figure.savefig` would draw it twice, once for the layout alone."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(12.0, 9.0), layout='constrained')
+    figure = Figure(figsize=(12.0, 9.0), dpi=110, layout='constrained')
     axes = figure.subplots(len(SHOWN), 3)
     figure.suptitle(f'{run.name}: {run.test}, {np.degrees(run.elevation):g} deg')
     for row, channel in enumerate(SHOWN):
         _draw(axes[row], run, channel, force_unit)
     with whole_file(path, IdentificationError) as temporary:
-        figure.savefig(temporary, dpi=110)
+        FigureCanvasAgg(figure).print_png(temporary)
     return path
 
 
