@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 import io
 from pathlib import Path
+import struct
 import tracemalloc
 
 from hypothesis import given, HealthCheck, settings
@@ -154,18 +155,24 @@ def test_any_fault_of_stamps_and_readings_ends_in_a_run_or_a_line(tmp_path, shor
 # --- sizes ---
 
 def bomb_of_chunks(path: Path, chunks: int) -> Path:
-    """Chunks of ever the same message: 4 MB each, in a few hundred bytes."""
-    with path.open('wb') as file:
-        writer = Writer(file, chunk_size=4 * MEGABYTE, compression=CompressionType.ZSTD,
-                        index_types=IndexType.NONE, use_statistics=False, repeat_channels=False,
-                        repeat_schemas=False)
-        writer.start()
-        schema = writer.register_schema(TOPICS[LOAD_TOPIC].type, 'ros2msg', b'')
-        channel = writer.register_channel(LOAD_TOPIC, 'cdr', schema)
-        data = cdr(LOAD_TOPIC, 10 ** 18, 1e5)
-        for _ in range(chunks * 4 * MEGABYTE // (len(data) + 31)):
-            writer.add_message(channel, 0, data, 0)
-        writer.finish()
+    """Ever the same chunk of ever the same message: 4 MB each, in a few hundred bytes."""
+    file = io.BytesIO()
+    writer = Writer(file, chunk_size=8 * MEGABYTE, compression=CompressionType.ZSTD,
+                    index_types=IndexType.NONE, use_statistics=False, repeat_channels=False,
+                    repeat_schemas=False)
+    writer.start()
+    schema = writer.register_schema(TOPICS[LOAD_TOPIC].type, 'ros2msg', b'')
+    channel = writer.register_channel(LOAD_TOPIC, 'cdr', schema)
+    start = file.tell()
+    data = cdr(LOAD_TOPIC, 10 ** 18, 1e5)
+    for _ in range(4 * MEGABYTE // (len(data) + 31)):
+        writer.add_message(channel, 0, data, 0)
+    writer.finish()
+    whole = file.getvalue()
+    opcode, length = struct.unpack_from('<BQ', whole, start)
+    assert opcode == 6
+    stop = start + 9 + length
+    path.write_bytes(whole[:start] + chunks * whole[start:stop] + whole[stop:])
     return path
 
 
