@@ -1,4 +1,8 @@
-"""Claims about `saddlering demo` that need no replay; the whole story is marked slow."""
+"""Claims about `saddlering demo`: its refusals, its end by a signal, and the whole story.
+
+The interrupted demo is a program that starts programs. The whole story runs in this process, on
+forked nodes.
+"""
 
 import json
 import os
@@ -7,6 +11,7 @@ import signal
 import subprocess
 import sys
 import time
+from unittest import mock
 
 import pytest
 
@@ -75,18 +80,19 @@ def test_an_interrupted_demo_leaves_no_process_and_no_file(tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.ros
 @pytest.mark.slow
 @pytest.mark.timeout(1800)
 def test_the_demo_finds_a_cause_live_and_halves_the_misfit_of_the_runs_kept_back(
-        tmp_path):
+        tmp_path, capsys):
     bags = tmp_path / 'bags'
     settings = DrawSettings(('radial_friction',), fixed={'radial_friction': {'force': 8000.0}})
     write_campaign(draw_truth(4, 'single', settings), bags,
                    ('static_50', 'dynamic_50_fast', 'dynamic_70'), SHORTER)
-    demo = start('--bags', bags, '--out', tmp_path / 'out',
-                 env={**os.environ, 'ROS_LOG_DIR': str(tmp_path)})
-    said, _ = demo.communicate(timeout=1700.0)
-    assert demo.returncode == 0, said
+    with mock.patch.dict(os.environ, ROS_LOG_DIR=str(tmp_path)):
+        status = main(['demo', '--bags', str(bags), '--out', str(tmp_path / 'out')])
+    assert status == 0, capsys.readouterr()
+    assert 'Verdict: ' in capsys.readouterr().out
     numbers = json.loads((tmp_path / 'out' / 'numbers.json').read_text())
     assert numbers['verdict']['verdict'] in ('named', 'ambiguous')
     assert numbers['live']['gain'] > 0.5
