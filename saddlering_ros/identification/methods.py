@@ -293,6 +293,7 @@ def _refined(
         with_cell = replace(
             fine, observations=[one.coarse() for one in fine.observations], evaluations=0)
         lowest = refine(with_cell, space, lowest.point, search.is_cancelled, PROVISIONAL)
+        fine = fine.with_settled_plateaus(lowest.contact)
         for _ in range(LOAD_CORRECTIONS if search.has_dynamic else 0):
             lowest = refine(fine, space, lowest.point, search.is_cancelled, PROVISIONAL, NEAR)
             fine = fine.with_likely_loads(lowest.contact)

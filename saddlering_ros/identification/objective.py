@@ -32,6 +32,10 @@ MAX_STEPS = 1 << 18
 """Number of steps of one run above which they become longer (after 8.7 min), because motion and
 its derivatives at every step are in memory."""
 
+SETTLED = 0.3
+"""Whitened length of the settling of all plateaus of a run below which its plateaus may count as
+equilibria beside a constant correction, whose change with the parameters is then negligible."""
+
 SEARCH_STEP = 2e-2
 """The same during the swarm and the first descents."""
 
@@ -187,6 +191,23 @@ class WeightedObjective:
             for one, shared, part in zip(self.observations, self.shared, white, strict=True)
         ]
         return replace(self, observations=corrected)
+
+    def with_settled_plateaus(self, contact: Array) -> WeightedObjective:
+        """The same with equilibria in place of static runs that come to rest at each load.
+
+        The small difference between means of the moving ring and equilibria is that at the law
+        `contact` (6,). A run in which this difference matters remains a moving one.
+        """
+        found = self.increments(contact[None, :])
+        settling = [
+            part if one.dynamic else part - predict(self.rig, contact[None, :], one.coarse())
+            for one, part in zip(self.observations, found, strict=True)
+        ]
+        lengths = [float(np.linalg.norm(white)) for white in self.whiten(settling)]
+        return replace(self, observations=[
+            one if one.dynamic or not length < SETTLED else one.at_rest(part[0])
+            for one, part, length in zip(self.observations, settling, lengths, strict=True)
+        ])
 
     def whiten(self, raw: Sequence[Array]) -> list[Array]:
         """Residuals (B, R) of unit covariance, of each run, from raw ones (B, 3, N)."""

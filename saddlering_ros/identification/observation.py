@@ -91,6 +91,14 @@ class Observation:
         return replace(self, fine_time=self.time, fine_load=self.load, per_block=1, spans=None,
                        longest_step=longest_step)
 
+    def at_rest(self, settling: Array) -> Observation:
+        """A static run simulated by equilibria.
+
+        settling (3, N): means of the moving ring on the plateaus minus equilibria; it is
+        subtracted from the readings.
+        """
+        return replace(self.coarse(), displacement=self.displacement - settling)
+
     def with_load_less(self, errors: Array) -> Observation:
         """A dynamic run with its load corrected by errors (M + 3,) as in `shared_errors`.
 
@@ -121,8 +129,9 @@ class Observation:
             ]
         )
         lower = cholesky(self.correlation[np.ix_(channels, channels)], lower=True)
-        mixed = np.einsum('cd,dnb->bcn', np.linalg.inv(lower), rows)
-        return np.asarray(mixed.reshape(len(residuals), -1))
+        count, size, batch = rows.shape
+        mixed = (np.linalg.inv(lower) @ rows.reshape(count, -1)).reshape(count * size, batch)
+        return np.ascontiguousarray(mixed.T)
 
     def shared_errors(self, channels: Sequence[int]) -> SharedErrors:
         """Errors of the load, and then of the zero, that the whitened residuals share."""
