@@ -178,7 +178,7 @@ def _plateau_count(run: TestRun, problems: list[str]) -> int | None:
     if run.test != 'static':
         return None
     try:
-        return len(plateaus(run))
+        return len(plateaus(run, errors=False))
     except BagError as fault:
         problems.append(str(fault))
         return 0

@@ -93,8 +93,11 @@ class PlateauMeans:
     samples: NDArray[np.int64]
 
 
-def plateaus(run: TestRun) -> Plateaus:
-    """Cut `run` into plateaus; BagError if its load is not held at a few levels."""
+def plateaus(run: TestRun, *, errors: bool = True) -> Plateaus:
+    """Cut `run` into plateaus; BagError if its load is not held at a few levels.
+
+    errors: compute the standard errors, which takes half of the time; else they are NaN.
+    """
     holds = find_holds(run.time, run.load)
     if len(holds) < MIN_PLATEAUS:
         raise BagError(
@@ -102,8 +105,8 @@ def plateaus(run: TestRun) -> Plateaus:
             'hold the load at more levels, or give --test dynamic')
     start = np.array([_settled(run.time, *hold) for hold in holds], dtype=np.int64)
     hold_start, hold_stop = np.array(holds, dtype=np.int64).T
-    load = plateau_means(start, hold_stop, run.load)
-    gaps = plateau_means(start, hold_stop, run.gaps)
+    load = plateau_means(start, hold_stop, run.load, errors=errors)
+    gaps = plateau_means(start, hold_stop, run.gaps, errors=errors)
     level = _levels(load.mean)
     branch, cycle = _branches(level)
     time = plateau_means(start, hold_stop, run.time, errors=False).mean

@@ -140,7 +140,7 @@ def build_record(rig: Rig, test_run: TestRun, *, held_out: bool) -> Record:
 def _static(readings: _Readings) -> _Blocks:
     """Blocks within the plateaus of a static run."""
     test_run, time, load = readings.test_run, readings.time, readings.load
-    found = plateaus(test_run)
+    found = plateaus(test_run, errors=False)
     hold, branch = [], []
     blocks: list[Span] = []
     rest: list[RestSegment] = []

@@ -240,9 +240,9 @@ def _by_default(search: _Search, observations: Sequence[Observation]) -> _Found:
     contact = _start(search.bounds)
     best = np.inf
     if static:
+        averaged = [average_branches(one.coarse(), search.rig.limits.level_step) for one in static]
         contact, best = search.run_swarm(
-            'static swarm',
-            WeightedObjective(search.rig, [one.coarse(SEARCH_STEP) for one in static], channels),
+            'static swarm', WeightedObjective(search.rig, averaged, channels),
             search.space(STATIC_NAMES, contact, log=True),
         )
     if dynamic and not search.cancelled:
@@ -286,7 +286,7 @@ def _refined(
             bottoms.append(refine(rough, space, start, search.is_cancelled, PROVISIONAL))
             _report_refinement(search, number, bottoms[-1])
         lowest = min(bottoms, key=lambda bottom: bottom.chi_square)
-        lowest = refine(coarse, space, lowest.point, search.is_cancelled)
+        lowest = refine(coarse, space, lowest.point, search.is_cancelled, PROVISIONAL)
         found = _Found(lowest.law, lowest.chi_square, searched, observations)
         _note_different_optima(search, bottoms)
         fine = WeightedObjective(search.rig, search.observations(lowest.law), channels)

@@ -8,10 +8,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cholesky
+from scipy.linalg.blas import dtrmm
 
 from saddlering_ros.estimation.shared_errors import SharedErrors
 from saddlering_ros.estimation.whitener import Whitener
@@ -44,7 +46,9 @@ class LoadErrors:
             return None
         root = cholesky(covariance, lower=True)
         increments = answers - at_zero[:, None, None] * in_zero
-        return cls((increments @ root).transpose(2, 0, 1), root[:answers.shape[1]].T,
+        # The product with a triangle takes half of the time of one with a whole matrix.
+        each = dtrmm(1.0, root.T, increments.reshape(-1, root.shape[0]).T)
+        return cls(each.reshape(-1, *answers.shape[:2]), root[:answers.shape[1]].T,
                    in_zero @ root)
 
 
@@ -128,10 +132,21 @@ class Observation:
                 for position, channel in enumerate(channels)
             ]
         )
-        lower = cholesky(self.correlation[np.ix_(channels, channels)], lower=True)
         count, size, batch = rows.shape
-        mixed = (np.linalg.inv(lower) @ rows.reshape(count, -1)).reshape(count * size, batch)
-        return np.ascontiguousarray(mixed.T)
+        apart = self._unmixing(tuple(channels)) @ rows.reshape(count, -1)
+        return np.ascontiguousarray(apart.reshape(count * size, batch).T)
+
+    def _unmixing(self, channels: tuple[int, ...]) -> Array:
+        """Matrix (C, C) that makes whitened channels uncorrelated, computed once."""
+        known = self._unmixings.get(channels)
+        if known is None:
+            lower = cholesky(self.correlation[np.ix_(channels, channels)], lower=True)
+            known = self._unmixings[channels] = np.linalg.inv(lower)
+        return known
+
+    @cached_property
+    def _unmixings(self) -> dict[tuple[int, ...], Array]:
+        return {}
 
     def shared_errors(self, channels: Sequence[int]) -> SharedErrors:
         """Errors of the load, and then of the zero, that the whitened residuals share."""

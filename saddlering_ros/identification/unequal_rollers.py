@@ -42,6 +42,6 @@ def _increments(rig: Rig, contact: Array, one: Observation, usual: Array) -> Arr
         one.elevation, one.zero_load, np.append(one.zero_load, one.load),
         np.append(one.time[0] - BEFORE, one.time), probes, not one.dynamic)
     columns = scatter_columns(rig, contact, course)
-    since_zero = np.ascontiguousarray((columns[:, 1:] - columns[:, :1]).transpose(2, 0, 1))
-    moved = [probes_to_displacement(rig.probes, part) for part in since_zero]
-    return np.array([[part.delta_x, part.delta_y, part.gamma] for part in moved])
+    since_zero = np.ascontiguousarray((columns[:, 1:] - columns[:, :1]).transpose(0, 2, 1))
+    moved = probes_to_displacement(rig.probes, since_zero)
+    return np.stack([moved.delta_x, moved.delta_y, moved.gamma], axis=1)
