@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saddlering_ros.ring.kernels import courses, integration, tangents
+from saddlering_ros.ring.kernels.recording import record_width
 from saddlering_ros.ring.kernels.row_tangents import LAW
 from saddlering_ros.ring.model import EXTENSION_FIELDS, MODEL, Model, Rows
 
@@ -39,7 +40,8 @@ LOADS = _columns('cosine', 'sine', *(part[0] for part, stage, _ in EXTENSION_FIE
 class MotionPath:
     """Steps of a simulation: time and load (M,), motion (M, 3), indices of the samples, readings.
 
-    The first step is the rest at the zero. Readings (N, 4).
+    The first step is the rest at the zero. Readings (N, 4). records (M, width): sums over the
+    rollers at each step, from which its tangents follow (kernels/recording.py).
     """
 
     time: Floats
@@ -47,6 +49,7 @@ class MotionPath:
     motion: Floats
     samples: NDArray[np.intp]
     readings: Floats
+    records: Floats
 
     def read_by(self, model: Model, zero_load: float, time: Floats, load: Floats) -> MotionPath:
         """The same motion as read by a model with other additions; NaN if steps failed."""
@@ -58,15 +61,19 @@ class MotionPath:
 
 
 def simulate_path(model: Model, rows: Rows, time: Floats, load: Floats, zero_load: float,
-                  max_step: float) -> MotionPath:
-    """A run of a model (1,), and the motion at every step of the simulator."""
+                  max_step: float, grows: bool = False) -> MotionPath:
+    """A run of a model (1,), and the motion at every step of the simulator.
+
+    grows: tangents by parameters of growing damping will be asked for.
+    """
+    grows = grows or bool(model['damping_penetration_share'][0])
+    width = record_width(grows)
     motion, readings = np.empty((time.size, 3)), np.empty((time.size, 4))
     room = 2 + int(np.maximum(1.0, np.ceil(np.diff(time) / max_step)).sum())
     while True:
-        record = np.empty((room, 5))
-        record[0] = 0.0
+        record = np.empty((room, width))
         integration.run_recorded(model, rows.flat, rows.uniform, time, load, zero_load, max_step,
-                                 motion, readings, record)
+                                 motion, readings, record, grows)
         steps = int(record[0, 0])
         if steps < room:
             break
@@ -76,16 +83,19 @@ def simulate_path(model: Model, rows: Rows, time: Floats, load: Floats, zero_loa
     samples = np.empty(time.size, dtype=np.intp)
     step_load[0], moved[0] = zero_load, motion[0]
     courses.steps_of_record(record, time, max_step, step_time, step_load, moved, samples)
-    return MotionPath(step_time, step_load, moved, samples, readings)
+    return MotionPath(step_time, step_load, moved, samples, readings, record[:steps + 1])
 
 
 def tangents_along(model: Model, rows: Rows, law: Floats, external: Floats, friction: Floats,
                    geometry: Sequence[Floats], path: MotionPath) -> Floats:
-    """Changes (M, 3, P) at every step; NaN if that fails. See `tangents.motion_tangents`."""
+    """Changes (M, 3, P) at every step; NaN if that fails. See `tangents.motion_tangents`.
+
+    rows: those to which `geometry` belongs.
+    """
     changes = np.empty((path.time.size, 3, law.shape[2]))
     rollers = np.array(geometry) if geometry else np.empty((0, rows.flat.size))
-    if not tangents.motion_tangents(model, rows.flat, rows.uniform, law, external, friction,
-                                    rollers, path.time, path.motion, changes):
+    if not tangents.motion_tangents(model, rows.flat, law, external, friction, rollers,
+                                    path.records, path.time, path.motion, changes):
         changes[:] = np.nan
     return changes
 

@@ -18,6 +18,7 @@ from saddlering_ros.effects import own_parameters
 from saddlering_ros.effects.extension import READING, RingExtension
 from saddlering_ros.rig import Rig
 from saddlering_ros.ring.kernels import courses
+from saddlering_ros.ring.kernels.recording import PLAIN_LAW
 from saddlering_ros.ring.model import (
     at_elevation,
     MODEL,
@@ -180,11 +181,12 @@ def _together(groups: Sequence[_Neighbourhood], record: _Record) -> list[Respons
     """Responses of groups that share one motion."""
     answers: list[Responses] = []
     path: MotionPath | None = None
+    grows = any(one.law[:, PLAIN_LAW:].any() for one in groups)
     for one in groups:
         models = at_elevation(one.models, record.elevation)
         if path is None:
             path = own = simulate_path(models[:1], one.rows, record.time, record.load,
-                                       record.zero_load, record.max_step)
+                                       record.zero_load, record.max_step, grows)
         else:
             own = path.read_by(models[:1], record.zero_load, record.time, record.load)
         answers.append(_responses(one, models, own, record))
@@ -255,7 +257,7 @@ def _changes(one: _Neighbourhood, models: Model, path: MotionPath, record: _Reco
     """Changes (M, 3, S) of the motion by every direction."""
     if not one.first.size:
         return np.empty((path.time.size, 3, 0))
-    external = np.zeros((path.time.size, 3, one.first.size))
+    external = np.zeros((path.time.size if one.loaded.size else 0, 3, one.first.size))
     if one.loaded.size:
         course = external_along(models[:1], record.zero_load, path)
         for number in one.loaded.tolist():

@@ -40,7 +40,7 @@ class FollowedMotion:
 
     def sensitivities(self) -> Floats:
         """Derivatives (6, 3, N) by K1, n1, D1, K2, n2, D2, in SI."""
-        none = np.zeros((self.path.time.size, 3, 6))
+        none = np.empty((0, 3, 6))
         changes = tangents_along(self.model, self.rows, unit_laws(self.model), none,
                                  np.zeros((6, 3, 4)), [], self.path)
         return np.ascontiguousarray(changes[self.path.samples].transpose(2, 1, 0))

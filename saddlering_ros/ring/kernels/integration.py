@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 
 from saddlering_ros.ring.kernels import layout as at
-from saddlering_ros.ring.kernels.contact import ring_forces
 from saddlering_ros.ring.kernels.equilibrium import equilibrium, solve3
 from saddlering_ros.ring.kernels.extension_laws import (
     advance_series,
@@ -18,6 +17,8 @@ from saddlering_ros.ring.kernels.extension_laws import (
     series_motion,
 )
 from saddlering_ros.ring.kernels.options import INNER, kernel, OUTER
+from saddlering_ros.ring.kernels.recording import forces_of_step, keep_record, keep_sums
+from saddlering_ros.ring.kernels.row_tangents import matrices, PARTS, ring_tangents
 
 STEP_TOLERANCE = 5e-11
 """Largest last Newton update [m]. Convergence is quadratic: the next would be below 1e-12 m."""
@@ -184,7 +185,7 @@ def keep_step(m: Any, s: Any, h: Any, c0: Any, p: Any, past: Any, q: Any, fricti
 
 @kernel(**INNER)
 def implicit_step(m: Any, rows: Any, uniform: Any, s: Any, h: Any, friction: Any, allowed: Any,
-                  w: Any) -> Any:
+                  recorder: Any, w: Any) -> Any:
     """One BDF2 step of h seconds (backward Euler after a start or a jump in h).
 
     The unknown is q; v and a follow from the difference formulas. friction: whether the ring has
@@ -221,7 +222,7 @@ def implicit_step(m: Any, rows: Any, uniform: Any, s: Any, h: Any, friction: Any
     square = c0 * c0
     for iteration in range(MAX_ITERATIONS):
         v0, v1, v2 = c0 * q0 + p0, c0 * q1 + p1, c0 * q2 + p2
-        ring_forces(m, rows, uniform, q0, q1, q2, v0, v1, v2, w)
+        forces_of_step(m, rows, uniform, (q0, q1, q2), (v0, v1, v2), recorder, w)
         r0 = w[at.EXTERNAL] + w[at.FORCE] - mass * (c0 * v0 + past0)
         r1 = w[at.EXTERNAL + 1] + w[at.FORCE + 1] - mass * (c0 * v1 + past1)
         r2 = w[at.EXTERNAL + 2] + w[at.FORCE + 2] - inertia * (c0 * v2 + past2)
@@ -300,14 +301,13 @@ def damping_share(stiffness: Any, damping: Any, inertia: Any) -> Any:
 
 @kernel(**INNER)
 def careful_step(m: Any, rows: Any, uniform: Any, s: Any, h: Any, load: Any, friction: Any,
-                 record: Any, w: Any) -> Any:
+                 recorder: Any, w: Any) -> Any:
     """A step of h to a measured load [N], divided where its error is too large.
 
     The load is linear in between. The first fraction is the fraction at which the last step
     ended. A fraction is halved if its error is too large, and doubled if its error is small
-    enough, so that BDF2 continues. Returns the iterations and the load at the ring [N]. record:
-    None, or (S, 5) for the length [s], the measured load and q of each step; its first number
-    counts the steps.
+    enough, so that BDF2 continues. Returns the iterations and the load at the ring [N]. recorder:
+    None, or that of `recording.keep_record`.
     """
     before = s[at.MEASURED_LOAD]
     fraction = s[at.FRACTION]
@@ -321,7 +321,7 @@ def careful_step(m: Any, rows: Any, uniform: Any, s: Any, h: Any, load: Any, fri
         aim = load if reached >= 1.0 else before + (load - before) * reached
         true_load = take_load(m, s, aim, w)
         allowed = largest if fraction > MIN_FRACTION else math.inf
-        used = robust_step(m, rows, uniform, s, h * fraction, friction, allowed, w)
+        used = robust_step(m, rows, uniform, s, h * fraction, friction, allowed, recorder, w)
         if used == TOO_COARSE:
             for i in range(FRICTION_STATES):
                 s[at.CYLINDER_Z + i] = w[at.LOAD_BACKUP + i]
@@ -332,13 +332,8 @@ def careful_step(m: Any, rows: Any, uniform: Any, s: Any, h: Any, load: Any, fri
             restart_at_rest(m, rows, uniform, s, w)
         iterations += max(used, 0)
         done = reached
-        if record is not None:
-            record[0, 0] += 1.0
-            number = int(record[0, 0])
-            if number < record.shape[0]:
-                record[number, 0], record[number, 1] = h * fraction, aim
-                for i in range(3):
-                    record[number, 2 + i] = s[at.Q + i]
+        if recorder is not None:
+            keep_record(m, recorder, h * fraction, aim, s, w)
         # A step of twice the length has eight times the error.
         if (fraction < 1.0 and s[at.STEP_ERROR] < 0.05 * largest
                 and done % (2.0 * fraction) == 0.0):
@@ -349,9 +344,9 @@ def careful_step(m: Any, rows: Any, uniform: Any, s: Any, h: Any, load: Any, fri
 
 @kernel(**INNER)
 def robust_step(m: Any, rows: Any, uniform: Any, s: Any, h: Any, friction: Any, allowed: Any,
-                w: Any) -> Any:
+                recorder: Any, w: Any) -> Any:
     """One implicit step; if Newton fails at a kink, the same step in 4, 16 ... 4096 parts."""
-    used = implicit_step(m, rows, uniform, s, h, friction, allowed, w)
+    used = implicit_step(m, rows, uniform, s, h, friction, allowed, recorder, w)
     if used != -1:
         return used
     for i in range(at.STATE_SIZE):
@@ -361,7 +356,8 @@ def robust_step(m: Any, rows: Any, uniform: Any, s: Any, h: Any, friction: Any, 
         pieces *= 4
         used = 0
         for _ in range(pieces):
-            more = implicit_step(m, rows, uniform, s, h / pieces, friction, math.inf, w)
+            more = implicit_step(m, rows, uniform, s, h / pieces, friction, math.inf, recorder,
+                                 w)
             if more < 0:
                 used = -1
                 break
@@ -406,7 +402,7 @@ def take_load(m: Any, s: Any, measured: Any, w: Any) -> Any:
 
 @kernel(**INNER)
 def follow(m: Any, rows: Any, uniform: Any, s: Any, time: Any, load: Any, max_step: Any,
-           q_out: Any, d_out: Any, record: Any, w: Any) -> Any:
+           q_out: Any, d_out: Any, recorder: Any, w: Any) -> Any:
     """Advance state s over the samples time (N,), load (N,); q_out (N, 3) and d_out (N, 4) filled.
 
     The state itself gives a sample that is not later than the state. Returns the number of Newton
@@ -429,8 +425,8 @@ def follow(m: Any, rows: Any, uniform: Any, s: Any, time: Any, load: Any, max_st
                 measured = load[n]
                 if k < substeps:
                     measured = load_old + (load[n] - load_old) * k / substeps
-                used, true_load = careful_step(m, rows, uniform, s, h, measured, friction, record,
-                                               w)
+                used, true_load = careful_step(m, rows, uniform, s, h, measured, friction,
+                                               recorder, w)
                 iterations += used
             s[at.TIME] = time[n]
         series_motion(m, s, w)
@@ -460,11 +456,20 @@ def advance(models: Any, rows: Any, uniform: Any, s: Any, time: Any, load: Any, 
 
 @kernel(**OUTER)
 def run_recorded(models: Any, rows: Any, uniform: Any, time: Any, load: Any, zero_load: Any,
-                 max_step: Any, q_out: Any, d_out: Any, record: Any) -> Any:
-    """`run_batch` for models (1,) that also records every step as `careful_step` does."""
-    s, w = np.zeros(at.STATE_SIZE), np.zeros(at.WORK_SIZE)
-    found = rest(models[0], rows, uniform, s, time[0], zero_load, w)
-    follow(models[0], rows, uniform, s, time, load, max_step, q_out, d_out, record, w)
+                 max_step: Any, q_out: Any, d_out: Any, records: Any, grows: Any) -> Any:
+    """`run_batch` for models (1,) with records (S, width) of every step, the first at rest.
+
+    grows: with the sums of growing damping.
+    """
+    m = models[0]
+    s, w, parts = np.zeros(at.STATE_SIZE), np.zeros(at.WORK_SIZE), np.zeros((3, PARTS))
+    recorder = (records, parts, np.zeros(3), grows)
+    found = rest(m, rows, uniform, s, time[0], zero_load, w)
+    ring_tangents(m, rows, uniform, s[at.Q:at.Q + 3], s[at.V:at.V + 3], grows, parts)
+    matrices(m, parts, w)
+    records[0] = 0.0
+    keep_sums(records[0], parts, w)
+    follow(m, rows, uniform, s, time, load, max_step, q_out, d_out, recorder, w)
     return found and s[at.FAILED_STEPS] == 0.0
 
 

@@ -218,17 +218,17 @@ def forces_by_geometry(m: Any, rows: Any, change: Any, q: Any, v: Any, by: Any,
 
 
 @kernel(fastmath=FAST, **INNER)
-def forces_by_law(m: Any, parts: Any, law: Any, count: Any, by: Any) -> Any:
+def forces_by_law(m: Any, sums: Any, law: Any, by: Any) -> Any:
     """Add to by (3, P) the change of the ring's forces by changes of the rows' laws (3, LAW, P).
 
-    count: how many of the LAW parameters change. Directions are the last axis, so that the loop
-    becomes vector code.
+    sums (5 L,) of `recording.keep_sums` for the first L parameters of a law. Directions are the
+    last axis, so that the loop becomes vector code.
     """
     radius, height = m.radius, m.radial_row_height
-    for i in range(count):
-        up0, up1 = parts[0, 6 + 2 * i], radius * parts[0, 7 + 2 * i]
-        low0, low1 = parts[1, 6 + 2 * i], radius * parts[1, 7 + 2 * i]
-        s1 = parts[2, 7 + 2 * i]
+    for i in range(sums.size // 5):
+        up0, up1 = sums[5 * i], radius * sums[5 * i + 1]
+        low0, low1 = sums[5 * i + 2], radius * sums[5 * i + 3]
+        s1 = sums[5 * i + 4]
         for j in range(law.shape[2]):
             upper, lower, radial = law[0, i, j], law[1, i, j], s1 * law[2, i, j]
             by[0, j] -= radial

@@ -2,7 +2,7 @@
 
 At a solved step the residual R(q, theta) is zero, so that dq = -(dR/dq)^-1 dR/dtheta (implicit
 function theorem); dR/dq is the 3 x 3 matrix of the step. One pass along the motion gives the
-derivatives: one sum over the rollers per step serves all directions.
+derivatives: the sums over the rollers are those that the simulation recorded (recording.py).
 """
 
 from __future__ import annotations
@@ -15,14 +15,18 @@ import numpy as np
 from saddlering_ros.ring.kernels import layout as at
 from saddlering_ros.ring.kernels.extension_laws import hysteron
 from saddlering_ros.ring.kernels.options import FAST, INNER, kernel, OUTER
+from saddlering_ros.ring.kernels.recording import keep_sums, MATRICES, record_width, STEP
 from saddlering_ros.ring.kernels.row_tangents import (
     forces_by_geometry,
     forces_by_law,
-    LAW,
     matrices,
     PARTS,
     ring_tangents,
 )
+
+PLAIN_WIDTH = record_width(False)
+LAWS = STEP + MATRICES
+"""First place of a record with sums for parameters of a law."""
 
 
 @kernel(fastmath=FAST, **INNER)
@@ -86,31 +90,28 @@ def hysteron_tangent(element: Any, z: Any, travel: Any, step: Any, by_smooth: An
 
 
 @kernel(**OUTER)
-def motion_tangents(models: Any, rows: Any, uniform: Any, law: Any, external: Any, friction: Any,
-                    geometry: Any, time: Any, path: Any, out: Any) -> Any:
+def motion_tangents(models: Any, rows: Any, law: Any, external: Any, friction: Any, geometry: Any,
+                    records: Any, time: Any, path: Any, out: Any) -> Any:
     """Fill out (N, 3, P) with changes of a motion path (N, 3) from rest; False on failure.
 
-    Each direction is a small change of law (3, LAW, P) by row, of external load (N, 3, P), of
-    friction (P, 3, 4) and, for the first G directions, of rollers (G, 9 J). time (N,): the stamps
-    of the steps.
+    Each direction is a small change of law (3, LAW, P) by row, of external load (N, 3, P) or
+    none (0, 3, P), of friction (P, 3, 4) and, for the first G directions, of rollers (G, 9 J).
+    records (N, width) of the steps; time (N,): their stamps. rows: those of the geometry.
     """
     m = models[0]
     directions = law.shape[2]
-    grows = m.damping_penetration_share != 0.0 or np.any(law[:, 3:])
     rubs = (m.radial_friction.limit != 0.0 or m.axial_friction.limit != 0.0
             or m.tilt_friction.limit != 0.0 or np.any(friction))
     return follow_tangents(
-        m, rows, uniform, law, external, friction, geometry, time, path, out, grows, rubs,
-        np.zeros((3, PARTS)), np.zeros(at.WORK_SIZE), np.zeros((3, 6, directions)),
-        np.zeros((3, directions, 2)), np.zeros((3, 2)), np.zeros((2, 3)),
-        np.zeros((3, directions)))
+        m, rows, law, external, friction, geometry, records, time, path, out, rubs,
+        np.zeros(at.WORK_SIZE), np.zeros((3, 6, directions)), np.zeros((3, directions, 2)),
+        np.zeros((3, 2)), np.zeros((2, 3)), np.zeros((3, directions)))
 
 
 @kernel(**INNER)
-def follow_tangents(m: Any, rows: Any, uniform: Any, law: Any, external: Any, friction: Any,
-                    geometry: Any, time: Any, path: Any, out: Any, grows: Any, rubs: Any,
-                    parts: Any, w: Any, states: Any, rubbed: Any, elements: Any,
-                    motion: Any, by: Any) -> Any:
+def follow_tangents(m: Any, rows: Any, law: Any, external: Any, friction: Any, geometry: Any,
+                    records: Any, time: Any, path: Any, out: Any, rubs: Any, w: Any, states: Any,
+                    rubbed: Any, elements: Any, motion: Any, by: Any) -> Any:
     """`motion_tangents` with work arrays: dq and dv of three steps (3, 6, P), friction, q, v."""
     radial, axial, tilting = elements[0], elements[1], elements[2]
     radial[0] = radial[1] = m.radial_friction.initial
@@ -118,7 +119,6 @@ def follow_tangents(m: Any, rows: Any, uniform: Any, law: Any, external: Any, fr
     tilting[0] = tilting[1] = m.tilt_friction.initial
     q, v = motion[0], motion[1]
     h_old, soft = 0.0, 1e-9 * m.K1
-    changing = LAW if grows else 3
     for n in range(time.size):
         c0 = c1 = c2 = rubbing0 = rubbing1 = rubbing2 = 0.0
         if n > 0:
@@ -137,12 +137,13 @@ def follow_tangents(m: Any, rows: Any, uniform: Any, law: Any, external: Any, fr
         for i in range(3):
             q[i] = path[n, i]
         own, past, new = states[n % 3], states[(n + 2) % 3], states[(n + 1) % 3]
-        ring_tangents(m, rows, uniform, q, v, grows, parts)
-        matrices(m, parts, w)
+        for i in range(5):
+            w[at.STIFFNESS + i] = records[n, STEP + i]
+            w[at.DAMPING + i] = records[n, STEP + 5 + i]
         for i in range(3):
             for j in range(by.shape[1]):
-                by[i, j] = external[n, i, j]
-        forces_by_law(m, parts, law, changing, by)
+                by[i, j] = external[n, i, j] if external.shape[0] else 0.0
+        forces_by_law(m, records[n, LAWS:], law, by)
         for j in range(geometry.shape[0]):
             forces_by_geometry(m, rows, geometry[j], q, v, by, j)
         if rubs:
@@ -233,14 +234,15 @@ def keep_element(element: Any, changes: Any, i: Any, path: Any, n: Any, z: Any, 
 def static_tangents(models: Any, rows: Any, uniform: Any, law: Any, path: Any, out: Any) -> Any:
     """Fill out (N, 3, P) with changes of equilibria path (N, 3) by law (3, LAW, P)."""
     m = models[0]
-    parts, w = np.zeros((3, PARTS)), np.zeros(at.WORK_SIZE)
+    parts, w, record = np.zeros((3, PARTS)), np.zeros(at.WORK_SIZE), np.zeros(PLAIN_WIDTH)
     still, by = np.zeros(3), np.zeros((3, law.shape[2]))
     soft = 1e-9 * m.K1
     for n in range(path.shape[0]):
         ring_tangents(m, rows, uniform, path[n], still, False, parts)
         matrices(m, parts, w)
+        keep_sums(record, parts, w)
         by[:] = 0.0
-        forces_by_law(m, parts, law, 3, by)
+        forces_by_law(m, record[LAWS:], law, by)
         k = at.STIFFNESS
         if not solve_all(w[k] + soft, w[k + 1], w[k + 2] + soft, w[k + 3],
                          w[k + 4] + soft * m.radius * m.radius, by, out[n]):
