@@ -44,6 +44,10 @@ class Whitener:
         """L^-1 times columns (N, B) or (N,); 0 where a sample is missing."""
         return self._applied(kernels.whiten, columns)
 
+    def whiten_in_place(self, columns: Array) -> None:
+        """`whiten` of a contiguous array (N, B), which is overwritten."""
+        kernels.whiten(self.ahead, self.gaps, self.inside, self.pivots, self.gains, columns)
+
     def colour(self, columns: Array) -> Array:
         """L times columns (N, B) or (N,); 0 where a sample is missing."""
         return self._applied(kernels.colour, columns)

@@ -23,6 +23,7 @@ from saddlering_ros.identification.objective import (
     Objective,
     PaperObjective,
     SEARCH_STEP,
+    thinned,
     WeightedObjective,
 )
 from saddlering_ros.identification.observation import Observation
@@ -250,7 +251,7 @@ def _by_default(search: _Search, observations: Sequence[Observation]) -> _Found:
             'dynamic swarm',
             WeightedObjective(
                 search.rig,
-                [one.coarse(SEARCH_STEP) for one in (_fastest(dynamic) if static else dynamic)],
+                [thinned(one) for one in (_fastest(dynamic) if static else dynamic)],
                 channels),
             search.space(DAMPING_NAMES if static else PARAMETER_NAMES, contact, log=True),
         )

@@ -9,7 +9,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from saddlering_ros.estimation.blocks import span_means
+from saddlering_ros.estimation.blocks import block_means, span_means
 from saddlering_ros.estimation.shared_errors import SharedErrors
 from saddlering_ros.estimation.whitener import independent
 from saddlering_ros.identification.errors import IdentificationError
@@ -38,6 +38,9 @@ equilibria beside a constant correction, whose change with the parameters is the
 
 SEARCH_STEP = 2e-2
 """The same during the swarm and the first descents."""
+
+SEARCH_READINGS = 64
+"""Smallest number of readings of a dynamic run during the swarm."""
 
 
 class Objective(Protocol):
@@ -216,6 +219,18 @@ class WeightedObjective:
             for part, shared in zip(self._plainly_white(raw), self.shared, strict=True)
         ]
 
+    def combined(self, weights: Array, raw: Sequence[Array]) -> Array:
+        """Products (F, B) of weights (F, R) with whitened residuals of raw ones (B, 3, N).
+
+        The removal of shared errors is symmetric and is applied to the few weights.
+        """
+        total, start = np.zeros((len(weights), len(raw[0]))), 0
+        for white, shared in zip(self._plainly_white(raw), self.shared, strict=True):
+            stop = start + white.shape[1]
+            total += shared.apply(weights[:, start:stop].T).T @ white.T
+            start = stop
+        return total
+
     def _plainly_white(self, raw: Sequence[Array]) -> list[Array]:
         """The same without errors of load and zero."""
         channels = list(self.channels)
@@ -325,6 +340,21 @@ def average_branches(observation: Observation, level_step: float) -> Observation
         fine_time=time,
         fine_load=load,
     )
+
+
+def thinned(observation: Observation) -> Observation:
+    """Means of successive readings, about `SEARCH_READINGS`, which count as independent."""
+    size = max(1, len(observation.time) // SEARCH_READINGS)
+    time, load = block_means(observation.time, size), block_means(observation.load, size)
+    variance = block_means(observation.standard_error**2, size) / size
+    return replace(
+        observation, time=time, load=load,
+        displacement=block_means(observation.displacement, size),
+        branch=np.zeros(len(time)),
+        whitening=tuple(independent(row) for row in variance),
+        zero_error=np.zeros(len(variance)), standard_error=np.sqrt(variance),
+        load_errors=None, fine_time=time, fine_load=load, per_block=1, spans=None,
+        longest_step=max(SEARCH_STEP, size * SEARCH_STEP))
 
 
 def _both_branches(observation: Observation, members: NDArray[np.intp]) -> list[NDArray[np.intp]]:

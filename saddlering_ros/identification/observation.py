@@ -126,12 +126,9 @@ class Observation:
 
         Errors of zero and load, which readings share, are still in them.
         """
-        rows = np.stack(
-            [
-                self.whitening[channel].whiten(np.ascontiguousarray(residuals[:, position].T))
-                for position, channel in enumerate(channels)
-            ]
-        )
+        rows = np.array(residuals.transpose(1, 2, 0), order='C')
+        for row, channel in zip(rows, channels, strict=True):
+            self.whitening[channel].whiten_in_place(row)
         count, size, batch = rows.shape
         apart = self._unmixing(tuple(channels)) @ rows.reshape(count, -1)
         return np.ascontiguousarray(apart.reshape(count * size, batch).T)

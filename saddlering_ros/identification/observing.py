@@ -85,13 +85,8 @@ def observe_with_cell(
 
 def _observe_static(one: PreparedRun, noise: NoiseModel) -> Observation:
     measured = one.measured
-    spans = [slice(start, stop) for start, stop in one.rests]
-    displacement = np.stack(
-        [np.nanmean(one.displacement[:, span], axis=1) for span in spans], axis=1
-    )
     lasting = one.interval * np.array([stop - start for start, stop in one.rests], dtype=float)
-    load = np.array([float(np.nanmean(measured.load[span])) for span in spans])
-    time = np.array([float(np.mean(measured.time[span])) for span in spans])
+    displacement, load, time = one.plateau_means
     step = max(1, int(round(SETTLING_STEP / one.interval)),
                -(-len(measured.load) // MAX_SIMULATED))
     zero_error = _zero_error(one, noise)

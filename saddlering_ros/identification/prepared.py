@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -75,11 +76,23 @@ class PreparedRun:
     parity: Array
     rounding: Array | float = 0.0
 
-
     def explained_by(self, rig: Rig, contact: ContactParameters) -> PreparedRun:
         """The same, explained by a simulation with a contact law."""
-        return replace(self, explained=_simulated(
+        other = replace(self, explained=_simulated(
             rig, contact, self.run, self.measured.time, self.load))
+        if self.branch is not None:
+            vars(other)['plateau_means'] = self.plateau_means
+        return other
+
+    @cached_property
+    def plateau_means(self) -> tuple[Array, Array, Array]:
+        """Means over the plateaus (M,): displacement (3, M), load (M,) [N], time (M,) [s]."""
+        spans = [slice(start, stop) for start, stop in self.rests]
+        displacement = np.stack(
+            [np.nanmean(self.displacement[:, span], axis=1) for span in spans], axis=1)
+        load = np.array([float(np.nanmean(self.measured.load[span])) for span in spans])
+        time = np.array([float(np.mean(self.measured.time[span])) for span in spans])
+        return displacement, load, time
 
 
 def prepare(run: TestRun, rig: Rig, fit_rate: float | None) -> PreparedRun:

@@ -30,7 +30,7 @@ from saddlering_ros.estimation.space import SearchSpace
 from saddlering_ros.identification.objective import predict, WeightedObjective
 from saddlering_ros.identification.observation import Observation
 from saddlering_ros.identification.refinement import refine, Refinement
-from saddlering_ros.identification.unequal_rollers import roller_effects
+from saddlering_ros.identification.unequal_rollers import roller_shifts
 from saddlering_ros.rig import PARAMETER_NAMES, Rig
 
 Array = NDArray[np.float64]
@@ -142,7 +142,8 @@ def assess(
     late = systematic['delay'][space.free] * lag / DELAY
     at_noise = covariance(best.jacobian)
     by_noise = at_noise * widening + np.outer(late, late)
-    moved = np.linalg.pinv(best.jacobian, rcond=1e-9) @ roller_effects(objective, best.contact)
+    inverse = np.linalg.pinv(best.jacobian, rcond=1e-9)
+    moved = roller_shifts(objective, best.contact, inverse)
     inner = by_noise + moved @ moved.T
     without_misfit = inner - at_noise * (widening - 1.0)
     coordinate_std = _spread_over_six(np.sqrt(np.diag(inner)), space)

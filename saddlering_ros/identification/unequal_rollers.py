@@ -26,10 +26,19 @@ def roller_effects(objective: WeightedObjective, contact: Array) -> Array:
 
     All runs share a column, because the same rollers are unequal in each of them.
     """
+    return np.concatenate(objective.whiten(_of_each_run(objective, contact)), axis=1).T
+
+
+def roller_shifts(objective: WeightedObjective, contact: Array, inverse: Array) -> Array:
+    """`inverse` (F, R) times the effects: shifts (F, M) of the parameters by each roller."""
+    return objective.combined(inverse, _of_each_run(objective, contact))
+
+
+def _of_each_run(objective: WeightedObjective, contact: Array) -> list[Array]:
+    """Increments (M, 3, N) of each run."""
     usual = objective.increments(contact[None, :])
-    raw = [_increments(objective.rig, contact, one, found[0])
-           for one, found in zip(objective.observations, usual, strict=True)]
-    return np.concatenate(objective.whiten(raw), axis=1).T
+    return [_increments(objective.rig, contact, one, found[0])
+            for one, found in zip(objective.observations, usual, strict=True)]
 
 
 def _increments(rig: Rig, contact: Array, one: Observation, usual: Array) -> Array:

@@ -286,6 +286,8 @@ def _pool(process: int, workers: int) -> ThreadPoolExecutor:
 
 def _slices(count: int) -> list[slice]:
     workers = min(threads(), count)
+    if workers == 1:
+        return [slice(0, count)]
     edges = np.linspace(0, count, workers + 1).astype(int)
     return [slice(a, b) for a, b in pairwise(edges) if b > a]
 
