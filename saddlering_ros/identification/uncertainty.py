@@ -142,7 +142,7 @@ def assess(
     late = systematic['delay'][space.free] * lag / DELAY
     at_noise = covariance(best.jacobian)
     by_noise = at_noise * widening + np.outer(late, late)
-    inverse = np.linalg.pinv(best.jacobian, rcond=1e-9)
+    inverse = np.asarray(np.linalg.pinv(best.jacobian, rcond=1e-9), dtype=np.float64)
     moved = roller_shifts(objective, best.contact, inverse)
     inner = by_noise + moved @ moved.T
     without_misfit = inner - at_noise * (widening - 1.0)
