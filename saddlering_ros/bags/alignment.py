@@ -7,12 +7,12 @@ The rule. A probe's reading at a load stamp t is
 - nothing, where t lies outside the probe's own span, or where these two samples are further
   apart than a gap: `GAP_PERIODS` times the median of the (up to) `GAP_HISTORY` intervals before
   them and not less than `GAP_FLOOR_NS`. The first `GAP_LEAST_HISTORY` intervals are never gaps.
-  After an interval longer than `LEAP_NS` another test begins, and the intervals before count no
-  more: the next test may be sampled at another rate.
+  After an interval longer than `LEAP_NS` another test begins, and earlier intervals no longer
+  count: the next test may be sampled at another rate.
 
-The rule looks back only, so `align` (whole records) and `StreamAligner` (live samples) evaluate
-the same floating-point expressions on the same numbers, and their results are equal bit for bit
-for streams that arrive in stamp order. Stamps are int64 nanoseconds; seconds come from `seconds`.
+The rule looks back only. `align` (whole records) and `StreamAligner` (live samples) therefore
+evaluate the same floating-point expressions on the same numbers. Their results are equal bit for
+bit for streams that arrive in stamp order. Stamps are int64 nanoseconds; `seconds` converts them.
 """
 
 from __future__ import annotations

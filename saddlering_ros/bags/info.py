@@ -41,11 +41,11 @@ from saddlering_ros.rig import default_rig, Rig
 class TopicInfo:
     """One topic of a bag.
 
-    type and count of all topics; of the rig's also rate [Hz] (by the median period), start and
-    duration [s] relative to the earliest stamp, gaps in the stamps (count, longest [s]), and
-    the lowest and highest reading [SI], the share of readings equal to the one before, the rate
-    [Hz] at which they are new, their greatest common step and white noise [SI], the bandwidth of
-    that noise [Hz] (NaN if unknown), and the number of spikes.
+    type and count are of any topic; all other fields are of the rig's topics alone. rate [Hz]: by
+    the median period; start, duration [s]: relative to the earliest stamp; gaps, longest_gap [s]:
+    of the stamps; lowest, highest: readings [SI]; repeated: share of readings equal to the
+    reading before; update_rate [Hz]: of new readings; resolution: greatest common step [SI];
+    noise: white noise [SI]; bandwidth: of that noise [Hz], NaN if unknown; spikes: their number.
     """
 
     topic: str

@@ -358,8 +358,8 @@ def quality_notes(topic: str, found: TopicQuality, unit: str) -> list[str]:
             "sensor's own rate")
     elif found.is_coarse:
         notes.append(
-            f'{topic}: its resolution of {_in_unit(found.resolution, unit)} is coarser than its '
-            f'noise ({_in_unit(found.noise, unit)} rms): rounding counts as noise; use a '
+            f'{topic}: its resolution of {quantity(found.resolution, unit)} is coarser than its '
+            f'noise ({quantity(found.noise, unit)} rms): rounding counts as noise; use a '
             'finer range of the converter')
     if found.spikes.size:
         notes.append(
@@ -373,7 +373,7 @@ def quality_notes(topic: str, found: TopicQuality, unit: str) -> list[str]:
     value, often = found.limit
     if often:
         notes.append(
-            f'{topic}: {often} readings equal the {_in_unit(value, unit)} that no other reading '
+            f'{topic}: {often} readings equal the {quantity(value, unit)} that no other reading '
             'exceeds: the sensor or its amplifier is at a limit')
     return notes
 
@@ -437,7 +437,3 @@ def _rate_share(load: TopicQuality, probes: Sequence[TopicQuality], seconds: flo
 def _median(values: Sequence[float]) -> float:
     known = [value for value in values if math.isfinite(value)]
     return float(np.median(known)) if known else math.nan
-
-
-def _in_unit(value: float, unit: str) -> str:
-    return quantity(value, unit)

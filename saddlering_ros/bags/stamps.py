@@ -1,9 +1,9 @@
 """Header stamps of one topic: put in order, or found to go back.
 
 The rule. A recorder may store messages in another order than that of their creation, but a clock
-must not go back. Stamps count as reordered, and are sorted, if they are in order to within jitter
-(`JITTER_NS`), either in the file or by their log times, and if the late messages fill places
-without other messages. Stamps go back in three cases: both orders break by more than jitter; most
+must not go back. Stamps that count as reordered are sorted. They are in order to within jitter
+(`JITTER_NS`), in the file or by their log times, and their late messages fill places without
+other messages. Stamps go back in three cases: both orders break by more than jitter; most
 late messages lie between or upon others, at most half a period away (two passes over the same
 stretch of time); or later messages lie more than `MAX_HOLE_NS` before all earlier ones, because a
 recorder that reorders leaves no hole.

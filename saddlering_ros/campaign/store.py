@@ -1,7 +1,7 @@
 """The store of a campaign: a folder with one result file per session, tables and status.
 
-Results are written whole and are named by the key of their task, so that any number of workers
-may write into one store and a campaign that was interrupted goes on with the missing results.
+Results are written whole and are named by the key of their task. Any number of workers may
+therefore write into one store, and an interrupted campaign continues with the missing results.
 """
 
 from __future__ import annotations

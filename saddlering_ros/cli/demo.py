@@ -54,19 +54,15 @@ def run(args: argparse.Namespace) -> int:
 def summary(outcome: DemoOutcome) -> str:
     """The findings in at most one screen of lines."""
     from saddlering_ros.demo import figures
-    from saddlering_ros.diagnosis.wording import (
-        effects_of,
-        gain_sentence,
-        headline,
-        parameter_words,
-    )
+    from saddlering_ros.diagnosis.contract import causes_of
+    from saddlering_ros.diagnosis.wording import gain_sentence, headline, parameter_words
     from saddlering_ros.quantities import percent
 
     verdict = outcome.verdict
     lines = ['', f'Verdict: {verdict["verdict"]}. {headline(verdict)}']
     if verdict.get('next_test'):
         lines.append(f'Next test: {verdict["next_test"]}')
-    lines += [f'  {cause["effect"]}: {parameter_words(cause)}' for cause in effects_of(verdict)]
+    lines += [f'  {cause["effect"]}: {parameter_words(cause)}' for cause in causes_of(verdict)]
     lines += [gain_sentence(verdict), '', "Misfit in % of the channel's range:",
               f'  {"run":24s} {"channel":8s} {"identified":>11s} {"extended":>9s} {"noise":>7s}']
     for entry in figures.misfit_table(outcome.curves):

@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
-from saddlering_ros.diagnosis.contract import CauseEntry, RunEntry, shapes_of
+from saddlering_ros.diagnosis.contract import CauseEntry, causes_of, RunEntry, shapes_of
 from saddlering_ros.diagnosis.verdict import Verdict
 from saddlering_ros.diagnosis.wording import (
     Document,
-    effects_of,
     gain_sentence,
     headline,
     parameter_words,
     shape_words,
-    WORDS,
 )
 from saddlering_ros.estimation.identifiability import undetermined_words
 from saddlering_ros.quantities import percent, probability, quantity
 from saddlering_ros.rig import PARAMETER_NAMES, PARAMETER_UNITS, stiffness_per_millimetre
+from saddlering_ros.thresholds import VERDICT_WORDS
 
 
 def verdict_text(verdict: Verdict) -> str:
@@ -25,14 +24,15 @@ def verdict_text(verdict: Verdict) -> str:
 
 def document_text(document: Document) -> str:
     """The same from a verdict's JSON; plain lines."""
-    lines = [f'verdict: {document["verdict"]} ({WORDS[document["verdict"]]})', headline(document),
+    verdict = document['verdict']
+    lines = [f'verdict: {verdict} ({VERDICT_WORDS[verdict]})', headline(document),
              gain_sentence(document)]
     if document['next_test']:
         lines.append(f'next test: {document["next_test"]}')
     lines = [*filter(None, lines), '']
-    for cause in effects_of(document):
+    for cause in causes_of(document):
         lines += _cause_lines(cause)
-    if document['verdict'] == 'unknown':
+    if verdict == 'unknown':
         lines.append('Misfit that no effect of the catalogue explains:')
         lines += [f'  {shape_words(item)}' for item in shapes_of(document)]
     lines += proposal_lines(document)

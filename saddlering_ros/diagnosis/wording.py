@@ -15,7 +15,7 @@ from saddlering_ros.diagnosis.contract import (
 )
 from saddlering_ros.effects import catalogue
 from saddlering_ros.quantities import compact, percent, quantity, signed_percent
-from saddlering_ros.thresholds import CHANCE, MATERIAL, VERDICT_WORDS
+from saddlering_ros.thresholds import CHANCE, MATERIAL
 
 Document = VerdictDocument
 
@@ -23,8 +23,6 @@ COORDINATES = {
     'load': 'follows the load', 'direction': 'changes sign with the direction of the load',
     'rate': 'follows the rate of the load', 'time': 'follows time',
 }
-
-WORDS = VERDICT_WORDS
 
 
 def title_of(effect_id: str) -> str:
@@ -38,11 +36,6 @@ def lowered(title: str) -> str:
     return title[:1].lower() + title[1:] if title[1:2].islower() else title
 
 
-def effects_of(document: Document) -> list[CauseEntry]:
-    """The causes that are effects of the catalogue, without the shapes of an `unknown`."""
-    return causes_of(document)
-
-
 def headline(document: Document) -> str:
     """The verdict in one or two sentences."""
     verdict = document['verdict']
@@ -52,7 +45,7 @@ def headline(document: Document) -> str:
     if verdict == 'unknown':
         return ('Something is wrong, and no cause of the catalogue explains the misfit. '
                 + _shapes(shapes_of(document)))
-    causes = effects_of(document)
+    causes = causes_of(document)
     if verdict == 'ambiguous':
         return ('The simulation lacks a cause. '
                 + ' '.join(_open_cause(cause) for cause in causes))

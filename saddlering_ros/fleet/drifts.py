@@ -1,8 +1,8 @@
 """Drifts of rings and of rigs: their owner, and the drifts that look alike.
 
-A load cell that drifts scales every stiffness and damping of every ring that its rig tests. So
-(1) a drift of all coordinates alike is a group of ring and load cell, and (2) rings of one rig
-that drift together in calendar time are the rig's fault, not the rings'.
+A load cell that drifts scales every stiffness and damping of every ring that its rig tests. Two
+rules follow. An equal drift of all coordinates has two possible causes, the ring and the load
+cell. If the rings of one rig drift together in calendar time, the rig is the cause.
 """
 
 from __future__ import annotations

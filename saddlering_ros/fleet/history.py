@@ -3,7 +3,7 @@
     level' = level + slope dt + noise,   slope' = slope + noise,   reading = level + error
 
 (Harvey, Forecasting, Structural Time Series Models and the Kalman Filter, 1989, chapter 2.) After
-maintenance the level is anything again. The variances of both noises are found by maximum
+maintenance the level is unknown. The variances of both noises are found by maximum
 likelihood; a drift is tested by a slope that is constant beside a level that wanders.
 """
 

@@ -2,9 +2,9 @@
 
 A mixture Shiryaev-Roberts e-detector (Shin, Ramdas and Rinaldo, N. Engl. J. Stat. Data Sci. 2
 (2024) 229). For a mean of at most m in units of the noise, exp(l (x - m) - l^2 / 2) has a mean of
-at most 1, whatever l > 0. The sum over all possible onsets, R' = (R + 1) exp(...), has a mean of
-at most the number of blocks, so the mean time to a false alarm at R >= A is at least A blocks. A
-mixture of l looks for small and large changes at once; both signs of every channel share A.
+at most 1 for every l > 0. The sum over all possible onsets is R' = (R + 1) exp(...). Its mean is
+at most the number of blocks. The mean time to a false alarm at R >= A is therefore at least A
+blocks. A mixture of l finds small and large changes; both signs of every channel share A.
 """
 
 from __future__ import annotations

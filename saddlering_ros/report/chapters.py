@@ -11,6 +11,7 @@ import numpy as np
 from saddlering_ros.diagnosis.contract import (
     CandidateEntry,
     CauseEntry,
+    causes_of,
     ChannelEntry,
     LimitEntry,
     ShapeEntry,
@@ -19,7 +20,6 @@ from saddlering_ros.diagnosis.contract import (
 from saddlering_ros.diagnosis.wording import (
     choices_of,
     Document,
-    effects_of,
     gain_sentence,
     headline,
     lowered,
@@ -30,7 +30,6 @@ from saddlering_ros.diagnosis.wording import (
     value_words,
     variant_words,
     why_lost,
-    WORDS,
 )
 from saddlering_ros.effects import catalogue
 from saddlering_ros.identification.summary import INTERVALS
@@ -41,7 +40,7 @@ from saddlering_ros.report.curves import Array, RunCurves
 from saddlering_ros.report.html import Cell, code, number
 from saddlering_ros.report.style import SYMBOLS
 from saddlering_ros.rig import CHANNELS, PARAMETER_NAMES, PARAMETER_UNITS, stiffness_per_millimetre
-from saddlering_ros.thresholds import allowed_misfit, is_left
+from saddlering_ros.thresholds import allowed_misfit, is_left, VERDICT_WORDS
 
 CANDIDATES_SHOWN = 12
 TESTS_SHOWN = 6
@@ -53,7 +52,7 @@ def verdict_banner(document: Document, curves: Sequence[RunCurves] = ()) -> str:
     """The verdict, the next test, the misfit reduction, and the figure that shows the cause."""
     verdict = document['verdict']
     parts = [
-        html.paragraph(f'Verdict: {verdict} – {WORDS[verdict]}', 'soft'),
+        html.paragraph(f'Verdict: {verdict} – {VERDICT_WORDS[verdict]}', 'soft'),
         html.paragraph(headline(document), 'headline'),
         html.paragraph(gain_sentence(document)),
     ]
@@ -87,7 +86,7 @@ def proof_picture(run: RunCurves, channel: str) -> str:
 
 def causes(document: Document) -> str:
     """Each cause with its numbers, its look-alikes and the test that would confirm the cause."""
-    parts = [_cause(cause, document) for cause in effects_of(document)]
+    parts = [_cause(cause, document) for cause in causes_of(document)]
     parts.append(simulated_tests(document))
     shapes = [shape_words(shape) for shape in shapes_of(document)]
     if shapes:
@@ -372,8 +371,8 @@ def _shape_cell(before: ShapeEntry | None, after: ShapeEntry | None) -> Cell:
 def candidates(document: Document) -> str:
     """Every fitted candidate with its evidence, and real effects that are too small."""
     found = document.get('candidates') or []
-    chosen = {cause['effect'] for cause in effects_of(document)}
-    alike = {name for cause in effects_of(document) for name in cause['group']} - chosen
+    chosen = {cause['effect'] for cause in causes_of(document)}
+    alike = {name for cause in causes_of(document) for name in cause['group']} - chosen
     parts = []
     for step in sorted({item['step'] for item in found}):
         members = sorted((item for item in found if item['step'] == step),

@@ -168,9 +168,9 @@ def _figures(validation: Validation) -> str:
                 code(name), number(quantity(item.rmse, item.unit)),
                 number(percent(misfit), mark), number(percent(item.noise_floor)),
                 number(quantity(item.maximum, item.unit)), number(quantity(item.bias, item.unit)),
-                number(_plain(item.slope_ratio)), number(percent(item.loop_area)),
-                number(quantity(item.time_shift, 's')), number(_plain(item.iso18571)),
-                number(_plain(item.e_over_uval))])
+                number(quantity(item.slope_ratio)), number(percent(item.loop_area)),
+                number(quantity(item.time_shift, 's')), number(quantity(item.iso18571)),
+                number(quantity(item.e_over_uval))])
     return html.section('In numbers', html.table(
         ['run', 'test', number('elevation'), 'channel', number('rms misfit'),
          number('of range'), number('noise'), number('largest'), number('bias'),
@@ -179,7 +179,3 @@ def _figures(validation: Validation) -> str:
         'Red: more than twice the noise floor and more than 0.1 % of range. Loop: missing '
         'area over load, as a share of load range times channel range. E / u_val: comparison '
         'error over validation uncertainty (ASME V&V 20).'))
-
-
-def _plain(value: float | None) -> str:
-    return quantity(value)

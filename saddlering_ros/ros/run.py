@@ -87,15 +87,15 @@ def keep_out_of_collections() -> None:
 
 
 def leave(status: int, longest: float = LONGEST_END) -> NoReturn:
-    """End the process with `status`, once all that was registered for the end has run.
+    """End the process with `status` after all functions that were registered for the end.
 
-    The interpreter is not taken apart: with compiled kernels that takes longer than everything
-    else, and a launch file gives its nodes five seconds to end, all at once.
+    The interpreter is not finalized. With compiled kernels that takes longer than everything
+    else, and a launch file gives all its nodes together five seconds to end.
 
-    Its work is done and written by now, so that the status stands even if the middleware crashes
-    or hangs while it leaves the network, which Fast DDS does now and then when many nodes end at
-    once. After `longest` seconds it is abandoned. No line is printed: nothing is lost, other
-    participants forget this one after its lease, and a user has nothing to mend.
+    The work of the node is done and written by now. The status is therefore kept even if the
+    middleware crashes or hangs while it leaves the network. Fast DDS sometimes does so when many
+    nodes end at once. The middleware is abandoned after `longest` seconds. No line is printed:
+    nothing is lost, and other participants forget this one after its lease.
     """
     handler = _abandon_middleware(status, longest)
     gc.unfreeze()
