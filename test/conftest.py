@@ -3,12 +3,14 @@
 from collections.abc import Callable, Iterator
 import contextlib
 import gc
+import os
 import signal
 from typing import Any
 
 import gate_budget
 from gate_budget import GateBudget
 from hypothesis import settings
+from hypothesis.internal.conjecture import providers
 from made_once import MadeOnce
 from node_server import NodeServer
 import pytest
@@ -21,14 +23,25 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
-# The same examples at every run; fresh ones by --hypothesis-profile=default.
+# The same examples at every run; fresh ones by --hypothesis-profile=default. Without the numbers
+# that stand in the code: they would change the examples with every commit, and each process
+# would read all files for them.
 settings.register_profile('gate', derandomize=True, database=None, deadline=None)
 settings.load_profile('gate')
+providers._get_local_constants = lambda: providers._local_constants
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Print at the end of a run which tests cost most."""
+    """Print at the end of a run which tests cost most; let workers share the compilation.
+
+    In a new clone each test file is compiled, with the words of its assertions. Two workers that
+    collect in the same order compile every file twice; the second one begins at the end.
+    """
     config.pluginmanager.register(GateBudget())
+    worker = os.environ.get('PYTEST_XDIST_WORKER', 'gw0')
+    if int(worker.removeprefix('gw')) % 2 and config.args == ['test']:
+        folders = [place for place in (config.rootpath / 'test').iterdir() if place.is_dir()]
+        config.args = sorted(map(str, folders), reverse=True)
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
@@ -41,8 +54,13 @@ FOLDERS_WITH_NODES = ('test/nodes', 'test/live', 'test/cli')
 """Where tools/test.sh looks for tests marked `ros`."""
 
 
+@pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Refuse a test with nodes where the gate would not run it; leave campaigns out."""
+    """Refuse a test with nodes where the gate would not run it; leave campaigns out.
+
+    All workers have the tests in one order, however they collected them.
+    """
+    items.sort(key=lambda item: item.path)
     if not config.getoption('--campaigns'):
         left_out = [item for item in items if item.get_closest_marker('campaign')]
         config.hook.pytest_deselected(items=left_out)
