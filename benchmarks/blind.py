@@ -295,8 +295,7 @@ def table(trials: Sequence[Trial]) -> str:
 def _rates(trials: Sequence[Trial]) -> list[str]:
     kinds = {kind: [item for item in trials if item.kind == kind] for kind in KINDS}
     large = [item for item in kinds['single'] if (item.ratio or 0.0) >= TWICE]
-    plain = [item for item in kinds['pair']
-             if item.ratios and all((ratio or 0.0) >= TWICE for ratio in item.ratios)]
+    shown, plain = (_pairs_over(kinds['pair'], least) for least in (1.0, TWICE))
     faulty = [item for item in trials if item.kind != 'clean']
     inside = [item for item in kinds['single'] if item.within is not None]
     gains = [item for item in trials
@@ -319,6 +318,8 @@ def _rates(trials: Sequence[Trial]) -> list[str]:
         f'{share(kinds["outside"], "missed")}',
         f'pairs: both found {share(kinds["pair"], "right")}, both or one '
         f'{share(kinds["pair"], "right", "part")}',
+        f'pairs of effects over their limits: both found {share(shown, "right")}, both or one '
+        f'{share(shown, "right", "part")}',
         f'pairs of effects of {TWICE:g} times their limit or more each: both found '
         f'{share(plain, "right")}, both or one {share(plain, "right", "part")}',
         '95 % intervals of the size hold the truth: '
@@ -330,6 +331,12 @@ def _rates(trials: Sequence[Trial]) -> list[str]:
         lines.append(f'relative error of the size: median {errors[len(errors) // 2]:.3f}, nine in '
                      f'ten under {errors[int(0.9 * len(errors))]:.2f} ({len(errors)} sizes)')
     return lines
+
+
+def _pairs_over(pairs: Sequence[Trial], least: float) -> list[Trial]:
+    """Pairs whose effects are both of so many times their limits."""
+    return [item for item in pairs
+            if item.ratios and all((ratio or 0.0) >= least for ratio in item.ratios)]
 
 
 def _sizes(trials: Sequence[Trial]) -> list[str]:
