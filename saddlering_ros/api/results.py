@@ -12,6 +12,7 @@ from typing import Any, TYPE_CHECKING
 
 import numpy as np
 
+from saddlering_ros.api.arguments import check_path
 from saddlering_ros.api.errors import ApiError
 from saddlering_ros.api.inputs import Bag, runs_of
 from saddlering_ros.api.tables import columns_of, dataframe, write_csv
@@ -53,6 +54,7 @@ class Plot:
 
     def save(self, path: Path | str) -> None:
         """Write a PNG, SVG or PDF, as the name ends."""
+        check_path('path', path)
         suffix = Path(path).suffix.lower()
         if suffix not in PLOT_SUFFIXES:
             raise ApiError(f'{path}: cannot be saved under this name: end the name with '
@@ -117,6 +119,7 @@ class Result(ABC):
 
         .yaml writes the parameter file, where the result has parameters of its own.
         """
+        check_path('path', path)
         where = Path(path)
         self._spare_inputs(where)
         if where.suffix == '.json':
@@ -164,6 +167,7 @@ class _Parametric(ABC):
 
     def save_parameters(self, path: Path | str) -> None:
         """Write the parameter file under any name."""
+        check_path('path', path)
         self._spare_inputs(path)
         write_parameters(Path(path), self.parameters)
 
@@ -215,6 +219,7 @@ class IdentificationResult(Result, _Parametric):
         from saddlering_ros.report import write_validation_report
         from saddlering_ros.report.curves_file import curves_path
 
+        check_path('path', path)
         self._spare_inputs(path, curves_path(path))
         return write_validation_report(path, self.validation.found, runs_of(self.bags), self.rig,
                                        self.found.to_json(), command)
@@ -274,6 +279,7 @@ class ValidationResult(Result):
         from saddlering_ros.report import write_validation_report
         from saddlering_ros.report.curves_file import curves_path
 
+        check_path('path', path)
         self._spare_inputs(path, curves_path(path))
         return write_validation_report(path, self.found, runs_of(self.bags), self.rig,
                                        identification, command)
@@ -352,6 +358,7 @@ class DiagnosisResult(Result, _Parametric):
         from saddlering_ros.report import write_diagnosis_report
         from saddlering_ros.report.curves_file import curves_path
 
+        check_path('path', path)
         self._spare_inputs(path, curves_path(path))
         return write_diagnosis_report(self.found, path, command)
 

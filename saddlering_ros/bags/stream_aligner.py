@@ -269,10 +269,6 @@ class StreamAligner:
         """Whether a load sample is held back in case an earlier one still comes."""
         return bool(self._pending) and self._pending[-1][0] > self._due_until()
 
-    def push_load(self, stamp: int, load: float) -> list[AlignedRow]:
-        """Take a load sample (ns, N); return the rows that became complete."""
-        return self.push_loads([stamp], [load])
-
     def push_loads(self, stamps: Sequence[int], loads: Sequence[float]) -> list[AlignedRow]:
         """Take a batch of load samples (ns, N); return the rows that became complete."""
         rows: list[AlignedRow] = []

@@ -10,6 +10,7 @@ from matplotlib.figure import Figure
 import pytest
 
 from saddlering_ros import read_bag
+from saddlering_ros.api.errors import ApiError
 from saddlering_ros.api.inputs import origins
 from saddlering_ros.api.results import DiagnosisResult, Plot, Result, ValidationResult
 from saddlering_ros.cli._files import check_files
@@ -79,6 +80,14 @@ def test_an_effect_file_in_use_is_an_input(place, monkeypatch):
     with pytest.raises(FileConflict, match='SADDLERING_EFFECTS'):
         check_files(Namespace(command='info', bags=[], json=str(own)))
     assert own.read_text() == 'mine'
+
+
+def test_an_output_that_is_no_path_is_refused_in_one_line():
+    result = _Summary((), default_rig(), ())
+    with pytest.raises(ApiError, match='path is of type int'):
+        result.save(3)
+    with pytest.raises(ApiError, match='path is None'):
+        Plot(Figure(), result._spare_inputs).save(None)
 
 
 def test_a_plot_is_not_saved_over_an_input(place):

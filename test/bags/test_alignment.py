@@ -47,7 +47,7 @@ def rows_of_stream(load_stamps, load, probe_stamps, gaps, order=None) -> list[Al
     for place in range(len(samples)) if order is None else order(samples):
         stamp, channel, value = samples[place]
         if channel < 0:
-            rows += aligner.push_load(stamp, value)
+            rows += aligner.push_loads([stamp], [value])
         else:
             rows += aligner.push_gap(channel, stamp, value)
     aligner.flush()
@@ -96,7 +96,7 @@ def test_whatever_arrives_rows_stay_in_order_finite_and_counted(samples, unit):
             rows += aligner.push_gap(channel - 1, stamp, value)
         else:
             loads += 1
-            rows += aligner.push_load(stamp, value)
+            rows += aligner.push_loads([stamp], [value])
         assert aligner.pending <= 51
     aligner.flush()
     for before, after in pairwise(rows):
@@ -189,7 +189,7 @@ def aligner() -> StreamAligner:
 
 
 def push_all(aligner: StreamAligner, stamp: int, value: float = 1.0) -> list[AlignedRow]:
-    rows = aligner.push_load(stamp, value)
+    rows = aligner.push_loads([stamp], [value])
     for probe in range(4):
         rows += aligner.push_gap(probe, stamp, value)
     return rows
@@ -213,7 +213,7 @@ def test_no_row_mixes_samples_from_both_sides_of_a_jump(aligner, load_first):
     rows = []
     back = EPOCH + 500 * MILLISECOND
     for stamp in regular(400, start=back):
-        channels = [lambda s: aligner.push_load(s, 2.0)]
+        channels = [lambda s: aligner.push_loads([s], [2.0])]
         channels += [lambda s, p=p: aligner.push_gap(p, s, 2.0) for p in range(4)]
         for push in channels if load_first else reversed(channels):
             rows += push(int(stamp))
@@ -223,7 +223,7 @@ def test_no_row_mixes_samples_from_both_sides_of_a_jump(aligner, load_first):
 
 def test_late_samples_within_jitter_are_put_in_order(aligner):
     for stamp in (EPOCH, EPOCH + 2 * MILLISECOND, EPOCH + MILLISECOND, EPOCH + 3 * MILLISECOND):
-        aligner.push_load(stamp, float(stamp - EPOCH))
+        aligner.push_loads([stamp], [float(stamp - EPOCH)])
     rows = []
     for probe in range(4):
         for stamp in (EPOCH, EPOCH + 3 * MILLISECOND):
@@ -234,7 +234,7 @@ def test_late_samples_within_jitter_are_put_in_order(aligner):
 
 def test_joining_late_drops_and_counts_what_no_probe_saw(aligner):
     for stamp in regular(5):
-        aligner.push_load(int(stamp), 1.0)
+        aligner.push_loads([int(stamp)], [1.0])
     rows = []
     for probe in range(4):
         rows += aligner.push_gap(probe, EPOCH + 3 * MILLISECOND, 0.5)
@@ -246,7 +246,7 @@ def test_joining_late_drops_and_counts_what_no_probe_saw(aligner):
 def test_a_silent_probe_costs_bounded_memory_and_is_counted():
     aligner = StreamAligner(max_wait=0.5, max_samples=1000)
     for stamp in regular(20_000):
-        aligner.push_load(int(stamp), 1.0)
+        aligner.push_loads([int(stamp)], [1.0])
         for probe in range(3):
             aligner.push_gap(probe, int(stamp), 1.0)
     assert aligner.pending <= 502
@@ -272,7 +272,7 @@ def test_memory_stays_bounded_on_a_long_healthy_stream(aligner):
 def test_nan_and_duplicates_are_dropped_and_counted(aligner):
     push_all(aligner, EPOCH)
     push_all(aligner, EPOCH)
-    aligner.push_load(EPOCH + 1, float('nan'))
+    aligner.push_loads([EPOCH + 1], [float('nan')])
     aligner.push_gap(0, EPOCH + 1, float('inf'))
     assert aligner.counters.duplicates + aligner.counters.late_loads == 5
     assert aligner.counters.not_finite == 2

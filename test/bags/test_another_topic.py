@@ -52,7 +52,7 @@ def test_the_stream_aligner_takes_it_as_one_more_channel() -> None:
     aligner = StreamAligner(channels=5)
     rows = []
     for stamp in range(0, 10_000_000, 1_000_000):
-        rows += aligner.push_load(stamp, 1.0)
+        rows += aligner.push_loads([stamp], [1.0])
         for channel in range(5):
             rows += aligner.push_gap(channel, stamp, float(channel))
     assert rows[3].gaps == (0.0, 1.0, 2.0, 3.0, 4.0)

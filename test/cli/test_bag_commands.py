@@ -94,7 +94,7 @@ def test_displacement_equals_the_stream_bit_for_bit(bag, tmp_path):
     rows = []
     for stamp, channel, value in messages:
         due = aligner.push_gap(channel - 1, stamp, value) if channel else \
-            aligner.push_load(stamp, value)
+            aligner.push_loads([stamp], [value])
         for row in due:
             rows.append(row)
             zero = zero or window.push(row.time, row.load, row.gaps)
