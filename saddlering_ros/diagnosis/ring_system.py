@@ -90,8 +90,7 @@ class RingNeighbourhood:
     def predict(self, run: RunBlocks) -> list[Array]:
         """Points (B, C, N) of each group: the first simulated, its neighbours by exact tangents.
 
-        A neighbour with other rollers is simulated, because a tangent pass would follow
-        every roller and cost more. A neighbour without a tangent is simulated too.
+        A neighbour without a tangent is simulated.
         """
         if any(self.system.laws(group[0]) for group in self.groups):
             return [self.system.predict_many(run, group) for group in self.groups]
@@ -193,7 +192,7 @@ class RingSystem:
             [(point.base, self.extension(point)) for point in group] for group in groups
         ]
         near = [
-            [has_tangent(self.rig, group[0], other) for other in group[1:]] for group in candidates
+            [has_tangent(group[0], other) for other in group[1:]] for group in candidates
         ]
         passes = Neighbourhoods(self.rig, [
             (group[0], list(compress(group[1:], own)))

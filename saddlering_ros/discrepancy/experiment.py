@@ -134,8 +134,8 @@ class Experiment:
         channels = np.flatnonzero(self.system.views[view])
         if not any(self.assumptions.frees_constant(int(channel)) for channel in channels):
             return seen
-        mean = np.average(seen, axis=0, weights=sample_weights(self.system, run, view))
-        return np.asarray(seen - mean)
+        weights = sample_weights(self.system, run, view)
+        return np.asarray(seen - weights @ seen / weights.sum())
 
     def root_weights(self, run: RunBlocks, view: str) -> Array:
         """Square roots (N,) of the weights of samples in a mean square over time."""

@@ -183,7 +183,7 @@ def _numbers(extension: RingExtension) -> list[float]:
     """Numbers of the extension in the order of `MODEL`."""
     numbers: list[float] = []
     for value in _shared_values(extension):
-        if isinstance(value, float):
+        if value.__class__ is float:
             numbers.append(value)
         elif isinstance(value, tuple):
             numbers += value

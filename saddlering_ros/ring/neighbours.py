@@ -60,19 +60,19 @@ class Responses:
     neighbours: Floats
 
 
-def has_tangent(rig: Rig, centre: Candidate, neighbour: Candidate) -> bool:
-    """Whether the pass along the centre is a cheaper way to a neighbour than a simulation.
+def has_tangent(centre: Candidate, neighbour: Candidate) -> bool:
+    """Whether a neighbour can be reached by the pass along the centre, which is cheaper.
 
-    A pass with unequal rollers takes as long as several simulations. A saturation that begins has
-    no derivative, and neither has the own law of an effect inside the motion.
+    A saturation that begins has no derivative, and neither has the own law of an effect inside the
+    motion.
     """
     (_, own), (_, other) = centre, neighbour
     if own is other and own.damping_penetration_saturation == 0.0:
         return True
     if any(item.of(own) != item.of(other) for item in NO_TANGENT):
         return False
-    return rows_of(rig, own) is rows_of(rig, other) and (
-        own.damping_penetration_saturation != 0.0 or other.damping_penetration_saturation == 0.0)
+    return (own.damping_penetration_saturation != 0.0
+            or other.damping_penetration_saturation == 0.0)
 
 
 def probe_sensitivities(rig: Rig, groups: Sequence[tuple[Candidate, Sequence[Candidate]]],

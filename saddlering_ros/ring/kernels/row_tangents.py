@@ -18,7 +18,7 @@ from saddlering_ros.ring.kernels.contact import (
     RAMP,
 )
 from saddlering_ros.ring.kernels.options import FAST, INNER, kernel
-from saddlering_ros.ring.kernels.vector_math import exp2_of, log2_of, widest_vectors
+from saddlering_ros.ring.kernels.vector_math import exp2_of, log2_of, power, widest_vectors
 
 LAW = 6
 """Number of parameters of a row: K, n, D; share, exponent, saturation of growing damping."""
@@ -161,60 +161,104 @@ def ring_tangents(m: Any, rows: Any, uniform: Any, q: Any, v: Any, grows: Any,
 
 
 @kernel(fastmath=FAST, **INNER)
-def row_geometry(rows: Any, change: Any, row: Any, rollers: Any, a: Any, b: Any, da: Any, db: Any,
-                 m: Any, law: Any) -> Any:
-    """Change of sum F and sum F cos of a row by a change (9 J,) of weights and gaps."""
+def roller_forces(rows: Any, row: Any, rollers: Any, motion: Any, m: Any, law: Any,
+                  each: Any) -> Any:
+    """Fill each (2, J) with forces and slopes dF/dp of single rollers; the rollers in contact.
+
+    motion: (a, b, da, db) as in `contact.row_sums`. Returns the first roller in contact, and the
+    number of rollers from there to the last one.
+    """
+    widest_vectors()
     stiffness, exponent, damping = law
-    stride = rows.size // 9
-    base = row * 3 * stride
+    a, b, da, db = motion
+    stride = np.uint64(rows.size) // np.uint64(9)
+    base = np.uint64(row) * np.uint64(3) * stride
+    first, count = in_contact(rows, base, stride, np.uint64(rollers), False, a, b, np.uint64(0))
+    cosines, gaps = base + first, base + np.uint64(2) * stride + first
     share, growth = m.damping_penetration_share, m.damping_penetration_exponent
+    constant = (1.0 - share) * damping
+    for j in range(count):
+        c = rows[cosines + j]
+        p = max(a + b * c - rows[gaps + j], 1e-30)
+        relative = power(p, exponent - 1.0)
+        rate = constant * (da + db * c)
+        u = min(p * (1.0 / RAMP), 1.0)
+        each[0, j] = stiffness * relative * p + rate * (u * u * (3.0 - 2.0 * u))
+        each[1, j] = exponent * stiffness * relative + rate * (6.0 / RAMP) * (u - u * u)
+    if share == 0.0:
+        return first, count
     growth = growth if growth > 0.0 else exponent
-    turn = m.damping_penetration_saturation ** growth
-    if m.damping_penetration_saturation == 0.0:
-        turn = 0.0
-    factor = DAMPING_REFERENCE ** (-growth) + turn
+    turn = 0.0
+    if m.damping_penetration_saturation > 0.0:
+        turn = m.damping_penetration_saturation ** growth
+    factor = damping * share * (DAMPING_REFERENCE ** (-growth) + turn)
     steepness = 1.0 / (RAMP * max(1.0 - growth, 1e-20))
-    s0 = s1 = 0.0
-    for j in range(base, base + rollers):
-        c = rows[j]
-        p = a + b * c - rows[2 * stride + j]
-        if p <= 0.0:
-            continue
-        rate = da + db * c
-        u = min(p / RAMP, 1.0)
+    for j in range(count):
+        c = rows[cosines + j]
+        p = max(a + b * c - rows[gaps + j], 1e-30)
+        rising = power(p, growth - 1.0)
+        level = 1.0 / (1.0 + turn * rising * p)
+        rising *= factor * level * (da + db * c)
         w = min(p * steepness, 1.0)
         fade = w * w * (3.0 - 2.0 * w)
-        rising = p ** (growth - 1.0)
-        level = 1.0 / (1.0 + turn * rising * p)
-        grown = factor * rising * level
-        elastic = stiffness * p ** (exponent - 1.0)
-        force = elastic * p + damping * rate * (
-            (1.0 - share) * u * u * (3.0 - 2.0 * u) + share * grown * p * fade)
-        slope = exponent * elastic + damping * rate * (
-            (1.0 - share) * 6.0 / RAMP * (u - u * u)
-            + share * grown * (growth * level * fade + 6.0 * w * (w - w * w)))
-        if force > MIN_FORCE:
-            by = change[stride + j] * force - rows[stride + j] * slope * change[2 * stride + j]
-            s0 += by
-            s1 += by * c
+        each[0, j] += rising * p * fade
+        each[1, j] += rising * (growth * level * fade + 6.0 * w * (w - w * w))
+    return first, count
+
+
+@kernel(fastmath=FAST, **INNER)
+def row_geometry(rows: Any, change: Any, row: Any, first: Any, count: Any, each: Any) -> Any:
+    """Change of sum F and sum F cos of a row by a change (9 J,) of weights and gaps."""
+    stride = np.uint64(rows.size) // np.uint64(9)
+    cosines = np.uint64(row) * np.uint64(3) * stride + first
+    weights, gaps = cosines + stride, cosines + np.uint64(2) * stride
+    s0 = s1 = 0.0
+    for j in range(count):
+        force = each[0, j]
+        by = change[weights + j] * force - rows[weights + j] * each[1, j] * change[gaps + j]
+        by = by if force > MIN_FORCE else 0.0
+        s0 += by
+        s1 += by * rows[cosines + j]
     return s0, s1
 
 
 @kernel(**INNER)
-def forces_by_geometry(m: Any, rows: Any, change: Any, q: Any, v: Any, by: Any,
-                       j: Any) -> Any:
-    """Add to by[:, j] the change of the ring's forces by a change (9 J,) of its rollers."""
+def forces_by_geometry(m: Any, rows: Any, geometry: Any, moves: Any, q: Any, v: Any, each: Any,
+                       by: Any) -> Any:
+    """Add to the first columns of by (3, P) the changes by rollers, geometry (G, 9 J).
+
+    moves (G, 3): whether a direction changes the upper, the lower and the radial row; each (2, J):
+    work array.
+    """
     radius, height = m.radius, m.radial_row_height
     axial, radial = int(m.axial_rollers), int(m.radial_rollers)
-    up0, up1 = row_geometry(rows, change, 0, axial, q[1], -radius * q[2], v[1], -radius * v[2], m,
-                            (m.K1 * m.upper_row_stiffness, m.n1, m.D1))
-    low0, low1 = row_geometry(rows, change, 1, axial, -q[1], radius * q[2], -v[1],
-                              radius * v[2], m, (m.K1 * m.lower_row_stiffness, m.n1, m.D1))
-    _, s1 = row_geometry(rows, change, 2, radial, 0.0, q[0] + height * q[2], 0.0,
-                         v[0] + height * v[2], m, (m.K2 * m.radial_row_stiffness, m.n2, m.D2))
-    by[0, j] -= s1
-    by[1, j] += low0 - up0
-    by[2, j] += radius * (up1 - low1) - height * s1
+    if moves[:, 0].any():
+        first, count = roller_forces(
+            rows, 0, axial, (q[1], -radius * q[2], v[1], -radius * v[2]), m,
+            (m.K1 * m.upper_row_stiffness, m.n1, m.D1), each)
+        for j in range(geometry.shape[0]):
+            if moves[j, 0]:
+                s0, s1 = row_geometry(rows, geometry[j], 0, first, count, each)
+                by[1, j] -= s0
+                by[2, j] += radius * s1
+    if moves[:, 1].any():
+        first, count = roller_forces(
+            rows, 1, axial, (-q[1], radius * q[2], -v[1], radius * v[2]), m,
+            (m.K1 * m.lower_row_stiffness, m.n1, m.D1), each)
+        for j in range(geometry.shape[0]):
+            if moves[j, 1]:
+                s0, s1 = row_geometry(rows, geometry[j], 1, first, count, each)
+                by[1, j] += s0
+                by[2, j] -= radius * s1
+    if moves[:, 2].any():
+        first, count = roller_forces(
+            rows, 2, radial, (0.0, q[0] + height * q[2], 0.0, v[0] + height * v[2]), m,
+            (m.K2 * m.radial_row_stiffness, m.n2, m.D2), each)
+        for j in range(geometry.shape[0]):
+            if moves[j, 2]:
+                _, s1 = row_geometry(rows, geometry[j], 2, first, count, each)
+                by[0, j] -= s1
+                by[2, j] -= height * s1
 
 
 @kernel(fastmath=FAST, **INNER)

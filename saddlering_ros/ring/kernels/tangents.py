@@ -102,17 +102,27 @@ def motion_tangents(models: Any, rows: Any, law: Any, external: Any, friction: A
     directions = law.shape[2]
     rubs = (m.radial_friction.limit != 0.0 or m.axial_friction.limit != 0.0
             or m.tilt_friction.limit != 0.0 or np.any(friction))
+    places = rows.size // 9
+    moves = np.zeros((geometry.shape[0], 3), dtype=np.bool_)
+    for j in range(geometry.shape[0]):
+        for i in range(3):
+            moves[j, i] = np.any(geometry[j, (3 * i + 1) * places:3 * (i + 1) * places])
     return follow_tangents(
         m, rows, law, external, friction, geometry, records, time, path, out, rubs,
         np.zeros(at.WORK_SIZE), np.zeros((3, 6, directions)), np.zeros((3, directions, 2)),
-        np.zeros((3, 2)), np.zeros((2, 3)), np.zeros((3, directions)))
+        np.zeros((3, 2)), np.zeros((2, 3)), np.zeros((3, directions)), moves,
+        np.empty((2, places)))
 
 
 @kernel(**INNER)
 def follow_tangents(m: Any, rows: Any, law: Any, external: Any, friction: Any, geometry: Any,
                     records: Any, time: Any, path: Any, out: Any, rubs: Any, w: Any, states: Any,
-                    rubbed: Any, elements: Any, motion: Any, by: Any) -> Any:
-    """`motion_tangents` with work arrays: dq and dv of three steps (3, 6, P), friction, q, v."""
+                    rubbed: Any, elements: Any, motion: Any, by: Any, moves: Any,
+                    each: Any) -> Any:
+    """`motion_tangents` with work arrays: dq and dv of three steps (3, 6, P), friction, q, v.
+
+    moves (G, 3), each (2, J): as in `row_tangents.forces_by_geometry`.
+    """
     radial, axial, tilting = elements[0], elements[1], elements[2]
     radial[0] = radial[1] = m.radial_friction.initial
     axial[0] = axial[1] = m.axial_friction.initial
@@ -144,8 +154,8 @@ def follow_tangents(m: Any, rows: Any, law: Any, external: Any, friction: Any, g
             for j in range(by.shape[1]):
                 by[i, j] = external[n, i, j] if external.shape[0] else 0.0
         forces_by_law(m, records[n, LAWS:], law, by)
-        for j in range(geometry.shape[0]):
-            forces_by_geometry(m, rows, geometry[j], q, v, by, j)
+        if geometry.shape[0]:
+            forces_by_geometry(m, rows, geometry, moves, q, v, each, by)
         if rubs:
             rubbing0, rubbing1, rubbing2 = rub(m, friction, path, n, elements, rubbed, own, by)
         carry(m, w, c0, c1, c2, own, past, by)
