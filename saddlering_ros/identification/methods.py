@@ -287,13 +287,13 @@ def _refined(
             bottoms.append(refine(rough, space, start, search.is_cancelled, PROVISIONAL))
             _report_refinement(search, number, bottoms[-1])
         lowest = min(bottoms, key=lambda bottom: bottom.chi_square)
-        lowest = refine(coarse, space, lowest.point, search.is_cancelled, PROVISIONAL)
+        lowest = refine(coarse, space, lowest.point, search.is_cancelled, PROVISIONAL, NEAR)
         found = _Found(lowest.law, lowest.chi_square, searched, observations)
         _note_different_optima(search, bottoms)
         fine = WeightedObjective(search.rig, search.observations(lowest.law), channels)
         with_cell = replace(
             fine, observations=[one.coarse() for one in fine.observations], evaluations=0)
-        lowest = refine(with_cell, space, lowest.point, search.is_cancelled, PROVISIONAL)
+        lowest = refine(with_cell, space, lowest.point, search.is_cancelled, PROVISIONAL, NEAR)
         fine = fine.with_settled_plateaus(lowest.contact)
         for _ in range(LOAD_CORRECTIONS if search.has_dynamic else 0):
             lowest = refine(fine, space, lowest.point, search.is_cancelled, PROVISIONAL, NEAR)

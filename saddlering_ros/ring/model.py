@@ -206,6 +206,16 @@ class _OfExtension:
         self._geometry = extension.upper_row, extension.lower_row, extension.radial_row
         self._rows: tuple[Rig, Rows] | None = None
         self._record: tuple[Rig, Floats] | None = None
+        self._at: tuple[Rig, float, Model] | None = None
+
+    def at(self, rig: Rig, elevation: float) -> Model:
+        """The record of a model, an array of one, at an elevation; not to be written to."""
+        known = self._at
+        if known is None or known[0] is not rig or known[1] != elevation:
+            model = at_elevation(self.record(rig).view(MODEL), elevation)
+            model.flags.writeable = False
+            known = self._at = rig, elevation, model
+        return known[2]
 
     def record(self, rig: Rig) -> Floats:
         """Numbers (M,) of the record of a model, without contact law and elevation."""
@@ -241,8 +251,11 @@ def _of_rig(rig: Rig, counts: tuple[int, int, int]) -> list[float]:
 
 
 def model_of(rig: Rig, elevation: float, extension: RingExtension = NO_EXTENSION) -> Model:
-    """The record of a model, an array of one, without the contact law (see `with_contact`)."""
-    return at_elevation(_of_extension(extension).record(rig).view(MODEL), elevation)
+    """The record of a model, an array of one, without the contact law (see `with_contact`).
+
+    It is kept and cannot be written to.
+    """
+    return _of_extension(extension).at(rig, elevation)
 
 
 def at_elevation(models: Model, elevation: float) -> Model:

@@ -184,11 +184,7 @@ def _columns_at(rig: Rig, contact: Array, q: Array, per_load: Array) -> tuple[Ar
     spread = depth[..., None] + GAP_SCATTER * _NODES
     touching = np.maximum(spread, 0.0)
     forces = stiffness[:, None] * touching ** exponent[:, None]
-    tangents = np.where(
-        spread > 0.0,
-        (exponent * stiffness)[:, None] * np.maximum(touching, 1e-12) ** (exponent[:, None] - 1.0),
-        0.0,
-    )
+    tangents = exponent[:, None] * forces / np.maximum(touching, 1e-12)
     force, tangent = forces @ _WEIGHTS, tangents @ _WEIGHTS
     plain = stiffness * np.maximum(depth, 0.0) ** exponent
     touched = (spread > 0.0) @ _WEIGHTS
