@@ -10,7 +10,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.interpolate import BSpline
 
 from saddlering_ros.discrepancy.proposal.memory import relaxations, stop_operators
 from saddlering_ros.discrepancy.proposal.misfit import (
@@ -61,6 +60,8 @@ class Spline:
 
     def values(self, at: Array) -> Array:
         """(N, size)."""
+        from scipy.interpolate import BSpline  # late: most diagnoses propose no law
+
         step = (self.high - self.low) / self.pieces
         knots = self.low + step * np.arange(-3, self.pieces + 4)
         inside = np.clip(at, self.low, self.high - 1e-9 * (self.high - self.low))
