@@ -69,7 +69,7 @@ def test_damping_changes_no_equilibrium() -> None:
 
 
 def shown_variants(one: RingEffect) -> list[Variant]:
-    """All variants of a friction, each of which acts in another coordinate; else first and last."""
+    """All variants of a friction, which act in different coordinates; else first and last."""
     if 'friction' in one.id:
         return list(one.variants)
     return list({item.label: item for item in (one.variants[0], one.variants[-1])}.values())
