@@ -22,7 +22,8 @@ class Assumptions:
     learn_noise: source of the noise; relearns: whether the noise is learnt again from the
     residual of a model with the causes; offsets: spread of the constant of each channel, None
     if it is free; model_error: smooth error over the drive, None for none; form_error: share
-    of the misfit explained by an effect by which its form may err while a name remains valid;
+    of the misfit explained by an effect by which its shapes may exceed their bounds while a name
+    remains valid; 0: laws are exact, so that every residual beyond noise is a doubt;
     coordinate_waves: half waves that are tested along the first coordinate and along each
     other one; proposes_law: whether a law is proposed if no cause explains the misfit;
     many_valleys: whether the base may have several minima, so that the best one without an

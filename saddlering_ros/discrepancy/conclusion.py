@@ -82,11 +82,10 @@ def judge(
             doubts.append(_too_many_words(len(fit.candidate.effects), open_members))
         verdict = 'unknown' if doubts else 'ambiguous' if open_members else 'named'
         warnings += doubts
-        if left and not doubts:
+        if real_and_material(after.slow, settings) and not doubts:
             warnings.append(
                 f'{100 * (1 - share):.0f} % of the misfit remains with the extension, most of it '
-                f'in {after.slow.where}: the law of the cause may differ, or there is a second, '
-                'small cause'
+                f'in {after.slow.where}: the law of the cause has another form, which explains it'
             )
     elif left:
         verdict = 'unknown'

@@ -17,8 +17,8 @@ class Settings:
     the true cause so far behind an alternative that it leaves the group; alternative_share: an
     alternative stays in the group while its additional misfit is within this share of the
     residual; form_error: share of the misfit explained by an effect that its simplified law
-    may leave (alternatives within this share stay in the group, and a smaller further cause in
-    the same channel is not accepted); rounds: least-squares rounds of each candidate;
+    may leave: prior of the forms of a law, and misfit within which alternatives stay in the
+    group; rounds: least-squares rounds of each candidate;
     max_rounds: least-squares rounds of the fits behind the verdict; seed: of random starts.
     """
 
