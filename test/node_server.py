@@ -22,11 +22,13 @@ import subprocess
 import sys
 import time
 import traceback
+import types
 from typing import Any
 
 from saddlering_ros.ros.lifeline import LIFELINE
 
 PREFIX = 'saddlering_ros.nodes.'
+NEEDED_BY_WORKERS = ('saddlering_ros.api.functions', 'saddlering_ros.jobs.worker')
 MAX_REQUEST = 1 << 20
 TICKS = os.sysconf('SC_CLK_TCK')
 
@@ -128,8 +130,8 @@ def serve(pipe: socket.socket) -> None:
     """Import all nodes, then fork and report until the tests are gone."""
     from saddlering_ros.ring.warm import warm
     from saddlering_ros.ros.registry import NODES
-    for node in NODES:
-        importlib.import_module(node.module)
+    for module in (*(node.module for node in NODES), *NEEDED_BY_WORKERS):
+        importlib.import_module(module)
     warm()
     _prepare_for_all()
     gc.collect()
@@ -211,7 +213,73 @@ def _become(question: dict[str, Any], output: int, lifeline: int) -> None:
     # What was imported stays exempt from collections. At its end a node has only its own objects
     # collected, where a user's looks at those of all libraries.
     gc.freeze = gc.unfreeze = lambda: None  # type: ignore[assignment]
+    _fork_workers_too()
     importlib.import_module(module).main()
+    os._exit(0)
+
+
+class ForkedWorker:
+    """The worker of a forked node: a fork as well, for two seconds of an interpreter.
+
+    The part of `subprocess.Popen` that `saddlering_ros.jobs.worker` uses.
+    """
+
+    def __init__(self, command: Sequence[str], *, pass_fds: Sequence[int],
+                 env: Mapping[str, str], **_: Any) -> None:
+        self.returncode: int | None = None
+        self.pid = os.fork()
+        if not self.pid:
+            try:
+                _work(command[3:], pass_fds, env)
+            except BaseException:
+                traceback.print_exc()
+            finally:
+                sys.stderr.flush()
+                os._exit(1)
+
+    def poll(self) -> int | None:
+        """Exit status, or None."""
+        return self._waited(os.WNOHANG)
+
+    def wait(self) -> int:
+        """Wait until it ends; its exit status."""
+        status = self._waited(0)
+        assert status is not None
+        return status
+
+    def kill(self) -> None:
+        """SIGKILL, unless it has ended."""
+        if self.poll() is None:
+            os.kill(self.pid, signal.SIGKILL)
+
+    def _waited(self, option: int) -> int | None:
+        if self.returncode is None:
+            found, status = os.waitpid(self.pid, option)
+            if found:
+                self.returncode = os.waitstatus_to_exitcode(status)
+        return self.returncode
+
+
+def _fork_workers_too() -> None:
+    from saddlering_ros.jobs import worker
+    worker.subprocess = types.SimpleNamespace(  # type: ignore[assignment]
+        Popen=ForkedWorker, DEVNULL=subprocess.DEVNULL)
+
+
+def _work(words: Sequence[str], kept: Sequence[int], environment: Mapping[str, str]) -> None:
+    """Be what `python -m saddlering_ros.jobs.worker WORDS` would be."""
+    from saddlering_ros.jobs import worker
+    os.setsid()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, signal.SIG_DFL)
+    for number in map(int, os.listdir('/proc/self/fd')):  # those of the node's middleware
+        if number > 2 and number not in kept:
+            with contextlib.suppress(OSError):
+                os.close(number)
+    os.environ.clear()
+    os.environ.update(environment)
+    sys.argv = [str(worker.__file__), *words]
+    worker.main()
     os._exit(0)
 
 
