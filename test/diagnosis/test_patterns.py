@@ -18,6 +18,8 @@ from saddlering_ros.discrepancy.selection import refitted
 from saddlering_ros.progress import Watch
 from saddlering_ros.rig import default_rig
 
+pytestmark = pytest.mark.slow
+
 
 def best_of(runs: list[RunBlocks], change) -> list[Fit]:
     """Fits of one effect to clean runs to which `change(run)` (4, N) is added, the best first."""

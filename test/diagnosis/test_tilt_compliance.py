@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import pytest
+
 from saddlering_ros.bags import read_run
 from saddlering_ros.diagnosis.records import build_record
 from saddlering_ros.diagnosis.ring_system import RingSystem
@@ -12,6 +14,7 @@ LIMIT = 2.8e-11
 """Its detection limit [rad/(N m)] in five clean runs of this kind."""
 
 
+@pytest.mark.slow
 def test_a_tilt_compliance_of_several_times_its_limit_is_the_first_of_its_group(campaign) -> None:
     rig = default_rig()
     runs = ('static_50', 'dynamic_50_fast', 'static_70')
