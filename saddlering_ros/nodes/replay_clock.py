@@ -8,6 +8,7 @@ from pathlib import Path
 import time
 
 import numpy as np
+from rclpy.duration import Duration
 from rclpy.serialization import deserialize_message
 from rosgraph_msgs.msg import Clock
 from std_srvs.srv import Trigger
@@ -43,6 +44,9 @@ LONGEST_STRIDE = SECOND // 2
 """In real time the clock never skips more than this; after a pause of the machine it is late."""
 
 LINGER = 0.5
+
+LONGEST_LINGER = 5.0
+"""Longest time [s] at the end in which a reader may still get the last state."""
 
 HEED = 0.1
 """Time [s] that the clock stands after it has announced its bag."""
@@ -154,10 +158,15 @@ class ReplayClockNode(BagNode):
         if now - self._said_state >= 1.0:
             self._say_state(now)
         if self._state == ReplayState.FINISHED and self.settings['exit_at_end']:
-            self.done = now - self._advanced > LINGER
+            self.done = self._may_leave(now - self._advanced)
         if self._state != ReplayState.PLAYING:
             return REPEAT
         return 0.002 if self._lockstep else 1.0 / self.settings['clock_rate']
+
+    def _may_leave(self, stood: float) -> bool:
+        """Whether all have the last state, after the clock has stood at its end for a while."""
+        return stood > LONGEST_LINGER or (stood > LINGER and bool(
+            self._state_publisher.wait_for_all_acked(Duration(seconds=0))))
 
     # --- time ---
 
