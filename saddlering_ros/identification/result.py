@@ -87,7 +87,8 @@ class Identification:
             'evaluations': self.evaluations,
             'elapsed': self.elapsed,
             'parameters': {
-                name: self._parameter(index, name) for index, name in enumerate(PARAMETER_NAMES)
+                name: self.parameter_entry(index, name)
+                for index, name in enumerate(PARAMETER_NAMES)
             },
             'line_contact_ratio': line_contact_ratios(contact),
             'order': list(PARAMETER_NAMES),
@@ -114,7 +115,8 @@ class Identification:
             'provenance': Provenance(self.parameters.source.origins).as_dict(),
         }
 
-    def _parameter(self, index: int, name: str) -> dict[str, Any]:
+    def parameter_entry(self, index: int, name: str) -> dict[str, Any]:
+        """One parameter as `to_json` has it."""
         interval = self.intervals[name]
         return {
             'value': float(getattr(self.parameters.contact, name)),

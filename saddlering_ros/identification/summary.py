@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import Any
+
 import numpy as np
 
 from saddlering_ros.estimation.identifiability import undetermined_words
@@ -64,7 +67,8 @@ def identification_text(found: Identification) -> str:
         f'    reduced chi square  = {quantity(found.reduced_chi_square, digits=4)}'
         f' ({found.degrees_of_freedom} degrees of freedom)',
         '[[Parameters]]',
-        *(_parameter_line(found, index, name) for index, name in enumerate(PARAMETER_NAMES)),
+        *(f'    {parameter_words(name, found.parameter_entry(index, name))}'
+          for index, name in enumerate(PARAMETER_NAMES)),
         f'    {INTERVALS}',
         *_stiffness_lines(found),
         *_systematic_lines(found),
@@ -77,16 +81,14 @@ def identification_text(found: Identification) -> str:
     return '\n'.join(lines)
 
 
-def _parameter_line(found: Identification, index: int, name: str) -> str:
-    value = getattr(found.parameters.contact, name)
-    unit = PARAMETER_UNITS[name]
-    if not found.determined[name]:
-        bound = ' (at boundary)' if found.at_bound[name] else ''
-        best = f'{quantity(value, unit)}{bound}'
-        return '    ' + undetermined_words(name, best, found.reasons[name])
-    std = float(found.std[index])
-    low, high = found.intervals[name] or (np.nan, np.nan)
-    return (f'    {name}: {quantity(value, unit, std)} ({percent(std / abs(value))}), '
+def parameter_words(name: str, entry: Mapping[str, Any]) -> str:
+    """A parameter with error and interval, or why it is open, from its entry in the JSON."""
+    value, unit, std = entry['value'], entry['unit'], entry['std']
+    if not entry['pinned']:
+        bound = ' (at boundary)' if entry['at_bound'] else ''
+        return undetermined_words(name, f'{quantity(value, unit)}{bound}', entry['reason'])
+    low, high = entry['interval'] or (np.nan, np.nan)
+    return (f'{name}: {quantity(value, unit, std)} ({percent(std / abs(value))}), '
             f'95 % interval {span(low, high)}')
 
 

@@ -29,6 +29,7 @@ from saddlering_ros.bags.topics import ELEVATION, LOAD, PROBES, RigTopic
 from saddlering_ros.bags.validity import BRIDGED, DOUBTFUL_LOAD, NOT_KNOWN
 from saddlering_ros.errors import SaddleringError
 from saddlering_ros.live.alarms import alarm_as_page, with_link
+from saddlering_ros.live.answers import diagnosis_answer, identification_answer
 from saddlering_ros.live.commands import Commands
 from saddlering_ros.live.gauges import Gauges
 from saddlering_ros.live.traces import Traces
@@ -104,6 +105,7 @@ class Job:
     words: str = ''
     lines: list[str] = field(default_factory=list)
     verdict: str = ''
+    title: str = ''
 
 
 class Watcher:
@@ -400,27 +402,17 @@ class _Action:
             job, stage=said.stage, share=float(share), words=words, elapsed=float(said.elapsed),
             left=left))
 
-    def _on_result(self, goal: str, answer: Any) -> None:
+    def _on_result(self, goal: str, response: Any) -> None:
         state = {GoalStatus.STATUS_SUCCEEDED: 'done', GoalStatus.STATUS_CANCELED: 'canceled'}.get(
-            answer.status, 'failed')
-        result = answer.result
+            response.status, 'failed')
+        result = response.result
         ended = Job(goal, state, stage='', share=1.0, words=str(result.message))
-        if state == 'done' and self._name == 'diagnose':
-            # The words need the catalogue; the page is served before it is loaded.
-            from saddlering_ros.diagnosis.wording import gain_sentence, headline
-
-            document = json.loads(result.verdict_json)
-            ended.verdict = document['verdict']
-            ended.words = headline(document)
-            following = document.get('next_test')
-            ended.lines = [line for line in (
-                f'Next test: {following}' if following else '', gain_sentence(document)) if line]
-        elif state == 'done':
-            report = json.loads(result.report_json)
-            ended.lines = [
-                f'{name} = {quantity(item["value"], item["unit"], item["std"])}'
-                + (f' ({item["reason"]})' if item['reason'] else '')
-                for name, item in report['parameters'].items()]
+        if state == 'done':
+            answer = (diagnosis_answer(json.loads(result.verdict_json))
+                      if self._name == 'diagnose' else
+                      identification_answer(json.loads(result.report_json), ended.words))
+            ended = _with(ended, verdict=answer.verdict, title=answer.title, words=answer.words,
+                          lines=list(answer.lines))
         self._change(lambda job: ended if job is None or job.goal == goal else None)
 
 

@@ -274,7 +274,7 @@ function showVerdict(job) {
   place.hidden = !(job && job.verdict);
   if (place.hidden) return;
   place.className = job.verdict;
-  place.replaceChildren(make('p', `Verdict: ${job.verdict}`, 'soft'), make('b', job.words),
+  place.replaceChildren(make('p', job.title, 'soft'), make('b', job.words),
     ...job.lines.map((line) => make('p', line)));
 }
 
