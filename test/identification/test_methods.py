@@ -194,6 +194,18 @@ def test_a_ring_still_settling_on_its_plateaus_is_no_misfit():
     assert settled.mean_squares(truth)[0] > 3.0
     settling = WeightedObjective(RIG, observations, (0, 1, 2))
     assert settling.mean_squares(truth) == pytest.approx([1.0, 1.0], abs=0.3)
+    assert settling.with_settled_plateaus(truth).observations[0].spans is not None
+
+
+def test_plateaus_that_come_to_rest_count_as_equilibria_with_the_same_residuals():
+    truth = TRUE_TO_SCALE.to_array()
+    observations = observe([static_run(50.0, seed=1)], RIG, fit_rate=50.0)
+    moving = WeightedObjective(RIG, observations, (0, 1, 2))
+    at_rest = moving.with_settled_plateaus(truth)
+    assert at_rest.observations[0].spans is None
+    for law in (truth, truth * [1.02, 1.0, 1.1, 0.98, 1.0, 1.1]):
+        alike = at_rest.residuals(law[None])[0]
+        assert alike == pytest.approx(moving.residuals(law[None])[0], abs=0.05)
 
 
 def test_cancelling_returns_what_there_is(four_runs):
