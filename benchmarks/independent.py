@@ -1,6 +1,6 @@
 """Verdicts on rings of an independent simulator, and laws proposed for faults without a name.
 
-python benchmarks/independent.py [--seed N] [--kinds clean,single,outside] [--only NAME,NAME]
+python benchmarks/independent.py [--seed N] [--kinds clean,single,outside,axial] [--only NAME,NAME]
 [--out FILE.jsonl] draws rings of benchmarks/independent_ring.py: sound ones, every effect of the
 catalogue once, every law of independent_faults.OUTSIDE once. For a law outside the catalogue the
 proposal is compared with the truth, its file is put into the catalogue, and fresh tests of the
@@ -33,6 +33,7 @@ from independent_ring import (
     Record,
     record,
     Ring,
+    Sliders,
     usual_courses,
 )
 import numpy as np
@@ -48,6 +49,9 @@ from saddlering_ros.virtual_rig.scoring import score
 RIG = default_rig()
 BEGIN = 1_800_000_000_000_000_000
 """Stamp [ns] of the first record."""
+
+AXIAL, AXIAL_TRAVEL, AXIAL_DRAWS = 1.0, 3e-6, 3
+"""The choice of axial friction in the catalogue, its mean travel [m] here, and how many draws."""
 
 TWICE = 2.0
 MIN_REDUCTION = 0.8
@@ -156,6 +160,24 @@ def single(effect: str, seed: int, folder: Path) -> Case:
                 time.process_time() - began)
 
 
+def axial(seed: int, folder: Path) -> Case:
+    """Friction against axial motion alone, of twice the limit that a sound twin states."""
+    began = time.process_time()
+    ring, noise = draw_ring(seed)
+    sound: dict[str, Any] = {
+        **verdict_on(ring, noise, Fault(), usual_courses(RIG), seed, folder / 'sound').to_json()}
+    places = next(item['places'] for item in sound['detection_limits']
+                  if item['effect'] == 'tilt_friction')
+    limit = next(place['limit'] for place in places if place['values'].get('coordinate') == AXIAL)
+    force = TWICE * limit  # A moment at 1 m from the axis.
+    fault = Fault(friction_y=Sliders(force, AXIAL_TRAVEL))
+    verdict = verdict_on(ring, noise, fault, usual_courses(RIG), seed, folder / 'faulty')
+    groups = groups_of(verdict)
+    counted, _ = score('single', ['tilt_friction'], verdict.verdict, groups)
+    return Case('axial', seed, f'tilt_friction, axial, {force:.0f} N', verdict.verdict, groups,
+                counted, TWICE, time.process_time() - began)
+
+
 def clean(seed: int, folder: Path) -> Case:
     """A sound ring."""
     began = time.process_time()
@@ -228,7 +250,7 @@ def line_of(case: Case) -> str:
 
 def table(cases: Sequence[Case]) -> str:
     """Every rate."""
-    singles = [case for case in cases if case.kind == 'single']
+    singles = [case for case in cases if case.kind in ('single', 'axial')]
     over = [case for case in singles if (case.ratio or 0.0) >= 1.0]
     plain = [case for case in singles if (case.ratio or 0.0) >= TWICE]
     sound = [case for case in cases if case.kind == 'clean']
@@ -267,6 +289,8 @@ def plan(seed: int, kinds: Sequence[str], count: int) -> list[tuple[str, int, st
     wanted = []
     if 'outside' in kinds:
         wanted += [('outside', seed + i, law.name) for i, law in enumerate(OUTSIDE)]
+    if 'axial' in kinds:
+        wanted += [('axial', seed + 300 + i, '') for i in range(AXIAL_DRAWS)]
     if 'clean' in kinds:
         wanted += [('clean', seed + 100 + i, '') for i in range(count)]
     if 'single' in kinds:
@@ -292,6 +316,7 @@ def main() -> int:
             continue
         with tempfile.TemporaryDirectory(prefix='independent_') as folder:
             case = (clean(seed, Path(folder)) if kind == 'clean'
+                    else axial(seed, Path(folder)) if kind == 'axial'
                     else single(name, seed, Path(folder)) if kind == 'single'
                     else outside(next(law for law in OUTSIDE if law.name == name), seed,
                                  Path(folder)))

@@ -204,9 +204,9 @@ def fault_of(effect: str, draw: np.random.Generator) -> Hidden:
         size = {'offset': 0.02 * up}
         fault = Fault(late=(size['offset'],) * 4)
     elif effect == 'mains_pickup':
-        size = {'cosine': 0.0, 'sine': 4e-7 * up, 'frequency': 50.0, 'probe': probe}
-        fault = Fault(readings=(lambda m: _probe(probe, size['sine'] * (
-            np.sin(2 * np.pi * 50.0 * m.time) + 0.15 * np.sin(2 * np.pi * 150.0 * m.time))),))
+        size = {'cosine': 4e-7 * up, 'sine': 0.0, 'frequency': 50.0, 'probe': probe}
+        fault = Fault(readings=(lambda m: _probe(probe, size['cosine'] * (
+            np.cos(2 * np.pi * 50.0 * m.time) + 0.15 * np.sin(2 * np.pi * 150.0 * m.time))),))
     elif effect == 'probe_saturation':
         probe = int(draw.choice([1, 2, 3]))
         size = {'limit': float(draw.uniform(0.4, 0.75)), 'probe': probe}
