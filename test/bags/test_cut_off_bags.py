@@ -80,7 +80,7 @@ def test_a_cut_bag_of_ours_still_has_its_facts_and_its_share(tmp_path, recording
     file.write_bytes(file.read_bytes()[:60_000])
     run = read_run(bag)
     assert run.test == 'dynamic'
-    share = re.search(r'\(([\d.]+) % of what metadata.yaml counts\)', ' '.join(run.notes))
+    share = re.search(r'\(([\d.]+) % of the count in metadata.yaml\)', ' '.join(run.notes))
     assert float(share[1]) == pytest.approx(100 * len(run.load) / 1000, abs=1.0)
     (bag / 'metadata.yaml').unlink()
     assert read_run(bag).elevation == run.elevation
