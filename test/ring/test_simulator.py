@@ -223,3 +223,14 @@ def test_a_law_that_is_no_finite_number_gets_none_and_leaves_its_neighbours_alon
         assert np.all(np.isnan(rows[1]))
         assert np.array_equal(rows[0], rows[2])
         assert np.all(np.isfinite(rows[0]))
+
+
+def test_the_number_of_threads_changes_no_bit(monkeypatch) -> None:
+    laws = TRUE_TO_SCALE.to_array() * np.linspace(0.9, 1.1, 7)[:, None]
+    time = np.linspace(0.0, 0.5, 51)
+    load = 4903.325 + 5e4 * (1.0 - np.cos(2.0 * np.pi * time / 0.5))
+    motions = []
+    for threads in '13':
+        monkeypatch.setenv('SADDLERING_THREADS', threads)
+        motions.append(dynamic_batch(RIG, laws, 0.9, time, load))
+    np.testing.assert_array_equal(*motions)
