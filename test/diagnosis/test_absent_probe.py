@@ -29,8 +29,9 @@ def test_the_model_of_three_probes_is_that_of_four_without_the_third(campaign):
     np.testing.assert_array_equal(three.channels, four.channels[rows])
     np.testing.assert_array_equal(less.predict_many(three, [point])[0],
                                   whole.predict_many(four, [point])[0][rows])
-    ours, = less.predict_neighbours(three, [[point, Point(1.001 * point.base, point.effects)]])
-    theirs, = whole.predict_neighbours(four, [[point, Point(1.001 * point.base, point.effects)]])
+    groups = [[point, Point(1.001 * point.base, point.effects)]]
+    ours, = less.neighbourhood(groups).predict(three)
+    theirs, = whole.neighbourhood(groups).predict(four)
     np.testing.assert_array_equal(ours, theirs[:, rows])
     motion = np.array([3e-5, 1e-5, -3e-5, 2e-5])
     for view, weights in less.views.items():
