@@ -133,7 +133,7 @@ EFFECTS = st.lists(st.sampled_from(sorted(catalogue())), max_size=2, unique=True
        share=numbers(0.0, 1.0))
 def test_no_load_history_inside_the_bounds_fails(rig, law, elevation, course, names, share):
     effects = {name: {item.name: item.low + share * (item.high - item.low)
-                      for item in catalogue()[name].parameters} for name in names}
+                      for item in catalogue()[name].parameters_on(rig)} for name in names}
     time, load = history(*course)
     run = simulate(rig, ParameterSet(law, effects), elevation, time, load)
     assert run.failed_steps == 0
