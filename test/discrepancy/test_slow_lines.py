@@ -16,7 +16,6 @@ from saddlering_ros.discrepancy import (
     RestSegment,
     RunBlocks,
 )
-from saddlering_ros.discrepancy.slow_lines import find_slow_lines
 
 NOISE = 2e-3
 FREQUENCY = 3.7
@@ -131,22 +130,6 @@ def held_test(seed: int, size: float) -> RunBlocks:
     return RunBlocks(f'static {seed}', 'bench', np.array(time), np.full(drive.size, 1.25),
                      np.array(seen)[None, :], {'load': drive}, tuple(rest), hold=np.array(hold),
                      direction=np.repeat(np.where(np.arange(24) < 12, 1.0, -1.0), 4))
-
-
-def test_a_line_too_short_to_be_judged_is_no_line() -> None:
-    """The slow run has too few blocks a period, the fast run too few periods."""
-    runs, residuals = [], []
-    for name, step, count in (('slow', 0.3, 1000), ('fast', 0.02, 100)):
-        time = step * np.arange(count)
-        swing = (name == 'fast') * 0.024 * np.cos(2.0 * np.pi * 1.4 * time)
-        noise = NOISE * np.random.default_rng(count).normal(size=count)
-        residuals.append((swing + noise)[None, :])
-        load = np.linspace(0.0, 1.0, count)
-        runs.append(RunBlocks(name, 'bench', time, np.full(count, step), residuals[-1],
-                              {'load': load}, ()))
-    found, left = find_slow_lines(runs, residuals, 0.01)
-    assert not found
-    assert left == tuple(runs)
 
 
 def test_a_line_is_named_from_the_holds_where_static_tests_alone_were_made() -> None:
