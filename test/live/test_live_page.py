@@ -161,7 +161,7 @@ def test_a_replay_is_drawn_as_it_happens_and_outlives_reloads_and_restarts(campa
         for words in ('true to scale', 'N/mm^n', 'probe 4', 'ring_residual', 'Replay finished',
                       'Test dynamic_50_fast', 'as simulated'):
             page.wait(f'document.body.innerText.includes({json.dumps(words)})')
-        assert page.run('document.querySelectorAll("#residuals .shapelayer path").length') == 3
+        assert page.wait('document.querySelectorAll("#residuals .shapelayer path").length === 3')
         page.send('Page.reload')
         page.wait('document.readyState === "complete" && +document.body.dataset.points > 20')
         assert page.wait(f'Math.abs({highest} - {peak}) < 1e-3')
