@@ -103,7 +103,7 @@ def _in_whole_runs(
     shown = [item for item in usable if item.step * line.frequency <= 0.5 * MAX_SHARE
              and item.values.shape[1] * item.step * line.frequency >= PIECE_PERIODS]
     at_rest = [segment for run in runs if not run.held_out for segment in run.rest]
-    if not shown or not _is_steady(shown, line) or not _is_there_at_rest(at_rest, line):
+    if not _is_steady(shown, line) or not _is_there_at_rest(at_rest, line):
         return None
     whole = float(np.sinc(line.frequency * line.step))
     seen = replace(line, amplitude=line.amplitude / whole, deviation=line.deviation / whole)

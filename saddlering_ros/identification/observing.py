@@ -84,19 +84,19 @@ def observe_with_cell(
 
 
 def _observe_static(one: PreparedRun, noise: NoiseModel) -> Observation:
-    measured = one.measured
+    measured, plateaus = one.measured, one.plateaus
+    assert plateaus is not None
     lasting = one.interval * np.array([stop - start for start, stop in one.rests], dtype=float)
-    displacement, load, time = one.plateau_means
     step = max(1, int(round(SETTLING_STEP / one.interval)),
                -(-len(measured.load) // MAX_SIMULATED))
     zero_error = _zero_error(one, noise)
     error = np.sqrt([channel.variances(lasting) for channel in noise.channels])
     return Observation(
         name=run_name(one.run), dynamic=False, elevation=float(one.run.elevation),
-        time=time, load=load, zero_load=measured.zero.load,
-        displacement=displacement, branch=np.asarray(one.branch),
+        time=plateaus.time, load=plateaus.load, zero_load=measured.zero.load,
+        displacement=plateaus.displacement, branch=np.asarray(one.branch),
         whitening=tuple(
-            build_whitener(channel, time, lasting) for channel in noise.channels),
+            build_whitener(channel, plateaus.time, lasting) for channel in noise.channels),
         correlation=noise.correlation, zero_error=zero_error,
         standard_error=np.hypot(error, zero_error[:, None]),
         fine_time=block_means(measured.time, step),

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -57,12 +56,31 @@ SLOW_SECONDS = 0.25
 
 
 @dataclass(frozen=True)
+class PlateauReadings:
+    """Means over the plateaus: displacement (3, M), load (M,) [N], time (M,) [s]."""
+
+    displacement: Array
+    load: Array
+    time: Array
+
+    @classmethod
+    def over(cls, rests: Sequence[tuple[int, int]], displacement: Array,
+             measured: MeasuredRun) -> PlateauReadings:
+        """Means of the samples [start, stop) of each plateau."""
+        spans = [slice(start, stop) for start, stop in rests]
+        return cls(
+            np.stack([np.nanmean(displacement[:, span], axis=1) for span in spans], axis=1),
+            np.array([float(np.nanmean(measured.load[span])) for span in spans]),
+            np.array([float(np.mean(measured.time[span])) for span in spans]))
+
+
+@dataclass(frozen=True)
 class PreparedRun:
     """A run with its displacement and where it is at rest (start, stop index pairs).
 
     load (N,) that the model is driven with; explained (3, N): what it explains of the displacement
     at rest; rounding (3, N): errors of coarse converters that rest hides; parity (N,): as
-    `parity_at_rest` has it.
+    `parity_at_rest` has it; plateaus: readings of a static run, None for a dynamic one.
     """
 
     run: TestRun
@@ -75,24 +93,12 @@ class PreparedRun:
     interval: float
     parity: Array
     rounding: Array | float = 0.0
+    plateaus: PlateauReadings | None = None
 
     def explained_by(self, rig: Rig, contact: ContactParameters) -> PreparedRun:
         """The same, explained by a simulation with a contact law."""
-        other = replace(self, explained=_simulated(
+        return replace(self, explained=_simulated(
             rig, contact, self.run, self.measured.time, self.load))
-        if self.branch is not None:
-            vars(other)['plateau_means'] = self.plateau_means
-        return other
-
-    @cached_property
-    def plateau_means(self) -> tuple[Array, Array, Array]:
-        """Means over the plateaus (M,): displacement (3, M), load (M,) [N], time (M,) [s]."""
-        spans = [slice(start, stop) for start, stop in self.rests]
-        displacement = np.stack(
-            [np.nanmean(self.displacement[:, span], axis=1) for span in spans], axis=1)
-        load = np.array([float(np.nanmean(self.measured.load[span])) for span in spans])
-        time = np.array([float(np.mean(self.measured.time[span])) for span in spans])
-        return displacement, load, time
 
 
 def prepare(run: TestRun, rig: Rig, fit_rate: float | None) -> PreparedRun:
@@ -124,7 +130,8 @@ def prepare(run: TestRun, rig: Rig, fit_rate: float | None) -> PreparedRun:
             raise IdentificationError(clipped_words(name))
         return PreparedRun(
             run=run, measured=measured, displacement=displacement, load=load, explained=explained,
-            rests=rests, branch=branch[seen], interval=interval, parity=parity, rounding=rounding)
+            rests=rests, branch=branch[seen], interval=interval, parity=parity, rounding=rounding,
+            plateaus=PlateauReadings.over(rests, displacement, measured))
     if np.mean(np.isfinite(displacement[0])) < MIN_SHARE_READ:
         raise IdentificationError(clipped_words(name))
     rests = quiet_stretches(
