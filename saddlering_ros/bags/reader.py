@@ -49,9 +49,9 @@ from saddlering_ros.bags.topics import (
 )
 from saddlering_ros.bags.wiring import wiring_notes
 from saddlering_ros.provenance import Origin
-from saddlering_ros.rig import default_rig, mirrored_gap, Rig
+from saddlering_ros.rig import default_rig, mirrored_gap, OPPOSITE, Rig
 
-RADIAL_TOPICS = (PROBE_TOPICS[0], PROBE_TOPICS[2])
+RADIAL_TOPICS = tuple(PROBE_TOPICS[number - 1] for number in OPPOSITE)
 """Topics of probes that a rig may lack."""
 
 MAX_GAP_SHARE = 0.5

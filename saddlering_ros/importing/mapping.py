@@ -39,6 +39,7 @@ from saddlering_ros.importing.units import (
     units_of,
 )
 from saddlering_ros.plain_yaml import read_strict_yaml
+from saddlering_ros.rig import OPPOSITE
 from saddlering_ros.suggestion import refuse_unknown_keys
 
 CHANNELS: dict[str, RigTopic] = {
@@ -47,7 +48,7 @@ CHANNELS: dict[str, RigTopic] = {
 
 REQUIRED = tuple(name for name, topic in CHANNELS.items() if topic.required)
 
-RADIAL = ('eddy_current_1', 'eddy_current_3')
+RADIAL = tuple(f'eddy_current_{number}' for number in OPPOSITE)
 ABSENT = 'absent'
 """In place of a radial probe that the rig does not have (rig.probes.absent)."""
 

@@ -86,6 +86,11 @@ class Probes:
         """Number of the radial probe opposite to the absent one; 0 if none is absent."""
         return OPPOSITE.get(self.absent, 0)
 
+    @property
+    def partner_row(self) -> int:
+        """Row of this probe among those that the rig has."""
+        return self.present.index(self.partner)
+
 
 Pair = tuple[float, float]
 """A low and a high bound."""
@@ -247,7 +252,7 @@ def _absent(section: _Section, where: str) -> int:
     if isinstance(number, bool) or number not in (0, 1, 2, 3, 4):
         raise RigError(f'{where}: rig.probes.absent is {number!r}: give 1 or 3, the number of the '
                        'radial probe that is missing, or 0')
-    if number in (2, 4):
+    if number and number not in OPPOSITE:
         raise RigError(
             f'{where}: rig.probes.absent is {number}: without it delta_y and gamma cannot be '
             'parted, only a radial probe (1 or 3) can be absent: repair or move the axial probe')

@@ -65,8 +65,7 @@ def with_absent(probes: Probes, increments: NDArray[np.float64]) -> NDArray[np.f
     """Increments (4, N) of all probes from those (C, N) of the probes that the rig has."""
     if not probes.absent:
         return increments
-    return np.insert(increments, probes.absent - 1, -increments[0 if probes.partner == 1 else 1],
-                     axis=0)
+    return np.insert(increments, probes.absent - 1, -increments[probes.partner_row], axis=0)
 
 
 def measured_displacement(probes: Probes, increments: ArrayLike) -> Displacement:

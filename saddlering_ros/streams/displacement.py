@@ -108,7 +108,7 @@ class DisplacementStream:
         probes = self._rig.probes
         if not probes.absent:
             return gaps
-        other = gaps[probes.present.index(probes.partner)]
+        other = gaps[probes.partner_row]
         mirrored = replace(other, values=mirrored_gap(probes, other.values))
         return [*gaps[:probes.absent - 1], mirrored, *gaps[probes.absent - 1:]]
 

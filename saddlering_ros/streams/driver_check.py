@@ -300,7 +300,7 @@ def _directions(
     gaps = np.stack([align(stamps, *_in_order(heard[PROBE_TOPICS[number - 1]]))
                      for number in probes.present])
     if probes.absent:
-        other = gaps[probes.present.index(probes.partner)]
+        other = gaps[probes.partner_row]
         gaps = np.insert(gaps, probes.absent - 1, mirrored_gap(probes, other), axis=0)
     for words in wiring_notes(rig, elevation, values, gaps):
         found.fault('probes', words)
