@@ -126,7 +126,8 @@ class _Side:
     def _probes(self) -> None:
         polarity = self.rig.probes.polarity
         for number, side in ((1, 1.0), (3, -1.0)):
-            self._radial_probe(number, side, polarity[number - 1])
+            if number != self.rig.probes.absent:
+                self._radial_probe(number, side, polarity[number - 1])
         for number, side in ((2, -1.0), (4, 1.0)):
             self._axial_probe(number, side, polarity[number - 1])
 
@@ -229,6 +230,8 @@ def _draw_from_above(axes: Any, rig: Rig) -> None:
     span = rig.probes.axial_span / 2.0 / rows.pitch_radius
     outer = max(1.18, span + 0.1) + 0.14
     for number, x in ((1, outer), (2, -span), (3, -outer), (4, span)):
+        if number == rig.probes.absent:
+            continue
         axes.plot([x], [0], 's', color=PROBE, markersize=6)
         axes.text(x, 0.1, str(number), color=PROBE, fontsize=10, weight='bold', ha='center',
                   bbox={'facecolor': 'white', 'edgecolor': 'none', 'pad': 0.6, 'alpha': 0.8})
@@ -245,7 +248,8 @@ def _draw_from_above(axes: Any, rig: Rig) -> None:
 
 def _write_words(axes: Any, rig: Rig) -> None:
     rows, middle, probes = rig.axial_rows, rig.radial_row, rig.probes
-    signs = ', '.join('+1' if sign > 0 else '-1' for sign in probes.polarity)
+    signs = ', '.join('absent' if number == probes.absent else '+1' if sign > 0 else '-1'
+                      for number, sign in enumerate(probes.polarity, 1))
     lines = [
         ('axial rows', f'2 x {rows.rollers} rollers, R = {rows.pitch_radius:g} m'),
         ('', f'clearance {rows.clearance * 1e6:g} µm'),

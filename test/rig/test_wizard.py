@@ -50,6 +50,14 @@ def test_the_drawing_names_probes_with_their_signs_and_the_dimensions(tmp_path: 
         save_drawing(tmp_path / 'rig.txt', rig)
 
 
+def test_the_drawing_leaves_out_the_probe_that_the_rig_does_not_have():
+    svg = drawing_svg(replace(RIG, probes=replace(RIG.probes, absent=3)))
+    assert '1 (+)' in svg
+    assert '3 (' not in svg
+    assert '>3<' not in svg
+    assert 'absent' in svg
+
+
 @pytest.mark.parametrize(('rig', 'words'), [
     (replace(RIG, probes=replace(RIG.probes, polarity=(1.0, -1.0, 1.0, 1.0))), 'polarity'),
     (replace(RIG, probes=replace(RIG.probes, max_range=1e-3)), 'states a range of 0 to 2 mm'),
