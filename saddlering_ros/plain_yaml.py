@@ -21,8 +21,16 @@ DEEPEST = 50
 LONGEST_NUMBER = 100
 """Most characters of a number; YAML 1.1 reads 1:1:1... as one, in time growing as its square."""
 
-_LOADER = getattr(yaml, 'CSafeLoader', yaml.SafeLoader)
-"""libyaml's, ten times as fast, where PyYAML was built with it; both make plain values only."""
+
+class _Loader(getattr(yaml, 'CSafeLoader', yaml.SafeLoader)):  # type: ignore[misc]
+    """libyaml's, ten times as fast, where PyYAML was built with it; both make plain values only.
+
+    A list of parameters in a launch file reaches its node as a YAML sequence with the tag of a
+    Python tuple. It is read as a list, which is what rclpy makes of it.
+    """
+
+
+_Loader.add_constructor('tag:yaml.org,2002:python/tuple', _Loader.construct_yaml_seq)
 
 _NUMBER = re.compile(r'[-+0-9_:.]+')
 
@@ -116,9 +124,9 @@ def _parse(text: str, checks: _Safety) -> Any:
     if len(text) > MAX_BYTES:
         raise YamlRefused(f'is longer than {MAX_BYTES} characters: check the file')
     try:
-        for event in yaml.parse(text, _LOADER):
+        for event in yaml.parse(text, _Loader):
             checks.see(event)
-        return yaml.load(text, _LOADER)
+        return yaml.load(text, _Loader)
     except (ValueError, LookupError, AttributeError, TypeError, ArithmeticError,
             RecursionError) as problem:  # faults that the constructors of PyYAML accept
         raise yaml.YAMLError(str(problem)) from problem

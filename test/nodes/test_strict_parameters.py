@@ -7,6 +7,10 @@ from pathlib import Path
 
 from forked_nodes import endings
 import pytest
+import yaml
+
+from saddlering_ros.ros.errors import NodeError
+from saddlering_ros.ros.parameters import check_parameter_files
 
 BAG = Path(__file__).parents[2] / 'bags' / 'static_50'
 pytestmark = pytest.mark.ros
@@ -35,3 +39,46 @@ def test_a_node_that_was_given_what_nobody_knows_or_reads_otherwise_ends(tmp_pat
         'ring_simulator: parameter elevation is unknown: did you mean elevation_deg?')
     assert 'line 3: the number 0110 is not' in otherwise
     assert 'a pipe or device' in waiting
+
+
+# As launch_ros 0.26 evaluates parameters: keys of nested dictionaries joined by dots, and lists
+# made tuples. Its node action writes one file per dictionary.
+LAUNCHED = {
+    'participants': ('ring_displacement', 'ring_simulator'), 'numbers': (1.0, 1e-5, 2e300),
+    'polarity': (1, -1, 1, -1), 'flags': (True, False), 'rig.middle_row.height': 0.12,
+    'bag': '/prüfstand/läufe/Übung 1' + 'x' * 90, 'digits': '0110', 'empty': '', 'time': '1:30',
+    'quoted': "it's: no # comment", 'elevation_deg': float('nan')}
+
+
+def launched(path: Path, name: str) -> list[str]:
+    document = {name: {'ros__parameters': LAUNCHED}}
+    path.write_text(yaml.dump(document, default_flow_style=False))
+    return ['--ros-args', '--params-file', str(path)]
+
+
+@pytest.mark.parametrize('name', ['/**', '/rig1/ring_alarm', '/ring_alarm'])
+def test_a_file_that_a_launch_file_wrote_is_accepted(tmp_path: Path, name: str) -> None:
+    words = launched(tmp_path / 'launch_params_x', name)
+    assert '!!python/tuple' in Path(words[-1]).read_text()
+    check_parameter_files(words)
+
+
+@pytest.mark.parametrize('text', [
+    '!!python/object/apply:os.system [true]', '!!python/name:os.system', '!!python/dict {a: 1}'])
+def test_no_other_tag_of_python_is_accepted(tmp_path: Path, text: str) -> None:
+    file = tmp_path / 'params.yaml'
+    file.write_text(f'/**:\n  ros__parameters:\n    a: {text}\n')
+    with pytest.raises(NodeError, match='is not YAML'):
+        check_parameter_files(['--params-file', str(file)])
+
+
+def test_a_node_starts_with_a_list_from_a_launch_file(tmp_path: Path) -> None:
+    """The clock takes the list; what ends it is the bag that is not there."""
+    file = tmp_path / 'launch_params_y'
+    file.write_text(yaml.dump({'/replay_clock': {'ros__parameters': {
+        'participants': ('ring_displacement',), 'bag': str(tmp_path / 'keine-ä')}}},
+        default_flow_style=False))
+    [(status, said)] = endings([('replay_clock', ['--ros-args', '--params-file', str(file)])])
+    assert status == 2
+    assert 'keine-ä' in said
+    assert 'tuple' not in said
