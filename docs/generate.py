@@ -13,7 +13,6 @@ import re
 
 import saddlering_ros
 from saddlering_ros.bags.topics import TOPICS as RIG
-from saddlering_ros.cli._examples import EXAMPLES
 from saddlering_ros.cli.main import build_parser
 from saddlering_ros.ros.registry import names
 
@@ -73,7 +72,7 @@ def messages_page() -> str:
 
 def commands_page() -> str:
     """Every subcommand with its options and examples, from the parser itself."""
-    parser, runs = build_parser()
+    parser, modules = build_parser()
     action = next(item for item in parser._actions
                   if isinstance(item, argparse._SubParsersAction))
     words = {item.dest: item.help for item in action._choices_actions}
@@ -83,13 +82,13 @@ def commands_page() -> str:
              'the remedy; 130 interrupted. `--json -` prints only JSON to standard output. '
              'Colours and progress appear in terminals only, and not if `NO_COLOR` is set. After '
              '`eval "$(saddlering completion bash)"` the tab key completes commands.', '']
-    for name in sorted(runs):
+    for name in sorted(modules):
         found = action.choices[name]
         parts += [f'## {name}', '', f'{_sentence(found.description or words[name])}', '',
                   '```text', _usage(found), '```', '', '| option | meaning |', '|---|---|']
         parts += [_option(item) for item in found._actions if item.dest != 'help']
-        parts += ['', '```text', *(f'# {text}\n{line}' for line, text in EXAMPLES[name]), '```',
-                  '']
+        examples = [f'# {text}\n{line}' for line, text in modules[name].EXAMPLES]
+        parts += ['', '```text', *examples, '```', '']
     return '\n'.join(parts)
 
 

@@ -1,10 +1,12 @@
-"""Common parts of `displacement`, `simulate` and `residual`: options, samples, output."""
+"""Common parts of `displacement`, `simulate` and `residual`: reading, samples, output."""
 
 from __future__ import annotations
 
 import argparse
 from pathlib import Path
 from typing import Any, TYPE_CHECKING
+
+from saddlering_ros.cli._arguments import radians
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -17,25 +19,10 @@ if TYPE_CHECKING:
 PER_MILLION = 1e6
 
 
-def add_bag_options(parser: argparse.ArgumentParser) -> None:
-    """Options for reading the bag."""
-    parser.add_argument('bag', metavar='BAG', help='rosbag2 directory or .mcap file')
-    parser.add_argument('--rig', type=Path, help='rig file (default: the shipped rig)')
-    add_fact_options(parser)
-
-
-def add_fact_options(parser: argparse.ArgumentParser) -> None:
-    """Options that replace the test metadata of the bag."""
-    parser.add_argument('--test', choices=('static', 'dynamic'),
-                        help='kind of test, in place of that of the bag')
-    parser.add_argument('--elevation', type=float, metavar='DEG',
-                        help='elevation, in place of that of the bag')
-
-
 def bags_of(args: argparse.Namespace, paths: Sequence[str], rig: Rig) -> list[Bag]:
     """The bags at these paths, read once, with the metadata of the options."""
     from saddlering_ros import read_bag
-    from saddlering_ros.cli._progress import Bar
+    from saddlering_ros.cli._terminal import Bar
 
     with Bar() as bar:
         return [read_bag(path, rig=rig, test=args.test, elevation_deg=args.elevation,
@@ -46,45 +33,11 @@ def bags_of(args: argparse.Namespace, paths: Sequence[str], rig: Rig) -> list[Ba
 def read_shown(args: argparse.Namespace, rig: Rig) -> TestRun:
     """The test of the one bag of a command, with a bar of how much was read."""
     from saddlering_ros.bags import read_run
-    from saddlering_ros.cli._progress import Bar
+    from saddlering_ros.cli._terminal import Bar
 
     with Bar() as bar:
         return read_run(args.bag, test=args.test, elevation=radians(args.elevation), rig=rig,
                         on_progress=bar.reading(args.bag))
-
-
-def add_trust_option(parser: argparse.ArgumentParser) -> None:
-    """The option to continue although a bag states another rig."""
-    parser.add_argument('--trust-rig', action='store_true',
-                        help='accept a bag that states another rig than --rig')
-
-
-def add_parameter_options(parser: argparse.ArgumentParser) -> None:
-    """The parameter file of a simulation, and the folder of the user's own effects in it."""
-    parser.add_argument('--params', type=Path, required=True, metavar='FILE',
-                        help='parameter file of an identification or diagnosis')
-    add_effects_option(parser)
-
-
-def add_effects_option(parser: argparse.ArgumentParser) -> None:
-    """The folder of the user's own effects."""
-    parser.add_argument('--effects', type=Path, metavar='DIR',
-                        help='folder of your own effects, one YAML file each')
-
-
-def take_effects(args: argparse.Namespace) -> None:
-    """Take the user's own effects into the catalogue, if a folder is given."""
-    from saddlering_ros.effects import use_folder
-
-    if args.effects is not None:
-        use_folder(args.effects)
-
-
-def add_output_options(parser: argparse.ArgumentParser) -> None:
-    """Options for the output of samples."""
-    parser.add_argument('--out', metavar='FILE',
-                        help='write the samples here (.csv or .parquet); - for CSV on stdout')
-    parser.add_argument('--json', metavar='FILE', help='write a summary as JSON; - for stdout')
 
 
 def check_outputs(args: argparse.Namespace) -> None:
@@ -98,13 +51,6 @@ def check_outputs(args: argparse.Namespace) -> None:
         check_table_path(Path(args.out))
 
 
-def radians(degrees: float | None) -> float | None:
-    """Degrees as typed, in radians."""
-    import math
-
-    return None if degrees is None else math.radians(degrees)
-
-
 def deliver(
     args: argparse.Namespace, run: TestRun,
     samples: DisplacementSamples | Iterable[DisplacementSamples], zero: ZeroReading,
@@ -112,7 +58,6 @@ def deliver(
 ) -> None:
     """Write the requested files; without --out or --json on stdout, print a summary."""
     from collections import deque
-    import json
     import sys
 
     from saddlering_ros.bags.samples import (
@@ -121,8 +66,8 @@ def deliver(
         SamplesSummary,
         write_samples,
     )
+    from saddlering_ros.cli._terminal import tell_json
     from saddlering_ros.provenance import files, Provenance
-    from saddlering_ros.rig import write_text_atomically
 
     made = Provenance((run.origin,), files(args.rig, getattr(args, 'params', None)))
     seen = SamplesSummary()
@@ -133,12 +78,9 @@ def deliver(
         write_samples(Path(args.out), parts, made)
     deque(parts, maxlen=0)
     summary = {**_summary(run, seen, zero, notes), 'provenance': made.as_dict()}
-    document = json.dumps(summary, indent=2)
-    if args.json is not None and args.json != '-':
-        write_text_atomically(Path(args.json), document + '\n')
-    if args.json == '-':
-        print(document)
-    elif args.out == '-':
+    if tell_json(args, summary):
+        return
+    if args.out == '-':
         for note in notes:
             print(f'saddlering {args.command}: note: {note}', file=sys.stderr)
     else:
@@ -182,7 +124,7 @@ def _print_summary(
     from rich import box
     from rich.table import Table
 
-    from saddlering_ros.cli._console import stdout_console
+    from saddlering_ros.cli._terminal import stdout_console
     from saddlering_ros.rig import load_rig, MICRO_UNITS
 
     console = stdout_console()

@@ -14,8 +14,9 @@ from saddlering_ros.bags.samples import DisplacementSamples, measured_rows
 from saddlering_ros.bags.scan import OnShare
 from saddlering_ros.bags.scratch import BLOCK, forget
 from saddlering_ros.bags.validity import BRIDGED, DOUBTFUL_LOAD
-from saddlering_ros.cli._progress import Bar
-from saddlering_ros.cli._samples import check_outputs, deliver, read_shown, take_effects
+from saddlering_ros.cli._arguments import take_effects
+from saddlering_ros.cli._samples import check_outputs, deliver, read_shown
+from saddlering_ros.cli._terminal import Bar
 from saddlering_ros.rig import (
     CHANNELS,
     Displacement,

@@ -6,6 +6,14 @@ import argparse
 from pathlib import Path
 from typing import Any, TYPE_CHECKING
 
+from saddlering_ros.cli._arguments import (
+    add_json_option,
+    add_rig_option,
+    bags_below,
+    file_read,
+    folder_filled,
+)
+
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
@@ -16,23 +24,34 @@ if TYPE_CHECKING:
 STATUS = 'status'
 
 
+EXAMPLES = (
+    ('saddlering campaign bags --out campaign --plan', 'the bags, and the sessions that '
+     'they form'),
+    ('saddlering campaign bags --out campaign', 'a verdict for each; again: continue'),
+    ('saddlering campaign status campaign', 'its progress'),
+)
+UNTRIED = 'test/campaign tests it'
+"""Why no test types these examples."""
+
+
 def add_parser(subparsers: Any) -> None:
     """Declare the subcommand."""
     parser = subparsers.add_parser(
         'campaign', help='diagnose all bags of a folder and compare the rings',
         description='Group the bags of a folder into sessions, diagnose each session, and compare '
         'the rings. `saddlering campaign status STORE` shows how far a campaign is.')
-    parser.add_argument('folder', metavar='FOLDER', help='folder of the bags, or the word status')
-    parser.add_argument('store', nargs='?', type=Path, metavar='STORE',
+    parser.add_argument('folder', type=bags_below, metavar='FOLDER',
+                        help='folder of the bags, or the word status')
+    parser.add_argument('store', nargs='?', type=file_read, metavar='STORE',
                         help='after the word status: folder of the campaign')
-    parser.add_argument('--out', type=Path, metavar='STORE',
+    parser.add_argument('--out', type=folder_filled, metavar='STORE',
                         help='folder for the results; a second run computes the missing ones')
     parser.add_argument('--scheduler', metavar='ADDRESS',
                         help='a Dask scheduler (default: processes of this machine)')
     parser.add_argument('--jobs', type=int, metavar='N',
                         help='sessions at a time on this machine (default: its processors)')
-    parser.add_argument('--rig', type=Path, help='rig file (default: the shipped rig)')
-    parser.add_argument('--manifest', type=Path, metavar='FILE.csv',
+    add_rig_option(parser)
+    parser.add_argument('--manifest', type=file_read, metavar='FILE.csv',
                         help='table that groups the bags into sessions (an edited manifest.csv)')
     parser.add_argument('--gap', type=float, default=24.0, metavar='HOURS',
                         help='a longer time without a test begins a new session (default 24)')
@@ -46,15 +65,14 @@ def add_parser(subparsers: Any) -> None:
                         help='largest memory of one session (default 6)')
     parser.add_argument('--reports', choices=('flagged', 'none'), default='flagged',
                         help='a report for every session with a finding (default), or for none')
-    parser.add_argument('--json', metavar='FILE',
-                        help='write the content of fleet.json as JSON; - for stdout')
+    add_json_option(parser, 'write the content of fleet.json as JSON; - for stdout')
     parser.add_argument('--limit', action='append', default=[], metavar='NAME=VALUE',
                         help='a limit of K or D, as K1=6e7 (SI): gives remaining life')
 
 
 def run(args: argparse.Namespace) -> int:
     """Find, group, show, compute, compact, judge the fleet."""
-    if args.folder == STATUS and args.store is not None:
+    if str(args.folder) == STATUS and args.store is not None:
         return _show_status(args.store)
     import json
 
@@ -68,8 +86,7 @@ def run(args: argparse.Namespace) -> int:
     )
     from saddlering_ros.campaign.fleet_files import write_fleet
     from saddlering_ros.campaign.tables import write_tables
-    from saddlering_ros.cli._json import tell_json
-    from saddlering_ros.cli._progress import Bar
+    from saddlering_ros.cli._terminal import Bar, tell_json
     from saddlering_ros.fleet import limits_from_text
     from saddlering_ros.rig import load_rig
 
@@ -128,7 +145,7 @@ def _print_plan(sessions: list[Session]) -> None:
     from rich.table import Table
 
     from saddlering_ros.campaign.manifest import session_table
-    from saddlering_ros.cli._console import stdout_console
+    from saddlering_ros.cli._terminal import stdout_console
 
     rows = session_table(sessions)
     table = Table(box=None, pad_edge=False)
@@ -154,7 +171,7 @@ def _compute(args: argparse.Namespace, tasks: Sequence[SessionTask], store: Stor
 
     from saddlering_ros.campaign import run_campaign
     from saddlering_ros.campaign.executors import dask_workers, local_workers
-    from saddlering_ros.cli._progress import Bar
+    from saddlering_ros.cli._terminal import Bar
 
     workers = local_workers(args.jobs) if args.scheduler is None else dask_workers(args.scheduler)
     with workers as found, Bar() as bar:

@@ -3,13 +3,22 @@
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
 from typing import Any, TYPE_CHECKING
 
-from saddlering_ros.cli._json import tell_json
+from saddlering_ros.cli._arguments import add_json_option, add_network_options, add_rig_option
+from saddlering_ros.cli._terminal import tell_json
 
 if TYPE_CHECKING:
     from saddlering_ros.streams.driver_check import DriverFinding, HeardTopic
+
+
+EXAMPLES = (
+    ('saddlering check-driver', 'faults of the driver; move the load meanwhile'),
+    ('saddlering check-driver --rig rig.yaml --elevation 30 --rate 1000 --seconds 20',
+     'for your own rig, with the required rate of every channel'),
+)
+UNTRIED = 'test/nodes/test_check_driver.py runs it beside the example driver'
+"""Why no test types these examples."""
 
 
 def add_parser(subparsers: Any) -> None:
@@ -20,15 +29,13 @@ def add_parser(subparsers: Any) -> None:
         'fault and for each property that could not be checked. Status 2 if a fault is found.')
     parser.add_argument('--seconds', type=float, default=5.0, metavar='S',
                         help='how long to listen (default 5)')
-    parser.add_argument('--rig', type=Path, help='rig file (default: the shipped rig)')
+    add_rig_option(parser)
     parser.add_argument('--elevation', type=float, default=50.0, metavar='DEG',
                         help='elevation of the barrel, from which the direction of each probe '
                              'follows (default 50)')
     parser.add_argument('--rate', type=float, metavar='HZ', help='required rate of every topic')
-    parser.add_argument('--domain', type=int, help='ROS domain (default: ROS_DOMAIN_ID, or 0)')
-    parser.add_argument('--namespace', default='', metavar='NS',
-                        help='namespace of the rig (default: the root)')
-    parser.add_argument('--json', metavar='FILE', help='write the findings as JSON; - for stdout')
+    add_network_options(parser)
+    add_json_option(parser, 'write the findings as JSON; - for stdout')
 
 
 def run(args: argparse.Namespace) -> int:

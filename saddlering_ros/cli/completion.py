@@ -8,6 +8,13 @@ from typing import Any
 SHELLS = ('bash', 'zsh', 'fish', 'tcsh')
 
 
+EXAMPLES = (
+    ('eval "$(saddlering completion bash)"', 'in this shell; add it to ~/.bashrc to keep it'),
+)
+UNTRIED = 'changes the shell it is typed in'
+"""Why no test types these examples."""
+
+
 def add_parser(subparsers: Any) -> None:
     """Declare the subcommand."""
     parser = subparsers.add_parser(

@@ -6,22 +6,29 @@ import argparse
 from pathlib import Path
 from typing import Any, TYPE_CHECKING
 
-from saddlering_ros.cli._json import tell_json
+from saddlering_ros.cli._arguments import add_json_option, bags_below, folder_filled
+from saddlering_ros.cli._terminal import tell_json
 
 if TYPE_CHECKING:
     from saddlering_ros.demo.story import DemoOutcome
+
+
+EXAMPLES = (
+    ('saddlering demo --out out', 'all steps; then open out/report.html'),
+)
+UNTRIED = 'test/cli/test_demo.py runs it'
+"""Why no test types these examples."""
 
 
 def add_parser(subparsers: Any) -> None:
     """Declare the subcommand."""
     parser = subparsers.add_parser(
         'demo', help='run all steps with live nodes, and write a report')
-    parser.add_argument('--out', type=Path, default=Path('out'), metavar='DIR',
+    parser.add_argument('--out', type=folder_filled, default=Path('out'), metavar='DIR',
                         help='folder for report, pictures, numbers, parameters (default: out)')
-    parser.add_argument('--bags', type=Path, metavar='DIR',
+    parser.add_argument('--bags', type=bags_below, metavar='DIR',
                         help='folder of bags at two elevations (default: the shipped ones)')
-    parser.add_argument('--json', metavar='FILE',
-                        help='write all numbers as JSON; - for stdout (the steps then go to '
+    add_json_option(parser, 'write all numbers as JSON; - for stdout (the steps then go to '
                              'stderr)')
 
 

@@ -6,33 +6,45 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from saddlering_ros.cli._result import finish
+from saddlering_ros.cli._arguments import (
+    add_effects_option,
+    add_fact_options,
+    add_json_option,
+    add_rig_option,
+    add_trust_option,
+    bag_read,
+    file_read,
+    file_written,
+    folder_filled,
+    take_effects,
+)
+from saddlering_ros.cli._terminal import finish
+
+EXAMPLES = (
+    ('saddlering diagnose bags/static_50 bags/dynamic_50 --hold-out bags/static_70 '
+     '--out extended.yaml --report report.html',
+     'name the missing cause, with a held-out run; write a report and parameters'),
+)
 
 
 def add_parser(subparsers: Any) -> None:
     """Declare the subcommand."""
-    from saddlering_ros.cli._samples import (
-        add_effects_option,
-        add_fact_options,
-        add_trust_option,
-    )
-
     parser = subparsers.add_parser('diagnose', help='name the cause that the simulation lacks')
-    parser.add_argument('bags', nargs='+', metavar='BAG', help='runs to diagnose')
+    parser.add_argument('bags', type=bag_read, nargs='+', metavar='BAG', help='runs to diagnose')
     parser.add_argument(
-        '--hold-out',
+        '--hold-out', type=bag_read,
         nargs='+',
         default=[],
         metavar='BAG',
         help='held-out runs, on which the misfit reduction is measured',
     )
-    parser.add_argument('--rig', type=Path, help='rig file (default: the shipped rig)')
-    parser.add_argument('--params', type=Path, help='parameter file to start from')
-    parser.add_argument('--json', metavar='FILE', help='write the verdict as JSON; - for stdout')
-    parser.add_argument('--report', type=Path, metavar='FILE.html', help='write a report')
-    parser.add_argument('--out', type=Path, help='write the extended parameter file here')
+    add_rig_option(parser)
+    parser.add_argument('--params', type=file_read, help='parameter file to start from')
+    add_json_option(parser, 'write the verdict as JSON; - for stdout')
+    parser.add_argument('--report', type=file_written, metavar='FILE.html', help='write a report')
+    parser.add_argument('--out', type=file_written, help='write the extended parameter file here')
     parser.add_argument('--seed', type=int, default=0, help='seed of the base fit (default 0)')
-    parser.add_argument('--propose', type=Path, metavar='DIR',
+    parser.add_argument('--propose', type=folder_filled, metavar='DIR',
                         help='folder for the effect file of a proposed law (default with --json '
                              'FILE: FILE without its suffix, followed by _effects)')
     add_effects_option(parser)
@@ -43,8 +55,8 @@ def add_parser(subparsers: Any) -> None:
 def run(args: argparse.Namespace) -> int:
     """Diagnose and print, write or emit the verdict."""
     from saddlering_ros import diagnose, load_rig
-    from saddlering_ros.cli._progress import Bar
-    from saddlering_ros.cli._samples import bags_of, take_effects
+    from saddlering_ros.cli._samples import bags_of
+    from saddlering_ros.cli._terminal import Bar
 
     take_effects(args)
     rig = load_rig(args.rig)

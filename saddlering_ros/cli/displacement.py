@@ -5,11 +5,16 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
+from saddlering_ros.cli._arguments import add_bag_options, add_output_options
+
+EXAMPLES = (
+    ('saddlering displacement bags/static_50', 'the motion of the ring, in a few lines'),
+    ('saddlering displacement bags/static_50 --out ring.csv', 'every sample as a table'),
+)
+
 
 def add_parser(subparsers: Any) -> None:
     """Declare the subcommand."""
-    from saddlering_ros.cli._samples import add_bag_options, add_output_options
-
     parser = subparsers.add_parser(
         'displacement', help='compute the measured motion of the ring from a bag')
     add_bag_options(parser)
@@ -20,8 +25,8 @@ def run(args: argparse.Namespace) -> int:
     """Read, zero, compute and deliver stretch by stretch."""
     from saddlering_ros.bags.measured import zero_of_run
     from saddlering_ros.bags.samples import measured_blocks
-    from saddlering_ros.cli._progress import Bar
     from saddlering_ros.cli._samples import check_outputs, deliver, read_shown
+    from saddlering_ros.cli._terminal import Bar
     from saddlering_ros.rig import load_rig
 
     check_outputs(args)

@@ -3,14 +3,21 @@
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
 from typing import Any, TYPE_CHECKING
 
-from saddlering_ros.cli._json import tell_json
+from saddlering_ros.cli._arguments import add_json_option, add_rig_option, file_read, file_written
+from saddlering_ros.cli._terminal import tell_json
 
 if TYPE_CHECKING:
     from saddlering_ros.rig import ContactParameters, Rig
     from saddlering_ros.virtual_rig import Schedule, TestPlan
+
+
+EXAMPLES = (
+    ('saddlering generate made/friction --test static --elevation 50 '
+     '--effect radial_friction=5000', 'a static test with a hidden friction of 5 kN'),
+    ('saddlering generate --list-effects', 'the effects that can be hidden'),
+)
 
 
 def add_parser(subparsers: Any) -> None:
@@ -18,7 +25,7 @@ def add_parser(subparsers: Any) -> None:
     parser = subparsers.add_parser(
         'generate', help='record a test of the virtual rig as a bag',
         description='Carry out a test on the virtual rig and record it as a bag.')
-    parser.add_argument('out', metavar='OUT', type=Path, nargs='?', help='bag to write')
+    parser.add_argument('out', metavar='OUT', type=file_written, nargs='?', help='bag to write')
     parser.add_argument('--test', choices=('static', 'dynamic'), help='kind of test')
     parser.add_argument('--elevation', type=float, metavar='DEG', help='elevation of the barrel')
     effect = parser.add_argument(
@@ -35,8 +42,9 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument('--rig-seed', type=int, default=1,
                         help='number of the rig; the same number gives the same rollers (default '
                              '1)')
-    parser.add_argument('--rig', type=Path, help='rig file (default: the shipped rig)')
-    parser.add_argument('--params', type=Path, help='parameter file with the true contact law')
+    add_rig_option(parser)
+    parser.add_argument('--params', type=file_read,
+                        help='parameter file with the true contact law')
     parser.add_argument('--set', action='append', default=[], metavar='NAME=VALUE',
                         help='one contact parameter, K1 n1 D1 K2 n2 D2, in SI units')
     parser.add_argument('--noise', type=float, default=0.3, metavar='UM',
@@ -68,8 +76,7 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument('--cycles', type=int, default=1, help='number of load cycles (default 1)')
     parser.add_argument('--run-name', default='', help='free text for the bag')
     parser.add_argument('--overwrite', action='store_true', help='replace an existing bag')
-    parser.add_argument('--json', metavar='FILE',
-                        help='write a summary as JSON; - for stdout')
+    add_json_option(parser)
 
 
 def _effects(**_: object) -> list[str]:

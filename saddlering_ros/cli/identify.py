@@ -3,24 +3,37 @@
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
 from typing import Any
 
-from saddlering_ros.cli._result import finish
+from saddlering_ros.cli._arguments import (
+    add_fact_options,
+    add_json_option,
+    add_rig_option,
+    add_trust_option,
+    bag_read,
+    file_written,
+)
+from saddlering_ros.cli._terminal import finish
+
+EXAMPLES = (
+    ('saddlering identify bags/static_50 bags/dynamic_50 --out params.yaml',
+     'contact parameters with their uncertainty'),
+    ('saddlering identify bags/static_50 bags/dynamic_50 --method paper --seed 3',
+     'by the published two-step swarm'),
+)
 
 
 def add_parser(subparsers: Any) -> None:
     """Declare the subcommand."""
-    from saddlering_ros.cli._samples import add_fact_options, add_trust_option
-
     parser = subparsers.add_parser('identify', help='identify the contact parameters from bags')
-    parser.add_argument('bags', nargs='+', metavar='BAG', help='runs to fit, static and dynamic')
-    parser.add_argument('--rig', type=Path, help='rig file (default: the shipped rig)')
+    parser.add_argument('bags', type=bag_read, nargs='+', metavar='BAG',
+                        help='runs to fit, static and dynamic')
+    add_rig_option(parser)
     parser.add_argument('--method', default='default', choices=('default', 'paper'),
                         help="'paper': two swarm steps as published; 'default': joint fit of all")
-    parser.add_argument('--out', type=Path, help='write the parameter file here')
-    parser.add_argument('--json', metavar='FILE', help='write all figures as JSON; - for stdout')
-    parser.add_argument('--report', type=Path, metavar='FILE.html', help='write a report')
+    parser.add_argument('--out', type=file_written, help='write the parameter file here')
+    add_json_option(parser, 'write all figures as JSON; - for stdout')
+    parser.add_argument('--report', type=file_written, metavar='FILE.html', help='write a report')
     parser.add_argument('--seed', type=int, default=0, help='seed of the swarm (default 0)')
     parser.add_argument('--bounds', nargs='+', default=[], metavar='NAME=LOW:HIGH',
                         help='bounds of a parameter in SI units, e.g. K1=2e7:1e9')
@@ -42,8 +55,8 @@ def add_parser(subparsers: Any) -> None:
 def run(args: argparse.Namespace) -> int:
     """Identify and print, write or emit the result."""
     from saddlering_ros import identify, load_rig
-    from saddlering_ros.cli._progress import Bar
     from saddlering_ros.cli._samples import bags_of
+    from saddlering_ros.cli._terminal import Bar
     from saddlering_ros.identification import IdentificationSettings
 
     bounds, rig = parse_bounds(args.bounds), load_rig(args.rig)

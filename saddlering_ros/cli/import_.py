@@ -6,11 +6,21 @@ import argparse
 from pathlib import Path
 from typing import Any, TYPE_CHECKING
 
-from saddlering_ros.cli._json import tell_json
+from saddlering_ros.cli._arguments import add_json_option, add_rig_option, file_read, file_written
+from saddlering_ros.cli._terminal import tell_json
 
 if TYPE_CHECKING:
     from saddlering_ros.importing import ImportResult
     from saddlering_ros.rig import Rig
+
+
+EXAMPLES = (
+    ('saddlering import docs/data/static_30.csv --draft',
+     'the content of a file, and a draft of its map'),
+    ('saddlering import docs/data/static_30.csv --map docs/data/map_static_30.yaml '
+     '--rig docs/data/rig.yaml --out measured/static_30 --preview measured/static_30.png',
+     'the file as a bag, with a figure'),
+)
 
 
 def add_parser(subparsers: Any) -> None:
@@ -19,20 +29,18 @@ def add_parser(subparsers: Any) -> None:
         'import', help='convert files of a data logger to a bag',
         description='Write measured files as a bag, by a map of columns to channels (MAP.yaml). '
                     'Units are stated in the map, never guessed.')
-    parser.add_argument('files', nargs='+', type=Path, metavar='FILE', help='measured files')
-    parser.add_argument('--map', type=Path, metavar='MAP.yaml',
+    parser.add_argument('files', nargs='+', type=file_read, metavar='FILE', help='measured files')
+    parser.add_argument('--map', type=file_read, metavar='MAP.yaml',
                         help='the map: column and unit of each channel')
-    parser.add_argument('--out', type=Path, metavar='BAG',
+    parser.add_argument('--out', type=file_written, metavar='BAG',
                         help='the bag to write; a folder of bags if the map splits runs')
     parser.add_argument('--draft', action='store_true',
                         help='print the content of the files and a draft of the map, which --map '
                              'receives')
-    parser.add_argument('--rig', type=Path,
-                        help='rig file: its hash goes into the bag, its probes give the range')
-    parser.add_argument('--preview', type=Path, metavar='FILE.png',
+    add_rig_option(parser, 'rig file: its hash goes into the bag, its probes give the range')
+    parser.add_argument('--preview', type=file_written, metavar='FILE.png',
                         help='write a figure of load and gaps over time')
-    parser.add_argument('--json', metavar='FILE',
-                        help='write a summary as JSON; - for stdout')
+    add_json_option(parser)
     parser.add_argument('--overwrite', action='store_true', help='replace a bag at --out')
 
 

@@ -3,25 +3,36 @@
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
 from typing import Any, TYPE_CHECKING
 
-from saddlering_ros.cli._json import tell_json
+from saddlering_ros.cli._arguments import (
+    add_fact_options,
+    add_json_option,
+    add_rig_option,
+    bag_read,
+    radians,
+)
+from saddlering_ros.cli._terminal import tell_json
 
 if TYPE_CHECKING:
     from saddlering_ros.bags import BagInfo, TopicInfo
     from saddlering_ros.rig import Rig
 
 
+EXAMPLES = (
+    ('saddlering info bags/static_50', 'the content of a bag and its faults'),
+    ('saddlering info bags/static_50 bags/dynamic_50 --json -', 'the same for a program'),
+)
+
+
 def add_parser(subparsers: Any) -> None:
     """Declare the subcommand."""
-    from saddlering_ros.cli._samples import add_fact_options
-
     parser = subparsers.add_parser('info', help='show the content of a bag and its faults')
-    parser.add_argument('bags', nargs='+', metavar='BAG', help='rosbag2 directory or .mcap file')
+    parser.add_argument('bags', type=bag_read, nargs='+', metavar='BAG',
+                        help='rosbag2 directory or .mcap file')
     add_fact_options(parser)
-    parser.add_argument('--rig', type=Path, help='rig file (default: the shipped rig)')
-    parser.add_argument('--json', metavar='FILE', help='write all figures as JSON; - for stdout')
+    add_rig_option(parser)
+    add_json_option(parser, 'write all figures as JSON; - for stdout')
 
 
 def run(args: argparse.Namespace) -> int:
@@ -29,8 +40,7 @@ def run(args: argparse.Namespace) -> int:
     import sys
 
     from saddlering_ros.bags import bag_info, BagError
-    from saddlering_ros.cli._progress import Bar
-    from saddlering_ros.cli._samples import radians
+    from saddlering_ros.cli._terminal import Bar
     from saddlering_ros.rig import load_rig
 
     rig = load_rig(args.rig)
@@ -67,7 +77,7 @@ def _print_summary(bag: str) -> bool:
 
     from saddlering_ros.bags.directory import announced
     from saddlering_ros.bags.summary import summary_of_bag
-    from saddlering_ros.cli._console import stdout_console
+    from saddlering_ros.cli._terminal import stdout_console
 
     summary = summary_of_bag(bag)
     known = announced(bag) if summary is None else f'{summary} (from the summary of the file)'
@@ -83,7 +93,7 @@ def _print_info(info: BagInfo, rig: Rig, is_counted: bool) -> None:
     from rich.table import Table
     from rich.text import Text
 
-    from saddlering_ros.cli._console import stdout_console
+    from saddlering_ros.cli._terminal import stdout_console
 
     console = stdout_console()
     facts = Table(box=None, show_header=False, padding=(0, 2))

@@ -3,10 +3,23 @@
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
 from typing import Any
 
-from saddlering_ros.cli._json import tell_json
+from saddlering_ros.cli._arguments import (
+    add_json_option,
+    add_network_options,
+    add_rig_option,
+    domain_of,
+)
+from saddlering_ros.cli._terminal import tell_json
+
+EXAMPLES = (
+    ('saddlering live', 'then, in another terminal: saddlering replay bags/dynamic_50'),
+    ('saddlering live --host 0.0.0.0', 'for other machines; the printed address contains a '
+                                       'token'),
+)
+UNTRIED = 'serves until it is ended'
+"""Why no test types these examples."""
 
 
 def add_parser(subparsers: Any) -> None:
@@ -24,23 +37,16 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument('--token', default='',
                         help='token that a browser must give (default for other machines: a '
                              'random one)')
-    parser.add_argument('--domain', type=int, help='ROS domain (default: ROS_DOMAIN_ID, or 0)')
-    parser.add_argument('--namespace', default='', metavar='NS',
-                        help='namespace of the rig, so that several rigs share a domain '
-                             '(default: the root)')
-    parser.add_argument('--rig', type=Path,
-                        help='rig file of the drawing, and of the unit of loads (default: the '
+    add_network_options(parser)
+    add_rig_option(parser, 'rig file of the drawing, and of the unit of loads (default: the '
                              'shipped rig)')
     parser.add_argument('--window', type=float, default=600.0, metavar='S',
                         help='longest time shown, in seconds (default 600)')
-    parser.add_argument('--json', metavar='FILE',
-                        help='write the address as JSON; - for stdout')
+    add_json_option(parser, 'write the address as JSON; - for stdout')
 
 
 def run(args: argparse.Namespace) -> int:
     """Serve until Ctrl-C."""
-    import os
-
     from saddlering_ros.live.errors import LiveError
     from saddlering_ros.live.server import address, serve
     from saddlering_ros.live.watcher import Watcher
@@ -52,7 +58,7 @@ def run(args: argparse.Namespace) -> int:
         raise LiveError(f'--port {args.port}: give 0 to 65535')
     if not 1.0 <= args.window <= 86400.0:
         raise LiveError(f'--window {args.window:g}: give 1 to 86400 seconds')
-    domain = args.domain if args.domain is not None else int(os.environ.get('ROS_DOMAIN_ID') or 0)
+    domain = domain_of(args)
     rig = load_rig(args.rig)
     prepare_transport()
     with Watcher(domain, args.window, namespace_of(args.namespace),

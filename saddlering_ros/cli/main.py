@@ -8,19 +8,17 @@ import argparse
 from collections.abc import Callable, Sequence
 import errno
 import importlib
+import io
 import os
 import pkgutil
 import shlex
 import signal
 import sys
-from types import ModuleType
+from types import FrameType, ModuleType
 from typing import Any
 
 from saddlering_ros import __version__, cli
-from saddlering_ros.cli._files import check_files
-from saddlering_ros.cli._parser import examples_text, OneLineParser, UNUSABLE
-from saddlering_ros.cli._plain_text import use_ascii_where_needed
-from saddlering_ros.cli._signals import leave_by_exception
+from saddlering_ros.cli._arguments import check_files, examples_text, OneLineParser, UNUSABLE
 from saddlering_ros.errors import SaddleringError
 
 DONE = 0
@@ -37,6 +35,27 @@ UNUSABLE_FILE = frozenset({
 """Operating system errors that mean the user named a file that cannot be used."""
 
 
+ENDING = ('SIGTERM', 'SIGHUP')
+RETRY = 0.01
+"""Seconds after which a signal that came at a bad moment is taken up again."""
+
+CALLED_BACK = frozenset({'_numba_unpickle', 'typeof_pyval'})
+"""Functions of numba that compiled code calls."""
+
+_COMPILER = f'{os.sep}numba{os.sep}'
+
+EXAMPLES = (
+    ('saddlering demo', 'all steps, on the shipped bags'),
+    ('saddlering info bags/static_50', 'the content of a bag and its faults'),
+    ('saddlering identify bags/static_50 bags/dynamic_50 --out params.yaml',
+     'find the contact parameters'),
+    ('saddlering diagnose bags/static_50 bags/dynamic_50 --report report.html',
+     'name the cause that the simulation lacks'),
+    ('saddlering live', 'watch a test in the browser'),
+)
+"""Examples in the help of saddlering itself."""
+
+
 def subcommand_modules() -> list[ModuleType]:
     """Return the modules of this folder that define a subcommand, by name."""
     names = sorted(module.name for module in pkgutil.iter_modules(cli.__path__))
@@ -48,31 +67,33 @@ def subcommand_modules() -> list[ModuleType]:
     return [module for module in modules if hasattr(module, 'add_parser')]
 
 
-def build_parser() -> tuple[argparse.ArgumentParser, dict[str, Run]]:
-    """Return the parser, and the function of each subcommand."""
+def build_parser() -> tuple[OneLineParser, dict[str, ModuleType]]:
+    """Return the parser, and the module of each subcommand."""
     parser = OneLineParser(
         prog='saddlering',
         description='Test rig, simulator and diagnosis of a saddle ring.',
-        epilog=examples_text('saddlering'),
+        epilog=examples_text(EXAMPLES),
     )
     parser.add_argument('--version', action=_Version, help='show the version and exit')
     _add_traceback(parser, default=False)
     subparsers = parser.add_subparsers(dest='command', metavar='COMMAND', required=True)
-    runs: dict[str, Run] = {}
+    modules: dict[str, ModuleType] = {}
     for module in subcommand_modules():
-        known = set(subparsers.choices)
+        before = set(subparsers.choices)
         module.add_parser(subparsers)
-        for name in set(subparsers.choices) - known:
-            runs[name] = module.run
-            subparsers.choices[name].epilog = examples_text(name)
-            _add_traceback(subparsers.choices[name], default=argparse.SUPPRESS)
-    return parser, runs
+        for name in set(subparsers.choices) - before:
+            modules[name] = module
+            subparser = subparsers.choices[name]
+            subparser.epilog = examples_text(getattr(module, 'EXAMPLES', ()))
+            subparser.set_defaults(path_arguments=subparser.path_arguments())
+            _add_traceback(subparser, default=argparse.SUPPRESS)
+    return parser, modules
 
 
 def run_reporting(run: Run, args: argparse.Namespace) -> int:
     """Run one subcommand; print an error as one line; return the exit status."""
     try:
-        check_files(args)
+        check_files(args, getattr(args, 'path_arguments', ()))
         status = run(args)
         sys.stdout.flush()
         return status
@@ -110,13 +131,24 @@ def open_closed_streams() -> None:
             setattr(sys, name, os.fdopen(number, mode))
 
 
+def print_any_text() -> None:
+    """Let both streams print every text: what their encoding lacks is printed as a code of it.
+
+    Python does so for standard error only. Every locale of today is UTF-8 (Python takes C and
+    POSIX for it too), so that signs in ASCII would be a translation for nobody.
+    """
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors='backslashreplace')
+
+
 def main(argv: Sequence[str] | None = None) -> int:
     """Run `saddlering` with `argv` (default: the process's own); return the exit status."""
     open_closed_streams()
-    use_ascii_where_needed()
+    print_any_text()
     leave_by_exception()
     try:
-        parser, runs = build_parser()
+        parser, modules = build_parser()
         if '_ARGCOMPLETE' in os.environ:
             import argcomplete
 
@@ -124,9 +156,42 @@ def main(argv: Sequence[str] | None = None) -> int:
         args = parser.parse_args(argv)
         words = sys.argv[1:] if argv is None else argv
         args.command_line = shlex.join(['saddlering', *map(str, words)])
-        return run_reporting(runs[args.command], args)
+        return run_reporting(modules[args.command].run, args)
     except KeyboardInterrupt:
         return INTERRUPTED
+
+
+def leave_by_exception() -> None:
+    """End the process by an exception, so that everything open is closed, and children end.
+
+    Compiled code calls back into Python (to rebuild an object, to find an argument's type) and
+    does not check whether that raised: an exception there ends in a segmentation fault. There the
+    signal is put off by some milliseconds.
+    """
+    for name in ENDING:
+        signal.signal(getattr(signal, name), _leave)
+    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+        signal.signal(signal.SIGINT, _leave)
+
+
+def _leave(number: int, frame: FrameType | None) -> None:
+    if _is_called_back(frame):
+        signal.signal(signal.SIGALRM, lambda _, later: _leave(number, later))
+        signal.setitimer(signal.ITIMER_REAL, RETRY)
+        return
+    if number == signal.SIGINT:
+        raise KeyboardInterrupt
+    raise SystemExit(128 + number)
+
+
+def _is_called_back(frame: FrameType | None) -> bool:
+    """Whether compiled code waits for one of the frames to return."""
+    while frame is not None:
+        code = frame.f_code
+        if code.co_name in CALLED_BACK and _COMPILER in code.co_filename:
+            return True
+        frame = frame.f_back
+    return False
 
 
 class _Version(argparse.Action):

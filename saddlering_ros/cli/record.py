@@ -3,10 +3,22 @@
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
 from typing import Any
 
-from saddlering_ros.cli._json import tell_json
+from saddlering_ros.cli._arguments import (
+    add_json_option,
+    add_network_options,
+    domain_of,
+    file_written,
+)
+from saddlering_ros.cli._terminal import tell_json
+
+EXAMPLES = (
+    ('saddlering record test_17 --test static --elevation 50',
+     'a test on the rig that can be identified and diagnosed'),
+)
+UNTRIED = 'records until it is ended'
+"""Why no test types these examples."""
 
 
 def add_parser(subparsers: Any) -> None:
@@ -17,26 +29,21 @@ def add_parser(subparsers: Any) -> None:
                     'and diagnostics as a rosbag2 bag (MCAP with its message definitions inside, '
                     'so that PlotJuggler, Foxglove and ros2 bag read it without this package), '
                     'until Ctrl-C or for --duration.')
-    parser.add_argument('out', type=Path, metavar='OUT', help='bag to write')
+    parser.add_argument('out', type=file_written, metavar='OUT', help='bag to write')
     parser.add_argument('--test', choices=('static', 'dynamic'),
                         help='kind of test, kept in the bag (with --elevation, the bag can be '
                              'identified and diagnosed)')
     parser.add_argument('--elevation', type=float, metavar='DEG',
                         help='elevation of the barrel in degrees, kept in the bag')
     parser.add_argument('--duration', type=float, metavar='S', help='end after this time [s]')
-    parser.add_argument('--domain', type=int, help='ROS domain (default: ROS_DOMAIN_ID, or 0)')
-    parser.add_argument('--namespace', default='', metavar='NS',
-                        help='namespace of the rig, so that several rigs share a domain '
-                             '(default: the root)')
+    add_network_options(parser)
     parser.add_argument('--overwrite', action='store_true', help='replace an existing bag')
-    parser.add_argument('--json', metavar='FILE',
-                        help='write a summary as JSON; - for stdout')
+    add_json_option(parser)
 
 
 def run(args: argparse.Namespace) -> int:
     """Record until a signal ends it."""
     import contextlib
-    import os
     import sys
     import time
 
@@ -48,7 +55,7 @@ def run(args: argparse.Namespace) -> int:
     facts = facts_of(args)
     if args.duration is not None and not 0.0 < args.duration < 1e6:
         raise BagError(f'--duration {args.duration:g}: give seconds above 0')
-    domain = args.domain if args.domain is not None else int(os.environ.get('ROS_DOMAIN_ID') or 0)
+    domain = domain_of(args)
     prepare_transport()
     began = time.monotonic()
     with recording(args.out, domain, facts=facts, overwrite=args.overwrite,

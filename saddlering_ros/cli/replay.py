@@ -6,7 +6,17 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from saddlering_ros.cli._json import tell_json
+from saddlering_ros.cli._arguments import (
+    add_json_option,
+    add_network_options,
+    add_rig_option,
+    bag_read,
+    domain_of,
+    file_read,
+    file_written,
+    folder_filled,
+)
+from saddlering_ros.cli._terminal import tell_json
 
 RECORDER = 'saddlering_recorder'
 PLAYS, AT_END = 'replay is playing', 'replay is at its end'
@@ -19,40 +29,44 @@ LAST_MESSAGES = 5.0
 """How long the last messages may take to the recorder [s]."""
 
 
+EXAMPLES = (
+    ('saddlering replay bags/dynamic_50 --params params.yaml', 'to live nodes, in real time'),
+    ('saddlering replay bags/dynamic_50 --params params.yaml --rate 0 --record replayed',
+     'as fast as possible, with all results in a new bag'),
+)
+UNTRIED = 'test/cli/test_numbers_out.py replays a bag and records it'
+"""Why no test types these examples."""
+
+
 def add_parser(subparsers: Any) -> None:
     """Declare the subcommand."""
     parser = subparsers.add_parser(
         'replay', help='replay a bag through the live nodes',
         description='Start the replay, displacement, simulator and residual nodes for a bag, and '
         'end them with the bag. Other programs of the same ROS domain receive all topics.')
-    parser.add_argument('bag', type=Path, metavar='BAG', help='the bag to replay')
-    parser.add_argument('--params', type=Path, help='contact parameters to simulate with')
-    parser.add_argument('--rig', type=Path, help='rig file (default: the shipped rig)')
+    parser.add_argument('bag', type=bag_read, metavar='BAG', help='the bag to replay')
+    parser.add_argument('--params', type=file_read, help='contact parameters to simulate with')
+    add_rig_option(parser)
     parser.add_argument('--elevation', type=float, metavar='DEG',
                         help='elevation of the test (default: that of the bag)')
     parser.add_argument('--rate', type=float, default=1.0,
                         help='speed; 1 is real time, 0 as fast as the nodes follow (default 1)')
-    parser.add_argument('--domain', type=int, help='ROS domain (default: ROS_DOMAIN_ID, or 0)')
-    parser.add_argument('--namespace', default='', metavar='NS',
-                        help='namespace of the rig, so that several rigs share a domain '
-                             '(default: the root)')
-    parser.add_argument('--record', type=Path, metavar='OUT',
+    add_network_options(parser)
+    parser.add_argument('--record', type=file_written, metavar='OUT',
                         help='record all topics and results into this bag (lossless: the replay '
                              'waits for the recorder)')
     parser.add_argument('--overwrite', action='store_true',
                         help='replace an existing bag with --record')
     parser.add_argument('--alarm', action='store_true',
                         help='start ring_alarm too, which watches the residual')
-    parser.add_argument('--json', metavar='FILE',
-                        help='write a summary as JSON; - for stdout')
-    parser.add_argument('--log', type=Path, metavar='FOLDER', help='folder for the logs of the '
-                                                                   'nodes')
+    add_json_option(parser)
+    parser.add_argument('--log', type=folder_filled, metavar='FOLDER',
+                        help='folder for the logs of the nodes')
 
 
 def run(args: argparse.Namespace) -> int:
     """Replay until the bag is at its end, or until Ctrl-C."""
     import contextlib
-    import os
     import time
 
     from saddlering_ros.bags import read_raw
@@ -62,8 +76,8 @@ def run(args: argparse.Namespace) -> int:
     from saddlering_ros.ros.launcher import ALARM_NODES, REPLAY_NODES, RING_NODES, start_nodes
     from saddlering_ros.ros.names import namespace_of
 
-    rig = load_rig(args.rig)
-    record = read_raw(args.bag, rig=rig)
+    rig, bag = load_rig(args.rig), Path(args.bag)
+    record = read_raw(bag, rig=rig)
     sent = {name: len(record[name]) for name in record if name != absent_topic(rig)}
     simulator: dict[str, Any] = {}
     if args.params is not None:
@@ -73,7 +87,7 @@ def run(args: argparse.Namespace) -> int:
         simulator['elevation_deg'] = args.elevation
     if not 0.0 <= args.rate <= 100.0:
         raise NodeError(f'--rate {args.rate:g}: give 0 (as fast as possible) to 100')
-    domain = args.domain if args.domain is not None else int(os.environ.get('ROS_DOMAIN_ID') or 0)
+    domain = domain_of(args)
     length = (record.stop - record.start) / 1e9
     patience = 120.0 + 10.0 * length / min(args.rate or 1.0, 1.0)
     clock: dict[str, Any] = {}
@@ -84,7 +98,7 @@ def run(args: argparse.Namespace) -> int:
             recorder = stack.enter_context(_recording(args, record.facts, domain))
             clock['participants'] = [*REPLAY_NODES, *nodes, RECORDER]
         group = stack.enter_context(start_nodes(
-            args.bag, nodes=nodes, rate=args.rate, domain_id=domain, log_folder=args.log,
+            bag, nodes=nodes, rate=args.rate, domain_id=domain, log_folder=args.log,
             parameters={'ring_simulator': simulator, 'replay_clock': clock},
             files=[] if args.rig is None else [args.rig],
             namespace=namespace_of(args.namespace)))
@@ -115,7 +129,7 @@ def _wait(group: Any, deadline: float, seconds: float | None) -> None:
     import sys
     import time
 
-    from saddlering_ros.cli._progress import Bar
+    from saddlering_ros.cli._terminal import Bar
     from saddlering_ros.ros.errors import NodeError
     from saddlering_ros.ros.launcher import last_line
 

@@ -6,33 +6,44 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from saddlering_ros.cli._json import tell_json
+from saddlering_ros.cli._arguments import (
+    add_fact_options,
+    add_json_option,
+    add_parameter_options,
+    add_rig_option,
+    add_trust_option,
+    bag_read,
+    file_read,
+    file_written,
+    take_effects,
+)
+from saddlering_ros.cli._terminal import tell_json
 
 MAX_IDENTIFICATION = 64 << 20
 """Size of the largest JSON file of an identification that is read [bytes]."""
 
 
+EXAMPLES = (
+    ('saddlering report bags/static_70 --params params.yaml --out parameters.html',
+     'a report on the prediction of another test'),
+)
+
+
 def add_parser(subparsers: Any) -> None:
     """Declare the subcommand."""
-    from saddlering_ros.cli._samples import (
-        add_fact_options,
-        add_parameter_options,
-        add_trust_option,
-    )
-
     parser = subparsers.add_parser(
         'report', help='write a report on parameters and their predictions',
         description='Write one HTML file that opens offline: the parameters with their '
         'uncertainty, and simulation beside measurement for the given bags. (saddlering diagnose '
         '--report writes the report of a diagnosis.)')
-    parser.add_argument('bags', nargs='+', metavar='BAG', help='runs to predict')
+    parser.add_argument('bags', type=bag_read, nargs='+', metavar='BAG', help='runs to predict')
     add_parameter_options(parser)
-    parser.add_argument('--identification', type=Path, metavar='FILE.json',
+    parser.add_argument('--identification', type=file_read, metavar='FILE.json',
                         help='JSON of the identification, from `saddlering identify --json`')
-    parser.add_argument('--rig', type=Path, help='rig file (default: the shipped rig)')
-    parser.add_argument('--out', type=Path, required=True, metavar='FILE.html',
+    add_rig_option(parser)
+    parser.add_argument('--out', type=file_written, required=True, metavar='FILE.html',
                         help='the report to write')
-    parser.add_argument('--json', metavar='FILE', help='write all figures as JSON; - for stdout')
+    add_json_option(parser, 'write all figures as JSON; - for stdout')
     add_fact_options(parser)
     add_trust_option(parser)
 
@@ -40,7 +51,7 @@ def add_parser(subparsers: Any) -> None:
 def run(args: argparse.Namespace) -> int:
     """Validate, and write the page."""
     from saddlering_ros import load_rig, read_parameters, validate
-    from saddlering_ros.cli._samples import bags_of, take_effects
+    from saddlering_ros.cli._samples import bags_of
 
     take_effects(args)
     read_parameters(args.params)  # a fault there is reported before any bag is read

@@ -5,15 +5,20 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
+from saddlering_ros.cli._arguments import (
+    add_bag_options,
+    add_output_options,
+    add_parameter_options,
+)
+
+EXAMPLES = (
+    ('saddlering residual bags/static_70 --params params.yaml --out residual.parquet',
+     'measured minus simulated, sample by sample'),
+)
+
 
 def add_parser(subparsers: Any) -> None:
     """Declare the subcommand."""
-    from saddlering_ros.cli._samples import (
-        add_bag_options,
-        add_output_options,
-        add_parameter_options,
-    )
-
     parser = subparsers.add_parser(
         'residual', help='compute measured minus simulated motion for a bag')
     add_bag_options(parser)

@@ -6,35 +6,47 @@ import argparse
 from pathlib import Path
 from typing import Any, TYPE_CHECKING
 
-from saddlering_ros.cli._json import tell_json
+from saddlering_ros.cli._arguments import (
+    add_fact_options,
+    add_json_option,
+    add_rig_option,
+    bag_read,
+    file_written,
+    radians,
+)
+from saddlering_ros.cli._terminal import tell_json
 
 if TYPE_CHECKING:
     from saddlering_ros.rig import Rig
 
 
+EXAMPLES = (
+    ('saddlering rig --draft my_rig.yaml --set axial_rows.rollers=48 '
+     '--set full_scale_load=98066.5', 'a rig file to complete, and a drawing of this ring'),
+    ('saddlering rig --check bags/static_50', 'contradictions between a bag and the rig file'),
+)
+
+
 def add_parser(subparsers: Any) -> None:
     """Declare the subcommand."""
-    from saddlering_ros.cli._samples import add_fact_options
-
     parser = subparsers.add_parser(
         'rig', help='write, draw or check a rig file',
         description='Write a commented rig file and a drawing of its ring, draw an existing rig '
                     'file, or compare bags with a rig file.')
-    parser.add_argument('--rig', type=Path, help='rig file (default: the shipped rig)')
-    parser.add_argument('--draft', type=Path, nargs='?', const=Path('rig.yaml'),
+    add_rig_option(parser)
+    parser.add_argument('--draft', type=file_written, nargs='?', const=Path('rig.yaml'),
                         metavar='FILE.yaml',
                         help='write a commented rig file (default rig.yaml) and, beside it, its '
                              'drawing as SVG')
     parser.add_argument('--set', action='append', default=[], metavar='NAME=VALUE',
                         help='an entry of the draft in SI units, like axial_rows.rollers=48 (may '
                              'be repeated)')
-    parser.add_argument('--drawing', type=Path, metavar='FILE',
+    parser.add_argument('--drawing', type=file_written, metavar='FILE',
                         help='write the drawing here (.svg, .png or .pdf)')
-    parser.add_argument('--check', nargs='+', default=[], metavar='BAG',
+    parser.add_argument('--check', type=bag_read, nargs='+', default=[], metavar='BAG',
                         help='print the contradictions between these bags and the rig file')
     add_fact_options(parser)
-    parser.add_argument('--json', metavar='FILE',
-                        help='write the rig and the findings as JSON; - for stdout')
+    add_json_option(parser, 'write the rig and the findings as JSON; - for stdout')
 
 
 def run(args: argparse.Namespace) -> int:
@@ -86,7 +98,6 @@ def _draft(args: argparse.Namespace, rig: Rig) -> tuple[Rig, list[Path]]:
 def _check(args: argparse.Namespace, bag: str, rig: Rig) -> list[str]:
     from saddlering_ros.bags import condensed, read_raw, read_run
     from saddlering_ros.bags.rig_check import check_rig
-    from saddlering_ros.cli._samples import radians
 
     test_run = read_run(bag, test=args.test, elevation=radians(args.elevation), rig=rig)
     return check_rig(rig, read_raw(bag, rig=rig), condensed(test_run, rig))

@@ -5,15 +5,20 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
+from saddlering_ros.cli._arguments import (
+    add_bag_options,
+    add_output_options,
+    add_parameter_options,
+)
+
+EXAMPLES = (
+    ('saddlering simulate bags/static_70 --params params.yaml --out simulated.csv',
+     'the motion of the model under the load of a bag'),
+)
+
 
 def add_parser(subparsers: Any) -> None:
     """Declare the subcommand."""
-    from saddlering_ros.cli._samples import (
-        add_bag_options,
-        add_output_options,
-        add_parameter_options,
-    )
-
     parser = subparsers.add_parser(
         'simulate', help='simulate the ring under the load of a bag')
     add_bag_options(parser)

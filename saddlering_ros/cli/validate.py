@@ -3,29 +3,39 @@
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
 from typing import Any
 
-from saddlering_ros.cli._result import finish
+from saddlering_ros.cli._arguments import (
+    add_fact_options,
+    add_json_option,
+    add_parameter_options,
+    add_rig_option,
+    add_trust_option,
+    bag_read,
+    file_written,
+    folder_filled,
+    take_effects,
+)
+from saddlering_ros.cli._terminal import finish
+
+EXAMPLES = (
+    ('saddlering validate bags/static_70 bags/dynamic_70 --params params.yaml '
+     '--plots pictures',
+     'figures of merit for each channel, and a figure of each run'),
+)
 
 
 def add_parser(subparsers: Any) -> None:
     """Declare the subcommand."""
-    from saddlering_ros.cli._samples import (
-        add_fact_options,
-        add_parameter_options,
-        add_trust_option,
-    )
-
     parser = subparsers.add_parser('validate', help='check how well parameters predict bags')
-    parser.add_argument('bags', nargs='+', metavar='BAG', help='runs to predict')
+    parser.add_argument('bags', type=bag_read, nargs='+', metavar='BAG', help='runs to predict')
     add_parameter_options(parser)
-    parser.add_argument('--rig', type=Path, help='rig file (default: the shipped rig)')
-    parser.add_argument('--json', metavar='FILE', help='write all figures as JSON; - for stdout')
-    parser.add_argument('--plots', type=Path, metavar='DIR',
+    add_rig_option(parser)
+    add_json_option(parser, 'write all figures as JSON; - for stdout')
+    parser.add_argument('--plots', type=folder_filled, metavar='DIR',
                         help='write figures of simulated and measured over load and time, one '
                              'per run')
-    parser.add_argument('--report', type=Path, metavar='FILE.html', help='write a report')
+    parser.add_argument('--report', type=file_written, metavar='FILE.html', help='write a report')
     add_fact_options(parser)
     add_trust_option(parser)
 
@@ -33,8 +43,8 @@ def add_parser(subparsers: Any) -> None:
 def run(args: argparse.Namespace) -> int:
     """Validate and print, write or emit the figures."""
     from saddlering_ros import load_rig, read_parameters, validate
-    from saddlering_ros.cli._progress import Bar
-    from saddlering_ros.cli._samples import bags_of, take_effects
+    from saddlering_ros.cli._samples import bags_of
+    from saddlering_ros.cli._terminal import Bar
 
     take_effects(args)
     read_parameters(args.params)  # a fault there is reported before any bag is read

@@ -5,6 +5,15 @@ from __future__ import annotations
 import argparse
 from typing import Any, TYPE_CHECKING
 
+from saddlering_ros.cli._arguments import (
+    add_fact_options,
+    add_json_option,
+    add_parameter_options,
+    add_rig_option,
+    bag_read,
+    take_effects,
+)
+
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
@@ -20,17 +29,19 @@ PORTION = 10_000
 """Samples turned into Python's numbers at once: a long record takes no more memory."""
 
 
+EXAMPLES = (
+    ('saddlering watch bags/dynamic_70 --params params.yaml',
+     'whether, when and in which channel a test raises the alarm'),
+)
+
+
 def add_parser(subparsers: Any) -> None:
     """Declare the subcommand."""
-    from pathlib import Path
-
-    from saddlering_ros.cli._samples import add_fact_options, add_parameter_options
-
     parser = subparsers.add_parser(
         'watch', help='find the moment when a recorded ring leaves its model')
-    parser.add_argument('bags', nargs='+', metavar='BAG',
+    parser.add_argument('bags', type=bag_read, nargs='+', metavar='BAG',
                         help='rosbag2 directories or .mcap files; each bag is watched separately')
-    parser.add_argument('--rig', type=Path, help='rig file (default: the shipped rig)')
+    add_rig_option(parser)
     add_fact_options(parser)
     add_parameter_options(parser)
     parser.add_argument('--materiality', type=float, default=MATERIALITY_PERCENT,
@@ -39,13 +50,12 @@ def add_parser(subparsers: Any) -> None:
                         f'{MATERIALITY_PERCENT:g})')
     parser.add_argument('--false-alarm-hours', type=float, default=1000.0, metavar='H',
                         help='mean time between false alarms, in hours of testing (default 1000)')
-    parser.add_argument('--json', metavar='FILE', help='write the result as JSON; - for stdout')
+    add_json_option(parser, 'write the result as JSON; - for stdout')
 
 
 def run(args: argparse.Namespace) -> int:
     """Read, measure, simulate, watch each bag; the alarm in one line."""
-    from saddlering_ros.cli._json import tell_json
-    from saddlering_ros.cli._samples import take_effects
+    from saddlering_ros.cli._terminal import tell_json
     from saddlering_ros.rig import load_rig, read_parameters
 
     take_effects(args)
@@ -66,9 +76,9 @@ def _watch_bag(
     args: argparse.Namespace, bag: str, rig: Rig, parameters: ParameterSet
 ) -> dict[str, Any]:
     """The result for one bag: its part of the document, and its text."""
-    from saddlering_ros.cli._progress import Bar
     from saddlering_ros.cli._samples import read_shown
     from saddlering_ros.cli._simulated import residual_samples
+    from saddlering_ros.cli._terminal import Bar
     from saddlering_ros.monitoring import (
         least_wander,
         materiality,

@@ -1,6 +1,5 @@
 """What a result writes never replaces what it was made from."""
 
-from argparse import Namespace
 import os
 from pathlib import Path
 import shutil
@@ -13,7 +12,8 @@ from saddlering_ros import read_bag
 from saddlering_ros.api.errors import ApiError
 from saddlering_ros.api.inputs import origins
 from saddlering_ros.api.results import DiagnosisResult, Plot, Result, ValidationResult
-from saddlering_ros.cli._files import check_files
+from saddlering_ros.cli._arguments import check_files
+from saddlering_ros.cli.main import build_parser
 from saddlering_ros.provenance import Origin
 from saddlering_ros.rig import default_rig
 from saddlering_ros.spared import FileConflict
@@ -77,8 +77,9 @@ def test_an_effect_file_in_use_is_an_input(place, monkeypatch):
     (place / 'own.json').symlink_to(own)
     with pytest.raises(FileConflict, match='own'):
         result.save(place / 'own.json')
+    args = build_parser()[0].parse_args(['info', 'bag', '--json', str(own)])
     with pytest.raises(FileConflict, match='SADDLERING_EFFECTS'):
-        check_files(Namespace(command='info', bags=[], json=str(own)))
+        check_files(args, args.path_arguments)
     assert own.read_text() == 'mine'
 
 

@@ -171,7 +171,7 @@ def test_a_signal_closes_what_is_open(tmp_path, number, status):
 def test_a_signal_waits_until_compiled_code_has_its_answer(number, status):
     code = (
         'import os, signal, time\n'
-        'from saddlering_ros.cli._signals import leave_by_exception\n'
+        'from saddlering_ros.cli.main import leave_by_exception\n'
         'source = "def _numba_unpickle(os, number):\\n'
         ' os.kill(os.getpid(), number)\\n os.write(1, b\'7\')"\n'
         'found = {}\n'

@@ -10,7 +10,14 @@ import shutil
 
 import pytest
 
-from saddlering_ros.cli._files import BAGS_READ, FILES_READ, FOLDERS_OF_BAGS, WRITTEN
+from saddlering_ros.cli._arguments import (
+    bags_below,
+    BAGS_READ,
+    FILES_READ,
+    OneLineParser,
+    ROLES,
+    WRITTEN,
+)
 from saddlering_ros.cli.main import build_parser, main
 from saddlering_ros.paths import share_directory
 from saddlering_ros.rig import ParameterSet, TRUE_TO_SCALE, write_parameters
@@ -19,34 +26,28 @@ SHIPPED = share_directory() / 'bags' / 'dynamic_50_fast'
 WORDS_OF_PATHS = ('FILE', 'DIR', 'FOLDER', 'OUT', 'BAG')
 
 
-def commands() -> dict[str, argparse.ArgumentParser]:
+def commands() -> dict[str, OneLineParser]:
     parser, _ = build_parser()
     choices = next(action.choices for action in parser._actions
                    if isinstance(action, argparse._SubParsersAction))
     return dict(choices)
 
 
-def path_arguments(parser: argparse.ArgumentParser) -> list[argparse.Action]:
-    return [action for action in parser._actions
-            if action.type is Path or any(word in str(action.metavar or '')
-                                          for word in WORDS_OF_PATHS)]
-
-
-def cases() -> Iterator[tuple[str, str, str]]:
+def cases() -> Iterator[tuple[str, argparse.Action, argparse.Action]]:
     """Each (command, output, input) that there is."""
     for name, parser in commands().items():
-        names = [action.dest for action in path_arguments(parser)]
-        for output in names:
-            for read in names:
-                if output in WRITTEN and read in (*BAGS_READ, *FILES_READ):
+        for output in parser.path_arguments():
+            for read in parser.path_arguments():
+                if output.type in WRITTEN and read.type in (*BAGS_READ, *FILES_READ):
                     yield name, output, read
 
 
-def test_the_guard_knows_every_argument_that_names_a_file() -> None:
-    known = {*BAGS_READ, *FILES_READ, *WRITTEN}
-    unknown = {(name, action.dest) for name, parser in commands().items()
-               for action in path_arguments(parser) if action.dest not in known}
-    assert not unknown
+def test_every_argument_that_names_a_path_declares_what_becomes_of_it() -> None:
+    undeclared = {(name, action.dest) for name, parser in commands().items()
+                  for action in parser._actions
+                  if action.type is Path or (action.type not in ROLES and any(
+                      word in str(action.metavar or '') for word in WORDS_OF_PATHS))}
+    assert not undeclared
 
 
 def words(command: str, given: dict[str, Path]) -> list[str]:
@@ -69,19 +70,20 @@ def kept(folder: Path) -> dict[str, bytes]:
     return {str(path): path.read_bytes() for path in sorted(folder.rglob('*')) if path.is_file()}
 
 
-@pytest.mark.parametrize(('command', 'output', 'read'), list(cases()))
+@pytest.mark.parametrize(
+    ('command', 'output', 'read'), list(cases()), ids=lambda one: getattr(one, 'dest', one))
 def test_no_command_takes_an_input_for_an_output(
-        command: str, output: str, read: str, bag: Path, tmp_path: Path,
+        command: str, output: argparse.Action, read: argparse.Action, bag: Path, tmp_path: Path,
         capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     (tmp_path / 'file.yaml').write_text('rig: {}')
     before = kept(tmp_path)
-    if read in BAGS_READ:
-        source = tmp_path if command in FOLDERS_OF_BAGS else bag
+    if read.type in BAGS_READ:
+        source = tmp_path if read.type is bags_below else bag
         target = bag / 'metadata.yaml'
     else:
         source = target = tmp_path / 'file.yaml'
-    assert main(words(command, {read: source, output: target})) == 2
+    assert main(words(command, {read.dest: source, output.dest: target})) == 2
     said = capsys.readouterr().err
     assert said.count('\n') == 1
     assert 'is read' in said

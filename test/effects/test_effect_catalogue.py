@@ -63,13 +63,13 @@ def changed_stages(extension: RingExtension) -> set[str]:
     } | {parameter.stage for parameter, _ in extension.own}
 
 
-def test_the_catalogue_holds_exactly_the_agreed_effects() -> None:
-    assert set(catalogue()) == LOAD_PATH | RING | MEASUREMENT
+def test_the_catalogue_holds_the_agreed_effects() -> None:
+    assert set(catalogue()) >= LOAD_PATH | RING | MEASUREMENT
 
 
 def test_every_effect_stands_in_the_stage_where_its_error_arises() -> None:
     for stage, ids in zip(STAGES, (LOAD_PATH, RING, MEASUREMENT), strict=True):
-        assert {one.id for one in catalogue().values() if one.stage == stage} == ids
+        assert {effect(name).stage for name in ids} == {stage}
 
 
 def test_adding_an_effect_is_adding_one_file() -> None:

@@ -1,14 +1,58 @@
-"""Progress of a command on stderr, if that is a terminal: stage, bar, share, time left."""
+"""What a command prints: JSON or a summary on standard output, progress on a terminal."""
 
 from __future__ import annotations
 
+import argparse
 from pathlib import Path
 from types import TracebackType
 from typing import Any, TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from rich.console import Console
+
+    from saddlering_ros.api.results import Result
     from saddlering_ros.bags.scan import OnShare
     from saddlering_ros.progress import Progress
+
+PIPED_WIDTH = 160
+
+
+def stdout_console() -> Console:
+    """The console on standard output: as wide as the terminal, or wide enough in a pipe."""
+    import sys
+
+    from rich.console import Console
+
+    if sys.stdout.isatty():
+        return Console(markup=False, highlight=False)
+    return Console(width=PIPED_WIDTH, markup=False, highlight=False, soft_wrap=True)
+
+
+def tell_json(args: argparse.Namespace, told: Any) -> bool:
+    """Write `told` to the place of --json, if given; whether this is standard output."""
+    import json
+
+    from saddlering_ros.rig import write_text_atomically
+
+    if args.json is None:
+        return False
+    document = json.dumps(told, indent=2)
+    if args.json == '-':
+        print(document, flush=True)  # some commands run for hours
+        return True
+    write_text_atomically(Path(args.json), document + '\n')
+    return False
+
+
+def finish(args: argparse.Namespace, result: Result, *written: Path | None) -> int:
+    """Print a result of the API as JSON, or as a summary with the written files; the status."""
+    if args.json is not None and tell_json(args, result.to_json()):
+        return 0
+    print(result.summary())
+    for path in written:
+        if path is not None:
+            print(f'written: {path}')
+    return 0
 
 
 class Bar:

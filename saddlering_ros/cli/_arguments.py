@@ -1,0 +1,290 @@
+"""Arguments of the commands: roles of paths and their guard, shared options, one-line errors."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+import os
+from pathlib import Path
+import re
+from typing import Any, NoReturn
+
+from saddlering_ros.spared import (
+    BAG_FILES,
+    bag_folder,
+    FileConflict,
+    resolved,
+    same_file,
+    spare_bags,
+    spare_files,
+)
+from saddlering_ros.suggestion import did_you_mean
+
+UNUSABLE = 2
+_CHOICE = re.compile(r"argument (\S+): invalid choice: '(.*?)' \(choose from (.*)\)", re.S)
+
+
+class OneLineParser(argparse.ArgumentParser):
+    """An argument parser whose error is one line, with the nearest valid word."""
+
+    def __init__(self, *args: Any, **kwargs: Any) -> None:
+        kwargs.setdefault('formatter_class', HelpFormatter)
+        super().__init__(*args, **kwargs)
+
+    def parse_args(self, args: Any = None, namespace: Any = None) -> Any:
+        """Parse; an unknown option is refused with the most similar one."""
+        parsed, unknown = self.parse_known_args(args, namespace)
+        if unknown:
+            parser = self._subparser(getattr(parsed, 'command', None))
+            parser.error(f'unknown: {" ".join(unknown)}'
+                         + did_you_mean(unknown[0].partition('=')[0], parser.options()))
+        return parsed
+
+    def options(self) -> list[str]:
+        """The long options of this parser."""
+        return [text for action in self._actions for text in action.option_strings
+                if text.startswith('--')]
+
+    def path_arguments(self) -> list[argparse.Action]:
+        """The arguments that name files or folders, by their type."""
+        return [action for action in self._actions if action.type in ROLES]
+
+    def error(self, message: str) -> NoReturn:
+        """Print the error and how to get help; exit with status 2."""
+        choice = _CHOICE.fullmatch(message)
+        if choice is not None:
+            given = re.findall(r"[^\s',]+", choice[3])
+            message = (f'{choice[1]}: there is no {choice[2]!r}{did_you_mean(choice[2], given)} '
+                       f'({", ".join(given)})')
+        self.exit(UNUSABLE, f'{self.prog}: {" ".join(message.split())}; see {self.prog} --help\n')
+
+    def _subparser(self, command: str | None) -> OneLineParser:
+        for action in self._actions:
+            if isinstance(action, argparse._SubParsersAction) and command in action.choices:
+                parser: OneLineParser = action.choices[command]
+                return parser
+        return self
+
+
+class HelpFormatter(argparse.HelpFormatter):
+    """Wraps descriptions, leaves examples as they are written."""
+
+    def _fill_text(self, text: str, width: int, indent: str) -> str:
+        if text.startswith('examples:'):
+            return ''.join(indent + line for line in text.splitlines(keepends=True))
+        return super()._fill_text(text, width, indent)
+
+
+def examples_text(examples: Sequence[tuple[str, str]]) -> str:
+    """Examples of a command, each with its meaning, as its help shows them."""
+    if not examples:
+        return ''
+    return 'examples:\n' + '\n'.join(f'  # {words}\n  {line}' for line, words in examples)
+
+
+# -- roles of paths: the type of an argument declares what the command does with its path --------
+
+def bag_read(text: str) -> str:
+    """Type of an argument that names a bag."""
+    return text
+
+
+def bags_below(text: str) -> Path:
+    """Type of an argument that names a folder with bags below it."""
+    return Path(text)
+
+
+def file_read(text: str) -> Path:
+    """Type of an argument that names a file that is read."""
+    return Path(text)
+
+
+def effects_read(text: str) -> Path:
+    """Type of an argument that names a folder of effect files."""
+    return Path(text)
+
+
+def file_written(text: str) -> Path:
+    """Type of an argument that names a file, or a bag, that is written as a whole."""
+    return Path(text)
+
+
+def text_written(text: str) -> str:
+    """Type of an argument that names a file that is written; '-' is standard output."""
+    return text
+
+
+def folder_filled(text: str) -> Path:
+    """Type of an argument that names a folder for files; the files that it holds already stay."""
+    return Path(text)
+
+
+BAGS_READ = (bag_read, bags_below)
+FILES_READ = (file_read, effects_read)
+WRITTEN = (file_written, text_written, folder_filled)
+ROLES: tuple[Any, ...] = (*BAGS_READ, *FILES_READ, *WRITTEN)
+
+
+@dataclass(frozen=True)
+class _Named:
+    """A path, the argument that named it, and its role."""
+
+    path: Path
+    words: str
+    role: Callable[[str], Any]
+
+
+def check_files(args: argparse.Namespace, arguments: Sequence[argparse.Action]) -> None:
+    """FileConflict if an output is an input, lies in a bag that is read, or is given twice.
+
+    arguments: those of the command that name paths.
+    """
+    named = [path for action in arguments for path in _named(args, action)]
+    outputs = [path for path in named if path.role in WRITTEN]
+    files = [path for path in named if path.role in FILES_READ]
+    bags = [bag for path in named if path.role in BAGS_READ for bag in _bags(path)]
+    files_and_words = [*((file.path, file.words) for file in files), *_effects_of_environment()]
+    for number, output in enumerate(outputs):
+        for other in outputs[:number]:
+            if same_file(output.path, other.path):
+                raise FileConflict(f'{output.words} and {other.words} are the same file: choose '
+                                   'two files')
+        spare_files(output.path, output.words, files_and_words)
+        spare_bags(output.path, output.words, [(bag.path, bag.words) for bag in bags])
+        if output.role is not folder_filled:
+            _check_contains(output, [*files, *bags])
+
+
+def _effects_of_environment() -> Iterator[tuple[Path, str]]:
+    """The effect files of the folder that the environment names."""
+    if os.environ.get('SADDLERING_EFFECTS'):
+        from saddlering_ros.effects import own_files
+
+        yield from ((file, f'{file} (SADDLERING_EFFECTS)') for file in own_files())
+
+
+def _named(args: argparse.Namespace, action: argparse.Action) -> Iterator[_Named]:
+    """Each path of an argument; '-' and devices are no files to lose."""
+    value = getattr(args, action.dest, None)
+    for text in value if isinstance(value, list) else [value]:
+        if text is None or str(text) == '-':
+            continue
+        path = Path(text)
+        if _exists(path) and not (path.is_file() or path.is_dir()):
+            continue
+        option = ''.join(f'{name} ' for name in action.option_strings[-1:])
+        role: Any = action.type
+        if role is effects_read and path.is_dir():
+            yield from (_Named(file, f'{option}{file}', role) for file in path.glob('*.yaml'))
+        yield _Named(path, f'{option}{text}', role)
+
+
+def _bags(named: _Named) -> Iterator[_Named]:
+    """The bags of a path: the folder that it is, or those below it, or the file."""
+    if named.role is bags_below:
+        yield from (_Named(file.parent, str(file.parent), named.role)
+                    for file in sorted(named.path.rglob(BAG_FILES[0])))
+    else:
+        yield _Named(bag_folder(named.path), named.words, named.role)
+
+
+def _check_contains(output: _Named, sources: list[_Named]) -> None:
+    for source in sources:
+        if any(same_file(folder, output.path) for folder in resolved(source.path).parents):
+            raise FileConflict(f'{output.words} is the folder that holds {source.words}, which is '
+                               'read: choose another place')
+
+
+def _exists(path: Path) -> bool:
+    try:
+        return path.exists()
+    except OSError:
+        return False
+
+
+# -- options that several commands share ---------------------------------------------------------
+
+def add_rig_option(
+    parser: argparse.ArgumentParser, words: str = 'rig file (default: the shipped rig)',
+) -> None:
+    """The rig file."""
+    parser.add_argument('--rig', type=file_read, help=words)
+
+
+def add_json_option(
+    parser: argparse.ArgumentParser, words: str = 'write a summary as JSON; - for stdout',
+) -> None:
+    """The place of the figures as JSON; words: say that - stands for standard output."""
+    parser.add_argument('--json', type=text_written, metavar='FILE', help=words)
+
+
+def add_bag_options(parser: argparse.ArgumentParser) -> None:
+    """Options for reading the bag."""
+    parser.add_argument('bag', type=bag_read, metavar='BAG',
+                        help='rosbag2 directory or .mcap file')
+    add_rig_option(parser)
+    add_fact_options(parser)
+
+
+def add_fact_options(parser: argparse.ArgumentParser) -> None:
+    """Options that replace the test metadata of the bag."""
+    parser.add_argument('--test', choices=('static', 'dynamic'),
+                        help='kind of test, in place of that of the bag')
+    parser.add_argument('--elevation', type=float, metavar='DEG',
+                        help='elevation, in place of that of the bag')
+
+
+def add_trust_option(parser: argparse.ArgumentParser) -> None:
+    """The option to continue although a bag states another rig."""
+    parser.add_argument('--trust-rig', action='store_true',
+                        help='accept a bag that states another rig than --rig')
+
+
+def add_parameter_options(parser: argparse.ArgumentParser) -> None:
+    """The parameter file of a simulation, and the folder of the user's own effects in it."""
+    parser.add_argument('--params', type=file_read, required=True, metavar='FILE',
+                        help='parameter file of an identification or diagnosis')
+    add_effects_option(parser)
+
+
+def add_effects_option(parser: argparse.ArgumentParser) -> None:
+    """The folder of the user's own effects."""
+    parser.add_argument('--effects', type=effects_read, metavar='DIR',
+                        help='folder of your own effects, one YAML file each')
+
+
+def take_effects(args: argparse.Namespace) -> None:
+    """Take the user's own effects into the catalogue, if a folder is given."""
+    from saddlering_ros.effects import use_folder
+
+    if args.effects is not None:
+        use_folder(args.effects)
+
+
+def add_output_options(parser: argparse.ArgumentParser) -> None:
+    """Options for the output of samples."""
+    parser.add_argument('--out', type=text_written, metavar='FILE',
+                        help='write the samples here (.csv or .parquet); - for CSV on stdout')
+    add_json_option(parser)
+
+
+def add_network_options(parser: argparse.ArgumentParser) -> None:
+    """The ROS domain and the namespace of the rig."""
+    parser.add_argument('--domain', type=int, help='ROS domain (default: ROS_DOMAIN_ID, or 0)')
+    parser.add_argument('--namespace', default='', metavar='NS',
+                        help='namespace of the rig, so that several rigs share a domain '
+                             '(default: the root)')
+
+
+def domain_of(args: argparse.Namespace) -> int:
+    """The ROS domain of --domain, of the environment, or 0."""
+    given: int | None = args.domain
+    return given if given is not None else int(os.environ.get('ROS_DOMAIN_ID') or 0)
+
+
+def radians(degrees: float | None) -> float | None:
+    """Degrees as typed, in radians."""
+    import math
+
+    return None if degrees is None else math.radians(degrees)
