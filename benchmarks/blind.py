@@ -35,9 +35,8 @@ from saddlering_ros.discrepancy.gain import held_out_gain
 from saddlering_ros.discrepancy.refit import refit, run_refits
 from saddlering_ros.discrepancy.signatures import effect_starts
 from saddlering_ros.effects import effect as catalogued
-from saddlering_ros.virtual_rig.blind import open_seal, SEALED
+from saddlering_ros.virtual_rig.blind import broken_promises, open_seal, score, SEALED
 from saddlering_ros.virtual_rig.effects import find_effect
-from saddlering_ros.virtual_rig.scoring import broken_promises, score
 
 KINDS = ('clean', 'single', 'pair', 'outside')
 SHARES = {'clean': 0.2, 'single': 0.5, 'pair': 0.15, 'outside': 0.15}

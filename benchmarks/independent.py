@@ -44,7 +44,7 @@ from saddlering_ros.diagnosis.proposed_law import write_effect_files
 from saddlering_ros.discrepancy.gain import mean_square
 from saddlering_ros.effects import FOLDER_VARIABLE, use_folder
 from saddlering_ros.rig import default_rig
-from saddlering_ros.virtual_rig.scoring import score
+from saddlering_ros.virtual_rig.blind import score
 
 RIG = default_rig()
 BEGIN = 1_800_000_000_000_000_000

@@ -31,11 +31,11 @@ from saddlering_ros.bags import TestFacts, write_bag
 from saddlering_ros.diagnosis import diagnose_bags
 from saddlering_ros.rig import default_rig, FULL_SCALE_LOAD, Rig
 from saddlering_ros.virtual_rig import dynamic_schedule, PhysicalRig, record_test, static_schedule
+from saddlering_ros.virtual_rig.blind import score
 from saddlering_ros.virtual_rig.campaign import draw_truth, DrawSettings, Truth
 from saddlering_ros.virtual_rig.effects import EffectRequest, find_effect
 from saddlering_ros.virtual_rig.recording import EPOCH, TestPlan
 from saddlering_ros.virtual_rig.schedule import Schedule
-from saddlering_ros.virtual_rig.scoring import score
 
 TWICE = 2.0
 WAVE_CORNERS = 240

@@ -17,10 +17,22 @@ import argparse
 from collections.abc import Callable
 from functools import partial
 import os
+from pathlib import Path
+import sys
 import time
 
 import numpy as np
 from numpy.typing import NDArray
+
+sys.path.insert(0, str(Path(__file__).resolve().parent.parent / 'test' / 'ring'))
+
+from readable_ring import (
+    contact_force,
+    contact_rows,
+    external_force,
+    rate_of_state,
+    static_equilibrium,
+)
 from rigs import RIG, virtual_run
 from scipy.integrate import solve_ivp
 from scipy.optimize import differential_evolution
@@ -41,13 +53,6 @@ from saddlering_ros.rig import (
     TRUE_TO_SCALE,
 )
 from saddlering_ros.ring import dynamic_batch, SimulationError, static_batch, static_response
-from saddlering_ros.ring.reference import (
-    contact_force,
-    contact_rows,
-    external_force,
-    rate_of_state,
-    static_equilibrium,
-)
 
 Array = NDArray[np.float64]
 ELEVATION = np.radians(50.0)

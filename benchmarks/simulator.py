@@ -12,22 +12,27 @@ import argparse
 from collections.abc import Callable
 from dataclasses import replace
 import os
+from pathlib import Path
+import sys
 import time
 
 import numba as nb
 import numpy as np
 from scipy.integrate import solve_ivp
 
+sys.path.insert(0, str(Path(__file__).resolve().parent.parent / 'test' / 'ring'))
+
+import readable_ring as reference
+
 from saddlering_ros.effects.extension import RingExtension
 from saddlering_ros.rig import default_rig, FULL_SCALE_LOAD, Rig, TONNE, TRUE_TO_SCALE
 from saddlering_ros.ring import (
     dynamic_batch,
     probe_batch,
-    reference,
     static_batch,
 )
-from saddlering_ros.ring.kernels import integration, layout, vector_math
-from saddlering_ros.ring.kernels.options import FAST
+from saddlering_ros.ring.kernels import contact, integration, layout
+from saddlering_ros.ring.kernels.layout import FAST
 from saddlering_ros.ring.model import build_model, RingModel
 
 ELEVATION = float(np.deg2rad(50.0))
@@ -173,7 +178,7 @@ CHAIN = 32
 @nb.njit(fastmath={'contract'}, error_model='numpy')
 def multiply_add(numbers: np.ndarray, times: int) -> None:
     """CHAIN multiply-adds on each number, numbers side by side: the core's arithmetic peak."""
-    vector_math.widest_vectors()
+    contact.widest_vectors()
     for _ in range(times):
         for j in range(numbers.size):
             x = numbers[j]
@@ -185,11 +190,11 @@ def multiply_add(numbers: np.ndarray, times: int) -> None:
 
 @nb.njit(fastmath=FAST, error_model='numpy')
 def all_powers(base: np.ndarray, exponent: float, times: int) -> float:
-    vector_math.widest_vectors()
+    contact.widest_vectors()
     total = 0.0
     for _ in range(times):
         for j in range(base.size):
-            total += vector_math.power(base[j], exponent)
+            total += contact.power(base[j], exponent)
     return total
 
 

@@ -23,7 +23,6 @@ from saddlering_ros.rig import (
     size_factor,
     TRUE_TO_SCALE,
 )
-from saddlering_ros.ring.additions import Additions
 from saddlering_ros.ring.neighbours import has_tangent, Neighbourhoods
 from saddlering_ros.ring.roller_scatter import (
     compressed,
@@ -31,7 +30,7 @@ from saddlering_ros.ring.roller_scatter import (
     scatter_columns,
     SimulatedCourse,
 )
-from saddlering_ros.ring.simulator import probe_means
+from saddlering_ros.ring.simulator import Additions, probe_means
 
 Array = NDArray[np.float64]
 

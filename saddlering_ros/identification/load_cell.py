@@ -14,7 +14,7 @@ from saddlering_ros.identification.observation import LoadErrors, Observation
 from saddlering_ros.identification.prepared import MAX_SAMPLES, PreparedRun
 from saddlering_ros.rig import ContactParameters, Rig
 from saddlering_ros.ring import static_response
-from saddlering_ros.ring.load_sensitivity import load_sensitivity
+from saddlering_ros.ring.sensitivity import load_sensitivity
 
 Array = NDArray[np.float64]
 

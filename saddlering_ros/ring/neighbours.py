@@ -18,7 +18,7 @@ from saddlering_ros.effects import own_parameters
 from saddlering_ros.effects.extension import READING, RingExtension
 from saddlering_ros.rig import Rig
 from saddlering_ros.ring.kernels import courses
-from saddlering_ros.ring.kernels.recording import PLAIN_LAW
+from saddlering_ros.ring.kernels.row_tangents import PLAIN_LAW
 from saddlering_ros.ring.model import (
     at_elevation,
     MODEL,
@@ -31,7 +31,7 @@ from saddlering_ros.ring.model import (
     spread_rows,
     with_counts,
 )
-from saddlering_ros.ring.motion_path import (
+from saddlering_ros.ring.sensitivity import (
     external_along,
     floats,
     FRICTIONS,

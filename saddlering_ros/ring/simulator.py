@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from saddlering_ros.effects import extension_of, laws_of
 from saddlering_ros.effects.extension import RingExtension
+from saddlering_ros.effects.law import Law, LawHistory, LOAD_TARGET
 from saddlering_ros.errors import SaddleringError
 from saddlering_ros.rig import (
     Displacement,
@@ -25,7 +26,6 @@ from saddlering_ros.rig import (
     ZeroReading,
     ZeroWindow,
 )
-from saddlering_ros.ring.additions import Additions
 from saddlering_ros.ring.kernels import courses, equilibrium, integration
 from saddlering_ros.ring.kernels import layout as at
 from saddlering_ros.ring.model import (
@@ -437,3 +437,40 @@ def _run_batch(m: Model, rows: Sequence[Rows], seconds: Floats, force: Floats, z
 
     in_parallel(run, m.shape[0])
     return motion, increments
+
+
+class Additions:
+    """All laws along one record, from its zero on; their sum at the zero is zero."""
+
+    def __init__(self, rig: Rig, laws: Sequence[Law], time: float, load: float) -> None:
+        both = [(law, LawHistory(law, time, load)) for law in laws]
+        self._of_load = [history for law, history in both if law.target == LOAD_TARGET]
+        self._of_probes = [
+            (probe_pattern(rig, law.target), history)
+            for law, history in both
+            if law.target != LOAD_TARGET
+        ]
+
+    def push(self, time: Floats, load: Floats) -> tuple[Floats, Floats]:
+        """The load (N,) at the ring, and the additions to the increments of the probes (N, 4)."""
+        at_ring = load.copy()
+        for history in self._of_load:
+            at_ring += history.push(time, load)
+        added = np.zeros((time.size, 4))
+        for pattern, history in self._of_probes:
+            added += history.push(time, load)[:, None] * pattern
+        return at_ring, added
+
+
+def probe_pattern(rig: Rig, target: str) -> Floats:
+    """Change of the four probes' increments by one unit of a channel or of one probe."""
+    half = 0.5 * rig.probes.axial_span
+    patterns = {
+        'delta_x': (1.0, 0.0, -1.0, 0.0),
+        'delta_y': (0.0, 1.0, 0.0, 1.0),
+        'gamma': (0.0, half, 0.0, -half),
+        'parity': (1.0, 0.0, 1.0, 0.0),
+    }
+    if target in patterns:
+        return np.array(patterns[target])
+    return np.array([float(target == f'eddy_current_{probe}') for probe in (1, 2, 3, 4)])

@@ -12,10 +12,13 @@ import numpy as np
 
 from saddlering_ros.effects.extension import NO_EXTENSION
 from saddlering_ros.rig import default_rig, ParameterSet, TRUE_TO_SCALE
-from saddlering_ros.ring.kernels.options import kernel
-from saddlering_ros.ring.load_sensitivity import load_sensitivity
+from saddlering_ros.ring.kernels.layout import kernel
 from saddlering_ros.ring.neighbours import probe_sensitivities
-from saddlering_ros.ring.sensitivity import motion_sensitivities, static_sensitivities
+from saddlering_ros.ring.sensitivity import (
+    load_sensitivity,
+    motion_sensitivities,
+    static_sensitivities,
+)
 from saddlering_ros.ring.simulator import dynamic_batch, simulate, static_response
 
 

@@ -12,6 +12,7 @@ from saddlering_ros.virtual_rig.effects import (
     TrueSize,
 )
 from saddlering_ros.virtual_rig.errors import VirtualRigError
+from saddlering_ros.virtual_rig.integrator import make_rollers, Rollers, Scatter
 from saddlering_ros.virtual_rig.physics import PhysicalRig, PhysicalRun, run_test
 from saddlering_ros.virtual_rig.recording import (
     Instruments,
@@ -20,7 +21,6 @@ from saddlering_ros.virtual_rig.recording import (
     TestRecord,
     write_record,
 )
-from saddlering_ros.virtual_rig.rollers import make_rollers, Rollers, Scatter
 from saddlering_ros.virtual_rig.schedule import (
     controlled_load,
     dynamic_schedule,

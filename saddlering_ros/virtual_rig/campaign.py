@@ -19,6 +19,7 @@ from saddlering_ros.virtual_rig.effects import (
     TrueSize,
 )
 from saddlering_ros.virtual_rig.errors import VirtualRigError
+from saddlering_ros.virtual_rig.integrator import Scatter
 from saddlering_ros.virtual_rig.physics import PhysicalRig
 from saddlering_ros.virtual_rig.recording import (
     EPOCH,
@@ -27,7 +28,6 @@ from saddlering_ros.virtual_rig.recording import (
     TestPlan,
     write_record,
 )
-from saddlering_ros.virtual_rig.rollers import Scatter
 from saddlering_ros.virtual_rig.schedule import dynamic_schedule, static_schedule
 
 CLEAN, SINGLE, PAIR, OUTSIDE = 'clean', 'single', 'pair', 'outside'

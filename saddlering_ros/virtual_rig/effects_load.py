@@ -9,9 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saddlering_ros.rig import Rig
-from saddlering_ros.virtual_rig.compilation import compiled
 from saddlering_ros.virtual_rig.effects import effect, TrueSize
-from saddlering_ros.virtual_rig.friction import follow, LAWS
+from saddlering_ros.virtual_rig.numerics import compiled, follow, LAWS
 
 Floats = NDArray[np.float64]
 

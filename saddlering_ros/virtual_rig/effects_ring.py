@@ -13,9 +13,8 @@ from saddlering_ros.rig import Rig, size_factor
 from saddlering_ros.virtual_rig import integrator as at
 from saddlering_ros.virtual_rig.effects import effect, TrueSize
 from saddlering_ros.virtual_rig.effects_load import hysteresis, INITIAL, X_AND_T
-from saddlering_ros.virtual_rig.filters import low_pass, second_mode
-from saddlering_ros.virtual_rig.friction import LAWS
-from saddlering_ros.virtual_rig.rollers import Rollers
+from saddlering_ros.virtual_rig.integrator import Rollers
+from saddlering_ros.virtual_rig.numerics import LAWS, low_pass, second_mode
 
 Floats = NDArray[np.float64]
 T = ('delta_y', 'gamma')

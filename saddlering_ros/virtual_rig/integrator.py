@@ -1,19 +1,20 @@
-"""Motion of the ring on its rollers: Radau IIA of third order over plain sums of all rollers.
+"""The table of all rollers, and the motion of the ring on them by plain sums over all rollers.
 
-Radau IIA with two stages (Hairer and Wanner, Solving Ordinary Differential Equations II, section
-IV.5) is L-stable and stiffly accurate. The stage positions are found by Newton's method on the
-exact tangent; a step that does not converge is halved.
+Radau IIA with two stages, of third order (Hairer and Wanner, Solving Ordinary Differential
+Equations II, section IV.5), is L-stable and stiffly accurate. The stage positions are found by
+Newton's method on the exact tangent; a step that does not converge is halved.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 import math
 
 import numpy as np
 from numpy.typing import NDArray
 
-from saddlering_ros.virtual_rig.compilation import compiled
-from saddlering_ros.virtual_rig.friction import follow, LUGRE
+from saddlering_ros.rig import ContactParameters, Rig, RollerRow
+from saddlering_ros.virtual_rig.numerics import compiled, follow, LUGRE
 
 Floats = NDArray[np.float64]
 
@@ -324,3 +325,65 @@ def integrate(rollers: Floats, friction: Floats, z: Floats, mass: Floats, start:
         rates[n] = v
         contact(rollers, q, v, forces[n], by_q, by_v)
     return positions, rates, forces, failed_steps
+
+
+@dataclass(frozen=True)
+class Scatter:
+    """How rollers differ: rms of their gaps [m] and of their stiffness (share)."""
+
+    gap: float = 0.7e-6
+    stiffness: float = 0.02
+
+
+@dataclass
+class Rollers:
+    """Rollers of all three rows: table (N, ROLLER_COLUMNS), columns as in integrator.py.
+
+    spans: rows of the table that belong to 'upper', 'lower' and 'middle'; random: for effects that
+    deal rollers out, the same for all runs of one rig.
+    """
+
+    table: Floats
+    spans: dict[str, slice]
+    random: np.random.Generator
+
+    def of(self, row: str) -> Floats:
+        """The part of the table that holds this row (a view)."""
+        return self.table[self.spans[row]]
+
+    def angles(self, row: str) -> Floats:
+        """Angle phi of this row's rollers [rad], 0 at the rear."""
+        count = len(self.of(row))
+        return 2.0 * np.pi * np.arange(count) / count
+
+
+def make_rollers(rig: Rig, contact: ContactParameters, scatter: Scatter, seed: int) -> Rollers:
+    """The rollers of one rig; the same `seed` is the same rig."""
+    random = np.random.default_rng([seed, 304])
+    axial = (contact.K1, contact.n1, contact.D1)
+    radial = (contact.K2, contact.n2, contact.D2)
+    parts = {
+        'upper': _row(rig.axial_rows, axial, 1.0), 'lower': _row(rig.axial_rows, axial, -1.0),
+        'middle': _row(rig.radial_row, radial, 0.0),
+    }
+    spans, start = {}, 0
+    for name, part in parts.items():
+        spans[name] = slice(start, start + len(part))
+        start += len(part)
+        part[:, GAP] += scatter.gap * random.normal(size=len(part))
+        part[:, STIFFNESS] *= np.maximum(
+            1.0 + scatter.stiffness * random.normal(size=len(part)), 0.1)
+    return Rollers(np.concatenate(list(parts.values())), spans, random)
+
+
+def _row(row: RollerRow, law: tuple[float, float, float], side: float) -> Floats:
+    """One row: side +1 upper, -1 lower, 0 middle; penetration = b . (x, y, tilt) - gap."""
+    table = np.zeros((row.rollers, ROLLER_COLUMNS))
+    cosine = np.cos(2.0 * np.pi * np.arange(row.rollers) / row.rollers)
+    if side == 0.0:
+        table[:, BY_X], table[:, BY_TILT] = cosine, row.height * cosine
+    else:
+        table[:, BY_Y], table[:, BY_TILT] = side, -side * row.pitch_radius * cosine
+    table[:, GAP] = 0.5 * row.clearance
+    table[:, STIFFNESS], table[:, EXPONENT], table[:, DAMPING] = law
+    return table

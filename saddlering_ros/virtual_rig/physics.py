@@ -14,7 +14,7 @@ from saddlering_ros.virtual_rig.effects_load import LoadPath
 from saddlering_ros.virtual_rig.effects_probes import ProbeMotion
 from saddlering_ros.virtual_rig.effects_ring import FrictionElements, Motion
 from saddlering_ros.virtual_rig.errors import VirtualRigError
-from saddlering_ros.virtual_rig.rollers import make_rollers, Scatter
+from saddlering_ros.virtual_rig.integrator import make_rollers, Scatter
 
 Floats = NDArray[np.float64]
 
@@ -130,3 +130,5 @@ def _increments(rig: Rig, motion: Motion) -> Floats:
     seen = np.stack([radial, motion.y + half * motion.tilt, -radial,
                      motion.y - half * motion.tilt])
     return np.asarray(seen - seen[:, :1])
+
+

@@ -13,7 +13,7 @@ from saddlering_ros.bags import TestFacts, write_bag
 from saddlering_ros.rig import FULL_SCALE_LOAD, Rig
 from saddlering_ros.virtual_rig.effects_probes import Recording
 from saddlering_ros.virtual_rig.errors import VirtualRigError
-from saddlering_ros.virtual_rig.filters import slow_noise
+from saddlering_ros.virtual_rig.numerics import slow_noise
 from saddlering_ros.virtual_rig.physics import PhysicalRig, PhysicalRun, run_test
 from saddlering_ros.virtual_rig.schedule import controlled_load, Schedule
 

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from saddlering_ros.rig import FULL_SCALE_LOAD, Rig, TONNE
 from saddlering_ros.virtual_rig.errors import VirtualRigError
-from saddlering_ros.virtual_rig.filters import low_pass
+from saddlering_ros.virtual_rig.numerics import low_pass
 
 Floats = NDArray[np.float64]
 

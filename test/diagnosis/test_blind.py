@@ -15,8 +15,7 @@ import sys
 import pytest
 
 from saddlering_ros.diagnosis import diagnose_bags
-from saddlering_ros.virtual_rig.blind import open_seal, SEALED
-from saddlering_ros.virtual_rig.scoring import score
+from saddlering_ros.virtual_rig.blind import open_seal, score, SEALED
 
 pytestmark = pytest.mark.slow
 

@@ -10,14 +10,14 @@ import numpy as np
 import pytest
 
 from saddlering_ros.ring import kernels
-from saddlering_ros.ring.kernels import layout, vector_math
+from saddlering_ros.ring.kernels import contact, layout
 
 
 @nb.njit
 def powers(base: np.ndarray, exponent: float) -> np.ndarray:
     result = np.empty_like(base)
     for j in range(base.size):
-        result[j] = vector_math.power(base[j], exponent)
+        result[j] = contact.power(base[j], exponent)
     return result
 
 
@@ -44,5 +44,5 @@ def test_kernels_import_from_their_own_folder_only() -> None:
     for file in sorted(Path(kernels.__file__).parent.glob('*.py')):
         for node in ast.walk(ast.parse(file.read_text())):
             if isinstance(node, ast.ImportFrom) and (node.module or '').startswith('saddlering'):
-                compiler = node.module == 'saddlering_ros' and file.name == 'options.py'
+                compiler = node.module == 'saddlering_ros' and file.name == 'layout.py'
                 assert compiler or (node.module or '').startswith(own), (file.name, node.module)

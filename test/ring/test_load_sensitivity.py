@@ -7,7 +7,7 @@ import pytest
 
 from saddlering_ros.rig import ContactParameters, default_rig, FULL_SCALE_LOAD
 from saddlering_ros.ring import dynamic_batch, static_response
-from saddlering_ros.ring.load_sensitivity import load_sensitivity
+from saddlering_ros.ring.sensitivity import load_sensitivity
 
 RIG = default_rig()
 NODES, STEPS, STEP = 100, 5, 4e-3

@@ -6,14 +6,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import readable_ring as reference
 
 from saddlering_ros.rig import default_rig, Rig, TONNE, TRUE_TO_SCALE
-from saddlering_ros.ring import reference
 
 pytest.importorskip('exudyn', reason='the multibody program exudyn is not installed '
                                      '(pip install "saddlering_ros[test]")')
 
-from saddlering_ros.ring.multibody import MultibodyRing
+from multibody_ring import MultibodyRing
 
 RIG = default_rig()
 RAISED = replace(RIG, radial_row=replace(RIG.radial_row, height=0.08))

@@ -6,10 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import readable_ring as reference
 from scipy.integrate import solve_ivp
 
 from saddlering_ros.rig import default_rig, TONNE, TRUE_TO_SCALE
-from saddlering_ros.ring import reference
 
 ELEVATION = np.deg2rad(50.0)
 RIG = default_rig()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+import readable_ring as reference
 
 from saddlering_ros.effects import catalogue, extension_of, NO_EXTENSION, RingEffect
 from saddlering_ros.effects.base import Variant
@@ -14,7 +15,7 @@ from saddlering_ros.rig import (
     PARAMETER_NAMES,
     TRUE_TO_SCALE,
 )
-from saddlering_ros.ring import probe_batch, reference, static_batch
+from saddlering_ros.ring import probe_batch, static_batch
 from saddlering_ros.ring.neighbours import Neighbourhoods, probe_sensitivities
 from saddlering_ros.ring.sensitivity import motion_sensitivities, static_sensitivities
 

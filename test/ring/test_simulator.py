@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+import readable_ring as reference
 
 from saddlering_ros.effects import catalogue, NO_EXTENSION
 from saddlering_ros.rig import (
@@ -18,7 +19,6 @@ from saddlering_ros.rig import (
 from saddlering_ros.ring import (
     dynamic_batch,
     probe_batch,
-    reference,
     RingSimulator,
     simulate,
     SimulationError,

@@ -8,6 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 import numpy as np
 import pytest
+import readable_ring as reference
 
 from saddlering_ros.bags.guard import ReadingLimits, SampleGuard
 from saddlering_ros.effects import catalogue
@@ -25,7 +26,6 @@ from saddlering_ros.rig import (
 )
 from saddlering_ros.ring import (
     dynamic_batch,
-    reference,
     RingSimulator,
     simulate,
     static_batch,

@@ -6,10 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import readable_ring as reference
 
 from saddlering_ros.effects import extension_of
 from saddlering_ros.rig import default_rig, FULL_SCALE_LOAD, TONNE, TRUE_TO_SCALE
-from saddlering_ros.ring import reference, static_batch
+from saddlering_ros.ring import static_batch
 from saddlering_ros.ring.model import mixed, rows_of
 
 RIG = default_rig()

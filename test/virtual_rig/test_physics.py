@@ -4,9 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import readable_ring as reference
 
 from saddlering_ros.rig import default_rig, TONNE, TRUE_TO_SCALE
-from saddlering_ros.ring import reference
 from saddlering_ros.virtual_rig import integrator as at
 from saddlering_ros.virtual_rig import make_rollers, PhysicalRig, request, run_test, Scatter
 

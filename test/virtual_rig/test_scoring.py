@@ -7,8 +7,8 @@ import random
 
 import pytest
 
+from saddlering_ros.virtual_rig.blind import broken_promises, score
 from saddlering_ros.virtual_rig.effects import EFFECTS
-from saddlering_ros.virtual_rig.scoring import broken_promises, score
 
 NAMES = tuple(sorted(name for name, effect in EFFECTS.items() if effect.in_catalogue))
 Groups = tuple[tuple[str, ...], ...]

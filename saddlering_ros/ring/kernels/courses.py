@@ -14,7 +14,7 @@ from saddlering_ros.ring.kernels.extension_laws import (
     series_motion,
 )
 from saddlering_ros.ring.kernels.integration import take_load, take_zero
-from saddlering_ros.ring.kernels.options import INNER, kernel, OUTER
+from saddlering_ros.ring.kernels.layout import INNER, kernel, OUTER
 
 
 @kernel(**OUTER)

@@ -10,7 +10,7 @@ import numpy as np
 from saddlering_ros.ring.kernels import layout as at
 from saddlering_ros.ring.kernels.contact import elastic_energy, ring_forces
 from saddlering_ros.ring.kernels.extension_laws import load_at_ring
-from saddlering_ros.ring.kernels.options import INNER, kernel, OUTER
+from saddlering_ros.ring.kernels.layout import INNER, kernel, OUTER
 
 
 @kernel(**INNER)

@@ -6,7 +6,7 @@ import math
 from typing import Any
 
 from saddlering_ros.ring.kernels import layout as at
-from saddlering_ros.ring.kernels.options import INNER, kernel
+from saddlering_ros.ring.kernels.layout import INNER, kernel
 
 
 @kernel(**INNER)

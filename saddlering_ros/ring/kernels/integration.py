@@ -16,9 +16,15 @@ from saddlering_ros.ring.kernels.extension_laws import (
     read_probes,
     series_motion,
 )
-from saddlering_ros.ring.kernels.options import INNER, kernel, OUTER
-from saddlering_ros.ring.kernels.recording import forces_of_step, keep_record, keep_sums
-from saddlering_ros.ring.kernels.row_tangents import matrices, PARTS, ring_tangents
+from saddlering_ros.ring.kernels.layout import INNER, kernel, OUTER
+from saddlering_ros.ring.kernels.row_tangents import (
+    forces_of_step,
+    keep_record,
+    keep_sums,
+    matrices,
+    PARTS,
+    ring_tangents,
+)
 
 STEP_TOLERANCE = 5e-11
 """Largest last Newton update [m]. Convergence is quadratic: the next would be below 1e-12 m."""

@@ -1,4 +1,14 @@
-"""Indices in the flat arrays of the kernels: state (S,) and work (W,)."""
+"""Indices in the flat arrays of the kernels, state (S,) and work (W,), and options of compilation.
+
+One compiler serves all kernels; a hash of all sources is its key.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from saddlering_ros import compiled
 
 # State of a running simulation
 TIME = 0
@@ -47,3 +57,16 @@ TOUCHING = 22        # rollers in contact of each row at the last sum
 LOAD_BACKUP = 25     # states of friction in the load path
 BACKUP = 29          # copy of the state
 WORK_SIZE = BACKUP + STATE_SIZE
+
+
+kernel = compiled.Compiler(Path(__file__).parent)
+"""Decorator of every kernel: `@kernel(**INNER)`."""
+
+OUTER: dict[str, Any] = {'nogil': True, 'error_model': 'numpy'}
+"""Options of kernels that allocate memory or that Python calls."""
+
+INNER: dict[str, Any] = {**OUTER, '_nrt': False}
+"""Options of all other kernels. They borrow their arrays, so that no reference is counted."""
+
+FAST = {'reassoc', 'contract', 'nsz', 'arcp', 'nnan', 'ninf'}
+"""Permissions of fast arithmetic: all but approximate functions (afn)."""
