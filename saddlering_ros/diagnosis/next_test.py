@@ -13,7 +13,7 @@ from itertools import combinations
 from saddlering_ros.diagnosis.wording import lowered, title_of
 from saddlering_ros.discrepancy import Separation
 from saddlering_ros.effects import catalogue
-from saddlering_ros.effects.rig_tests import RIG_TESTS, RigTest, UNCLEAR
+from saddlering_ros.effects.base import RIG_TESTS, RigTest, UNCLEAR
 
 MIN_LIKENESS = 0.3
 """Cosine of two signatures from which an effect counts as an alternative to a named one."""

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from saddlering_ros.diagnosis.records import LoadGrid, LONGEST_STEP
 from saddlering_ros.discrepancy import Point, Proposal, Reading, RunBlocks
 from saddlering_ros.effects import catalogue
-from saddlering_ros.effects.rig_tests import RIG_TESTS
+from saddlering_ros.effects.base import RIG_TESTS
 from saddlering_ros.rig import Rig
 
 ELEVATIONS = (30.0, 50.0, 70.0)

@@ -5,10 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 
-from saddlering_ros.effects.base import EffectParameter, RingEffect
+from saddlering_ros.effects.base import EffectParameter, Outcomes, RingEffect, UNCLEAR
 from saddlering_ros.effects.extension import RingExtension
-from saddlering_ros.effects.friction_shape import hysteron, loop_parameters
-from saddlering_ros.effects.rig_tests import Outcomes, UNCLEAR
+from saddlering_ros.effects.shared_parameters import hysteron, loop_parameters
 
 
 class BracketPlay(RingEffect):

@@ -6,9 +6,8 @@ from collections.abc import Mapping
 from dataclasses import replace
 import math
 
-from saddlering_ros.effects.base import Choice, EffectParameter, RingEffect, Variant
+from saddlering_ros.effects.base import Choice, EffectParameter, Outcomes, RingEffect, Variant
 from saddlering_ros.effects.extension import RingExtension
-from saddlering_ros.effects.rig_tests import Outcomes
 
 ALIKE, EACH = 0.0, 1.0
 

@@ -5,9 +5,15 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 
-from saddlering_ros.effects.base import Choice, EffectParameter, RingEffect, Variant
+from saddlering_ros.effects.base import (
+    Choice,
+    EffectParameter,
+    Outcomes,
+    RingEffect,
+    UNCLEAR,
+    Variant,
+)
 from saddlering_ros.effects.extension import RingExtension
-from saddlering_ros.effects.rig_tests import Outcomes, UNCLEAR
 
 ALL_ROWS, RADIAL, AXIAL, EACH = 0.0, 1.0, 2.0, 3.0
 

@@ -6,9 +6,8 @@ from collections.abc import Mapping
 from dataclasses import replace
 import math
 
-from saddlering_ros.effects.base import EffectParameter, RingEffect
+from saddlering_ros.effects.base import EffectParameter, Outcomes, RingEffect, UNCLEAR
 from saddlering_ros.effects.extension import RingExtension
-from saddlering_ros.effects.rig_tests import Outcomes, UNCLEAR
 
 
 class OutOfRound(RingEffect):

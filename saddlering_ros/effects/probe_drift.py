@@ -5,10 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 
-from saddlering_ros.effects.base import EffectParameter, RingEffect
+from saddlering_ros.effects.base import EffectParameter, Outcomes, RingEffect
 from saddlering_ros.effects.extension import RingExtension, with_probe
-from saddlering_ros.effects.probe_choice import ONE_PROBE, probe_of, probe_variants
-from saddlering_ros.effects.rig_tests import Outcomes
+from saddlering_ros.effects.shared_parameters import ONE_PROBE, probe_of, probe_variants
 
 
 class ProbeDrift(RingEffect):

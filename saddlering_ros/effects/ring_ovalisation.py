@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from saddlering_ros.effects.base import EffectParameter, RingEffect
+from saddlering_ros.effects.base import EffectParameter, Outcomes, RingEffect
 from saddlering_ros.effects.extension import OwnParameter, READING, RingExtension
-from saddlering_ros.effects.rig_tests import Outcomes
 
 OVALISATION = OwnParameter('ovalisation', 'ring', READING)
 """d1 and d3 += c F_x [m/N]."""

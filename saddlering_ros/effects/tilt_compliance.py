@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 
-from saddlering_ros.effects.base import Choice, EffectParameter, RingEffect, Variant
+from saddlering_ros.effects.base import Choice, EffectParameter, Outcomes, RingEffect, Variant
 from saddlering_ros.effects.extension import RingExtension
-from saddlering_ros.effects.rig_tests import Outcomes
 
 TILT, EACH = 2.0, 3.0
 """The choices: tilt alone, or every coordinate by its own amount."""

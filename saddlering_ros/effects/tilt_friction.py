@@ -5,10 +5,16 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 
-from saddlering_ros.effects.base import Choice, EffectParameter, RingEffect, Variant
+from saddlering_ros.effects.base import (
+    Choice,
+    EffectParameter,
+    Outcomes,
+    RingEffect,
+    UNCLEAR,
+    Variant,
+)
 from saddlering_ros.effects.extension import RingExtension
-from saddlering_ros.effects.friction_shape import hysteron, loop_parameters
-from saddlering_ros.effects.rig_tests import Outcomes, UNCLEAR
+from saddlering_ros.effects.shared_parameters import hysteron, loop_parameters
 
 AXIAL, TILT, EACH = 1.0, 2.0, 3.0
 """The choices: against axial motion alone, against tilting alone, or against every motion."""

@@ -5,10 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 
-from saddlering_ros.effects.base import Choice, RingEffect, Variant
+from saddlering_ros.effects.base import Choice, Outcomes, RingEffect, UNCLEAR, Variant
 from saddlering_ros.effects.extension import RingExtension
-from saddlering_ros.effects.rig_tests import Outcomes, UNCLEAR
-from saddlering_ros.effects.worn_arc import arc_parameters, KIND, KINDS, STARTS, worn_arc
+from saddlering_ros.effects.shared_parameters import arc_parameters, KIND, KINDS, STARTS, worn_arc
 
 BOTH, UPPER, LOWER = 0.0, 1.0, 2.0
 ROWS = ((BOTH, 'both rows'), (UPPER, 'upper row'), (LOWER, 'lower row'))

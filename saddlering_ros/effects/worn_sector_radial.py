@@ -5,10 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 
-from saddlering_ros.effects.base import RingEffect, Variant
+from saddlering_ros.effects.base import Outcomes, RingEffect, UNCLEAR, Variant
 from saddlering_ros.effects.extension import RingExtension
-from saddlering_ros.effects.rig_tests import Outcomes, UNCLEAR
-from saddlering_ros.effects.worn_arc import (
+from saddlering_ros.effects.shared_parameters import (
     arc_parameters,
     KIND,
     KINDS,

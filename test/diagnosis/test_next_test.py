@@ -12,7 +12,7 @@ from saddlering_ros.diagnosis.proposals import on_slewed_ring, propose, with_swa
 from saddlering_ros.diagnosis.wording import lowered, size_of, title_of
 from saddlering_ros.discrepancy import Point, Separation
 from saddlering_ros.effects import catalogue
-from saddlering_ros.effects.rig_tests import Outcomes, RIG_TESTS
+from saddlering_ros.effects.base import Outcomes, RIG_TESTS
 from saddlering_ros.rig import default_rig
 
 KNOWN_GROUPS = (

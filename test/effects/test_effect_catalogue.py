@@ -8,6 +8,7 @@ from pathlib import Path
 import re
 import sys
 
+from catalogue_page import catalogue_page
 import pytest
 
 from saddlering_ros import effects
@@ -22,7 +23,6 @@ from saddlering_ros.effects import (
     STAGES,
     Variant,
 )
-from saddlering_ros.effects.document import catalogue_page
 from saddlering_ros.effects.extension import shared_parameters
 from saddlering_ros.rig import (
     CHANNELS,
@@ -203,4 +203,4 @@ def test_an_effect_is_found_by_its_id() -> None:
 def test_the_page_in_docs_is_the_catalogue_of_today() -> None:
     page = Path(__file__).parents[2] / 'docs' / 'catalogue.md'
     assert page.read_text(encoding='utf-8') == catalogue_page(), (
-        'run: python -m saddlering_ros.effects.document > docs/catalogue.md')
+        'run: python docs/catalogue_page.py > docs/catalogue.md')

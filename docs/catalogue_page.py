@@ -1,4 +1,4 @@
-"""The catalogue as a page to read: `python -m saddlering_ros.effects.document` writes it."""
+"""The catalogue as a page to read: `python docs/catalogue_page.py > docs/catalogue.md`."""
 
 from __future__ import annotations
 
@@ -6,15 +6,14 @@ from collections.abc import Iterator
 import sys
 
 from saddlering_ros.effects import catalogue
-from saddlering_ros.effects.base import EffectParameter, RingEffect, STAGES
-from saddlering_ros.effects.rig_tests import RIG_TESTS
+from saddlering_ros.effects.base import EffectParameter, RIG_TESTS, RingEffect, STAGES
 from saddlering_ros.quantities import compact
 
 OPENING = """\
 # Catalogue of effects
 
 A reference of the causes that a diagnosis can name. Each effect is one file of
-`saddlering_ros/effects/`. `python -m saddlering_ros.effects.document > docs/catalogue.md`
+`saddlering_ros/effects/`. `python docs/catalogue_page.py > docs/catalogue.md`
 writes this page from those files, and a test compares the two.
 
 An effect in a parameter file extends the model in every simulation, live and offline:

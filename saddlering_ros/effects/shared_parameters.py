@@ -1,0 +1,106 @@
+"""Parameters that several effects share: friction loops, choice of a probe, worn arcs."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+import math
+
+from saddlering_ros.effects.base import Choice, EffectParameter, Variant
+from saddlering_ros.effects.extension import Hysteron, Wear
+
+
+def loop_parameters(presliding_unit: str, low: float, high: float,
+                    start: float) -> tuple[EffectParameter, ...]:
+    """Presliding between `low` and `high`, sharpness of the loop's corners, and how it begins."""
+    return (
+        EffectParameter(
+            'presliding', presliding_unit, low, high, start, start,
+            'travel after a reversal within which friction changes direction', one_sided=True,
+            logarithmic=True),
+        EffectParameter(
+            'sharpness', '1', 0.0, 1.0, 0.5, 0.5,
+            'corners of the loop: 0 rounded (Dahl), 1 sharp (Jenkins)', one_sided=True),
+        EffectParameter(
+            'initial', '1', -1.0, 1.0, 0.5, 0.0,
+            'share of the friction at the zero of the run: 1 as while loading, -1 as while '
+            'unloading'),
+    )
+
+
+def hysteron(limit: float, values: Mapping[str, float]) -> Hysteron:
+    """The friction element of height `limit` with the loop parameters in `values`."""
+    return Hysteron(limit, values['presliding'], values['sharpness'], values['initial'])
+
+
+RADIAL_CHANNELS = ('delta_x', 'parity')
+AXIAL_CHANNELS = ('delta_y', 'gamma')
+
+ONE_PROBE = Choice(
+    'probe', (1.0, 2.0, 3.0, 4.0), 'radial: 1 rear, 3 front; axial: 2 front, 4 rear')
+ANY_PROBE = Choice('probe', (0.0, 1.0, 2.0, 3.0, 4.0), '0 for all probes, else one of them')
+
+
+def probe_channels(probe: int) -> tuple[str, ...]:
+    """Channels that one probe feeds: 1 and 3 are the radial probes, 2 and 4 the axial ones."""
+    return RADIAL_CHANNELS if probe in (1, 3) else AXIAL_CHANNELS
+
+
+def probe_variants(more: Mapping[str, float] | None = None,
+                   words: str = '') -> tuple[Variant, ...]:
+    """One variant per probe 1 to 4, each with `more` values and `words` if given."""
+    return tuple(
+        Variant(f'probe {probe}{words}', {'probe': float(probe), **(more or {})},
+                probe_channels(probe))
+        for probe in (1, 2, 3, 4)
+    )
+
+
+def probe_of(values: Mapping[str, float]) -> int:
+    """Number of the probe chosen, 0 for all."""
+    return round(values['probe'])
+
+
+STIFFNESS, GAP = 0.0, 1.0
+KINDS = ((STIFFNESS, 'softer rollers'), (GAP, 'larger gap'))
+KIND = Choice('kind', (STIFFNESS, GAP), '0 softer rollers, 1 larger gap')
+
+FULL_GAP = 1e-4
+"""Extra gap [m] at a wear of 1."""
+
+SOFT = 0.3
+"""Softness of an arc's ends [rad] from which the search starts: sharp ones make a valley of every
+roller."""
+
+STARTS = (
+    {'centre': 0.15, 'half_width': 0.4}, {'centre': 0.8, 'half_width': 0.4},
+    {'centre': 0.4, 'half_width': 1.0}, {'centre': 1.6}, {'centre': 2.7})
+"""The load zone at the rear (not at 0, where a mirror image hides the influence of the centre),
+the place between and the load zone at the front."""
+
+
+def arc_parameters(centre: float) -> tuple[EffectParameter, ...]:
+    """Parameters of a worn arc; `centre` [rad] is where the search for it starts."""
+    return (
+        EffectParameter(
+            'wear', '1', 0.0, 1.0, 0.3, 0.3,
+            'share of stiffness lost on the arc, or its extra gap in units of 0.1 mm',
+            amplitude=True, one_sided=True),
+        EffectParameter(
+            'centre', 'rad', 0.0, math.pi, 0.5, centre,
+            'middle of the arc from the rear (x > 0); its mirror image has the same effect',
+            one_sided=True),
+        EffectParameter(
+            'half_width', 'rad', 0.15, 1.5, 0.5, 0.6,
+            'half the length of the arc, to the middle of its ends', one_sided=True),
+        EffectParameter(
+            'edge', 'rad', 0.02, 0.8, 0.2, SOFT,
+            'width of the ends of the arc: most of the change lies within twice this',
+            one_sided=True),
+    )
+
+
+def worn_arc(values: Mapping[str, float]) -> Wear:
+    """The arc at `centre` [rad] with `half_width` and `edge` [rad], worn by `wear`."""
+    wear = values['wear']
+    loss, gap = (wear, 0.0) if values['kind'] == STIFFNESS else (0.0, FULL_GAP * wear)
+    return Wear(values['centre'], values['half_width'], loss, gap, values['edge'])
