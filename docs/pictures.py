@@ -8,8 +8,8 @@ from pathlib import Path
 from matplotlib.figure import Figure
 import numpy as np
 
-from saddlering_ros.report.html import png
-from saddlering_ros.report.style import AFTER, BEFORE, drawing, MEASURED, NOISE
+from saddlering_ros.pages.charts import AFTER, BEFORE, drawing, MEASURED, NOISE
+from saddlering_ros.pages.html import png
 from saddlering_ros.rig import default_rig, ParameterSet, TONNE, TRUE_TO_SCALE
 from saddlering_ros.ring import simulate
 

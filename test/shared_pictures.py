@@ -13,15 +13,15 @@ import pickle
 
 from made_once import MadeOnce
 
-from saddlering_ros.report.charts import Chart
+from saddlering_ros.pages.charts import Chart
 
-DRAWN = 'saddlering_ros.report.html.drawn'
+DRAWN = 'saddlering_ros.pages.html.drawn'
 """Where reports find the function that these tests replace."""
 
 
 def shared_drawn(made: MadeOnce) -> Callable[[Chart], bytes]:
     """`drawn`, which draws each chart once."""
-    from saddlering_ros.report.html import draw, png
+    from saddlering_ros.pages.html import draw, png
 
     def drawn(chart: Chart) -> bytes:
         def make(folder: Path) -> None:

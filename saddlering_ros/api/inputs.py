@@ -106,7 +106,7 @@ class Bag:
         return dataframe(self.columns())
 
     def _repr_html_(self) -> str:
-        from saddlering_ros.report import html
+        from saddlering_ros.pages import html
 
         return html.paragraph(self.summary())
 

@@ -64,7 +64,7 @@ class Plot:
             self.figure.savefig(temporary, format=suffix.lstrip('.'))
 
     def _repr_png_(self) -> bytes:
-        from saddlering_ros.report.html import png
+        from saddlering_ros.pages.html import png
 
         return png(self.figure)
 
@@ -142,7 +142,7 @@ class Result(ABC):
                         if bag.run.sha256))
 
     def _repr_html_(self) -> str:
-        from saddlering_ros.report import html
+        from saddlering_ros.pages import html
 
         columns = self.columns()
         rows = [[_cell(value) for value in row]
@@ -177,7 +177,7 @@ def _bags(count: int) -> str:
 
 
 def _cell(value: Any) -> Any:
-    from saddlering_ros.report.html import number
+    from saddlering_ros.pages.html import number
 
     if value is None:
         return ''
@@ -217,7 +217,7 @@ class IdentificationResult(Result, _Parametric):
     def write_report(self, path: Path | str, *, command: str = '') -> tuple[Path, ...]:
         """Write the report: parameters, and simulation beside measurement."""
         from saddlering_ros.report import write_validation_report
-        from saddlering_ros.report.curves_file import curves_path
+        from saddlering_ros.report.curves import curves_path
 
         check_path('path', path)
         self._spare_inputs(path, curves_path(path))
@@ -263,9 +263,9 @@ class ValidationResult(Result):
 
     def plot(self) -> Plot:
         """Measured and simulated, one column per run: static runs over load, dynamic over time."""
+        from saddlering_ros.pages.charts import draw
         from saddlering_ros.report import figures
-        from saddlering_ros.report.drawing import draw
-        from saddlering_ros.report.validation_page import curves_of_validation
+        from saddlering_ros.report.reports import curves_of_validation
 
         curves = curves_of_validation(self.found, runs_of(self.bags), self.rig.force_unit)
         static = [item for item in curves if item.test == 'static']
@@ -277,7 +277,7 @@ class ValidationResult(Result):
     ) -> tuple[Path, ...]:
         """Write the report on these parameters; identification: JSON of the identification."""
         from saddlering_ros.report import write_validation_report
-        from saddlering_ros.report.curves_file import curves_path
+        from saddlering_ros.report.curves import curves_path
 
         check_path('path', path)
         self._spare_inputs(path, curves_path(path))
@@ -291,10 +291,10 @@ class ValidationResult(Result):
 
     def save_plots(self, folder: Path | str) -> list[Path]:
         """One PNG per run in `folder`; the paths written."""
-        from saddlering_ros.identification.plots import plot_paths, save_plots
+        from saddlering_ros.report.reports import plot_paths, save_plots
 
         self._spare_inputs(*plot_paths(self.found, Path(folder)))
-        return save_plots(self.found, Path(folder), self.rig.force_unit)
+        return save_plots(self.found, runs_of(self.bags), Path(folder), self.rig.force_unit)
 
     def _document(self) -> dict[str, Any]:
         return {**self.found.to_json(),
@@ -348,15 +348,15 @@ class DiagnosisResult(Result, _Parametric):
 
     def plot(self) -> Plot:
         """Misfit of every run and channel before and after, beside the noise."""
+        from saddlering_ros.pages.charts import draw
         from saddlering_ros.report import figures
-        from saddlering_ros.report.drawing import draw
 
         return Plot(draw(figures.misfit(self.document['runs'])), self._spare_inputs)
 
     def write_report(self, path: Path | str, *, command: str = '') -> tuple[Path, ...]:
         """Write the report of the diagnosis."""
         from saddlering_ros.report import write_diagnosis_report
-        from saddlering_ros.report.curves_file import curves_path
+        from saddlering_ros.report.curves import curves_path
 
         check_path('path', path)
         self._spare_inputs(path, curves_path(path))

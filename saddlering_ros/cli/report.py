@@ -71,8 +71,8 @@ def _identification(path: Path | None) -> dict[str, Any] | None:
     """The JSON of an identification; ReportError if it is something else."""
     import json
 
+    from saddlering_ros.pages.html import ReportError
     from saddlering_ros.plain_yaml import read_regular_text
-    from saddlering_ros.report import ReportError
 
     if path is None:
         return None

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from saddlering_ros.demo import figures
 from saddlering_ros.demo.story import DemoOutcome
+from saddlering_ros.pages import html
+from saddlering_ros.pages.html import Cell, number
 from saddlering_ros.quantities import percent
-from saddlering_ros.report import background, chapters, html
+from saddlering_ros.report import background, chapters, parameters
 from saddlering_ros.report.background import quality_of
-from saddlering_ros.report.html import Cell, number
 
 FOUND_BY = ('The result of /identify_ring, before the diagnosis. The missing cause biases these '
             'contact parameters.')
@@ -26,8 +27,8 @@ def demo_page(outcome: DemoOutcome, command: str) -> str:
         chapters.misfit(document),
         background.misfit_reductions(document),
         chapters.causes(outcome.verdict),
-        chapters.identified(outcome.identification, FOUND_BY),
-        chapters.parameters(outcome.verdict, 'without the cause', 'with it',
+        parameters.identified(outcome.identification, FOUND_BY),
+        parameters.before_and_after(outcome.verdict, 'without the cause', 'with it',
                             outcome.extended.source.covariance),
         chapters.residual_map(outcome.curves),
         chapters.residuals(outcome.curves),

@@ -4,21 +4,35 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
-import html as markup
+from datetime import datetime, timezone
 import math
 
-from saddlering_ros.fleet.drawing import history_drawing, verdicts_drawing
+import numpy as np
+
 from saddlering_ros.fleet.drifts import Drift, words_of
 from saddlering_ros.fleet.judgement import Fleet, RingJudgement
-from saddlering_ros.fleet.observations import COORDINATES
-from saddlering_ros.report import html
+from saddlering_ros.fleet.observations import Array, COORDINATES, SessionFigures
+from saddlering_ros.pages import html
+from saddlering_ros.pages.charts import (
+    AFTER,
+    Chart,
+    line,
+    markers,
+    MEASURED,
+    NOISE,
+    Panel,
+    Series,
+    Ticks,
+)
 
-MAX_DRAWN = 40
-"""Rings whose histories are drawn."""
+MAX_DRAWN = 12
+"""Rings whose histories are drawn, those of most concern first."""
 
-CSS = ('<style>.row { display: flex; flex-wrap: wrap; gap: 4px 8px; }\n'
-       'td:nth-child(-n+2) { white-space: nowrap; }</style>')
+MAX_MONTHS_NAMED = 12
 
+VERDICT_COLOURS = {
+    'none': '#2f8f4e', 'named': '#1f6fb2', 'ambiguous': '#d9930d', 'unknown': '#d1495b',
+}
 
 UNLIKE_TEST = (
     'Test the ring on another rig. If it differs there too, measure its clearances. If it does '
@@ -31,9 +45,8 @@ def fleet_page(fleet: Fleet, failures: Sequence[tuple[str, str]]) -> str:
     """The page; failures: name of a session without a verdict, and the reason."""
     flagged = [item for item in fleet.rings if item.reasons]
     return html.page('Fleet of rings', [
-        CSS, '<h1>Rings and rigs of this campaign</h1>', _tiles(fleet, flagged, failures),
-        _needs_a_person(fleet, flagged), html.section('Verdicts over time',
-                                                      verdicts_drawing(fleet.sessions)),
+        '<h1>Rings and rigs of this campaign</h1>', _tiles(fleet, flagged, failures),
+        _needs_a_person(fleet, flagged), _verdicts(fleet.sessions),
         _histories(fleet), _all_rings(fleet), _failures(failures), _method(fleet),
     ])
 
@@ -93,23 +106,77 @@ def _long(time: float) -> str:
 
 def _links(item: RingJudgement) -> html.Cell:
     links = [
-        f'<a href="{markup.escape(session.report)}">{markup.escape(session.name)}</a>'
+        f'<a href="{html.escape(session.report)}">{html.escape(session.name)}</a>'
         for session in item.sessions if session.report
     ]
     return html.Cell(', '.join(links), is_html=True)
 
 
+def _verdicts(sessions: Sequence[SessionFigures]) -> str:
+    """Sessions a month by verdict; '' where no session has a date."""
+    months: dict[str, Counter[str]] = {}
+    for item in sorted(sessions, key=lambda one: one.time):
+        if np.isfinite(item.time):
+            month = datetime.fromtimestamp(item.time, timezone.utc).strftime('%Y-%m')
+            months.setdefault(month, Counter())[item.verdict] += 1
+    if not months:
+        return ''
+    names = list(months)
+    step = math.ceil(len(names) / MAX_MONTHS_NAMED)
+    places = np.arange(float(len(names)))
+    series = [part for verdict, colour in VERDICT_COLOURS.items() for part in (
+        line(places, [found[verdict] for found in months.values()], colour),
+        markers(places, [found[verdict] for found in months.values()], 'o', colour, verdict))]
+    panel = Panel(0, 0, 'month', 'sessions', tuple(series), x_ticks=Ticks(
+        tuple(places[::step].tolist()), tuple(names[::step])))
+    return html.section('Verdicts over time', html.picture(
+        Chart((panel,), width=9.4, height=2.8), 'verdicts', 'Sessions a month by verdict.'))
+
+
 def _histories(fleet: Fleet) -> str:
-    rows = []
-    for item in [ring for ring in fleet.rings if ring.history.of][:MAX_DRAWN]:
-        drawings = ''.join(
-            history_drawing(found, name.replace('_', ' '), item.history.clock)
-            for name, found in item.history.of.items())
-        rows.append(f'{html.heading(item.ring)}<div class="row">{drawings}</div>')
+    pictures = [
+        html.picture(_history_chart(ring), f'history_{ring.ring}', f'Ring {ring.ring}.')
+        for ring in [item for item in fleet.rings if item.history.of][:MAX_DRAWN]]
     words = html.paragraph(
-        'Points: values with two standard deviations. Line: the level of the trend. A dashed '
-        'line is a service. Stiffness and damping are shown as change in percent.', 'note')
-    return html.section('Histories', words, *rows) if rows else ''
+        f'The {MAX_DRAWN} rings of most concern. Points: values with two standard deviations. '
+        'Line: the level of the trend. A dashed line is a service. Stiffness and damping are '
+        'shown as change in percent.', 'note')
+    return html.section('Histories', words, *pictures) if pictures else ''
+
+
+def _history_chart(ring: RingJudgement) -> Chart:
+    """Readings with two standard deviations, the filtered level, services as dashed lines.
+
+    Logarithms are drawn as percent of the first level, exponents and sizes unchanged.
+    """
+    unit = 'h' if ring.history.clock == 'service_hours' else 'years'
+    panels = []
+    for column, (name, found) in enumerate(ring.history.of.items()):
+        series, first = found.series, found.level[0]
+        is_relative = name.startswith(('stiffness', 'damping'))
+
+        def shown(numbers: Array, first: float = first, is_relative: bool = is_relative) -> Array:
+            return np.asarray(100.0 * np.expm1(numbers - first)) if is_relative else numbers
+
+        low, high = shown(series.value - 2.0 * series.std), shown(series.value + 2.0 * series.std)
+        renewed = series.time[series.renewed]
+        ends = float(low.min()), float(high.max())
+        drawn = (
+            _strokes(renewed, np.full(renewed.size, ends[0]), np.full(renewed.size, ends[1]),
+                     '--'),
+            _strokes(series.time, low, high), line(series.time, shown(found.level), AFTER),
+            markers(series.time, shown(series.value), 'o', MEASURED, size=3.0))
+        panels.append(Panel(
+            0, column, f'time / {unit}', 'change / %' if is_relative else 'value', drawn,
+            title=name.replace('_', ' '), shows_y_label=False))
+    return Chart(tuple(panels), width=11.4, height=2.1, columns=len(panels))
+
+
+def _strokes(x: Array, low: Array, high: Array, dash: str = '-') -> Series:
+    """Upright strokes as one line, with NaN between them."""
+    gaps = np.full(x.size, np.nan)
+    return line(np.stack([x, x, gaps], axis=1).ravel(),
+                np.stack([low, high, gaps], axis=1).ravel(), NOISE, dash=dash, width=0.9)
 
 
 def _all_rings(fleet: Fleet) -> str:

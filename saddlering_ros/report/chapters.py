@@ -3,10 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-import math
 from typing import Any, Literal
-
-import numpy as np
 
 from saddlering_ros.diagnosis.contract import (
     CandidateEntry,
@@ -32,20 +29,17 @@ from saddlering_ros.diagnosis.wording import (
     why_lost,
 )
 from saddlering_ros.effects import catalogue
-from saddlering_ros.identification.summary import INTERVALS
-from saddlering_ros.quantities import compact, percent, probability, quantity, span
-from saddlering_ros.report import figures, html
-from saddlering_ros.report.background import correlation
-from saddlering_ros.report.curves import Array, RunCurves
-from saddlering_ros.report.html import Cell, code, number
-from saddlering_ros.report.style import SYMBOLS
-from saddlering_ros.rig import CHANNELS, PARAMETER_NAMES, PARAMETER_UNITS, stiffness_per_millimetre
+from saddlering_ros.pages import html
+from saddlering_ros.pages.html import Cell, code, number
+from saddlering_ros.quantities import compact, percent, probability, quantity
+from saddlering_ros.report import figures
+from saddlering_ros.report.curves import RunCurves
+from saddlering_ros.report.figures import SYMBOLS
+from saddlering_ros.rig import CHANNELS
 from saddlering_ros.thresholds import allowed_misfit, is_left, VERDICT_WORDS
 
 CANDIDATES_SHOWN = 12
 TESTS_SHOWN = 6
-ASSUMPTION = ('Every dimension of the rig is an assumption of this project, so the parameters are '
-              "equivalent ones: they reproduce the ring's response, not a single roller's.")
 
 
 def verdict_banner(document: Document, curves: Sequence[RunCurves] = ()) -> str:
@@ -203,88 +197,6 @@ def _mark(value: float | None, item: ChannelEntry) -> str:
     if value is None or floor is None:
         return ''
     return 'bad' if value > allowed_misfit(floor) else 'good'
-
-
-def identified(found: Mapping[str, Any], words: str = '') -> str:
-    """Result of an identification: values, errors, intervals, undetermined parameters."""
-    rows: list[list[str | Cell]] = []
-    for name in PARAMETER_NAMES:
-        item = found['parameters'][name]
-        unit = '' if item['unit'] == '1' else item['unit']
-        rows.append([
-            code(name), number(quantity(item['value'], unit, item['std'])),
-            number(span(*item['interval']) if item['interval'] else '–'),
-            f'not determined by these data: {item["reason"]}' if item['reason'] else
-            ('at its bound' if item['at_bound'] else '')])
-    for name, exponent in (('K1', 'n1'), ('K2', 'n2')):
-        stiffness, power = (found['parameters'][key]['value'] for key in (name, exponent))
-        rows.append([
-            code(name), number(quantity(stiffness_per_millimetre(stiffness, power), 'N/mm^n')),
-            '', ''])
-    covariance = np.array([[math.nan if value is None else value for value in row]
-                           for row in found.get('covariance') or []])
-    return html.section(
-        'Identification',
-        html.paragraph(f'{found["evaluations"]} simulations in {found["elapsed"]:.1f} s; '
-                       f'{found["status"]}.'),
-        html.table(['parameter', number('value ± standard deviation'), number('95 % interval'),
-                    ''], rows, words),
-        html.paragraph(INTERVALS, 'note'),
-        correlation(covariance if covariance.shape == (6, 6) else None),
-        html.paragraph(ASSUMPTION, 'note'), html.bullets(list(found.get('notes') or [])))
-
-
-def parameters(
-    document: Document, before: str = 'before', after: str = 'after',
-    covariance: Array | None = None,
-) -> str:
-    """Contact parameters before and after, with intervals, correlation, and the bias removed."""
-    first, last = document['parameters']['before'], document['parameters']['after']
-    reasons = document['parameters'].get('undetermined', {}).get('after', {})
-    rows: list[list[str | Cell]] = []
-    for name in PARAMETER_NAMES:
-        if name not in first or name not in last:
-            continue
-        std = last.get(f'{name}_std')
-        rows.append([
-            code(name), number(_contact(name, first[name], None)),
-            number(_contact(name, last[name], std)), number(interval(last[name], std)),
-            number(_moved(first[name], last[name])),
-            number('–' if not std else f'{abs(first[name] - last[name]) / std:.1f}'),
-            f'not determined by these data: {reasons[name]}' if name in reasons else '',
-        ])
-    for name, exponent in (('K1', 'n1'), ('K2', 'n2')):
-        if name in first and name in last:
-            rows.append([code(name), *(
-                number(quantity(stiffness_per_millimetre(item[name], item[exponent]), 'N/mm^n'))
-                for item in (first, last)), *[number('')] * 4])
-    return html.section(
-        'Contact parameters',
-        html.table(['parameter', number(before), number(f'{after} ± standard deviation'),
-                    number('95 % interval'), number('bias removed'), number('bias / std'),
-                    ''], rows),
-        correlation(covariance),
-        html.paragraph(ASSUMPTION + ' K and n of a row are strongly correlated: judge them '
-                       'together.', 'note'),
-    )
-
-
-def interval(value: float, std: float | None) -> str:
-    """Value plus and minus 1.96 standard deviations, which holds it 95 times in 100."""
-    return span(value - 1.96 * std, value + 1.96 * std) if std else '–'
-
-
-def _moved(first: float, last: float) -> str:
-    """Change of a value: in percent, or as a factor if it is more than half."""
-    ratio = first / last
-    if abs(ratio - 1.0) < 5e-4:
-        return '0 %'
-    return f'{100.0 * (ratio - 1.0):+.2g} %' if 0.5 < ratio < 1.5 else f'× {ratio:.2g}'
-
-
-def _contact(name: str, value: float, std: float | None) -> str:
-    unit = PARAMETER_UNITS[name]
-    return quantity(value, '' if unit == '1' else unit, std)
 
 
 def paper_split(curves: Sequence[RunCurves]) -> str:
@@ -486,3 +398,38 @@ def notes(document: Document) -> str:
 
 def _short(bag: str) -> str:
     return str(bag).rstrip('/').rsplit('/', 1)[-1]
+
+
+def proposal(document: Document, force_unit: str = 't') -> str:
+    """The proposed law with its curve, misfit reduction and doubts; empty without a law.
+
+    force_unit: unit in which loads are shown.
+    """
+    law = document.get('proposal')
+    if not law:
+        return ''
+    gain = law['gain']
+    kept = gain['held_out']
+    worth = f'The law reduces the misfit by {percent(gain["fit"])} on fitted runs' + (
+        '.' if kept is None else f' and by {percent(kept)} on held-out runs.')
+    parts = [html.paragraph('A proposal; the verdict stays unknown.', 'soft'),
+             html.paragraph(worth)]
+    for place, term in enumerate(law['terms']):
+        parts += _term(term, place, force_unit)
+    parts += [html.heading('Doubts') if law['doubts'] else '', html.bullets(law['doubts'])]
+    if law['effect_files']:
+        parts.append(html.paragraph(
+            f'Effect file, for the next diagnosis: {", ".join(law["effect_files"])}.', 'note'))
+    return html.section('A law that would explain the misfit', *parts)
+
+
+def _term(term: Mapping[str, Any], place: int, force_unit: str) -> list[str]:
+    rows: list[list[str | Cell]] = [
+        [code(name), number(quantity(item['value'], item['unit'], item['std']))]
+        for name, item in term['parameters'].items()]
+    words = f'{term["channel"]} += {term["law"]} in {term["coordinate"]}'
+    return [
+        html.heading(words), html.commands([term['formula']]),
+        html.table(['parameter', number('value ± standard deviation')], rows),
+        html.picture(figures.proposed_law(term, force_unit), f'proposal_{place + 1}',
+                     f'{words}: the addition, with twice its standard deviation (dotted).')]

@@ -1,10 +1,12 @@
-"""Input of the figures of a run: measured and simulated channels, and derived curves."""
+"""The curves of a run as figures and the CSV file beside a report show them."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
+import csv
 from dataclasses import dataclass
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +14,9 @@ from numpy.typing import NDArray
 from saddlering_ros.bags import plateaus, TestRun
 from saddlering_ros.diagnosis.verdict import RunFigures, Verdict
 from saddlering_ros.discrepancy import RunBlocks
+from saddlering_ros.pages.html import ReportError
 from saddlering_ros.rig import CHANNELS, FORCE_UNITS
+from saddlering_ros.writing import whole_file
 
 Array = NDArray[np.float64]
 
@@ -192,24 +196,44 @@ def branches(load: Array, direction: Array, values: Array) -> Branches:
 
 def spectrum(time: Array, values: Array) -> tuple[Array, Array]:
     """Frequency [Hz] and amplitude density [unit/√Hz] of samples, put on an even grid first."""
+    from scipy.signal import welch  # half a second of import that only a report needs
+
     step = float(np.median(np.diff(time)))
     even = np.arange(time[0], time[-1] + 0.5 * step, step)
     filled = np.interp(even, time, values)
-    density = welch(filled, step, min(256, filled.size // 2))
-    frequency = np.fft.rfftfreq(min(256, filled.size // 2), step)
+    frequency, density = welch(filled, 1.0 / step, nperseg=min(256, filled.size // 2))
     return np.asarray(frequency[1:]), np.asarray(np.sqrt(density[1:]))
 
 
-def welch(values: Array, step: float, count: int) -> Array:
-    """Power spectral density [unit^2/Hz] of samples `step` [s] apart, by Welch's method.
+FACTS = ('bag', 'test', 'elevation_deg', 'held_out', 'time_s', 'load_N', 'direction')
+"""Columns of the CSV file that are no curves."""
 
-    Means over segments of `count` samples that overlap by half, each without its mean and under
-    a Hann window.
+
+def curves_path(report: Path | str) -> Path:
+    """'report_curves.csv' for 'report.html'."""
+    path = Path(report)
+    return path.with_name(f'{path.stem}_curves.csv')
+
+
+def write_curves(path: Path, curves: Sequence[RunCurves]) -> None:
+    """Write every run's curves as rows of one table, whole or not at all.
+
+    Columns: FACTS, then each channel measured, simulated by the contact law alone and, if any run
+    has it, by the extended model: [m], gamma [rad].
     """
-    window = 0.5 - 0.5 * np.cos(2.0 * np.pi * np.arange(count) / count)
-    segments = np.lib.stride_tricks.sliding_window_view(values, count)[::count - count // 2]
-    segments = segments - segments.mean(axis=1, keepdims=True)
-    power = np.abs(np.fft.rfft(window * segments)) ** 2
-    density = power.mean(axis=0) * step / (window**2).sum()
-    density[1:(count + 1) // 2] *= 2.0
-    return np.asarray(density)
+    is_extended = any(run.is_extended for run in curves)
+    versions = ('measured', 'simulated', *(('simulated_extended',) if is_extended else ()))
+    with whole_file(path, ReportError) as temporary, temporary.open(
+            'w', encoding='utf-8', newline='') as file:
+        table = csv.writer(file)
+        table.writerow([*FACTS, *(f'{name}_{kind}' for kind in versions for name in CHANNELS)])
+        for run in curves:
+            table.writerows(_rows(run, is_extended))
+
+
+def _rows(run: RunCurves, is_extended: bool) -> Iterator[list[object]]:
+    values = [*run.measured, *run.before, *(run.after if is_extended else ())]
+    facts = [run.name, run.test, run.elevation_deg, int(run.held_out)]
+    for place in range(run.time.size):
+        yield [*facts, repr(float(run.time[place])), repr(float(run.load[place])),
+               int(run.direction[place]), *(repr(float(row[place])) for row in values)]

@@ -3,35 +3,36 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from saddlering_ros.diagnosis.records import smooth_rate
-from saddlering_ros.report.charts import (
+from saddlering_ros.pages.charts import (
+    AFTER,
+    BEFORE,
     Chart,
+    DOWN,
     HeatMap,
     line,
     markers,
+    MEASURED,
+    NOISE,
     Panel,
     Series,
     ShadedBand,
     Ticks,
+    UP,
     without_inner_labels,
 )
 from saddlering_ros.report.curves import Array, branches, RunCurves, spectrum
-from saddlering_ros.report.style import (
-    AFTER,
-    axis_label,
-    BEFORE,
-    DOWN,
-    MEASURED,
-    MICRO,
-    NOISE,
-    SYMBOLS,
-    UP,
-)
 from saddlering_ros.rig import CHANNELS, force_decimals, FORCE_UNITS, force_words, MICRO_UNITS
+
+MICRO = 1e6
+"""Metres to micrometres, radians to microradians."""
+
+SYMBOLS = {'delta_x': 'δx', 'delta_y': 'δy', 'gamma': 'γ', 'parity': 'parity'}
 
 SHOWN = CHANNELS[:3]
 """Channels of the comparison; the published tests show delta_x and gamma only."""
@@ -44,6 +45,11 @@ BROWN_TO_PURPLE = ('#7f3b08', '#b35806', '#e08214', '#fdb863', '#fee0b6', '#f7f7
 
 MAIN, STRIP = 3.0, 1.25
 """Heights of a channel and of its residual below."""
+
+
+def axis_label(channel: str) -> str:
+    """Label of an axis that shows a channel."""
+    return f'{SYMBOLS[channel]} / {MICRO_UNITS[channel]}'
 
 
 def comparison(runs: Sequence[RunCurves], channels: Sequence[str] = SHOWN) -> Chart:
@@ -70,12 +76,16 @@ def proof(run: RunCurves, channel: str) -> Chart:
 
 def _compared(
     run: RunCurves, channel: str, row: int, column: int, *, with_title: bool,
+    is_over_load: bool | None = None,
 ) -> list[Panel]:
-    """A channel as measured and simulated, and the residual below."""
+    """A channel as measured and simulated, and the residual below.
+
+    is_over_load: against load or time; None: load for a static run, time for a dynamic one.
+    """
     place = CHANNELS.index(channel)
     is_static = run.test == 'static'
     over, across = run.time, 'time / s'
-    if is_static:
+    if is_static if is_over_load is None else is_over_load:
         over, across = run.load_in_unit, f'load / {run.force_unit}'
     measured, before, after = (MICRO * item[place] for item in (
         run.measured, run.before, run.after))
@@ -101,6 +111,20 @@ def _compared(
               tuple(line(over, measured - values, colour, width=0.9)
                     for values, colour, _, _ in versions),
               bands=(ShadedBand(-size, size),), levels=(0.0,))]
+
+
+def of_run(run: RunCurves, channels: Sequence[str] = SHOWN) -> Chart:
+    """One run: every channel over load and over time, and its residual over time."""
+    panels = []
+    for row, channel in enumerate(channels):
+        over_load, _ = _compared(run, channel, row, 0, with_title=False, is_over_load=True)
+        over_time, residual = _compared(run, channel, row, 1, with_title=False,
+                                        is_over_load=False)
+        panels += [over_load, over_time, replace(residual, row=row, column=2)]
+    title = f'{run.name}: {run.test}, {run.elevation_deg:g}°'
+    panels[0] = replace(panels[0], title=title)
+    return Chart(tuple(without_inner_labels(panels, len(channels))), width=12.0, height=9.0,
+                 heights=(1.0,) * len(channels), columns=3, shares_x=True)
 
 
 def misfit(runs: Sequence[Mapping[str, Any]], channels: Sequence[str] = CHANNELS[:3]) -> Chart:
@@ -303,3 +327,25 @@ def _map_row(run: RunCurves, sign: float, channel: str, extended: bool, top: flo
         if cell.any():
             found[number] = values[cell].mean()
     return found
+
+
+def proposed_law(term: Mapping[str, Any], force_unit: str) -> Chart:
+    """What a proposed law adds to a channel over its coordinate.
+
+    force_unit: unit in which loads are shown.
+    """
+    curve = term['curve']
+    newtons = FORCE_UNITS[force_unit]
+    size, unit = {'N': (newtons, force_unit), 'N/s': (newtons, f'{force_unit}/s'),
+                  '1': (1.0, '')}.get(curve['at_unit'], (1.0, curve['at_unit']))
+    at = np.array(curve['at'], float) / size
+    is_load = curve['unit'] == 'N'
+    scale = 1.0 / newtons if is_load else MICRO
+    values, spread = (scale * np.array(curve[key], float) for key in ('values', 'std'))
+    shown = force_unit if is_load else MICRO_UNITS.get(term['channel'], 'µm')
+    across = term['coordinate'] + (f' / {unit}' if unit else '')
+    series = (line(at, values, AFTER, 'proposed law'),
+              line(at, values - 2.0 * spread, AFTER, dash=':'),
+              line(at, values + 2.0 * spread, AFTER, dash=':'))
+    panel = Panel(0, 0, across, f'{term["channel"]} / {shown}', series, levels=(0.0,))
+    return Chart((panel,), width=7.0, height=3.2)

@@ -9,8 +9,8 @@ import pytest
 
 from saddlering_ros.identification import IdentificationError, validate
 from saddlering_ros.identification.criteria import judge
-from saddlering_ros.identification.plots import save_plots
 from saddlering_ros.identification.summary import VALIDATION_COLUMNS, validation_text
+from saddlering_ros.report import save_plots
 from saddlering_ros.rig import ParameterSet, TRUE_TO_SCALE
 
 TRUTH = ParameterSet(TRUE_TO_SCALE)
@@ -149,8 +149,8 @@ def test_the_table_ends_with_its_columns_explained_and_a_line_for_each_criterion
     assert [line.split()[0] for line in text.splitlines()[-4:]] == ['passed'] * 4
 
 
-def test_pictures_are_written_per_run(clean, tmp_path):
-    pictures = save_plots(clean, tmp_path / 'plots')
+def test_pictures_are_written_per_run(clean, runs, tmp_path):
+    pictures = save_plots(clean, runs, tmp_path / 'plots')
     assert len(pictures) == 2
     assert all(picture.stat().st_size > 10_000 for picture in pictures)
 

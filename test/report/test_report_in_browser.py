@@ -10,7 +10,7 @@ from shared_pictures import DRAWN, shared_drawn
 
 from saddlering_ros.provenance import Origin, Provenance
 from saddlering_ros.report.background import Background, RunQuality
-from saddlering_ros.report.diagnosis_page import diagnosis_page
+from saddlering_ros.report.reports import diagnosis_page
 from saddlering_ros.rig import CHANNELS, TONNE
 
 HASH = 64 * 'a'

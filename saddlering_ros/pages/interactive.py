@@ -12,8 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from saddlering_ros.report.charts import Chart, HeatMap, Panel, Series, ShadedBand, Ticks
-from saddlering_ros.report.style import NOISE
+from saddlering_ros.pages.charts import Chart, HeatMap, NOISE, Panel, Series, ShadedBand, Ticks
 
 PIXELS_PER_INCH = 100.0
 DIGITS = 7

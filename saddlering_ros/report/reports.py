@@ -1,4 +1,4 @@
-"""The report of parameters: their source, and their predictions of the given runs."""
+"""Reports of a diagnosis and of a validation, each one HTML page with its curves beside it."""
 
 from __future__ import annotations
 
@@ -9,30 +9,87 @@ from typing import Any
 import numpy as np
 
 from saddlering_ros.bags import TestRun
+from saddlering_ros.diagnosis.verdict import Verdict
+from saddlering_ros.diagnosis.wording import Document
 from saddlering_ros.identification.criteria import judge
 from saddlering_ros.identification.validation import ChannelFigures, RunValidation, Validation
-from saddlering_ros.quantities import compact, percent, quantity
-from saddlering_ros.report import background, chapters, html
-from saddlering_ros.report.background import correlation, quality_of
-from saddlering_ros.report.curves import curves_of_run, RunCurves
-from saddlering_ros.report.curves_file import curves_path, write_curves
-from saddlering_ros.report.header import head, head_line
-from saddlering_ros.report.html import Cell, code, number
-from saddlering_ros.report.style import SYMBOLS
-from saddlering_ros.rig import (
-    CHANNELS,
-    PARAMETER_NAMES,
-    PARAMETER_UNITS,
-    ParameterSet,
-    Rig,
-    stiffness_per_millimetre,
-    write_text_atomically,
+from saddlering_ros.pages import html
+from saddlering_ros.pages.charts import draw
+from saddlering_ros.pages.html import Cell, code, number, ReportError
+from saddlering_ros.quantities import percent, quantity
+from saddlering_ros.report import background, chapters, figures, parameters
+from saddlering_ros.report.background import Background, head, head_line, quality_of
+from saddlering_ros.report.curves import (
+    curves_of,
+    curves_of_run,
+    curves_path,
+    RunCurves,
+    write_curves,
 )
+from saddlering_ros.report.figures import SYMBOLS
+from saddlering_ros.rig import CHANNELS, ParameterSet, Rig
 from saddlering_ros.thresholds import allowed_misfit
+from saddlering_ros.writing import whole_file, write_text
 
-OF_NOISE = ('Where no cause is in the model, standard deviations of a parameter file count noise '
-            'alone. They hold for another test of the same ring. The intervals of identify also '
-            'allow for unequal rollers.')
+NOTHING = Background()
+
+
+def write_diagnosis_report(
+    verdict: Verdict, path: Path | str, command: str = '',
+) -> tuple[Path, Path]:
+    """Write the page of a verdict and its curves, whole or not at all; the paths written.
+
+    command: the command line that makes the page.
+    """
+    known = Background(
+        covariance=verdict.extended_parameters().source.covariance,
+        quality=[quality_of(figures.record.test_run, verdict.rig) for figures in verdict.runs],
+        command=command, curves_file=curves_path(path).name,
+        force_unit=verdict.rig.force_unit)
+    tests = [head_line(figures.record.test_run, held_out=figures.record.run.held_out)
+             for figures in verdict.runs]
+    curves = curves_of(verdict)
+    top = head(TITLE, verdict.rig, tests)
+    write_text(path, diagnosis_page(verdict.to_json(), curves, known, top), ReportError)
+    write_curves(curves_path(path), curves)
+    return Path(path), curves_path(path)
+
+
+TITLE = 'What the ring simulation lacks'
+
+
+def diagnosis_page(
+    document: Document, curves: Sequence[RunCurves], known: Background = NOTHING,
+    top: str = f'<h1>{TITLE}</h1>',
+) -> str:
+    """The page of a verdict's JSON and the curves of its runs, below a head."""
+    return html.page('Diagnosis of the ring simulation', [
+        top, chapters.verdict_banner(document, curves),
+        *diagnosis_chapters(document, curves, known),
+    ])
+
+
+def diagnosis_chapters(
+    document: Document, curves: Sequence[RunCurves], known: Background = NOTHING,
+) -> list[str]:
+    """Everything below the verdict, most important first."""
+    return [
+        chapters.causes(document),
+        chapters.proposal(document, known.force_unit),
+        background.misfit_reductions(document),
+        chapters.misfit(document),
+        chapters.paper_split(curves),
+        chapters.residual_map(curves),
+        parameters.before_and_after(document, covariance=known.covariance),
+        chapters.candidates(document),
+        chapters.shape_tests(document),
+        chapters.residuals(curves),
+        chapters.look_alikes(document),
+        chapters.detection_limits(document),
+        background.data_quality(known.quality),
+        chapters.notes(document),
+        background.reproduction(document, known.command, known.curves_file),
+    ]
 
 
 def write_validation_report(
@@ -44,8 +101,9 @@ def write_validation_report(
     `runs` are those validated, in order; `identification` is the JSON of an identification.
     """
     beside = curves_path(path)
-    write_text_atomically(
-        Path(path), validation_page(validation, runs, rig, identification, command, beside.name))
+    write_text(
+        path, validation_page(validation, runs, rig, identification, command, beside.name),
+        ReportError)
     write_curves(beside, curves_of_validation(validation, runs, rig.force_unit))
     return Path(path), beside
 
@@ -56,13 +114,13 @@ def validation_page(
 ) -> str:
     """The whole page; curves_file: the name of the file that holds its curves."""
     curves = curves_of_validation(validation, runs, rig.force_unit)
-    found_by = ('' if identification is None else chapters.identified(identification))
+    found_by = ('' if identification is None else parameters.identified(identification))
     return html.page('How well the parameters predict', [
         head('How well the parameters predict', rig, [
             head_line(run, held_out=shown.held_out)
             for run, shown in zip(runs, curves, strict=True)]),
         _banner(validation, curves),
-        found_by or _parameters(validation.parameters),
+        found_by or parameters.of_file(validation.parameters),
         _criteria(validation),
         _figures(validation),
         chapters.paper_split(curves),
@@ -123,38 +181,6 @@ def _criteria(validation: Validation) -> str:
         ['criterion', 'worst channel', number('value'), number('limit')], rows))
 
 
-def _parameters(parameters: ParameterSet) -> str:
-    """The parameter file: contact law with errors, effects, correlation, where it came from."""
-    covariance = parameters.source.covariance
-    spread = [None] * 6 if covariance is None else np.sqrt(np.diag(covariance)).tolist()
-    rows: list[list[str | Cell]] = []
-    for name, std in zip(PARAMETER_NAMES, spread, strict=True):
-        value = float(getattr(parameters.contact, name))
-        unit = PARAMETER_UNITS[name]
-        reason = parameters.source.undetermined.get(name)
-        known = std if reason is None else None
-        rows.append([code(name), number(quantity(value, '' if unit == '1' else unit, known)),
-                     number(chapters.interval(value, known)),
-                     '' if reason is None else f'not determined by these data: {reason}'])
-    contact = parameters.contact
-    for name, value, power in (('K1', contact.K1, contact.n1), ('K2', contact.K2, contact.n2)):
-        shown = quantity(stiffness_per_millimetre(value, power), 'N/mm^n')
-        rows.append([code(name), number(shown), '', ''])
-    for effect, values in parameters.effects.items():
-        rows += [[code(f'{effect}.{name}'), number(f'{compact(value, 5)} (SI)'), '', '']
-                 for name, value in values.items()]
-    source = parameters.source
-    words = 'As given' if source.method == 'given' else f'By {source.method}'
-    words += f' from {", ".join(source.bags)}' if source.bags else ''
-    return html.section(
-        'Parameters',
-        html.table(['parameter', number('value ± standard deviation'), number('95 % interval'),
-                    ''], rows, words + (f': {source.note}' if source.note else '')),
-        correlation(covariance),
-        '' if covariance is None or source.method == 'given' else html.paragraph(OF_NOISE, 'note'),
-        html.paragraph(chapters.ASSUMPTION, 'note'))
-
-
 def _figures(validation: Validation) -> str:
     """Every figure of every channel, with its unit."""
     rows: list[list[str | Cell]] = []
@@ -179,3 +205,21 @@ def _figures(validation: Validation) -> str:
         'Red: more than twice the noise floor and more than 0.1 % of range. Loop: missing '
         'area over load, as a share of load range times channel range. E / u_val: comparison '
         'error over validation uncertainty (ASME V&V 20).'))
+
+
+def plot_paths(validation: Validation, folder: Path) -> list[Path]:
+    """Path of the PNG of each run in `folder`."""
+    return [folder / f'{place:02d}_{Path(run.name).stem}.png'
+            for place, run in enumerate(validation.runs, start=1)]
+
+
+def save_plots(
+    validation: Validation, runs: Sequence[TestRun], folder: Path, force_unit: str = 't',
+) -> list[Path]:
+    """One PNG per run in `folder`; the paths written. force_unit: unit of loads."""
+    paths = plot_paths(validation, folder)
+    curves = curves_of_validation(validation, runs, force_unit)
+    for run, path in zip(curves, paths, strict=True):
+        with whole_file(path, ReportError) as temporary:
+            temporary.write_bytes(html.png(draw(figures.of_run(run))))
+    return paths

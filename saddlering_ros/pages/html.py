@@ -14,9 +14,9 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from PIL import Image
 
-from saddlering_ros.report import interactive
-from saddlering_ros.report.charts import Chart
-from saddlering_ros.report.drawing import draw
+from saddlering_ros.errors import SaddleringError
+from saddlering_ros.pages import interactive
+from saddlering_ros.pages.charts import Chart, draw
 
 RESOLUTION = 100
 """Pixels per inch of a picture."""
@@ -91,6 +91,10 @@ figure.drawn img { display: none; }
 """
 
 SCRIPT = Path(__file__).with_name('charts.js')
+
+
+class ReportError(SaddleringError):
+    """A report that cannot be drawn or written."""
 
 
 @dataclass(frozen=True)

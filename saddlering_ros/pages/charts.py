@@ -1,0 +1,275 @@
+"""A figure as data: panels with lines, bands and heat maps; and its picture by matplotlib.
+
+The picture is printed, mailed and read without scripts. `interactive.py` makes the figure that a
+browser zooms into; both show the same because both are made from the same `Chart`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from typing import Any
+
+import matplotlib
+from matplotlib.colors import LinearSegmentedColormap
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+from matplotlib.ticker import FuncFormatter
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Array = NDArray[np.float64]
+
+MEASURED = '#26323d'
+BEFORE = '#d1495b'
+AFTER = '#1f6fb2'
+NOISE = '#9aa5b1'
+UP, DOWN = '#c77700', '#00798c'
+
+FONT = {
+    'font.family': 'DejaVu Sans', 'font.size': 9.0, 'axes.titlesize': 10.0,
+    'axes.labelsize': 9.0, 'legend.fontsize': 8.0, 'axes.grid': True, 'grid.color': '#e4e8ec',
+    'grid.linewidth': 0.7, 'axes.edgecolor': '#7b8794', 'axes.linewidth': 0.8,
+    'axes.axisbelow': True, 'axes.spines.top': False, 'axes.spines.right': False,
+    'legend.frameon': False, 'lines.linewidth': 1.2, 'xtick.color': '#3e4c59',
+    'ytick.color': '#3e4c59', 'axes.unicode_minus': True,
+}
+
+MANY_COLUMNS = 3
+"""Grids of more columns than this get smaller titles and ticks."""
+
+
+@contextmanager
+def drawing() -> Iterator[None]:
+    """The look of every figure, for the time of drawing it."""
+    with matplotlib.rc_context(FONT):
+        yield
+
+
+@dataclass(frozen=True)
+class Series:
+    """One line or row of markers.
+
+    dash: '-', '--', ':' or '' for none; marker: '^', 'v', 'o', 'D', '.', '|' or '' for none;
+    width and size in points; name: in the legend, once for all series of that name ('': not).
+    """
+
+    x: Array
+    y: Array
+    colour: str
+    name: str = ''
+    dash: str = '-'
+    marker: str = ''
+    width: float = 1.2
+    size: float = 4.5
+    is_open: bool = False
+    opacity: float = 1.0
+
+
+@dataclass(frozen=True)
+class ShadedBand:
+    """A band of y across the whole panel; name: in the legend ('': not)."""
+
+    low: float
+    high: float
+    colour: str = NOISE
+    opacity: float = 0.3
+    name: str = ''
+
+
+@dataclass(frozen=True)
+class Ticks:
+    """Ticks with words instead of numbers; size of the words in points."""
+
+    at: tuple[float, ...]
+    words: tuple[str, ...]
+    size: float = 8.0
+    is_upright: bool = False
+
+
+@dataclass(frozen=True)
+class HeatMap:
+    """Values (R, C) from the top row down, NaN where there are none.
+
+    colours: from `low` to `high`, evenly spaced; rows, columns: names that a hover shows;
+    label: of the colour bar, drawn if not ''.
+    """
+
+    values: Array
+    colours: tuple[str, ...]
+    low: float
+    high: float
+    rows: tuple[str, ...]
+    columns: tuple[str, ...]
+    label: str = ''
+    background: str = '#ffffff'
+
+
+@dataclass(frozen=True)
+class Panel:
+    """One pair of axes at a place of the grid.
+
+    x_label and y_label name the quantities; shows_x and shows_y: whether they stand at the
+    axis, with its tick labels (a panel that shares an axis leaves them to its neighbour).
+    levels: heights of thin lines across the panel.
+    """
+
+    row: int
+    column: int
+    x_label: str
+    y_label: str
+    series: tuple[Series, ...] = ()
+    bands: tuple[ShadedBand, ...] = ()
+    levels: tuple[float, ...] = ()
+    heat: HeatMap | None = None
+    title: str = ''
+    shows_x: bool = True
+    shows_x_label: bool = True
+    shows_y: bool = True
+    shows_y_label: bool = True
+    x_ticks: Ticks | None = None
+    y_ticks: Ticks | None = None
+    x_is_log: bool = False
+    y_is_log: bool = False
+    y_range: tuple[float, float] | None = None
+    has_y_grid: bool = True
+
+
+@dataclass(frozen=True)
+class Chart:
+    """Panels on a grid; width and height in inches, heights: ratios of its rows.
+
+    shares_x: panels of one column share their x axis.
+    """
+
+    panels: tuple[Panel, ...]
+    width: float
+    height: float
+    heights: tuple[float, ...] = (1.0,)
+    columns: int = 1
+    shares_x: bool = False
+    legend_columns: int = 5
+
+    @property
+    def named(self) -> list[Series | ShadedBand]:
+        """Entries of the legend: the first series or band of each name."""
+        found: dict[str, Series | ShadedBand] = {}
+        for panel in self.panels:
+            items: list[Series | ShadedBand] = [*panel.series, *panel.bands]
+            for item in items:
+                if item.name:
+                    found.setdefault(item.name, item)
+        return list(found.values())
+
+
+def line(x: ArrayLike, y: ArrayLike, colour: str, name: str = '', dash: str = '-',
+         width: float = 1.2, opacity: float = 1.0) -> Series:
+    """A line through points."""
+    return Series(np.asarray(x, float), np.asarray(y, float), colour, name, dash, '', width,
+                  opacity=opacity)
+
+
+def markers(x: ArrayLike, y: ArrayLike, marker: str, colour: str, name: str = '',
+            size: float = 4.5, *, is_open: bool = False) -> Series:
+    """Markers at points."""
+    return Series(np.asarray(x, float), np.asarray(y, float), colour, name, '', marker, size=size,
+                  is_open=is_open)
+
+
+def without_inner_labels(panels: Sequence[Panel], rows: int) -> Iterator[Panel]:
+    """Panels of a grid that share x by column: only those of the last row show it."""
+    for panel in panels:
+        is_last = panel.row == rows - 1
+        yield replace(panel, shows_x=is_last, shows_x_label=is_last)
+
+
+def draw(chart: Chart) -> Figure:
+    """The chart as a figure."""
+    with drawing():
+        figure = Figure(figsize=(chart.width, chart.height), layout='constrained')
+        grid = figure.subplots(
+            len(chart.heights), chart.columns, squeeze=False,
+            gridspec_kw={'height_ratios': chart.heights}, sharex='col' if chart.shares_x else
+            False)
+        for panel in chart.panels:
+            _draw_panel(grid[panel.row][panel.column], panel,
+                        is_small=chart.columns > MANY_COLUMNS)
+        _colour_bar(figure, grid, chart)
+        _legend(figure, chart)
+        return figure
+
+
+def _draw_panel(axes: Any, panel: Panel, *, is_small: bool) -> None:
+    for band in panel.bands:
+        axes.axhspan(band.low, band.high, color=band.colour, alpha=band.opacity, lw=0.0)
+    for level in panel.levels:
+        axes.axhline(level, color=NOISE, lw=0.8)
+    for series in panel.series:
+        axes.plot(series.x, series.y, **_look(series))
+    if panel.heat is not None:
+        _heat_map(axes, panel.heat)
+    if panel.x_is_log:
+        axes.set_xscale('log')
+        axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f'{value:g}'))
+    if panel.y_is_log:
+        axes.set_yscale('log')
+    if panel.x_is_log or panel.y_is_log:
+        axes.minorticks_off()
+    for axis, ticks in ((axes.xaxis, panel.x_ticks), (axes.yaxis, panel.y_ticks)):
+        if ticks is not None:
+            axis.set_ticks(list(ticks.at), list(ticks.words), fontsize=ticks.size,
+                           rotation=90 if ticks.is_upright else 0)
+    if panel.y_range is not None:
+        axes.set_ylim(*panel.y_range)
+    if not panel.has_y_grid:
+        axes.grid(axis='y', visible=False)
+    axes.tick_params(labelbottom=panel.shows_x, labelleft=panel.shows_y)
+    if is_small:
+        axes.tick_params(labelsize=7.5)
+    if panel.shows_x_label:
+        axes.set_xlabel(panel.x_label)
+    if panel.shows_y and panel.shows_y_label:
+        axes.set_ylabel(panel.y_label)
+    if panel.title:
+        axes.set_title(panel.title, fontsize=9.0 if is_small else None)
+
+
+def _look(series: Series) -> dict[str, Any]:
+    return {
+        'color': series.colour, 'linestyle': series.dash or 'none', 'lw': series.width,
+        'marker': series.marker or 'none', 'ms': series.size, 'alpha': series.opacity,
+        'mfc': 'none' if series.is_open else series.colour,
+        'mew': 2.0 if series.marker == '|' else 0.6 if series.size < 3.0 else 1.0}
+
+
+def _heat_map(axes: Any, heat: HeatMap) -> None:
+    colours = LinearSegmentedColormap.from_list('', list(heat.colours))
+    axes.imshow(heat.values, cmap=colours, vmin=heat.low, vmax=heat.high, aspect='auto')
+    axes.set_facecolor(heat.background)
+    axes.grid(visible=False)
+    axes.tick_params(length=0)
+
+
+def _colour_bar(figure: Figure, grid: Any, chart: Chart) -> None:
+    heats = [panel.heat for panel in chart.panels if panel.heat is not None and panel.heat.label]
+    if not heats:
+        return
+    image = next(axes.images[0] for axes in np.ravel(grid) if axes.images)
+    is_open = heats[0].low < 0.0
+    bar = figure.colorbar(image, ax=grid, shrink=0.7, pad=0.02,
+                          extend='both' if is_open else 'neither')
+    bar.set_label(heats[0].label)
+
+
+def _legend(figure: Figure, chart: Chart) -> None:
+    handles = [_handle(item) for item in chart.named]
+    if handles:
+        figure.legend(handles=handles, loc='outside lower center', ncols=chart.legend_columns)
+
+
+def _handle(item: Series | ShadedBand) -> Any:
+    if isinstance(item, ShadedBand):
+        return Patch(color=item.colour, alpha=item.opacity, lw=0.0, label=item.name)
+    return Line2D([], [], label=item.name, **_look(item))

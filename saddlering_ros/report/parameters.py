@@ -1,0 +1,173 @@
+"""Chapters on contact parameters: identified, of a file, and before and after a diagnosis."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+import math
+from typing import Any
+
+import numpy as np
+
+from saddlering_ros.diagnosis.wording import Document
+from saddlering_ros.identification.summary import INTERVALS
+from saddlering_ros.pages import html
+from saddlering_ros.pages.html import Cell, code, number
+from saddlering_ros.quantities import compact, quantity, span
+from saddlering_ros.report.curves import Array
+from saddlering_ros.rig import (
+    PARAMETER_NAMES,
+    PARAMETER_UNITS,
+    ParameterSet,
+    stiffness_per_millimetre,
+)
+
+STRONG = 0.9
+"""A correlation of parameters beyond which neither is known without the other."""
+
+ASSUMPTION = ('Every dimension of the rig is an assumption of this project, so the parameters are '
+              "equivalent ones: they reproduce the ring's response, not a single roller's.")
+OF_NOISE = ('Where no cause is in the model, standard deviations of a parameter file count noise '
+            'alone. They hold for another test of the same ring. The intervals of identify also '
+            'allow for unequal rollers.')
+
+
+def identified(found: Mapping[str, Any], words: str = '') -> str:
+    """Result of an identification: values, errors, intervals, undetermined parameters."""
+    rows: list[list[str | Cell]] = []
+    for name in PARAMETER_NAMES:
+        item = found['parameters'][name]
+        unit = '' if item['unit'] == '1' else item['unit']
+        rows.append([
+            code(name), number(quantity(item['value'], unit, item['std'])),
+            number(span(*item['interval']) if item['interval'] else '–'),
+            f'not determined by these data: {item["reason"]}' if item['reason'] else
+            ('at its bound' if item['at_bound'] else '')])
+    for name, exponent in (('K1', 'n1'), ('K2', 'n2')):
+        stiffness, power = (found['parameters'][key]['value'] for key in (name, exponent))
+        rows.append([
+            code(name), number(quantity(stiffness_per_millimetre(stiffness, power), 'N/mm^n')),
+            '', ''])
+    covariance = np.array([[math.nan if value is None else value for value in row]
+                           for row in found.get('covariance') or []])
+    return html.section(
+        'Identification',
+        html.paragraph(f'{found["evaluations"]} simulations in {found["elapsed"]:.1f} s; '
+                       f'{found["status"]}.'),
+        html.table(['parameter', number('value ± standard deviation'), number('95 % interval'),
+                    ''], rows, words),
+        html.paragraph(INTERVALS, 'note'),
+        correlation(covariance if covariance.shape == (6, 6) else None),
+        html.paragraph(ASSUMPTION, 'note'), html.bullets(list(found.get('notes') or [])))
+
+
+def before_and_after(
+    document: Document, before: str = 'before', after: str = 'after',
+    covariance: Array | None = None,
+) -> str:
+    """Contact parameters before and after, with intervals, correlation, and the bias removed."""
+    first, last = document['parameters']['before'], document['parameters']['after']
+    reasons = document['parameters'].get('undetermined', {}).get('after', {})
+    rows: list[list[str | Cell]] = []
+    for name in PARAMETER_NAMES:
+        if name not in first or name not in last:
+            continue
+        std = last.get(f'{name}_std')
+        rows.append([
+            code(name), number(_contact(name, first[name], None)),
+            number(_contact(name, last[name], std)), number(interval(last[name], std)),
+            number(_moved(first[name], last[name])),
+            number('–' if not std else f'{abs(first[name] - last[name]) / std:.1f}'),
+            f'not determined by these data: {reasons[name]}' if name in reasons else '',
+        ])
+    for name, exponent in (('K1', 'n1'), ('K2', 'n2')):
+        if name in first and name in last:
+            rows.append([code(name), *(
+                number(quantity(stiffness_per_millimetre(item[name], item[exponent]), 'N/mm^n'))
+                for item in (first, last)), *[number('')] * 4])
+    return html.section(
+        'Contact parameters',
+        html.table(['parameter', number(before), number(f'{after} ± standard deviation'),
+                    number('95 % interval'), number('bias removed'), number('bias / std'),
+                    ''], rows),
+        correlation(covariance),
+        html.paragraph(ASSUMPTION + ' K and n of a row are strongly correlated: judge them '
+                       'together.', 'note'),
+    )
+
+
+def interval(value: float, std: float | None) -> str:
+    """Value plus and minus 1.96 standard deviations, which holds it 95 times in 100."""
+    return span(value - 1.96 * std, value + 1.96 * std) if std else '–'
+
+
+def _moved(first: float, last: float) -> str:
+    """Change of a value: in percent, or as a factor if it is more than half."""
+    ratio = first / last
+    if abs(ratio - 1.0) < 5e-4:
+        return '0 %'
+    return f'{100.0 * (ratio - 1.0):+.2g} %' if 0.5 < ratio < 1.5 else f'× {ratio:.2g}'
+
+
+def _contact(name: str, value: float, std: float | None) -> str:
+    unit = PARAMETER_UNITS[name]
+    return quantity(value, '' if unit == '1' else unit, std)
+
+
+def of_file(parameters: ParameterSet) -> str:
+    """The parameter file: contact law with errors, effects, correlation, where it came from."""
+    covariance = parameters.source.covariance
+    spread = [None] * 6 if covariance is None else np.sqrt(np.diag(covariance)).tolist()
+    rows: list[list[str | Cell]] = []
+    for name, std in zip(PARAMETER_NAMES, spread, strict=True):
+        value = float(getattr(parameters.contact, name))
+        unit = PARAMETER_UNITS[name]
+        reason = parameters.source.undetermined.get(name)
+        known = std if reason is None else None
+        rows.append([code(name), number(quantity(value, '' if unit == '1' else unit, known)),
+                     number(interval(value, known)),
+                     '' if reason is None else f'not determined by these data: {reason}'])
+    contact = parameters.contact
+    for name, value, power in (('K1', contact.K1, contact.n1), ('K2', contact.K2, contact.n2)):
+        shown = quantity(stiffness_per_millimetre(value, power), 'N/mm^n')
+        rows.append([code(name), number(shown), '', ''])
+    for effect, values in parameters.effects.items():
+        rows += [[code(f'{effect}.{name}'), number(f'{compact(value, 5)} (SI)'), '', '']
+                 for name, value in values.items()]
+    source = parameters.source
+    words = 'As given' if source.method == 'given' else f'By {source.method}'
+    words += f' from {", ".join(source.bags)}' if source.bags else ''
+    return html.section(
+        'Parameters',
+        html.table(['parameter', number('value ± standard deviation'), number('95 % interval'),
+                    ''], rows, words + (f': {source.note}' if source.note else '')),
+        correlation(covariance),
+        '' if covariance is None or source.method == 'given' else html.paragraph(OF_NOISE, 'note'),
+        html.paragraph(ASSUMPTION, 'note'))
+
+
+def correlation(covariance: Array | None) -> str:
+    """A table of correlations of the contact parameters; empty if they are not known."""
+    if covariance is None or not np.isfinite(covariance).all():
+        return ''
+    spread = np.sqrt(np.diag(covariance))
+    scale = np.outer(spread, spread)
+    shares = np.divide(covariance, scale, out=np.zeros_like(covariance), where=scale > 0.0)
+    rows: list[list[str | Cell]] = [
+        [html.code(name), *(
+            _heat(shares[i, j], known=bool(scale[i, j] > 0.0)) for j in range(len(spread)))]
+        for i, name in enumerate(PARAMETER_NAMES)]
+    strong = [f'{first} and {second}' for i, first in enumerate(PARAMETER_NAMES)
+              for j, second in enumerate(PARAMETER_NAMES)
+              if i < j and abs(shares[i, j]) > STRONG]
+    words = (f'Strongly correlated: {"; ".join(strong)}.' if strong
+             else 'No correlation exceeds 0.9.')
+    return html.heading('Correlation') + html.table(
+        ['', *(number(name) for name in PARAMETER_NAMES)], rows) + html.paragraph(words, 'note')
+
+
+def _heat(value: float, *, known: bool) -> Cell:
+    if not known:
+        return Cell('–', mark='heat')
+    hue = '31,111,178' if value >= 0.0 else '209,73,91'
+    return Cell(f'<span style="background:rgba({hue},{0.45 * abs(value):.2f});padding:1px 7px">'
+                f'{value:+.2f}</span>'.replace('-', '−'), is_number=True, is_html=True)
