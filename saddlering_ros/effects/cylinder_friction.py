@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 from saddlering_ros.effects.base import EffectParameter, Outcomes, RingEffect, UNCLEAR
+from saddlering_ros.effects.common_shapes import hysteron, loop_parameters
 from saddlering_ros.effects.extension import RingExtension
-from saddlering_ros.effects.shared_parameters import hysteron, loop_parameters
 
 
 class CylinderFriction(RingEffect):

@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 from saddlering_ros.effects.base import EffectParameter, Outcomes, RingEffect, UNCLEAR, Variant
+from saddlering_ros.effects.common_shapes import ANY_PROBE, probe_of, probe_variants
 from saddlering_ros.effects.extension import RingExtension, with_probe
-from saddlering_ros.effects.shared_parameters import ANY_PROBE, probe_of, probe_variants
 
 
 class MainsPickup(RingEffect):

@@ -13,8 +13,8 @@ from saddlering_ros.effects.base import (
     UNCLEAR,
     Variant,
 )
+from saddlering_ros.effects.common_shapes import hysteron, loop_parameters
 from saddlering_ros.effects.extension import RingExtension
-from saddlering_ros.effects.shared_parameters import hysteron, loop_parameters
 
 AXIAL, TILT, EACH = 1.0, 2.0, 3.0
 """The choices: against axial motion alone, against tilting alone, or against every motion."""

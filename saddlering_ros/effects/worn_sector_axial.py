@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 from saddlering_ros.effects.base import Choice, Outcomes, RingEffect, UNCLEAR, Variant
+from saddlering_ros.effects.common_shapes import arc_parameters, KIND, KINDS, STARTS, worn_arc
 from saddlering_ros.effects.extension import RingExtension
-from saddlering_ros.effects.shared_parameters import arc_parameters, KIND, KINDS, STARTS, worn_arc
 
 BOTH, UPPER, LOWER = 0.0, 1.0, 2.0
 ROWS = ((BOTH, 'both rows'), (UPPER, 'upper row'), (LOWER, 'lower row'))

@@ -13,7 +13,7 @@ import pytest
 from scipy.signal import lsim
 
 from saddlering_ros.effects import catalogue, extension_of, NO_EXTENSION, RingEffect, Variant
-from saddlering_ros.effects.shared_parameters import worn_arc
+from saddlering_ros.effects.common_shapes import worn_arc
 from saddlering_ros.rig import (
     CHANNELS,
     default_rig,
