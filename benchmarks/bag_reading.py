@@ -158,8 +158,8 @@ def write(path: Path, count: int, compression: str, *, index: bool) -> None:
     from mcap.writer import CompressionType, IndexType, Writer
     from rosbags.typesys import get_typestore, Stores
 
-    from saddlering_ros.bags.topics import LOAD, PROBES
     from saddlering_ros.bags.writer import messages_of
+    from saddlering_ros.record.topics import LOAD, PROBES
     from saddlering_ros.rig import default_rig
 
     random = np.random.default_rng(0)

@@ -35,8 +35,9 @@ from mcap.reader import make_reader, NonSeekingReader
 from mcap.writer import CompressionType, IndexType, Writer
 import numpy as np
 
-from saddlering_ros.bags import bag_info, BagError, read_run, TestFacts, TestRun, write_bag
+from saddlering_ros.bags import bag_info, read_run, write_bag
 from saddlering_ros.bags.wiring import wiring_notes
+from saddlering_ros.record import BagError, Record, TestMetadata
 from saddlering_ros.rig import default_rig, TONNE
 
 RIG = default_rig()
@@ -59,7 +60,7 @@ def small_bag(folder: Path, samples: int, chunk_size: int = 1 << 20) -> Path:
     motion = np.array([[3.8], [7.0], [-3.8], [-9.2]]) * 1e-6 * load / TONNE
     gaps = 1e-3 + np.asarray(RIG.probes.polarity)[:, None] * motion \
         + chance.normal(0.0, 3e-7, motion.shape)
-    bag = write_bag(folder, TestFacts('dynamic', 50.0, 'a rig', 'a run'), stamps, load,
+    bag = write_bag(folder, TestMetadata('dynamic', 50.0, 'a rig', 'a run'), stamps, load,
                     [stamps + 100_000 * probe for probe in range(4)], list(gaps), RIG.probes,
                     chunk_size=chunk_size)
     return next(bag.glob('*.mcap'))
@@ -148,7 +149,7 @@ def cuts(count: int) -> dict[str, Any]:
             'faults': faults}
 
 
-def judged_cut(run: TestRun, sound: TestRun, last: int, place: int) -> list[str]:
+def judged_cut(run: Record, sound: Record, last: int, place: int) -> list[str]:
     """What is wrong with the readable part of a bag cut at `place`."""
     count = len(run.load)
     kept = np.isfinite(run.gaps)
@@ -250,7 +251,8 @@ def atheris_role(arguments: list[str]) -> None:
     for name in [name for name in sys.modules if name.startswith('saddlering_ros.bags')]:
         del sys.modules[name]
     with atheris.instrument_imports(include=['saddlering_ros.bags']):
-        from saddlering_ros.bags import bag_info, BagError, read_run
+        from saddlering_ros.bags import bag_info, read_run
+        from saddlering_ros.record import BagError
     path = Path(tempfile.mkdtemp(dir='/dev/shm')) / 'input.mcap'
 
     def one(data: bytes) -> None:
@@ -302,7 +304,7 @@ def suspicion(draws: int) -> dict[str, Any]:
             'faults': [*false, *missed]}
 
 
-def put_in_faults(run: TestRun, already: bool) -> tuple[list[str], int]:
+def put_in_faults(run: Record, already: bool) -> tuple[list[str], int]:
     """Wiring faults of `run` that nothing is said of, and how many were tried."""
     if already:
         return [], 0

@@ -38,11 +38,12 @@ from independent_ring import (
 )
 import numpy as np
 
-from saddlering_ros.bags import TestFacts, write_bag
+from saddlering_ros.bags import write_bag
 from saddlering_ros.diagnosis import diagnose_bags, Verdict
 from saddlering_ros.diagnosis.proposed_law import write_effect_files
 from saddlering_ros.discrepancy.gain import mean_square
 from saddlering_ros.effects import FOLDER_VARIABLE, use_folder
+from saddlering_ros.record import TestMetadata
 from saddlering_ros.rig import default_rig
 from saddlering_ros.virtual_rig.blind import score
 
@@ -109,7 +110,7 @@ def write(own: Record, number: int, folder: Path) -> Path:
         return begin + np.round(1e9 * seconds).astype(np.int64)
 
     gaps = [1e-3 + own.d[:, probe] for probe in range(4)]
-    facts = TestFacts(course.test, course.degrees, 'independent', course.name,
+    facts = TestMetadata(course.test, course.degrees, 'independent', course.name,
                       details={'rig_hash': RIG.digest})
     return write_bag(folder / course.name, facts, stamps(own.time), own.load,
                      [stamps(item) for item in own.probe_times], gaps, RIG.probes,

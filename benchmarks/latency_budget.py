@@ -27,7 +27,7 @@ import numpy as np
 import ros_load
 from ros_load import listener, wait_matched
 
-from saddlering_ros.bags import LOAD_TOPIC, PROBE_TOPICS
+from saddlering_ros.record import LOAD_TOPIC, PROBE_TOPICS
 from saddlering_ros.ros.launcher import NodeGroup, RING_NODES
 
 TRACER = """

@@ -21,12 +21,19 @@ import numpy as np
 from numpy.typing import NDArray
 from rigs import as_read
 
-from saddlering_ros.bags import displacement_of_run, LOAD_TOPIC, PROBE_TOPICS, RawRecord, RawTopic
-from saddlering_ros.bags.facts import FoundFacts
-from saddlering_ros.bags.reader import notes_on_rig, run_of_record, TestRun
-from saddlering_ros.bags.stamps import put_in_order
+from saddlering_ros.bags.reader import notes_on_rig, run_of_record
 from saddlering_ros.errors import SaddleringError
 from saddlering_ros.identification import Identification, identify
+from saddlering_ros.record import (
+    displacement_of_run,
+    LOAD_TOPIC,
+    PROBE_TOPICS,
+    RawRecord,
+    RawTopic,
+)
+from saddlering_ros.record.metadata import TestMetadata
+from saddlering_ros.record.record import Record
+from saddlering_ros.record.stamps import put_in_order
 from saddlering_ros.rig import default_rig, PARAMETER_NAMES, Rig, TONNE, TRUE_TO_SCALE
 from saddlering_ros.virtual_rig import (
     dynamic_schedule,
@@ -52,7 +59,7 @@ def raw_record(test: str, seed: int = 1, rig: Rig | None = None) -> RawRecord:
     plan = TestPlan(
         PhysicalRig(rig, TRUE_TO_SCALE, math.radians(ELEVATION), (), Scatter(0.0, 0.0), 1),
         schedule, seed)
-    return as_read(record_test(plan), rig.probes, FoundFacts(test, ELEVATION), f'{test}_50')
+    return as_read(record_test(plan), rig.probes, TestMetadata(test, ELEVATION), f'{test}_50')
 
 
 # -- faults --------------------------------------------------------------------------------------
@@ -313,11 +320,11 @@ class Sound:
     """The sound runs and what is found from them."""
 
     records: tuple[RawRecord, ...]
-    runs: tuple[TestRun, ...]
+    runs: tuple[Record, ...]
     found: Identification
 
 
-def runs_of(records: tuple[RawRecord, ...]) -> tuple[TestRun, ...]:
+def runs_of(records: tuple[RawRecord, ...]) -> tuple[Record, ...]:
     rig = default_rig()
     runs = tuple(run_of_record(record, record.facts, rig) for record in records)
     for run, record in zip(runs, records, strict=True):
@@ -377,7 +384,7 @@ def _parameter_moves(old: Identification, new: Identification) -> Iterator[tuple
 
 
 def _channel_moves(
-    old: tuple[TestRun, ...], new: tuple[TestRun, ...]
+    old: tuple[Record, ...], new: tuple[Record, ...]
 ) -> Iterator[tuple[float, str]]:
     """Largest rms change of a channel over twice the noise of a reading."""
     rig = default_rig()

@@ -16,8 +16,8 @@ from dataclasses import dataclass
 from logger_faults import Fault, FAULTS, raw_record, severities, Topics
 import numpy as np
 
-from saddlering_ros.bags import LOAD_TOPIC, PROBE_TOPICS
-from saddlering_ros.bags.guard import Samples
+from saddlering_ros.record import LOAD_TOPIC, PROBE_TOPICS
+from saddlering_ros.record.guard import Samples
 from saddlering_ros.rig import default_rig
 from saddlering_ros.streams.displacement import DisplacementStream
 

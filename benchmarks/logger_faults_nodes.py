@@ -28,11 +28,11 @@ from sensor_msgs.msg import Range
 from served_node import ServedNode
 
 from saddlering_interfaces.msg import ReplayProgress, RingDisplacement
-from saddlering_ros.bags import displacement_of_run, LOAD_TOPIC, PROBE_TOPICS, RawRecord
 from saddlering_ros.bags.reader import run_of_record
 from saddlering_ros.bags.samples import DisplacementSamples, measured_samples
-from saddlering_ros.bags.topics import LOAD, PROBES
 from saddlering_ros.errors import SaddleringError
+from saddlering_ros.record import displacement_of_run, LOAD_TOPIC, PROBE_TOPICS, RawRecord
+from saddlering_ros.record.topics import LOAD, PROBES
 from saddlering_ros.rig import CHANNELS, default_rig
 from saddlering_ros.ros.launcher import NodeGroup
 from saddlering_ros.ros.names import PROGRESS

@@ -111,7 +111,7 @@ def anonymous_memory(process: int) -> float:
 def write(bag: Path, count: int, rate: float, test: str) -> None:
     """A bag of `count` messages of each topic: ramps, or steps that are held."""
     from saddlering_ros.bags.block_writer import BlockBagWriter
-    from saddlering_ros.bags.topics import LOAD_TOPIC, PROBE_TOPICS, TOPICS
+    from saddlering_ros.record.topics import LOAD_TOPIC, PROBE_TOPICS, TOPICS
     from saddlering_ros.rig import default_rig
 
     rig = default_rig()

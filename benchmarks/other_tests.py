@@ -27,8 +27,9 @@ from blind import size_over_limit
 import numpy as np
 from rigs import sized_rig
 
-from saddlering_ros.bags import TestFacts, write_bag
+from saddlering_ros.bags import write_bag
 from saddlering_ros.diagnosis import diagnose_bags
+from saddlering_ros.record import TestMetadata
 from saddlering_ros.rig import default_rig, FULL_SCALE_LOAD, Rig
 from saddlering_ros.virtual_rig import dynamic_schedule, PhysicalRig, record_test, static_schedule
 from saddlering_ros.virtual_rig.blind import score
@@ -205,7 +206,7 @@ def _write(truth: Truth, condition: Condition, number: int, folder: Path) -> Pat
     plan = TestPlan(physical, run.schedule(rig), seed, truth.instruments, run.rate,
                     begin=EPOCH + 900 * number)
     record = record_test(plan)
-    facts = TestFacts(record.facts.test, record.facts.elevation_deg, record.facts.rig,
+    facts = TestMetadata(record.facts.test, record.facts.elevation_deg, record.facts.rig,
                       record.facts.run, details={'rig_hash': rig.digest})
     return Path(write_bag(folder / run.name, facts, record.load_stamps, record.load,
                           record.probe_stamps, record.gaps, rig.probes,

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
-from saddlering_ros.bags import LOAD_TOPIC, PROBE_TOPICS, RawRecord, RawTopic, TestRun
-from saddlering_ros.bags.facts import FoundFacts
+from saddlering_ros.record import LOAD_TOPIC, PROBE_TOPICS, RawRecord, RawTopic, Record
+from saddlering_ros.record.metadata import TestMetadata
 from saddlering_ros.rig import (
     ContactParameters,
     default_rig,
@@ -55,7 +55,7 @@ def sized_rig(tonnes: float, rollers: int, radius: float) -> Rig:
         preload=usual.preload * scale, full_scale_load=tonnes * TONNE)
 
 
-def as_read(record: TestRecord, probes: Probes, facts: FoundFacts, name: str) -> RawRecord:
+def as_read(record: TestRecord, probes: Probes, facts: TestMetadata, name: str) -> RawRecord:
     """A record of the virtual rig as the reader finds it in a bag called `name`."""
     topics = {LOAD_TOPIC: RawTopic(LOAD_TOPIC, '', '', record.load_stamps, record.load)}
     for topic, stamps, gaps in zip(PROBE_TOPICS, record.probe_stamps, record.gaps, strict=True):
@@ -99,7 +99,7 @@ def virtual_run(
     test: str, elevation_deg: float, contact: ContactParameters, *, seed: int,
     noise: float = 0.3e-6, scatter: Scatter = NO_SCATTER, rate: float | None = None,
     speed: float = 1.0, rig: Rig = RIG,
-) -> TestRun:
+) -> Record:
     """One test on the virtual rig, as `bags` would align it; noise is the rms of a probe [m]."""
     physical = PhysicalRig(rig, contact, float(np.radians(elevation_deg)), scatter=scatter)
     schedule = static_schedule(rig) if test == 'static' else dynamic_schedule(rig, speed=speed)
@@ -113,7 +113,7 @@ def virtual_run(
         for own, gap in zip(record.probe_stamps, record.gaps, strict=True)
     ])
     name = f'{test}_{elevation_deg:g}_{seed}'
-    return TestRun(
+    return Record(
         name=name, path=Path(name), test=test, elevation=float(np.radians(elevation_deg)),
         rig='virtual', run=str(seed), stamps=stamps, time=time, load=record.load, gaps=gaps,
         notes=[],

@@ -34,8 +34,9 @@ from std_srvs.srv import Trigger
 
 from saddlering_interfaces.action import IdentifyRing
 from saddlering_interfaces.msg import ReplayProgress, RingDisplacement
-from saddlering_ros.bags import LOAD_TOPIC, PROBE_TOPICS, TestFacts, write_bag
-from saddlering_ros.bags.topics import LOAD, PROBES
+from saddlering_ros.bags import write_bag
+from saddlering_ros.record import LOAD_TOPIC, PROBE_TOPICS, TestMetadata
+from saddlering_ros.record.topics import LOAD, PROBES
 from saddlering_ros.rig import default_rig, ParameterSet, TRUE_TO_SCALE
 from saddlering_ros.ring import simulate
 from saddlering_ros.ros.launcher import ACTION_NODES, NodeGroup, RING_NODES, start_nodes
@@ -361,7 +362,7 @@ def in_lockstep(seconds: float) -> dict[str, Any]:
     times, load, gaps = course(seconds)
     stamps = 1_700_000_000_000_000_000 + np.round(times * 1e9).astype(np.int64)
     with tempfile.TemporaryDirectory() as folder:
-        bag = write_bag(Path(folder) / 'bag', TestFacts('dynamic', 50.0), stamps, load,
+        bag = write_bag(Path(folder) / 'bag', TestMetadata('dynamic', 50.0), stamps, load,
                         [stamps + 100_000 * probe for probe in range(4)], list(gaps),
                         default_rig().probes)
         with (start_nodes(bag, start_paused=True) as group,
@@ -399,7 +400,7 @@ def to_cancel() -> dict[str, Any]:
     noise = np.random.default_rng(0).normal(0.0, 3e-7, gaps.shape)
     seconds = []
     with tempfile.TemporaryDirectory() as folder, NodeGroup() as group:
-        write_bag(Path(folder) / 'bag', TestFacts('dynamic', 50.0), stamps, load, [stamps] * 4,
+        write_bag(Path(folder) / 'bag', TestMetadata('dynamic', 50.0), stamps, load, [stamps] * 4,
                   list(np.float64(np.float32(gaps + noise))), default_rig().probes)
         group.start('ring_identification', {'bag_root': folder})
         for seed in range(5):

@@ -16,9 +16,9 @@ import math
 import numpy as np
 from rigs import as_read, sized_rig
 
-from saddlering_ros.bags import RawRecord
-from saddlering_ros.bags.facts import FoundFacts
 from saddlering_ros.bags.reader import notes_on_rig, run_of_record
+from saddlering_ros.record import RawRecord
+from saddlering_ros.record.metadata import TestMetadata
 from saddlering_ros.rig import (
     ContactParameters,
     FULL_SCALE_LOAD,
@@ -89,7 +89,7 @@ def recorded(draw: Draw, seed: int) -> RawRecord:
         PhysicalRig(draw.rig, draw.contact, math.radians(draw.elevation_deg), (), draw.scatter,
                     seed),
         schedule, seed, draw.instruments, draw.rate, draw.probe_rate))
-    return as_read(record, draw.rig.probes, FoundFacts(draw.test, draw.elevation_deg),
+    return as_read(record, draw.rig.probes, TestMetadata(draw.test, draw.elevation_deg),
                    f'seed_{seed}')
 
 

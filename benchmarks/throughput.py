@@ -31,8 +31,9 @@ import numpy as np
 import ros_load
 from ros_load import course, in_lockstep, listener, wait_matched
 
-from saddlering_ros.bags import LOAD_TOPIC, PROBE_TOPICS, TestFacts, write_bag
-from saddlering_ros.bags.topics import LOAD, PROBES
+from saddlering_ros.bags import write_bag
+from saddlering_ros.record import LOAD_TOPIC, PROBE_TOPICS, TestMetadata
+from saddlering_ros.record.topics import LOAD, PROBES
 from saddlering_ros.rig import default_rig
 from saddlering_ros.ros.launcher import NodeGroup, RING_NODES, start_nodes
 from saddlering_ros.ros.raw_topics import RawPublisher
@@ -199,7 +200,7 @@ def profiles(seconds: float) -> dict[str, list[tuple[str, float]]]:
         kept = Path(folder) / 'profiles'
         kept.mkdir()
         (kept / 'sitecustomize.py').write_text(PROFILER)
-        bag = write_bag(Path(folder) / 'bag', TestFacts('dynamic', 50.0), stamps, load,
+        bag = write_bag(Path(folder) / 'bag', TestMetadata('dynamic', 50.0), stamps, load,
                         [stamps + 100_000 * probe for probe in range(4)], list(gaps),
                         default_rig().probes)
         before = os.environ.copy()

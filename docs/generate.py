@@ -12,8 +12,8 @@ from pathlib import Path
 import re
 
 import saddlering_ros
-from saddlering_ros.bags.topics import TOPICS as RIG
 from saddlering_ros.cli.main import build_parser
+from saddlering_ros.record.topics import TOPICS as RIG
 from saddlering_ros.ros.registry import names
 
 ROOT = Path(__file__).resolve().parent.parent

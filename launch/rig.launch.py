@@ -18,7 +18,7 @@ from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
 from launch_ros.actions import LifecycleNode, Node
 from launch_ros.substitutions import FindPackagePrefix, FindPackageShare
 
-from saddlering_ros.bags.topics import TOPICS
+from saddlering_ros.record.topics import TOPICS
 from saddlering_ros.rig import load_rig
 from saddlering_ros.rig.frames import frames_of
 from saddlering_ros.ros.registry import ACTION, ALARM, CLOCK, NODES, REPLAY, RING

@@ -21,8 +21,8 @@ from sensor_msgs.msg import Range
 
 from benchmarks.served_node import ServedNode
 from saddlering_interfaces.msg import ReplayProgress, RingDisplacement
-from saddlering_ros.bags import LOAD_TOPIC, PROBE_TOPICS
-from saddlering_ros.bags.topics import LOAD, PROBES
+from saddlering_ros.record import LOAD_TOPIC, PROBE_TOPICS
+from saddlering_ros.record.topics import LOAD, PROBES
 from saddlering_ros.ros.names import PROGRESS
 from saddlering_ros.ros.qos import stream_qos
 from saddlering_ros.ros.raw_topics import RawPublisher, RawSubscription

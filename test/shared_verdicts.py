@@ -14,8 +14,8 @@ from typing import Any
 
 from made_once import MadeOnce
 
-from saddlering_ros.bags import TestRun
 from saddlering_ros.diagnosis.diagnose import diagnose_runs, Verdict
+from saddlering_ros.record import Record
 
 PLACE = 'saddlering_ros.api.functions.diagnose_runs'
 """Where commands and the API find the function that these tests replace."""
@@ -23,7 +23,7 @@ PLACE = 'saddlering_ros.api.functions.diagnose_runs'
 
 def shared_diagnose(made: MadeOnce) -> Callable[..., Verdict]:
     """`diagnose_runs`, which computes an answer once for each runs, rig, start and seed."""
-    def diagnose(runs: Sequence[TestRun], hold_out: Sequence[TestRun] = (), rig: Any = None,
+    def diagnose(runs: Sequence[Record], hold_out: Sequence[Record] = (), rig: Any = None,
                  parameters: Any = None, *, seed: int = 0, **more: Any) -> Verdict:
         def make(folder: Path) -> None:
             found = diagnose_runs(runs, hold_out, rig, parameters, seed=seed, **more)
@@ -36,7 +36,7 @@ def shared_diagnose(made: MadeOnce) -> Callable[..., Verdict]:
     return diagnose
 
 
-def _digest(runs: Sequence[TestRun], hold_out: Sequence[TestRun], rest: tuple[Any, ...]) -> str:
+def _digest(runs: Sequence[Record], hold_out: Sequence[Record], rest: tuple[Any, ...]) -> str:
     digest = hashlib.sha256(repr((len(runs), rest)).encode())
     for run in (*runs, *hold_out):
         digest.update(str(run.path).encode())

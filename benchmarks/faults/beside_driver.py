@@ -14,8 +14,8 @@ import time
 
 import numpy as np
 
-from saddlering_ros.bags import LOAD_TOPIC, PROBE_TOPICS
-from saddlering_ros.bags.topics import LOAD, PROBES
+from saddlering_ros.record import LOAD_TOPIC, PROBE_TOPICS
+from saddlering_ros.record.topics import LOAD, PROBES
 from saddlering_ros.ros.qos import stream_qos
 from saddlering_ros.ros.raw_topics import RawPublisher
 from saddlering_ros.streams import batches

@@ -13,8 +13,8 @@ import numpy as np
 import rclpy
 from sensor_msgs.msg import Range
 
-from saddlering_ros.bags import LOAD_TOPIC, PROBE_TOPICS
-from saddlering_ros.bags.topics import LOAD, PROBES
+from saddlering_ros.record import LOAD_TOPIC, PROBE_TOPICS
+from saddlering_ros.record.topics import LOAD, PROBES
 from saddlering_ros.ros.launcher import NodeGroup
 from saddlering_ros.ros.raw_topics import RawPublisher
 from saddlering_ros.streams import batches

@@ -7,7 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
-from saddlering_ros.bags import TestFacts, write_bag
+from saddlering_ros.bags import write_bag
+from saddlering_ros.record import TestMetadata
 from saddlering_ros.rig import CHANNELS, default_rig, ParameterSet, TRUE_TO_SCALE
 from saddlering_ros.ring import simulate
 
@@ -51,7 +52,7 @@ def cycle_bag(folder: Path, truth: Truth, cycles: int, rate: float = RATE) -> tu
     start = 1_700_000_000_000_000_000
     count = truth.load.size * cycles
     stamps = start + np.round(np.arange(count) / rate * 1e9).astype(np.int64)
-    bag = write_bag(folder / 'bag', TestFacts('dynamic', ELEVATION), stamps,
+    bag = write_bag(folder / 'bag', TestMetadata('dynamic', ELEVATION), stamps,
                     np.tile(truth.load, cycles), [stamps] * 4,
                     list(np.tile(truth.gaps, (1, cycles))), RIG.probes)
     return bag, start

@@ -12,20 +12,12 @@ from typing import Any, TYPE_CHECKING
 from saddlering_ros.api.arguments import check_calls, check_number, check_path, several
 from saddlering_ros.api.errors import ApiError
 from saddlering_ros.api.tables import dataframe
-from saddlering_ros.bags import (
-    condensed,
-    displacement_of_run,
-    fit_limit,
-    MeasuredRun,
-    read_run,
-    refuse_other_rig,
-    refuse_repeats,
-    TestRun,
-)
+from saddlering_ros.bags import read_run, refuse_other_rig, refuse_repeats
 from saddlering_ros.bags.samples import measured_samples
-from saddlering_ros.bags.scratch import extremes
 from saddlering_ros.progress import check, IsCancelled, OnProgress, Progress
 from saddlering_ros.provenance import Origin
+from saddlering_ros.record import condensed, displacement_of_run, fit_limit, MeasuredRun, Record
+from saddlering_ros.record.scratch import extremes
 from saddlering_ros.rig import (
     load_rig,
     ParameterSet,
@@ -51,7 +43,7 @@ class Bag:
     run: the arrays as read (gaps [m], load [N], stamps [ns], notes); rig: the rig of the test.
     """
 
-    run: TestRun
+    run: Record
     rig: Rig
 
     def __repr__(self) -> str:
@@ -111,7 +103,7 @@ class Bag:
         return html.paragraph(self.summary())
 
 
-BagLike = Bag | TestRun | Path | str
+BagLike = Bag | Record | Path | str
 """A bag that was read, or the path of one."""
 
 
@@ -145,7 +137,7 @@ def as_bags(
     """Bags from bags or paths, one or several; paths are read. name: of the argument."""
     check_calls(on_progress, is_cancelled)
     return [_as_bag(item, rig, on_progress, is_cancelled)
-            for item in several(name, given, (Bag, TestRun))]
+            for item in several(name, given, (Bag, Record))]
 
 
 def _as_bag(
@@ -154,7 +146,7 @@ def _as_bag(
     """A bag that was read as it is, a path as a bag."""
     if isinstance(given, Bag):
         return given
-    if isinstance(given, TestRun):
+    if isinstance(given, Record):
         return Bag(given, rig)
     check(is_cancelled, 'read')
     return read_bag(given, rig=rig, on_progress=on_progress)
@@ -169,7 +161,7 @@ def for_fits(bags: Sequence[Bag], held_out: Sequence[Bag] = ()) -> tuple[list[Ba
     return fitted, held
 
 
-def runs_of(bags: Sequence[Bag]) -> list[TestRun]:
+def runs_of(bags: Sequence[Bag]) -> list[Record]:
     """The arrays of bags."""
     return [bag.run for bag in bags]
 

@@ -23,7 +23,7 @@ from rosbags.interfaces import (
 from rosbags.typesys.store import Typestore
 import yaml
 
-from saddlering_ros.bags.errors import BagError
+from saddlering_ros.record.errors import BagError
 from saddlering_ros.writing import exchange, settle
 
 VERSION = 9

@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from saddlering_ros.bags.layouts import DEFAULTS, LAYOUTS
 from saddlering_ros.bags.mcap_file import Messages, take
-from saddlering_ros.bags.topics import RigTopic
+from saddlering_ros.record.topics import RigTopic
 
 ENCAPSULATION = 4
 """Bytes before the first field; alignment counts from their end."""

@@ -7,7 +7,7 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from saddlering_ros.bags.scratch import blocks, spread
+from saddlering_ros.record.scratch import blocks, spread
 from saddlering_ros.rig import Rig
 
 Floats = NDArray[np.float64]

@@ -9,31 +9,29 @@ from typing import Any
 
 import numpy as np
 
-from saddlering_ros.bags.alignment import gap_mask
-from saddlering_ros.bags.checks import (
-    check_load_unit,
-    check_overlap,
-    check_probe_unit,
-    check_values,
-)
-from saddlering_ros.bags.errors import BagError
-from saddlering_ros.bags.facts import FoundFacts
-from saddlering_ros.bags.plateaus import plateaus
 from saddlering_ros.bags.reader import (
     absent_topic,
     mirrored_topic,
     notes_on_rig,
     raw_topic,
-    RawRecord,
-    RawTopic,
     run_of_record,
-    TestRun,
 )
-from saddlering_ros.bags.record_quality import topic_quality, TopicQuality, UNKNOWN_QUALITY
 from saddlering_ros.bags.scan import OnShare, Scan, scan
-from saddlering_ros.bags.scratch import count_where, extremes, spread_changes
-from saddlering_ros.bags.topics import LOAD_TOPIC, PROBE_TOPICS, RIG_TOPICS
 from saddlering_ros.finite_json import finite_json
+from saddlering_ros.record.alignment import gap_mask
+from saddlering_ros.record.checks import (
+    check_load_unit,
+    check_overlap,
+    check_probe_unit,
+    check_values,
+)
+from saddlering_ros.record.errors import BagError
+from saddlering_ros.record.metadata import TestMetadata
+from saddlering_ros.record.plateaus import plateaus
+from saddlering_ros.record.quality import topic_quality, TopicQuality, UNKNOWN_QUALITY
+from saddlering_ros.record.record import RawRecord, RawTopic, Record
+from saddlering_ros.record.scratch import count_where, extremes, spread_changes
+from saddlering_ros.record.topics import LOAD_TOPIC, PROBE_TOPICS, RIG_TOPICS
 from saddlering_ros.rig import default_rig, Rig
 
 
@@ -83,7 +81,7 @@ class BagInfo:
     message_count: int
     compressions: tuple[str, ...]
     schema_encodings: tuple[str, ...]
-    facts: FoundFacts
+    facts: TestMetadata
     topics: tuple[TopicInfo, ...]
     start: int | None
     duration: float
@@ -165,8 +163,8 @@ def _faults_of_readings(path: Path, raw: dict[str, RawTopic], rig: Rig) -> list[
 
 
 def _try_run(
-    record: RawRecord, facts: FoundFacts, rig: Rig, problems: list[str],
-) -> TestRun | None:
+    record: RawRecord, facts: TestMetadata, rig: Rig, problems: list[str],
+) -> Record | None:
     try:
         return run_of_record(record, facts, rig)
     except BagError as fault:
@@ -174,7 +172,7 @@ def _try_run(
         return None
 
 
-def _plateau_count(run: TestRun, problems: list[str]) -> int | None:
+def _plateau_count(run: Record, problems: list[str]) -> int | None:
     if run.test != 'static':
         return None
     try:
@@ -185,7 +183,7 @@ def _plateau_count(run: TestRun, problems: list[str]) -> int | None:
 
 
 def _assemble(
-    found: Scan, facts: FoundFacts, raw: dict[str, RawTopic], run: TestRun | None,
+    found: Scan, facts: TestMetadata, raw: dict[str, RawTopic], run: Record | None,
     count: int | None, problems: list[str], notes: list[str],
 ) -> BagInfo:
     start = min((int(topic.stamps[0]) for topic in raw.values()), default=None)
@@ -205,7 +203,7 @@ def _assemble(
 
 
 def _topics(
-    found: Scan, raw: dict[str, RawTopic], start: int | None, run: TestRun | None,
+    found: Scan, raw: dict[str, RawTopic], start: int | None, run: Record | None,
 ) -> tuple[TopicInfo, ...]:
     """The rig's topics first, then all others by name."""
     others = sorted(set(found.topics) - set(RIG_TOPICS))

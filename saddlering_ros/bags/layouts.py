@@ -7,7 +7,7 @@ NumPy.
 
 from __future__ import annotations
 
-from saddlering_ros.bags.topics import RANGE_TYPE, VECTOR_TYPE, WRENCH_TYPE
+from saddlering_ros.record.topics import RANGE_TYPE, VECTOR_TYPE, WRENCH_TYPE
 
 DISPLACEMENT_TYPE = 'saddlering_interfaces/msg/RingDisplacement'
 

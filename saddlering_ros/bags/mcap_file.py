@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 import zstandard
 
-from saddlering_ros.bags.errors import BagError
+from saddlering_ros.record.errors import BagError
 
 MAGIC = b'\x89MCAP0\r\n'
 

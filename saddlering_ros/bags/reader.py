@@ -2,53 +2,50 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 import math
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from saddlering_ros.bags.alignment import align, GAP_HISTORY, gap_mask, seconds_array
-from saddlering_ros.bags.checks import (
+from saddlering_ros.bags.directory import open_directory
+from saddlering_ros.bags.exchanges import exchange_notes
+from saddlering_ros.bags.rig_notes import line_notes, parity_notes, rig_notes
+from saddlering_ros.bags.scan import OnShare, Scan, scan, ScannedTopic
+from saddlering_ros.bags.wiring import wiring_notes
+from saddlering_ros.record.alignment import align, GAP_HISTORY, gap_mask, seconds_array
+from saddlering_ros.record.checks import (
     check_overlap,
     MIN_SAMPLES,
     notes_on_load,
     notes_on_probe,
 )
-from saddlering_ros.bags.directory import open_directory
-from saddlering_ros.bags.errors import BagError
-from saddlering_ros.bags.exchanges import exchange_notes
-from saddlering_ros.bags.facts import FoundFacts
-from saddlering_ros.bags.guarded import guarded_topics, node_rows, possible_record
-from saddlering_ros.bags.node_rows import NodeRows
-from saddlering_ros.bags.record_quality import (
-    doubtful_lag,
+from saddlering_ros.record.errors import BagError
+from saddlering_ros.record.guarded import guarded_topics, node_rows, possible_record
+from saddlering_ros.record.metadata import TestMetadata
+from saddlering_ros.record.quality import (
     notes_between,
     quality_notes,
     topic_quality,
     TopicQuality,
 )
-from saddlering_ros.bags.rig_notes import line_notes, parity_notes, rig_notes
-from saddlering_ros.bags.scan import OnShare, Scan, scan, ScannedTopic
-from saddlering_ros.bags.scratch import (
-    blocks,
+from saddlering_ros.record.record import RawRecord, RawTopic, Record
+from saddlering_ros.record.scratch import (
     count_where,
     scratch_array,
     scratch_copy,
     scratch_mask,
 )
-from saddlering_ros.bags.stamps import put_in_order
-from saddlering_ros.bags.topics import (
+from saddlering_ros.record.stamps import put_in_order
+from saddlering_ros.record.topics import (
     ELEVATION,
     LOAD_TOPIC,
     PROBE_TOPICS,
     RIG_TOPICS,
     TOPICS,
 )
-from saddlering_ros.bags.wiring import wiring_notes
-from saddlering_ros.provenance import Origin
 from saddlering_ros.rig import default_rig, mirrored_gap, OPPOSITE, Rig
 
 RADIAL_TOPICS = tuple(PROBE_TOPICS[number - 1] for number in OPPOSITE)
@@ -59,149 +56,6 @@ MAX_GAP_SHARE = 0.5
 
 ELEVATION_TOLERANCE_DEG = 0.5
 """Difference [degrees] between inclinometer and stated elevation that is a contradiction."""
-
-
-@dataclass(frozen=True)
-class RawTopic:
-    """One rig topic as recorded, in stamp order, each stamp once.
-
-    stamps (N,) int64 [ns] of the headers, strictly increasing; values (N,): force.x [N] of the
-    load, range [m] of a probe; min_range, max_range [m] as a probe publishes them (NaN for the
-    load).
-    """
-
-    topic: str
-    type: str
-    frame_id: str
-    stamps: NDArray[np.int64]
-    values: NDArray[np.float64]
-    min_range: float = math.nan
-    max_range: float = math.nan
-    notes: tuple[str, ...] = ()
-
-    def __len__(self) -> int:
-        return len(self.stamps)
-
-
-@dataclass(frozen=True)
-class RawRecord:
-    """The rig topics of a bag by name, and its test metadata."""
-
-    path: Path
-    topics: dict[str, RawTopic]
-    facts: FoundFacts
-    notes: tuple[str, ...] = ()
-
-    def __getitem__(self, topic: str) -> RawTopic:
-        return self.topics[topic]
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self.topics)
-
-    def __len__(self) -> int:
-        return len(self.topics)
-
-    @property
-    def start(self) -> int:
-        """Earliest stamp of all topics [ns]."""
-        return min(int(topic.stamps[0]) for topic in self.topics.values())
-
-    @property
-    def stop(self) -> int:
-        """Latest stamp of all topics [ns]."""
-        return max(int(topic.stamps[-1]) for topic in self.topics.values())
-
-
-@dataclass(frozen=True)
-class TestRun:
-    """A test, aligned on the load's stamps.
-
-    test: 'static' or 'dynamic'; elevation [rad]; rig, run: free text; stamps (N,) int64 [ns]
-    of the load's headers; time (N,) [s] since the first of them; load (N,) [N]; gaps (4, N)
-    [m] of the probes on the load's stamps, NaN outside of a probe's own span and inside its
-    gaps; notes: faults of the bag that do not prevent its use; sha256: of the bag's files (''
-    for a run without a bag); others: readings (N,) of the optional topics of the rig in the
-    bag, by name, aligned alike; details: further test metadata by key, such as rig_hash;
-    spikes (5, N): spikes of the load and the four probes (None: nowhere); quality: properties
-    of the logger, by topic; node_rows: rows that live nodes publish, and those across a
-    refused reading (None: all complete rows, none); absent: number of the radial probe that the
-    rig does not have (0: it has all), whose gaps mirror those of the other.
-    """
-
-    __test__ = False
-
-    name: str
-    path: Path
-    test: str
-    elevation: float
-    rig: str
-    run: str
-    stamps: NDArray[np.int64]
-    time: NDArray[np.float64]
-    load: NDArray[np.float64]
-    gaps: NDArray[np.float64]
-    notes: list[str] = field(default_factory=list)
-    sha256: str = ''
-    spikes: NDArray[np.bool_] | None = None
-    quality: dict[str, TopicQuality] = field(default_factory=dict)
-    others: dict[str, NDArray[np.float64]] = field(default_factory=dict)
-    details: Mapping[str, str] = field(default_factory=dict)
-    node_rows: NodeRows | None = None
-    absent: int = 0
-
-    def without_spikes(self) -> TestRun:
-        """The same with sound readings only: NaN in the gaps, a straight line in the load.
-
-        Spikes, values interpolated across a refused reading, and values beside a doubtful
-        load are left out. Rows that lack a probe are not complete.
-        """
-        gaps, load = self.gaps, self.load
-        wrong_load = np.zeros(len(load), dtype=bool)
-        if self.node_rows is not None:
-            wrong_load |= self.node_rows.load_doubtful
-            wrong_gaps = self.node_rows.bridged | wrong_load
-            gaps = np.where(wrong_gaps, np.nan, gaps) if wrong_gaps.any() else gaps
-        if self.spikes is not None and self.spikes.any():
-            wrong_load |= self.spikes[0]
-            gaps = np.where(self.spikes[1:], np.nan, gaps)
-        if wrong_load.any() and not wrong_load.all():
-            load = load.copy()
-            load[wrong_load] = np.interp(
-                self.time[wrong_load], self.time[~wrong_load], load[~wrong_load])
-        if gaps is self.gaps and self.node_rows is None:
-            return self
-        return replace(self, load=load, gaps=gaps, spikes=None, node_rows=None)
-
-    @property
-    def given(self) -> NDArray[np.bool_]:
-        """Mask (N,) of the load stamps at which the live nodes publish a displacement."""
-        return self.complete if self.node_rows is None else self.node_rows.given
-
-    @property
-    def rig_hash(self) -> str:
-        """Hash of the rig's description that the bag states ('' if it states none)."""
-        return self.details.get('rig_hash', '')
-
-    @property
-    def doubtful_lag(self) -> float:
-        """Largest delay [s] between load and probes that the readings leave open."""
-        if not self.quality:
-            return 0.0
-        probes = [self.quality[name] for name in PROBE_TOPICS]
-        return doubtful_lag(self.quality[LOAD_TOPIC], probes, float(self.time[-1]))
-
-    @property
-    def origin(self) -> Origin:
-        """The bag and its hash, for a result's provenance."""
-        return Origin(str(self.path), self.sha256)
-
-    @property
-    def complete(self) -> NDArray[np.bool_]:
-        """Mask (N,) of the load stamps at which all four probes have a reading."""
-        found = scratch_mask(len(self.stamps))
-        for part in blocks(len(found), self.gaps, found):
-            found[part] = np.isfinite(self.gaps[:, part]).all(axis=0)
-        return found
 
 
 def read_raw(
@@ -272,7 +126,7 @@ def absence_notes(rig: Rig | None) -> list[str]:
 def read_run(
     path: Path | str, *, test: str | None = None, elevation: float | None = None,
     rig: Rig | None = None, on_progress: OnShare = lambda share: None,
-) -> TestRun:
+) -> Record:
     """The test in the bag at `path`, aligned on the load's stamps.
 
     `test` and `elevation` [rad], if given, replace the statements of the bag. BagError, one
@@ -291,7 +145,7 @@ def read_run(
     return run
 
 
-def notes_on_rig(rig: Rig, run: TestRun, record: RawRecord) -> list[str]:
+def notes_on_rig(rig: Rig, run: Record, record: RawRecord) -> list[str]:
     """Probable faults of a run on this rig: wiring, zero, kind, units."""
     spans = [(record[name].min_range, record[name].max_range) for name in PROBE_TOPICS]
     wiring = wiring_notes(rig, run.elevation, run.load, run.gaps)
@@ -302,8 +156,8 @@ def notes_on_rig(rig: Rig, run: TestRun, record: RawRecord) -> list[str]:
 
 
 def usable_facts(
-    path: Path, found: FoundFacts, test: str | None, elevation: float | None,
-) -> FoundFacts:
+    path: Path, found: TestMetadata, test: str | None, elevation: float | None,
+) -> TestMetadata:
     """Metadata of the bag and of the options together; BagError if they are not enough."""
     facts = found.overruled(test, None if elevation is None else math.degrees(elevation))
     if facts.problems:
@@ -311,7 +165,7 @@ def usable_facts(
     return facts
 
 
-def check_measured_elevation(record: RawRecord, facts: FoundFacts) -> None:
+def check_measured_elevation(record: RawRecord, facts: TestMetadata) -> None:
     """Raise BagError if the bag's inclinometer contradicts the elevation that it states."""
     if ELEVATION.name not in record.topics or facts.elevation_deg is None:
         return
@@ -323,8 +177,8 @@ def check_measured_elevation(record: RawRecord, facts: FoundFacts) -> None:
 
 
 def run_of_record(
-    record: RawRecord, facts: FoundFacts, rig: Rig | None = None,
-) -> TestRun:
+    record: RawRecord, facts: TestMetadata, rig: Rig | None = None,
+) -> Record:
     """Check the readings and put the probes on the load's stamps."""
     where = str(record.path)
     absent = absent_topic(rig)
@@ -358,7 +212,7 @@ def run_of_record(
     others = {name: align(load.stamps, record[name].stamps, record[name].values)
               for name in record if name not in RIG_TOPICS}
     name = Path(where).resolve().name.removesuffix('.zstd').removesuffix('.mcap')
-    return TestRun(
+    return Record(
         name=name, path=record.path, test=facts.test,
         elevation=math.radians(facts.elevation_deg), rig=facts.rig, run=facts.run,
         stamps=load.stamps, time=seconds_array(load.stamps, int(load.stamps[0])),

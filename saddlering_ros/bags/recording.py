@@ -25,8 +25,8 @@ from saddlering_ros.bags.bag_folder import (
     put_in_place,
     RELIABLE,
 )
-from saddlering_ros.bags.errors import BagError
-from saddlering_ros.bags.facts import RECORD
+from saddlering_ros.record.errors import BagError
+from saddlering_ros.record.metadata import METADATA_RECORD
 
 CHUNK_SIZE = 1 << 16
 """Largest loss by a crash [bytes]: 6 s at 10 Hz. Bags are 2 % larger than by chunks of 1 MB."""
@@ -111,7 +111,7 @@ class _MessageBag:
         self._writer = McapWriter(
             self._file, chunk_size=CHUNK_SIZE, compression=CompressionType.ZSTD, enable_crcs=True)
         self._writer.start(profile='ros2', library=LIBRARY)
-        self._writer.add_metadata(RECORD, dict(facts))
+        self._writer.add_metadata(METADATA_RECORD, dict(facts))
         self._schemas: dict[str, int] = {}
         self._channels: dict[str, tuple[BagTopic, int]] = {}
 

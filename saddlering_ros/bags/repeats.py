@@ -7,9 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from saddlering_ros.bags.errors import BagError
-from saddlering_ros.bags.reader import TestRun
-from saddlering_ros.bags.scratch import blocks
+from saddlering_ros.record.errors import BagError
+from saddlering_ros.record.record import Record
+from saddlering_ros.record.scratch import blocks
 
 Floats = NDArray[np.float64]
 
@@ -24,12 +24,12 @@ ANCHOR_ROWS = 16
 """Successive loads that are searched."""
 
 
-def is_same_recording(first: TestRun, second: TestRun) -> bool:
+def is_same_recording(first: Record, second: Record) -> bool:
     """Whether two runs share their readings over most of the shorter one; stamps do not count."""
     return _is_same_at_its_stamps(first, second) or _is_stamped_anew(first, second)
 
 
-def _is_stamped_anew(first: TestRun, second: TestRun) -> bool:
+def _is_stamped_anew(first: Record, second: Record) -> bool:
     """Whether most rows of the shorter run are in the longer one, in order, at other stamps."""
     shorter, longer = sorted((first, second), key=lambda run: len(run.load))
     for share in ANCHORS:
@@ -53,7 +53,7 @@ def _places(load: Floats, head: Floats) -> list[int]:
     return found
 
 
-def _equal_rows(shorter: TestRun, longer: TestRun, shift: int) -> int:
+def _equal_rows(shorter: Record, longer: Record, shift: int) -> int:
     """Number of rows of a run that equal those of another `shift` rows later."""
     start = max(0, -shift)
     stop = min(len(shorter.load), len(longer.load) - shift)
@@ -67,7 +67,7 @@ def _equal_rows(shorter: TestRun, longer: TestRun, shift: int) -> int:
     return count
 
 
-def _is_same_at_its_stamps(first: TestRun, second: TestRun) -> bool:
+def _is_same_at_its_stamps(first: Record, second: Record) -> bool:
     """Whether two runs share stamps and readings over most of the shorter one."""
     shorter = min(first.stamps.size, second.stamps.size)
     begin = max(first.stamps[0], second.stamps[0])
@@ -81,7 +81,7 @@ def _is_same_at_its_stamps(first: TestRun, second: TestRun) -> bool:
     return bool(equal > SAME_SHARE * shorter)
 
 
-def _equal_readings(first: TestRun, second: TestRun, rows: slice) -> int:
+def _equal_readings(first: Record, second: Record, rows: slice) -> int:
     """Number of rows of a stretch of one run that are in another with the same readings."""
     stamps = first.stamps[rows]
     begin, end = np.searchsorted(second.stamps, [stamps[0], stamps[-1] + 1]).tolist()
@@ -93,7 +93,7 @@ def _equal_readings(first: TestRun, second: TestRun, rows: slice) -> int:
     return int(np.count_nonzero(equal))
 
 
-def refuse_repeats(runs: Sequence[TestRun], held_out: Sequence[TestRun] = ()) -> None:
+def refuse_repeats(runs: Sequence[Record], held_out: Sequence[Record] = ()) -> None:
     """BagError (one line) if a recording is given twice, or is both fitted and held out."""
     every = [*runs, *held_out]
     for later, second in enumerate(every):

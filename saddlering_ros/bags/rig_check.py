@@ -6,12 +6,12 @@ import math
 
 import numpy as np
 
-from saddlering_ros.bags.measured import displacement_of_run
-from saddlering_ros.bags.reader import RawRecord, TestRun
 from saddlering_ros.bags.same_rig import rig_in_words
-from saddlering_ros.bags.scratch import extremes
-from saddlering_ros.bags.topics import PROBE_TOPICS
 from saddlering_ros.bags.wiring import wiring_notes
+from saddlering_ros.record.measured import displacement_of_run
+from saddlering_ros.record.record import RawRecord, Record
+from saddlering_ros.record.scratch import extremes
+from saddlering_ros.record.topics import PROBE_TOPICS
 from saddlering_ros.rig import Rig, short_digest
 
 MAX_ELEVATION_ERROR = math.radians(20.0)
@@ -24,13 +24,13 @@ MAX_START_ERROR = 0.04
 """Share of the full scale by which a record may start beside the preload."""
 
 
-def check_rig(rig: Rig, record: RawRecord, run: TestRun) -> list[str]:
+def check_rig(rig: Rig, record: RawRecord, run: Record) -> list[str]:
     """One line for each contradiction between bag and rig; [] if there is none."""
     return [*_hash(rig, run), *_ranges(rig, record), *_loads(rig, run),
             *wiring_notes(rig, run.elevation, run.load, run.gaps), *_elevation(rig, run)]
 
 
-def apparent_elevation(rig: Rig, run: TestRun) -> float | None:
+def apparent_elevation(rig: Rig, run: Record) -> float | None:
     """The elevation [rad] that tilt over lift gives, from 0 to pi; None if neither moves.
 
     The axial rows, radius R, turn a force F_y and a moment M into delta_y = F_y / k and
@@ -52,7 +52,7 @@ def apparent_elevation(rig: Rig, run: TestRun) -> float | None:
     return math.atan2(1.0, cotangent)
 
 
-def _hash(rig: Rig, run: TestRun) -> list[str]:
+def _hash(rig: Rig, run: Record) -> list[str]:
     if not run.rig_hash or run.rig_hash == rig.digest:
         return []
     return [f'it was recorded on a rig with the hash {short_digest(run.rig_hash)}, and this rig '
@@ -77,7 +77,7 @@ def _ranges(rig: Rig, record: RawRecord) -> list[str]:
     return lines
 
 
-def _loads(rig: Rig, run: TestRun) -> list[str]:
+def _loads(rig: Rig, run: Record) -> list[str]:
     peak, start = float(np.nanmax(run.load)), float(np.nanmedian(run.load[:10]))
     full = rig.full_scale_load
     lines = []
@@ -90,7 +90,7 @@ def _loads(rig: Rig, run: TestRun) -> list[str]:
     return lines
 
 
-def _elevation(rig: Rig, run: TestRun) -> list[str]:
+def _elevation(rig: Rig, run: Record) -> list[str]:
     found = apparent_elevation(rig, run)
     if found is None:
         return []

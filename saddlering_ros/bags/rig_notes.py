@@ -12,10 +12,10 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from saddlering_ros.bags.checks import LENGTH_UNITS
-from saddlering_ros.bags.plateaus import find_holds
-from saddlering_ros.bags.scratch import complete_rows, count_where, extremes
 from saddlering_ros.quantities import quantity
+from saddlering_ros.record.checks import LENGTH_UNITS
+from saddlering_ros.record.plateaus import find_holds
+from saddlering_ros.record.scratch import complete_rows, count_where, extremes
 from saddlering_ros.rig import gap_increment, Rig, zero_of_record
 
 Floats = NDArray[np.float64]

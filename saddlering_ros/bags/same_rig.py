@@ -7,15 +7,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from saddlering_ros.bags.errors import BagError
-from saddlering_ros.bags.reader import TestRun
+from saddlering_ros.record.errors import BagError
+from saddlering_ros.record.record import Record
 from saddlering_ros.rig import Rig, short_digest
 
 UNDESCRIBED = ('', 'virtual rig')
 """Names of rigs without a file: no name, and that of the shipped bags."""
 
 
-def refuse_other_rig(runs: Sequence[TestRun], rig: Rig, *, is_given: bool) -> None:
+def refuse_other_rig(runs: Sequence[Record], rig: Rig, *, is_given: bool) -> None:
     """BagError if a run states the hash of another rig than `rig`.
 
     is_given: whether the user named `rig`; otherwise it is the shipped one. A run that names a
@@ -37,7 +37,7 @@ def rig_in_words(rig: Rig) -> str:
             f'{rig.full_scale_words}, hash {short_digest(rig.digest)}')
 
 
-def _refusal(run: TestRun, rig: Rig, is_given: bool) -> str:
+def _refusal(run: Record, rig: Rig, is_given: bool) -> str:
     name = f' {run.rig!r}' if run.rig else ''
     known = f'was recorded on the rig{name} with the hash {short_digest(run.rig_hash)}'
     given = 'the given rig is another' if is_given else \

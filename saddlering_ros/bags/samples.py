@@ -11,13 +11,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from saddlering_ros.bags.errors import BagError
-from saddlering_ros.bags.measured import given_of, MeasuredRun, validity_of
-from saddlering_ros.bags.reader import TestRun
 from saddlering_ros.bags.scan import OnShare
-from saddlering_ros.bags.scratch import blocks
-from saddlering_ros.bags.validity import BRIDGED, DOUBTFUL_LOAD, is_published, NOT_KNOWN
 from saddlering_ros.provenance import Provenance
+from saddlering_ros.record.errors import BagError
+from saddlering_ros.record.measured import given_of, MeasuredRun, validity_of
+from saddlering_ros.record.record import Record
+from saddlering_ros.record.scratch import blocks
+from saddlering_ros.record.validity import BRIDGED, DOUBTFUL_LOAD, is_published, NOT_KNOWN
 from saddlering_ros.rig import (
     CHANNELS,
     Displacement,
@@ -79,7 +79,7 @@ def measured_samples(measured: MeasuredRun) -> DisplacementSamples:
 
 
 def measured_blocks(
-    rig: Rig, run: TestRun, zero: ZeroReading, on_progress: OnShare = lambda share: None,
+    rig: Rig, run: Record, zero: ZeroReading, on_progress: OnShare = lambda share: None,
 ) -> Iterator[DisplacementSamples]:
     """The same samples stretch by stretch, so that a long run is never in memory as a whole."""
     for part in blocks(len(run.time), run.stamps, run.time, run.load, run.gaps):
@@ -89,7 +89,7 @@ def measured_blocks(
 
 
 def measured_rows(
-    rig: Rig, run: TestRun, zero: ZeroReading, part: slice,
+    rig: Rig, run: Record, zero: ZeroReading, part: slice,
 ) -> tuple[DisplacementSamples, NDArray[np.bool_]]:
     """Displacements at the rows of a stretch of a run, and which of them the live node gives."""
     increments = gap_increment(rig.probes, run.gaps[:, part], np.array(zero.gaps))

@@ -19,8 +19,7 @@ from saddlering_ros.bags.directory import (
     open_directory,
     plain_file,
 )
-from saddlering_ros.bags.errors import BagError
-from saddlering_ros.bags.facts import find_facts, FoundFacts, KEYS, RECORD, same_fact
+from saddlering_ros.bags.facts import find_metadata
 from saddlering_ros.bags.mcap_file import (
     CutOffError,
     MAX_CHUNK,
@@ -31,8 +30,10 @@ from saddlering_ros.bags.mcap_file import (
     Messages,
 )
 from saddlering_ros.bags.schemas import other_fields
-from saddlering_ros.bags.scratch import extremes, GrowingArray, LONG
-from saddlering_ros.bags.topics import optional_topics, RIG_TOPICS, TOPICS
+from saddlering_ros.record.errors import BagError
+from saddlering_ros.record.metadata import KEYS, METADATA_RECORD, same_text, TestMetadata
+from saddlering_ros.record.scratch import extremes, GrowingArray, LONG
+from saddlering_ros.record.topics import optional_topics, RIG_TOPICS, TOPICS
 
 MAX_MESSAGE = 1 << 16
 """Largest stated size [bytes] of a single compressed message of the rig; a larger one is
@@ -186,7 +187,7 @@ class Scan:
 
     directory: BagDirectory
     topics: dict[str, ScannedTopic] = field(default_factory=dict)
-    facts: FoundFacts = field(default_factory=FoundFacts)
+    facts: TestMetadata = field(default_factory=TestMetadata)
     damage: BagError | None = None
     cuts: list[CutOffError] = field(default_factory=list)
     unpacked: int = 0
@@ -274,7 +275,7 @@ def scan(
                 result.cuts.append(cut)
     except BagError as damage:
         result.damage = damage
-    facts = find_facts(directory.custom_data, records, recorder)
+    facts = find_metadata(directory.custom_data, records, recorder)
     result.facts = replace(facts, conflicts=(*facts.conflicts, *result.contradictions))
     return result
 
@@ -301,7 +302,7 @@ def _scan_file(
                         f'{path}: {result.size} bytes unpack to more than {MAX_EXPANSION} '
                         'times as many: no recorder writes such a file; use another bag')
         finally:
-            _take_facts(result, records, file.metadata.get(RECORD, {}), path)
+            _take_facts(result, records, file.metadata.get(METADATA_RECORD, {}), path)
             text = file.metadata.get('rosbag2', {}).get('serialized_metadata', '')
             recorder.update(custom_data_of(text) if text else {})
             _take_summary(result, file)
@@ -312,7 +313,7 @@ def _take_facts(
 ) -> None:
     """Facts of one more file of the bag; those that contradict an earlier file's are noted."""
     for key, value in own.items():
-        if key in KEYS and same_fact(key, records.setdefault(key, value), value):
+        if key in KEYS and same_text(key, records.setdefault(key, value), value):
             continue
         if key in KEYS:
             result.contradictions.append(

@@ -6,7 +6,7 @@ import re
 
 from saddlering_ros.bags.layouts import definition_lines
 from saddlering_ros.bags.mcap_file import McapChannel
-from saddlering_ros.bags.topics import RigTopic
+from saddlering_ros.record.topics import RigTopic
 
 _FIELD = re.compile(r'^\s*([A-Za-z][\w/]*(?:\[[^\]]*\])?)\s+([A-Za-z]\w*)\s*(?![\w=\s])', re.M)
 

@@ -16,8 +16,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from saddlering_ros.bags.scratch import complete_rows
 from saddlering_ros.quantities import quantity
+from saddlering_ros.record.scratch import complete_rows
 from saddlering_ros.rig import FORCE_UNITS, gap_increment, resolve_load, Rig
 
 Floats = NDArray[np.float64]

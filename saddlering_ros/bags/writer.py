@@ -18,10 +18,10 @@ from saddlering_ros.bags.bag_folder import (
     put_in_place,
 )
 from saddlering_ros.bags.cdr import encode
-from saddlering_ros.bags.errors import BagError
-from saddlering_ros.bags.facts import RECORD, TestFacts
 from saddlering_ros.bags.mcap_blocks import McapBlockFile, MessageBlock, record_size
-from saddlering_ros.bags.topics import LOAD, PROBES, RigTopic, TOPICS
+from saddlering_ros.record.errors import BagError
+from saddlering_ros.record.metadata import METADATA_RECORD, TestMetadata
+from saddlering_ros.record.topics import LOAD, PROBES, RigTopic, TOPICS
 from saddlering_ros.rig import Probes
 from saddlering_ros.writing import temporary_folder
 
@@ -31,7 +31,7 @@ CHUNK_SIZE = 1 << 20
 
 def write_bag(
     path: Path | str,
-    facts: TestFacts,
+    facts: TestMetadata,
     load_stamps: ArrayLike,
     load: ArrayLike,
     probe_stamps: Sequence[ArrayLike],
@@ -101,7 +101,7 @@ class BlockBag:
     def __init__(self, path: Path, topics: Sequence[RigTopic], facts: Mapping[str, str]) -> None:
         self._folder = BagFolder(path, facts)
         self._file = McapBlockFile(self._folder.file, LIBRARY)
-        self._file.add_metadata(RECORD, facts)
+        self._file.add_metadata(METADATA_RECORD, facts)
         store = get_typestore(Stores.ROS2_JAZZY)
         schemas: dict[str, int] = {}
         for number, topic in enumerate(topics, start=1):
@@ -141,7 +141,7 @@ class BlockBag:
 
 
 def _write_directory(
-    path: Path, facts: TestFacts, channels: Sequence[TopicMessages], log_delay: int,
+    path: Path, facts: TestMetadata, channels: Sequence[TopicMessages], log_delay: int,
     chunk_size: int,
 ) -> None:
     bag = BlockBag(path, [TOPICS[channel.topic] for channel in channels], facts.as_text())

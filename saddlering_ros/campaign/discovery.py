@@ -18,9 +18,9 @@ from saddlering_ros.bags.directory import (
     read_metadata,
     SUFFIXES,
 )
-from saddlering_ros.bags.errors import BagError
-from saddlering_ros.bags.facts import RECORD
 from saddlering_ros.campaign.errors import CampaignError
+from saddlering_ros.record.errors import BagError
+from saddlering_ros.record.metadata import METADATA_RECORD
 
 
 @dataclass(frozen=True)
@@ -129,7 +129,7 @@ def _metadata_of(directory: BagDirectory) -> tuple[dict[str, str], int | None]:
             with plain_file(file) as plain, plain.open('rb') as stream:
                 reader = SeekingReader(stream)
                 for record in reader.iter_metadata():
-                    if record.name == RECORD:
+                    if record.name == METADATA_RECORD:
                         metadata = {**record.metadata, **metadata}
                 summary = reader.get_summary()
                 if start is None and summary is not None and summary.statistics is not None:

@@ -12,8 +12,8 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
     from saddlering_ros import Bag, Rig
-    from saddlering_ros.bags import TestRun
     from saddlering_ros.bags.samples import DisplacementSamples, SamplesSummary
+    from saddlering_ros.record import Record
     from saddlering_ros.rig import ZeroReading
 
 PER_MILLION = 1e6
@@ -30,7 +30,7 @@ def bags_of(args: argparse.Namespace, paths: Sequence[str], rig: Rig) -> list[Ba
                 for path in paths]
 
 
-def read_shown(args: argparse.Namespace, rig: Rig) -> TestRun:
+def read_shown(args: argparse.Namespace, rig: Rig) -> Record:
     """The test of the one bag of a command, with a bar of how much was read."""
     from saddlering_ros.bags import read_run
     from saddlering_ros.cli._terminal import Bar
@@ -42,8 +42,8 @@ def read_shown(args: argparse.Namespace, rig: Rig) -> TestRun:
 
 def check_outputs(args: argparse.Namespace) -> None:
     """Refuse outputs that cannot be, before any work is done."""
-    from saddlering_ros.bags import BagError
     from saddlering_ros.bags.samples import check_table_path
+    from saddlering_ros.record import BagError
 
     if args.out == '-' and args.json == '-':
         raise BagError('--out - and --json -: give stdout to one of them only')
@@ -52,7 +52,7 @@ def check_outputs(args: argparse.Namespace) -> None:
 
 
 def deliver(
-    args: argparse.Namespace, run: TestRun,
+    args: argparse.Namespace, run: Record,
     samples: DisplacementSamples | Iterable[DisplacementSamples], zero: ZeroReading,
     what: str, notes: list[str],
 ) -> None:
@@ -88,11 +88,11 @@ def deliver(
 
 
 def _summary(
-    run: TestRun, seen: SamplesSummary, zero: ZeroReading, notes: list[str],
+    run: Record, seen: SamplesSummary, zero: ZeroReading, notes: list[str],
 ) -> dict[str, Any]:
     import math
 
-    from saddlering_ros.bags.scratch import extremes
+    from saddlering_ros.record.scratch import extremes
     from saddlering_ros.rig import CHANNELS
 
     channels = {
@@ -116,7 +116,7 @@ def _shown(value: float) -> str:
 
 
 def _print_summary(
-    args: argparse.Namespace, run: TestRun, seen: SamplesSummary, zero: ZeroReading,
+    args: argparse.Namespace, run: Record, seen: SamplesSummary, zero: ZeroReading,
     what: str, notes: list[str],
 ) -> None:
     import math

@@ -8,15 +8,15 @@ from itertools import chain
 
 import numpy as np
 
-from saddlering_ros.bags import TestRun
-from saddlering_ros.bags.measured import zero_of_run
 from saddlering_ros.bags.samples import DisplacementSamples, measured_rows
 from saddlering_ros.bags.scan import OnShare
-from saddlering_ros.bags.scratch import BLOCK, forget
-from saddlering_ros.bags.validity import BRIDGED, DOUBTFUL_LOAD
 from saddlering_ros.cli._arguments import take_effects
 from saddlering_ros.cli._samples import check_outputs, deliver, read_shown
 from saddlering_ros.cli._terminal import Bar
+from saddlering_ros.record import Record
+from saddlering_ros.record.measured import zero_of_run
+from saddlering_ros.record.scratch import BLOCK, forget
+from saddlering_ros.record.validity import BRIDGED, DOUBTFUL_LOAD
 from saddlering_ros.rig import (
     CHANNELS,
     Displacement,
@@ -31,7 +31,7 @@ from saddlering_ros.ring.simulator import simulate_in_blocks, SimulatedRun
 
 Parts = Iterator[DisplacementSamples]
 
-SamplesOf = Callable[[Rig, TestRun, ParameterSet, list[str], OnShare], tuple[Parts, ZeroReading]]
+SamplesOf = Callable[[Rig, Record, ParameterSet, list[str], OnShare], tuple[Parts, ZeroReading]]
 
 
 def deliver_simulation(args: argparse.Namespace, samples_of: SamplesOf, what: str) -> int:
@@ -49,7 +49,7 @@ def deliver_simulation(args: argparse.Namespace, samples_of: SamplesOf, what: st
 
 
 def simulated_samples(
-    rig: Rig, run: TestRun, parameters: ParameterSet, notes: list[str], on_progress: OnShare,
+    rig: Rig, run: Record, parameters: ParameterSet, notes: list[str], on_progress: OnShare,
 ) -> tuple[Parts, ZeroReading]:
     """The output of the live simulator for a run in stretches, and its zero.
 
@@ -62,7 +62,7 @@ def simulated_samples(
 
 
 def residual_samples(
-    rig: Rig, run: TestRun, parameters: ParameterSet, notes: list[str], on_progress: OnShare,
+    rig: Rig, run: Record, parameters: ParameterSet, notes: list[str], on_progress: OnShare,
 ) -> tuple[Parts, ZeroReading]:
     """Measured minus simulated displacement where both have a sample, as the node gives it."""
     zero = zero_of_run(rig, run)
@@ -73,7 +73,7 @@ def residual_samples(
 
 
 def _stretches(
-    rig: Rig, run: TestRun, parameters: ParameterSet, notes: list[str], on_progress: OnShare,
+    rig: Rig, run: Record, parameters: ParameterSet, notes: list[str], on_progress: OnShare,
 ) -> Iterator[tuple[ZeroReading, DisplacementSamples]]:
     """The simulated samples, NaN where a step failed; SimulationError if there is none at all.
 
@@ -104,7 +104,7 @@ def _stretches(
                      'load')
 
 
-def _samples(run: TestRun, simulated: SimulatedRun) -> DisplacementSamples:
+def _samples(run: Record, simulated: SimulatedRun) -> DisplacementSamples:
     rows = slice(simulated.first, simulated.first + len(simulated.time))
     validity = np.zeros(len(simulated.time), np.uint8)
     if run.node_rows is not None:
@@ -115,7 +115,7 @@ def _samples(run: TestRun, simulated: SimulatedRun) -> DisplacementSamples:
 
 
 def _difference(
-    rig: Rig, run: TestRun, zero: ZeroReading, simulated: DisplacementSamples,
+    rig: Rig, run: Record, zero: ZeroReading, simulated: DisplacementSamples,
 ) -> DisplacementSamples:
     if not len(simulated):
         return simulated

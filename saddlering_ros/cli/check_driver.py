@@ -43,7 +43,7 @@ def run(args: argparse.Namespace) -> int:
     import math
     import sys
 
-    from saddlering_ros.bags import BagError
+    from saddlering_ros.record import BagError
     from saddlering_ros.rig import load_rig
     from saddlering_ros.ros.driver_listener import listen
     from saddlering_ros.ros.names import namespace_of

@@ -23,10 +23,10 @@ def add_parser(subparsers: Any) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Read, zero, compute and deliver stretch by stretch."""
-    from saddlering_ros.bags.measured import zero_of_run
     from saddlering_ros.bags.samples import measured_blocks
     from saddlering_ros.cli._samples import check_outputs, deliver, read_shown
     from saddlering_ros.cli._terminal import Bar
+    from saddlering_ros.record.measured import zero_of_run
     from saddlering_ros.rig import load_rig
 
     check_outputs(args)

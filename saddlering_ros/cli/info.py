@@ -39,8 +39,9 @@ def run(args: argparse.Namespace) -> int:
     """Show every bag; status 2 if one of them cannot be used."""
     import sys
 
-    from saddlering_ros.bags import bag_info, BagError
+    from saddlering_ros.bags import bag_info
     from saddlering_ros.cli._terminal import Bar
+    from saddlering_ros.record import BagError
     from saddlering_ros.rig import load_rig
 
     rig = load_rig(args.rig)

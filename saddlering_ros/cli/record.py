@@ -47,8 +47,8 @@ def run(args: argparse.Namespace) -> int:
     import sys
     import time
 
-    from saddlering_ros.bags import BagError
     from saddlering_ros.live.recorder import recording
+    from saddlering_ros.record import BagError
     from saddlering_ros.ros.names import namespace_of
     from saddlering_ros.ros.transport import prepare_transport
 
@@ -77,13 +77,13 @@ def run(args: argparse.Namespace) -> int:
 
 def facts_of(args: argparse.Namespace) -> dict[str, str]:
     """The facts of the test given; BagError if only half of them are."""
-    from saddlering_ros.bags import BagError, TestFacts
+    from saddlering_ros.record import BagError, TestMetadata
 
     if (args.test is None) != (args.elevation is None):
         raise BagError('--test and --elevation belong together: give both, or neither')
     if args.test is None:
         return {}
-    return TestFacts(args.test, args.elevation).as_text()
+    return TestMetadata(args.test, args.elevation).as_text()
 
 
 def tell(args: argparse.Namespace, told: dict[str, Any]) -> None:

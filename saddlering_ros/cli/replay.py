@@ -197,8 +197,8 @@ def _recording(args: argparse.Namespace, facts: Any, domain: int) -> Any:
     """The recorder, which keeps the facts of the test that is replayed."""
     import os
 
-    from saddlering_ros.bags import TestFacts
     from saddlering_ros.live.recorder import recording
+    from saddlering_ros.record import TestMetadata
     from saddlering_ros.ros.names import namespace_of
     from saddlering_ros.ros.transport import prepare_transport
 
@@ -207,7 +207,7 @@ def _recording(args: argparse.Namespace, facts: Any, domain: int) -> Any:
     known = {}
     elevation = facts.elevation_deg if args.elevation is None else args.elevation
     if facts.test is not None and elevation is not None:
-        known = TestFacts(facts.test, elevation, facts.rig, facts.run).as_text()
+        known = TestMetadata(facts.test, elevation, facts.rig, facts.run).as_text()
     return recording(args.record, domain, facts=known, overwrite=args.overwrite,
                      namespace=namespace_of(args.namespace))
 

@@ -96,8 +96,9 @@ def _draft(args: argparse.Namespace, rig: Rig) -> tuple[Rig, list[Path]]:
 
 
 def _check(args: argparse.Namespace, bag: str, rig: Rig) -> list[str]:
-    from saddlering_ros.bags import condensed, read_raw, read_run
+    from saddlering_ros.bags import read_raw, read_run
     from saddlering_ros.bags.rig_check import check_rig
+    from saddlering_ros.record import condensed
 
     test_run = read_run(bag, test=args.test, elevation=radians(args.elevation), rig=rig)
     return check_rig(rig, read_raw(bag, rig=rig), condensed(test_run, rig))

@@ -17,9 +17,9 @@ from saddlering_ros.cli._arguments import (
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from saddlering_ros.bags import TestRun
     from saddlering_ros.bags.samples import DisplacementSamples
     from saddlering_ros.monitoring import Monitor, Sample
+    from saddlering_ros.record import Record
     from saddlering_ros.rig import ParameterSet, Rig
 
 MATERIALITY_PERCENT = 2.0
@@ -120,7 +120,7 @@ def monitored_samples(samples: DisplacementSamples, elevation: float) -> Iterato
             yield Sample(stamp, (x, y, gamma), load, 0, elevation)
 
 
-def _check_watched(monitor: Monitor, run: TestRun) -> None:
+def _check_watched(monitor: Monitor, run: Record) -> None:
     """MonitoringError if the record does not show its noise before the load moves."""
     from saddlering_ros.monitoring import MonitoringError
 

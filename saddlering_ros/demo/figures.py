@@ -6,8 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from saddlering_ros.bags import TestRun
 from saddlering_ros.diagnosis.contract import RunEntry
+from saddlering_ros.record import Record
 from saddlering_ros.report.curves import Array, curves_of_run, RunCurves
 from saddlering_ros.rig import CHANNELS, ParameterSet, Rig
 from saddlering_ros.ring import simulate
@@ -16,7 +16,7 @@ JUDGED = CHANNELS[:3]
 
 
 def curves(
-    run: TestRun, measured: Array, before: Array, after: Array, verdict: RunEntry | None,
+    run: Record, measured: Array, before: Array, after: Array, verdict: RunEntry | None,
     *, held_out: bool,
 ) -> RunCurves:
     """A run's curves from its channels (4, samples) at the load's stamps."""
@@ -25,7 +25,7 @@ def curves(
     return curves_of_run(run, measured, before, after, floors, held_out=held_out)
 
 
-def offline(run: TestRun, rig: Rig, parameters: ParameterSet) -> Array:
+def offline(run: Record, rig: Rig, parameters: ParameterSet) -> Array:
     """Simulated channels (4, samples) of a run, as published live; NaN before the zero."""
     found = simulate(rig, parameters, run.elevation, run.time, run.load)
     channels = np.full((len(CHANNELS), len(run.time)), np.nan)

@@ -7,8 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
-from saddlering_ros.bags import read_run, TestRun
+from saddlering_ros.bags import read_run
 from saddlering_ros.demo.errors import DemoError
+from saddlering_ros.record import Record
 
 IDENTIFY_AT = 50.0
 """Elevation [deg] of the published identification; the others verify."""
@@ -19,11 +20,11 @@ class Plan:
     """Runs to identify and to verify with, each list at one elevation [deg], static ones first."""
 
     folder: Path
-    identify: tuple[TestRun, ...]
-    verify: tuple[TestRun, ...]
+    identify: tuple[Record, ...]
+    verify: tuple[Record, ...]
 
     @property
-    def runs(self) -> tuple[TestRun, ...]:
+    def runs(self) -> tuple[Record, ...]:
         """All of them."""
         return self.identify + self.verify
 
@@ -36,7 +37,7 @@ def plan(folder: Path) -> Plan:
                   if (path / 'metadata.yaml').is_file() or path.suffix == '.mcap')
     if not bags:
         raise DemoError(f'{folder}: holds no bags: give a folder that does (--bags)')
-    by_elevation: dict[float, list[TestRun]] = {}
+    by_elevation: dict[float, list[Record]] = {}
     for bag in bags:
         run = read_run(bag)
         by_elevation.setdefault(elevation_of(run), []).append(run)
@@ -51,10 +52,10 @@ def plan(folder: Path) -> Plan:
     return Plan(folder.resolve(), _sorted(identify), _sorted(by_elevation[max(by_elevation)]))
 
 
-def elevation_of(run: TestRun) -> float:
+def elevation_of(run: Record) -> float:
     """Elevation [deg] as a person writes it."""
     return round(float(np.degrees(run.elevation)), 2)
 
 
-def _sorted(runs: list[TestRun]) -> tuple[TestRun, ...]:
+def _sorted(runs: list[Record]) -> tuple[Record, ...]:
     return tuple(sorted(runs, key=lambda run: (run.test != 'static', -float(run.time[-1]))))

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saddlering_interfaces.msg import RingDisplacement
-from saddlering_ros.bags import TestRun
-from saddlering_ros.bags.topics import LOAD
+from saddlering_ros.record import Record
+from saddlering_ros.record.topics import LOAD
 from saddlering_ros.ros.names import DISPLACEMENTS
 from saddlering_ros.ros.raw_topics import RawSubscription
 from saddlering_ros.ros.streaming_node import StreamingNode
@@ -34,7 +34,7 @@ class ReplayRecording:
         """Messages received."""
         return len(self.measured) + len(self.simulated) + len(self.residual) + self.loads
 
-    def lost(self, run: TestRun) -> int:
+    def lost(self, run: Record) -> int:
         """Messages that the replay of `run` should have given and that did not come.
 
         Every load has a simulation, and every load at which a pair of probes reads has a

@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 
 from saddlering_interfaces.action import DiagnoseRing, IdentifyRing
-from saddlering_ros.bags import TestRun
 from saddlering_ros.demo import figures
 from saddlering_ros.demo.console import Console
 from saddlering_ros.demo.live import LiveRig
@@ -21,6 +20,7 @@ from saddlering_ros.demo.recorder import ReplayRecording
 from saddlering_ros.diagnosis.contract import RunEntry, VerdictDocument
 from saddlering_ros.diagnosis.wording import headline
 from saddlering_ros.quantities import percent
+from saddlering_ros.record import Record
 from saddlering_ros.report.curves import RunCurves
 from saddlering_ros.rig import default_rig, ParameterSet, Rig, write_parameters
 from saddlering_ros.ros.conversions import parameters_from_message
@@ -127,7 +127,7 @@ class _Story:
 
     # --- steps ---
 
-    def _replay(self, live: LiveRig, run: TestRun, words: str) -> ReplayRecording:
+    def _replay(self, live: LiveRig, run: Record, words: str) -> ReplayRecording:
         name, began = run.path.name, time.monotonic()
         interval = float(np.median(np.diff(run.time)))
         recording = live.replay(run.path, interval, lambda share, speed: self.console.show(
@@ -175,7 +175,7 @@ class _Story:
             self.console.say(f'      {run.path.name} is missed by {", ".join(parts)} of range')
 
     def _live_curves(
-        self, run: TestRun, before: dict[str, ReplayRecording], after: dict[str, ReplayRecording],
+        self, run: Record, before: dict[str, ReplayRecording], after: dict[str, ReplayRecording],
         verdict: VerdictDocument,
     ) -> RunCurves:
         name = run.path.name
@@ -184,7 +184,7 @@ class _Story:
         return figures.curves(run, measured, first, last, _entry(verdict, run), held_out=True)
 
     def _offline_curves(
-        self, run: TestRun, first: dict[str, ReplayRecording], identified: ParameterSet,
+        self, run: Record, first: dict[str, ReplayRecording], identified: ParameterSet,
         extended: ParameterSet, verdict: VerdictDocument,
     ) -> RunCurves:
         """Measured live, simulated here with both parameter sets: the same code as the node's."""
@@ -193,11 +193,11 @@ class _Story:
         return figures.curves(run, measured, before, after, _entry(verdict, run), held_out=False)
 
 
-def _names(runs: tuple[TestRun, ...]) -> list[str]:
+def _names(runs: tuple[Record, ...]) -> list[str]:
     return [run.path.name for run in runs]
 
 
-def _entry(verdict: VerdictDocument, run: TestRun) -> RunEntry | None:
+def _entry(verdict: VerdictDocument, run: Record) -> RunEntry | None:
     """The run's part of the verdict."""
     found = [item for item in verdict['runs'] if Path(item['bag']).name == run.path.name]
     return found[0] if found else None

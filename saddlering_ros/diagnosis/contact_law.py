@@ -13,11 +13,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from saddlering_ros.bags import TestRun
 from saddlering_ros.discrepancy import Diagnosis, Estimate
 from saddlering_ros.estimation.identifiability import still_open
 from saddlering_ros.identification import Identification, IdentificationError, identify
 from saddlering_ros.progress import Cancelled, IsCancelled
+from saddlering_ros.record import Record
 from saddlering_ros.rig import PARAMETER_NAMES, PARAMETER_UNITS, Rig
 
 Array = NDArray[np.float64]
@@ -47,7 +47,7 @@ class ContactLaw:
 
 
 def identified(
-    runs: Sequence[TestRun], rig: Rig, is_cancelled: IsCancelled | None = None
+    runs: Sequence[Record], rig: Rig, is_cancelled: IsCancelled | None = None
 ) -> Identification | str:
     """The contact law of the fitted runs without causes, or the reason why there is none."""
     try:
@@ -60,7 +60,7 @@ def identified(
 
 
 def contact_law(
-    diagnosis: Diagnosis, runs: Sequence[TestRun], found: Identification | str
+    diagnosis: Diagnosis, runs: Sequence[Record], found: Identification | str
 ) -> ContactLaw:
     """The contact law of the fitted runs: as identified alone, and after a diagnosis."""
     if isinstance(found, str):
@@ -88,7 +88,7 @@ def beside_causes(diagnosis: Diagnosis, found: Identification, elevations: int) 
         before, diagnosis.base, diagnosis.fits.base_covariance, found.reasons, after)
 
 
-def elevations_of(runs: Sequence[TestRun]) -> int:
+def elevations_of(runs: Sequence[Record]) -> int:
     """Number of elevations that differ by more than a degree."""
     return len({round(float(np.degrees(run.elevation))) for run in runs})
 

@@ -6,15 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from saddlering_ros.bags import (
-    condensed,
-    fit_limit,
-    read_run,
-    refuse_other_rig,
-    refuse_repeats,
-    rig_in_words,
-    TestRun,
-)
+from saddlering_ros.bags import read_run, refuse_other_rig, refuse_repeats, rig_in_words
 from saddlering_ros.diagnosis import next_test
 from saddlering_ros.diagnosis.contact_law import contact_law, identified
 from saddlering_ros.diagnosis.document import signature_cosines
@@ -23,7 +15,7 @@ from saddlering_ros.diagnosis.records import (
     build_record,
     check_set,
     DiagnosisError,
-    Record,
+    PreparedRecord,
     rigs_of,
 )
 from saddlering_ros.diagnosis.ring_system import RingSystem
@@ -32,6 +24,7 @@ from saddlering_ros.discrepancy import diagnose, Diagnosis, Settings
 from saddlering_ros.effects import catalogue, LawEffect
 from saddlering_ros.identification import Identification
 from saddlering_ros.progress import IsCancelled, OnProgress, Progress
+from saddlering_ros.record import condensed, fit_limit, Record
 from saddlering_ros.rig import ContactParameters, ParameterSet, Rig
 from saddlering_ros.thresholds import is_left, MATERIAL
 
@@ -64,8 +57,8 @@ def diagnose_bags(
 
 
 def diagnose_runs(
-    runs: Sequence[TestRun],
-    hold_out: Sequence[TestRun] = (),
+    runs: Sequence[Record],
+    hold_out: Sequence[Record] = (),
     rig: Rig | None = None,
     parameters: ParameterSet | None = None,
     *,
@@ -133,7 +126,7 @@ def _own_laws(found: Diagnosis) -> list[str]:
     return sorted(name for name in named if isinstance(catalogue().get(name), LawEffect))
 
 
-def _named_apart(records: list[Record]) -> list[Record]:
+def _named_apart(records: list[PreparedRecord]) -> list[PreparedRecord]:
     """Records whose runs have different names."""
     seen: dict[str, int] = {}
     answer = []
@@ -158,7 +151,7 @@ def _is_rounding(figures: Sequence[RunFigures]) -> bool:
 
 
 def _geometry_first(
-    sentence: str | None, found: Diagnosis, runs: Sequence[TestRun], rig: Rig,
+    sentence: str | None, found: Diagnosis, runs: Sequence[Record], rig: Rig,
 ) -> str | None:
     """The advice with the rig file before the hardware, if no hash identifies the file.
 

@@ -10,12 +10,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from saddlering_ros.bags import displacement_of_run, MeasuredRun, plateaus, TestRun
 from saddlering_ros.discrepancy import direction_of, RestSegment, RunBlocks
 from saddlering_ros.errors import SaddleringError
 from saddlering_ros.estimation.blocks import span_means
 from saddlering_ros.estimation.probe_rounding import probe_rounding
 from saddlering_ros.estimation.rest import quiet_stretches, stretches_at_rest
+from saddlering_ros.record import displacement_of_run, MeasuredRun, plateaus, Record
 from saddlering_ros.rig import Rig
 
 Array = NDArray[np.float64]
@@ -64,10 +64,10 @@ class LoadGrid:
 
 
 @dataclass(frozen=True)
-class Record:
+class PreparedRecord:
     """A test run as measured, and in the form of the engine."""
 
-    test_run: TestRun
+    test_run: Record
     measured: MeasuredRun
     run: RunBlocks
 
@@ -88,7 +88,7 @@ class _Readings:
     """
 
     rig: Rig
-    test_run: TestRun
+    test_run: Record
     zero_load: float
     time: Array
     load: Array
@@ -115,7 +115,7 @@ class _Blocks:
     between: int
 
 
-def build_record(rig: Rig, test_run: TestRun, *, held_out: bool) -> Record:
+def build_record(rig: Rig, test_run: Record, *, held_out: bool) -> PreparedRecord:
     """Block means, load grid and stretches at rest of one bag."""
     test_run = test_run.without_spikes()
     measured = displacement_of_run(rig, test_run)
@@ -134,7 +134,7 @@ def build_record(rig: Rig, test_run: TestRun, *, held_out: bool) -> Record:
             'record longer'
         )
     blocks = _static(readings) if test_run.test == 'static' else _dynamic(readings)
-    return Record(test_run, measured, _run(readings, blocks, held_out))
+    return PreparedRecord(test_run, measured, _run(readings, blocks, held_out))
 
 
 def _static(readings: _Readings) -> _Blocks:
@@ -276,12 +276,12 @@ def _carried(branch: Array) -> Array:
     return direction
 
 
-def rigs_of(records: Sequence[Record]) -> list[str]:
+def rigs_of(records: Sequence[PreparedRecord]) -> list[str]:
     """Names of the rigs in the metadata of the bags."""
     return sorted({record.test_run.rig for record in records})
 
 
-def check_set(records: Sequence[Record], rig: Rig) -> list[str]:
+def check_set(records: Sequence[PreparedRecord], rig: Rig) -> list[str]:
     """Limits of a set of bags, one sentence each."""
     fitted = [record for record in records if not record.run.held_out]
     tests = {record.test_run.test for record in fitted}

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from saddlering_ros.diagnosis.contact_law import ContactLaw
 from saddlering_ros.diagnosis.contract import VerdictDocument
 from saddlering_ros.diagnosis.document import verdict_document
-from saddlering_ros.diagnosis.records import Array, Record
+from saddlering_ros.diagnosis.records import Array, PreparedRecord
 from saddlering_ros.discrepancy import Diagnosis, RunBlocks
 from saddlering_ros.provenance import Provenance
 from saddlering_ros.rig import (
@@ -39,7 +39,7 @@ class ChannelMisfit:
 class RunFigures:
     """One run with its channels, and its arrays: displacement (4, N) in the order of CHANNELS."""
 
-    record: Record
+    record: PreparedRecord
     channels: Mapping[str, ChannelMisfit]
     measured: Array
     before: Array
@@ -112,7 +112,7 @@ class Verdict:
 
 
 def run_figures(
-    rig: Rig, found: Diagnosis, record: Record, before: Array, after: Array
+    rig: Rig, found: Diagnosis, record: PreparedRecord, before: Array, after: Array
 ) -> RunFigures:
     """Misfits and curves of one run, from predictions before and after (C, N)."""
     run = record.run

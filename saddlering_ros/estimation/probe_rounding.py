@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from saddlering_ros.bags import PROBE_TOPICS, TestRun
 from saddlering_ros.estimation.rounding import (
     crossing_seconds,
     HELD_FACTOR,
@@ -13,12 +12,13 @@ from saddlering_ros.estimation.rounding import (
     hidden_rounding,
     rounding_record,
 )
+from saddlering_ros.record import PROBE_TOPICS, Record
 from saddlering_ros.rig import OPPOSITE
 
 Array = NDArray[np.float64]
 
 
-def probe_rounding(run: TestRun) -> Array | None:
+def probe_rounding(run: Record) -> Array | None:
     """Errors (4, N) [m] to add to a run's probes where noise is read from them; None if none.
 
     Only a coarse converter hides any. The same run has the same errors every time.

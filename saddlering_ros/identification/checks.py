@@ -5,18 +5,18 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from saddlering_ros.bags import BagError, Plateaus, plateaus, TestRun
-from saddlering_ros.bags.measured import zero_of_run
 from saddlering_ros.identification.errors import IdentificationError
+from saddlering_ros.record import BagError, Plateaus, plateaus, Record
+from saddlering_ros.record.measured import zero_of_run
 from saddlering_ros.rig import Rig
 
 
-def run_name(run: TestRun) -> str:
+def run_name(run: Record) -> str:
     """Name of a run in messages: its path, or its name if it has none."""
     return str(run.path) if getattr(run, 'path', None) else run.name
 
 
-def warnings_of(run: TestRun, rig: Rig) -> list[str]:
+def warnings_of(run: Record, rig: Rig) -> list[str]:
     """Faults that make the result of a run doubtful, one line each."""
     name = run_name(run)
     warnings = [f'{name}: {note}' for note in run.notes]
@@ -34,7 +34,7 @@ def warnings_of(run: TestRun, rig: Rig) -> list[str]:
     return warnings
 
 
-def saturated(run: TestRun, rig: Rig) -> NDArray[np.bool_]:
+def saturated(run: Record, rig: Rig) -> NDArray[np.bool_]:
     """Mask (4, N) of readings at a limit of the span, behind which the face may be farther."""
     margin = 1e-4 * (rig.probes.max_range - rig.probes.min_range)
     low, high = rig.probes.min_range + margin, rig.probes.max_range - margin
@@ -42,7 +42,7 @@ def saturated(run: TestRun, rig: Rig) -> NDArray[np.bool_]:
         return np.asarray((run.gaps <= low) | (run.gaps >= high))
 
 
-def check_run(run: TestRun, rig: Rig) -> Plateaus | None:
+def check_run(run: Record, rig: Rig) -> Plateaus | None:
     """The plateaus of a static run, None for a dynamic one.
 
     IdentificationError if the range of the run is too small for an identification.
@@ -71,7 +71,7 @@ def check_run(run: TestRun, rig: Rig) -> Plateaus | None:
     return None
 
 
-def _check_static(run: TestRun, rig: Rig, name: str) -> Plateaus:
+def _check_static(run: Record, rig: Rig, name: str) -> Plateaus:
     try:
         found = plateaus(run, errors=False)
     except BagError as problem:

@@ -10,7 +10,6 @@ import time
 import numpy as np
 from numpy.typing import NDArray
 
-from saddlering_ros.bags import TestRun
 from saddlering_ros.errors import Cancelled
 from saddlering_ros.estimation.identifiability import WIDTH_95
 from saddlering_ros.estimation.least_squares import NEAR
@@ -43,6 +42,7 @@ from saddlering_ros.identification.uncertainty import (
     stiffness_ellipse,
 )
 from saddlering_ros.progress import IsCancelled, OnProgress, Progress, SearchStep
+from saddlering_ros.record import Record
 from saddlering_ros.rig import (
     ContactParameters,
     PARAMETER_NAMES,
@@ -79,7 +79,7 @@ LOAD_CORRECTIONS = 2
 class _Search:
     """One running identification: its inputs, its reports and its count of simulations."""
 
-    runs: Sequence[TestRun]
+    runs: Sequence[Record]
     rig: Rig
     settings: IdentificationSettings
     bounds: Bounds
@@ -158,7 +158,7 @@ class _Search:
 
 @one_blas_thread()
 def identify(
-    runs: Sequence[TestRun],
+    runs: Sequence[Record],
     rig: Rig,
     settings: IdentificationSettings | None = None,
     *,

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from saddlering_ros.bags import refuse_repeats, TestRun
+from saddlering_ros.bags import refuse_repeats
 from saddlering_ros.estimation.blocks import block_means, filled
 from saddlering_ros.estimation.whitener import build_whitener
 from saddlering_ros.identification.checks import run_name
@@ -23,6 +23,7 @@ from saddlering_ros.identification.prepared import (
     prepare,
     PreparedRun,
 )
+from saddlering_ros.record import Record
 from saddlering_ros.rig import ContactParameters, Rig
 
 Array = NDArray[np.float64]
@@ -32,7 +33,7 @@ SETTLING_STEP = 0.1
 
 
 def observe(
-    runs: Sequence[TestRun], rig: Rig, *, fit_rate: float | None,
+    runs: Sequence[Record], rig: Rig, *, fit_rate: float | None,
     contact: ContactParameters | None = None,
 ) -> list[Observation]:
     """Observations of runs; IdentificationError if a run cannot be used.
@@ -48,7 +49,7 @@ def observe(
 
 
 def prepare_all(
-    runs: Sequence[TestRun], rig: Rig, fit_rate: float | None
+    runs: Sequence[Record], rig: Rig, fit_rate: float | None
 ) -> list[PreparedRun]:
     """Runs with the input of their observations, once for all contact laws."""
     if not runs:

@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 
-from saddlering_ros.bags import BagError, displacement_of_run, MeasuredRun, TestRun
 from saddlering_ros.estimation.blocks import filled
 from saddlering_ros.estimation.errors import EstimationError
 from saddlering_ros.estimation.parity import parity_ratios
@@ -25,6 +24,7 @@ from saddlering_ros.estimation.sampling_classes import (
 )
 from saddlering_ros.identification.checks import check_run, clipped_words, run_name, saturated
 from saddlering_ros.identification.errors import IdentificationError
+from saddlering_ros.record import BagError, displacement_of_run, MeasuredRun, Record
 from saddlering_ros.rig import ContactParameters, ParameterSet, probes_to_displacement, Rig
 from saddlering_ros.ring import simulate
 
@@ -83,7 +83,7 @@ class PreparedRun:
     `parity_at_rest` has it; plateaus: readings of a static run, None for a dynamic one.
     """
 
-    run: TestRun
+    run: Record
     measured: MeasuredRun
     displacement: Array
     load: Array
@@ -101,7 +101,7 @@ class PreparedRun:
             rig, contact, self.run, self.measured.time, self.load))
 
 
-def prepare(run: TestRun, rig: Rig, fit_rate: float | None) -> PreparedRun:
+def prepare(run: Record, rig: Rig, fit_rate: float | None) -> PreparedRun:
     """A run with the input of its observation; IdentificationError if it cannot be used.
 
     Its displacement is explained by a proportion of the load.
@@ -142,7 +142,7 @@ def prepare(run: TestRun, rig: Rig, fit_rate: float | None) -> PreparedRun:
         rests=rests, branch=None, interval=interval, parity=parity, rounding=rounding)
 
 
-def _rounding(run: TestRun, rig: Rig) -> Array | float:
+def _rounding(run: Record, rig: Rig) -> Array | float:
     """The hidden rounding errors of the probes as displacement (3, N)."""
     errors = probe_rounding(run)
     if errors is None:
@@ -168,7 +168,7 @@ def _load_slope(displacement: Array, load: Array) -> Array:
 
 
 def _simulated(
-    rig: Rig, contact: ContactParameters, run: TestRun, time: Array, load: Array
+    rig: Rig, contact: ContactParameters, run: Record, time: Array, load: Array
 ) -> Array:
     """Simulated displacement (3, N) of a run; NaN before its zero."""
     step = max(float(np.median(np.diff(time))), 1e-3)

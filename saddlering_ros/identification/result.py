@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from saddlering_ros.bags import TestRun
 from saddlering_ros.identification.uncertainty import Profile
 from saddlering_ros.provenance import Provenance
+from saddlering_ros.record import Record
 from saddlering_ros.rig import (
     ContactParameters,
     line_contact_stiffness,
@@ -59,7 +59,7 @@ class Identification:
     notes: tuple[str, ...] = ()
     profiles: dict[str, Profile] = field(default_factory=dict)
 
-    def made_from(self, runs: Sequence[TestRun]) -> Identification:
+    def made_from(self, runs: Sequence[Record]) -> Identification:
         """The same with the hashes of its bags and the software versions among the sources."""
         made = Provenance(tuple(run.origin for run in runs))
         source = replace(

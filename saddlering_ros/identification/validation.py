@@ -15,14 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from saddlering_ros.bags import (
-    BagError,
-    displacement_of_run,
-    MeasuredRun,
-    plateaus,
-    refuse_repeats,
-    TestRun,
-)
+from saddlering_ros.bags import refuse_repeats
 from saddlering_ros.estimation.errors import EstimationError
 from saddlering_ros.estimation.parity import parity_ratios
 from saddlering_ros.estimation.process import ChannelNoise, QUIET
@@ -34,6 +27,7 @@ from saddlering_ros.identification.errors import IdentificationError
 from saddlering_ros.identification.prepared import MIN_REST, parity_at_rest
 from saddlering_ros.identification.rating import rate
 from saddlering_ros.provenance import Origin, Provenance
+from saddlering_ros.record import BagError, displacement_of_run, MeasuredRun, plateaus, Record
 from saddlering_ros.rig import CHANNELS, Displacement, PARAMETER_NAMES, ParameterSet, Rig
 from saddlering_ros.ring import simulate, static_batch
 
@@ -151,7 +145,7 @@ def _plain(value: Any) -> Any:
 
 
 def validate(
-    runs: Sequence[TestRun], rig: Rig, parameters: ParameterSet,
+    runs: Sequence[Record], rig: Rig, parameters: ParameterSet,
     before_run: Callable[[int], None] | None = None,
 ) -> Validation:
     """Compare simulation and measurement; IdentificationError if a run cannot be compared.
@@ -242,7 +236,7 @@ def _alone(quiet: Quiet, count: int) -> list[ChannelNoise]:
     return answers
 
 
-def _compare(run: TestRun, rig: Rig, parameters: ParameterSet) -> _Comparison:
+def _compare(run: Record, rig: Rig, parameters: ParameterSet) -> _Comparison:
     name = run_name(run)
     run = run.without_spikes()
     try:
@@ -286,7 +280,7 @@ def _stack(motion: Displacement) -> Array:
     return np.stack([np.asarray(getattr(motion, name), dtype=float) for name in CHANNELS])
 
 
-def _simulated(rig: Rig, parameters: ParameterSet, run: TestRun, measured: MeasuredRun) -> Array:
+def _simulated(rig: Rig, parameters: ParameterSet, run: Record, measured: MeasuredRun) -> Array:
     """Simulated channels (4, N) at the measured times."""
     out = simulate(rig, parameters, run.elevation, measured.time, measured.load)
     values = _stack(out.displacement)

@@ -13,9 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saddlering_ros.bags.block_writer import BlockBagWriter
-from saddlering_ros.bags.errors import BagError
-from saddlering_ros.bags.facts import TestFacts
-from saddlering_ros.bags.topics import RANGE_TYPE
 from saddlering_ros.importing.clock import (
     CountedTime,
     DatedTime,
@@ -30,6 +27,9 @@ from saddlering_ros.importing.feed import Feed, first_stamp, Floats, Part, Piece
 from saddlering_ros.importing.formats import open_source
 from saddlering_ros.importing.mapping import ChannelMap, ImportMap
 from saddlering_ros.importing.source import find_column, Source
+from saddlering_ros.record.errors import BagError
+from saddlering_ros.record.metadata import TestMetadata
+from saddlering_ros.record.topics import RANGE_TYPE
 from saddlering_ros.rig import Rig
 from saddlering_ros.suggestion import did_you_mean
 
@@ -48,7 +48,7 @@ class ImportedRun:
     """
 
     path: Path
-    metadata: TestFacts
+    metadata: TestMetadata
     counts: Mapping[str, int]
     spans: Mapping[str, tuple[int, int]]
     envelopes: Mapping[str, Envelope]
@@ -202,7 +202,7 @@ def _common_metadata(
     return {**texts, 'rig_hash': rig.digest} if rig is not None else texts
 
 
-def _metadata(mapping: ImportMap, part: Part, texts: Mapping[str, str]) -> TestFacts:
+def _metadata(mapping: ImportMap, part: Part, texts: Mapping[str, str]) -> TestMetadata:
     given = dict(mapping.test)
     if mapping.split is not None:
         by_label = dict(mapping.split.runs)
@@ -221,7 +221,7 @@ def _metadata(mapping: ImportMap, part: Part, texts: Mapping[str, str]) -> TestF
         elevation = float(given['elevation_deg'])
         details = {key: value for key, value in given.items()
                    if key not in ('test', 'elevation_deg', 'rig', 'run')}
-        return TestFacts(given['test'], elevation, given.get('rig', ''), given.get('run', ''),
+        return TestMetadata(given['test'], elevation, given.get('rig', ''), given.get('run', ''),
                          {**details, **texts})
     except BagError as problem:
         raise ImportingError(f'test of the map: {problem}') from problem
@@ -230,7 +230,9 @@ def _metadata(mapping: ImportMap, part: Part, texts: Mapping[str, str]) -> TestF
                              ) from problem
 
 
-def _path(out: Path, mapping: ImportMap, part: Part, metadata: TestFacts, names: set[str]) -> Path:
+def _path(
+    out: Path, mapping: ImportMap, part: Part, metadata: TestMetadata, names: set[str],
+) -> Path:
     if mapping.split is None:
         return out
     name = re.sub(r'[^\w.+-]+', '_', metadata.run).strip('._') or f'run_{part.run + 1}'
@@ -290,7 +292,7 @@ class _Queue:
 
 
 def _write_run(
-    path: Path, streams: Sequence[_Stream], mapping: ImportMap, metadata: TestFacts,
+    path: Path, streams: Sequence[_Stream], mapping: ImportMap, metadata: TestMetadata,
     rig: Rig | None, overwrite: bool, on_progress: Progress | None,
 ) -> ImportedRun:
     channels = {channel.name: channel for channel in mapping.channels}

@@ -9,8 +9,6 @@ import math
 from pathlib import Path
 from typing import Any
 
-from saddlering_ros.bags.facts import DETAILS
-from saddlering_ros.bags.topics import RANGE_TYPE, RigTopic, TOPICS
 from saddlering_ros.importing.calibration import (
     Calibration,
     Linear,
@@ -39,6 +37,8 @@ from saddlering_ros.importing.units import (
     units_of,
 )
 from saddlering_ros.plain_yaml import read_strict_yaml
+from saddlering_ros.record.metadata import DETAILS
+from saddlering_ros.record.topics import RANGE_TYPE, RigTopic, TOPICS
 from saddlering_ros.rig import OPPOSITE
 from saddlering_ros.suggestion import refuse_unknown_keys
 

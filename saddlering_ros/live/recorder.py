@@ -26,8 +26,8 @@ from saddlering_interfaces.msg import (
 )
 from saddlering_ros.bags.cdr import SECOND
 from saddlering_ros.bags.recording import BagRecording
-from saddlering_ros.bags.topics import relative, TOPICS
 from saddlering_ros.live.errors import LiveError
+from saddlering_ros.record.topics import relative, TOPICS
 from saddlering_ros.ros.names import (
     DIAGNOSTICS,
     DISPLACEMENTS,

@@ -24,9 +24,6 @@ from sensor_msgs.msg import Range
 from saddlering_interfaces.action import DiagnoseRing, IdentifyRing
 from saddlering_interfaces.msg import ReplayState, RingAlarm, RingDisplacement, RingParameters
 from saddlering_ros.bags.cdr import CdrError
-from saddlering_ros.bags.scatter import white_noise
-from saddlering_ros.bags.topics import ELEVATION, LOAD, PROBES, RigTopic
-from saddlering_ros.bags.validity import BRIDGED, DOUBTFUL_LOAD, NOT_KNOWN
 from saddlering_ros.errors import SaddleringError
 from saddlering_ros.live.alarms import alarm_as_page, with_link
 from saddlering_ros.live.answers import diagnosis_answer, identification_answer
@@ -34,6 +31,9 @@ from saddlering_ros.live.commands import Commands
 from saddlering_ros.live.gauges import Gauges
 from saddlering_ros.live.traces import Traces
 from saddlering_ros.quantities import quantity
+from saddlering_ros.record.scatter import white_noise
+from saddlering_ros.record.topics import ELEVATION, LOAD, PROBES, RigTopic
+from saddlering_ros.record.validity import BRIDGED, DOUBTFUL_LOAD, NOT_KNOWN
 from saddlering_ros.rig import (
     CHANNELS,
     FORCE_UNITS,

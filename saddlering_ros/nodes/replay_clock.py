@@ -15,9 +15,10 @@ from std_srvs.srv import Trigger
 
 from saddlering_interfaces.msg import ReplayProgress, ReplayState
 from saddlering_interfaces.srv import Seek, SetRate, Step
-from saddlering_ros.bags import RawRecord, read_raw
+from saddlering_ros.bags import read_raw
 from saddlering_ros.bags.cdr import SECOND
-from saddlering_ros.bags.scratch import blocks
+from saddlering_ros.record import RawRecord
+from saddlering_ros.record.scratch import blocks
 from saddlering_ros.ros.bag_node import BagNode
 from saddlering_ros.ros.diagnostics import ERROR, Finding, FunctionTask, OK, WARN
 from saddlering_ros.ros.errors import NodeError

@@ -9,12 +9,12 @@ from std_msgs.msg import Bool
 from std_srvs.srv import Trigger
 
 from saddlering_interfaces.msg import RingAlarm, RingDisplacement, RingParameters
-from saddlering_ros.bags import LOAD_TOPIC
-from saddlering_ros.bags.topics import LOAD
 from saddlering_ros.errors import SaddleringError
 from saddlering_ros.monitoring import ALARM, LEARNING, MonitorSettings, WAITING
 from saddlering_ros.monitoring.materiality import DEFAULT_PERCENT
 from saddlering_ros.monitoring.wording import alarm_words, state_words
+from saddlering_ros.record import LOAD_TOPIC
+from saddlering_ros.record.topics import LOAD
 from saddlering_ros.ros.alarm_messages import alarm_message
 from saddlering_ros.ros.conversions import parameters_from_message
 from saddlering_ros.ros.diagnostics import (

@@ -11,7 +11,7 @@ from std_msgs.msg import Header
 from std_srvs.srv import Trigger
 
 from saddlering_interfaces.msg import RingDisplacement
-from saddlering_ros.bags.topics import LOAD, PROBES
+from saddlering_ros.record.topics import LOAD, PROBES
 from saddlering_ros.ros.diagnostics import (
     ERROR,
     Events,

@@ -11,10 +11,10 @@ from std_msgs.msg import Header
 from std_srvs.srv import Trigger
 
 from saddlering_interfaces.msg import RingDisplacement, RingParameters
-from saddlering_ros.bags import LOAD_TOPIC
-from saddlering_ros.bags.topics import LOAD
 from saddlering_ros.errors import SaddleringError
 from saddlering_ros.nodes.ring_displacement import FLUSH_AFTER as GUARD_FLUSH_AFTER
+from saddlering_ros.record import LOAD_TOPIC
+from saddlering_ros.record.topics import LOAD
 from saddlering_ros.rig import (
     parameters_from_mapping,
     ParameterSet,

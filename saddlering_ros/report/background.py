@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from saddlering_ros.bags import displacement_of_run, TestRun
-from saddlering_ros.bags.scatter import white_noise
 from saddlering_ros.pages import html
 from saddlering_ros.pages.html import Cell, number
 from saddlering_ros.quantities import percent, quantity
+from saddlering_ros.record import displacement_of_run, Record
+from saddlering_ros.record.scatter import white_noise
 from saddlering_ros.report.figures import SYMBOLS
 from saddlering_ros.rig import (
     CHANNELS,
@@ -50,7 +50,7 @@ class HeadLine:
     held_out: bool = False
 
 
-def head_line(run: TestRun, *, held_out: bool = False) -> HeadLine:
+def head_line(run: Record, *, held_out: bool = False) -> HeadLine:
     """The line of the head for one run."""
     return HeadLine(
         bag=run.path.name, test=run.test,
@@ -172,7 +172,7 @@ class Background:
     force_unit: str = 't'
 
 
-def quality_of(run: TestRun, rig: Rig) -> RunQuality:
+def quality_of(run: Record, rig: Rig) -> RunQuality:
     """Judge the data of one run."""
     measured = displacement_of_run(rig, run)
     steps = np.diff(run.stamps) / 1e9

@@ -11,10 +11,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from saddlering_ros.bags import plateaus, TestRun
 from saddlering_ros.diagnosis.verdict import RunFigures, Verdict
 from saddlering_ros.discrepancy import RunBlocks
 from saddlering_ros.pages.html import ReportError
+from saddlering_ros.record import plateaus, Record
 from saddlering_ros.rig import CHANNELS, FORCE_UNITS
 from saddlering_ros.writing import whole_file
 
@@ -132,7 +132,7 @@ def _mean(values: Array) -> Array:
     return np.asarray(np.where(count > 0, total / np.maximum(count, 1), np.nan))
 
 
-def means_of(run: TestRun) -> Means:
+def means_of(run: Record) -> Means:
     """Plateaus of a static run, equal blocks of a dynamic one."""
     if run.test == 'static':
         found = plateaus(run)
@@ -152,7 +152,7 @@ def _carried(branch: Array) -> Array:
 
 
 def curves_of_run(
-    run: TestRun, measured: Array, before: Array, after: Array, floors: Mapping[str, float | None],
+    run: Record, measured: Array, before: Array, after: Array, floors: Mapping[str, float | None],
     *, held_out: bool, force_unit: str = 't',
 ) -> RunCurves:
     """A run's curves from its channels (4, samples) at the load's stamps.

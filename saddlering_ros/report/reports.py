@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 
-from saddlering_ros.bags import TestRun
 from saddlering_ros.diagnosis.verdict import Verdict
 from saddlering_ros.diagnosis.wording import Document
 from saddlering_ros.identification.criteria import judge
@@ -17,6 +16,7 @@ from saddlering_ros.pages import html
 from saddlering_ros.pages.charts import draw
 from saddlering_ros.pages.html import Cell, code, number, ReportError
 from saddlering_ros.quantities import percent, quantity
+from saddlering_ros.record import Record
 from saddlering_ros.report import background, chapters, figures, parameters
 from saddlering_ros.report.background import Background, head, head_line, quality_of
 from saddlering_ros.report.curves import (
@@ -93,7 +93,7 @@ def diagnosis_chapters(
 
 
 def write_validation_report(
-    path: Path | str, validation: Validation, runs: Sequence[TestRun], rig: Rig,
+    path: Path | str, validation: Validation, runs: Sequence[Record], rig: Rig,
     identification: Mapping[str, Any] | None = None, command: str = '',
 ) -> tuple[Path, Path]:
     """Write the page of a validation and its curves, whole or not at all; the paths written.
@@ -109,7 +109,7 @@ def write_validation_report(
 
 
 def validation_page(
-    validation: Validation, runs: Sequence[TestRun], rig: Rig,
+    validation: Validation, runs: Sequence[Record], rig: Rig,
     identification: Mapping[str, Any] | None = None, command: str = '', curves_file: str = '',
 ) -> str:
     """The whole page; curves_file: the name of the file that holds its curves."""
@@ -132,7 +132,7 @@ def validation_page(
 
 
 def curves_of_validation(
-    validation: Validation, runs: Sequence[TestRun], force_unit: str,
+    validation: Validation, runs: Sequence[Record], force_unit: str,
 ) -> list[RunCurves]:
     """The curves of the validated runs, in order."""
     return [_curves(found, run, validation.parameters, force_unit)
@@ -140,7 +140,7 @@ def curves_of_validation(
 
 
 def _curves(
-    found: RunValidation, run: TestRun, parameters: ParameterSet, force_unit: str,
+    found: RunValidation, run: Record, parameters: ParameterSet, force_unit: str,
 ) -> RunCurves:
     known = {Path(bag).name for bag in parameters.source.bags}
     floors = {name: item.noise_floor for name, item in found.channels.items()}
@@ -214,7 +214,7 @@ def plot_paths(validation: Validation, folder: Path) -> list[Path]:
 
 
 def save_plots(
-    validation: Validation, runs: Sequence[TestRun], folder: Path, force_unit: str = 't',
+    validation: Validation, runs: Sequence[Record], folder: Path, force_unit: str = 't',
 ) -> list[Path]:
     """One PNG per run in `folder`; the paths written. force_unit: unit of loads."""
     paths = plot_paths(validation, folder)

@@ -8,12 +8,13 @@ from typing import ClassVar
 import numpy as np
 from rosgraph_msgs.msg import Clock
 
-from saddlering_ros.bags import RawRecord, RawTopic, read_raw
+from saddlering_ros.bags import read_raw
 from saddlering_ros.bags.cdr import SECOND
-from saddlering_ros.bags.checks import check_values
 from saddlering_ros.bags.reader import absent_topic, usable_facts
-from saddlering_ros.bags.scratch import BLOCK, forget
-from saddlering_ros.bags.topics import TOPICS
+from saddlering_ros.record import RawRecord, RawTopic
+from saddlering_ros.record.checks import check_values
+from saddlering_ros.record.scratch import BLOCK, forget
+from saddlering_ros.record.topics import TOPICS
 from saddlering_ros.ros.bag_node import BagNode
 from saddlering_ros.ros.diagnostics import (
     ERROR,
@@ -34,7 +35,7 @@ JUMP = 2 * SECOND
 
 def bag_elevation(path: str) -> float:
     """The elevation [rad] of a bag's test; BagError if the bag does not state it."""
-    from saddlering_ros.bags import LOAD_TOPIC
+    from saddlering_ros.record import LOAD_TOPIC
     record = read_raw(path, [LOAD_TOPIC])
     facts = usable_facts(record.path, record.facts, None, None)
     assert facts.elevation_deg is not None

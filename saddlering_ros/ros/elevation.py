@@ -14,7 +14,7 @@ from geometry_msgs.msg import Vector3Stamped
 from rclpy.node import Node
 
 from saddlering_interfaces.msg import ReplayState
-from saddlering_ros.bags.topics import ELEVATION
+from saddlering_ros.record.topics import ELEVATION
 from saddlering_ros.ros.lockstep import to_stamp
 from saddlering_ros.ros.names import STATE
 from saddlering_ros.ros.qos import LATCHED, OF_ANY_SENSOR

@@ -11,7 +11,7 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 
 from saddlering_ros.bags.cdr import CdrError
-from saddlering_ros.bags.topics import RigTopic
+from saddlering_ros.record.topics import RigTopic
 from saddlering_ros.ros.errors import NodeError
 from saddlering_ros.ros.qos import DEPTH, stream_qos
 from saddlering_ros.streams.batches import decode_samples, Samples

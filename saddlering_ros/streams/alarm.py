@@ -8,8 +8,8 @@ from dataclasses import dataclass, fields
 import numpy as np
 from numpy.typing import NDArray
 
-from saddlering_ros.bags.alignment import JITTER_NS
 from saddlering_ros.monitoring import least_wander, materiality, Monitor, MonitorSettings, Sample
+from saddlering_ros.record.alignment import JITTER_NS
 from saddlering_ros.rig import ContactParameters, Rig
 from saddlering_ros.streams.batches import Displacements, join, no_displacements, pick, Samples
 

@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saddlering_ros.bags.cdr import decode_list, encode_list, SECOND
-from saddlering_ros.bags.guard import Samples as Samples
 from saddlering_ros.bags.layouts import DISPLACEMENT_TYPE
-from saddlering_ros.bags.topics import RigTopic
+from saddlering_ros.record.guard import Samples as Samples
+from saddlering_ros.record.topics import RigTopic
 
 ANY_TIME = (0, 0)
 """In place of the first and last stamp of a recording: none is known."""

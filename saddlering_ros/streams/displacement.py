@@ -10,16 +10,16 @@ from math import isfinite
 import numpy as np
 from numpy.typing import NDArray
 
-from saddlering_ros.bags import AlignedRow, StreamAligner
-from saddlering_ros.bags.alignment import DEAD_AFTER_NS
 from saddlering_ros.bags.cdr import SECOND
-from saddlering_ros.bags.guard import (
+from saddlering_ros.record import AlignedRow, StreamAligner
+from saddlering_ros.record.alignment import DEAD_AFTER_NS
+from saddlering_ros.record.guard import (
     GuardCounters,
     load_limits,
     probe_limits,
     SampleGuard,
 )
-from saddlering_ros.bags.validity import unknown
+from saddlering_ros.record.validity import unknown
 from saddlering_ros.rig import (
     gap_increment,
     measured_displacement,

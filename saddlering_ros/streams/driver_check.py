@@ -9,13 +9,13 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from saddlering_ros.bags import BagError
-from saddlering_ros.bags.alignment import align, gap_mask
-from saddlering_ros.bags.checks import check_load_unit, check_probe_unit
-from saddlering_ros.bags.guard import load_limits, probe_limits, SampleGuard
-from saddlering_ros.bags.record_quality import white_noise
-from saddlering_ros.bags.topics import LOAD, LOAD_TOPIC, PROBE_TOPICS, PROBES, RigTopic
 from saddlering_ros.bags.wiring import MIN_LOAD_SPAN, wiring_notes
+from saddlering_ros.record import BagError
+from saddlering_ros.record.alignment import align, gap_mask
+from saddlering_ros.record.checks import check_load_unit, check_probe_unit
+from saddlering_ros.record.guard import load_limits, probe_limits, SampleGuard
+from saddlering_ros.record.quality import white_noise
+from saddlering_ros.record.topics import LOAD, LOAD_TOPIC, PROBE_TOPICS, PROBES, RigTopic
 from saddlering_ros.rig import mirrored_gap, Rig
 from saddlering_ros.streams.batches import Samples
 

@@ -6,8 +6,8 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
-from saddlering_ros.bags.alignment import JITTER_NS
 from saddlering_ros.bags.cdr import SECOND
+from saddlering_ros.record.alignment import JITTER_NS
 from saddlering_ros.rig.zeroing import MIN_SAMPLES, STEADY_SHARE, WINDOW_SECONDS
 from saddlering_ros.streams.batches import (
     Displacements,

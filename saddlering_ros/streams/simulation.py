@@ -8,11 +8,11 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
-from saddlering_ros.bags import seconds
-from saddlering_ros.bags.alignment import JITTER_NS
 from saddlering_ros.bags.cdr import SECOND
-from saddlering_ros.bags.guard import load_limits, SampleGuard
-from saddlering_ros.bags.stream_aligner import longer_hold
+from saddlering_ros.record import seconds
+from saddlering_ros.record.alignment import JITTER_NS
+from saddlering_ros.record.guard import load_limits, SampleGuard
+from saddlering_ros.record.stream_aligner import longer_hold
 from saddlering_ros.rig import CHANNELS, ParameterSet, Rig
 from saddlering_ros.ring import RingSimulator, SimulatedSample
 from saddlering_ros.streams.batches import (

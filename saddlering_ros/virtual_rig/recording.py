@@ -9,7 +9,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from saddlering_ros.bags import TestFacts, write_bag
+from saddlering_ros.bags import write_bag
+from saddlering_ros.record import TestMetadata
 from saddlering_ros.rig import FULL_SCALE_LOAD, Rig
 from saddlering_ros.virtual_rig.effects_probes import Recording
 from saddlering_ros.virtual_rig.errors import VirtualRigError
@@ -100,7 +101,7 @@ class TestRecord:
 
     __test__ = False
 
-    facts: TestFacts
+    facts: TestMetadata
     load_stamps: Stamps
     load: Floats
     probe_stamps: tuple[Stamps, ...]
@@ -141,7 +142,8 @@ def record_test(plan: TestPlan) -> TestRecord:
         for times in probe_times
     )
     return TestRecord(
-        TestFacts(schedule.test, math.degrees(physical.elevation), plan.rig_name, plan.run_name),
+        TestMetadata(
+            schedule.test, math.degrees(physical.elevation), plan.rig_name, plan.run_name),
         _stamps(begin, time), _load_reading(plan, run, recording, time, chance[11]),
         probe_stamps, gaps, int(chance[1].integers(1_500, 9_000)) * 1000, run,
     )

@@ -11,12 +11,13 @@ sys.path.append(str(Path(__file__).parent.parent / 'identification'))
 from identification_records import dynamic_run, RIG, static_run
 
 from saddlering_ros import Cancelled, diagnose, identify, Progress
-from saddlering_ros.bags import TestFacts, write_bag
+from saddlering_ros.bags import write_bag
 from saddlering_ros.identification import Identification, IdentificationSettings, SwarmSettings
 from saddlering_ros.jobs import identification as identification_job
 from saddlering_ros.jobs.identification import IdentificationRequest
 from saddlering_ros.jobs.worker import Worker
 from saddlering_ros.progress import SearchStep
+from saddlering_ros.record import TestMetadata
 
 QUICK = IdentificationSettings(swarm=SwarmSettings(particles=8, iterations=6), seed=1)
 
@@ -25,7 +26,7 @@ QUICK = IdentificationSettings(swarm=SwarmSettings(particles=8, iterations=6), s
 def paths(tmp_path_factory):
     folder = tmp_path_factory.mktemp('bags')
     return tuple(
-        str(write_bag(folder / run.name, TestFacts(run.test, float(np.degrees(run.elevation))),
+        str(write_bag(folder / run.name, TestMetadata(run.test, float(np.degrees(run.elevation))),
                       run.stamps, run.load, [run.stamps] * 4, list(run.gaps), RIG.probes))
         for run in (static_run(50.0, seed=1), dynamic_run(50.0, seconds=3.0, seed=2)))
 

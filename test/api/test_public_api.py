@@ -27,7 +27,8 @@ from saddlering_ros import (
     validate,
 )
 from saddlering_ros.api.tables import dataframe
-from saddlering_ros.bags import TestFacts, write_bag
+from saddlering_ros.bags import write_bag
+from saddlering_ros.record import TestMetadata
 
 QUICK = {'particles': 8, 'iterations': 6, 'seed': 1}
 
@@ -37,7 +38,7 @@ def bags(tmp_path_factory):
     folder = tmp_path_factory.mktemp('bags')
     paths = []
     for run in (static_run(50.0, seed=1), dynamic_run(50.0, seconds=3.0, seed=2)):
-        facts = TestFacts(run.test, float(np.degrees(run.elevation)))
+        facts = TestMetadata(run.test, float(np.degrees(run.elevation)))
         paths.append(write_bag(folder / run.name, facts, run.stamps, run.load, [run.stamps] * 4,
                                list(run.gaps), RIG.probes))
     return [read_bag(path) for path in paths]

@@ -11,8 +11,9 @@ import numpy as np
 import pytest
 from raw_messages import cdr
 
-from saddlering_ros.bags import LOAD_TOPIC, PROBE_TOPICS, TestFacts, write_bag
-from saddlering_ros.bags.topics import TOPICS
+from saddlering_ros.bags import write_bag
+from saddlering_ros.record import LOAD_TOPIC, PROBE_TOPICS, TestMetadata
+from saddlering_ros.record.topics import TOPICS
 from saddlering_ros.rig import default_rig, TONNE
 
 EPOCH = 1_700_000_000_000_000_000
@@ -41,7 +42,7 @@ class Recording:
 
     def write(self, path: Path, **options) -> Path:
         """As the package itself writes it."""
-        facts = TestFacts(
+        facts = TestMetadata(
             self.facts['test'], float(self.facts['elevation_deg']), self.facts['rig'],
             self.facts['run'])
         return write_bag(

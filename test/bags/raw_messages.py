@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import struct
 
-from saddlering_ros.bags import LOAD_TOPIC
-from saddlering_ros.bags.topics import TOPICS
+from saddlering_ros.record import LOAD_TOPIC
+from saddlering_ros.record.topics import TOPICS
 
 SPAN = (0.0, 2e-3)
 

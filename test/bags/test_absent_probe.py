@@ -7,17 +7,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from saddlering_ros.bags import (
+from saddlering_ros.bags import read_raw, read_run, write_bag
+from saddlering_ros.bags.info import bag_info
+from saddlering_ros.record import (
     BagError,
     displacement_of_run,
     LOAD_TOPIC,
     PROBE_TOPICS,
-    read_raw,
-    read_run,
-    TestFacts,
-    write_bag,
+    TestMetadata,
 )
-from saddlering_ros.bags.info import bag_info
 from saddlering_ros.rig import (
     default_rig,
     Displacement,
@@ -40,7 +38,7 @@ def without(probe: int, **changes: object) -> Rig:
 def written(recording, path, absent):
     """The recording as a bag of a rig without this probe."""
     return write_bag(
-        path, TestFacts('dynamic', 50.0), recording.stamps[LOAD_TOPIC],
+        path, TestMetadata('dynamic', 50.0), recording.stamps[LOAD_TOPIC],
         recording.values[LOAD_TOPIC], [recording.stamps[topic] for topic in PROBE_TOPICS],
         [recording.values[topic] for topic in PROBE_TOPICS], without(absent).probes)
 

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 import numpy as np
 import pytest
 
-from saddlering_ros.bags.alignment import (
+from saddlering_ros.record.alignment import (
     align,
     gap_mask,
     JITTER_NS,
@@ -17,7 +17,7 @@ from saddlering_ros.bags.alignment import (
     seconds,
     seconds_array,
 )
-from saddlering_ros.bags.stream_aligner import AlignedRow, StreamAligner
+from saddlering_ros.record.stream_aligner import AlignedRow, StreamAligner
 
 EPOCH = 1_700_000_000_000_000_000
 MILLISECOND = 1_000_000

@@ -7,8 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from saddlering_ros.bags import BagError, read_raw, read_run, RIG_TOPICS, StreamAligner
-from saddlering_ros.bags.topics import ELEVATION, RigTopic, TOPICS, WRENCH_TYPE
+from saddlering_ros.bags import read_raw, read_run
+from saddlering_ros.record import BagError, RIG_TOPICS, StreamAligner
+from saddlering_ros.record.topics import ELEVATION, RigTopic, TOPICS, WRENCH_TYPE
 from saddlering_ros.streams.batches import decode_samples, encode_samples, Samples
 
 CELL = RigTopic('/rig/second_load_cell', WRENCH_TYPE, 'wrench.force.z', 'N', 'second_load_cell',

@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 import yaml
 
-from saddlering_ros.bags import bag_info, BagError, LOAD_TOPIC, PROBE_TOPICS, read_run, TestRun
-from saddlering_ros.bags.topics import TOPICS
+from saddlering_ros.bags import bag_info, read_run
+from saddlering_ros.record import BagError, LOAD_TOPIC, PROBE_TOPICS, Record
+from saddlering_ros.record.topics import TOPICS
 from saddlering_ros.rig import TONNE
 
 PROBE = PROBE_TOPICS[2]
@@ -302,7 +303,7 @@ def refusal_of_file(path) -> str:
     return str(caught.value)
 
 
-def run_or_line(path) -> TestRun | str:
+def run_or_line(path) -> Record | str:
     """The run in a bag, or the line that refuses it; `info` must manage either way."""
     try:
         run = read_run(path)

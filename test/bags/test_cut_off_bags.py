@@ -8,8 +8,9 @@ from mcap.reader import make_reader
 import numpy as np
 import pytest
 
-from saddlering_ros.bags import bag_info, BagError, LOAD_TOPIC, read_run
+from saddlering_ros.bags import bag_info, read_run
 from saddlering_ros.cli.main import main
+from saddlering_ros.record import BagError, LOAD_TOPIC
 
 READABLE = re.compile(
     r'cut off at byte \d+; (\d+) messages over ([\d.]+) s before that are readable')

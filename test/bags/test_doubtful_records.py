@@ -9,17 +9,10 @@ import shutil
 import numpy as np
 import pytest
 
-from saddlering_ros.bags import (
-    bag_info,
-    BagError,
-    LOAD_TOPIC,
-    PROBE_TOPICS,
-    read_run,
-    refuse_repeats,
-    TestRun,
-)
+from saddlering_ros.bags import bag_info, read_run, refuse_repeats
 from saddlering_ros.bags.exchanges import exchange_notes
 from saddlering_ros.bags.rig_notes import line_notes, parity_notes, rig_notes
+from saddlering_ros.record import BagError, LOAD_TOPIC, PROBE_TOPICS, Record
 from saddlering_ros.rig import default_rig, TONNE
 
 RIG = default_rig()
@@ -87,7 +80,7 @@ def run(seed=0, start=0):
     load = RAMP + random.normal(0.0, 50.0, TIME.size)
     gaps = 1e-3 + random.normal(0.0, 3e-7, (4, TIME.size))
     stamps = (1e9 * TIME).astype(np.int64) + start
-    return TestRun('a', Path(f'bag_{seed}_{start}'), 'dynamic', math.radians(50.0), '', '',
+    return Record('a', Path(f'bag_{seed}_{start}'), 'dynamic', math.radians(50.0), '', '',
                    stamps, TIME, load, gaps)
 
 

@@ -17,10 +17,11 @@ from raw_messages import cdr
 import yaml
 import zstandard
 
-from saddlering_ros.bags import bag_info, BagError, LOAD_TOPIC, PROBE_TOPICS, read_run
+from saddlering_ros.bags import bag_info, read_run
 from saddlering_ros.bags.directory import INFORMATION
-from saddlering_ros.bags.plateaus import plateaus
-from saddlering_ros.bags.topics import TOPICS
+from saddlering_ros.record import BagError, LOAD_TOPIC, PROBE_TOPICS
+from saddlering_ros.record.plateaus import plateaus
+from saddlering_ros.record.topics import TOPICS
 from saddlering_ros.rig import default_rig, TONNE
 
 QUICK = settings(

@@ -9,28 +9,25 @@ import numpy as np
 from pyarrow import parquet
 import pytest
 
-from saddlering_ros.bags import (
-    bag_info,
+from saddlering_ros.bags import bag_info, read_run, refuse_repeats, scan
+from saddlering_ros.bags.block_writer import BlockBagWriter
+from saddlering_ros.bags.samples import measured_blocks, measured_samples, write_samples
+from saddlering_ros.bags.summary import summary_of_bag
+from saddlering_ros.diagnosis.records import build_record
+from saddlering_ros.identification.prepared import prepare
+from saddlering_ros.record import (
     condensed,
     displacement_of_run,
     fit_limit,
     LOAD_TOPIC,
     PROBE_TOPICS,
-    read_run,
-    refuse_repeats,
-    scan,
     scratch,
 )
-from saddlering_ros.bags.block_writer import BlockBagWriter
-from saddlering_ros.bags.errors import BagError
-from saddlering_ros.bags.measured import zero_of_run
-from saddlering_ros.bags.plateaus import find_holds
-from saddlering_ros.bags.record_quality import topic_quality
-from saddlering_ros.bags.samples import measured_blocks, measured_samples, write_samples
-from saddlering_ros.bags.summary import summary_of_bag
-from saddlering_ros.bags.topics import TOPICS
-from saddlering_ros.diagnosis.records import build_record
-from saddlering_ros.identification.prepared import prepare
+from saddlering_ros.record.errors import BagError
+from saddlering_ros.record.measured import zero_of_run
+from saddlering_ros.record.plateaus import find_holds
+from saddlering_ros.record.quality import topic_quality
+from saddlering_ros.record.topics import TOPICS
 from saddlering_ros.rig import default_rig
 
 RIG = default_rig()

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from saddlering_ros.bags import displacement_of_run, LOAD_TOPIC, PROBE_TOPICS, read_run
+from saddlering_ros.bags import read_run
+from saddlering_ros.record import displacement_of_run, LOAD_TOPIC, PROBE_TOPICS
 from saddlering_ros.rig import default_rig, Displacement, displacement_to_probes
 
 RIG = default_rig()

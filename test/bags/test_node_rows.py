@@ -10,12 +10,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from saddlering_ros.bags import displacement_of_run, read_raw, read_run
-from saddlering_ros.bags.guard import Samples
+from saddlering_ros.bags import read_raw, read_run
 from saddlering_ros.bags.samples import measured_samples
-from saddlering_ros.bags.topics import LOAD_TOPIC, PROBE_TOPICS
-from saddlering_ros.bags.validity import BRIDGED, DOUBTFUL_LOAD
 from saddlering_ros.cli.main import main
+from saddlering_ros.record import displacement_of_run
+from saddlering_ros.record.guard import Samples
+from saddlering_ros.record.topics import LOAD_TOPIC, PROBE_TOPICS
+from saddlering_ros.record.validity import BRIDGED, DOUBTFUL_LOAD
 from saddlering_ros.rig import (
     CHANNELS,
     default_rig,
@@ -142,7 +143,7 @@ def test_sound_rows_alone_are_identified_from(long_recording, tmp_path: Path) ->
 
 
 def test_the_fastest_change_of_the_hydraulics_is_of_the_rig_file(tmp_path: Path) -> None:
-    from saddlering_ros.bags.guard import load_limits, probe_limits
+    from saddlering_ros.record.guard import load_limits, probe_limits
 
     text = (Path(__file__).parents[2] / 'config' / 'rig.yaml').read_text()
     slow = tmp_path / 'rig.yaml'

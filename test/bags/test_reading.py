@@ -14,12 +14,13 @@ from rosbags.typesys import get_typestore, Stores
 import yaml
 import zstandard
 
-from saddlering_ros.bags import LOAD_TOPIC, PROBE_TOPICS, read_raw, read_run, TestRun
+from saddlering_ros.bags import read_raw, read_run
+from saddlering_ros.record import LOAD_TOPIC, PROBE_TOPICS, Record
 
 PROBE = PROBE_TOPICS[1]
 
 
-def assert_same(run: TestRun, expected: TestRun) -> None:
+def assert_same(run: Record, expected: Record) -> None:
     """The same arrays to the last bit, and the same facts."""
     np.testing.assert_array_equal(run.stamps, expected.stamps)
     np.testing.assert_array_equal(run.time, expected.time)
@@ -36,7 +37,7 @@ def recording(short):
 
 
 @pytest.fixture
-def expected(tmp_path, recording) -> TestRun:
+def expected(tmp_path, recording) -> Record:
     return read_run(recording.write(tmp_path / 'expected'))
 
 

@@ -9,16 +9,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from saddlering_ros.bags import BagError, refuse_other_rig, TestRun
+from saddlering_ros.bags import refuse_other_rig
 from saddlering_ros.cli.main import main
+from saddlering_ros.record import BagError, Record
 from saddlering_ros.rig import default_rig
 
 RIG = default_rig()
 OTHER = replace(RIG, full_scale_load=98066.5)
 
 
-def run_of(name: str = '', rig_hash: str = '') -> TestRun:
-    return TestRun('a', Path('a'), 'static', math.radians(50.0), name, '', np.arange(3),
+def run_of(name: str = '', rig_hash: str = '') -> Record:
+    return Record('a', Path('a'), 'static', math.radians(50.0), name, '', np.arange(3),
                    np.arange(3.0), np.arange(3.0), np.ones((4, 3)),
                    details={'rig_hash': rig_hash} if rig_hash else {})
 

@@ -7,8 +7,8 @@ import pytest
 from scipy.ndimage import median_filter
 from scipy.optimize import nnls
 
-from saddlering_ros.bags.plateaus import _two_amounts
-from saddlering_ros.bags.record_quality import _away_from_neighbours
+from saddlering_ros.record.plateaus import _two_amounts
+from saddlering_ros.record.quality import _away_from_neighbours
 
 
 @pytest.mark.parametrize('size', [10, 11, 5003])

@@ -10,9 +10,9 @@ import pytest
 from rosbags.highlevel import AnyReader
 import yaml
 
-from saddlering_ros.bags import BagError, LOAD_TOPIC, PROBE_TOPICS, RIG_TOPICS, TestFacts
 from saddlering_ros.bags import writer as writer_module
 from saddlering_ros.bags.mcap_blocks import McapBlockFile
+from saddlering_ros.record import BagError, LOAD_TOPIC, PROBE_TOPICS, RIG_TOPICS, TestMetadata
 
 FACTS = {'test': 'dynamic', 'elevation_deg': '50', 'rig': 'a rig', 'run': 'a run'}
 
@@ -88,7 +88,7 @@ def test_ten_seconds_at_one_kilohertz_fit_in_two_megabytes(tmp_path):
             for _ in range(4)]
     probes = writer_module.Probes(1.3, 0.0, (1.0, 1.0, 1.0, 1.0), 0.0, 2e-3)
     bag = writer_module.write_bag(
-        tmp_path / 'bag', TestFacts('dynamic', 50.0), jittered[0], load, jittered[1:], gaps,
+        tmp_path / 'bag', TestMetadata('dynamic', 50.0), jittered[0], load, jittered[1:], gaps,
         probes)
     assert sum(file.stat().st_size for file in bag.iterdir()) <= 2_000_000
 
@@ -155,4 +155,4 @@ def test_arrays_that_do_not_fit_are_refused(tmp_path, recording):
 @pytest.mark.parametrize('facts', [('creep', 50.0), ('static', 120.0), ('static', float('nan'))])
 def test_facts_no_test_has_are_refused(facts):
     with pytest.raises(BagError):
-        TestFacts(*facts)
+        TestMetadata(*facts)

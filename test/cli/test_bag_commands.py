@@ -9,16 +9,15 @@ import numpy as np
 from pyarrow import parquet
 import pytest
 
-from saddlering_ros.bags import (
+from saddlering_ros.bags import read_run, write_bag
+from saddlering_ros.cli.main import main
+from saddlering_ros.record import (
     displacement_of_run,
     LOAD_TOPIC,
     PROBE_TOPICS,
-    read_run,
     StreamAligner,
-    TestFacts,
-    write_bag,
+    TestMetadata,
 )
-from saddlering_ros.cli.main import main
 from saddlering_ros.rig import (
     default_rig,
     gap_increment,
@@ -47,8 +46,9 @@ def bag(tmp_path) -> Path:
     stamps = [EPOCH + time - 700_000 + 300_000 * number for number in range(4)]
     gaps = [1e-3 + sign * 4e-10 * load + 3e-7 * random.normal(size=1000)
             for sign in (1, 1, -1, -1)]
-    return write_bag(tmp_path / 'bag', TestFacts('dynamic', 50.0, 'a rig', 'a run'), EPOCH + time,
-                     load, stamps, gaps, default_rig().probes)
+    metadata = TestMetadata('dynamic', 50.0, 'a rig', 'a run')
+    return write_bag(tmp_path / 'bag', metadata, EPOCH + time, load, stamps, gaps,
+                     default_rig().probes)
 
 
 @pytest.fixture

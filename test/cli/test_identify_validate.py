@@ -10,15 +10,16 @@ import pytest
 sys.path.append(str(Path(__file__).parent.parent / 'identification'))
 from identification_records import dynamic_run, RIG, static_run
 
-from saddlering_ros.bags import TestFacts, write_bag
+from saddlering_ros.bags import write_bag
 from saddlering_ros.cli.main import main
+from saddlering_ros.record import TestMetadata
 from saddlering_ros.rig import read_parameters, TRUE_TO_SCALE
 
 QUICK = ('--particles', '10', '--iterations', '10')
 
 
 def write(folder, run):
-    facts = TestFacts(run.test, float(np.degrees(run.elevation)), run='1')
+    facts = TestMetadata(run.test, float(np.degrees(run.elevation)), run='1')
     return str(write_bag(
         folder / run.name, facts, run.stamps, run.load, [run.stamps] * 4, list(run.gaps),
         RIG.probes,

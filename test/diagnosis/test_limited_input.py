@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import pytest
 
-from saddlering_ros.bags import BagError, read_run
+from saddlering_ros.bags import read_run
 from saddlering_ros.cli.main import main
 from saddlering_ros.diagnosis import diagnose_bags, DiagnosisError
 from saddlering_ros.diagnosis.records import build_record, check_set
+from saddlering_ros.record import BagError
 from saddlering_ros.rig import default_rig
 
 VERDICTS = ('none', 'named', 'ambiguous', 'unknown')

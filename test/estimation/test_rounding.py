@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from saddlering_ros.bags import PROBE_TOPICS, TestRun
-from saddlering_ros.bags.record_quality import topic_quality
 from saddlering_ros.estimation.probe_rounding import probe_rounding
 from saddlering_ros.estimation.rounding import hidden_rounding, rounding_record
+from saddlering_ros.record import PROBE_TOPICS, Record
+from saddlering_ros.record.quality import topic_quality
 
 TIME = np.arange(0.0, 8.0, 1e-3)
 STAMPS = np.rint(1e9 * TIME).astype(np.int64)
@@ -23,7 +23,7 @@ def run(step, noise=1e-7):
     gaps = step * np.rint(gaps / step)
     quality = {name: topic_quality(STAMPS, row)
                for name, row in zip(PROBE_TOPICS, gaps, strict=True)}
-    return TestRun('a', Path('a'), 'dynamic', math.radians(50.0), '', '', STAMPS, TIME,
+    return Record('a', Path('a'), 'dynamic', math.radians(50.0), '', '', STAMPS, TIME,
                    np.zeros_like(TIME), gaps, quality=quality)
 
 

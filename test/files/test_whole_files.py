@@ -11,8 +11,9 @@ import sys
 import numpy as np
 import pytest
 
-from saddlering_ros.bags import BagError, read_run, TestFacts, write_bag
+from saddlering_ros.bags import read_run, write_bag
 from saddlering_ros.errors import SaddleringError
+from saddlering_ros.record import BagError, TestMetadata
 from saddlering_ros.rig import default_rig
 from saddlering_ros.writing import exchange, temporary_folder, whole_file, write_text
 
@@ -117,7 +118,7 @@ def test_a_folder_is_no_place_for_a_file(tmp_path):
 
 def small_bag(path: Path, load: float, **options) -> Path:
     stamps = 10**18 + np.arange(1000) * 2_000_000
-    return write_bag(path, TestFacts('dynamic', 50.0), stamps,
+    return write_bag(path, TestMetadata('dynamic', 50.0), stamps,
                      load * (1 + np.arange(1000) / 500), [stamps] * 4,
                      [1e-3 + 1e-7 * np.random.default_rng(0).normal(size=1000)] * 4,
                      default_rig().probes, **options)
@@ -157,16 +158,16 @@ RECORD = """
 import os, signal, sys
 from pathlib import Path
 import numpy as np
-from saddlering_ros.bags import LOAD_TOPIC, PROBE_TOPICS, TestFacts
+from saddlering_ros.bags import LOAD_TOPIC, PROBE_TOPICS, TestMetadata
 from saddlering_ros.bags.recording import BagRecording
 from saddlering_ros.streams.batches import encode_samples, Samples
-from saddlering_ros.bags.topics import LOAD, PROBES
+from saddlering_ros.record.topics import LOAD, PROBES
 from saddlering_ros.errors import SaddleringError
 kinds = {LOAD_TOPIC: 'geometry_msgs/msg/WrenchStamped',
          **dict.fromkeys(PROBE_TOPICS, 'sensor_msgs/msg/Range')}
 rest = np.random.default_rng(0)
 END
-facts = TestFacts('dynamic', 50.0).as_text()
+facts = TestMetadata('dynamic', 50.0).as_text()
 try:
     with BagRecording(Path(sys.argv[1]), kinds, facts=facts) as bag:
         for stamp in range(10 ** 18, 10 ** 18 + 10 ** 11, 10 ** 8):

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from saddlering_ros.bags import TestRun
+from saddlering_ros.record import Record
 from saddlering_ros.rig import (
     ContactParameters,
     default_rig,
@@ -61,7 +61,7 @@ def record(
     test, profile, *, elevation=50.0, contact=TRUE_TO_SCALE, noise=3e-7, load_noise=0.0,
     memory=0.0, seed=0, rig=RIG, name=None,
 ):
-    """A TestRun of the simulator's own readings with noise [m] on the gaps, [N] on the load."""
+    """A Record of the simulator's own readings with noise [m] on the gaps, [N] on the load."""
     random = np.random.default_rng(seed)
     time, load = profile
     step = 1e-2 if test == 'static' else 1e-3
@@ -72,7 +72,7 @@ def record(
     gaps = GAP_AT_ZERO + polarity * increments
     gaps += correlated(random, noise, memory, increments.shape)
     name = name or f'{test}_{elevation:g}'
-    return TestRun(
+    return Record(
         name=name, path=Path(name), test=test, elevation=elevation * DEGREES, rig='test', run='1',
         stamps=(time * 1e9).astype(np.int64), time=time,
         load=load + random.normal(0.0, load_noise, len(time)) if load_noise else load.copy(),

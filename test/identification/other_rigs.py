@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from saddlering_ros.bags import align, seconds_array, TestRun
+from saddlering_ros.record import align, Record, seconds_array
 from saddlering_ros.rig import FULL_SCALE_LOAD, TRUE_TO_SCALE
 from saddlering_ros.virtual_rig import (
     dynamic_schedule,
@@ -30,7 +30,7 @@ def virtual_run(rig, test, elevation=50.0, *, seed=1, contact=TRUE_TO_SCALE, **s
     gaps = np.stack([align(record.load_stamps, stamps, values)
                      for stamps, values in zip(record.probe_stamps, record.gaps, strict=True)])
     name = f'{test}_{elevation:g}'
-    return TestRun(
+    return Record(
         name=name, path=Path(name), test=test, elevation=math.radians(elevation), rig='other',
         run='', stamps=record.load_stamps,
         time=seconds_array(record.load_stamps, int(record.load_stamps[0])), load=record.load,

@@ -6,9 +6,9 @@ import numpy as np
 from other_rigs import virtual_run
 import pytest
 
-from saddlering_ros.bags import LOAD_TOPIC, PROBE_TOPICS
-from saddlering_ros.bags.record_quality import topic_quality
 from saddlering_ros.identification import identify
+from saddlering_ros.record import LOAD_TOPIC, PROBE_TOPICS
+from saddlering_ros.record.quality import topic_quality
 from saddlering_ros.rig import default_rig, TRUE_TO_SCALE
 
 RIG = default_rig()

@@ -16,7 +16,6 @@ from identification_records import (
 import numpy as np
 import pytest
 
-from saddlering_ros.bags import TestRun
 from saddlering_ros.estimation.identifiability import reason_misfit, WIDTH_95
 from saddlering_ros.identification import (
     IdentificationError,
@@ -34,6 +33,7 @@ from saddlering_ros.identification.objective import (
 )
 from saddlering_ros.identification.observing import observe
 from saddlering_ros.identification.summary import identification_text
+from saddlering_ros.record import Record
 from saddlering_ros.rig import PARAMETER_NAMES, TONNE, TRUE_TO_SCALE
 
 SHORT_SWARM = SwarmSettings(particles=10, iterations=10)
@@ -368,7 +368,7 @@ def test_the_papers_swarm_searches_stiffness_on_the_scale_asked_for(
 def test_a_lag_that_readings_show_widens_the_interval_of_the_damping(monkeypatch):
     runs = [static_run(50.0), dynamic_run(50.0)]
     found = identify(runs, RIG)
-    monkeypatch.setattr(TestRun, 'doubtful_lag', 5e-3)
+    monkeypatch.setattr(Record, 'doubtful_lag', 5e-3)
     wider = identify(runs, RIG)
     shift = abs(found.systematic['delay'][2]) * 5.0 * found.parameters.contact.D1
     assert wider.std[2] == pytest.approx(np.hypot(found.std[2], shift), rel=1e-3)

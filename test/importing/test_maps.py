@@ -24,8 +24,9 @@ from map_documents import (
 import numpy as np
 import pytest
 
-from saddlering_ros.bags import BagError, read_raw
+from saddlering_ros.bags import read_raw
 from saddlering_ros.importing import read_map
+from saddlering_ros.record import BagError
 from saddlering_ros.rig import default_rig
 
 

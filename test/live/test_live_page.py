@@ -18,9 +18,10 @@ from std_srvs.srv import Trigger
 
 from saddlering_interfaces.action import DiagnoseRing, IdentifyRing
 from saddlering_interfaces.msg import RingAlarm
-from saddlering_ros.bags import displacement_of_run, read_run
+from saddlering_ros.bags import read_run
 from saddlering_ros.live.server import address, serve
 from saddlering_ros.live.watcher import LATCHED, Watcher
+from saddlering_ros.record import displacement_of_run
 from saddlering_ros.rig import default_rig
 from saddlering_ros.ros.launcher import RING_NODES, start_nodes
 from saddlering_ros.ros.transport import transport_environment

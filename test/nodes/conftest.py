@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 from rosnet import Client, client
 
-from saddlering_ros.bags import TestFacts, write_bag
+from saddlering_ros.bags import write_bag
+from saddlering_ros.record import TestMetadata
 from saddlering_ros.rig import default_rig, ParameterSet, TRUE_TO_SCALE
 from saddlering_ros.ring import simulate
 from saddlering_ros.ros.launcher import NodeGroup
@@ -71,7 +72,7 @@ def bag_root(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope='session')
 def bag(bag_root: Path, record: Record) -> Path:
     """The record as a bag."""
-    return write_bag(bag_root / 'run', TestFacts('dynamic', 50.0, 'a rig', 'a run'),
+    return write_bag(bag_root / 'run', TestMetadata('dynamic', 50.0, 'a rig', 'a run'),
                      record.stamps, record.load, record.probe_stamps, record.gaps,
                      default_rig().probes)
 

@@ -14,7 +14,8 @@ from rosnet import Client, Driver, wait_until
 
 from saddlering_interfaces.action import DiagnoseRing, IdentifyRing
 from saddlering_interfaces.msg import RingParameters
-from saddlering_ros.bags import TestFacts, write_bag
+from saddlering_ros.bags import write_bag
+from saddlering_ros.record import TestMetadata
 from saddlering_ros.rig import default_rig
 from saddlering_ros.ros.errors import NodeError
 from saddlering_ros.ros.launcher import NodeGroup
@@ -174,7 +175,7 @@ def test_a_diagnosis_that_succeeds_gives_its_causes_typed_and_as_json(
     gain, at_rest = 0.05, slice(0, 300)
     gaps = [gap.copy() for gap in record.gaps]
     gaps[0] += gain * (gaps[0] - gaps[0][at_rest].mean())
-    write_bag(bag_root / 'gain', TestFacts('dynamic', 50.0), record.stamps, record.load,
+    write_bag(bag_root / 'gain', TestMetadata('dynamic', 50.0), record.stamps, record.load,
               record.probe_stamps, gaps, default_rig().probes)
     group.start('ring_diagnosis', {'bag_root': str(bag_root)})
     goals = Goals(heard, DiagnoseRing, '/diagnose_ring')

@@ -15,8 +15,9 @@ from std_msgs.msg import Bool
 from std_srvs.srv import Trigger
 
 from saddlering_interfaces.msg import RingAlarm
-from saddlering_ros.bags import TestFacts, write_bag
+from saddlering_ros.bags import write_bag
 from saddlering_ros.cli.main import main
+from saddlering_ros.record import TestMetadata
 from saddlering_ros.rig import default_rig, ParameterSet, TRUE_TO_SCALE, write_parameters
 from saddlering_ros.ros.launcher import ALARM_NODES, RING_NODES, start_nodes
 from saddlering_ros.ros.lockstep import to_stamp
@@ -31,7 +32,7 @@ def slipped_fixture(record: Any, tmp_path: Path) -> Path:
     late = record.stamps >= record.stamps[0] + 2_000_000_000
     gaps = [values + sign * 10e-6 * late
             for values, sign in zip(record.gaps, (1, 0, -1, 0), strict=True)]
-    return write_bag(tmp_path / 'slipped', TestFacts('dynamic', 50.0, 'a rig', 'a run'),
+    return write_bag(tmp_path / 'slipped', TestMetadata('dynamic', 50.0, 'a rig', 'a run'),
                      record.stamps, record.load, record.probe_stamps,
                      [np.float64(np.float32(values)) for values in gaps], default_rig().probes)
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from saddlering_ros.bags.guard import load_limits, SampleGuard, Samples
 from saddlering_ros.nodes.replay_clock import ReplayClockNode
 from saddlering_ros.nodes.ring_displacement import RingDisplacementNode
+from saddlering_ros.record.guard import load_limits, SampleGuard, Samples
 from saddlering_ros.rig import default_rig
 from saddlering_ros.ros.diagnostics import Events, OK, SaturationTask, StreamTask, WARN
 from saddlering_ros.ros.parameters import _rig_values, rig_words

@@ -21,7 +21,8 @@ from rosnet import (
 from std_srvs.srv import Trigger
 
 from saddlering_interfaces.msg import RingParameters
-from saddlering_ros.bags import TestFacts, write_bag
+from saddlering_ros.bags import write_bag
+from saddlering_ros.record import TestMetadata
 from saddlering_ros.rig import default_rig, FULL_SCALE_LOAD
 from saddlering_ros.rig.description import shipped_rig_file
 from saddlering_ros.ros.launcher import NodeGroup
@@ -36,7 +37,7 @@ KEPT = QoSProfile(depth=20, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 def test_the_simulator_follows_the_bag_and_refuses_what_contradicts_it(
         group: NodeGroup, heard: Client, record, bag: Path, bag_root: Path, tmp_path: Path,
         ros_domain: int) -> None:
-    steep = write_bag(bag_root / 'steeper', TestFacts('dynamic', 70.0), record.stamps,
+    steep = write_bag(bag_root / 'steeper', TestMetadata('dynamic', 70.0), record.stamps,
                       record.load, record.probe_stamps, record.gaps, default_rig().probes)
     said: list[RingParameters] = []
     with heard.lock:

@@ -14,8 +14,9 @@ from node_server import NodeServer
 import pytest
 
 from saddlering_interfaces.msg import ReplayProgress
-from saddlering_ros.bags import BagError, read_raw
+from saddlering_ros.bags import read_raw
 from saddlering_ros.cli.main import main
+from saddlering_ros.record import BagError
 from saddlering_ros.ros.lockstep import LockstepGroup
 
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from saddlering_ros.bags.guard import load_limits, probe_limits, SampleGuard
-from saddlering_ros.bags.validity import BRIDGED, DOUBTFUL_LOAD
+from saddlering_ros.record.guard import load_limits, probe_limits, SampleGuard
+from saddlering_ros.record.validity import BRIDGED, DOUBTFUL_LOAD
 from saddlering_ros.rig import default_rig, ParameterSet, TRUE_TO_SCALE
 from saddlering_ros.streams.batches import join, Samples
 from saddlering_ros.streams.displacement import DisplacementStream

@@ -9,8 +9,9 @@ import pytest
 from rosnet import client, OUTPUTS, wait_until
 from std_srvs.srv import Trigger
 
-from saddlering_ros.bags import read_run, TestFacts, write_bag
-from saddlering_ros.bags.measured import displacement_of_run
+from saddlering_ros.bags import read_run, write_bag
+from saddlering_ros.record import TestMetadata
+from saddlering_ros.record.measured import displacement_of_run
 from saddlering_ros.rig import CHANNELS, default_rig, ParameterSet, TRUE_TO_SCALE
 from saddlering_ros.ring import simulate
 from saddlering_ros.ros.launcher import start_nodes
@@ -21,7 +22,7 @@ pytestmark = pytest.mark.ros
 def test_displacement_simulation_and_residual_equal_the_offline_ones_bit_for_bit(
         record, ros_domain: int, tmp_path: Path) -> None:
     paused = record.paused(900, 12.0)  # longer than between two tests, and still the same one
-    bag = write_bag(tmp_path / 'paused', TestFacts('dynamic', 50.0), paused.stamps, paused.load,
+    bag = write_bag(tmp_path / 'paused', TestMetadata('dynamic', 50.0), paused.stamps, paused.load,
                     paused.probe_stamps, paused.gaps, default_rig().probes)
     with client(ros_domain) as heard, start_nodes(
             bag, domain_id=ros_domain, log_folder=tmp_path / 'log', start_paused=True) as group:

@@ -14,7 +14,7 @@ from sensor_msgs.msg import Range
 from saddlering_interfaces.msg import RingDisplacement
 from saddlering_ros.bags.cdr import _layout, CdrError, FEW
 from saddlering_ros.bags.layouts import DISPLACEMENT_TYPE, LAYOUTS
-from saddlering_ros.bags.topics import LOAD, PROBES
+from saddlering_ros.record.topics import LOAD, PROBES
 from saddlering_ros.streams.batches import (
     decode_displacements,
     decode_samples,

@@ -12,7 +12,8 @@ from rosnet import Client, wait_until
 from std_srvs.srv import Trigger
 
 from saddlering_interfaces.msg import ReplayProgress, RingDisplacement
-from saddlering_ros.bags import read_run, TestFacts, write_bag
+from saddlering_ros.bags import read_run, write_bag
+from saddlering_ros.record import TestMetadata
 from saddlering_ros.rig import CHANNELS, default_rig, ParameterSet, TRUE_TO_SCALE
 from saddlering_ros.ring import simulate
 from saddlering_ros.ros.errors import NodeError
@@ -46,8 +47,8 @@ def simulated(bag: Path) -> np.ndarray:
 def test_two_rigs_side_by_side_simulate_each_its_own_elevation(
         heard: Client, record, bag: Path, bag_root: Path, ros_domain: int, tmp_path: Path,
         ) -> None:
-    steep = write_bag(bag_root / 'steep', TestFacts('dynamic', 70.0), record.stamps, record.load,
-                      record.probe_stamps, record.gaps, default_rig().probes)
+    steep = write_bag(bag_root / 'steep', TestMetadata('dynamic', 70.0), record.stamps,
+                      record.load, record.probe_stamps, record.gaps, default_rig().probes)
     bags = {'/rig1': bag, '/rig2': steep}
     statuses: dict[str, str] = {}
 

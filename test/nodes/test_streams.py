@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from saddlering_ros.bags import read_run, TestFacts, write_bag
-from saddlering_ros.bags.measured import displacement_of_run
+from saddlering_ros.bags import read_run, write_bag
+from saddlering_ros.record import TestMetadata
+from saddlering_ros.record.measured import displacement_of_run
 from saddlering_ros.rig import (
     CHANNELS,
     default_rig,
@@ -159,7 +160,7 @@ def test_the_simulation_restarts_at_a_stamp_jump(record, shift: float) -> None:
 def test_a_pause_inside_a_replayed_bag_keeps_zero_and_simulation_as_in_the_commands(
         record, tmp_path) -> None:
     paused = record.paused(900, 30.0)  # under load
-    run = read_run(write_bag(tmp_path / 'paused', TestFacts('dynamic', 50.0), paused.stamps,
+    run = read_run(write_bag(tmp_path / 'paused', TestMetadata('dynamic', 50.0), paused.stamps,
                              paused.load, paused.probe_stamps, paused.gaps, RIG.probes))
     measured = displacement_of_run(RIG, run)
     computed = simulate(RIG, ParameterSet(TRUE_TO_SCALE), run.elevation, run.time, run.load)

@@ -10,12 +10,13 @@ import numpy as np
 import pytest
 from shared_pictures import DRAWN, shared_drawn
 
-from saddlering_ros.bags import read_run, TestFacts, write_bag
-from saddlering_ros.bags.scatter import white_noise
+from saddlering_ros.bags import read_run, write_bag
 from saddlering_ros.diagnosis.wording import gain_sentence, headline
 from saddlering_ros.pages.charts import draw
 from saddlering_ros.pages.html import pictures_of
 from saddlering_ros.pages.interactive import chart_of
+from saddlering_ros.record import TestMetadata
+from saddlering_ros.record.scatter import white_noise
 from saddlering_ros.report import figures, parameters
 from saddlering_ros.report.background import (
     date_of,
@@ -182,7 +183,7 @@ def test_the_head_names_rig_hash_dimensions_dates_and_who_may_be_there():
 
 
 def test_date_and_operator_come_from_the_bag(tmp_path):
-    facts = TestFacts('static', 50.0, 'SR-017', details={'operator': 'A. Engineer',
+    facts = TestMetadata('static', 50.0, 'SR-017', details={'operator': 'A. Engineer',
                                                          'date': '2026-11-20'})
     stamps = np.arange(200, dtype=np.int64) * 10_000_000
     gaps = [np.full(200, 1e-3) + 1e-8 * np.arange(200)] * 4

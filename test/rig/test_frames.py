@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from saddlering_ros.bags.topics import LOAD, PROBES
+from saddlering_ros.record.topics import LOAD, PROBES
 from saddlering_ros.rig import default_rig, resolve_load
 from saddlering_ros.rig.frames import frames_of
 from saddlering_ros.rig.probes import Displacement, displacement_to_probes

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 import readable_ring as reference
 
-from saddlering_ros.bags.guard import ReadingLimits, SampleGuard
 from saddlering_ros.effects import catalogue
+from saddlering_ros.record.guard import ReadingLimits, SampleGuard
 from saddlering_ros.rig import (
     Carriage,
     ContactParameters,

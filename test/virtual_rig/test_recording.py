@@ -6,7 +6,8 @@ import math
 import numpy as np
 import pytest
 
-from saddlering_ros.bags import plateaus, read_raw, read_run
+from saddlering_ros.bags import read_raw, read_run
+from saddlering_ros.record import plateaus
 from saddlering_ros.rig import default_rig, FULL_SCALE_LOAD, TONNE, TRUE_TO_SCALE
 from saddlering_ros.virtual_rig import (
     dynamic_schedule,

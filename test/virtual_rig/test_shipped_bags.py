@@ -8,7 +8,8 @@ import sys
 import numpy as np
 import pytest
 
-from saddlering_ros.bags import displacement_of_run, plateaus, read_raw, read_run
+from saddlering_ros.bags import read_raw, read_run
+from saddlering_ros.record import displacement_of_run, plateaus
 from saddlering_ros.rig import default_rig, FULL_SCALE_LOAD, TRUE_TO_SCALE
 from saddlering_ros.virtual_rig.campaign import RUNS, write_campaign
 

@@ -22,7 +22,7 @@ from math import nan
 import numpy as np
 from numpy.typing import NDArray
 
-from saddlering_ros.bags.scratch import blocks, scratch_array
+from saddlering_ros.record.scratch import blocks, scratch_array
 
 GAP_PERIODS = 5
 GAP_HISTORY = 15

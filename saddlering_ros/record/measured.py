@@ -8,10 +8,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from saddlering_ros.bags.errors import BagError
-from saddlering_ros.bags.reader import TestRun
-from saddlering_ros.bags.scratch import blocks, count_where
-from saddlering_ros.bags.validity import BRIDGED, is_published, unknown
+from saddlering_ros.record.errors import BagError
+from saddlering_ros.record.record import Record
+from saddlering_ros.record.scratch import blocks, count_where
+from saddlering_ros.record.validity import BRIDGED, is_published, unknown
 from saddlering_ros.rig import (
     CHANNELS,
     Displacement,
@@ -47,7 +47,7 @@ class MeasuredRun:
     validity: NDArray[np.uint8]
 
 
-def zero_of_run(rig: Rig, run: TestRun) -> ZeroReading:
+def zero_of_run(rig: Rig, run: Record) -> ZeroReading:
     """The zero of a run; its start and end count the rows that the live node gives."""
     if run.node_rows is None:
         count = count_where(lambda part: np.isfinite(part).all(axis=0), run.gaps)
@@ -58,13 +58,13 @@ def zero_of_run(rig: Rig, run: TestRun) -> ZeroReading:
     return zero_of_blocks(rig, lambda: _given_blocks(run))
 
 
-def _given_blocks(run: TestRun) -> Iterator[Samples]:
+def _given_blocks(run: Record) -> Iterator[Samples]:
     for part in blocks(len(run.time), run.time, run.load, run.gaps, size=ZERO_BLOCK):
         rows = given_of(run, part)
         yield run.time[part][rows], run.load[part][rows], run.gaps[:, part][:, rows]
 
 
-def given_of(run: TestRun, part: slice) -> NDArray[np.bool_]:
+def given_of(run: Record, part: slice) -> NDArray[np.bool_]:
     """Which rows of a stretch of a run the live node gives."""
     if run.node_rows is not None:
         return run.node_rows.given[part]
@@ -72,7 +72,7 @@ def given_of(run: TestRun, part: slice) -> NDArray[np.bool_]:
 
 
 def validity_of(
-    run: TestRun, displacement: Displacement, part: slice = slice(None),
+    run: Record, displacement: Displacement, part: slice = slice(None),
 ) -> NDArray[np.uint8]:
     """Bits of validity of a stretch of a run with its displacement."""
     found = unknown(np.stack([getattr(displacement, name) for name in CHANNELS]))
@@ -81,7 +81,7 @@ def validity_of(
     return found
 
 
-def displacement_of_run(rig: Rig, run: TestRun) -> MeasuredRun:
+def displacement_of_run(rig: Rig, run: Record) -> MeasuredRun:
     """Zero the probes of `run` and compute the ring's displacement from them."""
     zero = zero_of_run(rig, run)
     given = run.given

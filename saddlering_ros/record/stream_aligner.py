@@ -1,6 +1,6 @@
 """Alignment of the probes on the load's stamps, sample by sample, for live streams.
 
-The rule is that of `saddlering_ros.bags.alignment`, evaluated on the same numbers with the same
+The rule is that of `saddlering_ros.record.alignment`, evaluated on the same numbers with the same
 floating-point expressions.
 """
 
@@ -14,7 +14,7 @@ from itertools import pairwise
 from math import isfinite, nan
 from typing import NamedTuple
 
-from saddlering_ros.bags.alignment import (
+from saddlering_ros.record.alignment import (
     GAP_FLOOR_NS,
     GAP_HISTORY,
     gap_limit,

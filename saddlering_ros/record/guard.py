@@ -19,15 +19,15 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from saddlering_ros.bags.alignment import (
+from saddlering_ros.record.alignment import (
     GAP_FLOOR_NS,
     GAP_HISTORY,
     gap_limit,
     JITTER_NS,
     LEAP_NS,
 )
-from saddlering_ros.bags.scratch import blocks, scratch_array, scratch_mask
-from saddlering_ros.bags.validity import BRIDGED, DOUBTFUL_LOAD
+from saddlering_ros.record.scratch import blocks, scratch_array, scratch_mask
+from saddlering_ros.record.validity import BRIDGED, DOUBTFUL_LOAD
 from saddlering_ros.rig import Rig
 
 MAX_OVERLOAD = 1.5

@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from saddlering_ros.bags.reader import TestRun
-from saddlering_ros.bags.scratch import BLOCK, blocks, spread_changes
+from saddlering_ros.record.record import Record
+from saddlering_ros.record.scratch import BLOCK, blocks, spread_changes
 from saddlering_ros.rig import Rig
 
 Floats = NDArray[np.float64]
@@ -28,7 +28,7 @@ SPAN_MARGIN = 1e-4
 limit."""
 
 
-def fit_limit(runs: Sequence[TestRun], rows: int = FIT_ROWS) -> int:
+def fit_limit(runs: Sequence[Record], rows: int = FIT_ROWS) -> int:
     """Largest number of samples that each of the runs of one fit may have.
 
     With this limit they have `rows` samples in all, so that the memory of a fit depends neither
@@ -43,7 +43,7 @@ def fit_limit(runs: Sequence[TestRun], rows: int = FIT_ROWS) -> int:
     return rows
 
 
-def condensed(run: TestRun, rig: Rig, limit: int = FIT_ROWS) -> TestRun:
+def condensed(run: Record, rig: Rig, limit: int = FIT_ROWS) -> Record:
     """The run itself, or one of at most `limit` averages with a note if it is longer.
 
     Only sound readings count: none that is a spike, lies across a refused reading, or is at a
@@ -75,7 +75,7 @@ def condensed(run: TestRun, rig: Rig, limit: int = FIT_ROWS) -> TestRun:
         notes=[*run.notes, note], spikes=None, node_rows=None)
 
 
-def _sound_load(run: TestRun, samples: slice) -> Floats:
+def _sound_load(run: Record, samples: slice) -> Floats:
     load, time = run.load[samples], run.time[samples]
     struck = np.zeros(len(load), dtype=bool)
     if run.spikes is not None:
@@ -89,7 +89,7 @@ def _sound_load(run: TestRun, samples: slice) -> Floats:
     return load
 
 
-def _sound_gaps(run: TestRun, rig: Rig, probe: int, samples: slice) -> Floats:
+def _sound_gaps(run: Record, rig: Rig, probe: int, samples: slice) -> Floats:
     low, high = rig.probes.min_range, rig.probes.max_range
     margin = SPAN_MARGIN * (high - low)
     gaps = run.gaps[probe, samples].copy()

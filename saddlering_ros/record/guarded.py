@@ -8,27 +8,27 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from saddlering_ros.bags.checks import (
+from saddlering_ros.record.checks import (
     check_load_unit,
     check_probe_unit,
     check_values,
     unit_outside,
 )
-from saddlering_ros.bags.errors import BagError
-from saddlering_ros.bags.guard import (
+from saddlering_ros.record.errors import BagError
+from saddlering_ros.record.guard import (
     load_limits,
     probe_limits,
     ReadingLimits,
     sound_samples,
     SoundSamples,
 )
-from saddlering_ros.bags.node_rows import complete_rows, degraded_rows, NodeRows
-from saddlering_ros.bags.scratch import blocks, extremes, scratch_copy, scratch_mask
-from saddlering_ros.bags.topics import LOAD_TOPIC, PROBE_TOPICS
+from saddlering_ros.record.node_rows import complete_rows, degraded_rows, NodeRows
+from saddlering_ros.record.scratch import blocks, extremes, scratch_copy, scratch_mask
+from saddlering_ros.record.topics import LOAD_TOPIC, PROBE_TOPICS
 from saddlering_ros.rig import Rig
 
 if TYPE_CHECKING:
-    from saddlering_ros.bags.reader import RawRecord, RawTopic
+    from saddlering_ros.record.record import RawRecord, RawTopic
 
 MAX_REFUSED_SHARE = 0.05
 """Largest share of refused samples. With more of them the unit, the sensor or the rig file is

@@ -13,14 +13,14 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from saddlering_ros.bags.scratch import (
+from saddlering_ros.quantities import quantity
+from saddlering_ros.record.scratch import (
     blocks,
     count_where,
     extremes,
     spread,
     spread_changes,
 )
-from saddlering_ros.quantities import quantity
 
 Floats = NDArray[np.float64]
 

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from saddlering_ros.bags.alignment import DEAD_AFTER_NS, GAP_HISTORY, gap_limit, gap_mask
-from saddlering_ros.bags.scratch import blocks, scratch_mask
+from saddlering_ros.record.alignment import DEAD_AFTER_NS, GAP_HISTORY, gap_limit, gap_mask
+from saddlering_ros.record.scratch import blocks, scratch_mask
 
 Stamps = NDArray[np.int64]
 Rows = NDArray[np.intp]

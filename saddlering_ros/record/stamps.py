@@ -17,9 +17,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from saddlering_ros.bags.alignment import JITTER_NS
-from saddlering_ros.bags.errors import BagError
-from saddlering_ros.bags.scratch import count_where, extremes
+from saddlering_ros.record.alignment import JITTER_NS
+from saddlering_ros.record.errors import BagError
+from saddlering_ros.record.scratch import count_where, extremes
 
 MAX_DUPLICATES = 0.01
 """Share of stamps with two different readings above which the clock stands still at times."""

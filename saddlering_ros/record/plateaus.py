@@ -22,11 +22,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from saddlering_ros.bags.errors import BagError
-from saddlering_ros.bags.scratch import blocks, forget, scratch_array, spread, spread_changes
+from saddlering_ros.record.errors import BagError
+from saddlering_ros.record.scratch import blocks, forget, scratch_array, spread, spread_changes
 
 if TYPE_CHECKING:
-    from saddlering_ros.bags.reader import TestRun
+    from saddlering_ros.record.record import Record
 
 WINDOWS = (0.5, 0.25, 0.1)
 """Widths [s] of the comparison, widest first. The first one with enough plateaus is used."""
@@ -93,7 +93,7 @@ class PlateauMeans:
     samples: NDArray[np.int64]
 
 
-def plateaus(run: TestRun, *, errors: bool = True) -> Plateaus:
+def plateaus(run: Record, *, errors: bool = True) -> Plateaus:
     """Cut `run` into plateaus; BagError if its load is not held at a few levels.
 
     errors: compute the standard errors, which takes half of the time; else they are NaN.

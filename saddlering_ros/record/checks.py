@@ -7,9 +7,9 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from saddlering_ros.bags.alignment import gap_mask
-from saddlering_ros.bags.errors import BagError
-from saddlering_ros.bags.scratch import count_where, extremes, spread
+from saddlering_ros.record.alignment import gap_mask
+from saddlering_ros.record.errors import BagError
+from saddlering_ros.record.scratch import count_where, extremes, spread
 from saddlering_ros.rig import LoadLimits, TONNE
 
 MAX_ABSENT_UNMENTIONED = 0.005

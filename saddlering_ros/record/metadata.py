@@ -1,0 +1,121 @@
+"""Metadata of a test: kind, elevation, rig, run, and further texts."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+import math
+
+from saddlering_ros.record.errors import BagError
+
+METADATA_RECORD = 'saddlering.test'
+"""Name under which a file of messages holds the metadata."""
+
+KEYS = ('test', 'elevation_deg', 'rig', 'run')
+DETAILS = ('date', 'service_hours', 'operator', 'rig_hash', 'import_map', 'import_sources')
+"""Further texts: on the test, on the description of the rig (Rig.digest), and on the files of an
+import."""
+
+KINDS = ('static', 'dynamic')
+LOWEST_ELEVATION, HIGHEST_ELEVATION = -10.0, 90.0
+
+
+@dataclass(frozen=True)
+class TestMetadata:
+    """Kind of a test, elevation [degrees], rig and run as free text.
+
+    test and elevation_deg are None where a bag does not state them, or states them in two ways
+    (`conflicts`) or in a form that cannot be read (`faults`); details: further texts by their
+    key in DETAILS.
+    """
+
+    __test__ = False
+
+    test: str | None = None
+    elevation_deg: float | None = None
+    rig: str = ''
+    run: str = ''
+    details: Mapping[str, str] = field(default_factory=dict)
+    conflicts: tuple[str, ...] = ()
+    faults: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        if self.test is not None:
+            check_kind(self.test, 'facts')
+        if self.elevation_deg is not None:
+            check_elevation(self.elevation_deg, 'facts')
+
+    def as_text(self) -> dict[str, str]:
+        """What is stated, in the form of a bag: text to text."""
+        texts = {} if self.test is None else {'test': self.test}
+        if self.elevation_deg is not None:
+            texts['elevation_deg'] = repr(float(self.elevation_deg)).removesuffix('.0')
+        return {**texts, 'rig': self.rig, 'run': self.run, **self.details}
+
+    @property
+    def problems(self) -> tuple[str, ...]:
+        """Reasons that prevent the use of the metadata, one line each, without the bag's name."""
+        missing = []
+        said = ' '.join(self.conflicts + self.faults)
+        if self.test is None and 'test is' not in said:
+            missing.append(
+                'does not state the kind of test: give --test static or --test dynamic, or '
+                f'add "test" to custom_data of metadata.yaml or to the record {METADATA_RECORD}')
+        if self.elevation_deg is None and 'elevation_deg is' not in said:
+            missing.append(
+                'does not state the elevation: give --elevation DEG, or add "elevation_deg" to '
+                f'custom_data of metadata.yaml or to the record {METADATA_RECORD}')
+        return (*self.conflicts, *self.faults, *missing)
+
+    def overruled(self, test: str | None, elevation_deg: float | None) -> TestMetadata:
+        """The same with values of options in place of those of the bag."""
+        metadata = self
+        if test is not None:
+            metadata = metadata._settled('test', test=check_kind(test, 'option'))
+        if elevation_deg is not None:
+            value = check_elevation(elevation_deg, 'option')
+            metadata = metadata._settled('elevation_deg', elevation_deg=value)
+        return metadata
+
+    def _settled(self, key: str, **values: object) -> TestMetadata:
+        return replace(
+            self,
+            conflicts=tuple(line for line in self.conflicts if not line.startswith(f'{key} is')),
+            faults=tuple(line for line in self.faults if not line.startswith(f'{key} is')),
+            **values)  # type: ignore[arg-type]
+
+
+def check_kind(test: str, where: str) -> str:
+    """The kind of test if it is a known kind."""
+    if test not in KINDS:
+        raise BagError(f'{where}: test is {test!r}: give static or dynamic')
+    return test
+
+
+def check_elevation(elevation_deg: float, where: str) -> float:
+    """The elevation [degrees] if a barrel can have it."""
+    if not LOWEST_ELEVATION <= elevation_deg <= HIGHEST_ELEVATION:
+        raise BagError(
+            f'{where}: elevation_deg is {elevation_deg:g}: give degrees from '
+            f'{LOWEST_ELEVATION:g} to {HIGHEST_ELEVATION:g}')
+    return float(elevation_deg)
+
+
+def same_text(key: str, first: str, second: str) -> bool:
+    """Whether two texts of a key state the same of a test."""
+    if key == 'elevation_deg':
+        one, other = finite_number(first), finite_number(second)
+        if one is not None and other is not None:
+            return math.isclose(one, other, abs_tol=1e-9)
+    if key == 'test':
+        return first.lower() == second.lower()
+    return first == second
+
+
+def finite_number(text: str) -> float | None:
+    """The number that a text states; None if it states none."""
+    try:
+        value = float(text)
+    except ValueError:
+        return None
+    return value if math.isfinite(value) else None

@@ -1,0 +1,161 @@
+"""The record of one test: as its topics were recorded, and aligned on the stamps of the load."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, replace
+import math
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from saddlering_ros.provenance import Origin
+from saddlering_ros.record.metadata import TestMetadata
+from saddlering_ros.record.node_rows import NodeRows
+from saddlering_ros.record.quality import doubtful_lag, TopicQuality
+from saddlering_ros.record.scratch import blocks, scratch_mask
+from saddlering_ros.record.topics import LOAD_TOPIC, PROBE_TOPICS
+
+
+@dataclass(frozen=True)
+class RawTopic:
+    """One rig topic as recorded, in stamp order, each stamp once.
+
+    stamps (N,) int64 [ns] of the headers, strictly increasing; values (N,): force.x [N] of the
+    load, range [m] of a probe; min_range, max_range [m] as a probe publishes them (NaN for the
+    load).
+    """
+
+    topic: str
+    type: str
+    frame_id: str
+    stamps: NDArray[np.int64]
+    values: NDArray[np.float64]
+    min_range: float = math.nan
+    max_range: float = math.nan
+    notes: tuple[str, ...] = ()
+
+    def __len__(self) -> int:
+        return len(self.stamps)
+
+
+@dataclass(frozen=True)
+class RawRecord:
+    """The rig topics of a bag by name, and its test metadata."""
+
+    path: Path
+    topics: dict[str, RawTopic]
+    facts: TestMetadata
+    notes: tuple[str, ...] = ()
+
+    def __getitem__(self, topic: str) -> RawTopic:
+        return self.topics[topic]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.topics)
+
+    def __len__(self) -> int:
+        return len(self.topics)
+
+    @property
+    def start(self) -> int:
+        """Earliest stamp of all topics [ns]."""
+        return min(int(topic.stamps[0]) for topic in self.topics.values())
+
+    @property
+    def stop(self) -> int:
+        """Latest stamp of all topics [ns]."""
+        return max(int(topic.stamps[-1]) for topic in self.topics.values())
+
+
+@dataclass(frozen=True)
+class Record:
+    """A test, aligned on the load's stamps.
+
+    test: 'static' or 'dynamic'; elevation [rad]; rig, run: free text; stamps (N,) int64 [ns]
+    of the load's headers; time (N,) [s] since the first of them; load (N,) [N]; gaps (4, N)
+    [m] of the probes on the load's stamps, NaN outside of a probe's own span and inside its
+    gaps; notes: faults of the bag that do not prevent its use; sha256: of the bag's files (''
+    for a run without a bag); others: readings (N,) of the optional topics of the rig in the
+    bag, by name, aligned alike; details: further test metadata by key, such as rig_hash;
+    spikes (5, N): spikes of the load and the four probes (None: nowhere); quality: properties
+    of the logger, by topic; node_rows: rows that live nodes publish, and those across a
+    refused reading (None: all complete rows, none); absent: number of the radial probe that the
+    rig does not have (0: it has all), whose gaps mirror those of the other.
+    """
+
+    __test__ = False
+
+    name: str
+    path: Path
+    test: str
+    elevation: float
+    rig: str
+    run: str
+    stamps: NDArray[np.int64]
+    time: NDArray[np.float64]
+    load: NDArray[np.float64]
+    gaps: NDArray[np.float64]
+    notes: list[str] = field(default_factory=list)
+    sha256: str = ''
+    spikes: NDArray[np.bool_] | None = None
+    quality: dict[str, TopicQuality] = field(default_factory=dict)
+    others: dict[str, NDArray[np.float64]] = field(default_factory=dict)
+    details: Mapping[str, str] = field(default_factory=dict)
+    node_rows: NodeRows | None = None
+    absent: int = 0
+
+    def without_spikes(self) -> Record:
+        """The same with sound readings only: NaN in the gaps, a straight line in the load.
+
+        Spikes, values interpolated across a refused reading, and values beside a doubtful
+        load are left out. Rows that lack a probe are not complete.
+        """
+        gaps, load = self.gaps, self.load
+        wrong_load = np.zeros(len(load), dtype=bool)
+        if self.node_rows is not None:
+            wrong_load |= self.node_rows.load_doubtful
+            wrong_gaps = self.node_rows.bridged | wrong_load
+            gaps = np.where(wrong_gaps, np.nan, gaps) if wrong_gaps.any() else gaps
+        if self.spikes is not None and self.spikes.any():
+            wrong_load |= self.spikes[0]
+            gaps = np.where(self.spikes[1:], np.nan, gaps)
+        if wrong_load.any() and not wrong_load.all():
+            load = load.copy()
+            load[wrong_load] = np.interp(
+                self.time[wrong_load], self.time[~wrong_load], load[~wrong_load])
+        if gaps is self.gaps and self.node_rows is None:
+            return self
+        return replace(self, load=load, gaps=gaps, spikes=None, node_rows=None)
+
+    @property
+    def given(self) -> NDArray[np.bool_]:
+        """Mask (N,) of the load stamps at which the live nodes publish a displacement."""
+        return self.complete if self.node_rows is None else self.node_rows.given
+
+    @property
+    def rig_hash(self) -> str:
+        """Hash of the rig's description that the bag states ('' if it states none)."""
+        return self.details.get('rig_hash', '')
+
+    @property
+    def doubtful_lag(self) -> float:
+        """Largest delay [s] between load and probes that the readings leave open."""
+        if not self.quality:
+            return 0.0
+        probes = [self.quality[name] for name in PROBE_TOPICS]
+        return doubtful_lag(self.quality[LOAD_TOPIC], probes, float(self.time[-1]))
+
+    @property
+    def origin(self) -> Origin:
+        """The bag and its hash, for a result's provenance."""
+        return Origin(str(self.path), self.sha256)
+
+    @property
+    def complete(self) -> NDArray[np.bool_]:
+        """Mask (N,) of the load stamps at which all four probes have a reading."""
+        found = scratch_mask(len(self.stamps))
+        for part in blocks(len(found), self.gaps, found):
+            found[part] = np.isfinite(self.gaps[:, part]).all(axis=0)
+        return found
