@@ -13,7 +13,7 @@ import subprocess
 import sys
 import time
 
-from saddlering_ros.paths import share_directory
+from saddlering_ros.files import share_directory
 from saddlering_ros.ros.launcher import Domain
 
 BAG = share_directory() / 'bags' / 'dynamic_50'

@@ -1,8 +1,9 @@
 """saddlering_ros: a test rig for saddle rings, its simulator and its diagnosis, on ROS 2."""
 
-from typing import TYPE_CHECKING
-
-from saddlering_ros.lazy_names import names_on_first_use
+from collections.abc import Callable, Mapping
+from importlib import import_module
+import sys
+from typing import Any, TYPE_CHECKING
 
 if TYPE_CHECKING:
     from saddlering_ros.api.functions import diagnose, identify, validate
@@ -33,6 +34,17 @@ __all__ = [
     'Rig', 'SaddleringError', 'ValidationResult', '__version__', 'diagnose', 'identify',
     'load_rig', 'read_bag', 'read_parameters', 'validate',
 ]
+
+def names_on_first_use(package: str, places: Mapping[str, str]) -> Callable[[str], Any]:
+    """The `__getattr__` of a package; places: module of each name, below the package (PEP 562)."""
+    def get(name: str) -> Any:
+        if name not in places:
+            raise AttributeError(f'module {package!r} has no attribute {name!r}')
+        value = getattr(import_module(f'{package}.{places[name]}'), name)
+        setattr(sys.modules[package], name, value)
+        return value
+    return get
+
 
 __getattr__ = names_on_first_use(__name__, _PLACES)
 

@@ -1,4 +1,9 @@
-"""The root of all errors that the user of saddlering_ros can correct."""
+"""Errors that the user can correct, and the known name that was meant by an unknown one."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable
+import difflib
 
 
 class SaddleringError(ValueError):
@@ -18,3 +23,28 @@ class Cancelled(SaddleringError):
     def __init__(self, message: str = 'cancelled', partial: object = None) -> None:
         super().__init__(message)
         self.partial = partial
+
+
+def did_you_mean(word: str, known: Collection[str]) -> str:
+    """': did you mean X?' for the known name most like `word`; '' if none is like it."""
+    by_lower = {name.lower(): name for name in known}
+    found = difflib.get_close_matches(word.lower(), by_lower, n=1, cutoff=0.6)
+    return f': did you mean {by_lower[found[0]]}?' if found else ''
+
+
+def refuse_unknown_keys(
+    given: Iterable[object], known: Collection[str], section: str, where: str,
+    error: type[SaddleringError],
+) -> None:
+    """Raise `error` if `given` holds a key that is not in `known`.
+
+    section: dotted name of the section, '' at the top; where: the file, for the message.
+    """
+    unknown = [str(key) for key in given if key not in known]
+    if not unknown:
+        return
+    inside = f'{section} has unknown entries' if section else 'has unknown entries'
+    guess = did_you_mean(unknown[0], known)
+    remedy = guess[2:] if guess else 'remove them or correct their spelling'
+    listed = f' (known: {", ".join(sorted(known))})' if known and not guess else ''
+    raise error(f'{where}: {inside} ({", ".join(sorted(unknown))}): {remedy}{listed}')

@@ -1,4 +1,4 @@
-"""One protocol for the progress and the cancellation of every computation.
+"""One protocol for the progress and the cancellation of every computation, and its threads.
 
 The API, the commands, the diagnosis of any simulator and the action jobs follow it: a computation
 calls `on_progress` with a `Progress`, asks `is_cancelled` between steps, and raises `Cancelled`.
@@ -6,12 +6,16 @@ calls `on_progress` with a `Progress`, asks `is_cancelled` between steps, and ra
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 
 from saddlering_ros.errors import Cancelled
 
-__all__ = ['Cancelled', 'IsCancelled', 'OnProgress', 'Progress', 'SearchStep', 'Watch', 'check']
+__all__ = [
+    'Cancelled', 'IsCancelled', 'OnProgress', 'Progress', 'SearchStep', 'Watch', 'check',
+    'one_blas_thread',
+]
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,3 +83,19 @@ class Watch:
     def check(self) -> None:
         """Raise `Cancelled` if the caller has asked for it."""
         check(self.is_cancelled, self.task)
+
+
+@contextmanager
+def one_blas_thread() -> Iterator[None]:
+    """Let BLAS use one thread until the block ends; also a decorator.
+
+    The matrices of a fit are small: more threads wait for each other, and they take processors
+    from the simulator, which uses all of them by itself.
+    """
+    try:
+        from threadpoolctl import threadpool_limits
+    except ModuleNotFoundError:  # only the speed depends on it
+        yield
+        return
+    with threadpool_limits(limits=1, user_api='blas'):
+        yield

@@ -1,4 +1,4 @@
-"""Numbers as a person reads them: prefixes, as many digits as the error leaves, percentages.
+"""Numbers as a person reads them or JSON allows them, the thresholds of results, their words.
 
 Console, report, live page and messages print their numbers with these functions.
 """
@@ -6,6 +6,9 @@ Console, report, live page and messages print their numbers with these functions
 from __future__ import annotations
 
 import math
+from typing import Any
+
+import numpy as np
 
 PREFIXES = ((1e6, 'M'), (1e3, 'k'), (1.0, ''), (1e-3, 'm'), (1e-6, 'µ'), (1e-9, 'n'))
 PREFIXED = frozenset({'N', 'm', 'rad', 's', 'Hz', 'm/s'})
@@ -118,3 +121,52 @@ def _with_error(value: float, std: float | None, digits: int) -> str:
         return text
     power = superscript(exponent)
     return f'{text} × 10{power}' if std is None else f'({text}) × 10{power}'
+
+
+def finite_json(value: Any) -> Any:
+    """The same document with JSON numbers: infinite and undefined become null."""
+    if isinstance(value, dict):
+        return {key: finite_json(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [finite_json(item) for item in value]
+    if isinstance(value, (bool, np.bool_)):
+        return bool(value)
+    if isinstance(value, (float, np.floating)):
+        return float(value) if math.isfinite(value) else None
+    if isinstance(value, np.integer):
+        return int(value)
+    return value
+
+
+VERDICT_WORDS = {
+    'none': 'these data show no misfit beyond noise', 'named': 'the cause is identified',
+    'ambiguous': 'several causes explain the misfit',
+    'unknown': 'no known cause explains the misfit',
+}
+"""A verdict in words: console, report, and the page of any simulator."""
+
+MATERIAL = 1e-3
+"""Share of a channel's range below which a misfit is immaterial."""
+
+CHANCE = 0.01
+"""Probability above which a finding counts as chance."""
+
+GOOD = 2.0
+"""A misfit below this multiple of the noise floor is as good as the measurement."""
+
+MAX_COMPARISON_ERROR = 2.0
+"""Largest comparison error over validation uncertainty (ASME V&V 20) without a model error."""
+
+MIN_RATING = 0.8
+"""Smallest ISO 18571 rating of a good curve."""
+
+
+def allowed_misfit(noise_floor: float | None) -> float:
+    """The largest misfit that is as good as the measurement, as a share of the channel's range."""
+    return max(GOOD * (noise_floor or 0.0), MATERIAL)
+
+
+def is_left(p_value: float | None, share_of_range: float | None) -> bool:
+    """Whether a part of the misfit is neither chance nor too small to matter."""
+    return (p_value is not None and p_value < CHANCE
+            and share_of_range is not None and share_of_range >= MATERIAL)

@@ -14,8 +14,8 @@ from saddlering_ros.api.errors import ApiError
 from saddlering_ros.api.tables import dataframe
 from saddlering_ros.bags import read_run, refuse_other_rig, refuse_repeats
 from saddlering_ros.bags.samples import measured_samples
+from saddlering_ros.files import Origin
 from saddlering_ros.progress import check, IsCancelled, OnProgress, Progress
-from saddlering_ros.provenance import Origin
 from saddlering_ros.record import condensed, displacement_of_run, fit_limit, MeasuredRun, Record
 from saddlering_ros.record.scratch import extremes
 from saddlering_ros.rig import (
@@ -205,6 +205,6 @@ def as_parameters(given: ParametersLike) -> ParameterSet:
 def origins(*given: object) -> tuple[Origin, ...]:
     """The files among the arguments and the user's effect files, with their hashes."""
     from saddlering_ros.effects import own_files
-    from saddlering_ros.provenance import files
+    from saddlering_ros.files import origins_of
 
-    return files(*(item for item in given if isinstance(item, (Path, str))), *own_files())
+    return origins_of(*(item for item in given if isinstance(item, (Path, str))), *own_files())

@@ -19,20 +19,25 @@ from saddlering_ros.api.tables import columns_of, dataframe, write_csv
 from saddlering_ros.diagnosis import Verdict
 from saddlering_ros.diagnosis.contract import CauseEntry, causes_of, VerdictDocument
 from saddlering_ros.diagnosis.summary import verdict_text
+from saddlering_ros.files import (
+    add_origins,
+    bag_folder,
+    Origin,
+    spare_bags,
+    spare_files,
+    whole_file,
+    write_text,
+)
 from saddlering_ros.identification import Identification, Validation
 from saddlering_ros.identification.criteria import Criterion, judge
 from saddlering_ros.identification.summary import identification_text, validation_text
-from saddlering_ros.provenance import add_origins, Origin
 from saddlering_ros.rig import (
     PARAMETER_NAMES,
     PARAMETER_UNITS,
     ParameterSet,
     Rig,
     write_parameters,
-    write_text_atomically,
 )
-from saddlering_ros.spared import bag_folder, spare_bags, spare_files
-from saddlering_ros.writing import whole_file
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -123,7 +128,7 @@ class Result(ABC):
         where = Path(path)
         self._spare_inputs(where)
         if where.suffix == '.json':
-            write_text_atomically(where, json.dumps(self.to_json(), indent=2) + '\n')
+            write_text(where, json.dumps(self.to_json(), indent=2) + '\n')
         elif where.suffix == '.csv':
             write_csv(where, self.columns())
         elif where.suffix in ('.yaml', '.yml') and isinstance(self, _Parametric):

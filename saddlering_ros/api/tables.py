@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any, TYPE_CHECKING
 
 from saddlering_ros.api.errors import ApiError
-from saddlering_ros.writing import whole_file
+from saddlering_ros.files import whole_file
 
 if TYPE_CHECKING:
     import pandas

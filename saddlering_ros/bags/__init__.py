@@ -7,11 +7,11 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from saddlering_ros import names_on_first_use
 from saddlering_ros.bags.info import bag_info, BagInfo, TopicInfo
 from saddlering_ros.bags.reader import read_raw, read_run
 from saddlering_ros.bags.repeats import refuse_repeats
 from saddlering_ros.bags.same_rig import refuse_other_rig, rig_in_words
-from saddlering_ros.lazy_names import names_on_first_use
 
 if TYPE_CHECKING:
     from saddlering_ros.bags.writer import write_bag

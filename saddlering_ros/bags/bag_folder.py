@@ -23,8 +23,8 @@ from rosbags.interfaces import (
 from rosbags.typesys.store import Typestore
 import yaml
 
+from saddlering_ros.files import exchange, settle
 from saddlering_ros.record.errors import BagError
-from saddlering_ros.writing import exchange, settle
 
 VERSION = 9
 """Of the form of metadata.yaml: that of Jazzy."""

@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 from saddlering_ros.bags.bag_folder import check_target, put_in_place
 from saddlering_ros.bags.cdr import encode
 from saddlering_ros.bags.writer import BlockBag
+from saddlering_ros.files import temporary_folder
 from saddlering_ros.record.errors import BagError
 from saddlering_ros.record.topics import RigTopic
-from saddlering_ros.writing import temporary_folder
 
 CHUNK_MESSAGES = 1 << 14
 """Messages of one chunk: about 1.5 MB before compression."""

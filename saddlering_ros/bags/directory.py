@@ -13,10 +13,9 @@ from typing import Any
 import yaml
 import zstandard
 
+from saddlering_ros.files import sha256_of_file, sha256_of_files, temporary_folder
 from saddlering_ros.plain_yaml import MAX_BYTES, parse_yaml, YamlRefused
-from saddlering_ros.provenance import sha256_of_file, sha256_of_files
 from saddlering_ros.record.errors import BagError
-from saddlering_ros.writing import temporary_folder
 
 METADATA = 'metadata.yaml'
 INFORMATION = 'rosbag2_bagfile_information'

@@ -17,7 +17,7 @@ from saddlering_ros.bags.reader import (
     run_of_record,
 )
 from saddlering_ros.bags.scan import OnShare, Scan, scan
-from saddlering_ros.finite_json import finite_json
+from saddlering_ros.quantities import finite_json
 from saddlering_ros.record.alignment import gap_mask
 from saddlering_ros.record.checks import (
     check_load_unit,

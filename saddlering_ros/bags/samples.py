@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saddlering_ros.bags.scan import OnShare
-from saddlering_ros.provenance import Provenance
+from saddlering_ros.files import Provenance, whole_file
 from saddlering_ros.record.errors import BagError
 from saddlering_ros.record.measured import given_of, MeasuredRun, validity_of
 from saddlering_ros.record.record import Record
@@ -26,7 +26,6 @@ from saddlering_ros.rig import (
     Rig,
     ZeroReading,
 )
-from saddlering_ros.writing import whole_file
 
 COLUMNS = ('stamp_ns', 'time', 'load', 'delta_x', 'delta_y', 'gamma', 'parity', 'validity')
 SUFFIXES = ('.csv', '.parquet')

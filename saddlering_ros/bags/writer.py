@@ -19,11 +19,11 @@ from saddlering_ros.bags.bag_folder import (
 )
 from saddlering_ros.bags.cdr import encode
 from saddlering_ros.bags.mcap_blocks import McapBlockFile, MessageBlock, record_size
+from saddlering_ros.files import temporary_folder
 from saddlering_ros.record.errors import BagError
 from saddlering_ros.record.metadata import METADATA_RECORD, TestMetadata
 from saddlering_ros.record.topics import LOAD, PROBES, RigTopic, TOPICS
 from saddlering_ros.rig import Probes
-from saddlering_ros.writing import temporary_folder
 
 CHUNK_SIZE = 1 << 20
 """Bytes of messages per chunk before compression."""

@@ -9,9 +9,9 @@ from saddlering_ros.campaign.errors import CampaignError
 from saddlering_ros.campaign.store import Store
 from saddlering_ros.campaign.tables import p_value_of, results_of
 from saddlering_ros.campaign.task import SessionTask
+from saddlering_ros.files import write_text
 from saddlering_ros.fleet import figures_of, fleet_document, judge_fleet
 from saddlering_ros.fleet.judgement import Fleet
-from saddlering_ros.writing import write_text
 
 
 def write_fleet(store: Store, tasks: Sequence[SessionTask], limits: Mapping[str, float]) -> Fleet:

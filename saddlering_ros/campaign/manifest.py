@@ -16,8 +16,8 @@ from typing import Any
 from saddlering_ros.campaign.discovery import FoundBag
 from saddlering_ros.campaign.errors import CampaignError
 from saddlering_ros.campaign.sessions import FIT, HOLD_OUT, Member, ROLES, Session
+from saddlering_ros.files import whole_file, write_text
 from saddlering_ros.plain_yaml import read_regular_text
-from saddlering_ros.writing import whole_file, write_text
 
 COLUMNS = (
     'bag', 'session', 'ring', 'bench', 'date', 'test', 'elevation_deg', 'role', 'service_hours',

@@ -17,8 +17,7 @@ from saddlering_ros.campaign.child import failure, TIMED_OUT
 from saddlering_ros.campaign.errors import CampaignInterruptedError
 from saddlering_ros.campaign.store import Store
 from saddlering_ros.campaign.task import SessionTask, task_from
-from saddlering_ros.provenance import versions_in_use
-from saddlering_ros.writing import temporary_folder
+from saddlering_ros.files import temporary_folder, versions_in_use
 
 ONE_THREAD = dict.fromkeys(
     ('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS', 'MKL_NUM_THREADS', 'SADDLERING_THREADS'), '1')

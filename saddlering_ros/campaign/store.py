@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from saddlering_ros.campaign.errors import CampaignError
-from saddlering_ros.writing import write_text
+from saddlering_ros.files import write_text
 
 RESULTS, REPORTS, STATUS = 'results', 'reports', 'status.json'
 

@@ -17,7 +17,7 @@ import pyarrow.parquet
 from saddlering_ros.campaign.errors import CampaignError
 from saddlering_ros.campaign.store import Store
 from saddlering_ros.campaign.task import SessionTask
-from saddlering_ros.writing import whole_file
+from saddlering_ros.files import whole_file
 
 GROUP = 500
 """Sessions whose rows are held in memory at a time."""

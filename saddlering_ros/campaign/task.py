@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from saddlering_ros.campaign.sessions import FIT, HOLD_OUT, Session
-from saddlering_ros.provenance import sha256_of_file, versions_in_use
+from saddlering_ros.files import sha256_of_file, versions_in_use
 
 VERDICT = 'saddlering_ros.campaign.verdict:session_verdict'
 """The function that judges a session; benchmarks and tests put another in its place."""

@@ -10,7 +10,8 @@ from pathlib import Path
 import re
 from typing import Any, NoReturn
 
-from saddlering_ros.spared import (
+from saddlering_ros.errors import did_you_mean
+from saddlering_ros.files import (
     BAG_FILES,
     bag_folder,
     FileConflict,
@@ -19,7 +20,6 @@ from saddlering_ros.spared import (
     spare_bags,
     spare_files,
 )
-from saddlering_ros.suggestion import did_you_mean
 
 UNUSABLE = 2
 _CHOICE = re.compile(r"argument (\S+): invalid choice: '(.*?)' \(choose from (.*)\)", re.S)

@@ -67,9 +67,9 @@ def deliver(
         write_samples,
     )
     from saddlering_ros.cli._terminal import tell_json
-    from saddlering_ros.provenance import files, Provenance
+    from saddlering_ros.files import origins_of, Provenance
 
-    made = Provenance((run.origin,), files(args.rig, getattr(args, 'params', None)))
+    made = Provenance((run.origin,), origins_of(args.rig, getattr(args, 'params', None)))
     seen = SamplesSummary()
     parts = seen.watch([samples] if isinstance(samples, DisplacementSamples) else samples)
     if args.out == '-':

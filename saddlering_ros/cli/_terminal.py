@@ -32,7 +32,7 @@ def tell_json(args: argparse.Namespace, told: Any) -> bool:
     """Write `told` to the place of --json, if given; whether this is standard output."""
     import json
 
-    from saddlering_ros.rig import write_text_atomically
+    from saddlering_ros.files import write_text
 
     if args.json is None:
         return False
@@ -40,7 +40,7 @@ def tell_json(args: argparse.Namespace, told: Any) -> bool:
     if args.json == '-':
         print(document, flush=True)  # some commands run for hours
         return True
-    write_text_atomically(Path(args.json), document + '\n')
+    write_text(args.json, document + '\n')
     return False
 
 

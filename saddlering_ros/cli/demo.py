@@ -41,7 +41,7 @@ def run(args: argparse.Namespace) -> int:
     from saddlering_ros.demo.output import check_folder, numbers_of, write_all
     from saddlering_ros.demo.plan import plan
     from saddlering_ros.demo.story import STEPS, tell
-    from saddlering_ros.paths import share_directory
+    from saddlering_ros.files import share_directory
     check_folder(args.out)
     chosen = plan(args.bags or share_directory() / 'bags')
     told = contextlib.redirect_stdout(sys.stderr if args.json == '-' else sys.stdout)

@@ -50,8 +50,8 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _draft(args: argparse.Namespace) -> int:
+    from saddlering_ros.files import write_text
     from saddlering_ros.importing import draft_map, ImportingError, open_sources
-    from saddlering_ros.writing import write_text
 
     if args.map is not None and args.map.exists():
         raise ImportingError(f'{args.map}: exists already, and a draft does not replace it: '
@@ -101,7 +101,7 @@ def _import(args: argparse.Namespace) -> int:
 
 def _spare_tables(args: argparse.Namespace, tables: list[Path]) -> None:
     """Refuse an output that is a calibration table of the map."""
-    from saddlering_ros.spared import spare_files
+    from saddlering_ros.files import spare_files
 
     named = [(table, f'table {table}') for table in tables]
     for option in ('out', 'json', 'preview'):

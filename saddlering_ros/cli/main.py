@@ -201,7 +201,7 @@ class _Version(argparse.Action):
         super().__init__(option_strings, argparse.SUPPRESS, nargs=0, **options)
 
     def __call__(self, parser: argparse.ArgumentParser, *_: Any) -> None:
-        from saddlering_ros.provenance import code_hash
+        from saddlering_ros.files import code_hash
 
         print(f'saddlering {__version__} (code {code_hash()})')
         parser.exit()

@@ -15,9 +15,9 @@ from saddlering_ros.demo import figures
 from saddlering_ros.demo.errors import DemoError
 from saddlering_ros.demo.page import demo_page
 from saddlering_ros.demo.story import DemoOutcome
+from saddlering_ros.files import temporary_folder
 from saddlering_ros.pages.html import pictures_of
 from saddlering_ros.rig import write_parameters
-from saddlering_ros.writing import temporary_folder
 
 
 def check_folder(folder: Path) -> None:

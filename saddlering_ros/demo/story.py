@@ -19,12 +19,12 @@ from saddlering_ros.demo.plan import elevation_of, Plan
 from saddlering_ros.demo.recorder import ReplayRecording
 from saddlering_ros.diagnosis.contract import RunEntry, VerdictDocument
 from saddlering_ros.diagnosis.wording import headline
+from saddlering_ros.files import temporary_folder
 from saddlering_ros.quantities import percent
 from saddlering_ros.record import Record
 from saddlering_ros.report.curves import RunCurves
 from saddlering_ros.rig import default_rig, ParameterSet, Rig, write_parameters
 from saddlering_ros.ros.conversions import parameters_from_message
-from saddlering_ros.writing import temporary_folder
 
 STEPS = 8
 

@@ -24,9 +24,9 @@ from saddlering_ros.discrepancy import diagnose, Diagnosis, Settings
 from saddlering_ros.effects import catalogue, LawEffect
 from saddlering_ros.identification import Identification
 from saddlering_ros.progress import IsCancelled, OnProgress, Progress
+from saddlering_ros.quantities import is_left, MATERIAL
 from saddlering_ros.record import condensed, fit_limit, Record
 from saddlering_ros.rig import ContactParameters, ParameterSet, Rig
-from saddlering_ros.thresholds import is_left, MATERIAL
 
 __all__ = ['DiagnosisError', 'Verdict', 'diagnose_bags', 'diagnose_runs']
 

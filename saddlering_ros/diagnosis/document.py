@@ -10,8 +10,7 @@ from saddlering_ros.diagnosis.contract import ShapeEntry, SimulatedTestEntry, Ve
 from saddlering_ros.diagnosis.proposed_law import proposal_document
 from saddlering_ros.diagnosis.wording import shape_words, swing_words
 from saddlering_ros.discrepancy import Cause, Diagnosis, Evidence, Separation, ShapeTest
-from saddlering_ros.finite_json import finite_json
-from saddlering_ros.thresholds import is_left, MATERIAL
+from saddlering_ros.quantities import finite_json, is_left, MATERIAL
 
 if TYPE_CHECKING:
     from saddlering_ros.diagnosis.contact_law import ContactLaw

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 import yaml
 
 from saddlering_ros.discrepancy import describe, LawProposal, Term
-from saddlering_ros.rig import write_text_atomically
+from saddlering_ros.files import write_text
 
 TABLE_POINTS = 1025
 """Points of the table of a simple law, which resolve a hundredth of the range."""
@@ -85,7 +85,7 @@ def write_effect_files(law: LawProposal, folder: Path, full_scale_load: float) -
     paths = effect_paths(law, folder)
     for path, term in zip(paths, _simulated_terms(law), strict=True):
         folder.mkdir(parents=True, exist_ok=True)
-        write_text_atomically(path, effect_text(term, full_scale_load))
+        write_text(path, effect_text(term, full_scale_load))
     return paths
 
 

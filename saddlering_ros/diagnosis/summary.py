@@ -12,9 +12,8 @@ from saddlering_ros.diagnosis.wording import (
     shape_words,
 )
 from saddlering_ros.estimation.identifiability import undetermined_words
-from saddlering_ros.quantities import percent, probability, quantity
+from saddlering_ros.quantities import percent, probability, quantity, VERDICT_WORDS
 from saddlering_ros.rig import PARAMETER_NAMES, PARAMETER_UNITS, stiffness_per_millimetre
-from saddlering_ros.thresholds import VERDICT_WORDS
 
 
 def verdict_text(verdict: Verdict) -> str:

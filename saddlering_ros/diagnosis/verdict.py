@@ -14,7 +14,7 @@ from saddlering_ros.diagnosis.contract import VerdictDocument
 from saddlering_ros.diagnosis.document import verdict_document
 from saddlering_ros.diagnosis.records import Array, PreparedRecord
 from saddlering_ros.discrepancy import Diagnosis, RunBlocks
-from saddlering_ros.provenance import Provenance
+from saddlering_ros.files import Provenance
 from saddlering_ros.rig import (
     CHANNELS,
     ContactParameters,

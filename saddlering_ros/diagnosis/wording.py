@@ -14,8 +14,7 @@ from saddlering_ros.diagnosis.contract import (
     VerdictDocument,
 )
 from saddlering_ros.effects import catalogue
-from saddlering_ros.quantities import compact, percent, quantity, signed_percent
-from saddlering_ros.thresholds import CHANCE, MATERIAL
+from saddlering_ros.quantities import CHANCE, compact, MATERIAL, percent, quantity, signed_percent
 
 Document = VerdictDocument
 

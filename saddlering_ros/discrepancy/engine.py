@@ -42,8 +42,7 @@ from saddlering_ros.discrepancy.separation import Proposal, Separation
 from saddlering_ros.discrepancy.settings import Settings
 from saddlering_ros.discrepancy.steady_lines import find_steady_lines, find_swings
 from saddlering_ros.discrepancy.system import Array, RunBlocks, System
-from saddlering_ros.progress import IsCancelled, OnProgress, Watch
-from saddlering_ros.threads import one_blas_thread
+from saddlering_ros.progress import IsCancelled, one_blas_thread, OnProgress, Watch
 
 PARTIAL_SUBJECT = 0.5
 """A law is proposed beside partial causes that explain this share of the misfit, else alone."""

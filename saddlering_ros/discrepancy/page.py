@@ -8,11 +8,11 @@ import numpy as np
 
 from saddlering_ros.discrepancy.results import Diagnosis, RunPrediction
 from saddlering_ros.discrepancy.summary import estimate_words, gain_words, WORDS
+from saddlering_ros.files import write_text
 from saddlering_ros.pages import html
 from saddlering_ros.pages.charts import AFTER, BEFORE, Chart, line, Panel, without_inner_labels
 from saddlering_ros.pages.html import code, number, ReportError
 from saddlering_ros.quantities import probability, quantity
-from saddlering_ros.writing import write_text
 
 MAX_POINTS = 600
 """Largest number of drawn samples of a curve."""

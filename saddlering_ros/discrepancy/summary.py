@@ -5,8 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from saddlering_ros.discrepancy.results import Cause, Diagnosis, Estimate
-from saddlering_ros.quantities import compact, percent, probability, quantity
-from saddlering_ros.thresholds import CHANCE, VERDICT_WORDS
+from saddlering_ros.quantities import (
+    CHANCE,
+    compact,
+    percent,
+    probability,
+    quantity,
+    VERDICT_WORDS,
+)
 
 WORDS = VERDICT_WORDS
 

@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from saddlering_ros.finite_json import finite_json
 from saddlering_ros.fleet.drifts import (
     Drift,
     histories_of,
@@ -41,7 +40,8 @@ from saddlering_ros.fleet.random_effects import (
     Unlikeness,
 )
 from saddlering_ros.fleet.remaining_life import remaining_life, RemainingLife
-from saddlering_ros.threads import one_blas_thread
+from saddlering_ros.progress import one_blas_thread
+from saddlering_ros.quantities import finite_json
 
 Array = NDArray[np.float64]
 

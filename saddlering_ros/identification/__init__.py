@@ -2,10 +2,10 @@
 
 from typing import TYPE_CHECKING
 
+from saddlering_ros import names_on_first_use
 from saddlering_ros.identification.errors import IdentificationError
 from saddlering_ros.identification.settings import IdentificationSettings
 from saddlering_ros.identification.swarm import StopReason, SwarmSettings
-from saddlering_ros.lazy_names import names_on_first_use
 
 if TYPE_CHECKING:
     from saddlering_ros.identification.methods import identify

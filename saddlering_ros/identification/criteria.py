@@ -6,15 +6,17 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from saddlering_ros.identification.validation import ChannelFigures, RunValidation
-from saddlering_ros.quantities import compact, percent, quantity
-from saddlering_ros.rig import CHANNELS
-from saddlering_ros.thresholds import (
+from saddlering_ros.quantities import (
     allowed_misfit,
+    compact,
     GOOD,
     MATERIAL,
     MAX_COMPARISON_ERROR,
     MIN_RATING,
+    percent,
+    quantity,
 )
+from saddlering_ros.rig import CHANNELS
 
 SIMULATED = tuple(name for name in CHANNELS if name != 'parity')
 

@@ -41,7 +41,7 @@ from saddlering_ros.identification.uncertainty import (
     profile_likelihood,
     stiffness_ellipse,
 )
-from saddlering_ros.progress import IsCancelled, OnProgress, Progress, SearchStep
+from saddlering_ros.progress import IsCancelled, one_blas_thread, OnProgress, Progress, SearchStep
 from saddlering_ros.record import Record
 from saddlering_ros.rig import (
     ContactParameters,
@@ -51,7 +51,6 @@ from saddlering_ros.rig import (
     Rig,
     TRUE_TO_SCALE,
 )
-from saddlering_ros.threads import one_blas_thread
 
 Array = NDArray[np.float64]
 

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from saddlering_ros.files import Provenance
 from saddlering_ros.identification.uncertainty import Profile
-from saddlering_ros.provenance import Provenance
 from saddlering_ros.record import Record
 from saddlering_ros.rig import (
     ContactParameters,

@@ -22,11 +22,11 @@ from saddlering_ros.estimation.process import ChannelNoise, QUIET
 from saddlering_ros.estimation.rest import RestSegment, stretches_at_rest
 from saddlering_ros.estimation.rest_noise import LEVEL_REACH, noise_alone
 from saddlering_ros.estimation.sampling_classes import noise_by_class, Quiet, Silence
+from saddlering_ros.files import Origin, Provenance
 from saddlering_ros.identification.checks import run_name
 from saddlering_ros.identification.errors import IdentificationError
 from saddlering_ros.identification.prepared import MIN_REST, parity_at_rest
 from saddlering_ros.identification.rating import rate
-from saddlering_ros.provenance import Origin, Provenance
 from saddlering_ros.record import BagError, displacement_of_run, MeasuredRun, plateaus, Record
 from saddlering_ros.rig import CHANNELS, Displacement, PARAMETER_NAMES, ParameterSet, Rig
 from saddlering_ros.ring import simulate, static_batch

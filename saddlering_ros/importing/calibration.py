@@ -9,9 +9,9 @@ import re
 import numpy as np
 from numpy.typing import NDArray
 
+from saddlering_ros.errors import did_you_mean
 from saddlering_ros.importing.errors import ImportingError
 from saddlering_ros.importing.units import known_unit, Unit, unit_of
-from saddlering_ros.suggestion import did_you_mean
 
 Floats = NDArray[np.float64]
 

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saddlering_ros.bags.block_writer import BlockBagWriter
+from saddlering_ros.errors import did_you_mean
 from saddlering_ros.importing.clock import (
     CountedTime,
     DatedTime,
@@ -31,7 +32,6 @@ from saddlering_ros.record.errors import BagError
 from saddlering_ros.record.metadata import TestMetadata
 from saddlering_ros.record.topics import RANGE_TYPE
 from saddlering_ros.rig import Rig
-from saddlering_ros.suggestion import did_you_mean
 
 UNDATED = 10 * 365 * 86400 * SECOND
 """A stamp before 1980 [ns] comes of a time without a date: no rig was recorded then."""

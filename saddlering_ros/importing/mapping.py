@@ -9,6 +9,7 @@ import math
 from pathlib import Path
 from typing import Any
 
+from saddlering_ros.errors import refuse_unknown_keys
 from saddlering_ros.importing.calibration import (
     Calibration,
     Linear,
@@ -40,7 +41,6 @@ from saddlering_ros.plain_yaml import read_strict_yaml
 from saddlering_ros.record.metadata import DETAILS
 from saddlering_ros.record.topics import RANGE_TYPE, RigTopic, TOPICS
 from saddlering_ros.rig import OPPOSITE
-from saddlering_ros.suggestion import refuse_unknown_keys
 
 CHANNELS: dict[str, RigTopic] = {
     name.rpartition('/')[2]: topic for name, topic in TOPICS.items()}

@@ -8,11 +8,11 @@ from typing import Any
 
 import numpy as np
 
+from saddlering_ros.files import whole_file
 from saddlering_ros.importing.clock import SECOND, words_of
 from saddlering_ros.importing.convert import ImportedRun
 from saddlering_ros.importing.errors import ImportingError
 from saddlering_ros.rig import FORCE_UNITS, Rig
-from saddlering_ros.writing import whole_file
 
 MAX_RUNS = 6
 _GAP, _MILLIMETRE = 'eddy_current_', 1e-3

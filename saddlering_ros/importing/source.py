@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from saddlering_ros.errors import did_you_mean
+from saddlering_ros.files import sha256_of_file
 from saddlering_ros.importing.errors import ImportingError
-from saddlering_ros.provenance import sha256_of_file
-from saddlering_ros.suggestion import did_you_mean
 
 BLOCK_ROWS = 1 << 16
 """Rows that are read at a time."""

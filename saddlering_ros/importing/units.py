@@ -8,8 +8,8 @@ from fractions import Fraction
 import numpy as np
 from numpy.typing import NDArray
 
+from saddlering_ros.errors import did_you_mean
 from saddlering_ros.importing.errors import ImportingError
-from saddlering_ros.suggestion import did_you_mean
 
 FORCE, LENGTH, PRESSURE, VOLTAGE, CURRENT, TIME, ANGLE, RAW = (
     'force', 'length', 'pressure', 'voltage', 'current', 'time', 'angle', 'raw')

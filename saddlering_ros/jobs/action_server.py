@@ -19,8 +19,8 @@ from rclpy.task import Future
 
 from saddlering_interfaces.msg import RingParameters
 from saddlering_ros.errors import Cancelled, SaddleringError
+from saddlering_ros.files import share_directory
 from saddlering_ros.jobs.worker import CANCELED, DONE, FAILED, Outcome, REFUSED, Worker
-from saddlering_ros.paths import share_directory
 from saddlering_ros.progress import Progress
 from saddlering_ros.rig import ParameterSet, Rig
 from saddlering_ros.ros.conversions import parameters_to_message

@@ -24,7 +24,7 @@ def diagnosis_answer(document: VerdictDocument) -> Answer:
     """A verdict: its words, the headline, the next test and the misfit reduction."""
     # The words need the catalogue; the page is served before it is loaded.
     from saddlering_ros.diagnosis.wording import gain_sentence, headline
-    from saddlering_ros.thresholds import VERDICT_WORDS
+    from saddlering_ros.quantities import VERDICT_WORDS
 
     verdict, following = document['verdict'], document.get('next_test')
     lines = (f'Next test: {following}' if following else '', gain_sentence(document))

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from saddlering_ros.provenance import Origin
+from saddlering_ros.files import Origin
 from saddlering_ros.record.metadata import TestMetadata
 from saddlering_ros.record.node_rows import NodeRows
 from saddlering_ros.record.quality import doubtful_lag, TopicQuality

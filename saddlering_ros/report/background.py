@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from saddlering_ros.pages import html
 from saddlering_ros.pages.html import Cell, number
-from saddlering_ros.quantities import percent, quantity
+from saddlering_ros.quantities import allowed_misfit, percent, quantity
 from saddlering_ros.record import displacement_of_run, Record
 from saddlering_ros.record.scatter import white_noise
 from saddlering_ros.report.figures import SYMBOLS
@@ -26,7 +26,6 @@ from saddlering_ros.rig import (
     short_digest,
 )
 from saddlering_ros.rig.drawing import drawing_svg
-from saddlering_ros.thresholds import allowed_misfit
 
 Array = NDArray[np.float64]
 

@@ -31,12 +31,19 @@ from saddlering_ros.diagnosis.wording import (
 from saddlering_ros.effects import catalogue
 from saddlering_ros.pages import html
 from saddlering_ros.pages.html import Cell, code, number
-from saddlering_ros.quantities import compact, percent, probability, quantity
+from saddlering_ros.quantities import (
+    allowed_misfit,
+    compact,
+    is_left,
+    percent,
+    probability,
+    quantity,
+    VERDICT_WORDS,
+)
 from saddlering_ros.report import figures
 from saddlering_ros.report.curves import RunCurves
 from saddlering_ros.report.figures import SYMBOLS
 from saddlering_ros.rig import CHANNELS
-from saddlering_ros.thresholds import allowed_misfit, is_left, VERDICT_WORDS
 
 CANDIDATES_SHOWN = 12
 TESTS_SHOWN = 6

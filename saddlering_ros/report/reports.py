@@ -10,12 +10,13 @@ import numpy as np
 
 from saddlering_ros.diagnosis.verdict import Verdict
 from saddlering_ros.diagnosis.wording import Document
+from saddlering_ros.files import whole_file, write_text
 from saddlering_ros.identification.criteria import judge
 from saddlering_ros.identification.validation import ChannelFigures, RunValidation, Validation
 from saddlering_ros.pages import html
 from saddlering_ros.pages.charts import draw
 from saddlering_ros.pages.html import Cell, code, number, ReportError
-from saddlering_ros.quantities import percent, quantity
+from saddlering_ros.quantities import allowed_misfit, percent, quantity
 from saddlering_ros.record import Record
 from saddlering_ros.report import background, chapters, figures, parameters
 from saddlering_ros.report.background import Background, head, head_line, quality_of
@@ -28,8 +29,6 @@ from saddlering_ros.report.curves import (
 )
 from saddlering_ros.report.figures import SYMBOLS
 from saddlering_ros.rig import CHANNELS, ParameterSet, Rig
-from saddlering_ros.thresholds import allowed_misfit
-from saddlering_ros.writing import whole_file, write_text
 
 NOTHING = Background()
 

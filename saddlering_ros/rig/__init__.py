@@ -31,7 +31,6 @@ from saddlering_ros.rig.parameter_file import (
     ParameterSource,
     read_parameters,
     write_parameters,
-    write_text_atomically,
 )
 from saddlering_ros.rig.probes import (
     CHANNELS,
@@ -68,5 +67,5 @@ __all__ = [
     'probes_to_displacement', 'read_parameters', 'resolve_load', 'rig_digest',
     'rig_from_parameters', 'shipped_rig_file', 'short_digest', 'size_factor',
     'stiffness_per_metre', 'stiffness_per_millimetre', 'with_absent', 'write_parameters',
-    'write_text_atomically', 'zero_of_record',
+    'zero_of_record',
 ]

@@ -9,6 +9,7 @@ import math
 from pathlib import Path
 from typing import Any
 
+from saddlering_ros.errors import did_you_mean, refuse_unknown_keys
 from saddlering_ros.quantities import compact
 from saddlering_ros.rig.contact import EXPONENTS, PARAMETER_NAMES
 from saddlering_ros.rig.digest import rig_digest
@@ -23,7 +24,6 @@ from saddlering_ros.rig.units import (
     FULL_SCALE_LOAD,
     FULL_SCALE_TIME,
 )
-from saddlering_ros.suggestion import did_you_mean, refuse_unknown_keys
 
 
 @dataclass(frozen=True)

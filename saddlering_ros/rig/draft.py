@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from saddlering_ros.errors import did_you_mean
 from saddlering_ros.rig.description import Rig, rig_from_parameters
 from saddlering_ros.rig.digest import FIELDS
 from saddlering_ros.rig.errors import RigError
-from saddlering_ros.suggestion import did_you_mean
 
 ENTRIES: tuple[tuple[str, str], ...] = (
     ('axial_rows.rollers', 'rollers in the upper row, and as many in the lower one'),

@@ -7,10 +7,10 @@ from pathlib import Path
 import re
 from typing import Any
 
+from saddlering_ros.files import whole_file
 from saddlering_ros.rig.description import Rig
 from saddlering_ros.rig.digest import short_digest
 from saddlering_ros.rig.errors import RigError
-from saddlering_ros.writing import whole_file
 
 STEEL, FIXED, PROBE, LOAD, SIGN = '#c6d4e3', '#d9d5cc', '#0072B2', '#D55E00', '#222222'
 DRAWN_ELEVATION_DEG = 50.0

@@ -12,13 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 import yaml
 
-from saddlering_ros.provenance import Origin
+from saddlering_ros.errors import refuse_unknown_keys
+from saddlering_ros.files import Origin, write_text
 from saddlering_ros.rig.contact import ContactParameters, PARAMETER_NAMES
 from saddlering_ros.rig.errors import RigError
 from saddlering_ros.rig.ros_yaml import check_sections, read_ros_parameters
 from saddlering_ros.rig.units import stiffness_per_millimetre
-from saddlering_ros.suggestion import refuse_unknown_keys
-from saddlering_ros.writing import write_text
 
 SOURCE_KEYS = ('method', 'bags', 'objective', 'covariance', 'note', 'sha256', 'versions',
                'undetermined', 'rig_hash', 'K1_in_N_per_mm_n', 'K2_in_N_per_mm_n')
@@ -215,9 +214,4 @@ def write_parameters(path: Path | str, parameters: ParameterSet) -> None:
     """Write a parameter file, whole or not at all (temporary file, then rename)."""
     document = {'/**': {'ros__parameters': parameters_to_mapping(parameters)}}
     text = yaml.dump(document, Dumper=_Dumper, sort_keys=False, default_flow_style=None, width=99)
-    write_text_atomically(Path(path), text)
-
-
-def write_text_atomically(path: Path, text: str) -> None:
-    """Put `text` at `path`, whole or not at all; RigError when the folder cannot be written."""
     write_text(path, text, RigError)

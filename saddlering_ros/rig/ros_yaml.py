@@ -6,9 +6,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from saddlering_ros.errors import SaddleringError
+from saddlering_ros.errors import did_you_mean, refuse_unknown_keys, SaddleringError
 from saddlering_ros.plain_yaml import read_strict_yaml
-from saddlering_ros.suggestion import did_you_mean, refuse_unknown_keys
 
 SECTIONS = ('rig', 'bounds', 'contact', 'effects', 'source')
 """What a rig file or a parameter file may hold; one file may be both."""

@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.parameter import Parameter as RosParameter
 
-from saddlering_ros.paths import share_directory
+from saddlering_ros.files import share_directory
 from saddlering_ros.ros.errors import NodeError
 from saddlering_ros.ros.parameters import NodeParameter
 from saddlering_ros.ros.roots import bag_below, root_folder

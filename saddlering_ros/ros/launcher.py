@@ -16,11 +16,11 @@ import time
 from types import TracebackType
 from typing import Any, IO
 
+from saddlering_ros.files import temporary_folder
 from saddlering_ros.ros.errors import NodeError
 from saddlering_ros.ros.lifeline import LIFELINE
 from saddlering_ros.ros.registry import ACTION, ALARM, names, REPLAY, RING
 from saddlering_ros.ros.transport import packed_publication, transport_environment
-from saddlering_ros.writing import temporary_folder
 
 REPLAY_NODES = names(REPLAY)
 RING_NODES = names(RING)

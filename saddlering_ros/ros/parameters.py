@@ -21,12 +21,12 @@ from rclpy.exceptions import (
 from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
 
+from saddlering_ros.errors import did_you_mean
 from saddlering_ros.plain_yaml import read_strict_yaml
 from saddlering_ros.rig import default_rig, PARAMETER_NAMES, Rig, rig_from_parameters
 from saddlering_ros.rig.parameter_file import SOURCE_KEYS
 from saddlering_ros.rig.ros_yaml import unfold
 from saddlering_ros.ros.errors import NodeError
-from saddlering_ros.suggestion import did_you_mean
 
 Value = bool | int | float | str | list[str] | list[float]
 

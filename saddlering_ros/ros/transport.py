@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 
-from saddlering_ros.paths import share_directory
+from saddlering_ros.files import share_directory
 
 DISCOVERY_VARIABLES = ('ROS_AUTOMATIC_DISCOVERY_RANGE', 'ROS_LOCALHOST_ONLY')
 PROFILE_VARIABLES = ('FASTRTPS_DEFAULT_PROFILES_FILE', 'FASTDDS_DEFAULT_PROFILES_FILE')

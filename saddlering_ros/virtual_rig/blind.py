@@ -22,7 +22,8 @@ import zlib
 from scipy.stats import binom
 
 from saddlering_ros.errors import SaddleringError
-from saddlering_ros.rig import load_rig, write_text_atomically
+from saddlering_ros.files import write_text
+from saddlering_ros.rig import load_rig
 from saddlering_ros.virtual_rig.campaign import (
     CLEAN,
     draw_truth,
@@ -46,7 +47,7 @@ def seal(path: Path, truth: Truth) -> str:
     """Write the truth so that no one reads it by accident; return the digest of the file."""
     text = json.dumps(truth.to_json(), sort_keys=True)
     sealed = base64.b85encode(zlib.compress(text.encode(), 9)).decode()
-    write_text_atomically(path, sealed + '\n')
+    write_text(path, sealed + '\n')
     return digest_of(path)
 
 

@@ -14,9 +14,8 @@ from saddlering_ros.api.inputs import origins
 from saddlering_ros.api.results import DiagnosisResult, Plot, Result, ValidationResult
 from saddlering_ros.cli._arguments import check_files
 from saddlering_ros.cli.main import build_parser
-from saddlering_ros.provenance import Origin
+from saddlering_ros.files import FileConflict, Origin
 from saddlering_ros.rig import default_rig
-from saddlering_ros.spared import FileConflict
 
 ROOT = Path(__file__).resolve().parents[2]
 

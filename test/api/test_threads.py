@@ -2,7 +2,7 @@
 
 from threadpoolctl import threadpool_info, threadpool_limits
 
-from saddlering_ros.threads import one_blas_thread
+from saddlering_ros.progress import one_blas_thread
 
 
 def blas_threads():

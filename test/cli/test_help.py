@@ -11,7 +11,7 @@ import sys
 import pytest
 
 from saddlering_ros.cli import main as command
-from saddlering_ros.suggestion import did_you_mean
+from saddlering_ros.errors import did_you_mean
 
 ROOT = Path(__file__).resolve().parents[2]
 PARSER, MODULES = command.build_parser()

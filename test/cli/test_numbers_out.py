@@ -16,7 +16,7 @@ from rosbags.highlevel import AnyReader
 
 from saddlering_ros.bags import read_run
 from saddlering_ros.cli.main import main
-from saddlering_ros.paths import share_directory
+from saddlering_ros.files import share_directory
 from saddlering_ros.rig import (
     CHANNELS,
     ParameterSet,

@@ -19,7 +19,7 @@ from saddlering_ros.cli._arguments import (
     WRITTEN,
 )
 from saddlering_ros.cli.main import build_parser, main
-from saddlering_ros.paths import share_directory
+from saddlering_ros.files import share_directory
 from saddlering_ros.rig import ParameterSet, TRUE_TO_SCALE, write_parameters
 
 SHIPPED = share_directory() / 'bags' / 'dynamic_50_fast'

@@ -12,8 +12,7 @@ import pytest
 from saddlering_ros import __version__
 from saddlering_ros.bags import bag_info, read_run
 from saddlering_ros.cli.main import main
-from saddlering_ros.paths import share_directory
-from saddlering_ros.provenance import sha256_of_file, versions_in_use
+from saddlering_ros.files import sha256_of_file, share_directory, versions_in_use
 from saddlering_ros.rig import ParameterSet, read_parameters, TRUE_TO_SCALE, write_parameters
 
 BAG = share_directory() / 'bags' / 'static_50'

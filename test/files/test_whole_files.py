@@ -13,9 +13,9 @@ import pytest
 
 from saddlering_ros.bags import read_run, write_bag
 from saddlering_ros.errors import SaddleringError
+from saddlering_ros.files import exchange, temporary_folder, whole_file, write_text
 from saddlering_ros.record import BagError, TestMetadata
 from saddlering_ros.rig import default_rig
-from saddlering_ros.writing import exchange, temporary_folder, whole_file, write_text
 
 OLD = 'the old file\n'
 
@@ -34,7 +34,7 @@ import numpy as np
 from saddlering_ros.bags.samples import DisplacementSamples, write_samples
 from saddlering_ros.rig import (Displacement, ParameterSet, ParameterSource, TRUE_TO_SCALE,
                                 write_parameters)
-from saddlering_ros.writing import write_text
+from saddlering_ros.files import write_text
 text = 'new ' * 250_000
 numbers = np.random.default_rng(0).normal(size=50_000)
 samples = DisplacementSamples(np.arange(50_000), numbers, numbers,
@@ -158,7 +158,7 @@ RECORD = """
 import os, signal, sys
 from pathlib import Path
 import numpy as np
-from saddlering_ros.bags import LOAD_TOPIC, PROBE_TOPICS, TestMetadata
+from saddlering_ros.record import LOAD_TOPIC, PROBE_TOPICS, TestMetadata
 from saddlering_ros.bags.recording import BagRecording
 from saddlering_ros.streams.batches import encode_samples, Samples
 from saddlering_ros.record.topics import LOAD, PROBES

@@ -8,7 +8,7 @@ import pytest
 from sensor_msgs.msg import Range
 
 from saddlering_interfaces.msg import RingDisplacement, RingParameters
-from saddlering_ros.paths import share_directory
+from saddlering_ros.files import share_directory
 from saddlering_ros.record import LOAD_TOPIC, PROBE_TOPICS
 
 CONFIG = share_directory() / 'config'

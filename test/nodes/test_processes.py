@@ -17,7 +17,7 @@ from rcl_interfaces.msg import ParameterType, ParameterValue
 from rcl_interfaces.srv import SetParameters
 from rosnet import Client, wait_until
 
-from saddlering_ros.paths import share_directory
+from saddlering_ros.files import share_directory
 from saddlering_ros.ros.launcher import NodeGroup, NodeProcess, ros_arguments, start_nodes
 from saddlering_ros.ros.registry import ACTION, ALARM, names, RING
 from saddlering_ros.ros.shared_memory import sweep

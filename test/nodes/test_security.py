@@ -16,13 +16,13 @@ import numpy as np
 import pytest
 
 from saddlering_interfaces.action import IdentifyRing
+from saddlering_ros.files import share_directory
 from saddlering_ros.jobs import diagnosis as diagnosis_job
 from saddlering_ros.jobs import identification as identification_job
 from saddlering_ros.jobs.action_server import ActionNode
 from saddlering_ros.jobs.identification import IdentificationAnswer, IdentificationRequest
 from saddlering_ros.jobs.plain_data import PlainDataError, ValueSocket
 from saddlering_ros.nodes.ring_identification import settings_of
-from saddlering_ros.paths import share_directory
 from saddlering_ros.rig import default_rig, ParameterSet, ParameterSource, TRUE_TO_SCALE
 from saddlering_ros.ros.diagnostics import OK, SourcesTask, WARN
 from saddlering_ros.ros.errors import NodeError

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from shared_pictures import DRAWN, shared_drawn
 
-from saddlering_ros.provenance import Origin, Provenance
+from saddlering_ros.files import Origin, Provenance
 from saddlering_ros.report.background import Background, RunQuality
 from saddlering_ros.report.reports import diagnosis_page
 from saddlering_ros.rig import CHANNELS, TONNE

@@ -9,8 +9,8 @@ import pytest
 from saddlering_ros.diagnosis.summary import document_text
 from saddlering_ros.identification.summary import parameter_words
 from saddlering_ros.live.answers import diagnosis_answer, identification_answer
+from saddlering_ros.quantities import VERDICT_WORDS
 from saddlering_ros.report import chapters
-from saddlering_ros.thresholds import VERDICT_WORDS
 
 OPEN = {'value': 1.27e8, 'unit': 'N/m^n', 'std': None, 'interval': None, 'pinned': False,
         'reason': 'the rollers may be unequal', 'at_bound': False}

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 import yaml
 
+from saddlering_ros.files import write_text
 from saddlering_ros.rig import (
     ContactParameters,
     parameters_from_mapping,
@@ -21,7 +22,6 @@ from saddlering_ros.rig import (
     RigError,
     TRUE_TO_SCALE,
     write_parameters,
-    write_text_atomically,
 )
 
 FULL = ParameterSet(
@@ -104,8 +104,8 @@ def test_contact_parameters_need_six_numbers() -> None:
 
 def test_writing_replaces_the_old_file_and_leaves_nothing_else_behind(tmp_path: Path) -> None:
     path = tmp_path / 'made' / 'p.yaml'
-    write_text_atomically(path, 'old')
-    write_text_atomically(path, 'new')
+    write_text(path, 'old')
+    write_text(path, 'new', RigError)
     assert path.read_text(encoding='utf-8') == 'new'
     assert os.listdir(path.parent) == ['p.yaml']
 
@@ -113,14 +113,14 @@ def test_writing_replaces_the_old_file_and_leaves_nothing_else_behind(tmp_path: 
 def test_a_write_that_fails_keeps_the_old_file_whole(
         tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = tmp_path / 'p.yaml'
-    write_text_atomically(path, 'old')
+    write_text(path, 'old')
 
     def refuse(source: str, target: str) -> None:
         raise OSError(28, 'No space left on device')
 
     monkeypatch.setattr(os, 'replace', refuse)
     with pytest.raises(RigError, match='No space left on device'):
-        write_text_atomically(path, 'new')
+        write_text(path, 'new', RigError)
     assert path.read_text(encoding='utf-8') == 'old'
     assert os.listdir(tmp_path) == ['p.yaml']
 
@@ -128,14 +128,14 @@ def test_a_write_that_fails_keeps_the_old_file_whole(
 def test_an_interrupted_write_keeps_the_old_file_whole(
         tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = tmp_path / 'p.yaml'
-    write_text_atomically(path, 'old')
+    write_text(path, 'old')
 
     def interrupt(source: str, target: str) -> None:
         raise KeyboardInterrupt
 
     monkeypatch.setattr(os, 'replace', interrupt)
     with pytest.raises(KeyboardInterrupt):
-        write_text_atomically(path, 'new')
+        write_text(path, 'new', RigError)
     assert path.read_text(encoding='utf-8') == 'old'
     assert os.listdir(tmp_path) == ['p.yaml']
 

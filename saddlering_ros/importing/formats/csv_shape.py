@@ -9,9 +9,9 @@ from pathlib import Path
 import re
 from typing import Any
 
+from saddlering_ros.errors import refuse_unknown_keys
 from saddlering_ros.importing.errors import ImportingError
 from saddlering_ros.importing.units import known_unit
-from saddlering_ros.suggestion import refuse_unknown_keys
 
 SNIFFED_BYTES = 1 << 18
 SNIFFED_LINES = 400
