@@ -16,7 +16,6 @@ import sys
 FOLDER = Path(__file__).parent
 SHORT: dict[str, tuple[str, ...]] = {
     'simulator': ('--quick',),
-    'small_damping': (),
     'bag_reading': ('--megabytes', '20'),
     'ros_load': ('--seconds', '10'),
     'throughput': ('--seconds', '5', '--rounds', '1'),
@@ -25,8 +24,6 @@ SHORT: dict[str, tuple[str, ...]] = {
     'long_bags': ('--minutes', '0.5', '1'),
     'sound_bags': ('--count', '40'),
     'logger_faults': ('--rounds', '1'),
-    'logger_faults_live': ('--rounds', '1'),
-    'logger_faults_nodes': ('--only', 'none', 'spike', 'lost', 'stamp'),
     'faults': ('--quick',),
     'identification': ('--quick',),
     'recovery': ('--quick',),
@@ -35,9 +32,8 @@ SHORT: dict[str, tuple[str, ...]] = {
     'fuzz': ('--quick',),
     'blind': ('--quick',),
 }
-USUAL = ('simulator', 'small_damping', 'bag_reading', 'ros_load', 'throughput', 'alarm',
-         'long_bags', 'sound_bags', 'logger_faults', 'logger_faults_live',
-         'logger_faults_nodes', 'faults')
+USUAL = ('simulator', 'bag_reading', 'ros_load', 'throughput', 'alarm', 'long_bags', 'sound_bags',
+         'logger_faults', 'faults')
 """Those that need no other package and no hour of their own."""
 
 
