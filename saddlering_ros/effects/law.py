@@ -175,7 +175,7 @@ def _choice(path: Path, document: Mapping[str, Any], key: str, allowed: tuple[st
 def _mapping(path: Path, document: Mapping[str, Any], key: str) -> Mapping[str, Any]:
     value = document.get(key)
     if not isinstance(value, Mapping):
-        raise EffectError(f'{path}: {key} is missing: see docs/own_effects.md for the fields')
+        raise EffectError(f'{path}: {key} is missing: see docs/effects.md for the fields')
     return value
 
 
