@@ -32,7 +32,7 @@ compliances inversely.
 ADDING = """\
 ## Adding an effect
 
-[Adding an effect](effects.md#effects-with-code) shows how to write the file of an effect. Simulator,
+[Adding an effect](effects.md#effects-with-code) shows how to write its file. Simulator,
 diagnosis, parameter files and this page find the file in the folder.
 """
 
