@@ -20,7 +20,7 @@ from launch_ros.substitutions import FindPackagePrefix, FindPackageShare
 
 from saddlering_ros.record.topics import TOPICS
 from saddlering_ros.rig import load_rig
-from saddlering_ros.rig.frames import frames_of
+from saddlering_ros.rig.geometry import frames_of
 from saddlering_ros.ros.registry import ACTION, ALARM, CLOCK, NODES, REPLAY, RING
 from saddlering_ros.ros.transport import packed_publication
 

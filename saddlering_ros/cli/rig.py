@@ -82,8 +82,7 @@ def run(args: argparse.Namespace) -> int:
 def _draft(args: argparse.Namespace, rig: Rig) -> tuple[Rig, list[Path]]:
     from saddlering_ros.files import write_text
     from saddlering_ros.rig import RigError
-    from saddlering_ros.rig.draft import draft_rig_file
-    from saddlering_ros.rig.drawing import save_drawing
+    from saddlering_ros.rig.drawing import draft_rig_file, save_drawing
 
     if args.draft.exists():
         raise RigError(f'{args.draft}: exists already, and a draft does not replace it: choose '

@@ -1,11 +1,5 @@
 """The description of a rig: geometry, loads, probes, contact parameters, and their files."""
 
-from saddlering_ros.rig.contact import (
-    ContactParameters,
-    PARAMETER_NAMES,
-    PARAMETER_UNITS,
-    TRUE_TO_SCALE,
-)
 from saddlering_ros.rig.description import (
     Carriage,
     check_bounds,
@@ -14,25 +8,14 @@ from saddlering_ros.rig.description import (
     OPPOSITE,
     Probes,
     Rig,
+    rig_digest,
     rig_from_parameters,
     RollerRow,
     shipped_rig_file,
+    short_digest,
     Trunnion,
 )
-from saddlering_ros.rig.digest import rig_digest, short_digest
-from saddlering_ros.rig.errors import RigError
-from saddlering_ros.rig.limits import LoadLimits
-from saddlering_ros.rig.loads import resolve_load, ResolvedLoad
-from saddlering_ros.rig.nominal import size_factor
-from saddlering_ros.rig.parameter_file import (
-    parameters_from_mapping,
-    parameters_to_mapping,
-    ParameterSet,
-    ParameterSource,
-    read_parameters,
-    write_parameters,
-)
-from saddlering_ros.rig.probes import (
+from saddlering_ros.rig.geometry import (
     CHANNELS,
     Displacement,
     displacement_to_probes,
@@ -40,8 +23,24 @@ from saddlering_ros.rig.probes import (
     measured_displacement,
     mirrored_gap,
     probes_to_displacement,
+    resolve_load,
+    ResolvedLoad,
+    size_factor,
     with_absent,
 )
+from saddlering_ros.rig.parameter_file import (
+    ContactParameters,
+    PARAMETER_NAMES,
+    PARAMETER_UNITS,
+    parameters_from_mapping,
+    parameters_to_mapping,
+    ParameterSet,
+    ParameterSource,
+    read_parameters,
+    TRUE_TO_SCALE,
+    write_parameters,
+)
+from saddlering_ros.rig.ros_yaml import RigError
 from saddlering_ros.rig.units import (
     force_decimals,
     force_range,
@@ -49,6 +48,7 @@ from saddlering_ros.rig.units import (
     force_words,
     FULL_SCALE_LOAD,
     line_contact_stiffness,
+    LoadLimits,
     MICRO_UNITS,
     stiffness_per_metre,
     stiffness_per_millimetre,

@@ -3,19 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
+import hashlib
 from importlib import resources
+import json
 import math
 from pathlib import Path
 from typing import Any
 
 from saddlering_ros.errors import did_you_mean, refuse_unknown_keys
 from saddlering_ros.quantities import compact
-from saddlering_ros.rig.contact import EXPONENTS, PARAMETER_NAMES
-from saddlering_ros.rig.digest import rig_digest
-from saddlering_ros.rig.errors import RigError
-from saddlering_ros.rig.limits import LoadLimits
-from saddlering_ros.rig.ros_yaml import check_sections, read_ros_parameters
+from saddlering_ros.rig.parameter_file import EXPONENTS, PARAMETER_NAMES
+from saddlering_ros.rig.ros_yaml import check_sections, read_ros_parameters, RigError
 from saddlering_ros.rig.units import (
     force_decimals,
     force_range,
@@ -23,6 +22,7 @@ from saddlering_ros.rig.units import (
     force_words,
     FULL_SCALE_LOAD,
     FULL_SCALE_TIME,
+    LoadLimits,
 )
 
 
@@ -145,7 +145,7 @@ class Rig:
 
     @property
     def digest(self) -> str:
-        """SHA-256 of the canonical description (saddlering_ros/rig/digest.py)."""
+        """SHA-256 of the canonical description (saddlering_ros/rig/description.py)."""
         return rig_digest(self)
 
 
@@ -350,3 +350,42 @@ def shipped_rig_file() -> Path | None:
     candidates += [parent / 'share' / 'saddlering_ros' / 'config' / 'rig.yaml'
                    for parent in package.parents]
     return next((path for path in candidates if path.is_file()), None)
+
+
+SHORT_DIGITS = 12
+"""Digits of the form for people."""
+
+NOT_OF_THE_RIG = ('bounds', 'force_unit', 'full_scale_time', 'absent')
+"""Fields of a Rig for identification, guarding and display, and the number of a probe that is
+absent. They are not part of the hash: the ring is the same."""
+
+FIELDS = {'middle_row': 'radial_row'}
+"""Fields of a Rig by the names of rig files where these differ; the hash is that of the files'."""
+
+NAMES_IN_FILES = {field: name for name, field in FIELDS.items()}
+
+
+def rig_digest(rig: Rig) -> str:
+    """SHA-256 of the rig's canonical description: its SI numbers as JSON, keys sorted.
+
+    Numbers are written with the fewest digits that give the same float, -0 as 0. Search
+    bounds, the limit of the guard and the unit of forces on screens are left out.
+    """
+    text = json.dumps(_canonical(asdict(rig)), sort_keys=True, separators=(',', ':'))
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def short_digest(digest: str) -> str:
+    """The first digits, for people: enough to distinguish the rigs of one firm."""
+    return digest[:SHORT_DIGITS]
+
+
+def _canonical(value: object) -> object:
+    if isinstance(value, dict):
+        return {NAMES_IN_FILES.get(key, key): _canonical(item) for key, item in value.items()
+                if key not in NOT_OF_THE_RIG}
+    if isinstance(value, (list, tuple)):
+        return [_canonical(item) for item in value]
+    if isinstance(value, (int, float)) and not isinstance(value, bool):
+        return float(value) + 0.0
+    return value

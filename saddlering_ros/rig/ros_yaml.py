@@ -1,4 +1,4 @@
-"""ROS 2 parameter files: the `/**: ros__parameters:` shape, read into a nested dictionary."""
+"""ROS 2 parameter files: the `/**: ros__parameters:` shape as a nested dictionary, or RigError."""
 
 from __future__ import annotations
 
@@ -109,3 +109,7 @@ def _number(value: Any) -> Any:
         return float(value)
     except ValueError:
         return value
+
+
+class RigError(SaddleringError):
+    """A rig or parameter file that cannot be used; one line: fault, place, remedy."""

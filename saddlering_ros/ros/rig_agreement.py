@@ -6,7 +6,7 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.node import Node
 
 from saddlering_ros.rig import Rig
-from saddlering_ros.rig.digest import short_digest
+from saddlering_ros.rig.description import short_digest
 from saddlering_ros.ros.diagnostics import ERROR, Finding, OK
 from saddlering_ros.ros.names import RIG
 from saddlering_ros.ros.qos import LATCHED, LATCHED_BY_SEVERAL

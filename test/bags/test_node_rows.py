@@ -26,7 +26,7 @@ from saddlering_ros.rig import (
     TRUE_TO_SCALE,
     write_parameters,
 )
-from saddlering_ros.rig.errors import RigError
+from saddlering_ros.rig.ros_yaml import RigError
 from saddlering_ros.streams.batches import join
 from saddlering_ros.streams.displacement import DisplacementStream
 from saddlering_ros.streams.simulation import SimulationStream

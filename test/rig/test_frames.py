@@ -9,8 +9,7 @@ import pytest
 
 from saddlering_ros.record.topics import LOAD, PROBES
 from saddlering_ros.rig import default_rig, resolve_load
-from saddlering_ros.rig.frames import frames_of
-from saddlering_ros.rig.probes import Displacement, displacement_to_probes
+from saddlering_ros.rig.geometry import Displacement, displacement_to_probes, frames_of
 
 RIG = replace(default_rig(), probes=replace(
     default_rig().probes, radial_height=0.05, polarity=(1.0, -1.0, -1.0, 1.0)))

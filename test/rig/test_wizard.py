@@ -12,8 +12,7 @@ from saddlering_ros.bags import read_raw, read_run
 from saddlering_ros.bags.rig_check import check_rig
 from saddlering_ros.cli.main import main
 from saddlering_ros.rig import default_rig, load_rig, Rig, RigError
-from saddlering_ros.rig.draft import draft_rig_file, ENTRIES
-from saddlering_ros.rig.drawing import drawing_svg, save_drawing
+from saddlering_ros.rig.drawing import draft_rig_file, drawing_svg, ENTRIES, save_drawing
 
 RIG = default_rig()
 BAG = Path(__file__).resolve().parents[2] / 'bags' / 'static_70'
