@@ -1,4 +1,4 @@
-"""The rig: rollers, carriage, trunnion, probes, preload; read from a parameter file."""
+"""The rig: rollers, carriage, trunnion, probes, preload; its file, and the hash of it."""
 
 from __future__ import annotations
 
@@ -145,7 +145,7 @@ class Rig:
 
     @property
     def digest(self) -> str:
-        """SHA-256 of the canonical description (saddlering_ros/rig/description.py)."""
+        """SHA-256 of the canonical description (rig_digest)."""
         return rig_digest(self)
 
 

@@ -1,4 +1,4 @@
-"""A drawing of a rig in the plane of the load: probes 1 to 4, signs, load, dimensions."""
+"""The drawing of a rig in the plane of the load, and the draft of a commented rig file."""
 
 from __future__ import annotations
 

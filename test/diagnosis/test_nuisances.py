@@ -12,7 +12,7 @@ from saddlering_ros.diagnosis.records import build_record
 from saddlering_ros.diagnosis.ring_system import CURVATURE, LOAD_WANDER, MAX_STEEP, RingSystem
 from saddlering_ros.discrepancy import Point, RunBlocks
 from saddlering_ros.effects import FOLDER_VARIABLE
-from saddlering_ros.rig import default_rig, limits, TRUE_TO_SCALE
+from saddlering_ros.rig import default_rig, TRUE_TO_SCALE, units
 from saddlering_ros.ring.roller_scatter import CLEARANCE_UNKNOWN, scatter_columns, SimulatedCourse
 
 BASE = TRUE_TO_SCALE.to_array()
@@ -79,7 +79,7 @@ def test_holds_in_the_play_of_the_ring_are_left_out(campaign, monkeypatch):
     rig = default_rig()
     run = read_run(next(bag for bag in campaign() if bag.name == 'static_50'))
     usual = build_record(rig, run, held_out=False).run
-    monkeypatch.setattr(limits, 'HOLD_SHARE', 0.3)
+    monkeypatch.setattr(units, 'HOLD_SHARE', 0.3)
     fewer = build_record(rig, run, held_out=False).run
     kept = usual.inputs['load'] > 0.3 * rig.full_scale_load
     assert 0 < kept.sum() < kept.size
