@@ -9,7 +9,7 @@ PACKAGE = 'saddlering_ros'
 HERE = Path(__file__).resolve().parent
 
 sys.path.insert(0, str(HERE))
-from saddlering_ros.ros.registry import NODES  # noqa: E402  (imports nothing but the standard library)
+from saddlering_ros.ros.names import NODES  # noqa: E402  (imports nothing but the standard library)
 
 
 def shared_files(folder):

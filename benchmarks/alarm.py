@@ -40,8 +40,7 @@ from saddlering_ros.monitoring import (
     threshold_of,
     watch,
 )
-from saddlering_ros.monitoring.blocks import SINCE_ZERO, wander_limit
-from saddlering_ros.monitoring.detector import MAX_BEYOND, SIZES
+from saddlering_ros.monitoring.detector import MAX_BEYOND, SINCE_ZERO, SIZES, wander_limit
 from saddlering_ros.rig import default_rig, ParameterSet
 from saddlering_ros.virtual_rig import (
     dynamic_schedule,

@@ -40,10 +40,9 @@ from saddlering_ros.record.topics import LOAD, PROBES
 from saddlering_ros.rig import default_rig, ParameterSet, TRUE_TO_SCALE
 from saddlering_ros.ring import simulate
 from saddlering_ros.ros.launcher import ACTION_NODES, NodeGroup, RING_NODES, start_nodes
-from saddlering_ros.ros.lockstep import to_stamp
+from saddlering_ros.ros.messages import to_stamp
 from saddlering_ros.ros.names import PROGRESS
-from saddlering_ros.ros.raw_topics import RawPublisher, RawSubscription
-from saddlering_ros.ros.spin import DataWait
+from saddlering_ros.ros.raw_topics import DataWait, RawPublisher, RawSubscription
 from saddlering_ros.streams import batches
 
 RATE = 1000.0

@@ -14,7 +14,7 @@ import re
 import saddlering_ros
 from saddlering_ros.cli.main import build_parser
 from saddlering_ros.record.topics import TOPICS as RIG
-from saddlering_ros.ros.registry import names
+from saddlering_ros.ros.names import names
 
 ROOT = Path(__file__).resolve().parent.parent
 INTERFACES = ROOT / 'saddlering_interfaces'

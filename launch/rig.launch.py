@@ -21,8 +21,8 @@ from launch_ros.substitutions import FindPackagePrefix, FindPackageShare
 from saddlering_ros.record.topics import TOPICS
 from saddlering_ros.rig import load_rig
 from saddlering_ros.rig.geometry import frames_of
-from saddlering_ros.ros.registry import ACTION, ALARM, CLOCK, NODES, REPLAY, RING
-from saddlering_ros.ros.transport import packed_publication
+from saddlering_ros.ros.launcher import packed_publication
+from saddlering_ros.ros.names import ACTION, ALARM, NODES, REPLAY, RING, TIME
 
 PACKAGE = 'saddlering_ros'
 
@@ -85,7 +85,7 @@ def start_nodes(context):
     if given['servers'] == 'true':
         kinds.append(ACTION)
     if given['replay'] == 'true' or (not given['replay'] and given['bag']):
-        kinds += [REPLAY, CLOCK]
+        kinds += [REPLAY, TIME]
     common = {
         'namespace': namespace, 'output': 'screen', 'respawn': given['respawn'] == 'true',
         'arguments': ['--ros-args', '--log-level', given['log_level']],
@@ -123,7 +123,7 @@ def parameters_by_kind(given):
         'bag_root': as_path(given['bag_root']) or (str(Path(bag).parent) if bag else ''),
         'parameters_root': as_path(given['parameters_root']),
     }
-    return {ACTION: [every, roots], CLOCK: [every, replay, clock], REPLAY: [every, replay],
+    return {ACTION: [every, roots], TIME: [every, replay, clock], REPLAY: [every, replay],
             RING: [every, autostart, sim_time], ALARM: [every, autostart, sim_time]}
 
 

@@ -25,7 +25,7 @@ import traceback
 import types
 from typing import Any
 
-from saddlering_ros.ros.lifeline import LIFELINE
+from saddlering_ros.ros.launcher import LIFELINE
 
 PREFIX = 'saddlering_ros.nodes.'
 NEEDED_BY_WORKERS = ('saddlering_ros.api.functions', 'saddlering_ros.jobs.worker')
@@ -129,7 +129,7 @@ class ForkedNode:
 def serve(pipe: socket.socket) -> None:
     """Import all nodes, then fork and report until the tests are gone."""
     from saddlering_ros.ring.warm import warm
-    from saddlering_ros.ros.registry import NODES
+    from saddlering_ros.ros.names import NODES
     for module in (*(node.module for node in NODES), *NEEDED_BY_WORKERS):
         importlib.import_module(module)
     warm()
@@ -199,7 +199,7 @@ def _forked(question: dict[str, Any], files: Sequence[int], pipe: socket.socket)
 
 def _become(question: dict[str, Any], output: int, lifeline: int) -> None:
     """Be what `python -m MODULE WORDS` would be."""
-    from saddlering_ros.ros.starting import end_at_once
+    from saddlering_ros.ros.launcher import end_at_once
     os.dup2(output, 1)
     os.dup2(output, 2)
     os.close(output)

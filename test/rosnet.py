@@ -24,8 +24,7 @@ from saddlering_interfaces.msg import ReplayProgress, RingDisplacement
 from saddlering_ros.record import LOAD_TOPIC, PROBE_TOPICS
 from saddlering_ros.record.topics import LOAD, PROBES
 from saddlering_ros.ros.names import PROGRESS
-from saddlering_ros.ros.qos import stream_qos
-from saddlering_ros.ros.raw_topics import RawPublisher, RawSubscription
+from saddlering_ros.ros.raw_topics import RawPublisher, RawSubscription, stream_qos
 from saddlering_ros.streams import batches
 
 OUTPUTS = ('/ring/displacement', '/ring/simulated_displacement', '/ring/residual')

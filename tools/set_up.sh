@@ -196,7 +196,7 @@ shared_files() {
 install_package() {
   local wanted program shared
   wanted=$({ digest_of_files setup.py setup.cfg package.xml resource requirements/*.in \
-      saddlering_ros/ros/registry.py; shared_files; } | digest "$environment")
+      saddlering_ros/ros/names.py; shared_files; } | digest "$environment")
   done_already package "$wanted" && return
   echo 'set-up: installing saddlering_ros'
   quietly 'installing saddlering_ros' install --no-build-isolation --editable .

@@ -16,8 +16,7 @@ import numpy as np
 
 from saddlering_ros.record import LOAD_TOPIC, PROBE_TOPICS
 from saddlering_ros.record.topics import LOAD, PROBES
-from saddlering_ros.ros.qos import stream_qos
-from saddlering_ros.ros.raw_topics import RawPublisher
+from saddlering_ros.ros.raw_topics import RawPublisher, stream_qos
 from saddlering_ros.streams import batches
 
 from .disks import slow_disk_library
@@ -66,7 +65,7 @@ def stall_a_subscriber(one: Stage) -> None:
     code = ('import rclpy, sys, time\n'
             'from saddlering_interfaces.msg import RingDisplacement\n'
             'from geometry_msgs.msg import WrenchStamped\n'
-            'from saddlering_ros.ros.qos import stream_qos\n'
+            'from saddlering_ros.ros.raw_topics import stream_qos\n'
             'rclpy.init(); node = rclpy.create_node("stalled")\n'
             'for topic, kind in (("/ring/displacement", RingDisplacement), '
             '("/ring/residual", RingDisplacement), ("/rig/hydraulic_load", WrenchStamped)):\n'

@@ -44,7 +44,7 @@ def marked() -> list[str]:
 
 def clean() -> list[str]:
     """What is left over: processes; files of dead processes that a start does not remove."""
-    from saddlering_ros.ros.shared_memory import sweep
+    from saddlering_ros.ros.launcher import sweep
     deadline = time.monotonic() + 5.0
     while marked() and time.monotonic() < deadline:
         time.sleep(0.1)

@@ -46,8 +46,8 @@ def run(args: argparse.Namespace) -> int:
     from saddlering_ros.record import BagError
     from saddlering_ros.rig import load_rig
     from saddlering_ros.ros.driver_listener import listen
+    from saddlering_ros.ros.launcher import prepare_transport
     from saddlering_ros.ros.names import namespace_of
-    from saddlering_ros.ros.transport import prepare_transport
     from saddlering_ros.streams.driver_check import check_driver, faults
 
     if not 0.5 <= args.seconds <= 3600.0:

@@ -51,8 +51,8 @@ def run(args: argparse.Namespace) -> int:
     from saddlering_ros.live.server import address, serve
     from saddlering_ros.live.watcher import Watcher
     from saddlering_ros.rig import load_rig
+    from saddlering_ros.ros.launcher import prepare_transport
     from saddlering_ros.ros.names import namespace_of
-    from saddlering_ros.ros.transport import prepare_transport
 
     if not 0 <= args.port <= 65535:
         raise LiveError(f'--port {args.port}: give 0 to 65535')

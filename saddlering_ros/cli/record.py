@@ -49,8 +49,8 @@ def run(args: argparse.Namespace) -> int:
 
     from saddlering_ros.live.recorder import recording
     from saddlering_ros.record import BagError
+    from saddlering_ros.ros.launcher import prepare_transport
     from saddlering_ros.ros.names import namespace_of
-    from saddlering_ros.ros.transport import prepare_transport
 
     facts = facts_of(args)
     if args.duration is not None and not 0.0 < args.duration < 1e6:

@@ -72,9 +72,8 @@ def run(args: argparse.Namespace) -> int:
     from saddlering_ros.bags import read_raw
     from saddlering_ros.bags.reader import absent_topic
     from saddlering_ros.rig import load_rig, read_parameters
-    from saddlering_ros.ros.errors import NodeError
     from saddlering_ros.ros.launcher import ALARM_NODES, REPLAY_NODES, RING_NODES, start_nodes
-    from saddlering_ros.ros.names import namespace_of
+    from saddlering_ros.ros.names import namespace_of, NodeError
 
     rig, bag = load_rig(args.rig), Path(args.bag)
     record = read_raw(bag, rig=rig)
@@ -130,8 +129,8 @@ def _wait(group: Any, deadline: float, seconds: float | None) -> None:
     import time
 
     from saddlering_ros.cli._terminal import Bar
-    from saddlering_ros.ros.errors import NodeError
     from saddlering_ros.ros.launcher import last_line
+    from saddlering_ros.ros.names import NodeError
 
     began, told = time.monotonic(), ''
     clock = group.processes['replay_clock']
@@ -163,7 +162,7 @@ def _wait(group: Any, deadline: float, seconds: float | None) -> None:
 
 def _check_all_run(group: Any) -> None:
     """NodeError if a node ended before the clock did."""
-    from saddlering_ros.ros.errors import NodeError
+    from saddlering_ros.ros.names import NodeError
 
     gone = [name for name, node in group.processes.items() if not node.running]
     if gone and group.processes['replay_clock'].running:
@@ -174,7 +173,7 @@ def _wait_for_all(recorder: Any, sent: dict[str, int]) -> None:
     """Wait until the recorder has every sample of every topic; NodeError if some do not come."""
     import time
 
-    from saddlering_ros.ros.errors import NodeError
+    from saddlering_ros.ros.names import NodeError
 
     deadline = time.monotonic() + LAST_MESSAGES
     while recorder.missing(sent):
@@ -199,8 +198,8 @@ def _recording(args: argparse.Namespace, facts: Any, domain: int) -> Any:
 
     from saddlering_ros.live.recorder import recording
     from saddlering_ros.record import TestMetadata
+    from saddlering_ros.ros.launcher import prepare_transport
     from saddlering_ros.ros.names import namespace_of
-    from saddlering_ros.ros.transport import prepare_transport
 
     os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
     prepare_transport()

@@ -141,7 +141,7 @@ def _alarm_document(monitor: Monitor, origin: int) -> dict[str, Any] | None:
 
 
 def _words(monitor: Monitor, origin: int) -> str:
-    from saddlering_ros.monitoring.wording import alarm_words
+    from saddlering_ros.monitoring.monitor import alarm_words
 
     if monitor.alarm is None:
         return f'no alarm in {monitor.seconds:.1f} s'

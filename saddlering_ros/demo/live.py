@@ -29,10 +29,9 @@ from saddlering_ros.demo.errors import DemoError
 from saddlering_ros.demo.recorder import DemoRecorder, ReplayRecording
 from saddlering_ros.demo.recorder import NAME as RECORDER
 from saddlering_ros.ros.launcher import last_line, NodeGroup, REPLAY_NODES, RING_NODES
-from saddlering_ros.ros.lockstep import to_stamp
+from saddlering_ros.ros.messages import to_stamp
 from saddlering_ros.ros.names import DIAGNOSE, DIAGNOSTICS, IDENTIFY, STATE
-from saddlering_ros.ros.qos import LATCHED
-from saddlering_ros.ros.spin import spin_streaming
+from saddlering_ros.ros.raw_topics import LATCHED, spin_streaming
 
 SWITCHED = (*REPLAY_NODES, 'replay_clock')
 """Nodes that are given the next bag, the clock last: it starts the replay."""

@@ -24,7 +24,7 @@ from saddlering_ros.quantities import percent
 from saddlering_ros.record import Record
 from saddlering_ros.report.curves import RunCurves
 from saddlering_ros.rig import default_rig, ParameterSet, Rig, write_parameters
-from saddlering_ros.ros.conversions import parameters_from_message
+from saddlering_ros.ros.messages import parameters_from_message
 
 STEPS = 8
 

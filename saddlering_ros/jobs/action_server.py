@@ -23,15 +23,27 @@ from saddlering_ros.files import share_directory
 from saddlering_ros.jobs.worker import CANCELED, DONE, FAILED, Outcome, REFUSED, Worker
 from saddlering_ros.progress import Progress
 from saddlering_ros.rig import ParameterSet, Rig
-from saddlering_ros.ros.conversions import parameters_to_message
 from saddlering_ros.ros.diagnostics import ERROR, Finding, OK, to_message
-from saddlering_ros.ros.errors import NodeError
-from saddlering_ros.ros.names import diagnostic_name, DIAGNOSTICS, PARAMETERS_IN_FORCE, rig_name
-from saddlering_ros.ros.parameters import declare, declare_rig, HARDWARE_ID, NodeParameter
-from saddlering_ros.ros.qos import LATCHED, MANY_REQUESTS
-from saddlering_ros.ros.rig_agreement import RigAgreement
-from saddlering_ros.ros.roots import bag_below, below, root_folder
-from saddlering_ros.ros.run import run
+from saddlering_ros.ros.messages import parameters_to_message
+from saddlering_ros.ros.names import (
+    diagnostic_name,
+    DIAGNOSTICS,
+    NodeError,
+    PARAMETERS_IN_FORCE,
+    rig_name,
+)
+from saddlering_ros.ros.parameters import (
+    bag_below,
+    below,
+    declare,
+    declare_rig,
+    HARDWARE_ID,
+    NodeParameter,
+    root_folder,
+)
+from saddlering_ros.ros.raw_topics import LATCHED, MANY_REQUESTS
+from saddlering_ros.ros.rig_state import RigAgreement
+from saddlering_ros.ros.streaming_node import run
 
 MAX_BAGS = 100
 """Bags of one goal."""

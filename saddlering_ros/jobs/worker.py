@@ -24,7 +24,7 @@ from typing import Any
 from saddlering_ros.errors import SaddleringError
 from saddlering_ros.jobs.plain_data import PlainDataError, ValueSocket
 from saddlering_ros.progress import Cancelled, IsCancelled, OnProgress
-from saddlering_ros.ros.lifeline import follow_lifeline, LIFELINE
+from saddlering_ros.ros.launcher import follow_lifeline, LIFELINE
 
 POLL = 0.02
 """Period at which `is_cancelled` is asked while a job runs [s]."""

@@ -7,7 +7,7 @@ from typing import Any
 
 from saddlering_interfaces.msg import RingAlarm
 from saddlering_ros.quantities import signed
-from saddlering_ros.ros.lockstep import to_stamp
+from saddlering_ros.ros.messages import to_stamp
 
 STATES = {RingAlarm.WAITING: 'waiting', RingAlarm.LEARNING: 'learning',
           RingAlarm.WATCHING: 'watching', RingAlarm.ALARM: 'alarm'}

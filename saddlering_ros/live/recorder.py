@@ -38,9 +38,13 @@ from saddlering_ros.ros.names import (
     WITHIN_LIMITS,
     ZERO,
 )
-from saddlering_ros.ros.qos import LATCHED_BY_SEVERAL, stream_qos
-from saddlering_ros.ros.raw_topics import message_class, RawSubscription
-from saddlering_ros.ros.spin import spin_streaming
+from saddlering_ros.ros.raw_topics import (
+    LATCHED_BY_SEVERAL,
+    message_class,
+    RawSubscription,
+    spin_streaming,
+    stream_qos,
+)
 from saddlering_ros.ros.streaming_node import StreamingNode
 
 NAME = 'saddlering_recorder'

@@ -41,8 +41,7 @@ from saddlering_ros.rig import (
     PARAMETER_UNITS,
     stiffness_per_millimetre,
 )
-from saddlering_ros.ros.conversions import parameters_from_message
-from saddlering_ros.ros.lockstep import to_stamp
+from saddlering_ros.ros.messages import parameters_from_message, to_stamp
 from saddlering_ros.ros.names import (
     DIAGNOSE,
     DIAGNOSTICS,
@@ -54,8 +53,7 @@ from saddlering_ros.ros.names import (
     SIMULATED,
     STATE,
 )
-from saddlering_ros.ros.qos import LATCHED, LATCHED_BY_SEVERAL
-from saddlering_ros.ros.raw_topics import RawSubscription
+from saddlering_ros.ros.raw_topics import LATCHED, LATCHED_BY_SEVERAL, RawSubscription
 from saddlering_ros.streams import batches
 
 NAME = 'saddlering_live'

@@ -1,14 +1,18 @@
 """Whether a ring still behaves as its model while the test runs: innovations and an alarm."""
 
-from saddlering_ros.monitoring.blocks import BlockWatch
-from saddlering_ros.monitoring.cause import first_guess, FIRST_GUESSES
-from saddlering_ros.monitoring.detector import Alarm, Detector, threshold_of
-from saddlering_ros.monitoring.errors import MonitoringError
-from saddlering_ros.monitoring.innovations import block_noise, BlockNoise, ChannelInnovations
-from saddlering_ros.monitoring.instruments import assumed_noise, least_wander
-from saddlering_ros.monitoring.materiality import materiality
+from saddlering_ros.monitoring.detector import (
+    Alarm,
+    block_noise,
+    BlockNoise,
+    BlockWatch,
+    ChannelInnovations,
+    Detector,
+    threshold_of,
+)
 from saddlering_ros.monitoring.monitor import (
     ALARM,
+    first_guess,
+    FIRST_GUESSES,
     Lapse,
     LEARNING,
     Monitor,
@@ -19,7 +23,14 @@ from saddlering_ros.monitoring.monitor import (
     watch,
     WATCHING,
 )
-from saddlering_ros.monitoring.rest import RestLearner, RestNoise
+from saddlering_ros.monitoring.noise import (
+    assumed_noise,
+    least_wander,
+    materiality,
+    MonitoringError,
+    RestLearner,
+    RestNoise,
+)
 
 __all__ = [
     'ALARM',

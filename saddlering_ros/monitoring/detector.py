@@ -1,19 +1,39 @@
-"""An alarm with a bounded rate: on average at most one false alarm in a given number of blocks.
+"""Evidence, from block means, that a residual has left its materiality, at a bounded rate.
 
-A mixture Shiryaev-Roberts e-detector (Shin, Ramdas and Rinaldo, N. Engl. J. Stat. Data Sci. 2
-(2024) 229). For a mean of at most m in units of the noise, exp(l (x - m) - l^2 / 2) has a mean of
-at most 1 for every l > 0. The sum over all possible onsets is R' = (R + 1) exp(...). Its mean is
-at most the number of blocks. The mean time to a false alarm at R >= A is therefore at least A
-blocks. A mixture of l finds small and large changes; both signs of every channel share A.
+Each channel is looked at in two ways, and either may raise the alarm.
+
+- Its innovation. If the residual stays within materiality m, however it moves there, the mean of
+  an innovation is at most (1 + response) m, as the filter predicts at most response * m. The zero
+  was read with the wander of its moment, which stays in the residual. Where m is small against
+  the noise, this finds the smallest changes.
+- Its level. The wander of the noise, that of the zero included, is counted to what is allowed, as
+  far as it goes once in ten times the hours of a false alarm; the rest of the noise is white.
+  Where m is large against the noise, this finds a residual just beyond m.
+
+A mean of e-processes is one, so the promise of the detector holds for both together: on average at
+most one false alarm in a given number of blocks.
+
+The detector is a mixture Shiryaev-Roberts e-detector (Shin, Ramdas and Rinaldo, N. Engl. J. Stat.
+Data Sci. 2 (2024) 229). For a mean of at most m in units of the noise, exp(l (x - m) - l^2 / 2)
+has a mean of at most 1 for every l > 0. The sum over all possible onsets is R' = (R + 1) exp(...).
+Its mean is at most the number of blocks. The mean time to a false alarm at R >= A is therefore at
+least A blocks. A mixture of l finds small and large changes; both signs of every channel share A.
+
+The noise of a probe is white noise and a slow wander. Means over a block have the covariance of an
+AR(1) process and white noise; a scalar Kalman filter turns them into innovations of unit variance
+(R. E. Kalman, J. Basic Eng. 82 (1960) 35).
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 import math
 
 import numpy as np
 from numpy.typing import NDArray
+
+from saddlering_ros.estimation.process import ChannelNoise
 
 Array = NDArray[np.float64]
 
@@ -90,3 +110,158 @@ class Detector:
         return Alarm(
             self.block - 1, place % self._channels, 1 if place < self._channels else -1,
             int(self._since[place, best]), float(evidence.flat[place]))
+
+
+WANDER_SHARE = 0.1
+"""Share of the false alarms that the wander of the noise may cause."""
+
+SINCE_ZERO = math.sqrt(2.0)
+"""A level counts from a zero that has a wander of its own: their difference goes this further."""
+
+NOISE_BLOCKS = 500
+"""Blocks over which the noise of the moment is compared with that of the rest."""
+
+MIN_NOISE_BLOCKS = 200
+MAX_NOISE_RATIO = 2.0
+"""A variance of the noise that has grown by more no longer supports the promise."""
+
+MAX_STEP = 5.0
+"""A step of the residual counts no more than this in the noise of the moment."""
+
+
+class BlockWatch:
+    """Watches the means of C channels over blocks of `block` seconds."""
+
+    def __init__(
+        self, noise: Sequence[BlockNoise], block: float, false_alarm_hours: float
+    ) -> None:
+        self._channels = len(noise)
+        self._whiteners = [ChannelInnovations(item) for item in noise]
+        self._white = np.sqrt([item.white for item in noise])
+        self._wander = np.array([
+            wander_limit(item, block, false_alarm_hours, self._channels) for item in noise])
+        self.detector = Detector(2 * self._channels, threshold_of(false_alarm_hours, block))
+        self._forget_noise()
+
+    def reset(self) -> None:
+        """Begin anew, without the past."""
+        for whitener in self._whiteners:
+            whitener.reset()
+        self.detector.reset()
+        self._forget_noise()
+
+    def _forget_noise(self) -> None:
+        self._before = np.full(self._channels, np.nan)
+        self._ratio, self._blocks = np.ones(self._channels), 0
+
+    @property
+    def noise_grew(self) -> bool:
+        """Whether the noise of some channel is far larger than it was at rest."""
+        return self._blocks >= MIN_NOISE_BLOCKS and bool(
+            self._ratio.max() > MAX_NOISE_RATIO)
+
+    def step(self, means: Array, materiality: Array) -> Alarm | None:
+        """Take the means (C,) of one block; NaN where a channel is not known."""
+        count = self._channels
+        values, bounds = np.full(2 * count, np.nan), np.zeros(2 * count)
+        for place, (whitener, mean) in enumerate(
+                zip(self._whiteners, means.tolist(), strict=True)):
+            if not math.isfinite(mean):
+                whitener.reset()
+                continue
+            bound = ((1.0 + whitener.response) * materiality[place]
+                     + (1.0 - whitener.response) * self._wander[place])
+            values[place], scale = whitener.step(mean)
+            bounds[place] = bound / scale
+        values[count:] = means / self._white
+        bounds[count:] = (materiality + SINCE_ZERO * self._wander) / self._white
+        self._compare_noise(values[:count])
+        alarm = self.detector.step(values, bounds)
+        if alarm is None:
+            return None
+        return Alarm(alarm.block, alarm.channel % count, alarm.sign, alarm.since, alarm.evidence)
+
+    def _compare_noise(self, innovations: Array) -> None:
+        """Follow the variance of the innovations by their differences, which no level moves."""
+        step = np.clip(innovations - self._before, -MAX_STEP, MAX_STEP)
+        self._before = innovations
+        self._blocks += 1
+        share = 1.0 / min(self._blocks, NOISE_BLOCKS)
+        known = np.isfinite(step)
+        self._ratio[known] += share * (0.5 * step[known]**2 - self._ratio[known])
+
+
+def wander_limit(
+    noise: BlockNoise, block: float, false_alarm_hours: float, channels: int
+) -> float:
+    """How far the wander of a channel goes once in WANDER_SHARE of the false alarms [its unit].
+
+    A Gaussian AR(1) process of time constant T leaves +-z standard deviations about
+    2 z phi(z) / T times a second, phi the density of the normal distribution.
+    """
+    if noise.wander <= 0.0 or noise.memory <= 0.0:
+        return 0.0
+    times = 3600.0 * false_alarm_hours * -math.log(noise.memory) / block
+    allowed = WANDER_SHARE / (2.0 * channels * max(times, 1.0))
+    low, high = 1.0, 40.0
+    for _ in range(60):
+        z = 0.5 * (low + high)
+        rate = z * math.exp(-0.5 * z * z) / math.sqrt(2.0 * math.pi)
+        low, high = (z, high) if rate > allowed else (low, z)
+    return high * math.sqrt(noise.wander)
+
+
+@dataclass(frozen=True)
+class BlockNoise:
+    """Noise of the means of one channel over blocks: white and wandering variance, memory.
+
+    memory: correlation of the wandering part from one block to the next.
+    """
+
+    white: float
+    wander: float
+    memory: float
+
+    def inflated(self, factor: float) -> BlockNoise:
+        """The same noise with its standard deviations `factor` times as large."""
+        return BlockNoise(factor**2 * self.white, factor**2 * self.wander, self.memory)
+
+
+def block_noise(noise: ChannelNoise, step: float) -> BlockNoise:
+    """Noise of means over blocks of `step` [s], by their covariances at lags of 0 to 2 blocks."""
+    covariance = noise.covariance(step * np.arange(3.0), np.full(3, step))
+    here, near, far = (float(value) for value in covariance[0])
+    if near <= 0.0 or far <= 0.0:
+        return BlockNoise(here, 0.0, 0.0)
+    memory = min(far / near, 0.9999)
+    wander = min(near / memory, here)
+    return BlockNoise(max(here - wander, 1e-6 * here), wander, memory)
+
+
+class ChannelInnovations:
+    """Innovations of one channel, block by block.
+
+    `response` is the prediction of the filter next had every mean so far been 1, the noise apart:
+    means that stay within m of nought have innovations within (1 + response) m.
+    """
+
+    def __init__(self, noise: BlockNoise) -> None:
+        self._noise = noise
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the past: the zero was renewed, or samples are missing."""
+        self._wander, self._variance = 0.0, self._noise.wander
+        self.response = 0.0
+
+    def step(self, value: float) -> tuple[float, float]:
+        """The innovation of a block's mean in standard deviations, and that deviation."""
+        noise = self._noise
+        scale = math.sqrt(self._variance + noise.white)
+        surprise = value - self._wander
+        gain = self._variance / (scale * scale)
+        wander, variance = self._wander + gain * surprise, (1.0 - gain) * self._variance
+        self._wander = noise.memory * wander
+        self._variance = noise.memory**2 * variance + (1.0 - noise.memory**2) * noise.wander
+        self.response = noise.memory * (self.response + gain * (1.0 - self.response))
+        return surprise / scale, scale

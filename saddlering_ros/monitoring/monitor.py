@@ -1,4 +1,7 @@
-"""A residual watched sample by sample; live and offline are the same steps, bit for bit."""
+"""A residual watched sample by sample; live and offline are the same steps, bit for bit.
+
+An alarm has a first guess at its cause, and a line in words.
+"""
 
 from __future__ import annotations
 
@@ -9,12 +12,16 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from saddlering_ros.monitoring.blocks import BlockWatch
-from saddlering_ros.monitoring.cause import first_guess, FIRST_GUESSES
-from saddlering_ros.monitoring.detector import Alarm
-from saddlering_ros.monitoring.errors import MonitoringError
-from saddlering_ros.monitoring.instruments import assumed_noise
-from saddlering_ros.monitoring.rest import RestLearner, RestNoise, SECOND, UNKNOWN
+from saddlering_ros.monitoring.detector import Alarm, BlockWatch
+from saddlering_ros.monitoring.noise import (
+    assumed_noise,
+    MonitoringError,
+    RestLearner,
+    RestNoise,
+    SECOND,
+    UNKNOWN,
+)
+from saddlering_ros.quantities import quantity, signed
 
 Array = NDArray[np.float64]
 
@@ -366,3 +373,91 @@ def watch(monitor: Monitor, samples: Iterable[Sample]) -> Monitor:
     for sample in samples:
         monitor.step(sample)
     return monitor
+
+
+FIRST_GUESSES = {
+    'load': 'stiffness or exponent of a contact row, geometry, or the gain of a probe or of the '
+            'load cell',
+    'rate': 'damping, or a delay between load and probes',
+    'direction': 'friction or play in a row, or hysteresis of the load cell',
+    'time': 'drift of a probe, of the temperature or of the load cell',
+    'offset': 'a probe that slipped or was touched, or a zero that was not at rest',
+    'one direction': 'friction or play in a row, hysteresis of the load cell, or a probe that '
+                     'slipped: the load has moved in one direction only since then',
+    'unclear': 'none of load, rate, direction and time alone: record the test and run '
+               '`saddlering diagnose`',
+}
+"""Frequent causes of a residual that follows each of these."""
+
+MIN_BLOCKS = 10
+STEADY_SHARE = 0.35
+"""A residual whose scatter is below this share of its mean is an offset."""
+
+ONE_WAY = 0.9
+"""Mean direction (-1 to 1) of a load from which on it moves in one direction only."""
+
+MIN_CORRELATION = 0.5
+SPAN = 2
+"""Blocks to either side over which the rate of the load is taken."""
+
+
+def first_guess(residual: Array, load: Array, time: Array, rest_band: float) -> str:
+    """Which key of FIRST_GUESSES the residual (N,) follows; '' if it is too short for a guess.
+
+    load (N,) [N]; time (N,) [s]; rest_band [N]: the load has no direction while it moves by less.
+    """
+    if residual.size < MIN_BLOCKS:
+        return ''
+    change = np.zeros_like(load)
+    change[SPAN:-SPAN] = load[2 * SPAN:] - load[:-2 * SPAN]
+    change[:SPAN], change[-SPAN:] = change[SPAN], change[-SPAN - 1]
+    direction = np.where(np.abs(change) > rest_band, np.sign(change), 0.0)
+    if residual.std() < STEADY_SHARE * abs(residual.mean()):
+        # Friction after the load has turned is an offset too, until the load turns again.
+        return 'one direction' if abs(direction.mean()) > ONE_WAY else 'offset'
+    regressors = {'load': load, 'rate': change, 'direction': direction, 'time': time}
+    strength = {
+        name: abs(float(np.corrcoef(residual, values)[0, 1]))
+        for name, values in regressors.items() if np.ptp(values) > 0.0}
+    best = max(strength, key=lambda name: strength[name], default='unclear')
+    return best if strength.get(best, 0.0) > MIN_CORRELATION else 'unclear'
+
+
+_FOLLOWS = {
+    'load': 'the difference follows the load', 'time': 'the difference follows time',
+    'rate': 'the difference follows the rate of the load',
+    'direction': 'the difference follows the direction of the load',
+    'offset': 'the difference is an offset',
+    'one direction': 'the difference is an offset while the load moves in one direction',
+    'unclear': 'the difference follows neither load, rate, direction nor time',
+}
+
+
+def size_words(alarm: Raised) -> str:
+    """The size with its unit."""
+    return signed(alarm.size, 'rad' if alarm.channel == 'gamma' else 'm')
+
+
+def alarm_words(alarm: Raised, origin: int | None = None) -> str:
+    """An alarm in one line; with seconds since `origin` [ns] where it is given."""
+    delay = quantity(1e-9 * (alarm.stamp - alarm.since), 's')
+    found = f'ALARM {delay} after the onset'
+    if origin is not None:
+        found = (f'ALARM at {1e-9 * (alarm.stamp - origin):.2f} s, onset at '
+                 f'{1e-9 * (alarm.since - origin):.2f} s')
+    words = (f'{found}: {alarm.channel} has differed from its model by {size_words(alarm)} in the '
+             'mean since then')
+    if alarm.follows:
+        words += f'; {_FOLLOWS[alarm.follows]}; first guess: {alarm.first_guess}'
+    return words
+
+
+def state_words(monitor: Monitor) -> str:
+    """The state of a monitor in one line."""
+    if monitor.alarm is not None:
+        return alarm_words(monitor.alarm)
+    if monitor.state == WAITING:
+        return 'waiting for samples'
+    if monitor.state == LEARNING:
+        return 'reading the noise while the load rests'
+    return 'no alarm'

@@ -1,6 +1,6 @@
 """The executables: one module per node, thin over `streams`, `jobs` and `ros`."""
 
-from saddlering_ros.ros.starting import end_at_once, is_node_program
+from saddlering_ros.ros.launcher import end_at_once, is_node_program
 
 if is_node_program():
     end_at_once()

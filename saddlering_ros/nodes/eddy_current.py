@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from saddlering_ros.ros.bag_replay import ReplayNode
-from saddlering_ros.ros.run import leave, run_streaming
+from saddlering_ros.ros.streaming_node import leave, run_streaming
 
 
 class ProbeReplay(ReplayNode):

@@ -19,16 +19,13 @@ from saddlering_ros.bags import read_raw
 from saddlering_ros.bags.cdr import SECOND
 from saddlering_ros.record import RawRecord
 from saddlering_ros.record.scratch import blocks
-from saddlering_ros.ros.bag_node import BagNode
+from saddlering_ros.ros.bag_replay import BagNode
 from saddlering_ros.ros.diagnostics import ERROR, Finding, FunctionTask, OK, WARN
-from saddlering_ros.ros.errors import NodeError
-from saddlering_ros.ros.lockstep import LockstepGroup, to_time
-from saddlering_ros.ros.names import CLOCK, PROGRESS, STATE
+from saddlering_ros.ros.messages import LockstepGroup, to_time
+from saddlering_ros.ros.names import CLOCK, names, NodeError, PROGRESS, REPLAY, RING, STATE
 from saddlering_ros.ros.parameters import given_rig, NodeParameter
-from saddlering_ros.ros.qos import CLOCK_QOS, LATCHED
-from saddlering_ros.ros.raw_topics import RawPublisher, RawSubscription
-from saddlering_ros.ros.registry import names, REPLAY, RING
-from saddlering_ros.ros.run import leave, run_streaming
+from saddlering_ros.ros.raw_topics import CLOCK_QOS, LATCHED, RawPublisher, RawSubscription
+from saddlering_ros.ros.streaming_node import leave, run_streaming
 from saddlering_ros.streams.batches import encode_clock
 
 PARTICIPANTS = list(names(REPLAY, RING))

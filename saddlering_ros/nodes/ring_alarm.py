@@ -11,12 +11,10 @@ from std_srvs.srv import Trigger
 from saddlering_interfaces.msg import RingAlarm, RingDisplacement, RingParameters
 from saddlering_ros.errors import SaddleringError
 from saddlering_ros.monitoring import ALARM, LEARNING, MonitorSettings, WAITING
-from saddlering_ros.monitoring.materiality import DEFAULT_PERCENT
-from saddlering_ros.monitoring.wording import alarm_words, state_words
+from saddlering_ros.monitoring.monitor import alarm_words, state_words
+from saddlering_ros.monitoring.noise import DEFAULT_PERCENT
 from saddlering_ros.record import LOAD_TOPIC
 from saddlering_ros.record.topics import LOAD
-from saddlering_ros.ros.alarm_messages import alarm_message
-from saddlering_ros.ros.conversions import parameters_from_message
 from saddlering_ros.ros.diagnostics import (
     ERROR,
     Events,
@@ -27,13 +25,17 @@ from saddlering_ros.ros.diagnostics import (
     StreamTask,
     WARN,
 )
+from saddlering_ros.ros.messages import alarm_message, parameters_from_message
 from saddlering_ros.ros.names import PARAMETERS_IN_FORCE, RESIDUAL, RING_ALARM, WITHIN_LIMITS
 from saddlering_ros.ros.parameters import declare_rig, NodeParameter
-from saddlering_ros.ros.qos import LATCHED, LATCHED_BY_SEVERAL
-from saddlering_ros.ros.raw_topics import RawSubscription
-from saddlering_ros.ros.rig_agreement import RigAgreement
-from saddlering_ros.ros.run import leave, run_streaming
-from saddlering_ros.ros.streaming_node import INPUT_RELIABILITY, StreamingNode
+from saddlering_ros.ros.raw_topics import LATCHED, LATCHED_BY_SEVERAL, RawSubscription
+from saddlering_ros.ros.rig_state import RigAgreement
+from saddlering_ros.ros.streaming_node import (
+    INPUT_RELIABILITY,
+    leave,
+    run_streaming,
+    StreamingNode,
+)
 from saddlering_ros.streams import batches
 from saddlering_ros.streams.alarm import AlarmStream
 

@@ -10,10 +10,9 @@ from saddlering_interfaces.action import DiagnoseRing
 from saddlering_ros.jobs.action_server import ActionNode, serve
 from saddlering_ros.jobs.diagnosis import DiagnosisAnswer, DiagnosisRequest
 from saddlering_ros.progress import Progress
-from saddlering_ros.ros.conversions import causes_to_messages
-from saddlering_ros.ros.errors import NodeError
-from saddlering_ros.ros.names import DIAGNOSE
-from saddlering_ros.ros.run import leave
+from saddlering_ros.ros.messages import causes_to_messages
+from saddlering_ros.ros.names import DIAGNOSE, NodeError
+from saddlering_ros.ros.streaming_node import leave
 
 
 class RingDiagnosisNode(ActionNode):

@@ -23,16 +23,18 @@ from saddlering_ros.ros.diagnostics import (
     SourcesTask,
     StreamTask,
 )
-from saddlering_ros.ros.elevation import ElevationWatch
-from saddlering_ros.ros.lockstep import to_time
+from saddlering_ros.ros.messages import to_time
 from saddlering_ros.ros.names import DISPLACEMENT, ZERO
 from saddlering_ros.ros.parameters import declare_rig, NodeParameter
-from saddlering_ros.ros.qos import ZERO_QOS
-from saddlering_ros.ros.raw_topics import RawPublisher, RawSubscription
-from saddlering_ros.ros.rig_agreement import RigAgreement
-from saddlering_ros.ros.run import leave, run_streaming
-from saddlering_ros.ros.streaming_node import INPUT_RELIABILITY, MAX_GAP, StreamingNode
-from saddlering_ros.ros.zero_finding import zero_finding
+from saddlering_ros.ros.raw_topics import RawPublisher, RawSubscription, ZERO_QOS
+from saddlering_ros.ros.rig_state import ElevationWatch, RigAgreement, zero_finding
+from saddlering_ros.ros.streaming_node import (
+    INPUT_RELIABILITY,
+    leave,
+    MAX_GAP,
+    run_streaming,
+    StreamingNode,
+)
 from saddlering_ros.streams import batches
 from saddlering_ros.streams.displacement import DisplacementStream
 

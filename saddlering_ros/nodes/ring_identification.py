@@ -12,9 +12,8 @@ from saddlering_ros.jobs.action_server import ActionNode, serve
 from saddlering_ros.jobs.identification import IdentificationAnswer, IdentificationRequest
 from saddlering_ros.progress import Progress, SearchStep
 from saddlering_ros.rig import PARAMETER_NAMES
-from saddlering_ros.ros.errors import NodeError
-from saddlering_ros.ros.names import IDENTIFY
-from saddlering_ros.ros.run import leave
+from saddlering_ros.ros.names import IDENTIFY, NodeError
+from saddlering_ros.ros.streaming_node import leave
 
 SWARM_FIELDS = {
     'particles': 'particles', 'iterations': 'iterations', 'c1': 'cognitive', 'c2': 'social',

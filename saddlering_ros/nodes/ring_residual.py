@@ -20,14 +20,16 @@ from saddlering_ros.ros.diagnostics import (
     StreamTask,
     WARN,
 )
-from saddlering_ros.ros.names import DISPLACEMENT, RESIDUAL, SIMULATED
+from saddlering_ros.ros.names import DISPLACEMENT, names, RESIDUAL, RING, SIMULATED
 from saddlering_ros.ros.parameters import declare_rig, NodeParameter
 from saddlering_ros.ros.raw_topics import RawPublisher, RawSubscription
-from saddlering_ros.ros.readiness import ReadinessTask
-from saddlering_ros.ros.registry import names, RING
-from saddlering_ros.ros.rig_agreement import RigAgreement
-from saddlering_ros.ros.run import leave, run_streaming
-from saddlering_ros.ros.streaming_node import INPUT_RELIABILITY, StreamingNode
+from saddlering_ros.ros.rig_state import ReadinessTask, RigAgreement
+from saddlering_ros.ros.streaming_node import (
+    INPUT_RELIABILITY,
+    leave,
+    run_streaming,
+    StreamingNode,
+)
 from saddlering_ros.streams import batches
 from saddlering_ros.streams.residual import ResidualStream
 

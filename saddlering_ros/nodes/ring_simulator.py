@@ -22,7 +22,6 @@ from saddlering_ros.rig import (
     read_parameters,
     TRUE_TO_SCALE,
 )
-from saddlering_ros.ros.conversions import parameters_from_message, parameters_to_message
 from saddlering_ros.ros.diagnostics import (
     ERROR,
     Events,
@@ -33,17 +32,29 @@ from saddlering_ros.ros.diagnostics import (
     StreamTask,
     WARN,
 )
-from saddlering_ros.ros.elevation import Elevation, ElevationWatch
-from saddlering_ros.ros.errors import NodeError
-from saddlering_ros.ros.lockstep import to_stamp, to_time
-from saddlering_ros.ros.names import PARAMETERS_IN_FORCE, SIMULATED, ZERO
+from saddlering_ros.ros.messages import (
+    parameters_from_message,
+    parameters_to_message,
+    to_stamp,
+    to_time,
+)
+from saddlering_ros.ros.names import NodeError, PARAMETERS_IN_FORCE, SIMULATED, ZERO
 from saddlering_ros.ros.parameters import declare_rig, given_sections, NodeParameter
-from saddlering_ros.ros.qos import LATCHED, LATCHED_BY_SEVERAL, ZERO_QOS
-from saddlering_ros.ros.raw_topics import RawPublisher, RawSubscription
-from saddlering_ros.ros.rig_agreement import RigAgreement
-from saddlering_ros.ros.run import leave, run_streaming
-from saddlering_ros.ros.streaming_node import INPUT_RELIABILITY, MAX_GAP, StreamingNode
-from saddlering_ros.ros.zero_finding import zero_finding
+from saddlering_ros.ros.raw_topics import (
+    LATCHED,
+    LATCHED_BY_SEVERAL,
+    RawPublisher,
+    RawSubscription,
+    ZERO_QOS,
+)
+from saddlering_ros.ros.rig_state import Elevation, ElevationWatch, RigAgreement, zero_finding
+from saddlering_ros.ros.streaming_node import (
+    INPUT_RELIABILITY,
+    leave,
+    MAX_GAP,
+    run_streaming,
+    StreamingNode,
+)
 from saddlering_ros.streams import batches
 from saddlering_ros.streams.simulation import SimulationStream
 

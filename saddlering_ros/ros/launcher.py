@@ -1,4 +1,9 @@
-"""Starts node processes and ends them again in every case; needs no launch package."""
+"""Processes of nodes: their middleware, start, signals and end; needs no launch package or rclpy.
+
+A group of nodes ends in every case: with its starter, killed or not, by a pipe; before their
+imports are done, with status 0; and files in /dev/shm that killed nodes left are removed.
+The middleware looks for nodes on this machine, and sends by UDP.
+"""
 
 from __future__ import annotations
 
@@ -12,15 +17,13 @@ import signal
 from subprocess import DEVNULL, Popen, STDOUT
 import sys
 import tempfile
+import threading
 import time
 from types import TracebackType
 from typing import Any, IO
 
-from saddlering_ros.files import temporary_folder
-from saddlering_ros.ros.errors import NodeError
-from saddlering_ros.ros.lifeline import LIFELINE
-from saddlering_ros.ros.registry import ACTION, ALARM, names, REPLAY, RING
-from saddlering_ros.ros.transport import packed_publication, transport_environment
+from saddlering_ros.files import share_directory, temporary_folder
+from saddlering_ros.ros.names import ACTION, ALARM, names, NodeError, NODES, REPLAY, RING
 
 REPLAY_NODES = names(REPLAY)
 RING_NODES = names(RING)
@@ -264,3 +267,136 @@ def start_nodes(
         for name in (*nodes, *REPLAY_NODES, 'replay_clock'):
             group.start(name, given.get(name), files=files)
         yield group
+
+
+LIFELINE = 'SADDLERING_LIFELINE'
+"""Environment variable with the number of the pipe's reading end."""
+
+LAST_WORDS = 5.0
+
+
+def follow_lifeline() -> None:
+    """Leave (SIGTERM to oneself, exit a while later) when the pipe's other end closes."""
+    number = os.environ.pop(LIFELINE, '')
+    if not number.isdigit():
+        return
+
+    def watch() -> None:
+        with contextlib.suppress(OSError):
+            while os.read(int(number), 1):
+                pass
+        os.kill(os.getpid(), signal.SIGTERM)
+        threading.Event().wait(LAST_WORDS)
+        os._exit(1)
+
+    threading.Thread(target=watch, name='lifeline', daemon=True).start()
+
+
+SIGNALS = (signal.SIGINT, signal.SIGTERM)
+
+
+def is_node_program() -> bool:
+    """Whether this process was started as a node: by its executable, or by `python -m`."""
+    modules = {node.module for node in NODES}
+    return Path(sys.argv[0]).name in names() or any(word in modules for word in sys.orig_argv)
+
+
+def end_at_once() -> None:
+    """From now on, SIGINT and SIGTERM end the process: no resource is open yet."""
+    for number in SIGNALS:
+        signal.signal(number, lambda *_: os._exit(0))
+
+
+def end_as_usual() -> None:
+    """From now on, SIGINT and SIGTERM act as in any Python program."""
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)
+
+
+DISCOVERY_VARIABLES = ('ROS_AUTOMATIC_DISCOVERY_RANGE', 'ROS_LOCALHOST_ONLY')
+PROFILE_VARIABLES = ('FASTRTPS_DEFAULT_PROFILES_FILE', 'FASTDDS_DEFAULT_PROFILES_FILE')
+PUBLICATION_VARIABLE = 'RMW_FASTRTPS_PUBLICATION_MODE'
+
+
+def transport_environment() -> dict[str, str]:
+    """Environment that a process needs, before rclpy.init, to use config/fastdds.xml.
+
+    Empty if the user has chosen a file. Other middlewares than Fast DDS ignore it.
+    Published synchronously, a message is on its way before `publish` returns; the profile has no
+    say in that.
+    """
+    if any(os.environ.get(name) for name in PROFILE_VARIABLES):
+        return {}
+    return {PROFILE_VARIABLES[0]: str(share_directory() / 'config' / 'fastdds.xml'),
+            PUBLICATION_VARIABLE: os.environ.get(PUBLICATION_VARIABLE) or 'SYNCHRONOUS'}
+
+
+def packed_publication() -> dict[str, str]:
+    """Environment of nodes in lockstep, where throughput counts and latency does not.
+
+    Published asynchronously, messages that wait go out together in one packet. The thread that
+    sends them takes part of the processor from the publishing one meanwhile, and delays a stream
+    in real time.
+    """
+    if any(os.environ.get(name) for name in PROFILE_VARIABLES):
+        return {}
+    return {PUBLICATION_VARIABLE: os.environ.get(PUBLICATION_VARIABLE) or 'ASYNCHRONOUS'}
+
+
+def local_discovery() -> dict[str, str]:
+    """Environment that keeps discovery on this machine, unless the user has chosen a range.
+
+    ROS 2's own default is the subnet: everybody there could see the topics, call services, send
+    goals and publish loads.
+    """
+    if any(os.environ.get(name) for name in DISCOVERY_VARIABLES):
+        return {}
+    return {DISCOVERY_VARIABLES[0]: 'LOCALHOST'}
+
+
+def prepare_transport() -> None:
+    """Set both for this process."""
+    os.environ.update({**transport_environment(), **local_discovery()})
+
+
+FOLDER = Path('/dev/shm')
+PREFIX = 'fastrtps_'
+PORT_PREFIX = 'fastrtps_port'
+LOCK_SUFFIX = '_el'
+YOUNG = 2.0
+"""Files younger than this [s] may belong to a process that has not locked them yet."""
+
+
+def sweep(folder: Path = FOLDER) -> int:
+    """Remove the segments of Fast DDS that no living process holds; how many.
+
+    Fast DDS keeps a lock on `<name>_el` for as long as the owner of `<name>` lives; the lock ends
+    with the process, however it ends. Each segment left behind costs half a megabyte of memory.
+    Ports are left alone: Fast DDS itself makes a dead one anew when it is next used.
+    """
+    removed = 0
+    with contextlib.suppress(OSError):
+        for lock in sorted(folder.glob(f'{PREFIX}*{LOCK_SUFFIX}')):
+            if not lock.name.startswith(PORT_PREFIX):
+                removed += _remove_if_dead(lock)
+    return removed
+
+
+def _remove_if_dead(lock: Path) -> int:
+    try:
+        if time.time() - lock.stat().st_mtime < YOUNG:
+            return 0
+        handle = os.open(lock, os.O_RDONLY)
+    except OSError:
+        return 0
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        name = lock.name.removesuffix(LOCK_SUFFIX)
+        for path in (lock.with_name(name), lock):
+            with contextlib.suppress(OSError):
+                path.unlink()
+        return 1
+    except OSError:
+        return 0
+    finally:
+        os.close(handle)

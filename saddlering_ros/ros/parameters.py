@@ -6,7 +6,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 import math
-from typing import Any
+from pathlib import Path
+from typing import Any, Protocol
 
 from rcl_interfaces.msg import (
     FloatingPointRange,
@@ -14,10 +15,7 @@ from rcl_interfaces.msg import (
     ParameterDescriptor,
     SetParametersResult,
 )
-from rclpy.exceptions import (
-    InvalidParameterTypeException,
-    InvalidParameterValueException,
-)
+from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValueException
 from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
 
@@ -26,7 +24,7 @@ from saddlering_ros.plain_yaml import read_strict_yaml
 from saddlering_ros.rig import default_rig, PARAMETER_NAMES, Rig, rig_from_parameters
 from saddlering_ros.rig.parameter_file import SOURCE_KEYS
 from saddlering_ros.rig.ros_yaml import unfold
-from saddlering_ros.ros.errors import NodeError
+from saddlering_ros.ros.names import NodeError
 
 Value = bool | int | float | str | list[str] | list[float]
 
@@ -320,3 +318,59 @@ def plain(values: Mapping[str, Any]) -> dict[str, str]:
     """Values as texts, for diagnostics."""
     return {key: f'{value:.6g}' if isinstance(value, float) else str(value)
             for key, value in values.items()}
+
+
+class WithSettings(Protocol):
+    """A node whose parameters were declared."""
+
+    settings: NodeSettings
+
+    def get_name(self) -> str:
+        """The node's name."""
+
+
+def root_folder(node: WithSettings, parameter: str, default: Path) -> Path:
+    """The folder a parameter names, or `default`; NodeError if it is not there."""
+    given = node.settings.text(parameter)
+    root = Path(given).expanduser() if given else default
+    if given and not root.is_dir():
+        raise NodeError(f'{node.get_name()}: parameter {parameter} is {given}: '
+                        'give a folder that exists')
+    return root.resolve()
+
+
+MAX_SHOWN = 200
+"""Characters of a name that an error repeats."""
+
+
+def below(root: Path, name: str, what: str) -> Path:
+    """The file or folder `name` (relative to `root`, or absolute), which must lie below `root`.
+
+    Links and `..` are resolved first. NodeError with one line if it does not, or is not there.
+    """
+    path = Path(name)
+    try:
+        real = (path if path.is_absolute() else root / path).resolve()
+        is_there = real.exists()
+    except (OSError, RuntimeError, ValueError) as problem:
+        raise NodeError(
+            f'{what} {name[:MAX_SHOWN]!r}: cannot be resolved: give a path below {root}'
+        ) from problem
+    if not name or not real.is_relative_to(root):
+        parameter = 'bag_root' if what == 'bag' else 'parameters_root'
+        raise NodeError(f'{what} {name!r} is not below {root}: put it there, or set the '
+                        f"node's parameter {parameter}")
+    if not is_there:
+        raise NodeError(f'{what} {name!r} is not in {root}: check the name')
+    return real
+
+
+def bag_below(root: Path, name: str) -> Path:
+    """A bag below `root` none of whose files is a link to somewhere else."""
+    path = below(root, name, 'bag')
+    inside = sorted(path.iterdir()) if path.is_dir() else [path]
+    for file in inside:
+        if not file.resolve().is_relative_to(root):
+            raise NodeError(f'bag {name!r} holds {file.name}, a link to outside {root}: '
+                            'copy the file there')
+    return path

@@ -9,8 +9,8 @@ import importlib
 from pathlib import Path
 import sys
 
+from saddlering_ros.ros.names import NodeEntry, NODES, nodes_table
 from saddlering_ros.ros.parameters import HARDWARE_ID, NodeParameter, table
-from saddlering_ros.ros.registry import NodeEntry, NODES, nodes_table
 from saddlering_ros.ros.streaming_node import AUTOSTART, StreamingNode
 
 MARKER = '<!-- from here on written by python -m saddlering_ros.ros.reference -->\n'

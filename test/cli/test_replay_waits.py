@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import pytest
 
 from saddlering_ros.cli import replay
-from saddlering_ros.ros.errors import NodeError
+from saddlering_ros.ros.names import NodeError
 
 
 class _Stopped:

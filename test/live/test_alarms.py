@@ -2,7 +2,7 @@
 
 from saddlering_interfaces.msg import RingAlarm
 from saddlering_ros.live.alarms import alarm_as_page, with_link
-from saddlering_ros.ros.lockstep import to_time
+from saddlering_ros.ros.messages import to_time
 
 
 def test_an_alarm_is_shown_with_channel_size_onset_guess_and_lapses():

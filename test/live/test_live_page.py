@@ -23,8 +23,7 @@ from saddlering_ros.live.server import address, serve
 from saddlering_ros.live.watcher import LATCHED, Watcher
 from saddlering_ros.record import displacement_of_run
 from saddlering_ros.rig import default_rig
-from saddlering_ros.ros.launcher import RING_NODES, start_nodes
-from saddlering_ros.ros.transport import transport_environment
+from saddlering_ros.ros.launcher import RING_NODES, start_nodes, transport_environment
 
 pytestmark = [pytest.mark.ros, pytest.mark.timeout(600)]
 LISTENERS = 2

@@ -17,9 +17,9 @@ from saddlering_interfaces.msg import RingParameters
 from saddlering_ros.bags import write_bag
 from saddlering_ros.record import TestMetadata
 from saddlering_ros.rig import default_rig
-from saddlering_ros.ros.errors import NodeError
 from saddlering_ros.ros.launcher import NodeGroup
-from saddlering_ros.ros.roots import below
+from saddlering_ros.ros.names import NodeError
+from saddlering_ros.ros.parameters import below
 from saddlering_ros.streams import batches
 from saddlering_ros.streams.displacement import DisplacementStream
 

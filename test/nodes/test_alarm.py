@@ -20,7 +20,7 @@ from saddlering_ros.cli.main import main
 from saddlering_ros.record import TestMetadata
 from saddlering_ros.rig import default_rig, ParameterSet, TRUE_TO_SCALE, write_parameters
 from saddlering_ros.ros.launcher import ALARM_NODES, RING_NODES, start_nodes
-from saddlering_ros.ros.lockstep import to_stamp
+from saddlering_ros.ros.messages import to_stamp
 
 pytestmark = pytest.mark.ros
 LATCHED = QoSProfile(depth=50, durability=DurabilityPolicy.TRANSIENT_LOCAL)

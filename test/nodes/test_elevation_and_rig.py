@@ -26,7 +26,7 @@ from saddlering_ros.record import TestMetadata
 from saddlering_ros.rig import default_rig, FULL_SCALE_LOAD
 from saddlering_ros.rig.description import shipped_rig_file
 from saddlering_ros.ros.launcher import NodeGroup
-from saddlering_ros.ros.qos import LATCHED
+from saddlering_ros.ros.raw_topics import LATCHED
 from saddlering_ros.streams.batches import Displacements
 from saddlering_ros.streams.residual import ResidualStream
 

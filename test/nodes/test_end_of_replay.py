@@ -17,7 +17,7 @@ from saddlering_interfaces.msg import ReplayProgress
 from saddlering_ros.bags import read_raw
 from saddlering_ros.cli.main import main
 from saddlering_ros.record import BagError
-from saddlering_ros.ros.lockstep import LockstepGroup
+from saddlering_ros.ros.messages import LockstepGroup
 
 
 def soon(server: NodeServer, name: str, number: signal.Signals, recorded: Path,

@@ -16,9 +16,8 @@ from saddlering_ros.bags import read_run, write_bag
 from saddlering_ros.record import TestMetadata
 from saddlering_ros.rig import CHANNELS, default_rig, ParameterSet, TRUE_TO_SCALE
 from saddlering_ros.ring import simulate
-from saddlering_ros.ros.errors import NodeError
 from saddlering_ros.ros.launcher import start_nodes
-from saddlering_ros.ros.names import namespace_of, PROGRESS
+from saddlering_ros.ros.names import namespace_of, NodeError, PROGRESS
 from saddlering_ros.ros.raw_topics import RawSubscription
 from saddlering_ros.streams.batches import decode_displacements
 

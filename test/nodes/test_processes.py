@@ -18,10 +18,15 @@ from rcl_interfaces.srv import SetParameters
 from rosnet import Client, wait_until
 
 from saddlering_ros.files import share_directory
-from saddlering_ros.ros.launcher import NodeGroup, NodeProcess, ros_arguments, start_nodes
-from saddlering_ros.ros.registry import ACTION, ALARM, names, RING
-from saddlering_ros.ros.shared_memory import sweep
-from saddlering_ros.ros.transport import PROFILE_VARIABLES
+from saddlering_ros.ros.launcher import (
+    NodeGroup,
+    NodeProcess,
+    PROFILE_VARIABLES,
+    ros_arguments,
+    start_nodes,
+    sweep,
+)
+from saddlering_ros.ros.names import ACTION, ALARM, names, RING
 
 pytestmark = pytest.mark.ros
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from saddlering_ros.ros.diagnostics import ACTIVE, ERROR, OK, STALE, WARN
-from saddlering_ros.ros.readiness import EVENTS_COUNT, Readiness, SILENT
+from saddlering_ros.ros.rig_state import EVENTS_COUNT, Readiness, SILENT
 
 NODES = ('/rig1/ring_displacement', '/rig1/ring_simulator')
 

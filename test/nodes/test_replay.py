@@ -14,7 +14,7 @@ from saddlering_interfaces.msg import ReplayProgress, ReplayState
 from saddlering_interfaces.srv import Seek, SetRate, Step
 from saddlering_ros.nodes.replay_clock import shortest_time_of
 from saddlering_ros.ros.launcher import start_nodes
-from saddlering_ros.ros.lockstep import LockstepGroup, to_time
+from saddlering_ros.ros.messages import LockstepGroup, to_time
 
 pytestmark = pytest.mark.ros
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)

@@ -25,10 +25,9 @@ from saddlering_ros.jobs.plain_data import PlainDataError, ValueSocket
 from saddlering_ros.nodes.ring_identification import settings_of
 from saddlering_ros.rig import default_rig, ParameterSet, ParameterSource, TRUE_TO_SCALE
 from saddlering_ros.ros.diagnostics import OK, SourcesTask, WARN
-from saddlering_ros.ros.errors import NodeError
-from saddlering_ros.ros.parameters import NodeParameter
-from saddlering_ros.ros.roots import bag_below
-from saddlering_ros.ros.transport import local_discovery
+from saddlering_ros.ros.launcher import local_discovery
+from saddlering_ros.ros.names import NodeError
+from saddlering_ros.ros.parameters import bag_below, NodeParameter
 
 SOURCE = Path(__file__).resolve().parents[2] / 'saddlering_ros'
 

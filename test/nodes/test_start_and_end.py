@@ -11,7 +11,7 @@ import pytest
 from rosnet import Client, wait_until
 
 from saddlering_ros.ros.launcher import NodeGroup
-from saddlering_ros.ros.registry import CLOCK, names, REPLAY
+from saddlering_ros.ros.names import CLOCK, names, REPLAY
 
 RIG = Path(__file__).parents[2] / 'config' / 'rig.yaml'
 CODE = """
@@ -23,7 +23,7 @@ print('goes on')
 """
 HELD = """
 import ctypes, gc, signal, sys
-from saddlering_ros.ros.run import leave
+from saddlering_ros.ros.streaming_node import leave
 for number in (signal.SIGINT, signal.SIGTERM):
     signal.signal(number, signal.SIG_IGN)
 

@@ -9,7 +9,7 @@ from forked_nodes import endings
 import pytest
 import yaml
 
-from saddlering_ros.ros.errors import NodeError
+from saddlering_ros.ros.names import NodeError
 from saddlering_ros.ros.parameters import check_parameter_files
 
 BAG = Path(__file__).parents[2] / 'bags' / 'static_50'

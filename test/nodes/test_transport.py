@@ -13,8 +13,9 @@ import pytest
 from rosnet import Client, Driver, wait_until
 
 from saddlering_ros.rig import default_rig
-from saddlering_ros.ros.launcher import environment, NodeGroup
-from saddlering_ros.ros.transport import (
+from saddlering_ros.ros.launcher import (
+    environment,
+    NodeGroup,
     packed_publication,
     PROFILE_VARIABLES,
     PUBLICATION_VARIABLE,

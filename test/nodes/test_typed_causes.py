@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from saddlering_ros.ros.conversions import causes_to_messages
+from saddlering_ros.ros.messages import causes_to_messages
 
 DOCUMENT = {'causes': [
     {'effect': 'radial_friction', 'group': ['radial_friction', 'probe_lag'],

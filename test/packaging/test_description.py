@@ -16,7 +16,7 @@ import pytest
 import yaml
 
 import saddlering_ros
-from saddlering_ros.ros.registry import names
+from saddlering_ros.ros.names import names
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -179,14 +179,14 @@ def test_a_new_node_is_a_module_and_an_entry(tmp_path):
         copy(ROOT / name, tmp_path / name)
     (tmp_path / 'bags').mkdir()
     (tmp_path / 'saddlering_ros' / 'nodes' / 'inclinometer.py').write_text('def main(): ...\n')
-    registry = tmp_path / 'saddlering_ros' / 'ros' / 'registry.py'
+    registry = tmp_path / 'saddlering_ros' / 'ros' / 'names.py'
     registry.write_text(registry.read_text().replace('NODES = (\n', (
         "NODES = (\n    NodeEntry('inclinometer', 'Inclinometer', RING, 'a bus', "
         "'rig/elevation'),\n"), 1))
     code = ('import setuptools, runpy\n'
             'setuptools.setup = lambda **given: print(given["entry_points"])\n'
             'runpy.run_path("setup.py")\n'
-            'from saddlering_ros.ros.registry import names, nodes_table\n'
+            'from saddlering_ros.ros.names import names, nodes_table\n'
             'print(names("ring"), nodes_table())\n')
     said = subprocess.run([sys.executable, '-c', code], cwd=tmp_path, capture_output=True,
                           text=True, check=True, env={**os.environ, 'PYTHONPATH': str(tmp_path)})

@@ -1,7 +1,9 @@
-"""The noise of the residual, learnt while the load rests, from samples as they come.
+"""Noise and materiality of the residual: what is no change of the ring.
 
-The rule is that of `estimation.rest`, without a look ahead: a rest lasts while the mean load of
-each 50 ms stays within a band of the mean before.
+Noise is learnt while the load rests, from samples as they come, with assumptions on the probes
+that a rest of seconds cannot show. Materiality is the residual that is allowed without an alarm.
+The rule of rest is that of `estimation.rest`, without a look ahead: a rest lasts while the mean
+load of each 50 ms stays within a band of the mean before.
 """
 
 from __future__ import annotations
@@ -12,6 +14,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from saddlering_ros.errors import SaddleringError
 from saddlering_ros.estimation.rest import (
     BLOCK_SECONDS,
     GUARD_SECONDS,
@@ -20,7 +23,9 @@ from saddlering_ros.estimation.rest import (
     SETTLING_SECONDS,
 )
 from saddlering_ros.estimation.rest_noise import noise_alone
-from saddlering_ros.monitoring.innovations import block_noise, BlockNoise
+from saddlering_ros.monitoring.detector import block_noise, BlockNoise
+from saddlering_ros.rig import ContactParameters, Rig
+from saddlering_ros.ring.simulator import static_response
 
 Array = NDArray[np.float64]
 
@@ -121,3 +126,64 @@ class RestLearner:
             block_noise(noise_alone([channel], interval), samples * interval).inflated(factor)
             if np.isfinite(channel).all() else UNKNOWN for channel in values)
         return RestNoise(noise, samples, interval, seconds, not self._moved)
+
+
+WANDER_SHARE = 5e-5
+"""Wander assumed of a probe at least, as a share of its range: catalogues of eddy-current probes
+state resolutions and drifts of 0.005 % of it. A rest of seconds shows too little of a wander that
+takes seconds."""
+
+FASTEST_WANDER = 1.0
+"""Time [s] within which the wander is assumed to move: a slower one is more predictable."""
+
+FAST_MEMORY = 0.5
+"""Noise of a block of which less stays to the next block is no wander."""
+
+
+def least_wander(rig: Rig) -> Array:
+    """Standard deviation of the wander of delta_x, delta_y, gamma that is assumed at least (3,).
+
+    The first two are half a difference or sum of two probes, gamma a difference over their span.
+    """
+    probes = rig.probes
+    single = WANDER_SHARE * (probes.max_range - probes.min_range)
+    half = single / math.sqrt(2.0)
+    return np.array([half, half, 2.0 * half / probes.axial_span])
+
+
+def assumed_noise(read: BlockNoise, least: float, block: float) -> BlockNoise:
+    """The noise for watching: that of a rest, and a wander of at least `least`.
+
+    Noise between white and a slow wander is counted to both.
+    """
+    is_slow = read.memory >= math.exp(-block / FASTEST_WANDER)
+    white = read.white + (0.0 if is_slow else read.wander)
+    wander = max(read.wander if read.memory >= FAST_MEMORY else 0.0, least**2)
+    if wander == 0.0:
+        return BlockNoise(white, 0.0, 0.0)
+    return BlockNoise(white, wander, math.exp(-block / FASTEST_WANDER))
+
+
+DEFAULT_PERCENT = 2.0
+"""Share of the range of the motion from preload to full scale [%]."""
+
+LOADS = 26
+"""Loads at which the motion is looked at: a channel may turn back on the way to full scale."""
+
+
+def materiality(
+    rig: Rig, contact: ContactParameters, elevation: float, percent: float = DEFAULT_PERCENT
+) -> NDArray[np.float64]:
+    """`percent` of the range of each channel from preload to full scale, (3,) [m, m, rad].
+
+    elevation: of the load [rad].
+    """
+    if not 0.0 <= percent < math.inf:
+        raise MonitoringError(f'materiality is {percent:g} %: give 0 or more')
+    loads = np.linspace(rig.preload, rig.full_scale_load, LOADS)
+    motion = static_response(rig, contact.to_array(), elevation, loads)
+    return np.asarray(0.01 * percent * np.ptp(motion, axis=1))
+
+
+class MonitoringError(SaddleringError):
+    """A record or settings that cannot be monitored."""

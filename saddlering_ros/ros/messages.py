@@ -1,0 +1,226 @@
+"""Messages of the suite made from values, and read: parameters, causes, alarm, progress, time."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from builtin_interfaces.msg import Time
+import numpy as np
+
+from saddlering_interfaces.msg import DiagnosedCause, ReplayProgress, RingAlarm, RingParameters
+from saddlering_ros.bags.cdr import SECOND
+from saddlering_ros.monitoring import Monitor
+from saddlering_ros.rig import ContactParameters, ParameterSet, ParameterSource
+from saddlering_ros.rig.parameter_file import Effects
+from saddlering_ros.ros.names import NodeError
+from saddlering_ros.ros.raw_topics import RawPublisher, RawSubscription
+
+FIELDS = ('k1', 'n1', 'd1', 'k2', 'n2', 'd2')
+"""Fields of RingParameters in the order of ContactParameters."""
+
+
+def parameters_to_message(parameters: ParameterSet, stamp: Time) -> RingParameters:
+    """A RingParameters message of `parameters`."""
+    message = RingParameters(source=words_of(parameters.source))
+    message.header.stamp = stamp
+    for name, value in zip(FIELDS, parameters.contact.to_array().tolist(), strict=True):
+        setattr(message, name, value)
+    covariance = parameters.source.covariance
+    if covariance is not None:
+        message.covariance = [float(value) for value in np.ravel(covariance)]
+    for effect, values in parameters.effects.items():
+        for name, value in values.items():
+            message.effect_parameter_names.append(f'{effect}.{name}')
+            message.effect_parameter_values.append(float(value))
+    return message
+
+
+def parameters_from_message(message: RingParameters) -> ParameterSet:
+    """The ParameterSet of a message; SaddleringError for an entry that cannot be used."""
+    values = [float(getattr(message, name)) for name in FIELDS]
+    if not np.isfinite(values).all():
+        raise NodeError('/ring/parameters: a contact parameter is not finite: publish six numbers')
+    covariance = np.array(message.covariance, dtype=np.float64)
+    if covariance.size not in (0, 36):
+        raise NodeError(f'/ring/parameters: covariance has {covariance.size} numbers: '
+                        'give 36 or none')
+    source = ParameterSource(
+        method='message', note=str(message.source),
+        covariance=covariance.reshape(6, 6) if covariance.size else None)
+    return ParameterSet(ContactParameters(*values), _effects(message), source)
+
+
+def _effects(message: RingParameters) -> Effects:
+    names, values = message.effect_parameter_names, message.effect_parameter_values
+    if len(names) != len(values):
+        raise NodeError(f'/ring/parameters: {len(names)} effect parameters have {len(values)} '
+                        'values: give one each')
+    effects: Effects = {}
+    for name, value in zip(names, values, strict=True):
+        effect, dot, parameter = name.partition('.')
+        if not dot or not np.isfinite(value):
+            raise NodeError(f'/ring/parameters: effect parameter {name!r} = {value}: give '
+                            'effect.parameter and a finite number')
+        effects.setdefault(effect, {})[parameter] = float(value)
+    return effects
+
+
+def words_of(source: ParameterSource) -> str:
+    """Where parameters came from, in words."""
+    words = source.method
+    if source.bags:
+        words += f' from {", ".join(source.bags)}'
+    return f'{words} ({source.note})' if source.note else words
+
+
+def causes_to_messages(document: Mapping[str, Any]) -> list[DiagnosedCause]:
+    """The causes of a verdict document (`diagnose --json`) as messages; NaN for null."""
+    return [_cause_to_message(cause) for cause in document['causes'] if 'effect' in cause]
+
+
+def _cause_to_message(cause: Mapping[str, Any]) -> DiagnosedCause:
+    items = cause['parameters']
+    values = [float(item['value']) for item in items.values()]
+    stds = [_number(item['std']) for item in items.values()]
+    return DiagnosedCause(
+        effect=cause['effect'], group=list(cause['group']), parameter_names=list(items),
+        units=[item['unit'] for item in items.values()], values=values, stds=stds,
+        lower=[value - 1.96 * std for value, std in zip(values, stds, strict=True)],
+        upper=[value + 1.96 * std for value, std in zip(values, stds, strict=True)],
+        p_value=_number(cause['evidence'].get('p_value')),
+        delta_bic=_number(cause['evidence'].get('delta_bic')),
+        misfit_reduction_fit=_number(cause['gain'].get('fit')),
+        misfit_reduction_held_out=_number(cause['gain'].get('held_out')))
+
+
+def _number(value: float | None) -> float:
+    return float('nan') if value is None else float(value)
+
+
+def alarm_message(monitor: Monitor, words: str, frame_id: str) -> RingAlarm:
+    """The message of ring/alarm for a monitor whose state is `words`."""
+    message = RingAlarm(
+        state=monitor.state, message=words, log_threshold=monitor.log_threshold,
+        log_evidence=monitor.log_evidence, materiality=monitor.materiality,
+        false_alarm_hours=monitor.settings.false_alarm_hours,
+        lapses=[f'{1e-9 * lapse.stamp:.3f} s: {lapse.reason}' for lapse in monitor.lapses])
+    message.header.stamp, message.header.frame_id = to_time(monitor.stamp), frame_id
+    alarm = monitor.alarm
+    if alarm is not None:
+        message.channel, message.size, message.follows = alarm.channel, alarm.size, alarm.follows
+        message.since, message.raised = to_time(alarm.since), to_time(alarm.stamp)
+        message.first_guess, message.log_evidence = alarm.first_guess, alarm.evidence
+    return message
+
+
+def to_time(stamp: int) -> Time:
+    """A time message from nanoseconds."""
+    second, nanosecond = divmod(int(stamp), SECOND)
+    return Time(sec=second, nanosec=nanosecond)
+
+
+def to_stamp(time: Time) -> int:
+    """Nanoseconds from a time message."""
+    return int(time.sec) * SECOND + int(time.nanosec)
+
+
+def progress_of(node: str, subscriptions: list[RawSubscription], publishers: list[RawPublisher],
+                replayed_until: int = 0) -> ReplayProgress:
+    """Report of a node with these flows."""
+    message = ReplayProgress(node=node, replayed_until=to_time(replayed_until))
+    message.inputs = [flow.topic for flow in subscriptions]
+    message.input_stamps = [to_time(flow.last_stamp) for flow in subscriptions]
+    message.received = [flow.received for flow in subscriptions]
+    message.publishers = [flow.publishers() for flow in subscriptions]
+    message.outputs = [flow.topic for flow in publishers]
+    message.output_stamps = [to_time(flow.last_stamp) for flow in publishers]
+    message.published = [flow.published for flow in publishers]
+    message.subscriptions = [flow.subscriptions() for flow in publishers]
+    return message
+
+
+class LockstepGroup:
+    """The nodes a replay waits for, and the last report of each.
+
+    A node owes nothing on a topic until it has received its first message there, so that one
+    that joins late does not stop the replay.
+    """
+
+    def __init__(self, names: list[str]) -> None:
+        self.names = names
+        self.malformed = 0
+        self.said: dict[str, ReplayProgress] = {}
+        self.heard: dict[str, float] = {}
+        self.excused: set[str] = set()
+
+    def hear(self, message: ReplayProgress, now: float) -> None:
+        """Take a node's word at monotonic `now` [s].
+
+        Reports of other nodes are not kept, nor messages whose lists differ in length.
+        """
+        if message.node not in self.names:
+            return
+        if not _is_whole(message):
+            self.malformed += 1
+            return
+        self.said[message.node] = message
+        self.heard[message.node] = now
+
+    def absent(self) -> list[str]:
+        """Participants that sent nothing yet, or are not matched with the others, in words."""
+        reasons = [f'{name}: nothing received' for name in self.names if name not in self.said]
+        if reasons:
+            return reasons
+        for name in self.names:
+            reason = self._unmatched(self.said[name])
+            if reason:
+                reasons.append(f'{name}: {reason}')
+        return reasons
+
+    def _unmatched(self, said: ReplayProgress) -> str:
+        others = [self.said[name] for name in self.names if name != said.node]
+        writers = {topic for other in others for topic in other.outputs}
+        for topic, count in zip(said.inputs, said.publishers, strict=True):
+            if topic in writers and count == 0:
+                return f'is not connected to the publisher of {topic}'
+        for topic, count in zip(said.outputs, said.subscriptions, strict=True):
+            readers = sum(topic in other.inputs for other in others)
+            if count < readers:
+                return f'{topic} is connected to {count} of {readers} readers'
+        return ''
+
+    def behind(self, until: int) -> list[str]:
+        """Who has not caught up with the replay at `until` [ns], in words."""
+        reasons = []
+        present = [self.said[name] for name in self.names
+                   if name in self.said and name not in self.excused]
+        last = {}
+        for said in present:
+            for topic, time in zip(said.outputs, said.output_stamps, strict=True):
+                if to_stamp(time):
+                    last[topic] = to_stamp(time)
+        for said in present:
+            reason = self._lag(said, until, last)
+            if reason:
+                reasons.append(f'{said.node}: {reason}')
+        return reasons
+
+    def _lag(self, said: ReplayProgress, until: int, last: dict[str, int]) -> str:
+        replayed = to_stamp(said.replayed_until)
+        if replayed not in (0, until):
+            return 'has not received the clock yet' if replayed == 1 else (
+                f'has {(until - replayed) / 1e9:.3f} s left to publish')
+        for topic, time in zip(said.inputs, said.input_stamps, strict=True):
+            stamp = to_stamp(time)
+            if stamp and topic in last and stamp != last[topic]:
+                return f'is {(last[topic] - stamp) / 1e9:.3f} s behind on {topic}'
+        return ''
+
+
+def _is_whole(message: ReplayProgress) -> bool:
+    """Whether every topic has its stamp and its counts."""
+    taken, given = len(message.inputs), len(message.outputs)
+    return (len(message.input_stamps) == len(message.received) == len(message.publishers) == taken
+            and len(message.output_stamps) == len(message.published)
+            == len(message.subscriptions) == given)

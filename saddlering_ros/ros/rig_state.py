@@ -1,0 +1,236 @@
+"""What nodes hear of the rig and of each other: elevation, hash of the rig, zero, readiness.
+
+Of the sources of the elevation, the first that is known counts: the node's own setting, the bag
+that is replayed (replay/state), the bag that the node was started with, the inclinometer
+(rig/elevation).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+import math
+import time
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from geometry_msgs.msg import Vector3Stamped
+from rclpy.node import Node
+
+from saddlering_interfaces.msg import ReplayState
+from saddlering_ros.record.topics import ELEVATION
+from saddlering_ros.rig import Rig
+from saddlering_ros.rig.description import short_digest
+from saddlering_ros.rig.zeroing import ZeroReading
+from saddlering_ros.ros.diagnostics import ACTIVE, ERROR, Finding, OK, STATE_TASK, WARN
+from saddlering_ros.ros.messages import to_stamp
+from saddlering_ros.ros.names import DIAGNOSTICS, RIG, STATE
+from saddlering_ros.ros.raw_topics import LATCHED, LATCHED_BY_SEVERAL, OF_ANY_SENSOR
+from saddlering_ros.streams.batches import ANY_TIME
+
+SAME_BAG = math.radians(0.01)
+"""Elevations of a setting and of a bag that differ by more contradict each other."""
+
+SAME_MEASURED = math.radians(0.5)
+"""An inclinometer that differs by more from the elevation in use contradicts it."""
+
+MOVED = math.radians(0.1)
+"""The elevation of the inclinometer is read again when it has moved by this."""
+
+LOWEST, HIGHEST = math.radians(-10.0), math.radians(90.0)
+
+
+@dataclass(frozen=True)
+class Elevation:
+    """An elevation [rad] (NaN: not known) and where it comes from, in words."""
+
+    value: float
+    source: str
+
+
+class ElevationWatch:
+    """Hears of the elevation on replay/state and rig/elevation; `on_news` is called on changes.
+
+    recording: first and last stamp [ns] of the bag that is replayed, or ANY_TIME.
+    """
+
+    def __init__(self, node: Node, on_news: Callable[[], None] = lambda: None) -> None:
+        self.of_bag = self.measured = math.nan
+        self.recording = ANY_TIME
+        self.impossible = 0
+        self._on_news = on_news
+        node.create_subscription(ReplayState, STATE, self._on_state, LATCHED)
+        node.create_subscription(Vector3Stamped, ELEVATION.relative, self._on_measured,
+                                 OF_ANY_SENSOR)
+
+    def resolve(self, given: float = math.nan, started_with: float = math.nan) -> Elevation:
+        """The elevation that counts; given, started_with: setting and first bag [rad], or NaN."""
+        sources = ((given, 'set'), (self.of_bag, 'of the replayed bag'),
+                   (started_with, 'of the given bag'), (self.measured, 'measured'))
+        for value, source in sources:
+            if not math.isnan(value):
+                return Elevation(value, source)
+        return Elevation(math.nan, 'not known')
+
+    def contradiction(self, used: float) -> str:
+        """Contradiction to the elevation in use [rad], in words; '' if there is none."""
+        for value, limit, whose in ((self.of_bag, SAME_BAG, 'the replayed bag has'),
+                                    (self.measured, SAME_MEASURED, 'rig/elevation measures')):
+            if abs(value - used) > limit:  # False for NaN
+                return (f'{whose} {math.degrees(value):.2f} deg, and '
+                        f'{math.degrees(used):.2f} deg is set: correct elevation_deg')
+        return ''
+
+    def _on_state(self, message: ReplayState) -> None:
+        self.recording = to_stamp(message.start), to_stamp(message.end)
+        value = float(message.elevation)
+        if value != self.of_bag and not (math.isnan(value) and math.isnan(self.of_bag)):
+            self.of_bag = value
+            self._on_news()
+
+    def _on_measured(self, message: Vector3Stamped) -> None:
+        value = float(message.vector.x)
+        if not LOWEST <= value <= HIGHEST:
+            self.impossible += 1
+            return
+        if math.isnan(self.measured) or abs(value - self.measured) > MOVED:
+            self.measured = value
+            self._on_news()
+
+
+class RigAgreement:
+    """The diagnostics task `rig`: the hash of the node's rig, and who has another."""
+
+    name = 'rig'
+
+    def __init__(self, node: Node, rig: Rig) -> None:
+        self._node = node
+        self.digest = rig.digest
+        self._others: dict[str, str] = {}
+        self._publisher = node.create_publisher(DiagnosticStatus, RIG, LATCHED)
+        node.create_subscription(DiagnosticStatus, RIG, self._hear, LATCHED_BY_SEVERAL)
+        self._publisher.publish(DiagnosticStatus(
+            name=node.get_fully_qualified_name(), message=self.digest))
+        node.get_logger().info(f'rig {short_digest(self.digest)}')
+
+    def _hear(self, message: DiagnosticStatus) -> None:
+        self._others[message.name] = message.message
+
+    def report(self, elapsed: float) -> Finding:
+        """Who of the nodes that are there has another rig."""
+        there = {f'{info.node_namespace.rstrip("/")}/{info.node_name}'
+                 for info in self._node.get_publishers_info_by_topic(
+                     self._node.resolve_topic_name(RIG))}
+        figures = {'rig hash': self.digest}
+        others = {name: digest for name, digest in sorted(self._others.items())
+                  if digest != self.digest and name in there}
+        if others:
+            words = ', '.join(f'{name} ({short_digest(digest)})'
+                              for name, digest in others.items())
+            return Finding(ERROR, f'this node has rig {short_digest(self.digest)}, and others '
+                           f'have another, {words}: give all nodes the same rig file', figures)
+        return Finding(OK, f'rig {short_digest(self.digest)}', figures)
+
+
+def zero_finding(
+    rig: Rig, zero: ZeroReading | None, zero_stamp: int, newest_stamp: int, load: float,
+) -> Finding:
+    """Whether the zero is taken; if not, the load [N] at which the node waits.
+
+    Stamps are in ns; `newest_stamp` is 0 before the first sample.
+    """
+    if zero is not None:
+        return Finding(OK, f'zero at {rig.force_words(zero.load, 3)}',
+                       {'zero stamp': str(zero_stamp), 'zero load [N]': f'{zero.load:.1f}'})
+    if not newest_stamp:
+        return Finding(OK, 'waiting for samples')
+    return Finding(WARN, f'waiting for preload (load is {rig.force_words(load, 2)}): '
+                         'go to preload, or call ~/zero')
+
+
+SILENT = 3.0
+"""A node that has not reported for so long [s] is not there."""
+
+EVENTS_COUNT = 10.0
+"""A sample refused, lost or late keeps a rig from being ready for so long [s]."""
+
+EVENTS_TASK = 'events'
+SHOWN = 3
+"""Reasons in the words of the status; the figures hold all."""
+
+
+@dataclass(frozen=True)
+class _Status:
+    level: int
+    words: str
+    at: float
+    is_active: bool
+
+
+class Readiness:
+    """Receives the statuses of nodes; names the reasons that prevent a test.
+
+    needed: names of nodes as /diagnostics shows them. Ready means that each of them reports, is
+    active, and reports nothing but OK: every stream comes at its rate, the zero is taken, the rig
+    files agree, and no sample was refused or lost for EVENTS_COUNT.
+    """
+
+    def __init__(self, needed: Sequence[str]) -> None:
+        self._needed = tuple(needed)
+        self._heard: dict[str, dict[str, _Status]] = {name: {} for name in needed}
+        self._events: dict[str, tuple[float, str]] = {}
+
+    def hear(self, name: str, level: int, words: str, now: float) -> None:
+        """Take the status 'NODE: TASK' at `now` [s, monotonic]."""
+        node, _, task = name.partition(': ')
+        if node not in self._heard:
+            return
+        self._heard[node][task] = _Status(level, words, now, words == ACTIVE)
+        if task == EVENTS_TASK and level > OK:
+            self._events[node] = now, words
+
+    def reasons(self, now: float) -> list[str]:
+        """Reasons that prevent a test at `now` [s, monotonic], one line each; none: ready."""
+        return [reason for node in self._needed for reason in self._reasons_of(node, now)]
+
+    def _reasons_of(self, node: str, now: float) -> list[str]:
+        current = {task: status for task, status in self._heard[node].items()
+                   if now - status.at <= SILENT}
+        state = current.get(STATE_TASK)
+        if state is None:
+            return [f'{node} does not report']
+        if not state.is_active:
+            return [f'{node} is {state.words}']
+        reasons = [f'{node}: {task}: {status.words}' for task, status in current.items()
+                   if status.level > OK and task != EVENTS_TASK]
+        at, words = self._events.get(node, (-EVENTS_COUNT, ''))
+        if now - at < EVENTS_COUNT:
+            reasons.append(f'{node}: {words} in the last {EVENTS_COUNT:g} s')
+        return reasons
+
+
+class ReadinessTask:
+    """The diagnostics task `ready to test` of a node, over all nodes of its namespace."""
+
+    name = 'ready to test'
+
+    def __init__(self, node: Node, needed: Sequence[str]) -> None:
+        prefix = '' if node.get_namespace() == '/' else f'{node.get_namespace()}/'
+        self._own = f'{prefix}{node.get_name()}: {self.name}'
+        self._readiness = Readiness([f'{prefix}{name}' for name in needed if name])
+        node.create_subscription(DiagnosticArray, DIAGNOSTICS, self._hear, 100)
+
+    def _hear(self, message: DiagnosticArray) -> None:
+        now = time.monotonic()
+        for status in message.status:
+            if status.name != self._own:
+                self._readiness.hear(status.name, status.level[0], status.message, now)
+
+    def report(self, elapsed: float) -> Finding:
+        """Ready, or the reasons that prevent a test."""
+        reasons = self._readiness.reasons(time.monotonic())
+        if not reasons:
+            return Finding(OK, 'ready to test')
+        more = len(reasons) - SHOWN
+        words = '; '.join(reasons[:SHOWN]) + (f'; and {more} more' if more > 0 else '')
+        return Finding(WARN, f'not ready: {words}',
+                       {f'reason {number}': reason for number, reason in enumerate(reasons, 1)})
