@@ -13,8 +13,7 @@ from zoneinfo import ZoneInfo, ZoneInfoNotFoundError
 import numpy as np
 from numpy.typing import NDArray
 
-from saddlering_ros.importing.errors import ImportingError
-from saddlering_ros.importing.units import Unit
+from saddlering_ros.importing.calibration import ImportingError, Unit
 
 Stamps = NDArray[np.int64]
 

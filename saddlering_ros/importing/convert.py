@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from saddlering_ros.bags.block_writer import BlockBagWriter
 from saddlering_ros.errors import did_you_mean
+from saddlering_ros.importing.calibration import ImportingError
 from saddlering_ros.importing.clock import (
     CountedTime,
     DatedTime,
@@ -22,12 +23,10 @@ from saddlering_ros.importing.clock import (
     Stamps,
     TimeSource,
 )
-from saddlering_ros.importing.envelope import Envelope
-from saddlering_ros.importing.errors import ImportingError
 from saddlering_ros.importing.feed import Feed, first_stamp, Floats, Part, Piece
-from saddlering_ros.importing.formats import open_source
 from saddlering_ros.importing.mapping import ChannelMap, ImportMap
-from saddlering_ros.importing.source import find_column, Source
+from saddlering_ros.importing.preview import Envelope
+from saddlering_ros.importing.source import find_column, open_source, Source
 from saddlering_ros.record.errors import BagError
 from saddlering_ros.record.metadata import TestMetadata
 from saddlering_ros.record.topics import RANGE_TYPE

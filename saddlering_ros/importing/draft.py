@@ -6,10 +6,10 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 import re
 
+from saddlering_ros.importing.calibration import FORCE, known_unit, LENGTH, PRESSURE, TIME
 from saddlering_ros.importing.clock import parse_moment, words_of
 from saddlering_ros.importing.mapping import REQUIRED, TO_DO
 from saddlering_ros.importing.source import Column, MOMENT, NUMBER, Source, TEXT
-from saddlering_ros.importing.units import FORCE, known_unit, LENGTH, PRESSURE, TIME
 
 _LOAD = re.compile(r'load|force|kraft|last|cylinder|zylinder|pressure|druck|\bp\d?\b|^f\b', re.I)
 _PROBE = re.compile(r'eddy|probe|gap|weg|abstand|distance|displ|sensor|taster|^[sdx]_?\d', re.I)

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from saddlering_ros.importing.calibration import ImportingError
 from saddlering_ros.importing.clock import (
     CountedTime,
     DatedTime,
@@ -19,7 +20,6 @@ from saddlering_ros.importing.clock import (
     Stamps,
     TimeSource,
 )
-from saddlering_ros.importing.errors import ImportingError
 from saddlering_ros.importing.mapping import ChannelMap, Split
 from saddlering_ros.importing.source import MOMENT, Source, Timing
 

@@ -11,11 +11,20 @@ from typing import Any
 
 from saddlering_ros.errors import refuse_unknown_keys
 from saddlering_ros.importing.calibration import (
+    ANGLE,
     Calibration,
+    FORCE,
+    ImportingError,
+    LENGTH,
     Linear,
     Polynomial,
+    PRESSURE,
     read_table,
     scaled_unit,
+    TIME,
+    Unit,
+    unit_of,
+    units_of,
 )
 from saddlering_ros.importing.clock import (
     CountedTime,
@@ -25,17 +34,6 @@ from saddlering_ros.importing.clock import (
     start_of,
     TimeSource,
     zone_of,
-)
-from saddlering_ros.importing.errors import ImportingError
-from saddlering_ros.importing.units import (
-    ANGLE,
-    FORCE,
-    LENGTH,
-    PRESSURE,
-    TIME,
-    Unit,
-    unit_of,
-    units_of,
 )
 from saddlering_ros.plain_yaml import read_strict_yaml
 from saddlering_ros.record.metadata import DETAILS

@@ -1,18 +1,22 @@
-"""A picture of an import: load and gaps over time, one column for each run."""
+"""The picture of an import: load and gaps over time, in a few thousand points a channel."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from saddlering_ros.files import whole_file
+from saddlering_ros.importing.calibration import ImportingError
 from saddlering_ros.importing.clock import SECOND, words_of
-from saddlering_ros.importing.convert import ImportedRun
-from saddlering_ros.importing.errors import ImportingError
 from saddlering_ros.rig import FORCE_UNITS, Rig
+
+if TYPE_CHECKING:
+    from saddlering_ros.importing.convert import ImportedRun
 
 MAX_RUNS = 6
 _GAP, _MILLIMETRE = 'eddy_current_', 1e-3
@@ -65,3 +69,31 @@ def _draw_run(run: ImportedRun, load: Any, gaps: Any, force_unit: float) -> None
 def _draw_band(plot: Any, time: Any, band: Any, colour: str, label: str | None) -> None:
     plot.fill_between(time, *band, color=colour, alpha=0.35, linewidth=0)
     plot.plot(time, band.mean(axis=0), color=colour, linewidth=0.9, label=label)
+
+
+MAX_POINTS = 4096
+POINTS_PER_BLOCK = 256
+
+
+@dataclass
+class Envelope:
+    """Stretches of a channel, each with its first stamp [ns], its lowest and highest value."""
+
+    stamps: list[int] = field(default_factory=list)
+    lowest: list[float] = field(default_factory=list)
+    highest: list[float] = field(default_factory=list)
+
+    def add(self, stamps: NDArray[np.int64], values: NDArray[np.float64]) -> None:
+        """Add a block of samples (N,), N above 0."""
+        starts = np.unique(np.linspace(0, len(stamps), POINTS_PER_BLOCK + 1).astype(int)[:-1])
+        self.stamps += stamps[starts].tolist()
+        self.lowest += np.minimum.reduceat(values, starts).tolist()
+        self.highest += np.maximum.reduceat(values, starts).tolist()
+        if len(self.stamps) > MAX_POINTS:
+            self._halve()
+
+    def _halve(self) -> None:
+        even = len(self.stamps) // 2 * 2
+        self.stamps = self.stamps[:even:2]
+        self.lowest = np.minimum(self.lowest[:even:2], self.lowest[1:even:2]).tolist()
+        self.highest = np.maximum(self.highest[:even:2], self.highest[1:even:2]).tolist()

@@ -1,13 +1,15 @@
-"""The face of every reader of measured files: columns, and their values block by block."""
+"""Measured files: the reader for each, and the face of readers, columns and blocks of values."""
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 import fnmatch
 from functools import cached_property
+from importlib import import_module
 from pathlib import Path
+import stat
 from typing import Any
 
 import numpy as np
@@ -15,10 +17,12 @@ from numpy.typing import NDArray
 
 from saddlering_ros.errors import did_you_mean
 from saddlering_ros.files import sha256_of_file
-from saddlering_ros.importing.errors import ImportingError
+from saddlering_ros.importing.calibration import ImportingError
 
 BLOCK_ROWS = 1 << 16
 """Rows that are read at a time."""
+
+_HDF5 = b'\x89HDF\r\n\x1a\n'
 
 NUMBER, TEXT, MOMENT = 'number', 'text', 'moment'
 """Kinds of columns: float64, text, int64 nanoseconds since 1970-01-01 UTC."""
@@ -143,6 +147,50 @@ class SlicedSource(Source):
     @abstractmethod
     def read(self, name: str, part: slice) -> NDArray[Any]:
         """The values of a column in a slice of rows."""
+
+
+def open_source(path: Path, csv_shape: Mapping[str, Any] | None = None) -> Source:
+    """The reader of the file at `path`, found by its first bytes; ImportingError if there is none.
+
+    csv_shape: entries of a map on the shape of its text files.
+    """
+    module, name = _reader(_head(path))
+    try:
+        reader = getattr(import_module(f'saddlering_ros.importing.{module}'), name)
+        source: Source = reader(path, csv_shape or {}) if module == 'csv_file' else reader(path)
+    except ModuleNotFoundError as problem:
+        raise ImportingError(f'{path}: reading this format needs the Python package '
+                             f'{problem.name}: install it (pip install {problem.name})'
+                             ) from problem
+    return source
+
+
+def _head(path: Path) -> bytes:
+    try:
+        if not stat.S_ISREG(path.stat().st_mode):
+            raise ImportingError(f'{path}: is no regular file: give a measured file')
+        with path.open('rb') as file:
+            head = file.read(4096)
+    except OSError as problem:
+        raise ImportingError(f'{path}: cannot be read ({problem.strerror}): check the path'
+                             ) from problem
+    if not head:
+        raise ImportingError(f'{path}: is empty: give a measured file')
+    return head
+
+
+def _reader(head: bytes) -> tuple[str, str]:
+    """Module and class of the reader for a file that begins with `head`."""
+    if head.startswith(b'TDSm'):
+        return 'tdms_file', 'TdmsSource'
+    if head.startswith(b'MDF     '):
+        return 'mdf_file', 'MdfSource'
+    if head.startswith(_HDF5) or head[512:520] == _HDF5:
+        is_matlab = head.startswith(b'MATLAB 7.3')
+        return 'array_files', 'Matlab73Source' if is_matlab else 'Hdf5Source'
+    if head.startswith(b'MATLAB 5.0'):
+        return 'array_files', 'MatlabSource'
+    return 'csv_file', 'CsvSource'
 
 
 def find_column(sources: Sequence[Source], pattern: str, where: str) -> list[tuple[Source, str]]:

@@ -9,7 +9,7 @@ from nptdms import TdmsFile
 import numpy as np
 from numpy.typing import NDArray
 
-from saddlering_ros.importing.errors import ImportingError
+from saddlering_ros.importing.calibration import ImportingError
 from saddlering_ros.importing.source import (
     as_numbers,
     Column,
