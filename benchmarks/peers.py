@@ -37,7 +37,7 @@ from rigs import RIG, virtual_run
 from scipy.integrate import solve_ivp
 from scipy.optimize import differential_evolution
 
-from saddlering_ros.estimation.space import SearchSpace
+from saddlering_ros.estimation.least_squares import SearchSpace
 from saddlering_ros.identification import IdentificationSettings, identify, SwarmSettings
 from saddlering_ros.identification.objective import (
     average_branches,
@@ -46,12 +46,7 @@ from saddlering_ros.identification.objective import (
 )
 from saddlering_ros.identification.observing import observe
 from saddlering_ros.identification.swarm import minimise
-from saddlering_ros.rig import (
-    ContactParameters,
-    FULL_SCALE_LOAD,
-    PARAMETER_NAMES,
-    TRUE_TO_SCALE,
-)
+from saddlering_ros.rig import ContactParameters, FULL_SCALE_LOAD, PARAMETER_NAMES, TRUE_TO_SCALE
 from saddlering_ros.ring import dynamic_batch, SimulationError, static_batch, static_response
 
 Array = NDArray[np.float64]

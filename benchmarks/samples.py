@@ -16,7 +16,8 @@ from scipy.linalg import cholesky, solve_triangular
 from scipy.signal import lfilter
 
 from saddlering_ros.discrepancy import Channel, diagnose, Effect, Model, Noise, Parameter, Run
-from saddlering_ros.discrepancy.noise import build_whitener, ChannelNoise
+from saddlering_ros.estimation.process import ChannelNoise
+from saddlering_ros.estimation.whitening import build_whitener
 
 NOISE = ChannelNoise(1e-3, np.ones(8), 0.0, 100)
 COLUMNS = 50

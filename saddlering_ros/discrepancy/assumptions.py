@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
-from saddlering_ros.discrepancy.noise import ChannelNoise
+from saddlering_ros.discrepancy.noise import learn_noise
 from saddlering_ros.discrepancy.priors import FREE_OFFSET, ModelErrorPrior
-from saddlering_ros.discrepancy.run_noise import learn_noise
 from saddlering_ros.discrepancy.system import Array, RunBlocks
+from saddlering_ros.estimation.process import ChannelNoise
 
 NoiseByRun = Mapping[tuple[str, int], ChannelNoise]
 LearnNoise = Callable[[Sequence[RunBlocks], Sequence[Array] | None], NoiseByRun]

@@ -20,7 +20,7 @@ from saddlering_ros.discrepancy.law_forms import changes_of_effects
 from saddlering_ros.discrepancy.metric import Metric
 from saddlering_ros.discrepancy.refit import Tangent
 from saddlering_ros.discrepancy.system import Array
-from saddlering_ros.estimation.distributions import fisher_chance
+from saddlering_ros.estimation.statistics import fisher_chance
 
 CAUSE_WAVES, PARAMETER_WAVES, STATE_WAVES = 2, 1, 3
 """Half waves over a state: for the change of a cause, the sensitivities, a channel."""

@@ -10,7 +10,7 @@ import numpy as np
 from saddlering_ros.discrepancy.lack_of_fit import FastResidual, SlowResidual
 from saddlering_ros.discrepancy.settings import Settings
 from saddlering_ros.discrepancy.system import Array
-from saddlering_ros.estimation.distributions import fisher_chance, fisher_limit
+from saddlering_ros.estimation.statistics import fisher_chance, fisher_limit
 
 MAX_IN_ONE_VIEW = 2
 """Largest number of effects in one channel. More effects can fit any misfit."""

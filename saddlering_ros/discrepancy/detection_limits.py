@@ -14,7 +14,7 @@ from saddlering_ros.discrepancy.signatures import (
     testable_share,
 )
 from saddlering_ros.discrepancy.system import Effect
-from saddlering_ros.estimation.distributions import fisher_limit
+from saddlering_ros.estimation.statistics import fisher_limit
 
 #: A size is found if its height deviates from the wanted one by less than this share.
 NOTHING = 1e-3

@@ -16,8 +16,8 @@ import numpy as np
 from scipy.fft import dct, idct
 
 from saddlering_ros.discrepancy.metric import Metric
-from saddlering_ros.discrepancy.noise import Whitener
 from saddlering_ros.discrepancy.system import Array, RunBlocks
+from saddlering_ros.estimation.whitening import Whitener
 
 WAVE_SAMPLES = 4
 """Samples per half wave at the fastest structure."""

@@ -20,7 +20,7 @@ from saddlering_ros.discrepancy.experiment import sample_weights
 from saddlering_ros.discrepancy.fast_bands import fast_bands
 from saddlering_ros.discrepancy.metric import Metric
 from saddlering_ros.discrepancy.system import Array, RunBlocks
-from saddlering_ros.estimation.distributions import fisher_chance
+from saddlering_ros.estimation.statistics import fisher_chance
 
 WAVES_PER_RUN = 20
 """Half waves per run that are tested together as slow structure."""

@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from scipy.ndimage import median_filter
 
 from saddlering_ros.discrepancy.system import Array
-from saddlering_ros.estimation.distributions import fisher_chance, fisher_limit
 from saddlering_ros.estimation.rest import RestSegment
+from saddlering_ros.estimation.statistics import fisher_chance, fisher_limit
 
 MIN_FREQUENCY = 8.0
 """Frequency [Hz] below which the residual tests apply: slower swings may belong to the machine."""

@@ -14,9 +14,9 @@ from typing import Protocol
 import numpy as np
 
 from saddlering_ros.discrepancy.experiment import Experiment
-from saddlering_ros.discrepancy.noise import build_whitener, ChannelNoise, Whitener
 from saddlering_ros.discrepancy.system import Array
-from saddlering_ros.estimation.shared_errors import SharedErrors
+from saddlering_ros.estimation.process import ChannelNoise
+from saddlering_ros.estimation.whitening import build_whitener, SharedErrors, Whitener
 
 MAX_SPREADS = 2.5
 """Largest size of a nuisance parameter, in its standard deviations."""

@@ -13,7 +13,6 @@ from saddlering_ros.discrepancy.metric import JITTER
 from saddlering_ros.discrepancy.model import Model, Run
 from saddlering_ros.discrepancy.model_system import ModelSystem
 from saddlering_ros.discrepancy.noise import (
-    ChannelNoise,
     overestimated,
     overestimated_sentence,
     underestimated,
@@ -23,6 +22,7 @@ from saddlering_ros.discrepancy.results import Diagnosis, RunPrediction
 from saddlering_ros.discrepancy.separation import Proposal
 from saddlering_ros.discrepancy.settings import Settings
 from saddlering_ros.discrepancy.system import DiscrepancyError, RunBlocks, System
+from saddlering_ros.estimation.process import ChannelNoise
 from saddlering_ros.progress import IsCancelled, OnProgress
 
 MODEL_SETTINGS = Settings(form_error=0.02, rounds=20, max_rounds=100)

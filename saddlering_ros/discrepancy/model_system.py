@@ -12,13 +12,7 @@ import numpy as np
 
 from saddlering_ros.discrepancy.assumptions import Assumptions
 from saddlering_ros.discrepancy.model import Model, Outputs, Run
-from saddlering_ros.discrepancy.noise import (
-    ChannelNoise,
-    ChannelRecord,
-    widened,
-    with_model_error,
-)
-from saddlering_ros.discrepancy.noise.declared import KNOWN_EXACTLY
+from saddlering_ros.discrepancy.noise import KNOWN_EXACTLY
 from saddlering_ros.discrepancy.priors import FREE_OFFSET
 from saddlering_ros.discrepancy.system import (
     Array,
@@ -28,6 +22,8 @@ from saddlering_ros.discrepancy.system import (
     Point,
     RunBlocks,
 )
+from saddlering_ros.estimation.process import ChannelNoise
+from saddlering_ros.estimation.record_noise import ChannelRecord, widened, with_model_error
 
 PROVISIONAL_STD = 0.01
 """Unknown noise as a share of range, with which the first fit is plain least squares."""

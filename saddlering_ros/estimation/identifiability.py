@@ -11,7 +11,7 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from saddlering_ros.estimation.distributions import normal_quantile
+from saddlering_ros.estimation.statistics import normal_quantile
 from saddlering_ros.quantities import compact
 
 Array = NDArray[np.float64]

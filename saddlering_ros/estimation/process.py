@@ -11,11 +11,16 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from saddlering_ros.errors import SaddleringError
+
 Array = NDArray[np.float64]
 
-
-#: Time constants of the mixture [s]; the longest one represents a random walk.
 TIME_CONSTANTS = np.array([0.01, 0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 40.0])
+"""Time constants of the mixture [s]; the longest one represents a random walk."""
+
+
+class EstimationError(SaddleringError):
+    """Noise cannot be learnt from records, or records cannot be whitened."""
 
 
 @dataclass(frozen=True)
@@ -90,6 +95,11 @@ class ChannelNoise:
         """The same noise with `factor` times its variance."""
         return replace(self, white=factor * self.white, slow=factor * self.slow,
                        held=factor * self.held, floor=factor * self.floor)
+
+    def with_relaxations(self, variances: Array, time_constants: Array) -> ChannelNoise:
+        """The same noise plus relaxations of `variances` (T,) with `time_constants` (T,) [s]."""
+        return replace(self, slow=np.append(self.slow, variances),
+                       time_constants=np.append(self.time_constants, time_constants))
 
     def at_least(self, deviation: float, width: float) -> ChannelNoise:
         """The same noise with a scatter of `deviation` or more of means over `width` seconds."""

@@ -7,9 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from saddlering_ros.estimation.common_noise import common_noise, SLOW_TIMES
+from saddlering_ros.estimation.noise import MIN_NOISE
 from saddlering_ros.estimation.process import ChannelNoise
-from saddlering_ros.estimation.rest_noise import MIN_NOISE
+from saddlering_ros.estimation.record_noise import common_noise, COMMON_TIMES
 from saddlering_ros.identification.observation import LoadErrors, Observation
 from saddlering_ros.identification.prepared import MAX_SAMPLES, PreparedRun
 from saddlering_ros.rig import ContactParameters, Rig
@@ -53,8 +53,8 @@ def cell_noise(one: PreparedRun, slow: ChannelNoise | None) -> ChannelNoise:
     """Noise [N] of the load cell in a run: white by its second differences, and the slow part."""
     load = one.measured.load
     white = float(np.mean(np.diff(load, 2) ** 2)) / 6.0 if len(load) > 2 else 0.0
-    wander = np.zeros(SLOW_TIMES.size) if slow is None else slow.slow
-    return ChannelNoise(white * one.interval, wander, 0.0, max(1, len(load) - 2), SLOW_TIMES)
+    wander = np.zeros(COMMON_TIMES.size) if slow is None else slow.slow
+    return ChannelNoise(white * one.interval, wander, 0.0, max(1, len(load) - 2), COMMON_TIMES)
 
 
 def load_errors_of(

@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 
 from saddlering_ros.errors import Cancelled
 from saddlering_ros.estimation.identifiability import WIDTH_95
-from saddlering_ros.estimation.least_squares import NEAR
-from saddlering_ros.estimation.space import SearchSpace
+from saddlering_ros.estimation.least_squares import NEAR, SearchSpace
 from saddlering_ros.identification import swarm
 from saddlering_ros.identification.checks import warnings_of
 from saddlering_ros.identification.errors import IdentificationError

@@ -9,9 +9,8 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from saddlering_ros.estimation.blocks import block_means, span_means
-from saddlering_ros.estimation.shared_errors import SharedErrors
-from saddlering_ros.estimation.whitener import independent
+from saddlering_ros.estimation.statistics import block_means, span_means
+from saddlering_ros.estimation.whitening import independent, SharedErrors
 from saddlering_ros.identification.errors import IdentificationError
 from saddlering_ros.identification.observation import Observation
 from saddlering_ros.identification.observing import SETTLING_STEP

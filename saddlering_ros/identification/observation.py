@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 from scipy.linalg import cholesky
 from scipy.linalg.blas import dtrmm
 
-from saddlering_ros.estimation.shared_errors import SharedErrors
-from saddlering_ros.estimation.whitener import Whitener
+from saddlering_ros.estimation.whitening import SharedErrors, Whitener
 
 Array = NDArray[np.float64]
 

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saddlering_ros.bags import refuse_repeats
-from saddlering_ros.estimation.blocks import block_means, filled
-from saddlering_ros.estimation.whitener import build_whitener
+from saddlering_ros.estimation.statistics import block_means, filled
+from saddlering_ros.estimation.whitening import build_whitener
 from saddlering_ros.identification.checks import run_name
 from saddlering_ros.identification.errors import IdentificationError
 from saddlering_ros.identification.load_cell import cell_noise, load_errors_of, slow_cell_noise
@@ -23,7 +23,7 @@ from saddlering_ros.identification.prepared import (
     prepare,
     PreparedRun,
 )
-from saddlering_ros.record import Record
+from saddlering_ros.record.record import Record
 from saddlering_ros.rig import ContactParameters, Rig
 
 Array = NDArray[np.float64]

@@ -9,19 +9,20 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 
-from saddlering_ros.estimation.blocks import filled
-from saddlering_ros.estimation.errors import EstimationError
-from saddlering_ros.estimation.parity import parity_ratios
-from saddlering_ros.estimation.probe_rounding import probe_rounding
-from saddlering_ros.estimation.process import ChannelNoise
-from saddlering_ros.estimation.rest import quiet_stretches, RestSegment, stretches_at_rest
-from saddlering_ros.estimation.rest_noise import channel_correlation, LEVEL_REACH, MIN_NOISE
-from saddlering_ros.estimation.sampling_classes import (
+from saddlering_ros.estimation.noise import (
+    channel_correlation,
+    LEVEL_REACH,
+    MIN_NOISE,
     noise_by_class,
-    Quiet,
+    NoiseRecord,
+    parity_ratios,
+    RestSource,
     sampling_class,
-    Silence,
 )
+from saddlering_ros.estimation.process import ChannelNoise, EstimationError
+from saddlering_ros.estimation.rest import quiet_stretches, RestSegment, stretches_at_rest
+from saddlering_ros.estimation.rounding import probe_rounding
+from saddlering_ros.estimation.statistics import filled
 from saddlering_ros.identification.checks import check_run, clipped_words, run_name, saturated
 from saddlering_ros.identification.errors import IdentificationError
 from saddlering_ros.record import BagError, displacement_of_run, MeasuredRun, Record
@@ -220,7 +221,7 @@ def noise_of(runs: Sequence[PreparedRun]) -> list[NoiseModel]:
     return [models[sampling_class(one.interval)] for one in runs]
 
 
-def _quiet(runs: Sequence[PreparedRun]) -> Quiet:
+def _quiet(runs: Sequence[PreparedRun]) -> RestSource:
     """Noise of runs with equal sampling: at rest, and in the parity if the parity is noise."""
     segments = [part for one in runs for part in rest_segments(one)]
     parities = [one.parity for one in runs]
@@ -228,10 +229,10 @@ def _quiet(runs: Sequence[PreparedRun]) -> Quiet:
              for start, stop in one.rests]
     ratios = parity_ratios(parities, still, [segment.values for segment in segments])
     if ratios is None:
-        return Quiet(segments)
+        return RestSource(segments)
     records = [RestSegment(parity[None, :], one.interval)
                for one, parity in zip(runs, parities, strict=True)]
-    return Quiet(segments, silence=Silence(records, ratios))
+    return RestSource(segments, record=NoiseRecord(records, ratios))
 
 
 def rest_segments(one: PreparedRun) -> list[RestSegment]:

@@ -12,9 +12,9 @@ from saddlering_ros.estimation.least_squares import (
     minimise,
     NEGLIGIBLE,
     on_bound,
+    SearchSpace,
     USUAL_DAMPING,
 )
-from saddlering_ros.estimation.space import SearchSpace
 from saddlering_ros.identification.objective import LinearisedFit, WeightedObjective
 from saddlering_ros.progress import IsCancelled
 from saddlering_ros.rig import ContactParameters

@@ -15,7 +15,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from saddlering_ros.estimation.distributions import chi_squared_quantile
 from saddlering_ros.estimation.identifiability import (
     collinearity,
     reason_bound,
@@ -25,8 +24,8 @@ from saddlering_ros.estimation.identifiability import (
     reason_unequal,
     WIDTH_95,
 )
-from saddlering_ros.estimation.least_squares import covariance
-from saddlering_ros.estimation.space import SearchSpace
+from saddlering_ros.estimation.least_squares import covariance, SearchSpace
+from saddlering_ros.estimation.statistics import chi_squared_quantile
 from saddlering_ros.identification.objective import predict, WeightedObjective
 from saddlering_ros.identification.observation import Observation
 from saddlering_ros.identification.refinement import refine, Refinement

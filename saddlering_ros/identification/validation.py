@@ -16,18 +16,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saddlering_ros.bags import refuse_repeats
-from saddlering_ros.estimation.errors import EstimationError
-from saddlering_ros.estimation.parity import parity_ratios
-from saddlering_ros.estimation.process import ChannelNoise, QUIET
+from saddlering_ros.estimation.noise import (
+    LEVEL_REACH,
+    noise_alone,
+    noise_by_class,
+    NoiseRecord,
+    parity_ratios,
+    RestSource,
+)
+from saddlering_ros.estimation.process import ChannelNoise, EstimationError, QUIET
 from saddlering_ros.estimation.rest import RestSegment, stretches_at_rest
-from saddlering_ros.estimation.rest_noise import LEVEL_REACH, noise_alone
-from saddlering_ros.estimation.sampling_classes import noise_by_class, Quiet, Silence
 from saddlering_ros.files import Origin, Provenance
 from saddlering_ros.identification.checks import run_name
 from saddlering_ros.identification.errors import IdentificationError
 from saddlering_ros.identification.prepared import MIN_REST, parity_at_rest
 from saddlering_ros.identification.rating import rate
-from saddlering_ros.record import BagError, displacement_of_run, MeasuredRun, plateaus, Record
+from saddlering_ros.record.errors import BagError
+from saddlering_ros.record.measured import displacement_of_run, MeasuredRun
+from saddlering_ros.record.plateaus import plateaus
+from saddlering_ros.record.record import Record
 from saddlering_ros.rig import CHANNELS, Displacement, PARAMETER_NAMES, ParameterSet, Rig
 from saddlering_ros.ring import simulate, static_batch
 
@@ -183,7 +190,7 @@ class _Comparison:
         """Usual spacing of the samples [s]."""
         return float(np.median(np.diff(self.run.time)))
 
-    def quiet(self) -> Quiet:
+    def quiet(self) -> RestSource:
         """Noise of the channels of the run."""
         rows = slice(len(self.channels))
         residual = self.run.measured[rows] - self.run.simulated[rows]
@@ -194,8 +201,9 @@ class _Comparison:
         parity = parity_at_rest(self.measured)
         ratios = parity_ratios([parity], [parity[a:b] for a, b in self.rests], segments)
         if ratios is None:
-            return Quiet(rests)
-        return Quiet(rests, silence=Silence([RestSegment(parity[None, :], self.interval)], ratios))
+            return RestSource(rests)
+        whole = RestSegment(parity[None, :], self.interval)
+        return RestSource(rests, record=NoiseRecord([whole], ratios))
 
     def judged(
         self, rig: Rig, parameters: ParameterSet, noise: Sequence[ChannelNoise]
@@ -219,13 +227,13 @@ def _noise_of(compared: Sequence[_Comparison]) -> list[Sequence[ChannelNoise]]:
     shown = [one.quiet() for one in compared]
     count = len(compared[0].channels)
     silent = {number: quiet for number, quiet in enumerate(shown)
-              if quiet.silence is not None and quiet.is_usable}
+              if quiet.record is not None and quiet.is_usable}
     learnt = noise_by_class(silent, count, LEVEL_REACH) if silent else {}
     return [learnt[number] if number in learnt else _alone(quiet, count)
             for number, quiet in enumerate(shown)]
 
 
-def _alone(quiet: Quiet, count: int) -> list[ChannelNoise]:
+def _alone(quiet: RestSource, count: int) -> list[ChannelNoise]:
     answers = []
     for row in range(count):
         own = [segment.values[row] for segment in quiet.segments]

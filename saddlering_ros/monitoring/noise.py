@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saddlering_ros.errors import SaddleringError
+from saddlering_ros.estimation.noise import noise_alone
 from saddlering_ros.estimation.rest import (
     BLOCK_SECONDS,
     GUARD_SECONDS,
@@ -22,7 +23,6 @@ from saddlering_ros.estimation.rest import (
     MIN_SECONDS,
     SETTLING_SECONDS,
 )
-from saddlering_ros.estimation.rest_noise import noise_alone
 from saddlering_ros.monitoring.detector import block_noise, BlockNoise
 from saddlering_ros.rig import ContactParameters, Rig
 from saddlering_ros.ring.simulator import static_response

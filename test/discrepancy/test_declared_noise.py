@@ -7,16 +7,10 @@ import pytest
 from scipy.signal import lfilter
 
 from saddlering_ros.discrepancy import DiscrepancyError
-from saddlering_ros.discrepancy.noise import (
-    build_whitener,
-    ChannelNoise,
-    ChannelRecord,
-    Noise,
-    overestimated,
-    widened,
-    with_model_error,
-)
-from saddlering_ros.estimation.errors import EstimationError
+from saddlering_ros.discrepancy.noise import Noise, overestimated
+from saddlering_ros.estimation.process import ChannelNoise, EstimationError
+from saddlering_ros.estimation.record_noise import ChannelRecord, widened, with_model_error
+from saddlering_ros.estimation.whitening import build_whitener
 
 STEP = 0.01
 TIME = np.arange(4000) * STEP

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from saddlering_ros.estimation.allan import allan_variances_of, RowTotals, running_total
+from saddlering_ros.estimation.statistics import allan_variances_of, RowTotals, running_total
 
 
 @pytest.mark.parametrize('count', [1, 3, 8])

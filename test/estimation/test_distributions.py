@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from saddlering_ros.estimation.distributions import (
+from saddlering_ros.estimation.statistics import (
     chi_squared_quantile,
     fisher_chance,
     fisher_limit,

@@ -4,11 +4,16 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from saddlering_ros.estimation.parity import parity_ratios
+from saddlering_ros.estimation.noise import (
+    channel_correlation,
+    noise_alone,
+    noise_by_class,
+    NoiseRecord,
+    parity_ratios,
+    RestSource,
+)
 from saddlering_ros.estimation.process import ChannelNoise
 from saddlering_ros.estimation.rest import RestSegment
-from saddlering_ros.estimation.rest_noise import channel_correlation, noise_alone
-from saddlering_ros.estimation.sampling_classes import noise_by_class, Quiet, Silence
 
 STEP = 0.02
 
@@ -60,7 +65,7 @@ def test_what_long_stretches_know_of_the_slow_part_counts_for_short_ones_too():
     slow = segments(np.exp(-STEP / 4.0), count=60, length=500, seed=3, scale=2e-7)
     long = [a + b for a, b in zip(segments(0.0, 60, 500), slow, strict=True)]
     short = segments(0.0, count=1, length=30, seed=5)
-    found = noise_by_class({0: Quiet(rests(long)), 1: Quiet(rests(short))}, 1, 1.5)
+    found = noise_by_class({0: RestSource(rests(long)), 1: RestSource(rests(short))}, 1, 1.5)
     assert found[1][0].deviation(4.0) == pytest.approx(found[0][0].deviation(4.0), rel=0.2)
     assert found[1][0].deviation(4.0) > 3.0 * of_channel(short).deviation(4.0)
 
@@ -111,8 +116,8 @@ def test_the_parity_of_a_whole_record_shows_the_slow_part_between_the_stretches(
         parity = 1.5 * wandering(1, 15000, seed + 2)
         ratios = ratios_of(parity, rows)
         assert ratios == pytest.approx(1.0 / 1.5**2, rel=0.15)
-        silence = Silence(rests([parity]), ratios)
-        noise = Quiet(rests(cut(rows)), silence=silence).noise(3, np.inf)[0]
+        silence = NoiseRecord(rests([parity]), ratios)
+        noise = RestSource(rests(cut(rows)), record=silence).noise(3, np.inf)[0]
         stated.append(noise.deviation(137 * STEP))
     true = ChannelNoise(9e-14 * STEP, np.array([1e-14]), 0.0, 1, np.array([4.0]))
     expected = true.deviation(137 * STEP)

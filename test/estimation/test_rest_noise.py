@@ -7,8 +7,8 @@ import pytest
 from scipy.signal import lfilter
 
 from saddlering_ros.discrepancy import RestSegment
-from saddlering_ros.discrepancy.noise import measure_noise
-from saddlering_ros.estimation.errors import EstimationError
+from saddlering_ros.estimation.noise import measure_noise
+from saddlering_ros.estimation.process import EstimationError
 
 STEP = 0.01
 

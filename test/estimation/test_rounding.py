@@ -7,8 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from saddlering_ros.estimation.probe_rounding import probe_rounding
-from saddlering_ros.estimation.rounding import hidden_rounding, rounding_record
+from saddlering_ros.estimation.rounding import hidden_rounding, probe_rounding, rounding_record
 from saddlering_ros.record import PROBE_TOPICS, Record
 from saddlering_ros.record.quality import topic_quality
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.linalg import cholesky
 
-from saddlering_ros.estimation.shared_errors import SharedErrors
+from saddlering_ros.estimation.whitening import SharedErrors
 
 MAKERS = [SharedErrors.of, SharedErrors.of_many]
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.linalg import cholesky, solve_triangular
 
-from saddlering_ros.discrepancy.noise import build_whitener, ChannelNoise
-from saddlering_ros.estimation.errors import EstimationError
+from saddlering_ros.estimation.process import ChannelNoise, EstimationError
+from saddlering_ros.estimation.whitening import build_whitener
 
 SLOW = np.array([0.4, 0.0, 0.2, 0.7, 0.0, 1.5, 0.3, 2.0])
 EVEN = np.arange(120) * 0.05

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from saddlering_ros.estimation.common_noise import common_noise
+from saddlering_ros.estimation.record_noise import common_noise
 from saddlering_ros.identification.objective import WeightedObjective
 from saddlering_ros.identification.observing import observe
 from saddlering_ros.rig import ContactParameters
@@ -32,7 +32,7 @@ def with_slow_load_noise(run, std, seed):
 
 @pytest.fixture(scope='module')
 def runs():
-    """Quiet probes, a noisy load cell."""
+    """RestSource probes, a noisy load cell."""
     options = {'contact': RINGING, 'noise': 1e-7, 'load_noise': 50.0}
     made = static_run(seed=1, **options), dynamic_run(seed=2, seconds=4.0, **options)
     return [with_slow_load_noise(run, 20.0, seed) for seed, run in enumerate(made)]

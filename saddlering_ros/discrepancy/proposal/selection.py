@@ -12,7 +12,7 @@ from scipy.optimize import nnls
 from saddlering_ros.discrepancy.proposal.blocks import ShapeFamily
 from saddlering_ros.discrepancy.proposal.misfit import Misfit
 from saddlering_ros.discrepancy.system import Array
-from saddlering_ros.estimation.distributions import fisher_chance
+from saddlering_ros.estimation.statistics import fisher_chance
 
 STRENGTHS = np.geomspace(1e-6, 1e4, 11)
 """Strengths of the regularisation, in shares of the size of the columns."""

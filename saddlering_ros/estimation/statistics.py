@@ -1,21 +1,77 @@
-"""Allan variances, and the mixture of white noise and relaxations that fits them best.
+"""Means over blocks, tails of distributions, and Allan variances.
 
 The Allan variance (half the mean square difference of neighbouring means over m samples) needs no
 mean, and its growth with m shows slow noise of any kind. Allan, Proc. IEEE 54 (1966) 221.
+
+The tails have the formulas of `scipy.stats`, which takes a second of processor time to import.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.optimize import nnls
+from numpy.typing import ArrayLike, NDArray
+from scipy.special import fdtr, fdtrc, fdtri, gammaincinv, ndtri
 
 from saddlering_ros.estimation.process import mean_correlation, mean_variance
 
 Array = NDArray[np.float64]
+
+
+def block_means(values: Array, size: int) -> Array:
+    """Means (..., M) of successive blocks of `size` samples along the last axis."""
+    count = values.shape[-1] // size
+    kept = values[..., : count * size]
+    return np.asarray(kept.reshape(*values.shape[:-1], count, size).mean(axis=-1))
+
+
+def span_means(values: Array, first: ArrayLike, last: ArrayLike) -> Array:
+    """Means (..., B) of values (..., N) over the B spans [first, last)."""
+    total = np.concatenate(
+        [np.zeros((*values.shape[:-1], 1)), np.cumsum(values, axis=-1)], axis=-1)
+    start, stop = np.asarray(first), np.asarray(last)
+    return np.asarray((total[..., stop] - total[..., start]) / (stop - start))
+
+
+def filled(values: Array) -> Array:
+    """Rows (C, N) with missing values (a probe's short gap) replaced by a straight line."""
+    grid = np.arange(values.shape[1])
+    good = np.isfinite(values)
+    return np.stack(
+        [np.interp(grid, grid[seen], row[seen]) for row, seen in zip(values, good, strict=True)])
+
+
+def fisher_chance(ratio: Any, between: Any, within: Any) -> Any:
+    """Chance that an F-distributed ratio is larger than `ratio`.
+
+    between, within: degrees of freedom of numerator and denominator. A ratio below 0, which no
+    such variable has, counts as 0.
+    """
+    return fdtrc(between, within, np.maximum(ratio, 0.0))
+
+
+def fisher_share_below(ratio: Any, between: Any, within: Any) -> Any:
+    """Chance that an F-distributed ratio is smaller than `ratio`."""
+    return fdtr(between, within, np.maximum(ratio, 0.0))
+
+
+def fisher_limit(chance: float, between: float, within: float) -> float:
+    """Return the ratio that an F-distributed one exceeds with probability `chance`."""
+    return float(fdtri(between, within, 1.0 - chance))
+
+
+def chi_squared_quantile(share: float, freedom: float) -> float:
+    """Return the value below which a chi-squared variable lies with probability `share`."""
+    return float(2.0 * gammaincinv(0.5 * freedom, share))
+
+
+def normal_quantile(share: float) -> float:
+    """Return the value below which a standard normal variable lies with probability `share`."""
+    return float(ndtri(share))
+
 
 MIN_PAIRS = 4
 """Smallest number of differences in an Allan variance that is used."""
@@ -25,21 +81,6 @@ def allan_of_relaxation(ratio: Array) -> Array:
     """Allan variance of unit OU noise at `ratio` time constants."""
     exact = mean_variance(ratio) - mean_correlation(ratio) ** 2
     return np.asarray(np.maximum(exact, ratio / 3.0 * np.exp(-ratio) * 1e-6))
-
-
-def mixture(columns: Array, seen: Array, pairs: Array) -> Array:
-    """Non-negative parts whose statistics fit the observed ones best, in relative terms."""
-    if not seen.any():
-        return np.zeros(columns.shape[1])
-    floor = max(float(seen.max()) * 1e-9, np.finfo(float).tiny)
-    target = np.maximum(seen, floor)
-    unit = np.maximum(columns.max(axis=0), np.finfo(float).tiny)
-    weight = np.sqrt(pairs) / target
-    for _ in range(4):
-        solution, _ = nnls(columns / unit * weight[:, None], target * weight)
-        fitted = np.maximum(columns @ (solution / unit), floor)
-        weight = np.sqrt(pairs) / np.maximum(fitted, 0.2 * target)
-    return np.asarray(solution / unit)
 
 
 def allan_columns(scales: Array, time_constants: Array) -> Array:
@@ -60,8 +101,8 @@ def allan_variances(rows: Sequence[tuple[Array, float]]) -> tuple[Array, Array, 
     for step, alike in by_step.items():
         totals = RowTotals(alike)
         for count in averaged_counts(int(totals.sizes.max())):
-            own = np.array([count in averaged_counts(size) for size in totals.sizes.tolist()])
-            weighted, differences = totals.weighted_variance(count, own)
+            among = np.array([count in averaged_counts(size) for size in totals.sizes.tolist()])
+            weighted, differences = totals.weighted_variance(count, among)
             entry = sums.setdefault(float(f'{count * step:.3g}'), [0.0, 0.0])
             entry[0] += weighted
             entry[1] += differences
@@ -99,19 +140,24 @@ class RowTotals:
         The second result is the number of all differences. The means are over `count` values.
         among (R,): mask of the rows used; a row shorter than two means is never used.
         """
-        part = self.sizes // count >= 2
+        used = self.sizes // count >= 2
         if among is not None:
-            part &= among
-        if not part.any():
+            used &= among
+        if not used.any():
             return 0.0, 0
         means = (self._total[count:] - self._total[:-count]) / count
         squares = np.append((means[count:] - means[:-count]) ** 2, 0.0)
-        starts = self._ends[part] - self.sizes[part]
-        stops = self._ends[part] - 2 * count + 1
+        starts = self._ends[used] - self.sizes[used]
+        stops = self._ends[used] - 2 * count + 1
         sums = np.add.reduceat(squares, np.column_stack([starts, stops]).ravel())[::2]
-        differences = self.sizes[part] // count - 1
+        differences = self.sizes[used] // count - 1
         variances = 0.5 * sums / (stops - starts)
         return float(differences @ variances), int(differences.sum())
+
+    def pooled_variance(self, count: int) -> tuple[float, int]:
+        """Allan variance of all rows at means over `count` values, and its differences."""
+        weighted, pairs = self.weighted_variance(count)
+        return (weighted / pairs if pairs else np.nan), pairs
 
 
 def allan_variances_of(totals: Array, count: int) -> Array:

@@ -1,24 +1,31 @@
-"""Declarations of the noise of a channel: `Noise.white`, `from_rest`, `unknown` ..."""
+"""The noise of every run and channel: as declared for any machine, or learnt at rest for a ring.
+
+A declaration (`Noise.white`, `from_rest`, `unknown` ...) resolves to a process by the learner of
+`estimation`. A misfit far from the noise gives a warning.
+"""
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import numpy as np
 from scipy.optimize import nnls
 
-from saddlering_ros.discrepancy.noise.residuals import noise_of_residuals
-from saddlering_ros.discrepancy.system import Array, DiscrepancyError
+from saddlering_ros.discrepancy.system import Array, DiscrepancyError, RunBlocks
+from saddlering_ros.estimation.noise import HeldSeries, noise_by_class, RestSource, sampling_class
 from saddlering_ros.estimation.process import ChannelNoise
-from saddlering_ros.estimation.stretch_noise import (
+from saddlering_ros.estimation.record_noise import (
     ChannelRecord,
     continued,
+    noise_of_residuals,
     noise_of_stretches,
     relaxation_grid,
 )
+from saddlering_ros.estimation.rest import RestSegment
+from saddlering_ros.estimation.statistics import fisher_chance, fisher_share_below
 
 KNOWN_EXACTLY = 1_000_000
 """Degrees of freedom of a declared level."""
@@ -43,7 +50,7 @@ class Noise(ABC):
 
         Each interval is (start, end) [unit of time] in every run, or (run, start, end) in one.
         """
-        return _FromRest(tuple(tuple(item) for item in intervals))
+        return _FromRest(tuple(tuple(interval) for interval in intervals))
 
     @staticmethod
     def from_repeats(repeats: Sequence[str | Array]) -> Noise:
@@ -56,8 +63,8 @@ class Noise(ABC):
     @staticmethod
     def spectrum(frequency: Array, density: Array) -> Noise:
         """Noise of a one-sided power spectral density [unit^2 / Hz] at `frequency` [1 / time]."""
-        both = (np.asarray(item, dtype=np.float64) for item in (frequency, density))
-        return _Spectrum(*both)
+        return _Spectrum(np.asarray(frequency, dtype=np.float64),
+                         np.asarray(density, dtype=np.float64))
 
     @staticmethod
     def unknown() -> Noise:
@@ -91,8 +98,8 @@ class _FromRest(Noise):
     def __post_init__(self) -> None:
         if not self.intervals:
             raise DiscrepancyError('noise: from_rest needs at least one interval (start, end)')
-        for item in self.intervals:
-            start, end = self._ends(item)
+        for interval in self.intervals:
+            start, end = self._ends(interval)
             if not start < end:
                 raise DiscrepancyError(
                     f'noise: the interval at rest from {start:g} to {end:g} is empty: give the '
@@ -104,21 +111,21 @@ class _FromRest(Noise):
         longest = 0.0
         step = min(record.step for record in records)
         for record in records:
-            for item in self.intervals:
-                if len(item) == 3 and item[0] != record.run:
+            for interval in self.intervals:
+                if len(interval) == 3 and interval[0] != record.run:
                     continue
-                start, end = self._ends(item)
-                found = list(record.stretches(start, end))
-                stretches += found
-                longest = max([longest, *(part.size * record.step for part in found)])
+                start, end = self._ends(interval)
+                inside = list(record.stretches(start, end))
+                stretches += inside
+                longest = max([longest, *(row.size * record.step for row in inside)])
         noise = noise_of_stretches(stretches, step, 0.25 * longest, 'the declared rest')
         return {
             record.run: continued(noise, 0.25 * longest, record.duration) for record in records
         }
 
     @staticmethod
-    def _ends(item: tuple[object, ...]) -> tuple[float, float]:
-        start, end = item[-2:]
+    def _ends(interval: tuple[object, ...]) -> tuple[float, float]:
+        start, end = interval[-2:]
         return float(str(start)), float(str(end))
 
 
@@ -135,32 +142,31 @@ class _FromRepeats(Noise):
         stack = self._stack(records)
         count = stack.shape[0]
         grown = np.sqrt(count / (count - 1.0))
-        own = [np.asarray(row * grown, np.float64) for row in stack - stack.mean(axis=0)]
         time = np.linspace(0.0, step * (stack.shape[1] - 1), stack.shape[1])
-        stretches = [part for row in own for part in ChannelRecord('', time, row).stretches()]
-        longest = 0.25 * max((part.size for part in stretches), default=0) * step
+        stretches = [
+            stretch for row in stack - stack.mean(axis=0)
+            for stretch in ChannelRecord('', time, np.asarray(row * grown)).stretches()]
+        longest = 0.25 * max((stretch.size for stretch in stretches), default=0) * step
         noise = noise_of_stretches(stretches, step, longest, 'the difference of the repeats')
         degrees = max(1, noise.pairs * (count - 1) // count)
-        noise = ChannelNoise(
-            noise.white, noise.slow, 0.0, degrees, noise.time_constants, noise.floor
-        )
+        noise = replace(noise, pairs=degrees)
         return {record.run: noise for record in records}
 
     def _stack(self, records: Sequence[ChannelRecord]) -> Array:
         """Repeats (K, N) on the time of the first."""
-        known = {record.run: record for record in records}
+        by_run = {record.run: record for record in records}
         rows: list[Array] = []
         first: ChannelRecord | None = None
         for repeat in self.repeats:
             if not isinstance(repeat, str):
                 rows.append(np.asarray(repeat, dtype=np.float64))
                 continue
-            if repeat not in known:
+            if repeat not in by_run:
                 raise DiscrepancyError(
                     f'noise: from_repeats names the run {repeat!r}, which is not among '
-                    f'{", ".join(known)}'
+                    f'{", ".join(by_run)}'
                 )
-            record = known[repeat]
+            record = by_run[repeat]
             first = first or record
             shifted = record.time - record.time[0]
             wanted = first.time - first.time[0]
@@ -211,3 +217,96 @@ class _Unknown(Noise):
 
     def resolve(self, records: Sequence[ChannelRecord]) -> Mapping[str, ChannelNoise]:
         return {record.run: noise_of_residuals(record) for record in records}
+
+
+MAX_CHANCE = 1e-3
+"""Chance of as small a misfit from noise alone, below which the noise is overestimated ..."""
+
+MAX_RATIO = 0.5
+"""... if the misfit is also below this share of the expected one."""
+
+
+def overestimated(statistic: float, dimensions: float, degrees: float) -> bool:
+    """Whether a whitened misfit over `dimensions` is far below the misfit of noise alone.
+
+    degrees: degrees of freedom of the level of the noise.
+    """
+    if dimensions <= 0 or statistic >= MAX_RATIO * dimensions:
+        return False
+    chance = fisher_share_below(statistic / dimensions, dimensions, degrees)
+    return bool(chance < MAX_CHANCE)
+
+
+def underestimated(statistic: float, dimensions: float, degrees: float) -> bool:
+    """Whether a whitened misfit over `dimensions` is far above the misfit of noise alone."""
+    if dimensions <= 0 or statistic <= dimensions / MAX_RATIO:
+        return False
+    return bool(fisher_chance(statistic / dimensions, dimensions, degrees) < MAX_CHANCE)
+
+
+def underestimated_sentence(statistic: float, dimensions: float, where: str) -> str:
+    """The warning for a reader."""
+    return (
+        f'noise underestimated in {where}: the misfit is {statistic:.3g} where noise alone would '
+        f'give about {dimensions:.3g}, and no cause explains it; give the noise of the channel as '
+        'it is, leave it to be learnt (Noise.unknown), or declare a model error'
+    )
+
+
+def overestimated_sentence(statistic: float, dimensions: float, where: str) -> str:
+    """The warning for a reader."""
+    return (
+        f'noise overestimated in {where}: the misfit is {statistic:.3g} where noise alone would '
+        f'give about {dimensions:.3g}: no conclusion is possible; give the noise of the channel '
+        '(Noise.white, Noise.from_rest) or a smaller model error'
+    )
+
+
+def learn_noise(
+    runs: Sequence[RunBlocks], residuals: Sequence[Array] | None = None
+) -> dict[tuple[str, int], ChannelNoise]:
+    """Noise by run name and channel; runs with equal sampling share one estimate.
+
+    `residuals` (C, N) per run, if given, add the noise between holds.
+    """
+    segments: dict[int, list[RestSegment]] = {}
+    series: dict[int, list[HeldSeries]] = {}
+    for number, run in enumerate(runs):
+        key = _sampling(run)
+        if run.rest:
+            segments.setdefault(key, []).extend(run.rest)
+        held = None if residuals is None else _held_series(run, residuals[number])
+        if held is not None:
+            series.setdefault(key, []).append(held)
+    if not segments:
+        raise DiscrepancyError(
+            'noise: no stretch at rest in any run: record one in which the input is held'
+        )
+    classes = {key: RestSource(rest, series.get(key, ())) for key, rest in segments.items()}
+    count = runs[0].channels.shape[0]
+    learnt = noise_by_class(classes, count)
+    first = next(iter(learnt.values()))
+    return {
+        (run.name, channel): learnt.get(_sampling(run), first)[channel]
+        for run in runs for channel in range(count)
+    }
+
+
+def _sampling(run: RunBlocks) -> int:
+    """Class of the sampling rate of a run; -1 for a run without rest."""
+    return sampling_class(run.rest[0].step) if run.rest else -1
+
+
+def _held_series(run: RunBlocks, residual: Array) -> HeldSeries | None:
+    """Means of a residual over consecutive holds, if the run is made of holds."""
+    hold = run.hold
+    if hold is None:
+        return None
+    levels, place = np.unique(hold, return_inverse=True)
+    if levels.size < 8 or levels.size > 0.6 * hold.size:
+        return None
+    weight = np.bincount(place, run.width)
+    time = np.bincount(place, run.width * run.time) / weight
+    order = np.argsort(time)
+    means = np.array([np.bincount(place, run.width * row) / weight for row in residual])
+    return HeldSeries(means[:, order], time[order], weight[order].astype(np.float64))

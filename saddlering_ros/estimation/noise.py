@@ -1,0 +1,422 @@
+"""Noise of channels learnt from data: the one learner, and what it reads while a system rests.
+
+Every source gives variances that are observed, and those that white noise and relaxations of unit
+size would have there (`Statistics`). The learner fits a non-negative mixture of them. This module
+has the sources of runs at rest: Allan variances, differences between holds, and the parity of four
+probes. `record_noise` has those of a single record: stretches, repeats and residuals.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import nnls
+
+from saddlering_ros.estimation.process import (
+    ChannelNoise,
+    EstimationError,
+    mean_variance,
+    TIME_CONSTANTS,
+)
+from saddlering_ros.estimation.rest import RestSegment
+from saddlering_ros.estimation.statistics import (
+    allan_columns,
+    allan_variances,
+    block_means,
+    RowTotals,
+)
+
+Array = NDArray[np.float64]
+
+MODEL_ERROR = 0.02
+"""Relative error of a mixture of relaxations, because no real noise is exactly one."""
+
+SHORT_MODEL_ERROR, SMOOTHED = 0.2, 3.5
+"""That error for means over fewer than SMOOTHED samples, because interpolated samples share the
+noise of their neighbours."""
+
+MIN_WHITE = 1e-9
+"""Smallest white part, as a share of the largest variance, so that no covariance is singular."""
+
+LEVEL_REACH = 1.5
+"""Longest time constant, in lengths of the longest rest, if the level of a reading counts."""
+
+MIN_NOISE = 1e-9
+"""Smallest assumed noise of a displacement [m, or rad]: one nanometre."""
+
+CORRELATED_OVER = 8
+"""Readings in the means whose steps give the correlation of channels."""
+
+MIN_LABELLED = 20
+"""Labelled stretches from which their common course is known better than unlabelled ones are
+free of trends."""
+
+MIN_DIFFERENCES = 12
+"""Second differences between holds from which their median is a variance."""
+
+SEEN_SHARE = 0.25
+"""Share of its length up to which a stretch at rest shows time constants of noise."""
+
+FEW_STRETCHES = 10
+"""Smallest number of stretches at rest that show noise slower than a stretch."""
+
+MIN_SAMPLES = 16
+"""Smallest number of samples at rest, or of a record, from which noise is learnt: its standard
+deviation is then known within a fifth."""
+
+LENT_FROM = 0.3
+"""Time constant [s] from which noise is that of the instrument at any rate."""
+
+COMPARED_COUNTS = (4, 8)
+"""Samples over which the noise of a channel is compared with that of the parity: longer than the
+smoothing by interpolation between stamps, shorter than any movement of a ring at rest."""
+
+MAX_RATIO = 10.0
+"""Ratio of variances of channel and parity above which another kind of sensor reads the
+channel."""
+
+MAX_GROWTH = 2.0
+"""The parity is noise alone if its Allan variance over the record is at most this multiple of that
+at rest, and grows at most this much faster than that of a random walk."""
+
+SURE_PAIRS = 10
+"""Smallest number of differences at rest for a comparison at an averaging time."""
+
+TOO_SHORT = 'noise: the stretches at rest are too short to learn from'
+
+
+@dataclass(frozen=True)
+class Statistics:
+    """What a source shows of a channel: variances `observed` (S,) and their `weights` (S,).
+
+    columns (S, 1 + T): the variances that unit white density and each unit relaxation would have.
+    """
+
+    observed: Array
+    columns: Array
+    weights: Array
+
+    def mixture(self) -> Array:
+        """Non-negative parts (1 + T,) that fit the observed variances best, in relative terms."""
+        observed, columns = self.observed, self.columns
+        if not observed.any():
+            return np.zeros(columns.shape[1])
+        floor = max(float(observed.max()) * 1e-9, np.finfo(float).tiny)
+        target = np.maximum(observed, floor)
+        unit = np.maximum(columns.max(axis=0), np.finfo(float).tiny)
+        weight = np.sqrt(self.weights) / target
+        for _ in range(4):
+            solution, _ = nnls(columns / unit * weight[:, None], target * weight)
+            fitted = np.maximum(columns @ (solution / unit), floor)
+            weight = np.sqrt(self.weights) / np.maximum(fitted, 0.2 * target)
+        return np.asarray(solution / unit)
+
+
+@dataclass(frozen=True)
+class HeldSeries:
+    """Residual means (C, H) of consecutive holds at `time` (H,), each over `width` (H,) seconds.
+
+    Second differences almost remove a simulator's smooth error and keep noise between holds.
+    """
+
+    means: Array
+    time: Array
+    width: Array
+
+
+@dataclass(frozen=True)
+class NoiseRecord:
+    """A record that is noise alone, read by instruments of the same kind.
+
+    segments: rows (1, n); ratios (C,): variance of the noise of each channel over that of the
+    record.
+    """
+
+    segments: Sequence[RestSegment]
+    ratios: Array
+
+
+@dataclass(frozen=True)
+class RestSource:
+    """Sources of the noise of runs with equal sampling.
+
+    segments: stretches at rest; series: means over consecutive holds; record: source of the
+    shape of the noise, if there is one.
+    """
+
+    segments: Sequence[RestSegment]
+    series: Sequence[HeldSeries] = ()
+    record: NoiseRecord | None = None
+
+    @property
+    def is_usable(self) -> bool:
+        """Whether there are enough samples."""
+        return sum(segment.values.shape[1] for segment in self.segments) >= MIN_SAMPLES
+
+    def noise(self, count: int, longest: float) -> list[ChannelNoise]:
+        """Noise of each of `count` channels, of time constants up to `longest` [s]."""
+        if self.record is None:
+            return measure_noise(self.segments, count, self.series, longest)
+        segments = self.record.segments
+        shape = measure_noise(segments, 1, (), SEEN_SHARE * _longest(segments))
+        return [shape[0].times(float(ratio)) for ratio in self.record.ratios]
+
+
+def sampling_class(step: float) -> int:
+    """Class of the sampling rate of samples `step` [s] apart."""
+    return round(20 * np.log10(step))
+
+
+def noise_by_class(
+    classes: Mapping[int, RestSource], count: int, slowest: float = np.inf
+) -> dict[int, list[ChannelNoise]]:
+    """Noise of each of `count` channels, by class of sampling rates.
+
+    slowest: largest time constant of the richest class in its longest stretches. Slower noise
+    serves only an analysis in which the level of each channel is free.
+    """
+    usable = {key: source for key, source in classes.items() if source.is_usable}
+    if not usable:
+        raise EstimationError(TOO_SHORT)
+    # Slow noise belongs to the instrument and not to the rate: the richest class gives it.
+    richest = max(usable, key=lambda key: len(usable[key].segments))
+    best = usable[richest]
+    learnt = {
+        key: source.noise(
+            count, (slowest if key == richest else SEEN_SHARE) * _longest(source.segments))
+        for key, source in usable.items()
+    }
+    if best.record is None and not best.series and len(best.segments) < FEW_STRETCHES:
+        learnt[richest] = [_continued(noise, best.segments) for noise in learnt[richest]]
+    lent = [np.where(TIME_CONSTANTS >= LENT_FROM, noise.slow, 0.0) for noise in learnt[richest]]
+    return {
+        key: [replace(noise, slow=np.maximum(noise.slow, slow))
+              for noise, slow in zip(channels, lent, strict=True)]
+        for key, channels in learnt.items()
+    }
+
+
+def _longest(segments: Sequence[RestSegment]) -> float:
+    """Length [s] of the longest stretch."""
+    return max(segment.step * segment.values.shape[1] for segment in segments)
+
+
+def _continued(noise: ChannelNoise, segments: Sequence[RestSegment]) -> ChannelNoise:
+    """Noise that is as large beyond the longest stretch at rest as at the longest stretch."""
+    span = _longest(segments)
+    longest = noise.deviation(0.25 * span) ** 2
+    slow = np.where(span < TIME_CONSTANTS, np.maximum(noise.slow, longest), noise.slow)
+    return replace(noise, slow=slow)
+
+
+def measure_noise(
+    segments: Sequence[RestSegment],
+    count: int,
+    series: Sequence[HeldSeries] = (),
+    longest: float = np.inf,
+    time_constants: Array = TIME_CONSTANTS,
+) -> list[ChannelNoise]:
+    """Noise of each of `count` channels, pooled over all stretches at rest.
+
+    Parts with time constants above `longest` [s] are left out, because a few short stretches
+    do not show slower noise, and a trend in them would count as a random walk.
+
+    If there are many labelled stretches, whose common course can be subtracted, they are
+    preferred.
+
+    The channels share the shape of the slow part, because they are instruments of one kind and
+    one channel alone shows too little slow noise. They do not share its size or the white
+    part.
+    """
+    if not segments:
+        raise EstimationError(
+            'noise: no stretch at rest in any run: record one in which the input is held'
+        )
+    labelled = [segment for segment in segments if segment.label]
+    if len(labelled) >= MIN_LABELLED:
+        segments = labelled
+    used = np.append(True, longest >= time_constants)
+    channels = []
+    for channel in range(count):
+        statistics = _rest_statistics(segments, channel, series, time_constants)
+        channels.append(replace(statistics, columns=statistics.columns * used))
+    totals = [max(float(one.observed.max()), np.finfo(float).tiny) for one in channels]
+    # One shape: the statistics of each channel over its own size, all in one mixture.
+    scaled = [one.observed / total for one, total in zip(channels, totals, strict=True)]
+    shape = Statistics(
+        np.concatenate(scaled),
+        np.vstack([one.columns for one in channels]),
+        np.concatenate([one.weights for one in channels]),
+    ).mixture()[1:]
+    fine = min(segment.step for segment in segments)
+    noise = []
+    for channel, (statistics, total) in enumerate(zip(channels, totals, strict=True)):
+        if shape.sum() > 0.0:
+            columns = statistics.columns
+            columns = np.column_stack([columns[:, 0], columns[:, 1:] @ shape])
+            white, size = replace(statistics, columns=columns).mixture()
+            slow = size * shape
+        else:
+            white, slow = statistics.mixture()[0], np.zeros(time_constants.size)
+        white = max(float(white), MIN_WHITE * total * fine)
+        step = _quantum([segment.values[channel] for segment in segments])
+        held = 0.0
+        if step:
+            spread = float(np.sqrt(white / fine + slow.sum()))
+            held = 0.5 * (step / np.pi) ** 2 * float(np.exp(-4.0 * (np.pi * spread / step) ** 2))
+        noise.append(ChannelNoise(white, slow, held, len(segments), time_constants))
+    return noise
+
+
+def _rest_statistics(
+    segments: Sequence[RestSegment],
+    channel: int,
+    series: Sequence[HeldSeries],
+    time_constants: Array,
+) -> Statistics:
+    """Allan variances at rest, and second differences from hold to hold."""
+    rows = _without_common_course(segments, channel)
+    scales, observed, pairs = allan_variances(rows)
+    if scales.size == 0:
+        raise EstimationError(TOO_SHORT)
+    short = scales < SMOOTHED * min(step for _, step in rows)
+    weights = 1.0 / (1.0 / pairs + np.where(short, SHORT_MODEL_ERROR, MODEL_ERROR) ** 2)
+    columns = allan_columns(scales, time_constants)
+    differences, widths, spacings = [np.zeros(0)], [], []
+    for holds in series:
+        spacing = np.diff(holds.time)
+        usual = float(np.median(spacing))
+        even = (spacing[1:] < 1.5 * usual) & (spacing[:-1] < 1.5 * usual)
+        differences.append(np.diff(holds.means[channel], 2)[even])
+        widths.append(float(np.median(holds.width)))
+        spacings.append(usual)
+    joined = np.concatenate(differences)
+    if joined.size < MIN_DIFFERENCES:
+        return Statistics(observed, columns, weights)
+    width, apart = float(np.mean(widths)), float(np.mean(spacings))
+    between = [_second_difference(width / tau, apart / tau) for tau in time_constants]
+    robust = float(np.median(np.abs(joined)) / 0.6745) ** 2
+    return Statistics(np.append(observed, robust),
+                      np.vstack([columns, np.array([[6.0 / width, *between]])]),
+                      np.append(weights, joined.size / 3.0))
+
+
+def _second_difference(width: float, spacing: float) -> float:
+    """Variance of second differences of means of unit OU noise; both in time constants."""
+    shrink = float((-np.expm1(-width) / width) ** 2)
+    near = shrink * float(np.exp(-max(spacing - width, 0.0)))
+    far = shrink * float(np.exp(-max(2.0 * spacing - width, 0.0)))
+    alone = float(mean_variance(np.array([width]))[0])
+    return max(6.0 * alone - 8.0 * near + 2.0 * far, 1e-12)
+
+
+def _without_common_course(
+    segments: Sequence[RestSegment], channel: int
+) -> list[tuple[Array, float]]:
+    """Each stretch minus its own mean and the mean course of its label."""
+    labels: dict[str, list[RestSegment]] = {}
+    for segment in segments:
+        labels.setdefault(segment.label, []).append(segment)
+    cleaned: list[tuple[Array, float]] = []
+    for label, members in labels.items():
+        length = min(member.values.shape[1] for member in members)
+        rows = [member.values[channel] for member in members]
+        if label and len(rows) >= 6 and length >= 4:
+            stack = np.array([row[:length] - row[:length].mean() for row in rows])
+            shrink = np.sqrt(len(rows) / (len(rows) - 1.0))
+            rows = list((stack - stack.mean(axis=0)) * shrink)
+        cleaned += [
+            (np.asarray(row - row.mean()), member.step)
+            for row, member in zip(rows, members, strict=True)
+        ]
+    return cleaned
+
+
+def _quantum(rows: Sequence[Array]) -> float:
+    """Step of the converter [unit] behind rows (n_i,) of readings, 0 if none shows."""
+    values = np.unique(np.concatenate(rows))
+    if values.size < 3:
+        return float(np.ptp(values)) if values.size > 1 else 0.0
+    steps = np.diff(values)
+    smallest = float(steps[steps > 1e-9 * np.abs(values).max()].min(initial=np.inf))
+    if not np.isfinite(smallest) or values.size >= 0.5 * sum(row.size for row in rows):
+        return 0.0
+    multiples = steps / smallest
+    is_regular = np.mean(np.abs(multiples - np.round(multiples)) < 0.05) > 0.95
+    return smallest if is_regular else 0.0
+
+
+def noise_alone(stretches: Sequence[Array], step: float) -> ChannelNoise:
+    """Noise of one channel from its stretches (n_i,) at rest, sampled every `step` [s]."""
+    segments = [RestSegment(row[None, :], step) for row in stretches]
+    longest = max((row.size for row in stretches), default=0) * step
+    noise = measure_noise(segments, 1, longest=LEVEL_REACH * longest)[0]
+    return noise.at_least(MIN_NOISE, step)
+
+
+def channel_correlation(segments: Sequence[RestSegment]) -> Array:
+    """Correlation (C, C) of the noise of channels, from steps between means of a few readings.
+
+    Single readings would show the correlation of the interpolation between stamps: the probe
+    whose stamps lie between those of the load seems quieter. Insignificant values are 0.
+    """
+    steps = np.concatenate(
+        [np.diff(block_means(segment.values, CORRELATED_OVER), axis=1) for segment in segments],
+        axis=1)
+    count = max(1, steps.shape[1])
+    scale = np.sqrt(np.mean(steps**2, axis=1)) if steps.size else np.ones(len(steps))
+    standard = steps / np.where(scale > 0.0, scale, 1.0)[:, None]
+    correlation = standard @ standard.T / count
+    noticeable = np.abs(correlation) > 4.0 / np.sqrt(count)
+    correlation = np.where(noticeable, np.clip(correlation, -0.95, 0.95), 0.0)
+    np.fill_diagonal(correlation, 1.0)
+    if np.linalg.eigvalsh(correlation)[0] < 1e-3:
+        return np.eye(len(correlation))
+    return np.asarray(correlation)
+
+
+def parity_ratios(
+    parities: Sequence[Array], rests: Sequence[Array], segments: Sequence[Array]
+) -> Array | None:
+    """Variance of the noise of each channel over that of the parity (C,); None if it moves.
+
+    The parity of the radial probes is zero for a rigid ring with any contact. If the parity is
+    noise alone, it shows the slow noise of the whole record, also between stretches at rest. If
+    a cause shows in the parity, it is no noise; a diagnosis must therefore not read noise from
+    it. parities (N_i,) of whole records with equal sampling; rests (n_i,): their stretches at
+    rest; segments (C, n_i): all channels there.
+    """
+    if not segments:
+        return None
+    records = RowTotals(parities)
+    whole = np.array([records.pooled_variance(count)[0] for count in COMPARED_COUNTS])
+    at_rest = [RowTotals([values[row] for values in segments]) for row in range(len(segments[0]))]
+    channels = np.array([
+        [totals.pooled_variance(count)[0] for count in COMPARED_COUNTS] for totals in at_rest])
+    if not (np.all(np.isfinite(channels)) and np.all(whole > 0.0)):
+        return None
+    ratios = np.mean(channels / whole, axis=1)
+    if np.any(ratios < 1.0 / MAX_RATIO) or np.any(ratios > MAX_RATIO):
+        return None
+    return None if _moves(records, RowTotals(rests)) else np.asarray(ratios)
+
+
+def _moves(parities: RowTotals, rests: RowTotals) -> bool:
+    """Whether parities move by more than their noise at rest."""
+    last, longest = 0, int(parities.sizes.max()) // 8
+    walk = np.inf
+    count = 1
+    while count <= max(longest, 1):
+        whole, _ = parities.pooled_variance(count)
+        at_rest, pairs = rests.pooled_variance(count)
+        if pairs >= SURE_PAIRS:
+            if whole > MAX_GROWTH * at_rest:
+                return True
+            last, walk = count, whole
+        elif last and whole > MAX_GROWTH * walk * count / last:
+            return True
+        count *= 2
+    return not last

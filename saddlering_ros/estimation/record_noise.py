@@ -1,0 +1,382 @@
+"""Noise learnt from a record: from its stretches, its residual, or what two records share.
+
+The time constants follow from the record, so that nothing depends on the unit of time or of the
+channel.
+
+Slow structure of a residual may be a cause and must not become noise. A flexible fit therefore
+removes all waves slower than `SLOW_WAVES` half waves per run, and the remainder is fast. The level
+of the remainder is assumed to continue at slower times (a flat spectrum below). Its degrees of
+freedom are those of the fast part, and tests against this noise are F tests with this number. The
+record needs no rest. The remainder has no slow part, so that statistics over time would be biased,
+but its spectrum above the removed waves is not. White noise and relaxations maximise the Whittle
+likelihood there: the lines of a spectrum are independent and exponentially distributed about their
+expectation.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.fft import dct, idct
+from scipy.optimize import nnls
+
+from saddlering_ros.estimation.noise import MIN_SAMPLES, MIN_WHITE, Statistics
+from saddlering_ros.estimation.process import (
+    ChannelNoise,
+    EstimationError,
+    mean_correlation,
+    mean_variance,
+)
+from saddlering_ros.estimation.statistics import (
+    allan_columns,
+    allan_variances,
+    allan_variances_of,
+    averaged_counts,
+    running_total,
+)
+
+Array = NDArray[np.float64]
+
+PARTS_PER_DECADE = 2
+"""Relaxations per decade of time constants: closer ones cannot be separated."""
+
+MAX_PARTS = 12
+"""Largest number of relaxations of a channel; the cost of whitening grows with its square."""
+
+SLOW_WAVES = 40
+"""Half waves per run that a flexible fit removes."""
+
+MIN_SLOW_WAVES = 20
+"""Half waves that a flexible fit removes from a run of few samples: those that are tested."""
+
+SAMPLES_PER_WAVE, MIN_SAMPLES_PER_WAVE = 10, 5
+"""Samples per half wave above that number of half waves, and smallest number in a run."""
+
+MAX_BINS = 120
+"""Bins of the averaged lines, evenly spaced on a log scale, for speed with little loss."""
+
+ROUNDS = 300
+"""Rounds of the multiplicative update; each one raises the likelihood."""
+
+BINS_AN_OCTAVE = 2
+"""Bins of the comparison of a spectrum with an expected one."""
+
+COMMON_TIMES = np.array([1.0, 2.0, 4.0, 8.0])
+"""Possible time constants [s] of a common wander."""
+
+
+@dataclass(frozen=True)
+class ChannelRecord:
+    """One channel of one run: `values` (N,) at `time` (N,) [s], NaN where a sample is missing.
+
+    The values are readings, or residuals once there is a prediction.
+    """
+
+    run: str
+    time: Array
+    values: Array
+
+    @property
+    def step(self) -> float:
+        """Usual spacing of the samples [s]."""
+        return float(np.median(np.diff(self.time)))
+
+    @property
+    def duration(self) -> float:
+        return float(self.time[-1] - self.time[0])
+
+    def stretches(self, start: float = -np.inf, end: float = np.inf) -> Iterator[Array]:
+        """Values between `start` and `end` [s], in stretches without a missing sample."""
+        there = np.isfinite(self.values) & (self.time >= start) & (self.time <= end)
+        index = np.flatnonzero(there)
+        if index.size == 0:
+            return
+        wide = np.diff(self.time[index]) > 2.5 * self.step
+        broken = (np.diff(index) > 1) | wide
+        for stretch in np.split(index, np.flatnonzero(broken) + 1):
+            if stretch.size >= 2:
+                yield self.values[stretch]
+
+
+def relaxation_grid(step: float, longest: float) -> Array:
+    """Time constants [s] from `step` to `longest`, evenly spaced on a log scale."""
+    if longest <= step:
+        return np.zeros(0)
+    count = round(PARTS_PER_DECADE * np.log10(longest / step)) + 1
+    return np.geomspace(step, longest, int(np.clip(count, 1, MAX_PARTS)))
+
+
+def noise_of_stretches(
+    stretches: Sequence[Array], step: float, longest: float, where: str
+) -> ChannelNoise:
+    """White noise and relaxations that fit the Allan variances of `stretches` best.
+
+    longest [s]: largest averaging time and time constant. where: place for the message if
+    there are too few samples.
+    """
+    rows = [(np.asarray(row - row.mean()), step) for row in stretches]
+    sizes = [row.size for row, _ in rows]
+    if sum(sizes) < MIN_SAMPLES:
+        raise EstimationError(
+            f'noise: {where} has only {sum(sizes)} samples: give at least '
+            f'{MIN_SAMPLES}, or Noise.white(std)'
+        )
+    scales, observed, pairs = allan_variances(rows)
+    used = scales <= max(longest, step) * (1.0 + 1e-9)
+    observed = observed[used]
+    if not observed.max(initial=0.0) > 0.0:
+        raise EstimationError(
+            f'noise: {where} does not vary: give Noise.white(std) with the resolution of '
+            'the instrument'
+        )
+    constants = relaxation_grid(step, longest)
+    parts = Statistics(observed, allan_columns(scales[used], constants), pairs[used]).mixture()
+    white = max(float(parts[0]), MIN_WHITE * float(observed.max()) * step)
+    return _with_degrees(ChannelNoise(white, parts[1:], 0.0, 1, constants), step, sizes)
+
+
+def _with_degrees(noise: ChannelNoise, step: float, sizes: Sequence[int]) -> ChannelNoise:
+    """The same with the number of independent samples in stretches of `sizes`.
+
+    The variance of a variance estimate from N samples of correlation r_k equals that of N /
+    sum r_k^2 independent samples (Bartlett).
+    """
+    lags = np.arange(max(sizes)) * step
+    variance_of_sample = noise.white / step + noise.floor
+    tail = np.zeros(lags.size)
+    for variance, tau in noise.parts():
+        ratio = np.array([step / tau])
+        variance_of_sample += float(variance * mean_variance(ratio)[0])
+        edge = float(mean_correlation(ratio)[0])
+        tail += variance * edge**2 * np.exp(-np.maximum(lags - step, 0.0) / tau)
+    squares = np.cumsum((tail / variance_of_sample) ** 2) - (tail[0] / variance_of_sample) ** 2
+    total = 0.0
+    for size in sizes:
+        total += size / (1.0 + 2.0 * float(squares[size - 1]))
+    return replace(noise, pairs=max(1, int(total)))
+
+
+def continued(noise: ChannelNoise, seen: float, duration: float) -> ChannelNoise:
+    """Slow noise that is as large at longer times as at the longest observed ones.
+
+    A stretch of `seen` seconds shows no slower noise. If its slowest relaxation is present,
+    noise is assumed to continue; white noise is not.
+    """
+    slowest = float(noise.slow[noise.time_constants > 0.3 * seen].sum())
+    if slowest <= 0.0 or duration <= 1.5 * seen:
+        return noise
+    longer = relaxation_grid(seen * 10.0 ** (1.0 / PARTS_PER_DECADE), duration)
+    if longer.size == 0:
+        longer = np.array([duration])
+    return noise.with_relaxations(np.full(longer.size, slowest), longer)
+
+
+def noise_of_residuals(record: ChannelRecord) -> ChannelNoise:
+    """Noise of one channel of one run, from the fast part of its residual.
+
+    Missing samples are interpolated for the flexible fit and left out of the statistics.
+    """
+    values, waves = _fast_values(record)
+    noise = _noise_of_fast_values(record, values, waves, None)
+    # Below the fast part the level is as uncertain as at the slowest waves of the fast part.
+    return replace(noise, pairs=max(1, min(noise.pairs, 2 * waves)))
+
+
+def widened(noise: ChannelNoise, record: ChannelRecord) -> ChannelNoise:
+    """`noise` plus the broadband model error in the fast part of a residual.
+
+    On most machines the noise at rest is not the whole noise. An excess counts if it is half
+    the level at some averaging time and larger than chance.
+    """
+    values, waves = _fast_values(record)
+    octaves = np.log2(values.size / (waves + 1.0))
+    coarse = _spectrum_above(values, waves, max(1, round(BINS_AN_OCTAVE * octaves)))
+    if not coarse.exceeds(_expected_power(noise, coarse.frequency, record.step)):
+        return noise
+    extra = _noise_of_fast_values(record, values, waves, noise)
+    return replace(
+        noise.with_relaxations(extra.slow, extra.time_constants),
+        white=noise.white + extra.white,
+        pairs=min(noise.pairs, extra.pairs),
+    )
+
+
+def with_model_error(
+    noise: ChannelNoise, share: float, span: float, step: float, duration: float
+) -> ChannelNoise:
+    """`noise` and a declared broadband model error of `share` of the channel's range `span`.
+
+    Its variance is spread evenly over all decades of time from `step` to `duration` [s], and
+    an equal part is independent in each sample, so that no band of frequencies receives all
+    the weight.
+    """
+    if share <= 0.0:
+        return noise
+    constants = relaxation_grid(step, duration)
+    each = (share * span) ** 2 / (constants.size + 1)
+    wider = noise.with_relaxations(np.full(constants.size, each), constants)
+    return replace(wider, floor=noise.floor + each)
+
+
+def fast_part(values: Array) -> tuple[Array, int]:
+    """Remainder (N,) of a flexible fit over the order of samples, and its number of half waves."""
+    waves = min(SLOW_WAVES, max(MIN_SLOW_WAVES, values.size // SAMPLES_PER_WAVE))
+    waves = min(waves, values.size // MIN_SAMPLES_PER_WAVE)
+    spectrum = dct(values, norm='ortho')
+    spectrum[: waves + 1] = 0.0
+    return np.asarray(idct(spectrum, norm='ortho')), waves
+
+
+def _fast_values(record: ChannelRecord) -> tuple[Array, int]:
+    """Fast part (N,) of a residual, NaN where missing; the number of removed half waves."""
+    there = np.isfinite(record.values)
+    bridged = np.interp(record.time, record.time[there], record.values[there])
+    fast, waves = fast_part(bridged)
+    return np.where(there, fast, np.nan), waves
+
+
+def _noise_of_fast_values(
+    record: ChannelRecord, values: Array, waves: int, present: ChannelNoise | None
+) -> ChannelNoise:
+    """Noise of the fast part (N,) of a residual, beyond the noise that is `present`."""
+    sizes = [row.size for row in replace(record, values=values).stretches()]
+    if sum(sizes) < MIN_SAMPLES:
+        raise EstimationError(
+            f'noise: run {record.run} holds {sum(sizes)} samples, too few to learn from: give at '
+            f'least {MIN_SAMPLES}, or Noise.white(std)'
+        )
+    step = record.step
+    spectrum = _spectrum_above(values, waves, MAX_BINS)
+    if not spectrum.power.max(initial=0.0) > 0.0:
+        raise EstimationError(
+            f'noise: run {record.run} does not vary at all: give Noise.white(std) with the '
+            'resolution of the instrument'
+        )
+    constants = relaxation_grid(step, 0.5 * record.duration / max(waves, 1))
+    expected = np.zeros(spectrum.power.size)
+    if present is not None:
+        expected = _expected_power(present, spectrum.frequency, step)
+    parts = _parts_of_spectrum(spectrum, constants, step, expected)
+    white = max(float(parts[0]), MIN_WHITE * float(spectrum.power.max()) * step)
+    return _with_degrees(ChannelNoise(white, parts[1:], 0.0, 1, constants), step, sizes)
+
+
+@dataclass(frozen=True)
+class _Spectrum:
+    """Mean squares `power` (F,) of `lines` (F,) lines about `frequency` (F,) [cycles a sample]."""
+
+    frequency: Array
+    power: Array
+    lines: Array
+
+    def exceeds(self, expected: Array) -> bool:
+        """Whether it exceeds `expected` (F,) somewhere by half and by more than chance."""
+        chance = 4.0 * np.sqrt(2.0 / self.lines)
+        return bool(np.any(self.power > expected * (1.0 + np.maximum(0.5, chance))))
+
+
+def _spectrum_above(values: Array, waves: int, bins: int) -> _Spectrum:
+    """Spectrum of values (N,), NaN where missing, above `waves` half waves, in at most `bins`."""
+    there = np.isfinite(values)
+    count = values.size
+    power = dct(np.where(there, values, 0.0), norm='ortho')[waves + 1 :] ** 2
+    power *= count / max(int(there.sum()), 1)
+    edges = np.geomspace(waves + 1, count, bins + 1)
+    begin = np.unique(np.round(edges[:-1]).astype(int)) - waves - 1
+    lines = np.diff(np.append(begin, power.size))
+    half_waves = np.arange(waves + 1, count, dtype=np.float64)
+    return _Spectrum(
+        np.add.reduceat(half_waves, begin) / lines / (2.0 * count),
+        np.add.reduceat(power, begin) / lines,
+        lines.astype(np.float64),
+    )
+
+
+def _expected_power(noise: ChannelNoise, frequency: Array, step: float) -> Array:
+    """Mean squares (F,) of lines at `frequency` in `noise` with samples of `step` [s]."""
+    parts = noise.parts()
+    columns = _spectral_columns(frequency, np.array([tau for _, tau in parts]), step)
+    white = noise.white + noise.floor * step
+    return np.asarray(columns @ np.append(white, [variance for variance, _ in parts]))
+
+
+def _parts_of_spectrum(
+    spectrum: _Spectrum, constants: Array, step: float, expected: Array
+) -> Array:
+    """White density and variances of relaxations (1 + T,) with the greatest likelihood.
+
+    expected (F,): expectation of a noise that is present besides.
+    """
+    columns = _spectral_columns(spectrum.frequency, constants, step)
+    unit = columns.mean(axis=0)
+    columns = columns / unit
+    excess = np.maximum(spectrum.power - expected, 0.0).mean()
+    weights = np.full(unit.size, max(float(excess), np.finfo(float).tiny) / unit.size)
+    for _ in range(ROUNDS):
+        total = columns @ weights + expected
+        pull = columns.T @ (spectrum.lines * spectrum.power / total**2)
+        weights = weights * np.sqrt(pull / (columns.T @ (spectrum.lines / total)))
+    return np.asarray(weights / unit)
+
+
+def _spectral_columns(frequency: Array, constants: Array, step: float) -> Array:
+    """Mean squares (F, 1 + T) of lines of unit white density and of each unit relaxation."""
+    cosine = np.cos(2.0 * np.pi * frequency)
+    columns = [np.full(frequency.size, 1.0 / step)]
+    for tau in constants:
+        ratio = np.array([step / tau])
+        edge, level = float(mean_correlation(ratio)[0]), float(mean_variance(ratio)[0])
+        keep = float(np.exp(-ratio[0]))
+        tail = (cosine - keep) / (1.0 - 2.0 * keep * cosine + keep**2)
+        columns.append(level + 2.0 * edge**2 * tail)
+    return np.column_stack(columns)
+
+
+def common_noise(
+    first: Sequence[Array], second: Sequence[Array], weights: Sequence[float], step: float
+) -> ChannelNoise:
+    """Common noise of pairs of segments (n_i,) with samples every `step` [s].
+
+    It follows from the Allan variances of their sum and difference, in which noise of one channel
+    cancels. `weights`: of the pairs. Segments of a few seconds hardly determine a slow time
+    constant, so that each of COMMON_TIMES counts by its likelihood.
+    """
+    counts = np.array(averaged_counts(max(map(len, first))))
+    pairs = np.array([[max(0, len(row) // count - 1) for count in counts] for row in first])
+    seen = pairs.sum(axis=0) > 0
+    counts, pairs = counts[seen], pairs[:, seen]
+    share = np.asarray(weights)[:, None] * pairs
+    share = share / share.sum(axis=0)
+    kinds = (
+        [a + b for a, b in zip(first, second, strict=True)],
+        [a - b for a, b in zip(first, second, strict=True)], first, second,
+    )
+    of_sum, of_difference, of_first, of_second = (
+        np.sum(share * _variances(kind, counts, pairs), axis=0) for kind in kinds)
+    common, freedom = 0.25 * (of_sum - of_difference), pairs.sum(axis=0)
+    error = np.maximum(np.sqrt((of_first * of_second + common**2) / freedom), 1e-300)
+    columns = allan_columns(counts * step, COMMON_TIMES)
+    amounts, likelihood = np.zeros((COMMON_TIMES.size, 2)), np.zeros(COMMON_TIMES.size)
+    for index in range(COMMON_TIMES.size):
+        design = columns[:, [0, 1 + index]] / error[:, None]
+        amounts[index], misfit = nnls(design, common / error)
+        likelihood[index] = -0.5 * misfit**2
+    likelihood = np.exp(likelihood - likelihood.max())
+    likelihood /= likelihood.sum()
+    return ChannelNoise(float(likelihood @ amounts[:, 0]), likelihood * amounts[:, 1], 0.0,
+                        int(freedom[0]), COMMON_TIMES)
+
+
+def _variances(rows: Sequence[Array], counts: Array, pairs: Array) -> Array:
+    """Allan variances (rows, counts); 0 where a row is too short."""
+    variances = np.zeros(pairs.shape)
+    lengths = np.array([len(row) for row in rows])
+    for length in np.unique(lengths):
+        alike = np.flatnonzero(lengths == length)
+        totals = np.stack([running_total(rows[index]) for index in alike.tolist()])
+        for column in np.flatnonzero(pairs[alike[0]]):
+            variances[alike, column] = allan_variances_of(totals, int(counts[column]))
+    return variances

@@ -1,0 +1,277 @@
+"""Residuals whitened by a noise process in O(N): even and uneven samples, block means, gaps."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from saddlering_ros.compiled import Compiler
+from saddlering_ros.estimation.process import (
+    ChannelNoise,
+    EstimationError,
+    mean_correlation,
+    mean_variance,
+)
+
+Array = NDArray[np.float64]
+
+OVERLAP = 0.1
+"""Largest overlap of neighbouring blocks, as a share of a block, by jitter of stamps."""
+
+
+@dataclass(frozen=True)
+class Whitener:
+    """Cholesky factor L of a noise covariance, as its N x (4 T + 1) numbers.
+
+    `whiten` applies L^-1 and `colour` applies L. The result equals that of the dense factor to
+    rounding.
+    """
+
+    ahead: Array
+    gaps: Array
+    inside: Array
+    pivots: Array
+    gains: Array
+
+    @property
+    def present(self) -> Array:
+        """Mask (N,) of the samples that are present."""
+        return np.asarray(np.isfinite(self.pivots))
+
+    def whiten(self, columns: Array) -> Array:
+        """L^-1 times columns (N, B) or (N,); 0 where a sample is missing."""
+        return self._applied(whiten_kernel, columns)
+
+    def whiten_in_place(self, columns: Array) -> None:
+        """`whiten` of a contiguous array (N, B), which is overwritten."""
+        whiten_kernel(self.ahead, self.gaps, self.inside, self.pivots, self.gains, columns)
+
+    def colour(self, columns: Array) -> Array:
+        """L times columns (N, B) or (N,); 0 where a sample is missing."""
+        return self._applied(colour_kernel, columns)
+
+    def _applied(self, kernel, columns: Array) -> Array:  # type: ignore[no-untyped-def]
+        matrix = np.array(columns, dtype=np.float64, order='C', ndmin=2)
+        if columns.ndim == 1:
+            matrix = np.ascontiguousarray(matrix.T)
+        kernel(self.ahead, self.gaps, self.inside, self.pivots, self.gains, matrix)
+        return matrix if columns.ndim == 2 else matrix[:, 0]
+
+
+def build_whitener(
+    noise: ChannelNoise,
+    time: Array,
+    width: Array,
+    hold: Array | None = None,
+    present: Array | None = None,
+    jitter: float = 0.0,
+) -> Whitener:
+    """Whitener of means over `width` (N,) about `time` (N,) [s], in order of time.
+
+    hold (N,) numbers the levels at which a coarse converter keeps its part of the noise; a level
+    that returns later counts as another one. present (N,) is 0 where a sample is missing. jitter
+    [unit^2] is added to every variance.
+    """
+    if np.any(np.diff(time) < 0.0):
+        raise EstimationError('noise: the samples of a run must be in order of time')
+    parts = noise.parts()
+    variance = np.array([item[0] for item in parts])
+    tau = np.array([item[1] for item in parts])
+    ratio = width[:, None] / tau
+    edge = mean_correlation(ratio)
+    own = noise.white / width + noise.floor + jitter
+    own = own + mean_variance(ratio) @ variance
+    gap = np.diff(time, prepend=time[0]) - 0.5 * (width + np.append(width[0], width[:-1]))
+    # Blocks may overlap by the jitter of their stamps; distances along the run stay exact.
+    gap = np.maximum(gap, -OVERLAP * np.minimum(width, np.append(width[0], width[:-1])))
+    gaps = np.exp(-gap[:, None] / tau)
+    inside = np.exp(-ratio)
+    ahead, behind = variance * edge, edge
+    if noise.held > 0.0:
+        own = own + noise.held
+        stays = _same_level(hold, time.size)
+        ones = np.ones((time.size, 1))
+        ahead, behind = np.hstack([ahead, noise.held * ones]), np.hstack([behind, ones])
+        gaps, inside = np.hstack([gaps, stays[:, None]]), np.hstack([inside, ones])
+    there = np.ones(time.size) if present is None else present.astype(np.float64)
+    pivots, gains = np.empty(time.size), np.empty_like(ahead)
+    ahead, gaps, inside = (np.ascontiguousarray(item) for item in (ahead, gaps, inside))
+    bad = factorise_kernel(
+        own, ahead, np.ascontiguousarray(behind), gaps, inside, there, pivots, gains
+    )
+    if bad:
+        raise EstimationError(
+            f'noise: the covariance is singular at sample {bad - 1}: give the channel some white '
+            'noise'
+        )
+    return Whitener(ahead, gaps, inside, pivots, gains)
+
+
+def _same_level(hold: Array | None, count: int) -> Array:
+    """1 (N,) where a sample is at the level of the one before it."""
+    if hold is None:
+        return np.zeros(count)
+    return np.append(0.0, (np.diff(hold) == 0.0).astype(np.float64))
+
+
+def independent(variances: Array) -> Whitener:
+    """Whitener of independent readings of given variances (N,)."""
+    none = np.zeros((variances.size, 0))
+    return Whitener(none, none, none, np.ascontiguousarray(variances), none)
+
+
+kernel = Compiler(__file__)
+
+
+@kernel(nogil=True, error_model='numpy')
+def factorise_kernel(own, ahead, behind, gaps, inside, present, pivots, gains):  # type: ignore[no-untyped-def]
+    """Fill `pivots` (N,), squares of L's diagonal, and `gains` (N, T); 0 if all are positive.
+
+    own (N,): variances; ahead, behind (N, T): u and v; gaps, inside (N, T): decay over the gap
+    before a sample and over the sample itself; present (N,): 0 where a sample is missing. Returns
+    1 + the place of a pivot that is not positive.
+    """
+    count, parts = ahead.shape
+    state = np.zeros((parts, parts))
+    reach = np.zeros(parts)
+    for n in range(count):
+        for i in range(parts):
+            for j in range(parts):
+                state[i, j] *= gaps[n, i] * gaps[n, j]
+        pivot = own[n]
+        for i in range(parts):
+            total = 0.0
+            for j in range(parts):
+                total += state[i, j] * ahead[n, j]
+            reach[i] = total
+            pivot -= ahead[n, i] * total
+        if present[n] and not pivot > 0.0:
+            return n + 1
+        if not present[n]:
+            pivot = np.inf
+        pivots[n] = pivot
+        for i in range(parts):
+            gains[n, i] = (behind[n, i] - inside[n, i] * reach[i]) / pivot
+        for i in range(parts):
+            for j in range(parts):
+                state[i, j] *= inside[n, i] * inside[n, j]
+                if present[n]:
+                    state[i, j] += pivot * gains[n, i] * gains[n, j]
+    return 0
+
+
+@kernel(nogil=True, error_model='numpy')
+def whiten_kernel(ahead, gaps, inside, pivots, gains, columns):  # type: ignore[no-untyped-def]
+    """L^-1 times `columns` (N, B), in place; 0 where a sample is missing."""
+    count, parts = ahead.shape
+    width = columns.shape[1]
+    state = np.zeros((parts, width))
+    for n in range(count):
+        for i in range(parts):
+            decay = gaps[n, i]
+            share = ahead[n, i]
+            for b in range(width):
+                state[i, b] *= decay
+                columns[n, b] -= share * state[i, b]
+        missing = pivots[n] == np.inf
+        for i in range(parts):
+            decay = inside[n, i]
+            gain = gains[n, i]
+            for b in range(width):
+                state[i, b] *= decay
+                if not missing:
+                    state[i, b] += gain * columns[n, b]
+        scale = 0.0 if missing else 1.0 / np.sqrt(pivots[n])
+        for b in range(width):
+            columns[n, b] = 0.0 if missing else scale * columns[n, b]
+
+
+@kernel(nogil=True, error_model='numpy')
+def colour_kernel(ahead, gaps, inside, pivots, gains, columns):  # type: ignore[no-untyped-def]
+    """L times `columns` (N, B), in place; 0 where a sample is missing."""
+    count, parts = ahead.shape
+    width = columns.shape[1]
+    state = np.zeros((parts, width))
+    shock = np.zeros(width)
+    for n in range(count):
+        missing = pivots[n] == np.inf
+        scale = 0.0 if missing else np.sqrt(pivots[n])
+        for b in range(width):
+            shock[b] = 0.0 if missing else scale * columns[n, b]
+            columns[n, b] = shock[b]
+        for i in range(parts):
+            decay = gaps[n, i]
+            onward = inside[n, i]
+            gain = gains[n, i]
+            share = 0.0 if missing else ahead[n, i]
+            for b in range(width):
+                reached = decay * state[i, b]
+                columns[n, b] += share * reached
+                state[i, b] = onward * reached + gain * shock[b]
+
+
+MIN_STRENGTH = 1e-3
+"""Smallest effect of an error that is removed, in units of the scatter of the residuals."""
+
+MIN_STRENGTH_OF_MANY = 0.03
+"""The same limit for hundreds of errors."""
+
+
+@dataclass(frozen=True)
+class SharedErrors:
+    """Independent errors of unit variance that residuals (n,) share.
+
+    directions (n, k) orthonormal, strength (k,) over the residuals' own scatter; mixture (M, k):
+    the part that each of the M errors has in a direction.
+    """
+
+    directions: Array
+    strength: Array
+    mixture: Array
+
+    @classmethod
+    def none(cls, size: int) -> SharedErrors:
+        """No shared error of residuals (size,)."""
+        return cls(np.zeros((size, 0)), np.zeros(0), np.zeros((0, 0)))
+
+    @classmethod
+    def of(cls, answers: Array) -> SharedErrors:
+        """Shared errors of residuals with the responses (n, M) to M errors of any size."""
+        left, strength, right = np.linalg.svd(answers, full_matrices=False)
+        kept = strength > MIN_STRENGTH
+        return cls(np.ascontiguousarray(left[:, kept]), strength[kept], right[kept].T)
+
+    @classmethod
+    def of_many(cls, answers: Array) -> SharedErrors:
+        """The same for hundreds of errors, none of which is thousands of times the noise."""
+        variance, mixture = np.linalg.eigh(answers.T @ answers)
+        kept = variance > MIN_STRENGTH_OF_MANY**2
+        strength, mixture = np.sqrt(variance[kept]), mixture[:, kept]
+        return cls(answers @ (mixture / strength), strength, mixture)
+
+    @property
+    def shrink(self) -> Array:
+        """Parts (k,) of residuals along the directions that are removed."""
+        return np.asarray(1.0 - 1.0 / np.sqrt(1.0 + self.strength**2))
+
+    @property
+    def dimensions(self) -> float:
+        """Number of dimensions that the errors remove from the residuals."""
+        return float((1.0 - (1.0 - self.shrink) ** 2).sum())
+
+    def apply(self, columns: Array) -> Array:
+        """Whitened columns (n, B) or (n,)."""
+        inner = self.directions.T @ columns
+        scale = self.shrink if columns.ndim == 1 else self.shrink[:, None]
+        return np.asarray(columns - self.directions @ (scale * inner))
+
+    def along(self, residual: Array) -> Array:
+        """The errors along the directions (k,) that a residual (n,) makes most likely."""
+        share = self.strength / (1.0 + self.strength**2)
+        return np.asarray(share * (self.directions.T @ residual))
+
+    def likely(self, residual: Array) -> Array:
+        """The errors (M,) that a residual (n,) makes most likely."""
+        return np.asarray(self.mixture @ self.along(residual))
