@@ -25,9 +25,8 @@ import time
 from typing import Any
 
 from saddlering_ros.campaign import run_campaign, SessionLimits, SessionTask, Store
-from saddlering_ros.campaign.executors import dask_workers, local_workers
-from saddlering_ros.campaign.fleet_files import write_fleet
-from saddlering_ros.campaign.tables import write_tables
+from saddlering_ros.campaign.running import dask_workers, local_workers, Workers
+from saddlering_ros.campaign.tables import write_fleet, write_tables
 
 HERE = Path(__file__).resolve().parent
 NAMES = ('K1', 'n1', 'D1', 'K2', 'n2', 'D2')
@@ -93,10 +92,9 @@ def timed(count: int, work: float, slots: int, address: str | None = None) -> fl
         workers = local_workers(slots) if address is None else dask_workers(address)
         with workers as found:
             warm = stub_tasks(count + 4, 0.2)[count:]
-            run_campaign(warm, Store(Path(folder) / 'warm'), found.executor, found.slots)
+            run_campaign(warm, Store(Path(folder) / 'warm'), found)
             began = time.perf_counter()
-            run_campaign(stub_tasks(count, work), Store(Path(folder) / 'store'), found.executor,
-                         found.slots)
+            run_campaign(stub_tasks(count, work), Store(Path(folder) / 'store'), found)
             return time.perf_counter() - began
 
 
@@ -116,7 +114,7 @@ def coordinator_memory(count: int) -> tuple[float, float]:
     with tempfile.TemporaryDirectory() as folder:
         store = Store(Path(folder))
         tasks = stub_tasks(count, 0.0)
-        run_campaign(tasks, store, Immediate(1), 1)
+        run_campaign(tasks, store, Workers(Immediate(1), 1))
         write_tables(store, tasks)
         tables = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
         write_fleet(store, tasks[: 2000], {})
@@ -136,8 +134,7 @@ def kills(count: int, seed: int) -> str:
         store = Store(Path(folder))
         script = ('from pathlib import Path\nimport sys\nfrom campaign import *\n'
                   'with local_workers(2) as found:\n'
-                  '    run_campaign(stub_tasks(60, 0.3), Store(Path(sys.argv[1])), '
-                  'found.executor, 2)\n')
+                  '    run_campaign(stub_tasks(60, 0.3), Store(Path(sys.argv[1])), found)\n')
         repeated = 0
         seen: dict[str, int] = {}
         for _ in range(count):
@@ -152,7 +149,7 @@ def kills(count: int, seed: int) -> str:
             repeated += sum(now.get(key) != stamp for key, stamp in seen.items())
             seen = now
         with local_workers(2) as found:
-            summary = run_campaign(stub_tasks(60, 0.3), store, found.executor, 2)
+            summary = run_campaign(stub_tasks(60, 0.3), store, found)
     return (f'{count} kills: {len(seen)} of 60 results kept, {repeated} lost or repeated; the '
             f'last run computed {summary.computed} and has {summary.done} of {summary.total}')
 

@@ -25,8 +25,7 @@ from numpy.typing import NDArray
 
 from saddlering_ros.fleet import COORDINATES, judge_fleet, SessionFigures
 from saddlering_ros.fleet.drifts import YEAR
-from saddlering_ros.fleet.history import follow, TimeSeries
-from saddlering_ros.fleet.remaining_life import first_passage
+from saddlering_ros.fleet.history import first_passage, follow, TimeSeries
 
 Array = NDArray[np.float64]
 

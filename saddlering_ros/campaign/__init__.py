@@ -1,11 +1,16 @@
 """Campaigns: every bag under a folder, grouped into sessions of one ring, each given a verdict."""
 
-from saddlering_ros.campaign.coordinator import run_campaign, Summary
-from saddlering_ros.campaign.discovery import find_bags, FoundBag
-from saddlering_ros.campaign.errors import CampaignError, CampaignInterruptedError
-from saddlering_ros.campaign.manifest import read_manifest, write_manifest
-from saddlering_ros.campaign.sessions import group_sessions, Grouping, Session
-from saddlering_ros.campaign.store import Store
+from saddlering_ros.campaign.running import run_campaign, Summary
+from saddlering_ros.campaign.sessions import (
+    find_bags,
+    FoundBag,
+    group_sessions,
+    Grouping,
+    read_manifest,
+    Session,
+    write_manifest,
+)
+from saddlering_ros.campaign.store import CampaignError, CampaignInterruptedError, Store
 from saddlering_ros.campaign.task import SessionLimits, SessionTask, tasks_of
 
 __all__ = [

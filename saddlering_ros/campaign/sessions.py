@@ -1,13 +1,36 @@
-"""Bags grouped into sessions: the tests of one ring on one rig within a short time."""
+"""The bags under a folder, their sessions, and the manifest in which a person corrects both.
+
+A session is the tests of one ring on one rig within a short time. The store keeps the manifest,
+a line a bag, as manifest.parquet and as manifest.csv; an edited CSV overrides the grouping.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
+import csv
 from dataclasses import dataclass, replace
 from datetime import datetime, timezone
+import io
 import math
+import os
+from pathlib import Path
+from typing import Any
 
-from saddlering_ros.campaign.discovery import FoundBag
+from mcap.reader import SeekingReader
+
+from saddlering_ros.bags.directory import (
+    BagDirectory,
+    METADATA,
+    open_directory,
+    plain_file,
+    read_metadata,
+    SUFFIXES,
+)
+from saddlering_ros.campaign.store import CampaignError
+from saddlering_ros.files import whole_file, write_text
+from saddlering_ros.plain_yaml import read_regular_text
+from saddlering_ros.record.errors import BagError
+from saddlering_ros.record.metadata import METADATA_RECORD
 
 FIT, HOLD_OUT, SKIP = 'fit', 'hold_out', 'skip'
 ROLES = (FIT, HOLD_OUT, SKIP)
@@ -143,3 +166,282 @@ def _named_apart(sessions: Sequence[Session]) -> list[Session]:
         name = session.name if number == 1 else f'{session.name} ({number})'
         answer.append(replace(session, name=name))
     return answer
+
+
+@dataclass(frozen=True)
+class FoundBag:
+    """One bag as found; its readings have not been read.
+
+    path: the rosbag2 directory or the bare file; sha256: of its files; time [s since 1970] of the
+    test, None if unknown; metadata: the test metadata (interfaces.md), text to text; problem: why
+    the bag cannot be used ('' if it can).
+    """
+
+    path: Path
+    sha256: str = ''
+    time: float | None = None
+    metadata: tuple[tuple[str, str], ...] = ()
+    problem: str = ''
+
+    def fact(self, name: str) -> str:
+        """One entry of the test metadata, '' if the bag does not state it."""
+        return dict(self.metadata).get(name, '').strip()
+
+    @property
+    def ring(self) -> str:
+        """Which ring was tested: `ring` of the metadata, else `rig`, else the folder's name."""
+        return self.fact('ring') or self.fact('rig') or self.path.parent.name
+
+    @property
+    def bench(self) -> str:
+        """Which test rig did it: `bench` of the metadata, else the rig file's hash, else ''."""
+        return self.fact('bench') or self.fact('rig_hash')[:12]
+
+    @property
+    def test(self) -> str:
+        """Kind of the test and its elevation in degrees, as `dynamic 50`."""
+        return f'{self.fact("test") or "?"} {self.fact("elevation_deg") or "?"}'
+
+    @property
+    def service_hours(self) -> float | None:
+        """Hours of service of the ring at the test, None if the bag does not state them."""
+        try:
+            return float(self.fact('service_hours'))
+        except ValueError:
+            return None
+
+
+def find_bags(
+    folder: Path | str, on_progress: Callable[[int], None] | None = None
+) -> list[FoundBag]:
+    """Every bag under `folder` at any depth, in order of path; links to folders are not followed.
+
+    A folder with metadata.yaml, or with .mcap files of one split recording, is one bag; any other
+    .mcap file is a bag of its own. CampaignError where there is no such folder.
+    """
+    folder = Path(folder)
+    if not folder.is_dir():
+        raise CampaignError(f'{folder}: is not a folder: give the folder that holds the bags')
+    found = []
+    for path in _places(folder):
+        found.append(look_at(path))
+        if on_progress is not None:
+            on_progress(len(found))
+    return found
+
+
+def _places(folder: Path) -> Iterator[Path]:
+    for here, folders, files in os.walk(folder):
+        folders.sort()
+        place = Path(here)
+        recordings = sorted(name for name in files if name.endswith(SUFFIXES))
+        if METADATA in files:
+            folders.clear()
+            yield place
+        elif _one_recording(place.name, recordings):
+            yield place
+        else:
+            yield from (place / name for name in recordings)
+
+
+def _one_recording(name: str, files: list[str]) -> bool:
+    """Whether the files are parts that rosbag2 names after their folder: name_0, name_1, ..."""
+    parts = [file.partition('.mcap')[0] for file in files]
+    return len(parts) > 1 and {f'{name}_{number}' for number in range(len(parts))} == set(parts)
+
+
+def look_at(path: Path) -> FoundBag:
+    """The bag at `path`; a fault becomes its `problem`."""
+    try:
+        directory = open_directory(path)
+        metadata, start = _metadata_of(directory)
+        return FoundBag(path, directory.sha256(), _time_of(metadata, start),
+                        tuple(sorted(metadata.items())))
+    except BagError as fault:
+        return FoundBag(path, problem=str(fault))
+    except OSError as fault:
+        return FoundBag(path, problem=f'{path}: cannot be read ({fault.strerror}): check the path')
+
+
+def _metadata_of(directory: BagDirectory) -> tuple[dict[str, str], int | None]:
+    """Test metadata and start [ns] by the summaries alone; no message is read."""
+    metadata = dict(directory.custom_data)
+    start = _start_in_metadata(directory)
+    if metadata and start is not None:
+        return metadata, start
+    for file in directory.files:
+        try:
+            with plain_file(file) as plain, plain.open('rb') as stream:
+                reader = SeekingReader(stream)
+                for record in reader.iter_metadata():
+                    if record.name == METADATA_RECORD:
+                        metadata = {**record.metadata, **metadata}
+                summary = reader.get_summary()
+                if start is None and summary is not None and summary.statistics is not None:
+                    start = summary.statistics.message_start_time
+        except Exception:  # of six unrelated types; reading the bag will report its damage
+            continue
+    return metadata, start
+
+
+def _start_in_metadata(directory: BagDirectory) -> int | None:
+    if not directory.has_metadata or not directory.path.is_dir():
+        return None
+    start = read_metadata(directory.path / METADATA).get('starting_time')
+    value = start.get('nanoseconds_since_epoch') if isinstance(start, dict) else None
+    return value if isinstance(value, int) else None
+
+
+def _time_of(metadata: dict[str, str], start: int | None) -> float | None:
+    """The date that the bag states, else the first stamp of its recorder [s since 1970]."""
+    stated = metadata.get('date', '').strip()
+    if stated:
+        try:
+            date = datetime.fromisoformat(stated.replace('Z', '+00:00'))
+        except ValueError:
+            date = None
+        if date is not None:
+            return date.replace(tzinfo=date.tzinfo or timezone.utc).timestamp()
+    return None if start is None else start / 1e9
+
+
+COLUMNS = (
+    'bag', 'session', 'ring', 'bench', 'date', 'test', 'elevation_deg', 'role', 'service_hours',
+    'maintenance', 'note', 'sha256',
+)
+YES = ('1', 'true', 'yes')
+
+
+MAX_MANIFEST = 64 << 20
+"""Size of the largest manifest that is read [bytes]."""
+
+
+@dataclass(frozen=True)
+class ManifestLine:
+    """One line of the table as text; a person may change `session` and `role`."""
+
+    values: dict[str, str]
+
+    def __getitem__(self, name: str) -> str:
+        return self.values.get(name, '').strip()
+
+
+def manifest_rows(sessions: Sequence[Session]) -> list[dict[str, str]]:
+    """The table of `sessions`, a row a bag."""
+    return [
+        {
+            'bag': str(member.bag.path), 'session': session.name, 'ring': session.ring,
+            'bench': session.bench, 'date': _date(member.bag.time),
+            'test': member.bag.fact('test'), 'elevation_deg': member.bag.fact('elevation_deg'),
+            'role': member.role,
+            'service_hours': '' if session.service_hours is None else f'{session.service_hours:g}',
+            'maintenance': 'yes' if session.maintenance else '',
+            'note': member.bag.problem or member.note, 'sha256': member.bag.sha256,
+        }
+        for session in sessions for member in session.members
+    ]
+
+
+def write_manifest(folder: Path, sessions: Sequence[Session]) -> None:
+    """manifest.parquet and manifest.csv in `folder`, each whole or not at all."""
+    import pyarrow
+    import pyarrow.parquet
+
+    rows = manifest_rows(sessions)
+    text = io.StringIO()
+    writer = csv.DictWriter(text, COLUMNS, lineterminator='\n')
+    writer.writeheader()
+    writer.writerows(rows)
+    write_text(folder / 'manifest.csv', text.getvalue(), CampaignError)
+    schema = pyarrow.schema([(name, pyarrow.string()) for name in COLUMNS])
+    table = pyarrow.Table.from_pylist(rows, schema=schema)
+    with whole_file(folder / 'manifest.parquet', CampaignError) as temporary:
+        pyarrow.parquet.write_table(table, temporary)
+
+
+def read_manifest(path: Path, bags: Sequence[FoundBag]) -> list[Session]:
+    """Sessions as the CSV at `path` groups `bags`; bags that it does not name are left out.
+
+    CampaignError names the line that cannot be used.
+    """
+    known = {str(bag.path): bag for bag in bags}
+    known |= {str(bag.path.resolve()): bag for bag in bags}
+    groups: dict[str, list[tuple[Member, ManifestLine]]] = {}
+    for number, line in enumerate(_lines(path), start=2):
+        where = f'{path}: line {number}'
+        bag = known.get(line['bag']) or known.get(str(Path(line['bag']).resolve()))
+        if bag is None:
+            raise CampaignError(f'{where}: {line["bag"] or "no bag"} is not under the folder: '
+                                'correct the path or remove the line')
+        role = line['role'] or FIT
+        if role not in ROLES:
+            raise CampaignError(f'{where}: role is {role!r}: give {", ".join(ROLES)}')
+        if not line['session']:
+            raise CampaignError(f'{where}: session is empty: give the name of a session')
+        groups.setdefault(line['session'], []).append((Member(bag, role, line['note']), line))
+    return [_session_of_lines(path, name, lines) for name, lines in groups.items()]
+
+
+def _lines(path: Path) -> list[ManifestLine]:
+    text = read_regular_text(path, CampaignError, MAX_MANIFEST)
+    reader = csv.DictReader(io.StringIO(text.removeprefix('\ufeff')))
+    missing = [name for name in ('bag', 'session') if name not in (reader.fieldnames or [])]
+    if missing:
+        raise CampaignError(f'{path}: has no column {missing[0]!r}: its columns are '
+                            f'{", ".join(COLUMNS)}')
+    return [ManifestLine({key: value or '' for key, value in row.items() if key})
+            for row in reader]
+
+
+def _session_of_lines(path: Path, name: str, lines: list[tuple[Member, ManifestLine]]) -> Session:
+    members = tuple(member for member, _ in lines)
+    first = lines[0][1]
+    rings = {line['ring'] for _, line in lines if line['ring']}
+    if len(rings) > 1:
+        raise CampaignError(f'{path}: session {name!r} has bags of the rings '
+                            f'{", ".join(sorted(rings))}: give each ring a session of its own')
+    times = [member.bag.time for member in members if member.bag.time is not None]
+    time = _time(path, first['date']) if first['date'] else min(times, default=None)
+    return Session(
+        name, first['ring'] or members[0].bag.ring, first['bench'] or members[0].bag.bench, time,
+        members, _hours(path, first['service_hours']),
+        any(line['maintenance'].lower() in YES for _, line in lines))
+
+
+def _hours(path: Path, text: str) -> float | None:
+    try:
+        return float(text) if text else None
+    except ValueError:
+        raise CampaignError(f'{path}: service_hours is {text!r}: give hours as a number') from None
+
+
+def _time(path: Path, text: str) -> float:
+    try:
+        date = datetime.fromisoformat(text.replace('Z', '+00:00'))
+    except ValueError:
+        raise CampaignError(f'{path}: date is {text!r}: give it as 2026-11-20 or '
+                            '2026-11-20T08:00:00Z') from None
+    return date.replace(tzinfo=date.tzinfo or timezone.utc).timestamp()
+
+
+def _date(time: float | None) -> str:
+    if time is None:
+        return ''
+    return datetime.fromtimestamp(time, timezone.utc).isoformat(timespec='seconds')
+
+
+def session_table(sessions: Sequence[Session]) -> list[dict[str, Any]]:
+    """Table shown before a campaign starts, a row a session."""
+    return [
+        {
+            'session': session.name, 'ring': session.ring, 'rig': session.bench,
+            'date': session.date,
+            'tests': ', '.join(sorted(
+                bag.test + (' (held out)' if role == HOLD_OUT else '')
+                for role in (FIT, HOLD_OUT) for bag in session.of_role(role))),
+            'note': session.problem or '; '.join(
+                f'{member.bag.path.name}: {member.note}'
+                for member in session.members if member.note),
+        }
+        for session in sessions
+    ]

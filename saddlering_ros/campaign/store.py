@@ -11,7 +11,7 @@ import json
 from pathlib import Path
 from typing import Any
 
-from saddlering_ros.campaign.errors import CampaignError
+from saddlering_ros.errors import SaddleringError
 from saddlering_ros.files import write_text
 
 RESULTS, REPORTS, STATUS = 'results', 'reports', 'status.json'
@@ -101,3 +101,11 @@ def _read(path: Path, key: str) -> dict[str, Any] | None:
         return None
     whole = isinstance(document, dict) and document.get('key') == key and 'status' in document
     return document if whole else None
+
+
+class CampaignError(SaddleringError):
+    """A folder, a manifest or a store that a campaign cannot use."""
+
+
+class CampaignInterruptedError(CampaignError):
+    """The executor is gone or was stopped; computed results are in the store."""

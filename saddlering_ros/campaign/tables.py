@@ -1,4 +1,4 @@
-"""Results compacted into Parquet: verdicts, parameters with covariance, detection limits.
+"""Results compacted: Parquet of verdicts, parameters and detection limits, and the fleet's files.
 
 Results are read one at a time and written in groups of rows, so that memory does not grow with
 the number of sessions.
@@ -8,16 +8,18 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from datetime import datetime, timezone
+import json
 from pathlib import Path
 from typing import Any
 
 import pyarrow
 import pyarrow.parquet
 
-from saddlering_ros.campaign.errors import CampaignError
-from saddlering_ros.campaign.store import Store
+from saddlering_ros.campaign.store import CampaignError, Store
 from saddlering_ros.campaign.task import SessionTask
-from saddlering_ros.files import whole_file
+from saddlering_ros.files import whole_file, write_text
+from saddlering_ros.fleet import figures_of, fleet_document, judge_fleet
+from saddlering_ros.fleet.judgement import Fleet
 
 GROUP = 500
 """Sessions whose rows are held in memory at a time."""
@@ -167,3 +169,21 @@ def _groups(rows: Iterable[dict[str, Any]]) -> Iterator[Rows]:
             yield group
             group = []
     yield group
+
+
+def write_fleet(store: Store, tasks: Sequence[SessionTask], limits: Mapping[str, float]) -> Fleet:
+    """Judge the fleet of the sessions that have a verdict; write fleet.json and report.html."""
+    from saddlering_ros.fleet.page import fleet_page
+
+    figures, failures = [], []
+    for task, result in results_of(store, tasks):
+        if result['status'] == 'failed':
+            failures.append((task.name, str(result['reason'])))
+            continue
+        figures.append(figures_of(task.as_dict(), result, p_value_of(result['verdict'])))
+    fleet = judge_fleet(figures, limits)
+    document = fleet_document(fleet)
+    document['failures'] = [{'session': name, 'reason': reason} for name, reason in failures]
+    write_text(store.folder / 'fleet.json', json.dumps(document, indent=1) + '\n', CampaignError)
+    write_text(store.folder / 'report.html', fleet_page(fleet, failures), CampaignError)
+    return fleet

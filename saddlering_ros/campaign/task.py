@@ -2,21 +2,26 @@
 
 A task is a pure function of its bags, its rig, its settings and the program. Its key is the hash
 of these, and its seed comes from the key, so that a result is the same wherever it is computed.
+`run` is the job of a worker process (`jobs.worker`): the verdict, or the reason why there is none.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 import hashlib
+import importlib
 import json
 from pathlib import Path
+import resource
 from typing import Any
 
 from saddlering_ros.campaign.sessions import FIT, HOLD_OUT, Session
+from saddlering_ros.errors import SaddleringError
 from saddlering_ros.files import sha256_of_file, versions_in_use
+from saddlering_ros.progress import OnProgress
 
-VERDICT = 'saddlering_ros.campaign.verdict:session_verdict'
+VERDICT = 'saddlering_ros.campaign.task:session_verdict'
 """The function that judges a session; benchmarks and tests put another in its place."""
 
 
@@ -111,3 +116,65 @@ def _key(bags: Sequence[TaskBag], rig_sha256: str, compute: str, session: Sessio
     }
     text = json.dumps(identity, sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()[:32]
+
+
+TYPES: tuple[type, ...] = ()
+"""No dataclass passes between the processes."""
+
+PRELOADED: tuple[str, ...] = ()
+"""The computing function names its module itself."""
+
+
+def run(request: dict[str, Any], on_progress: OnProgress) -> dict[str, Any]:
+    """Judge the session of a task's plain data within its memory; a failure is an answer too."""
+    task = task_from(request)
+    try:
+        compute = _load(task.compute)
+        _limit_memory(task.limits.memory)
+        return {'status': 'done', **compute(task)}
+    except SaddleringError as problem:
+        return failure('refused', ' '.join(str(problem).split()))
+    except MemoryError:
+        return failure('memory', f'{task.name}: needs more than {task.limits.memory >> 20} MB: '
+                                 'give a larger --memory-limit')
+    except Exception as problem:
+        return failure('failed', f'{type(problem).__name__}: {" ".join(str(problem).split())}')
+
+
+def failure(kind: str, reason: str) -> dict[str, Any]:
+    """Entry of a result that has no verdict."""
+    return {'status': 'failed', 'kind': kind, 'reason': reason}
+
+
+def _load(name: str) -> Callable[[SessionTask], dict[str, Any]]:
+    module, _, function = name.partition(':')
+    found: Callable[[SessionTask], dict[str, Any]] = getattr(
+        importlib.import_module(module), function)
+    return found
+
+
+def _limit_memory(size: int) -> None:
+    """Allow `size` bytes of address space beyond those mapped already."""
+    mapped = int(Path('/proc/self/statm').read_text().split()[0]) * resource.getpagesize()
+    _, hard = resource.getrlimit(resource.RLIMIT_AS)
+    resource.setrlimit(resource.RLIMIT_AS, (mapped + size, hard))
+
+
+def session_verdict(task: SessionTask) -> dict[str, Any]:
+    """Diagnose the session; the JSON of interfaces.md, the covariance and a report beside it."""
+    from saddlering_ros import diagnose, load_rig
+
+    bags = {role: [bag.path for bag in task.bags if bag.role == role] for role in (FIT, HOLD_OUT)}
+    result = diagnose(bags[FIT], hold_out=bags[HOLD_OUT], rig=load_rig(task.rig or None),
+                      seed=task.seed)
+    report = ''
+    if task.reports and result.verdict != 'none':
+        place = Path(task.reports) / f'{task.key}.html'
+        result.write_report(place)
+        report = f'{place.parent.name}/{place.name}'
+    covariance = result.parameters.source.covariance
+    return {
+        'verdict': result.document,
+        'covariance': None if covariance is None else covariance.tolist(),
+        'report': report,
+    }

@@ -84,8 +84,7 @@ def run(args: argparse.Namespace) -> int:
         tasks_of,
         write_manifest,
     )
-    from saddlering_ros.campaign.fleet_files import write_fleet
-    from saddlering_ros.campaign.tables import write_tables
+    from saddlering_ros.campaign.tables import write_fleet, write_tables
     from saddlering_ros.cli._terminal import Bar, tell_json
     from saddlering_ros.fleet import limits_from_text
     from saddlering_ros.rig import load_rig
@@ -144,7 +143,7 @@ def _sessions(args: argparse.Namespace, bags: list[FoundBag]) -> list[Session]:
 def _print_plan(sessions: list[Session]) -> None:
     from rich.table import Table
 
-    from saddlering_ros.campaign.manifest import session_table
+    from saddlering_ros.campaign.sessions import session_table
     from saddlering_ros.cli._terminal import stdout_console
 
     rows = session_table(sessions)
@@ -170,7 +169,7 @@ def _compute(args: argparse.Namespace, tasks: Sequence[SessionTask], store: Stor
     import sys
 
     from saddlering_ros.campaign import run_campaign
-    from saddlering_ros.campaign.executors import dask_workers, local_workers
+    from saddlering_ros.campaign.running import dask_workers, local_workers
     from saddlering_ros.cli._terminal import Bar
 
     workers = local_workers(args.jobs) if args.scheduler is None else dask_workers(args.scheduler)
@@ -178,7 +177,7 @@ def _compute(args: argparse.Namespace, tasks: Sequence[SessionTask], store: Stor
         if found.warning:
             print(f'saddlering campaign: {found.warning}', file=sys.stderr)
         return run_campaign(
-            tasks, store, found.executor, found.slots, retry=args.retry, alive=found.alive,
+            tasks, store, found, retry=args.retry,
             on_status=lambda status: bar.show(
                 'campaign', status.done / max(status.total, 1), words_of(status)))
 

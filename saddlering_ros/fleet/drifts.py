@@ -15,9 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2, ttest_1samp
 
-from saddlering_ros.fleet.error_control import benjamini_hochberg
 from saddlering_ros.fleet.history import follow, History, TimeSeries
 from saddlering_ros.fleet.observations import COORDINATES, SessionFigures
+from saddlering_ros.fleet.statistics import benjamini_hochberg
 
 Array = NDArray[np.float64]
 

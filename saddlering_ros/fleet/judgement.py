@@ -17,21 +17,20 @@ from saddlering_ros.fleet.drifts import (
     significant_drifts,
     words_of,
 )
-from saddlering_ros.fleet.error_control import (
-    benjamini_hochberg,
-    e_benjamini_hochberg,
-    e_value_of_sessions,
-)
-from saddlering_ros.fleet.errors import FleetError
+from saddlering_ros.fleet.history import remaining_life, RemainingLife
 from saddlering_ros.fleet.observations import (
     by_ring,
     COORDINATES,
+    FleetError,
     PARAMETERS,
     REFERENCE_PENETRATION,
     SessionFigures,
 )
-from saddlering_ros.fleet.random_effects import (
+from saddlering_ros.fleet.statistics import (
+    benjamini_hochberg,
     combined,
+    e_benjamini_hochberg,
+    e_value_of_sessions,
     fit_population,
     MIN_RINGS,
     Population,
@@ -39,7 +38,6 @@ from saddlering_ros.fleet.random_effects import (
     unlike_sisters,
     Unlikeness,
 )
-from saddlering_ros.fleet.remaining_life import remaining_life, RemainingLife
 from saddlering_ros.progress import one_blas_thread
 from saddlering_ros.quantities import finite_json
 

@@ -15,6 +15,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from saddlering_ros.errors import SaddleringError
+
 Array = NDArray[np.float64]
 
 COORDINATES = ('stiffness_1', 'exponent_1', 'damping_1', 'stiffness_2', 'exponent_2', 'damping_2')
@@ -111,3 +113,7 @@ def by_ring(sessions: Iterable[SessionFigures]) -> dict[str, list[SessionFigures
 
 def _number(value: object) -> float:
     return float(value) if isinstance(value, (int, float)) else math.nan
+
+
+class FleetError(SaddleringError):
+    """Sessions or limits that fleet statistics cannot use."""

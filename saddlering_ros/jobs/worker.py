@@ -9,7 +9,7 @@ never pickles.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 import contextlib
 from dataclasses import dataclass
 import importlib
@@ -47,8 +47,10 @@ class Outcome:
 class Worker:
     """One worker process, kept ready: its modules are loaded before the first job comes."""
 
-    def __init__(self, module: str) -> None:
+    def __init__(self, module: str, environment: Mapping[str, str] | None = None) -> None:
+        """environment: variables of the process beside those of this one."""
         self._module = module
+        self._environment = environment or {}
         self._process: subprocess.Popen[bytes] | None = None
         self._pipe: ValueSocket | None = None
         self._life: int | None = None
@@ -69,7 +71,8 @@ class Worker:
         self._process = subprocess.Popen(
             [sys.executable, '-m', __name__, str(theirs.fileno()), self._module],
             stdin=subprocess.DEVNULL, pass_fds=(theirs.fileno(), read_end),
-            start_new_session=True, env={**os.environ, LIFELINE: str(read_end)})
+            start_new_session=True, env={**os.environ, **self._environment,
+                                         LIFELINE: str(read_end)})
         os.close(read_end)
         theirs.close()
         self._pipe = ValueSocket(ours, types_of(self._module))

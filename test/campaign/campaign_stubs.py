@@ -11,8 +11,7 @@ from typing import Any
 
 import yaml
 
-from saddlering_ros.campaign.discovery import find_bags
-from saddlering_ros.campaign.sessions import group_sessions
+from saddlering_ros.campaign.sessions import find_bags, group_sessions
 from saddlering_ros.campaign.task import SessionLimits, SessionTask, tasks_of
 from saddlering_ros.errors import SaddleringError
 

@@ -17,7 +17,7 @@ from campaign_stubs import marks, tasks, write_bag
 import pytest
 
 from saddlering_ros.campaign import CampaignError, CampaignInterruptedError, run_campaign, Store
-from saddlering_ros.campaign.executors import _warning, dask_workers
+from saddlering_ros.campaign.running import _warning, dask_workers
 
 # Not imported to find out: it takes a second of each process that collects tests.
 pytestmark = pytest.mark.skipif(find_spec('distributed') is None, reason='needs distributed')
@@ -99,8 +99,7 @@ def once_judged(folder, count, action):
 
 def run(cluster, folder, store, compute):
     with dask_workers(cluster.address) as workers:
-        return run_campaign(tasks(folder, compute), store, workers.executor, workers.slots,
-                            alive=workers.alive)
+        return run_campaign(tasks(folder, compute), store, workers)
 
 
 def test_workers_and_scheduler_may_be_killed(cluster, works, tmp_path):

@@ -22,7 +22,7 @@ from saddlering_ros.campaign import (
     run_campaign,
     Store,
 )
-from saddlering_ros.campaign.executors import local_workers
+from saddlering_ros.campaign.running import local_workers
 from saddlering_ros.campaign.tables import write_tables
 
 HERE = Path(__file__).resolve().parent
@@ -35,8 +35,7 @@ def _stubs_can_be_imported(monkeypatch):
 
 def run(folder, store, compute='judge', *, retry=False, jobs=2, **limits):
     with local_workers(jobs) as workers:
-        return run_campaign(tasks(folder, compute, **limits), store, workers.executor,
-                            workers.slots, retry=retry)
+        return run_campaign(tasks(folder, compute, **limits), store, workers, retry=retry)
 
 
 def test_every_session_gets_a_result_and_a_second_run_computes_nothing(works, tmp_path):
@@ -124,13 +123,13 @@ def test_stopping_ends_what_is_computed_and_writes_nothing(tmp_path):
     def stop_soon(workers):
         while not marks(tmp_path / 'works'):
             time.sleep(0.02)
-        for runner in workers.runners:
-            runner.stop()
+        for slot in workers.local:
+            slot.stop()
 
     with local_workers(1) as workers:
         threading.Thread(target=stop_soon, args=(workers,), daemon=True).start()
         with pytest.raises(CampaignInterruptedError):
-            run_campaign(tasks(tmp_path / 'works', 'forever'), store, workers.executor, 1)
+            run_campaign(tasks(tmp_path / 'works', 'forever'), store, workers)
     assert not list((store.folder / 'results').iterdir())
 
 

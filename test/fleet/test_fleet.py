@@ -18,12 +18,16 @@ from saddlering_ros.fleet import (
     SessionFigures,
 )
 from saddlering_ros.fleet.drifts import scales_alike, YEAR
-from saddlering_ros.fleet.error_control import benjamini_hochberg, e_value, e_value_of_sessions
-from saddlering_ros.fleet.history import follow, TimeSeries
+from saddlering_ros.fleet.history import follow, remaining_life, TimeSeries
 from saddlering_ros.fleet.observations import to_coordinates
 from saddlering_ros.fleet.page import fleet_page
-from saddlering_ros.fleet.random_effects import fit_population, unlike_sisters
-from saddlering_ros.fleet.remaining_life import remaining_life
+from saddlering_ros.fleet.statistics import (
+    benjamini_hochberg,
+    e_value,
+    e_value_of_sessions,
+    fit_population,
+    unlike_sisters,
+)
 from saddlering_ros.pages.html import pictures_of
 
 ERROR = np.array([0.012, 0.004, 0.03, 0.012, 0.004, 0.03])

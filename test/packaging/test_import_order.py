@@ -56,3 +56,20 @@ def test_a_layer_imports_only_those_below_it(layer):
 def test_a_border_is_not_crossed(layer, forbidden):
     crossed = {name for path in PACKAGE.glob(f'{layer}/**/*.py') for name in imported(path)}
     assert not crossed & forbidden
+
+
+OPTIONAL = ('importing', 'fleet', 'campaign')
+
+
+@pytest.mark.parametrize('layer', sorted(set(layers()) - {*OPTIONAL, 'cli'}))
+def test_nothing_but_cli_imports_an_optional_room(layer):
+    files = [*PACKAGE.glob(f'{layer}/**/*.py'), *PACKAGE.glob(f'{layer}.py')]
+    assert not {name for path in files for name in imported(path)} & set(OPTIONAL)
+
+
+@pytest.mark.parametrize('layer', OPTIONAL)
+def test_an_optional_room_computes_by_the_public_functions_alone(layer):
+    inner = {'effects', 'ring', 'estimation', 'monitoring', 'identification', 'discrepancy',
+             'diagnosis', 'virtual_rig', 'report', 'streams', 'nodes'}
+    seen = {name for path in PACKAGE.glob(f'{layer}/**/*.py') for name in imported(path)}
+    assert not seen & inner

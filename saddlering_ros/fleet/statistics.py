@@ -1,7 +1,10 @@
-"""Differences of rings of one kind: theta_ring ~ N(mu, T), from sessions of known covariance.
+"""Error control over many sessions and rings, and differences of rings of one kind.
 
-T is estimated by restricted maximum likelihood (Patterson and Thompson, Biometrika 58 (1971) 545),
-which pays for the mean that is estimated too.
+At 1 % a verdict, a thousand sound sessions give ten false alarms: Benjamini and Hochberg, J. R.
+Stat. Soc. B 57 (1995) 289; e-values: Vovk and Wang, Ann. Stat. 49 (2021) 1736; e-BH: Wang and
+Ramdas, J. R. Stat. Soc. B 84 (2022) 822. Rings differ as theta_ring ~ N(mu, T), from sessions of
+known covariance: T by restricted maximum likelihood (Patterson and Thompson, Biometrika 58 (1971)
+545), which pays for the mean that is estimated too.
 """
 
 from __future__ import annotations
@@ -14,9 +17,40 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize
 from scipy.stats import chi2
 
-from saddlering_ros.fleet.error_control import benjamini_hochberg
-
 Array = NDArray[np.float64]
+
+
+def benjamini_hochberg(p_values: Sequence[float] | Array, level: float) -> NDArray[np.bool_]:
+    """Which findings (N,) stand when at most the share `level` of them may be false."""
+    values = np.asarray(p_values, dtype=float)
+    if not values.size:
+        return np.zeros(0, dtype=bool)
+    order = np.argsort(values)
+    allowed = level * np.arange(1, values.size + 1) / values.size
+    passing = np.flatnonzero(values[order] <= allowed)
+    accepted = np.zeros(values.size, dtype=bool)
+    if passing.size:
+        accepted[order[: passing[-1] + 1]] = True
+    return accepted
+
+
+def e_value(p_value: float) -> float:
+    """Evidence against a sound ring, 1/2 p^(-1/2): its mean is at most 1 if the ring is sound."""
+    return 0.5 / float(np.sqrt(max(p_value, 1e-300)))
+
+
+def e_value_of_sessions(p_values: Sequence[float]) -> float:
+    """Evidence of a ring's own sessions: independent e-values are multiplied."""
+    logs = sum(np.log(e_value(value)) for value in p_values)
+    return float(np.exp(min(logs, 700.0)))
+
+
+def e_benjamini_hochberg(e_values: Sequence[float], level: float) -> NDArray[np.bool_]:
+    """Which rings (N,) stand, at any dependence between them."""
+    values = np.asarray(e_values, dtype=float)
+    with np.errstate(divide='ignore'):
+        return benjamini_hochberg(1.0 / values, level)
+
 
 MIN_RINGS = 4
 """Smallest number of rings that shows the usual spread."""

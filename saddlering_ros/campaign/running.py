@@ -1,0 +1,317 @@
+"""How a campaign runs: tasks go to slots, a few at a time, until every session has its result.
+
+A slot is a thread, of this process or of a Dask worker, that waits for a worker process of its
+own. The process judges one session after the other; it is killed at the time limit of a session,
+on cancel, and with its starter. Dask's local cluster is not used on one machine: it starts no
+faster (2 to 4 s against 1.5 to 2.5 s for two slots on two busy processors), it ends no task at
+its time limit, and every campaign would need Dask.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import (
+    CancelledError,
+    Executor,
+    FIRST_COMPLETED,
+    Future,
+    ThreadPoolExecutor,
+    wait,
+)
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
+import os
+from pathlib import Path
+import threading
+import time
+from typing import Any
+from urllib.parse import urlsplit
+
+from saddlering_ros.campaign.store import CampaignError, CampaignInterruptedError, Status, Store
+from saddlering_ros.campaign.task import failure, SessionTask, task_from
+from saddlering_ros.errors import Cancelled, SaddleringError
+from saddlering_ros.files import versions_in_use
+from saddlering_ros.jobs.worker import DONE, Worker
+
+CONNECT_SECONDS = 10.0
+LOOPBACK = ('localhost', '127.0.0.1', '::1')
+
+ONE_THREAD = dict.fromkeys(
+    ('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS', 'MKL_NUM_THREADS', 'SADDLERING_THREADS'), '1')
+
+TASKS_A_SLOT = 2
+"""Tasks submitted at most for each slot: one that runs and one that waits."""
+
+MAX_LOST_WORKERS = 3
+"""Number of workers that died with a task after which it is given up."""
+
+STATUS_SECONDS = 1.0
+HEARTBEAT = 2.0
+"""Longest time [s] between two looks at whether the executor is alive."""
+
+
+class Slot:
+    """The worker process of one thread."""
+
+    def __init__(self) -> None:
+        self._worker: Worker | None = None
+        self._stopped = False
+
+    def judge(self, task: SessionTask) -> dict[str, Any]:
+        """The result document of a task; a failure of any kind is a result too."""
+        began = time.monotonic()
+        answer = failure('refused', task.problem) if task.problem else self._ask(task)
+        return {
+            'key': task.key, 'attempt': task.attempt, 'task': task.as_dict(), 'seed': task.seed,
+            'versions': versions_in_use(), 'seconds': time.monotonic() - began, **answer,
+        }
+
+    def _ask(self, task: SessionTask) -> dict[str, Any]:
+        if self._worker is None:
+            self._worker = Worker('saddlering_ros.campaign.task', ONE_THREAD)
+        end = time.monotonic() + task.limits.seconds
+        try:
+            outcome = self._worker.run(task.as_dict(), lambda progress: None,
+                                       lambda: self._stopped or time.monotonic() > end)
+        except Cancelled:
+            if self._stopped:
+                raise CampaignInterruptedError('the campaign was stopped') from None
+            return failure('timeout', f'no verdict within {task.limits.seconds:g} s: give a '
+                                      'larger --time-limit')
+        if outcome.kind != DONE:
+            return failure('killed', f'{outcome.words}: run the campaign with --retry')
+        answer: dict[str, Any] = outcome.answer
+        if answer.get('kind') == 'memory':
+            self._worker.kill()  # what is left of its memory is in pieces
+        return answer
+
+    def stop(self) -> None:
+        """End the present computation at once; its task gets no result. For another thread."""
+        self._stopped = True
+
+    def close(self) -> None:
+        """End the worker process."""
+        if self._worker is not None:
+            self._worker.close()
+
+
+class _SlotOfThread(threading.local):
+    """The slot of each thread: executors hand tasks to threads, not to objects."""
+
+    def __init__(self) -> None:
+        self.slot = Slot()
+
+
+_THREAD = _SlotOfThread()
+
+
+def execute(document: dict[str, Any], folder: str) -> str:
+    """Judge the session of a task's plain data, unless its result is in the store; its key.
+
+    This function is all that an executor, local or Dask, is given.
+    """
+    task, store = task_from(document), Store(Path(folder))
+    if not store.has_result(task.key, task.attempt):
+        store.write_result(_THREAD.slot.judge(task))
+    return task.key
+
+
+@dataclass(frozen=True)
+class Workers:
+    """An executor, how many tasks it runs at a time, and whether it is still there.
+
+    local: its slots, where they are of this process.
+    """
+
+    executor: Executor
+    slots: int
+    alive: Callable[[], bool] = lambda: True
+    warning: str = ''
+    local: Sequence[Slot] = ()
+
+
+@contextmanager
+def local_workers(jobs: int | None = None) -> Iterator[Workers]:
+    """`jobs` slots of this machine (default: its processors)."""
+    count = jobs or len(os.sched_getaffinity(0))
+    slots: list[Slot] = []
+    executor = ThreadPoolExecutor(count, thread_name_prefix='slot',
+                                  initializer=lambda: slots.append(_THREAD.slot))
+    try:
+        yield Workers(executor, count, local=slots)
+    finally:
+        executor.shutdown(wait=False, cancel_futures=True)
+        for slot in slots:
+            slot.stop()
+        executor.shutdown()
+        for slot in slots:
+            slot.close()
+
+
+@contextmanager
+def dask_workers(address: str) -> Iterator[Workers]:
+    """The workers of the Dask scheduler at `address`, one task a thread."""
+    try:
+        from distributed import Client
+    except ModuleNotFoundError as problem:
+        raise CampaignError("--scheduler needs Dask: pip install 'saddlering_ros[cluster]'"
+                            ) from problem
+    try:
+        client = Client(address, timeout=CONNECT_SECONDS, set_as_default=False)
+    except (OSError, ValueError, TimeoutError) as problem:
+        raise CampaignError(f'no Dask scheduler answers at {address}: start one with "dask '
+                            'scheduler --no-dashboard" and give its address') from problem
+    try:
+        slots = sum(client.nthreads().values())
+        if not slots:
+            raise CampaignError(f'the Dask scheduler at {address} has no workers: start some with '
+                                f'"dask worker {address} --nthreads 1"')
+        executor = client.get_executor(pure=False)
+        yield Workers(executor, slots, lambda: client.status == 'running', _warning(address))
+    finally:
+        client.close(timeout=2.0)
+
+
+def _warning(address: str) -> str:
+    parts = urlsplit(address if '//' in address else f'//{address}')
+    if parts.scheme == 'tls' or (parts.hostname or '') in LOOPBACK:
+        return ''
+    return (f'{address} is reached without TLS: anyone on that network can run programs on the '
+            'workers (see docs/campaigns.md)')
+
+
+@dataclass
+class Summary:
+    """Of all sessions of a campaign, how many have a result, how many of these are failures.
+
+    computed: in this run; faults: failures of our own, not of the bags.
+    """
+
+    total: int
+    done: int = 0
+    failed: int = 0
+    computed: int = 0
+    faults: int = 0
+
+    def add(self, document: dict[str, Any], *, new: bool) -> None:
+        """Count one more result."""
+        self.done += 1
+        self.computed += new
+        if document['status'] == 'failed':
+            self.failed += 1
+            self.faults += document.get('kind') != 'refused'
+
+
+def run_campaign(
+    tasks: Sequence[SessionTask], store: Store, workers: Workers, *, retry: bool = False,
+    on_status: Callable[[Status], None] = lambda status: None,
+) -> Summary:
+    """Compute the missing results until every task has one; `retry` repeats failures.
+
+    Where the workers are gone, or a result cannot be written, the campaign ends with
+    CampaignError. The next call continues it.
+    """
+    store.prepare()
+    count = Summary(len(tasks))
+    work = _Work(store, workers, _waiting(tasks, store, count, retry=retry))
+    began = last = time.time()
+
+    def status(*, running: bool) -> Status:
+        return Status(
+            total=len(tasks), done=count.done, failed=count.failed, started=began,
+            updated=time.time(), slots=workers.slots, computed=count.computed, running=running)
+
+    store.write_status(status(running=True))
+    try:
+        while work.waiting or work.running:
+            documents, is_late = work.next_results()
+            for document in documents:
+                count.add(document, new=True)
+            if is_late and not workers.alive():
+                raise CampaignInterruptedError(
+                    f'the scheduler no longer answers; {count.done} of {len(tasks)} sessions '
+                    'have a result: start it again and repeat the command')
+            if time.time() - last >= STATUS_SECONDS:
+                last = time.time()
+                store.write_status(status(running=True))
+                on_status(status(running=True))
+    finally:
+        for future in work.running:
+            future.cancel()
+        store.write_status(status(running=False))
+    on_status(status(running=False))
+    return count
+
+
+def _waiting(
+    tasks: Sequence[SessionTask], store: Store, count: Summary, *, retry: bool
+) -> deque[SessionTask]:
+    """The tasks without a result, with `retry` failed ones too; the others are counted."""
+    waiting = deque[SessionTask]()
+    for task in tasks:
+        document = store.read_result(task.key)
+        if document is None:
+            waiting.append(task)
+        elif retry and document['status'] == 'failed':
+            waiting.append(replace(task, attempt=int(document.get('attempt', 0)) + 1))
+        else:
+            count.add(document, new=False)
+    return waiting
+
+
+@dataclass
+class _Work:
+    """Tasks that wait and tasks that run, a few a slot; lost: dead workers by task."""
+
+    store: Store
+    workers: Workers
+    waiting: deque[SessionTask]
+    running: dict[Future[str], SessionTask] = field(default_factory=dict)
+    lost: dict[str, int] = field(default_factory=dict)
+
+    def next_results(self) -> tuple[list[dict[str, Any]], bool]:
+        """Results that came, and whether the executor may be gone: none came, or a worker died."""
+        while self.waiting and len(self.running) < TASKS_A_SLOT * self.workers.slots:
+            task = self.waiting.popleft()
+            self.running[self.workers.executor.submit(
+                execute, task.as_dict(), str(self.store.folder.resolve()))] = task
+        finished, _ = wait(self.running, timeout=HEARTBEAT, return_when=FIRST_COMPLETED)
+        documents, is_late = [], not finished
+        for future in finished:
+            task = self.running.pop(future)
+            document = self._result(future, task)
+            if document is None:
+                self.waiting.append(task)
+                is_late = True
+            else:
+                documents.append(document)
+        return documents, is_late
+
+    def _result(self, future: Future[str], task: SessionTask) -> dict[str, Any] | None:
+        """The result of a finished future; None if the task must be given again."""
+        try:
+            key = future.result()
+        except SaddleringError:
+            raise  # the store cannot be written: no other task would fare better
+        except (Exception, CancelledError) as problem:
+            return self._of_lost_worker(task, problem)
+        document = self.store.read_result(key)
+        if document is None:
+            raise CampaignError(f'{self.store.place_of(key)}: was reported as written and is '
+                                'missing: give workers and coordinator the same --out folder')
+        return document
+
+    def _of_lost_worker(self, task: SessionTask, problem: BaseException) -> dict[str, Any] | None:
+        if self.store.has_result(task.key, task.attempt):
+            return self.store.read_result(task.key)  # written before its worker died
+        self.lost[task.key] = self.lost.get(task.key, 0) + 1
+        if self.lost[task.key] < MAX_LOST_WORKERS:
+            return None
+        document = {
+            'key': task.key, 'attempt': task.attempt, 'task': task.as_dict(), 'seed': task.seed,
+            'seconds': 0.0, **failure(
+                'worker', f'{MAX_LOST_WORKERS} workers died during this session '
+                          f'({type(problem).__name__}): run the campaign with --retry')}
+        self.store.write_result(document)
+        return document
