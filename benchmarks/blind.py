@@ -31,9 +31,8 @@ from typing import Any
 import numpy as np
 
 from saddlering_ros.diagnosis import diagnose_bags, Verdict
-from saddlering_ros.discrepancy.gain import held_out_gain
-from saddlering_ros.discrepancy.refit import refit, run_refits
-from saddlering_ros.discrepancy.signatures import effect_starts
+from saddlering_ros.discrepancy.problem.fits import held_out_gain, refit, run_refits
+from saddlering_ros.discrepancy.search.signatures import effect_starts
 from saddlering_ros.effects import effect as catalogued
 from saddlering_ros.virtual_rig.blind import broken_promises, open_seal, score, SEALED
 from saddlering_ros.virtual_rig.effects import find_effect

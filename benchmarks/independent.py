@@ -41,7 +41,7 @@ import numpy as np
 from saddlering_ros.bags import write_bag
 from saddlering_ros.diagnosis import diagnose_bags, Verdict
 from saddlering_ros.diagnosis.proposed_law import write_effect_files
-from saddlering_ros.discrepancy.gain import mean_square
+from saddlering_ros.discrepancy.problem.fits import mean_square
 from saddlering_ros.effects import FOLDER_VARIABLE, use_folder
 from saddlering_ros.record import TestMetadata
 from saddlering_ros.rig import default_rig

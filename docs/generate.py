@@ -150,13 +150,13 @@ THRESHOLDS = {
                        'identification.uncertainty'),
     'Validation': ('identification.validation', 'identification.rating'),
     'Blocks of a diagnosis': ('diagnosis.records',),
-    'Nuisance parameters of a ring': ('ring.roller_scatter', 'discrepancy.priors'),
-    'Selection of causes': ('discrepancy.settings', 'discrepancy.criteria',
-                            'discrepancy.selection', 'discrepancy.ranking',
-                            'discrepancy.signatures', 'discrepancy.model_space'),
-    'Detection limits and lack of fit': ('discrepancy.detection_limits',
-                                         'discrepancy.lack_of_fit', 'discrepancy.fast_bands',
-                                         'discrepancy.lines'),
+    'Nuisance parameters of a ring': ('ring.roller_scatter', 'discrepancy.problem.system'),
+    'Selection of causes': ('discrepancy.search.comparison', 'discrepancy.search.selection',
+                            'discrepancy.search.signatures', 'discrepancy.search.space'),
+    'Detection limits and lack of fit': ('discrepancy.search.limits',
+                                         'discrepancy.search.lack_of_fit',
+                                         'discrepancy.search.fast_bands',
+                                         'discrepancy.verdict.lines'),
 }
 """The modules whose documented constants a reader of results may want to know."""
 

@@ -6,28 +6,29 @@ sensitivities of their own, like that of the ring. This module exports all names
 engine may import.
 """
 
-from saddlering_ros.discrepancy.assumptions import Assumptions
+from saddlering_ros.discrepancy.diagnosis import check, diagnose
 from saddlering_ros.discrepancy.engine import diagnose_system
-from saddlering_ros.discrepancy.lack_of_fit import ShapeTest
-from saddlering_ros.discrepancy.model import Channel, Model, Run
-from saddlering_ros.discrepancy.model_check import check
-from saddlering_ros.discrepancy.model_diagnosis import diagnose
+from saddlering_ros.discrepancy.law.families import direction_of
+from saddlering_ros.discrepancy.law.matching import Term
+from saddlering_ros.discrepancy.law.proposal import describe, LawProposal
+from saddlering_ros.discrepancy.next_test import Proposal, Reading, Separation
 from saddlering_ros.discrepancy.noise import Noise
-from saddlering_ros.discrepancy.priors import ModelErrorPrior
-from saddlering_ros.discrepancy.proposal import describe, LawProposal, Term
-from saddlering_ros.discrepancy.proposal.memory import direction_of
-from saddlering_ros.discrepancy.results import Cause, Diagnosis, Estimate, Evidence
-from saddlering_ros.discrepancy.separation import Proposal, Reading, Separation
-from saddlering_ros.discrepancy.settings import Settings
-from saddlering_ros.discrepancy.system import (
+from saddlering_ros.discrepancy.problem.experiment import Assumptions
+from saddlering_ros.discrepancy.problem.model import Channel, Model, Run
+from saddlering_ros.discrepancy.problem.system import (
     DiscrepancyError,
     Effect,
+    ModelErrorPrior,
     Parameter,
     Point,
     RunBlocks,
+    Settings,
     System,
     SystemWithTangents,
 )
+from saddlering_ros.discrepancy.search.comparison import Evidence
+from saddlering_ros.discrepancy.search.lack_of_fit import ShapeTest
+from saddlering_ros.discrepancy.verdict.results import Cause, Diagnosis, Estimate
 from saddlering_ros.estimation.rest import RestSegment
 
 __all__ = [

@@ -1,20 +1,45 @@
-"""The next test: the possible test that most often leaves only the true model."""
+"""The next test: the possible test that most often leaves only the true model.
+
+Each model in turn is the truth. Its prediction for the test is drawn with its parameters and the
+nuisance parameters as the data leave them, and with the noise of the record. Every model is then
+judged on the old and the new data, by the rule that keeps an alternative in a group. Models are
+linear about their fits, so that a fit to all data needs no further simulation: the misfit grows by
+that of the new data in the metric of the model's own prediction (the update of a linear model with
+normal errors).
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+import math
 
-from saddlering_ros.discrepancy.candidate import Fit
-from saddlering_ros.discrepancy.criteria import alternative_floor
-from saddlering_ros.discrepancy.model_space import ModelSpace
-from saddlering_ros.discrepancy.selection import Alternatives
-from saddlering_ros.discrepancy.separation import (
-    JudgingRule,
-    OpenModel,
-    Proposal,
-    Separation,
-    simulate_tests,
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import cho_solve, cholesky, solve_triangular
+
+from saddlering_ros.discrepancy.problem.experiment import (
+    Experiment,
+    Metric,
+    model_error_columns,
+    offset_columns,
+    system_columns,
+    timing_columns,
 )
+from saddlering_ros.discrepancy.problem.fits import Fit, neighbours, Tangent
+from saddlering_ros.discrepancy.problem.system import (
+    Array,
+    Effect,
+    Point,
+    RunBlocks,
+    Settings,
+    System,
+    SystemWithTangents,
+)
+from saddlering_ros.discrepancy.search.comparison import alternative_floor, indistinguishable
+from saddlering_ros.discrepancy.search.selection import Alternatives
+from saddlering_ros.discrepancy.search.space import ModelSpace
 
 
 def separate_open_models(
@@ -29,7 +54,7 @@ def separate_open_models(
     if not others or not proposals:
         return ()
     rule = JudgingRule(
-        floor=alternative_floor(space.known.pairs, space.settings),
+        floor=alternative_floor(space.pairs, space.settings),
         excess=max(space.slow_residual(fit).excess, 0.0),
         log_size=space.log_size,
         settings=space.settings,
@@ -37,3 +62,345 @@ def separate_open_models(
     open_models = [OpenModel(fit, others[0].less), *others]
     return tuple(simulate_tests(
         space.metric, open_models, space.tangent_of, proposals, rule, seed=space.settings.seed))
+
+
+DRAWS = 100
+"""Number of draws with each model as the truth."""
+
+
+@dataclass(frozen=True)
+class Reading:
+    """A direct measurement of the size of an effect, with its standard deviation."""
+
+    effect: str
+    std: float
+
+
+@dataclass(frozen=True)
+class Proposal:
+    """A possible test: its sentence, and a run with empty channels.
+
+    kind: the kind of test; as_made: how the effects act in it, if not as before; readings:
+    quantities that are measured directly; is_other_place: whether other units of the machine
+    carry the load, so that small errors of the units in the old data do not apply.
+    """
+
+    sentence: str
+    run: RunBlocks
+    kind: str = ''
+    as_made: Callable[[Point], Point] | None = field(default=None, compare=False)
+    readings: tuple[Reading, ...] = ()
+    is_other_place: bool = False
+
+
+@dataclass(frozen=True)
+class OpenModel:
+    """A model that the data leave open, and the same model without the cause in question."""
+
+    fit: Fit
+    less: Fit
+
+
+@dataclass(frozen=True)
+class JudgingRule:
+    """Limits within which a model stays in a group: see `criteria.indistinguishable`."""
+
+    floor: float
+    excess: float
+    log_size: float
+    settings: Settings
+
+
+@dataclass(frozen=True)
+class Separation:
+    """Result of a proposed test in simulated draws.
+
+    draws: over all truths; alone: draws that leave only the true model; kept: draws that leave
+    it at all; by_truth: share of the draws that leave only the true model, for each truth.
+    """
+
+    proposal: Proposal
+    draws: int
+    alone: int
+    kept: int
+    by_truth: Mapping[tuple[str, ...], float]
+
+    @property
+    def share(self) -> float:
+        """Share of the draws that leave only the true model."""
+        return self.alone / self.draws
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """95 % interval of the share (E. B. Wilson, J. Am. Stat. Assoc. 22 (1927) 209)."""
+        z, count = 1.96, self.draws
+        middle = (self.share + z * z / (2 * count)) / (1 + z * z / count)
+        half = math.sqrt(self.share * (1 - self.share) / count + z * z / (4 * count**2))
+        half *= z / (1 + z * z / count)
+        return max(0.0, middle - half), min(1.0, middle + half)
+
+
+def simulate_tests(
+    metric: Metric,
+    open_models: Sequence[OpenModel],
+    tangent_of: Callable[[Fit], Tangent],
+    proposals: Sequence[Proposal],
+    rule: JudgingRule,
+    *,
+    draws: int = DRAWS,
+    seed: int = 0,
+) -> list[Separation]:
+    """Each proposal with its separation of the models, the best first."""
+    old = metric.experiment
+    fits = list({fit.candidate.key: fit for open_model in open_models
+                 for fit in (open_model.fit, open_model.less)}.values())
+    seen = [_seen_by(old.system, proposal, fits) for proposal in proposals]
+    joint = Experiment(old.system, [*old.runs, *(item.run for item in proposals)],
+                       old.assumptions)
+    first = [own[0].values[: item.run.channels.size]
+             for own, item in zip(seen, proposals, strict=True)]
+    shared, local = _nuisances(joint, open_models[0].fit, first)
+    nuisances = _Columns(np.hstack([shared, local]), shared.shape[1], old.size)
+    known = [_Known.of(metric, fit, tangent_of(fit), nuisances.in_old_data) for fit in fits]
+    random = np.random.default_rng(seed)
+    answers, start = [], old.size
+    for proposal, own in zip(proposals, seen, strict=True):
+        part = slice(start, start + proposal.run.channels.size)
+        start = part.stop
+        whiten = _whitener(metric, proposal)
+        again, anew = nuisances.of(part, proposal)
+        forecasts = [
+            _Forecast.of(item, view, again, anew, whiten)
+            for item, view in zip(known, own, strict=True)
+        ]
+        answers.append(_separation(proposal, open_models, fits, forecasts, rule, draws, random))
+    return sorted(answers, key=lambda item: (-item.alone, -item.kept))
+
+
+@dataclass(frozen=True)
+class _View:
+    """Prediction of a model in a test: values (m,) and sensitivities (m, p)."""
+
+    values: Array
+    columns: Array
+
+
+def _seen_by(system: System, proposal: Proposal, fits: Sequence[Fit]) -> list[_View]:
+    """Predictions of a test by each fit, its direct readings last."""
+    base = system.base_parameters
+    groups, steps = [], []
+    for fit in fits:
+        parameters = fit.candidate.parameters(base)
+        thetas, own = neighbours(parameters, fit.theta_unit, range(fit.theta_unit.size))
+        groups.append([fit.candidate.point(base, theta) for theta in thetas])
+        steps.append(np.array(own))
+    made = groups
+    if proposal.as_made is not None:
+        made = [[proposal.as_made(point) for point in group] for group in groups]
+    if isinstance(system, SystemWithTangents):
+        answers = system.neighbourhood(made).predict(proposal.run)
+    else:
+        answers = [system.predict_many(proposal.run, group) for group in made]
+    views = []
+    for fit, group, answer, step in zip(fits, groups, answers, steps, strict=True):
+        sizes = {effect.id: effect for effect, _ in fit.candidate.effects}
+        direct = np.array([
+            [_size(point, sizes, reading.effect) for reading in proposal.readings]
+            for point in group
+        ]).reshape(len(group), -1)
+        rows = np.hstack([np.asarray(answer).reshape(len(group), -1), direct])
+        views.append(_View(rows[0], ((rows[1:] - rows[0]) / step[:, None]).T))
+    return views
+
+
+def _size(point: Point, effects: Mapping[str, Effect], name: str) -> float:
+    """Size of an effect at a point minus its neutral size."""
+    if name not in point.effects:
+        return 0.0
+    effect = effects[name]
+    return point.effects[name][effect.size.name] - effect.neutral
+
+
+def _nuisances(
+    joint: Experiment, fit: Fit, predicted: Sequence[Array]
+) -> tuple[Array, Array]:
+    """Columns of old and proposed runs: those of the test stand, and those of its units."""
+    prediction = np.concatenate([fit.prediction, *predicted])
+    columns = [offset_columns(joint)]
+    prior = joint.assumptions.model_error
+    if prior is not None:
+        columns += [model_error_columns(joint, prior), timing_columns(joint, prior, prediction)]
+    return np.hstack(columns), system_columns(joint, fit.point)
+
+
+@dataclass(frozen=True)
+class _Columns:
+    """Nuisance columns (n, k) of the old data and of all tests.
+
+    The old data are the first `old` rows. The first `shared` columns belong to the test stand, the
+    others to the units of the machine that carry the load.
+    """
+
+    columns: Array
+    shared: int
+    old: int
+
+    @cached_property
+    def seen_before(self) -> NDArray[np.bool_]:
+        """Mask (k,) of the columns that act on the old data."""
+        return np.asarray(self.columns[: self.old].any(axis=0))
+
+    @property
+    def in_old_data(self) -> Array:
+        """The columns that act on the old data, in the old data."""
+        return self.columns[: self.old, self.seen_before]
+
+    def of(self, part: slice, proposal: Proposal) -> tuple[Array, Array]:
+        """Columns of a test: the columns (m, k) of `in_old_data`, and its own columns."""
+        whole, seen = self.columns[part], self.seen_before
+        again, anew = whole[:, seen], whole[:, ~seen]
+        if proposal.is_other_place:
+            is_shared = np.arange(seen.size) < self.shared
+            again = np.where(is_shared[seen], again, 0.0)
+            anew = whole[:, ~(seen & is_shared)]
+        anew = anew[:, anew.any(axis=0)]
+        readings = ((0, len(proposal.readings)), (0, 0))
+        return np.pad(again, readings), np.pad(anew, readings)
+
+
+def _whitener(metric: Metric, proposal: Proposal) -> Callable[[Array], Array]:
+    """Columns (m, B) divided by the expected noise of the test."""
+    run = proposal.run
+    width = float(np.median(run.width))
+    alike = min(
+        metric.experiment.runs,
+        key=lambda item: abs(math.log(float(np.median(item.width)) / width)))
+    lowers = [
+        cholesky(_covariance(metric, alike.name, channel, run), lower=True)
+        for channel in range(run.channels.shape[0])
+    ]
+    deviations = np.array([reading.std for reading in proposal.readings])
+
+    def whiten(columns: Array) -> Array:
+        size = run.time.size
+        parts = [
+            solve_triangular(lower, columns[number * size : (number + 1) * size], lower=True)
+            for number, lower in enumerate(lowers)
+        ]
+        parts.append(columns[len(lowers) * size :] / deviations[:, None])
+        return np.vstack(parts)
+
+    return whiten
+
+
+def _covariance(metric: Metric, name: str, channel: int, run: RunBlocks) -> Array:
+    matrix = metric.noise[name, channel].covariance(run.time, run.width, run.hold)
+    return np.asarray(matrix + 1e-9 * float(np.diag(matrix).max()) * np.eye(run.time.size))
+
+
+@dataclass(frozen=True)
+class _Known:
+    """Knowledge of a model's parameters and nuisance parameters from the old data.
+
+    mean (k,): offset from the fit; root (k, k): lower factor of the inverse of their
+    covariance.
+    """
+
+    mean: Array
+    root: Array
+
+    @classmethod
+    def of(cls, metric: Metric, fit: Fit, tangent: Tangent, nuisances: Array) -> _Known:
+        columns = metric.whiten_noise(np.hstack([tangent.plain, nuisances]))
+        left = metric.whiten_noise(metric.experiment.measured - fit.prediction)
+        root = cholesky(columns.T @ columns + np.eye(columns.shape[1]), lower=True)
+        mean = cho_solve((root, True), columns.T @ left)
+        return cls(mean, root)
+
+
+@dataclass(frozen=True)
+class _Forecast:
+    """Whitened prediction of a model for a test: mean (m,) and spread (m, k).
+
+    inner (k, k): lower factor of 1 + spread^T spread.
+    """
+
+    mean: Array
+    spread: Array
+    inner: Array
+
+    @classmethod
+    def of(
+        cls, known: _Known, view: _View, again: Array, anew: Array,
+        whiten: Callable[[Array], Array]
+    ) -> _Forecast:
+        white = whiten(np.column_stack([view.values, view.columns, again, anew]))
+        columns, own = np.split(white[:, 1:], [known.mean.size], axis=1)
+        spread = np.hstack([solve_triangular(known.root, columns.T, lower=True).T, own])
+        inner = cholesky(np.eye(spread.shape[1]) + spread.T @ spread, lower=True)
+        return cls(white[:, 0] + columns @ known.mean, spread, inner)
+
+    def drawn(self, random: np.random.Generator, draws: int) -> Array:
+        """Whitened results (m, draws) of the test if this model is the truth."""
+        noise = random.standard_normal((self.mean.size, draws))
+        freedom = random.standard_normal((self.spread.shape[1], draws))
+        return np.asarray(self.mean[:, None] + noise + self.spread @ freedom)
+
+    def misfits(self, results: Array) -> Array:
+        """Increase (draws,) of the misfit of this model by results (m, draws)."""
+        away = results - self.mean[:, None]
+        along = solve_triangular(self.inner, self.spread.T @ away, lower=True)
+        return np.asarray((away**2).sum(axis=0) - (along**2).sum(axis=0))
+
+
+def _separation(
+    proposal: Proposal,
+    open_models: Sequence[OpenModel],
+    fits: Sequence[Fit],
+    forecasts: Sequence[_Forecast],
+    rule: JudgingRule,
+    draws: int,
+    random: np.random.Generator,
+) -> Separation:
+    """Separation of the models by a test, with each model as the truth in turn."""
+    number = {fit.candidate.key: index for index, fit in enumerate(fits)}
+    own_places = [number[item.fit.candidate.key] for item in open_models]
+    less_places = [number[item.less.candidate.key] for item in open_models]
+    alone, kept, by_truth = 0, 0, {}
+    for truth, open_model in enumerate(open_models):
+        results = forecasts[own_places[truth]].drawn(random, draws)
+        misfits = np.array([
+            fit.misfit + forecast.misfits(results)
+            for fit, forecast in zip(fits, forecasts, strict=True)
+        ])
+        own = 0
+        for column in misfits.T:
+            left = _left(open_models, column[own_places], column[less_places], rule)
+            kept += truth in left
+            own += left == [truth]
+        alone += own
+        by_truth[open_model.fit.candidate.ids] = own / draws
+    return Separation(proposal, draws * len(open_models), alone, kept, by_truth)
+
+
+def _left(
+    open_models: Sequence[OpenModel], misfits: Array, less: Array, rule: JudgingRule
+) -> list[int]:
+    """Models that stay in the group at these misfits, in order."""
+    price = [rule.log_size * item.fit.theta_unit.size for item in open_models]
+    best = int(np.argmin(np.add(misfits, price)))
+    left = []
+    for number, item in enumerate(open_models):
+        # The first model stands for no particular cause; the other names the cause in question.
+        taken = (less[best] if number == 0 else less[number]) - misfits[best]
+        stays = number == best or indistinguishable(
+            distance=misfits[number] - misfits[best],
+            taken=taken,
+            excess=rule.excess,
+            fewer=open_models[best].fit.theta_unit.size - item.fit.theta_unit.size,
+            floor=rule.floor,
+            settings=rule.settings,
+        )
+        if stays:
+            left.append(number)
+    return left

@@ -14,7 +14,7 @@ from typing import ClassVar
 import numpy as np
 from scipy.optimize import nnls
 
-from saddlering_ros.discrepancy.system import Array, DiscrepancyError, RunBlocks
+from saddlering_ros.discrepancy.problem.system import Array, DiscrepancyError, RunBlocks
 from saddlering_ros.estimation.noise import HeldSeries, noise_by_class, RestSource, sampling_class
 from saddlering_ros.estimation.process import ChannelNoise
 from saddlering_ros.estimation.record_noise import (

@@ -6,11 +6,14 @@ import numpy as np
 import pytest
 
 from saddlering_ros.discrepancy import Channel, Model, Noise, Parameter, Run
-from saddlering_ros.discrepancy.block_columns import Block, BlockColumns
-from saddlering_ros.discrepancy.experiment import Experiment
-from saddlering_ros.discrepancy.metric import Metric, noise_metric
-from saddlering_ros.discrepancy.model_diagnosis import prepared
-from saddlering_ros.discrepancy.nuisances import offset_columns
+from saddlering_ros.discrepancy.diagnosis import prepared
+from saddlering_ros.discrepancy.problem.experiment import (
+    Experiment,
+    Metric,
+    noise_metric,
+    offset_columns,
+)
+from saddlering_ros.discrepancy.search.lack_of_fit import Block, BlockColumns
 
 
 @pytest.fixture

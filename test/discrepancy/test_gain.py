@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from saddlering_ros.discrepancy.gain import ratio
+from saddlering_ros.discrepancy.problem.fits import ratio
 
 
 @pytest.mark.parametrize(

@@ -12,9 +12,9 @@ from saddlering_ros.discrepancy import (
     Effect,
     Parameter,
     Point,
-    selection,
 )
-from saddlering_ros.discrepancy.masked_pairs import _pair_gains
+from saddlering_ros.discrepancy.search import selection
+from saddlering_ros.discrepancy.search.selection import _pair_gains
 
 NOISE = 3e-3
 PUSH, PULL = LOAD**2, LOAD**2.5

@@ -11,12 +11,11 @@ from saddlering_ros.discrepancy import (
     Effect,
     Parameter,
     Point,
-    selection,
 )
-from saddlering_ros.discrepancy.candidate import Fit
-from saddlering_ros.discrepancy.model_space import ModelSpace
-from saddlering_ros.discrepancy.race import fit_each
-from saddlering_ros.discrepancy.results import SearchLog
+from saddlering_ros.discrepancy.problem.fits import Fit
+from saddlering_ros.discrepancy.search import selection
+from saddlering_ros.discrepancy.search.comparison import SearchLog
+from saddlering_ros.discrepancy.search.space import fit_each, ModelSpace
 
 NOISE = 1e-3
 SHAPES = {'square': LOAD**2, 'cube': LOAD**3, 'both': LOAD**2 - 2.0 * LOAD**3}

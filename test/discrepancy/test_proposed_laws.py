@@ -7,12 +7,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from saddlering_ros.discrepancy.proposal import Misfit, ObservedRun, propose_law
-from saddlering_ros.discrepancy.proposal.memory import (
+from saddlering_ros.discrepancy.law.families import (
     direction_of,
+    Misfit,
+    ObservedRun,
     relaxations,
     stop_operators,
 )
+from saddlering_ros.discrepancy.law.proposal import propose_law
 
 NOISE = 0.02
 TIME = np.arange(300) * 0.05

@@ -5,12 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from saddlering_ros.discrepancy import Channel, Effect, Model, Parameter, Run
-from saddlering_ros.discrepancy.experiment import Experiment
-from saddlering_ros.discrepancy.model_diagnosis import MODEL_SETTINGS, prepared
-from saddlering_ros.discrepancy.preparation import first_guess, prepare
-from saddlering_ros.discrepancy.results import SearchLog
-from saddlering_ros.discrepancy.selection import select
-from saddlering_ros.discrepancy.silent_effects import silent_effects
+from saddlering_ros.discrepancy.diagnosis import MODEL_SETTINGS, prepared
+from saddlering_ros.discrepancy.engine import first_guess, prepare
+from saddlering_ros.discrepancy.problem.experiment import Experiment
+from saddlering_ros.discrepancy.search.comparison import SearchLog
+from saddlering_ros.discrepancy.search.selection import select, silent_effects
 from saddlering_ros.progress import Watch
 
 TIME = np.linspace(0.0, 20.0, 400)

@@ -6,14 +6,13 @@ import numpy as np
 import pytest
 
 from saddlering_ros.discrepancy import diagnose_system, Effect, Model, Noise, Parameter, Run
-from saddlering_ros.discrepancy.candidate import Candidate
-from saddlering_ros.discrepancy.experiment import Experiment
-from saddlering_ros.discrepancy.model import Channel
-from saddlering_ros.discrepancy.model_diagnosis import MODEL_SETTINGS, prepared
-from saddlering_ros.discrepancy.preparation import better_base, prepare
-from saddlering_ros.discrepancy.refit import refit, run_refits
-from saddlering_ros.discrepancy.results import SearchLog
-from saddlering_ros.discrepancy.selection import select
+from saddlering_ros.discrepancy.diagnosis import MODEL_SETTINGS, prepared
+from saddlering_ros.discrepancy.engine import better_base, prepare
+from saddlering_ros.discrepancy.problem.experiment import Experiment
+from saddlering_ros.discrepancy.problem.fits import Candidate, refit, run_refits
+from saddlering_ros.discrepancy.problem.model import Channel
+from saddlering_ros.discrepancy.search.comparison import SearchLog
+from saddlering_ros.discrepancy.search.selection import select
 from saddlering_ros.progress import Watch
 
 TIME = np.linspace(0.0, 12.0, 400)

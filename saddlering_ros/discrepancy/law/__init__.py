@@ -1,0 +1,1 @@
+"""A law proposed for a misfit that no effect of the catalogue explains."""

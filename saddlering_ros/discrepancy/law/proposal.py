@@ -1,0 +1,485 @@
+"""A law proposed for a misfit that no effect of the catalogue explains.
+
+Families of shapes on every target are fitted to the whitened residual without the base parameters.
+The family that predicts most of runs held out in turn is chosen, and a second one if it adds
+enough. A family counts only if it passes the likelihood ratio test of a cause, with the number of
+families counted. The curve is matched to simple laws. The verdict stays `unknown`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Protocol, runtime_checkable
+
+import numpy as np
+
+from saddlering_ros.discrepancy.law.families import (
+    BlockFit,
+    blocks_of,
+    DIRECTION,
+    direction_of,
+    fit_block,
+    HYSTERESIS,
+    LOAD,
+    Misfit,
+    ObservedRun,
+    own_curves,
+    rank_blocks,
+    RATE,
+    span_of,
+    stacked,
+    TIME,
+)
+from saddlering_ros.discrepancy.law.matching import match_law, Term
+from saddlering_ros.discrepancy.problem.experiment import Experiment, Metric
+from saddlering_ros.discrepancy.problem.fits import (
+    Fit,
+    mean_square,
+    neighbours,
+    plain_fits,
+    tangent,
+)
+from saddlering_ros.discrepancy.problem.system import Array, Point, RunBlocks, System
+from saddlering_ros.progress import Watch
+
+MAX_BLOCKS = 2
+MIN_SHARE = 0.1
+"""Smallest share of the misfit that the first family must predict."""
+
+MIN_SECOND_SHARE = 0.1
+"""Smallest share of the remaining misfit that a second family must predict."""
+
+OWN_CURVES = 0.3
+"""Predicted share below which a curve of its own is tried for each run."""
+
+ALIKE = 0.9
+"""Predicted share, relative to the best, at which another coordinate or target is a doubt."""
+
+BEYOND = 0.02
+"""Share of the observed range by which a held-out run may exceed it."""
+
+BACKFITS = 3
+
+MeanSquare = Callable[[ObservedRun, Array], float]
+"""Mean square of a plain residual (C, N) of a run over the ranges, as in the gain."""
+
+
+@dataclass(frozen=True)
+class Alternative:
+    """Another target and coordinate, with the share of the misfit that its family predicts."""
+
+    target: str
+    coordinate: str
+    share: float
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """Residuals (C, N) of one run without and with a law."""
+
+    run: ObservedRun
+    before: Array
+    after: Array
+
+
+@dataclass(frozen=True)
+class LawProposal:
+    """A law that would explain the residual.
+
+    terms: one or two additions. share: explained share of the whitened misfit. p_value: with
+    all families counted. fit, held_out: gain as 1 - rms with / rms without; negative if the
+    law predicts worse. move (P,): change of base parameters beside the law. worse: runs that it
+    predicts worse. reasons: further reasons not to trust it, one sentence each.
+    """
+
+    terms: tuple[Term, ...]
+    share: float
+    p_value: float
+    fit: float
+    held_out: float | None
+    move: Array
+    worse: tuple[str, ...]
+    reasons: tuple[str, ...]
+    alternatives: tuple[Alternative, ...]
+
+    @property
+    def term(self) -> Term:
+        """The term that explains most."""
+        return self.terms[0]
+
+    @property
+    def predicts(self) -> bool:
+        """Whether it predicts a run that it was not fitted to."""
+        return all(term.law != 'own curve' for term in self.terms)
+
+    @property
+    def doubts(self) -> tuple[str, ...]:
+        """Every reason not to trust it, one sentence each."""
+        return (*(f'the law makes {name} worse' for name in self.worse), *self.reasons)
+
+    def addition(self, run: ObservedRun) -> Array:
+        """The part of the law in the channels (C, N) of a run."""
+        added = np.zeros(run.residual.shape)
+        for term in self.terms:
+            added += run.added(term.target, term.evaluate(run.coordinates)[:, None])[:, :, 0]
+        return added
+
+    def judged_by(self, fitted: Sequence[Outcome], held_out: Sequence[Outcome],
+                  mean_square: MeanSquare) -> LawProposal:
+        """The same law with the gains of these residuals."""
+        fit, worse = _gain_of(fitted, mean_square)
+        held = None
+        if held_out and self.predicts:
+            held, more = _gain_of(held_out, mean_square)
+            worse += [f'{name} (held out)' for name in more]
+        return replace(self, fit=fit, held_out=held, worse=tuple(worse))
+
+
+def propose_law(
+    misfit: Misfit,
+    mean_square: MeanSquare,
+    held_out: Sequence[ObservedRun] = (),
+    error_rate: float = 0.01,
+) -> LawProposal | None:
+    """The best law of at most two families, or None if none passes the test."""
+    blocks = blocks_of(misfit.runs)
+    targets = list(misfit.runs[0].targets)
+    wanted = misfit.residual
+    total = float(wanted @ wanted)
+    ranked = rank_blocks(misfit, blocks, targets, wanted)
+    if ranked[0].predicted < OWN_CURVES * total:
+        own = own_curves(misfit.runs)
+        ranked = sorted(
+            [*ranked, *rank_blocks(misfit, [own], targets, wanted)],
+            key=lambda fit: -fit.predicted,
+        )
+    trials = len(ranked)
+    first = ranked[0]
+    p_value = first.p_value(misfit.degrees, trials)
+    if p_value > error_rate or first.predicted < MIN_SHARE * total:
+        return None
+    chosen = [first]
+    left = _left(wanted, chosen)
+    second = rank_blocks(misfit, blocks, targets, left)[0]
+    enough = second.predicted >= MIN_SECOND_SHARE * float(left @ left)
+    if enough and second.p_value(misfit.degrees, trials * trials) < error_rate:
+        chosen = _backfitted(misfit, [first, second], wanted)
+    terms = _matched(misfit, chosen, wanted)
+    change = _changes(misfit, terms, chosen)
+    move, white_left = _base_move(misfit, change)
+    others = tuple(
+        Alternative(item.target, item.block.coordinate, item.predicted / total)
+        for item in ranked[1:6]
+        if item.predicted > 0.0
+    )
+    reasons = _reasons(misfit, ranked, terms, held_out)
+    share = 1.0 - float(white_left @ white_left) / total
+    law = LawProposal(
+        terms=terms, share=share, p_value=p_value, fit=0.0, held_out=None, move=move, worse=(),
+        reasons=tuple(reasons), alternatives=others)
+    fitted = [
+        Outcome(run, run.residual, run.residual - part - run.slopes @ move)
+        for run, part in zip(misfit.runs, change, strict=True)
+    ]
+    held = [
+        Outcome(run, run.residual, run.residual - law.addition(run) - run.slopes @ move)
+        for run in held_out if law.predicts
+    ]
+    return law.judged_by(fitted, held, mean_square)
+
+
+def _left(wanted: Array, fits: Sequence[BlockFit]) -> Array:
+    left = wanted.copy()
+    for item in fits:
+        left -= item.white @ item.coefficients
+    return left
+
+
+def _backfitted(misfit: Misfit, fits: list[BlockFit], wanted: Array) -> list[BlockFit]:
+    """Families fitted together, each to the residual of the other, in turn; the larger first."""
+    for _ in range(BACKFITS):
+        for number, item in enumerate(fits):
+            rest = [other for place, other in enumerate(fits) if place != number]
+            fits[number] = fit_block(misfit, item.target, item.block, _left(wanted, rest))
+    return sorted(fits, key=lambda item: -item.taken)
+
+
+def _matched(misfit: Misfit, fits: list[BlockFit], wanted: Array) -> tuple[Term, ...]:
+    terms = []
+    for number, item in enumerate(fits):
+        rest = [other for place, other in enumerate(fits) if place != number]
+        terms.append(match_law(misfit, item, _left(wanted, rest)))
+    return tuple(terms)
+
+
+def _changes(misfit: Misfit, terms: tuple[Term, ...], fits: list[BlockFit]) -> list[Array]:
+    """Plain change (C, N) of each run's channels by all terms."""
+    total = np.zeros(misfit.size)
+    for term, item in zip(terms, fits, strict=True):
+        if term.law == 'own curve':
+            shapes = tuple((part @ item.coefficients)[:, None] for part in item.block.shapes)
+        else:
+            shapes = tuple(term.evaluate(run.coordinates)[:, None] for run in misfit.runs)
+        total += stacked(misfit.runs, term.target, shapes)[:, 0]
+    return [
+        total[rows].reshape(run.residual.shape)
+        for rows, run in zip(misfit.rows, misfit.runs, strict=True)
+    ]
+
+
+def _base_move(misfit: Misfit, change: list[Array]) -> tuple[Array, Array]:
+    """Change of base parameters (P,) beside the law, and the whitened residual (n,)."""
+    plain = np.concatenate(
+        [(run.residual - part).ravel() for run, part in zip(misfit.runs, change, strict=True)]
+    )
+    slopes = np.concatenate([run.slopes.reshape(-1, run.slopes.shape[2]) for run in misfit.runs])
+    joined = misfit.whiten(np.column_stack([plain, slopes]))
+    white, columns = joined[:, 0], joined[:, 1:]
+    # Bound-scaled parameters have a prior of one range, so that idle ones stay.
+    gram = columns.T @ columns + np.eye(columns.shape[1])
+    move = np.linalg.solve(gram, columns.T @ white)
+    return np.asarray(move), np.asarray(white - columns @ move)
+
+
+def _gain_of(outcomes: Sequence[Outcome], mean_square: MeanSquare) -> tuple[float, list[str]]:
+    """Gain over some runs, and the names of those that get worse."""
+    before = [mean_square(item.run, item.before) for item in outcomes]
+    after = [mean_square(item.run, item.after) for item in outcomes]
+    worse = [item.run.name for item, old, new in zip(outcomes, before, after, strict=True)
+             if new > old]
+    gain = 1.0 - float(np.sqrt(np.mean(after) / max(float(np.mean(before)), 1e-300)))
+    return gain, worse
+
+
+def _reasons(
+    misfit: Misfit,
+    ranked: list[BlockFit],
+    terms: tuple[Term, ...],
+    held_out: Sequence[ObservedRun],
+) -> list[str]:
+    best = ranked[0]
+    reasons: list[str] = []
+    for term in terms:
+        reasons += _outside(misfit, term, held_out)
+        if term.law == 'own curve':
+            reasons.append(
+                f'{term.target} follows a separate curve over time in each run, which predicts '
+                'no other run'
+            )
+    as_good = [item for item in ranked
+               if item is not best and item.predicted >= ALIKE * best.predicted]
+    coordinates = {item.block.coordinate for item in as_good} - {best.block.coordinate}
+    reasons += [
+        f'{name} explains nearly as much as {best.block.coordinate} (within 10 %): these runs do '
+        'not tell the two apart' for name in sorted(coordinates)]
+    targets = {item.target for item in as_good
+               if item.block.coordinate == best.block.coordinate}
+    targets -= {best.target, *(term.target for term in terms)}
+    reasons += [
+        f'an addition to {name} explains nearly as much as an addition to {best.target} (within '
+        '10 %): these runs do not tell the two apart'
+        for name in sorted(targets)]
+    if _one_rate(misfit.runs):
+        reasons.append('all runs have one rate of loading: whether the law depends on the rate is '
+                       'open')
+    if len(misfit.runs) == 1:
+        reasons.append('the law was fitted to one run')
+    return reasons
+
+
+def _outside(misfit: Misfit, term: Term, held_out: Sequence[ObservedRun]) -> list[str]:
+    along = LOAD if term.coordinate in (DIRECTION, HYSTERESIS) else term.coordinate
+    low, high = span_of(misfit.runs, along)
+    slack = BEYOND * (high - low)
+    beyond = []
+    for run in held_out:
+        seen = run.coordinates[along]
+        if seen.min() < low - slack or seen.max() > high + slack:
+            beyond.append(f'{run.name} (held out) has a {along} outside the fitted range')
+    return beyond
+
+
+def _one_rate(runs: tuple[ObservedRun, ...]) -> bool:
+    """Whether all moving runs have about the same largest rate."""
+    if any(RATE not in run.coordinates for run in runs):
+        return True
+    fastest = [float(np.abs(run.coordinates[RATE]).max()) for run in runs]
+    moving = [rate for rate in fastest if rate > 0.0]
+    return len(moving) < 2 or max(moving) < 1.5 * min(moving)
+
+
+def describe(term: Term) -> str:
+    """One sentence on a term."""
+    words = {
+        LOAD: 'the load',
+        DIRECTION: 'the direction of the load times a curve over the load',
+        RATE: 'the rate of the load',
+        TIME: 'time',
+        HYSTERESIS: 'the history of the load',
+    }
+    along = words.get(term.coordinate, term.coordinate)
+    return f'{term.target} has an addition that follows {along}: {term.law} ({term.words})'
+
+
+
+DIRECTION_BAND = 0.01
+"""Smallest return of the drive that changes its direction, as a share of its range."""
+
+
+@runtime_checkable
+class HasTargets(Protocol):
+    """A system with further targets of an addition besides its views and channels."""
+
+    def targets(self, run: RunBlocks, point: Point) -> Mapping[str, Array]:
+        """Change of the channels (C, N) per unit of the addition, by the name of the target."""
+        ...
+
+    def start_of(self, run: RunBlocks) -> float:
+        """Start of the time [s] of a law."""
+        ...
+
+
+REFITS = 1
+"""So many times the law is fitted again, about base parameters fitted beside the one before."""
+
+
+@dataclass(frozen=True)
+class Proposer:
+    """The data in which a law is searched: the metric and all runs, fitted and held out.
+
+    degrees: of freedom of the noise's level; max_rounds: of the fits of base parameters.
+    """
+
+    metric: Metric
+    runs: Sequence[RunBlocks]
+    degrees: int
+    error_rate: float
+    max_rounds: int
+    watch: Watch
+
+    def law_for(self, subject: Fit) -> LawProposal | None:
+        """The law that would explain the residual of `subject`.
+
+        Base parameters that were fitted without a law have taken a part of it. So they are fitted
+        again beside the law, and the law about them; the gain is that of both together. Where
+        their bounds do not allow that, the first law stays, with its linear change of them.
+        """
+        first = self._law_about(subject)
+        if first is None or not first.predicts:
+            return first
+        found, law, fit = [first], first, subject
+        for _ in range(REFITS):
+            fit = self._beside(law, fit)
+            again = self._law_about(fit)
+            if again is None or not again.predicts:
+                break
+            law = again
+            found.append(self._judged(law, subject, self._beside(law, fit)))
+        return max(found, key=lambda item: item.fit)
+
+    @property
+    def _experiment(self) -> Experiment:
+        return self.metric.experiment
+
+    def _law_about(self, fit: Fit) -> LawProposal | None:
+        misfit = Misfit(tuple(self._fitted(fit)), self.metric.whiten, self.degrees)
+        held = [_with_slopes(self._experiment.system, run, fit) for run in self._held_out]
+        return propose_law(misfit, self._mean_square, held, self.error_rate)
+
+    @property
+    def _held_out(self) -> list[RunBlocks]:
+        return [run for run in self.runs if run.held_out]
+
+    def _fitted(self, fit: Fit) -> Iterator[ObservedRun]:
+        """Each fitted run with its residual and the slopes of its prediction."""
+        plain = tangent(self.metric, fit).plain
+        residuals = self._experiment.by_run(self._experiment.measured - fit.prediction)
+        start = 0
+        for run, residual in zip(self._experiment.runs, residuals, strict=True):
+            slopes = plain[start : start + run.channels.size]
+            start += run.channels.size
+            yield _observed(self._experiment.system, run, fit.point, residual,
+                            slopes.reshape(*run.channels.shape, -1))
+
+    def _beside(self, law: LawProposal, fit: Fit) -> Fit:
+        """The model of `fit`, fitted to the runs minus the part of the law."""
+        experiment = self._experiment
+        runs = [replace(run, channels=run.channels - law.addition(self._plain(run, fit)))
+                for run in experiment.runs]
+        without = Experiment(experiment.system, runs, experiment.assumptions)
+        return plain_fits(without, [fit], self.max_rounds, self.watch)[0]
+
+    def _judged(self, law: LawProposal, subject: Fit, beside: Fit) -> LawProposal:
+        """The law with the gains of both models' own predictions."""
+        fitted: list[Outcome] = []
+        held: list[Outcome] = []
+        for run in [*self._experiment.runs, *self._held_out]:
+            seen = self._plain(run, beside)
+            both = self._experiment.system.predict_many(run, [subject.point, beside.point])
+            before, after = run.channels - both[0], run.channels - both[1] - law.addition(seen)
+            (held if run.held_out else fitted).append(Outcome(seen, before, after))
+        move = beside.theta_unit - subject.theta_unit
+        return replace(law.judged_by(fitted, held, self._mean_square), move=move)
+
+    def _plain(self, run: RunBlocks, fit: Fit) -> ObservedRun:
+        """A run with targets and coordinates only."""
+        still = np.zeros((*run.channels.shape, 0))
+        return _observed(self._experiment.system, run, fit.point, run.channels, still)
+
+    def _mean_square(self, run: ObservedRun, residual: Array) -> float:
+        own = next(item for item in self.runs if item.name == run.name)
+        return mean_square(self._experiment, [own], [residual])
+
+
+def _with_slopes(system: System, run: RunBlocks, fit: Fit) -> ObservedRun:
+    """A held-out run with the slopes of its prediction."""
+    base = system.base_parameters
+    parameters = fit.candidate.parameters(base)
+    asked, steps = neighbours(parameters, fit.theta_unit, range(fit.theta_unit.size))
+    answers = system.predict_many(run, [fit.candidate.point(base, place) for place in asked])
+    slopes = (answers[1:] - answers[:1]) / np.array(steps)[:, None, None]
+    residual = run.channels - answers[0]
+    return _observed(system, run, fit.point, residual, np.moveaxis(slopes, 0, -1))
+
+
+def _observed(
+    system: System, run: RunBlocks, point: Point, residual: Array, slopes: Array
+) -> ObservedRun:
+    targets: dict[str, Array] = {}
+    for name, weights in system.views.items():
+        pattern = weights / float(weights @ weights)
+        targets[name] = np.repeat(pattern[:, None], run.time.size, axis=1)
+    for number, name in enumerate(system.channel_names):
+        alone = np.zeros((len(system.channel_names), run.time.size))
+        alone[number] = 1.0
+        if not any(_alike(alone, other) for other in targets.values()):
+            targets[name] = alone
+    begin = float(run.time[0])
+    from_start: frozenset[str] = frozenset()
+    if isinstance(system, HasTargets):
+        more = system.targets(run, point)
+        targets.update(more)
+        from_start = frozenset(more)
+        begin = system.start_of(run)
+    return ObservedRun(run.name, coordinates_of(run, begin), targets, residual, slopes,
+                       from_start)
+
+
+def coordinates_of(run: RunBlocks, begin: float) -> dict[str, Array]:
+    """Coordinates of a run: the drive, its direction and rate, time, and any others."""
+    if not run.inputs:
+        return {TIME: run.time - begin}
+    first, *others = run.inputs
+    drive, direction, rate = run.inputs[first], run.direction, run.rate
+    if direction is None:
+        direction = direction_of(drive, DIRECTION_BAND * float(np.ptp(drive)))
+    if rate is None:
+        rate = np.gradient(drive, run.time)
+    found = {name: run.inputs[name] for name in others}
+    return {**found, LOAD: drive, TIME: run.time - begin, DIRECTION: direction, RATE: rate}
+
+
+def _alike(one: Array, other: Array) -> bool:
+    """Whether two targets are proportional."""
+    return bool(np.allclose(one / np.abs(one).max(), other / np.abs(other).max()))

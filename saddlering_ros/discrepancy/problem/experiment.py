@@ -1,0 +1,435 @@
+"""The fitted runs and their simulator as stacked vectors, and the metric of the misfit.
+
+The order of a stacked vector is runs, then channels, then samples. The metric whitens by the
+noise and marginalises nuisance parameters. With noise covariance C = L L' per run and channel and
+nuisance columns G of prior covariance S, the metric is (C + G S G')^-1. It is applied as L^-1
+followed by the symmetric operator I - U (1 - 1/sqrt(1 + s^2)) U', where U, s are the singular
+vectors and values of L^-1 G S^(1/2).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Protocol
+
+import numpy as np
+
+from saddlering_ros.discrepancy.noise import learn_noise
+from saddlering_ros.discrepancy.problem.system import (
+    Array,
+    DiscrepancyError,
+    FREE_OFFSET,
+    ModelErrorPrior,
+    Point,
+    RunBlocks,
+    System,
+    SystemWithTangents,
+)
+from saddlering_ros.estimation.process import ChannelNoise
+from saddlering_ros.estimation.whitening import build_whitener, SharedErrors, Whitener
+
+EMPTY_VIEW = 0.1
+"""A view is empty except for faults if its range is below this share of its neighbours' range."""
+MIN_SHARED, MIN_SHARED_PART = 8, 0.1
+"""Two runs share content if they share so many samples and this part of the shorter run."""
+MIN_VIEW_SHARE = 0.2
+"""Smallest range of a view, as a share of its neighbours' range."""
+
+
+NoiseByRun = Mapping[tuple[str, int], ChannelNoise]
+LearnNoise = Callable[[Sequence[RunBlocks], Sequence[Array] | None], NoiseByRun]
+"""Noise by run name and channel, from runs and, if there are some, residuals (C, N) per run."""
+
+
+@dataclass(frozen=True)
+class Assumptions:
+    """Noise, offsets and model error of a system.
+
+    learn_noise: source of the noise; relearns: whether the noise is learnt again from the
+    residual of a model with the causes; offsets: spread of the constant of each channel, None
+    if it is free; model_error: smooth error over the drive, None for none; form_error: share
+    of the misfit explained by an effect by which its shapes may exceed their bounds while a name
+    remains valid; 0: laws are exact, so that every residual beyond noise is a doubt;
+    coordinate_waves: half waves that are tested along the first coordinate and along each
+    other one; proposes_law: whether a law is proposed if no cause explains the misfit;
+    many_valleys: whether the base may have several minima, so that the best one without an
+    effect may be far from the best one with it.
+    """
+
+    learn_noise: LearnNoise = learn_noise
+    relearns: bool = False
+    offsets: tuple[float, ...] | None = None
+    model_error: ModelErrorPrior | None = field(default_factory=ModelErrorPrior)
+    form_error: float = 0.1
+    coordinate_waves: tuple[int, int] = (6, 3)
+    proposes_law: bool = True
+    many_valleys: bool = False
+
+    def frees_constant(self, channel: int) -> bool:
+        """Whether a constant in a channel has no meaning."""
+        return self.offsets is None or self.offsets[channel] >= FREE_OFFSET
+
+
+class Experiment:
+    """Fitted runs and their simulator; `simulations` counts the points that were simulated."""
+
+    def __init__(
+        self,
+        system: System,
+        runs: Sequence[RunBlocks],
+        assumptions: Assumptions | None = None,
+    ) -> None:
+        if not runs:
+            raise DiscrepancyError('diagnose: every run is held out: leave at least one run to '
+                                   'fit')
+        self.system, self.runs = system, tuple(runs)
+        self.assumptions = assumptions or Assumptions()
+        self.simulations = 0
+
+    @cached_property
+    def size(self) -> int:
+        """Length n of a stacked vector."""
+        return sum(run.channels.size for run in self.runs)
+
+    @cached_property
+    def slices(self) -> tuple[tuple[int, int, slice], ...]:
+        """(run index, channel, slice of the stacked vector)."""
+        parts, start = [], 0
+        for index, run in enumerate(self.runs):
+            for channel in range(run.channels.shape[0]):
+                parts.append((index, channel, slice(start, start + run.time.size)))
+                start += run.time.size
+        return tuple(parts)
+
+    @cached_property
+    def measured(self) -> Array:
+        """All channels of all runs (n,)."""
+        return np.concatenate([run.channels.ravel() for run in self.runs])
+
+    @cached_property
+    def channel_ranges(self) -> Array:
+        """Largest range (C,) of each channel in any run."""
+        count = len(self.system.channel_names)
+        return np.array(
+            [
+                max(float(np.ptp(run.channels[channel])) for run in self.runs)
+                for channel in range(count)
+            ]
+        )
+
+    @cached_property
+    def view_ranges(self) -> Mapping[str, float]:
+        """Range that a misfit in each view is compared with."""
+        return view_ranges(self.system, self.runs)
+
+    def predict(self, points: Sequence[Point]) -> Array:
+        """Stacked channels (n, B) at `points`."""
+        self.simulations += len(points)
+        parts = []
+        for run in self.runs:
+            batch = self.system.predict_many(run, points)
+            if batch.shape != (len(points), *run.channels.shape):
+                raise DiscrepancyError(f'simulator: wrong shape {batch.shape} for run {run.name}')
+            parts.append(batch.reshape(len(points), -1))
+        return np.ascontiguousarray(np.concatenate(parts, axis=1).T)
+
+    def predict_neighbours(self, groups: Sequence[Sequence[Point]]) -> list[Array]:
+        """Stacked channels (n, B) of each group: a point, and others a small step away.
+
+        A system with tangents of its own computes the others from them; any other system
+        simulates every point.
+        """
+        if not isinstance(self.system, SystemWithTangents):
+            answers = self.predict([point for group in groups for point in group])
+            ends = np.cumsum([len(group) for group in groups])
+            return np.split(answers, ends[:-1], axis=1)
+        self.simulations += sum(len(group) for group in groups)
+        prepared = self.system.neighbourhood(groups)
+        runs = [prepared.predict(run) for run in self.runs]
+        return [
+            np.concatenate([answer.reshape(len(answer), -1) for answer in parts], axis=1).T
+            for parts in zip(*runs, strict=True)
+        ]
+
+    def by_run(self, stacked: Array) -> list[Array]:
+        """A stacked vector (n,) or columns (n, B) as one (C, N) or (C, N, B) block per run."""
+        blocks, start = [], 0
+        for run in self.runs:
+            part = stacked[start : start + run.channels.size]
+            blocks.append(part.reshape(*run.channels.shape, *stacked.shape[1:]))
+            start += run.channels.size
+        return blocks
+
+    def view_residuals(self, residual: Array, view: str) -> list[Array]:
+        """Stacked residuals (n,) or (n, B) in one view, run by run.
+
+        A mean that has no meaning is subtracted.
+        """
+        weights = self.system.views[view]
+        return [
+            self.freed(np.tensordot(weights, block, axes=1), run, view)
+            for run, block in zip(self.runs, self.by_run(residual), strict=True)
+        ]
+
+    def freed(self, seen: Array, run: RunBlocks, view: str) -> Array:
+        """Values of one view (N,) or (N, k), minus their mean if a constant is free."""
+        channels = np.flatnonzero(self.system.views[view])
+        if not any(self.assumptions.frees_constant(int(channel)) for channel in channels):
+            return seen
+        weights = sample_weights(self.system, run, view)
+        return np.asarray(seen - weights @ seen / weights.sum())
+
+    def root_weights(self, run: RunBlocks, view: str) -> Array:
+        """Square roots (N,) of the weights of samples in a mean square over time."""
+        weights = sample_weights(self.system, run, view)
+        return np.asarray(np.sqrt(weights / weights.sum()))
+
+    def mean_square(self, seen: Array, run: RunBlocks, view: str) -> float:
+        """Mean square over time of the values (N,) of a view, without missing samples."""
+        return float(np.average(seen**2, weights=sample_weights(self.system, run, view)))
+
+
+def refuse_repeats(runs: Sequence[RunBlocks]) -> None:
+    """Refuse the same name or the same content twice: no run is both fitted and held out."""
+    for number, run in enumerate(runs):
+        for other in runs[:number]:
+            if _shares_content(run.channels, other.channels):
+                same = run.channels.shape == other.channels.shape
+                what = 'one is held out' if run.held_out != other.held_out else 'it counts once'
+                raise DiscrepancyError(
+                    f'runs {other.name} and {run.name} '
+                    f'{"are the same recording" if same else "share a part of a recording"}: '
+                    f'give it once ({what})'
+                )
+            if run.name == other.name:
+                raise DiscrepancyError(f'two runs are called {run.name}: give each its own name')
+
+
+def _shares_content(one: Array, other: Array) -> bool:
+    """Whether a stretch of one run (C, N) is a stretch of the other, bit for bit.
+
+    One run then contains the other, or begins in it and continues beyond its end.
+    """
+    least = max(MIN_SHARED, round(MIN_SHARED_PART * min(one.shape[1], other.shape[1])))
+    for first, second in ((one, other), (other, one)):
+        for begin in np.flatnonzero((first == second[:, :1]).all(axis=0)):
+            length = min(first.shape[1] - int(begin), second.shape[1])
+            if length < least:
+                break
+            if all(
+                np.array_equal(first[:, begin : begin + end], second[:, :end])
+                for end in (MIN_SHARED, length)
+            ) and np.ptp(second[:, :length], axis=1).any():
+                return True
+    return False
+
+
+def sample_weights(system: System, run: RunBlocks, view: str) -> Array:
+    """Weight (N,) of each sample in a view as a time; 0 if one of its channels is missing."""
+    if run.present is None:
+        return run.width
+    channels = np.flatnonzero(system.views[view])
+    return np.asarray(run.width * run.present[channels].all(axis=0))
+
+
+def view_ranges(system: System, runs: Sequence[RunBlocks]) -> dict[str, float]:
+    """Range that a misfit in each view is compared with.
+
+    A view that should be empty (parity) is compared with the widest view that uses its
+    channels.
+    """
+    ranges = {
+        name: max(float(np.ptp(weights @ run.channels)) for run in runs)
+        for name, weights in system.views.items()
+    }
+    scaled: dict[str, float] = {}
+    for name, weights in system.views.items():
+        alike = max(
+            ranges[other] * float(np.abs(weights).sum() / np.abs(vector).sum())
+            for other, vector in system.views.items()
+            if np.any((weights != 0) & (vector != 0))
+        )
+        empty = ranges[name] <= EMPTY_VIEW * alike
+        scaled[name] = alike if empty else max(ranges[name], MIN_VIEW_SHARE * alike)
+    return scaled
+
+
+MAX_SPREADS = 2.5
+"""Largest size of a nuisance parameter, in its standard deviations."""
+
+FREE_STRENGTH = 1e3
+"""Size of a nuisance parameter, in units of noise, above which it counts as free."""
+
+JITTER = 1e-6
+"""Noise added to every sample, as a share of the range of the widest channel."""
+
+
+class Whitening(Protocol):
+    """The interface of a metric for refits."""
+
+    @property
+    def experiment(self) -> Experiment: ...
+
+    def whiten(self, columns: Array) -> Array:
+        """Stacked columns (n, B) or (n,) in units of their usual size."""
+        ...
+
+
+@dataclass(frozen=True)
+class Metric:
+    """Noise of every run and channel, with the nuisance parameters marginalised.
+
+    shared: the nuisance parameters, which the whitened residuals share. A metric is never
+    changed: `marginalise` makes another one.
+    """
+
+    experiment: Experiment
+    noise: Mapping[tuple[str, int], ChannelNoise]
+    whiteners: tuple[Whitener, ...]
+    shared: SharedErrors
+
+    def marginalise(self, nuisances: Array) -> Metric:
+        """The same noise with these nuisance parameters: columns (n, k) times their spreads."""
+        return replace(self, shared=SharedErrors.of(self.whiten_noise(nuisances)))
+
+    def whiten_noise(self, columns: Array) -> Array:
+        """L^-1 on stacked columns (n, B) or (n,): noise alone."""
+        out = np.empty_like(columns)
+        for whitener, (_, _, part) in zip(self.whiteners, self.experiment.slices, strict=True):
+            out[part] = whitener.whiten(columns[part])
+        return out
+
+    def colour_noise(self, columns: Array) -> Array:
+        """L on whitened columns (n, B) or (n,)."""
+        out = np.empty_like(columns)
+        for whitener, (_, _, part) in zip(self.whiteners, self.experiment.slices, strict=True):
+            out[part] = whitener.colour(columns[part])
+        return out
+
+    def whiten(self, columns: Array) -> Array:
+        """The whole metric on stacked columns (n, B) or (n,)."""
+        return self.shared.apply(self.whiten_noise(columns))
+
+    def inflated(self, factor: float, free: Array) -> Array:
+        """Nuisance columns, whitened and multiplied by `factor`, and columns (n, p) beside them.
+
+        Offsets keep their spread, which is wide already.
+        """
+        strength = self.shared.strength
+        larger = np.where(strength < FREE_STRENGTH, factor * strength, strength)
+        return np.hstack([self.shared.directions * larger, self.whiten_noise(free)])
+
+    def without_nuisances(self, residual: Array) -> Array:
+        """A stacked plain residual minus its part by nuisance parameters of usual size."""
+        white = self.whiten_noise(residual)
+        spreads = np.clip(self.shared.along(white), -MAX_SPREADS, MAX_SPREADS)
+        shared = self.shared.directions @ (self.shared.strength * spreads)
+        return self.colour_noise(white - shared)
+
+    @property
+    def free_count(self) -> float:
+        """Dimensions beside the nuisance parameters."""
+        return self.experiment.size - self.shared.dimensions
+
+
+def noise_metric(experiment: Experiment, noise: Mapping[tuple[str, int], ChannelNoise]) -> Metric:
+    """The metric of the noise alone, without nuisance parameters."""
+    jitter = float((JITTER * experiment.channel_ranges.max()) ** 2)
+    whiteners = []
+    for index, channel, _ in experiment.slices:
+        run = experiment.runs[index]
+        present = None if run.present is None else run.present[channel]
+        own = noise[run.name, channel]
+        whiteners.append(build_whitener(own, run.time, run.width, run.hold, present, jitter))
+    return Metric(experiment, noise, tuple(whiteners), SharedErrors.none(experiment.size))
+
+
+RATE_SHAPES = 4
+"""Shapes over the drive of the error that depends on its rate."""
+
+
+def nuisance_columns(experiment: Experiment, point: Point, prediction: Array) -> Array:
+    """Every nuisance parameter as a column (n, k) at the prediction (n,) of a point."""
+    columns = [offset_columns(experiment)]
+    prior = experiment.assumptions.model_error
+    if prior is not None:
+        columns.append(model_error_columns(experiment, prior))
+        columns.append(timing_columns(experiment, prior, prediction))
+    columns.append(system_columns(experiment, point))
+    return np.hstack(columns)
+
+
+def offset_columns(experiment: Experiment) -> Array:
+    """A constant for every run and channel, with a very wide spread where it is free."""
+    declared = experiment.assumptions.offsets
+    columns = []
+    for _, channel, part in experiment.slices:
+        free = FREE_OFFSET * experiment.channel_ranges.max()
+        spread = float(free) if declared is None else declared[channel]
+        if spread > 0.0:
+            column = np.zeros(experiment.size)
+            column[part] = spread
+            columns.append(column)
+    return np.array(columns).reshape(-1, experiment.size).T
+
+
+def model_error_columns(experiment: Experiment, prior: ModelErrorPrior) -> Array:
+    """Smooth model error over the drive, shared inside a group, in every channel."""
+    widest = experiment.channel_ranges.max()
+    rates = [run.rate for run in experiment.runs if run.rate is not None]
+    fastest = max([1e-300, *(float(np.abs(rate).max()) for rate in rates)])
+    columns: list[Array] = []
+    for group in sorted({run.group for run in experiment.runs}):
+        members = [run for run in experiment.runs if run.group == group]
+        drives = {run.name: next(iter(run.inputs.values())) for run in members}
+        low = min(float(drive.min()) for drive in drives.values())
+        high = max(float(drive.max()) for drive in drives.values())
+        shapes = {}
+        for run in members:
+            place = (drives[run.name] - low) / max(high - low, 1e-300)
+            still = np.zeros(run.time.size)
+            rate = (still if run.rate is None else run.rate) / fastest
+            direction = still if run.direction is None else run.direction
+            shapes[run.name] = _error_shapes(prior, place, direction, rate)
+        for channel, span in enumerate(experiment.channel_ranges):
+            scale = max(float(span), 0.2 * float(widest))
+            for number in range(prior.degree + 1 + RATE_SHAPES):
+                column = np.zeros(experiment.size)
+                for index, other, part in experiment.slices:
+                    run = experiment.runs[index]
+                    if other == channel and run.group == group:
+                        column[part] = scale * shapes[run.name][number]
+                columns.append(column)
+    return np.column_stack(columns)
+
+
+def _error_shapes(
+    prior: ModelErrorPrior, place: Array, direction: Array, rate: Array
+) -> list[Array]:
+    """Shapes (N,) of model error at positions of the drive (0 to 1), each times its spread."""
+    smooth = [prior.smooth * np.cos(np.pi * wave * place) for wave in range(1, prior.degree + 1)]
+    loop = prior.loop * direction * 4.0 * place * (1.0 - place)
+    rates = [prior.rate * rate * np.cos(np.pi * wave * place) for wave in range(RATE_SHAPES)]
+    return [*smooth, loop, *rates]
+
+
+def timing_columns(experiment: Experiment, prior: ModelErrorPrior, prediction: Array) -> Array:
+    """Changes (n, k) by a small delay of each channel, in runs whose drive has a rate."""
+    columns = []
+    for index, _, part in experiment.slices:
+        run = experiment.runs[index]
+        if run.rate is not None and np.any(run.rate):
+            column = np.zeros(experiment.size)
+            column[part] = prior.instants * np.gradient(prediction[part], run.time)
+            columns.append(column)
+    return np.array(columns).reshape(-1, experiment.size).T
+
+
+def system_columns(experiment: Experiment, point: Point) -> Array:
+    """The system's own nuisance parameters as stacked columns (n, k)."""
+    parts = experiment.system.nuisances(experiment.runs, point)
+    return np.concatenate(
+        [part.reshape(part.shape[0] * part.shape[1], part.shape[2]) for part in parts]
+    )

@@ -1,0 +1,473 @@
+"""Candidate models and their fits, in the metric of the misfit and in that of the gain.
+
+Bounded least squares runs for many candidates at once, with all simulations in one batch. Each
+refit is a generator that yields points and receives their whitened residuals, so that a simulator
+with parallel batches stays busy. The method is Levenberg-Marquardt in bound-scaled coordinates.
+Columns of the base are stored and improved by Broyden's update, and columns of effects are
+differenced at every step.
+
+The metric of the gain is fixed beforehand: the root of the mean, over runs and views, of the
+squared residual over the range of the view, without constants that have no meaning. Gain = 1 -
+metric with / metric without. It is negative if the extension predicts worse. Base and extension
+are each fitted in this metric, on the fitted runs alone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from saddlering_ros.discrepancy.problem.experiment import Experiment, Whitening
+from saddlering_ros.discrepancy.problem.system import (
+    Array,
+    DiscrepancyError,
+    Effect,
+    Parameter,
+    Point,
+    RunBlocks,
+)
+from saddlering_ros.estimation.least_squares import descend, Descent, Rule
+from saddlering_ros.progress import Watch
+
+Key = tuple[tuple[str, int], ...]
+"""Key of the fit of a candidate: its effects and variants, in any order."""
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A model: the base and some effects, each in one variant."""
+
+    effects: tuple[tuple[Effect, int], ...] = ()
+
+    @property
+    def key(self) -> Key:
+        return tuple(sorted((effect.id, variant) for effect, variant in self.effects))
+
+    @property
+    def ids(self) -> tuple[str, ...]:
+        return tuple(effect.id for effect, _ in self.effects)
+
+    def parameters(self, base: Sequence[Parameter]) -> tuple[Parameter, ...]:
+        own = [parameter for effect, _ in self.effects for parameter in effect.ordered]
+        return (*base, *own)
+
+    def plus(self, effect: Effect, variant: int) -> Candidate:
+        return Candidate((*self.effects, (effect, variant)))
+
+    def without(self, effect_id: str) -> Candidate:
+        return Candidate(tuple(item for item in self.effects if item[0].id != effect_id))
+
+    def slices(self, fixed: int) -> Iterator[tuple[Effect, int, slice]]:
+        """Each effect, its variant, and its parameters' indices after `fixed` base parameters."""
+        start = fixed
+        for effect, variant in self.effects:
+            stop = start + len(effect.ordered)
+            yield effect, variant, slice(start, stop)
+            start = stop
+
+    def point(self, base: Sequence[Parameter], theta_unit: Array) -> Point:
+        """Point at bound-scaled coordinates `theta_unit`."""
+        values = np.array(
+            [
+                item.from_unit(float(u))
+                for item, u in zip(base, theta_unit[: len(base)], strict=True)
+            ]
+        )
+        effects: dict[str, Mapping[str, float]] = {}
+        for effect, variant, part in self.slices(len(base)):
+            own = {
+                item.name: item.from_unit(float(u))
+                for item, u in zip(effect.ordered, theta_unit[part], strict=True)
+            }
+            effects[effect.id] = {**own, **effect.variants[variant]}
+        return Point(values, effects)
+
+
+@dataclass(frozen=True)
+class Fit:
+    """A candidate at its optimum.
+
+    theta_unit (p,): bound-scaled parameters; misfit: the whitened sum of squares.
+    """
+
+    candidate: Candidate
+    theta_unit: Array
+    misfit: float
+    whitened: Array
+    jacobian: Array
+    prediction: Array
+    point: Point
+    history: tuple[float, ...] = field(default=())
+    converged: bool = True
+
+
+#: The whole range of a parameter counts as so many standard deviations: keeps idle ones still.
+PRIOR = 1.0
+
+QUIET_GAIN, QUIET_SHARE = 0.02, 1e-4
+"""Gains below this number, or below this share of the misfit, are negligible."""
+
+NEGLIGIBLE_GAIN = 0.1 * QUIET_GAIN
+"""Smallest expected gain of a step that is taken."""
+
+SPREAD = 24
+"""Number of starts of the base that cover the range of every parameter."""
+
+MAX_BASE_STARTS, COARSE_BASE = 6, 6
+"""Number of starts of the base that are followed, and of their rounds, before the best are
+fitted."""
+
+WHITENED_AT_ONCE = 8_000_000
+"""Numbers whitened together, because one product of matrices is faster than one per refit."""
+
+
+@dataclass(frozen=True)
+class Asked:
+    """Request of a refit: a point, and others that lie `steps` away from it."""
+
+    points: list[Point]
+    steps: list[float]
+
+
+@dataclass(frozen=True)
+class Told:
+    """Answer to a request: whitened residual (n,), sensitivities (n, k), and prediction."""
+
+    residual: Array
+    columns: Array
+    prediction: Array
+
+
+Asking = Generator[Asked, Told, Fit]
+
+
+def refit(
+    metric: Whitening,
+    candidate: Candidate,
+    start: Array,
+    base_columns: Array | None = None,
+    *,
+    rounds: int = 8,
+    full_jacobian: bool = False,
+    fresh_base: bool = False,
+    known_start: Fit | None = None,
+) -> Asking:
+    """Levenberg-Marquardt from `start`; yields requests and receives residuals and sensitivities.
+
+    `full_jacobian`: every column is differenced at every step. Otherwise the columns of the
+    base begin with `base_columns` and are improved during the fit (`fresh_base`: they begin
+    with differences at `start`, where an effect changes them). known_start: the fit in this
+    metric that ended at `start`, with sensitivities to all differenced parameters.
+    """
+    base = metric.experiment.system.base_parameters
+    parameters = candidate.parameters(base)
+    every = range(start.size)
+    known = None if full_jacobian else base_columns
+    differenced = every if known is None else range(len(base), start.size)
+    periodic = np.array([item.periodic for item in parameters])
+    rule = Rule(periodic, PRIOR, rounds, QUIET_GAIN, QUIET_SHARE, negligible=NEGLIGIBLE_GAIN)
+    first = None if known_start is None else Told(
+        known_start.whitened, known_start.jacobian[:, list(differenced)], known_start.prediction)
+    descent: Generator[Array, Told, Descent[Told]] = descend(
+        start, rule, differenced, known, every if fresh_base else None, first)
+    aside: Sequence[int] = every if fresh_base else differenced
+    told: Told | None = None
+    while True:
+        try:
+            asked = next(descent) if told is None else descent.send(told)
+        except StopIteration as stop:
+            found: Descent[Told] = stop.value
+            break
+        thetas, steps = neighbours(parameters, asked, aside)
+        told = yield Asked([candidate.point(base, item) for item in thetas], steps)
+        aside = differenced
+    residual = found.answer.residual
+    return Fit(
+        candidate=candidate, theta_unit=found.point,
+        misfit=float(residual @ residual) if np.isfinite(found.cost) else np.inf,
+        whitened=residual, jacobian=found.columns, prediction=found.answer.prediction,
+        point=candidate.point(base, found.point), history=found.costs, converged=found.converged)
+
+
+def _differences(columns: Array) -> Array:
+    """Sensitivities (n, k); None if the simulator failed at a neighbour."""
+    return np.where(np.isfinite(columns).all(axis=0), columns, 0.0)
+
+
+def neighbours(
+    parameters: Sequence[Parameter],
+    theta_unit: Array,
+    differenced: Sequence[int],
+) -> tuple[list[Array], list[float]]:
+    """`theta_unit`, its neighbours by one step in each of `differenced`, and the steps."""
+    asked, steps = [theta_unit], []
+    for index in differenced:
+        step = parameters[index].step
+        if theta_unit[index] + step > 1.0 and not parameters[index].periodic:
+            step = -step
+        moved = theta_unit.copy()
+        moved[index] += step
+        asked.append(moved)
+        steps.append(step)
+    return asked, steps
+
+
+@dataclass(frozen=True)
+class Tangent:
+    """All sensitivities of a fit in bound-scaled coordinates: plain (n, p) and whitened (n, p)."""
+
+    plain: Array
+    white: Array
+
+
+def tangent(metric: Whitening, fit: Fit) -> Tangent:
+    """Sensitivities to every parameter at the fit."""
+    base = metric.experiment.system.base_parameters
+    parameters = fit.candidate.parameters(base)
+    thetas, steps = neighbours(parameters, fit.theta_unit, range(fit.theta_unit.size))
+    points = [fit.candidate.point(base, item) for item in thetas]
+    answers = metric.experiment.predict_neighbours([points])[0]
+    plain = _differences((answers[:, 1:] - answers[:, :1]) / np.array(steps))
+    return Tangent(plain, metric.whiten(plain))
+
+
+def run_refits(
+    metric: Whitening,
+    refits: Sequence[Asking],
+    check: Callable[[], None] = lambda: None,
+) -> list[Fit]:
+    """Run refits together, with all their points in one batch per round."""
+    done: dict[int, Fit] = {}
+    waiting: dict[int, Asked] = {}
+    for number, item in enumerate(refits):
+        try:
+            waiting[number] = next(item)
+        except StopIteration as stop:
+            done[number] = stop.value
+    while waiting:
+        check()
+        order = list(waiting)
+        answers = _told(metric, [waiting[key] for key in order])
+        for number, told in zip(order, answers, strict=True):
+            try:
+                waiting[number] = refits[number].send(told)
+            except StopIteration as stop:
+                done[number] = stop.value
+                del waiting[number]
+    return [done[number] for number in range(len(refits))]
+
+
+def _told(metric: Whitening, asked: Sequence[Asked]) -> list[Told]:
+    """Residual and sensitivities of each refit, simulated and whitened together."""
+    experiment = metric.experiment
+    answers = experiment.predict_neighbours([item.points for item in asked])
+    raw = []
+    for item, answer in zip(asked, answers, strict=True):
+        aside = (answer[:, 1:] - answer[:, :1]) / np.array(item.steps)
+        raw.append(np.column_stack([answer[:, 0] - experiment.measured, aside]))
+    together = max(1, WHITENED_AT_ONCE // experiment.size)
+    told, start = [], 0
+    while start < len(raw):
+        stop, width = start + 1, raw[start].shape[1]
+        while stop < len(raw) and width + raw[stop].shape[1] <= together:
+            width += raw[stop].shape[1]
+            stop += 1
+        white = metric.whiten(np.hstack(raw[start:stop]))
+        first = 0
+        for index in range(start, stop):
+            last = first + raw[index].shape[1]
+            told.append(Told(white[:, first].copy(), _differences(white[:, first + 1 : last]),
+                             answers[index][:, 0]))
+            first = last
+        start = stop
+    return told
+
+
+def declared_start(base: Sequence[Parameter]) -> Array:
+    """The declared start of each parameter, or the middle of its range."""
+    return np.array([item.first_guess for item in base])
+
+
+def spread_starts(base: Sequence[Parameter], seed: int) -> list[Array]:
+    """The declared start, and others that cover the range of every parameter evenly."""
+    random = np.random.default_rng(seed)
+    spread = (np.argsort(random.random((len(base), SPREAD)), axis=1).T + 0.5) / SPREAD
+    return [declared_start(base), *spread]
+
+
+def fit_base(
+    metric: Whitening,
+    start: Array | None,
+    seed: int,
+    check: Callable[[], None] = lambda: None,
+) -> Fit:
+    """The model without effects: many starts, then bounded least squares from the best."""
+    base = metric.experiment.system.base_parameters
+    empty = Candidate()
+    starts: list[Fit | None]
+    if start is not None:
+        thetas, starts = [np.clip(start, 0.0, 1.0)], [None]
+    else:
+        asked = spread_starts(base, seed)
+        check()
+        whitened = metric.whiten(
+            metric.experiment.predict([empty.point(base, theta_unit) for theta_unit in asked])
+            - metric.experiment.measured[:, None]
+        )
+        order = np.argsort(np.nan_to_num((whitened**2).sum(axis=0), nan=np.inf))
+        coarse = run_refits(
+            metric,
+            [
+                refit(metric, empty, asked[int(number)], rounds=COARSE_BASE, full_jacobian=True)
+                for number in order[:MAX_BASE_STARTS]
+            ],
+            check,
+        )
+        starts = [*sorted(coarse, key=lambda fit: fit.misfit)[:2]]
+        thetas = [fit.theta_unit for fit in starts if fit is not None]
+    fits = run_refits(
+        metric,
+        [
+            refit(metric, empty, item, rounds=25, full_jacobian=True, known_start=fit)
+            for item, fit in zip(thetas, starts, strict=True)
+        ],
+        check,
+    )
+    best = min(fits, key=lambda fit: fit.misfit)
+    if not np.isfinite(best.misfit):
+        raise DiscrepancyError(
+            'simulator: it fails at every start of the base parameters: give each parameter a '
+            'start at which the simulator runs'
+        )
+    return best
+
+
+@dataclass(frozen=True)
+class Gain:
+    """Gains as shares, 1 for no misfit; `held_out`: None if no run was held out."""
+
+    fit: float
+    held_out: float | None
+    how: str
+
+
+@dataclass(frozen=True)
+class GainMetric:
+    """The metric of the gain for refits: weighted residuals in every view, scaled to `unit`."""
+
+    experiment: Experiment
+    unit: float = 1.0
+
+    def whiten(self, columns: Array) -> Array:
+        """Stacked columns (n, B) or (n,) in their views, weighted by time, over the range."""
+        experiment = self.experiment
+        parts = [
+            (seen.T * (experiment.root_weights(run, view) / experiment.view_ranges[view])).T
+            for view in experiment.system.views
+            for run, seen in zip(
+                experiment.runs, experiment.view_residuals(columns, view), strict=True
+            )
+        ]
+        return np.concatenate(parts) / self.unit
+
+
+def plain_fits(
+    experiment: Experiment, fits: Sequence[Fit], rounds: int, watch: Watch
+) -> list[Fit]:
+    """The same models, each fitted in the metric of the gain.
+
+    A base without effects is also fitted from its declared start, because whitened and plain
+    least squares can have different minima.
+    """
+    base = experiment.system.base_parameters
+    answers = []
+    for fit in fits:
+        start = GainMetric(experiment).whiten(fit.prediction - experiment.measured)
+        unit = max(float(np.sqrt(start @ start / start.size)), 1e-12)
+        metric = GainMetric(experiment, unit)
+        starts = [fit.theta_unit]
+        if not fit.candidate.effects:
+            starts.append(declared_start(base))
+        wanted = [
+            refit(metric, fit.candidate, item, rounds=rounds, full_jacobian=True)
+            for item in starts
+        ]
+        answers.append(min(run_refits(metric, wanted, watch.check), key=lambda item: item.misfit))
+    return answers
+
+
+def mean_square(
+    experiment: Experiment, runs: Sequence[RunBlocks], residuals: Sequence[Array]
+) -> float:
+    """Mean over runs and views of squared residuals (C, N), relative to range."""
+    parts = []
+    for run, residual in zip(runs, residuals, strict=True):
+        for view, weights in experiment.system.views.items():
+            seen = experiment.freed(weights @ residual, run, view)
+            parts.append(
+                experiment.mean_square(seen, run, view) / experiment.view_ranges[view] ** 2
+            )
+    return float(np.mean(parts))
+
+
+def ratio(before: float, after: float) -> float:
+    """Gain from two mean squares; negative if the second is larger."""
+    if before <= 0.0:
+        return 0.0 if after <= 0.0 else -np.inf
+    return 1.0 - float(np.sqrt(after / before))
+
+
+def fitted_gain(experiment: Experiment, less: Fit, fit: Fit) -> float:
+    """Gain on the runs that were fitted."""
+    before, after = (
+        mean_square(
+            experiment,
+            experiment.runs,
+            experiment.by_run(item.prediction - experiment.measured),
+        )
+        for item in (less, fit)
+    )
+    return ratio(before, after)
+
+
+def held_out_gain(experiment: Experiment, held: Sequence[RunBlocks], less: Fit, fit: Fit) -> float:
+    """Gain on held-out runs, without a refit."""
+    before, after = [], []
+    for run in held:
+        both = experiment.system.predict_many(run, [less.point, fit.point])
+        before.append(both[0] - run.channels)
+        after.append(both[1] - run.channels)
+    return ratio(mean_square(experiment, held, before), mean_square(experiment, held, after))
+
+
+def left_out_gain(experiment: Experiment, less: Fit, more: Fit) -> float:
+    """Gain on each run, predicted from the others by one Gauss-Newton step without it."""
+    return ratio(_left_out(experiment, less), _left_out(experiment, more))
+
+
+def _left_out(experiment: Experiment, fit: Fit) -> float:
+    """Mean square of each run, predicted from the others."""
+    start = GainMetric(experiment).whiten(fit.prediction - experiment.measured)
+    metric = GainMetric(experiment, max(float(np.sqrt(start @ start / start.size)), 1e-12))
+    residual = metric.whiten(fit.prediction - experiment.measured)
+    sensitivities = tangent(metric, fit)
+    lengths = [run.time.size for _ in experiment.system.views for run in experiment.runs]
+    edges = np.concatenate([[0], np.cumsum(lengths)])
+    totals, first = [], 0
+    for number, run in enumerate(experiment.runs):
+        rows = np.zeros(residual.size, bool)
+        for view in range(len(experiment.system.views)):
+            block = view * len(experiment.runs) + number
+            rows[edges[block] : edges[block + 1]] = True
+        white = sensitivities.white[~rows]
+        gram = white.T @ white + PRIOR**2 * np.eye(white.shape[1])
+        slope = white.T @ residual[~rows] + PRIOR**2 * (fit.theta_unit - 0.5)
+        theta_unit = np.clip(fit.theta_unit - np.linalg.solve(gram, slope), 0.0, 1.0)
+        part = slice(first, first + run.channels.size)
+        first = part.stop
+        moved = fit.prediction[part] + sensitivities.plain[part] @ (theta_unit - fit.theta_unit)
+        left = moved.reshape(run.channels.shape) - run.channels
+        totals.append(mean_square(experiment, [run], [left]))
+    return float(np.mean(totals))

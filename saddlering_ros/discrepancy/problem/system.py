@@ -1,0 +1,310 @@
+"""Inputs of the engine: parameters, effects, runs, the simulator, and the strictness."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+import math
+from typing import Any, Literal, Protocol, runtime_checkable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from saddlering_ros.errors import SaddleringError
+from saddlering_ros.estimation.rest import RestSegment
+
+Array = NDArray[np.float64]
+EffectValues = Mapping[str, Mapping[str, float]]
+
+
+class DiscrepancyError(SaddleringError):
+    """Runs or a simulator that the engine cannot use."""
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """A fitted number, searched between `low` and `high` on a linear or logarithmic scale.
+
+    start: first guess (default: the middle); neutral: the value at which an effect of this
+    size does nothing (default: 0), or the natural end of a shape; step: share of the range by
+    which sensitivities are differenced; periodic: `high` equals `low`, as for an angle. The
+    name comes from the mapping that holds the parameter.
+    """
+
+    low: float
+    high: float
+    unit: str = ''
+    start: float | None = None
+    scale: Literal['linear', 'log'] = 'linear'
+    neutral: float | None = None
+    step: float = 2e-3
+    periodic: bool = False
+    name: str = ''
+
+    def __post_init__(self) -> None:
+        label = f'parameter {self.name}'.rstrip()
+        if not (math.isfinite(self.low) and math.isfinite(self.high) and self.low < self.high):
+            raise DiscrepancyError(
+                f'{label}: low must be below high, and both finite, not '
+                f'{self.low:g} and {self.high:g}'
+            )
+        if self.scale not in ('linear', 'log'):
+            raise DiscrepancyError(
+                f'{label}: scale is {self.scale!r}: give linear or log'
+            )
+        if self.scale == 'log' and self.low <= 0.0:
+            raise DiscrepancyError(f'{label}: a log scale needs a low above zero')
+        inside = self.start is None or self.low <= self.start <= self.high
+        if not (inside or self.periodic):
+            raise DiscrepancyError(
+                f'{label}: start {self.start:g} is outside {self.low:g} to '
+                f'{self.high:g}'
+            )
+
+    @classmethod
+    def angle(cls, unit: str = 'rad', start: float | None = None) -> Parameter:
+        """An angle or phase of any value; a full turn returns to the start."""
+        turn = 360.0 if unit == 'deg' else 2.0 * math.pi
+        return cls(0.0, turn, unit=unit, start=start, periodic=True)
+
+    def to_unit(self, value: float) -> float:
+        """Bound-scaled coordinate of `value`, 0 to 1."""
+        if self.scale == 'log':
+            floor = self.low * 1e-3
+            return math.log(max(value, floor) / self.low) / math.log(self.high / self.low)
+        return (value - self.low) / (self.high - self.low)
+
+    def from_unit(self, coordinate: float) -> float:
+        """Value at a bound-scaled coordinate."""
+        if self.scale == 'log':
+            return float(self.low * (self.high / self.low) ** coordinate)
+        if self.periodic:
+            coordinate %= 1.0
+        return float(self.low + coordinate * (self.high - self.low))
+
+    def slope(self, coordinate: float) -> float:
+        """Derivative of the value by its coordinate, which converts a standard error to units."""
+        if self.scale == 'log':
+            return self.from_unit(coordinate) * math.log(self.high / self.low)
+        return self.high - self.low
+
+    @property
+    def first_guess(self) -> float:
+        """Bound-scaled coordinate of the start (default: the middle)."""
+        return 0.5 if self.start is None else self.to_unit(self.start)
+
+
+@dataclass(frozen=True)
+class Effect:
+    """One possible cause. Its first parameter is its size, at whose neutral value it does nothing.
+
+    `variants`: discrete choices of one cause, such as which of four sensors; each is a set of
+    fixed values beside the fitted ones. `starts`: first guesses for the screening (default:
+    several sizes and shapes between the bounds).
+
+    `line`: the channels of each variant of a steady line, which is searched in stretches at
+    rest and not fitted; its parameters are cosine, sine and frequency [Hz].
+
+    `form`: standard deviation of the size, as a share, because the law is idealised; no
+    residual shows it. The id comes from the mapping that holds the effect; an effect without
+    an id is named by its title.
+
+    `first_variant`: variants before it belong to an effect of the same id with fewer
+    parameters, of which this one is a wider form. `contains`: effects of other ids that this
+    one can imitate completely, so that it is no alternative to them.
+    """
+
+    title: str
+    parameters: Mapping[str, Parameter]
+    variants: tuple[Mapping[str, float], ...] = ({},)
+    starts: tuple[Mapping[str, float], ...] = ()
+    settled_by: str = ''
+    line: tuple[tuple[int, ...], ...] = ()
+    form: float = 0.0
+    id: str = ''
+    first_variant: int = 0
+    contains: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        if not self.parameters:
+            raise DiscrepancyError(f'effect {self.title}: declare at least one parameter, the '
+                                   'size')
+        if not self.id:
+            object.__setattr__(self, 'id', self.title)
+        for start in self.starts:
+            unknown = [name for name in start if name not in self.parameters]
+            if unknown:
+                raise DiscrepancyError(
+                    f'effect {self.id}: a start names {", ".join(unknown)}, which are not among '
+                    f'{", ".join(self.parameters)}'
+                )
+
+    @cached_property
+    def ordered(self) -> tuple[Parameter, ...]:
+        """The parameters with their names, the size first."""
+        return tuple(replace(item, name=name) for name, item in self.parameters.items())
+
+    @property
+    def size(self) -> Parameter:
+        return self.ordered[0]
+
+    @property
+    def neutral(self) -> float:
+        """Size at which the effect does nothing."""
+        return 0.0 if self.size.neutral is None else self.size.neutral
+
+    @property
+    def one_sided(self) -> bool:
+        return self.size.low >= self.neutral or self.size.high <= self.neutral
+
+
+@dataclass(frozen=True)
+class Point:
+    """Input of one simulation: base values in order, and effects by id."""
+
+    base: Array
+    effects: EffectValues = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class RunBlocks:
+    """One run: `channels` (C, N) are means over `width` (N,) about `time`.
+
+    `group` names runs under one setting, which share their systematic model error. `inputs`
+    are the coordinates that a residual may depend on, the first being the drive. Optional
+    properties (N,) of the drive: `direction`, 1 while it rises and -1 while it falls; `rate`
+    [unit / s]; `hold`, the number of the level at which it is held. `payload` is for the
+    simulator alone. `present` (C, N), if given, is false where a sample is missing; the
+    channel is 0 there.
+    """
+
+    name: str
+    group: str
+    time: Array
+    width: Array
+    channels: Array
+    inputs: Mapping[str, Array]
+    rest: tuple[RestSegment, ...] = ()
+    held_out: bool = False
+    payload: Any = None
+    present: NDArray[np.bool_] | None = None
+    direction: Array | None = None
+    rate: Array | None = None
+    hold: Array | None = None
+
+    @property
+    def coordinates(self) -> dict[str, Array]:
+        """Inputs and, if it is given, the rate of the drive."""
+        rate = {} if self.rate is None else {'rate': self.rate}
+        return {**self.inputs, **rate}
+
+    def __post_init__(self) -> None:
+        if self.channels.ndim != 2 or self.channels.shape[1] != self.time.size:
+            raise DiscrepancyError(f'run {self.name}: channels must be (C, {self.time.size})')
+        if self.time.size < 8:
+            raise DiscrepancyError(f'run {self.name}: {self.time.size} samples are too few')
+        if not np.isfinite(self.channels).all():
+            raise DiscrepancyError(f'run {self.name}: a channel has a value that is not a number')
+
+
+class System(Protocol):
+    """A simulator with its base parameters and the causes that it could lack."""
+
+    @property
+    def channel_names(self) -> tuple[str, ...]: ...
+
+    @property
+    def base_parameters(self) -> tuple[Parameter, ...]: ...
+
+    @property
+    def effects(self) -> tuple[Effect, ...]: ...
+
+    @property
+    def views(self) -> Mapping[str, Array]:
+        """Combinations of channels for people: name to weights (C,)."""
+        ...
+
+    def predict_many(self, run: RunBlocks, points: Sequence[Point]) -> Array:
+        """Channels (B, C, N) of `run` for every point; a constant per channel has no meaning."""
+        ...
+
+    def nuisances(self, runs: Sequence[RunBlocks], point: Point) -> Sequence[Array]:
+        """Errors of any such system that are no cause: per run columns (C, N, k), with equal k.
+
+        Each column is one standard deviation of one nuisance parameter at `point` (base
+        values and found effects), shared by all runs. k = 0 for a simulator that is exact
+        but for its causes.
+        """
+        ...
+
+
+class Neighbourhood(Protocol):
+    """Groups of points, made once for all runs."""
+
+    def predict(self, run: RunBlocks) -> list[Array]:
+        """Channels (B, C, N) of `run` for every group."""
+        ...
+
+
+@runtime_checkable
+class SystemWithTangents(Protocol):
+    """A `System` with sensitivities that are cheaper than a simulation per parameter."""
+
+    def neighbourhood(self, groups: Sequence[Sequence[Point]]) -> Neighbourhood:
+        """The groups, prepared for any run.
+
+        The first point of a group is simulated. The others lie a small step away and need
+        first-order accuracy only.
+        """
+        ...
+
+
+@dataclass(frozen=True)
+class Settings:
+    """Strictness of a diagnosis. The values were chosen before the blind trials that check them.
+
+    error_rate: chance of a false cause on clean data; materiality: share of a channel's range
+    below which a finding is only listed; max_causes: largest number of causes; refits:
+    candidates refitted at each step; min_partial: share of the remaining misfit that a member
+    of a model must explain, in all or in one channel; min_total: share of the misfit that all
+    causes together must explain to be named; alternative_rate: chance that noise alone puts
+    the true cause so far behind an alternative that it leaves the group; alternative_share: an
+    alternative stays in the group while its additional misfit is within this share of the
+    residual; form_error: share of the misfit explained by an effect that its simplified law
+    may leave: prior of the forms of a law, and misfit within which alternatives stay in the
+    group; rounds: least-squares rounds of each candidate;
+    max_rounds: least-squares rounds of the fits behind the verdict; seed: of random starts.
+    """
+
+    error_rate: float = 0.01
+    materiality: float = 1e-3
+    max_causes: int = 3
+    refits: int = 6
+    min_partial: float = 0.5
+    min_total: float = 0.85
+    alternative_rate: float = 1e-4
+    alternative_share: float = 0.33
+    form_error: float = 0.1
+    rounds: int = 8
+    max_rounds: int = 60
+    seed: int = 0
+
+
+FREE_OFFSET = 10.0
+"""Spread of a free constant, in ranges of the channel."""
+
+
+@dataclass(frozen=True)
+class ModelErrorPrior:
+    """Smooth error of the simulator that is no finding, as a share of range.
+
+    smooth: over the drive; loop: with its direction; rate: at the fastest change of the drive.
+    instants [s]: uncertainty of the time of a channel against the drive, per run.
+    """
+
+    smooth: float = 3e-4
+    loop: float = 1e-4
+    rate: float = 1.5e-3
+    degree: int = 4
+    instants: float = 7e-4

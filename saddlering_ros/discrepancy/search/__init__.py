@@ -1,0 +1,1 @@
+"""The search for causes: signatures, fitted models, comparisons, selection, limits."""

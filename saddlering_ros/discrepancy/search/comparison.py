@@ -1,0 +1,442 @@
+"""Two fitted models compared: the criteria of a cause, and other forms of the laws found.
+
+A real law differs from the idealised law of the catalogue. A film creeps with several time
+constants, joints slip at several loads: such a law is a mixture of the same law with other values
+of its shape. The change by other laws is that of the catalogue times a smooth function of load,
+highest load so far, direction, time, run or channel. Each form has a prior spread. The forms
+compete with a second cause for the misfit that the idealised law leaves.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+
+from saddlering_ros.discrepancy.problem.experiment import Experiment, Metric
+from saddlering_ros.discrepancy.problem.fits import Fit
+from saddlering_ros.discrepancy.problem.system import Array, Point, RunBlocks, Settings
+from saddlering_ros.discrepancy.search.lack_of_fit import FastResidual, SlowResidual
+from saddlering_ros.discrepancy.search.space import FREE_SPREAD, ModelSpace
+from saddlering_ros.estimation.statistics import fisher_chance, fisher_limit
+
+MAX_IN_ONE_VIEW = 2
+"""Largest number of effects in one channel. More effects can fit any misfit."""
+
+MAX_WITH_ALTERNATIVES = 2
+"""Largest number of effects in a model of which some have alternatives."""
+
+INFLATION = 4.0
+"""Factor by which nuisance parameters are inflated to compare them with an effect."""
+
+LOAD_WAVES = 4
+"""Half waves over the drive by which a law may deviate."""
+
+HIGHEST_WAVES = 2
+"""The same over the highest drive so far, because joints remember it."""
+
+OTHER_SHAPES = (-0.2, -0.1, 0.1, 0.2)
+"""Distances to the other laws of a mixture, in ranges of a shape parameter."""
+
+LAGS = (0.01, 0.05, 0.2)
+"""Delays of the change of a law, as shares of the duration of a run."""
+
+Sizes = Mapping[str, Array]
+"""Rms shares of range: per view one number per run (R,)."""
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """A refitted candidate and its likelihood ratio test, for the table of the report."""
+
+    step: int
+    effects: tuple[str, ...]
+    variants: tuple[int, ...]
+    misfit: float
+    delta_bic: float
+    p_value: float
+    visible: float
+    values: Mapping[str, Mapping[str, float]]
+
+
+@dataclass
+class SearchLog:
+    """Candidates in the order in which they were refitted, and findings that were immaterial."""
+
+    candidates: list[Evidence] = field(default_factory=list)
+    immaterial: list[Evidence] = field(default_factory=list)
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Two fits of one space, of which `more` has further effects."""
+
+    space: ModelSpace
+    less: Fit
+    more: Fit
+
+    @property
+    def gain(self) -> float:
+        """Fall of the misfit."""
+        return self.less.misfit - self.more.misfit
+
+    @cached_property
+    def p_value(self) -> float:
+        """p-value of the likelihood ratio test, with all shapes of the candidate counted."""
+        return self._likelihood_ratio_test(self.gain)
+
+    def _likelihood_ratio_test(self, gain: float) -> float:
+        return likelihood_ratio_test(
+            gain, self._extra, self.space.pairs, self.space.trials)
+
+    @property
+    def _extra(self) -> int:
+        return max(1, self.more.theta_unit.size - self.less.theta_unit.size)
+
+    @cached_property
+    def visible(self) -> float:
+        """Largest rms of the change that base parameters cannot imitate, as a share of range."""
+        return self.space.scale.beyond_base(self.more.prediction - self.less.prediction)
+
+    @property
+    def is_real(self) -> bool:
+        return self.p_value < self.space.settings.error_rate
+
+    @property
+    def is_material(self) -> bool:
+        return self.visible >= self.space.settings.materiality
+
+    @cached_property
+    def added(self) -> Sizes:
+        """Size that `more` explains beside `less`."""
+        return _explained(self.space, self.less, self.more)
+
+    @cached_property
+    def explained_before(self) -> Sizes:
+        """Size that `less` explains beside the base."""
+        return _explained(self.space, self.space.base, self.less)
+
+    @property
+    def closes_misfit(self) -> bool:
+        """Whether the cause is certain and explains almost all of the misfit.
+
+        The form error of another effect does not leave such a misfit: it needs more than one
+        other effect to explain, or resembles nuisance parameters that are larger than usual, like
+        those of rollers with different clearances.
+        """
+        space, settings = self.space, self.space.settings
+        if self.p_value >= settings.error_rate**3:
+            return False
+        left = max(space.slow_residual(self.more).excess, 0.0)
+        if self.gain < settings.min_total * (self.gain + left):
+            return False
+        inflated_gain = self.less.misfit - _misfit_with_inflated_nuisances(space, self.less)
+        return self.gain * settings.min_partial > inflated_gain
+
+    @property
+    def exceeds_form_error(self) -> bool:
+        """Whether the cause exceeds the form error of the effects in `less`."""
+        if not self.less.candidate.effects:
+            return True
+        return bool(views_beyond_form_error(
+            self.added, self.explained_before, self.space.settings))
+
+    @cached_property
+    def exceeds_forms(self) -> bool:
+        """Whether the cause explains most of the residual, and other forms of the laws cannot.
+
+        If forms explain a part of the fall of the misfit, the cause must be certain, because the
+        prior of the forms is rough. If they explain nothing of it, the cause is judged as a first
+        one.
+        """
+        space, settings = self.space, self.space.settings
+        if not self.less.candidate.effects or not self.is_real:
+            return False
+        less, more = (with_forms(space, fit, self.less) for fit in (self.less, self.more))
+        gain = less.misfit - more.misfit
+        left = max(space.tests.slow(more).excess, 0.0)
+        if gain < settings.min_partial * (gain + left):
+            return False
+        has_no_form = gain >= settings.min_total * self.gain
+        rate = settings.error_rate if has_no_form else settings.error_rate**2
+        return self._likelihood_ratio_test(gain) < rate
+
+    @property
+    def is_separate_cause(self) -> bool:
+        """Whether the cause differs from those in `less`, for any form of their laws."""
+        return self.exceeds_form_error or self.exceeds_forms
+
+    @property
+    def adds_new_channel(self) -> bool:
+        """Whether the cause surely shows in a view in which no effect of `less` shows.
+
+        Surely means at the square of the error rate, because an inexact form can have a small
+        part in a view in which the form of the catalogue has none.
+        """
+        if self.p_value >= self.space.settings.error_rate**2:
+            return False
+        limit = self.space.settings.materiality
+        return any(self.explained_before[view].max() < limit < size.max()
+                   for view, size in self.added.items())
+
+    def evidence(self, step: int = 0) -> Evidence:
+        """The likelihood ratio test as a line of the table in the report."""
+        more = self.more
+        return Evidence(
+            step=step, effects=more.candidate.ids,
+            variants=tuple(variant for _, variant in more.candidate.effects), misfit=more.misfit,
+            delta_bic=self.gain - self._extra * self.space.log_size, p_value=self.p_value,
+            visible=self.visible, values=more.point.effects)
+
+
+def _explained(space: ModelSpace, less: Fit, more: Fit) -> Sizes:
+    """Rms share of range that `more` explains beside `less`, per view one number per run.
+
+    It is at most the size of its change. If the residual is large, a small shift of base
+    parameters reduces it as much as an effect would.
+    """
+    falls = _visible_falls(space.metric, less.prediction, more.prediction)
+    changes = space.scale.by_run(more.prediction - less.prediction)
+    return {view: np.minimum(fall, changes[view]) for view, fall in falls.items()}
+
+
+def _visible_falls(metric: Metric, less: Array, more: Array) -> dict[str, Array]:
+    """Fall of the rms residual between two predictions (n,): per view one number per run.
+
+    The fall is a difference of squares, as a share of the range of the view. Nuisance
+    parameters are fitted to both residuals first, so that small errors of a sound system do
+    not count.
+    """
+    experiment = metric.experiment
+    measured = experiment.measured
+    less, more = (measured + metric.without_nuisances(item - measured) for item in (less, more))
+    falls: dict[str, Array] = {}
+    for view in experiment.system.views:
+        seen = zip(experiment.runs, experiment.view_residuals(less - measured, view),
+                   experiment.view_residuals(more - measured, view), strict=True)
+        powers = [
+            experiment.mean_square(before, run, view) - experiment.mean_square(after, run, view)
+            for run, before, after in seen
+        ]
+        falls[view] = np.sqrt(np.maximum(powers, 0.0)) / experiment.view_ranges[view]
+    return falls
+
+
+def _misfit_with_inflated_nuisances(space: ModelSpace, fit: Fit) -> float:
+    """Misfit of `fit` if every nuisance parameter had `INFLATION` times its usual size."""
+    if not fit.candidate.effects:
+        return fit.misfit
+
+    def misfit() -> float:
+        metric = space.metric
+        columns = metric.inflated(INFLATION, FREE_SPREAD * space.tangent_of(fit).plain)
+        white = metric.whiten_noise(fit.prediction - metric.experiment.measured)
+        inner = columns.T @ white
+        gram = np.eye(inner.size) + columns.T @ columns
+        return float(white @ white - inner @ np.linalg.solve(gram, inner))
+
+    return space.once('inflated', fit, misfit)
+
+
+def likelihood_ratio_test(gain: float, extra: int, pairs: int, trials: int) -> float:
+    """p-value of a fall `gain` of the misfit by `extra` parameters, as one of `trials` shapes.
+
+    The noise is known from `pairs` independent differences.
+    """
+    return min(1.0, trials * float(fisher_chance(max(gain, 0.0) / extra, extra, pairs)))
+
+
+def real_and_material(residual: SlowResidual | FastResidual, settings: Settings) -> bool:
+    """Whether a residual is more than noise, and large enough to matter."""
+    return residual.p_value < settings.error_rate and residual.visible >= settings.materiality
+
+
+def views_beyond_form_error(added: Sizes, explained: Sizes, settings: Settings) -> list[str]:
+    """Views in which `added` exceeds the form error of the effects that explain `explained`.
+
+    Every view of every run is judged. A form leaves a share of the misfit that it explains where
+    it acts. In the other runs it leaves the same share of this remainder, because base parameters
+    adapt to it. In a view in which the effect has no part, the immaterial size is the limit.
+    """
+    form_error, views = settings.form_error, []
+    for view, size in added.items():
+        power = explained[view] ** 2
+        form = np.sqrt(form_error * (power + form_error * power.max()))
+        if np.any(size > np.maximum(form, settings.materiality)):
+            views.append(view)
+    return views
+
+
+def explained_share(before: SlowResidual, after: SlowResidual, settings: Settings) -> float:
+    """Share of the misfit `before` that `after` has not: in all, or in one material view."""
+    shares = [1.0 - max(after.excess, 0.0) / max(before.excess, 1e-9)]
+    shares += [
+        1.0 - after.powers[view] / power
+        for view, power in before.powers.items()
+        if power >= settings.materiality**2
+    ]
+    return max(shares)
+
+
+def alternative_floor(pairs: int, settings: Settings) -> float:
+    """Misfit by which noise may put the true model behind another; more if the level is uncertain.
+
+    The chance that a wrong model is better by d than the true one is at most that of a normal
+    number beyond sqrt(d), however different the two models are.
+    """
+    return fisher_limit(settings.alternative_rate, 1, pairs)
+
+
+def indistinguishable(
+    distance: float, taken: float, excess: float, fewer: int, floor: float, settings: Settings
+) -> bool:
+    """Whether these data leave an alternative open whose misfit is `distance` larger.
+
+    The limit rises with the remaining misfit (`excess`) and with the misfit `taken` by the
+    effect, because no form is exact. An alternative with `fewer` parameters receives an
+    allowance for each of them, because it cannot adapt to a form as the best model can.
+    """
+    margin = floor + settings.alternative_share * min(excess, taken)
+    return distance <= max(margin, settings.form_error * (1 + max(0, fewer)) * taken)
+
+
+def too_many(effects: int) -> bool:
+    """Whether a model has too many effects for one of them to have alternatives.
+
+    With three effects and several choices for each, some model fits the misfit of a cause that
+    is in no catalogue.
+    """
+    return effects > MAX_WITH_ALTERNATIVES
+
+
+def crowded(explained: Iterable[Sizes], settings: Settings) -> bool:
+    """Whether one view has too many effects to exclude a cause that is not in the catalogue."""
+    crowd: Counter[str] = Counter()
+    for sizes in explained:
+        crowd.update(view for view, size in sizes.items() if size.max() >= settings.materiality)
+    return max(crowd.values(), default=0) > MAX_IN_ONE_VIEW
+
+
+def with_forms(space: ModelSpace, fit: Fit, about: Fit) -> Fit:
+    """`fit` with the most likely forms of the laws in `about`, and its parameters beside them.
+
+    The prediction is that of the simulator to first order. The misfit counts the forms and the
+    moved parameters by their prior spreads.
+    """
+    def columns() -> tuple[Array, Array]:
+        forms = form_columns(space.metric.experiment, about, space.settings.form_error)
+        return forms, space.metric.whiten(forms)
+
+    forms, white_forms = space.once('forms', about, columns)
+    tangents = space.tangent_of(fit)
+    plain = np.hstack([FREE_SPREAD * tangents.plain, forms])
+    white = np.hstack([FREE_SPREAD * tangents.white, white_forms])
+    gram = np.eye(white.shape[1]) + white.T @ white
+    steps = -np.linalg.solve(gram, white.T @ fit.whitened)
+    whitened = fit.whitened + white @ steps
+    return replace(
+        fit, prediction=fit.prediction + plain @ steps, whitened=whitened,
+        misfit=float(whitened @ whitened + steps @ steps))
+
+
+def form_columns(experiment: Experiment, fit: Fit, form_error: float) -> Array:
+    """Columns (n, k), each one standard deviation, for every effect of a fit.
+
+    form_error: share of the square of the change of an effect by which its law errs in total.
+    """
+    columns = []
+    mixtures = _mixtures(experiment, fit)
+    for change, mixed in zip(changes_of_effects(experiment, fit).T, mixtures, strict=True):
+        bent = [
+            np.concatenate([part.ravel() for part in item])
+            for item in _shapes(experiment, experiment.by_run(change))
+        ]
+        shaped = [*bent, *mixed]
+        scale = np.sqrt(form_error / len(shaped))
+        columns += [scale * item for item in shaped]
+    return np.array(columns).reshape(-1, experiment.size).T
+
+
+def _mixtures(experiment: Experiment, fit: Fit) -> list[list[Array]]:
+    """By effect, the changes (n,) if the law had other values of one of its shape parameters."""
+    base = experiment.system.base_parameters
+    owners, points = [], []
+    for number, (effect, _, part) in enumerate(fit.candidate.slices(len(base))):
+        shapes = range(part.start + 1, part.stop)
+        for index, item in zip(shapes, effect.ordered[1:], strict=True):
+            for apart in OTHER_SHAPES:
+                moved = fit.theta_unit.copy()
+                moved[index] = moved[index] + apart
+                if item.periodic or 0.0 <= moved[index] <= 1.0:
+                    owners.append(number)
+                    points.append(fit.candidate.point(base, moved))
+    found: list[list[Array]] = [[] for _ in fit.candidate.effects]
+    if points:
+        changes = experiment.predict(points) - fit.prediction[:, None]
+        for owner, change in zip(owners, changes.T, strict=True):
+            if np.isfinite(change).all():
+                found[owner].append(change)
+    return found
+
+
+def changes_of_effects(experiment: Experiment, fit: Fit) -> Array:
+    """Change (n, E) by each effect of a fit; 0 where the simulator fails."""
+    effects = fit.point.effects
+    points = [
+        Point(fit.point.base, {name: values for name, values in effects.items() if name != less})
+        for less in effects
+    ]
+    if not points:
+        return np.zeros((experiment.size, 0))
+    changes = fit.prediction[:, None] - experiment.predict(points)
+    return np.asarray(np.where(np.isfinite(changes), changes, 0.0))
+
+
+def _shapes(experiment: Experiment, change: list[Array]) -> list[list[Array]]:
+    """The change of an effect (C, N) per run, times each shape."""
+    runs = experiment.runs
+    drives = [_drive(run) for run in runs]
+    low = min(float(item.min()) for item in drives)
+    high = max(float(item.max()) for item in drives)
+    places = [(drive - low) / max(high - low, 1e-300) for drive in drives]
+    found = [
+        [part * np.cos(np.pi * wave * place) for part, place in zip(change, places, strict=True)]
+        for wave in range(1, LOAD_WAVES + 1)
+    ]
+    highest = [np.maximum.accumulate(place) for place in places]
+    found += [
+        [part * np.cos(np.pi * wave * place) for part, place in zip(change, highest, strict=True)]
+        for wave in range(1, HIGHEST_WAVES + 1)
+    ]
+    found.append([
+        part * (np.zeros(run.time.size) if run.direction is None else run.direction)
+        for part, run in zip(change, runs, strict=True)
+    ])
+    for index in range(len(runs)):
+        found.append([part * (number == index) for number, part in enumerate(change)])
+    for channel in range(change[0].shape[0]):
+        chosen = np.zeros((change[0].shape[0], 1))
+        chosen[channel] = 1.0
+        found.append([part * chosen for part in change])
+    for lag in LAGS:
+        found.append([
+            _lagged(part, run, lag) - part for part, run in zip(change, runs, strict=True)
+        ])
+    return found
+
+
+def _drive(run: RunBlocks) -> Array:
+    """The first coordinate (N,), or time if a run has none."""
+    return next(iter(run.inputs.values()), run.time - run.time[0])
+
+
+def _lagged(change: Array, run: RunBlocks, lag: float) -> Array:
+    """A change (C, N) delayed by a first-order lag of a share of the duration of the run."""
+    slow = change.copy()
+    decay = np.exp(-np.diff(run.time) / (lag * max(float(np.ptp(run.time)), 1e-300)))
+    for number, kept in enumerate(decay, start=1):
+        slow[:, number] = kept * slow[:, number - 1] + (1.0 - kept) * change[:, number]
+    return slow

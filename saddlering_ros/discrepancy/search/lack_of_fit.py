@@ -1,0 +1,398 @@
+"""Lack of fit: tests of the residual on generic shapes with their own error rate.
+
+Each family of shapes belongs to one coordinate (drive, direction of the drive, its rate, time) and
+one view. Its statistic is the whitened misfit that the family explains beside the sensitivities of
+the model. The noise comes from stretches at rest, so that the tested structure is not part of it.
+
+A column of these tests belongs to one channel of one run, or to the same few channels of every
+run. Full arrays of such columns would hold channels times runs times samples numbers. Only the
+blocks that are not zero are stored, and only small products are formed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from saddlering_ros.discrepancy.problem.experiment import Assumptions, Metric, sample_weights
+from saddlering_ros.discrepancy.problem.fits import Fit
+from saddlering_ros.discrepancy.problem.system import Array, RunBlocks
+from saddlering_ros.discrepancy.search.fast_bands import fast_bands
+from saddlering_ros.discrepancy.search.signatures import orthonormal
+from saddlering_ros.estimation.statistics import fisher_chance
+
+Index = NDArray[np.intp]
+
+
+@dataclass(frozen=True)
+class Block:
+    """Columns `index` (k,) in one channel of one run: `plain` (N, k).
+
+    `slot`: index in `Experiment.slices`.
+    """
+
+    slot: int
+    index: Index
+    plain: Array
+
+
+class BlockColumns:
+    """Columns (n, m) as blocks, whitened once; several blocks may share a column."""
+
+    def __init__(self, metric: Metric, blocks: Sequence[Block], count: int) -> None:
+        self._metric, self.blocks, self.count = metric, tuple(blocks), count
+        self._white = [metric.whiteners[item.slot].whiten(item.plain) for item in self.blocks]
+
+    @cached_property
+    def gram(self) -> Array:
+        """Products (m, m) of the whitened columns, nuisance parameters marginalised."""
+        total = np.zeros((self.count, self.count))
+        for item, white in zip(self.blocks, self._white, strict=True):
+            total[np.ix_(item.index, item.index)] += white.T @ white
+        shrink = self._metric.shared.shrink
+        return np.asarray(total - (self._along * (2.0 * shrink - shrink**2)) @ self._along.T)
+
+    def products(self, columns: Array) -> Array:
+        """Products (m, B) or (m,) with whitened stacked columns (n, B) or (n,)."""
+        flat = columns[:, None] if columns.ndim == 1 else columns
+        seen = self._metric.shared.shrink[:, None] * (self._metric.shared.directions.T @ flat)
+        answer = self._noise_products(flat) - self._along @ seen
+        return answer[:, 0] if columns.ndim == 1 else answer
+
+    def combined(self, weights: Array) -> Array:
+        """The plain columns times `weights` (m,): stacked (n,)."""
+        total = np.zeros(self._metric.experiment.size)
+        for item in self.blocks:
+            part = self._metric.experiment.slices[item.slot][2]
+            total[part] += item.plain @ weights[item.index]
+        return total
+
+    @cached_property
+    def _along(self) -> Array:
+        """Products (m, K) with the directions of the nuisance parameters."""
+        return self._noise_products(self._metric.shared.directions)
+
+    def _noise_products(self, columns: Array) -> Array:
+        """Products (m, B) of the columns whitened by noise alone with stacked columns (n, B)."""
+        total = np.zeros((self.count, columns.shape[1]))
+        for item, white in zip(self.blocks, self._white, strict=True):
+            part = self._metric.experiment.slices[item.slot][2]
+            total[item.index] += white.T @ columns[part]
+        return total
+
+
+WAVES_PER_RUN = 20
+"""Half waves per run that are tested together as slow structure."""
+
+TIME_WAVES = 8
+"""Half waves along the time of each run, as one family of shapes."""
+
+MAX_CHANCE = 0.01
+"""Largest probability under noise alone at which a band counts."""
+
+
+@dataclass(frozen=True)
+class ShapeTest:
+    """One family of shapes: its significance, and its size as a share of the range of the view."""
+
+    view: str
+    coordinate: str
+    p_value: float
+    statistic: float
+    dimensions: int
+    visible: float
+
+
+@dataclass(frozen=True)
+class SlowResidual:
+    """All slow structure of a residual: whitened excess over noise, and size.
+
+    powers: mean square beyond noise by view, in the worst run, as shares of range; sizes (R,):
+    its root by view and run; chances: by channel and run, the chance of as much from noise
+    alone, with the number of channels and runs included.
+    """
+
+    excess: float
+    dimensions: int
+    p_value: float
+    visible: float
+    where: str
+    powers: Mapping[str, float]
+    sizes: Mapping[str, Array]
+    chances: Mapping[tuple[str, str], float]
+
+
+@dataclass(frozen=True)
+class FastResidual:
+    """Structure too fast for `SlowResidual`: excess in all bands, and the largest real one.
+
+    The largest one has a view, a run and an approximate frequency [Hz].
+    """
+
+    excess: float
+    p_value: float
+    visible: float
+    view: str
+    run: str
+    frequency: float
+
+
+class LackOfFitTests:
+    """Shapes that are evaluated once for a set of runs and used for every fit."""
+
+    def __init__(self, metric: Metric, noise_pairs: int) -> None:
+        self._metric = metric
+        self._ranges = metric.experiment.view_ranges
+        self._pairs = noise_pairs
+        self._structure = _structure_columns(metric)
+        gram = self._structure.gram.copy()
+        gram[np.diag_indices_from(gram)] *= 1.0 + 1e-9
+        values, vectors = np.linalg.eigh(gram)
+        kept = values > 1e-8 * values[-1]
+        self._root = vectors[:, kept] / np.sqrt(values[kept])
+        self._dimensions = int(kept.sum())
+        self._variances = {
+            view: _view_variance(metric, self._structure, self._root, view)
+            for view in metric.experiment.system.views
+        }
+        self._bands = fast_bands(metric, WAVES_PER_RUN + 1)
+
+    def fast(self, fit: Fit) -> FastResidual:
+        """Structure faster than `structure`: the most significant band, with its view and run.
+
+        The p-value counts the number of bands. Only the part of a band beyond noise
+        counts.
+        """
+        metric = self._metric
+        left = metric.without_nuisances(fit.prediction - metric.experiment.measured)
+        white = metric.whiten_noise(left)
+        excess, found = 0.0, FastResidual(0.0, 1.0, 0.0, '', '', 0.0)
+        for band in self._bands:
+            parts = band.coefficients(white)
+            free = sum(part.size for part in parts)
+            statistic = float(sum(part @ part for part in parts))
+            p_value = float(fisher_chance(statistic / free, free, self._pairs)) * len(self._bands)
+            excess += max(statistic - free, 0.0)
+            seen = band.seen(parts)
+            width = metric.experiment.runs[band.run].width
+            for view, weights in metric.experiment.system.views.items():
+                power = float(np.average((weights @ seen) ** 2, weights=width))
+                power -= float(weights**2 @ band.noise)
+                size = max(power, 0.0) ** 0.5 / self._ranges[view]
+                if p_value < MAX_CHANCE and size > found.visible:
+                    strongest = int(np.argmax(np.sum([part**2 for part in parts], axis=0)))
+                    frequency = 0.5 * (band.first + strongest) / band.duration
+                    name = metric.experiment.runs[band.run].name
+                    found = FastResidual(0.0, p_value, size, view, name, frequency)
+        return replace(found, excess=excess)
+
+    def slow(self, fit: Fit) -> SlowResidual:
+        """Slow structure of the residual as a whole."""
+        slopes = self._structure.products(fit.whitened)
+        inner = self._root.T @ slopes
+        free = max(self._dimensions - fit.theta_unit.size, 1)
+        statistic = float(inner @ inner)
+        p_value = float(fisher_chance(statistic / free, free, self._pairs))
+        shape = self._structure.combined(self._root @ inner)
+        visible, where = 0.0, ''
+        powers: dict[str, float] = {}
+        sizes: dict[str, Array] = {}
+        metric = self._metric
+        for view in metric.experiment.system.views:
+            seen = metric.experiment.view_residuals(shape, view)
+            expected = self._variances[view]
+            own = []
+            for run, part, variance, whole in zip(
+                    metric.experiment.runs, seen, expected, self._whole(fit, view), strict=True):
+                power = min(metric.experiment.mean_square(part, run, view), whole) - variance
+                size = float(np.sqrt(max(power, 0.0))) / self._ranges[view]
+                own.append(size)
+                powers[view] = max(powers.get(view, 0.0), size**2)
+                if size > visible:
+                    visible, where = size, f'{view} in {run.name}'
+            sizes[view] = np.array(own)
+        chances = self._chances(slopes)
+        return SlowResidual(
+            excess=statistic - free, dimensions=free, p_value=p_value, visible=visible,
+            where=where, powers=powers, sizes=sizes, chances=chances)
+
+    def _whole(self, fit: Fit, view: str) -> list[float]:
+        """Mean square of the residual in each run, which no structure in it exceeds.
+
+        A structure that nuisance parameters can imitate has an estimate with a large error. The
+        estimate may then be larger than the residual itself.
+        """
+        experiment = self._metric.experiment
+        left = experiment.view_residuals(fit.prediction - experiment.measured, view)
+        return [experiment.mean_square(part, run, view)
+                for part, run in zip(left, experiment.runs, strict=True)]
+
+    def _chances(self, slopes: Array) -> dict[tuple[str, str], float]:
+        """Chance that noise alone leaves as much slow structure in each channel of each run."""
+        experiment = self._metric.experiment
+        names = experiment.system.channel_names
+        blocks = self._structure.blocks
+        chances = {}
+        for block in blocks:
+            number, channel, _ = experiment.slices[block.slot]
+            run = experiment.runs[number]
+            gram = self._structure.gram[np.ix_(block.index, block.index)]
+            own = slopes[block.index]
+            count = own.size
+            statistic = float(own @ np.linalg.lstsq(gram, own, rcond=1e-8)[0])
+            pairs = min(self._pairs, max(self._metric.noise[run.name, channel].pairs, 1))
+            chance = float(fisher_chance(statistic / count, count, pairs)) * len(blocks)
+            chances[names[channel], run.name] = min(1.0, chance)
+        return chances
+
+    def shapes(self, fit: Fit, white_columns: Array) -> list[ShapeTest]:
+        """Every family, the most significant first; the p-values count the number of families."""
+        experiment = self._metric.experiment
+        orthogonal = orthonormal(white_columns)
+        families = _families(experiment.runs, experiment.assumptions)
+        tests = [
+            self._shape_test(fit, orthogonal, coordinate, family, view)
+            for coordinate, family in families.items()
+            for view in experiment.system.views
+        ]
+        total = len(tests)
+        return sorted(
+            (replace(item, p_value=min(1.0, item.p_value * total)) for item in tests),
+            key=lambda item: (item.p_value, -item.statistic / item.dimensions),
+        )
+
+    def _shape_test(
+        self, fit: Fit, orthogonal: Array, coordinate: str, family: Family, view: str
+    ) -> ShapeTest:
+        """One family in one view, beside the sensitivities of the model."""
+        metric = self._metric
+        columns = _spread(metric, family, metric.experiment.system.views[view])
+        shared = columns.products(orthogonal)
+        gram = columns.gram - shared @ shared.T
+        values, vectors = np.linalg.eigh(gram)
+        rounding = 1e-13 * float(np.trace(columns.gram))
+        kept = values > max(1e-8 * float(values[-1]), rounding, 1e-300)
+        root = vectors[:, kept] / np.sqrt(values[kept])
+        slopes = columns.products(fit.whitened) - shared @ (orthogonal.T @ fit.whitened)
+        inner = root.T @ slopes
+        count = int(kept.sum())
+        statistic = float(inner @ inner)
+        seen = metric.experiment.view_residuals(columns.combined(root @ inner), view)
+        sizes = [
+            min(metric.experiment.mean_square(part, run, view), whole) ** 0.5 / self._ranges[view]
+            for run, part, whole in zip(
+                metric.experiment.runs, seen, self._whole(fit, view), strict=True)
+        ]
+        p_value = 1.0
+        if count:
+            p_value = float(fisher_chance(statistic / count, count, self._pairs))
+        return ShapeTest(view, coordinate, p_value, statistic, max(count, 1), max(sizes))
+
+
+def _view_variance(metric: Metric, columns: BlockColumns, root: Array, view: str) -> list[float]:
+    """Mean square of the fitted structure under noise alone, per run, in one view."""
+    experiment = metric.experiment
+    weights = experiment.system.views[view]
+    found = []
+    for number, run in enumerate(experiment.runs):
+        own = [item for item in columns.blocks if experiment.slices[item.slot][0] == number]
+        seen, rows = [], []
+        for item in own:
+            weight = weights[experiment.slices[item.slot][1]]
+            if weight:
+                seen.append(weight * item.plain)
+                rows.append(root[item.index])
+        joined = experiment.freed(np.hstack(seen), run, view)
+        share = sample_weights(experiment.system, run, view)
+        gram = joined.T @ (joined * (share / share.sum())[:, None])
+        stacked = np.vstack(rows)
+        found.append(float(np.sum(stacked * (gram @ stacked))))
+    return found
+
+
+def _structure_columns(metric: Metric) -> BlockColumns:
+    """Cosines of time in every run and channel, with a constant if a constant is a misfit."""
+    experiment = metric.experiment
+    cosines = [_waves(run.time, min(WAVES_PER_RUN, run.time.size // 4)) for run in experiment.runs]
+    blocks, start = [], 0
+    for slot, (number, channel, _) in enumerate(experiment.slices):
+        first = 1 if experiment.assumptions.frees_constant(channel) else 0
+        plain = cosines[number][:, first:]
+        blocks.append(Block(slot, np.arange(start, start + plain.shape[1]), plain))
+        start += plain.shape[1]
+    return BlockColumns(metric, blocks, start)
+
+
+def _waves(values: Array, count: int) -> Array:
+    """Cosines (N, 1 + count) of 0 to `count` half waves along `values`, the first constant."""
+    share = (values - values[0]) / max(float(np.ptp(values)), 1e-300)
+    return np.asarray(np.cos(np.pi * share[:, None] * np.arange(count + 1)))
+
+
+@dataclass(frozen=True)
+class Family:
+    """Shapes along one coordinate: by run, the indices of its shapes, and the shapes (N, k)."""
+
+    by_run: tuple[tuple[Index, Array], ...]
+    count: int
+
+
+def _families(runs: tuple[RunBlocks, ...], assumptions: Assumptions) -> dict[str, Family]:
+    """Shapes by coordinate. Runs of one group share them; shapes over time belong to one run."""
+    first, others = assumptions.coordinate_waves
+    seen = [run.coordinates for run in runs]
+    names = [name for name in seen[0] if all(name in other for other in seen)]
+    directions = [run.direction for run in runs if run.direction is not None]
+    families: dict[str, Family] = {}
+    for number, name in enumerate(names):
+        low = min(float(item[name].min()) for item in seen)
+        high = max(float(item[name].max()) for item in seen)
+        shares = [(item[name] - low)[:, None] / max(high - low, 1e-300) * np.pi for item in seen]
+        waves = np.arange(1, (first if number == 0 else others) + 1)
+        families[name] = _by_group(runs, [np.cos(share * waves) for share in shares])
+        if number == 0 and len(directions) == len(runs):
+            families['direction'] = _by_group(
+                runs,
+                [
+                    direction[:, None]
+                    * np.hstack([np.ones_like(share), np.sin(share * np.arange(1, 3))])
+                    for direction, share in zip(directions, shares, strict=True)
+                ],
+            )
+    waves_of_time = [_waves(run.time, TIME_WAVES)[:, 1:] for run in runs]
+    families['time'] = Family(
+        tuple(
+            (TIME_WAVES * number + np.arange(TIME_WAVES), part)
+            for number, part in enumerate(waves_of_time)
+        ),
+        TIME_WAVES * len(runs),
+    )
+    return families
+
+
+def _by_group(runs: tuple[RunBlocks, ...], shapes: list[Array]) -> Family:
+    """Shapes (N, k) of each run, with the same indices in the runs of one group."""
+    groups = sorted({run.group for run in runs})
+    each = shapes[0].shape[1]
+    return Family(
+        tuple(
+            (each * groups.index(run.group) + np.arange(each), part)
+            for run, part in zip(runs, shapes, strict=True)
+        ),
+        each * len(groups),
+    )
+
+
+def _spread(metric: Metric, family: Family, weights: Array) -> BlockColumns:
+    """Shapes of a view as stacked columns: the smallest change of channels with 1 in the view."""
+    pattern = weights / float(weights @ weights)
+    blocks = []
+    for slot, (number, channel, _) in enumerate(metric.experiment.slices):
+        if weights[channel]:
+            index, part = family.by_run[number]
+            blocks.append(Block(slot, index, pattern[channel] * part))
+    return BlockColumns(metric, blocks, family.count)

@@ -1,0 +1,351 @@
+"""Detection limits: the smallest size of every effect that these data could have shown.
+
+A signature shows to first order which part of a change the base parameters imitate. A nonlinear
+example is a resonance that a spring has shifted by one percent: refitted gravity imitates the
+shift almost completely, and a limit from signatures is far too low. Where a base can have several
+minima, limits are therefore confirmed: the base is refitted beside an effect of the stated size.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from saddlering_ros.discrepancy.problem.experiment import Experiment
+from saddlering_ros.discrepancy.problem.fits import Candidate, refit, run_refits
+from saddlering_ros.discrepancy.problem.system import Array, Effect
+from saddlering_ros.discrepancy.search.signatures import (
+    angle_matrix,
+    MIN_SHARE,
+    shapes_tried,
+    Signature,
+    testable_share,
+)
+from saddlering_ros.discrepancy.search.space import ModelSpace
+from saddlering_ros.estimation.statistics import fisher_limit
+
+#: A size is found if its height deviates from the wanted one by less than this share.
+NOTHING = 1e-3
+#: Normal quantile of 0.9: found nine times in ten.
+POWER_QUANTILE = 1.2816
+
+
+@dataclass(frozen=True)
+class Observability:
+    """Observability in these data: detection limits, and cosines between signatures."""
+
+    limits: tuple[DetectionLimit, ...]
+    labels: tuple[str, ...]
+    cosines: Array
+
+
+@dataclass(frozen=True)
+class Configuration:
+    """Detection and materiality limit of an effect that acts in one way (which probe, which arc).
+
+    `values`: fixed values, and the parameters of its shape in their units.
+    """
+
+    values: Mapping[str, float]
+    limit: float
+    material_limit: float
+
+
+@dataclass(frozen=True)
+class DetectionLimit:
+    """Detection limits of one effect in these data.
+
+    limit: smallest size that is found nine times in ten at the given error rate, in nine of
+    ten of those `configurations` in which it can be found at all (inf: none); best_limit: the
+    limit in the best of them; material_limit: smallest size that changes a view by the stated
+    share of its range, likewise. Of both signs, the one with the larger limit counts. If an
+    effect does nothing at a size other than 0 (a limit of a span), all numbers are values of
+    the size, not distances.
+    """
+
+    effect: str
+    share: float
+    limit: float
+    best_limit: float
+    material_limit: float
+    unit: str
+    testable: bool
+    configurations: tuple[Configuration, ...] = ()
+
+
+def detection_limits(
+    signatures: Sequence[Signature],
+    error_rate: float,
+    materiality: float,
+    pairs: int,
+) -> list[DetectionLimit]:
+    """Limits of each effect in all its configurations.
+
+    The test is that of a candidate: it counts the shapes that the candidate was drawn from,
+    its parameters, and the noise known from `pairs` independent differences.
+    """
+    effects: dict[str, list[Signature]] = {}
+    for item in signatures:
+        if item.effect.first_variant:
+            continue  # a wider form: the stated limit is that of the plain form
+        effects.setdefault(item.effect.id, []).append(item)
+    rate = error_rate / max(shapes_tried(signatures), 1)
+    answers = []
+    for name, members in effects.items():
+        effect = members[0].effect
+        extra = len(effect.ordered)
+        needed = needed_length(extra, rate, pairs)
+        share = testable_share(members)
+        reach = max(abs(effect.size.low - effect.neutral), abs(effect.size.high - effect.neutral))
+        shapes: dict[tuple[object, ...], list[Signature]] = {}
+        for item in members:
+            shapes.setdefault(item.shape, []).append(item)
+        configurations = [_limits_at(own, needed, materiality, reach) for own in shapes.values()]
+        limit = _nine_in_ten([item.limit for item in configurations])
+        answers.append(
+            DetectionLimit(
+                effect=name, share=share, limit=_value(effect, limit),
+                best_limit=_value(effect, min(item.limit for item in configurations)),
+                material_limit=_value(
+                    effect, _nine_in_ten([item.material_limit for item in configurations])),
+                unit=effect.size.unit, testable=share >= MIN_SHARE and bool(np.isfinite(limit)),
+                configurations=tuple(_as_values(effect, item) for item in configurations))
+        )
+    return answers
+
+
+def needed_length(extra: int, rate: float, pairs: int) -> float:
+    """Length [standard deviations] of a signature that the test finds nine times in ten.
+
+    extra: parameters of the effect; rate: chance of a false cause in one test.
+    """
+    return float(np.sqrt(extra * fisher_limit(rate, extra, pairs))) + POWER_QUANTILE
+
+
+def _as_values(effect: Effect, configuration: Configuration) -> Configuration:
+    """A configuration with its limits converted from distances to sizes."""
+    return replace(
+        configuration,
+        limit=_value(effect, configuration.limit),
+        material_limit=_value(effect, configuration.material_limit),
+    )
+
+
+def _value(effect: Effect, distance: float) -> float:
+    """The size at that distance from the neutral size; inf stays inf."""
+    if effect.neutral == 0.0 or not np.isfinite(distance):
+        return distance
+    sign = 1.0 if effect.neutral < 0.5 * (effect.size.low + effect.size.high) else -1.0
+    return effect.neutral + sign * distance
+
+
+def _limits_at(
+    members: Sequence[Signature], needed: float, materiality: float, reach: float
+) -> Configuration:
+    """Limits in one variant and shape, for sizes up to `reach` and the sign that shows less."""
+    effect, shape = members[0].effect, members[0].theta_unit[1:]
+    values = {
+        item.name: item.from_unit(float(u))
+        for item, u in zip(effect.ordered[1:], shape, strict=True)
+    }
+    values.update(effect.variants[members[0].variant])
+    signs = {np.sign(item.size) for item in members} - {0.0}
+    limit = material = 0.0 if signs else np.inf
+    for sign in signs:
+        own = [item for item in members if np.sign(item.size) == sign]
+        limit = max(limit, _size_at([(abs(item.size), item.length) for item in own], needed))
+        material = max(
+            material, _size_at([(abs(item.size), item.visible) for item in own], materiality)
+        )
+    return Configuration(
+        values, limit if limit <= reach else np.inf, material if material <= reach else np.inf
+    )
+
+
+def _nine_in_ten(limits: Sequence[float]) -> float:
+    """The size that is enough in nine of ten configurations that have a limit; inf if none has."""
+    finite = [item for item in limits if np.isfinite(item)]
+    return float(np.quantile(finite, 0.9, method='higher')) if finite else float(np.inf)
+
+
+def _size_at(heights: Sequence[tuple[float, float]], wanted: float) -> float:
+    """Size at which a growing height reaches `wanted`, from (size > 0, height) pairs.
+
+    Below the smallest and beyond the largest size the height is proportional; between two
+    sizes the interpolation is log-log. If a size has no effect and the next one more than
+    enough, the result is the next one.
+    """
+    sizes, tall = np.array(sorted(heights)).T
+    if not tall.any():
+        return np.inf
+    above = np.flatnonzero(tall >= wanted)
+    first = int(above[0]) if above.size else int(np.flatnonzero(tall)[-1])
+    if first == 0 or not above.size:
+        return float(sizes[first] * wanted / tall[first])
+    if tall[first - 1] < NOTHING * wanted:
+        return float(sizes[first])
+    slope = np.log(wanted / tall[first - 1]) / np.log(tall[first] / tall[first - 1])
+    return float(sizes[first - 1] * (sizes[first] / sizes[first - 1]) ** slope)
+
+
+ENOUGH = 0.9
+"""Share of the required length that must remain beside the refitted base for a limit to hold."""
+
+MAX_TRIES = 6
+"""Largest number of larger sizes that are tried."""
+
+MIN_FACTOR, MAX_FACTOR = 1.3, 4.0
+"""Factor between two sizes that are tried."""
+
+ROUNDS = 8
+"""Rounds of each refit of the base."""
+
+
+def observed(space: ModelSpace) -> Observability:
+    """Detection limits, and cosines between signatures, at the base fit."""
+    settings = space.settings
+    limits = detection_limits(
+        space.signatures, settings.error_rate, settings.materiality, space.pairs
+    )
+    if space.metric.experiment.assumptions.many_valleys:
+        trials = max(shapes_tried(space.signatures), 1)
+        limits = confirmed_limits(space, limits, trials)
+    labels, cosines = angle_matrix(space.signatures)
+    return Observability(tuple(limits), tuple(labels), cosines)
+
+
+@dataclass(frozen=True)
+class Shown:
+    """Visible part of an effect of one size beside the base: deviations, share of range."""
+
+    length: float
+    visible: float
+
+
+def confirmed_limits(
+    space: ModelSpace, limits: Sequence[DetectionLimit], trials: int
+) -> list[DetectionLimit]:
+    """The same limits, larger where the refitted base imitates more than its tangents do."""
+    effects = {effect.id: effect for effect in space.metric.experiment.system.effects}
+    return [_confirmed(space, item, effects[item.effect], trials) for item in limits]
+
+
+def _confirmed(
+    space: ModelSpace, item: DetectionLimit, effect: Effect, trials: int
+) -> DetectionLimit:
+    if not np.isfinite(item.limit) or effect.neutral != 0.0 or not item.configurations:
+        return item
+    settings, pairs = space.settings, space.pairs
+    configuration = _configuration(item)
+    needed = needed_length(len(effect.ordered), settings.error_rate / trials, pairs)
+    reach = max(abs(effect.size.low), abs(effect.size.high))
+
+    def shown(size: float) -> Shown | None:
+        space.watch.check()
+        return _shown(space, effect, configuration, size)
+
+    first = shown(item.limit)
+    if first is None or first.length >= ENOUGH * needed:
+        return item
+    limit = _size_reaching(lambda size: _part(shown(size), 'length'), item.limit, needed, reach)
+    material = _size_reaching(
+        lambda size: _part(shown(size), 'visible'),
+        item.material_limit,
+        settings.materiality,
+        reach,
+    )
+    return replace(
+        item,
+        limit=limit,
+        best_limit=max(item.best_limit, limit if item.best_limit == item.limit else 0.0),
+        material_limit=material,
+        testable=item.testable and bool(np.isfinite(limit)),
+    )
+
+
+def _configuration(item: DetectionLimit) -> Configuration:
+    """The configuration with the stated limit."""
+    return min(item.configurations, key=lambda one: abs(one.limit - item.limit))
+
+
+def _part(shown: Shown | None, name: str) -> float:
+    return 0.0 if shown is None else float(getattr(shown, name))
+
+
+def _size_reaching(
+    height: Callable[[float], float], size: float, wanted: float, reach: float
+) -> float:
+    """The size, from `size` on, at which a height reaches `wanted`; inf if none up to `reach`."""
+    if not np.isfinite(size):
+        return size
+    low, below = size, height(size)
+    if below >= ENOUGH * wanted:
+        return size
+    for _ in range(MAX_TRIES):
+        if low >= reach:
+            break
+        high = min(low * float(np.clip(wanted / max(below, 1e-9), MIN_FACTOR, MAX_FACTOR)), reach)
+        above = height(high)
+        if above >= wanted:
+            share = np.log(wanted / max(below, 1e-9)) / np.log(above / max(below, 1e-9))
+            return float(low * (high / low) ** share)
+        low, below = high, above
+    return float(np.inf)
+
+
+def _shown(
+    space: ModelSpace, effect: Effect, configuration: Configuration, size: float
+) -> Shown | None:
+    """Visible part of one size beside the refitted base, for the sign with the smaller part."""
+    signs = [
+        sign
+        for sign in (1.0, -1.0)
+        if effect.size.low <= sign * size <= effect.size.high
+    ]
+    found = [_refitted(space, effect, configuration, sign * size) for sign in signs]
+    kept = [item for item in found if item is not None]
+    return min(kept, key=lambda item: item.length) if kept else None
+
+
+def _refitted(
+    space: ModelSpace, effect: Effect, configuration: Configuration, size: float
+) -> Shown | None:
+    """Part of an effect that the base, fitted to the effect's prediction, does not imitate."""
+    metric, base = space.metric, space.base
+    experiment = metric.experiment
+    variant = next(
+        number
+        for number, fixed in enumerate(effect.variants)
+        if all(configuration.values.get(name) == value for name, value in fixed.items())
+    )
+    own = [effect.size.to_unit(size)]
+    own += [item.to_unit(configuration.values[item.name]) for item in effect.ordered[1:]]
+    point = Candidate(((effect, variant),)).point(
+        experiment.system.base_parameters, np.concatenate([base.theta_unit, own])
+    )
+    target = experiment.predict([point])[:, 0]
+    if not np.all(np.isfinite(target)):
+        return None
+    other = _with_readings(experiment, target)
+    moved = replace(metric, experiment=other)
+    start = refit(moved, Candidate(), base.theta_unit, rounds=ROUNDS, full_jacobian=True)
+    fit = run_refits(moved, [start], space.watch.check)[0]
+    experiment.simulations += other.simulations
+    left = fit.prediction - target
+    visible = max(
+        other.mean_square(seen, run, view) ** 0.5 / experiment.view_ranges[view]
+        for view in experiment.system.views
+        for run, seen in zip(other.runs, other.view_residuals(left, view), strict=True)
+    )
+    return Shown(float(np.sqrt(fit.misfit)), visible)
+
+
+def _with_readings(experiment: Experiment, stacked: Array) -> Experiment:
+    """The same experiment with other readings (n,)."""
+    runs = [
+        replace(run, channels=channels)
+        for run, channels in zip(experiment.runs, experiment.by_run(stacked), strict=True)
+    ]
+    return Experiment(experiment.system, runs, experiment.assumptions)

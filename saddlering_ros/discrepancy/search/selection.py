@@ -1,0 +1,481 @@
+"""Selection of the causes: one effect after another, pruned, checked against alternatives.
+
+`forward` adds effects while the next one is real, material and larger than form errors. `prune`
+removes members that explain too little. `simpler` searches one effect that explains the part of
+several. `masked_pair` and `fit_silent` search effects that the search of one effect after another
+cannot find. `check_alternatives` compares every member with the other effects.
+
+Two effects can mask each other. A lower row that is softer and a probe that reads too much move
+the same channel in opposite directions. Each effect alone leaves almost the whole misfit. All
+pairs of signatures are therefore compared to first order, which costs no simulation, and the best
+pairs are refitted if their gain could exceed that of the model found.
+
+The base fit can conceal an effect. A threshold that it never reaches has no signature there,
+although the data may show it: a tank that the fit takes for half full does not overflow.
+Similarly, an oscillation that is fitted with one turn too many lies in a minimum of its own, in
+which its missing effect explains nothing. Such effects are tried from starts over the whole range
+of the base.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from saddlering_ros.discrepancy.problem.fits import (
+    Candidate,
+    COARSE_BASE,
+    Fit,
+    MAX_BASE_STARTS,
+    refit,
+    run_refits,
+    spread_starts,
+)
+from saddlering_ros.discrepancy.problem.system import Array, Effect
+from saddlering_ros.discrepancy.search.comparison import (
+    alternative_floor,
+    Comparison,
+    explained_share,
+    indistinguishable,
+    likelihood_ratio_test,
+    real_and_material,
+    SearchLog,
+)
+from saddlering_ros.discrepancy.search.signatures import (
+    best_of_each,
+    effect_starts,
+    MIN_LENGTH,
+    reach_of,
+    shortlist,
+    Signature,
+)
+from saddlering_ros.discrepancy.search.space import CLOSE_SHARE, fit_each, fit_race, ModelSpace
+
+MAX_SILENT = 2
+"""Largest number of immaterial effects in the model while others are searched."""
+
+MIN_GAIN, MIN_GAIN_SHARE = 4.0, 1.0 / 3.0
+"""First-order gain below which an effect is not refitted, and the same as a share of the gain at
+which an effect with one parameter is real."""
+
+MAX_CHECKS = 3
+"""Largest number of rounds of alternatives; a round follows each replaced member."""
+
+Alternatives = Mapping[str, tuple[Fit, ...]]
+"""Models that these data cannot tell from the best, by the member that they replace."""
+
+
+def select(space: ModelSpace, log: SearchLog) -> Fit:
+    """The model that explains the misfit with the fewest effects."""
+    fit = prune(space, forward(space, space.base, log), log)
+    one = simpler(space, fit, log)
+    if one is not fit:
+        fit = prune(space, forward(space, one, log), log)
+    other = _concealed(space, fit, log)
+    if other is not fit:
+        fit = prune(space, forward(space, other, log), log)
+    pair = masked_pair(space, fit, log)
+    if pair is fit:
+        return fit
+    return min(fit, prune(space, forward(space, pair, log), log), key=space.penalised)
+
+
+def _concealed(space: ModelSpace, fit: Fit, log: SearchLog) -> Fit:
+    """An effect that the base fit conceals and that fits better than a `fit` with misfit.
+
+    Silent effects are tried. All effects are tried if `fit` leaves most of the misfit and the
+    base may have several minima.
+    """
+    if not _leaves_misfit(space, fit):
+        return fit
+    found = fit_silent(space)
+    best = min([fit, *found], key=space.penalised)
+    if space.metric.experiment.assumptions.many_valleys and _is_mostly_left(space, best):
+        found += fit_in_other_valleys(space)
+    log.candidates += [Comparison(space, space.base, item).evidence(1) for item in found]
+    return min([fit, *found], key=space.penalised)
+
+
+def _is_mostly_left(space: ModelSpace, fit: Fit) -> bool:
+    """Whether a fit leaves more of the base's misfit than a member of a model may leave."""
+    share = explained_share(
+        space.slow_residual(space.base), space.slow_residual(fit), space.settings)
+    return share < space.settings.min_partial
+
+
+def forward(space: ModelSpace, current: Fit, log: SearchLog) -> Fit:
+    """Effects one after another while the next is real and material and misfit remains.
+
+    A real but immaterial effect stays in the model during the search, because otherwise a
+    wrong effect would take its place. It is not part of the answer.
+    """
+    settings = space.settings
+    silent: list[str] = []
+    steps = settings.max_causes + MAX_SILENT
+    for step in range(steps):
+        space.watch.check()
+        space.watch.progress('selection of causes', 0.35 + 0.4 * step / steps)
+        tried = [Comparison(space, current, fit) for fit in refitted(space, current)]
+        log.candidates += [item.evidence(step + 1) for item in tried]
+        real = [item for item in tried if item.is_real]
+        named = len(current.candidate.effects) - len(silent)
+        wanted = not named or real_and_material(space.slow_residual(current), settings)
+        best = next((item for item in real if _is_another_cause(item, wanted)), None)
+        if best is None or named == settings.max_causes:
+            log.immaterial += [item.evidence(step + 1) for item in real[:3]]
+            break
+        if not best.is_material:
+            log.immaterial.append(best.evidence(step + 1))
+            if len(silent) == MAX_SILENT:
+                break
+            silent.append(best.more.candidate.ids[-1])
+        current = best.more
+    for name in silent:
+        current = space.without(current, name)
+    return current
+
+
+def _is_another_cause(item: Comparison, wanted: bool) -> bool:
+    """Whether an effect is a cause beside the found ones; `wanted`: a real residual remains."""
+    if item.closes_misfit or item.exceeds_forms:
+        return True
+    return item.exceeds_form_error if wanted else item.adds_new_channel
+
+
+def refitted(space: ModelSpace, current: Fit) -> list[Fit]:
+    """The model of `current` plus every effect that the residual could show, the best first.
+
+    Effects with the largest first-order gains are refitted first. If one of them is real, or
+    the residual exceeds the noise, every variant of every other effect is refitted too. An
+    effect at its detection limit is then found, and no cause is named before all others were
+    tried.
+    """
+    scores = space.scores(current)
+    least = max(MIN_GAIN, MIN_GAIN_SHARE * space.real_gain)
+    listed = shortlist(scores, least, space.settings.refits)
+    first = fit_each(space, current, listed)
+    if not (_is_much_left(space, current)
+            or any(Comparison(space, current, item).is_real for item in first)):
+        return first
+    others = [score for score in scores if all(score is not item for item in listed)]
+    return fit_race(space, current, first, others)
+
+
+def _is_much_left(space: ModelSpace, fit: Fit) -> bool:
+    """Whether base parameters could conceal effects beside `fit`."""
+    if space.stopped_base(fit).any() and not fit.candidate.effects:
+        return True
+    return _leaves_misfit(space, fit)
+
+
+def _leaves_misfit(space: ModelSpace, fit: Fit) -> bool:
+    """Whether a fit leaves more than noise, and enough to matter."""
+    slow, fast = space.slow_residual(fit), space.fast_residual(fit)
+    return any(real_and_material(left, space.settings) for left in (slow, fast))
+
+
+def prune(space: ModelSpace, fit: Fit, log: SearchLog) -> Fit:
+    """Remove members that explain too little of the misfit without them.
+
+    The judgement uses the view in which a member explains most: the form error of another
+    effect in one channel is no argument against a cause that shows in another channel.
+    """
+    settings = space.settings
+    while len(fit.candidate.effects) > 1:
+        members = [Comparison(space, space.without(fit, name), fit) for name in fit.candidate.ids]
+        share, weakest = min(
+            ((_share_of_member(item), item) for item in members), key=lambda pair: pair[0]
+        )
+        if share >= settings.min_partial:
+            break
+        if weakest.is_real:
+            log.immaterial.append(weakest.evidence())
+        fit = weakest.less
+    return fit
+
+
+def _share_of_member(item: Comparison) -> float:
+    """Share of the misfit that a member explains; 0 if the member is no cause by itself."""
+    space, settings = item.space, item.space.settings
+    if not item.is_real or not item.is_material:
+        return 0.0
+    share = explained_share(
+        space.slow_residual(item.less), space.slow_residual(item.more), settings
+    )
+    if item.closes_misfit or item.exceeds_forms:
+        return max(share, settings.min_partial)
+    return share if item.exceeds_form_error else 0.0
+
+
+def simpler(space: ModelSpace, fit: Fit, log: SearchLog) -> Fit:
+    """The single effect that fits better than the several of `fit`, if there is one.
+
+    Two effects that were found in turn can share the part of one effect that was not on the
+    first shortlist. Every effect is therefore tried.
+    """
+    if len(fit.candidate.effects) < 2:
+        return fit
+    untried = [
+        score
+        for score in best_of_each(space.scores(space.base))
+        if not space.is_fitted(Candidate().plus(score.effect, score.variant))
+    ]
+    found = space.fit_best(space.base, untried)
+    log.candidates += [Comparison(space, space.base, item).evidence(1) for item in found]
+    return min([fit, *space.single_effect_fits()], key=space.penalised)
+
+
+def check_alternatives(space: ModelSpace, fit: Fit, log: SearchLog) -> tuple[Fit, Alternatives]:
+    """Alternatives to every member; a better alternative replaces the member."""
+    alternatives: dict[str, tuple[Fit, ...]] = {}
+    for _ in range(MAX_CHECKS):
+        alternatives, better = {}, []
+        for name in fit.candidate.ids:
+            space.watch.check()
+            less = space.without(fit, name)
+            fits = _alternatives_to(space, name, less, fit, log)
+            alternatives[name] = tuple(
+                item for item in fits if _is_indistinguishable(space, item, fit, less)
+            )
+            material = [item for item in fits if Comparison(space, less, item).is_material]
+            if material and space.penalised(material[0]) < space.penalised(fit) - 1.0:
+                better.append(material[0])
+        if not better:
+            break
+        fit = prune(space, min(better, key=space.penalised), log)
+    return fit, alternatives
+
+
+def _alternatives_to(
+    space: ModelSpace, name: str, less: Fit, fit: Fit, log: SearchLog
+) -> list[Fit]:
+    """`less` with another effect in place of `name`, if that effect is a cause by itself."""
+    taken = less.misfit - fit.misfit
+    scores = space.scores(less, [name])
+    listed = shortlist(scores, 0.1 * taken, space.settings.refits)
+    names = _competitors(less, log) - {score.effect.id for score in listed}
+    listed += [score for score in best_of_each(scores) if score.effect.id in names]
+    listed = [score for score in listed if name not in score.effect.contains]
+    answers = []
+    for item in fit_each(space, less, listed, [fit]):
+        if name in item.candidate.ids:
+            continue
+        comparison = Comparison(space, less, item)
+        if comparison.is_separate_cause or comparison.closes_misfit:
+            answers.append(item)
+    return answers
+
+
+def _competitors(less: Fit, log: SearchLog) -> set[str]:
+    """Effects that were almost as good as the best one beside those of `less`."""
+    known = set(less.candidate.ids)
+    tried = [item for item in log.candidates if set(item.effects[:-1]) == known]
+    least = CLOSE_SHARE * max((item.delta_bic for item in tried), default=0.0)
+    return {item.effects[-1] for item in tried if item.delta_bic > least}
+
+
+def _is_indistinguishable(space: ModelSpace, other: Fit, best: Fit, less: Fit) -> bool:
+    """Whether these data leave `other` open beside `best`; `less`: the common model."""
+    return indistinguishable(
+        distance=other.misfit - best.misfit,
+        taken=less.misfit - best.misfit,
+        excess=max(space.slow_residual(best).excess, 0.0),
+        fewer=best.theta_unit.size - other.theta_unit.size,
+        floor=alternative_floor(space.pairs, space.settings),
+        settings=space.settings,
+    )
+
+
+MAX_PAIRS = 4
+"""Largest number of pairs that are refitted."""
+
+
+@dataclass(frozen=True)
+class _Pair:
+    """Two signatures, their factors, and the fall of the misfit to first order."""
+
+    signatures: tuple[Signature, Signature]
+    factors: tuple[float, float]
+    gain: float
+
+
+def masked_pair(space: ModelSpace, fit: Fit, log: SearchLog) -> Fit:
+    """Two effects that explain surely more than a `fit` of at most one effect; else `fit`."""
+    if len(fit.candidate.effects) > 1:
+        return fit
+    least = space.base.misfit - fit.misfit + space.real_gain * (2 - len(fit.candidate.effects))
+    pairs = [pair for pair in _best_pairs(space) if pair.gain > least]
+    if not pairs:
+        return fit
+    found = run_refits(
+        space.metric,
+        [
+            refit(space.metric, candidate, start, rounds=space.settings.rounds,
+                  full_jacobian=True)
+            for candidate, start in (_start(space.base, pair) for pair in pairs)
+        ],
+        space.watch.check,
+    )
+    log.candidates += [Comparison(space, space.base, item).evidence(1) for item in found]
+    best = min(found, key=space.penalised)
+    return space.keep(best) if _is_better(space, fit, best) else fit
+
+
+def _is_better(space: ModelSpace, fit: Fit, pair: Fit) -> bool:
+    """Whether a pair is real beside a `fit` of at most one effect, with all pairs counted."""
+    extra = max(1, pair.theta_unit.size - fit.theta_unit.size)
+    trials = space.trials if fit.candidate.effects else space.trials**2 // 2
+    p_value = likelihood_ratio_test(
+        fit.misfit - pair.misfit, extra, space.pairs, trials)
+    return p_value < space.settings.error_rate and space.penalised(pair) < space.penalised(fit)
+
+
+def _start(base: Fit, pair: _Pair) -> tuple[Candidate, Array]:
+    """The model of a pair, and the parameters at which its refit begins."""
+    candidate, parts = Candidate(), [base.theta_unit]
+    for item, factor in zip(pair.signatures, pair.factors, strict=True):
+        candidate = candidate.plus(item.effect, item.variant)
+        size = item.effect.size.to_unit(item.effect.neutral + factor * item.size)
+        parts.append(np.array([np.clip(size, 1e-3, 1.0 - 1e-3), *item.theta_unit[1:]]))
+    return candidate, np.concatenate(parts)
+
+
+def _best_pairs(space: ModelSpace) -> list[_Pair]:
+    """The best pair of shapes of each pair of effects, those with the largest gain."""
+    items = _one_of_each_shape(space.usable)
+    if not items:
+        return []
+    stack = np.column_stack([item.white for item in items])
+    gains, first, second = _pair_gains(
+        stack, -(stack.T @ space.base.whitened), np.array([reach_of(item) for item in items]))
+    names = np.array([item.effect.id for item in items])
+    gains[names[:, None] == names] = -np.inf
+    found: dict[frozenset[str], _Pair] = {}
+    for flat in np.argsort(-gains, axis=None):
+        row, column = divmod(int(flat), len(items))
+        if len(found) == MAX_PAIRS or not np.isfinite(gains[row, column]):
+            break
+        pair = _Pair(
+            (items[row], items[column]),
+            (float(first[row, column]), float(second[row, column])),
+            float(gains[row, column]),
+        )
+        found.setdefault(frozenset((names[row], names[column])), pair)
+    return list(found.values())
+
+
+def _one_of_each_shape(signatures: Sequence[Signature]) -> list[Signature]:
+    """Signatures with one size of every straight effect, and all sizes of the others."""
+    found: dict[tuple[object, ...], Signature] = {}
+    for item in signatures:
+        if item.length > 1e-9 and item.size != 0.0:
+            key = (*item.shape, item.size) if item.amplitude_dependent else item.shape
+            found.setdefault(key, item)
+    return list(found.values())
+
+
+def _pair_gains(stack: Array, products: Array, reach: Array) -> tuple[Array, Array, Array]:
+    """Fall of the misfit by every pair of columns (K, K), and the factors of both columns.
+
+    products (K,): columns times the residual; reach (K, 2): bounds of the factor of a column. The
+    best factors are free, or one of them is at a bound and the other is the best beside it.
+    """
+    gram = stack.T @ stack
+    own = np.maximum(np.diag(gram), 1e-300)[:, None]
+    aim = products[:, None]
+    low, high = (np.broadcast_to(bound[:, None], gram.shape) for bound in reach.T)
+
+    def best_beside(factor: Array) -> Array:
+        """The best factor of the column of a row, beside factors of the other column."""
+        return np.asarray(np.clip((aim - gram * factor) / own, low, high))
+
+    determinant = np.maximum(own * own.T - gram**2, 1e-9 * own * own.T)
+    free = np.clip((aim * own.T - gram * aim.T) / determinant, low, high)
+    firsts = [free, low, high, best_beside(low.T), best_beside(high.T)]
+    pairs = [(first, best_beside(first.T).T) for first in firsts]
+    gains = np.stack([
+        2.0 * first * aim - first**2 * own + 2.0 * second * aim.T - second**2 * own.T
+        - 2.0 * first * second * gram
+        for first, second in pairs
+    ])
+    best = gains.argmax(axis=0)[None]
+    first, second = (np.stack(item) for item in zip(*pairs, strict=True))
+    return (
+        np.take_along_axis(gains, best, 0)[0],
+        np.take_along_axis(first, best, 0)[0],
+        np.take_along_axis(second, best, 0)[0],
+    )
+
+
+MAX_STARTS = 3
+"""Number of first guesses of a silent effect for each start of the base."""
+
+
+def silent_effects(signatures: Sequence[Signature]) -> list[tuple[Effect, int]]:
+    """Effects and variants whose starts change the prediction by less than the noise hides."""
+    loudest: dict[tuple[str, int], float] = {}
+    known: dict[tuple[str, int], Effect] = {}
+    for item in signatures:
+        known[item.key] = item.effect
+        change = item.length / item.share if item.share > 0.0 else 0.0
+        loudest[item.key] = max(loudest.get(item.key, 0.0), change)
+    return [(known[key], key[1]) for key, change in loudest.items() if change < MIN_LENGTH]
+
+
+def fit_silent(space: ModelSpace) -> list[Fit]:
+    """The base and each silent effect alone, from starts with influence; the best first."""
+    return _fit_from_all_over(space, silent_effects(space.signatures), MAX_STARTS)
+
+
+def fit_in_other_valleys(space: ModelSpace) -> list[Fit]:
+    """The base and each effect alone, fitted from starts over the whole range of the base.
+
+    Without its effect the base can be in a minimum from which no path leads to the true one.
+    """
+    known = {item.key: (item.effect, item.variant) for item in space.signatures}
+    return _fit_from_all_over(space, list(known.values()), starts=1)
+
+
+def _fit_from_all_over(
+    space: ModelSpace, effects: Sequence[tuple[Effect, int]], starts: int
+) -> list[Fit]:
+    """The base and each effect alone, the best of several starts; the best first.
+
+    starts: first guesses of an effect for each start of the base.
+    """
+    found = []
+    for effect, variant in effects:
+        fits = _coarse(space, Candidate(((effect, variant),)), effect, starts)
+        if fits:
+            best = min(fits, key=lambda fit: fit.misfit)
+            found += [space.keep(fit) for fit in space.refine([best])]
+    return sorted(found, key=space.penalised)
+
+
+def _coarse(space: ModelSpace, candidate: Candidate, effect: Effect, count: int) -> list[Fit]:
+    """A few rounds from those starts of base and effect at which the effect has influence."""
+    metric = space.metric
+    base = metric.experiment.system.base_parameters
+    thetas = spread_starts(base, space.settings.seed)
+    alone = metric.experiment.predict([Candidate().point(base, theta) for theta in thetas])
+    trials: list[tuple[float, Array]] = []
+    for start in effect_starts(effect)[:count]:
+        whole = [np.concatenate([theta, start]) for theta in thetas]
+        space.watch.check()
+        seen = metric.experiment.predict([candidate.point(base, item) for item in whole])
+        change = np.linalg.norm(metric.whiten(seen - alone), axis=0)
+        left = metric.whiten(seen - metric.experiment.measured[:, None])
+        misfit = (left**2).sum(axis=0)
+        acts = np.isfinite(misfit) & (change > MIN_LENGTH)
+        trials += [(float(misfit[number]), whole[number]) for number in np.flatnonzero(acts)]
+    trials.sort(key=lambda trial: trial[0])
+    return run_refits(
+        metric,
+        [
+            refit(metric, candidate, item, rounds=COARSE_BASE, full_jacobian=True)
+            for _, item in trials[:MAX_BASE_STARTS]
+        ],
+        space.watch.check,
+    )

@@ -1,0 +1,492 @@
+"""Signatures of effects, and the ranking of effects by their first-order gain.
+
+A signature is the change by an effect without the part that base parameters imitate. The angle
+between two signatures tells two causes apart. The length over the noise gives the detection
+limit. The share beside the base parameters shows whether an effect can be seen.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise, product
+
+import numpy as np
+
+from saddlering_ros.discrepancy.problem.experiment import Experiment, Metric
+from saddlering_ros.discrepancy.problem.fits import Candidate, Fit, Tangent
+from saddlering_ros.discrepancy.problem.system import Array, Effect, Parameter, Point
+
+
+class ChangeScale:
+    """Size of a change as a share of range, without noise and nuisance parameters.
+
+    The part that the base parameters imitate, moved to the least rms over all runs and views,
+    is subtracted first, because it is no misfit.
+    """
+
+    def __init__(self, experiment: Experiment, base_plain: Array) -> None:
+        self._experiment = experiment
+        self._edges = np.cumsum([
+            run.time.size for _ in experiment.system.views for run in experiment.runs])[:-1]
+        self._base = orthonormal(self._seen(base_plain))
+
+    def beyond_base(self, change: Array) -> float:
+        """Largest rms over runs and views of a stacked change (n,), as a share of range."""
+        return float(self.beyond_base_of_each(change[:, None])[0])
+
+    def beyond_base_of_each(self, changes: Array) -> Array:
+        """The same (B,) for stacked changes (n, B)."""
+        return np.asarray(self._sizes(changes).max(axis=0))
+
+    def by_run(self, change: Array) -> dict[str, Array]:
+        """Rms of a stacked change (n,) as a share of range: per view one number per run."""
+        views = self._experiment.system.views
+        sizes = self._sizes(change[:, None])[:, 0].reshape(len(views), -1)
+        return dict(zip(views, sizes, strict=True))
+
+    def _sizes(self, changes: Array) -> Array:
+        """Rms (V R, B) of stacked changes (n, B) per view and run."""
+        joined = self._seen(changes)
+        left = joined - self._base @ (self._base.T @ joined)
+        return np.array([np.linalg.norm(part, axis=0) for part in np.split(left, self._edges)])
+
+    def _seen(self, changes: Array) -> Array:
+        """Changes (n, B) in every view and run; their squares add up to a mean square share."""
+        experiment = self._experiment
+        return np.concatenate([
+            seen * (experiment.root_weights(run, view) / experiment.view_ranges[view])[:, None]
+            for view in experiment.system.views
+            for run, seen in zip(
+                experiment.runs, experiment.view_residuals(changes, view), strict=True
+            )
+        ])
+
+
+def orthonormal(columns: Array) -> Array:
+    """Orthonormal basis of columns by a Gram matrix, without its weak directions."""
+    if columns.shape[1] == 0:
+        return columns
+    scale = np.sqrt((columns**2).sum(axis=0))
+    scaled = columns / np.where(scale > 0.0, scale, 1.0)
+    values, vectors = np.linalg.eigh(scaled.T @ scaled)
+    kept = values > 1e-10 * max(float(values[-1]), 1e-300)
+    return np.asarray(scaled @ (vectors[:, kept] / np.sqrt(values[kept])))
+
+
+#: An effect cannot be tested if less than this share remains beside the base parameters.
+MIN_SHARE = 0.02
+#: A change shorter than this, in standard deviations before the projection, does not show.
+MIN_LENGTH = 1.0
+#: Signatures of two sizes with a smaller cosine than this differ in shape.
+MIN_STRAIGHT = 0.9
+#: An amplitude-dependent effect is looked at in ever smaller sizes, each this share of the last,
+#: while it stands out by more than this many standard deviations, so many times at most.
+SMALLER, STANDS_OUT, MAX_SMALLER = 0.3, 12.0, 4
+#: Number of simulations in one batch.
+BATCH = 64
+#: Sizes tried of an effect without starts, as shares of its reach, and shapes, of their range.
+SIZES, SHAPES, MAX_SHAPES = (0.03, 0.15, 0.6), (0.15, 0.85), 16
+#: The same for a limit, which does nothing over much of its reach.
+FAR = 0.9
+
+
+@dataclass(frozen=True)
+class Signature:
+    """Change by one effect at one start, at `theta_unit` of its parameters.
+
+    plain (n,): as measured; white (n,): whitened, without the part of base parameters.
+    amplitude_dependent: the shape depends on the size, as with thresholds and frequencies, so
+    that a signature at one size does not describe another size.
+    """
+
+    effect: Effect
+    variant: int
+    theta_unit: Array
+    size: float
+    plain: Array
+    white: Array
+    share: float
+    length: float
+    visible: float
+    amplitude_dependent: bool = False
+
+    @property
+    def key(self) -> tuple[str, int]:
+        return self.effect.id, self.variant
+
+    @property
+    def shape(self) -> tuple[object, ...]:
+        """A key that is equal for signatures that differ in size only."""
+        return (*self.key, *np.round(self.theta_unit[1:], 6))
+
+
+def effect_starts(effect: Effect) -> list[Array]:
+    """First guesses of the parameters of an effect, bound-scaled."""
+    if effect.starts:
+        return [
+            np.array(
+                [
+                    item.to_unit(start[item.name]) if item.name in start else item.first_guess
+                    for item in effect.ordered
+                ]
+            )
+            for start in effect.starts
+        ]
+    usual = [item.first_guess for item in effect.ordered[1:]]
+    sizes = _sizes(effect)
+    starts = [np.array([size, *usual]) for size in sizes]
+    for shape in _other_shapes(effect.ordered[1:]):
+        starts.append(np.array([sizes[len(SIZES) // 2], *shape]))
+    return starts
+
+
+def _sizes(effect: Effect) -> list[float]:
+    """Bound-scaled sizes on both sides of the neutral size."""
+    size, neutral = effect.size, effect.neutral
+    if size.scale == 'log':
+        return [0.2, 0.5, 0.8]
+    origin = min(max(neutral, size.low), size.high)
+    return [
+        size.to_unit(origin + part * (end - origin))
+        for end in (size.high, size.low)
+        if end != origin
+        for part in (SIZES if size.neutral is None else (*SIZES, FAR))
+    ]
+
+
+def _other_shapes(shapes: Sequence[Parameter]) -> list[list[float]]:
+    """Shapes besides the usual one: all combinations of a few, or one parameter at a time."""
+    if not shapes:
+        return []
+    usual = [item.first_guess for item in shapes]
+    choices = [
+        [(u + turn) % 1.0 for turn in (0.0, 0.25, 0.5, 0.75)] if item.periodic else [u, *SHAPES]
+        for item, u in zip(shapes, usual, strict=True)
+    ]
+    if np.prod([len(item) for item in choices]) <= MAX_SHAPES:
+        found = [list(item) for item in product(*choices)]
+    else:
+        found = [
+            [*usual[:number], value, *usual[number + 1 :]]
+            for number, values in enumerate(choices)
+            for value in values
+        ]
+    return [item for item in found if item != usual]
+
+
+def measure_signatures(
+    metric: Metric,
+    fit: Fit,
+    base: Tangent,
+    scale: ChangeScale,
+) -> list[Signature]:
+    """Signatures of every effect, variant and start at the base fit.
+
+    Amplitude-dependent effects have signatures at small sizes too.
+    """
+    starts: list[tuple[Effect, int, Array]] = [
+        (effect, variant, start)
+        for effect in metric.experiment.system.effects
+        if not effect.line
+        for variant in range(effect.first_variant, len(effect.variants))
+        for start in effect_starts(effect)
+    ]
+    orthogonal = orthonormal(base.white)
+    found: list[Signature] = []
+    for _ in range(1 + MAX_SMALLER):
+        for begin in range(0, len(starts), BATCH):
+            found += _measured(metric, fit, orthogonal, scale, starts[begin : begin + BATCH])
+        found = with_amplitude_dependence(found)
+        starts = _smaller(found)
+    return found
+
+
+def _measured(
+    metric: Metric,
+    fit: Fit,
+    orthogonal: Array,
+    scale: ChangeScale,
+    starts: Sequence[tuple[Effect, int, Array]],
+) -> list[Signature]:
+    """Signatures of effects in one variant at one start each."""
+    parameters = metric.experiment.system.base_parameters
+    points: list[Point] = [
+        Candidate(((effect, variant),)).point(
+            parameters, np.concatenate([fit.theta_unit, theta_unit])
+        )
+        for effect, variant, theta_unit in starts
+    ]
+    part = metric.experiment.predict(points) - fit.prediction[:, None]
+    left, lengths, shares = _beyond(metric, part, orthogonal)
+    visible = scale.beyond_base_of_each(part)
+    shown = [bool(np.isfinite(column).all()) for column in part.T]
+    return [
+        Signature(
+            effect=effect, variant=variant, theta_unit=theta_unit,
+            size=effect.size.from_unit(float(theta_unit[0])) - effect.neutral,
+            plain=part[:, column], white=left[:, column], share=float(shares[column]),
+            length=float(lengths[column]), visible=float(visible[column]))
+        for column, (effect, variant, theta_unit) in enumerate(starts)
+        if shown[column]
+    ]
+
+
+def _smaller(signatures: Sequence[Signature]) -> list[tuple[Effect, int, Array]]:
+    """Smaller starts of amplitude-dependent effects that are far above noise at their least size.
+
+    Strong friction that never reverses does not show the shape of a tenth of it, which does
+    reverse. Between a limit that cuts much and one that cuts nothing lies one that cuts a
+    little.
+    """
+    sides: dict[tuple[str, int, bool], list[Signature]] = {}
+    for item in signatures:
+        if item.amplitude_dependent:
+            sides.setdefault((*item.key, item.size > 0.0), []).append(item)
+    starts = []
+    for members in sides.values():
+        members.sort(key=lambda item: abs(item.size))
+        least = members[0]
+        if least.effect.neutral == 0.0 and least.length > STANDS_OUT:
+            size = least.effect.size.to_unit(SMALLER * least.size)
+            starts.append((least.effect, least.variant, np.array([size, *least.theta_unit[1:]])))
+        if least.effect.neutral != 0.0:
+            for one, other in pairwise(members):
+                low, high = sorted((one.length, other.length))
+                if low < MIN_LENGTH and high > STANDS_OUT:
+                    starts.append(
+                        (one.effect, one.variant, 0.5 * (one.theta_unit + other.theta_unit))
+                    )
+    return starts
+
+
+def whitened_by(metric: Metric, signatures: Sequence[Signature], base: Tangent) -> list[Signature]:
+    """The same signatures in another metric."""
+    orthogonal = orthonormal(base.white)
+    answers: list[Signature] = []
+    for begin in range(0, len(signatures), BATCH):
+        items = signatures[begin : begin + BATCH]
+        part = np.column_stack([item.plain for item in items])
+        left, lengths, shares = _beyond(metric, part, orthogonal)
+        answers += [
+            replace(
+                item,
+                white=left[:, column],
+                share=float(shares[column]),
+                length=float(lengths[column]),
+            )
+            for column, item in enumerate(items)
+        ]
+    return answers
+
+
+def _beyond(metric: Metric, changes: Array, orthogonal: Array) -> tuple[Array, Array, Array]:
+    """Changes (n, B), whitened and without base parameters; their lengths and remaining shares."""
+    white = metric.whiten(changes)
+    whole = np.sqrt((metric.whiten_noise(changes) ** 2).sum(axis=0))
+    left = white - orthogonal @ (orthogonal.T @ white)
+    lengths = np.linalg.norm(left, axis=0)
+    return left, lengths, lengths / np.maximum(whole, 1e-300)
+
+
+def with_amplitude_dependence(signatures: Sequence[Signature]) -> list[Signature]:
+    """The same signatures, marked if sizes of their shape differ in more than height."""
+    shapes: dict[tuple[object, ...], list[Signature]] = {}
+    for item in signatures:
+        shapes.setdefault(item.shape, []).append(item)
+    dependent: dict[tuple[object, ...], bool] = {}
+    for key, members in shapes.items():
+        shown = [item for item in members if item.length > MIN_LENGTH]
+        shown.sort(key=lambda item: item.size)
+        signs = {item.size > 0.0 for item in shown}
+        straight = [
+            abs(float(one.white @ other.white)) / (one.length * other.length)
+            for sign in signs
+            for one, other in pairwise([item for item in shown if (item.size > 0.0) is sign])
+        ]
+        found = min(straight, default=1.0) < MIN_STRAIGHT
+        dependent[key[:2]] = dependent.get(key[:2], False) or found
+    return [replace(item, amplitude_dependent=dependent[item.key]) for item in signatures]
+
+
+def testable_share(members: Sequence[Signature]) -> float:
+    """Share of the signature of an effect beside the base parameters, for its best variant.
+
+    It is taken at the smallest size that shows. At larger sizes the curvature of the base
+    parameters would count as a remainder.
+    """
+    best = 0.0
+    for variant in {item.variant for item in members}:
+        own = [item for item in members if item.variant == variant]
+        shown = [item for item in own if item.length > MIN_LENGTH * item.share] or own
+        smallest = min(abs(item.size) for item in shown)
+        best = max(best, *(item.share for item in shown if abs(item.size) <= smallest))
+    return best
+
+
+def shapes_tried(signatures: Sequence[Signature]) -> int:
+    """Number of signatures that differ in more than size: the number of trials of a name."""
+    return len({item.shape for item in signatures})
+
+
+def testable(signatures: Sequence[Signature]) -> list[Signature]:
+    """Signatures of the effects that these data can test at all."""
+    effects: dict[str, list[Signature]] = {}
+    for item in signatures:
+        effects.setdefault(item.effect.id, []).append(item)
+    return [
+        item
+        for members in effects.values()
+        if testable_share(members) >= MIN_SHARE
+        for item in members
+    ]
+
+
+def angle_matrix(signatures: Sequence[Signature]) -> tuple[list[str], Array]:
+    """Labels (effect:variant) and absolute cosines between the longest signature of each."""
+    chosen: dict[tuple[str, int], Signature] = {}
+    for item in signatures:
+        if item.key not in chosen or item.length > chosen[item.key].length:
+            chosen[item.key] = item
+    kept = [item for item in chosen.values() if item.length > 1e-9 and item.share >= MIN_SHARE]
+    if not kept:
+        return [], np.zeros((0, 0))
+    stack = np.column_stack([item.white / item.length for item in kept])
+    labels = [
+        item.effect.id if len(item.effect.variants) == 1 else f'{item.effect.id}:{item.variant}'
+        for item in kept
+    ]
+    return labels, np.abs(stack.T @ stack)
+
+
+#: A start of another shape is tried if its first-order gain is at least this share of the best.
+OTHER_SHARE = 0.3
+MAX_OTHERS = 2
+#: Shapes that differ by less than this share of their range count as one.
+MIN_APART = 0.05
+#: A start is scaled by so much at most: straight effects, and amplitude-dependent ones.
+STRAIGHT_REACH, AMPLITUDE_DEPENDENT_REACH = (-5.0, 5.0), (0.7, 1.4)
+#: An amplitude-dependent effect starts at the size that was seen if that takes so much of what its
+#: shape could.
+SEEN_ENOUGH = 0.5
+#: Variants of one effect with first-order gains this close are equal in these data.
+ALIKE = 1e-4
+#: A second variant of an effect is refitted if its gain is this share of the best gain.
+MAX_VARIANTS, VARIANT_SHARE = 2, 0.6
+
+
+@dataclass(frozen=True)
+class Score:
+    """First-order gain of one candidate, and its start.
+
+    `others`: starts of another shape with a first-order gain above OTHER_SHARE of this one;
+    amplitude_dependent: as in its signature.
+    """
+
+    effect: Effect
+    variant: int
+    gain: float
+    start: Array
+    others: tuple[Array, ...] = ()
+    amplitude_dependent: bool = False
+
+
+def rank(
+    fit: Fit,
+    white_columns: Array,
+    signatures: Sequence[Signature],
+    skip: Sequence[str] = (),
+) -> list[Score]:
+    """Candidates by the first-order gain of their signatures, each with its best start."""
+    orthogonal = orthonormal(white_columns)
+    found: dict[tuple[str, int], list[tuple[float, Signature, Array]]] = {}
+    usable = [item for item in signatures if item.effect.id not in skip and item.length > 1e-9]
+    if not usable:
+        return []
+    stack = np.column_stack([item.white for item in usable])
+    stack = stack - orthogonal @ (orthogonal.T @ stack)
+    lengths = (stack**2).sum(axis=0)
+    inner = -(stack.T @ fit.whitened)
+    for item, squared, along in zip(usable, lengths, inner, strict=True):
+        if squared <= 1e-12 * item.length**2 or item.size == 0.0:
+            continue
+        neutral, (low, high) = item.effect.neutral, reach_of(item)
+        factor = float(np.clip(along / squared, low, high))
+        gain = float(2.0 * factor * along - factor**2 * squared)
+        if item.amplitude_dependent:
+            # Another size has another, unknown shape. The gain that this shape could reach at
+            # its best height counts, or an effect seen too large would never be tried.
+            gain = float(max(along, 0.0) ** 2 / squared)
+            if 2.0 * along - squared > SEEN_ENOUGH * gain:
+                factor = 1.0
+        start = item.theta_unit.copy()
+        start[0] = np.clip(
+            item.effect.size.to_unit(neutral + item.size * factor), 1e-3, 1.0 - 1e-3
+        )
+        found.setdefault(item.key, []).append((gain, item, start))
+    scores = []
+    for members in found.values():
+        gain, item, start = max(members, key=lambda member: member[0])
+        others = _starts_of_other_shape(members, start, OTHER_SHARE * gain)
+        scores.append(
+            Score(item.effect, item.variant, gain, start, others, item.amplitude_dependent)
+        )
+    return sorted(scores, key=lambda score: -score.gain)
+
+
+def reach_of(item: Signature) -> tuple[float, float]:
+    """Factors of the size of a signature between which its shape and its bounds hold."""
+    neutral, size = item.effect.neutral, item.effect.size
+    if neutral != 0.0:
+        return 1.0, 1.0
+    low, high = sorted(((size.low - neutral) / item.size, (size.high - neutral) / item.size))
+    least, most = AMPLITUDE_DEPENDENT_REACH if item.amplitude_dependent else STRAIGHT_REACH
+    return max(low, least), min(high, most)
+
+
+def best_of_each(scores: Sequence[Score]) -> list[Score]:
+    """The first score of each effect, in their order."""
+    best: dict[str, Score] = {}
+    for score in scores:
+        best.setdefault(score.effect.id, score)
+    return list(best.values())
+
+
+def _starts_of_other_shape(
+    members: Sequence[tuple[float, Signature, Array]], start: Array, least: float
+) -> tuple[Array, ...]:
+    """Starts that differ in shape from `start` and from each other, largest gain first.
+
+    The size of an amplitude-dependent effect is part of its shape.
+    """
+    kept = [start]
+    first = 0 if members[0][1].amplitude_dependent else 1
+    for gain, _, other in sorted(members, key=lambda member: -member[0]):
+        apart = all(
+            np.abs(other[first:] - item[first:]).max(initial=0.0) > MIN_APART for item in kept
+        )
+        if gain > least and apart and len(kept) <= MAX_OTHERS:
+            kept.append(other)
+    return tuple(kept[1:])
+
+
+def shortlist(scores: Sequence[Score], least: float, count: int) -> list[Score]:
+    """The best `count` effects with a gain of `least` or more, at most two variants of each."""
+    chosen: list[Score] = []
+    used: Counter[str] = Counter()
+    last: dict[str, float] = {}
+    for score in scores:
+        name = score.effect.id
+        if score.gain < least or (len(used) >= count and name not in used):
+            continue
+        if used[name] >= MAX_VARIANTS:
+            continue
+        if used[name] and score.gain < VARIANT_SHARE * scores[0].gain:
+            continue
+        if used[name] and score.gain > (1.0 - ALIKE) * last[name]:
+            continue
+        last[name] = score.gain
+        used[name] += 1
+        chosen.append(score)
+    return chosen

@@ -1,0 +1,391 @@
+"""Models fitted in one metric: each fit is stored under its candidate.
+
+Candidates are refitted together; candidates far behind the best one stop after a few rounds.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any, TypeVar
+
+import numpy as np
+
+from saddlering_ros.discrepancy.problem.experiment import Metric
+from saddlering_ros.discrepancy.problem.fits import (
+    Asking,
+    Candidate,
+    declared_start,
+    Fit,
+    Key,
+    refit,
+    run_refits,
+    Tangent,
+    tangent,
+)
+from saddlering_ros.discrepancy.problem.system import Array, Settings
+from saddlering_ros.discrepancy.search.lack_of_fit import (
+    FastResidual,
+    LackOfFitTests,
+    SlowResidual,
+)
+from saddlering_ros.discrepancy.search.signatures import (
+    ChangeScale,
+    rank,
+    Score,
+    Signature,
+    testable,
+)
+from saddlering_ros.estimation.statistics import fisher_limit
+from saddlering_ros.progress import Watch
+
+COARSE_ROUNDS = 4
+"""Rounds of a refit from each of several starts, before the best one is refined."""
+
+FULL_JACOBIANS = 2
+"""Number of the best refits of a step that are repeated with a full Jacobian."""
+
+MIN_PAIRS = 12
+"""Smallest number of degrees of freedom of the level, whatever the length of the stretches."""
+
+AT_BOUND = 1e-3
+"""Distance from a bound, as a share of the range, within which a parameter is at the bound."""
+
+FREE_SPREAD = 10.0
+"""Spread, in shares of the range, of a parameter that counts as free."""
+
+
+Result = TypeVar('Result')
+
+Trial = tuple[Score, Sequence[Array]]
+"""A candidate and its starts."""
+
+
+class ModelSpace:
+    """Every model fitted in one metric. A new metric has a new space.
+
+    pairs, max_pairs: numbers of independent differences from which the noise of the poorest and
+    of the richest run is known.
+    """
+
+    def __init__(
+        self,
+        *,
+        metric: Metric,
+        base: Fit,
+        base_tangent: Tangent,
+        signatures: Sequence[Signature],
+        scale: ChangeScale,
+        trials: int,
+        settings: Settings,
+        watch: Watch,
+    ) -> None:
+        self.metric, self.base, self.signatures, self.scale = metric, base, signatures, scale
+        self.trials, self.settings, self.watch = trials, settings, watch
+        known_from = [noise.pairs for noise in metric.noise.values()]
+        self.pairs = max(MIN_PAIRS, min(known_from))
+        self.max_pairs = max(MIN_PAIRS, max(known_from))
+        self.usable = testable(signatures)
+        self.tests = LackOfFitTests(metric, self.max_pairs)
+        self.log_size = float(np.log(metric.free_count))
+        self._fits: dict[Key, Fit] = {}
+        self._results: dict[tuple[str, Key], tuple[Fit, Any]] = {}
+        self.once('tangent', base, lambda: base_tangent)
+
+    def keep(self, fit: Fit) -> Fit:
+        """Store a fit under its candidate."""
+        self._fits[fit.candidate.key] = fit
+        return fit
+
+    def is_fitted(self, candidate: Candidate) -> bool:
+        """Whether the candidate has a fit already."""
+        return candidate.key in self._fits
+
+    def fit_of(self, candidate: Candidate) -> Fit:
+        """The fit of a candidate that is fitted."""
+        return self._fits[candidate.key]
+
+    def single_effect_fits(self) -> list[Fit]:
+        """Fits of one effect beside the base."""
+        return [fit for fit in self._fits.values() if len(fit.candidate.effects) == 1]
+
+    def once(self, kind: str, fit: Fit, compute: Callable[[], Result]) -> Result:
+        """A result of a fit, computed at the first call and stored under its kind."""
+        stored = self._results.get((kind, fit.candidate.key))
+        if stored is None or stored[0] is not fit:
+            stored = self._results[kind, fit.candidate.key] = fit, compute()
+        return stored[1]
+
+    def tangent_of(self, fit: Fit) -> Tangent:
+        """All sensitivities of a fit, computed once."""
+        return self.once('tangent', fit, lambda: tangent(self.metric, fit))
+
+    def slow_residual(self, fit: Fit) -> SlowResidual:
+        """The slow structure of the residual of a fit."""
+        return self.once('slow', fit, lambda: self.tests.slow(fit))
+
+    def fast_residual(self, fit: Fit) -> FastResidual:
+        """The structure of the residual of a fit that is too fast for `slow_residual`."""
+        return self.tests.fast(fit)
+
+    def scores(self, fit: Fit, skip: Sequence[str] = ()) -> list[Score]:
+        """First-order gains beside `fit` of all testable effects that are not in it."""
+        skipped = [*fit.candidate.ids, *skip]
+        return rank(fit, self.tangent_of(fit).white, self.usable, skipped)
+
+    @property
+    def real_gain(self) -> float:
+        """Fall of the misfit at which an effect with one parameter is real."""
+        rate = self.settings.error_rate / max(self.trials, 1)
+        return float(fisher_limit(rate, 1, self.pairs))
+
+    def penalised(self, fit: Fit) -> float:
+        """Misfit plus the penalty of its parameters (BIC)."""
+        return fit.misfit + fit.theta_unit.size * self.log_size
+
+    def fit_best(self, fit: Fit, scores: Sequence[Score]) -> list[Fit]:
+        """The model of `fit` plus each scored candidate by coarse fits; the best is refined."""
+        coarse = sorted(self.coarse_fit(fit, starts_of_each(scores)), key=self.penalised)
+        found = self.refine(coarse[: self.settings.refits])
+        return sorted((self.keep(item) for item in found), key=self.penalised)
+
+    def continued(self, fits: Sequence[Fit], rounds: int) -> list[Fit]:
+        """The same fits after further rounds."""
+        count = len(self.metric.experiment.system.base_parameters)
+        return self._run([
+            refit(self.metric, item.candidate, item.theta_unit, item.jacobian[:, :count],
+                  rounds=rounds, known_start=item)
+            for item in fits
+        ])
+
+    def foreseen(self, fit: Fit) -> float:
+        """Penalised misfit that the slopes of an unfinished fit lead to."""
+        slope = fit.jacobian.T @ fit.whitened
+        gram = fit.jacobian.T @ fit.jacobian + np.eye(slope.size)
+        return self.penalised(fit) - float(slope @ np.linalg.solve(gram, slope))
+
+    def coarse_fit(self, fit: Fit, trials: Sequence[Trial]) -> list[Fit]:
+        """The model of `fit` plus each candidate after a few rounds from its best start."""
+        return best_fit_of_each(self.started(fit, trials, COARSE_ROUNDS))
+
+    def started(self, fit: Fit, trials: Sequence[Trial], rounds: int) -> list[Fit]:
+        """The model of `fit` plus each candidate after so many rounds, from each of its starts."""
+        base = self.metric.experiment.system.base_parameters
+        stopped = self.stopped_base(fit)
+        freed = fit.theta_unit.copy()
+        freed[: len(base)][stopped] = declared_start(base)[stopped]
+        columns = self.tangent_of(fit).white[:, : len(base)] if trials else None
+        wanted: list[Asking] = []
+        for score, starts in trials:
+            candidate = fit.candidate.plus(score.effect, score.variant)
+            wanted += [
+                refit(
+                    self.metric,
+                    candidate,
+                    np.concatenate([fit.theta_unit, start]),
+                    columns,
+                    rounds=rounds,
+                    fresh_base=score.amplitude_dependent,
+                )
+                for start in starts
+            ]
+            if stopped.any():
+                wanted += [
+                    refit(
+                        self.metric,
+                        candidate,
+                        np.concatenate([freed, start]),
+                        rounds=rounds,
+                        full_jacobian=True,
+                    )
+                    for start in starts
+                ]
+        return [found for found in self._run(wanted) if np.isfinite(found.misfit)]
+
+    def stopped_base(self, fit: Fit) -> Array:
+        """Mask (B,) of base parameters at a bound, which may imitate an effect.
+
+        The way from there to the place where the effect shows can be long.
+        """
+        theta_unit = fit.theta_unit[: len(self.metric.experiment.system.base_parameters)]
+        return np.asarray(np.minimum(theta_unit, 1.0 - theta_unit) < AT_BOUND)
+
+    def refine(self, fits: Sequence[Fit]) -> list[Fit]:
+        """The same fits completed, the best of them with a full Jacobian."""
+        refined = self.continued(fits, self.settings.rounds)
+        order = sorted(range(len(refined)), key=lambda item: self.penalised(refined[item]))
+        best = order[:FULL_JACOBIANS]
+        refitted_fully = self.refit_full_jacobian([refined[item] for item in best])
+        for number, fit in zip(best, refitted_fully, strict=True):
+            refined[number] = fit
+        return refined
+
+    def refit_full_jacobian(self, fits: Sequence[Fit]) -> list[Fit]:
+        """The same fits continued, with every sensitivity differenced at every step."""
+        return refit_full_jacobian(self.metric, fits, self.settings.rounds, self.watch)
+
+    def without(self, fit: Fit, effect_id: str) -> Fit:
+        """The model without one effect, refitted."""
+        candidate = fit.candidate.without(effect_id)
+        if not candidate.effects:
+            return self.base
+        if not self.is_fitted(candidate):
+            count = len(self.metric.experiment.system.base_parameters)
+            kept = [fit.theta_unit[:count]]
+            kept += [
+                fit.theta_unit[part]
+                for effect, _, part in fit.candidate.slices(count)
+                if effect.id != effect_id
+            ]
+            columns = self.tangent_of(self.base).white
+            start = np.concatenate(kept)
+            self.keep(
+                self._run(
+                    [refit(self.metric, candidate, start, columns, rounds=self.settings.rounds)]
+                )[0]
+            )
+        return self._fits[candidate.key]
+
+    def _run(self, refits: Sequence[Asking]) -> list[Fit]:
+        return run_refits(self.metric, refits, self.watch.check)
+
+
+def refit_full_jacobian(
+    metric: Metric, fits: Sequence[Fit], rounds: int, watch: Watch
+) -> list[Fit]:
+    """Fits continued in a metric, with every sensitivity differenced at every step."""
+    wanted = [
+        refit(metric, fit.candidate, fit.theta_unit, rounds=rounds, full_jacobian=True)
+        for fit in fits
+    ]
+    return run_refits(metric, wanted, watch.check)
+
+
+def best_fit_of_each(fits: Sequence[Fit]) -> list[Fit]:
+    """The best fit of each candidate, in their order."""
+    best: dict[Key, Fit] = {}
+    for found in fits:
+        key = found.candidate.key
+        if key not in best or found.misfit < best[key].misfit:
+            best[key] = found
+    return list(best.values())
+
+
+def starts_of_each(scores: Sequence[Score]) -> list[Trial]:
+    """All starts of each candidate; of the first two a smaller size too."""
+    return [
+        (score, _starts_of(score, tries_smaller=number < 2)) for number, score in enumerate(scores)
+    ]
+
+
+def _starts_of(score: Score, tries_smaller: bool) -> list[Array]:
+    """Starts of a candidate: those of other shapes, or a smaller size of the same shape."""
+    starts = [score.start, *score.others]
+    if tries_smaller and not score.others:
+        size = score.effect.size
+        second = score.start.copy()
+        second[0] = size.to_unit(0.4 * size.from_unit(float(second[0])))
+        starts.append(second)
+    return starts
+
+
+RACE_ROUNDS = 2
+"""Rounds of a refit that every candidate receives while much misfit remains."""
+
+SCREENED_SHARE = 0.1
+"""Smallest expected share of the gain of the best candidate for a candidate to receive these
+rounds. The expectation is the first-order gain of all its parameters together, at its start. The
+value is a fifth of CLOSE_SHARE."""
+
+CLOSE_SHARE = 0.5
+"""Smallest expected share of the gain of the best refit for a refit to continue after these
+rounds."""
+
+
+def fit_each(
+    space: ModelSpace, fit: Fit, scores: Sequence[Score], beside: Sequence[Fit] = ()
+) -> list[Fit]:
+    """The model of `fit` plus each scored candidate, refitted together, the best first.
+
+    A candidate far behind the best one, or far behind the fits `beside`, stops after a few rounds.
+    """
+    candidates = [fit.candidate.plus(score.effect, score.variant) for score in scores]
+    wanted = [
+        score
+        for candidate, score in zip(candidates, scores, strict=True)
+        if not space.is_fitted(candidate)
+    ]
+    close, behind = _heats(space, fit, starts_of_each(wanted), beside)
+    for item in [*space.refine(close), *behind]:
+        space.keep(item)
+    different = {candidate.key: candidate for candidate in candidates}.values()
+    found = [space.fit_of(candidate) for candidate in different if space.is_fitted(candidate)]
+    return sorted(found, key=space.penalised)
+
+
+def fit_race(
+    space: ModelSpace, fit: Fit, first: Sequence[Fit], others: Sequence[Score]
+) -> list[Fit]:
+    """`first` and the best of the model of `fit` plus `others`, refined, the best first.
+
+    Every candidate is refitted for a few rounds with free base parameters, because a
+    first-order gain is a poor guide to an effect that the base fit imitates. A
+    candidate is refined if the slopes of its residual promise a good share of the gain
+    of the best one.
+    """
+    others = [
+        score
+        for score in others
+        if not space.is_fitted(fit.candidate.plus(score.effect, score.variant))
+    ]
+    if not others:
+        return list(first)
+    trials = [(score, [score.start]) for score in others]
+    coarse = sorted(_raced(space, fit, trials, first), key=space.foreseen)
+    close, _ = _split(space, fit, coarse, first, CLOSE_SHARE)
+    leading: dict[str, Fit] = {}
+    for item in close:
+        leading.setdefault(item.candidate.ids[-1], item)
+    joining = list(leading.values())[: space.settings.refits]
+    found = [space.keep(item) for item in space.refine(joining)]
+    return sorted([*first, *found], key=space.penalised)
+
+
+def _raced(
+    space: ModelSpace, fit: Fit, trials: Sequence[Trial], beside: Sequence[Fit]
+) -> list[Fit]:
+    """The model of `fit` plus each candidate from each start, after a few rounds or none.
+
+    A candidate receives no rounds if these are hopeless. Base parameters at their bounds have no
+    first-order gain at the start. In that case all candidates receive the rounds.
+    """
+    if space.stopped_base(fit).any():
+        return space.started(fit, trials, RACE_ROUNDS)
+    screened = space.started(fit, trials, rounds=0)
+    going, resting = _split(space, fit, screened, beside, SCREENED_SHARE)
+    return [*resting, *space.continued(going, RACE_ROUNDS)]
+
+
+def _heats(
+    space: ModelSpace, fit: Fit, trials: Sequence[Trial], beside: Sequence[Fit]
+) -> tuple[list[Fit], list[Fit]]:
+    """Each candidate from its best start: the candidates close to the best one, and the others."""
+    going, behind = _split(space, fit, _raced(space, fit, trials, beside), beside, CLOSE_SHARE)
+    going = best_fit_of_each(space.continued(going, COARSE_ROUNDS - RACE_ROUNDS))
+    followed = {item.candidate.key for item in going}
+    behind = [item for item in best_fit_of_each(behind) if item.candidate.key not in followed]
+    return going, behind
+
+
+def _split(
+    space: ModelSpace, fit: Fit, fits: Sequence[Fit], beside: Sequence[Fit], share: float
+) -> tuple[list[Fit], list[Fit]]:
+    """Fits that promise this share of the gain of the best fit or of `beside`, and the others.
+
+    The slopes of a fit's residual give its promise.
+    """
+    foreseen = [space.foreseen(item) for item in fits]
+    lowest = min([*foreseen, *map(space.foreseen, beside)], default=np.inf)
+    highest = space.penalised(fit) - share * (space.penalised(fit) - lowest)
+    going = [item for item, end in zip(fits, foreseen, strict=True) if end < highest]
+    resting = [item for item, end in zip(fits, foreseen, strict=True) if not end < highest]
+    return going, resting

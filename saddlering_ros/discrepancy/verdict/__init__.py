@@ -1,0 +1,1 @@
+"""The verdict on the selected model, its published numbers, and steady lines."""

@@ -1,0 +1,403 @@
+"""The verdict on the selected model, and tests of its consistency.
+
+Consistency asks whether the same parameters and laws fit in every run, channel and state. A wrong
+cause can explain almost the whole misfit, so that the remainder is too small for a test of all
+slow shapes. The remainder then resembles the change of the cause, or of the base parameters, in
+proportions that differ from run to run, from channel to channel, or over state and time. Each
+family of such shapes is small, so that a small remainder is significant.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from saddlering_ros.discrepancy.problem.experiment import Experiment, Metric
+from saddlering_ros.discrepancy.problem.fits import Fit, PRIOR, Tangent
+from saddlering_ros.discrepancy.problem.system import Array, Parameter, RunBlocks
+from saddlering_ros.discrepancy.search.comparison import (
+    alternative_floor,
+    changes_of_effects,
+    Comparison,
+    crowded,
+    real_and_material,
+    too_many,
+    with_forms,
+)
+from saddlering_ros.discrepancy.search.lack_of_fit import ShapeTest, SlowResidual
+from saddlering_ros.discrepancy.search.selection import Alternatives
+from saddlering_ros.discrepancy.search.space import AT_BOUND, ModelSpace
+from saddlering_ros.discrepancy.verdict.results import Residual, Verdict
+from saddlering_ros.estimation.least_squares import covariance
+from saddlering_ros.estimation.statistics import fisher_chance
+from saddlering_ros.quantities import percent, quantity
+
+CAUSE_WAVES, PARAMETER_WAVES, STATE_WAVES = 2, 1, 3
+"""Half waves over a state: for the change of a cause, the sensitivities, a channel."""
+
+CAUSE_TIMES, PARAMETER_TIMES = 3, 2
+"""Half waves over the time of a run, for the same three."""
+
+MIN_LEFT = 1e-4
+"""Smallest share of the square of a shape beside the parameters for the shape to count."""
+
+MIN_LEVEL = 0.2
+"""Smallest share of the learnt noise that is assumed."""
+
+Columns = Callable[[int], Array]
+"""Shapes (N, k) of a family in one channel of one run, by the index of the slice."""
+
+
+def consistency_tests(
+    metric: Metric, fit: Fit, tangent: Tangent, slow: SlowResidual, pairs: int
+) -> list[ShapeTest]:
+    """Every family of these runs; the number of families is counted in the p-values."""
+    families = _Families(metric.experiment, fit, tangent).all()
+    tests = [
+        test
+        for name, columns in families.items()
+        if (test := _Test(metric, fit, tangent, columns).result(name, slow, pairs)) is not None
+    ]
+    return [replace(item, p_value=min(1.0, item.p_value * len(tests))) for item in tests]
+
+
+class _Families:
+    """Families of shapes about a fit, each evaluated for one channel of one run at a time."""
+
+    def __init__(self, experiment: Experiment, fit: Fit, tangent: Tangent) -> None:
+        self._experiment, self._plain = experiment, tangent.plain
+        self._runs, self._names = experiment.runs, experiment.system.channel_names
+        self._base = len(experiment.system.base_parameters)
+        self._changes = changes_of_effects(experiment, fit)
+        predicted = experiment.by_run(fit.prediction)
+        self._seen = [_places([run[row] for run in predicted]) for row in range(len(self._names))]
+        shared = [
+            name for name in self._runs[0].inputs if all(name in run.inputs for run in self._runs)
+        ]
+        given = [_places([run.inputs[name] for run in self._runs]) for name in shared]
+        self._states = [*self._seen, *given]
+        self._times = [np.pi * (run.time - run.time[0]) / np.ptp(run.time) for run in self._runs]
+
+    def all(self) -> dict[str, Columns]:
+        """The families by the kind of their shapes."""
+        families: dict[str, Columns] = {
+            'state, as the parameters act': lambda slot: self._over_states(
+                slot, self._sensitivities(slot)[:, : self._base], PARAMETER_WAVES),
+            'time, as the parameters act': lambda slot: self._over_time(
+                slot, self._sensitivities(slot)[:, : self._base], PARAMETER_TIMES),
+            'the predicted state': self._of_channels,
+        }
+        if len(self._runs) > 1:
+            families['the runs, as the parameters act'] = lambda slot: self._one_of(
+                slot, self._experiment.slices[slot][0], len(self._runs))
+        if len(self._names) > 1:
+            families['the channels, as the parameters act'] = lambda slot: self._one_of(
+                slot, self._experiment.slices[slot][1], len(self._names))
+        if self._changes.size:
+            families['state, as the cause acts'] = lambda slot: self._over_states(
+                slot, self._own(self._changes, slot), CAUSE_WAVES)
+            families['time, as the cause acts'] = lambda slot: self._over_time(
+                slot, self._own(self._changes, slot), CAUSE_TIMES)
+        return families
+
+    def _own(self, stacked: Array, slot: int) -> Array:
+        return np.asarray(stacked[self._experiment.slices[slot][2]])
+
+    def _sensitivities(self, slot: int) -> Array:
+        return self._own(self._plain, slot)
+
+    def _over_states(self, slot: int, shapes: Array, waves: int) -> Array:
+        run = self._experiment.slices[slot][0]
+        return np.hstack([
+            shapes * np.cos(wave * places[run])[:, None]
+            for places in self._states
+            for wave in range(1, waves + 1)
+        ])
+
+    def _over_time(self, slot: int, shapes: Array, waves: int) -> Array:
+        time = self._times[self._experiment.slices[slot][0]]
+        return np.hstack([
+            shapes * np.cos(wave * time)[:, None] for wave in range(1, waves + 1)])
+
+    def _one_of(self, slot: int, number: int, count: int) -> Array:
+        """The sensitivities in one of `count` runs or channels, and none in the last."""
+        own = self._sensitivities(slot)
+        whole = np.zeros((own.shape[0], count - 1, own.shape[1]))
+        if number < count - 1:
+            whole[:, number] = own
+        return whole.reshape(own.shape[0], -1)
+
+    def _of_channels(self, slot: int) -> Array:
+        """Shapes over the predicted channels, in this channel of any run."""
+        run, channel, _ = self._experiment.slices[slot]
+        waves = np.arange(1, STATE_WAVES + 1)
+        own = np.hstack([np.cos(places[run][:, None] * waves) for places in self._seen])
+        whole = np.zeros((own.shape[0], len(self._names), own.shape[1]))
+        whole[:, channel] = own
+        return whole.reshape(own.shape[0], -1)
+
+
+def _places(values: Sequence[Array]) -> list[Array]:
+    """A state (N,) of each run, scaled to the interval from 0 to pi."""
+    low = min(float(item.min()) for item in values)
+    high = max(float(item.max()) for item in values)
+    return [np.pi * (item - low) / max(high - low, 1e-300) for item in values]
+
+
+@dataclass(frozen=True)
+class _Products:
+    """Products of whitened shapes with each other, the tangents (k, p) and the residual (k,)."""
+
+    gram: Array
+    tangents: Array
+    residual: Array
+
+
+class _Test:
+    """One family beside the sensitivities of the model."""
+
+    def __init__(self, metric: Metric, fit: Fit, tangent: Tangent, columns: Columns) -> None:
+        self._metric, self._tangent, self._columns = metric, tangent, columns
+        self._products = _products(metric, fit, tangent, columns)
+
+    def result(self, name: str, slow: SlowResidual, pairs: int) -> ShapeTest | None:
+        """The test of the family; None if the parameters imitate every shape.
+
+        Noise that is learnt from fast parts of a residual can be too large at slow times.
+        The slow structure of the residual bounds its level from above.
+        """
+        products = self._products
+        lengths = np.sqrt(np.maximum(np.diag(products.gram), 1e-300))
+        white = self._tangent.white
+        inverse = np.linalg.pinv(white.T @ white, rcond=1e-10, hermitian=True)
+        imitated = inverse @ products.tangents.T
+        gram = (products.gram - products.tangents @ imitated) / np.outer(lengths, lengths)
+        values, vectors = np.linalg.eigh(gram)
+        kept = values > MIN_LEFT
+        count = int(kept.sum())
+        if not count:
+            return None
+        root = vectors[:, kept] / np.sqrt(values[kept])
+        inner = root.T @ (products.residual / lengths)
+        statistic = float(inner @ inner)
+        rest = max(slow.dimensions - count, 1)
+        left = (slow.excess + slow.dimensions - statistic) / rest
+        level = min(1.0, max(left, MIN_LEVEL)) if slow.dimensions > count else 1.0
+        p_value = float(fisher_chance(statistic / count / level, count, pairs))
+        weights = (root @ inner) / lengths
+        view, size = self._largest(weights, imitated @ weights)
+        beyond = max(statistic - count * level, 0.0) / max(statistic, 1e-300)
+        return ShapeTest(view, name, p_value, statistic, count, size * beyond**0.5)
+
+    def _largest(self, weights: Array, imitated: Array) -> tuple[str, float]:
+        """The view in which the fitted shapes are largest, and their rms share of its range."""
+        experiment = self._metric.experiment
+        shape = np.empty(experiment.size)
+        for slot, (_, _, part) in enumerate(experiment.slices):
+            shape[part] = self._columns(slot) @ weights - self._tangent.plain[part] @ imitated
+        sizes = {
+            view: max(
+                experiment.mean_square(seen, run, view) ** 0.5 / experiment.view_ranges[view]
+                for run, seen in zip(
+                    experiment.runs, experiment.view_residuals(shape, view), strict=True)
+            )
+            for view in experiment.system.views
+        }
+        view = max(sizes, key=lambda name: sizes[name])
+        return view, sizes[view]
+
+
+def _products(metric: Metric, fit: Fit, tangent: Tangent, columns: Columns) -> _Products:
+    """Products of the shapes of a family, whitened one channel of one run at a time."""
+    shared = metric.shared
+    count = columns(0).shape[1]
+    gram, residual = np.zeros((count, count)), np.zeros(count)
+    tangents = np.zeros((count, tangent.white.shape[1]))
+    along = np.zeros((count, shared.directions.shape[1]))
+    for slot, (_, _, part) in enumerate(metric.experiment.slices):
+        white = metric.whiteners[slot].whiten(columns(slot))
+        gram += white.T @ white
+        tangents += white.T @ tangent.white[part]
+        residual += white.T @ fit.whitened[part]
+        along += white.T @ shared.directions[part]
+    shrink = shared.shrink
+    return _Products(
+        np.asarray(gram - (along * (2.0 * shrink - shrink**2)) @ along.T),
+        np.asarray(tangents - along @ (shrink[:, None] * (shared.directions.T @ tangent.white))),
+        np.asarray(residual - along @ (shrink * (shared.directions.T @ fit.whitened))),
+    )
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """The verdict on the selected model, with warnings for the reader."""
+
+    verdict: Verdict
+    explained: float
+    warnings: tuple[str, ...]
+
+
+def residual_of(space: ModelSpace, fit: Fit) -> Residual:
+    """The residual of a fit; with consistency tests if laws are assumed to be exact."""
+    sensitivities, slow = space.tangent_of(fit), space.slow_residual(fit)
+    shapes = space.tests.shapes(fit, sensitivities.white)
+    consistency: list[ShapeTest] = []
+    if space.metric.experiment.assumptions.form_error == 0.0:
+        consistency = consistency_tests(
+            space.metric, fit, sensitivities, slow, space.max_pairs)
+    return Residual(slow, space.tests.fast(fit), tuple(shapes), tuple(consistency))
+
+
+def judge(
+    space: ModelSpace,
+    fit: Fit,
+    alternatives: Alternatives,
+    before: Residual,
+    after: Residual,
+) -> Judgement:
+    """The verdict: whether the causes have alternatives, and whether they explain the misfit."""
+    settings = space.settings
+    share = explained_share_of(before, after) if fit.candidate.effects else 0.0
+    left = _is_left(space, after)
+    warnings: list[str] = []
+    verdict: Verdict = 'none'
+    if fit.candidate.effects:
+        open_members = [name for name in fit.candidate.ids if alternatives.get(name)]
+        doubts = _doubts(space, fit, after, share)
+        if open_members and too_many(len(fit.candidate.effects)):
+            doubts.append(_too_many_words(len(fit.candidate.effects), open_members))
+        verdict = 'unknown' if doubts else 'ambiguous' if open_members else 'named'
+        warnings += doubts
+        if real_and_material(after.slow, settings) and not doubts:
+            warnings.append(
+                f'{100 * (1 - share):.0f} % of the misfit remains with the extension, most of it '
+                f'in {after.slow.where}: the law of the cause has another form, which explains it'
+            )
+    elif left:
+        verdict = 'unknown'
+    if real_and_material(after.fast, settings):
+        fast = after.fast
+        warnings.append(
+            f'{fast.view} oscillates at about {quantity(fast.frequency, "Hz", digits=2)} in '
+            f'{fast.run} ({percent(fast.visible)} of range), which no cause explains'
+        )
+    return Judgement(verdict, share, tuple(warnings))
+
+
+def _too_many_words(effects: int, open_members: Sequence[str]) -> str:
+    return (
+        f'{effects} effects were needed, and other effects can replace '
+        f'{" and ".join(open_members)}: so many models can fit any misfit, and none of them is '
+        'certain'
+    )
+
+
+def _is_left(space: ModelSpace, after: Residual) -> bool:
+    """Whether a real and material residual remains, in all or in one channel of one run."""
+    settings = space.settings
+    if real_and_material(after.slow, settings) or real_and_material(after.fast, settings):
+        return True
+    return bool(_unexplained(space, after))
+
+
+def _unexplained(space: ModelSpace, after: Residual) -> list[str]:
+    """Channels and runs whose residual exceeds the noise and the declared model error."""
+    experiment = space.metric.experiment
+    if experiment.assumptions.form_error > 0.0:
+        return []  # Judged in each view, against the form error of the effects.
+    found = [
+        f'{channel} in {run}'
+        for (channel, run), chance in after.slow.chances.items()
+        if chance < space.settings.error_rate
+        and after.slow.sizes[channel][_number(experiment.runs, run)] >= space.settings.materiality
+    ]
+    found += [
+        f'{item.view} along {item.coordinate}'
+        for item in (*after.consistency, *after.shapes)
+        if item.p_value < space.settings.error_rate and item.visible >= space.settings.materiality
+    ]
+    return found
+
+
+def _number(runs: Sequence[RunBlocks], name: str) -> int:
+    return next(number for number, run in enumerate(runs) if run.name == name)
+
+
+def _doubts(space: ModelSpace, fit: Fit, after: Residual, share: float) -> list[str]:
+    """Reasons why real causes are not named, one sentence each."""
+    settings, assumptions = space.settings, space.metric.experiment.assumptions
+    doubts = []
+    if _is_left(space, after):
+        where = ', '.join(_unexplained(space, after)) or after.slow.where or after.fast.view
+        is_exact = assumptions.form_error == 0.0
+        if share < settings.min_total or is_exact or _exceeds_forms(space, fit):
+            doubts.append(
+                f'{100 * (1 - share):.0f} % of the misfit remains, which is more than noise and '
+                f'model error in {where}: {" and ".join(fit.candidate.ids)} can only be a part '
+                'of the cause'
+            )
+    members = [Comparison(space, space.without(fit, name), fit).added
+               for name in fit.candidate.ids]
+    if crowded(members, settings):
+        doubts.append(
+            f'{len(fit.candidate.effects)} effects were needed for one channel: so many effects '
+            'can fit any misfit, and none of them is certain'
+        )
+    return [*doubts, *_shapes_at_bounds(space, fit)]
+
+
+def _exceeds_forms(space: ModelSpace, fit: Fit) -> bool:
+    """Whether more remains than any form of the laws of a fit explains."""
+    remaining = space.tests.slow(with_forms(space, fit, fit))
+    return real_and_material(remaining, space.settings)
+
+
+def _shapes_at_bounds(space: ModelSpace, fit: Fit) -> list[str]:
+    """A sentence for every shape of a cause that is stopped by its bound.
+
+    A shape is stopped if the misfit beyond the bound would fall by more than noise and the
+    form error of the effect explain. A shape at its neutral value or at its start is not
+    stopped.
+    """
+    experiment, settings = space.metric.experiment, space.settings
+    white = space.tangent_of(fit).white
+    variances = np.diag(covariance(white, PRIOR))
+    slopes = white.T @ fit.whitened
+    floor = alternative_floor(space.pairs, settings)
+    taken = max(space.base.misfit - fit.misfit, 0.0)
+    sentences = []
+    for effect, _, part in fit.candidate.slices(len(experiment.system.base_parameters)):
+        shapes = zip(
+            effect.ordered, fit.theta_unit[part], slopes[part], variances[part], strict=True
+        )
+        for item, theta_unit, slope, variance in list(shapes)[1:]:
+            outward = slope if theta_unit < 0.5 else -slope
+            beyond = max(float(outward), 0.0) ** 2 * variance
+            allowed = max(floor, experiment.assumptions.form_error * taken)
+            if beyond > allowed and _is_at_bound(item, float(theta_unit)):
+                sentences.append(
+                    f'{effect.id}: its {item.name} is at the bound of '
+                    f'{quantity(item.from_unit(float(theta_unit)), item.unit)}: the cause has '
+                    'another shape than the bounds allow, so that it is not named'
+                )
+    return sentences
+
+
+def _is_at_bound(shape: Parameter, theta_unit: float) -> bool:
+    """Whether a shape is at a bound that is neither its neutral value nor its start."""
+    if shape.periodic or min(theta_unit, 1.0 - theta_unit) >= AT_BOUND:
+        return False
+    bound = shape.high if theta_unit > 0.5 else shape.low
+    return bound not in (shape.neutral, shape.start)
+
+
+def explained_share_of(before: Residual, after: Residual) -> float:
+    """Share of the misfit beyond noise that is explained, 0 to 1.
+
+    A small cause can be certain although all structures together are no more than noise.
+    """
+    remaining = max(after.slow.excess, 0.0) + after.fast.excess
+    found = max(before.slow.excess, 0.0) + before.fast.excess
+    return 1.0 - min(1.0, remaining / max(found, 1e-9))

@@ -1,0 +1,84 @@
+"""A diagnosis as one HTML page: verdict, causes, misfit by run and channel, curves."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from saddlering_ros.discrepancy.verdict.results import (
+    Diagnosis,
+    estimate_words,
+    gain_words,
+    RunPrediction,
+    WORDS,
+)
+from saddlering_ros.files import write_text
+from saddlering_ros.pages import html
+from saddlering_ros.pages.charts import AFTER, BEFORE, Chart, line, Panel, without_inner_labels
+from saddlering_ros.pages.html import code, number, ReportError
+from saddlering_ros.quantities import probability, quantity
+
+MAX_POINTS = 600
+"""Largest number of drawn samples of a curve."""
+
+
+def write_page(answer: Diagnosis, path: Path) -> None:
+    """Write the page whole, or not at all."""
+    title = f'Verdict: {answer.verdict}'
+    write_text(path, html.page(title, [
+        f'<div class="verdict {answer.verdict}">{html.paragraph(title, "headline")}'
+        f'{html.paragraph(WORDS[answer.verdict].capitalize() + ".")}</div>',
+        html.section('Warnings', html.bullets(answer.warnings)),
+        _causes(answer), _base(answer), _misfit(answer), _limits(answer)]), ReportError)
+
+
+def _causes(answer: Diagnosis) -> str:
+    return html.section('Causes', html.table(
+        ['cause', 'parameters', 'alternatives', 'misfit reduction', number('p')],
+        [[cause.definition.title + (' (part of it only)' if cause.partial else ''),
+          ', '.join(f'{name} {estimate_words(item)}' for name, item in cause.parameters.items()),
+          ', '.join(cause.group[1:]) or '–',
+          gain_words(cause.gain.fit, cause.gain.held_out), number(probability(cause.p_value))]
+         for cause in answer.causes]))
+
+
+def _base(answer: Diagnosis) -> str:
+    return html.section('Base parameters', html.table(
+        ['parameter', number('alone'), number('with the causes')],
+        [[code(name), number(estimate_words(answer.base_alone[name])),
+          number(estimate_words(item))] for name, item in answer.base.items()]))
+
+
+def _limits(answer: Diagnosis) -> str:
+    return html.section('Detection limits of these data', html.table(
+        ['effect', number('size found nine times in ten'), 'can be tested'],
+        [[code(item.effect), number(quantity(item.limit, item.unit)),
+          'yes' if item.testable else 'no'] for item in answer.observability.limits]))
+
+
+def _misfit(answer: Diagnosis) -> str:
+    names = answer.fits.metric.experiment.system.channel_names
+    return html.section('Misfit by run and channel', *(
+        html.picture(
+            _curves(prediction, names), f'misfit_{place + 1}',
+            f'{", ".join(names)} in {prediction.run.name}'
+            f'{", held out" if prediction.run.held_out else ""}: measured minus simulated, '
+            'without and with the causes, over time.')
+        for place, prediction in enumerate(answer.runs)))
+
+
+def _curves(prediction: RunPrediction, names: tuple[str, ...]) -> Chart:
+    """Residuals without and with the causes over time, a panel a channel."""
+    run = prediction.run
+    panels = []
+    for row, name in enumerate(names):
+        there = np.ones(run.time.size, bool) if run.present is None else run.present[row]
+        kept = np.flatnonzero(there)[::max(1, int(there.sum()) // MAX_POINTS)]
+        residuals = ((prediction.before, BEFORE, 'without the causes'),
+                     (prediction.after, AFTER, 'with the causes'))
+        panels.append(Panel(row, 0, 'time', name, tuple(
+            line(run.time[kept], (run.channels - simulated)[row, kept], colour, words, width=0.9)
+            for simulated, colour, words in residuals), levels=(0.0,)))
+    return Chart(tuple(without_inner_labels(panels, len(names))), width=9.4,
+                 height=1.0 + 1.8 * len(names), heights=(1.0,) * len(names), shares_x=True)
