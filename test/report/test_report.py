@@ -8,6 +8,7 @@ from unittest import mock
 from documents import document, run_curves
 import numpy as np
 import pytest
+import scipy.signal
 from shared_pictures import DRAWN, shared_drawn
 
 from saddlering_ros.bags import read_run, write_bag
@@ -26,7 +27,7 @@ from saddlering_ros.report.background import (
     misfit_reductions,
 )
 from saddlering_ros.report.chapters import proposal
-from saddlering_ros.report.curves import branches, curves_path, spectrum, write_curves
+from saddlering_ros.report.curves import branches, curves_path, spectrum, welch, write_curves
 from saddlering_ros.report.reports import diagnosis_page
 from saddlering_ros.rig import default_rig
 
@@ -154,6 +155,13 @@ def test_half_difference_of_the_branches_is_the_loop_and_nothing_else():
     found = branches(run.load, run.direction, run.residual('delta_x', extended=False))
     assert np.allclose(found.half_difference, -5e-6, atol=5e-7)
     assert np.allclose(found.mean, 0.0, atol=5e-7)
+
+
+@pytest.mark.parametrize(('samples', 'count'), [(1000, 256), (99, 49)])
+def test_the_spectrum_is_that_of_welch(samples, count):
+    values = np.random.default_rng(1).normal(size=samples)
+    _, expected = scipy.signal.welch(values, 100.0, nperseg=count)
+    assert welch(values, 0.01, count) == pytest.approx(expected, rel=1e-9)
 
 
 def test_a_spectrum_shows_a_tone_at_its_frequency():
