@@ -6,6 +6,7 @@ from collections import Counter
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from csv import reader
 from dataclasses import asdict, dataclass, replace
+from io import StringIO
 from pathlib import Path
 import re
 from typing import Any
@@ -25,6 +26,9 @@ DELIMITERS = ('\t', ';', ',', '|', ' ')
 
 _NUMBERS = {mark: re.compile(rf'\s*[-+]?(\d+{mark}?\d*|{mark}\d+)([eE][-+]?\d+)?\s*')
           for mark in (r'\.', ',')}
+_MARKS = (',', '.', "'", '’', ' ', '\u00a0', '\u202f')
+"""Marks that group digits somewhere; one of ',' and '.' is the decimal mark."""
+
 _MISSING = ('', 'nan', 'NaN', 'NAN', 'null', '-')
 
 
@@ -32,12 +36,14 @@ _MISSING = ('', 'nan', 'NaN', 'NAN', 'null', '-')
 class CsvShape:
     """How a text file is laid out; lines count from 1, 0 for none.
 
-    header_line: with the columns' names; units_line: with their units; first_line: of the data.
+    thousands: the mark that groups digits, '' for none; header_line: with the columns' names;
+    units_line: with their units; first_line: of the data.
     """
 
     encoding: str = 'utf-8'
     delimiter: str = ','
     decimal: str = '.'
+    thousands: str = ''
     header_line: int = 1
     units_line: int = 0
     first_line: int = 2
@@ -59,6 +65,9 @@ def shape_of(path: Path, given: Mapping[str, Any]) -> tuple[CsvShape, list[list[
     shape = replace(shape, **{**given, 'delimiter': delimiter})
     if len(shape.delimiter) != 1 or shape.decimal not in '.,':
         raise ImportingError(f'{path}: csv.delimiter must be one character, csv.decimal . or ,')
+    if shape.thousands and (shape.thousands == shape.decimal or shape.thousands not in _MARKS):
+        raise ImportingError(f'{path}: csv.thousands is {shape.thousands!r}: give the mark that '
+                             'groups digits, and that is not csv.decimal')
     return shape, _rows(lines, shape.delimiter)
 
 
@@ -75,8 +84,8 @@ def _first_lines(path: Path, given: object) -> tuple[str, list[str]]:
     if '\0' in text:
         raise ImportingError(f'{path}: is neither a text file nor of another format that is read '
                              '(TDMS, MAT, HDF5, MDF4): check the path')
-    lines = text.splitlines()
-    return encoding, lines if is_whole else lines[:-1]
+    lines = StringIO(text, newline=None).read().split('\n')  # only the line ends of Arrow
+    return encoding, lines if is_whole and lines[-1] else lines[:-1]
 
 
 def _encoding(data: bytes) -> str:
@@ -102,13 +111,17 @@ def _sniffed(
     """The delimiter and decimal mark by which most cells of the last lines are numbers."""
     best: tuple[float, CsvShape] = (0.0, CsvShape())
     marks = [str(given['delimiter'])] if 'delimiter' in given else list(DELIMITERS)
+    decimals = [str(given['decimal'])] if 'decimal' in given else ['.', ',']
+    thousands = str(given.get('thousands', ''))
     for delimiter in (mark.replace('\\t', '\t') for mark in marks):
-        rows = _rows(lines, delimiter)
+        rows = _rows([line.replace(thousands, '') for line in lines] if thousands else lines,
+                     delimiter)
         width = _width(rows)
         if width < 2:
             continue
-        for decimal in ('.', ','):
-            if decimal == delimiter and not any('"' in line for line in lines[-20:]):
+        for decimal in decimals:
+            is_quoted = any('"' in line for line in lines[-20:])
+            if decimal == thousands or (decimal == delimiter and not is_quoted):
                 continue
             share = _share_of_numbers(rows, width, decimal)
             score = share * (1.0 + 0.01 * width)
@@ -163,6 +176,7 @@ def _holds_units(row: Sequence[str]) -> bool:
 
 BLOCK_BYTES = 1 << 20
 """Read at a time; Arrow reads up to 32 such blocks ahead."""
+_MARKED_NUMBER = rf'^[-+]?\d+([{"".join(_MARKS)}]\d+)+([eE][-+]?\d+)?$'
 _PLAIN_NUMBER = r'^[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?$'
 _BRACKETED = re.compile(r'^(.*?)\s*[\[(]\s*([^\])]*?)\s*[\])]\s*$')
 
@@ -206,6 +220,11 @@ class CsvSource(Source):
                    else _texts(batch.column(name)) for name in names}
             row += batch.num_rows
 
+    def number_texts(self, name: str, cells: NDArray[Any], first: int) -> NDArray[Any]:
+        """The cells in plain digits with a decimal point."""
+        texts = compute.utf8_trim_whitespace(pa.array(cells, pa.string()))
+        return _texts(self._plain(name, texts, self.shape.first_line + first))
+
     # -- the file ------------------------------------------------------------------------------
 
     def _find_columns(self) -> tuple[Column, ...]:
@@ -226,7 +245,8 @@ class CsvSource(Source):
 
     def _is_numeric(self, cells: Sequence[str]) -> bool:
         filled = [cell for cell in cells if cell.strip()]
-        good = sum(is_number(cell, self.shape.decimal) for cell in filled)
+        good = sum(is_number(cell.replace(self.shape.thousands, ''), self.shape.decimal)
+                   for cell in filled)
         return 2 * good > len(filled)
 
     def _headings(self, width: int) -> tuple[list[str], list[str]]:
@@ -256,8 +276,11 @@ class CsvSource(Source):
 
     def _batches(self, names: Sequence[str]) -> Iterator[pa.RecordBatch]:
         width = len(self._columns)
+        read = 0
 
         def on_bad_row(row: csv.InvalidRow) -> str:
+            nonlocal read
+            read += 1
             if row.text.strip():
                 where = '' if row.number is None else f'line {row.number}'
                 self.warnings.count(
@@ -279,20 +302,66 @@ class CsvSource(Source):
                     column_types={name: pa.string() for name in names},
                     include_columns=list(names), strings_can_be_null=False,
                     quoted_strings_can_be_null=False))
-            yield from batches
+            for batch in batches:
+                read += batch.num_rows
+                yield batch
         except (pa.ArrowInvalid, UnicodeDecodeError) as problem:
             reason = ' '.join(str(problem).split())[:200]
             raise ImportingError(f'{self.path}: cannot be read as a table ({reason}): state csv: '
                                  'in the map') from problem
+        self._check_read(read)
+
+    def _check_read(self, read: int) -> None:
+        """ImportingError unless every line of data was read as one row, or counted as left out."""
+        rows, unpaired = 0, 0
+        with self.path.open(encoding=self.shape.encoding, errors='replace') as file:
+            for number, line in enumerate(file, 1):
+                if number < self.shape.first_line or line == '\n':
+                    continue
+                rows += 1
+                if not unpaired and line.count('"') % 2:
+                    unpaired = number
+        if rows != read:
+            place = (f'line {unpaired} has a quotation mark without its partner: correct it'
+                     if unpaired else 'the line ends are unclear: save the file again')
+            raise ImportingError(f'{self.path}: {rows - read} rows of {rows} would be lost; '
+                                 f'{place}')
 
     def _numbers(self, name: str, cells: pa.Array, first_row: int) -> NDArray[np.float64]:
         texts = compute.utf8_trim_whitespace(cells)
-        if self.shape.decimal == ',':
-            texts = compute.replace_substring(texts, ',', '.')
+        if self.shape.decimal == ',' or self.shape.thousands:
+            texts = self._plain(name, texts, first_row)
         try:
             return np.asarray(compute.cast(texts, pa.float64()))
         except pa.ArrowInvalid:
+            if self.shape.decimal == '.' and not self.shape.thousands:
+                self._plain(name, texts, first_row)
             return self._with_gaps(name, texts, first_row)
+
+    def _plain(self, name: str, texts: pa.Array, first_row: int) -> pa.Array:
+        """Texts without grouped digits and with a decimal point.
+
+        A number with a mark that is neither the decimal mark nor declared is refused: 4.735 may be
+        four or four thousand.
+        """
+        decimal, thousands = self.shape.decimal, self.shape.thousands
+        number = rf'^[-+]?\d*(\{decimal}\d*)?([eE][-+]?\d+)?$'
+        if thousands:
+            number = (rf'^[-+]?(\d*|\d{{1,3}}([{thousands}]\d{{3}})+)(\{decimal}\d*)?'
+                      r'([eE][-+]?\d+)?$')
+        unclear = compute.and_not(compute.match_substring_regex(texts, _MARKED_NUMBER),
+                                  compute.match_substring_regex(texts, number))
+        if compute.any(unclear).as_py():
+            first = int(np.flatnonzero(np.asarray(unclear))[0])
+            raise ImportingError(
+                f'{self.path}: {texts[first].as_py()!r} in column {name!r} (about line '
+                f'{first_row + first}) is no clear number where the decimal mark is {decimal!r}'
+                f'{f" and {thousands!r} groups digits" if thousands else ""}: state csv: '
+                f'{{decimal: ".", thousands: ","}}, or csv: {{decimal: ",", thousands: "."}}, in '
+                'the map, or correct the file')
+        if thousands:
+            texts = compute.replace_substring(texts, thousands, '')
+        return compute.replace_substring(texts, ',', '.') if decimal == ',' else texts
 
     def _with_gaps(self, name: str, texts: pa.Array, first_row: int) -> NDArray[np.float64]:
         """NaN where a cell is empty or no number; the latter is a warning."""

@@ -36,7 +36,10 @@ def draft_map(sources: Sequence[Source]) -> Draft:
     lines += ['time:', *(f'  {line}' for line in _time(columns)), 'channels:']
     chosen = _chosen(columns)
     for name in REQUIRED:
-        lines.append(f'  {name}: {_channel(name, chosen.get(name))}')
+        entries = _channel(name, chosen.get(name))
+        if chosen.get(name) is not None:
+            entries += _rod_pressure(name, chosen[name], columns) + _clock(chosen[name], sources)
+        lines.append(f'  {name}: {{{", ".join(entries)}}}')
     lines += [
         'test:',
         f'  test: {TO_DO}            # static or dynamic',
@@ -96,16 +99,48 @@ def _time(columns: Sequence[Column]) -> list[str]:
              if _TIME.search(_last_part(column)) or _is_date(column.samples[0])]
     if dated:
         return _dated(dated)
-    for column in columns:
-        unit = known_unit(column.unit)
-        if _TIME.search(_last_part(column)) and column.kind == NUMBER:
-            stated = unit.name if unit is not None and unit.quantity == TIME else TO_DO
-            return [f'column: {_quoted(column.name)}',
-                    f'unit: {stated}                  # s, ms, us, ns, min, h',
-                    '# start: "2026-11-20T08:00:00Z"   # if the column counts from the start of '
-                    'the test']
+    for column in _counted(columns):
+        return [f'column: {_quoted(column.name)}',
+                f'unit: {_unit_of_time(column)}                  # s, ms, us, ns, min, h',
+                '# start: "2026-11-20T08:00:00Z"   # if the column counts from the start of '
+                'the test']
     return [f'rate: {TO_DO}              # samples per second',
             f'start: {TO_DO}             # like "2026-11-20T08:00:00Z"']
+
+
+def _counted(columns: Sequence[Column]) -> list[Column]:
+    """Columns that count a time."""
+    return [column for column in columns
+            if column.kind == NUMBER and _TIME.search(_last_part(column))]
+
+
+def _unit_of_time(column: Column) -> str:
+    unit = known_unit(column.unit)
+    return unit.name if unit is not None and unit.quantity == TIME else TO_DO
+
+
+def _clock(column: Column, sources: Sequence[Source]) -> list[str]:
+    """The time of a channel beside it, where a table has several: that to the left of it."""
+    for source in sources:
+        if column not in source.columns or column.timing is not None:
+            continue
+        times = _counted(source.columns[:source.columns.index(column)])
+        if len(times) > 1:
+            return [f'time: {{column: {_quoted(times[-1].name)}, '
+                    f'unit: {_unit_of_time(times[-1])}}}']
+    return []
+
+
+def _rod_pressure(name: str, column: Column, columns: Sequence[Column]) -> list[str]:
+    """A second pressure beside the piston's, which acts on the other side of it."""
+    def is_pressure(one: Column) -> bool:
+        unit = known_unit(one.unit)
+        return unit is not None and unit.quantity == PRESSURE
+
+    others = [one for one in columns if one is not column and is_pressure(one)]
+    if name != 'hydraulic_load' or not is_pressure(column) or not others:
+        return []
+    return [f'rod_pressure: {_quoted(others[0].name)}', f'rod_area: {TO_DO}']
 
 
 def _is_date(text: str) -> bool:
@@ -164,9 +199,9 @@ def _first(columns: Sequence[Column], which: Callable[[Column], bool]) -> Column
     return next((column for column in columns if which(column)), None)
 
 
-def _channel(name: str, column: Column | None) -> str:
+def _channel(name: str, column: Column | None) -> list[str]:
     if column is None:
-        return f'{{column: {TO_DO}, unit: {TO_DO}}}'
+        return [f'column: {TO_DO}', f'unit: {TO_DO}']
     unit = known_unit(column.unit)
     entries = [f'column: {_quoted(column.name)}', f'unit: {unit.name if unit else TO_DO}']
     quantity = unit.quantity if unit is not None else ''
@@ -176,4 +211,4 @@ def _channel(name: str, column: Column | None) -> str:
         entries += [f'scale: {TO_DO}', f'scale_unit: {TO_DO}']
     if name != 'hydraulic_load':
         entries.append(f'range: {TO_DO}')
-    return f'{{{", ".join(entries)}}}'
+    return entries

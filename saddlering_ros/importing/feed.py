@@ -71,10 +71,24 @@ class Piece:
         if isinstance(self.time, RegularTime):
             return self.time.stamps(first, count)
         if isinstance(self.time, CountedTime):
-            return self._checked(self.time.column, self.time.stamps(block[self.time.column]))
+            cells = block[self.time.column]
+            if cells.dtype.kind == 'O':
+                cells = self.source.number_texts(self.time.column, cells, first)
+            return self._checked(self.time.column, self.time.stamps(cells))
         if isinstance(self.time, DatedTime):
             return self.time.stamps([block[name] for name in self.time.columns])
         return self._own_stamps(block, first, count)
+
+    def empty_rows(self, block: Mapping[str, NDArray[Any]]) -> NDArray[np.bool_]:
+        """Rows (N,) without any cell: a table pads its shorter columns with them."""
+        return np.logical_and.reduce([_is_empty(block[name]) for name in self.names()])
+
+    def time_in_words(self, block: Mapping[str, NDArray[Any]], row: int) -> str:
+        """The time cells of a row, and what they should be."""
+        shown = ' '.join(str(block[name][row]) for name in self.time_columns())
+        if isinstance(self.time, DatedTime):
+            return f'{shown!r} does not fit {self.time.format}'
+        return f'{shown!r} is no number'
 
     def _checked(self, name: str, stamps: Stamps) -> Stamps:
         if self.source.column(name).kind == MOMENT:
@@ -138,16 +152,17 @@ class Feed:
     ) -> Iterator[tuple[tuple[int, str], NDArray[np.int64], int]]:
         """Runs of rows, each with the rows to keep and how many of its rows are left out."""
         good = np.flatnonzero(stamps != MISSING)
+        bad = good[:0]
         if len(good) < len(stamps):
-            bad = int(np.flatnonzero(stamps == MISSING)[0])
+            bad = np.flatnonzero((stamps == MISSING) & ~piece.empty_rows(block))
+        if len(bad):
             piece.source.warnings.count(
-                f'{piece.source.path}: rows with an unreadable time are left out',
-                len(stamps) - len(good), f'row {first + bad + 1}')
+                f'{piece.source.path}: rows with an unreadable time are left out', len(bad),
+                f'row {first + bad[0] + 1}, {piece.time_in_words(block, int(bad[0]))}')
         for run_rows in self._runs(piece, block, stamps, good):
             kept, out = self._going_on(piece, stamps, run_rows, first)
-            yield (self._run, self._label), kept, out + 0
-        if len(good) < len(stamps):
-            yield (self._run, self._label), good[:0], len(stamps) - len(good)
+            yield (self._run, self._label), kept, out
+        yield (self._run, self._label), good[:0], len(bad)
 
     def _runs(
         self, piece: Piece, block: Mapping[str, NDArray[Any]], stamps: Stamps,
@@ -265,6 +280,14 @@ def _floats(piece: Piece, column: str, cells: NDArray[Any]) -> Floats:
         raise ImportingError(f'{piece.source.path}: column {column!r} holds text and no numbers: '
                              'name another column')
     return np.asarray(cells, dtype=np.float64)
+
+
+def _is_empty(cells: NDArray[Any]) -> NDArray[np.bool_]:
+    if cells.dtype.kind == 'f':
+        return np.asarray(np.isnan(cells))
+    if cells.dtype.kind == 'O':
+        return np.array([not str(cell).strip() for cell in cells], dtype=bool)
+    return np.zeros(len(cells), dtype=bool)
 
 
 def _label(cell: object) -> str:

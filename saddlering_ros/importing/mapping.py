@@ -148,7 +148,13 @@ def parse_map(document: Any, where: str, folder: Path, text: str = '') -> Import
     channels = tuple(
         _channel(name, given[name], where, folder) for name in given if name not in absent)
     csv = document.get('csv') or {}
-    return ImportMap(channels, _time(document['time'], f'{where}: time'),
+    time = _time(document['time'], f'{where}: time')
+    for channel in channels:
+        if isinstance(channel.time, CountedTime) and 'start' in document['time'] and (
+                'start' not in given[channel.name]['time']):
+            raise ImportingError(f'{where}: channels.{channel.name}.time has no start, and time: '
+                                 'has one: give both, or start: 1970-01-01T00:00:00Z here')
+    return ImportMap(channels, time,
                      _test(document['test'], f'{where}: test'),
                      _split(document.get('split'), where), _section(csv, f'{where}: csv'), text)
 

@@ -106,6 +106,10 @@ class Source(ABC):
         as_text: columns of a text file whose cells are read as text.
         """
 
+    def number_texts(self, name: str, cells: NDArray[Any], first: int) -> NDArray[Any]:
+        """Texts of numbers in plain digits with a decimal point; first: row of the first cell."""
+        return cells
+
     @cached_property
     def sha256(self) -> str:
         """Of the whole file."""

@@ -1,0 +1,117 @@
+"""Claims about files that could be read wrongly without a sign: refused, or read rightly."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from map_documents import convert, document, plain_table, readings, refusal, ROWS, stamps, TIME
+import numpy as np
+import pytest
+
+from saddlering_ros.importing import draft_map, open_sources
+
+GROUPED = [f'{1 + i // 10}.{100 + i},5' for i in range(ROWS)]
+COMMA = {'t': [f'{i},25' for i in range(ROWS)], 'w': [f'1,{200 + i}' for i in range(ROWS)]}
+
+
+def test_a_point_in_a_file_with_decimal_comma_is_refused_until_it_is_declared(
+        tmp_path: Path) -> None:
+    loads = [f'4.{700 + i}' for i in range(ROWS)]
+    said = refusal(tmp_path, document(), plain_table(**COMMA, F=loads))
+    assert "'4.700' in column 'F'" in said
+    assert 'thousands: "."' in said
+    convert(tmp_path, plain_table(**COMMA, F=loads), document(csv={'thousands': '.'}))
+    assert np.array_equal(readings(tmp_path), 1e3 * np.arange(4700.0, 4700.0 + ROWS))
+
+
+def test_grouped_digits_with_a_fraction_are_read_when_declared(tmp_path: Path) -> None:
+    convert(tmp_path, plain_table(**COMMA, F=GROUPED), document(csv={'thousands': '.'}))
+    expected = [1e3 * float(cell.replace('.', '').replace(',', '.')) for cell in GROUPED]
+    assert np.array_equal(readings(tmp_path), expected)
+
+
+@pytest.mark.parametrize('cell', ['1,000.5', '1,000', "1'000.5", '1 000.5', '1.2.3'])
+def test_a_number_with_another_mark_is_refused_and_not_left_out(
+        tmp_path: Path, cell: str) -> None:
+    loads = [cell if i == 7 else f'{i}.5' for i in range(ROWS)]
+    assert repr(cell) in refusal(tmp_path, document(), plain_table(F=loads))
+
+
+def test_grouped_digits_in_the_time_are_refused(tmp_path: Path) -> None:
+    times = [f'{i}.{100 + i}' for i in range(ROWS)]
+    said = refusal(tmp_path, document(), plain_table(**{**COMMA, 't': times}, F=['1,5'] * ROWS))
+    assert "in column 't'" in said
+
+
+def test_a_quotation_mark_without_its_partner_swallows_no_rows(tmp_path: Path) -> None:
+    text = plain_table().splitlines()
+    text[10] = text[10].replace(';', ';"', 1)
+    text[30] = text[30].replace(';', ';"', 1)
+    said = refusal(tmp_path, document(), '\n'.join(text) + '\n')
+    assert 'line 11 has a quotation mark without its partner' in said
+    assert '20 rows of 50 would be lost' in said
+
+
+def test_quoted_cells_with_a_decimal_comma_are_read(tmp_path: Path) -> None:
+    rows = [line.replace('.', ',').split(';') for line in plain_table().splitlines()]
+    text = '\n'.join(','.join(f'"{cell}"' for cell in row) for row in rows) + '\n'
+    convert(tmp_path, text, document())
+    assert len(readings(tmp_path)) == ROWS
+
+
+@pytest.mark.parametrize('mark', ['\x85', '\x0c', '\x1c', '\u2028'])
+def test_a_mark_in_the_heading_lines_that_only_python_calls_a_line_end_costs_no_row(
+        tmp_path: Path, mark: str) -> None:
+    convert(tmp_path, f'logger{mark}7\nmade by{mark}x\n' + plain_table(), document())
+    assert len(readings(tmp_path)) == ROWS
+
+
+def side_by_side() -> str:
+    """A fast load and slow gaps in one table, each with a time; short columns end in blanks."""
+    rows = [f'{i / 100:.2f};{i};' + (f'{i / 10:.1f};1.{i}' if i < 10 else ';')
+            for i in range(100)]
+    return 'Time;F [kN];Time;w [mm]\n' + '\n'.join(rows) + '\n'
+
+
+def test_two_rates_side_by_side_in_one_table_are_two_clocks(tmp_path: Path) -> None:
+    map_ = document(load={'column': 'F*', 'unit': 'kN'},
+                    probe={'column': 'w*', 'unit': 'mm', 'range': [0, 0.002],
+                           'time': {**TIME, 'column': 'Time#2'}},
+                    time={**TIME, 'column': 'Time'})
+    result = convert(tmp_path, side_by_side(), map_)
+    assert (len(readings(tmp_path)), len(readings(tmp_path, 'eddy_current_2'))) == (100, 10)
+    assert [line for line in result.warnings if 'left out' in line] == []
+
+
+def test_the_draft_gives_each_channel_the_time_beside_it_and_the_pressure_of_the_rod(
+        tmp_path: Path) -> None:
+    path = tmp_path / 'a.csv'
+    head = 'Zeit [s];p Kolben [bar];p Stange [bar];Zeit [s];' + ';'.join(
+        f'Weg{i} [mm]' for i in range(1, 5))
+    rows = [f'{i / 100};{i};1;' + (f'{i / 10};1;1;1;1' if i < 10 else ';;;;') for i in range(99)]
+    path.write_text('\n'.join([head, *rows]) + '\n')
+    text = draft_map(open_sources([path])).text
+    assert 'piston_area: TODO, rod_pressure: "p Stange [bar]", rod_area: TODO' in text
+    load, probe = (next(line for line in text.splitlines() if name in line)
+                   for name in ('hydraulic_load', 'eddy_current_2'))
+    assert 'time: {column: "Zeit [s]#2", unit: s}' in probe
+    assert 'time:' not in load
+
+
+def test_a_channel_whose_clock_has_no_start_beside_one_that_has_is_refused(
+        tmp_path: Path) -> None:
+    map_ = document(load={'column': 'F', 'unit': 'kN', 'time': {'column': 't', 'unit': 's'}})
+    assert 'channels.hydraulic_load.time has no start' in refusal(tmp_path, map_)
+
+
+def test_a_time_that_does_not_fit_its_format_is_shown_with_it(tmp_path: Path) -> None:
+    times = [f'20.11.2026 08:00:{i:02d}' for i in range(ROWS)]
+    times[3] = '20/11/2026'
+    form = '%d.%m.%Y %H:%M:%S'
+    map_ = document(time={'column': 't', 'format': form, 'zone': 'UTC'})
+    result = convert(tmp_path, plain_table(t=times), map_)
+    assert any(f"'20/11/2026' does not fit {form}" in line for line in result.warnings)
+    assert len(stamps(tmp_path)) == ROWS - 1
+    map_ = document(time={'column': 't', 'format': '%m/%d/%Y %H:%M:%S', 'zone': 'UTC'})
+    said = refusal(tmp_path, map_, plain_table(t=times), overwrite=True)
+    assert "'20.11.2026 08:00:00' does not fit %m/%d/%Y %H:%M:%S" in said
