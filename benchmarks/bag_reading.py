@@ -158,7 +158,7 @@ def write(path: Path, count: int, compression: str, *, index: bool) -> None:
     from mcap.writer import CompressionType, IndexType, Writer
     from rosbags.typesys import get_typestore, Stores
 
-    from saddlering_ros.bags.writer import messages_of
+    from saddlering_ros.bags.write import messages_of
     from saddlering_ros.record.topics import LOAD, PROBES
     from saddlering_ros.rig import default_rig
 
@@ -167,11 +167,11 @@ def write(path: Path, count: int, compression: str, *, index: bool) -> None:
     stamps = EPOCH + np.arange(count) * 1_000_000
     load = 5e3 + 2.4e5 * np.sin(np.linspace(0.0, np.pi, count)) + random.normal(0, 100, count)
     probes = default_rig().probes
-    span = {'min_range': probes.min_range, 'max_range': probes.max_range}
+    span = (probes.min_range, probes.max_range)
     channels = [messages_of(LOAD, stamps, load)]
     for number, topic in enumerate(PROBES):
         gaps = 1e-3 + 4e-10 * load + random.normal(0, 3e-7, count)
-        channels.append(messages_of(topic, stamps + 200_000 * (number + 1), gaps, **span))
+        channels.append(messages_of(topic, stamps + 200_000 * (number + 1), gaps, span))
     kinds = {'zstd': CompressionType.ZSTD, 'lz4': CompressionType.LZ4,
              'none': CompressionType.NONE}
     indexes = IndexType.ALL if index else IndexType.ALL & ~IndexType.MESSAGE
@@ -185,7 +185,7 @@ def write(path: Path, count: int, compression: str, *, index: bool) -> None:
             numbers.append(writer.register_channel(
                 topic.name, 'cdr', schema, {'offered_qos_profiles': ''}))
         rows = [channel.messages for channel in channels]
-        times = np.stack([channel.stamps for channel in channels]).T.tolist()
+        times = np.stack([channel.log_times for channel in channels]).T.tolist()
         for place, of_place in enumerate(times):
             for number, of_channel, stamp in zip(numbers, rows, of_place, strict=True):
                 writer.add_message(number, stamp, of_channel[place].tobytes(), stamp)

@@ -110,27 +110,28 @@ def anonymous_memory(process: int) -> float:
 
 def write(bag: Path, count: int, rate: float, test: str) -> None:
     """A bag of `count` messages of each topic: ramps, or steps that are held."""
-    from saddlering_ros.bags.block_writer import BlockBagWriter
+    from saddlering_ros.bags.write import BagWriter, messages_of
     from saddlering_ros.record.topics import LOAD_TOPIC, PROBE_TOPICS, TOPICS
     from saddlering_ros.rig import default_rig
 
     rig = default_rig()
     span = (rig.probes.min_range, rig.probes.max_range)
-    topics = [(TOPICS[LOAD_TOPIC], ()), *((TOPICS[name], span) for name in PROBE_TOPICS)]
+    topics = {name: TOPICS[name].type for name in (LOAD_TOPIC, *PROBE_TOPICS)}
     random = np.random.default_rng(0)
     loads, readings = at_rest(rig)
-    with BlockBagWriter(bag, topics, {'test': test, 'elevation_deg': '50'}) as writer:
+    with BagWriter(bag, topics, {'test': test, 'elevation_deg': '50'}) as writer:
         for start in range(0, count, BLOCK):
             time_of = np.arange(start, min(start + BLOCK, count)) / rate
             load = rig.preload + 0.9 * rig.full_scale_load * shape(time_of, test, count / rate)
             load += random.normal(0.0, 50.0, load.size)
             stamps = EPOCH + np.rint(1e9 * time_of).astype(np.int64)
-            samples = [(stamps, load)]
+            blocks = [messages_of(TOPICS[LOAD_TOPIC], stamps, load)]
             for number, moved in enumerate(readings, start=1):
                 gaps = 1e-3 + rig.probes.polarity[number - 1] * np.interp(load, loads, moved)
                 gaps += random.normal(0.0, 3e-7, load.size)
-                samples.append((stamps + 1000 * number, gaps))
-            writer.write(samples)
+                blocks.append(messages_of(TOPICS[PROBE_TOPICS[number - 1]],
+                                          stamps + 1000 * number, gaps, span))
+            writer.write(blocks)
 
 
 def at_rest(rig: Rig) -> tuple[np.ndarray, np.ndarray]:

@@ -14,11 +14,11 @@ from saddlering_ros.bags.repeats import refuse_repeats
 from saddlering_ros.bags.same_rig import refuse_other_rig, rig_in_words
 
 if TYPE_CHECKING:
-    from saddlering_ros.bags.writer import write_bag
+    from saddlering_ros.bags.write import write_bag
 
 __all__ = [
     'BagInfo', 'TopicInfo', 'bag_info', 'read_raw', 'read_run', 'refuse_other_rig',
     'refuse_repeats', 'rig_in_words', 'write_bag',
 ]
 
-__getattr__ = names_on_first_use(__name__, {'write_bag': 'writer'})
+__getattr__ = names_on_first_use(__name__, {'write_bag': 'write'})

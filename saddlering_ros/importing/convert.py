@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from saddlering_ros.bags.block_writer import BlockBagWriter
+from saddlering_ros.bags.write import BagWriter, messages_of
 from saddlering_ros.errors import did_you_mean
 from saddlering_ros.importing.calibration import ImportingError
 from saddlering_ros.importing.clock import (
@@ -298,10 +298,12 @@ def _write_run(
     counts = dict.fromkeys(channels, 0)
     spans: dict[str, tuple[int, int]] = {}
     envelopes = {name: Envelope() for name in channels}
-    topics = [(channel.topic, _range(channel, rig)) for channel in channels.values()]
-    with BlockBagWriter(path, topics, metadata.as_text(), overwrite=overwrite) as writer:
+    ranges = {name: _range(channel, rig) for name, channel in channels.items()}
+    topics = {channel.topic.name: channel.topic.type for channel in channels.values()}
+    with BagWriter(path, topics, metadata.as_text(), overwrite=overwrite) as writer:
         for samples in _merged(streams, tuple(channels)):
-            writer.write([samples[name] for name in channels])
+            writer.write([messages_of(channel.topic, *samples[name], ranges[name])
+                          for name, channel in channels.items()])
             for name, (stamps, values) in samples.items():
                 if len(stamps):
                     counts[name] += len(stamps)

@@ -25,7 +25,7 @@ from saddlering_interfaces.msg import (
     RingParameters,
 )
 from saddlering_ros.bags.cdr import SECOND
-from saddlering_ros.bags.recording import BagRecording
+from saddlering_ros.bags.write import BagWriter, RECORDED_CHUNK_SIZE
 from saddlering_ros.live.errors import LiveError
 from saddlering_ros.record.topics import relative, TOPICS
 from saddlering_ros.ros.names import (
@@ -64,7 +64,7 @@ class Recorder(StreamingNode):
     A bag holds them by the names of the root namespace, for any namespace of the rig.
     """
 
-    def __init__(self, bag: BagRecording, context: Any, namespace: str = '') -> None:
+    def __init__(self, bag: BagWriter, context: Any, namespace: str = '') -> None:
         super().__init__(NAME, context=context, namespace=namespace)
         self.problem_writing: Exception | None = None
         self._bag = bag
@@ -115,7 +115,7 @@ class Recorder(StreamingNode):
         now = time.time_ns()
         try:
             for number, message in enumerate(messages):
-                self._bag.write(topic, now + number, message)
+                self._bag.write_message(topic, now + number, message)
         except Exception as problem:  # set by the caller of the recorder
             self.problem_writing = problem
             self.done = True
@@ -163,9 +163,9 @@ def recording(
     topics = {topic: type_name(kind) for topic, kind in {**streams(), **KEPT, **OTHERS}.items()}
     context = rclpy.Context()
     with ExitStack() as stack:
-        bag = stack.enter_context(BagRecording(
-            path, topics, definitions=definitions(), latched=frozenset(KEPT), facts=facts,
-            overwrite=overwrite))
+        bag = stack.enter_context(BagWriter(
+            path, topics, facts or {}, definitions=definitions(), latched=frozenset(KEPT),
+            overwrite=overwrite, chunk_size=RECORDED_CHUNK_SIZE, recorded=True))
         rclpy.init(context=context, args=[], domain_id=domain_id,
                    signal_handler_options=SignalHandlerOptions.NO)
         stack.callback(rclpy.try_shutdown, context=context)

@@ -10,9 +10,9 @@ from pyarrow import parquet
 import pytest
 
 from saddlering_ros.bags import bag_info, read_run, refuse_repeats, scan
-from saddlering_ros.bags.block_writer import BlockBagWriter
 from saddlering_ros.bags.samples import measured_blocks, measured_samples, write_samples
 from saddlering_ros.bags.summary import summary_of_bag
+from saddlering_ros.bags.write import BagWriter, messages_of
 from saddlering_ros.diagnosis.records import build_record
 from saddlering_ros.identification.prepared import prepare
 from saddlering_ros.record import (
@@ -121,13 +121,14 @@ def write(path, count, number=0):
     """A bag of `count` samples a topic at 10 kHz, the `number`-th minute of them."""
     random = np.random.default_rng(number)
     span = (RIG.probes.min_range, RIG.probes.max_range)
-    topics = [(TOPICS[LOAD_TOPIC], ()), *((TOPICS[name], span) for name in PROBE_TOPICS)]
+    topics = {name: TOPICS[name].type for name in (LOAD_TOPIC, *PROBE_TOPICS)}
     stamps = 1_700_000_000_000_000_000 + 60_000_000_000 * number + 100_000 * np.arange(count)
     load = RIG.preload + 2e5 * np.clip(1.5 - np.abs(np.linspace(-2.0, 2.0, count)), 0, 1)
-    with BlockBagWriter(path, topics, {'test': 'dynamic', 'elevation_deg': '50'}) as writer:
-        writer.write([(stamps, load), *(
-            (stamps + 1000, 1e-3 + 4e-10 * load + random.normal(0.0, 3e-7, count))
-            for _ in PROBE_TOPICS)])
+    with BagWriter(path, topics, {'test': 'dynamic', 'elevation_deg': '50'}) as writer:
+        writer.write([messages_of(TOPICS[LOAD_TOPIC], stamps, load), *(
+            messages_of(TOPICS[name], stamps + 1000,
+                        1e-3 + 4e-10 * load + random.normal(0.0, 3e-7, count), span)
+            for name in PROBE_TOPICS)])
     return path
 
 

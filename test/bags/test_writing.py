@@ -10,9 +10,10 @@ import pytest
 from rosbags.highlevel import AnyReader
 import yaml
 
-from saddlering_ros.bags import writer as writer_module
-from saddlering_ros.bags.mcap_blocks import McapBlockFile
+from saddlering_ros.bags.mcap_write import McapWriter
+from saddlering_ros.bags.write import write_bag
 from saddlering_ros.record import BagError, LOAD_TOPIC, PROBE_TOPICS, RIG_TOPICS, TestMetadata
+from saddlering_ros.rig import Probes
 
 FACTS = {'test': 'dynamic', 'elevation_deg': '50', 'rig': 'a rig', 'run': 'a run'}
 
@@ -86,8 +87,8 @@ def test_ten_seconds_at_one_kilohertz_fit_in_two_megabytes(tmp_path):
     quantum = 2e-3 / 2 ** 16
     gaps = [np.round((1e-3 + 3e-7 * random.normal(size=count)) / quantum) * quantum
             for _ in range(4)]
-    probes = writer_module.Probes(1.3, 0.0, (1.0, 1.0, 1.0, 1.0), 0.0, 2e-3)
-    bag = writer_module.write_bag(
+    probes = Probes(1.3, 0.0, (1.0, 1.0, 1.0, 1.0), 0.0, 2e-3)
+    bag = write_bag(
         tmp_path / 'bag', TestMetadata('dynamic', 50.0), jittered[0], load, jittered[1:], gaps,
         probes)
     assert sum(file.stat().st_size for file in bag.iterdir()) <= 2_000_000
@@ -117,7 +118,7 @@ def test_what_is_no_bag_is_never_replaced(tmp_path, recording):
 @pytest.mark.parametrize('interruption', [KeyboardInterrupt, OSError])
 def test_an_interruption_leaves_nothing_half_written(
         tmp_path, recording, monkeypatch, interruption):
-    written, add_chunk = 0, McapBlockFile.add_chunk
+    written, add_chunk = 0, McapWriter.add_chunk
 
     def fail(*arguments):
         nonlocal written
@@ -126,7 +127,7 @@ def test_an_interruption_leaves_nothing_half_written(
             raise interruption(28, 'No space left on device')
         add_chunk(*arguments)
 
-    monkeypatch.setattr(McapBlockFile, 'add_chunk', fail)
+    monkeypatch.setattr(McapWriter, 'add_chunk', fail)
     with pytest.raises((BagError, KeyboardInterrupt)):
         recording.write(tmp_path / 'bag', chunk_size=10_000)
     assert written == 4
@@ -139,7 +140,7 @@ def test_an_interruption_keeps_the_old_bag(tmp_path, recording, bag, monkeypatch
     def fail(*_, **__):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(McapBlockFile, 'finish', fail)
+    monkeypatch.setattr(McapWriter, 'finish', fail)
     with pytest.raises(KeyboardInterrupt):
         recording.write(bag, overwrite=True)
     assert (bag / 'bag_0.mcap').read_bytes() == before

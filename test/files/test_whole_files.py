@@ -159,7 +159,7 @@ import os, signal, sys
 from pathlib import Path
 import numpy as np
 from saddlering_ros.record import LOAD_TOPIC, PROBE_TOPICS, TestMetadata
-from saddlering_ros.bags.recording import BagRecording
+from saddlering_ros.bags.write import BagWriter, RECORDED_CHUNK_SIZE
 from saddlering_ros.streams.batches import encode_samples, Samples
 from saddlering_ros.record.topics import LOAD, PROBES
 from saddlering_ros.errors import SaddleringError
@@ -169,17 +169,18 @@ rest = np.random.default_rng(0)
 END
 facts = TestMetadata('dynamic', 50.0).as_text()
 try:
-    with BagRecording(Path(sys.argv[1]), kinds, facts=facts) as bag:
+    with BagWriter(Path(sys.argv[1]), kinds, facts, chunk_size=RECORDED_CHUNK_SIZE,
+                   recorded=True) as bag:
         for stamp in range(10 ** 18, 10 ** 18 + 10 ** 11, 10 ** 8):
             at = np.array([stamp])
             print(stamp, flush=True)
             if stamp == killed:
                 os.kill(os.getpid(), signal.SIGKILL)
             load = Samples(at, rest.normal(1e5, 1e3, 1))
-            bag.write(LOAD_TOPIC, stamp, *encode_samples(load, LOAD, ''))
+            bag.write_message(LOAD_TOPIC, stamp, *encode_samples(load, LOAD, ''))
             for topic in PROBES:
                 gap = Samples(at, rest.normal(1e-3, 1e-5, 1), 0.0, 2e-3)
-                bag.write(topic.name, stamp, *encode_samples(gap, topic, ''))
+                bag.write_message(topic.name, stamp, *encode_samples(gap, topic, ''))
 except SaddleringError as problem:
     print(problem)
 """

@@ -1,0 +1,363 @@
+"""The one writer of bags: rosbag2 directories of one MCAP file, from blocks or single messages.
+
+rosbags knows the definitions of the messages and their hashes. metadata.yaml is formed here,
+because rosbags forms every text of YAML by pure Python, several times a bag, which took half the
+time of a short bag.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from contextlib import contextmanager, ExitStack
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+import shutil
+import tempfile
+from types import TracebackType
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+from rosbags.interfaces import (
+    Qos,
+    QosDurability,
+    QosHistory,
+    QosLiveliness,
+    QosReliability,
+    QosTime,
+)
+from rosbags.typesys import get_types_from_msg, get_typestore, Stores
+import yaml
+
+from saddlering_ros.bags.cdr import encode
+from saddlering_ros.bags.mcap_write import McapWriter, MessageBlock
+from saddlering_ros.files import exchange, settle, temporary_folder
+from saddlering_ros.record.errors import BagError
+from saddlering_ros.record.metadata import METADATA_RECORD, TestMetadata
+from saddlering_ros.record.topics import LOAD, PROBES, RigTopic, TOPICS
+from saddlering_ros.rig import Probes
+
+CHUNK_SIZE = 1 << 20
+"""Bytes of messages of a chunk before compression."""
+
+RECORDED_CHUNK_SIZE = 1 << 16
+"""The same of a recording: its largest loss by a crash, 6 s at 10 Hz. Bags are 2 % larger."""
+
+VERSION = 9
+"""Of the form of metadata.yaml: that of Jazzy."""
+
+LIBRARY = 'saddlering_ros'
+"""Name of the writer in MCAP files."""
+
+FOLDER_RECORD = 'rosbag2'
+"""Name of the MCAP metadata record that holds the content of metadata.yaml."""
+
+_FOREVER = QosTime(9223372036, 854775807)
+RELIABLE = Qos(
+    QosHistory.KEEP_LAST, 1000, QosReliability.RELIABLE, QosDurability.VOLATILE,
+    _FOREVER, _FOREVER, QosLiveliness.AUTOMATIC, _FOREVER, False)
+
+_DUMPER = getattr(yaml, 'CSafeDumper', yaml.SafeDumper)
+"""libyaml's where PyYAML was built with it; both write the same text."""
+
+
+@dataclass
+class BagTopic:
+    """A topic of a bag, and the number and log times [ns] of its messages so far."""
+
+    name: str
+    type: str
+    definition: str
+    type_hash: str
+    qos: Qos
+    count: int = 0
+    first: int = 2 ** 63 - 1
+    last: int = 0
+
+    def add(self, count: int, first: int, last: int) -> None:
+        """Count further messages, of log times `first` to `last` [ns]."""
+        self.count += count
+        self.first, self.last = min(self.first, first), max(self.last, last)
+
+    def channel_metadata(self) -> dict[str, str]:
+        """The texts of the topic's channel in the MCAP file."""
+        return {'offered_qos_profiles': _qos_text(self.qos), 'topic_type_hash': self.type_hash}
+
+
+def declared_topics(
+    kinds: Mapping[str, str], definitions: Mapping[str, str], latched: frozenset[str],
+) -> dict[str, BagTopic]:
+    """The topics of a bag by name, with the definitions of their types."""
+    store = get_typestore(Stores.ROS2_JAZZY)
+    for kind, text in definitions.items():
+        store.register(get_types_from_msg(text, kind))
+    lasting = RELIABLE._replace(durability=QosDurability.TRANSIENT_LOCAL)
+    return {name: BagTopic(name, kind, store.generate_msgdef(kind, ros_version=2)[0],
+                           store.hash_rihs01(kind), lasting if name in latched else RELIABLE)
+            for name, kind in kinds.items()}
+
+
+def _information(
+    topics: Collection[BagTopic], custom_data: Mapping[str, str], file: str,
+) -> dict[str, Any]:
+    """The content of metadata.yaml."""
+    count = sum(topic.count for topic in topics)
+    start = min((topic.first for topic in topics), default=2 ** 63 - 1)
+    last = max((topic.last for topic in topics), default=0)
+    times = {'starting_time': {'nanoseconds_since_epoch': start},
+             'duration': {'nanoseconds': max(0, last - start)}, 'message_count': count}
+    return {
+        'version': VERSION, 'storage_identifier': 'mcap',
+        'relative_file_paths': [file], **times,
+        'topics_with_message_count': [
+            {'topic_metadata': {
+                'name': topic.name, 'type': topic.type, 'serialization_format': 'cdr',
+                'offered_qos_profiles': [_qos(topic.qos)],
+                'type_description_hash': topic.type_hash},
+             'message_count': topic.count}
+            for topic in topics],
+        'compression_format': '', 'compression_mode': '',
+        'files': [{'path': file, **times}],
+        'custom_data': dict(custom_data) or None, 'ros_distro': 'rosbags'}
+
+
+def _qos(qos: Qos) -> dict[str, Any]:
+    return {
+        'history': qos.history.name.lower(), 'depth': qos.depth,
+        'reliability': qos.reliability.name.lower(),
+        'durability': qos.durability.name.lower(),
+        'deadline': _time(qos.deadline), 'lifespan': _time(qos.lifespan),
+        'liveliness': qos.liveliness.name.lower(),
+        'liveliness_lease_duration': _time(qos.liveliness_lease_duration),
+        'avoid_ros_namespace_conventions': qos.avoid_ros_namespace_conventions}
+
+
+def _time(time: QosTime) -> dict[str, int]:
+    return {'sec': time.sec, 'nsec': time.nsec}
+
+
+@lru_cache(maxsize=8)
+def _qos_text(qos: Qos) -> str:
+    return _text([_qos(qos)]).strip()
+
+
+class _WithoutAliases(_DUMPER):  # type: ignore[misc, valid-type]
+    """Readers refuse aliases (&id001), by which equal parts would be named."""
+
+    def ignore_aliases(self, data: object) -> bool:
+        return True
+
+
+def _text(value: object) -> str:
+    text: str = yaml.dump(value, Dumper=_WithoutAliases, default_flow_style=False,
+                          allow_unicode=True)
+    return text
+
+
+def check_target(path: Path, overwrite: bool) -> None:
+    """Refuse a path at which something is that may not be replaced."""
+    if not path.exists():
+        return
+    if not overwrite:
+        raise BagError(f'{path}: exists already: choose another name, or remove it first')
+    is_bag = path.is_dir() and all(
+        file.name == 'metadata.yaml' or file.suffix == '.mcap' for file in path.iterdir())
+    if not is_bag:
+        raise BagError(f'{path}: exists and is not a bag, so that it is not replaced: choose '
+                       'another name')
+
+
+def put_in_place(written: Path, path: Path) -> None:
+    """Move the finished bag to `path` and remove an earlier one at the same moment."""
+    for file in written.iterdir():
+        settle(file)
+    if path.exists():
+        exchange(written, path)
+    else:
+        written.rename(path)
+    settle(path.parent)
+
+
+class BagWriter:
+    """A rosbag2 directory that is being written; a context manager, at whose end it is in place.
+
+    topics: message type ('package/msg/Name') by topic; metadata: texts for custom_data and the
+    record saddlering.test, which comes first, so that a file that is cut off has it; definitions:
+    texts of .msg files of types that ROS 2 itself does not define, by type; latched: topics whose
+    last message stays there for late joiners; chunk_size: bytes of messages of one chunk before
+    compression.
+
+    The bag is written beside its place, in a folder whose name begins with a dot. An exception in
+    the block leaves no file. A bag that is `recorded` cannot be written again: an exception
+    only ends it, and after a crash or on a full disk the folder stays, readable up to its last
+    whole chunk.
+    """
+
+    def __init__(
+        self, path: Path | str, topics: Mapping[str, str], metadata: Mapping[str, str], *,
+        definitions: Mapping[str, str] | None = None, latched: frozenset[str] = frozenset(),
+        overwrite: bool = False, chunk_size: int = CHUNK_SIZE, recorded: bool = False,
+    ) -> None:
+        self.path = Path(path)
+        self._kinds = dict(topics)
+        self._metadata = dict(metadata)
+        self._definitions = definitions or {}
+        self._latched = latched
+        self._overwrite = overwrite
+        self._chunk_size = chunk_size
+        self._recorded = recorded
+        self._failed = False
+        self._stack = ExitStack()
+
+    @property
+    def messages(self) -> int:
+        """Number of messages written."""
+        return sum(topic.count for topic in self._topics.values())
+
+    def __enter__(self) -> BagWriter:
+        check_target(self.path, self._overwrite)
+        try:
+            self.path.parent.mkdir(parents=True, exist_ok=True)
+            self._folder = self._make_folder()
+            self._written = self._folder / self.path.name
+            self._written.mkdir(mode=0o755)
+            self._file = McapWriter(self._written / f'{self.path.name}_0.mcap', LIBRARY,
+                                    self._chunk_size)
+            self._file.add_metadata(METADATA_RECORD, self._metadata)
+        except OSError as problem:
+            raise BagError(self._complaint(problem)) from problem
+        self._topics = declared_topics(self._kinds, self._definitions, self._latched)
+        for topic in self._topics.values():
+            self._file.add_topic(
+                topic.name, topic.type, topic.definition, topic.channel_metadata())
+        return self
+
+    def write(self, blocks: Sequence[MessageBlock]) -> None:
+        """Add messages of some topics, in order of their log times, chunk by chunk."""
+        for chunk in _chunks(blocks, self._chunk_size):
+            with self._or_refused():
+                self._file.add_chunk(chunk)
+            for block in chunk:
+                if len(block):
+                    self._topics[block.topic].add(
+                        len(block), int(block.log_times.min()), int(block.log_times.max()))
+
+    def write_message(self, topic: str, log_time: int, message: bytes) -> None:
+        """Add one serialized message that was received at `log_time` [ns]."""
+        with self._or_refused():
+            self._file.add_message(topic, log_time, message)
+        self._topics[topic].add(1, log_time, log_time)
+
+    def __exit__(self, kind: type[BaseException] | None, problem: BaseException | None,
+                 trace: TracebackType | None) -> None:
+        # After a failure the damaged chunk would lie in the middle if there is room again by now.
+        try:
+            if self._failed or (kind is not None and not self._recorded):
+                return
+            with self._or_refused():
+                information = _information(self._topics.values(), self._metadata,
+                                           f'{self.path.name}_0.mcap')
+                self._file.finish({FOLDER_RECORD: {
+                    'serialized_metadata': _text(information).strip()}})
+                (self._written / 'metadata.yaml').write_text(
+                    _text({'rosbag2_bagfile_information': information}), 'utf-8')
+                put_in_place(self._written, self.path)
+            self._stack.callback(shutil.rmtree, self._folder, ignore_errors=True)
+        finally:
+            self._file.abort()
+            self._stack.close()
+
+    def _make_folder(self) -> Path:
+        if self._recorded:
+            return Path(tempfile.mkdtemp(prefix=f'.{self.path.name}.recording.',
+                                         dir=self.path.parent))
+        return self._stack.enter_context(
+            temporary_folder(self.path.parent, f'.{self.path.name}.'))
+
+    @contextmanager
+    def _or_refused(self) -> Iterator[None]:
+        """A fault of the file system as one line."""
+        try:
+            yield
+        except OSError as problem:
+            self._failed = True
+            kept = (f'; the recording until then is readable in {self._written}'
+                    if self._recorded else '')
+            raise BagError(f'{self._complaint(problem)}{kept}') from problem
+
+    def _complaint(self, problem: OSError) -> str:
+        return (f'{self.path}: cannot be written ({problem.strerror or problem}): '
+                'choose another place')
+
+
+def _chunks(blocks: Sequence[MessageBlock], chunk_size: int) -> Iterator[list[MessageBlock]]:
+    """The messages of all blocks by log time, in parts of about `chunk_size` bytes."""
+    if not any(map(len, blocks)):
+        return
+    which = np.repeat(np.arange(len(blocks)), [len(block) for block in blocks])
+    index = np.concatenate([np.arange(len(block)) for block in blocks])
+    order = np.argsort(np.concatenate([block.log_times for block in blocks]), kind='stable')
+    sizes = np.array([block.record_size for block in blocks])
+    chunk_of = (np.cumsum(sizes[which[order]]) - 1) // chunk_size
+    for chunk in np.split(order, np.flatnonzero(np.diff(chunk_of)) + 1):
+        rows = [index[chunk[which[chunk] == number]] for number in range(len(blocks))]
+        yield [MessageBlock(block.topic, block.log_times[mine], block.messages[mine])
+               for block, mine in zip(blocks, rows, strict=True)]
+
+
+def messages_of(
+    topic: RigTopic, stamps: ArrayLike, values: ArrayLike, span: Sequence[float] = (),
+    log_delay: int = 0,
+) -> MessageBlock:
+    """Messages of `topic` with `values` as its readings, logged `log_delay` [ns] after the stamps.
+
+    span: the ends of the sensor's range, for a topic that has them.
+    """
+    stamps = np.asarray(stamps, dtype=np.int64)
+    values = np.asarray(values, dtype=np.float64)
+    if stamps.ndim != 1 or stamps.shape != values.shape:
+        raise BagError(f'{topic.name}: {stamps.shape} stamps and {values.shape} readings were '
+                       'given to write: give one array of each, of equal length')
+    fields: dict[str, ArrayLike] = {topic.field: values}
+    if topic.low and span:
+        fields |= {topic.low: span[0], topic.high: span[1]}
+    return MessageBlock(
+        topic.name, stamps + log_delay, encode(topic.type, topic.frame_id, stamps, fields))
+
+
+def write_bag(
+    path: Path | str,
+    metadata: TestMetadata,
+    load_stamps: ArrayLike,
+    load: ArrayLike,
+    probe_stamps: Sequence[ArrayLike],
+    gaps: Sequence[ArrayLike],
+    probes: Probes,
+    *,
+    others: Mapping[str, tuple[ArrayLike, ArrayLike]] | None = None,
+    log_delay: int = 0,
+    chunk_size: int = CHUNK_SIZE,
+    overwrite: bool = False,
+) -> Path:
+    """Write a rosbag2 directory at `path`, complete or not at all; return the path.
+
+    load_stamps (N,) int64 [ns], load (N,) [N]; probe_stamps and gaps: four arrays each, (M_i,)
+    int64 [ns] and (M_i,) [m] (kept as float32, the message's type); others: stamps and readings
+    of optional topics by name. The probe that is absent has no topic. `log_delay` [ns] is put
+    between a stamp and its log time. An existing bag is replaced only if `overwrite` is
+    set, and anything else at `path` never.
+    """
+    span = (probes.min_range, probes.max_range)
+    absent = PROBES[probes.absent - 1] if probes.absent else None
+    blocks = [messages_of(LOAD, load_stamps, load, log_delay=log_delay)]
+    blocks += [messages_of(topic, stamps, gap, span, log_delay)
+               for topic, stamps, gap in zip(PROBES, probe_stamps, gaps, strict=True)
+               if topic is not absent]
+    blocks += [messages_of(TOPICS[name], *samples, log_delay=log_delay)
+               for name, samples in (others or {}).items()]
+    topics = {block.topic: TOPICS[block.topic].type for block in blocks}
+    with BagWriter(path, topics, metadata.as_text(), overwrite=overwrite,
+                   chunk_size=chunk_size) as writer:
+        writer.write(blocks)
+    return Path(path)
