@@ -44,7 +44,7 @@ from saddlering_ros.identification.objective import (
     PaperObjective,
     WeightedObjective,
 )
-from saddlering_ros.identification.observing import observe
+from saddlering_ros.identification.observation import observe
 from saddlering_ros.identification.swarm import minimise
 from saddlering_ros.rig import ContactParameters, FULL_SCALE_LOAD, PARAMETER_NAMES, TRUE_TO_SCALE
 from saddlering_ros.ring import dynamic_batch, SimulationError, static_batch, static_response
@@ -314,7 +314,7 @@ def by_our_swarm(
 def by_default_method(
     objective: WeightedObjective, space: SearchSpace, seed: int, particles: int, iterations: int
 ) -> float:
-    from saddlering_ros.identification.refinement import refine
+    from saddlering_ros.identification.objective import refine
 
     start = minimise(
         lambda points: objective(space.contacts(points)), space.low, space.high,

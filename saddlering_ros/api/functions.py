@@ -56,15 +56,15 @@ def identify(
         check_number('accuracy', accuracy)
     settings = IdentificationSettings(
         method=method, bounds=dict(bounds or {}), logarithmic_stiffness=log_stiffness,
-        use_delta_y=use_delta_y, seed=seed, swarm=SwarmSettings(
+        use_delta_y=use_delta_y, seed=seed, profiles=profiles, swarm=SwarmSettings(
             particles=particles, iterations=iterations, accuracy=accuracy, stagnation=stagnation))
-    return identify_with(settings, bags, rig=rig, profiles=profiles, trust_rig=trust_rig,
-                         on_progress=on_progress, is_cancelled=is_cancelled)
+    return identify_with(settings, bags, rig=rig, trust_rig=trust_rig, on_progress=on_progress,
+                         is_cancelled=is_cancelled)
 
 
 def identify_with(
     settings: IdentificationSettings, bags: BagLike | Iterable[BagLike], *, rig: RigLike = None,
-    profiles: bool = False, trust_rig: bool = False, on_progress: OnProgress | None = None,
+    trust_rig: bool = False, on_progress: OnProgress | None = None,
     is_cancelled: IsCancelled | None = None,
 ) -> IdentificationResult:
     """`identify` with settings that are an object, as the action server has them."""
@@ -74,8 +74,7 @@ def identify_with(
     check_rig(given, known, rig, trust_rig)
     given, _ = for_fits(given)
     found = identification.identify(
-        runs_of(given), known, settings, on_progress=on_progress, is_cancelled=is_cancelled,
-        profiles=profiles)
+        runs_of(given), known, settings, on_progress=on_progress, is_cancelled=is_cancelled)
     result = IdentificationResult(tuple(given), known, origins(rig), found)
     if found.cancelled:
         raise Cancelled('identify: cancelled', result)

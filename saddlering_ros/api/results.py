@@ -29,8 +29,8 @@ from saddlering_ros.files import (
     write_text,
 )
 from saddlering_ros.identification import Identification, Validation
-from saddlering_ros.identification.criteria import Criterion, judge
-from saddlering_ros.identification.summary import identification_text, validation_text
+from saddlering_ros.identification.result import identification_text
+from saddlering_ros.identification.validation import Criterion, judge, validation_text
 from saddlering_ros.rig import (
     PARAMETER_NAMES,
     PARAMETER_UNITS,

@@ -3,9 +3,12 @@
 from typing import TYPE_CHECKING
 
 from saddlering_ros import names_on_first_use
-from saddlering_ros.identification.errors import IdentificationError
-from saddlering_ros.identification.settings import IdentificationSettings
-from saddlering_ros.identification.swarm import StopReason, SwarmSettings
+from saddlering_ros.identification.settings import (
+    IdentificationError,
+    IdentificationSettings,
+    StopReason,
+    SwarmSettings,
+)
 
 if TYPE_CHECKING:
     from saddlering_ros.identification.methods import identify

@@ -14,26 +14,31 @@ from saddlering_ros.errors import Cancelled
 from saddlering_ros.estimation.identifiability import WIDTH_95
 from saddlering_ros.estimation.least_squares import NEAR, SearchSpace
 from saddlering_ros.identification import swarm
-from saddlering_ros.identification.checks import warnings_of
-from saddlering_ros.identification.errors import IdentificationError
 from saddlering_ros.identification.objective import (
     average_branches,
     Objective,
     PaperObjective,
+    refine,
+    Refinement,
     SEARCH_STEP,
+    stay_at,
     thinned,
     WeightedObjective,
 )
-from saddlering_ros.identification.observation import Observation
-from saddlering_ros.identification.observing import (
+from saddlering_ros.identification.observation import (
+    Observation,
     observe_prepared,
     observe_with_cell,
     prepare_all,
 )
-from saddlering_ros.identification.prepared import PreparedRun
-from saddlering_ros.identification.refinement import refine, Refinement, stay_at
+from saddlering_ros.identification.prepared import PreparedRun, warnings_of
 from saddlering_ros.identification.result import Identification
-from saddlering_ros.identification.settings import Bounds, IdentificationSettings
+from saddlering_ros.identification.settings import (
+    Bounds,
+    IdentificationError,
+    IdentificationSettings,
+    SwarmSettings,
+)
 from saddlering_ros.identification.uncertainty import (
     assess,
     Profile,
@@ -110,7 +115,7 @@ class _Search:
         return self.is_cancelled is not None and self.is_cancelled()
 
     @property
-    def swarm_settings(self) -> swarm.SwarmSettings:
+    def swarm_settings(self) -> SwarmSettings:
         """The settings of the user; before least squares a swarm may stop at small gains."""
         chosen = self.settings.swarm
         if self.settings.method == 'paper' or chosen.stagnation is not None:
@@ -162,13 +167,12 @@ def identify(
     *,
     on_progress: OnProgress | None = None,
     is_cancelled: IsCancelled | None = None,
-    profiles: bool = False,
 ) -> Identification:
     """Identify K1, n1, D1, K2, n2, D2 from static and dynamic runs of any elevations.
 
     IdentificationError (one line) if the runs, bounds or settings cannot be used. A cancelled
-    identification returns its result so far, marked `cancelled`. profiles: compute the profile
-    likelihood of every free parameter.
+    identification returns its result so far, marked `cancelled`. No two runs may be one recording,
+    which the reading of bags refuses.
     """
     settings = settings or IdentificationSettings()
     bounds = settings.bounds_for(rig)
@@ -177,7 +181,7 @@ def identify(
     search.notes += [warning for run in runs for warning in warnings_of(run, rig)]
     method = _by_paper if settings.method == 'paper' else _by_default
     found = method(search, observations)
-    return _judged(search, found, profiles).made_from(runs)
+    return _judged(search, found).made_from(runs)
 
 
 @dataclass(frozen=True)
@@ -321,9 +325,7 @@ def _report_refinement(search: _Search, step: int, bottom: Refinement) -> None:
         step, 3, bottom.chi_square, tuple(float(value) for value in bottom.contact), 0.0))
 
 
-def _judged(
-    search: _Search, found: _Found, profiles: bool
-) -> Identification:
+def _judged(search: _Search, found: _Found) -> Identification:
     """Covariance and its consequences at the result; coarse if cancelled."""
     observations = found.observations
     space = search.space(found.searched, found.contact, log=True)
@@ -339,7 +341,7 @@ def _judged(
     contact = found.contact
     cancelled = search.cancelled
     drawn = {}
-    if profiles and not cancelled:
+    if search.settings.profiles and not cancelled:
         drawn = _profiles(objective, space, best, trust.noise_std, trust.reduced_chi_square)
     bags = tuple(one.name for one in observations)
     open_names = [name for name in PARAMETER_NAMES if not trust.determined[name]]

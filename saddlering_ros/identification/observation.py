@@ -15,7 +15,26 @@ from numpy.typing import NDArray
 from scipy.linalg import cholesky
 from scipy.linalg.blas import dtrmm
 
-from saddlering_ros.estimation.whitening import SharedErrors, Whitener
+from saddlering_ros.estimation.noise import MIN_NOISE
+from saddlering_ros.estimation.process import ChannelNoise
+from saddlering_ros.estimation.record_noise import common_noise, COMMON_TIMES
+from saddlering_ros.estimation.statistics import block_means, filled
+from saddlering_ros.estimation.whitening import build_whitener, SharedErrors, Whitener
+from saddlering_ros.identification.prepared import (
+    block_sizes,
+    MAX_SAMPLES,
+    MAX_SIMULATED,
+    noise_of,
+    NoiseModel,
+    prepare,
+    PreparedRun,
+    run_name,
+)
+from saddlering_ros.identification.settings import IdentificationError
+from saddlering_ros.record.record import Record
+from saddlering_ros.rig import ContactParameters, Rig
+from saddlering_ros.ring import static_response
+from saddlering_ros.ring.sensitivity import load_sensitivity
 
 Array = NDArray[np.float64]
 
@@ -158,3 +177,208 @@ class Observation:
     def readings(self, channel: int) -> int:
         """Number of readings of a channel that are not missing."""
         return int(np.count_nonzero(self.whitening[channel].present))
+
+
+SETTLING_STEP = 0.1
+"""Step [s] of the simulation of a static run with settling."""
+
+
+def observe(
+    runs: Sequence[Record], rig: Rig, *, fit_rate: float | None,
+    contact: ContactParameters | None = None,
+) -> list[Observation]:
+    """Observations of runs; IdentificationError if a run cannot be used.
+
+    The noise is estimated from all runs of one sampling rate together. contact: a first
+    result, by which a damped ring follows the load cell's noise; without it the ring follows
+    at once, in proportion.
+    """
+    prepared = prepare_all(runs, rig, fit_rate)
+    if contact is None:
+        return observe_prepared(prepared, fit_rate)
+    return observe_with_cell(prepared, rig, fit_rate, contact)
+
+
+def prepare_all(
+    runs: Sequence[Record], rig: Rig, fit_rate: float | None
+) -> list[PreparedRun]:
+    """Runs with the input of their observations, once for all contact laws."""
+    if not runs:
+        raise IdentificationError('no runs to identify from: give at least one bag')
+    return [prepare(run, rig, fit_rate) for run in runs]
+
+
+def observe_prepared(
+    prepared: Sequence[PreparedRun], fit_rate: float | None
+) -> list[Observation]:
+    """Observations without the noise of the load cell."""
+    noise = noise_of(prepared)
+    return [
+        _observe_dynamic(one, noise[number], fit_rate)
+        if one.branch is None
+        else _observe_static(one, noise[number])
+        for number, one in enumerate(prepared)
+    ]
+
+
+def observe_with_cell(
+    prepared: Sequence[PreparedRun], rig: Rig, fit_rate: float | None, contact: ContactParameters
+) -> list[Observation]:
+    """Observations with the noise of the load cell, evaluated at a first result."""
+    explained = [one.explained_by(rig, contact) for one in prepared]
+    observed = observe_prepared(explained, fit_rate)
+    slow = slow_cell_noise(rig, contact, explained)
+    return [
+        replace(seen, load_errors=load_errors_of(rig, contact, one, seen, cell_noise(one, slow)))
+        for one, seen in zip(explained, observed, strict=True)
+    ]
+
+
+def _observe_static(one: PreparedRun, noise: NoiseModel) -> Observation:
+    measured, plateaus = one.measured, one.plateaus
+    assert plateaus is not None
+    lasting = one.interval * np.array([stop - start for start, stop in one.rests], dtype=float)
+    step = max(1, int(round(SETTLING_STEP / one.interval)),
+               -(-len(measured.load) // MAX_SIMULATED))
+    zero_error = _zero_error(one, noise)
+    error = np.sqrt([channel.variances(lasting) for channel in noise.channels])
+    return Observation(
+        name=run_name(one.run), dynamic=False, elevation=float(one.run.elevation),
+        time=plateaus.time, load=plateaus.load, zero_load=measured.zero.load,
+        displacement=plateaus.displacement, branch=np.asarray(one.branch),
+        whitening=tuple(
+            build_whitener(channel, plateaus.time, lasting) for channel in noise.channels),
+        correlation=noise.correlation, zero_error=zero_error,
+        standard_error=np.hypot(error, zero_error[:, None]),
+        fine_time=block_means(measured.time, step),
+        fine_load=block_means(measured.load, step), spans=_grid_spans(one, step),
+    )
+
+
+def _grid_spans(one: PreparedRun, size: int) -> NDArray[np.intp]:
+    """Start and stop (N, 2) of each plateau among blocks of `size` samples, at least one each."""
+    blocks = len(one.measured.load) // size
+    edges = np.array(one.rests, dtype=np.intp)
+    starts = np.minimum(-(-edges[:, 0] // size), blocks - 1)
+    return np.stack([starts, np.maximum(edges[:, 1] // size, starts + 1)], axis=1)
+
+
+def _observe_dynamic(
+    one: PreparedRun, noise: NoiseModel, fit_rate: float | None
+) -> Observation:
+    measured = one.measured
+    good = np.all(np.isfinite(one.displacement), axis=0)
+    first, last = int(np.argmax(good)), len(good) - int(np.argmax(good[::-1]))
+    span = slice(first, last)
+    size, per_block = block_sizes(one.interval, last - first, fit_rate)
+    time, load = measured.time[span], measured.load[span]
+    means = block_means(one.displacement[:, span], size)
+    displacement, middle = filled(means), block_means(time, size)
+    samples = displacement.shape[1]
+    lasting = np.full(samples, size * one.interval)
+    zero_error = _zero_error(one, noise)
+    error = np.sqrt([channel.variances(lasting) for channel in noise.channels])
+    fine = samples * per_block
+    mean_load = block_means(load, size)
+    return Observation(
+        name=run_name(one.run), dynamic=True, elevation=float(one.run.elevation),
+        time=middle, load=mean_load, zero_load=measured.zero.load,
+        displacement=displacement, branch=np.sign(np.gradient(mean_load)),
+        whitening=tuple(
+            build_whitener(channel, middle, lasting, present=np.isfinite(row))
+            for channel, row in zip(noise.channels, means, strict=True)
+        ),
+        correlation=noise.correlation, zero_error=zero_error,
+        standard_error=np.hypot(error, zero_error[:, None]),
+        fine_time=block_means(time, size // per_block)[:fine],
+        fine_load=block_means(one.load[span], size // per_block)[:fine],
+        per_block=per_block, doubtful_lag=one.run.doubtful_lag,
+    )
+
+
+def _zero_error(one: PreparedRun, noise: NoiseModel) -> Array:
+    """Standard deviation (3,) of the zero, a mean over its window."""
+    zero = one.measured.zero
+    lasting = one.interval * max(1, zero.end - zero.start)
+    return np.array([channel.deviation(lasting) for channel in noise.channels])
+
+
+ANSWER_STEP = 2e-3
+"""Longest step [s] in the response of a dynamic run to errors of its load."""
+
+
+def slow_cell_noise(
+    rig: Rig, contact: ContactParameters, runs: Sequence[PreparedRun]
+) -> ChannelNoise | None:
+    """Noise [N] of the load cell that the misfit of the model shares with its readings.
+
+    At rest the ring follows the load, and the simulation follows the cell. Only plateaus are
+    used, because other stretches at rest are too short.
+    """
+    held = [one for one in runs if one.branch is not None]
+    held = [one for one in held if abs(one.interval / held[0].interval - 1.0) <= 0.05]
+    loads, errors, weights = [], [], []
+    for one in held:
+        left = [one.explained[:, a:b] - one.displacement[:, a:b] for a, b in one.rests]
+        steps = np.concatenate([np.diff(part, axis=1) for part in left], axis=1)
+        precision = 1.0 / np.maximum(np.nanmean(steps**2, axis=1), MIN_NOISE**2)
+        level = np.array([float(np.mean(one.measured.load[a:b])) for a, b in one.rests])
+        slopes = static_slopes(rig, contact, float(one.run.elevation), level)
+        for (start, stop), part, slope in zip(one.rests, left, slopes.T, strict=True):
+            good = np.all(np.isfinite(part), axis=0)
+            if np.count_nonzero(good) < 4:
+                continue
+            weights.append(float(precision @ slope**2))
+            errors.append((precision * slope / weights[-1]) @ part[:, good])
+            loads.append(one.measured.load[start:stop][good])
+    return common_noise(loads, errors, weights, held[0].interval) if loads else None
+
+
+def cell_noise(one: PreparedRun, slow: ChannelNoise | None) -> ChannelNoise:
+    """Noise [N] of the load cell in a run: white by its second differences, and the slow part."""
+    load = one.measured.load
+    white = float(np.mean(np.diff(load, 2) ** 2)) / 6.0 if len(load) > 2 else 0.0
+    wander = np.zeros(COMMON_TIMES.size) if slow is None else slow.slow
+    return ChannelNoise(white * one.interval, wander, 0.0, max(1, len(load) - 2), COMMON_TIMES)
+
+
+def load_errors_of(
+    rig: Rig, contact: ContactParameters, one: PreparedRun, seen: Observation, noise: ChannelNoise
+) -> LoadErrors | None:
+    """Effect of the load cell's noise on a run; None if it cannot be computed.
+
+    There is none if the fit keeps every sample of a long record, if the model finds no motion,
+    or if the load has no noise.
+    """
+    zero, readings = one.measured.zero, len(seen.time)
+    at_zero = static_slopes(rig, contact, seen.elevation, np.array([seen.zero_load]))[:, 0]
+    if readings > 2 * MAX_SAMPLES or not noise.deviation(one.interval) > 0.0:
+        return None
+    if not seen.dynamic:
+        slopes = static_slopes(rig, contact, seen.elevation, seen.load)
+        zero_time = float(np.mean(one.measured.time[zero.start:zero.end]))
+        spans = [stop - start for start, stop in [*one.rests, (zero.start, zero.end)]]
+        covariance = noise.covariance(
+            np.append(seen.time, zero_time), one.interval * np.array(spans, dtype=float))
+        answers = slopes[:, :, None] * np.eye(readings, readings + 1)
+        return LoadErrors.of(covariance, answers, np.eye(readings + 1)[-1], at_zero)
+    interval = float(seen.time[-1] - seen.time[0]) / (readings - 1)
+    steps = readings * max(seen.per_block, int(np.ceil(interval / ANSWER_STEP)))
+    time = seen.time[0] + interval * ((np.arange(steps) + 0.5) * readings / steps - 0.5)
+    load = np.interp(time, seen.fine_time, seen.fine_load)
+    answers = load_sensitivity(rig, contact, seen.elevation, time, load, readings)
+    first, last = one.measured.time[[zero.start, zero.end - 1]]
+    in_zero = ((seen.time >= first) & (seen.time <= last)).astype(np.float64)
+    covariance = noise.covariance(seen.time, np.full(readings, interval))
+    return LoadErrors.of(covariance, answers, in_zero / max(1.0, in_zero.sum()), at_zero)
+
+
+def static_slopes(
+    rig: Rig, contact: ContactParameters, elevation: float, load: Array
+) -> Array:
+    """Displacement per load (3, N) [m/N, m/N, rad/N] of equilibria at loads (N,) [N]."""
+    step = rig.limits.slope_step
+    both = static_response(
+        rig, contact.to_array(), elevation, np.concatenate([load - step, load + step]))
+    below, above = np.split(both, 2, axis=1)
+    return np.asarray((above - below) / (2.0 * step))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 import math
 from typing import Any
@@ -10,8 +10,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from saddlering_ros.estimation.identifiability import undetermined_words
 from saddlering_ros.files import Provenance
-from saddlering_ros.identification.uncertainty import Profile
+from saddlering_ros.identification.uncertainty import IMPERFECTIONS, Profile
+from saddlering_ros.quantities import percent, quantity, significant, span
 from saddlering_ros.record import Record
 from saddlering_ros.rig import (
     ContactParameters,
@@ -145,3 +147,109 @@ def line_contact_ratios(contact: ContactParameters) -> dict[str, float]:
 
 def _number(value: float) -> float | None:
     return float(value) if math.isfinite(value) else None
+
+
+CORRELATION_THRESHOLD = 0.5
+
+
+INTERVALS = (
+    'Errors and intervals allow for noise and for unequal rollers. They do not allow for a wrong '
+    'weight of the moving mass or for the imperfections that saddlering identify lists.')
+"""Sentence beside the intervals of an identification, in the text and in the report."""
+
+
+def identification_text(found: Identification) -> str:
+    """Method, evaluations, chi square, values with errors, bounds, correlations, notes."""
+    source = found.parameters.source
+    lines = [
+        '[[Identification]]',
+        f'    method              = {found.method}',
+        f'    bags                = {", ".join(source.bags)}',
+        f'    status              = {found.status}',
+        f'    evaluations         = {found.evaluations} in {found.elapsed:.2f} s',
+        f'    objective           = {quantity(found.objective, digits=6)}',
+        f'    chi square          = {quantity(found.chi_square, digits=6)}',
+        f'    reduced chi square  = {quantity(found.reduced_chi_square, digits=4)}'
+        f' ({found.degrees_of_freedom} degrees of freedom)',
+        '[[Parameters]]',
+        *(f'    {parameter_words(name, found.parameter_entry(index, name))}'
+          for index, name in enumerate(PARAMETER_NAMES)),
+        f'    {INTERVALS}',
+        *_stiffness_lines(found),
+        *_systematic_lines(found),
+        *_correlation_lines(found),
+    ]
+    if found.profiles:
+        lines += ['[[Profile likelihood, 95 %]]', *_profile_lines(found)]
+    if found.notes:
+        lines += ['[[Notes]]', *(f'    {note}' for note in found.notes)]
+    return '\n'.join(lines)
+
+
+def parameter_words(name: str, entry: Mapping[str, Any]) -> str:
+    """A parameter with error and interval, or why it is open, from its entry in the JSON."""
+    value, unit, std = entry['value'], entry['unit'], entry['std']
+    if not entry['pinned']:
+        bound = ' (at boundary)' if entry['at_bound'] else ''
+        return undetermined_words(name, f'{quantity(value, unit)}{bound}', entry['reason'])
+    low, high = entry['interval'] or (np.nan, np.nan)
+    return (f'{name}: {quantity(value, unit, std)} ({percent(std / abs(value))}), '
+            f'95 % interval {span(low, high)}')
+
+
+def _stiffness_lines(found: Identification) -> list[str]:
+    contact = found.parameters.contact
+    ratios = line_contact_ratios(contact)
+    lines = ['[[Stiffness in N/mm^n, as in ADAMS]]']
+    for row, name in ((1, 'axial'), (2, 'radial')):
+        stiffness, exponent = getattr(contact, f'K{row}'), getattr(contact, f'n{row}')
+        lines.append(
+            f'    K{row} ({name} row{"s" if row == 1 else ""}): '
+            f'{quantity(stiffness_per_millimetre(stiffness, exponent), "N/mm^n", digits=5)}, '
+            f'{significant(ratios[f"K{row}"], 2)} of one roller in Palmgren line contact '
+            '(at 0.1 mm)'
+        )
+    return lines
+
+
+def _systematic_lines(found: Identification) -> list[str]:
+    """How much each imperfection, which no fit can see, would change the free parameters."""
+    known = {one.name: one.words for one in IMPERFECTIONS}
+    lines = ['[[Effect of small imperfections of the rig]]']
+    for name, shift in found.systematic.items():
+        words = [
+            f'{parameter} {value:+.3f}' if parameter[0] == 'n'
+            else f'{parameter} {100.0 * np.expm1(np.clip(value, -9, 9)):+.1f} %'
+            for parameter, value in zip(PARAMETER_NAMES, shift, strict=True)
+            if np.isfinite(value) and abs(value) >= 5e-4
+        ]
+        lines.append(f'    {known.get(name, name)}: {", ".join(words) or "no change"}')
+    return lines
+
+
+def _correlation_lines(found: Identification) -> list[str]:
+    pairs = [
+        (first, second, float(found.correlation[i, j]))
+        for i, first in enumerate(PARAMETER_NAMES)
+        for j, second in enumerate(PARAMETER_NAMES)
+        if i < j and abs(found.correlation[i, j]) >= CORRELATION_THRESHOLD
+    ]
+    lines = [f'[[Correlations]] (below {CORRELATION_THRESHOLD} not shown)']
+    lines += [
+        f'    C({first}, {second}) = {value:+.4f}, '
+        f'collinearity {found.collinearity.get(f"{first},{second}", np.nan):.1f}'
+        for first, second, value in sorted(pairs, key=lambda pair: -abs(pair[2]))
+    ]
+    return lines
+
+
+def _profile_lines(found: Identification) -> list[str]:
+    lines = []
+    for name, profile in found.profiles.items():
+        low, high = profile.interval
+        if low is not None and high is not None:
+            lines.append(f'    {name}: {span(low, high)}')
+        else:
+            ends = ['open' if end is None else quantity(end, digits=4) for end in (low, high)]
+            lines.append(f'    {name}: {" to ".join(ends)}')
+    return lines

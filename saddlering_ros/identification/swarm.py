@@ -9,72 +9,15 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from enum import Enum
 
 import numpy as np
 from numpy.typing import NDArray
 
-from saddlering_ros.identification.errors import IdentificationError
+from saddlering_ros.identification.settings import IdentificationError, StopReason, SwarmSettings
 from saddlering_ros.progress import IsCancelled
 
 Array = NDArray[np.float64]
 BatchObjective = Callable[[Array], Array]
-
-
-class StopReason(Enum):
-    """Reason for the end of a swarm."""
-
-    ITERATIONS = 'all iterations done'
-    ACCURACY = 'accuracy reached'
-    STAGNATION = 'no more progress'
-    CANCELLED = 'cancelled'
-
-
-@dataclass(frozen=True, slots=True)
-class SwarmSettings:
-    """Settings of the swarm; the defaults are the paper's.
-
-    velocity_limit is v_max as a fraction of each coordinate's range. The swarm stops early when
-    the best objective is at or under `accuracy`, or has gained less than `stagnation_tolerance`
-    (relative) over `stagnation` iterations; None switches that rule off.
-    """
-
-    particles: int = 20
-    iterations: int = 50
-    cognitive: float = 1.2
-    social: float = 1.7
-    inertia_start: float = 0.9
-    inertia_end: float = 0.4
-    velocity_limit: float = 0.2
-    accuracy: float | None = None
-    stagnation: int | None = None
-    stagnation_tolerance: float = 1e-9
-
-    def __post_init__(self) -> None:
-        if self.particles < 2 or self.iterations < 1:
-            raise IdentificationError(
-                f'swarm of {self.particles} particles and {self.iterations} iterations: '
-                'at least 2 particles and 1 iteration are needed'
-            )
-        if self.stagnation is not None and self.stagnation < 1:
-            raise IdentificationError(
-                f'stagnation is {self.stagnation}: give a number of iterations from 1 up')
-        if self.accuracy is not None and not np.isfinite(self.accuracy):
-            raise IdentificationError(f'accuracy is {self.accuracy}: give a finite objective')
-        numbers = (self.cognitive, self.social, self.inertia_start, self.inertia_end)
-        if not all(np.isfinite(number) and number >= 0.0 for number in numbers):
-            raise IdentificationError(
-                f'swarm coefficients c1, c2, w = {numbers}: give finite numbers, none negative'
-            )
-        if not 0.0 < self.velocity_limit <= 1.0:
-            raise IdentificationError(
-                f'swarm velocity limit {self.velocity_limit}: give a fraction of the range, 0 to 1'
-            )
-
-    def inertia(self, iteration: int) -> float:
-        """Inertia weight of an iteration (0-based), falling linearly over all iterations."""
-        share = iteration / max(1, self.iterations - 1)
-        return self.inertia_start + (self.inertia_end - self.inertia_start) * share
 
 
 @dataclass(frozen=True, slots=True)

@@ -26,11 +26,10 @@ from saddlering_ros.estimation.identifiability import (
 )
 from saddlering_ros.estimation.least_squares import covariance, SearchSpace
 from saddlering_ros.estimation.statistics import chi_squared_quantile
-from saddlering_ros.identification.objective import predict, WeightedObjective
+from saddlering_ros.identification.objective import predict, refine, Refinement, WeightedObjective
 from saddlering_ros.identification.observation import Observation
-from saddlering_ros.identification.refinement import refine, Refinement
-from saddlering_ros.identification.unequal_rollers import roller_shifts
-from saddlering_ros.rig import PARAMETER_NAMES, Rig
+from saddlering_ros.rig import PARAMETER_NAMES, probes_to_displacement, Rig
+from saddlering_ros.ring.roller_scatter import scatter_columns, SimulatedCourse
 
 Array = NDArray[np.float64]
 
@@ -339,3 +338,42 @@ def _crossings(values: Array, rise: Array) -> tuple[float | None, float | None]:
     low = np.interp(limit, below, values[: bottom + 1][::-1]) if below[-1] > limit else None
     high = np.interp(limit, above, values[bottom:]) if above[-1] > limit else None
     return (None if low is None else float(low), None if high is None else float(high))
+
+
+BEFORE = 1.0
+"""Length [s] of the rest before the first reading that is the zero, if it is not in the record."""
+
+
+def roller_effects(objective: WeightedObjective, contact: Array) -> Array:
+    """Whitened residuals (R, M) by one standard deviation of each roller's scatter at a law (6,).
+
+    All runs share a column, because the same rollers are unequal in each of them.
+    """
+    return np.concatenate(objective.whiten(_of_each_run(objective, contact)), axis=1).T
+
+
+def roller_shifts(objective: WeightedObjective, contact: Array, inverse: Array) -> Array:
+    """`inverse` (F, R) times the effects: shifts (F, M) of the parameters by each roller."""
+    return objective.combined(inverse, _of_each_run(objective, contact))
+
+
+def _of_each_run(objective: WeightedObjective, contact: Array) -> list[Array]:
+    """Increments (M, 3, N) of each run."""
+    usual = objective.increments(contact[None, :])
+    return [_increments(objective.rig, contact, one, found[0])
+            for one, found in zip(objective.observations, usual, strict=True)]
+
+
+def _increments(rig: Rig, contact: Array, one: Observation, usual: Array) -> Array:
+    """Increments (M, 3, N) of one run since its zero, beside the usual ones (3, N)."""
+    x, y, gamma = np.concatenate([np.zeros((3, 1)), usual], axis=1)
+    height, half = rig.probes.radial_height, 0.5 * rig.probes.axial_span
+    probes = np.stack([x + height * gamma, y + half * gamma, -x - height * gamma,
+                       y - half * gamma])
+    course = SimulatedCourse(
+        one.elevation, one.zero_load, np.append(one.zero_load, one.load),
+        np.append(one.time[0] - BEFORE, one.time), probes, not one.dynamic)
+    columns = scatter_columns(rig, contact, course)
+    since_zero = np.ascontiguousarray((columns[:, 1:] - columns[:, :1]).transpose(0, 2, 1))
+    moved = probes_to_displacement(rig.probes, since_zero)
+    return np.stack([moved.delta_x, moved.delta_y, moved.gamma], axis=1)

@@ -8,14 +8,13 @@ faster in between than the recorder samples.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, field
-import math
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from saddlering_ros.bags import refuse_repeats
+from saddlering_ros.estimation.identifiability import undetermined_words
 from saddlering_ros.estimation.noise import (
     LEVEL_REACH,
     noise_alone,
@@ -26,92 +25,41 @@ from saddlering_ros.estimation.noise import (
 )
 from saddlering_ros.estimation.process import ChannelNoise, EstimationError, QUIET
 from saddlering_ros.estimation.rest import RestSegment, stretches_at_rest
-from saddlering_ros.files import Origin, Provenance
-from saddlering_ros.identification.checks import run_name
-from saddlering_ros.identification.errors import IdentificationError
-from saddlering_ros.identification.prepared import MIN_REST, parity_at_rest
-from saddlering_ros.identification.rating import rate
+from saddlering_ros.files import Provenance
+from saddlering_ros.identification.figures import (
+    channel_figures,
+    ChannelFigures,
+    RunValidation,
+    Spans,
+)
+from saddlering_ros.identification.prepared import MIN_REST, parity_at_rest, run_name
+from saddlering_ros.identification.settings import IdentificationError
+from saddlering_ros.quantities import (
+    allowed_misfit,
+    compact,
+    GOOD,
+    MATERIAL,
+    MAX_COMPARISON_ERROR,
+    MIN_RATING,
+    percent,
+    quantity,
+    significant,
+)
 from saddlering_ros.record.errors import BagError
 from saddlering_ros.record.measured import displacement_of_run, MeasuredRun
 from saddlering_ros.record.plateaus import plateaus
 from saddlering_ros.record.record import Record
-from saddlering_ros.rig import CHANNELS, Displacement, PARAMETER_NAMES, ParameterSet, Rig
+from saddlering_ros.rig import (
+    CHANNELS,
+    Displacement,
+    PARAMETER_NAMES,
+    PARAMETER_UNITS,
+    ParameterSet,
+    Rig,
+)
 from saddlering_ros.ring import simulate, static_batch
 
 Array = NDArray[np.float64]
-Spans = list[tuple[int, int]]
-
-MAX_ZERO_ERROR = 3.0
-"""Largest mean residual, in standard errors of the zero, that the zero explains."""
-
-LAG = 3
-"""Samples over which a step of the residual at rest is taken, because neighbours share stamps."""
-
-UNITS = {'delta_x': 'm', 'delta_y': 'm', 'gamma': 'rad', 'parity': 'm'}
-
-
-@dataclass(frozen=True)
-class ChannelFigures:
-    """Figures of one channel of one run; simulated against measured, in the channel's unit.
-
-    range: highest less lowest reading measured (plateau means, or smoothed samples).
-    zero_error: the part of the residual that is put down to the zero, a short reading with a noise
-    of its own: the mean residual, at most three times the standard error of the zero.
-    rmse: root mean square residual over the compared samples, less zero_error; nrmse and
-    noise_floor: rmse and rms noise over the range. maximum: largest residual; bias: mean of
-    measured - simulated, zero_error included, as in all that follow;
-    slope_ratio: slope of measured over simulated; loop_area: measured minus simulated area of the
-    loop over load, as a share of load range times channel range; zero_return: residual left at
-    the end; time_shift [s]: how much later the measurement is (None for a static run);
-    iso18571: overall rating 0..1; comparison_error E and validation uncertainty u_val after ASME
-    V&V 20 (noise and zero of the readings, covariance of the parameters), and E over u_val.
-    None means that a figure has no meaning, for instance for the parity, which is not simulated.
-    """
-
-    unit: str
-    range: float
-    zero_error: float
-    rmse: float
-    nrmse: float | None
-    noise_floor: float | None
-    maximum: float
-    bias: float
-    slope_ratio: float | None
-    loop_area: float | None
-    loop_area_measured: float | None
-    loop_area_simulated: float | None
-    zero_return: float
-    time_shift: float | None
-    iso18571: float | None
-    iso18571_parts: dict[str, float] | None
-    comparison_error: float
-    validation_uncertainty: float
-    e_over_uval: float | None
-
-
-@dataclass(frozen=True)
-class RunValidation:
-    """One run: its figures by channel, and their curves.
-
-    time [s], load [N] (N,); measured and simulated (4, N) in the order of CHANNELS; compared:
-    mask of the samples that count; readings of a static run: load (M,), measured and simulated
-    (4, M).
-    """
-
-    name: str
-    test: str
-    elevation: float
-    channels: dict[str, ChannelFigures]
-    time: Array = field(repr=False)
-    load: Array = field(repr=False)
-    measured: Array = field(repr=False)
-    simulated: Array = field(repr=False)
-    compared: NDArray[np.bool_] = field(repr=False)
-    reading_load: Array = field(repr=False)
-    reading_measured: Array = field(repr=False)
-    reading_simulated: Array = field(repr=False)
-    notes: tuple[str, ...] = ()
-    origin: Origin = field(default_factory=lambda: Origin(''))
 
 
 @dataclass(frozen=True)
@@ -125,30 +73,11 @@ class Validation:
         """`runs` in the form of diagnose --json, each channel with all its figures."""
         contact = self.parameters.contact
         return {
-            'runs': [_run_json(run) for run in self.runs],
+            'runs': [run.to_json() for run in self.runs],
             'parameters': {name: float(getattr(contact, name)) for name in PARAMETER_NAMES},
             'undetermined': dict(self.parameters.source.undetermined),
             'provenance': Provenance(tuple(run.origin for run in self.runs)).as_dict(),
         }
-
-
-def _run_json(run: RunValidation) -> dict[str, Any]:
-    return {
-        'bag': run.name,
-        'elevation_deg': float(np.degrees(run.elevation)),
-        'test': run.test,
-        'channels': {
-            name: {key: _plain(value) for key, value in asdict(figures).items()}
-            for name, figures in run.channels.items()
-        },
-        'notes': list(run.notes),
-    }
-
-
-def _plain(value: Any) -> Any:
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    return value
 
 
 def validate(
@@ -161,7 +90,6 @@ def validate(
     """
     if not runs:
         raise IdentificationError('no runs to validate on: give at least one bag')
-    refuse_repeats(runs)
     compared = []
     for number, run in enumerate(runs):
         if before_run is not None:
@@ -190,14 +118,14 @@ class _Comparison:
         """Usual spacing of the samples [s]."""
         return float(np.median(np.diff(self.run.time)))
 
-    def quiet(self) -> RestSource:
-        """Noise of the channels of the run."""
+    def at_rest(self) -> RestSource:
+        """Sources of the noise of the channels: the residual at rest, and the parity."""
         rows = slice(len(self.channels))
         residual = self.run.measured[rows] - self.run.simulated[rows]
         segments = [residual[:, start:stop] for start, stop in self.rests]
-        segments = [part[:, np.all(np.isfinite(part), axis=0)] for part in segments]
-        segments = [part for part in segments if part.shape[1] >= MIN_REST]
-        rests = [RestSegment(part, self.interval) for part in segments]
+        segments = [values[:, np.all(np.isfinite(values), axis=0)] for values in segments]
+        segments = [values for values in segments if values.shape[1] >= MIN_REST]
+        rests = [RestSegment(values, self.interval) for values in segments]
         parity = parity_at_rest(self.measured)
         ratios = parity_ratios([parity], [parity[a:b] for a, b in self.rests], segments)
         if ratios is None:
@@ -212,9 +140,9 @@ class _Comparison:
         zero = self.measured.zero
         variance = _input_variance(rig, parameters, self.run, zero.load)
         lasting = self.interval * max(1, zero.end - zero.start)
-        for position, (channel, own) in enumerate(zip(self.channels, noise, strict=True)):
-            self.run.channels[channel] = _figures(
-                self.run, position, self.rests, own, self.interval, lasting, variance[position])
+        for row, (channel, process) in enumerate(zip(self.channels, noise, strict=True)):
+            self.run.channels[channel] = channel_figures(
+                self.run, row, self.rests, process, self.interval, lasting, variance[row])
         return self.run
 
 
@@ -224,24 +152,23 @@ def _noise_of(compared: Sequence[_Comparison]) -> list[Sequence[ChannelNoise]]:
     Runs whose parity is noise alone share their knowledge of slow noise. In other runs the
     misfit of the model may move a channel at rest, so that each run has its own noise.
     """
-    shown = [one.quiet() for one in compared]
+    sources = [one.at_rest() for one in compared]
     count = len(compared[0].channels)
-    silent = {number: quiet for number, quiet in enumerate(shown)
-              if quiet.record is not None and quiet.is_usable}
-    learnt = noise_by_class(silent, count, LEVEL_REACH) if silent else {}
-    return [learnt[number] if number in learnt else _alone(quiet, count)
-            for number, quiet in enumerate(shown)]
+    still = {number: source for number, source in enumerate(sources)
+             if source.record is not None and source.is_usable}
+    learnt = noise_by_class(still, count, LEVEL_REACH) if still else {}
+    return [learnt[number] if number in learnt
+            else [_noise_of_channel(source, row) for row in range(count)]
+            for number, source in enumerate(sources)]
 
 
-def _alone(quiet: RestSource, count: int) -> list[ChannelNoise]:
-    answers = []
-    for row in range(count):
-        own = [segment.values[row] for segment in quiet.segments]
-        try:
-            answers.append(noise_alone(own, quiet.segments[0].step if own else 1.0))
-        except EstimationError:
-            answers.append(QUIET)
-    return answers
+def _noise_of_channel(source: RestSource, row: int) -> ChannelNoise:
+    """Noise of one channel of one run from its rests alone; none if they are too short."""
+    values = [segment.values[row] for segment in source.segments]
+    try:
+        return noise_alone(values, source.segments[0].step if values else 1.0)
+    except EstimationError:
+        return QUIET
 
 
 def _compare(run: Record, rig: Rig, parameters: ParameterSet) -> _Comparison:
@@ -249,27 +176,28 @@ def _compare(run: Record, rig: Rig, parameters: ParameterSet) -> _Comparison:
     run = run.without_spikes()
     try:
         measured = displacement_of_run(rig, run)
-        found = plateaus(run) if run.test == 'static' else None
+        levels = plateaus(run) if run.test == 'static' else None
     except BagError as problem:
         raise IdentificationError(f'{name}: {problem}') from problem
     actual = _stack(measured.displacement)
     simulated = _simulated(rig, parameters, run, measured)
     channels = CHANNELS[:-1] if rig.probes.absent else CHANNELS
-    known = np.all(np.isfinite(actual + simulated)[:len(channels)], axis=0)
-    if found is None:
-        rests = stretches_at_rest(
-            measured.time, measured.load, rig.limits.rest_band)
+    compared = np.all(np.isfinite(actual + simulated)[:len(channels)], axis=0)
+    readings: Spans = []
+    if levels is None:
+        rests = stretches_at_rest(measured.time, measured.load, rig.limits.rest_band)
         rests = rests or [(measured.zero.start, measured.zero.end)]
-        readings: Spans = []
-        compared = known
     else:
-        rests = readings = list(zip(found.start.tolist(), found.stop.tolist(), strict=True))
-        compared = _inside(readings, len(measured.time))
-        compared &= known
+        rests = readings = list(zip(levels.start.tolist(), levels.stop.tolist(), strict=True))
+        inside = np.zeros(len(measured.time), dtype=bool)
+        for start, stop in readings:
+            inside[start:stop] = True
+        compared &= inside
     if np.count_nonzero(compared) < 5:
         raise IdentificationError(
             f'{name}: fewer than 5 samples can be compared: check that load and probes overlap'
         )
+    notes = () if measured.zero.near_preload else ('the record does not start near preload',)
     result = RunValidation(
         name=name, test=run.test, elevation=float(run.elevation), channels={},
         time=measured.time, load=measured.load, measured=actual, simulated=simulated,
@@ -277,8 +205,7 @@ def _compare(run: Record, rig: Rig, parameters: ParameterSet) -> _Comparison:
         reading_load=_means(measured.load[None, :], readings)[0],
         reading_measured=_means(actual, readings),
         reading_simulated=_means(simulated, readings),
-        notes=(*run.notes, *(
-            () if measured.zero.near_preload else ('the record does not start near preload',))),
+        notes=(*run.notes, *notes),
         origin=run.origin,
     )
     return _Comparison(result, measured, rests, channels)
@@ -297,13 +224,6 @@ def _simulated(rig: Rig, parameters: ParameterSet, run: Record, measured: Measur
     return np.stack(
         [np.interp(measured.time, out.time, row, left=np.nan, right=np.nan) for row in values]
     )
-
-
-def _inside(spans: Spans, samples: int) -> NDArray[np.bool_]:
-    mask = np.zeros(samples, dtype=bool)
-    for start, stop in spans:
-        mask[start:stop] = True
-    return mask
 
 
 def _means(values: Array, spans: Spans) -> Array:
@@ -344,142 +264,158 @@ def _input_variance(
     return variance
 
 
-def _figures(
-    run: RunValidation, position: int, rests: Spans, noise: ChannelNoise, step: float,
-    zero_lasting: float, input_variance: float,
-) -> ChannelFigures:
-    measured, simulated = run.measured[position], run.simulated[position]
-    residual = measured - simulated
-    compared = run.compared
-    static = run.reading_load.size > 0
-    if static:
-        shape_load, shape_measured = run.reading_load, run.reading_measured[position]
-        shape_simulated = run.reading_simulated[position]
-    else:
-        shape_load, shape_measured = run.load[compared], measured[compared]
-        shape_simulated = simulated[compared]
-    extent = float(np.ptp(shape_measured if static else _smooth(shape_measured)))
-    zero_noise = noise.deviation(zero_lasting)
-    zero_error = _zero_error(residual[compared], noise, step, zero_noise)
-    rmse = float(np.sqrt(np.mean((residual[compared] - zero_error) ** 2)))
-    reading_noise = math.hypot(
-        _noise_of_means(noise, rests, step) if static else noise.deviation(step), zero_noise)
-    error = float(np.sqrt(np.mean((shape_measured - shape_simulated) ** 2)))
-    uncertainty = math.hypot(reading_noise, math.sqrt(max(0.0, input_variance)))
-    is_simulated = CHANNELS[position] != 'parity'
-    areas = _loop_areas(shape_load, shape_measured, shape_simulated, extent)
-    rating = rate(shape_measured, shape_simulated) if is_simulated else None
-    return ChannelFigures(
-        unit=UNITS[CHANNELS[position]],
-        range=extent,
-        zero_error=zero_error,
-        rmse=rmse,
-        nrmse=_ratio(rmse, extent),
-        noise_floor=_ratio(_noise_of_sample(residual, rests, noise, step), extent),
-        maximum=float(np.max(np.abs(shape_measured - shape_simulated))),
-        bias=float(np.mean(residual[compared])),
-        slope_ratio=_slope_ratio(shape_measured, shape_simulated) if is_simulated else None,
-        loop_area=None if areas is None else areas[0] - areas[1],
-        loop_area_measured=None if areas is None else areas[0],
-        loop_area_simulated=None if areas is None else areas[1],
-        zero_return=_zero_return(run, residual, rests),
-        time_shift=None if static or not is_simulated else _time_shift(run, position),
-        iso18571=None if rating is None else rating.overall,
-        iso18571_parts=None if rating is None else asdict(rating),
-        comparison_error=error,
-        validation_uncertainty=uncertainty,
-        e_over_uval=_ratio(error, uncertainty),
-    )
+SIMULATED = tuple(name for name in CHANNELS if name != 'parity')
 
 
-def _ratio(value: float, over: float) -> float | None:
-    return value / over if over > 0.0 else None
+@dataclass(frozen=True)
+class Criterion:
+    """A judged criterion: its demand, whether it is met, and its worst run and channel.
 
-
-def _noise_of_sample(
-    residual: Array, rests: Spans, noise: ChannelNoise, step: float
-) -> float:
-    """Rms noise of a sample: half the mean square step over a short lag, plus the residual there.
-
-    Interpolation between stamps smooths readings below the fitted noise; a step over more than
-    two samples is that of readings without smoothing.
+    value and limit in `unit`; bag and channel: where value over limit (or limit over value, if
+    more is better) is largest.
     """
-    steps = np.concatenate([
-        residual[start + LAG:stop] - residual[start:stop - LAG] for start, stop in rests
-    ] or [np.zeros(0)])
-    steps = steps[np.isfinite(steps)]
-    if not len(steps):
-        return noise.deviation(step)
-    kept = noise.lasting(LAG * step)
-    return math.sqrt(0.5 * float(np.mean(steps**2)) + kept)
+
+    id: str
+    words: str
+    is_met: bool
+    value: float
+    limit: float
+    unit: str
+    bag: str
+    channel: str
+
+    @property
+    def value_words(self) -> str:
+        """The value with its unit."""
+        return _figure(self.value, self.unit)
+
+    @property
+    def limit_words(self) -> str:
+        """The limit with its unit."""
+        return _figure(self.limit, self.unit)
+
+    @property
+    def line(self) -> str:
+        """'passed  rms misfit ...: worst delta_x of static_50, 0.31 % against 0.42 %'."""
+        return (f'{"passed" if self.is_met else "FAILED"}  {self.words}: worst {self.channel} of '
+                f'{self.bag}, {self.value_words} against {self.limit_words}')
 
 
-def _noise_of_means(noise: ChannelNoise, rests: Spans, step: float) -> float:
-    """Rms noise of the means over stretches at rest."""
-    lasting = step * np.array([stop - start for start, stop in rests], dtype=float)
-    return math.sqrt(float(np.mean(noise.variances(lasting)))) if rests else 0.0
+def _figure(value: float, unit: str) -> str:
+    if unit == '%':
+        return percent(value, 3)
+    return quantity(1e-6 * value, 'm') if unit == 'um' else compact(value)
 
 
-def _zero_error(
-    residual: Array, noise: ChannelNoise, step: float, zero_noise: float
-) -> float:
-    """Error of the zero from the mean of a residual (N,), within the limits of its noise."""
-    own = noise.deviation(step * len(residual)) ** 2
-    share = zero_noise**2 / max(zero_noise**2 + own, 1e-300)
-    limit = MAX_ZERO_ERROR * zero_noise
-    return float(np.clip(share * np.mean(residual), -limit, limit))
+def judge(runs: Sequence[RunValidation]) -> tuple[Criterion, ...]:
+    """Every criterion for which these runs have figures."""
+    criteria = [
+        _worst(runs, SIMULATED, 'misfit', f'rms misfit at most {GOOD:g} x noise, or '
+               f'{100.0 * MATERIAL:g} % of range', '%',
+               lambda figures: (figures.nrmse, allowed_misfit(figures.noise_floor))),
+        _worst(runs, SIMULATED, 'comparison_error', 'comparison error E at most '
+               f'{MAX_COMPARISON_ERROR:g} x its uncertainty u_val (ASME V&V 20)', '',
+               lambda figures: (figures.e_over_uval, MAX_COMPARISON_ERROR)),
+        _worst(runs, SIMULATED, 'iso18571', f'ISO 18571 rating at least {MIN_RATING:g} (good)', '',
+               lambda figures: (figures.iso18571, MIN_RATING), more_is_better=True),
+        _worst(runs, ('parity',), 'parity', f'parity at most {GOOD:g} x noise (rigid ring, sound '
+               'probes)', 'um', _parity_figures),
+    ]
+    return tuple(criterion for criterion in criteria if criterion is not None)
 
 
-def _smooth(samples: Array) -> Array:
-    """Running mean of samples over 0.5 % of the record."""
-    if len(samples) <= 400:
-        return samples
-    width = len(samples) // 200
-    return np.convolve(samples, np.ones(width) / width, mode='valid')
+def _parity_figures(figures: ChannelFigures) -> tuple[float | None, float]:
+    """Parity and its limit in micrometres; a share of its range, which is noise, is void."""
+    return 1e6 * figures.rmse, 1e6 * GOOD * (figures.noise_floor or 0.0) * figures.range
 
 
-def _slope_ratio(measured: Array, simulated: Array) -> float | None:
-    centred = simulated - simulated.mean()
-    size = float(centred @ centred)
-    return float(centred @ measured) / size if size > 0.0 else None
-
-
-def _loop_areas(
-    load: Array, measured: Array, simulated: Array, extent: float
-) -> tuple[float, float] | None:
-    """Areas of both loops over load, positive when the unloading branch lies above."""
-    box = extent * float(np.max(load) - np.min(load))
-    if box <= 0.0:
+def _worst(
+    runs: Sequence[RunValidation], channels: Sequence[str], name: str, words: str, unit: str,
+    figures_of: Callable[[ChannelFigures], tuple[float | None, float]],
+    *, more_is_better: bool = False,
+) -> Criterion | None:
+    """The criterion at its worst place; None if no channel has the figure."""
+    cases = []
+    for run in runs:
+        for channel in channels:
+            if channel not in run.channels:
+                continue  # A probe is absent.
+            value, limit = figures_of(run.channels[channel])
+            if value is not None:
+                low, high = (value, limit) if more_is_better else (limit, value)
+                over = high / max(low, 1e-300)
+                cases.append((over, value, limit, run.name, channel))
+    if not cases:
         return None
-    return _closed_area(load, measured) / box, _closed_area(load, simulated) / box
+    over, value, limit, run_name, channel = max(cases)
+    bag = run_name.rstrip('/').rsplit('/', 1)[-1]
+    return Criterion(
+        id=name, words=words, is_met=over <= 1.0, value=value, limit=limit, unit=unit, bag=bag,
+        channel=channel)
 
 
-def _closed_area(load: Array, values: Array) -> float:
-    steps = np.diff(load, append=load[0])
-    mean = 0.5 * (values + np.roll(values, -1))
-    return float(-np.sum(mean * steps))
+@dataclass(frozen=True)
+class Column:
+    """A column of the table of a validation: figure, title, factor of its unit, and content."""
+
+    key: str
+    title: str
+    scale: float
+    words: str
 
 
-def _zero_return(run: RunValidation, residual: Array, rests: Spans) -> float:
-    """Residual at the end of the record: over its last stretch at rest, or its last hundredth."""
-    count = max(1, len(residual) // 100)
-    start = max(rests[-1][0], len(residual) - 50 * count) if rests else len(residual) - count
-    stop = rests[-1][1] if rests else len(residual)
-    last = residual[start:stop]
-    if not np.any(np.isfinite(last)) or run.load[stop - 1] > 0.5 * np.max(run.load):
-        return float('nan')
-    return float(np.nanmean(last))
+COLUMNS = (
+    Column('rmse', 'rmse', 1e6,
+           'rms of measured minus simulated, without the zero error, in µm or µrad'),
+    Column('nrmse', 'nrmse %', 100.0, "rmse in % of the channel's measured range"),
+    Column('noise_floor', 'noise %', 100.0,
+           'rms noise of the measurement in % of the same range'),
+    Column('maximum', 'max', 1e6, 'largest difference, in µm or µrad'),
+    Column('bias', 'bias', 1e6, 'mean of measured minus simulated, in µm or µrad'),
+    Column('zero_error', 'zero', 1e6,
+           'part of the bias that the noise of the zero explains, in µm or µrad'),
+    Column('slope_ratio', 'slope', 1.0,
+           'slope of measured over simulated; 1 if the stiffness is right'),
+    Column('loop_area', 'loop %', 100.0,
+           'area of the measured loop over load minus that of the simulated loop, in % of '
+           'load range times channel range; shows friction and damping'),
+    Column('zero_return', 'return', 1e6,
+           'measured minus simulated at the end of the test, in µm or µrad'),
+    Column('time_shift', 'shift ms', 1e3,
+           'delay of the measurement after the simulation; dynamic tests only'),
+    Column('iso18571', 'ISO', 1.0, 'overall rating of the curve after ISO 18571, 0 to 1'),
+    Column('e_over_uval', 'E/u_val', 1.0,
+           'comparison error over validation uncertainty after ASME V&V 20'),
+)
+"""The table of a validation."""
 
 
-def _time_shift(run: RunValidation, position: int) -> float | None:
-    """Least-squares delay [s] of the measurement against the simulation."""
-    compared = run.compared
-    time, simulated = run.time[compared], run.simulated[position][compared]
-    rate_of_change = np.gradient(simulated, time)
-    residual = run.measured[position][compared] - simulated
-    design = np.stack([-rate_of_change, simulated, np.ones_like(simulated)], axis=1)
-    size = np.linalg.norm(design, axis=0)
-    if np.any(size == 0.0):
-        return None
-    answer, *_ = np.linalg.lstsq(design / size, residual, rcond=None)
-    return float(answer[0] / size[0])
+def validation_text(validation: Validation) -> str:
+    """A table with a line per run and channel, its columns explained, and every criterion."""
+    widths = [max(9, len(column.title)) for column in COLUMNS]
+    head = f'{"channel":8s}  ' + '  '.join(
+        column.title.rjust(width) for column, width in zip(COLUMNS, widths, strict=True))
+    lines = []
+    for run in validation.runs:
+        lines += [f'{run.name}: {run.test}, {np.degrees(run.elevation):g} deg', f'  {head}']
+        for channel, figures in run.channels.items():
+            cells = [
+                _cell(getattr(figures, column.key), column.scale).rjust(width)
+                for column, width in zip(COLUMNS, widths, strict=True)
+            ]
+            lines.append(f'  {channel:8s}  ' + '  '.join(cells))
+        lines += [f'  note: {note}' for note in run.notes]
+    contact, source = validation.parameters.contact, validation.parameters.source
+    lines += [''] if source.undetermined else []
+    lines += [
+        undetermined_words(name, quantity(getattr(contact, name), PARAMETER_UNITS[name]), reason)
+        for name, reason in source.undetermined.items()]
+    lines += ['', 'columns:', *(f'  {column.title:9s}  {column.words}' for column in COLUMNS)]
+    lines += ['', 'criteria:', *(f'  {criterion.line}' for criterion in judge(validation.runs))]
+    return '\n'.join(lines)
+
+
+def _cell(value: float | None, scale: float) -> str:
+    if value is None or not np.isfinite(value):
+        return '-'
+    return significant(scale * value, 4)

@@ -34,7 +34,7 @@ def diagnosis_answer(document: VerdictDocument) -> Answer:
 
 def identification_answer(report: Mapping[str, Any], words: str) -> Answer:
     """An identification: the message of the server, and a line for each parameter."""
-    from saddlering_ros.identification.summary import parameter_words
+    from saddlering_ros.identification.result import parameter_words
 
     return Answer(words=words, lines=tuple(
         parameter_words(name, item) for name, item in report['parameters'].items()))

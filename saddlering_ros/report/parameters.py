@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from saddlering_ros.diagnosis.wording import Document
-from saddlering_ros.identification.summary import INTERVALS
+from saddlering_ros.identification.result import INTERVALS
 from saddlering_ros.pages import html
 from saddlering_ros.pages.html import Cell, code, number
 from saddlering_ros.quantities import compact, quantity, span

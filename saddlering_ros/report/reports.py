@@ -11,8 +11,8 @@ import numpy as np
 from saddlering_ros.diagnosis.verdict import Verdict
 from saddlering_ros.diagnosis.wording import Document
 from saddlering_ros.files import whole_file, write_text
-from saddlering_ros.identification.criteria import judge
-from saddlering_ros.identification.validation import ChannelFigures, RunValidation, Validation
+from saddlering_ros.identification.figures import ChannelFigures, RunValidation
+from saddlering_ros.identification.validation import judge, Validation
 from saddlering_ros.pages import html
 from saddlering_ros.pages.charts import draw
 from saddlering_ros.pages.html import Cell, code, number, ReportError

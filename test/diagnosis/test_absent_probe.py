@@ -11,8 +11,7 @@ from saddlering_ros.diagnosis.diagnose import diagnose_runs
 from saddlering_ros.diagnosis.records import build_record
 from saddlering_ros.diagnosis.ring_system import RingSystem
 from saddlering_ros.discrepancy import Point
-from saddlering_ros.identification.criteria import judge
-from saddlering_ros.identification.validation import validate
+from saddlering_ros.identification.validation import judge, validate
 from saddlering_ros.rig import default_rig, ParameterSet, TRUE_TO_SCALE
 
 RIG = default_rig()

@@ -9,7 +9,7 @@ from scipy.signal import lfilter
 
 from saddlering_ros.estimation.record_noise import common_noise
 from saddlering_ros.identification.objective import WeightedObjective
-from saddlering_ros.identification.observing import observe
+from saddlering_ros.identification.observation import observe
 from saddlering_ros.rig import ContactParameters
 
 RINGING = ContactParameters(9e7, 1.15, 3e4, 8e8, 1.05, 1e5)

@@ -31,8 +31,8 @@ from saddlering_ros.identification.objective import (
     predict,
     WeightedObjective,
 )
-from saddlering_ros.identification.observing import observe
-from saddlering_ros.identification.summary import identification_text
+from saddlering_ros.identification.observation import observe
+from saddlering_ros.identification.result import identification_text
 from saddlering_ros.record import Record
 from saddlering_ros.rig import PARAMETER_NAMES, TONNE, TRUE_TO_SCALE
 
@@ -220,7 +220,7 @@ def test_cancelling_returns_what_there_is(four_runs):
 
 def test_profiles_agree_with_the_covariance_of_noise_on_a_good_fit():
     runs = [static_run(50.0, seed=1), static_run(70.0, seed=2)]
-    result = identify(runs, RIG, IdentificationSettings(swarm=SHORT_SWARM), profiles=True)
+    result = identify(runs, RIG, IdentificationSettings(swarm=SHORT_SWARM, profiles=True))
     profile = result.profiles['n2']
     half = WIDTH_95 * np.sqrt(result.parameters.source.covariance[4, 4])
     assert profile.interval[0] == pytest.approx(result.parameters.contact.n2 - half, rel=2e-3)

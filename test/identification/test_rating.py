@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from saddlering_ros.identification.rating import rate
+from saddlering_ros.identification.figures import rate
 
 TIME = np.linspace(0.0, 1.0, 300)
 HUMP = np.sin(np.pi * TIME) ** 2

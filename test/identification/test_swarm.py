@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from saddlering_ros.identification.errors import IdentificationError
+from saddlering_ros.identification.settings import IdentificationError
 from saddlering_ros.identification.swarm import minimise, StopReason, Swarm, SwarmSettings
 
 LOW = np.array([-4.0, -4.0])

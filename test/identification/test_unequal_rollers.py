@@ -7,8 +7,8 @@ from saddlering_ros.bags import read_run
 from saddlering_ros.estimation.identifiability import WIDTH_95
 from saddlering_ros.identification import IdentificationSettings, identify, SwarmSettings
 from saddlering_ros.identification.objective import WeightedObjective
-from saddlering_ros.identification.observing import observe
-from saddlering_ros.identification.unequal_rollers import roller_effects
+from saddlering_ros.identification.observation import observe
+from saddlering_ros.identification.uncertainty import roller_effects
 from saddlering_ros.rig import default_rig, PARAMETER_NAMES
 from saddlering_ros.virtual_rig.campaign import draw_truth
 

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from saddlering_ros.identification import IdentificationError, validate
-from saddlering_ros.identification.criteria import judge
-from saddlering_ros.identification.summary import VALIDATION_COLUMNS, validation_text
+from saddlering_ros.identification.validation import COLUMNS, judge, validation_text
 from saddlering_ros.report import save_plots
 from saddlering_ros.rig import ParameterSet, TRUE_TO_SCALE
 
@@ -144,8 +143,8 @@ def test_a_criterion_that_fails_names_the_channel_that_fails_it(runs):
 
 def test_the_table_ends_with_its_columns_explained_and_a_line_for_each_criterion(clean):
     text = validation_text(clean)
-    for _, title in VALIDATION_COLUMNS:
-        assert f'\n  {title:9s}  ' in text
+    for column in COLUMNS:
+        assert f'\n  {column.title:9s}  ' in text
     assert [line.split()[0] for line in text.splitlines()[-4:]] == ['passed'] * 4
 
 

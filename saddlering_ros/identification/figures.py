@@ -1,0 +1,377 @@
+"""Figures of one run of a validation: simulated against measured, channel by channel.
+
+The objective rating of two signals (corridor, phase, magnitude and slope) has the formulas and
+constants of ISO/TS 18571:2014 (metric R = 0.4 Z + 0.2 E_P + 0.2 E_M + 0.2 E_S). The standard
+requires 10 kHz and 1 ms averages of the slope; signals here are resampled to at most LONGEST
+points over the compared span, and the slope is averaged over SLOPE_POINTS of them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass, field
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from saddlering_ros.compiled import Compiler
+from saddlering_ros.estimation.process import ChannelNoise
+from saddlering_ros.files import Origin
+from saddlering_ros.rig import CHANNELS
+
+Array = NDArray[np.float64]
+Spans = list[tuple[int, int]]
+
+LONGEST, SLOPE_POINTS = 400, 9
+"""Points of a rated signal, because the cost of time warping grows with their square; and points
+over which its slope is averaged, as many as the standard's 1 ms at 10 kHz."""
+
+INNER_CORRIDOR, OUTER_CORRIDOR = 0.05, 0.50
+MAX_SHIFT = 0.2
+MAX_MAGNITUDE_ERROR = 0.5
+MAX_SLOPE_ERROR = 2.0
+WARPING_WINDOW = 0.1
+"""Constants of the standard: half widths of the corridors and window of the time warping as shares
+of the highest reference and of the length; errors of shift, magnitude and slope that score 0."""
+
+MAX_ZERO_ERROR = 3.0
+"""Largest mean residual, in standard errors of the zero, that the zero explains."""
+
+LAG = 3
+"""Samples over which a step of the residual at rest is taken, because neighbours share stamps."""
+
+UNITS = {'delta_x': 'm', 'delta_y': 'm', 'gamma': 'rad', 'parity': 'm'}
+
+
+@dataclass(frozen=True)
+class ChannelFigures:
+    """Figures of one channel of one run; simulated against measured, in the channel's unit.
+
+    range: highest less lowest reading measured (plateau means, or smoothed samples).
+    zero_error: the part of the residual that is put down to the zero, a short reading with a noise
+    of its own: the mean residual, at most three times the standard error of the zero.
+    rmse: root mean square residual over the compared samples, less zero_error; nrmse and
+    noise_floor: rmse and rms noise over the range. maximum: largest residual; bias: mean of
+    measured - simulated, zero_error included, as in all that follow;
+    slope_ratio: slope of measured over simulated; loop_area: measured minus simulated area of the
+    loop over load, as a share of load range times channel range; zero_return: residual left at
+    the end; time_shift [s]: how much later the measurement is (None for a static run);
+    iso18571: overall rating 0..1; comparison_error E and validation uncertainty u_val after ASME
+    V&V 20 (noise and zero of the readings, covariance of the parameters), and E over u_val.
+    None means that a figure has no meaning, for instance for the parity, which is not simulated.
+    """
+
+    unit: str
+    range: float
+    zero_error: float
+    rmse: float
+    nrmse: float | None
+    noise_floor: float | None
+    maximum: float
+    bias: float
+    slope_ratio: float | None
+    loop_area: float | None
+    loop_area_measured: float | None
+    loop_area_simulated: float | None
+    zero_return: float
+    time_shift: float | None
+    iso18571: float | None
+    iso18571_parts: dict[str, float] | None
+    comparison_error: float
+    validation_uncertainty: float
+    e_over_uval: float | None
+
+
+@dataclass(frozen=True)
+class RunValidation:
+    """One run: its figures by channel, and their curves.
+
+    time [s], load [N] (N,); measured and simulated (4, N) in the order of CHANNELS; compared:
+    mask of the samples that count; readings of a static run: load (M,), measured and simulated
+    (4, M).
+    """
+
+    name: str
+    test: str
+    elevation: float
+    channels: dict[str, ChannelFigures]
+    time: Array = field(repr=False)
+    load: Array = field(repr=False)
+    measured: Array = field(repr=False)
+    simulated: Array = field(repr=False)
+    compared: NDArray[np.bool_] = field(repr=False)
+    reading_load: Array = field(repr=False)
+    reading_measured: Array = field(repr=False)
+    reading_simulated: Array = field(repr=False)
+    notes: tuple[str, ...] = ()
+    origin: Origin = field(default_factory=lambda: Origin(''))
+
+    def to_json(self) -> dict[str, Any]:
+        """The form of a run in `diagnose --json`, each channel with all its figures."""
+        return {
+            'bag': self.name,
+            'elevation_deg': float(np.degrees(self.elevation)),
+            'test': self.test,
+            'channels': {
+                name: {key: _finite_or_none(value) for key, value in asdict(figures).items()}
+                for name, figures in self.channels.items()
+            },
+            'notes': list(self.notes),
+        }
+
+
+def _finite_or_none(value: Any) -> Any:
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value
+
+
+def channel_figures(
+    run: RunValidation, position: int, rests: Spans, noise: ChannelNoise, step: float,
+    zero_lasting: float, input_variance: float,
+) -> ChannelFigures:
+    """All figures of the channel in row `position` of a run.
+
+    rests: stretches in which the run is at rest; noise: of the channel; step [s] of the samples;
+    zero_lasting [s]: length of the zero; input_variance: mean square error of the prediction.
+    """
+    measured, simulated = run.measured[position], run.simulated[position]
+    residual = measured - simulated
+    compared = run.compared
+    static = run.reading_load.size > 0
+    if static:
+        shape_load, shape_measured = run.reading_load, run.reading_measured[position]
+        shape_simulated = run.reading_simulated[position]
+    else:
+        shape_load, shape_measured = run.load[compared], measured[compared]
+        shape_simulated = simulated[compared]
+    extent = float(np.ptp(shape_measured if static else _smooth(shape_measured)))
+    zero_noise = noise.deviation(zero_lasting)
+    zero_error = _zero_error(residual[compared], noise, step, zero_noise)
+    rmse = float(np.sqrt(np.mean((residual[compared] - zero_error) ** 2)))
+    reading_noise = math.hypot(
+        _noise_of_means(noise, rests, step) if static else noise.deviation(step), zero_noise)
+    error = float(np.sqrt(np.mean((shape_measured - shape_simulated) ** 2)))
+    uncertainty = math.hypot(reading_noise, math.sqrt(max(0.0, input_variance)))
+    is_simulated = CHANNELS[position] != 'parity'
+    areas = _loop_areas(shape_load, shape_measured, shape_simulated, extent)
+    rating = rate(shape_measured, shape_simulated) if is_simulated else None
+    return ChannelFigures(
+        unit=UNITS[CHANNELS[position]],
+        range=extent,
+        zero_error=zero_error,
+        rmse=rmse,
+        nrmse=_ratio(rmse, extent),
+        noise_floor=_ratio(_noise_of_sample(residual, rests, noise, step), extent),
+        maximum=float(np.max(np.abs(shape_measured - shape_simulated))),
+        bias=float(np.mean(residual[compared])),
+        slope_ratio=_slope_ratio(shape_measured, shape_simulated) if is_simulated else None,
+        loop_area=None if areas is None else areas[0] - areas[1],
+        loop_area_measured=None if areas is None else areas[0],
+        loop_area_simulated=None if areas is None else areas[1],
+        zero_return=_zero_return(run, residual, rests),
+        time_shift=None if static or not is_simulated else _time_shift(run, position),
+        iso18571=None if rating is None else rating.overall,
+        iso18571_parts=None if rating is None else asdict(rating),
+        comparison_error=error,
+        validation_uncertainty=uncertainty,
+        e_over_uval=_ratio(error, uncertainty),
+    )
+
+
+def _ratio(value: float, over: float) -> float | None:
+    return value / over if over > 0.0 else None
+
+
+def _noise_of_sample(
+    residual: Array, rests: Spans, noise: ChannelNoise, step: float
+) -> float:
+    """Rms noise of a sample: half the mean square step over a short lag, plus the residual there.
+
+    Interpolation between stamps smooths readings below the fitted noise; a step over more than
+    two samples is that of readings without smoothing.
+    """
+    steps = np.concatenate([
+        residual[start + LAG:stop] - residual[start:stop - LAG] for start, stop in rests
+    ] or [np.zeros(0)])
+    steps = steps[np.isfinite(steps)]
+    if not len(steps):
+        return noise.deviation(step)
+    kept = noise.lasting(LAG * step)
+    return math.sqrt(0.5 * float(np.mean(steps**2)) + kept)
+
+
+def _noise_of_means(noise: ChannelNoise, rests: Spans, step: float) -> float:
+    """Rms noise of the means over stretches at rest."""
+    lasting = step * np.array([stop - start for start, stop in rests], dtype=float)
+    return math.sqrt(float(np.mean(noise.variances(lasting)))) if rests else 0.0
+
+
+def _zero_error(
+    residual: Array, noise: ChannelNoise, step: float, zero_noise: float
+) -> float:
+    """Error of the zero from the mean of a residual (N,), within the limits of its noise."""
+    own = noise.deviation(step * len(residual)) ** 2
+    share = zero_noise**2 / max(zero_noise**2 + own, 1e-300)
+    limit = MAX_ZERO_ERROR * zero_noise
+    return float(np.clip(share * np.mean(residual), -limit, limit))
+
+
+def _smooth(samples: Array) -> Array:
+    """Running mean of samples over 0.5 % of the record."""
+    if len(samples) <= 400:
+        return samples
+    width = len(samples) // 200
+    return np.convolve(samples, np.ones(width) / width, mode='valid')
+
+
+def _slope_ratio(measured: Array, simulated: Array) -> float | None:
+    centred = simulated - simulated.mean()
+    size = float(centred @ centred)
+    return float(centred @ measured) / size if size > 0.0 else None
+
+
+def _loop_areas(
+    load: Array, measured: Array, simulated: Array, extent: float
+) -> tuple[float, float] | None:
+    """Areas of both loops over load, positive when the unloading branch lies above."""
+    box = extent * float(np.max(load) - np.min(load))
+    if box <= 0.0:
+        return None
+    return _closed_area(load, measured) / box, _closed_area(load, simulated) / box
+
+
+def _closed_area(load: Array, values: Array) -> float:
+    steps = np.diff(load, append=load[0])
+    mean = 0.5 * (values + np.roll(values, -1))
+    return float(-np.sum(mean * steps))
+
+
+def _zero_return(run: RunValidation, residual: Array, rests: Spans) -> float:
+    """Residual at the end of the record: over its last stretch at rest, or its last hundredth."""
+    count = max(1, len(residual) // 100)
+    start = max(rests[-1][0], len(residual) - 50 * count) if rests else len(residual) - count
+    stop = rests[-1][1] if rests else len(residual)
+    last = residual[start:stop]
+    if not np.any(np.isfinite(last)) or run.load[stop - 1] > 0.5 * np.max(run.load):
+        return float('nan')
+    return float(np.nanmean(last))
+
+
+def _time_shift(run: RunValidation, position: int) -> float | None:
+    """Least-squares delay [s] of the measurement against the simulation."""
+    compared = run.compared
+    time, simulated = run.time[compared], run.simulated[position][compared]
+    rate_of_change = np.gradient(simulated, time)
+    residual = run.measured[position][compared] - simulated
+    design = np.stack([-rate_of_change, simulated, np.ones_like(simulated)], axis=1)
+    size = np.linalg.norm(design, axis=0)
+    if np.any(size == 0.0):
+        return None
+    answer, *_ = np.linalg.lstsq(design / size, residual, rcond=None)
+    return float(answer[0] / size[0])
+
+
+@dataclass(frozen=True, slots=True)
+class Rating:
+    """Scores from 0 to 1; overall above 0.94 is excellent, 0.80 good, 0.58 fair."""
+
+    corridor: float
+    phase: float
+    magnitude: float
+    slope: float
+
+    @property
+    def overall(self) -> float:
+        """The weighted rating R."""
+        return 0.4 * self.corridor + 0.2 * (self.phase + self.magnitude + self.slope)
+
+
+def rate(reference: Array, signal: Array) -> Rating:
+    """Rate `signal` (N,) against `reference` (N,), both on one even time grid."""
+    reference, signal = _shortened(reference), _shortened(signal)
+    peak = float(np.max(np.abs(reference)))
+    if len(reference) < 10 or peak == 0.0:
+        same = float(np.array_equal(reference, signal))
+        return Rating(same, same, same, same)
+    shift = _best_shift(reference, signal)
+    matched_reference, matched_signal = _shifted(reference, signal, shift)
+    return Rating(
+        corridor=_corridor(reference, signal, peak),
+        phase=_score(abs(shift) / len(reference), MAX_SHIFT),
+        magnitude=_magnitude(matched_reference, matched_signal),
+        slope=_slope(matched_reference, matched_signal),
+    )
+
+
+def _shortened(values: Array) -> Array:
+    if len(values) <= LONGEST:
+        return np.asarray(values, dtype=float)
+    return np.interp(np.linspace(0, len(values) - 1, LONGEST), np.arange(len(values)), values)
+
+
+def _score(error: float, largest: float) -> float:
+    return float(max(0.0, 1.0 - error / largest))
+
+
+def _corridor(reference: Array, signal: Array, peak: float) -> float:
+    inner, outer = INNER_CORRIDOR * peak, OUTER_CORRIDOR * peak
+    score = (outer - np.abs(reference - signal)) / (outer - inner)
+    return float(np.mean(np.clip(score, 0.0, 1.0) ** 2))
+
+
+def _shifted(reference: Array, signal: Array, shift: int) -> tuple[Array, Array]:
+    """Both signals over their common span when `signal` is taken `shift` samples later."""
+    if shift >= 0:
+        return reference[: len(reference) - shift], signal[shift:]
+    return reference[-shift:], signal[: len(signal) + shift]
+
+
+def _best_shift(reference: Array, signal: Array) -> int:
+    """Shift of the highest cross-correlation, at most a fifth of the record; 0 when none gains."""
+    best, highest = 0, -np.inf
+    largest = int(MAX_SHIFT * len(reference))
+    for shift in sorted(range(-largest, largest + 1), key=abs):
+        first, second = _shifted(reference, signal, shift)
+        norm = np.linalg.norm(first) * np.linalg.norm(second)
+        correlation = float(first @ second / norm) if norm > 0.0 else -np.inf
+        if correlation > highest + 1e-12:
+            best, highest = shift, correlation
+    return best
+
+
+def _magnitude(reference: Array, signal: Array) -> float:
+    window = max(1, int(WARPING_WINDOW * len(reference)))
+    distance = float(_warping_distance(reference, signal, window))
+    return _score(distance / float(np.sum(np.abs(reference))), MAX_MAGNITUDE_ERROR)
+
+
+@Compiler(__file__)()
+def _warping_distance(reference: Array, signal: Array, window: int) -> float:
+    """L1 distance along the best dynamic time warping path (squared local cost) in a window."""
+    count = len(reference)
+    cost = np.full((count + 1, count + 1), np.inf)
+    distance = np.zeros((count + 1, count + 1))
+    cost[0, 0] = 0.0
+    for i in range(1, count + 1):
+        for j in range(max(1, i - window), min(count, i + window) + 1):
+            error = abs(reference[i - 1] - signal[j - 1])
+            a, b = i - 1, j - 1
+            if cost[i - 1, j] < cost[a, b]:
+                a, b = i - 1, j
+            if cost[i, j - 1] < cost[a, b]:
+                a, b = i, j - 1
+            cost[i, j] = cost[a, b] + error * error
+            distance[i, j] = distance[a, b] + error
+    return float(distance[count, count])
+
+
+def _slope(reference: Array, signal: Array) -> float:
+    smooth = np.ones(SLOPE_POINTS) / SLOPE_POINTS
+    first = np.convolve(np.gradient(reference), smooth, mode='valid')
+    second = np.convolve(np.gradient(signal), smooth, mode='valid')
+    size = float(np.sum(np.abs(first)))
+    if size == 0.0:
+        return float(np.array_equal(first, second))
+    return _score(float(np.sum(np.abs(first - second))) / size, MAX_SLOPE_ERROR)
