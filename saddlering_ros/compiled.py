@@ -4,16 +4,23 @@ numba keeps machine code by the contents of the one file that holds a function. 
 others from other files, and their code is compiled into it. Here the code is kept by a digest of
 every source that takes part: no change of any of them leaves stale code, and a new installation of
 the same sources finds the code of the old one.
+
+To load kept code is to run it (numba pickles it). It is therefore loaded from a folder only that
+belongs to this user and that no other user can write to, and from a file only whose digest is that
+of its content.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from functools import cache
 import hashlib
+import io
 import os
 from pathlib import Path
 import shutil
+import stat
 import sys
 import tempfile
 import time
@@ -26,6 +33,10 @@ import numpy as np
 
 UNUSED_DAYS = 60.0
 """Code that no process has loaded for so long [days] is removed."""
+
+
+DIGEST_BYTES = 32
+"""A file of kept code ends in the SHA-256 of all before it."""
 
 
 class Compiler:
@@ -58,13 +69,13 @@ class Compiler:
 
 def digest_of(sources: Sequence[str | Path]) -> str:
     """Digest of the sources' text, of the compiler and of numpy, as hexadecimal digits."""
-    found = hashlib.sha256(repr((nb.__version__, llvmlite.__version__, np.__version__,
-                                 sys.version_info[:2])).encode())
+    digest = hashlib.sha256(repr((nb.__version__, llvmlite.__version__, np.__version__,
+                                  sys.version_info[:2], DIGEST_BYTES)).encode())
     for source in sources:
         path = Path(source)
         for file in sorted(path.rglob('*.py')) if path.is_dir() else [path]:
-            found.update(file.name.encode() + b'\0' + file.read_bytes() + b'\0')
-    return found.hexdigest()[:20]
+            digest.update(file.name.encode() + b'\0' + file.read_bytes() + b'\0')
+    return digest.hexdigest()[:20]
 
 
 @cache
@@ -77,13 +88,29 @@ def _first_writable(digest: str, source: Path, numba_folder: str, cache_home: st
     for place in places:
         folder = place / f'kept-{digest}'
         try:
-            folder.mkdir(parents=True, exist_ok=True)
+            folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+            if not _is_of_this_user_alone(folder):
+                continue
             tempfile.TemporaryFile(dir=folder).close()
         except OSError:
             continue
         _note_use(folder)
         return folder
     return None
+
+
+def _is_of_this_user_alone(folder: Path) -> bool:
+    """Whether a folder is of this user; it is closed to others, and rid of what they wrote."""
+    state = folder.lstat()
+    if not stat.S_ISDIR(state.st_mode) or state.st_uid != os.geteuid():
+        return False
+    was_open = bool(state.st_mode & 0o022)
+    folder.chmod(0o700)
+    for file in folder.iterdir():
+        of_file = file.lstat()
+        if was_open or of_file.st_uid != os.geteuid() or not stat.S_ISREG(of_file.st_mode):
+            shutil.rmtree(file) if stat.S_ISDIR(of_file.st_mode) else file.unlink()
+    return True
 
 
 def _note_use(folder: Path) -> None:
@@ -125,4 +152,49 @@ def _cache_class(folder: Path, digest: str) -> type[Any]:
     class Kept(caching.FunctionCache):
         _impl_class = Implementation
 
+        def __init__(self, function: Callable[..., Any]) -> None:
+            super().__init__(function)
+            self._cache_file = _CheckedFile(
+                cache_path=self._cache_path, filename_base=self._impl.filename_base,
+                source_stamp=digest)
+
     return Kept
+
+
+class _CheckedFile(caching.IndexDataCacheFile):
+    """Numba's files of one function, each with the digest of its content at its end.
+
+    Numba reads as far as its own data go. A damaged file is removed, and its code compiled again.
+    """
+
+    @contextmanager
+    def _open_for_write(self, filepath: str) -> Iterator[io.BytesIO]:
+        content = io.BytesIO()
+        yield content
+        with super()._open_for_write(filepath) as file:
+            file.write(content.getvalue() + hashlib.sha256(content.getvalue()).digest())
+
+    def _load_index(self) -> Any:
+        return super()._load_index() if _is_whole(Path(self._index_path)) else {}
+
+    def _load_data(self, name: str) -> Any:
+        return super()._load_data(name) if _is_whole(Path(self._data_path(name))) else None
+
+
+def _is_whole(path: Path) -> bool:
+    """Whether a file is as it was written, or not there; one that is not is removed."""
+    try:
+        content = path.read_bytes()
+    except FileNotFoundError:
+        return True
+    if hashlib.sha256(content[:-DIGEST_BYTES]).digest() == content[-DIGEST_BYTES:]:
+        return True
+    _note_damage()
+    path.unlink(missing_ok=True)
+    return False
+
+
+@cache
+def _note_damage() -> None:
+    """One note a process."""
+    print('note: kept machine code was damaged and is compiled again', file=sys.stderr)

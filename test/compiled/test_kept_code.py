@@ -16,6 +16,7 @@ from unittest import mock
 
 import pytest
 
+from saddlering_ros import compiled
 from saddlering_ros.compiled import digest_of
 
 CALLER = """
@@ -75,6 +76,8 @@ def called_by_a_process(folder: Path, home: str) -> tuple[float, int, str]:
 def called(folder: Path, home: str, **more: str) -> tuple[float, int, str]:
     """The same in this process, in which the modules of `folder` are imported anew."""
     printed = io.StringIO()
+    for once_a_process in (compiled._first_writable, compiled._note_damage):
+        once_a_process.cache_clear()
     with (mock.patch.dict(os.environ, environment(home, **more), clear=True),
           mock.patch.object(sys, 'dont_write_bytecode', True),
           mock.patch.object(sys, 'path', [str(folder), *sys.path]),
@@ -131,3 +134,41 @@ def test_the_digest_is_of_what_files_hold_not_of_when_they_were_written(sources:
     assert digest_of([sources]) == before
     (sources / 'caller.py').write_text(CALLER + '# changed')
     assert digest_of([sources]) != before
+
+
+@pytest.mark.parametrize('damage', [
+    lambda content: b'', lambda content: content[:-9],
+    lambda content: content[:99] + bytes([content[99] ^ 255]) + content[100:],
+], ids=['empty', 'cut off', 'altered'])
+@pytest.mark.parametrize('suffix', ['.nbi', '.nbc'])
+def test_damaged_code_is_compiled_again_with_one_note(
+        sources: Path, tmp_path: Path, capsys, suffix: str, damage) -> None:
+    kept_in = Path(called(sources, str(tmp_path))[2])
+    for file in kept_in.glob(f'*{suffix}'):
+        file.write_bytes(damage(file.read_bytes()))
+    assert called(sources, str(tmp_path))[:2] == (21.0, 0)
+    assert capsys.readouterr().err.count('was damaged') == 1
+    assert called(sources, str(tmp_path))[:2] == (21.0, 1)
+
+
+def test_a_folder_of_another_user_is_not_used(sources: Path, tmp_path: Path, monkeypatch) -> None:
+    kept_in = called(sources, '/proc/none', NUMBA_CACHE_DIR=str(tmp_path))[2]
+    monkeypatch.setattr(os, 'geteuid', lambda: Path(kept_in).stat().st_uid + 1)
+    _, hits, none = called(sources, '/proc/none', NUMBA_CACHE_DIR=str(tmp_path))
+    assert (hits, none) == (0, 'None')
+
+
+def test_code_that_others_could_have_written_is_not_loaded(sources: Path, tmp_path: Path) -> None:
+    kept_in = Path(called(sources, str(tmp_path))[2])
+    assert kept_in.stat().st_mode & 0o777 == 0o700
+    kept_in.chmod(0o770)
+    assert called(sources, str(tmp_path))[:2] == (21.0, 0)
+    assert kept_in.stat().st_mode & 0o777 == 0o700
+
+
+def test_a_link_in_place_of_the_folder_is_not_followed(sources: Path, tmp_path: Path) -> None:
+    kept_in = Path(called(sources, str(tmp_path))[2])
+    moved = tmp_path / 'moved'
+    kept_in.rename(moved)
+    kept_in.symlink_to(moved)
+    assert called(sources, str(tmp_path))[2] != str(kept_in)
