@@ -5,17 +5,17 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 
 from saddlering_ros import identification
-from saddlering_ros.api.arguments import check_bounds, check_number, check_seed, check_whole
 from saddlering_ros.api.inputs import (
-    as_bags,
     as_parameters,
-    as_rig,
     BagLike,
-    check_parameters,
-    check_rig,
+    check_bounds,
+    check_number,
+    check_seed,
+    check_whole,
     for_fits,
-    origins,
+    inputs_of,
     ParametersLike,
+    rig_of,
     RigLike,
     runs_of,
 )
@@ -27,7 +27,8 @@ from saddlering_ros.progress import check, IsCancelled, OnProgress, Progress
 
 
 def identify(
-    bags: BagLike | Iterable[BagLike], *, rig: RigLike = None, method: str = 'default',
+    bags: BagLike | Iterable[BagLike], *, rig: RigLike = None,
+    settings: IdentificationSettings | None = None, method: str = 'default',
     bounds: Mapping[str, tuple[float, float]] | None = None, particles: int = 20,
     iterations: int = 50, accuracy: float | None = None, stagnation: int | None = None,
     log_stiffness: bool = False, use_delta_y: bool | None = None, profiles: bool = False,
@@ -36,7 +37,9 @@ def identify(
 ) -> IdentificationResult:
     """Identify the contact parameters K1, n1, D1, K2, n2, D2 from static and dynamic bags.
 
-    bags: bags from `read_bag`, or paths. rig: a rig, a rig file, or None for the shipped rig.
+    bags: bags from `read_bag`, or paths. rig: a rig or a rig file; None for that with which the
+    bags were read, or else for the shipped rig. settings: all options of the identification as
+    one object; without it they are taken from the keywords `method` to `seed`:
     method: 'default' (joint fit of all channels) or 'paper' (two swarm steps as published).
     bounds: (low, high) in SI units by parameter, in place of those of the rig. particles,
     iterations, accuracy (objective) and stagnation (iterations without progress) control the
@@ -54,29 +57,20 @@ def identify(
         check_whole('stagnation', stagnation)
     if accuracy is not None:
         check_number('accuracy', accuracy)
-    settings = IdentificationSettings(
-        method=method, bounds=dict(bounds or {}), logarithmic_stiffness=log_stiffness,
-        use_delta_y=use_delta_y, seed=seed, profiles=profiles, swarm=SwarmSettings(
-            particles=particles, iterations=iterations, accuracy=accuracy, stagnation=stagnation))
-    return identify_with(settings, bags, rig=rig, trust_rig=trust_rig, on_progress=on_progress,
-                         is_cancelled=is_cancelled)
-
-
-def identify_with(
-    settings: IdentificationSettings, bags: BagLike | Iterable[BagLike], *, rig: RigLike = None,
-    trust_rig: bool = False, on_progress: OnProgress | None = None,
-    is_cancelled: IsCancelled | None = None,
-) -> IdentificationResult:
-    """`identify` with settings that are an object, as the action server has them."""
-    known = as_rig(rig)
-    settings.bounds_for(known)
-    given = as_bags(bags, known, on_progress, is_cancelled)
-    check_rig(given, known, rig, trust_rig)
-    given, _ = for_fits(given)
-    found = identification.identify(
-        runs_of(given), known, settings, on_progress=on_progress, is_cancelled=is_cancelled)
-    result = IdentificationResult(tuple(given), known, origins(rig), found)
-    if found.cancelled:
+    if settings is None:
+        settings = IdentificationSettings(
+            method=method, bounds=dict(bounds or {}), logarithmic_stiffness=log_stiffness,
+            use_delta_y=use_delta_y, seed=seed, profiles=profiles, swarm=SwarmSettings(
+                particles=particles, iterations=iterations, accuracy=accuracy,
+                stagnation=stagnation))
+    settings.bounds_for(rig_of((), rig))  # a fault is reported before any bag is read
+    given = inputs_of(bags, rig=rig, trust_rig=trust_rig, on_progress=on_progress,
+                      is_cancelled=is_cancelled)
+    fitted, _ = for_fits(given.bags)
+    answer = identification.identify(
+        runs_of(fitted), given.rig, settings, on_progress=on_progress, is_cancelled=is_cancelled)
+    result = IdentificationResult(tuple(fitted), given.rig, given.files, answer)
+    if answer.cancelled:
         raise Cancelled('identify: cancelled', result)
     return result
 
@@ -91,19 +85,18 @@ def validate(
     parameters: a `ParameterSet`, a parameter file, or the result of `identify` or `diagnose`.
     The other arguments are those of `identify`.
     """
-    known, law = as_rig(rig), as_parameters(parameters)
-    given = as_bags(bags, known, on_progress, is_cancelled)
-    check_rig(given, known, rig, trust_rig)
-    check_parameters(law, known, trust_rig)
-    given, _ = for_fits(given)
+    law = as_parameters(parameters)
+    given = inputs_of(bags, rig=rig, trust_rig=trust_rig, parameters=parameters,
+                      on_progress=on_progress, is_cancelled=is_cancelled)
+    judged, _ = for_fits(given.bags)
 
-    def before(number: int) -> None:
+    def before(place: int) -> None:
         check(is_cancelled, 'validate')
         if on_progress is not None:
-            on_progress(Progress('validate', given[number].name, number / len(given)))
+            on_progress(Progress('validate', judged[place].name, place / len(judged)))
 
-    found = identification.validate(runs_of(given), known, law, before_run=before)
-    return ValidationResult(tuple(given), known, origins(rig, parameters), found)
+    answer = identification.validate(runs_of(judged), given.rig, law, before_run=before)
+    return ValidationResult(tuple(judged), given.rig, given.files, answer)
 
 
 def diagnose(
@@ -119,15 +112,10 @@ def diagnose(
     arguments are those of `identify`.
     """
     check_seed(seed)
-    known = as_rig(rig)
-    law = None if parameters is None else as_parameters(parameters)
-    fitted = as_bags(bags, known, on_progress, is_cancelled)
-    held = as_bags(hold_out, known, on_progress, is_cancelled, name='hold_out')
-    check_rig([*fitted, *held], known, rig, trust_rig)
-    if law is not None:
-        check_parameters(law, known, trust_rig)
-    fitted, held = for_fits(fitted, held)
-
-    found = diagnose_runs(runs_of(fitted), runs_of(held), known, law, on_progress=on_progress,
-                          is_cancelled=is_cancelled, seed=seed)
-    return DiagnosisResult((*fitted, *held), known, origins(rig, parameters), found)
+    given = inputs_of(bags, hold_out=hold_out, rig=rig, trust_rig=trust_rig,
+                      parameters=parameters, on_progress=on_progress, is_cancelled=is_cancelled)
+    fitted, held_out = for_fits(given.bags, given.held_out)
+    answer = diagnose_runs(
+        runs_of(fitted), runs_of(held_out), given.rig, given.parameters, seed=seed,
+        on_progress=on_progress, is_cancelled=is_cancelled)
+    return DiagnosisResult((*fitted, *held_out), given.rig, given.files, answer)

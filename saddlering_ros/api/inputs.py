@@ -2,32 +2,33 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+import csv
 from dataclasses import dataclass
 from functools import cached_property
 import math
+import os
 from pathlib import Path
 from typing import Any, TYPE_CHECKING
 
-from saddlering_ros.api.arguments import check_calls, check_number, check_path, several
-from saddlering_ros.api.errors import ApiError
-from saddlering_ros.api.tables import dataframe
+import numpy as np
+
 from saddlering_ros.bags import read_run, refuse_other_rig, refuse_repeats
 from saddlering_ros.bags.samples import measured_samples
-from saddlering_ros.files import Origin
+from saddlering_ros.errors import SaddleringError
+from saddlering_ros.files import Origin, whole_file
 from saddlering_ros.progress import check, IsCancelled, OnProgress, Progress
 from saddlering_ros.record import condensed, displacement_of_run, fit_limit, MeasuredRun, Record
 from saddlering_ros.record.scratch import extremes
-from saddlering_ros.rig import (
-    load_rig,
-    ParameterSet,
-    read_parameters,
-    Rig,
-    short_digest,
-)
+from saddlering_ros.rig import load_rig, ParameterSet, read_parameters, Rig, short_digest
 
 if TYPE_CHECKING:
     import pandas
+
+
+class ApiError(SaddleringError):
+    """An argument that cannot be used, or a result that cannot be saved as asked."""
+
 
 RigLike = Rig | Path | str | None
 """A rig, a rig file, or None for the shipped rig."""
@@ -130,26 +131,79 @@ def read_bag(
                         on_progress=lambda share: report(Progress('read', name, share))), known)
 
 
-def as_bags(
-    given: BagLike | Iterable[BagLike], rig: Rig, on_progress: OnProgress | None = None,
-    is_cancelled: IsCancelled | None = None, *, name: str = 'bags',
-) -> list[Bag]:
-    """Bags from bags or paths, one or several; paths are read. name: of the argument."""
+@dataclass(frozen=True)
+class Inputs:
+    """Bags, rig and parameters of one call, which fit each other.
+
+    parameters: None where not given; files: the files among the arguments and the user's effect
+    files, with their hashes.
+    """
+
+    bags: list[Bag]
+    held_out: list[Bag]
+    rig: Rig
+    parameters: ParameterSet | None
+    files: tuple[Origin, ...]
+
+
+def inputs_of(
+    bags: BagLike | Iterable[BagLike], *, rig: RigLike = None, trust_rig: bool = False,
+    hold_out: BagLike | Iterable[BagLike] = (), parameters: ParametersLike | None = None,
+    on_progress: OnProgress | None = None, is_cancelled: IsCancelled | None = None,
+) -> Inputs:
+    """The inputs of a call; paths are read, one bag may stand without a list.
+
+    Without `rig`, the rig is that with which the bags were read. Raises ApiError or BagError if a
+    bag or the parameters belong to another rig, unless trust_rig.
+    """
     check_calls(on_progress, is_cancelled)
-    return [_as_bag(item, rig, on_progress, is_cancelled)
-            for item in several(name, given, (Bag, Record))]
+    given, held = _several('bags', bags), _several('hold_out', hold_out)
+    in_use = rig_of([*given, *held], rig)
+    law = None if parameters is None else as_parameters(parameters)
+
+    def read(item: BagLike) -> Bag:
+        if isinstance(item, Bag):
+            return item
+        if isinstance(item, Record):
+            return Bag(item, in_use)
+        check(is_cancelled, 'read')
+        return read_bag(item, rig=in_use, on_progress=on_progress)
+
+    fitted, kept = [read(item) for item in given], [read(item) for item in held]
+    if not trust_rig:
+        _check_rig([*fitted, *kept], law, in_use, is_given=rig is not None)
+    return Inputs(fitted, kept, in_use, law, origins(rig, parameters))
 
 
-def _as_bag(
-    given: BagLike, rig: Rig, on_progress: OnProgress | None, is_cancelled: IsCancelled | None,
-) -> Bag:
-    """A bag that was read as it is, a path as a bag."""
-    if isinstance(given, Bag):
-        return given
-    if isinstance(given, Record):
-        return Bag(given, rig)
-    check(is_cancelled, 'read')
-    return read_bag(given, rig=rig, on_progress=on_progress)
+def rig_of(bags: Sequence[BagLike], given: RigLike) -> Rig:
+    """The given rig, or else that with which the bags were read, or else the shipped one."""
+    if given is not None:
+        return as_rig(given)
+    rigs = {bag.rig.digest: bag.rig for bag in bags if isinstance(bag, Bag)}
+    if len(rigs) > 1:
+        raise ApiError(f'the bags were read with different rigs (hashes '
+                       f'{", ".join(map(short_digest, rigs))}): read all of them with one rig')
+    return next(iter(rigs.values()), None) or as_rig(None)
+
+
+def _check_rig(
+    bags: Sequence[Bag], law: ParameterSet | None, rig: Rig, *, is_given: bool,
+) -> None:
+    """Refuse bags and parameters of another rig than the one in use."""
+    for bag in bags:
+        if bag.rig.digest != rig.digest:
+            raise ApiError(
+                f'{bag.name} was read with the rig with the hash {short_digest(bag.rig.digest)}, '
+                f'and rig has {short_digest(rig.digest)}: leave rig out, or give trust_rig=True '
+                'to continue with it')
+    refuse_other_rig(runs_of(bags), rig,
+                     is_given=is_given or rig.digest != load_rig(None).digest)
+    recorded = '' if law is None else law.source.rig_hash
+    if recorded and recorded != rig.digest:
+        raise ApiError(
+            f'the parameters belong to the rig with the hash {short_digest(recorded)}, and the '
+            f'rig in use has {short_digest(rig.digest)}: give rig=FILE of that rig, or '
+            'trust_rig=True to continue with this rig')
 
 
 def for_fits(bags: Sequence[Bag], held_out: Sequence[Bag] = ()) -> tuple[list[Bag], list[Bag]]:
@@ -164,22 +218,6 @@ def for_fits(bags: Sequence[Bag], held_out: Sequence[Bag] = ()) -> tuple[list[Ba
 def runs_of(bags: Sequence[Bag]) -> list[Record]:
     """The arrays of bags."""
     return [bag.run for bag in bags]
-
-
-def check_rig(bags: Sequence[Bag], known: Rig, given: RigLike, trust_rig: bool) -> None:
-    """Refuse bags that state another rig than the one in use, unless the user trusts it."""
-    if not trust_rig:
-        refuse_other_rig(runs_of(bags), known, is_given=given is not None)
-
-
-def check_parameters(law: ParameterSet, known: Rig, trust_rig: bool) -> None:
-    """Refuse parameters that were found on another rig, unless the user trusts the rig."""
-    found = law.source.rig_hash
-    if found and found != known.digest and not trust_rig:
-        raise ApiError(
-            f'the parameters belong to the rig with the hash {short_digest(found)}, and the rig '
-            f'in use has {short_digest(known.digest)}: give the file of that rig with --rig, or '
-            '--trust-rig to continue with this rig')
 
 
 def as_rig(given: RigLike) -> Rig:
@@ -208,3 +246,99 @@ def origins(*given: object) -> tuple[Origin, ...]:
     from saddlering_ros.files import origins_of
 
     return origins_of(*(item for item in given if isinstance(item, (Path, str))), *own_files())
+
+
+def check_path(name: str, given: object, also: str = '') -> None:
+    """ApiError unless an argument is a path; `also` names what else it may be."""
+    if not isinstance(given, (str, os.PathLike)):
+        raise ApiError(f'{name} is {_kind(given)}: give a path{also}')
+
+
+def check_whole(name: str, given: object) -> None:
+    """ApiError unless an argument is a whole number."""
+    if not _is_whole(given):
+        raise ApiError(f'{name} is {given!r}: give a whole number')
+
+
+def check_seed(seed: int) -> None:
+    """Refuse a seed that no random generator takes."""
+    if not _is_whole(seed) or seed < 0:
+        raise ApiError(f'seed is {seed!r}: give a whole number, 0 or above')
+
+
+def check_number(name: str, given: object) -> None:
+    """ApiError unless an argument is a finite number."""
+    if not _is_number(given):
+        raise ApiError(f'{name} is {given!r}: give a number')
+
+
+def check_bounds(bounds: object) -> None:
+    """ApiError unless bounds are pairs of numbers by the name of a parameter."""
+    if not isinstance(bounds, Mapping):
+        raise ApiError(f'bounds is {_kind(bounds)}: give {{name: (low, high)}}')
+    for name, pair in bounds.items():
+        is_pair = isinstance(pair, (tuple, list)) and len(pair) == 2
+        if not is_pair or not all(map(_is_number, pair)):
+            raise ApiError(f'bounds of {name} are {pair!r}: give (low, high) in SI units')
+
+
+def check_calls(on_progress: OnProgress | None, is_cancelled: IsCancelled | None) -> None:
+    """ApiError unless both can be called or are None."""
+    for name, given in (('on_progress', on_progress), ('is_cancelled', is_cancelled)):
+        if given is not None and not callable(given):
+            raise ApiError(f'{name} is {_kind(given)}: give a function, or None')
+
+
+def _several(name: str, given: Any) -> list[BagLike]:
+    """The bags of an argument that is one of them or several."""
+    kinds = (Bag, Record, Path, str)
+    if isinstance(given, kinds):
+        return [given]
+    advice = 'give bags of read_bag or paths, one or a list of them'
+    if isinstance(given, Mapping) or not isinstance(given, Iterable):
+        raise ApiError(f'{name} is {_kind(given)}: {advice}')
+    items = list(given)
+    for place, item in enumerate(items):
+        if not isinstance(item, kinds):
+            raise ApiError(f'{name}[{place}] is {_kind(item)}: {advice}')
+    return items
+
+
+def _is_whole(given: object) -> bool:
+    return isinstance(given, (int, np.integer)) and not isinstance(given, bool)
+
+
+def _is_number(given: object) -> bool:
+    return (isinstance(given, (int, float, np.integer, np.floating))
+            and not isinstance(given, bool) and math.isfinite(given))
+
+
+def _kind(given: object) -> str:
+    return 'None' if given is None else f'of type {type(given).__name__}'
+
+
+Columns = Mapping[str, Sequence[Any]]
+
+
+def dataframe(columns: Columns) -> pandas.DataFrame:
+    """Columns as a pandas DataFrame; ApiError if pandas is not installed."""
+    try:
+        import pandas
+    except ModuleNotFoundError as problem:
+        raise ApiError('to_dataframe needs pandas: pip install pandas, or use columns(), which '
+                       'gives the same as plain lists') from problem
+    return pandas.DataFrame(dict(columns))
+
+
+def columns_of(rows: Sequence[Mapping[str, Any]]) -> dict[str, list[Any]]:
+    """Rows with the same keys as lists by key."""
+    return {key: [row[key] for row in rows] for key in (rows[0] if rows else {})}
+
+
+def write_csv(path: Path, columns: Columns) -> None:
+    """Write columns as CSV, whole or not at all; an empty cell for None."""
+    with whole_file(path, ApiError) as temporary, temporary.open(
+            'w', encoding='utf-8', newline='') as file:
+        table = csv.writer(file)
+        table.writerow(columns)
+        table.writerows(zip(*columns.values(), strict=True))

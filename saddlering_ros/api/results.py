@@ -12,10 +12,15 @@ from typing import Any, TYPE_CHECKING
 
 import numpy as np
 
-from saddlering_ros.api.arguments import check_path
-from saddlering_ros.api.errors import ApiError
-from saddlering_ros.api.inputs import Bag, runs_of
-from saddlering_ros.api.tables import columns_of, dataframe, write_csv
+from saddlering_ros.api.inputs import (
+    ApiError,
+    Bag,
+    check_path,
+    columns_of,
+    dataframe,
+    runs_of,
+    write_csv,
+)
 from saddlering_ros.diagnosis import Verdict
 from saddlering_ros.diagnosis.contract import CauseEntry, causes_of, VerdictDocument
 from saddlering_ros.diagnosis.summary import verdict_text

@@ -50,7 +50,7 @@ def find_metadata(
 
 
 def _overrule(key: str) -> str:
-    options = {'test': '--test', 'elevation_deg': '--elevation'}
+    options = {'test': 'test=KIND', 'elevation_deg': 'elevation_deg=DEG'}
     return f', or give {options[key]}' if key in options else ''
 
 
@@ -63,7 +63,8 @@ def _kind(text: str | None, faults: list[str]) -> str | None:
         return None
     if text.lower() in KINDS:
         return text.lower()
-    faults.append(f'test is {text!r}, which is not a kind of test: give --test static or dynamic')
+    faults.append(
+        f"test is {text!r}, which is not a kind of test: give test='static' or test='dynamic'")
     return None
 
 
@@ -75,5 +76,5 @@ def _elevation(text: str | None, faults: list[str]) -> float | None:
         return value
     faults.append(
         f'elevation_deg is {text!r}, which is not an elevation from {LOWEST_ELEVATION:g} to '
-        f'{HIGHEST_ELEVATION:g} degrees: give --elevation DEG')
+        f'{HIGHEST_ELEVATION:g} degrees: give elevation_deg=DEG')
     return None

@@ -173,7 +173,7 @@ def check_measured_elevation(record: RawRecord, facts: TestMetadata) -> None:
     if not abs(measured - facts.elevation_deg) <= ELEVATION_TOLERANCE_DEG:
         raise BagError(
             f'{record.path}: elevation_deg is {facts.elevation_deg:g} and {ELEVATION.name} '
-            f'measured {measured:.2f} deg: give --elevation DEG')
+            f'measured {measured:.2f} deg: give elevation_deg=DEG')
 
 
 def run_of_record(

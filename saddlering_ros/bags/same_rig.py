@@ -26,7 +26,7 @@ def refuse_other_rig(runs: Sequence[Record], rig: Rig, *, is_given: bool) -> Non
             raise BagError(_refusal(run, rig, is_given))
         if not (run.rig_hash or is_given or run.rig in UNDESCRIBED):
             note = (f'the bag names the rig {run.rig!r} and no rig file is given: the shipped '
-                    f'rig is simulated ({rig_in_words(rig)}); give --rig if the rigs differ')
+                    f'rig is simulated ({rig_in_words(rig)}); give its rig file if it differs')
             if note not in run.notes:
                 run.notes.append(note)
 
@@ -42,5 +42,5 @@ def _refusal(run: Record, rig: Rig, is_given: bool) -> str:
     known = f'was recorded on the rig{name} with the hash {short_digest(run.rig_hash)}'
     given = 'the given rig is another' if is_given else \
         'no rig is given, and the shipped one is another'
-    return (f'{run.path}: {known}, {given} ({rig_in_words(rig)}): give the file of that rig with '
-            '--rig, or --trust-rig to continue with this rig')
+    return (f'{run.path}: {known}, {given} ({rig_in_words(rig)}): give rig=FILE of that rig, or '
+            'trust_rig=True to continue with this rig')

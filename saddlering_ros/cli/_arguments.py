@@ -283,6 +283,13 @@ def domain_of(args: argparse.Namespace) -> int:
     return given if given is not None else int(os.environ.get('ROS_DOMAIN_ID') or 0)
 
 
+def in_options(message: str) -> str:
+    """A message of the Python API with the options of the command line for its arguments."""
+    message = message.replace('trust_rig=True', '--trust-rig').replace('elevation_deg=',
+                                                                       'elevation=')
+    return re.sub(r"\b(rig|test|elevation)=('?)(\w+)\2", r'--\1 \3', message)
+
+
 def radians(degrees: float | None) -> float | None:
     """Degrees as typed, in radians."""
     import math

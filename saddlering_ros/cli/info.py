@@ -10,6 +10,7 @@ from saddlering_ros.cli._arguments import (
     add_json_option,
     add_rig_option,
     bag_read,
+    in_options,
     radians,
 )
 from saddlering_ros.cli._terminal import tell_json
@@ -66,7 +67,7 @@ def run(args: argparse.Namespace) -> int:
         return 0
     sys.stdout.flush()
     more = f' (and {len(problems) - 1} more unusable bags)' if len(problems) > 1 else ''
-    print(f'saddlering info: {problems[0]}{more}', file=sys.stderr)
+    print(f'saddlering info: {in_options(problems[0])}{more}', file=sys.stderr)
     return 2
 
 
@@ -110,7 +111,7 @@ def _print_info(info: BagInfo, rig: Rig, is_counted: bool) -> None:
         topics.add_row(*_topic_row(topic, rig))
     console.print(topics)
     for problem in info.problems:
-        console.print(Text(f'  wrong: {problem}', style='red'))
+        console.print(Text(f'  wrong: {in_options(problem)}', style='red'))
     for note in info.notes:
         console.print(Text(f'  note: {note}', style='yellow'))
     if not info.problems:

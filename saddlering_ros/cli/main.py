@@ -18,7 +18,13 @@ from types import FrameType, ModuleType
 from typing import Any
 
 from saddlering_ros import __version__, cli
-from saddlering_ros.cli._arguments import check_files, examples_text, OneLineParser, UNUSABLE
+from saddlering_ros.cli._arguments import (
+    check_files,
+    examples_text,
+    in_options,
+    OneLineParser,
+    UNUSABLE,
+)
 from saddlering_ros.errors import SaddleringError
 
 DONE = 0
@@ -220,7 +226,7 @@ def _complain(message: str, status: int, args: argparse.Namespace) -> int:
     if args.traceback:
         import traceback
         traceback.print_exc()
-    print(f'saddlering {args.command}: {_one_line(message)}', file=sys.stderr)
+    print(f'saddlering {args.command}: {_one_line(in_options(message))}', file=sys.stderr)
     return status
 
 

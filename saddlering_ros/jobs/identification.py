@@ -43,17 +43,17 @@ PRELOADED = ('saddlering_ros.api.functions',)
 
 def run(request: IdentificationRequest, on_progress: OnProgress) -> IdentificationAnswer:
     """Identify, and validate on the held-out bags (on all bags if there are none)."""
-    from saddlering_ros.api.functions import identify_with, validate
-    from saddlering_ros.api.inputs import as_bags, check_rig, runs_of
+    from saddlering_ros.api.functions import identify, validate
+    from saddlering_ros.api.inputs import inputs_of, runs_of
     from saddlering_ros.bags import refuse_repeats
 
     rig = request.rig
-    bags = as_bags(request.bags, rig, on_progress)
-    held_out = as_bags(request.validation_bags, rig, on_progress)
-    refuse_repeats(runs_of(bags), runs_of(held_out))
-    check_rig(held_out, rig, rig, trust_rig=False)  # before the minutes of an identification
-    result = identify_with(request.settings, bags, rig=rig, on_progress=on_progress)
-    judged = validate(held_out or bags, parameters=result, rig=rig, on_progress=on_progress)
+    given = inputs_of(request.bags, hold_out=request.validation_bags, rig=rig,
+                      on_progress=on_progress)  # its faults come before minutes of work
+    refuse_repeats(runs_of(given.bags), runs_of(given.held_out))
+    result = identify(given.bags, rig=rig, settings=request.settings, on_progress=on_progress)
+    judged = validate(given.held_out or given.bags, parameters=result, rig=rig,
+                      on_progress=on_progress)
     found = result.found
     return IdentificationAnswer(found.parameters, found.objective, found.status,
                                 json.dumps(judged.found.to_json()['runs']),

@@ -59,11 +59,11 @@ class TestMetadata:
         said = ' '.join(self.conflicts + self.faults)
         if self.test is None and 'test is' not in said:
             missing.append(
-                'does not state the kind of test: give --test static or --test dynamic, or '
+                "does not state the kind of test: give test='static' or test='dynamic', or "
                 f'add "test" to custom_data of metadata.yaml or to the record {METADATA_RECORD}')
         if self.elevation_deg is None and 'elevation_deg is' not in said:
             missing.append(
-                'does not state the elevation: give --elevation DEG, or add "elevation_deg" to '
+                'does not state the elevation: give elevation_deg=DEG, or add "elevation_deg" to '
                 f'custom_data of metadata.yaml or to the record {METADATA_RECORD}')
         return (*self.conflicts, *self.faults, *missing)
 

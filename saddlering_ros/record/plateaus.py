@@ -102,7 +102,7 @@ def plateaus(run: Record, *, errors: bool = True) -> Plateaus:
     if len(holds) < MIN_PLATEAUS:
         raise BagError(
             f'{run.path}: the load is held at {len(holds)} levels, too few for a static test: '
-            'hold the load at more levels, or give --test dynamic')
+            "hold the load at more levels, or give test='dynamic'")
     start = np.array([_settled(run.time, *hold) for hold in holds], dtype=np.int64)
     hold_start, hold_stop = np.array(holds, dtype=np.int64).T
     load = plateau_means(start, hold_stop, run.load, errors=errors)

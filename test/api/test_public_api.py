@@ -2,6 +2,7 @@
 
 import ast
 import csv
+from dataclasses import replace
 import inspect
 import json
 from pathlib import Path
@@ -26,8 +27,9 @@ from saddlering_ros import (
     SaddleringError,
     validate,
 )
-from saddlering_ros.api.tables import dataframe
+from saddlering_ros.api.inputs import dataframe
 from saddlering_ros.bags import write_bag
+from saddlering_ros.identification import IdentificationSettings, SwarmSettings
 from saddlering_ros.record import TestMetadata
 
 QUICK = {'particles': 8, 'iterations': 6, 'seed': 1}
@@ -188,3 +190,34 @@ def test_parameters_of_another_rig_are_refused_unless_the_rig_is_trusted(bags, f
     with pytest.raises(SaddleringError, match='belong to the rig with the hash ffff'):
         saddlering_ros.validate(bags, parameters=file)
     assert saddlering_ros.validate(bags, parameters=file, trust_rig=True)
+
+
+def another_rig():
+    return replace(saddlering_ros.load_rig(), full_scale_load=2.6e5)
+
+
+def test_a_bag_remembers_the_rig_with_which_it_was_read(bags):
+    mine = another_rig()
+    seen = [Bag(bag.run, mine) for bag in bags]
+    assert identify(seen, **QUICK).rig is mine
+
+
+def test_another_rig_in_the_call_is_refused_unless_it_is_trusted(bags, found):
+    with pytest.raises(SaddleringError, match='was read with the rig with the hash'):
+        validate(bags, parameters=found, rig=another_rig())
+    with pytest.raises(SaddleringError, match='different rigs'):
+        identify([bags[0], Bag(bags[1].run, another_rig())])
+    trusted = validate(bags, parameters=found, rig=another_rig(), trust_rig=True)
+    assert trusted.rig.full_scale_load == 2.6e5
+
+
+def test_a_message_names_the_arguments_and_not_the_options_of_a_command(bags, found):
+    with pytest.raises(SaddleringError) as refused:
+        validate(bags[0].path, parameters=found, rig=another_rig())
+    assert 'rig=FILE' in str(refused.value)
+    assert '--' not in str(refused.value)
+
+
+def test_options_of_an_identification_may_be_one_object(bags, found):
+    settings = IdentificationSettings(swarm=SwarmSettings(particles=8, iterations=6), seed=1)
+    assert identify(bags, settings=settings).parameters.contact == found.parameters.contact

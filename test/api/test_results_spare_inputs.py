@@ -9,8 +9,7 @@ from matplotlib.figure import Figure
 import pytest
 
 from saddlering_ros import read_bag
-from saddlering_ros.api.errors import ApiError
-from saddlering_ros.api.inputs import origins
+from saddlering_ros.api.inputs import ApiError, origins
 from saddlering_ros.api.results import DiagnosisResult, Plot, Result, ValidationResult
 from saddlering_ros.cli._arguments import check_files
 from saddlering_ros.cli.main import build_parser

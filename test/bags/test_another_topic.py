@@ -81,7 +81,7 @@ def test_an_inclinometer_that_contradicts_the_stated_elevation_is_an_error(
         recording.write(tmp_path / name, others={
             ELEVATION.name: (stamps[:3], np.radians([degrees] * 3))})
     assert np.allclose(read_run(tmp_path / 'near').elevation, np.radians(50.0))
-    with pytest.raises(BagError, match=r'70\.00 deg: give --elevation'):
+    with pytest.raises(BagError, match=r'70\.00 deg: give elevation_deg=DEG'):
         read_run(tmp_path / 'far')
     assert np.allclose(read_run(tmp_path / 'far', elevation=np.radians(70.0)).elevation,
                        np.radians(70.0))

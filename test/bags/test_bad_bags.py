@@ -216,7 +216,7 @@ def test_a_load_of_the_other_sign(tmp_path, recording, raw):
 
 
 @pytest.mark.parametrize(('key', 'option'), [
-    ('elevation_deg', '--elevation'), ('test', '--test')])
+    ('elevation_deg', 'give elevation_deg=DEG'), ('test', "give test='static'")])
 def test_a_fact_that_is_absent(tmp_path, recording, raw, key, option):
     del recording.facts[key]
     bag = raw(tmp_path / 'bag.mcap', recording)
@@ -371,6 +371,6 @@ def test_info_goes_on_behind_the_first_fault(tmp_path, recording, raw):
               recording.changed(PROBE, values=values).without(LOAD_TOPIC), extra=5)
     info = bag_info(bag)
     said = ' '.join(info.problems)
-    assert all(word in said for word in (LOAD_TOPIC, 'NaN', '--test'))
+    assert all(word in said for word in (LOAD_TOPIC, 'NaN', "test='static'"))
     assert not info.usable
     assert {topic.topic for topic in info.topics} == {*PROBE_TOPICS, '/chatter'}

@@ -32,7 +32,7 @@ def test_a_bag_of_another_rig_is_refused_with_what_to_do() -> None:
         assert words in message
         assert "'SR-48'" in message
         assert OTHER.digest[:12] in message
-        assert '--trust-rig' in message
+        assert 'trust_rig=True' in message
 
 
 def test_a_bag_of_the_same_rig_and_one_that_says_nothing_are_taken() -> None:
