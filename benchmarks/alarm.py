@@ -25,8 +25,6 @@ import numpy as np
 from scipy.signal import lfilter
 
 from saddlering_ros.bags import read_run
-from saddlering_ros.cli._simulated import residual_samples
-from saddlering_ros.cli.watch import monitored_samples
 from saddlering_ros.monitoring import (
     assumed_noise,
     BlockNoise,
@@ -41,6 +39,8 @@ from saddlering_ros.monitoring import (
     watch,
 )
 from saddlering_ros.monitoring.detector import MAX_BEYOND, SINCE_ZERO, SIZES, wander_limit
+from saddlering_ros.monitoring.stream import residual_samples
+from saddlering_ros.record.residual import residual_stretches
 from saddlering_ros.rig import default_rig, ParameterSet
 from saddlering_ros.virtual_rig import (
     dynamic_schedule,
@@ -250,14 +250,13 @@ def whole_test(seed: int, *, dynamic: bool, scale: float) -> Whole:
     with tempfile.TemporaryDirectory() as folder:
         run = read_run(write_record(Path(folder) / 'bag', record, rig), rig=rig)
     contact = replace(truth.contact, K1=truth.contact.K1 * scale, K2=truth.contact.K2 * scale)
-    stretches, _ = residual_samples(rig, run, ParameterSet(contact), [], lambda share: None)
+    stretches, _ = residual_stretches(rig, run, ParameterSet(contact), [], lambda share: None)
     (samples,) = stretches  # the record is short
     monitor = watch(
         Monitor(MonitorSettings(), rig.limits.rest_band,
                 lambda at: materiality(rig, contact, at), least_wander(rig)),
-        monitored_samples(samples, run.elevation))
-    residual = np.stack([getattr(samples.displacement, name)
-                         for name in ('delta_x', 'delta_y', 'gamma')])
+        residual_samples(samples, run.load[np.searchsorted(run.stamps, samples.stamps)]))
+    residual = samples.channels[:3]
     count = 1000 if dynamic else 50
     usable = residual.shape[1] // count * count
     means = residual[:, :usable].reshape(3, -1, count).mean(axis=2)

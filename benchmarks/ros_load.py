@@ -35,7 +35,9 @@ from std_srvs.srv import Trigger
 from saddlering_interfaces.action import IdentifyRing
 from saddlering_interfaces.msg import ReplayProgress, RingDisplacement
 from saddlering_ros.bags import write_bag
+from saddlering_ros.bags.messages import decode_displacements, encode_samples
 from saddlering_ros.record import LOAD_TOPIC, PROBE_TOPICS, TestMetadata
+from saddlering_ros.record.samples import Samples
 from saddlering_ros.record.topics import LOAD, PROBES
 from saddlering_ros.rig import default_rig, ParameterSet, TRUE_TO_SCALE
 from saddlering_ros.ring import simulate
@@ -43,7 +45,6 @@ from saddlering_ros.ros.launcher import ACTION_NODES, NodeGroup, RING_NODES, sta
 from saddlering_ros.ros.messages import to_stamp
 from saddlering_ros.ros.names import PROGRESS
 from saddlering_ros.ros.raw_topics import DataWait, RawPublisher, RawSubscription
-from saddlering_ros.streams import batches
 
 RATE = 1000.0
 
@@ -80,8 +81,8 @@ def drive(seconds: float, rate: float = RATE, published: Path | None = None) -> 
         time.sleep(0.01)
     start = time.time_ns() + 1_000_000_000
     stamps = start + np.round(times * 1e9).astype(np.int64)
-    messages = [batches.encode_samples(batches.Samples(stamps, load), LOAD)]
-    messages += [batches.encode_samples(batches.Samples(stamps, gap, 0.0, 2e-3), topic)
+    messages = [encode_samples(Samples(stamps, load), LOAD)]
+    messages += [encode_samples(Samples(stamps, gap, 0.0, 2e-3), topic)
                  for topic, gap in zip(PROBES, gaps, strict=True)]
     late = 0
     kept = np.stack([stamps, stamps])
@@ -324,7 +325,7 @@ def receive(node: Node, subscriptions: list[RawSubscription], count: int, second
         messages = subscriptions[0].take()
         if messages:
             now = time.time_ns()
-            stamps.append(batches.decode_displacements(messages).stamps)
+            stamps.append(decode_displacements(messages).stamps)
             arrivals.append(np.full(len(messages), now))
         time.sleep(0.0005)
     return np.concatenate(stamps), np.concatenate(arrivals)

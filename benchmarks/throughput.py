@@ -32,12 +32,13 @@ import ros_load
 from ros_load import course, in_lockstep, listener, wait_matched
 
 from saddlering_ros.bags import write_bag
+from saddlering_ros.bags.messages import encode_samples
 from saddlering_ros.record import LOAD_TOPIC, PROBE_TOPICS, TestMetadata
+from saddlering_ros.record.samples import Samples
 from saddlering_ros.record.topics import LOAD, PROBES
 from saddlering_ros.rig import default_rig
 from saddlering_ros.ros.launcher import NodeGroup, RING_NODES, start_nodes
 from saddlering_ros.ros.raw_topics import RawPublisher
-from saddlering_ros.streams import batches
 
 PROFILER = """
 import atexit, cProfile, os, sys
@@ -68,8 +69,8 @@ def flood(seconds: float, counter: Path) -> None:
         time.sleep(0.01)
     _, load, gaps = course(4.0)
     stamps = time.time_ns() + np.arange(len(load)) * 1_000_000
-    series = [batches.encode_samples(batches.Samples(stamps, load), LOAD)]
-    series += [batches.encode_samples(batches.Samples(stamps, gap, 0.0, 2e-3), topic)
+    series = [encode_samples(Samples(stamps, load), LOAD)]
+    series += [encode_samples(Samples(stamps, gap, 0.0, 2e-3), topic)
                for topic, gap in zip(PROBES, gaps, strict=True)]
     received = np.memmap(counter, np.int64, 'r')
     sent, end = 0, time.monotonic() + seconds + 30.0

@@ -21,11 +21,12 @@ from sensor_msgs.msg import Range
 
 from benchmarks.served_node import ServedNode
 from saddlering_interfaces.msg import ReplayProgress, RingDisplacement
+from saddlering_ros.bags.messages import decode_displacements, encode_samples
 from saddlering_ros.record import LOAD_TOPIC, PROBE_TOPICS
+from saddlering_ros.record.samples import Displacements, Samples
 from saddlering_ros.record.topics import LOAD, PROBES
 from saddlering_ros.ros.names import PROGRESS
 from saddlering_ros.ros.raw_topics import RawPublisher, RawSubscription, stream_qos
-from saddlering_ros.streams import batches
 
 OUTPUTS = ('/ring/displacement', '/ring/simulated_displacement', '/ring/residual')
 
@@ -76,10 +77,10 @@ class Client(ServedNode):
         if status.level[0]:
             self.warnings.append(f'{status.name}: {status.message}')
 
-    def heard(self, topic: str) -> batches.Displacements:
+    def heard(self, topic: str) -> Displacements:
         """All displacements heard on `topic` so far."""
         with self.lock:
-            return batches.decode_displacements(list(self.raw[topic]))
+            return decode_displacements(list(self.raw[topic]))
 
     def forget(self) -> None:
         """Forget what was heard."""
@@ -183,13 +184,13 @@ class Driver:
 
     def send_load(self, stamps: np.ndarray, load: np.ndarray) -> None:
         if len(stamps):
-            self.load.send(batches.encode_samples(batches.Samples(stamps, load), LOAD),
+            self.load.send(encode_samples(Samples(stamps, load), LOAD),
                            int(stamps[-1]))
 
     def send_gap(self, probe: int, stamps: np.ndarray, gaps: np.ndarray) -> None:
         if len(stamps):
-            samples = batches.Samples(stamps, gaps, 0.0, 2e-3)
-            self.probes[probe].send(batches.encode_samples(samples, PROBES[probe]),
+            samples = Samples(stamps, gaps, 0.0, 2e-3)
+            self.probes[probe].send(encode_samples(samples, PROBES[probe]),
                                     int(stamps[-1]))
 
     def send(self, record: Any, rows: Any = slice(None), pace: int = 50) -> None:

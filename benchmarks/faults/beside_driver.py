@@ -14,10 +14,11 @@ import time
 
 import numpy as np
 
+from saddlering_ros.bags.messages import encode_samples
 from saddlering_ros.record import LOAD_TOPIC, PROBE_TOPICS
+from saddlering_ros.record.samples import Samples
 from saddlering_ros.record.topics import LOAD, PROBES
 from saddlering_ros.ros.raw_topics import RawPublisher, stream_qos
-from saddlering_ros.streams import batches
 
 from .disks import slow_disk_library
 from .driver import start_driver
@@ -135,10 +136,10 @@ def send_rubbish(one: Stage) -> None:
     far = [0, 1, now - 10 ** 12, now + 10 ** 12, 2 ** 31 * 10 ** 9 - 1]
     stamps = np.array([now, now + 1, *far], np.int64)
     for value in (np.nan, np.inf, -np.inf, 1e38, -1e38, 0.0):
-        samples = batches.Samples(stamps, np.full(len(stamps), value), np.nan, np.inf)
+        samples = Samples(stamps, np.full(len(stamps), value), np.nan, np.inf)
         with np.errstate(all='ignore'):
-            load.send(batches.encode_samples(samples, LOAD, 'x' * 1000), now)
-            probe.send(batches.encode_samples(samples, PROBES[0], ''), now)
+            load.send(encode_samples(samples, LOAD, 'x' * 1000), now)
+            probe.send(encode_samples(samples, PROBES[0], ''), now)
     load.send([b'', b'\0\1\0\0', b'\0\1\0\0' + b'\xff' * 40, bytes(100_000)], now)
     time.sleep(2.0)
     with one.listener.lock:

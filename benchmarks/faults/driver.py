@@ -13,11 +13,12 @@ import numpy as np
 import rclpy
 from sensor_msgs.msg import Range
 
+from saddlering_ros.bags.messages import encode_samples
 from saddlering_ros.record import LOAD_TOPIC, PROBE_TOPICS
+from saddlering_ros.record.samples import Samples
 from saddlering_ros.record.topics import LOAD, PROBES
 from saddlering_ros.ros.launcher import NodeGroup
 from saddlering_ros.ros.raw_topics import RawPublisher
-from saddlering_ros.streams import batches
 
 from .truth import RATE, RIG, Truth
 
@@ -46,11 +47,11 @@ def drive(speed: float) -> None:
             stamps = start + np.round(index / rate * 1e9).astype(np.int64)
             place = np.round(index / speed).astype(int) % count
             low, high = RIG.probes.min_range, RIG.probes.max_range
-            load = batches.Samples(stamps, truth.load[place])
-            flows[0].send(batches.encode_samples(load, LOAD), int(stamps[-1]))
+            load = Samples(stamps, truth.load[place])
+            flows[0].send(encode_samples(load, LOAD), int(stamps[-1]))
             for number, flow in enumerate(flows[1:]):
-                samples = batches.Samples(stamps, truth.gaps[number][place], low, high)
-                flow.send(batches.encode_samples(samples, PROBES[number]),
+                samples = Samples(stamps, truth.gaps[number][place], low, high)
+                flow.send(encode_samples(samples, PROBES[number]),
                           int(stamps[-1]))
             sent = int(index[-1]) + 1
         time.sleep(0.004)

@@ -12,9 +12,9 @@ from std_srvs.srv import Trigger
 
 from benchmarks.served_node import ServedNode
 from saddlering_interfaces.msg import ReplayProgress, RingDisplacement
+from saddlering_ros.record.samples import Displacements
 from saddlering_ros.ros.names import PROGRESS
 from saddlering_ros.ros.raw_topics import RawSubscription
-from saddlering_ros.streams import batches
 
 from .truth import Truth
 
@@ -35,7 +35,7 @@ OUTPUTS = {'ring_displacement': '/ring/displacement',
 class Heard:
     """A batch of one topic, and when it came (monotonic) [s]."""
 
-    batch: batches.Displacements
+    batch: Displacements
     arrived: float
 
 
@@ -61,7 +61,7 @@ class Listener(ServedNode):
         for topic, flow in self._flows.items():
             messages = flow.take()
             if messages:
-                self.heard[topic].append(Heard(batches.decode_displacements(messages), now))
+                self.heard[topic].append(Heard(messages.decode_displacements(messages), now))
         for message in self._progress.take():
             progress = deserialize_message(message, ReplayProgress)
             self.alive[progress.node], self.progress[progress.node] = now, progress

@@ -14,11 +14,12 @@ from typing import Any, TYPE_CHECKING
 import numpy as np
 
 from saddlering_ros.bags import read_run, refuse_other_rig, refuse_repeats
-from saddlering_ros.bags.samples import measured_samples
+from saddlering_ros.bags.samples import displacement_columns
 from saddlering_ros.errors import SaddleringError
 from saddlering_ros.files import Origin, whole_file
 from saddlering_ros.progress import check, IsCancelled, OnProgress, Progress
 from saddlering_ros.record import condensed, displacement_of_run, fit_limit, MeasuredRun, Record
+from saddlering_ros.record.displacement import measured_rows, zero_of_run
 from saddlering_ros.record.scratch import extremes
 from saddlering_ros.rig import load_rig, ParameterSet, read_parameters, Rig, short_digest
 
@@ -92,7 +93,8 @@ class Bag:
 
     def columns(self) -> dict[str, Any]:
         """Measured displacement as arrays by name: stamp_ns, time, load and the four channels."""
-        return measured_samples(self.displacement).columns()
+        zero = zero_of_run(self.rig, self.run)
+        return displacement_columns(self.run, measured_rows(self.rig, self.run, zero, slice(None)))
 
     def to_dataframe(self) -> pandas.DataFrame:
         """The same as a pandas DataFrame, one row per sample."""

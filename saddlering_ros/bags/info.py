@@ -10,11 +10,8 @@ from typing import Any
 import numpy as np
 
 from saddlering_ros.bags.reader import (
-    absent_topic,
-    mirrored_topic,
     notes_on_rig,
     raw_topic,
-    run_of_record,
 )
 from saddlering_ros.bags.scan import OnShare, Scan, scan
 from saddlering_ros.quantities import finite_json
@@ -29,6 +26,7 @@ from saddlering_ros.record.errors import BagError
 from saddlering_ros.record.metadata import TestMetadata
 from saddlering_ros.record.plateaus import plateaus
 from saddlering_ros.record.quality import topic_quality, TopicQuality, UNKNOWN_QUALITY
+from saddlering_ros.record.reading import absent_topic, mirrored_topic, run_of_record
 from saddlering_ros.record.record import RawRecord, RawTopic, Record
 from saddlering_ros.record.scratch import count_where, extremes, spread_changes
 from saddlering_ros.record.topics import LOAD_TOPIC, PROBE_TOPICS, RIG_TOPICS

@@ -2,57 +2,38 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 import math
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from saddlering_ros.bags.directory import open_directory
 from saddlering_ros.bags.exchanges import exchange_notes
 from saddlering_ros.bags.rig_notes import line_notes, parity_notes, rig_notes
 from saddlering_ros.bags.scan import OnShare, Scan, scan, ScannedTopic
 from saddlering_ros.bags.wiring import wiring_notes
-from saddlering_ros.record.alignment import align, GAP_HISTORY, gap_mask, seconds_array
 from saddlering_ros.record.checks import (
-    check_overlap,
     MIN_SAMPLES,
-    notes_on_load,
-    notes_on_probe,
 )
 from saddlering_ros.record.errors import BagError
-from saddlering_ros.record.guarded import guarded_topics, node_rows, possible_record
 from saddlering_ros.record.metadata import TestMetadata
-from saddlering_ros.record.quality import (
-    notes_between,
-    quality_notes,
-    topic_quality,
-    TopicQuality,
-)
+from saddlering_ros.record.reading import absent_topic, mirrored_topic, run_of_record
 from saddlering_ros.record.record import RawRecord, RawTopic, Record
 from saddlering_ros.record.scratch import (
-    count_where,
-    scratch_array,
     scratch_copy,
-    scratch_mask,
 )
 from saddlering_ros.record.stamps import put_in_order
 from saddlering_ros.record.topics import (
     ELEVATION,
-    LOAD_TOPIC,
     PROBE_TOPICS,
-    RIG_TOPICS,
     TOPICS,
 )
-from saddlering_ros.rig import default_rig, mirrored_gap, OPPOSITE, Rig
+from saddlering_ros.rig import OPPOSITE, Rig
 
 RADIAL_TOPICS = tuple(PROBE_TOPICS[number - 1] for number in OPPOSITE)
 """Topics of probes that a rig may lack."""
-
-MAX_GAP_SHARE = 0.5
-"""Share of a probe's record in gaps above which its stamps come by blocks."""
 
 ELEVATION_TOLERANCE_DEG = 0.5
 """Difference [degrees] between inclinometer and stated elevation that is a contradiction."""
@@ -98,29 +79,6 @@ def raw_record(found: Scan, wanted: Sequence[str], rig: Rig | None = None) -> Ra
         except BagError as fault:
             notes.append(f'left out: {fault}')
     return RawRecord(found.path, topics, found.facts, tuple(notes))
-
-
-def absent_topic(rig: Rig | None) -> str:
-    """Topic of the probe that is absent from the rig; '' if none is."""
-    return PROBE_TOPICS[rig.probes.absent - 1] if rig is not None and rig.probes.absent else ''
-
-
-def mirrored_topic(rig: Rig, topics: Mapping[str, RawTopic]) -> RawTopic:
-    """The topic that the absent radial probe would have at a rigid ring."""
-    other = topics[PROBE_TOPICS[rig.probes.partner - 1]]
-    return replace(other, topic=absent_topic(rig), notes=(),
-                   values=scratch_copy(mirrored_gap(rig.probes, other.values)))
-
-
-def absence_notes(rig: Rig | None) -> list[str]:
-    """A line on the absent probe."""
-    if not absent_topic(rig):
-        return []
-    assert rig is not None
-    absent, partner = rig.probes.absent, rig.probes.partner
-    return [f'probe {absent} is absent (rig.probes.absent): delta_x is of probe {partner} alone, '
-            'with the ring taken as rigid; the parity is unknown, and causes that show in it '
-            'cannot be told from others']
 
 
 def read_run(
@@ -174,112 +132,6 @@ def check_measured_elevation(record: RawRecord, facts: TestMetadata) -> None:
         raise BagError(
             f'{record.path}: elevation_deg is {facts.elevation_deg:g} and {ELEVATION.name} '
             f'measured {measured:.2f} deg: give elevation_deg=DEG')
-
-
-def run_of_record(
-    record: RawRecord, facts: TestMetadata, rig: Rig | None = None,
-) -> Record:
-    """Check the readings and put the probes on the load's stamps."""
-    where = str(record.path)
-    absent = absent_topic(rig)
-    guarded = guarded_topics(record, rig or default_rig())
-    load, *probes = (one.topic for one in guarded)
-    for raw in probes:
-        check_overlap(where, load.stamps, raw.topic, raw.stamps)
-    gaps = scratch_array((len(probes), len(load)), np.float64)
-    notes = [*record.notes, *absence_notes(rig), *load.notes, *notes_on_load(load.stamps)]
-    for raw, aligned in zip(probes, gaps, strict=True):
-        is_gap = gap_mask(raw.stamps)
-        align(load.stamps, raw.stamps, raw.values, aligned=aligned, is_gap=is_gap)
-        if raw.topic == absent:
-            continue  # Its partner has the same faults, and a note on each.
-        notes += raw.notes
-        notes += notes_on_probe(
-            raw.topic, raw.stamps, raw.values, raw.min_range, raw.max_range, is_gap, aligned)
-    notes += [note for one in guarded if one.topic.topic != absent for note in one.notes()]
-    possible = possible_record(record, rig or default_rig())
-    found = record_quality(possible)
-    notes += record_quality_notes(possible, found, absent)
-    rows = node_rows(guarded, gaps)
-    read = (count_where(lambda part: np.isfinite(part).all(axis=0), gaps) if rows is None
-            else int(rows.given.sum()))
-    if read < MIN_SAMPLES:
-        raise BagError(
-            f'{where}: fewer than {MIN_SAMPLES} load stamps have readings of all four probes: '
-            + _why_apart(probes))
-    assert facts.test is not None
-    assert facts.elevation_deg is not None
-    others = {name: align(load.stamps, record[name].stamps, record[name].values)
-              for name in record if name not in RIG_TOPICS}
-    name = Path(where).resolve().name.removesuffix('.zstd').removesuffix('.mcap')
-    return Record(
-        name=name, path=record.path, test=facts.test,
-        elevation=math.radians(facts.elevation_deg), rig=facts.rig, run=facts.run,
-        stamps=load.stamps, time=seconds_array(load.stamps, int(load.stamps[0])),
-        load=load.values, gaps=gaps, notes=notes,
-        spikes=_spikes(load, possible, found), quality=found, others=others,
-        details=facts.details, node_rows=rows, absent=0 if rig is None else rig.probes.absent)
-
-
-def _why_apart(probes: Sequence[RawTopic]) -> str:
-    """The remedy for probes without a common reading, by the pattern of their stamps."""
-    for raw in probes:
-        intervals = np.diff(raw.stamps)
-        in_gaps = int(intervals[gap_mask(raw.stamps)].sum())
-        if in_gaps > MAX_GAP_SHARE * int(raw.stamps[-1] - raw.stamps[0]):
-            period = float(np.median(intervals)) / 1e6
-            return (f'the stamps of {raw.topic} come in blocks, {period:.3g} ms apart within a '
-                    'block, with gaps between blocks: stamp each sample when it is taken and not '
-                    'when its block arrives')
-    return 'start and stop all recordings together'
-
-
-def record_quality(record: RawRecord) -> dict[str, TopicQuality]:
-    """Properties of the logger by the readings of the load and of each probe."""
-    return {name: topic_quality(record[name].stamps, record[name].values)
-            for name in (LOAD_TOPIC, *PROBE_TOPICS)}
-
-
-def record_quality_notes(
-    record: RawRecord, found: dict[str, TopicQuality], absent: str = '',
-) -> list[str]:
-    """The same in words, a line each; none on the topic of the absent probe."""
-    notes = []
-    for name, quality in found.items():
-        if name == absent:
-            continue
-        notes += quality_notes(name, quality, 'N' if name == LOAD_TOPIC else 'm')
-    load = record[LOAD_TOPIC]
-    seconds = float(load.stamps[-1] - load.stamps[0]) * 1e-9
-    return notes + notes_between(
-        found[LOAD_TOPIC], [found[name] for name in PROBE_TOPICS], seconds)
-
-
-def _spikes(
-    load: RawTopic, record: RawRecord, found: dict[str, TopicQuality],
-) -> NDArray[np.bool_] | None:
-    """Mask (5, N) of the load's samples that a spike of the load or of a probe reaches."""
-    if not any(one.spikes.size for one in found.values()):
-        return None
-    spikes = scratch_mask(len(RIG_TOPICS), len(load))
-    for name, reached in zip(RIG_TOPICS, spikes, strict=True):
-        _mark_reached(load.stamps, record[name], found[name].spikes, reached)
-    return spikes
-
-
-def _mark_reached(
-    load_stamps: NDArray[np.int64], raw: RawTopic, spikes: NDArray[np.intp],
-    reached: NDArray[np.bool_],
-) -> None:
-    """Mark the load's samples (N,) that are aligned with a spike among a topic's readings."""
-    for spike in spikes.tolist():
-        about = slice(max(spike - GAP_HISTORY - 2, 0), spike + 3)
-        stamps = raw.stamps[about]
-        struck = np.zeros(len(stamps))
-        struck[spike - about.start] = 1.0
-        first, last = np.searchsorted(load_stamps, [stamps[0], stamps[-1]]).tolist()
-        near = slice(first, last + 1)
-        reached[near] |= np.nan_to_num(align(load_stamps[near], stamps, struck)) > 0.0
 
 
 def raw_topic(found: Scan, name: str) -> RawTopic:

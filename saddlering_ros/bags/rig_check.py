@@ -8,7 +8,7 @@ import numpy as np
 
 from saddlering_ros.bags.same_rig import rig_in_words
 from saddlering_ros.bags.wiring import wiring_notes
-from saddlering_ros.record.measured import displacement_of_run
+from saddlering_ros.record.displacement import displacement_of_run
 from saddlering_ros.record.record import RawRecord, Record
 from saddlering_ros.record.scratch import extremes
 from saddlering_ros.record.topics import PROBE_TOPICS

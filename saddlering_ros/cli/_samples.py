@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
     from saddlering_ros import Bag, Rig
-    from saddlering_ros.bags.samples import DisplacementSamples, SamplesSummary
+    from saddlering_ros.bags.samples import Columns, SamplesSummary
     from saddlering_ros.record import Record
     from saddlering_ros.rig import ZeroReading
 
@@ -53,25 +53,20 @@ def check_outputs(args: argparse.Namespace) -> None:
 
 def deliver(
     args: argparse.Namespace, run: Record,
-    samples: DisplacementSamples | Iterable[DisplacementSamples], zero: ZeroReading,
+    table: Iterable[Columns], zero: ZeroReading,
     what: str, notes: list[str],
 ) -> None:
     """Write the requested files; without --out or --json on stdout, print a summary."""
     from collections import deque
     import sys
 
-    from saddlering_ros.bags.samples import (
-        csv_lines,
-        DisplacementSamples,
-        SamplesSummary,
-        write_samples,
-    )
+    from saddlering_ros.bags.samples import csv_lines, SamplesSummary, write_samples
     from saddlering_ros.cli._terminal import tell_json
     from saddlering_ros.files import origins_of, Provenance
 
     made = Provenance((run.origin,), origins_of(args.rig, getattr(args, 'params', None)))
     seen = SamplesSummary()
-    parts = seen.watch([samples] if isinstance(samples, DisplacementSamples) else samples)
+    parts = seen.watch(table)
     if args.out == '-':
         sys.stdout.writelines(csv_lines(parts))
     elif args.out is not None:

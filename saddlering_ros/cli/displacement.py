@@ -23,10 +23,10 @@ def add_parser(subparsers: Any) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Read, zero, compute and deliver stretch by stretch."""
-    from saddlering_ros.bags.samples import measured_blocks
+    from saddlering_ros.bags.samples import displacement_columns
     from saddlering_ros.cli._samples import check_outputs, deliver, read_shown
     from saddlering_ros.cli._terminal import Bar
-    from saddlering_ros.record.measured import zero_of_run
+    from saddlering_ros.record.displacement import measured_blocks, zero_of_run
     from saddlering_ros.rig import load_rig
 
     check_outputs(args)
@@ -34,10 +34,12 @@ def run(args: argparse.Namespace) -> int:
     test_run = read_shown(args, rig)
     zero = zero_of_run(rig, test_run)
     notes = list(test_run.notes)
-    if not zero.near_preload:
+    if not zero.reading.near_preload:
         notes.append('the record has no steady start near the preload; its zero is at another '
                      'load')
     with Bar() as bar:
-        samples = measured_blocks(rig, test_run, zero, lambda share: bar.show('compute', share))
-        deliver(args, test_run, samples, zero, 'measured', notes)
+        stretches = measured_blocks(
+            rig, test_run, zero, lambda share: bar.show('compute', share))
+        deliver(args, test_run, (displacement_columns(test_run, batch) for batch in stretches),
+                zero.reading, 'measured', notes)
     return 0

@@ -15,19 +15,13 @@ from saddlering_ros.cli._arguments import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
 
-    from saddlering_ros.bags.samples import DisplacementSamples
-    from saddlering_ros.monitoring import Monitor, Sample
+    from saddlering_ros.monitoring import Monitor
     from saddlering_ros.record import Record
     from saddlering_ros.rig import ParameterSet, Rig
 
 MATERIALITY_PERCENT = 2.0
 """Share of the range from preload to full scale that a residual may have without an alarm [%]."""
-
-PORTION = 10_000
-"""Samples turned into Python's numbers at once: a long record takes no more memory."""
-
 
 EXAMPLES = (
     ('saddlering watch bags/dynamic_70 --params params.yaml',
@@ -76,8 +70,9 @@ def _watch_bag(
     args: argparse.Namespace, bag: str, rig: Rig, parameters: ParameterSet
 ) -> dict[str, Any]:
     """The result for one bag: its part of the document, and its text."""
+    import numpy as np
+
     from saddlering_ros.cli._samples import read_shown
-    from saddlering_ros.cli._simulated import residual_samples
     from saddlering_ros.cli._terminal import Bar
     from saddlering_ros.monitoring import (
         least_wander,
@@ -86,6 +81,8 @@ def _watch_bag(
         MonitorSettings,
         watch,
     )
+    from saddlering_ros.monitoring.stream import residual_samples
+    from saddlering_ros.record.residual import residual_stretches
 
     monitor = Monitor(
         MonitorSettings(false_alarm_hours=args.false_alarm_hours), rig.limits.rest_band,
@@ -94,30 +91,16 @@ def _watch_bag(
     test_run = read_shown(argparse.Namespace(**{**vars(args), 'bag': bag}), rig)
     notes = list(test_run.notes)
     with Bar() as bar:
-        stretches, _ = residual_samples(rig, test_run, parameters, notes,
-                                        lambda share: bar.show('watch', share))
-        watch(monitor, (sample for samples in stretches
-                        for sample in monitored_samples(samples, test_run.elevation)))
+        stretches, _ = residual_stretches(rig, test_run, parameters, notes,
+                                          lambda share: bar.show('watch', share))
+        watch(monitor, (sample for batch in stretches for sample in residual_samples(
+            batch, test_run.load[np.searchsorted(test_run.stamps, batch.stamps)])))
     _check_watched(monitor, test_run)
     origin = int(test_run.stamps[0])
     notes += [f'{1e-9 * (lapse.stamp - origin):.3f} s: {lapse.reason}' for lapse in monitor.lapses]
     return {'bag': str(test_run.path), 'seconds': monitor.seconds, 'notes': notes,
             'materiality': monitor.materiality.tolist(),
             'alarm': _alarm_document(monitor, origin), 'words': _words(monitor, origin)}
-
-
-def monitored_samples(samples: DisplacementSamples, elevation: float) -> Iterator[Sample]:
-    """The samples of a residual as the live node takes them."""
-    import numpy as np
-
-    from saddlering_ros.monitoring import Sample
-
-    columns = [samples.stamps, samples.load,
-               *(getattr(samples.displacement, name) for name in ('delta_x', 'delta_y', 'gamma'))]
-    for start in range(0, len(samples), PORTION):
-        part = [np.asarray(column[start:start + PORTION]).tolist() for column in columns]
-        for stamp, load, x, y, gamma in zip(*part, strict=True):
-            yield Sample(stamp, (x, y, gamma), load, 0, elevation)
 
 
 def _check_watched(monitor: Monitor, run: Record) -> None:

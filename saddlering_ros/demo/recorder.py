@@ -10,12 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saddlering_interfaces.msg import RingDisplacement
+from saddlering_ros.bags.messages import decode_displacements
 from saddlering_ros.record import Record
+from saddlering_ros.record.samples import Displacements, join
 from saddlering_ros.record.topics import LOAD
 from saddlering_ros.ros.names import DISPLACEMENTS
 from saddlering_ros.ros.raw_topics import RawSubscription
 from saddlering_ros.ros.streaming_node import StreamingNode
-from saddlering_ros.streams import batches
 
 NAME = 'demo_recorder'
 
@@ -24,9 +25,9 @@ NAME = 'demo_recorder'
 class ReplayRecording:
     """Messages received during one replay: the batch of each topic, and the number of loads."""
 
-    measured: batches.Displacements
-    simulated: batches.Displacements
-    residual: batches.Displacements
+    measured: Displacements
+    simulated: Displacements
+    residual: Displacements
     loads: int
 
     @property
@@ -66,7 +67,7 @@ class DemoRecorder(StreamingNode):
         """Keep one batch."""
         with self._lock:
             for topic, flow in zip(DISPLACEMENTS, self.inputs, strict=False):
-                batch = flow.take_as(batches.decode_displacements)
+                batch = flow.take_as(decode_displacements)
                 if len(batch):
                     flow.last_stamp = int(batch.stamps[-1])
                     self._kept[topic].append(batch)
@@ -80,15 +81,15 @@ class DemoRecorder(StreamingNode):
         with self._lock:
             kept, loads = self._kept, self._loads
             self._clear()
-        measured, simulated, residual = (batches.join(kept[topic]) for topic in DISPLACEMENTS)
+        measured, simulated, residual = (join(kept[topic]) for topic in DISPLACEMENTS)
         return ReplayRecording(measured, simulated, residual, loads)
 
     def _clear(self) -> None:
-        self._kept: dict[str, list[batches.Displacements]] = {topic: [] for topic in DISPLACEMENTS}
+        self._kept: dict[str, list[Displacements]] = {topic: [] for topic in DISPLACEMENTS}
         self._loads = 0
 
 
-def _placed(batch: batches.Displacements, stamps: NDArray[np.int64]) -> NDArray[np.float64]:
+def _placed(batch: Displacements, stamps: NDArray[np.int64]) -> NDArray[np.float64]:
     placed = np.full((4, len(stamps)), np.nan)
     _, here, there = np.intersect1d(stamps, batch.stamps, return_indices=True)
     placed[:, here] = batch.channels[:, there]

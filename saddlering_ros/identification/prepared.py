@@ -32,7 +32,7 @@ from saddlering_ros.record import (
     plateaus,
     Record,
 )
-from saddlering_ros.record.measured import zero_of_run
+from saddlering_ros.record.displacement import zero_of_run
 from saddlering_ros.rig import ContactParameters, ParameterSet, probes_to_displacement, Rig
 from saddlering_ros.ring import simulate
 
@@ -294,7 +294,7 @@ def warnings_of(run: Record, rig: Rig) -> list[str]:
                 'the record, which is left out'
             )
     noted = any('not near the preload' in note for note in run.notes)
-    if not noted and not zero_of_run(rig, run).near_preload:
+    if not noted and not zero_of_run(rig, run).reading.near_preload:
         warnings.append(f'{name}: the record does not start near the preload; its zero is at a '
                         'higher load')
     return warnings

@@ -45,8 +45,8 @@ from saddlering_ros.quantities import (
     quantity,
     significant,
 )
+from saddlering_ros.record.displacement import displacement_of_run, MeasuredRun
 from saddlering_ros.record.errors import BagError
-from saddlering_ros.record.measured import displacement_of_run, MeasuredRun
 from saddlering_ros.record.plateaus import plateaus
 from saddlering_ros.record.record import Record
 from saddlering_ros.rig import (

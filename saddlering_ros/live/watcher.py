@@ -24,6 +24,7 @@ from sensor_msgs.msg import Range
 from saddlering_interfaces.action import DiagnoseRing, IdentifyRing
 from saddlering_interfaces.msg import ReplayState, RingAlarm, RingDisplacement, RingParameters
 from saddlering_ros.bags.cdr import CdrError
+from saddlering_ros.bags.messages import decode_displacements, decode_samples
 from saddlering_ros.errors import SaddleringError
 from saddlering_ros.live.alarms import alarm_as_page, with_link
 from saddlering_ros.live.answers import diagnosis_answer, identification_answer
@@ -31,9 +32,9 @@ from saddlering_ros.live.commands import Commands
 from saddlering_ros.live.gauges import Gauges
 from saddlering_ros.live.traces import Traces
 from saddlering_ros.quantities import quantity
+from saddlering_ros.record.samples import BRIDGED, DOUBTFUL_LOAD, NOT_KNOWN
 from saddlering_ros.record.scatter import white_noise
 from saddlering_ros.record.topics import ELEVATION, LOAD, PROBES, RigTopic
-from saddlering_ros.record.validity import BRIDGED, DOUBTFUL_LOAD, NOT_KNOWN
 from saddlering_ros.rig import (
     CHANNELS,
     FORCE_UNITS,
@@ -54,7 +55,6 @@ from saddlering_ros.ros.names import (
     STATE,
 )
 from saddlering_ros.ros.raw_topics import LATCHED, LATCHED_BY_SEVERAL, RawSubscription
-from saddlering_ros.streams import batches
 
 NAME = 'saddlering_live'
 STREAMS = {'load': LOAD.relative, 'measured': DISPLACEMENT, 'simulated': SIMULATED,
@@ -243,7 +243,7 @@ class Watcher:
             newest = subscription.take()[-1:]
             if newest:
                 with contextlib.suppress(CdrError), self.lock:
-                    found = batches.decode_samples(newest, SENSORS[name])
+                    found = decode_samples(newest, SENSORS[name])
                     self.gauges.push(name, float(found.values[-1]), found.low, found.high)
         for action in self._actions.values():
             action.look_after()
@@ -258,11 +258,11 @@ class Watcher:
 
     def _take(self, name: str, messages: list[bytes]) -> None:
         if name == 'load':
-            load = batches.decode_samples(messages, LOAD)
+            load = decode_samples(messages, LOAD)
             self.traces.push(name, load.stamps, load.values[None, :])
             self.gauges.push(name, float(load.values[-1]))
             return
-        batch = batches.decode_displacements(messages)
+        batch = decode_displacements(messages)
         self.traces.push(name, batch.stamps, batch.channels)
         if name == 'residual':
             self._doubt = doubt_words(batch.validity)

@@ -17,6 +17,7 @@ from saddlering_interfaces.msg import ReplayProgress, ReplayState
 from saddlering_interfaces.srv import Seek, SetRate, Step
 from saddlering_ros.bags import read_raw
 from saddlering_ros.bags.cdr import SECOND
+from saddlering_ros.bags.messages import encode_clock
 from saddlering_ros.record import RawRecord
 from saddlering_ros.record.scratch import blocks
 from saddlering_ros.ros.bag_replay import BagNode
@@ -26,7 +27,6 @@ from saddlering_ros.ros.names import CLOCK, names, NodeError, PROGRESS, REPLAY, 
 from saddlering_ros.ros.parameters import given_rig, NodeParameter
 from saddlering_ros.ros.raw_topics import CLOCK_QOS, LATCHED, RawPublisher, RawSubscription
 from saddlering_ros.ros.streaming_node import leave, run_streaming
-from saddlering_ros.streams.batches import encode_clock
 
 PARTICIPANTS = list(names(REPLAY, RING))
 MESSAGES_PER_STEP = 1000

@@ -9,11 +9,14 @@ from std_msgs.msg import Bool
 from std_srvs.srv import Trigger
 
 from saddlering_interfaces.msg import RingAlarm, RingDisplacement, RingParameters
+from saddlering_ros.bags.messages import decode_displacements
 from saddlering_ros.errors import SaddleringError
 from saddlering_ros.monitoring import ALARM, LEARNING, MonitorSettings, WAITING
 from saddlering_ros.monitoring.monitor import alarm_words, state_words
 from saddlering_ros.monitoring.noise import DEFAULT_PERCENT
+from saddlering_ros.monitoring.stream import AlarmStream
 from saddlering_ros.record import LOAD_TOPIC
+from saddlering_ros.record.samples import no_displacements, no_samples
 from saddlering_ros.record.topics import LOAD
 from saddlering_ros.ros.diagnostics import (
     ERROR,
@@ -36,8 +39,6 @@ from saddlering_ros.ros.streaming_node import (
     run_streaming,
     StreamingNode,
 )
-from saddlering_ros.streams import batches
-from saddlering_ros.streams.alarm import AlarmStream
 
 HEARTBEAT = 0.1
 """ring/within_limits is repeated this often [s], so that its silence can be noticed."""
@@ -119,7 +120,7 @@ class RingAlarmNode(StreamingNode):
 
     def process_batch(self) -> None:
         """Process one batch of either topic, and publish the changes."""
-        residual = self.inputs[0].take_as(batches.decode_displacements)
+        residual = self.inputs[0].take_as(decode_displacements)
         load = self.inputs[1].take_samples(LOAD)
         for flow, task, stamps in zip(self.inputs, self._streams,
                                       (residual.stamps, load.stamps), strict=True):
@@ -170,7 +171,7 @@ class RingAlarmNode(StreamingNode):
             return  # only offered
         self._offered = message
         self._use(message)
-        self._stream.push(batches.no_displacements(), batches.no_samples())
+        self._stream.push(no_displacements(), no_samples())
         self._tell_state()
 
     def _use(self, message: RingParameters) -> None:

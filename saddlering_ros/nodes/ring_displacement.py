@@ -11,6 +11,9 @@ from std_msgs.msg import Header
 from std_srvs.srv import Trigger
 
 from saddlering_interfaces.msg import RingDisplacement
+from saddlering_ros.bags.messages import encode_displacements
+from saddlering_ros.record.displacement import DisplacementStream
+from saddlering_ros.record.samples import Displacements
 from saddlering_ros.record.topics import LOAD, PROBES
 from saddlering_ros.ros.diagnostics import (
     ERROR,
@@ -35,8 +38,6 @@ from saddlering_ros.ros.streaming_node import (
     run_streaming,
     StreamingNode,
 )
-from saddlering_ros.streams import batches
-from saddlering_ros.streams.displacement import DisplacementStream
 
 FLUSH_AFTER = 0.2
 """Time [s] without data after which held samples are taken."""
@@ -124,10 +125,10 @@ class RingDisplacementNode(StreamingNode):
             self._untold = True
         return FLUSH_AFTER / 2
 
-    def _send(self, found: batches.Displacements) -> None:
+    def _send(self, found: Displacements) -> None:
         if len(found):
             self._parity.push(found.channels[3])
-            self.outputs[0].send(batches.encode_displacements(found, self.settings['frame_id']),
+            self.outputs[0].send(encode_displacements(found, self.settings['frame_id']),
                                  int(found.stamps[-1]))
 
     def _on_zero(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
@@ -166,8 +167,9 @@ class RingDisplacementNode(StreamingNode):
 
     def _zero_finding(self) -> Finding:
         stream = self._stream
-        return zero_finding(self._rig, stream.zero, stream.zero_stamp, stream.newest_stamp,
-                            stream.load)
+        zero = stream.zero
+        return zero_finding(self._rig, zero.reading if zero else None,
+                            zero.stamp if zero else 0, stream.newest_stamp, stream.load)
 
     def _events(self) -> dict[str, int]:
         return {**self._stream.events(),

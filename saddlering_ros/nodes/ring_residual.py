@@ -8,6 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saddlering_interfaces.msg import RingDisplacement
+from saddlering_ros.bags.messages import decode_displacements, encode_displacements
+from saddlering_ros.record.residual import ResidualStream
 from saddlering_ros.rig import CHANNELS
 from saddlering_ros.ros.diagnostics import (
     ERROR,
@@ -30,8 +32,6 @@ from saddlering_ros.ros.streaming_node import (
     run_streaming,
     StreamingNode,
 )
-from saddlering_ros.streams import batches
-from saddlering_ros.streams.residual import ResidualStream
 
 
 class RingResidualNode(StreamingNode):
@@ -78,7 +78,7 @@ class RingResidualNode(StreamingNode):
     def process_batch(self) -> None:
         """One batch of either, residuals out."""
         measured, simulated = (
-            flow.take_as(batches.decode_displacements) for flow in self.inputs)
+            flow.take_as(decode_displacements) for flow in self.inputs)
         both = (measured, simulated)
         for flow, task, batch in zip(self.inputs, self._streams, both, strict=True):
             if len(batch):
@@ -90,7 +90,7 @@ class RingResidualNode(StreamingNode):
             self._awaited = missing.index(True) if any(missing) else 0
         if len(residual):
             self._kept.push(residual.channels.T)
-            self.outputs[0].send(batches.encode_displacements(residual, self.settings['frame_id']),
+            self.outputs[0].send(encode_displacements(residual, self.settings['frame_id']),
                                  int(residual.stamps[-1]))
 
     def _zero_finding(self) -> Finding:

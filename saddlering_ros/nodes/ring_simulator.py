@@ -11,9 +11,12 @@ from std_msgs.msg import Header
 from std_srvs.srv import Trigger
 
 from saddlering_interfaces.msg import RingDisplacement, RingParameters
+from saddlering_ros.bags.messages import encode_displacements
 from saddlering_ros.errors import SaddleringError
 from saddlering_ros.nodes.ring_displacement import FLUSH_AFTER as GUARD_FLUSH_AFTER
 from saddlering_ros.record import LOAD_TOPIC
+from saddlering_ros.record.samples import Displacements
+from saddlering_ros.record.simulation import SimulationStream
 from saddlering_ros.record.topics import LOAD
 from saddlering_ros.rig import (
     parameters_from_mapping,
@@ -55,8 +58,6 @@ from saddlering_ros.ros.streaming_node import (
     run_streaming,
     StreamingNode,
 )
-from saddlering_ros.streams import batches
-from saddlering_ros.streams.simulation import SimulationStream
 
 ASSUMED_ELEVATION_DEG = 50.0
 FUTURE_NS = 60_000_000_000
@@ -227,9 +228,9 @@ class RingSimulatorNode(StreamingNode):
             self._untold = True
         return FLUSH_AFTER / 2
 
-    def _send(self, states: batches.Displacements) -> None:
+    def _send(self, states: Displacements) -> None:
         if len(states):
-            self.outputs[0].send(batches.encode_displacements(states, self.settings['frame_id']),
+            self.outputs[0].send(encode_displacements(states, self.settings['frame_id']),
                                  int(states.stamps[-1]))
 
     def _on_restart(self, request: Trigger.Request, response: Trigger.Response,

@@ -72,16 +72,14 @@ def condensed(run: Record, rig: Rig, limit: int = FIT_ROWS) -> Record:
             'because the record is long')
     return replace(
         run, stamps=stamps, time=(stamps - stamps[0]) * 1e-9, load=load, gaps=gaps, others={},
-        notes=[*run.notes, note], spikes=None, node_rows=None)
+        notes=[*run.notes, note], spikes=None, published=None, probe_marks=None, load_marks=None)
 
 
 def _sound_load(run: Record, samples: slice) -> Floats:
     load, time = run.load[samples], run.time[samples]
-    struck = np.zeros(len(load), dtype=bool)
+    struck = run.is_load_doubtful(samples)
     if run.spikes is not None:
-        struck |= run.spikes[0, samples]
-    if run.node_rows is not None:
-        struck |= run.node_rows.load_doubtful[samples]
+        struck = struck | run.spikes[0, samples]
     if not struck.any() or struck.all():
         return load
     load = load.copy()
@@ -97,9 +95,7 @@ def _sound_gaps(run: Record, rig: Rig, probe: int, samples: slice) -> Floats:
         gaps[(gaps <= low + margin) | (gaps >= high - margin)] = np.nan
     if run.spikes is not None:
         gaps[run.spikes[1 + probe, samples]] = np.nan
-    if run.node_rows is not None:
-        rows = run.node_rows
-        gaps[rows.bridged[samples] | rows.load_doubtful[samples]] = np.nan
+    gaps[run.are_gaps_doubtful(samples)] = np.nan
     return gaps
 
 

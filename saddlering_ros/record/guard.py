@@ -26,8 +26,8 @@ from saddlering_ros.record.alignment import (
     JITTER_NS,
     LEAP_NS,
 )
-from saddlering_ros.record.scratch import blocks, scratch_array, scratch_mask
-from saddlering_ros.record.validity import BRIDGED, DOUBTFUL_LOAD
+from saddlering_ros.record.samples import Bits, BRIDGED, DOUBTFUL_LOAD, no_samples, Samples
+from saddlering_ros.record.scratch import blocks, scratch_array
 from saddlering_ros.rig import Rig
 
 MAX_OVERLOAD = 1.5
@@ -55,19 +55,6 @@ SHORT = 32
 
 FEW = 4
 """Number of samples up to which a loop is faster than arrays."""
-
-
-@dataclass(frozen=True)
-class Samples:
-    """Readings of one topic: stamps (N,) [ns], values (N,), the ends of its range (or NaN)."""
-
-    stamps: NDArray[np.int64]
-    values: NDArray[np.float64]
-    low: float = float('nan')
-    high: float = float('nan')
-
-    def __len__(self) -> int:
-        return len(self.stamps)
 
 
 @dataclass(frozen=True)
@@ -216,8 +203,7 @@ class SampleGuard:
             return samples
         if len(samples) > SHORT:
             half = len(samples) // 2
-            parts = [self.push(Samples(samples.stamps[part], samples.values[part], samples.low,
-                                       samples.high))
+            parts = [self.push(samples.pick(part))
                      for part in (slice(0, half), slice(half, None))]
             return Samples(np.concatenate([part.stamps for part in parts]),
                            np.concatenate([part.values for part in parts]), samples.low,
@@ -233,11 +219,11 @@ class SampleGuard:
         """The held sample, after a time without a successor."""
         held, self._held = self._held, None
         if held is None:
-            return Samples(np.empty(0, np.int64), np.empty(0))
+            return no_samples()
         self._accept(held)
         return Samples(np.array([held[0]], np.int64), np.array([held[1]]))
 
-    def marks(self, stamps: NDArray[np.int64], *, to_next: bool = False) -> NDArray[np.uint8]:
+    def marks(self, stamps: NDArray[np.int64], *, to_next: bool = False) -> Bits:
         """BRIDGED at those `stamps` (N,), in order, that a refused reading would have influenced.
 
         They lie between the sound readings before and after the refused one; with
@@ -250,10 +236,11 @@ class SampleGuard:
             return marks
         newest = int(stamps[-1])
         for first, last in self._bridges:
-            marks[(stamps > first) & (stamps < last + to_next)] |= BRIDGED
+            marks[stamps.searchsorted(first, 'right'):
+                  stamps.searchsorted(last, 'right' if to_next else 'left')] |= BRIDGED
         self._bridges = [bridge for bridge in self._bridges if bridge[1] > newest]
         for first, last in self.doubtful:
-            marks[(stamps > first) & (stamps < last)] |= DOUBTFUL_LOAD
+            marks[stamps.searchsorted(first, 'right'):stamps.searchsorted(last)] |= DOUBTFUL_LOAD
         self._doubtful.over = [one for one in self._doubtful.over if one[1] > newest]
         return marks
 
@@ -407,61 +394,22 @@ class SampleGuard:
                        samples.high)
 
 
-@dataclass(frozen=True)
-class SoundSamples:
-    """The sound samples of a whole record, in order of their stamps.
-
-    counters: the others by reason; bridges (M, 2) [ns]: the sound stamps around each refused
-    sample; steps (K, 2) [ns]: the sound stamps around each stretch of doubtful load.
-    """
-
-    samples: Samples
-    counters: GuardCounters
-    bridges: NDArray[np.int64]
-    steps: NDArray[np.int64]
-
-    def bridged(self, stamps: NDArray[np.int64], *, to_next: bool = False) -> NDArray[np.bool_]:
-        """Mask of the `stamps` (N,) that `SampleGuard.marks` would mark."""
-        found = scratch_mask(len(stamps))
-        for first, last in self.bridges.tolist():
-            found[np.searchsorted(stamps, first, 'right'):
-                  np.searchsorted(stamps, last, 'right' if to_next else 'left')] = True
-        return found
-
-    def doubtful(self, stamps: NDArray[np.int64]) -> NDArray[np.bool_]:
-        """Mask of the load's `stamps` (N,) in a stretch of doubtful load."""
-        found = scratch_mask(len(stamps))
-        for first, last in self.steps.tolist():
-            found[np.searchsorted(stamps, first, 'right'):np.searchsorted(stamps, last)] = True
-        return found
-
-
-def sound_samples(
-    limits: ReadingLimits, stamps: NDArray[np.int64], values: NDArray[np.float64],
-) -> SoundSamples:
-    """Result of a guard on a whole record: stamps (N,) [ns] in order, values (N,)."""
-    guard = SampleGuard(limits, remembered=len(stamps) + 1)
-    passed = sum(len(guard.push(Samples(stamps[part], values[part])))
-                 for part in blocks(len(stamps), stamps, values))
+def sound_samples(limits: ReadingLimits, samples: Samples) -> tuple[Samples, SampleGuard]:
+    """The sound samples of a whole record, and the guard that all of them passed."""
+    guard = SampleGuard(limits, remembered=len(samples) + 1)
+    arrays = samples.stamps, samples.values
+    passed = sum(len(guard.push(samples.pick(part))) for part in blocks(len(samples), *arrays))
     passed += len(guard.flush())
-    bridges, steps = (np.array(found, np.int64).reshape(-1, 2)
-                      for found in (guard.bridges, guard.doubtful))
-    samples = (Samples(stamps, values) if passed == len(stamps)
-               else _passed(limits, stamps, values, passed))
-    return SoundSamples(samples, guard.counters, bridges, steps)
-
-
-def _passed(
-    limits: ReadingLimits, stamps: NDArray[np.int64], values: NDArray[np.float64], count: int,
-) -> Samples:
-    """The `count` sound samples, in scratch files if the record is long."""
-    guard = SampleGuard(limits)
-    kept = Samples(scratch_array((count,), np.int64), scratch_array((count,), np.float64))
-    begin = 0
-    for part in blocks(len(stamps), stamps, values, kept.stamps, kept.values):
-        begin = _put(kept, begin, guard.push(Samples(stamps[part], values[part])))
-    _put(kept, begin, guard.flush())
-    return kept
+    if passed == len(samples):
+        return samples, guard
+    again = SampleGuard(limits)
+    kept = Samples(scratch_array((passed,), np.int64), scratch_array((passed,), np.float64),
+                   samples.low, samples.high)
+    end = 0
+    for part in blocks(len(samples), *arrays, kept.stamps, kept.values):
+        end = _put(kept, end, again.push(samples.pick(part)))
+    _put(kept, end, again.flush())
+    return kept, guard
 
 
 def _put(kept: Samples, begin: int, samples: Samples) -> int:

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from saddlering_ros.files import Origin
 from saddlering_ros.record.metadata import TestMetadata
-from saddlering_ros.record.node_rows import NodeRows
 from saddlering_ros.record.quality import doubtful_lag, TopicQuality
+from saddlering_ros.record.samples import Bits, DOUBTFUL_LOAD, Samples
 from saddlering_ros.record.scratch import blocks, scratch_mask
 from saddlering_ros.record.topics import LOAD_TOPIC, PROBE_TOPICS
 
@@ -38,6 +38,11 @@ class RawTopic:
 
     def __len__(self) -> int:
         return len(self.stamps)
+
+    @property
+    def samples(self) -> Samples:
+        """Stamps, readings and range as one batch."""
+        return Samples(self.stamps, self.values, self.min_range, self.max_range)
 
 
 @dataclass(frozen=True)
@@ -80,9 +85,10 @@ class Record:
     for a run without a bag); others: readings (N,) of the optional topics of the rig in the
     bag, by name, aligned alike; details: further test metadata by key, such as rig_hash;
     spikes (5, N): spikes of the load and the four probes (None: nowhere); quality: properties
-    of the logger, by topic; node_rows: rows that live nodes publish, and those across a
-    refused reading (None: all complete rows, none); absent: number of the radial probe that the
-    rig does not have (0: it has all), whose gaps mirror those of the other.
+    of the logger, by topic; published (N,): rows that live nodes publish (None: all complete
+    ones); probe_marks, load_marks (N,): bits of validity that refused or doubtful readings of the
+    probes and of the load leave (None: none); absent: number of the radial probe that the rig
+    does not have (0: it has all), whose gaps mirror those of the other.
     """
 
     __test__ = False
@@ -103,7 +109,9 @@ class Record:
     quality: dict[str, TopicQuality] = field(default_factory=dict)
     others: dict[str, NDArray[np.float64]] = field(default_factory=dict)
     details: Mapping[str, str] = field(default_factory=dict)
-    node_rows: NodeRows | None = None
+    published: NDArray[np.bool_] | None = None
+    probe_marks: Bits | None = None
+    load_marks: Bits | None = None
     absent: int = 0
 
     def without_spikes(self) -> Record:
@@ -113,11 +121,10 @@ class Record:
         load are left out. Rows that lack a probe are not complete.
         """
         gaps, load = self.gaps, self.load
-        wrong_load = np.zeros(len(load), dtype=bool)
-        if self.node_rows is not None:
-            wrong_load |= self.node_rows.load_doubtful
-            wrong_gaps = self.node_rows.bridged | wrong_load
-            gaps = np.where(wrong_gaps, np.nan, gaps) if wrong_gaps.any() else gaps
+        wrong_load = self.is_load_doubtful(slice(None)).copy()
+        wrong_gaps = self.are_gaps_doubtful(slice(None))
+        if wrong_gaps.any():
+            gaps = np.where(wrong_gaps, np.nan, gaps)
         if self.spikes is not None and self.spikes.any():
             wrong_load |= self.spikes[0]
             gaps = np.where(self.spikes[1:], np.nan, gaps)
@@ -125,14 +132,24 @@ class Record:
             load = load.copy()
             load[wrong_load] = np.interp(
                 self.time[wrong_load], self.time[~wrong_load], load[~wrong_load])
-        if gaps is self.gaps and self.node_rows is None:
-            return self
-        return replace(self, load=load, gaps=gaps, spikes=None, node_rows=None)
+        return replace(self, load=load, gaps=gaps, spikes=None, published=None, probe_marks=None,
+                       load_marks=None)
+
+    def is_load_doubtful(self, rows: slice) -> NDArray[np.bool_]:
+        """Mask of rows behind a step of the load that the hydraulics cannot make."""
+        if self.load_marks is None:
+            return np.zeros(len(self.load[rows]), dtype=bool)
+        return np.asarray(self.load_marks[rows] & DOUBTFUL_LOAD > 0)
+
+    def are_gaps_doubtful(self, rows: slice) -> NDArray[np.bool_]:
+        """Mask of rows beside a refused reading of a probe, or with a doubtful load."""
+        doubtful = self.is_load_doubtful(rows)
+        return doubtful if self.probe_marks is None else doubtful | (self.probe_marks[rows] > 0)
 
     @property
     def given(self) -> NDArray[np.bool_]:
         """Mask (N,) of the load stamps at which the live nodes publish a displacement."""
-        return self.complete if self.node_rows is None else self.node_rows.given
+        return self.complete if self.published is None else self.published
 
     @property
     def rig_hash(self) -> str:

@@ -79,12 +79,20 @@ class ZeroWindow:
         """How many of the last samples given the open window holds."""
         return self._samples
 
-    def passes_over(self, loads: NDArray[np.float64]) -> bool:
-        """Whether all these samples lie above the loads at which a window opens; if so, done."""
-        if self._samples or self._anywhere or not (loads > self._highest).all():
-            return False
-        self._count += len(loads)
-        return True
+    def push_batch(self, time: NDArray[np.float64], load: NDArray[np.float64],
+                   gaps: NDArray[np.float64]) -> ZeroReading | None:
+        """Add a batch of samples (N,), gaps (4 or none, N); those after a reading do not count."""
+        if not (self._samples or self._anywhere) and (load > self._highest).all():
+            self._count += len(load)
+            return None
+        for begin in range(0, len(time), CONVERTED):
+            part = slice(begin, begin + CONVERTED)
+            for sample in zip(time[part].tolist(), load[part].tolist(), gaps[:, part].T.tolist(),
+                              strict=True):
+                reading = self.push(*sample)
+                if reading is not None:
+                    return reading
+        return None
 
     def push(self, time: float, load: float, gaps: Sequence[float] = ()) -> ZeroReading | None:
         """Add a sample: time [s], load [N], gaps [m] (none for a node that sees the load only)."""
@@ -142,14 +150,8 @@ def zero_of_blocks(rig: Rig, blocks: Callable[[], Iterable[Samples]]) -> ZeroRea
     for anywhere in (False, True):
         window = ZeroWindow(rig, anywhere=anywhere)
         for time, load, gaps in blocks():
-            if window.passes_over(load):
-                continue
-            for begin in range(0, len(time), CONVERTED):
-                part = slice(begin, begin + CONVERTED)
-                for sample in zip(time[part].tolist(), load[part].tolist(),
-                                  gaps[:, part].T.tolist(), strict=True):
-                    reading = window.push(*sample)
-                    if reading is not None:
-                        return reading
+            reading = window.push_batch(time, load, gaps)
+            if reading is not None:
+                return reading
     time, load, gaps = next(block for block in iter(blocks()) if len(block[0]))
     return ZeroReading(float(load[0]), tuple(gaps[:, 0].tolist()), 0, 1, False)

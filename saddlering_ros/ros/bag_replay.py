@@ -13,10 +13,13 @@ from rosgraph_msgs.msg import Clock
 
 from saddlering_ros.bags import read_raw
 from saddlering_ros.bags.cdr import SECOND
-from saddlering_ros.bags.reader import absent_topic, usable_facts
+from saddlering_ros.bags.messages import decode_clock, encode_samples
+from saddlering_ros.bags.reader import usable_facts
 from saddlering_ros.files import share_directory
 from saddlering_ros.record import RawRecord, RawTopic
 from saddlering_ros.record.checks import check_values
+from saddlering_ros.record.reading import absent_topic
+from saddlering_ros.record.samples import Samples
 from saddlering_ros.record.scratch import BLOCK, forget
 from saddlering_ros.record.topics import TOPICS
 from saddlering_ros.ros.diagnostics import ERROR, Finding, FunctionTask, OK, SourcesTask, WARN
@@ -24,7 +27,6 @@ from saddlering_ros.ros.names import CLOCK, NodeError
 from saddlering_ros.ros.parameters import bag_below, given_rig, NodeParameter, root_folder
 from saddlering_ros.ros.raw_topics import message_class, RawPublisher, RawSubscription
 from saddlering_ros.ros.streaming_node import StreamingNode
-from saddlering_ros.streams import batches
 
 BAG = NodeParameter(
     'bag', '', 'the bag to replay: a rosbag2 directory or an .mcap file; none: wait',
@@ -106,14 +108,14 @@ class Track:
         """Go on from `now` [ns] without publishing earlier samples."""
         self.place = int(np.searchsorted(self.raw.stamps, now, side='right'))
 
-    def due(self, now: int) -> batches.Samples:
+    def due(self, now: int) -> Samples:
         """The samples up to `now` [ns] that were not given out yet."""
         start = self.place
         self.move_to(now)
         rows = slice(start, self.place)
         if start // BLOCK != self.place // BLOCK:
             forget(self.raw.stamps, self.raw.values)
-        return batches.Samples(self.raw.stamps[rows], self.raw.values[rows], self.raw.min_range,
+        return Samples(self.raw.stamps[rows], self.raw.values[rows], self.raw.min_range,
                                self.raw.max_range)
 
     def at_end(self) -> bool:
@@ -169,7 +171,7 @@ class ReplayNode(BagNode):
             return
         self._heard = time.monotonic()
         for message in messages:
-            self._follow(batches.decode_clock(message))
+            self._follow(decode_clock(message))
 
     def _follow(self, now: int) -> None:
         if self._now == 0 or now < self._now or now - self._now > JUMP:
@@ -182,7 +184,7 @@ class ReplayNode(BagNode):
         for track, flow in zip(self._tracks, self.outputs, strict=True):
             samples = track.due(now)
             if len(samples):
-                messages = batches.encode_samples(samples, track.topic, track.raw.frame_id)
+                messages = encode_samples(samples, track.topic, track.raw.frame_id)
                 flow.send(messages, int(samples.stamps[-1]))
 
     def replayed_until(self) -> int:

@@ -19,9 +19,10 @@ from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 
 from saddlering_ros.bags.cdr import CdrError
+from saddlering_ros.bags.messages import decode_samples
+from saddlering_ros.record.samples import Samples
 from saddlering_ros.record.topics import RigTopic
 from saddlering_ros.ros.names import NodeError
-from saddlering_ros.streams.batches import decode_samples, Samples
 
 DEPTH = 5000
 """Messages that may wait at either end of a stream: five seconds at 1 kHz."""

@@ -17,6 +17,7 @@ from geometry_msgs.msg import Vector3Stamped
 from rclpy.node import Node
 
 from saddlering_interfaces.msg import ReplayState
+from saddlering_ros.record.samples import ANY_TIME
 from saddlering_ros.record.topics import ELEVATION
 from saddlering_ros.rig import Rig
 from saddlering_ros.rig.description import short_digest
@@ -25,7 +26,6 @@ from saddlering_ros.ros.diagnostics import ACTIVE, ERROR, Finding, OK, STATE_TAS
 from saddlering_ros.ros.messages import to_stamp
 from saddlering_ros.ros.names import DIAGNOSTICS, RIG, STATE
 from saddlering_ros.ros.raw_topics import LATCHED, LATCHED_BY_SEVERAL, OF_ANY_SENSOR
-from saddlering_ros.streams.batches import ANY_TIME
 
 SAME_BAG = math.radians(0.01)
 """Elevations of a setting and of a bag that differ by more contradict each other."""

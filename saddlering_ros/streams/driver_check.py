@@ -15,9 +15,9 @@ from saddlering_ros.record.alignment import align, gap_mask
 from saddlering_ros.record.checks import check_load_unit, check_probe_unit
 from saddlering_ros.record.guard import load_limits, probe_limits, SampleGuard
 from saddlering_ros.record.quality import white_noise
+from saddlering_ros.record.samples import Samples
 from saddlering_ros.record.topics import LOAD, LOAD_TOPIC, PROBE_TOPICS, PROBES, RigTopic
 from saddlering_ros.rig import mirrored_gap, Rig
-from saddlering_ros.streams.batches import Samples
 
 Stamps = NDArray[np.int64]
 Floats = NDArray[np.float64]

@@ -16,6 +16,8 @@ from saddlering_ros.record import (
     PROBE_TOPICS,
     TestMetadata,
 )
+from saddlering_ros.record.displacement import DisplacementStream
+from saddlering_ros.record.samples import join, Samples
 from saddlering_ros.rig import (
     default_rig,
     Displacement,
@@ -25,8 +27,6 @@ from saddlering_ros.rig import (
     RigError,
     shipped_rig_file,
 )
-from saddlering_ros.streams.batches import join, Samples
-from saddlering_ros.streams.displacement import DisplacementStream
 
 RIG = default_rig()
 

@@ -11,16 +11,20 @@ import pytest
 
 from saddlering_ros.record.alignment import (
     align,
+    aligned_record,
+    AlignedRows,
+    Aligner,
+    DEAD_AFTER_NS,
     gap_mask,
     JITTER_NS,
     LEAP_NS,
-    seconds,
     seconds_array,
 )
-from saddlering_ros.record.stream_aligner import AlignedRow, StreamAligner
+from saddlering_ros.record.samples import Samples
 
 EPOCH = 1_700_000_000_000_000_000
 MILLISECOND = 1_000_000
+NOTHING = Samples(np.empty(0, np.int64), np.empty(0))
 
 
 def stamps_of(intervals: list[int], start: int = EPOCH) -> np.ndarray:
@@ -31,9 +35,24 @@ def regular(count: int, period: int = MILLISECOND, start: int = EPOCH) -> np.nda
     return start + period * np.arange(count, dtype=np.int64)
 
 
-def rows_of_stream(load_stamps, load, probe_stamps, gaps, order=None) -> list[AlignedRow]:
+def push(aligner: Aligner, channel: int, stamps, values) -> list[AlignedRows]:
+    """Push samples of one topic: -1 is the load, 0 the first probe. The rows that are used."""
+    batches = [NOTHING] * 5
+    batches[channel + 1] = Samples(np.asarray(stamps, np.int64), np.asarray(values, float))
+    return used(aligner.push(batches[0], batches[1:]))
+
+
+def used(rows: list[AlignedRows]) -> list[AlignedRows]:
+    return [one for batch in rows for one in one_by_one(batch.pick(batch.given))]
+
+
+def one_by_one(batch: AlignedRows) -> list[AlignedRows]:
+    return [batch.pick(slice(row, row + 1)) for row in range(len(batch))]
+
+
+def rows_of_stream(load_stamps, load, probe_stamps, gaps, order=None) -> list[AlignedRows]:
     """Push everything in stamp order (or in the order given) and collect the rows."""
-    aligner = StreamAligner(max_wait=1e6)
+    aligner = Aligner(max_wait=10**15)
     samples = [
         (int(stamp), -1, float(value))
         for stamp, value in zip(load_stamps, load, strict=True)]
@@ -46,12 +65,14 @@ def rows_of_stream(load_stamps, load, probe_stamps, gaps, order=None) -> list[Al
     rows = []
     for place in range(len(samples)) if order is None else order(samples):
         stamp, channel, value = samples[place]
-        if channel < 0:
-            rows += aligner.push_loads([stamp], [value])
-        else:
-            rows += aligner.push_gap(channel, stamp, value)
-    aligner.flush()
+        rows += push(aligner, channel, [stamp], [value])
     return rows
+
+
+def numbers(rows: list[AlignedRows]) -> list[tuple[float, ...]]:
+    """Stamp, time, load and gaps of each row."""
+    return [(int(row.stamps[0]), float(row.time[0]), float(row.loads[0]), *row.gaps[:, 0].tolist())
+            for row in rows]
 
 
 intervals = st.lists(
@@ -73,11 +94,33 @@ def test_stream_equals_record_bit_for_bit(lists, seed):
 
     rows = rows_of_stream(load_stamps, load, probe_stamps, gaps)
 
-    assert [row.stamp for row in rows] == load_stamps[complete].tolist()
-    assert [row.load for row in rows] == load[complete].tolist()
-    assert [list(row.gaps) for row in rows] == aligned[:, complete].T.tolist()
     time = seconds_array(load_stamps, int(load_stamps[0]))
-    assert [row.time for row in rows] == time[complete].tolist()
+    expected = np.stack([load_stamps, time, load, *aligned])[:, complete].T
+    assert numbers(rows) == [(int(stamp), *others) for stamp, others in zip(
+        load_stamps[complete].tolist(), expected[:, 1:].tolist(), strict=True)]
+
+
+@settings(max_examples=150, deadline=None)
+@given(interval_lists, st.integers(0, 2 ** 32 - 1), st.integers(1, 60))
+def test_a_record_in_batches_of_any_size_gives_the_rows_of_the_whole(lists, seed, size):
+    random = np.random.default_rng(seed)
+    load, *probes = (Samples(stamps_of(of_channel), random.normal(size=len(of_channel)))
+                     for of_channel in lists)
+    gaps, is_given = aligned_record(load, probes)
+    aligned = np.array([align(load.stamps, one.stamps, one.values) for one in probes])
+    assert np.array_equal(gaps, aligned, equal_nan=True)
+
+    aligner, rows = Aligner(dead_after=DEAD_AFTER_NS, max_wait=10**15), []
+    ends = np.sort(np.concatenate([load.stamps, *(one.stamps for one in probes)]))[::size]
+    for first, last in pairwise([0, *ends.tolist(), 2**62]):
+        load_part, *parts = (one.pick((one.stamps > first) & (one.stamps <= last))
+                             for one in (load, *probes))
+        rows += aligner.push(load_part, parts)
+    rows += aligner.finish()
+    assert np.array_equal(np.concatenate([one.stamps for one in rows]), load.stamps)
+    assert np.array_equal(np.concatenate([one.given for one in rows]), is_given)
+    assert np.array_equal(np.concatenate([one.gaps for one in rows], axis=1), gaps,
+                          equal_nan=True)
 
 
 anything = st.lists(st.tuples(
@@ -88,20 +131,18 @@ anything = st.lists(st.tuples(
 @settings(max_examples=150, deadline=None)
 @given(anything, st.integers(1, 10 ** 9))
 def test_whatever_arrives_rows_stay_in_order_finite_and_counted(samples, unit):
-    aligner = StreamAligner(max_wait=2.0, max_pending=50, max_samples=40)
+    aligner = Aligner(max_wait=2 * 10**9, max_pending=50, max_samples=40)
     rows, loads, stamp = [], 0, EPOCH
     for channel, step, value in samples:
         stamp += step * (unit if abs(step) <= 40 else 1)
-        if channel:
-            rows += aligner.push_gap(channel - 1, stamp, value)
-        else:
-            loads += 1
-            rows += aligner.push_loads([stamp], [value])
+        loads += channel == 0
+        rows += push(aligner, channel - 1, [stamp], [value])
         assert aligner.pending <= 51
-    aligner.flush()
+    aligner.finish()
     for before, after in pairwise(rows):
-        assert (before.restart, before.stamp) < (after.restart, after.stamp)
-    assert all(row.time >= 0.0 or aligner.counters.reordered for row in rows)
+        assert (before.restart, before.stamps[0]) < (after.restart, after.stamps[0])
+    assert all(row.time[0] >= 0.0 or aligner.counters.reordered for row in rows)
+    assert np.isfinite(numbers(rows)).all()
     assert len(rows) + aligner.counters.dropped <= loads
 
 
@@ -121,15 +162,9 @@ def test_interleaving_of_channels_does_not_matter():
             for channel in (2, -1, 0, 3, 1):
                 yield from bursts[channel][start:start + 20]
 
-    assert rows_of_stream(load_stamps, load, probe_stamps, gaps, channel_blocks) == in_order
+    rows = rows_of_stream(load_stamps, load, probe_stamps, gaps, channel_blocks)
+    assert numbers(rows) == numbers(in_order)
     assert len(in_order) > 280
-
-
-def test_seconds_of_scalars_and_arrays_agree():
-    random = np.random.default_rng(1)
-    stamps = EPOCH + random.integers(-10 ** 13, 10 ** 13, 1000)
-    one_by_one = [seconds(int(stamp), EPOCH) for stamp in stamps]
-    assert one_by_one == seconds_array(stamps, EPOCH).tolist()
 
 
 def test_a_straight_line_is_reproduced_between_samples():
@@ -180,19 +215,20 @@ def test_a_slow_test_after_a_fast_one_loses_none_of_its_first_samples():
     both = np.concatenate([regular(500), slow])
     assert np.flatnonzero(gap_mask(both)).tolist() == [499]
     rows = rows_of_stream(both, np.ones(550), [both + MILLISECOND // 4] * 4, np.ones((4, 550)))
-    assert [row.stamp for row in rows if row.stamp >= later] == slow[1:].tolist()
+    assert [stamp for stamp in stamps_out(rows) if stamp >= later] == slow[1:].tolist()
 
 
 @pytest.fixture
-def aligner() -> StreamAligner:
-    return StreamAligner()
+def aligner() -> Aligner:
+    return Aligner()
 
 
-def push_all(aligner: StreamAligner, stamp: int, value: float = 1.0) -> list[AlignedRow]:
-    rows = aligner.push_loads([stamp], [value])
-    for probe in range(4):
-        rows += aligner.push_gap(probe, stamp, value)
-    return rows
+def push_all(aligner: Aligner, stamp: int, value: float = 1.0) -> list[AlignedRows]:
+    return [row for channel in range(-1, 4) for row in push(aligner, channel, [stamp], [value])]
+
+
+def stamps_out(rows: list[AlignedRows]) -> list[int]:
+    return [int(row.stamps[0]) for row in rows]
 
 
 def test_a_jump_back_restarts_the_time_and_says_so(aligner):
@@ -201,7 +237,7 @@ def test_a_jump_back_restarts_the_time_and_says_so(aligner):
     after = [row for stamp in earlier for row in push_all(aligner, int(stamp))]
     assert {row.restart for row in before} == {0}
     assert {row.restart for row in after} == {1}
-    assert after[0].time == 0.0
+    assert after[0].time[0] == 0.0
     assert len(after) == 10
     assert aligner.counters.load_jumps == 1
 
@@ -213,67 +249,74 @@ def test_no_row_mixes_samples_from_both_sides_of_a_jump(aligner, load_first):
     rows = []
     back = EPOCH + 500 * MILLISECOND
     for stamp in regular(400, start=back):
-        channels = [lambda s: aligner.push_loads([s], [2.0])]
-        channels += [lambda s, p=p: aligner.push_gap(p, s, 2.0) for p in range(4)]
-        for push in channels if load_first else reversed(channels):
-            rows += push(int(stamp))
-    assert [row.stamp for row in rows] == regular(400, start=back).tolist()
-    assert {(row.load, *row.gaps) for row in rows} == {(2.0,) * 5}
+        for channel in range(-1, 4) if load_first else range(3, -2, -1):
+            rows += push(aligner, channel, [stamp], [2.0])
+    assert stamps_out(rows) == regular(400, start=back).tolist()
+    assert {row[2:] for row in numbers(rows)} == {(2.0,) * 5}
+
+
+def test_a_batch_with_a_jump_in_it_mixes_nothing_from_both_sides_of_it(aligner):
+    stamps = np.concatenate([regular(300), regular(200, start=EPOCH - 20 * MILLISECOND)])
+    batch = Samples(stamps, np.repeat([1.0, 2.0], [300, 200]))
+    rows = used(aligner.push(batch, [batch] * 4))
+    assert stamps_out(rows) == stamps.tolist()
+    assert numbers(rows)[300][1:] == (0.0, 2.0, 2.0, 2.0, 2.0, 2.0)
+    assert {row[2:] for row in numbers(rows)} == {(1.0,) * 5, (2.0,) * 5}
+    assert (aligner.counters.probe_jumps, aligner.counters.load_jumps) == (4, 1)
 
 
 def test_late_samples_within_jitter_are_put_in_order(aligner):
     for stamp in (EPOCH, EPOCH + 2 * MILLISECOND, EPOCH + MILLISECOND, EPOCH + 3 * MILLISECOND):
-        aligner.push_loads([stamp], [float(stamp - EPOCH)])
+        push(aligner, -1, [stamp], [stamp - EPOCH])
     rows = []
     for probe in range(4):
         for stamp in (EPOCH, EPOCH + 3 * MILLISECOND):
-            rows += aligner.push_gap(probe, stamp, 0.0)
-    assert [row.load for row in rows] == [0.0, 1e6, 2e6, 3e6]
+            rows += push(aligner, probe, [stamp], [0.0])
+    assert [row.loads[0] for row in rows] == [0.0, 1e6, 2e6, 3e6]
     assert aligner.counters.reordered == 1
 
 
 def test_joining_late_drops_and_counts_what_no_probe_saw(aligner):
     for stamp in regular(5):
-        aligner.push_loads([int(stamp)], [1.0])
+        push(aligner, -1, [stamp], [1.0])
     rows = []
     for probe in range(4):
-        rows += aligner.push_gap(probe, EPOCH + 3 * MILLISECOND, 0.5)
-    assert [row.stamp for row in rows] == [EPOCH + 3 * MILLISECOND]
+        rows += push(aligner, probe, [EPOCH + 3 * MILLISECOND], [0.5])
+    assert stamps_out(rows) == [EPOCH + 3 * MILLISECOND]
     assert aligner.counters.before_probes == 3
-    assert aligner.flush() == 1
+    assert [one.given.tolist() for one in aligner.finish()] == [[False]]
 
 
 def test_a_silent_probe_costs_bounded_memory_and_is_counted():
-    aligner = StreamAligner(max_wait=0.5, max_samples=1000)
+    aligner = Aligner(max_wait=500 * MILLISECOND, max_samples=1000)
     for stamp in regular(20_000):
-        aligner.push_loads([int(stamp)], [1.0])
-        for probe in range(3):
-            aligner.push_gap(probe, int(stamp), 1.0)
+        sample = Samples(np.array([stamp]), np.ones(1))
+        aligner.push(sample, [*[sample] * 3, NOTHING])
     assert aligner.pending <= 502
     assert aligner.counters.timed_out >= 19_000
-    assert all(len(probe.stamps) <= 1000 for probe in aligner._probes)
+    assert all(len(probe) <= 1000 for probe in aligner._probes)
 
 
 def test_memory_stays_bounded_when_no_load_comes():
-    aligner = StreamAligner(max_samples=1000)
+    aligner = Aligner(max_samples=1000)
     for stamp in regular(20_000):
-        aligner.push_gap(0, int(stamp), 1.0)
-    assert len(aligner._probes[0].stamps) <= 1000
+        push(aligner, 0, [stamp], [1.0])
+    assert len(aligner._probes[0]) <= 1000
     assert aligner.counters.overflow > 0
 
 
 def test_memory_stays_bounded_on_a_long_healthy_stream(aligner):
     rows = [row for stamp in regular(5000) for row in push_all(aligner, int(stamp))]
     assert len(rows) == 5000
-    assert all(len(probe.stamps) < 400 for probe in aligner._probes)
+    assert all(len(probe) < 400 for probe in aligner._probes)
     assert aligner.counters.dropped == 0
 
 
 def test_nan_and_duplicates_are_dropped_and_counted(aligner):
     push_all(aligner, EPOCH)
     push_all(aligner, EPOCH)
-    aligner.push_loads([EPOCH + 1], [float('nan')])
-    aligner.push_gap(0, EPOCH + 1, float('inf'))
+    push(aligner, -1, [EPOCH + 1], [np.nan])
+    push(aligner, 0, [EPOCH + 1], [np.inf])
     assert aligner.counters.duplicates + aligner.counters.late_loads == 5
     assert aligner.counters.not_finite == 2
 

@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 
 from saddlering_ros.bags import read_raw, read_run
-from saddlering_ros.record import BagError, RIG_TOPICS, StreamAligner
+from saddlering_ros.bags.messages import decode_samples, encode_samples
+from saddlering_ros.record import Aligner, BagError, RIG_TOPICS
+from saddlering_ros.record.samples import Samples
 from saddlering_ros.record.topics import ELEVATION, RigTopic, TOPICS, WRENCH_TYPE
-from saddlering_ros.streams.batches import decode_samples, encode_samples, Samples
 
 CELL = RigTopic('/rig/second_load_cell', WRENCH_TYPE, 'wrench.force.z', 'N', 'second_load_cell',
                 'a second load cell', 'hydraulic_load', required=False)
@@ -49,14 +50,11 @@ def test_live_messages_of_it_are_decoded(monkeypatch) -> None:
     assert (again.stamps.tolist(), again.values.tolist()) == ([1, 2], [3.0, 4.0])
 
 
-def test_the_stream_aligner_takes_it_as_one_more_channel() -> None:
-    aligner = StreamAligner(channels=5)
-    rows = []
-    for stamp in range(0, 10_000_000, 1_000_000):
-        rows += aligner.push_loads([stamp], [1.0])
-        for channel in range(5):
-            rows += aligner.push_gap(channel, stamp, float(channel))
-    assert rows[3].gaps == (0.0, 1.0, 2.0, 3.0, 4.0)
+def test_the_aligner_takes_it_as_one_more_channel() -> None:
+    stamps = np.arange(0, 10_000_000, 1_000_000)
+    rows, = Aligner(channels=5).push(Samples(stamps, np.ones(10)), [
+        Samples(stamps, np.full(10, float(channel))) for channel in range(5)])
+    assert rows.gaps[:, 3].tolist() == [0.0, 1.0, 2.0, 3.0, 4.0]
 
 
 def test_replay_and_recorder_know_it(bag: Path) -> None:

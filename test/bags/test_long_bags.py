@@ -10,7 +10,7 @@ from pyarrow import parquet
 import pytest
 
 from saddlering_ros.bags import bag_info, read_run, refuse_repeats, scan
-from saddlering_ros.bags.samples import measured_blocks, measured_samples, write_samples
+from saddlering_ros.bags.samples import displacement_columns, write_samples
 from saddlering_ros.bags.summary import summary_of_bag
 from saddlering_ros.bags.write import BagWriter, messages_of
 from saddlering_ros.diagnosis.records import build_record
@@ -23,8 +23,8 @@ from saddlering_ros.record import (
     PROBE_TOPICS,
     scratch,
 )
+from saddlering_ros.record.displacement import measured_blocks, measured_rows, zero_of_run
 from saddlering_ros.record.errors import BagError
-from saddlering_ros.record.measured import zero_of_run
 from saddlering_ros.record.plateaus import find_holds
 from saddlering_ros.record.quality import topic_quality
 from saddlering_ros.record.topics import TOPICS
@@ -96,9 +96,11 @@ def test_a_table_written_in_stretches_is_the_table_written_whole(
 ):
     run = read_run(recording.write(tmp_path / 'bag'), rig=RIG)
     whole, parts = tmp_path / f'whole.{suffix}', tmp_path / f'parts.{suffix}'
-    write_samples(whole, measured_samples(displacement_of_run(RIG, run)))
+    zero = zero_of_run(RIG, run)
+    write_samples(whole, [displacement_columns(run, measured_rows(RIG, run, zero, slice(None)))])
     in_small_blocks()
-    write_samples(parts, measured_blocks(RIG, run, zero_of_run(RIG, run)))
+    write_samples(parts, (displacement_columns(run, batch)
+                          for batch in measured_blocks(RIG, run, zero)))
     if suffix == 'csv':
         assert parts.read_bytes() == whole.read_bytes()
         assert len(list(csv.reader(parts.open()))) > 900
@@ -114,7 +116,7 @@ def test_a_record_that_never_comes_near_the_preload_takes_its_zero_at_the_start(
     expected = zero_of_run(RIG, run)
     in_small_blocks()
     assert zero_of_run(RIG, run) == expected
-    assert not expected.near_preload
+    assert not expected.reading.near_preload
 
 
 def write(path, count, number=0):

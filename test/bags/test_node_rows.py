@@ -11,14 +11,13 @@ import numpy as np
 import pytest
 
 from saddlering_ros.bags import read_raw, read_run
-from saddlering_ros.bags.samples import measured_samples
 from saddlering_ros.cli.main import main
-from saddlering_ros.record import displacement_of_run
+from saddlering_ros.record.displacement import DisplacementStream, measured_rows, zero_of_run
 from saddlering_ros.record.guard import Samples
+from saddlering_ros.record.samples import BRIDGED, DOUBTFUL_LOAD, join
+from saddlering_ros.record.simulation import SimulationStream
 from saddlering_ros.record.topics import LOAD_TOPIC, PROBE_TOPICS
-from saddlering_ros.record.validity import BRIDGED, DOUBTFUL_LOAD
 from saddlering_ros.rig import (
-    CHANNELS,
     default_rig,
     load_rig,
     ParameterSet,
@@ -27,9 +26,6 @@ from saddlering_ros.rig import (
     write_parameters,
 )
 from saddlering_ros.rig.ros_yaml import RigError
-from saddlering_ros.streams.batches import join
-from saddlering_ros.streams.displacement import DisplacementStream
-from saddlering_ros.streams.simulation import SimulationStream
 
 RIG = default_rig()
 NO_DELTA_Y, NO_GAMMA = 2, 4
@@ -52,12 +48,12 @@ def live(path: Path, pace: float = 0.1):
 
 def assert_equal_live_and_offline(path: Path) -> np.ndarray:
     """The validity of the rows, once both are found equal bit for bit."""
-    samples = measured_samples(displacement_of_run(RIG, read_run(path)))
+    run = read_run(path)
+    samples = measured_rows(RIG, run, zero_of_run(RIG, run), slice(None))
     for pace in (0.1, 0.033, 20.0):
         found = live(path, pace)
         assert np.array_equal(found.stamps, samples.stamps)
-        for name, channel in zip(CHANNELS, found.channels, strict=True):
-            assert np.array_equal(channel, getattr(samples.displacement, name), equal_nan=True)
+        assert np.array_equal(found.channels, samples.channels, equal_nan=True)
         assert np.array_equal(found.validity, samples.validity)
     return samples.validity
 
@@ -137,9 +133,10 @@ def test_sound_rows_alone_are_identified_from(long_recording, tmp_path: Path) ->
     values[800] = 1.0
     run = read_run(long_recording.changed(PROBE_TOPICS[0], values=values).write(tmp_path / 'bag'))
     kept = run.without_spikes()
-    assert run.node_rows.bridged.any()
-    assert np.isnan(kept.gaps[:, run.node_rows.bridged]).all()
-    assert not kept.complete[run.node_rows.bridged].any()
+    bridged = run.probe_marks > 0
+    assert bridged.any()
+    assert np.isnan(kept.gaps[:, bridged]).all()
+    assert not kept.complete[bridged].any()
 
 
 def test_the_fastest_change_of_the_hydraulics_is_of_the_rig_file(tmp_path: Path) -> None:

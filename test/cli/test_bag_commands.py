@@ -15,20 +15,19 @@ from saddlering_ros.record import (
     displacement_of_run,
     LOAD_TOPIC,
     PROBE_TOPICS,
-    StreamAligner,
     TestMetadata,
 )
+from saddlering_ros.record.displacement import DisplacementStream
+from saddlering_ros.record.samples import join, no_samples, Samples
 from saddlering_ros.rig import (
+    CHANNELS,
     default_rig,
-    gap_increment,
     ParameterSet,
     ParameterSource,
-    probes_to_displacement,
     read_parameters,
     TONNE,
     TRUE_TO_SCALE,
     write_parameters,
-    ZeroWindow,
 )
 from saddlering_ros.ring import RingSimulator, simulate
 
@@ -85,27 +84,21 @@ def test_displacement_equals_the_stream_bit_for_bit(bag, tmp_path):
     from saddlering_ros.bags import read_raw
 
     assert main(['displacement', str(bag), '--out', str(tmp_path / 'd.csv')]) == 0
-    raw, rig = read_raw(bag), default_rig()
+    raw = read_raw(bag)
     messages = sorted(
         (int(stamp), channel, float(value))
         for channel, topic in enumerate((LOAD_TOPIC, *PROBE_TOPICS))
         for stamp, value in zip(raw[topic].stamps, raw[topic].values, strict=True))
-    aligner, window, zero = StreamAligner(), ZeroWindow(rig), None
-    rows = []
+    stream, found = DisplacementStream(default_rig()), []
     for stamp, channel, value in messages:
-        due = aligner.push_gap(channel - 1, stamp, value) if channel else \
-            aligner.push_loads([stamp], [value])
-        for row in due:
-            rows.append(row)
-            zero = zero or window.push(row.time, row.load, row.gaps)
+        batches = [no_samples()] * 5
+        batches[channel] = Samples(np.array([stamp]), np.array([value]))
+        found.append(stream.push(batches[0], batches[1:]))
+    live = join([batch for batch in found if len(batch)])
     columns = table(tmp_path / 'd.csv')
-    assert columns['stamp_ns'].tolist() == [row.stamp for row in rows]
-    assert columns['time'].tolist() == [row.time for row in rows]
-    for place, row in enumerate(rows):
-        increments = gap_increment(rig.probes, np.array(row.gaps), np.array(zero.gaps))
-        live = probes_to_displacement(rig.probes, increments)
-        for name in ('delta_x', 'delta_y', 'gamma', 'parity'):
-            assert columns[name][place] == getattr(live, name)
+    assert columns['stamp_ns'].tolist() == live.stamps.tolist()
+    for name, channel in zip(CHANNELS, live.channels, strict=True):
+        assert columns[name].tolist() == channel.tolist()
 
 
 def test_simulate_writes_what_the_model_gives_to_the_last_bit(bag, parameters, tmp_path):

@@ -21,8 +21,8 @@ OLD = 'the old file\n'
 
 WRITERS = {
     'text': 'write_text(path, text)',
-    'csv': 'write_samples(path, samples)',
-    'parquet': 'write_samples(path, samples)',
+    'csv': 'write_samples(path, [samples])',
+    'parquet': 'write_samples(path, [samples])',
     'yaml': 'write_parameters(path, ParameterSet(TRUE_TO_SCALE, source=ParameterSource('
             'note=text)))',
 }
@@ -31,15 +31,14 @@ PRELUDE = """
 import signal, sys
 from pathlib import Path
 import numpy as np
-from saddlering_ros.bags.samples import DisplacementSamples, write_samples
 from saddlering_ros.rig import (Displacement, ParameterSet, ParameterSource, TRUE_TO_SCALE,
                                 write_parameters)
 from saddlering_ros.files import write_text
+from saddlering_ros.bags.samples import COLUMNS, write_samples
 text = 'new ' * 250_000
 numbers = np.random.default_rng(0).normal(size=50_000)
-samples = DisplacementSamples(np.arange(50_000), numbers, numbers,
-                              Displacement(numbers, numbers, numbers, numbers),
-                              np.zeros(50_000, np.uint8))
+samples = {**dict.fromkeys(COLUMNS, numbers), 'stamp_ns': np.arange(50_000),
+           'validity': np.zeros(50_000, np.uint8)}
 path = Path(sys.argv[1])
 """
 
@@ -160,7 +159,8 @@ from pathlib import Path
 import numpy as np
 from saddlering_ros.record import LOAD_TOPIC, PROBE_TOPICS, TestMetadata
 from saddlering_ros.bags.write import BagWriter, RECORDED_CHUNK_SIZE
-from saddlering_ros.streams.batches import encode_samples, Samples
+from saddlering_ros.bags.messages import encode_samples
+from saddlering_ros.record.samples import Samples
 from saddlering_ros.record.topics import LOAD, PROBES
 from saddlering_ros.errors import SaddleringError
 kinds = {LOAD_TOPIC: 'geometry_msgs/msg/WrenchStamped',

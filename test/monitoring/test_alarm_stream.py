@@ -13,9 +13,9 @@ from saddlering_ros.monitoring import (
     WAITING,
     watch,
 )
+from saddlering_ros.monitoring.stream import AlarmStream
+from saddlering_ros.record.samples import Displacements, no_displacements, no_samples, Samples
 from saddlering_ros.rig import default_rig, TRUE_TO_SCALE
-from saddlering_ros.streams.alarm import AlarmStream
-from saddlering_ros.streams.batches import Displacements, no_displacements, no_samples, Samples
 
 RIG = default_rig()
 ELEVATION = np.radians(50.0)

@@ -16,20 +16,20 @@ from saddlering_interfaces.action import DiagnoseRing, IdentifyRing
 from saddlering_interfaces.msg import RingParameters
 from saddlering_ros.bags import write_bag
 from saddlering_ros.record import TestMetadata
+from saddlering_ros.record.displacement import DisplacementStream
+from saddlering_ros.record.samples import Displacements, Samples
 from saddlering_ros.rig import default_rig
 from saddlering_ros.ros.launcher import NodeGroup
 from saddlering_ros.ros.names import NodeError
 from saddlering_ros.ros.parameters import below
-from saddlering_ros.streams import batches
-from saddlering_ros.streams.displacement import DisplacementStream
 
 pytestmark = pytest.mark.ros
 
 
-def offline_displacement(record: Any, rows: slice) -> batches.Displacements:
+def offline_displacement(record: Any, rows: slice) -> Displacements:
     return DisplacementStream(default_rig()).push(
-        batches.Samples(record.stamps[rows], record.load[rows]),
-        [batches.Samples(stamps[rows], gaps[rows]) for stamps, gaps in
+        Samples(record.stamps[rows], record.load[rows]),
+        [Samples(stamps[rows], gaps[rows]) for stamps, gaps in
          zip(record.probe_stamps, record.gaps, strict=True)])
 
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from saddlering_ros.record.displacement import DisplacementStream
+from saddlering_ros.record.samples import Displacements, join, Samples
 from saddlering_ros.rig import default_rig
-from saddlering_ros.streams.batches import Displacements, join, Samples
-from saddlering_ros.streams.displacement import DisplacementStream
 
 RIG = default_rig()
 NO_DELTA_X, NO_DELTA_Y, NO_GAMMA, NO_PARITY = 1, 2, 4, 8

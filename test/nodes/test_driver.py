@@ -9,11 +9,10 @@ import pytest
 from rosnet import Client, Driver, OUTPUTS, READERS, wait_until
 from std_srvs.srv import Trigger
 
+from saddlering_ros.record.displacement import DisplacementStream
+from saddlering_ros.record.samples import Displacements, in_order, Samples
 from saddlering_ros.rig import default_rig
 from saddlering_ros.ros.launcher import NodeGroup, RING_NODES
-from saddlering_ros.streams import batches
-from saddlering_ros.streams.batches import in_order
-from saddlering_ros.streams.displacement import DisplacementStream
 
 pytestmark = pytest.mark.ros
 PORTION = 10
@@ -31,11 +30,11 @@ def stamps_of(heard: Client, topic: str) -> set[int]:
     return set(heard.heard(topic).stamps.tolist())
 
 
-def offline(record, rows=slice(None)) -> batches.Displacements:
+def offline(record, rows=slice(None)) -> Displacements:
     stamps = record.stamps[rows]
     return DisplacementStream(default_rig()).push(
-        batches.Samples(stamps, record.load[rows]),
-        [batches.Samples(record.probe_stamps[probe][rows],
+        Samples(stamps, record.load[rows]),
+        [Samples(record.probe_stamps[probe][rows],
                          np.float64(np.float32(record.gaps[probe][rows]))) for probe in range(4)])
 
 

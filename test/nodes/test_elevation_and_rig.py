@@ -23,12 +23,12 @@ from std_srvs.srv import Trigger
 from saddlering_interfaces.msg import RingParameters
 from saddlering_ros.bags import write_bag
 from saddlering_ros.record import TestMetadata
+from saddlering_ros.record.residual import ResidualStream
+from saddlering_ros.record.samples import Displacements
 from saddlering_ros.rig import default_rig, FULL_SCALE_LOAD
 from saddlering_ros.rig.description import shipped_rig_file
 from saddlering_ros.ros.launcher import NodeGroup
 from saddlering_ros.ros.raw_topics import LATCHED
-from saddlering_ros.streams.batches import Displacements
-from saddlering_ros.streams.residual import ResidualStream
 
 KEPT = QoSProfile(depth=20, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 

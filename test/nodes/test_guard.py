@@ -5,13 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from saddlering_ros.record.displacement import DisplacementStream
 from saddlering_ros.record.guard import load_limits, probe_limits, SampleGuard
-from saddlering_ros.record.validity import BRIDGED, DOUBTFUL_LOAD
+from saddlering_ros.record.residual import ResidualStream
+from saddlering_ros.record.samples import BRIDGED, DOUBTFUL_LOAD, join, Samples
+from saddlering_ros.record.simulation import SimulationStream
 from saddlering_ros.rig import default_rig, ParameterSet, TRUE_TO_SCALE
-from saddlering_ros.streams.batches import join, Samples
-from saddlering_ros.streams.displacement import DisplacementStream
-from saddlering_ros.streams.residual import ResidualStream
-from saddlering_ros.streams.simulation import SimulationStream
 
 RIG = default_rig()
 MS = 1_000_000

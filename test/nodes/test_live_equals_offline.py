@@ -11,7 +11,7 @@ from std_srvs.srv import Trigger
 
 from saddlering_ros.bags import read_run, write_bag
 from saddlering_ros.record import TestMetadata
-from saddlering_ros.record.measured import displacement_of_run
+from saddlering_ros.record.displacement import displacement_of_run
 from saddlering_ros.rig import CHANNELS, default_rig, ParameterSet, TRUE_TO_SCALE
 from saddlering_ros.ring import simulate
 from saddlering_ros.ros.launcher import start_nodes

@@ -14,17 +14,14 @@ from sensor_msgs.msg import Range
 from saddlering_interfaces.msg import RingDisplacement
 from saddlering_ros.bags.cdr import _layout, CdrError, FEW
 from saddlering_ros.bags.layouts import DISPLACEMENT_TYPE, LAYOUTS
-from saddlering_ros.record.topics import LOAD, PROBES
-from saddlering_ros.streams.batches import (
+from saddlering_ros.bags.messages import (
     decode_displacements,
     decode_samples,
-    Displacements,
     encode_displacements,
     encode_samples,
-    join,
-    pick,
-    Samples,
 )
+from saddlering_ros.record.samples import Displacements, join, pick, Samples
+from saddlering_ros.record.topics import LOAD, PROBES
 
 STAMPS = np.array([1_700_000_000_123_456_789, 1_700_000_001_999_999_999, -5], dtype=np.int64)
 VALUES = np.array([1.25e5, -3.5, 0.1])

@@ -7,7 +7,10 @@ import pytest
 
 from saddlering_ros.bags import read_run, write_bag
 from saddlering_ros.record import TestMetadata
-from saddlering_ros.record.measured import displacement_of_run
+from saddlering_ros.record.displacement import displacement_of_run, DisplacementStream
+from saddlering_ros.record.residual import ResidualStream
+from saddlering_ros.record.samples import Displacements, join, pick, Samples
+from saddlering_ros.record.simulation import SimulationStream
 from saddlering_ros.rig import (
     CHANNELS,
     default_rig,
@@ -16,10 +19,6 @@ from saddlering_ros.rig import (
     TRUE_TO_SCALE,
 )
 from saddlering_ros.ring import simulate
-from saddlering_ros.streams.batches import Displacements, join, pick, Samples
-from saddlering_ros.streams.displacement import DisplacementStream
-from saddlering_ros.streams.residual import ResidualStream
-from saddlering_ros.streams.simulation import SimulationStream
 
 RIG = default_rig()
 NONE = Samples(np.empty(0, np.int64), np.empty(0))

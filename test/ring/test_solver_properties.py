@@ -12,6 +12,8 @@ import readable_ring as reference
 
 from saddlering_ros.effects import catalogue
 from saddlering_ros.record.guard import ReadingLimits, SampleGuard
+from saddlering_ros.record.samples import Samples
+from saddlering_ros.record.simulation import SimulationStream
 from saddlering_ros.rig import (
     Carriage,
     ContactParameters,
@@ -31,8 +33,6 @@ from saddlering_ros.ring import (
     static_batch,
 )
 from saddlering_ros.ring.kernels import integration, layout
-from saddlering_ros.streams.batches import Samples
-from saddlering_ros.streams.simulation import SimulationStream
 
 BASE = default_rig()
 QUICK = settings(max_examples=40, deadline=None, derandomize=True, database=None)

@@ -1,27 +1,31 @@
-"""Simulated ring displacement from a stream of load samples; no ROS in it."""
+"""The simulated displacement of the ring from samples of the load; of streams and of records."""
 
 from __future__ import annotations
 
 from bisect import bisect_left
 from collections import deque
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, fields
+from itertools import chain
 
 import numpy as np
 
-from saddlering_ros.bags.cdr import SECOND
-from saddlering_ros.record import seconds
-from saddlering_ros.record.alignment import JITTER_NS
+from saddlering_ros.record.alignment import JITTER_NS, longer_hold
 from saddlering_ros.record.guard import load_limits, SampleGuard
-from saddlering_ros.record.stream_aligner import longer_hold
-from saddlering_ros.rig import CHANNELS, ParameterSet, Rig
-from saddlering_ros.ring import RingSimulator, SimulatedSample
-from saddlering_ros.streams.batches import (
+from saddlering_ros.record.record import Record
+from saddlering_ros.record.samples import (
     ANY_TIME,
     Displacements,
     is_pause,
     no_displacements,
+    pick,
     Samples,
+    SECOND,
 )
+from saddlering_ros.record.scratch import BLOCK, forget
+from saddlering_ros.rig import CHANNELS, ParameterSet, Rig, ZeroReading
+from saddlering_ros.ring import RingSimulator, SimulatedSample, SimulationError
+from saddlering_ros.ring.simulator import simulate_in_blocks, SimulatedRun
 
 
 @dataclass
@@ -158,7 +162,7 @@ class SimulationStream:
                 self._held, self._newest = held, newest
             if self._epoch is None:
                 self._epoch = stamp
-            time = seconds(stamp, self._epoch)
+            time = (stamp - self._epoch) / 1e9
             self._pushed.append((time, stamp))
             self._last, self.load = stamp, load
             new = self.simulator.push(time, load)
@@ -201,3 +205,57 @@ class SimulationStream:
                              np.full(len(times), self.elevation),
                              self.guard.marks(times, to_next=True),
                              np.full(len(times), self._zero_duration))
+
+
+def simulated_stretches(
+    rig: Rig, run: Record, parameters: ParameterSet, notes: list[str],
+    on_progress: Callable[[float], None],
+) -> tuple[Iterator[Displacements], ZeroReading]:
+    """The output of the live simulator for a run in stretches, and its zero.
+
+    Notes on the simulation are appended to `notes`, the last of them after the last sample.
+    SimulationError if there is no sample at all: nothing comes before a stretch with a sample, so
+    that a ring without one writes no output.
+    """
+    stretches = _stretches(rig, run, parameters, notes, on_progress)
+    zero, first = next(stretches)
+    return chain([first], (batch for _, batch in stretches)), zero
+
+
+def _stretches(
+    rig: Rig, run: Record, parameters: ParameterSet, notes: list[str],
+    on_progress: Callable[[float], None],
+) -> Iterator[tuple[ZeroReading, Displacements]]:
+    failed, found, zero = 0, False, None
+    for simulated in simulate_in_blocks(
+            rig, parameters, run.elevation, run.time, run.load, BLOCK):
+        batch = _converged(run, simulated)
+        failed, zero = simulated.failed_steps, simulated.zero
+        found = found or bool(len(batch))
+        if found:
+            yield zero, batch
+        forget(run.stamps, run.time, run.load, run.gaps)
+        on_progress((simulated.first + len(simulated.time)) / len(run.time))
+    if not found:
+        raise SimulationError(f'{run.path}: no sample could be simulated: the solver finds no '
+                              'equilibrium of this ring: check contact.K1 and contact.K2 of the '
+                              'parameter file, and the rig file')
+    if failed:
+        notes.append(f'the solver did not converge in {failed} steps: their samples are left out')
+    if zero is not None and not zero.near_preload:
+        notes.append('the record has no steady start near the preload; its zero is at another '
+                     'load')
+
+
+def _converged(run: Record, simulated: SimulatedRun) -> Displacements:
+    """The samples of a stretch without those at which the solver did not converge."""
+    rows = slice(simulated.first, simulated.first + len(simulated.time))
+    channels = np.stack([getattr(simulated.displacement, name) for name in CHANNELS])
+    zero, count = simulated.zero, len(simulated.time)
+    first, last = run.stamps[[zero.start, zero.end - 1]].tolist()
+    batch = Displacements(
+        run.stamps[rows], channels, np.full(count, first), np.full(count, zero.load),
+        np.full(count, run.elevation),
+        np.zeros(count, np.uint8) if run.load_marks is None else run.load_marks[rows],
+        np.full(count, (last - first) / SECOND))
+    return pick(batch, np.isfinite(channels).all(axis=0))

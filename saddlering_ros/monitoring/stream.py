@@ -1,4 +1,4 @@
-"""Residuals joined with their load by stamp, and watched; no ROS in it."""
+"""Residuals joined with their load by stamp, and watched."""
 
 from __future__ import annotations
 
@@ -8,13 +8,17 @@ from dataclasses import dataclass, fields
 import numpy as np
 from numpy.typing import NDArray
 
-from saddlering_ros.monitoring import least_wander, materiality, Monitor, MonitorSettings, Sample
+from saddlering_ros.monitoring.monitor import Monitor, MonitorSettings, Sample
+from saddlering_ros.monitoring.noise import least_wander, materiality
 from saddlering_ros.record.alignment import JITTER_NS
+from saddlering_ros.record.samples import Displacements, join, no_displacements, pick, Samples
 from saddlering_ros.rig import ContactParameters, Rig
-from saddlering_ros.streams.batches import Displacements, join, no_displacements, pick, Samples
 
 MAX_WAITING = 60_000
 """Samples kept until their partner and the parameters are known: a minute at 1 kHz."""
+
+PORTION = 8192
+"""Samples made numbers of Python together: a stretch of a long record has many."""
 
 
 @dataclass
@@ -83,7 +87,7 @@ class AlarmStream:
         found = self._stamps[inside] == batch.stamps
         due = found | (batch.stamps < self._stamps[-1])
         self.counters.without_load += int((due & ~found).sum())
-        for sample in _samples(batch, np.flatnonzero(found), self._loads[inside]):
+        for sample in residual_samples(pick(batch, found), self._loads[inside[found]]):
             self.monitor.step(sample)
         self._residual = pick(batch, np.flatnonzero(~due))
         if found.any():
@@ -115,13 +119,11 @@ class AlarmStream:
         self._stamps, self._loads = self._stamps[after:], self._loads[after:]
 
 
-def _samples(
-    batch: Displacements, rows: NDArray[np.int64], loads: NDArray[np.float64]
-) -> Iterator[Sample]:
-    """The rows of a batch as samples; loads (N,) of all rows of the batch."""
-    columns = (batch.stamps[rows], batch.channels[0, rows], batch.channels[1, rows],
-               batch.channels[2, rows], loads[rows], batch.zero_stamps[rows],
-               batch.elevations[rows])
-    for stamp, x, y, gamma, load, zero, elevation in zip(
-            *(column.tolist() for column in columns), strict=True):
-        yield Sample(stamp, (x, y, gamma), load, zero, elevation)
+def residual_samples(batch: Displacements, loads: NDArray[np.float64]) -> Iterator[Sample]:
+    """The rows (N,) of a batch and their loads (N,) [N] as samples of the monitor."""
+    for start in range(0, len(batch), PORTION):
+        rows = slice(start, start + PORTION)
+        columns = (batch.stamps, *batch.channels[:3], loads, batch.zero_stamps, batch.elevations)
+        for stamp, x, y, gamma, load, zero, elevation in zip(
+                *(column[rows].tolist() for column in columns), strict=True):
+            yield Sample(stamp, (x, y, gamma), load, zero, elevation)

@@ -1,21 +1,26 @@
-"""Measured minus simulated displacement, joined by exact stamp; no ROS in it."""
+"""Measured minus simulated displacement, joined by exact stamp; of streams and of records."""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, fields
 
 import numpy as np
 
-from saddlering_ros.bags.cdr import SECOND
 from saddlering_ros.record.alignment import JITTER_NS
-from saddlering_ros.rig.zeroing import MIN_SAMPLES, STEADY_SHARE, WINDOW_SECONDS
-from saddlering_ros.streams.batches import (
+from saddlering_ros.record.displacement import measured_rows, zero_of_run
+from saddlering_ros.record.record import Record
+from saddlering_ros.record.samples import (
     Displacements,
     in_order,
     join,
     no_displacements,
     pick,
+    SECOND,
 )
+from saddlering_ros.record.simulation import simulated_stretches
+from saddlering_ros.rig import ParameterSet, Rig, ZeroReading
+from saddlering_ros.rig.zeroing import MIN_SAMPLES, STEADY_SHARE, WINDOW_SECONDS
 
 KEEP_NS = 2 * SECOND
 """A sample this far behind the newest match will find no partner any more."""
@@ -69,12 +74,15 @@ class _Side:
         if len(together) > 1 and (np.diff(together.stamps) <= 0).any():
             _, first = np.unique(together.stamps, return_index=True)
             together = pick(together, first)
-        surplus = len(together) - MAX_WAITING
-        if surplus > 0:
-            together = pick(together, np.arange(surplus, len(together)))
-            self.given_up += surplus
         self.waiting = together
         return jumped
+
+    def bound(self) -> None:
+        """Give up the oldest of more samples than may wait."""
+        surplus = len(self.waiting) - MAX_WAITING
+        if surplus > 0:
+            self.waiting = pick(self.waiting, slice(surplus, None))
+            self.given_up += surplus
 
     def forget(self, used: np.ndarray, before: int) -> int:
         """Drop rows `used` and rows stamped before `before`; how many of the latter."""
@@ -119,6 +127,13 @@ class ResidualStream:
     def push(self, measured: Displacements, simulated: Displacements) -> Displacements:
         """Take a batch of either stream; return measured minus simulated where both are there."""
         self.counters.jumps += self._measured.push(measured) + self._simulated.push(simulated)
+        residual = self._joined()
+        self._measured.bound()
+        self._simulated.bound()
+        return residual
+
+    def _joined(self) -> Displacements:
+        """The residuals at the stamps that wait on both sides."""
         ours, theirs = self._measured.waiting, self._simulated.waiting
         if not len(ours) or not len(theirs):
             return no_displacements()
@@ -218,3 +233,26 @@ def _difference(measured: Displacements, simulated: Displacements) -> Displaceme
                          measured.zero_stamps, measured.zero_loads, simulated.elevations,
                          measured.validity | simulated.validity, measured.zero_durations)
 
+
+def residual_stretches(
+    rig: Rig, run: Record, parameters: ParameterSet, notes: list[str],
+    on_progress: Callable[[float], None],
+) -> tuple[Iterator[Displacements], ZeroReading]:
+    """The residuals of a run in stretches, as the node gives them, and the zero of the probes.
+
+    Notes on the simulation are appended to `notes`, the last of them after the last sample.
+    """
+    zero = zero_of_run(rig, run)
+    stretches, _ = simulated_stretches(rig, run, parameters, notes, on_progress)
+    stream = ResidualStream(rig.full_scale_load)
+
+    def residuals() -> Iterator[Displacements]:
+        row = 0
+        for simulated in stretches:
+            if not len(simulated):
+                continue
+            end = int(np.searchsorted(run.stamps, simulated.stamps[-1], 'right'))
+            yield stream.push(measured_rows(rig, run, zero, slice(row, end)), simulated)
+            row = end
+
+    return residuals(), zero.reading

@@ -1,0 +1,333 @@
+"""The measured displacement of the ring: guard, align, zero, convert; of streams and of records.
+
+`DisplacementStream` takes batches of samples. A record is guarded and aligned when it is read; its
+zero and its displacement come from the same `ZeroWindow` and `displacements`.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from saddlering_ros.record.alignment import AlignedRows, Aligner, DEAD_AFTER_NS
+from saddlering_ros.record.errors import BagError
+from saddlering_ros.record.guard import GuardCounters, load_limits, probe_limits, SampleGuard
+from saddlering_ros.record.record import Record
+from saddlering_ros.record.samples import (
+    ANY_TIME,
+    Bits,
+    Displacements,
+    is_pause,
+    is_published,
+    join,
+    no_displacements,
+    pick,
+    Samples,
+    SECOND,
+    unknown,
+)
+from saddlering_ros.record.scratch import blocks
+from saddlering_ros.rig import (
+    CHANNELS,
+    Displacement,
+    gap_increment,
+    measured_displacement,
+    mirrored_gap,
+    Rig,
+    ZeroReading,
+    ZeroWindow,
+)
+from saddlering_ros.rig.zeroing import BLOCK as ZERO_BLOCK
+from saddlering_ros.rig.zeroing import Samples as ZeroSamples
+from saddlering_ros.rig.zeroing import zero_of_blocks
+
+Floats = NDArray[np.float64]
+Stamps = NDArray[np.int64]
+Mask = NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class Zero:
+    """What displacements count from: readings, their first stamp [ns], how long they took [s]."""
+
+    reading: ZeroReading
+    stamp: int
+    duration: float
+
+
+def a_pair_reads(gaps: Floats) -> Mask:
+    """Mask (N,) of rows of gaps (4, N) at which both radial or both axial probes read."""
+    reads = np.isfinite(gaps)
+    return np.asarray((reads[0] & reads[2]) | (reads[1] & reads[3]))
+
+
+def displacements(
+    rig: Rig, zero: Zero, stamps: Stamps, gaps: Floats, marks: Bits | None = None,
+    elevation: float = float('nan'),
+) -> Displacements:
+    """The displacement at stamps (N,) from gaps (4, N); rows without any motion are left out.
+
+    marks (N,): bits of validity beside those of channels that are not known.
+    """
+    increments = gap_increment(rig.probes, gaps, np.array(zero.reading.gaps))
+    channels = _channels(measured_displacement(rig.probes, increments))
+    count = len(stamps)
+    validity = unknown(channels) if marks is None else unknown(channels) | marks
+    batch = Displacements(
+        stamps, channels, np.full(count, zero.stamp), np.full(count, zero.reading.load),
+        np.full(count, elevation), validity, np.full(count, zero.duration))
+    kept = is_published(validity)
+    return batch if kept.all() else pick(batch, np.flatnonzero(kept))
+
+
+def _channels(found: Displacement) -> Floats:
+    return np.stack([getattr(found, name) for name in CHANNELS])
+
+
+@dataclass(frozen=True)
+class MeasuredRun:
+    """Displacement by the probes of a run, at each of its N load stamps.
+
+    time (N,) [s], stamps (N,) int64 [ns], load (N,) [N]: the run's own; d (4, N) [m]: increments
+    of the probes since zero; displacement: of (N,) arrays, NaN where not known; zero: the reading
+    taken as zero, its start and end counted in load samples; complete (N,): where all four probes
+    have a reading and a zero; given (N,): where the live node publishes a displacement, which may
+    be without the channels of a probe that does not read; validity (N,): what it publishes with
+    it, 0 or a sum of the constants of RingDisplacement.msg.
+    """
+
+    time: Floats
+    stamps: Stamps
+    load: Floats
+    d: Floats
+    displacement: Displacement
+    zero: ZeroReading
+    complete: Mask
+    given: Mask
+    validity: Bits
+
+
+def displacement_of_run(rig: Rig, run: Record) -> MeasuredRun:
+    """Zero the probes of `run` and compute the ring's displacement from them."""
+    zero = zero_of_run(rig, run).reading
+    given = run.given
+    rows = np.flatnonzero(given)
+    zero = replace(zero, start=int(rows[zero.start]), end=int(rows[zero.end - 1]) + 1)
+    increments = gap_increment(rig.probes, run.gaps, np.array(zero.gaps))
+    found = measured_displacement(rig.probes, increments)
+    complete = np.asarray(np.isfinite(increments).all(axis=0))
+    return MeasuredRun(
+        time=run.time, stamps=run.stamps, load=run.load, d=increments, displacement=found,
+        zero=zero, complete=complete, given=given & a_pair_reads(increments),
+        validity=unknown(_channels(found)) if run.probe_marks is None else
+        unknown(_channels(found)) | run.probe_marks)
+
+
+def zero_of_run(rig: Rig, run: Record) -> Zero:
+    """The zero of a run; its start and end count the rows that the live node gives."""
+    given = run.given
+    if not given.any():
+        raise BagError(f'{run.path}: the four probes never read together: record them together')
+
+    def given_blocks() -> Iterator[ZeroSamples]:
+        for part in blocks(len(given), run.time, run.load, run.gaps, size=ZERO_BLOCK):
+            rows = given[part]
+            yield run.time[part][rows], run.load[part][rows], run.gaps[:, part][:, rows]
+
+    reading = zero_of_blocks(rig, given_blocks)
+    first, last = (int(run.stamps[_given_row(given, number)])
+                   for number in (reading.start, reading.end - 1))
+    return Zero(reading, first, (last - first) / SECOND)
+
+
+def _given_row(given: Mask, number: int) -> int:
+    """Index of the row that `number` others of a mask (N,) precede."""
+    for part in blocks(len(given), given):
+        count = int(np.count_nonzero(given[part]))
+        if number < count:
+            return part.start + int(np.flatnonzero(given[part])[number])
+        number -= count
+    raise IndexError(number)
+
+
+def measured_rows(rig: Rig, run: Record, zero: Zero, part: slice) -> Displacements:
+    """Displacements at the rows of a stretch of a run that the live node gives."""
+    rows = run.given[part]
+    marks = None if run.probe_marks is None else run.probe_marks[part][rows]
+    return displacements(rig, zero, run.stamps[part][rows], run.gaps[:, part][:, rows], marks,
+                         run.elevation)
+
+
+def measured_blocks(
+    rig: Rig, run: Record, zero: Zero, on_progress: Callable[[float], None] = lambda share: None,
+) -> Iterator[Displacements]:
+    """The same stretch by stretch, so that a long run is never in memory as a whole."""
+    for part in blocks(len(run.time), run.stamps, run.time, run.load, run.gaps):
+        yield measured_rows(rig, run, zero, part)
+        on_progress(part.stop / len(run.time))
+
+
+class DisplacementStream:
+    """The displacement at each load stamp, from batches of samples in any interleaving.
+
+    The result equals that of `measured_rows` for a bag, bit for bit. Rows wait until a zero is
+    found; then they come out at once. Load stamps that jump back, or ahead by more than `max_gap`
+    [s], restart everything, the zero included: another test has begun. A jump ahead inside
+    `recording` (first and last stamp [ns]) is a pause of the same test.
+    """
+
+    def __init__(self, rig: Rig, *, max_gap: float = 10.0) -> None:
+        self._rig = rig
+        self._max_gap = round(max_gap * SECOND)
+        self.aligner = Aligner(dead_after=DEAD_AFTER_NS)
+        self.counters = GuardCounters()
+        self._load_guard = SampleGuard(load_limits(rig), self.counters)
+        self._gap_guards = [
+            SampleGuard(probe_limits(rig), self.counters if number in rig.probes.present
+                        else GuardCounters()) for number in (1, 2, 3, 4)]
+        self.elevation = float('nan')
+        self.recording = ANY_TIME
+        self._missing = np.zeros(4, np.int64)
+        self.jumps_ahead = 0
+        self.rows = 0
+        self.newest_stamp = 0
+        self.load = float('nan')
+        self._restart = 0
+        self._asked_after: int | None = None
+        self._begin(anywhere=False)
+
+    def _begin(self, *, anywhere: bool) -> None:
+        self.zero: Zero | None = None
+        self._window = ZeroWindow(self._rig, anywhere=anywhere)
+        self._waiting: list[AlignedRows] = []
+        self._offered = 0
+
+    def reset(self) -> None:
+        """Forget all samples and the zero."""
+        self.aligner.reset()
+        self.newest_stamp = 0
+        self._asked_after = None
+        self._begin(anywhere=False)
+
+    def zero_after(self, stamp: int) -> None:
+        """Take a new zero from the first steady stretch after `stamp` [ns], at any load."""
+        self._asked_after = stamp
+
+    def take_missing(self) -> list[int]:
+        """Rows without a reading (or a zero) of each of four probes since the last call."""
+        missing, self._missing = self._missing, np.zeros(4, np.int64)
+        return [int(count) for count in missing]
+
+    def events(self) -> dict[str, int]:
+        """Counts of the guard and of the aligner by name; counts of both are added."""
+        counts = Counter(self.counters.as_dict())
+        counts.update(self.aligner.counters.as_dict())
+        return {**counts, 'jumps_ahead': self.jumps_ahead}
+
+    def push(self, load: Samples, gaps: Sequence[Samples]) -> Displacements:
+        """Take a batch of the load and of each probe of the rig; return the complete rows."""
+        probes = self._rig.probes
+        if probes.absent:  # It mirrors the one that faces it.
+            other = gaps[probes.partner_row]
+            mirrored = replace(other, values=mirrored_gap(probes, other.values))
+            gaps = [*gaps[:probes.absent - 1], mirrored, *gaps[probes.absent - 1:]]
+        return self._displacements(self.aligner.push(
+            self._load_guard.push(load),
+            [guard.push(samples) for guard, samples in zip(self._gap_guards, gaps, strict=True)]))
+
+    def flush(self) -> Displacements:
+        """Take the held samples after a time without data."""
+        rows = self.aligner.push(self._load_guard.flush(),
+                                 [guard.flush() for guard in self._gap_guards])
+        return self._displacements(rows + self.aligner.release())
+
+    @property
+    def held(self) -> bool:
+        """Whether a sample waits for the next one: it may be an outlier, or be overtaken."""
+        return (self.aligner.holds or self._load_guard.holds
+                or any(guard.holds for guard in self._gap_guards))
+
+    def awaited(self, rows_before: int) -> int | None:
+        """The sample that brings the next row: 0 of the load, n of the n-th probe of the rig.
+
+        rows_before: `rows` before the last batch. None: the same as before the last batch.
+        """
+        probes = self._rig.probes
+        missing = [probe + 1 for probe in self.aligner.missing if probe + 1 != probes.absent]
+        if missing:
+            return 1 + probes.present.index(missing[-1])
+        return 0 if self.aligner.pending or self.rows == rows_before else None
+
+    def _displacements(self, aligned: list[AlignedRows]) -> Displacements:
+        found = []
+        for batch in aligned:
+            rows = batch if batch.given.all() else batch.pick(batch.given)
+            if not len(rows):
+                continue
+            self.rows += len(rows)
+            self.load = float(rows.loads[-1])
+            paired = a_pair_reads(rows.gaps)
+            for part in self._of_one_zero(rows if paired.all() else rows.pick(paired)):
+                measured = self._measured(part)
+                if len(measured):
+                    found.append(measured)
+        return join(found)
+
+    def _of_one_zero(self, rows: AlignedRows) -> Iterator[AlignedRows]:
+        """The rows in parts, before each of which the search for a new zero begins if it must."""
+        if not len(rows):
+            return
+        before = np.append(self.newest_stamp or rows.stamps[0], rows.stamps[:-1])
+        leaps = [row for row in np.flatnonzero(rows.stamps - before > self._max_gap).tolist()
+                 if not is_pause(self.recording, int(before[row]), int(rows.stamps[row]))]
+        self.jumps_ahead += len(leaps)
+        begins = dict.fromkeys(leaps, False)
+        if rows.restart != self._restart:
+            self._restart = rows.restart
+            begins[0] = False
+        if begins:
+            self._asked_after = None  # It was asked of the test before.
+        elif self._asked_after is not None and rows.stamps[-1] > self._asked_after:
+            begins[int(rows.stamps.searchsorted(self._asked_after, 'right'))] = True
+            self._asked_after = None
+        for start, stop in pairwise([*sorted({0, *begins}), len(rows)]):
+            if start in begins:
+                self._begin(anywhere=begins[start])
+            self.newest_stamp = int(rows.stamps[stop - 1])
+            yield rows.pick(slice(start, stop))
+
+    def _measured(self, rows: AlignedRows) -> Displacements:
+        if self.zero is None:
+            rows = self._after_zero(rows)
+        if self.zero is None:
+            return no_displacements()
+        marks = np.zeros(len(rows), np.uint8)
+        for guard in self._gap_guards:
+            if guard.bridges:
+                marks |= guard.marks(rows.stamps)
+        if np.isnan(rows.gaps).any():
+            self._missing += np.isnan(rows.gaps).sum(axis=1)
+        return displacements(self._rig, self.zero, rows.stamps, rows.gaps, marks, self.elevation)
+
+    def _after_zero(self, rows: AlignedRows) -> AlignedRows:
+        """Offer rows to the zero window; all that waited from the zero on, once it is found."""
+        reading = self._window.push_batch(rows.time, rows.loads, rows.gaps)
+        self._waiting.append(rows)
+        if reading is None:
+            self._offered += len(rows)
+            surplus = sum(map(len, self._waiting)) - self._window.samples
+            while self._waiting and len(self._waiting[0]) <= surplus:
+                surplus -= len(self._waiting.pop(0))
+            return rows
+        waiting, self._waiting = AlignedRows.join(self._waiting), []
+        # The window counts every row that it was offered.
+        first = len(waiting) - len(rows) + reading.start - self._offered
+        last = first + reading.end - reading.start - 1
+        stamp = int(waiting.stamps[first])
+        self.zero = Zero(reading, stamp, (int(waiting.stamps[last]) - stamp) / SECOND)
+        return waiting.pick(slice(first, None))
