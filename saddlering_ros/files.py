@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 import ctypes
 from dataclasses import dataclass, field
@@ -181,6 +181,17 @@ def _sweep(parent: Path, prefix: str, suffix: str) -> None:
                     left.unlink()
             finally:
                 os.close(handle)
+
+
+PAGE_ENDINGS = ('.html', '.htm')
+
+
+def check_ending(path: Path | str, endings: Sequence[str], error: type[Exception]) -> None:
+    """Raise `error` if a file would have the ending of another format; none at all is allowed."""
+    ending = Path(path).suffix.lower()
+    if ending and ending not in endings:
+        raise error(f'{path}: is not written as {ending[1:].upper()}: give a name that ends in '
+                    f'{" or ".join(endings)}')
 
 
 def write_text(path: Path | str, text: str,

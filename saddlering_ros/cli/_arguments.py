@@ -14,7 +14,9 @@ from saddlering_ros.errors import did_you_mean
 from saddlering_ros.files import (
     BAG_FILES,
     bag_folder,
+    check_ending,
     FileConflict,
+    PAGE_ENDINGS,
     resolved,
     same_file,
     spare_bags,
@@ -110,6 +112,11 @@ def file_written(text: str) -> Path:
     return Path(text)
 
 
+def page_written(text: str) -> Path:
+    """Type of an argument that names a page (HTML) that is written."""
+    return Path(text)
+
+
 def text_written(text: str) -> str:
     """Type of an argument that names a file that is written; '-' is standard output."""
     return text
@@ -122,7 +129,7 @@ def folder_filled(text: str) -> Path:
 
 BAGS_READ = (bag_read, bags_below)
 FILES_READ = (file_read, effects_read)
-WRITTEN = (file_written, text_written, folder_filled)
+WRITTEN = (file_written, page_written, text_written, folder_filled)
 ROLES: tuple[Any, ...] = (*BAGS_READ, *FILES_READ, *WRITTEN)
 
 
@@ -154,6 +161,8 @@ def check_files(args: argparse.Namespace, arguments: Sequence[argparse.Action]) 
         spare_bags(output.path, output.words, [(bag.path, bag.words) for bag in bags])
         if output.role is not folder_filled:
             _check_contains(output, [*files, *bags])
+        if output.role is page_written:
+            check_ending(output.path, PAGE_ENDINGS, FileConflict)
 
 
 def _effects_of_environment() -> Iterator[tuple[Path, str]]:

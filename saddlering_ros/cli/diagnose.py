@@ -16,6 +16,7 @@ from saddlering_ros.cli._arguments import (
     file_read,
     file_written,
     folder_filled,
+    page_written,
     take_effects,
 )
 from saddlering_ros.cli._terminal import finish
@@ -41,7 +42,7 @@ def add_parser(subparsers: Any) -> None:
     add_rig_option(parser)
     parser.add_argument('--params', type=file_read, help='parameter file to start from')
     add_json_option(parser, 'write the verdict as JSON; - for stdout')
-    parser.add_argument('--report', type=file_written, metavar='FILE.html', help='write a report')
+    parser.add_argument('--report', type=page_written, metavar='FILE.html', help='write a report')
     parser.add_argument('--out', type=file_written, help='write the extended parameter file here')
     parser.add_argument('--seed', type=int, default=0, help='seed of the base fit (default 0)')
     parser.add_argument('--propose', type=folder_filled, metavar='DIR',

@@ -12,6 +12,7 @@ from saddlering_ros.cli._arguments import (
     add_trust_option,
     bag_read,
     file_written,
+    page_written,
 )
 from saddlering_ros.cli._terminal import finish
 
@@ -33,7 +34,7 @@ def add_parser(subparsers: Any) -> None:
                         help="'paper': two swarm steps as published; 'default': joint fit of all")
     parser.add_argument('--out', type=file_written, help='write the parameter file here')
     add_json_option(parser, 'write all figures as JSON; - for stdout')
-    parser.add_argument('--report', type=file_written, metavar='FILE.html', help='write a report')
+    parser.add_argument('--report', type=page_written, metavar='FILE.html', help='write a report')
     parser.add_argument('--seed', type=int, default=0, help='seed of the swarm (default 0)')
     parser.add_argument('--bounds', nargs='+', default=[], metavar='NAME=LOW:HIGH',
                         help='bounds of a parameter in SI units, e.g. K1=2e7:1e9')

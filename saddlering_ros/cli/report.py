@@ -14,7 +14,7 @@ from saddlering_ros.cli._arguments import (
     add_trust_option,
     bag_read,
     file_read,
-    file_written,
+    page_written,
     take_effects,
 )
 from saddlering_ros.cli._terminal import tell_json
@@ -41,7 +41,7 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument('--identification', type=file_read, metavar='FILE.json',
                         help='JSON of the identification, from `saddlering identify --json`')
     add_rig_option(parser)
-    parser.add_argument('--out', type=file_written, required=True, metavar='FILE.html',
+    parser.add_argument('--out', type=page_written, required=True, metavar='FILE.html',
                         help='the report to write')
     add_json_option(parser, 'write all figures as JSON; - for stdout')
     add_fact_options(parser)

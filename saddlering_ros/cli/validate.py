@@ -12,8 +12,8 @@ from saddlering_ros.cli._arguments import (
     add_rig_option,
     add_trust_option,
     bag_read,
-    file_written,
     folder_filled,
+    page_written,
     take_effects,
 )
 from saddlering_ros.cli._terminal import finish
@@ -35,7 +35,7 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument('--plots', type=folder_filled, metavar='DIR',
                         help='write figures of simulated and measured over load and time, one '
                              'per run')
-    parser.add_argument('--report', type=file_written, metavar='FILE.html', help='write a report')
+    parser.add_argument('--report', type=page_written, metavar='FILE.html', help='write a report')
     add_fact_options(parser)
     add_trust_option(parser)
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from saddlering_ros.diagnosis.verdict import Verdict
 from saddlering_ros.diagnosis.wording import Document
-from saddlering_ros.files import whole_file, write_text
+from saddlering_ros.files import check_ending, PAGE_ENDINGS, whole_file, write_text
 from saddlering_ros.identification.figures import ChannelFigures, RunValidation
 from saddlering_ros.identification.validation import judge, Validation
 from saddlering_ros.pages import html
@@ -40,6 +40,7 @@ def write_diagnosis_report(
 
     command: the command line that makes the page.
     """
+    check_ending(path, PAGE_ENDINGS, ReportError)
     known = Background(
         covariance=verdict.extended_parameters().source.covariance,
         quality=[quality_of(figures.record.test_run, verdict.rig) for figures in verdict.runs],
@@ -99,6 +100,7 @@ def write_validation_report(
 
     `runs` are those validated, in order; `identification` is the JSON of an identification.
     """
+    check_ending(path, PAGE_ENDINGS, ReportError)
     beside = curves_path(path)
     write_text(
         path, validation_page(validation, runs, rig, identification, command, beside.name),

@@ -138,6 +138,9 @@ def _checked(found: RigEffect, key: str, value: float) -> float:
     if parameter.positive and value <= 0.0:
         raise VirtualRigError(f'{found.id}.{key} is {value:g} {parameter.unit}: '
                               'give a number above zero')
+    if parameter is found.parameters[0] and value < 0.0 and not parameter.signed:
+        raise VirtualRigError(f'{found.id}.{key} is {value:g} {parameter.unit}: give a number '
+                              'from zero up')
     return float(value)
 
 

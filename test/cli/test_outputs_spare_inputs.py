@@ -122,6 +122,15 @@ def test_a_folder_that_holds_an_input_is_not_replaced(bag: Path, tmp_path: Path)
     assert (bag / 'p.yaml').read_text() == 'precious'
 
 
+@pytest.mark.parametrize('line', [
+    'report BAG --params p.yaml --out r.pdf', 'diagnose BAG --report r.docx',
+    'validate BAG --params p.yaml --report r.png', 'identify BAG --report r.json'])
+def test_a_page_is_not_written_under_the_name_of_another_format(
+        line: str, bag: Path, tmp_path: Path, capsys) -> None:
+    assert main([str(bag) if word == 'BAG' else word for word in line.split()]) == 2
+    assert 'give a name that ends in .html' in capsys.readouterr().err
+
+
 def test_an_output_beside_the_bag_is_written(bag: Path, tmp_path: Path) -> None:
     assert main(['info', str(bag), '--json', str(tmp_path / 'own.json')]) == 0
     assert (tmp_path / 'own.json').exists()

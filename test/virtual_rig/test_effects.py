@@ -100,6 +100,7 @@ def test_a_request_takes_main_parameter_named_parameter_and_form():
     (['film_creep.tau=1'], [], 'share, time, rows'),
     (['film_creep=much'], [], 'NAME=NUMBER'),
     (['film_creep.time=-1'], [], 'above zero'),
+    (['radial_friction=-5'], [], 'from zero up'),
     (['film_creep=nan'], [], 'finite'),
     (['probe_gain.probe=5'], [], '1, 2, 3, 4'),
     (['film_creep=0.1'], ['film_creep=square'], 'one_time, two_times'),

@@ -13,7 +13,7 @@ from saddlering_ros.discrepancy.verdict.results import (
     RunPrediction,
     WORDS,
 )
-from saddlering_ros.files import write_text
+from saddlering_ros.files import check_ending, PAGE_ENDINGS, write_text
 from saddlering_ros.pages import html
 from saddlering_ros.pages.charts import AFTER, BEFORE, Chart, line, Panel, without_inner_labels
 from saddlering_ros.pages.html import code, number, ReportError
@@ -25,6 +25,7 @@ MAX_POINTS = 600
 
 def write_page(answer: Diagnosis, path: Path) -> None:
     """Write the page whole, or not at all."""
+    check_ending(path, PAGE_ENDINGS, ReportError)
     title = f'Verdict: {answer.verdict}'
     write_text(path, html.page(title, [
         f'<div class="verdict {answer.verdict}">{html.paragraph(title, "headline")}'
