@@ -1,6 +1,7 @@
 """The format of bags: reading and writing, and the faults of a bag.
 
-Writing is imported when it is first used: its libraries take a quarter of a second.
+Every name is imported when it is first used. A node that decodes topics imports `bags.wire` only,
+and no library of a file format.
 """
 
 from __future__ import annotations
@@ -8,12 +9,12 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from saddlering_ros import names_on_first_use
-from saddlering_ros.bags.info import bag_info, BagInfo, TopicInfo
-from saddlering_ros.bags.reader import read_raw, read_run
-from saddlering_ros.bags.repeats import refuse_repeats
-from saddlering_ros.bags.same_rig import refuse_other_rig, rig_in_words
 
 if TYPE_CHECKING:
+    from saddlering_ros.bags.info import bag_info, BagInfo, TopicInfo
+    from saddlering_ros.bags.reader import read_raw, read_run
+    from saddlering_ros.bags.repeats import refuse_repeats
+    from saddlering_ros.bags.same_rig import refuse_other_rig, rig_in_words
     from saddlering_ros.bags.write import write_bag
 
 __all__ = [
@@ -21,4 +22,7 @@ __all__ = [
     'refuse_repeats', 'rig_in_words', 'write_bag',
 ]
 
-__getattr__ = names_on_first_use(__name__, {'write_bag': 'write'})
+__getattr__ = names_on_first_use(__name__, {
+    'BagInfo': 'info', 'TopicInfo': 'info', 'bag_info': 'info', 'read_raw': 'reader',
+    'read_run': 'reader', 'refuse_other_rig': 'same_rig', 'refuse_repeats': 'repeats',
+    'rig_in_words': 'same_rig', 'write_bag': 'write'})

@@ -34,7 +34,7 @@ import numpy as np
 from numpy.typing import NDArray
 import zstandard
 
-from saddlering_ros.bags.mcap_file import MAGIC, MESSAGE, MESSAGE_HEAD, RECORD_HEAD
+from saddlering_ros.bags.mcap_read import MAGIC, MESSAGE, MESSAGE_HEAD, RECORD_HEAD
 
 _INDEX_ENTRY = np.dtype([('log_time', '<u8'), ('offset', '<u8')])
 _MESSAGE_HEAD = struct.Struct('<BQHIQQ')

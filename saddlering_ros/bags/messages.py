@@ -8,8 +8,7 @@ import struct
 import numpy as np
 from numpy.typing import NDArray
 
-from saddlering_ros.bags.cdr import decode_list, encode_list, SECOND
-from saddlering_ros.bags.layouts import DISPLACEMENT_TYPE
+from saddlering_ros.bags.wire import decode_list, DISPLACEMENT_TYPE, encode_list, SECOND
 from saddlering_ros.record.samples import (
     Displacements,
     no_displacements,

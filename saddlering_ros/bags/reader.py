@@ -9,8 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
-from saddlering_ros.bags.directory import open_directory
 from saddlering_ros.bags.exchanges import exchange_notes
+from saddlering_ros.bags.folder import open_directory
 from saddlering_ros.bags.rig_notes import line_notes, parity_notes, rig_notes
 from saddlering_ros.bags.scan import OnShare, Scan, scan, ScannedTopic
 from saddlering_ros.bags.wiring import wiring_notes

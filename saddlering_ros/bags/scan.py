@@ -12,24 +12,22 @@ import numpy as np
 from numpy.typing import NDArray
 import zstandard
 
-from saddlering_ros.bags.cdr import CdrError, decode, Readings
-from saddlering_ros.bags.directory import (
+from saddlering_ros.bags.folder import (
     BagDirectory,
     custom_data_of,
+    find_metadata,
     open_directory,
     plain_file,
 )
-from saddlering_ros.bags.facts import find_metadata
-from saddlering_ros.bags.mcap_file import (
-    CutOffError,
-    MAX_CHUNK,
-    McapBlock,
+from saddlering_ros.bags.mcap_read import CutOffError, MAX_CHUNK, McapBlock, McapFile, MESSAGE_HEAD
+from saddlering_ros.bags.wire import (
+    CdrError,
+    decode,
     McapChannel,
-    McapFile,
-    MESSAGE_HEAD,
     Messages,
+    other_fields,
+    Readings,
 )
-from saddlering_ros.bags.schemas import other_fields
 from saddlering_ros.record.errors import BagError
 from saddlering_ros.record.metadata import KEYS, METADATA_RECORD, same_text, TestMetadata
 from saddlering_ros.record.scratch import extremes, GrowingArray, LONG

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 import struct
 
-from saddlering_ros.bags.directory import open_directory
+from saddlering_ros.bags.folder import open_directory
 
 _MAGIC = b'\x89MCAP0\r\n'
 _FOOTER = struct.Struct('<BQQQI')

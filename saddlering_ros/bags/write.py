@@ -30,8 +30,8 @@ from rosbags.interfaces import (
 from rosbags.typesys import get_types_from_msg, get_typestore, Stores
 import yaml
 
-from saddlering_ros.bags.cdr import encode
 from saddlering_ros.bags.mcap_write import McapWriter, MessageBlock
+from saddlering_ros.bags.wire import encode
 from saddlering_ros.files import exchange, settle, temporary_folder
 from saddlering_ros.record.errors import BagError
 from saddlering_ros.record.metadata import METADATA_RECORD, TestMetadata

@@ -18,7 +18,7 @@ from typing import Any
 
 from mcap.reader import SeekingReader
 
-from saddlering_ros.bags.directory import (
+from saddlering_ros.bags.folder import (
     BagDirectory,
     METADATA,
     open_directory,

@@ -95,7 +95,7 @@ class Bar:
 
     def reading(self, path: Path | str) -> OnShare:
         """Callback that shows the share of a bag that was read."""
-        from saddlering_ros.bags.directory import announced
+        from saddlering_ros.bags.folder import announced
 
         words = announced(path)
         return lambda share: self.show(f'read {Path(path).name}', share, words)

@@ -23,8 +23,8 @@ from sensor_msgs.msg import Range
 
 from saddlering_interfaces.action import DiagnoseRing, IdentifyRing
 from saddlering_interfaces.msg import ReplayState, RingAlarm, RingDisplacement, RingParameters
-from saddlering_ros.bags.cdr import CdrError
 from saddlering_ros.bags.messages import decode_displacements, decode_samples
+from saddlering_ros.bags.wire import CdrError
 from saddlering_ros.errors import SaddleringError
 from saddlering_ros.live.alarms import alarm_as_page, with_link
 from saddlering_ros.live.answers import diagnosis_answer, identification_answer

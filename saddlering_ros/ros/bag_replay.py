@@ -12,9 +12,9 @@ from rclpy.parameter import Parameter as RosParameter
 from rosgraph_msgs.msg import Clock
 
 from saddlering_ros.bags import read_raw
-from saddlering_ros.bags.cdr import SECOND
 from saddlering_ros.bags.messages import decode_clock, encode_samples
 from saddlering_ros.bags.reader import usable_facts
+from saddlering_ros.bags.wire import SECOND
 from saddlering_ros.files import share_directory
 from saddlering_ros.record import RawRecord, RawTopic
 from saddlering_ros.record.checks import check_values

@@ -9,7 +9,7 @@ from builtin_interfaces.msg import Time
 import numpy as np
 
 from saddlering_interfaces.msg import DiagnosedCause, ReplayProgress, RingAlarm, RingParameters
-from saddlering_ros.bags.cdr import SECOND
+from saddlering_ros.bags.wire import SECOND
 from saddlering_ros.monitoring import Monitor
 from saddlering_ros.rig import ContactParameters, ParameterSet, ParameterSource
 from saddlering_ros.rig.parameter_file import Effects

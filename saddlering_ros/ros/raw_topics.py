@@ -18,8 +18,8 @@ from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 
-from saddlering_ros.bags.cdr import CdrError
 from saddlering_ros.bags.messages import decode_samples
+from saddlering_ros.bags.wire import CdrError
 from saddlering_ros.record.samples import Samples
 from saddlering_ros.record.topics import RigTopic
 from saddlering_ros.ros.names import NodeError

@@ -12,14 +12,13 @@ from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import Range
 
 from saddlering_interfaces.msg import RingDisplacement
-from saddlering_ros.bags.cdr import _layout, CdrError, FEW
-from saddlering_ros.bags.layouts import DISPLACEMENT_TYPE, LAYOUTS
 from saddlering_ros.bags.messages import (
     decode_displacements,
     decode_samples,
     encode_displacements,
     encode_samples,
 )
+from saddlering_ros.bags.wire import _layout, CdrError, DISPLACEMENT_TYPE, FEW, LAYOUTS
 from saddlering_ros.record.samples import Displacements, join, pick, Samples
 from saddlering_ros.record.topics import LOAD, PROBES
 

@@ -14,7 +14,6 @@ from dataclasses import dataclass, field
 import mmap
 from pathlib import Path
 import struct
-from typing import Any, NamedTuple
 import zlib
 
 import lz4.frame  # type: ignore[import-untyped]
@@ -22,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 import zstandard
 
+from saddlering_ros.bags.wire import McapChannel, Messages, take
 from saddlering_ros.record.errors import BagError
 
 MAGIC = b'\x89MCAP0\r\n'
@@ -59,28 +59,6 @@ class DamageError(BagError):
 
 class CutOffError(DamageError):
     """The file ends too early. The data before are complete (by their checksums, if any)."""
-
-
-class McapChannel(NamedTuple):
-    """A topic as the file declares it; definition: of the message type, as the file holds it."""
-
-    topic: str
-    type: str
-    encoding: str
-    schema_encoding: str
-    definition: bytes = b''
-
-
-@dataclass(frozen=True)
-class Messages:
-    """Messages of one channel in a block: where each begins, its size, and its log time [ns]."""
-
-    starts: NDArray[np.int64]
-    sizes: NDArray[np.int64]
-    log_times: NDArray[np.int64]
-
-    def __len__(self) -> int:
-        return len(self.starts)
 
 
 @dataclass(frozen=True)
@@ -363,18 +341,6 @@ class McapFile:
         return DamageError(
             f'{self.name}: {what} at byte {position} of {self.path.stat().st_size} is damaged: '
             'copy the file again')
-
-
-def take(data: NDArray[np.uint8], starts: NDArray[np.int64], dtype: str) -> NDArray[Any]:
-    """The numbers of type `dtype` that begin at each of `starts` (N,) in `data`: (N,).
-
-    Taken from a view of `data` in which a number begins at every byte; IndexError if one of them
-    would end behind the data.
-    """
-    kind = np.dtype(dtype)
-    everywhere: NDArray[Any] = np.ndarray(
-        (max(len(data) - kind.itemsize + 1, 0),), kind, data, strides=(1,))
-    return everywhere[starts]
 
 
 class _Collector:

@@ -1,8 +1,10 @@
-"""The decoder and encoder of CDR: stamps and numbers of many messages at once.
+"""Messages as bytes: the fields of each type, and the decoder and encoder of CDR.
 
-It uses NumPy views of the bytes of all messages and makes no message objects. Source of the
-layout: OMG DDS-XTypes 1.3, 7.4 (plain CDR, versions 1 and 2, both byte orders). `layouts.py` lists
-the fields of each message type.
+Every such message begins with a std_msgs/Header and continues with numbers only, so that all
+messages with the same frame id have one size. NumPy views of the bytes of all messages give stamps
+and numbers without message objects, about a hundred times as fast as rosbags decodes them
+(benchmarks/bag_reading.py). Source of the layout: OMG DDS-XTypes 1.3, 7.4 (plain CDR, versions 1
+and 2, both byte orders).
 """
 
 from __future__ import annotations
@@ -11,15 +13,52 @@ from collections.abc import Mapping, Sequence
 import contextlib
 from dataclasses import dataclass
 import functools
+import re
 import struct
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from saddlering_ros.bags.layouts import DEFAULTS, LAYOUTS
-from saddlering_ros.bags.mcap_file import Messages, take
-from saddlering_ros.record.topics import RigTopic
+from saddlering_ros.record.topics import RANGE_TYPE, RigTopic, VECTOR_TYPE, WRENCH_TYPE
+
+DISPLACEMENT_TYPE = 'saddlering_interfaces/msg/RingDisplacement'
+
+Fields = tuple[tuple[str, str], ...]
+
+
+def _vector(path: str) -> Fields:
+    return tuple((f'{path}.{axis}', 'f8') for axis in 'xyz')
+
+
+LAYOUTS: dict[str, Fields] = {
+    WRENCH_TYPE: (*_vector('wrench.force'), *_vector('wrench.torque')),
+    VECTOR_TYPE: _vector('vector'),
+    RANGE_TYPE: (
+        ('radiation_type', 'u1'), ('field_of_view', 'f4'), ('min_range', 'f4'),
+        ('max_range', 'f4'), ('range', 'f4'), ('variance', 'f4')),
+    DISPLACEMENT_TYPE: (
+        ('delta_x', 'f8'), ('delta_y', 'f8'), ('gamma', 'f8'), ('parity', 'f8'),
+        ('zero_stamp.sec', 'i4'), ('zero_stamp.nanosec', 'u4'), ('zero_load', 'f8'),
+        ('elevation', 'f8'), ('validity', 'u1'), ('zero_duration', 'f8')),
+}
+"""Fields after the header by message type, in the order of the message's definition. The name of a
+field is its path in the message; kinds are those of NumPy."""
+
+INFRARED = 1
+"""Radiation type of sensor_msgs/Range. Of its two values, the other (ultrasound) fits less."""
+
+DEFAULTS: dict[str, dict[str, float]] = {RANGE_TYPE: {'radiation_type': INFRARED}}
+"""Fields whose default is not 0."""
+
+_WORDS = {'f8': 'float64', 'f4': 'float32', 'u1': 'uint8', 'i4': 'int32', 'u4': 'uint32'}
+
+
+_NESTED = {(WRENCH_TYPE, 'wrench'): 'Wrench', (VECTOR_TYPE, 'vector'): 'Vector3',
+           (DISPLACEMENT_TYPE, 'zero_stamp'): 'Time'}
+"""Types of the fields that are messages themselves."""
+
+_FIELD = re.compile(r'^\s*([A-Za-z][\w/]*(?:\[[^\]]*\])?)\s+([A-Za-z]\w*)\s*(?![\w=\s])', re.M)
 
 ENCAPSULATION = 4
 """Bytes before the first field; alignment counts from their end."""
@@ -51,6 +90,28 @@ class CdrError(ValueError):
     """The bytes are not the expected message; the text states the reason."""
 
 
+class McapChannel(NamedTuple):
+    """A topic as the file declares it; definition: of the message type, as the file holds it."""
+
+    topic: str
+    type: str
+    encoding: str
+    schema_encoding: str
+    definition: bytes = b''
+
+
+@dataclass(frozen=True)
+class Messages:
+    """Messages of one channel in a block: where each begins, its size, and its log time [ns]."""
+
+    starts: NDArray[np.int64]
+    sizes: NDArray[np.int64]
+    log_times: NDArray[np.int64]
+
+    def __len__(self) -> int:
+        return len(self.starts)
+
+
 @dataclass(frozen=True)
 class Records:
     """Messages of one type: stamps (N,) [ns], the wanted fields (N,) by name, first frame id."""
@@ -75,6 +136,18 @@ class Readings:
     values: NDArray[np.float64]
     spans: NDArray[np.float64]
     frame_id: str
+
+
+def take(data: NDArray[np.uint8], starts: NDArray[np.int64], dtype: str) -> NDArray[Any]:
+    """The numbers of type `dtype` that begin at each of `starts` (N,) in `data`: (N,).
+
+    Taken from a view of `data` in which a number begins at every byte; IndexError if one of them
+    would end behind the data.
+    """
+    kind = np.dtype(dtype)
+    everywhere: NDArray[Any] = np.ndarray(
+        (max(len(data) - kind.itemsize + 1, 0),), kind, data, strides=(1,))
+    return everywhere[starts]
 
 
 def decode(data: NDArray[np.uint8], messages: Messages, topic: RigTopic) -> Readings:
@@ -321,3 +394,38 @@ def _as_list(values: ArrayLike, count: int) -> list[Any]:
         found: list[Any] = values.tolist()
         return found
     return [values] * count
+
+
+def definition_lines(message_type: str, last: str) -> tuple[str, ...]:
+    """The lines of a message's definition up to the field `last`, without packages.
+
+    A nested message is one line: 'Wrench wrench' for wrench.force.x.
+    """
+    lines = ['Header header']
+    for path, kind in LAYOUTS[message_type]:
+        name, dot, _ = path.partition('.')
+        line = f'{_NESTED[message_type, name]} {name}' if dot else f'{_WORDS[kind]} {name}'
+        if lines[-1] != line:
+            lines.append(line)
+        if path == last:
+            break
+    return tuple(lines)
+
+
+def other_fields(channel: McapChannel, topic: RigTopic) -> str:
+    """Reason why messages of `channel`, by their definition, cannot be read as `topic`, or ''.
+
+    Only definitions of encoding ros2msg that name any field are judged. The part after the
+    last field that is read may differ between releases of ROS.
+    """
+    if channel.schema_encoding != 'ros2msg':
+        return ''
+    expected = definition_lines(topic.type, topic.field)
+    own = channel.definition.decode('utf-8', 'replace').partition('=====')[0]
+    fields = [' '.join((found[1].rpartition('/')[2], found[2]))
+              for line in own.splitlines() if (found := _FIELD.match(line))]
+    if not fields or tuple(fields[:len(expected)]) == expected:
+        return ''
+    pairs = zip(expected, [*fields, *['nothing'] * len(expected)], strict=False)
+    wanted, there = next(pair for pair in pairs if pair[0] != pair[1])
+    return f'its definition of {channel.type} has {there!r} where {wanted!r} should be'
