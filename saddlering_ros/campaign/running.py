@@ -247,17 +247,25 @@ def run_campaign(
 def _waiting(
     tasks: Sequence[SessionTask], store: Store, count: Summary, *, retry: bool
 ) -> deque[SessionTask]:
-    """The tasks without a result, with `retry` failed ones too; the others are counted."""
+    """The tasks without a whole result, with `retry` failed ones too; the others are counted."""
     waiting = deque[SessionTask]()
     for task in tasks:
         document = store.read_result(task.key)
         if document is None:
             waiting.append(task)
-        elif retry and document['status'] == 'failed':
+        elif (retry and document['status'] == 'failed') or not _is_whole(document, task):
             waiting.append(replace(task, attempt=int(document.get('attempt', 0)) + 1))
         else:
             count.add(document, new=False)
     return waiting
+
+
+def _is_whole(document: dict[str, Any], task: SessionTask) -> bool:
+    """Whether a result is of the task's data, with the report that the task asks for."""
+    if document['status'] == 'failed':
+        return bool(document.get('kind') != 'changed')
+    return (not task.reports or bool(document['task']['reports'])
+            or document['verdict']['verdict'] == 'none')
 
 
 @dataclass

@@ -16,6 +16,8 @@ from pathlib import Path
 import resource
 from typing import Any
 
+from saddlering_ros.api.inputs import origins
+from saddlering_ros.bags.folder import open_directory
 from saddlering_ros.campaign.sessions import FIT, HOLD_OUT, Session
 from saddlering_ros.errors import SaddleringError
 from saddlering_ros.files import sha256_of_file, versions_in_use
@@ -46,9 +48,10 @@ class TaskBag:
 class SessionTask:
     """One session to be judged; everything but `key` and `seed` is given.
 
-    rig: path of the rig file ('' for the shipped rig), rig_sha256: of its bytes; reports: folder
-    for a page of every session that needs a person ('' for none); problem: why the session cannot
-    be judged; attempt: how often it was tried before.
+    rig: path of the rig file ('' for the shipped rig), rig_sha256: of its bytes; effects: hashes
+    of the user's own effect files; reports: folder for a page of every session that needs a person
+    ('' for none); problem: why the session cannot be judged; attempt: how often it was tried
+    before.
     """
 
     key: str
@@ -62,6 +65,7 @@ class SessionTask:
     rig: str
     rig_sha256: str
     limits: SessionLimits
+    effects: tuple[str, ...] = ()
     compute: str = VERDICT
     reports: str = ''
     problem: str = ''
@@ -82,6 +86,7 @@ def task_from(document: Mapping[str, Any]) -> SessionTask:
     values = dict(document)
     values['bags'] = tuple(TaskBag(**bag) for bag in values['bags'])
     values['limits'] = SessionLimits(**values['limits'])
+    values['effects'] = tuple(values['effects'])
     return SessionTask(**values)
 
 
@@ -92,27 +97,36 @@ def tasks_of(
     """A task a session; sessions of the same recordings, rig and settings have the same key."""
     limits = limits or SessionLimits()
     rig_sha256 = sha256_of_file(rig) if rig is not None else ''
+    effects = _own_effects()
     tasks: dict[str, SessionTask] = {}
     for session in sessions:
         bags = tuple(
             TaskBag(str(bag.path.resolve()), bag.sha256, role)
             for role in (FIT, HOLD_OUT) for bag in session.of_role(role))
-        key = _key(bags, rig_sha256, compute, session)
+        key = _key(bags, rig_sha256, effects, compute, session)
         tasks.setdefault(key, SessionTask(
             key=key, name=session.name, ring=session.ring, bench=session.bench, time=session.time,
             service_hours=session.service_hours, maintenance=session.maintenance, bags=bags,
             rig='' if rig is None else str(rig.resolve()), rig_sha256=rig_sha256, limits=limits,
-            compute=compute, reports='' if reports is None else str(reports.resolve()),
-            problem=session.problem))
+            effects=effects, compute=compute, problem=session.problem,
+            reports='' if reports is None else str(reports.resolve())))
     return list(tasks.values())
 
 
-def _key(bags: Sequence[TaskBag], rig_sha256: str, compute: str, session: Session) -> str:
+def _own_effects() -> tuple[str, ...]:
+    """Hashes of the user's own effect files that this process uses."""
+    return tuple(sorted(origin.sha256 for origin in origins()))
+
+
+def _key(
+    bags: Sequence[TaskBag], rig_sha256: str, effects: Sequence[str], compute: str,
+    session: Session,
+) -> str:
     """Hash of the inputs of the result: contents and roles, not places or limits."""
     identity = {
         'bags': sorted((bag.sha256 or bag.path, bag.role) for bag in bags),
-        'rig': rig_sha256, 'compute': compute, 'program': versions_in_use(),
-        'problem': session.problem,
+        'rig': rig_sha256, 'effects': list(effects), 'compute': compute,
+        'program': versions_in_use(), 'problem': session.problem,
     }
     text = json.dumps(identity, sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()[:32]
@@ -128,6 +142,28 @@ PRELOADED: tuple[str, ...] = ()
 def run(request: dict[str, Any], on_progress: OnProgress) -> dict[str, Any]:
     """Judge the session of a task's plain data within its memory; a failure is an answer too."""
     task = task_from(request)
+    answer = _answer(task)
+    changed = _changed(task)
+    return answer if not changed else failure('changed', f'{changed}: run the campaign again')
+
+
+def _changed(task: SessionTask) -> str:
+    """Which input is not the one that the key of the task names any more; '' if all are."""
+    if _own_effects() != task.effects:
+        return 'the effect files of SADDLERING_EFFECTS are not those of the campaign'
+    try:
+        if task.rig and sha256_of_file(task.rig) != task.rig_sha256:
+            return f'{task.rig} has changed since the campaign began'
+        for bag in task.bags:
+            if bag.sha256 and open_directory(bag.path).sha256() != bag.sha256:
+                return f'{bag.path} has changed since the campaign found it'
+    except (OSError, SaddleringError) as problem:
+        return ' '.join(str(problem).split())
+    return ''
+
+
+def _answer(task: SessionTask) -> dict[str, Any]:
+    """The verdict on a session, or the reason why there is none."""
     try:
         compute = _load(task.compute)
         _limit_memory(task.limits.memory)

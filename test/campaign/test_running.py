@@ -164,6 +164,67 @@ def test_keys_hold_the_limits_of_nothing_but_the_result(works):
     assert first.seed == replace(first, attempt=3).seed
 
 
+def changing(folder):
+    """Tasks of the bags, one of which gets other content after it was found."""
+    found = tasks(folder)
+    bag = Path(found[0].bags[0].path)
+    next(bag.glob('*.mcap')).write_text('another recording')
+    return found, found[0]
+
+
+def test_a_bag_that_changes_after_it_was_found_has_no_verdict_under_its_old_hash(works, tmp_path):
+    store = Store(tmp_path / 'store')
+    found, changed = changing(works)
+    with local_workers(2) as workers:
+        run_campaign(found, store, workers)
+    result = store.read_result(changed.key)
+    assert (result['status'], result['kind']) == ('failed', 'changed')
+    assert 'has changed since the campaign found it' in result['reason']
+    assert run(works, store).computed == 1  # of the new content, under its own key
+
+
+def test_a_result_of_changed_data_is_computed_again_when_the_old_are_back(works, tmp_path):
+    store = Store(tmp_path / 'store')
+    file = next(Path(tasks(works)[0].bags[0].path).glob('*.mcap'))
+    before = file.read_text()
+    found, changed = changing(works)
+    with local_workers(2) as workers:
+        run_campaign(found, store, workers)
+        file.write_text(before)
+        assert run_campaign(found, store, workers).computed == 1
+    assert store.read_result(changed.key)['status'] == 'done'
+
+
+def test_own_effects_are_part_of_the_key(works, tmp_path, monkeypatch):
+    monkeypatch.setenv('SADDLERING_EFFECTS', str(tmp_path))
+    without = tasks(works)[0]
+    (tmp_path / 'snap.yaml').write_text('one')
+    one = tasks(works)[0]
+    (tmp_path / 'snap.yaml').write_text('two')
+    assert len({without.key, one.key, tasks(works)[0].key}) == 3
+
+
+def test_a_worker_with_other_effects_than_the_campaign_gives_no_verdict(
+        works, tmp_path, monkeypatch):
+    store = Store(tmp_path / 'store')
+    found = tasks(works)
+    (tmp_path / 'effects').mkdir()
+    (tmp_path / 'effects' / 'snap.yaml').write_text('one')
+    monkeypatch.setenv('SADDLERING_EFFECTS', str(tmp_path / 'effects'))
+    with local_workers(1) as workers:
+        run_campaign(found, store, workers)
+    assert {store.read_result(task.key)['kind'] for task in found} == {'changed'}
+
+
+def test_reports_that_were_not_asked_for_before_are_written_by_a_second_run(works, tmp_path):
+    store = Store(tmp_path / 'store')
+    run(works, store)
+    asked = [replace(task, reports=str(store.reports)) for task in tasks(works)]
+    for expected in (1, 0):  # the one session whose verdict is not `none`
+        with local_workers(2) as workers:
+            assert run_campaign(asked, store, workers).computed == expected
+
+
 def finished(store):
     folder = store.folder / 'results'
     return {path.stem for path in folder.glob('[0-9a-f]*.json')
