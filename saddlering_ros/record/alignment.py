@@ -55,6 +55,9 @@ NEVER = 2**63 - 1
 KEPT = 256
 """Samples of a probe that are kept before those that no later stamp needs are discarded."""
 
+RECORD_BLOCK = 1 << 16
+"""Load samples of a record that are aligned together: they stay in the processor's cache."""
+
 SERVED, ABSENT, WAITS, IN_GAP, BEFORE = range(5)
 """What a probe answers at a load stamp. The largest answer of all probes decides on the row."""
 
@@ -129,45 +132,40 @@ def align(load_stamps: Stamps, stamps: Stamps, values: Floats) -> Floats:
         # Only the readings near this block, so that the search stays within a few pages of memory.
         low, high = np.searchsorted(stamps, [of_load[0], of_load[-1]], side='right').tolist()
         near = slice(max(low - GAP_HISTORY - 1, 0), high + 1)
-        aligned[rows] = _readings(of_load, stamps[near], values[near])
+        aligned[rows] = _readings(of_load, [Samples(stamps[near], values[near])])[0]
     return aligned
 
 
-def _readings(load_stamps: Stamps, stamps: Stamps, values: Floats) -> Floats:
-    """Readings (N,) of a probe at load stamps (N,) in order; NaN where it has none."""
-    after = stamps.searchsorted(load_stamps, 'right')
-    count = len(load_stamps)
-    # The rows with a sample at or before them and one after them lie together.
-    first, end = 0, count
-    if count and (not after[0] or after[-1] == len(stamps)):
-        first, end = after.searchsorted([1, len(stamps)]).tolist()
-    if end - first == count:
-        return _between(load_stamps, stamps, values, after)
-    found = np.full(count, math.nan)
-    if first < end:
-        found[first:end] = _between(load_stamps[first:end], stamps, values, after[first:end])
-    if end < count and len(stamps) and load_stamps[end] == stamps[-1]:
-        found[end] = values[-1]
-    return found
-
-
-def _between(
-    load_stamps: Stamps, stamps: Stamps, values: Floats, after: NDArray[np.intp],
-) -> Floats:
-    """Readings at load stamps (N,) that lie before the samples `after` (N,), and not before 0."""
-    before = after - 1
-    earlier, low = stamps[before], values[before]
-    interval, elapsed = stamps[after] - earlier, load_stamps - earlier
-    found = low + (values[after] - low) * (elapsed.astype(np.float64)
-                                           / interval.astype(np.float64))
-    is_exact = elapsed == 0
-    if is_exact.any():
-        found[is_exact] = low[is_exact]
-    long = interval > GAP_FLOOR_NS
-    if long.any():
-        rows = np.flatnonzero(long & ~is_exact)
-        places, of_place = np.unique(before[rows], return_inverse=True)
-        found[rows[_are_gaps(stamps, places)[of_place]]] = math.nan
+def _readings(load_stamps: Stamps, topics: Sequence[Samples | _Waiting]) -> Floats:
+    """Readings (C, N) of C topics at load stamps (N,) in order; NaN where one has none."""
+    shape = len(topics), len(load_stamps)
+    earlier, later = np.zeros(shape, np.int64), np.zeros(shape, np.int64)
+    low, high = np.zeros(shape), np.zeros(shape)
+    outside = []
+    for row, topic in enumerate(topics):
+        stamps, last = topic.stamps, len(topic.stamps) - 1
+        after = stamps.searchsorted(load_stamps, 'right')
+        before = after - 1
+        if last < 0 or before[0] < 0 or before[-1] == last:
+            outside.append((row, (before < 0) | (before == last)))
+            if last < 0:
+                continue
+            before, after = np.maximum(before, 0), np.minimum(after, last)
+        earlier[row], later[row] = stamps[before], stamps[after]
+        low[row], high[row] = topic.values[before], topic.values[after]
+    interval, elapsed = later - earlier, load_stamps - earlier
+    found = low + (high - low) * (elapsed / np.maximum(interval, 1))
+    is_between = elapsed != 0
+    if not is_between.all():
+        found = np.where(is_between, found, low)
+    for row, mask in outside:
+        found[row, mask & is_between[row]] = math.nan
+    if interval.max() > GAP_FLOOR_NS:
+        for row, topic in enumerate(topics):
+            rows = np.flatnonzero((interval[row] > GAP_FLOOR_NS) & is_between[row])
+            places, of_place = np.unique(
+                topic.stamps.searchsorted(earlier[row, rows]), return_inverse=True)
+            found[row, rows[_are_gaps(topic.stamps, places)[of_place]]] = math.nan
     return np.asarray(found)
 
 
@@ -289,7 +287,7 @@ class _Waiting:
             stamps, values = stamps[sound], values[sound]
         newest, jumped = self.newest, False
         while len(stamps):
-            if self._continue(stamps):
+            if self.rises_with(stamps):
                 yield _Part(jumped, stamps, values)
                 return
             behind = _newest_before(stamps, newest) - stamps > JITTER_NS
@@ -299,19 +297,30 @@ class _Waiting:
             stamps, values = stamps[end:], values[end:]
             newest, jumped = None, True
 
-    def _continue(self, stamps: Stamps) -> bool:
-        """Whether the stamps rise from the newest one on (the usual case)."""
+    def is_continued(self, samples: Samples) -> bool:
+        """Whether the samples are finite, and their stamps rise from the newest one on."""
+        return not len(samples) or (
+            self.rises_with(samples.stamps) and math.isfinite(np.add.reduce(samples.values)))
+
+    def rises_with(self, stamps: Stamps) -> bool:
+        """Whether some stamps rise, from the newest one on."""
         if self.newest is not None and stamps[0] <= self.newest:
             return False
         return len(stamps) == 1 or bool((stamps[1:] > stamps[:-1]).all())
 
+    def append(self, stamps: Stamps, values: Floats) -> None:
+        """Add samples whose stamps rise from the newest one on."""
+        self.stamps = np.concatenate((self.stamps, stamps))
+        self.values = np.concatenate((self.values, values))
+        self.newest = int(stamps[-1])
+
     def take(self, stamps: Stamps, values: Floats) -> None:
         """Put samples among the others by stamp; of two with one stamp the first counts."""
+        if self.rises_with(stamps):
+            self.append(stamps, values)
+            return
         together = np.concatenate((self.stamps, stamps))
         readings = np.concatenate((self.values, values))
-        if self._continue(stamps):
-            self.stamps, self.values, self.newest = together, readings, int(stamps[-1])
-            return
         late = int(np.count_nonzero(stamps <= _newest_before(stamps, self.newest)))
         late -= self.newest is None
         self.stamps, first = np.unique(together, return_index=True)
@@ -384,12 +393,28 @@ class Aligner:
 
     def push(self, load: Samples, probes: Sequence[Samples]) -> list[AlignedRows]:
         """Take a batch of the load and of each probe; the rows that are ready."""
+        topics, batches = [self._loads, *self._probes], [load, *probes]
+        if all(topic.is_continued(samples)
+               for topic, samples in zip(topics, batches, strict=True)):  # the usual case
+            for topic, samples in zip(topics, batches, strict=True):
+                if len(samples):
+                    topic.append(samples.stamps, samples.values)
+            if self._epoch is None and self.pending:
+                self._epoch = int(self._loads.stamps[0])
+            rows = self._drain()
+        else:
+            rows = self._push_apart(topics, batches)
+        self._tidy()
+        return rows
+
+    def _push_apart(
+        self, topics: Sequence[_Waiting], batches: Sequence[Samples],
+    ) -> list[AlignedRows]:
+        """Push a batch in which stamps go back, or with readings that are not finite."""
         rows: list[AlignedRows] = []
-        topics = [self._loads, *self._probes]
         # What lies before a jump of the stamps is aligned before anything behind one.
         for of_load, *of_probes in zip_longest(*(
-                topic.parts(samples) for topic, samples in zip(
-                    topics, (load, *probes), strict=True))):
+                topic.parts(samples) for topic, samples in zip(topics, batches, strict=True))):
             if (of_load and of_load.jumped) or any(part and part.jumped for part in of_probes):
                 rows += self.release()
             for probe, part in zip(self._probes, of_probes, strict=True):
@@ -404,7 +429,6 @@ class Aligner:
             if of_load:
                 self._take_loads(of_load.stamps, of_load.values)
             rows += self._drain()
-        self._tidy()
         return rows
 
     def release(self) -> list[AlignedRows]:
@@ -466,8 +490,7 @@ class Aligner:
             return []
         stamps = self._loads.stamps[:count]
         starts = self._run_starts(stamps)
-        gaps = np.stack([_readings(stamps, probe.stamps, probe.values)
-                         for probe in self._probes])
+        gaps = _readings(stamps, self._probes)
         missing = np.isnan(gaps)
         given = np.ones(count, dtype=bool)
         if missing.any():
@@ -488,10 +511,10 @@ class Aligner:
     def _answered(self) -> int:
         """How many waiting rows may be ready: all up to the last sample of the last probe."""
         newest = self._loads.newest
-        if newest is None or self.pending > self._max_pending or not all(
-                len(probe) for probe in self._probes):
+        last = [int(probe.stamps[-1]) for probe in self._probes if len(probe.stamps)]
+        if newest is None or self.pending > self._max_pending or len(last) < len(self._probes):
             return self.pending
-        oldest = min(int(probe.stamps[-1]) for probe in self._probes)
+        oldest = min(last)
         if newest - oldest > min(self._dead_after, self._max_wait):
             return self.pending
         return int(self._loads.stamps.searchsorted(oldest, 'right'))
@@ -499,6 +522,8 @@ class Aligner:
     def _run_starts(self, stamps: Stamps) -> Stamps:
         """For each load stamp (N,), that since which the load has gone on without a leap."""
         last = self._last_out
+        if last is not None and stamps[-1] - last <= self._dead_after:  # the usual case
+            return np.full(len(stamps), self._run_start)
         continues = last is not None and stamps[0] - last <= self._dead_after
         starts = np.full(len(stamps), self._run_start if continues else stamps[0])
         for leap in np.flatnonzero(stamps[1:] - stamps[:-1] > self._dead_after).tolist():
@@ -570,7 +595,7 @@ def aligned_record(load: Samples, probes: Sequence[Samples]) -> tuple[Floats, Ma
     given = scratch_mask(len(load))
     taken, row = [0] * len(probes), 0
     arrays = [array for one in (load, *probes) for array in (one.stamps, one.values)]
-    for part in blocks(len(load), *arrays, gaps, given):
+    for part in blocks(len(load), *arrays, gaps, given, size=RECORD_BLOCK):
         ends = [len(probe) if part.stop == len(load) else
                 int(probe.stamps.searchsorted(load.stamps[part.stop], 'right'))
                 for probe in probes]

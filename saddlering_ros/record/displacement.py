@@ -6,7 +6,7 @@ zero and its displacement come from the same `ZeroWindow` and `displacements`.
 
 from __future__ import annotations
 
-from collections import Counter
+from collections import Counter, deque
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
@@ -77,16 +77,18 @@ def displacements(
     increments = gap_increment(rig.probes, gaps, np.array(zero.reading.gaps))
     channels = _channels(measured_displacement(rig.probes, increments))
     count = len(stamps)
-    validity = unknown(channels) if marks is None else unknown(channels) | marks
+    validity = unknown(channels)
+    if marks is not None:
+        validity |= marks
     batch = Displacements(
         stamps, channels, np.full(count, zero.stamp), np.full(count, zero.reading.load),
         np.full(count, elevation), validity, np.full(count, zero.duration))
     kept = is_published(validity)
-    return batch if kept.all() else pick(batch, np.flatnonzero(kept))
+    return batch if kept.all() else pick(batch, kept)
 
 
 def _channels(found: Displacement) -> Floats:
-    return np.stack([getattr(found, name) for name in CHANNELS])
+    return np.array([getattr(found, name) for name in CHANNELS])
 
 
 @dataclass(frozen=True)
@@ -204,8 +206,8 @@ class DisplacementStream:
     def _begin(self, *, anywhere: bool) -> None:
         self.zero: Zero | None = None
         self._window = ZeroWindow(self._rig, anywhere=anywhere)
-        self._waiting: list[AlignedRows] = []
-        self._offered = 0
+        self._waiting: deque[AlignedRows] = deque()
+        self._offered = self._kept = 0
 
     def reset(self) -> None:
         """Forget all samples and the zero."""
@@ -271,8 +273,9 @@ class DisplacementStream:
                 continue
             self.rows += len(rows)
             self.load = float(rows.loads[-1])
-            paired = a_pair_reads(rows.gaps)
-            for part in self._of_one_zero(rows if paired.all() else rows.pick(paired)):
+            if np.isnan(rows.gaps).any():
+                rows = rows.pick(a_pair_reads(rows.gaps))
+            for part in self._of_one_zero(rows) if len(rows) else ():
                 measured = self._measured(part)
                 if len(measured):
                     found.append(measured)
@@ -280,9 +283,13 @@ class DisplacementStream:
 
     def _of_one_zero(self, rows: AlignedRows) -> Iterator[AlignedRows]:
         """The rows in parts, before each of which the search for a new zero begins if it must."""
-        if not len(rows):
+        newest = self.newest_stamp
+        if (newest and self._asked_after is None and rows.restart == self._restart
+                and rows.stamps[-1] - newest <= self._max_gap):  # the usual case
+            self.newest_stamp = int(rows.stamps[-1])
+            yield rows
             return
-        before = np.append(self.newest_stamp or rows.stamps[0], rows.stamps[:-1])
+        before = np.append(newest or rows.stamps[0], rows.stamps[:-1])
         leaps = [row for row in np.flatnonzero(rows.stamps - before > self._max_gap).tolist()
                  if not is_pause(self.recording, int(before[row]), int(rows.stamps[row]))]
         self.jumps_ahead += len(leaps)
@@ -306,10 +313,11 @@ class DisplacementStream:
             rows = self._after_zero(rows)
         if self.zero is None:
             return no_displacements()
-        marks = np.zeros(len(rows), np.uint8)
+        marks = None
         for guard in self._gap_guards:
             if guard.bridges:
-                marks |= guard.marks(rows.stamps)
+                bridged = guard.marks(rows.stamps)
+                marks = bridged if marks is None else marks | bridged
         if np.isnan(rows.gaps).any():
             self._missing += np.isnan(rows.gaps).sum(axis=1)
         return displacements(self._rig, self.zero, rows.stamps, rows.gaps, marks, self.elevation)
@@ -320,11 +328,12 @@ class DisplacementStream:
         self._waiting.append(rows)
         if reading is None:
             self._offered += len(rows)
-            surplus = sum(map(len, self._waiting)) - self._window.samples
-            while self._waiting and len(self._waiting[0]) <= surplus:
-                surplus -= len(self._waiting.pop(0))
+            self._kept += len(rows)
+            while self._waiting and self._kept - len(self._waiting[0]) >= self._window.samples:
+                self._kept -= len(self._waiting.popleft())
             return rows
-        waiting, self._waiting = AlignedRows.join(self._waiting), []
+        waiting = AlignedRows.join(self._waiting)
+        self._waiting.clear()
         # The window counts every row that it was offered.
         first = len(waiting) - len(rows) + reading.start - self._offered
         last = first + reading.end - reading.start - 1

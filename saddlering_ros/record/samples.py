@@ -21,6 +21,8 @@ SECOND = 1_000_000_000
 NOT_KNOWN = dict(zip(CHANNELS, (1, 2, 4, 8), strict=True))
 """Bits of unknown channels in `validity`, as in RingDisplacement.msg."""
 
+_BITS = np.array(list(NOT_KNOWN.values()), np.uint8)
+
 BRIDGED = 16
 """Bit of a result that was interpolated across a reading that was refused."""
 
@@ -33,8 +35,10 @@ ANY_TIME = (0, 0)
 
 def unknown(channels: Floats) -> Bits:
     """Bits (N,) for the channels (4, N) that are NaN."""
-    bits = np.array(list(NOT_KNOWN.values()), np.uint8)[:, None]
-    marks: Bits = (np.isnan(channels) * bits).sum(axis=0, dtype=np.uint8)
+    is_unknown = np.isnan(channels)
+    if not is_unknown.any():
+        return np.zeros(channels.shape[1], np.uint8)
+    marks: Bits = (is_unknown * _BITS[:, None]).sum(axis=0, dtype=np.uint8)
     return marks
 
 
