@@ -6,6 +6,7 @@ import sys
 from typing import Any, TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from saddlering_ros.api.comparison import compare, ComparisonResult
     from saddlering_ros.api.functions import diagnose, identify, validate
     from saddlering_ros.api.inputs import Bag, read_bag
     from saddlering_ros.api.results import (
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
 __version__ = '0.1.0'
 
 _PLACES = {
+    'compare': 'api.comparison', 'ComparisonResult': 'api.comparison',
     'diagnose': 'api.functions', 'identify': 'api.functions', 'validate': 'api.functions',
     'Bag': 'api.inputs', 'read_bag': 'api.inputs', 'Progress': 'progress',
     'DiagnosisResult': 'api.results', 'IdentificationResult': 'api.results',
@@ -30,9 +32,9 @@ _PLACES = {
 itself cheap to import."""
 
 __all__ = [
-    'Bag', 'Cancelled', 'DiagnosisResult', 'IdentificationResult', 'ParameterSet', 'Progress',
-    'Rig', 'SaddleringError', 'ValidationResult', '__version__', 'diagnose', 'identify',
-    'load_rig', 'read_bag', 'read_parameters', 'validate',
+    'Bag', 'Cancelled', 'ComparisonResult', 'DiagnosisResult', 'IdentificationResult',
+    'ParameterSet', 'Progress', 'Rig', 'SaddleringError', 'ValidationResult', '__version__',
+    'compare', 'diagnose', 'identify', 'load_rig', 'read_bag', 'read_parameters', 'validate',
 ]
 
 def names_on_first_use(package: str, places: Mapping[str, str]) -> Callable[[str], Any]:

@@ -152,14 +152,15 @@ def inputs_of(
     bags: BagLike | Iterable[BagLike], *, rig: RigLike = None, trust_rig: bool = False,
     hold_out: BagLike | Iterable[BagLike] = (), parameters: ParametersLike | None = None,
     on_progress: OnProgress | None = None, is_cancelled: IsCancelled | None = None,
+    names: tuple[str, str] = ('bags', 'hold_out'),
 ) -> Inputs:
     """The inputs of a call; paths are read, one bag may stand without a list.
 
     Without `rig`, the rig is that with which the bags were read. Raises ApiError or BagError if a
-    bag or the parameters belong to another rig, unless trust_rig.
+    bag or the parameters belong to another rig, unless trust_rig. names: of the two arguments.
     """
     check_calls(on_progress, is_cancelled)
-    given, held = _several('bags', bags), _several('hold_out', hold_out)
+    given, held = _several(names[0], bags), _several(names[1], hold_out)
     in_use = rig_of([*given, *held], rig)
     law = None if parameters is None else as_parameters(parameters)
 

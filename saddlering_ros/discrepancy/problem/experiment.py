@@ -55,7 +55,8 @@ class Assumptions:
     coordinate_waves: half waves that are tested along the first coordinate and along each
     other one; proposes_law: whether a law is proposed if no cause explains the misfit;
     many_valleys: whether the base may have several minima, so that the best one without an
-    effect may be far from the best one with it.
+    effect may be far from the best one with it; is_persistent: whether nuisance parameters are
+    properties of this machine that its runs measure, so that the published sizes allow for them.
     """
 
     learn_noise: LearnNoise = learn_noise
@@ -66,6 +67,7 @@ class Assumptions:
     coordinate_waves: tuple[int, int] = (6, 3)
     proposes_law: bool = True
     many_valleys: bool = False
+    is_persistent: bool = False
 
     def frees_constant(self, channel: int) -> bool:
         """Whether a constant in a channel has no meaning."""

@@ -51,7 +51,9 @@ class Publication:
     ) -> None:
         experiment = space.metric.experiment
         self.experiment, self.runs = experiment, list(runs)
-        self.metric: Metric = space.metric.marginalise(offset_columns(experiment))
+        self.metric: Metric = (
+            space.metric if experiment.assumptions.is_persistent
+            else space.metric.marginalise(offset_columns(experiment)))
         less = {name: space.without(fit, name) for name in fit.candidate.ids}
         judged = [space.base, fit, *less.values()]
         self.base, self.fit, *others = refit_full_jacobian(

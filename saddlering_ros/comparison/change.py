@@ -1,0 +1,362 @@
+"""What changed in one ring between two sessions: the verdict, its sizes, and the contact law."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from saddlering_ros.bags import refuse_repeats
+from saddlering_ros.comparison.maker import common_loads, maker_figures, MakerFigures
+from saddlering_ros.comparison.sessions import (
+    CONTACT_CHANGE,
+    EARLIER,
+    LATER,
+    QUANTITIES,
+    SESSION,
+    SETTINGS,
+    TwoSessions,
+)
+from saddlering_ros.diagnosis.next_test import confirming, for_group
+from saddlering_ros.diagnosis.proposals import propose
+from saddlering_ros.diagnosis.records import build_record, check_set, PreparedRecord
+from saddlering_ros.diagnosis.ring_system import RingSystem
+from saddlering_ros.diagnosis.wording import title_of
+from saddlering_ros.discrepancy import Assumptions, Cause, Diagnosis, ModelErrorPrior, Settings
+from saddlering_ros.discrepancy.engine import diagnose_system, first_guess, prepare
+from saddlering_ros.discrepancy.problem.experiment import Experiment
+from saddlering_ros.discrepancy.problem.fits import tangent
+from saddlering_ros.discrepancy.search.limits import observed
+from saddlering_ros.errors import SaddleringError
+from saddlering_ros.files import Provenance
+from saddlering_ros.identification import identify
+from saddlering_ros.progress import IsCancelled, OnProgress, Watch
+from saddlering_ros.quantities import finite_json
+from saddlering_ros.record import Record
+from saddlering_ros.rig import PARAMETER_NAMES, Rig
+
+Array = NDArray[np.float64]
+
+PERSISTENT_MODEL_ERROR = ModelErrorPrior(smooth=3e-3, loop=1e-3)
+"""Smooth error of the simulator that both sessions share: ten times that of a diagnosis.
+
+Raceways of a real ring wave by tens of micrometres. The earlier session measures the error, so
+that the width of the prior costs one degree of freedom for each shape and no more.
+"""
+
+
+DRAWN_DATES = 'virtual rig'
+"""Bags of the virtual rig state this as their rig; their dates are drawn."""
+
+
+class ComparisonError(SaddleringError):
+    """Sessions that cannot be compared; one line: fault, place, remedy."""
+
+
+@dataclass(frozen=True)
+class Number:
+    """A number with its standard deviation, both in SI."""
+
+    value: float
+    std: float
+
+
+@dataclass(frozen=True)
+class Change:
+    """What changed between two sessions.
+
+    diagnosis: the engine's result, whose causes state the size after minus the size before;
+    before, after: the records; contact: per parameter the numbers before, after and of the change;
+    limits_alone: detection limit of each effect in the later session alone; maker: figures of the
+    first static test of each session at equal elevation, if there is a pair.
+    """
+
+    diagnosis: Diagnosis
+    before: tuple[PreparedRecord, ...]
+    after: tuple[PreparedRecord, ...]
+    contact: Mapping[str, tuple[Number, Number, Number]]
+    limits_alone: Mapping[str, float]
+    maker: tuple[MakerFigures, MakerFigures] | None
+    notes: tuple[str, ...]
+    next_test: str | None
+    rig: Rig
+    seed: int
+
+    @property
+    def verdict(self) -> str:
+        """'none', 'named', 'ambiguous' or 'unknown'."""
+        return self.diagnosis.verdict
+
+    @property
+    def headline(self) -> str:
+        """The verdict in one sentence."""
+        if self.verdict == 'none':
+            return 'Nothing changed between the sessions that these tests could show.'
+        words = '; '.join(change_words(cause) for cause in self.diagnosis.causes)
+        if self.verdict == 'named':
+            return f'Changed since the earlier session: {words}.'
+        if self.verdict == 'ambiguous':
+            return f'Something changed, and several causes explain it equally: {words}.'
+        return ('Something changed, and no cause of the catalogue is established'
+                + (f'; in part: {words}.' if words else '.'))
+
+    def to_json(self) -> dict[str, Any]:
+        """The verdict document of the change."""
+        found = self.diagnosis
+        reach = _seen(found)
+        document = {
+            'verdict': self.verdict,
+            'headline': self.headline,
+            'causes': [] if self.verdict == 'none' else [
+                _cause_document(cause, self.verdict == 'unknown') for cause in found.causes],
+            'runs': [
+                {'bag': str(record.test_run.path), 'session': session, 'held_out': False,
+                 'elevation_deg': math.degrees(record.test_run.elevation),
+                 'test': record.test_run.test, 'channels': reach[record.run.name]}
+                for session, records in (('before', self.before), ('after', self.after))
+                for record in records],
+            'parameters': {
+                place: {key: number for name, numbers in self.contact.items()
+                        for key, number in ((name, numbers[index].value),
+                                            (f'{name}_std', numbers[index].std))}
+                for index, place in enumerate(('before', 'after', 'change'))},
+            'next_test': self.next_test,
+            'detection_limits': [
+                {'effect': item.effect, 'limit': item.limit, 'unit': item.unit,
+                 'one_session': self.limits_alone.get(item.effect), 'testable': item.testable}
+                for item in found.observability.limits],
+            'maker': None if self.maker is None else {
+                'before': self.maker[0].as_dict(), 'after': self.maker[1].as_dict(),
+                'wear': self.maker[1].wear_since(self.maker[0])},
+            'notes': list(self.notes),
+            'proposal': None,
+            'provenance': Provenance(tuple(
+                record.test_run.origin for record in (*self.before, *self.after))).as_dict(),
+            'seed': self.seed,
+            'seconds': found.seconds,
+        }
+        answer: dict[str, Any] = finite_json(document)
+        return answer
+
+
+def name_of(effect_id: str) -> str:
+    """The title of a cause, also of the one that only a comparison has."""
+    return 'Change of a contact parameter' if effect_id == CONTACT_CHANGE else title_of(effect_id)
+
+
+def change_words(cause: Cause) -> str:
+    """A cause with the change of its size: 'dry friction ... by +1.5e+03 +/- 1.6e+02 N'."""
+    name, size = next(iter(cause.parameters.items()))
+    others = ' or '.join(name_of(effect) for effect in cause.group if effect != cause.effect)
+    words = (f'{cause.definition.title.lower()}, {name} by {size.value:+.3g} +/- {size.std:.2g} '
+             f'{size.unit}').rstrip(' 1')
+    return f'{words} (or {others.lower()})' if others else words
+
+
+def compare_records(
+    before: Sequence[Record], after: Sequence[Record], *, rig: Rig, seed: int = 0,
+    on_progress: OnProgress | None = None, is_cancelled: IsCancelled | None = None,
+) -> Change:
+    """What changed from the records of one session to those of a later one, of one ring.
+
+    ComparisonError (one line) if the sessions cannot be compared.
+    """
+    notes = _check_sessions(before, after)
+    watch = Watch('compare', on_progress, is_cancelled)
+    earlier, later = (
+        tuple(_named(build_record(rig, record, held_out=False), session, number)
+              for number, record in enumerate(records, start=1))
+        for session, records in (('before', before), ('after', after)))
+    watch.progress('contact parameters', 0.0)
+    start = dict(zip(PARAMETER_NAMES, identify(
+        list(before), rig, is_cancelled=is_cancelled).parameters.contact.to_array(), strict=True))
+    system = TwoSessions(RingSystem(rig), frozenset(item.run.name for item in earlier))
+    fitted = [item.run for item in (*earlier, *later)]
+    found = diagnose_system(
+        system, fitted, replace(SETTINGS, seed=seed),
+        assumptions=Assumptions(model_error=PERSISTENT_MODEL_ERROR, proposes_law=False,
+                                is_persistent=True),
+        start=start, proposals=propose(rig, [item.run for item in later]),
+        on_progress=on_progress, is_cancelled=is_cancelled)
+    watch.progress('limits of the later session alone', 0.95)
+    notes += [*check_set([*earlier, *later], rig), *found.warnings]
+    contact = contact_of_sessions(found, system)
+    found = replace(found, causes=tuple(_as_change(cause) for cause in found.causes))
+    return Change(
+        found, earlier, later, contact, _limits_alone(rig, later, start, seed, watch),
+        _maker(rig, before, after), tuple(notes), _next_test(found), rig, seed)
+
+
+def _check_sessions(before: Sequence[Record], after: Sequence[Record]) -> list[str]:
+    """Reasons for doubt, a sentence each; ComparisonError for sessions that are no pair."""
+    for name, records in (('before', before), ('after', after)):
+        if not records:
+            raise ComparisonError(f'{name}: no bags: give at least one bag of each session')
+    refuse_repeats([*before, *after])
+    rings = [{record.rig for record in records if record.rig} for records in (before, after)]
+    if rings[0] and rings[1] and not rings[0] & rings[1]:
+        raise ComparisonError(
+            f'before is of {", ".join(sorted(rings[0]))} and after of '
+            f'{", ".join(sorted(rings[1]))}: compare sessions of one ring')
+    dated = all(record.rig != DRAWN_DATES for record in (*before, *after))
+    if dated and min(int(record.stamps[0]) for record in before) > max(
+            int(record.stamps[0]) for record in after):
+        raise ComparisonError('every bag of before was recorded later than those of after: '
+                              'exchange the sessions')
+    notes = []
+    hashes = [{record.rig_hash for record in records} - {''} for records in (before, after)]
+    if hashes[0] and hashes[1] and hashes[0] != hashes[1]:
+        notes.append('the sessions state different rig files: a changed dimension looks like a '
+                     'changed ring; record one test with the rig of the earlier session')
+    places = [{record.details.get('slew_deg', '') for record in records} - {''}
+              for records in (before, after)]
+    if places[0] and places[1] and places[0] != places[1]:
+        notes.append('the ring stood at another slewing angle: waviness of the raceways does not '
+                     'cancel; repeat the later session at the marked position')
+    kinds = [{(record.test, round(math.degrees(record.elevation))) for record in records}
+             for records in (before, after)]
+    notes += [f'after: {test} at {degrees} deg has no counterpart in the earlier session; errors '
+              'that belong to this test alone do not cancel'
+              for test, degrees in sorted(kinds[1] - kinds[0])]
+    return notes
+
+
+def _named(record: PreparedRecord, session: str, number: int) -> PreparedRecord:
+    """The record with a run of a name of its own: bags of two sessions often share theirs."""
+    run = replace(record.run, name=f'{session} {number}: {record.run.name}')
+    return replace(record, run=run)
+
+
+def _as_change(cause: Cause) -> Cause:
+    """The cause with the change of its size, after minus before."""
+    parameters = {name: item for name, item in cause.parameters.items() if name != SESSION}
+    if cause.effect == CONTACT_CHANGE:
+        quantity = QUANTITIES[round(parameters.pop('quantity').value)]
+        return replace(cause, parameters={quantity: parameters['change']})
+    if cause.parameters[SESSION].value == EARLIER:
+        size = cause.definition.size.name
+        parameters[size] = replace(parameters[size], value=-parameters[size].value)
+    return replace(cause, parameters=parameters)
+
+
+def _next_test(found: Diagnosis) -> str | None:
+    """The measurement that would settle what is open."""
+    groups = [cause.group for cause in found.causes if len(cause.group) > 1]
+    if found.verdict == 'ambiguous' and groups:
+        sentence = for_group(groups[0], found.separations)
+        return (sentence or found.causes[0].definition.settled_by).replace(
+            CONTACT_CHANGE, name_of(CONTACT_CHANGE).lower())
+    if found.verdict == 'named':
+        return confirming(found.causes[0].effect, ())
+    return None
+
+
+def _limits_alone(
+    rig: Rig, later: Sequence[PreparedRecord], start: Mapping[str, float], seed: int, watch: Watch,
+) -> dict[str, float]:
+    """Detection limit of each effect in the later session without the earlier one."""
+    system = RingSystem(rig)
+    space = prepare(Experiment(system, [item.run for item in later], None),
+                    first_guess(system, start), Settings(seed=seed), watch)
+    return {item.effect: item.limit for item in observed(space).limits}
+
+
+def contact_of_sessions(
+    found: Diagnosis, system: TwoSessions,
+) -> dict[str, tuple[Number, Number, Number]]:
+    """Contact parameters before, after, and their change, each with its standard deviation.
+
+    One linear step from the fit with the causes, in which each session has a contact law of its
+    own: errors that both sessions share are marginalised, and so is the size of every cause but a
+    change of the contact law itself.
+    """
+    metric, fit = found.fits.metric, found.fits.after
+    experiment = metric.experiment
+    parameters = system.base_parameters
+    count = len(parameters)
+    changes = tangent(metric, fit).plain
+    is_later = np.zeros(experiment.size, dtype=bool)
+    for index, _, part in experiment.slices:
+        is_later[part] = system.session_of(experiment.runs[index]) == LATER
+    shared = changes[:, :count]
+    own = [changes[:, part] for effect, _, part in fit.candidate.slices(count)
+           if effect.id != CONTACT_CHANGE]
+    of_session = [np.where(there[:, None], shared, 0.0) for there in (~is_later, is_later)]
+    columns = metric.whiten(np.hstack([*of_session, *own]))
+    residual = metric.whiten(experiment.measured - fit.prediction)
+    # The whole range of a parameter is one standard deviation of its prior, as in every fit.
+    precision = columns.T @ columns + np.eye(columns.shape[1])
+    covariance = np.linalg.inv(precision)
+    step = covariance @ (columns.T @ residual)
+    answers = {}
+    changed = _contact_factors(fit.point.effects)
+    for index, item in enumerate(parameters):
+        unit = float(fit.theta_unit[index])
+        slope = item.slope(unit)
+        value = item.from_unit(unit)
+        earlier = value + slope * float(step[index])
+        later = value * changed.get(item.name, 1.0) + slope * float(step[count + index])
+        both = slope**2 * covariance[np.ix_([index, count + index], [index, count + index])]
+        answers[item.name] = (
+            Number(earlier, math.sqrt(both[0, 0])), Number(later, math.sqrt(both[1, 1])),
+            Number(later - earlier, math.sqrt(both[0, 0] + both[1, 1] - 2.0 * both[0, 1])))
+    return answers
+
+
+def _contact_factors(effects: Mapping[str, Mapping[str, float]]) -> dict[str, float]:
+    """Factors of the contact parameters in the later session by a cause of that kind."""
+    values = effects.get(CONTACT_CHANGE)
+    return {} if values is None else {
+        QUANTITIES[round(values['quantity'])]: 1.0 + values['change']}
+
+
+def _seen(found: Diagnosis) -> dict[str, dict[str, dict[str, float]]]:
+    """Misfit of each run and channel without and with the causes, errors of both sessions removed.
+
+    rms values over the measured range of the channel, as in every verdict document.
+    """
+    metric = found.fits.metric
+    experiment = metric.experiment
+    residuals = [metric.without_nuisances(fit.prediction - experiment.measured)
+                 for fit in (found.fits.before, found.fits.after)]
+    answers: dict[str, dict[str, dict[str, float]]] = {run.name: {} for run in experiment.runs}
+    for view, weights in experiment.system.views.items():
+        seen = [experiment.view_residuals(residual, view) for residual in residuals]
+        for run, before, after in zip(experiment.runs, *seen, strict=True):
+            span = max(float(np.ptp(weights @ run.channels)), 1e-12)
+            noise = math.sqrt(sum(
+                weight**2 * float(np.mean(metric.noise[run.name, channel].variances(run.width)))
+                for channel, weight in enumerate(weights) if weight))
+            answers[run.name][view] = {
+                'nrmse_before': math.sqrt(experiment.mean_square(before, run, view)) / span,
+                'nrmse_after': math.sqrt(experiment.mean_square(after, run, view)) / span,
+                'noise_floor': noise / span}
+    return answers
+
+
+def _cause_document(cause: Cause, is_partial: bool) -> dict[str, Any]:
+    document: dict[str, Any] = {
+        'effect': cause.effect, 'group': list(cause.group), 'title': cause.definition.title,
+        'parameters': {name: {'value': item.value, 'std': item.std, 'unit': item.unit}
+                       for name, item in cause.parameters.items()},
+        'evidence': {'p_value': cause.p_value, 'delta_bic': cause.delta_bic},
+        'gain': {'fit': cause.gain.fit, 'held_out': cause.gain.held_out},
+        'share_of_range': cause.visible}
+    return {**document, 'partial': True} if is_partial else document
+
+
+def _maker(
+    rig: Rig, before: Sequence[Record], after: Sequence[Record],
+) -> tuple[MakerFigures, MakerFigures] | None:
+    """Figures of the first static tests at one elevation, one of each session."""
+    for first in before:
+        for second in after:
+            alike = abs(first.elevation - second.elevation) < math.radians(0.5)
+            if first.test == second.test == 'static' and alike and not rig.probes.absent:
+                loads = common_loads(first, second)
+                return maker_figures(rig, first, loads), maker_figures(rig, second, loads)
+    return None

@@ -1,0 +1,125 @@
+"""A comparison of two sessions as text, as figures and as one HTML page."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+
+from saddlering_ros.comparison.change import Change, change_words, name_of
+from saddlering_ros.discrepancy import RunBlocks
+from saddlering_ros.files import write_text
+from saddlering_ros.pages import html
+from saddlering_ros.pages.charts import AFTER, BEFORE, Chart, line, markers, Panel
+from saddlering_ros.pages.html import Cell, code, number, ReportError
+from saddlering_ros.quantities import probability, quantity
+from saddlering_ros.rig import MICRO_UNITS, PARAMETER_UNITS
+
+PER_MILLION = 1e6
+KILONEWTON = 1e-3
+
+
+def change_text(change: Change) -> str:
+    """The comparison as the command prints it."""
+    lines = [f'verdict: {change.verdict}', change.headline]
+    lines += [f'  p {probability(cause.p_value)}: {change_words(cause)}'
+              for cause in change.diagnosis.causes]
+    lines.append('contact law, before, after and change:')
+    for name, (before, after, both) in change.contact.items():
+        unit = PARAMETER_UNITS[name]
+        lines.append(f'  {name}: {quantity(before.value, unit, before.std)}, '
+                     f'{quantity(after.value, unit, after.std)}, '
+                     f'{quantity(both.value, unit, both.std)}')
+    if change.maker is not None:
+        first, second = change.maker
+        wear = second.wear_since(first)
+        lines.append(
+            f'figures of makers at {math.degrees(first.elevation):g} deg, from '
+            f'{change.rig.force_words(first.low)} to {change.rig.force_words(first.high)}: '
+            f'tilting clearance {1e3 * first.tilting_clearance:.5f} to '
+            f'{1e3 * second.tilting_clearance:.5f} mm '
+            f'({wear["tilting_clearance_mm"]:+.5f} +/- {wear["tilting_clearance_std_mm"]:.5f}), '
+            f'axial reduction {1e3 * first.axial_reduction:.5f} to '
+            f'{1e3 * second.axial_reduction:.5f} mm '
+            f'({wear["axial_reduction_mm"]:+.5f} +/- {wear["axial_reduction_std_mm"]:.5f})')
+    lines += [f'next test: {change.next_test}'] if change.next_test else []
+    lines += [f'note: {note}' for note in change.notes]
+    return '\n'.join(lines)
+
+
+def change_chart(change: Change) -> Chart:
+    """What the simulation leaves of each later run, over the load: without and with the causes.
+
+    Errors that both sessions share are removed.
+    """
+    metric = change.diagnosis.fits.metric
+    experiment = metric.experiment
+    before, after = (metric.without_nuisances(experiment.measured - fit.prediction)
+                     for fit in (change.diagnosis.fits.before, change.diagnosis.fits.after))
+    later = {record.run.name for record in change.after}
+    runs = [run for run in experiment.runs if run.name in later]
+    views = list(experiment.system.views)
+    panels = []
+    for row, view in enumerate(views):
+        seen = [dict(zip((run.name for run in experiment.runs),
+                         experiment.view_residuals(residual, view), strict=True))
+                for residual in (before, after)]
+        panels += [
+            Panel(row, column, 'load [kN]', f'{view} [{MICRO_UNITS[view]}]', (
+                markers(_load(run), PER_MILLION * seen[0][run.name], '.', BEFORE,
+                        'without the causes', size=2.5),
+                line(_load(run), PER_MILLION * (seen[0][run.name] - seen[1][run.name]), AFTER,
+                     'explained by the causes')),
+                title=run.name.partition(': ')[2] if not row else '',
+                shows_x_label=row == len(views) - 1, shows_y_label=not column)
+            for column, run in enumerate(runs)]
+    return Chart(tuple(panels), 3.6 * len(runs), 1.9 * len(views), (1.0,) * len(views), len(runs))
+
+
+def _load(run: RunBlocks) -> np.ndarray:
+    """Mean load of each block [kN]."""
+    return KILONEWTON * np.asarray(run.inputs['load'])
+
+
+def write_change_page(change: Change, path: Path, command: str = '') -> None:
+    """Write the page whole, or not at all."""
+    contact: list[list[str | Cell]] = [
+        [code(name), *(number(quantity(item.value, PARAMETER_UNITS[name], item.std))
+                       for item in numbers)]
+        for name, numbers in change.contact.items()]
+    limits: list[list[str | Cell]] = [
+        [name_of(item.effect), number(quantity(item.limit, item.unit)),
+         number(quantity(change.limits_alone.get(item.effect), item.unit))]
+        for item in change.diagnosis.observability.limits if item.testable]
+    write_text(path, html.page('What changed', [
+        f'<div class="verdict {change.verdict}">{html.paragraph(change.headline, "headline")}'
+        + (html.paragraph(f'Next: {change.next_test}', 'next') if change.next_test else '')
+        + '</div>',
+        html.section('Change of the later runs', html.picture(
+            change_chart(change), 'change',
+            'Measured minus simulated in the later session, over the load. Errors that both '
+            'sessions share are removed. The line is the part that the causes explain.')),
+        html.section('Contact law', html.table(
+            ['parameter', number('before'), number('after'), number('change')], contact)),
+        html.section('Figures of makers', _maker_table(change)),
+        html.section('Smallest change that these sessions could show', html.table(
+            ['cause', number('change'), number('in the later session alone')], limits)),
+        html.section('Notes', html.bullets(change.notes)),
+        html.section('Command', html.commands([command])) if command else ''
+    ]), ReportError)
+
+
+def _maker_table(change: Change) -> str:
+    if change.maker is None:
+        return ''
+    first, second = change.maker
+    documents = [first.as_dict(), second.as_dict(), second.wear_since(first)]
+    rows: list[list[str | Cell]] = [
+        [words, *(number(f'{item[f"{key}_mm"]:.5f} ± {item[f"{key}_std_mm"]:.5f} mm')
+                  for item in documents)]
+        for words, key in (('tilting clearance', 'tilting_clearance'),
+                           ('axial reduction', 'axial_reduction'))]
+    loads = (f'Static tests at {math.degrees(first.elevation):g} deg, between '
+             f'{change.rig.force_words(first.low)} and {change.rig.force_words(first.high)}.')
+    return html.table(['', number('before'), number('after'), number('wear')], rows, loads)

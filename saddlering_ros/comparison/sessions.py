@@ -1,0 +1,181 @@
+"""Two sessions of one ring as one system: a shared base, and causes that act in one session only.
+
+Runs of both sessions are fitted together. Contact parameters and every persistent error of this
+ring (unequal rollers, model error, errors of the rig file, gains of instruments) have one value
+for both sessions, so that they cancel in the difference. A cause acts in the later session alone.
+A cause that has become smaller acts in the earlier session alone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from saddlering_ros.diagnosis.ring_system import RingNeighbourhood, RingSystem
+from saddlering_ros.discrepancy import Effect, Parameter, Point, RunBlocks, Settings
+from saddlering_ros.effects import catalogue
+from saddlering_ros.rig import PARAMETER_NAMES
+
+Array = NDArray[np.float64]
+
+SESSION = 'session'
+"""Fixed value of a variant: the session in which the cause acts."""
+
+EARLIER, LATER = -1.0, 1.0
+
+CONTACT_CHANGE = 'contact_change'
+"""Id of the cause that only a comparison can name: one contact parameter has another value."""
+
+QUANTITIES = ('K1', 'K2', 'D1', 'D2')
+"""Contact parameters that may change; K and n of one row are one change for these loads."""
+
+SETTINGS = Settings(max_causes=3)
+
+PERSISTENT_SIZE = 0.3
+"""Spread of an error that both sessions share, as a share of the typical size of its effect.
+
+The errors of a dirty rig (load gain 0.3 %, 2 mm, friction of 350 N) are 0.05 to 0.2 of the typical
+size of a fault. The earlier session measures each error, so that a larger spread costs nothing.
+"""
+
+
+@dataclass(frozen=True)
+class TwoSessions:
+    """The engine's `System` for two sessions of one ring.
+
+    earlier: names of the runs of the earlier session; every other run is of the later one.
+    """
+
+    ring: RingSystem
+    earlier: frozenset[str]
+
+    @property
+    def channel_names(self) -> tuple[str, ...]:
+        return self.ring.channel_names
+
+    @property
+    def base_parameters(self) -> tuple[Parameter, ...]:
+        return self.ring.base_parameters
+
+    @property
+    def views(self) -> Mapping[str, Array]:
+        return self.ring.views
+
+    @cached_property
+    def effects(self) -> tuple[Effect, ...]:
+        """Causes of the catalogue in one session, and the change of a contact parameter.
+
+        Steady lines have a phase of their own in every run, and wider forms add no other name.
+        """
+        single = [effect for effect in self.ring.effects
+                  if not effect.line and not effect.first_variant]
+        return (*(_in_one_session(effect) for effect in single), _contact_change())
+
+    def session_of(self, run: RunBlocks) -> float:
+        """EARLIER or LATER."""
+        return EARLIER if run.name in self.earlier else LATER
+
+    def predict_many(self, run: RunBlocks, points: Sequence[Point]) -> Array:
+        session = self.session_of(run)
+        return self.ring.predict_many(run, [seen_in(session, point) for point in points])
+
+    def neighbourhood(self, groups: Sequence[Sequence[Point]]) -> SessionNeighbourhoods:
+        """The groups as each session sees them."""
+        return SessionNeighbourhoods(self, {
+            session: self.ring.neighbourhood(
+                [[seen_in(session, point) for point in group] for group in groups])
+            for session in (EARLIER, LATER)
+        })
+
+    def targets(self, run: RunBlocks, point: Point) -> dict[str, Array]:
+        """As the ring: change by one more newton."""
+        return self.ring.targets(run, seen_in(self.session_of(run), point))
+
+    def start_of(self, run: RunBlocks) -> float:
+        """The start of the zero window."""
+        return self.ring.start_of(run)
+
+    def nuisances(self, runs: Sequence[RunBlocks], point: Point) -> list[Array]:
+        """Nuisance parameters of the ring, and every effect as an error that both sessions share.
+
+        Both are evaluated without causes, because they belong to the ring and not to a session.
+        """
+        plain = Point(point.base)
+        columns = []
+        for run, usual in zip(runs, self.ring.nuisances(runs, plain), strict=True):
+            points = [plain, *(Point(point.base, effects) for effects in self._persistent)]
+            predicted = self.ring.predict_many(run, points)
+            persistent = np.moveaxis(predicted[1:] - predicted[0], 0, -1)
+            columns.append(np.concatenate([usual, persistent], axis=2))
+        return columns
+
+    @cached_property
+    def _persistent(self) -> list[dict[str, dict[str, float]]]:
+        """One point per effect and variant, of the size of a persistent error."""
+        points = []
+        for effect in catalogue().values():
+            if effect.line:
+                continue
+            for variant in effect.variants:
+                if variant.frees:
+                    continue
+                parameters = effect.parameters_of(variant, self.ring.rig)
+                size = next(item for item in parameters if item.amplitude)
+                values = {item.name: item.start for item in parameters}
+                if size.neutral == 0.0:
+                    values[size.name] = PERSISTENT_SIZE * size.scale
+                points.append({effect.id: {**values, **variant.values}})
+        return points
+
+
+@dataclass(frozen=True)
+class SessionNeighbourhoods:
+    """Groups of points, prepared for the runs of each session."""
+
+    system: TwoSessions
+    by_session: Mapping[float, RingNeighbourhood]
+
+    def predict(self, run: RunBlocks) -> list[Array]:
+        """Channels (B, C, N) of each group."""
+        prepared = self.by_session[self.system.session_of(run)]
+        return prepared.predict(run)
+
+
+def seen_in(session: float, point: Point) -> Point:
+    """The point of the ring in one session: causes of the other session do nothing."""
+    base = point.base
+    effects = {}
+    for name, values in point.effects.items():
+        if values.get(SESSION, session) != session:
+            continue
+        own = {key: value for key, value in values.items() if key != SESSION}
+        if name == CONTACT_CHANGE:
+            base = base.copy()
+            base[PARAMETER_NAMES.index(QUANTITIES[round(own['quantity'])])] *= 1.0 + own['change']
+        else:
+            effects[name] = own
+    return Point(base, effects)
+
+
+def _in_one_session(effect: Effect) -> Effect:
+    """The effect in the later session and, if its size has one sign, in the earlier one too."""
+    sessions = (LATER, EARLIER) if effect.one_sided else (LATER,)
+    variants = tuple({**variant, SESSION: session}
+                     for session in sessions for variant in effect.variants)
+    return replace(effect, variants=variants)
+
+
+def _contact_change() -> Effect:
+    return Effect(
+        'Change of a contact parameter',
+        {'change': Parameter(-0.6, 1.5, unit='1', neutral=0.0, step=1e-3)},
+        variants=tuple({'quantity': float(number), SESSION: LATER}
+                       for number in range(len(QUANTITIES))),
+        starts=({'change': 0.02}, {'change': 0.2}, {'change': -0.1}),
+        settled_by='Repeat the later session with a reference load cell and calibrated probes.',
+        id=CONTACT_CHANGE,
+    )

@@ -1,0 +1,62 @@
+"""Sessions of one dirty virtual ring: the ring keeps its dirt, noise is new in every session."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+import math
+
+from benchmarks.rigs import as_read
+from saddlering_ros.record import Record, TestMetadata
+from saddlering_ros.record.reading import run_of_record
+from saddlering_ros.rig import ContactParameters, default_rig, TRUE_TO_SCALE
+from saddlering_ros.virtual_rig import (
+    dynamic_schedule,
+    EffectRequest,
+    Instruments,
+    PhysicalRig,
+    record_test,
+    request,
+    Scatter,
+    static_schedule,
+    TestPlan,
+)
+
+RIG = default_rig()
+EPOCH, DAY, HALF_HOUR = 1_760_000_000, 86_400, 1_800
+TESTS = (('static', 50.0), ('dynamic', 50.0))
+
+
+def dirt() -> list[EffectRequest]:
+    """Small errors of a real rig, all at once."""
+    sizes = {'load_gain': {'gain': 3e-3}, 'load_offset': {'offset': -150.0},
+             'elevation_error': {'angle': 5e-4}, 'moment_arm': {'offset': -2e-3},
+             'probe_height': {'height': 2e-3}, 'radial_friction': {'force': 350.0},
+             'cylinder_friction': {'force': 300.0}}
+    return [request(name, values) for name, values in sizes.items()]
+
+
+def with_size(effects: Sequence[EffectRequest], name: str, size: float) -> list[EffectRequest]:
+    """The same with an effect of another size."""
+    others = [item for item in effects if item.effect.id != name]
+    main = request(name).effect.parameters[0].name
+    return [*others, request(name, {main: size})]
+
+
+def session(
+    day: int, effects: Sequence[EffectRequest], *, tests: Sequence[tuple[str, float]] = TESTS,
+    contact: ContactParameters = TRUE_TO_SCALE, ring: str = 'SR-1',
+) -> list[Record]:
+    """Records of a session on a day; the number of the ring's rollers stays the same."""
+    records = []
+    for number, (test, degrees) in enumerate(tests):
+        physical = PhysicalRig(RIG, contact, math.radians(degrees), tuple(effects),
+                               Scatter(1e-6, 0.02), 7)
+        schedule = (static_schedule(RIG, hold=2.5) if test == 'static'
+                    else dynamic_schedule(RIG, duration=8.0))
+        made = record_test(TestPlan(
+            physical, schedule, 100 * day + number, Instruments(0.3e-6),
+            25.0 if test == 'static' else 250.0, begin=EPOCH + DAY * day + HALF_HOUR * number))
+        raw = as_read(made, RIG.probes, TestMetadata(test, degrees, rig=ring),
+                      f'{test}_{degrees:g}_{day}')
+        records.append(run_of_record(raw, raw.facts, RIG))
+    return records

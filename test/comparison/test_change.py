@@ -1,0 +1,74 @@
+"""Claims about the comparison of two sessions of one ring."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from sessions_made import dirt, RIG, session, with_size
+
+from saddlering_ros.comparison import compare_records, ComparisonError
+from saddlering_ros.comparison.maker import common_loads, maker_figures
+from saddlering_ros.comparison.sessions import CONTACT_CHANGE, EARLIER, LATER, seen_in, SESSION
+from saddlering_ros.discrepancy import Point
+from saddlering_ros.record import BagError
+
+
+@pytest.fixture(scope='module')
+def before():
+    return session(1, dirt())
+
+
+@pytest.mark.slow
+def test_what_both_sessions_have_is_not_accused(before):
+    change = compare_records(before, session(2, dirt()), rig=RIG)
+    document = change.to_json()
+    assert document['verdict'] == 'none'
+    assert document['causes'] == []
+    apart = {name: document['parameters']['change'][name]
+             / document['parameters']['change'][f'{name}_std'] for name in ('K1', 'K2')}
+    assert max(map(abs, apart.values())) < 3.0
+
+
+@pytest.mark.slow
+def test_friction_that_grew_is_named_with_the_growth_and_not_with_its_size(before):
+    change = compare_records(before, session(3, with_size(dirt(), 'radial_friction', 1850.0)),
+                             rig=RIG)
+    cause = change.to_json()['causes'][0]
+    assert (change.verdict, cause['effect']) == ('named', 'radial_friction')
+    force = cause['parameters']['force']
+    assert abs(force['value'] - 1500.0) < 2.0 * force['std']
+    assert force['std'] < 250.0
+    assert SESSION not in cause['parameters']
+
+
+def test_a_cause_acts_in_its_own_session_only():
+    point = Point(np.array([1.0, 1.1, 2.0, 3.0, 1.1, 4.0]), {
+        'load_gain': {'gain': 0.01, SESSION: LATER},
+        CONTACT_CHANGE: {'change': -0.1, 'quantity': 1.0, SESSION: LATER}})
+    earlier, later = seen_in(EARLIER, point), seen_in(LATER, point)
+    assert earlier.effects == {}
+    assert list(earlier.base) == list(point.base)
+    assert later.effects == {'load_gain': {'gain': 0.01}}
+    assert later.base[3] == pytest.approx(2.7)
+
+
+def test_sessions_that_are_no_pair_are_refused_in_one_line(before):
+    later = session(2, dirt())
+    for first, second, said in ((later, before, 'exchange the sessions'),
+                                (before, [], 'after: no bags'),
+                                (before, session(2, dirt(), ring='SR-2'), 'one ring')):
+        with pytest.raises(ComparisonError, match=said) as refusal:
+            compare_records(first, second, rig=RIG)
+        assert '\n' not in str(refusal.value)
+    with pytest.raises(BagError, match='same recording'):
+        compare_records(before, before, rig=RIG)
+
+
+def test_tilting_clearance_grows_with_the_axial_clearance_of_the_ring():
+    static = (('static', 50.0),)
+    first, worn = (session(day, with_size([], 'axial_clearance', size), tests=static)[0]
+                   for day, size in ((1, 1e-9), (2, 20e-6)))
+    loads = common_loads(first, worn)
+    figures = [maker_figures(RIG, record, loads) for record in (first, worn)]
+    wear = figures[1].wear_since(figures[0])
+    assert wear['tilting_clearance_mm'] > 5.0 * wear['tilting_clearance_std_mm'] > 0.0
