@@ -132,9 +132,6 @@ def _key(
     return hashlib.sha256(text.encode()).hexdigest()[:32]
 
 
-TYPES: tuple[type, ...] = ()
-"""No dataclass passes between the processes."""
-
 PRELOADED: tuple[str, ...] = ()
 """The computing function names its module itself."""
 

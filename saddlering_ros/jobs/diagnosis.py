@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 import json
 
-from saddlering_ros.jobs.plain_types import PARAMETER_TYPES, PROGRESS_TYPES, RIG_TYPES
 from saddlering_ros.progress import OnProgress
 from saddlering_ros.rig import ParameterSet, Rig
 
@@ -29,10 +28,6 @@ class DiagnosisAnswer:
     verdict_json: str
     words: str
     parameters: ParameterSet
-
-
-TYPES = (*PARAMETER_TYPES, *RIG_TYPES, *PROGRESS_TYPES, DiagnosisRequest, DiagnosisAnswer)
-"""Types that pass between the node and its worker."""
 
 
 PRELOADED = ('saddlering_ros.api.functions',)

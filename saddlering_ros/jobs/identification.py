@@ -5,8 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 import json
 
-from saddlering_ros.identification import IdentificationSettings, SwarmSettings
-from saddlering_ros.jobs.plain_types import PARAMETER_TYPES, PROGRESS_TYPES, RIG_TYPES
+from saddlering_ros.identification import IdentificationSettings
 from saddlering_ros.progress import OnProgress
 from saddlering_ros.rig import ParameterSet, Rig
 
@@ -30,11 +29,6 @@ class IdentificationAnswer:
     words: str
     validation_json: str
     report_json: str
-
-
-TYPES = (*PARAMETER_TYPES, *RIG_TYPES, *PROGRESS_TYPES, IdentificationRequest,
-         IdentificationAnswer, IdentificationSettings, SwarmSettings)
-"""Types that pass between the node and its worker."""
 
 
 PRELOADED = ('saddlering_ros.api.functions',)

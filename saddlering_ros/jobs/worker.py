@@ -2,9 +2,9 @@
 
     python -m saddlering_ros.jobs.worker FD MODULE      (started by `Worker`, never by hand)
 
-MODULE has `run(request, on_progress) -> answer`; TYPES, the dataclasses these are made of; and
-PRELOADED, the modules that `run` needs. Plain data (plain_data.py) pass between the processes,
-never pickles.
+MODULE has `run(request, on_progress) -> answer`, and PRELOADED, the modules that `run` needs.
+Values pass by a pipe that only this process and the child it started hold, so that pickles, which
+could carry code, come from our own code alone.
 """
 
 from __future__ import annotations
@@ -13,16 +13,14 @@ from collections.abc import Callable, Mapping
 import contextlib
 from dataclasses import dataclass
 import importlib
+from multiprocessing.connection import Connection, Pipe
 import os
-import select
-import socket
 import subprocess
 import sys
 import threading
 from typing import Any
 
 from saddlering_ros.errors import SaddleringError
-from saddlering_ros.jobs.plain_data import PlainDataError, ValueSocket
 from saddlering_ros.progress import Cancelled, IsCancelled, OnProgress
 from saddlering_ros.ros.launcher import follow_lifeline, LIFELINE
 
@@ -52,7 +50,7 @@ class Worker:
         self._module = module
         self._environment = environment or {}
         self._process: subprocess.Popen[bytes] | None = None
-        self._pipe: ValueSocket | None = None
+        self._pipe: Connection | None = None
         self._life: int | None = None
         self._starting = threading.Lock()
         self.start()
@@ -66,7 +64,7 @@ class Worker:
         if self._process is not None and self._process.poll() is None:
             return
         self.close()
-        ours, theirs = socket.socketpair()
+        ours, theirs = Pipe()
         read_end, self._life = os.pipe()
         self._process = subprocess.Popen(
             [sys.executable, '-m', __name__, str(theirs.fileno()), self._module],
@@ -75,7 +73,7 @@ class Worker:
                                          LIFELINE: str(read_end)})
         os.close(read_end)
         theirs.close()
-        self._pipe = ValueSocket(ours, types_of(self._module))
+        self._pipe = ours
 
     def run(self, request: Any, on_progress: OnProgress, is_cancelled: IsCancelled) -> Outcome:
         """Do one job, with the progress and cancel protocol of the API.
@@ -88,17 +86,14 @@ class Worker:
         try:
             self._pipe.send(request)
             while True:
-                if select.select([self._pipe], [], [], POLL)[0]:
-                    kind, value = self._pipe.receive()
+                if self._pipe.poll(POLL):
+                    kind, value = self._pipe.recv()
                     if kind != 'progress':
                         return Outcome(kind, value) if kind == DONE else Outcome(kind, None, value)
                     on_progress(value)
                 if is_cancelled():
                     self.kill()
                     raise Cancelled
-        except PlainDataError:
-            self.kill()
-            raise
         except (EOFError, OSError):
             status = self.kill()
             return Outcome(FAILED, None, f'the worker process ended with status {status}')
@@ -120,26 +115,20 @@ class Worker:
         self._process = self._pipe = self._life = None
 
 
-def types_of(module: str) -> tuple[type, ...]:
-    """The dataclasses that a job's request, progress and answer are made of."""
-    types: tuple[type, ...] = importlib.import_module(module).TYPES
-    return types
-
-
-def serve(pipe: ValueSocket, module: str) -> None:
+def serve(pipe: Connection, module: str) -> None:
     """Do jobs until the other end is gone."""
     job = importlib.import_module(module)
     for needed in job.PRELOADED:
         importlib.import_module(needed)
     while True:
         try:
-            request = pipe.receive()
+            request = pipe.recv()
         except EOFError:
             return
         pipe.send(_attempt(job.run, request, pipe))
 
 
-def _attempt(run: Callable[..., Any], request: Any, pipe: ValueSocket) -> tuple[str, Any]:
+def _attempt(run: Callable[..., Any], request: Any, pipe: Connection) -> tuple[str, Any]:
     try:
         return DONE, run(request, lambda progress: pipe.send(('progress', progress)))
     except SaddleringError as problem:
@@ -154,7 +143,7 @@ def main() -> None:
     with contextlib.suppress(OSError):
         os.nice(NICENESS)
     number, module = sys.argv[1:]
-    serve(ValueSocket(socket.socket(fileno=int(number)), types_of(module)), module)
+    serve(Connection(int(number)), module)
 
 
 if __name__ == '__main__':
