@@ -141,6 +141,10 @@ class ActionNode(Node):
         """Put the job's answer into the result."""
         raise NotImplementedError
 
+    def offers(self, parameters: ParameterSet) -> bool:
+        """Whether the parameters of a result are offered to simulators on ring/parameters."""
+        return True
+
     # --- bags ---
 
     def bags(self, names: Sequence[str]) -> tuple[str, ...]:
@@ -252,7 +256,12 @@ class ActionNode(Node):
     def _publish(self, parameters: ParameterSet, result: Any) -> None:
         message = parameters_to_message(parameters, self.get_clock().now().to_msg())
         result.parameters = message
-        self._found.publish(message)
+        if self.offers(parameters):
+            self._found.publish(message)
+        else:
+            self.get_logger().warning(
+                'the parameters are not offered to simulators, because the data do not determine '
+                f'{", ".join(parameters.source.undetermined)}')
 
     def _diagnose(self) -> None:
         finding = Finding(self._level, self._stage, {'last goal': self._last})

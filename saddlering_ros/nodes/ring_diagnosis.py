@@ -10,7 +10,7 @@ from saddlering_interfaces.action import DiagnoseRing
 from saddlering_ros.jobs.action_server import ActionNode, serve
 from saddlering_ros.jobs.diagnosis import DiagnosisAnswer, DiagnosisRequest
 from saddlering_ros.progress import Progress
-from saddlering_ros.ros.messages import causes_to_messages
+from saddlering_ros.ros.messages import fill_diagnosis
 from saddlering_ros.ros.names import DIAGNOSE, NodeError
 from saddlering_ros.ros.streaming_node import leave
 
@@ -39,10 +39,8 @@ class RingDiagnosisNode(ActionNode):
 
     def fill(self, result: Any, answer: DiagnosisAnswer) -> None:
         """The verdict."""
-        result.verdict, result.verdict_json = answer.verdict, answer.verdict_json
-        document = json.loads(answer.verdict_json)
-        result.causes = causes_to_messages(document)
-        result.next_test = document.get('next_test') or ''
+        result.verdict_json = answer.verdict_json
+        fill_diagnosis(result, json.loads(answer.verdict_json))
 
 
 def main(args: Sequence[str] | None = None) -> None:

@@ -11,7 +11,7 @@ from saddlering_ros.identification import IdentificationSettings, SwarmSettings
 from saddlering_ros.jobs.action_server import ActionNode, serve
 from saddlering_ros.jobs.identification import IdentificationAnswer, IdentificationRequest
 from saddlering_ros.progress import Progress, SearchStep
-from saddlering_ros.rig import PARAMETER_NAMES
+from saddlering_ros.rig import PARAMETER_NAMES, ParameterSet
 from saddlering_ros.ros.names import IDENTIFY, NodeError
 from saddlering_ros.ros.streaming_node import leave
 
@@ -24,6 +24,9 @@ MAX_VALUES = {'particles': 10_000, 'iterations': 10_000_000, 'c1': 10.0, 'c2': 1
                'inertia_start': 10.0, 'inertia_end': 10.0}
 """Largest values of these fields: a goal cannot take unlimited memory or time."""
 
+
+SHARES = {'read': (0.0, 0.05), 'identify': (0.05, 0.9), 'validate': (0.9, 1.0)}
+"""Part of a goal that each task is, from and to; by the time that they usually take."""
 
 NO_ITERATION = SearchStep(0, 0, math.nan, (), 1.0)
 """Feedback while bags are read: the search has not begun."""
@@ -43,6 +46,7 @@ class RingIdentificationNode(ActionNode):
         """Input of the job."""
         if not goal.bags:
             raise NodeError('the goal names no bags: give at least one')
+        self._done_share = 0.0
         settings = settings_of(goal)
         settings.bounds_for(self.rig)
         return IdentificationRequest(self.bags(goal.bags), self.bags(goal.validation_bags),
@@ -51,15 +55,24 @@ class RingIdentificationNode(ActionNode):
     def feedback(self, progress: Progress, elapsed: float) -> IdentifyRing.Feedback:
         """One iteration of the swarm or of the refinement; no iteration while bags are read."""
         step = progress.search or NO_ITERATION
+        begin, end = SHARES.get(progress.task, (0.0, 1.0))
+        self._done_share = max(self._done_share, begin + (end - begin) * progress.share)
         return IdentifyRing.Feedback(
             stage=progress.words, iteration=step.iteration, iterations=step.iterations,
             best_objective=step.best_objective, best_parameters=list(step.best_parameters),
-            spread=step.spread, elapsed=elapsed)
+            spread=step.spread, elapsed=elapsed, progress=min(self._done_share, 1.0))
 
     def fill(self, result: Any, answer: IdentificationAnswer) -> None:
         """The numbers."""
         result.objective = float(answer.objective)
         result.validation_json, result.report_json = answer.validation_json, answer.report_json
+        result.undetermined = [name for name in PARAMETER_NAMES
+                               if name in answer.parameters.source.undetermined]
+        result.offered = self.offers(answer.parameters)
+
+    def offers(self, parameters: ParameterSet) -> bool:
+        """Numbers none of which the data determine are of no use to a simulator."""
+        return len(parameters.source.undetermined) < len(PARAMETER_NAMES)
 
 
 def settings_of(goal: IdentifyRing.Goal) -> IdentificationSettings:

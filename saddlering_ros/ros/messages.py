@@ -8,10 +8,23 @@ from typing import Any
 from builtin_interfaces.msg import Time
 import numpy as np
 
-from saddlering_interfaces.msg import DiagnosedCause, ReplayProgress, RingAlarm, RingParameters
+from saddlering_interfaces.msg import (
+    DetectionLimit,
+    DiagnosedCause,
+    DiagnosisCandidate,
+    DiagnosisRemainder,
+    ReplayProgress,
+    RingAlarm,
+    RingParameters,
+)
 from saddlering_ros.bags.wire import SECOND
 from saddlering_ros.monitoring import Monitor
-from saddlering_ros.rig import ContactParameters, ParameterSet, ParameterSource
+from saddlering_ros.rig import (
+    ContactParameters,
+    PARAMETER_NAMES,
+    ParameterSet,
+    ParameterSource,
+)
 from saddlering_ros.rig.parameter_file import Effects
 from saddlering_ros.ros.names import NodeError
 from saddlering_ros.ros.raw_topics import RawPublisher, RawSubscription
@@ -26,6 +39,9 @@ def parameters_to_message(parameters: ParameterSet, stamp: Time) -> RingParamete
     message.header.stamp = stamp
     for name, value in zip(FIELDS, parameters.contact.to_array().tolist(), strict=True):
         setattr(message, name, value)
+    if parameters.source.bags or parameters.source.undetermined:
+        message.determined = [name not in parameters.source.undetermined
+                              for name in PARAMETER_NAMES]
     covariance = parameters.source.covariance
     if covariance is not None:
         message.covariance = [float(value) for value in np.ravel(covariance)]
@@ -45,8 +61,11 @@ def parameters_from_message(message: RingParameters) -> ParameterSet:
     if covariance.size not in (0, 36):
         raise NodeError(f'/ring/parameters: covariance has {covariance.size} numbers: '
                         'give 36 or none')
+    determined = dict(zip(PARAMETER_NAMES, message.determined, strict=True))
+    undetermined = {name: 'by its identification' for name, is_determined in determined.items()
+                    if any(determined.values()) and not is_determined}
     source = ParameterSource(
-        method='message', note=str(message.source),
+        method='message', note=str(message.source), undetermined=undetermined,
         covariance=covariance.reshape(6, 6) if covariance.size else None)
     return ParameterSet(ContactParameters(*values), _effects(message), source)
 
@@ -77,6 +96,40 @@ def words_of(source: ParameterSource) -> str:
 def causes_to_messages(document: Mapping[str, Any]) -> list[DiagnosedCause]:
     """The causes of a verdict document (`diagnose --json`) as messages; NaN for null."""
     return [_cause_to_message(cause) for cause in document['causes'] if 'effect' in cause]
+
+
+def fill_diagnosis(result: Any, document: Mapping[str, Any]) -> None:
+    """Put a verdict document (`diagnose --json`) into the typed fields of a DiagnoseRing result.
+
+    Fields that the document does not have stay empty; NaN for null.
+    """
+    result.verdict = document['verdict']
+    result.causes = causes_to_messages(document)
+    result.next_test = document.get('next_test') or ''
+    result.headline = document.get('headline') or ''
+    result.complete = bool(document.get('complete'))
+    result.stability = _number(document.get('stability'))
+    probabilities = document.get('probabilities') or {}
+    result.outcomes = list(probabilities)
+    result.probabilities = [_number(value) for value in probabilities.values()]
+    result.remainder = [
+        DiagnosisRemainder(
+            run=str(rest['run']), channel=rest['channel'], along=rest.get('along') or '',
+            share_of_range=_number(rest['share_of_range']),
+            times_noise=_number(rest['times_noise']))
+        for rest in document.get('remainder') or ()]
+    result.detection_limits = [
+        DetectionLimit(
+            effect=limit['effect'], unit=limit['unit'], limit=_number(limit['limit']),
+            best_limit=_number(limit['best_limit']), testable=bool(limit['testable']),
+            material_limit=_number(limit['material_limit']))
+        for limit in document.get('detection_limits') or ()]
+    result.candidates = [
+        DiagnosisCandidate(
+            effects=list(model['effects']), step=int(model['step']),
+            **{name: _number(model.get(name)) for name in (
+                'p_value', 'delta_bic', 'misfit', 'share_of_range')})
+        for model in document.get('candidates') or ()]
 
 
 def _cause_to_message(cause: Mapping[str, Any]) -> DiagnosedCause:

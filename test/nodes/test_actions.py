@@ -18,7 +18,7 @@ from saddlering_ros.bags import write_bag
 from saddlering_ros.record import TestMetadata
 from saddlering_ros.record.displacement import DisplacementStream
 from saddlering_ros.record.samples import Displacements, Samples
-from saddlering_ros.rig import default_rig
+from saddlering_ros.rig import default_rig, PARAMETER_NAMES
 from saddlering_ros.ros.launcher import NodeGroup
 from saddlering_ros.ros.names import NodeError
 from saddlering_ros.ros.parameters import below
@@ -133,6 +133,10 @@ def test_identification_refuses_cancels_and_publishes_what_it_found(
     assert json.loads(result.report_json)['parameters']['K1']['value'] == result.parameters.k1
     assert {'channels', 'bag'} <= json.loads(result.validation_json)[0].keys()
     assert len(goals.feedback) > 2
+    assert 0.0 <= goals.feedback[0].progress <= goals.feedback[-1].progress <= 1.0
+    assert list(result.undetermined) == [name for name, is_determined in zip(
+        PARAMETER_NAMES, result.parameters.determined, strict=True) if not is_determined]
+    assert result.offered
     wait_until(lambda: bool(found), what='/ring/parameters')
     assert found[-1] == result.parameters
 

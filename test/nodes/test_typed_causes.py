@@ -4,7 +4,16 @@ from __future__ import annotations
 
 import math
 
-from saddlering_ros.ros.messages import causes_to_messages
+from builtin_interfaces.msg import Time
+
+from saddlering_interfaces.action import DiagnoseRing
+from saddlering_ros.rig import ParameterSet, ParameterSource, TRUE_TO_SCALE
+from saddlering_ros.ros.messages import (
+    causes_to_messages,
+    fill_diagnosis,
+    parameters_from_message,
+    parameters_to_message,
+)
 
 DOCUMENT = {'causes': [
     {'effect': 'radial_friction', 'group': ['radial_friction', 'probe_lag'],
@@ -22,3 +31,37 @@ def test_every_figure_of_a_cause_is_in_its_message() -> None:
     assert (cause.lower[0], cause.upper[0]) == (4804.0, 5196.0)
     assert (cause.p_value, cause.delta_bic, cause.misfit_reduction_fit) == (1e-9, -40.0, 0.4)
     assert math.isnan(cause.misfit_reduction_held_out)
+
+
+def test_the_verdict_document_fills_every_typed_field() -> None:
+    result = DiagnoseRing.Result()
+    fill_diagnosis(result, {
+        **DOCUMENT, 'verdict': DiagnoseRing.Result.NAMED, 'next_test': None,
+        'headline': 'radial friction', 'complete': False, 'stability': None,
+        'probabilities': {'radial_friction': 0.9, 'unknown': 0.1},
+        'remainder': [{'run': 'a', 'channel': 'gamma', 'share_of_range': 0.01,
+                       'times_noise': 3.0, 'along': 'load'}],
+        'detection_limits': [{'effect': 'probe_lag', 'unit': 's', 'limit': 1e-3,
+                              'best_limit': None, 'material_limit': 2e-3, 'testable': True}],
+        'candidates': [{'effects': ['probe_lag'], 'step': 2, 'p_value': 0.5, 'misfit': 7.0}]})
+    assert (result.verdict, result.headline, result.complete) == (
+        'named', 'radial friction', False)
+    assert dict(zip(result.outcomes, result.probabilities, strict=True)) == {
+        'radial_friction': 0.9, 'unknown': 0.1}
+    assert math.isnan(result.stability)
+    assert (result.remainder[0].along, result.remainder[0].times_noise) == ('load', 3.0)
+    assert (result.detection_limits[0].limit, result.detection_limits[0].testable) == (1e-3, True)
+    assert (list(result.candidates[0].effects), result.candidates[0].step) == (['probe_lag'], 2)
+
+
+def test_a_document_without_the_newer_fields_leaves_them_empty() -> None:
+    result = DiagnoseRing.Result()
+    fill_diagnosis(result, {'verdict': 'none', 'causes': []})
+    assert (result.headline, list(result.outcomes), list(result.remainder)) == ('', [], [])
+
+
+def test_an_undetermined_parameter_stays_one_through_its_message() -> None:
+    source = ParameterSource('swarm', ('a',), undetermined={'D1': 'too few steps'})
+    message = parameters_to_message(ParameterSet(TRUE_TO_SCALE, source=source), Time())
+    assert list(message.determined) == [True, True, False, True, True, True]
+    assert set(parameters_from_message(message).source.undetermined) == {'D1'}
