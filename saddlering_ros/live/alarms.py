@@ -10,7 +10,7 @@ from saddlering_ros.quantities import signed
 from saddlering_ros.ros.messages import to_stamp
 
 STATES = {RingAlarm.WAITING: 'waiting', RingAlarm.LEARNING: 'learning',
-          RingAlarm.WATCHING: 'watching', RingAlarm.ALARM: 'alarm'}
+          RingAlarm.WATCHING: 'watching', RingAlarm.ALARM: 'alarm', RingAlarm.BLIND: 'blind'}
 
 
 def alarm_as_page(message: RingAlarm) -> dict[str, Any]:

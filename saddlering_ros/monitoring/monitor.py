@@ -29,6 +29,10 @@ CHANNELS = ('delta_x', 'delta_y', 'gamma')
 WAITING, LEARNING, WATCHING, ALARM = range(4)
 """States of a monitor, numbered as in RingAlarm.msg."""
 
+MOVING = 'the load moves, and its noise was not measured at rest before: let the load rest for 2 s'
+NO_EQUILIBRIUM = ('the ring has no equilibrium at preload or full scale with the parameters in '
+                  'force: nothing is watched')
+
 MAX_GAP = 3.0
 """A longer pause between samples, in blocks, ends the block and the memory of the noise."""
 
@@ -153,6 +157,13 @@ class Monitor:
         return WAITING if self._last is None else LEARNING
 
     @property
+    def unwatched(self) -> str:
+        """Why no change would be found, in words; '' while changes are found or the load rests."""
+        if not np.isfinite(self.materiality).all():
+            return NO_EQUILIBRIUM
+        return MOVING if self.state == LEARNING and self._learner.moved else ''
+
+    @property
     def stamp(self) -> int:
         """Stamp of the last sample [ns]; 0 before the first."""
         return 0 if self._last is None else self._last.stamp
@@ -222,8 +233,7 @@ class Monitor:
     def _take_materiality(self, elevation: float) -> None:
         self.materiality = np.asarray(self._materiality_of(elevation), dtype=np.float64)
         if not np.isfinite(self.materiality).all():
-            self._lapse('the ring has no equilibrium at preload or full scale with the parameters '
-                        'in force: nothing is watched')
+            self._lapse(NO_EQUILIBRIUM)
 
     def _lapse(self, reason: str, stamp: int | None = None, *, is_lasting: bool = False) -> None:
         self.lapses.append(Lapse(self.stamp if stamp is None else stamp, reason, is_lasting))

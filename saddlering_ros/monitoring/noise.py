@@ -69,7 +69,7 @@ class RestLearner:
 
     def restart(self, *, moved: bool = False) -> None:
         """Begin anew; moved: the load has just moved, so that the ring settles at first."""
-        self._moved = moved
+        self.moved = moved
         self._stamps: list[int] = []
         self._rows: list[tuple[float, ...]] = []
         self._rested, self._level = 0, 0.0
@@ -114,7 +114,7 @@ class RestLearner:
             return None
         interval = float(np.median(np.diff(stamps))) / SECOND
         count = len(stamps)
-        begin = min(round(SETTLING_SECONDS / interval), count // 2) if self._moved else 0
+        begin = min(round(SETTLING_SECONDS / interval), count // 2) if self.moved else 0
         end = count - (min(round(GUARD_SECONDS / interval), (count - begin) // 5) if ended else 0)
         seconds = (stamps[end - 1] - stamps[begin]) / SECOND
         if seconds < MIN_SECONDS or end - begin < MIN_SAMPLES:
@@ -125,7 +125,7 @@ class RestLearner:
         noise = tuple(
             block_noise(noise_alone([channel], interval), samples * interval).inflated(factor)
             if np.isfinite(channel).all() else UNKNOWN for channel in values)
-        return RestNoise(noise, samples, interval, seconds, not self._moved)
+        return RestNoise(noise, samples, interval, seconds, not self.moved)
 
 
 WANDER_SHARE = 5e-5

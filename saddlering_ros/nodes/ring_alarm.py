@@ -3,17 +3,27 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+import time
 
 from geometry_msgs.msg import WrenchStamped
+from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
 from std_msgs.msg import Bool
 from std_srvs.srv import Trigger
 
-from saddlering_interfaces.msg import RingAlarm, RingDisplacement, RingParameters
+from saddlering_interfaces.msg import ReplayState, RingAlarm, RingDisplacement, RingParameters
 from saddlering_ros.bags.messages import decode_displacements
 from saddlering_ros.errors import SaddleringError
-from saddlering_ros.monitoring import ALARM, LEARNING, MonitorSettings, WAITING
+from saddlering_ros.monitoring import ALARM, MonitorSettings, WAITING
 from saddlering_ros.monitoring.monitor import alarm_words, state_words
 from saddlering_ros.monitoring.noise import DEFAULT_PERCENT
+from saddlering_ros.monitoring.sight import (
+    blind_words,
+    NO_CHANNEL,
+    NO_LOAD,
+    NO_RESIDUAL,
+    SEEN,
+    Sight,
+)
 from saddlering_ros.monitoring.stream import AlarmStream
 from saddlering_ros.record import LOAD_TOPIC
 from saddlering_ros.record.samples import no_displacements, no_samples
@@ -29,9 +39,17 @@ from saddlering_ros.ros.diagnostics import (
     WARN,
 )
 from saddlering_ros.ros.messages import alarm_message, parameters_from_message
-from saddlering_ros.ros.names import PARAMETERS_IN_FORCE, RESIDUAL, RING_ALARM, WITHIN_LIMITS
+from saddlering_ros.ros.names import (
+    DISPLACEMENT,
+    PARAMETERS_IN_FORCE,
+    RESIDUAL,
+    RING_ALARM,
+    SIMULATED,
+    STATE,
+    WITHIN_LIMITS,
+)
 from saddlering_ros.ros.parameters import declare_rig, NodeParameter
-from saddlering_ros.ros.raw_topics import LATCHED, LATCHED_BY_SEVERAL, RawSubscription
+from saddlering_ros.ros.raw_topics import LATCHED, LATCHED_BY_SEVERAL, LIMIT_QOS, RawSubscription
 from saddlering_ros.ros.rig_state import RigAgreement
 from saddlering_ros.ros.streaming_node import (
     INPUT_RELIABILITY,
@@ -43,8 +61,17 @@ from saddlering_ros.ros.streaming_node import (
 HEARTBEAT = 0.1
 """ring/within_limits is repeated this often [s], so that its silence can be noticed."""
 
-NOTHING = (-1, False)
-"""State before the first publication: changes of the monitor, parameters known."""
+LOOK = 0.02
+"""Period [s] at which missing streams are looked for."""
+
+SOUGHT_FOR = 5.0
+"""After the watch has been blind, the streams above the residual are heard for so long [s]."""
+
+SILENT = 0.4
+"""A stream above the residual is missing if nothing has come for so long [s]."""
+
+BLIND = RingAlarm.BLIND
+"""State of the node; those of the monitor have the numbers 0 to 3."""
 
 RECENT_NS = 10_000_000_000
 """A lapse that is over is a warning for so long [ns], by the stamps."""
@@ -74,18 +101,24 @@ class RingAlarmNode(StreamingNode):
         self._agreement = RigAgreement(self, self._rig)
         self._stream = self._make()
         self._offered: RingParameters | None = None
-        self._published, self._latched = NOTHING, False
-        self._beaten = 0.0
+        self._sight = Sight()
+        self._upstream: dict[str, tuple[RawSubscription, float]] = {}
+        self._sought_at = 0.0
+        self._lacks = SEEN
+        self._published: tuple[object, ...] = ()
+        self._latched = False
+        self._beaten = self._looked = 0.0
         self._teller = self.create_publisher(RingAlarm, RING_ALARM, LATCHED)
-        self._limit = self.create_publisher(Bool, WITHIN_LIMITS, LATCHED)
+        self._limit = self.create_publisher(Bool, WITHIN_LIMITS, LIMIT_QOS)
         self.create_service(Trigger, '~/reset', self._on_reset)
         self.create_subscription(RingParameters, PARAMETERS_IN_FORCE, self._on_parameters,
                                  LATCHED_BY_SEVERAL)
+        self.create_subscription(ReplayState, STATE, self._on_replay, LATCHED)
 
     def configure(self) -> None:
         """Make the monitor and its diagnostics; an earlier alarm is cleared."""
         self._stream = self._make()
-        self._published, self._latched = NOTHING, False
+        self._published, self._latched = (), False
         if self._offered is not None:
             self._use(self._offered)
         self._streams = [StreamTask(f'/{RESIDUAL}'), StreamTask(LOAD_TOPIC)]
@@ -111,8 +144,7 @@ class RingAlarmNode(StreamingNode):
             self._stream.monitor.alarm = alarm
             if self._offered is not None:
                 self._use(self._offered)
-            self._published = NOTHING
-            self._tell_state()
+            self._published = ()
         wanted = self.settings['input_reliability']
         self.inputs = [
             RawSubscription(self, RESIDUAL, RingDisplacement, reliability=wanted),
@@ -127,34 +159,103 @@ class RingAlarmNode(StreamingNode):
             if len(stamps):
                 flow.last_stamp = int(stamps[-1])
                 task.push(stamps)
+        now = time.monotonic()
+        self._sight.hear_load(load.stamps, now)
+        self._sight.hear_residual(residual.stamps, residual.channels[:3], now)
         self._stream.push(residual, load)
         self._tell_state()
 
     def at_intervals(self, now: float) -> float:
-        """Repeat the limit."""
+        """Look for missing streams; repeat the limit."""
+        if now - self._looked >= LOOK:
+            self._looked = now
+            self._seek(now)
+            self._tell_state()
         if now - self._beaten >= HEARTBEAT:
             self._beaten = now
-            self._limit.publish(Bool(data=self._stream.monitor.alarm is None))
+            self._limit.publish(Bool(data=self._within_limits()))
         return HEARTBEAT / 2
+
+    def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Stop watching; from then on nothing is within limits, for late joiners too."""
+        result = super().on_deactivate(state)
+        for flow, _ in self._upstream.values():
+            flow.close()
+        self._upstream = {}
+        self._lacks = SEEN
+        self._tell_state()
+        return result
+
+    def _state(self) -> int:
+        monitor = self._stream.monitor
+        if monitor.state == ALARM:
+            return ALARM
+        waits = monitor.state == WAITING and not self._sight.load_stamp
+        lacks = bool(self._lacks) and not waits
+        return BLIND if lacks or not self.active or monitor.unwatched else monitor.state
+
+    def _within_limits(self) -> bool:
+        return (not self._lacks and self._stream.knows_parameters
+                and self._state() not in (ALARM, BLIND))
+
+    def _seek(self, now: float) -> None:
+        """While blind, hear what comes of both displacements, so that the missing one is named."""
+        if self._lacks in (NO_RESIDUAL, NO_CHANNEL):
+            self._sought_at = now
+            for topic in (DISPLACEMENT, SIMULATED):
+                if topic not in self._upstream:
+                    flow = RawSubscription(self, topic, RingDisplacement, depth=1,
+                                           reliability='best_effort')
+                    self._upstream[topic] = flow, now
+        elif self._upstream and now - self._sought_at > SOUGHT_FOR:
+            for flow, _ in self._upstream.values():
+                flow.close()
+            self._upstream = {}
+        for topic, (flow, heard) in self._upstream.items():
+            self._upstream[topic] = flow, now if flow.take() else heard
+
+    def _missing(self) -> list[str]:
+        """Full names of the topics that are missing or late."""
+        lacks, now = self._lacks, time.monotonic()
+        if not lacks:
+            return []
+        if lacks == NO_LOAD:
+            return [self.resolve_topic_name(LOAD.relative)]
+        silent = [topic for topic, (_, heard) in self._upstream.items() if now - heard > SILENT]
+        is_residual = lacks != NO_RESIDUAL or not silent
+        return [self.resolve_topic_name(topic)
+                for topic in ([RESIDUAL] if is_residual else silent)]
 
     def _tell_state(self) -> None:
         """Publish the state if it has changed; the limit at once with it."""
-        monitor = self._stream.monitor
-        news = (monitor.changes, self._stream.knows_parameters)
+        self._lacks = self._sight.lacks(time.monotonic()) if self.active else SEEN
+        monitor, missing = self._stream.monitor, self._missing()
+        is_within = self._within_limits()
+        news = (monitor.changes, self._stream.knows_parameters, self._state(), is_within,
+                self._lacks, *missing)
         if news == self._published:
             return
         rose = monitor.alarm is not None and not self._latched
         self._published, self._latched = news, monitor.alarm is not None
-        self._limit.publish(Bool(data=monitor.alarm is None))
-        self._teller.publish(alarm_message(monitor, self._words(), self.settings['frame_id']))
+        self._limit.publish(Bool(data=is_within))
+        message = alarm_message(monitor, self._words(), self.settings['frame_id'])
+        message.state, message.missing = self._state(), missing
+        self._teller.publish(message)
         if rose and monitor.alarm is not None:
             self.get_logger().error(alarm_words(monitor.alarm))
 
     def _words(self) -> str:
+        monitor, lacks = self._stream.monitor, self._lacks
+        if monitor.state != ALARM and self._state() == BLIND:
+            if not self.active:
+                return 'BLIND: ring_alarm is not active: nothing is watched'
+            lag = 1e-9 * (self._sight.load_stamp - self._sight.residual_stamp)
+            return blind_words(lacks, self._missing(), lag) if lacks else (
+                f'BLIND: {monitor.unwatched}')
         if not self._stream.knows_parameters:
             return ('waiting for ring/parameters: start ring_simulator, which publishes what it '
                     'simulates with')
-        return state_words(self._stream.monitor)
+        return state_words(monitor)
 
     def _on_reset(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         monitor = self._stream.monitor
@@ -174,6 +275,10 @@ class RingAlarmNode(StreamingNode):
         self._stream.push(no_displacements(), no_samples())
         self._tell_state()
 
+    def _on_replay(self, message: ReplayState) -> None:
+        is_playing = message.state == ReplayState.PLAYING
+        self._sight.hear_replay(message.rate if is_playing else 0.0, time.monotonic())
+
     def _use(self, message: RingParameters) -> None:
         try:
             self._stream.use(parameters_from_message(message).contact)
@@ -188,7 +293,10 @@ class RingAlarmNode(StreamingNode):
             'watched [s]': f'{monitor.seconds:.1f}', 'waiting': str(self._stream.waiting),
             'materiality [um, um, urad]': ', '.join(
                 f'{1e6 * value:.3f}' for value in monitor.materiality.tolist())}
-        level = {ALARM: ERROR, WAITING: WARN, LEARNING: OK}.get(monitor.state, OK)
+        missing = self._missing()
+        if missing:
+            figures['missing'] = ', '.join(missing)
+        level = {ALARM: ERROR, BLIND: ERROR, WAITING: WARN}.get(self._state(), OK)
         return Finding(level, self._words(), figures)
 
     def _promise_finding(self) -> Finding:

@@ -97,7 +97,7 @@ RIG = 'ring/rig'
 
 RING_ALARM = 'ring/alarm'
 WITHIN_LIMITS = 'ring/within_limits'
-"""True while no alarm is latched; the input of a hydraulics interlock."""
+"""True while the residual is watched and no alarm is latched: for a hydraulics interlock."""
 
 IDENTIFY = 'identify_ring'
 DIAGNOSE = 'diagnose_ring'

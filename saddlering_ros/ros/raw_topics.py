@@ -13,10 +13,17 @@ from typing import Any, NamedTuple, Protocol, TypeVar
 
 from rclpy.callback_groups import CallbackGroup
 from rclpy.context import Context
+from rclpy.duration import Duration
 from rclpy.executors import ShutdownException, SingleThreadedExecutor, TimeoutException
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos import (
+    DurabilityPolicy,
+    HistoryPolicy,
+    LivelinessPolicy,
+    QoSProfile,
+    ReliabilityPolicy,
+)
 
 from saddlering_ros.bags.messages import decode_samples
 from saddlering_ros.bags.wire import CdrError
@@ -46,6 +53,24 @@ LATCHED = _latched(1)
 LATCHED_BY_SEVERAL = _latched(50)
 """For a reader of a latched topic that several nodes publish, its own among them: each keeps its
 last message, and in a queue of one a message would push out an unread message of another node."""
+
+DEADLINE, LEASE = Duration(seconds=0.2), Duration(seconds=1)
+"""Offered on topics that an interlock or a controller reads: longest time between two messages,
+and time within which a dead publisher is noticed. A reader may ask for as much, or for more time.
+"""
+
+
+def promised_qos() -> QoSProfile:
+    """The QoS of a stream that a node of the suite computes."""
+    qos = stream_qos()
+    qos.deadline, qos.liveliness, qos.liveliness_lease_duration = (
+        DEADLINE, LivelinessPolicy.AUTOMATIC, LEASE)
+    return qos
+
+
+LIMIT_QOS = QoSProfile(
+    depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL,
+    deadline=DEADLINE, liveliness=LivelinessPolicy.AUTOMATIC, liveliness_lease_duration=LEASE)
 
 PROGRESS_QOS = stream_qos(depth=200)
 ZERO_QOS = stream_qos(depth=10)
@@ -173,7 +198,7 @@ class RawPublisher:
     def __init__(self, node: Node, topic: str, message_type: Any, qos: QoSProfile | None = None,
                  ) -> None:
         self._node = node
-        self.publisher = node.create_publisher(message_type, topic, qos or stream_qos())
+        self.publisher = node.create_publisher(message_type, topic, qos or promised_qos())
         self.topic = node.resolve_topic_name(topic)
         self.published = 0
         self.last_stamp = 0

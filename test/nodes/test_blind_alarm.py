@@ -1,0 +1,117 @@
+"""The alarm that sees nothing: never within limits, and it names the stream that is missing."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+import contextlib
+import threading
+import time
+from typing import Any
+
+import numpy as np
+import pytest
+from rclpy.duration import Duration
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from rosnet import ACTIVATE, Client, client, DEACTIVATE, Driver, lead, wait_until
+from std_msgs.msg import Bool
+
+from saddlering_interfaces.msg import RingAlarm
+from saddlering_ros.rig import default_rig
+from saddlering_ros.ros.launcher import ALARM_NODES, NodeGroup, RING_NODES
+
+pytestmark = pytest.mark.ros
+LATCHED = QoSProfile(depth=50, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+PERIOD = 0.005
+
+
+class RestingRig:
+    """A driver in real time: preload, probes that do not move; `shift` [s] is added to stamps."""
+
+    def __init__(self, heard: Client) -> None:
+        self.driver = Driver(heard)
+        self.shift, self.is_silent = 0.0, False
+        self._ended = threading.Event()
+        self._thread = threading.Thread(target=self._drive, daemon=True)
+        self._thread.start()
+
+    def _drive(self) -> None:
+        chance, preload = np.random.default_rng(1), default_rig().preload
+        while not self._ended.wait(4 * PERIOD):
+            if self.is_silent:
+                continue
+            now = time.time_ns() + round(1e9 * self.shift)
+            stamps = now - np.arange(3, -1, -1) * round(1e9 * PERIOD)
+            self.driver.send_load(stamps, preload + chance.normal(0.0, 20.0, 4))
+            for probe in range(4):
+                self.driver.send_gap(probe, stamps, 1e-3 + chance.normal(0.0, 3e-7, 4))
+
+    def close(self) -> None:
+        self._ended.set()
+        self._thread.join()
+
+
+@pytest.fixture(name='rig')
+def rig_fixture(heard: Client) -> Iterator[RestingRig]:
+    with contextlib.closing(RestingRig(heard)) as one:
+        yield one
+
+
+def listen(one: Client, kind: type, topic: str, qos: QoSProfile = LATCHED) -> list:
+    heard: list = []
+    with one.lock:
+        one.node.create_subscription(kind, topic, heard.append, qos)
+    return heard
+
+
+def test_the_alarm_is_blind_without_its_streams_and_nothing_is_then_within_limits(
+        group: NodeGroup, heard: Client, rig: RestingRig, ros_domain: int) -> None:
+    told: list[RingAlarm] = listen(heard, RingAlarm, 'ring/alarm')
+    limits: list[Bool] = listen(heard, Bool, 'ring/within_limits')
+    demanding = QoSProfile(depth=5, deadline=Duration(seconds=0.2))
+    by_deadline = listen(heard, Bool, 'ring/within_limits', demanding)
+    for name in (*RING_NODES, *ALARM_NODES):
+        group.start(name, {'elevation_deg': 50.0} if name == 'ring_simulator' else {})
+
+    def sees() -> None:
+        wait_until(lambda: bool(limits) and limits[-1].data, what='it sees')
+        wait_until(lambda: told[-1].state in (RingAlarm.LEARNING, RingAlarm.WATCHING)
+                   and not told[-1].missing, what='a state without a missing stream')
+
+    def is_blind(*missing: str) -> None:
+        wait_until(lambda: told[-1].state == RingAlarm.BLIND and told[-1].missing == list(missing),
+                   what=f'it misses {missing}')
+        wait_until(lambda: not limits[-1].data, what='a limit of false')
+        for topic in missing:
+            assert topic in told[-1].message
+        wait_until(lambda: heard.diagnostics['ring_alarm: alarm'][0] == 2
+                   and all(topic in heard.diagnostics['ring_alarm: alarm'][1]
+                           for topic in missing), what='an error that names it')
+
+    wait_until(lambda: bool(limits), what='the first word')
+    assert not limits[0].data, 'nothing is watched yet'
+    sees()
+    wait_until(lambda: by_deadline[-1].data, what='a reader that asks for a deadline is served')
+
+    lead(heard, 'ring_simulator', DEACTIVATE)
+    is_blind('/ring/simulated_displacement')
+    lead(heard, 'ring_simulator', ACTIVATE)
+    sees()
+
+    rig.shift = -100.0  # the clock of the driver jumps; both nodes take a new zero
+    wait_until(lambda: not limits[-1].data, what='a jump is noticed')
+    sees()
+
+    rig.is_silent = True
+    is_blind('/rig/hydraulic_load')
+    rig.is_silent = False
+    sees()
+
+    group.processes['ring_displacement'].process.kill()
+    is_blind('/ring/displacement')
+
+    lead(heard, 'ring_alarm', DEACTIVATE)
+    wait_until(lambda: 'not active' in told[-1].message, what='it says that it is inactive')
+    with client(ros_domain) as joiner:
+        late: list[Any] = listen(joiner, Bool, 'ring/within_limits')
+        wait_until(lambda: bool(late), what='the latched limit')
+        assert not late[-1].data
