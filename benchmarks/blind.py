@@ -30,7 +30,8 @@ from typing import Any
 
 import numpy as np
 
-from saddlering_ros.diagnosis import diagnose_bags, Verdict
+from saddlering_ros import diagnose
+from saddlering_ros.diagnosis import Verdict
 from saddlering_ros.discrepancy.problem.fits import held_out_gain, refit, run_refits
 from saddlering_ros.discrepancy.search.signatures import effect_starts
 from saddlering_ros.effects import effect as catalogued
@@ -82,7 +83,7 @@ def trial(
         fitted = [bag for bag in told['bags'] if Path(bag).name != HELD_OUT]
         sealed = [bag for bag in told['bags'] if Path(bag).name == HELD_OUT]
         began = time.monotonic()
-        verdict = diagnose_bags(fitted, sealed, seed=seed)
+        verdict = diagnose(fitted, hold_out=sealed, seed=seed).found
         seconds = time.monotonic() - began
         truth = open_seal(folder / 'rig' / SEALED, told['seal'])
     finally:

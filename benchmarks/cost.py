@@ -27,7 +27,7 @@ ONE_THREAD = {'SADDLERING_THREADS': '1', 'OPENBLAS_NUM_THREADS': '1', 'OMP_NUM_T
 def measure(what: str, bags: list[Path]) -> dict[str, object]:
     """Seconds of the second of two calls, and the numbers found, by the package on sys.path."""
     from saddlering_ros.bags import read_run
-    from saddlering_ros.diagnosis.diagnose import diagnose_runs
+    from saddlering_ros.diagnosis import diagnose
     from saddlering_ros.identification import identify
     from saddlering_ros.rig import default_rig
 
@@ -35,7 +35,7 @@ def measure(what: str, bags: list[Path]) -> dict[str, object]:
     runs = [read_run(bag, rig=rig) for bag in bags]
     for _ in range(2):
         began = time.process_time()
-        found = identify(runs, rig) if what == 'identify' else diagnose_runs(runs, rig=rig)
+        found = identify(runs, rig) if what == 'identify' else diagnose(runs, rig=rig)
         seconds = time.process_time() - began
     if what == 'identify':
         contact = found.parameters.contact.to_array().tolist()

@@ -38,8 +38,9 @@ from independent_ring import (
 )
 import numpy as np
 
+from saddlering_ros import diagnose
 from saddlering_ros.bags import write_bag
-from saddlering_ros.diagnosis import diagnose_bags, Verdict
+from saddlering_ros.diagnosis import Verdict
 from saddlering_ros.diagnosis.proposed_law import write_effect_files
 from saddlering_ros.discrepancy.problem.fits import mean_square
 from saddlering_ros.effects import FOLDER_VARIABLE, use_folder
@@ -122,7 +123,7 @@ def verdict_on(ring: Ring, noise: Noise, fault: Fault, courses: Sequence[Course]
     """Write every course and diagnose; the last is held out."""
     bags = [write(record(ring, fault, course, seed + 31 * number, noise), number, folder)
             for number, course in enumerate(courses)]
-    return diagnose_bags(bags[:-1], bags[-1:], seed=seed)
+    return diagnose(bags[:-1], hold_out=bags[-1:], seed=seed).found
 
 
 def groups_of(verdict: Verdict) -> list[list[str]]:

@@ -27,8 +27,8 @@ from blind import size_over_limit
 import numpy as np
 from rigs import sized_rig
 
+from saddlering_ros import diagnose
 from saddlering_ros.bags import write_bag
-from saddlering_ros.diagnosis import diagnose_bags
 from saddlering_ros.record import TestMetadata
 from saddlering_ros.rig import default_rig, FULL_SCALE_LOAD, Rig
 from saddlering_ros.virtual_rig import dynamic_schedule, PhysicalRig, record_test, static_schedule
@@ -168,7 +168,8 @@ def judge(name: str, kind: str, seed: int, folder: Path) -> Case:
     held = [bag for bag, run in zip(bags, condition.runs, strict=True) if run.is_held_out]
     began = time.process_time()
     try:
-        verdict = diagnose_bags([bag for bag in bags if bag not in held], held, rig, seed=seed)
+        fitted = [bag for bag in bags if bag not in held]
+        verdict = diagnose(fitted, hold_out=held, rig=rig, seed=seed).found
     except Exception as problem:
         return Case(name, kind, seed, hidden, '', [], 'error', None,
                     time.process_time() - began, f'{type(problem).__name__}: {problem}')

@@ -14,19 +14,22 @@ from typing import Any
 
 from made_once import MadeOnce
 
-from saddlering_ros.diagnosis.diagnose import diagnose_runs, Verdict
+from saddlering_ros import diagnosis
+from saddlering_ros.diagnosis import Verdict
 from saddlering_ros.record import Record
 
-PLACE = 'saddlering_ros.api.functions.diagnose_runs'
+PLACE = 'saddlering_ros.diagnosis.diagnose'
 """Where commands and the API find the function that these tests replace."""
 
 
 def shared_diagnose(made: MadeOnce) -> Callable[..., Verdict]:
-    """`diagnose_runs`, which computes an answer once for each runs, rig, start and seed."""
-    def diagnose(runs: Sequence[Record], hold_out: Sequence[Record] = (), rig: Any = None,
-                 parameters: Any = None, *, seed: int = 0, **more: Any) -> Verdict:
+    """The diagnosis of a ring, which computes once for each runs, rig, start and seed."""
+    compute = diagnosis.diagnose
+
+    def diagnose(runs: Sequence[Record], hold_out: Sequence[Record] = (), *, rig: Any,
+                 parameters: Any = None, seed: int = 0, **more: Any) -> Verdict:
         def make(folder: Path) -> None:
-            found = diagnose_runs(runs, hold_out, rig, parameters, seed=seed, **more)
+            found = compute(runs, hold_out, rig=rig, parameters=parameters, seed=seed, **more)
             (folder / 'verdict').write_bytes(pickle.dumps(found))
 
         asked = _digest(runs, hold_out, (rig, parameters, seed))

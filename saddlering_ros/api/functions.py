@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 
-from saddlering_ros import identification
+from saddlering_ros import diagnosis, identification
 from saddlering_ros.api.inputs import (
     as_parameters,
     BagLike,
@@ -20,7 +20,6 @@ from saddlering_ros.api.inputs import (
     runs_of,
 )
 from saddlering_ros.api.results import DiagnosisResult, IdentificationResult, ValidationResult
-from saddlering_ros.diagnosis.diagnose import diagnose_runs
 from saddlering_ros.errors import Cancelled
 from saddlering_ros.identification import IdentificationSettings, SwarmSettings
 from saddlering_ros.progress import check, IsCancelled, OnProgress, Progress
@@ -115,7 +114,7 @@ def diagnose(
     given = inputs_of(bags, hold_out=hold_out, rig=rig, trust_rig=trust_rig,
                       parameters=parameters, on_progress=on_progress, is_cancelled=is_cancelled)
     fitted, held_out = for_fits(given.bags, given.held_out)
-    answer = diagnose_runs(
-        runs_of(fitted), runs_of(held_out), given.rig, given.parameters, seed=seed,
+    answer = diagnosis.diagnose(
+        runs_of(fitted), runs_of(held_out), rig=given.rig, parameters=given.parameters, seed=seed,
         on_progress=on_progress, is_cancelled=is_cancelled)
     return DiagnosisResult((*fitted, *held_out), given.rig, given.files, answer)

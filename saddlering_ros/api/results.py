@@ -22,8 +22,8 @@ from saddlering_ros.api.inputs import (
     write_csv,
 )
 from saddlering_ros.diagnosis import Verdict
-from saddlering_ros.diagnosis.contract import CauseEntry, causes_of, VerdictDocument
-from saddlering_ros.diagnosis.summary import verdict_text
+from saddlering_ros.diagnosis.wording import causes_of, document_text, VerdictDocument
+from saddlering_ros.discrepancy import CauseEntry
 from saddlering_ros.files import (
     add_origins,
     bag_folder,
@@ -349,7 +349,7 @@ class DiagnosisResult(Result, _Parametric):
 
     def summary(self) -> str:
         """The verdict, its causes with their misfit reduction, and the next test."""
-        return verdict_text(self.found)
+        return document_text(self.document)
 
     def columns(self) -> dict[str, list[Any]]:
         """One row per parameter of a cause: size, std, unit, misfit reduction, p-value."""

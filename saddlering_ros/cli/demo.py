@@ -61,8 +61,12 @@ def run(args: argparse.Namespace) -> int:
 def summary(outcome: DemoOutcome) -> str:
     """The findings in at most one screen of lines."""
     from saddlering_ros.demo import figures
-    from saddlering_ros.diagnosis.contract import causes_of
-    from saddlering_ros.diagnosis.wording import gain_sentence, headline, parameter_words
+    from saddlering_ros.diagnosis.wording import (
+        causes_of,
+        gain_sentence,
+        headline,
+        parameter_words,
+    )
     from saddlering_ros.quantities import percent
 
     verdict = outcome.verdict

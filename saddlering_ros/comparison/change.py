@@ -21,8 +21,7 @@ from saddlering_ros.comparison.sessions import (
     SETTINGS,
     TwoSessions,
 )
-from saddlering_ros.diagnosis.next_test import confirming, for_group
-from saddlering_ros.diagnosis.proposals import propose
+from saddlering_ros.diagnosis.next_test import confirming, for_group, propose
 from saddlering_ros.diagnosis.records import build_record, check_set, PreparedRecord
 from saddlering_ros.diagnosis.ring_system import RingSystem
 from saddlering_ros.diagnosis.wording import title_of

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from saddlering_ros.diagnosis.contract import RunEntry
+from saddlering_ros.diagnosis.wording import RunEntry
 from saddlering_ros.record import Record
 from saddlering_ros.report.curves import Array, curves_of_run, RunCurves
 from saddlering_ros.rig import CHANNELS, ParameterSet, Rig

@@ -17,8 +17,7 @@ from saddlering_ros.demo.console import Console
 from saddlering_ros.demo.live import LiveRig
 from saddlering_ros.demo.plan import elevation_of, Plan
 from saddlering_ros.demo.recorder import ReplayRecording
-from saddlering_ros.diagnosis.contract import RunEntry, VerdictDocument
-from saddlering_ros.diagnosis.wording import headline
+from saddlering_ros.diagnosis.wording import headline, RunEntry, VerdictDocument
 from saddlering_ros.files import temporary_folder
 from saddlering_ros.quantities import percent
 from saddlering_ros.record import Record

@@ -1,5 +1,7 @@
-"""The diagnosis of a ring: bags and ring model joined to the generic engine."""
+"""The diagnosis of a ring: runs and ring model joined to the generic engine."""
 
-from saddlering_ros.diagnosis.diagnose import diagnose_bags, DiagnosisError, Verdict
+from saddlering_ros.diagnosis.records import DiagnosisError
+from saddlering_ros.diagnosis.ring_diagnosis import diagnose
+from saddlering_ros.diagnosis.verdict import Verdict
 
-__all__ = ['DiagnosisError', 'Verdict', 'diagnose_bags']
+__all__ = ['DiagnosisError', 'Verdict', 'diagnose']

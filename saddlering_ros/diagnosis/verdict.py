@@ -1,29 +1,118 @@
-"""The verdict on a set of bags: the diagnosis of the engine with the properties of the ring."""
+"""The verdict on a set of bags: the diagnosis of the engine with the properties of the ring.
+
+The engine's own fit of the base parameters serves its metric and counts model error and other
+nuisance parameters. The contact law alone in a verdict is the identification of the same runs, so
+that the same bags give the same K, n, D everywhere.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
 import math
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from saddlering_ros.diagnosis.contact_law import ContactLaw
-from saddlering_ros.diagnosis.contract import VerdictDocument
-from saddlering_ros.diagnosis.document import verdict_document
-from saddlering_ros.diagnosis.records import Array, PreparedRecord
-from saddlering_ros.discrepancy import Diagnosis, RunBlocks
+from saddlering_ros.diagnosis.proposed_law import proposal_document
+from saddlering_ros.diagnosis.records import PreparedRecord
+from saddlering_ros.diagnosis.wording import (
+    shape_words,
+    ShapeEntry,
+    SimulatedTestEntry,
+    swing_words,
+    VerdictDocument,
+)
+from saddlering_ros.discrepancy import (
+    CauseEntry,
+    Diagnosis,
+    Estimate,
+    Evidence,
+    RunBlocks,
+    Separation,
+    ShapeTest,
+)
+from saddlering_ros.discrepancy.search.limits import DetectionLimit
+from saddlering_ros.estimation.identifiability import still_open
 from saddlering_ros.files import Provenance
+from saddlering_ros.identification import Identification
+from saddlering_ros.quantities import finite_json, is_left, MATERIAL
 from saddlering_ros.rig import (
     CHANNELS,
     ContactParameters,
     measured_displacement,
+    PARAMETER_NAMES,
+    PARAMETER_UNITS,
     ParameterSet,
     ParameterSource,
     Rig,
     with_absent,
 )
+
+Array = NDArray[np.float64]
+
+MIN_COSINE = 0.3
+"""Cosine below which two signatures are left out of the verdict's JSON."""
+
+ZERO_SPAN = 0.5
+"""Length [s] of the mean that is the zero of a run."""
+
+
+@dataclass(frozen=True)
+class ContactLaw:
+    """Contact parameters by name, alone (before) and beside the causes found (after).
+
+    covariance (6, 6): of the values after; reasons by name: why the fitted runs do not
+    determine a parameter; refusal: why the runs could not be identified, '' if they could.
+    """
+
+    before: Mapping[str, Estimate]
+    after: Mapping[str, Estimate]
+    covariance: Array
+    reasons_before: Mapping[str, str]
+    reasons_after: Mapping[str, str]
+    refusal: str = ''
+
+    @property
+    def notes(self) -> list[str]:
+        """Reason for values of the engine itself, if they had to be used."""
+        if not self.refusal:
+            return []
+        return ['the contact parameters are those of the diagnosis, not of an identification: '
+                f'{self.refusal}']
+
+
+def contact_law(
+    diagnosis: Diagnosis, alone: Identification | str, elevations: int
+) -> ContactLaw:
+    """The contact law of the fitted runs, alone and after a diagnosis.
+
+    alone: the identification of the runs, or the reason why they cannot be identified. With
+    causes in the model, the values after are those of the engine.
+    """
+    if isinstance(alone, str):
+        before = still_open(_values(diagnosis.base_alone), {}, elevations)
+        after = still_open(_values(diagnosis.base), before, elevations)
+        return ContactLaw(diagnosis.base_alone, diagnosis.base, diagnosis.fits.base_covariance,
+                          before, after, alone)
+    deviations = np.sqrt(np.diag(alone.covariance))
+    estimates = {
+        name: Estimate(float(getattr(alone.parameters.contact, name)), float(deviation),
+                       PARAMETER_UNITS[name])
+        for name, deviation in zip(PARAMETER_NAMES, deviations, strict=True)
+    }
+    if not diagnosis.causes:
+        of_noise = alone.parameters.source.covariance
+        assert of_noise is not None
+        return ContactLaw(estimates, estimates, of_noise, alone.reasons, alone.reasons)
+    after = still_open(_values(diagnosis.base), alone.reasons, elevations)
+    return ContactLaw(
+        estimates, diagnosis.base, diagnosis.fits.base_covariance, alone.reasons, after)
+
+
+def _values(estimates: Mapping[str, Estimate]) -> dict[str, tuple[float, float]]:
+    return {name: (estimate.value, estimate.std) for name, estimate in estimates.items()}
 
 
 @dataclass(frozen=True)
@@ -71,24 +160,20 @@ class Verdict:
 
         Steady lines are left out, because their phase is new in every run.
         """
-        found = self.diagnosis
         values = np.array([estimate.value for estimate in self.contact_law.after.values()])
-        effects = (
-            {
-                cause.effect: {name: item.value for name, item in cause.parameters.items()}
-                for cause in found.causes
-                if not cause.definition.line
+        effects = {}
+        if self.verdict in ('named', 'ambiguous'):
+            effects = {
+                cause.effect: {name: size.value for name, size in cause.parameters.items()}
+                for cause in self.diagnosis.causes if not cause.definition.line
             }
-            if found.verdict in ('named', 'ambiguous')
-            else {}
-        )
         made = self.provenance(held_out=False)
         source = ParameterSource(
             method='diagnose',
             bags=tuple(origin.path for origin in made.bags),
-            objective=float(found.fits.after.misfit),
+            objective=float(self.diagnosis.fits.after.misfit),
             covariance=self.contact_law.covariance,
-            note=f'verdict {found.verdict}, seed {self.seed}',
+            note=f'verdict {self.verdict}, seed {self.seed}',
             sha256=tuple(origin.sha256 for origin in made.bags),
             versions=made.versions_in_words,
             undetermined=self.contact_law.reasons_after,
@@ -98,13 +183,9 @@ class Verdict:
 
     def provenance(self, *, held_out: bool = True) -> Provenance:
         """Its bags (with those held out, if requested) and the software versions."""
-        return Provenance(
-            tuple(
-                figures.record.test_run.origin
-                for figures in self.runs
-                if held_out or not figures.record.run.held_out
-            )
-        )
+        return Provenance(tuple(
+            figures.record.test_run.origin for figures in self.runs
+            if held_out or not figures.record.run.held_out))
 
     def to_json(self) -> VerdictDocument:
         """The contract of interfaces.md, with additions beside it."""
@@ -112,57 +193,46 @@ class Verdict:
 
 
 def run_figures(
-    rig: Rig, found: Diagnosis, record: PreparedRecord, before: Array, after: Array
+    rig: Rig, diagnosis: Diagnosis, record: PreparedRecord, before: Array, after: Array
 ) -> RunFigures:
     """Misfits and curves of one run, from predictions before and after (C, N)."""
     run = record.run
-    seen = [_displacement(rig, item) for item in (run.channels, before, after)]
+    curves = [_displacement(rig, values) for values in (run.channels, before, after)]
     channels = {}
-    views = found.fits.metric.experiment.system.views
+    views = diagnosis.fits.metric.experiment.system.views
     for index, name in enumerate(CHANNELS):
         if name not in views:
             continue  # A probe is absent.
-        measured, first, last = (item[index] for item in seen)
+        measured, first, last = (curve[index] for curve in curves)
         span = max(float(np.ptp(measured)), 1e-12)
-        weights = views[name]
-        noise = _noise_floor(found, run, weights)
+        noise = _noise_floor(diagnosis, run, views[name])
         channels[name] = ChannelMisfit(
             _rms(first - measured) / span, _rms(last - measured) / span, noise / span
         )
-    return RunFigures(record, channels, *seen)
+    return RunFigures(record, channels, *curves)
 
 
-ZERO_SPAN = 0.5
-"""Length [s] of the mean that is the zero of a run."""
+def _noise_floor(diagnosis: Diagnosis, run: RunBlocks, weights: Array) -> float:
+    """Rms noise of a view over the block means of the run, with the noise of the zero.
 
-
-def _noise_floor(found: Diagnosis, run: RunBlocks, weights: Array) -> float:
-    """Rms noise of a view over the block means of the run, with the noise of the zero."""
-    known = found.fits.metric.noise
-    fitted = run.name if (run.name, 0) in known else _alike(found, run)
-    start = float(run.time[0])
-    power = sum(
-        float(weight) ** 2
-        * float(
-            np.mean(
-                known[fitted, channel].since(run.time, run.width, start - ZERO_SPAN, ZERO_SPAN)
-                ** 2
-            )
-        )
-        for channel, weight in enumerate(weights)
-        if weight
-    )
+    The noise of a held-out run is that of the fitted run with block means of about its length.
+    """
+    noise = diagnosis.fits.metric.noise
+    width, start = float(np.median(run.width)), float(run.time[0])
+    name = run.name
+    if (name, 0) not in noise:
+        fitted = diagnosis.fits.metric.experiment.runs
+        name = min(fitted, key=lambda one: abs(np.log(np.median(one.width) / width))).name
+    power = 0.0
+    for channel, weight in enumerate(weights):
+        if weight:
+            deviations = noise[name, channel].since(
+                run.time, run.width, start - ZERO_SPAN, ZERO_SPAN)
+            power += float(weight) ** 2 * float(np.mean(deviations**2))
     return math.sqrt(power)
 
 
-def _alike(found: Diagnosis, run: RunBlocks) -> str:
-    """The fitted run with block means as long as those of a held-out run."""
-    width = float(np.median(run.width))
-    fitted = found.fits.metric.experiment.runs
-    return min(fitted, key=lambda item: abs(np.log(np.median(item.width) / width))).name
-
-
-def _displacement(rig: Rig, increments: Array) -> NDArray[np.float64]:
+def _displacement(rig: Rig, increments: Array) -> Array:
     """Channels (4, N) from the increments (C, N) of the probes that the rig has."""
     motion = measured_displacement(rig.probes, with_absent(rig.probes, increments))
     return np.stack([np.asarray(getattr(motion, name)) for name in CHANNELS])
@@ -170,3 +240,148 @@ def _displacement(rig: Rig, increments: Array) -> NDArray[np.float64]:
 
 def _rms(values: Array) -> float:
     return float(np.sqrt(np.mean(values**2)))
+
+
+def verdict_document(verdict: Verdict) -> VerdictDocument:
+    """The contract of interfaces.md, with additions beside it."""
+    diagnosis, gain = verdict.diagnosis, verdict.diagnosis.gain
+    shapes_after = [_shape_entry(shape) for shape in diagnosis.residual_after.shapes]
+    document: VerdictDocument = finite_json({
+        'verdict': diagnosis.verdict,
+        'causes': _cause_entries(diagnosis),
+        'runs': [_run_entry(figures) for figures in verdict.runs],
+        'parameters': _parameters_entry(verdict.contact_law),
+        'next_test': verdict.next_test,
+        'simulated_tests': [_simulated_test(one) for one in diagnosis.separations],
+        'detection_limits': [_limit_entry(limit) for limit in diagnosis.observability.limits],
+        'immaterial': [_evidence_entry(one) for one in diagnosis.search.immaterial],
+        'unexplained': shapes_after[:8],
+        'candidates': [_candidate_entry(one) for one in diagnosis.search.candidates],
+        'shapes': {
+            'before': [_shape_entry(shape) for shape in diagnosis.residual_before.shapes],
+            'after': shapes_after,
+        },
+        'signature_cosines': signature_cosines(diagnosis),
+        'gain': {'fit': gain.fit, 'held_out': gain.held_out, 'how': gain.how},
+        'proposal': proposal_document(diagnosis.law, verdict.effect_files),
+        'notes': list(verdict.notes),
+        'provenance': verdict.provenance().as_dict(),
+        'seed': verdict.seed,
+        'seconds': diagnosis.seconds,
+    })
+    return document
+
+
+def _limit_entry(limit: DetectionLimit) -> dict[str, Any]:
+    entry: dict[str, Any] = {
+        name: getattr(limit, name)
+        for name in ('effect', 'limit', 'best_limit', 'material_limit', 'unit', 'share',
+                     'testable')
+    }
+    entry['places'] = [
+        {'values': dict(one.values), 'limit': one.limit, 'material_limit': one.material_limit}
+        for one in limit.configurations
+    ]
+    return entry
+
+
+def _cause_entries(diagnosis: Diagnosis) -> list[CauseEntry | ShapeEntry]:
+    """The causes; with `unknown`, first the shapes that no cause explains."""
+    if diagnosis.verdict == 'none':
+        return []
+    causes = [cause.entry() for cause in diagnosis.causes]
+    if diagnosis.verdict != 'unknown':
+        return [*causes]
+    after = diagnosis.residual_after
+    entries: list[CauseEntry | ShapeEntry] = []
+    for shape in [one for one in after.shapes if is_left(one.p_value, one.visible)][:4]:
+        entry = _shape_entry(shape)
+        entries.append({'shape': shape_words(entry), **entry})
+    fast = after.fast
+    if fast.visible >= MATERIAL:
+        entries.append({
+            'shape': swing_words(fast.view, fast.frequency, fast.run, fast.visible),
+            'channel': fast.view,
+            'coordinate': 'time',
+            'p_value': fast.p_value,
+            'share_of_range': fast.visible,
+        })
+    for cause in causes:
+        cause['partial'] = True
+    return [*entries, *causes]
+
+
+def _parameters_entry(law: ContactLaw) -> dict[str, Any]:
+    """Values and standard deviations, null for undetermined parameters, and the reasons."""
+    after: dict[str, float | None] = {}
+    for name, estimate in law.after.items():
+        after[name] = estimate.value
+        after[f'{name}_std'] = None if name in law.reasons_after else estimate.std
+    return {
+        'before': {name: estimate.value for name, estimate in law.before.items()},
+        'after': after,
+        'before_std': {
+            name: None if name in law.reasons_before else estimate.std
+            for name, estimate in law.before.items()
+        },
+        'undetermined': {'before': dict(law.reasons_before), 'after': dict(law.reasons_after)},
+    }
+
+
+def _run_entry(figures: RunFigures) -> dict[str, Any]:
+    record = figures.record
+    return {
+        'bag': str(record.test_run.path),
+        'elevation_deg': float(np.degrees(record.test_run.elevation)),
+        'test': record.test_run.test,
+        'held_out': record.run.held_out,
+        'channels': {name: vars(misfit) for name, misfit in figures.channels.items()},
+    }
+
+
+def _simulated_test(separation: Separation) -> SimulatedTestEntry:
+    return {
+        'test': separation.proposal.sentence,
+        'kind': separation.proposal.kind,
+        'draws': separation.draws,
+        'share_alone': separation.share,
+        'interval_95': list(separation.interval),
+        'share_kept': separation.kept / separation.draws,
+        'by_truth': {' + '.join(ids): share for ids, share in separation.by_truth.items()},
+    }
+
+
+def _evidence_entry(one: Evidence) -> dict[str, Any]:
+    return {'effects': list(one.effects), 'p_value': one.p_value, 'share_of_range': one.visible}
+
+
+def _candidate_entry(one: Evidence) -> dict[str, Any]:
+    return {
+        **_evidence_entry(one),
+        'step': one.step,
+        'delta_bic': one.delta_bic,
+        'misfit': one.misfit,
+        'parameters': {effect: dict(values) for effect, values in one.values.items()},
+    }
+
+
+def _shape_entry(shape: ShapeTest) -> ShapeEntry:
+    return {
+        'channel': shape.view,
+        'coordinate': shape.coordinate,
+        'p_value': shape.p_value,
+        'share_of_range': shape.visible,
+    }
+
+
+def signature_cosines(diagnosis: Diagnosis) -> dict[str, dict[str, float]]:
+    """Every signature with similar ones: 1 means that these data cannot separate them."""
+    labels = diagnosis.observability.labels
+    return {
+        label: {
+            other: round(float(value), 3)
+            for other, value in zip(labels, row, strict=True)
+            if other != label and value >= MIN_COSINE
+        }
+        for label, row in zip(labels, diagnosis.observability.cosines, strict=True)
+    }

@@ -1,22 +1,165 @@
-"""A verdict's JSON in plain words."""
+"""The document of a verdict, which is the JSON of interfaces.md, and the document in plain words.
+
+Terminal, report, live page and demo print from the document, and mypy checks the keys that they
+read. Sentences that serve a declared model too stand in discrepancy/verdict/wording.py.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping
+from typing import Any, cast, TypedDict
 
-from saddlering_ros.diagnosis.contract import (
-    CandidateEntry,
-    CauseEntry,
-    causes_of,
-    ShapeEntry,
-    shapes_of,
-    SizeEntry,
-    VerdictDocument,
-)
+from saddlering_ros.discrepancy import CauseEntry, ReductionEntry, SizeEntry
+from saddlering_ros.discrepancy.verdict.wording import cause_lines, gain_words, verdict_line
 from saddlering_ros.effects import catalogue
+from saddlering_ros.estimation.identifiability import undetermined_words
 from saddlering_ros.quantities import CHANCE, compact, MATERIAL, percent, quantity, signed_percent
+from saddlering_ros.rig import PARAMETER_NAMES, PARAMETER_UNITS, stiffness_per_millimetre
 
-Document = VerdictDocument
+Shares = dict[str, float]
+
+
+class TotalReductionEntry(ReductionEntry):
+    """Gain of all causes together; how: 'held out' or 'held out in turn'."""
+
+    how: str
+
+
+class _ShapeWords(TypedDict, total=False):
+    shape: str
+
+
+class ShapeEntry(_ShapeWords):
+    """A part of the misfit that no cause explains."""
+
+    channel: str
+    coordinate: str
+    p_value: float | None
+    share_of_range: float
+
+
+class ChannelEntry(TypedDict):
+    """Misfits of a channel as shares of its range in the run."""
+
+    nrmse_before: float | None
+    nrmse_after: float | None
+    noise_floor: float | None
+
+
+class RunEntry(TypedDict):
+    """One run with its channels by name."""
+
+    bag: str
+    elevation_deg: float
+    test: str
+    held_out: bool
+    channels: dict[str, ChannelEntry]
+
+
+class _ParametersMore(TypedDict, total=False):
+    before_std: dict[str, float | None]
+    undetermined: dict[str, dict[str, str]]
+
+
+class ParametersEntry(_ParametersMore):
+    """Contact parameters by name; `after` holds K1_std to D2_std as well."""
+
+    before: dict[str, float]
+    after: dict[str, Any]
+
+
+class CandidateEntry(TypedDict):
+    """A model that was fitted: its effects, the last one new in its step."""
+
+    effects: list[str]
+    step: int
+    p_value: float | None
+    share_of_range: float | None
+    delta_bic: float | None
+    misfit: float | None
+    parameters: dict[str, dict[str, float]]
+
+
+class ImmaterialEntry(TypedDict):
+    """Effects that are real and too small to matter."""
+
+    effects: list[str]
+    p_value: float | None
+    share_of_range: float | None
+
+
+class LimitEntry(TypedDict):
+    """Detection limit of one effect in these data: sizes of its first parameter."""
+
+    effect: str
+    limit: float | None
+    best_limit: float | None
+    material_limit: float | None
+    unit: str
+    share: float
+    testable: bool
+    places: list[dict[str, Any]]
+
+
+class ShapesEntry(TypedDict):
+    """Every test of the misfit against a coordinate, before and after."""
+
+    before: list[ShapeEntry]
+    after: list[ShapeEntry]
+
+
+class SimulatedTestEntry(TypedDict):
+    """A test of an `ambiguous` verdict, simulated with each open model as the truth in turn.
+
+    share_alone: share of the draws that leave only the true model; share_kept: share that
+    leave it at all; by_truth: share_alone by the effects of the true model.
+    """
+
+    test: str
+    kind: str
+    draws: int
+    share_alone: float
+    interval_95: list[float]
+    share_kept: float
+    by_truth: Shares
+
+
+class _VerdictMore(TypedDict, total=False):
+    simulated_tests: list[SimulatedTestEntry]
+    gain: TotalReductionEntry
+    detection_limits: list[LimitEntry]
+    immaterial: list[ImmaterialEntry]
+    unexplained: list[ShapeEntry]
+    candidates: list[CandidateEntry]
+    shapes: ShapesEntry
+    signature_cosines: dict[str, Shares]
+    notes: list[str]
+    provenance: dict[str, Any]
+    seed: int
+    seconds: float
+    proposal: dict[str, Any] | None
+
+
+class VerdictDocument(_VerdictMore):
+    """The whole document; causes: first the shapes of an `unknown`, then causes."""
+
+    verdict: str
+    causes: list[CauseEntry | ShapeEntry]
+    runs: list[RunEntry]
+    parameters: ParametersEntry
+    next_test: str | None
+
+
+def causes_of(document: VerdictDocument) -> list[CauseEntry]:
+    """The causes that are effects of the catalogue."""
+    return [cast(CauseEntry, cause) for cause in document['causes'] if 'effect' in cause]
+
+
+def shapes_of(document: VerdictDocument) -> list[ShapeEntry]:
+    """The parts of the misfit that no cause explains."""
+    return [cause for cause in document['causes'] if 'effect' not in cause]
+
+
 
 COORDINATES = {
     'load': 'follows the load', 'direction': 'changes sign with the direction of the load',
@@ -26,8 +169,8 @@ COORDINATES = {
 
 def title_of(effect_id: str) -> str:
     """The title of an effect, or its id if the catalogue does not have it."""
-    known = catalogue().get(effect_id)
-    return effect_id if known is None else known.title
+    effect = catalogue().get(effect_id)
+    return effect_id if effect is None else effect.title
 
 
 def lowered(title: str) -> str:
@@ -35,24 +178,26 @@ def lowered(title: str) -> str:
     return title[:1].lower() + title[1:] if title[1:2].islower() else title
 
 
-def headline(document: Document) -> str:
+def headline(document: VerdictDocument) -> str:
     """The verdict in one or two sentences."""
     verdict = document['verdict']
     if verdict == 'none':
         return ('The simulation lacks nothing that these data could show. The residual is noise, '
                 f"or smaller than {100.0 * MATERIAL:g} % of a channel's range.")
     if verdict == 'unknown':
+        shapes = '; '.join(shape_words(shape) for shape in shapes_of(document))
         return ('Something is wrong, and no cause of the catalogue explains the misfit. '
-                + _shapes(shapes_of(document)))
+                + (f'The residual: {shapes}.' if shapes else ''))
     causes = causes_of(document)
     if verdict == 'ambiguous':
         return ('The simulation lacks a cause. '
                 + ' '.join(_open_cause(cause) for cause in causes))
-    found = _joined([f'{lowered(title_of(cause["effect"]))}{_size(cause)}' for cause in causes])
-    return f'The simulation lacks {found}.'
+    names = [f'{lowered(title_of(cause["effect"]))} ({size_of(cause)})' for cause in causes]
+    *others, last = names
+    return f'The simulation lacks {", ".join(others)}{" and " if others else ""}{last}.'
 
 
-def gain_sentence(document: Document) -> str:
+def gain_sentence(document: VerdictDocument) -> str:
     """The misfit reduction of the extension, with that on held-out runs if there are some."""
     gain = document.get('gain')
     if document['verdict'] == 'none' or gain is None or gain.get('fit') is None:
@@ -70,54 +215,55 @@ def gain_sentence(document: Document) -> str:
 
 def size_of(cause: CauseEntry) -> str:
     """Place of a cause and the size of its first parameter: 'probe 2 gain +3.0 ± 0.2 %'."""
-    name, item = next((name, item) for name, item in cause['parameters'].items()
-                      if name not in choices_of(cause['effect']))
-    return ' '.join(filter(None, (place_of(cause), parameter_value(cause['effect'], name, item))))
+    choices = choices_of(cause['effect'])
+    name = next(name for name in cause['parameters'] if name not in choices)
+    words = parameter_value(cause['effect'], name, cause['parameters'][name])
+    return ' '.join(filter(None, (place_of(cause), words)))
 
 
 def parameter_words(cause: CauseEntry) -> str:
     """Place of a cause and all its fitted parameters, in one line."""
     choices = choices_of(cause['effect'])
-    parts = [place_of(cause)] + [
-        parameter_value(cause['effect'], name, item)
-        for name, item in cause['parameters'].items()
-        if name not in choices and (item['std'] or item['unit'] not in ('', '1'))]
-    return ', '.join(filter(None, parts)) or size_of(cause)
+    words = [place_of(cause)] + [
+        parameter_value(cause['effect'], name, size)
+        for name, size in cause['parameters'].items()
+        if name not in choices and (size['std'] or size['unit'] not in ('', '1'))]
+    return ', '.join(filter(None, words)) or size_of(cause)
 
 
-def parameter_value(effect_id: str, name: str, item: SizeEntry) -> str:
+def parameter_value(effect_id: str, name: str, size: SizeEntry) -> str:
     """A parameter with its value and error, in a suitable unit and with its sign."""
-    return f'{name} {value_words(effect_id, name, item["value"], item["unit"], item["std"])}'
+    return f'{name} {value_words(effect_id, name, size["value"], size["unit"], size["std"])}'
 
 
 def value_words(
     effect_id: str, name: str, value: float, unit: str, std: float | None = None,
 ) -> str:
     """A value with its error: shares in percent, a sign if both signs are possible."""
-    known = catalogue().get(effect_id)
-    found = next((one for one in known.parameters if one.name == name), None) if known else None
-    if found is not None and found.amplitude and unit in ('', '1'):
-        return signed_percent(value, std, is_signed=not found.one_sided)
+    effect = catalogue().get(effect_id)
+    for parameter in effect.parameters if effect is not None else ():
+        if parameter.name == name and parameter.amplitude and unit in ('', '1'):
+            return signed_percent(value, std, is_signed=not parameter.one_sided)
     return quantity(value, '' if unit == '1' else unit, std)
 
 
 def choices_of(effect_id: str) -> frozenset[str]:
     """Names of the parameters of an effect that are chosen and not fitted."""
-    known = catalogue().get(effect_id)
-    return frozenset() if known is None else frozenset(choice.name for choice in known.choices)
+    effect = catalogue().get(effect_id)
+    return frozenset() if effect is None else frozenset(choice.name for choice in effect.choices)
 
 
 def place_of(cause: CauseEntry) -> str:
     """The variant of a cause in words, for instance the probe; '' if it has one form only."""
     names = choices_of(cause['effect'])
-    choices = {name: item['value'] for name, item in cause['parameters'].items() if name in names}
+    choices = {name: size['value'] for name, size in cause['parameters'].items() if name in names}
     return variant_words(cause['effect'], choices) if choices else ''
 
 
 def variant_words(effect_id: str, choices: Mapping[str, float]) -> str:
     """The variant of an effect with these fixed values, in words."""
-    known = catalogue().get(effect_id)
-    for variant in known.variants if known is not None else ():
+    effect = catalogue().get(effect_id)
+    for variant in effect.variants if effect is not None else ():
         if variant.label and all(variant.values.get(k) == v for k, v in choices.items()):
             return variant.label
     return ', '.join(f'{name} {value:g}' for name, value in choices.items())
@@ -126,10 +272,10 @@ def variant_words(effect_id: str, choices: Mapping[str, float]) -> str:
 def signature_words(label: str) -> str:
     """'probe_lag:2' with the words of that variant: 'probe_lag, probe 3'."""
     effect_id, _, place = label.partition(':')
-    known = catalogue().get(effect_id)
-    if known is None or not place.isdigit() or int(place) >= len(known.variants):
+    effect = catalogue().get(effect_id)
+    if effect is None or not place.isdigit() or int(place) >= len(effect.variants):
         return label
-    words = known.variants[int(place)].label
+    words = effect.variants[int(place)].label
     return f'{effect_id}, {words}' if words else effect_id
 
 
@@ -167,23 +313,76 @@ def swing_words(channel: str, frequency: float, run: str, share_of_range: float)
             f'{percent(share_of_range)} of range rms')
 
 
-def _shapes(left: Sequence[ShapeEntry]) -> str:
-    shapes = [shape_words(shape) for shape in left]
-    return f'The residual: {"; ".join(shapes)}.' if shapes else ''
-
-
 def _open_cause(cause: CauseEntry) -> str:
     if len(cause['group']) == 1:
-        return f'One cause is {lowered(title_of(cause["effect"]))}{_size(cause)}.'
+        return f'One cause is {lowered(title_of(cause["effect"]))} ({size_of(cause)}).'
     names = [lowered(title_of(name)) for name in cause['group']]
     return f'These data cannot tell the possible causes apart: {" or ".join(names)}.'
 
 
-def _size(cause: CauseEntry) -> str:
-    return f' ({size_of(cause)})'
+def document_text(document: VerdictDocument) -> str:
+    """Verdict, next test, misfit reduction, open questions, in plain lines."""
+    verdict = document['verdict']
+    lines = [verdict_line(verdict), headline(document), gain_sentence(document)]
+    if document['next_test']:
+        lines.append(f'next test: {document["next_test"]}')
+    lines = [*filter(None, lines), '']
+    for cause in causes_of(document):
+        lines += cause_lines(cause, parameter_words(cause))
+    if verdict == 'unknown':
+        lines.append('Misfit that no effect of the catalogue explains:')
+        lines += [f'  {shape_words(shape)}' for shape in shapes_of(document)]
+    lines += proposal_lines(document)
+    lines += ['', "Misfit by run and channel, rms in % of the channel's range "
+              '(contact law alone / extended model / noise):']
+    lines += [_run_line(run) for run in document['runs']]
+    lines += ['', 'Contact parameters (before -> after):', *_parameter_lines(document)]
+    return '\n'.join([*lines, *(f'note: {note}' for note in document['notes'])])
 
 
-def _joined(parts: Sequence[str]) -> str:
-    if len(parts) < 2:
-        return ''.join(parts)
-    return f'{", ".join(parts[:-1])} and {parts[-1]}'
+def proposal_lines(document: VerdictDocument) -> list[str]:
+    """The proposed law, its misfit reduction, and its doubts."""
+    law = document.get('proposal')
+    if not law:
+        return []
+    lines = ['', 'A law that would explain the misfit (a proposal; the verdict stays unknown):']
+    for term in law['terms']:
+        lines.append(f'  {term["channel"]} += {term["law"]} in {term["coordinate"]}: '
+                     f'{term["formula"]}')
+        lines += [
+            f'    {name} {quantity(size["value"], size["unit"], size["std"])}'
+            for name, size in term['parameters'].items()]
+    gain = law['gain']
+    lines.append(f'  misfit reduction {gain_words(gain["fit"], gain["held_out"])}')
+    lines += [f'  doubt: {doubt}' for doubt in law['doubts']]
+    return [*lines, *(f'  effect file: {path}' for path in law['effect_files'])]
+
+
+def _run_line(run: RunEntry) -> str:
+    shares = ', '.join(
+        f'{name} ' + ' / '.join(
+            '-' if share is None else f'{100.0 * share:.2f}'
+            for share in (misfit['nrmse_before'], misfit['nrmse_after'], misfit['noise_floor']))
+        for name, misfit in run['channels'].items())
+    name = str(run['bag']).rstrip('/').rsplit('/', 1)[-1]
+    return f'  {name}{" (held out)" if run["held_out"] else ""}: {shares}'
+
+
+def _parameter_lines(document: VerdictDocument) -> list[str]:
+    before, after = document['parameters']['before'], document['parameters']['after']
+    open_after = document['parameters'].get('undetermined', {}).get('after', {})
+    lines = []
+    for name in PARAMETER_NAMES:
+        if name in before and name in after:
+            shown = quantity(after[name], PARAMETER_UNITS[name], after.get(f'{name}_std'))
+            lines.append(f'  {name}: {quantity(before[name])} -> {shown}')
+            if name in open_after:
+                lines[-1] = '  ' + undetermined_words(
+                    name, f'{quantity(before[name])} -> {shown}', open_after[name])
+    for row in (1, 2):
+        names = (f'K{row}', f'n{row}')
+        if all(name in values for name in names for values in (before, after)):
+            first, last = (stiffness_per_millimetre(*(values[name] for name in names))
+                           for values in (before, after))
+            lines.append(f'  K{row}: {quantity(first)} -> {quantity(last, "N/mm^n")}')
+    return lines

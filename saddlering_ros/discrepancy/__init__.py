@@ -28,12 +28,20 @@ from saddlering_ros.discrepancy.problem.system import (
 )
 from saddlering_ros.discrepancy.search.comparison import Evidence
 from saddlering_ros.discrepancy.search.lack_of_fit import ShapeTest
-from saddlering_ros.discrepancy.verdict.results import Cause, Diagnosis, Estimate
+from saddlering_ros.discrepancy.verdict.results import (
+    Cause,
+    CauseEntry,
+    Diagnosis,
+    Estimate,
+    ReductionEntry,
+    SizeEntry,
+)
 from saddlering_ros.estimation.rest import RestSegment
 
 __all__ = [
     'Assumptions',
     'Cause',
+    'CauseEntry',
     'Channel',
     'Diagnosis',
     'DiscrepancyError',
@@ -48,12 +56,14 @@ __all__ = [
     'Point',
     'Proposal',
     'Reading',
+    'ReductionEntry',
     'RestSegment',
     'Run',
     'RunBlocks',
     'Separation',
     'Settings',
     'ShapeTest',
+    'SizeEntry',
     'System',
     'SystemWithTangents',
     'Term',

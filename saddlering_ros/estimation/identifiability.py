@@ -1,11 +1,11 @@
 """The contact parameters that data determine, and the words for them everywhere.
 
-K, n and D are judged in the coordinates (ln K, n, ln D) of `estimation.space`.
+K, n and D are judged in the coordinates (ln K, n, ln D) of a `SearchSpace`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from itertools import combinations
 
 import numpy as np
@@ -117,6 +117,11 @@ def still_open(
         if name not in reasons and reason is not None:
             reasons[name] = reason
     return reasons
+
+
+def distinct_elevations(elevations: Iterable[float]) -> int:
+    """Number of elevations [rad] that differ by more than a degree."""
+    return len({round(float(np.degrees(elevation))) for elevation in elevations})
 
 
 def collinearity(jacobian: Array, names: Sequence[str]) -> dict[str, float]:

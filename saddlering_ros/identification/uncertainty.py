@@ -9,7 +9,7 @@ covariance I + S S^T (S: unequal_rollers.py) give it the covariance G G^T + G S 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from saddlering_ros.estimation.identifiability import (
     collinearity,
+    distinct_elevations,
     reason_bound,
     reason_held,
     reason_misfit,
@@ -235,7 +236,7 @@ def _judge(
 ) -> tuple[dict[str, bool], dict[str, str]]:
     determined: dict[str, bool] = {}
     reasons: dict[str, str] = {}
-    elevations = distinct_elevations(objective.observations)
+    elevations = distinct_elevations(one.elevation for one in objective.observations)
     for index, name in enumerate(PARAMETER_NAMES):
         position = np.flatnonzero(space.free == index)
         if not len(position):
@@ -258,11 +259,6 @@ def _why_wide(name: str, index: int, spread: _Spread, elevations: int) -> str | 
     return (reason_misfit(name, std, spread.std_without_misfit[index], spread.misfit_advice)
             or reason_unequal(name, std, spread.noise_std[index], elevations)
             or reason_one_elevation(name, std, shift, worst.words, elevations))
-
-
-def distinct_elevations(observations: Sequence[Observation]) -> int:
-    """Number of elevations that differ by more than a degree."""
-    return len({round(float(np.degrees(one.elevation))) for one in observations})
 
 
 def stiffness_ellipse(

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any, TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from saddlering_ros.diagnosis.contract import VerdictDocument
+    from saddlering_ros.diagnosis.wording import VerdictDocument
 
 
 @dataclass(frozen=True)

@@ -5,29 +5,27 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any, Literal
 
-from saddlering_ros.diagnosis.contract import (
+from saddlering_ros.diagnosis.wording import (
     CandidateEntry,
-    CauseEntry,
     causes_of,
     ChannelEntry,
-    LimitEntry,
-    ShapeEntry,
-    shapes_of,
-)
-from saddlering_ros.diagnosis.wording import (
     choices_of,
-    Document,
     gain_sentence,
     headline,
+    LimitEntry,
     lowered,
     place_of,
     shape_words,
+    ShapeEntry,
+    shapes_of,
     signature_words,
     title_of,
     value_words,
     variant_words,
+    VerdictDocument,
     why_lost,
 )
+from saddlering_ros.discrepancy import CauseEntry
 from saddlering_ros.effects import catalogue
 from saddlering_ros.pages import html
 from saddlering_ros.pages.html import Cell, code, number
@@ -49,7 +47,7 @@ CANDIDATES_SHOWN = 12
 TESTS_SHOWN = 6
 
 
-def verdict_banner(document: Document, curves: Sequence[RunCurves] = ()) -> str:
+def verdict_banner(document: VerdictDocument, curves: Sequence[RunCurves] = ()) -> str:
     """The verdict, the next test, the misfit reduction, and the figure that shows the cause."""
     verdict = document['verdict']
     parts = [
@@ -63,7 +61,7 @@ def verdict_banner(document: Document, curves: Sequence[RunCurves] = ()) -> str:
     return f'<div class="verdict {verdict}">' + '\n'.join(parts) + '</div>'
 
 
-def _proof(document: Document, curves: Sequence[RunCurves]) -> str:
+def _proof(document: VerdictDocument, curves: Sequence[RunCurves]) -> str:
     """The channel whose misfit the verdict changes most; of `none` and `unknown`, the largest."""
     shown = {run.name: run for run in curves}
     cases = [
@@ -85,7 +83,7 @@ def proof_picture(run: RunCurves, channel: str) -> str:
         'simulated; below, the residual, with a band of twice the noise floor.')
 
 
-def causes(document: Document) -> str:
+def causes(document: VerdictDocument) -> str:
     """Each cause with its numbers, its look-alikes and the test that would confirm the cause."""
     parts = [_cause(cause, document) for cause in causes_of(document)]
     parts.append(simulated_tests(document))
@@ -95,7 +93,7 @@ def causes(document: Document) -> str:
     return html.section('Causes', *parts)
 
 
-def simulated_tests(document: Document) -> str:
+def simulated_tests(document: VerdictDocument) -> str:
     """Possible next tests with how often each leaves the true cause alone, the best first."""
     rows: list[list[str | Cell]] = [
         [item['test'], number(percent(item['share_alone'])),
@@ -108,7 +106,7 @@ def simulated_tests(document: Document) -> str:
         'Simulated draws of each test, with each open cause as the truth in turn')
 
 
-def _look_alike_rows(cause: CauseEntry, document: Document) -> list[list[str | Cell]]:
+def _look_alike_rows(cause: CauseEntry, document: VerdictDocument) -> list[list[str | Cell]]:
     """The alternatives to this cause, each with the measurement that separates it."""
     evidence = {item['effects'][-1]: item['delta_bic'] for item in reversed(
         document.get('candidates') or []) if item['effects']}
@@ -122,7 +120,7 @@ def _look_alike_rows(cause: CauseEntry, document: Document) -> list[list[str | C
     return rows
 
 
-def _cause(cause: CauseEntry, document: Document) -> str:
+def _cause(cause: CauseEntry, document: VerdictDocument) -> str:
     effect_id = cause['effect']
     known = catalogue().get(effect_id)
     rows = _cause_parameters(cause)
@@ -147,7 +145,7 @@ def _cause(cause: CauseEntry, document: Document) -> str:
     ])
 
 
-def _confirmation(cause: CauseEntry, document: Document) -> str:
+def _confirmation(cause: CauseEntry, document: VerdictDocument) -> str:
     """The measurement that confirms a cause, unless it is the next test."""
     known = catalogue().get(cause['effect'])
     is_next = lowered(title_of(cause['effect'])) in (document.get('next_test') or '')
@@ -172,7 +170,7 @@ def _cause_parameters(cause: CauseEntry) -> list[list[str | Cell]]:
     return rows
 
 
-def misfit(document: Document) -> str:
+def misfit(document: VerdictDocument) -> str:
     """Runs and channels before and after against the noise floor: figure and table."""
     runs = document['runs']
     rows: list[list[str | Cell]] = []
@@ -253,7 +251,7 @@ def residuals(curves: Sequence[RunCurves]) -> str:
         'comes from stiffness, clearance or the load path.', 'soft'), *parts)
 
 
-def shape_tests(document: Document) -> str:
+def shape_tests(document: VerdictDocument) -> str:
     """Tests on the residual: channel by coordinate, before and after."""
     shapes = document.get('shapes')
     if not shapes:
@@ -287,7 +285,7 @@ def _shape_cell(before: ShapeEntry | None, after: ShapeEntry | None) -> Cell:
                 mark='bad' if is_left(after['p_value'], after['share_of_range']) else '')
 
 
-def candidates(document: Document) -> str:
+def candidates(document: VerdictDocument) -> str:
     """Every fitted candidate with its evidence, and real effects that are too small."""
     found = document.get('candidates') or []
     chosen = {cause['effect'] for cause in causes_of(document)}
@@ -356,7 +354,7 @@ def _limit(limits: LimitEntry, key: Literal['limit', 'best_limit', 'material_lim
     return value_words(limits['effect'], known.parameters[0].name, size, limits['unit'])
 
 
-def detection_limits(document: Document) -> str:
+def detection_limits(document: VerdictDocument) -> str:
     """The smallest size of every effect that these data could have shown."""
     rows: list[list[str | Cell]] = []
     for item in document.get('detection_limits') or []:
@@ -379,7 +377,7 @@ def detection_limits(document: Document) -> str:
             'contact parameters cannot imitate.'))) if rows else ''
 
 
-def look_alikes(document: Document) -> str:
+def look_alikes(document: VerdictDocument) -> str:
     """Heat map of signatures that look alike."""
     cosines = document.get('signature_cosines') or {}
     if len(cosines) < 2:
@@ -394,7 +392,7 @@ def look_alikes(document: Document) -> str:
         'two causes apart if their square is dark. Values below 0.3 are white.'))
 
 
-def notes(document: Document) -> str:
+def notes(document: VerdictDocument) -> str:
     """Limits of the data, and how the diagnosis was run."""
     lines = list(document.get('notes') or [])
     seconds = document.get('seconds')
@@ -407,7 +405,7 @@ def _short(bag: str) -> str:
     return str(bag).rstrip('/').rsplit('/', 1)[-1]
 
 
-def proposal(document: Document, force_unit: str = 't') -> str:
+def proposal(document: VerdictDocument, force_unit: str = 't') -> str:
     """The proposed law with its curve, misfit reduction and doubts; empty without a law.
 
     force_unit: unit in which loads are shown.

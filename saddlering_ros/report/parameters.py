@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from saddlering_ros.diagnosis.wording import Document
+from saddlering_ros.diagnosis.wording import VerdictDocument
 from saddlering_ros.identification.result import INTERVALS
 from saddlering_ros.pages import html
 from saddlering_ros.pages.html import Cell, code, number
@@ -61,7 +61,7 @@ def identified(found: Mapping[str, Any], words: str = '') -> str:
 
 
 def before_and_after(
-    document: Document, before: str = 'before', after: str = 'after',
+    document: VerdictDocument, before: str = 'before', after: str = 'after',
     covariance: Array | None = None,
 ) -> str:
     """Contact parameters before and after, with intervals, correlation, and the bias removed."""

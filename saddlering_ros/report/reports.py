@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from saddlering_ros.diagnosis.verdict import Verdict
-from saddlering_ros.diagnosis.wording import Document
+from saddlering_ros.diagnosis.wording import VerdictDocument
 from saddlering_ros.files import check_ending, PAGE_ENDINGS, whole_file, write_text
 from saddlering_ros.identification.figures import ChannelFigures, RunValidation
 from saddlering_ros.identification.validation import judge, Validation
@@ -59,7 +59,7 @@ TITLE = 'What the ring simulation lacks'
 
 
 def diagnosis_page(
-    document: Document, curves: Sequence[RunCurves], known: Background = NOTHING,
+    document: VerdictDocument, curves: Sequence[RunCurves], known: Background = NOTHING,
     top: str = f'<h1>{TITLE}</h1>',
 ) -> str:
     """The page of a verdict's JSON and the curves of its runs, below a head."""
@@ -70,7 +70,7 @@ def diagnosis_page(
 
 
 def diagnosis_chapters(
-    document: Document, curves: Sequence[RunCurves], known: Background = NOTHING,
+    document: VerdictDocument, curves: Sequence[RunCurves], known: Background = NOTHING,
 ) -> list[str]:
     """Everything below the verdict, most important first."""
     return [

@@ -66,10 +66,10 @@ def test_reading_is_cancelled_too(paths):
 
 
 def test_a_cancel_during_the_identification_of_a_diagnosis_gives_no_verdict(monkeypatch):
-    from saddlering_ros.diagnosis import contact_law
+    from saddlering_ros.diagnosis import ring_diagnosis
 
     half_done = object.__new__(Identification)
     object.__setattr__(half_done, 'cancelled', True)
-    monkeypatch.setattr(contact_law, 'identify', lambda *_, **__: half_done)
+    monkeypatch.setattr(ring_diagnosis, 'identify', lambda *_, **__: half_done)
     with pytest.raises(Cancelled):
-        contact_law.identified([], RIG, lambda: True)
+        ring_diagnosis.identified([], RIG, lambda: True)

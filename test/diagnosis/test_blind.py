@@ -14,7 +14,7 @@ import sys
 
 import pytest
 
-from saddlering_ros.diagnosis import diagnose_bags
+from saddlering_ros import diagnose
 from saddlering_ros.virtual_rig.blind import open_seal, score, SEALED
 
 pytestmark = pytest.mark.slow
@@ -31,7 +31,7 @@ def diagnosed(folder: Path, kind: str, seed: int, *effects: str, runs: str = TWO
     for effect in effects:
         command += ['--effect', effect]
     drawn = json.loads(subprocess.run(command, check=True, capture_output=True).stdout)
-    answer = diagnose_bags(drawn['bags'], seed=seed).to_json()
+    answer = diagnose(drawn['bags'], seed=seed).to_json()
     truth = open_seal(folder / 'rig' / SEALED, drawn['seal'])
     groups = [cause['group'] for cause in answer['causes'] if 'effect' in cause]
     print(truth['effects'], answer['verdict'], groups)

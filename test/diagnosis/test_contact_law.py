@@ -7,15 +7,10 @@ import numpy as np
 import pytest
 
 from saddlering_ros.bags import read_run
-from saddlering_ros.diagnosis.contact_law import beside_causes, contact_law, refused
+from saddlering_ros.diagnosis.verdict import contact_law
 from saddlering_ros.discrepancy import Estimate
 from saddlering_ros.identification import identify
-from saddlering_ros.rig import (
-    default_rig,
-    PARAMETER_NAMES,
-    read_parameters,
-    write_parameters,
-)
+from saddlering_ros.rig import default_rig, PARAMETER_NAMES, read_parameters, write_parameters
 
 BAGS = Path(__file__).resolve().parents[2] / 'bags'
 RIG = default_rig()
@@ -37,8 +32,8 @@ def diagnosis(causes=(), std=0.001):
                            fits=SimpleNamespace(base_covariance=np.eye(6)))
 
 
-def test_without_a_cause_values_and_reasons_are_those_of_identify(runs, found):
-    law = contact_law(diagnosis(), runs, found)
+def test_without_a_cause_values_and_reasons_are_those_of_identify(found):
+    law = contact_law(diagnosis(), found, 1)
     for name in PARAMETER_NAMES:
         value = getattr(found.parameters.contact, name)
         assert law.before[name].value == law.after[name].value == value
@@ -47,16 +42,16 @@ def test_without_a_cause_values_and_reasons_are_those_of_identify(runs, found):
 
 
 def test_a_cause_leaves_open_what_the_contact_law_alone_left_open(found):
-    law = beside_causes(diagnosis(('a cause',)), found, 1)
+    law = contact_law(diagnosis(('a cause',)), found, 1)
     assert law.after['K1'].value == 1.0
     assert law.reasons_after['n1'] == found.reasons['n1']
 
 
 def test_where_identify_refuses_its_words_are_a_note_and_wide_parameters_are_open():
-    law = refused(diagnosis(std=1.0), 'no unloading branch', 1)
+    law = contact_law(diagnosis(std=1.0), 'no unloading branch', 1)
     assert 'no unloading branch' in law.notes[0]
     assert law.reasons_before['K1'].startswith('K1 is known only within a factor')
-    assert not refused(diagnosis(), 'no unloading branch', 1).reasons_before
+    assert not contact_law(diagnosis(), 'no unloading branch', 1).reasons_before
 
 
 def test_a_parameter_file_keeps_what_is_not_determined(tmp_path, found):

@@ -7,11 +7,14 @@ from typing import Any
 
 import pytest
 
-from saddlering_ros.diagnosis.diagnose import _geometry_first
+from saddlering_ros.diagnosis.next_test import next_test
 from saddlering_ros.rig import default_rig
 
 RIG = default_rig()
-SWAP = 'Swap probes 2 and 4.'
+SWAP = 'Swap probes 2 and 4'
+STILL: Any = SimpleNamespace(visible=0.0)
+AFTER = SimpleNamespace(fast=STILL, shapes=[
+    SimpleNamespace(view='delta_y', coordinate='load', p_value=0.0, visible=0.01)])
 
 
 @pytest.mark.parametrize(('verdict', 'rig_hash', 'is_first'), [
@@ -20,9 +23,13 @@ SWAP = 'Swap probes 2 and 4.'
 ])
 def test_the_rig_file_comes_before_the_probes_unless_a_hash_vouches_for_it(
         verdict: str, rig_hash: str, is_first: bool) -> None:
-    found: Any = SimpleNamespace(verdict=verdict)
+    unseen = SimpleNamespace(limits=[SimpleNamespace(effect='film_creep', testable=False)],
+                             labels=(), cosines=())
+    cause = SimpleNamespace(effect='radial_friction', group=('radial_friction',))
+    found: Any = SimpleNamespace(
+        verdict=verdict, causes=[cause], residual_after=AFTER, observability=unseen)
     run: Any = SimpleNamespace(rig_hash=rig_hash)
-    sentence = _geometry_first(SWAP, found, [run], RIG)
+    sentence = next_test(found, [run], RIG)
     assert sentence is not None
-    assert sentence.endswith(SWAP)
+    assert (SWAP in sentence) == (verdict == 'unknown')
     assert sentence.startswith('First compare the rig file') == is_first

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import pytest
 
+from saddlering_ros import diagnose, diagnosis
 from saddlering_ros.bags import read_run
 from saddlering_ros.cli.main import main
-from saddlering_ros.diagnosis import diagnose_bags, DiagnosisError
+from saddlering_ros.diagnosis import DiagnosisError
 from saddlering_ros.diagnosis.records import build_record, check_set
 from saddlering_ros.record import BagError
 from saddlering_ros.rig import default_rig
@@ -22,7 +23,7 @@ def notes_of(bags) -> str:
 
 def test_no_bags_is_an_error_in_one_line():
     with pytest.raises(DiagnosisError, match='at least one'):
-        diagnose_bags([])
+        diagnosis.diagnose([], rig=default_rig())
 
 
 def test_a_bag_that_is_not_there_is_status_2_and_one_line(tmp_path, capsys):
@@ -34,14 +35,14 @@ def test_a_bag_that_is_not_there_is_status_2_and_one_line(tmp_path, capsys):
 
 def test_bags_held_out_must_be_bags(campaign, tmp_path):
     with pytest.raises(BagError):
-        diagnose_bags([campaign()[0]], [tmp_path / 'nothing'])
+        diagnose([campaign()[0]], hold_out=[tmp_path / 'nothing'])
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize('run', ['static_50', 'dynamic_50'])
 def test_one_clean_run_gives_no_cause_and_says_what_is_missing(campaign, run):
     bags = [bag for bag in campaign() if bag.name == run]
-    verdict = diagnose_bags(bags)
+    verdict = diagnose(bags).found
     assert verdict.verdict == 'none'
     assert verdict.to_json()['causes'] == []
     assert 'one run only' in ' '.join(verdict.notes)

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from shared_verdicts import shared_diagnose
 
+from saddlering_ros import diagnose, diagnosis
 from saddlering_ros.bags import read_run
-from saddlering_ros.diagnosis.diagnose import diagnose_bags, diagnose_runs
 from saddlering_ros.diagnosis.records import build_record
 from saddlering_ros.diagnosis.ring_system import engine_effects, RingSystem
 from saddlering_ros.discrepancy import Point
@@ -111,7 +111,7 @@ def test_neighbours_of_a_point_are_what_simulations_of_them_give(campaign):
 def test_a_small_size_of_the_other_sign_is_looked_for(campaign):
     angle = -0.004
     runs = ('static_50', 'dynamic_50', 'static_70')
-    found = diagnose_bags(campaign('elevation_error', angle, 'angle', runs)).diagnosis
+    found = diagnose(campaign('elevation_error', angle, 'angle', runs)).found.diagnosis
     best = min(found.search.candidates, key=lambda item: (item.step, item.misfit))
     assert best.effects == ('elevation_error',)
     assert best.values['elevation_error']['angle'] == pytest.approx(angle, rel=0.3)
@@ -123,11 +123,12 @@ def test_bags_of_different_rigs_get_no_confident_name(
     monkeypatch.chdir(tmp_path)
     first, second, held_out = (
         read_run(Path('bags') / name) for name in ('static_50', 'dynamic_50', 'static_70'))
-    found = shared_diagnose(made_once)([first, second], [held_out], default_rig())
+    found = shared_diagnose(made_once)([first, second], [held_out], rig=default_rig())
     assert found.verdict == 'named'
-    monkeypatch.setattr('saddlering_ros.diagnosis.diagnose.diagnose',
+    monkeypatch.setattr('saddlering_ros.discrepancy.diagnose',
                         lambda *_, **__: found.diagnosis)
-    apart = diagnose_runs([first, replace(second, rig='another rig')], [held_out])
+    apart = diagnosis.diagnose([first, replace(second, rig='another rig')], [held_out],
+                               rig=default_rig())
     assert apart.diagnosis.causes
     assert apart.verdict == 'unknown'
     assert 'different rigs' in ' '.join(apart.notes)

@@ -17,12 +17,7 @@ from typed_pages import typed_page
 
 from saddlering_ros.bags import read_run
 from saddlering_ros.effects import catalogue
-from saddlering_ros.rig import (
-    CHANNELS,
-    default_rig,
-    PARAMETER_NAMES,
-    read_parameters,
-)
+from saddlering_ros.rig import CHANNELS, default_rig, PARAMETER_NAMES, read_parameters
 from saddlering_ros.ring.simulator import simulate
 
 pytestmark = pytest.mark.slow
@@ -70,7 +65,10 @@ def test_each_cause_has_group_parameters_evidence_and_gain(document):
         assert cause['effect'] in catalogue()
         assert cause['effect'] in cause['group']
         assert set(cause['group']) <= set(catalogue())
-        assert all(set(item) == {'value', 'std', 'unit'} for item in cause['parameters'].values())
+        for size in cause['parameters'].values():
+            assert set(size) == {'value', 'std', 'interval', 'unit'}
+            ends = size['interval'] or [size['value']] * 2
+            assert ends[1] - ends[0] == pytest.approx(2.0 * 1.96 * size['std'], rel=1e-3)
         assert set(cause['evidence']) == {'p_value', 'delta_bic'}
         assert 0.0 <= cause['gain']['fit'] <= 1.0
         assert 0.0 <= cause['gain']['held_out'] <= 1.0

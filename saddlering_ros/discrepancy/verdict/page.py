@@ -6,18 +6,18 @@ from pathlib import Path
 
 import numpy as np
 
-from saddlering_ros.discrepancy.verdict.results import (
-    Diagnosis,
+from saddlering_ros.discrepancy.verdict.results import Diagnosis, RunPrediction
+from saddlering_ros.discrepancy.verdict.wording import (
     estimate_words,
+    estimates_words,
     gain_words,
-    RunPrediction,
-    WORDS,
+    PARTIAL,
 )
 from saddlering_ros.files import check_ending, PAGE_ENDINGS, write_text
 from saddlering_ros.pages import html
 from saddlering_ros.pages.charts import AFTER, BEFORE, Chart, line, Panel, without_inner_labels
 from saddlering_ros.pages.html import code, number, ReportError
-from saddlering_ros.quantities import probability, quantity
+from saddlering_ros.quantities import probability, quantity, VERDICT_WORDS
 
 MAX_POINTS = 600
 """Largest number of drawn samples of a curve."""
@@ -29,7 +29,7 @@ def write_page(answer: Diagnosis, path: Path) -> None:
     title = f'Verdict: {answer.verdict}'
     write_text(path, html.page(title, [
         f'<div class="verdict {answer.verdict}">{html.paragraph(title, "headline")}'
-        f'{html.paragraph(WORDS[answer.verdict].capitalize() + ".")}</div>',
+        f'{html.paragraph(VERDICT_WORDS[answer.verdict].capitalize() + ".")}</div>',
         html.section('Warnings', html.bullets(answer.warnings)),
         _causes(answer), _base(answer), _misfit(answer), _limits(answer)]), ReportError)
 
@@ -37,8 +37,8 @@ def write_page(answer: Diagnosis, path: Path) -> None:
 def _causes(answer: Diagnosis) -> str:
     return html.section('Causes', html.table(
         ['cause', 'parameters', 'alternatives', 'misfit reduction', number('p')],
-        [[cause.definition.title + (' (part of it only)' if cause.partial else ''),
-          ', '.join(f'{name} {estimate_words(item)}' for name, item in cause.parameters.items()),
+        [[cause.definition.title + (PARTIAL if cause.partial else ''),
+          estimates_words(cause.parameters),
           ', '.join(cause.group[1:]) or '–',
           gain_words(cause.gain.fit, cause.gain.held_out), number(probability(cause.p_value))]
          for cause in answer.causes]))

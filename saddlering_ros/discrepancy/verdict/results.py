@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Literal, TypedDict
 
 from saddlering_ros.discrepancy.law.proposal import LawProposal
 from saddlering_ros.discrepancy.next_test import Separation
@@ -15,16 +15,59 @@ from saddlering_ros.discrepancy.problem.system import Array, Effect, RunBlocks
 from saddlering_ros.discrepancy.search.comparison import SearchLog
 from saddlering_ros.discrepancy.search.lack_of_fit import FastResidual, ShapeTest, SlowResidual
 from saddlering_ros.discrepancy.search.limits import Observability
-from saddlering_ros.quantities import (
-    CHANCE,
-    compact,
-    percent,
-    probability,
-    quantity,
-    VERDICT_WORDS,
-)
+from saddlering_ros.estimation.statistics import normal_quantile
 
 Verdict = Literal['none', 'named', 'ambiguous', 'unknown']
+
+
+WIDTH_95 = normal_quantile(0.975)
+"""Half width of a 95 % interval, in standard deviations."""
+
+
+class SizeEntry(TypedDict):
+    """A parameter of a cause in SI units, with its 95 % interval.
+
+    std 0 and interval None: a chosen parameter, which is not fitted.
+    """
+
+    value: float
+    std: float
+    interval: list[float] | None
+    unit: str
+
+
+class EvidenceEntry(TypedDict):
+    """Evidence for a cause."""
+
+    p_value: float | None
+    delta_bic: float | None
+
+
+class ReductionEntry(TypedDict):
+    """Shares by which the misfit falls; held_out None without held-out runs."""
+
+    fit: float
+    held_out: float | None
+
+
+class _CausePartial(TypedDict, total=False):
+    partial: bool
+    title: str
+    share_of_range: float
+
+
+class CauseEntry(_CausePartial):
+    """A cause, of a ring and of a declared model alike, as JSON has it.
+
+    group: every id that these data cannot separate from the effect. partial: the cause is real,
+    and something else is wrong besides.
+    """
+
+    effect: str
+    group: list[str]
+    parameters: dict[str, SizeEntry]
+    evidence: EvidenceEntry
+    gain: ReductionEntry
 
 
 @dataclass(frozen=True)
@@ -34,6 +77,14 @@ class Estimate:
     value: float
     std: float
     unit: str
+
+    @property
+    def interval(self) -> tuple[float, float] | None:
+        """The 95 % interval; None for a chosen value, which is not fitted."""
+        if not self.std:
+            return None
+        half = WIDTH_95 * self.std
+        return self.value - half, self.value + half
 
 
 @dataclass(frozen=True)
@@ -53,6 +104,28 @@ class Cause:
     visible: float
     gain: Gain
     partial: bool = False
+
+    def entry(self) -> CauseEntry:
+        """The cause as JSON has it."""
+        parameters: dict[str, SizeEntry] = {}
+        for name, size in self.parameters.items():
+            ends = size.interval
+            parameters[name] = {
+                'value': size.value, 'std': size.std,
+                'interval': None if ends is None else list(ends), 'unit': size.unit,
+            }
+        entry: CauseEntry = {
+            'effect': self.effect,
+            'group': list(self.group),
+            'parameters': parameters,
+            'evidence': {'p_value': self.p_value, 'delta_bic': self.delta_bic},
+            'gain': {'fit': self.gain.fit, 'held_out': self.gain.held_out},
+            'share_of_range': self.visible,
+            'title': self.definition.title,
+        }
+        if self.partial:
+            entry['partial'] = True
+        return entry
 
 
 @dataclass(frozen=True)
@@ -135,7 +208,7 @@ class Diagnosis:
 
     def summary(self) -> str:
         """The verdict in plain lines."""
-        from saddlering_ros.discrepancy.verdict.results import summary_text
+        from saddlering_ros.discrepancy.verdict.wording import summary_text
 
         return summary_text(self)
 
@@ -144,67 +217,3 @@ class Diagnosis:
         from saddlering_ros.discrepancy.verdict.page import write_page
 
         write_page(self, Path(path))
-
-
-WORDS = VERDICT_WORDS
-
-
-def summary_text(found: Diagnosis) -> str:
-    """Verdict, causes, misfit reduction, parameters, warnings."""
-    lines = [f'verdict: {found.verdict} ({WORDS[found.verdict]})']
-    for cause in found.causes:
-        lines += _cause_lines(cause)
-    if found.separations:
-        best = found.separations[0]
-        lines.append(f'next test: {best.proposal.sentence} It leaves the true cause alone in '
-                     f'{round(100 * best.share)} of 100 simulated draws.')
-    if found.causes:
-        lines.append(f'misfit reduction: {gain_words(found.gain.fit, found.gain.held_out)}')
-    if found.verdict == 'unknown':
-        after = found.residual_after
-        tests = sorted((*after.consistency, *after.shapes), key=lambda item: item.p_value)
-        shapes = [item for item in tests if item.p_value < CHANCE][:4]
-        lines += [
-            f'  residual: {item.view} along {item.coordinate}, {percent(item.visible)} of range'
-            for item in shapes
-        ]
-    lines += ['', 'base parameters (alone -> with the causes):']
-    lines += parameter_lines(found.base_alone, found.base)
-    lines += [f'warning: {item}' for item in found.warnings]
-    if not found.converged:
-        lines.append('not converged: a fit on which the verdict rests ended before its optimum')
-    return '\n'.join(lines)
-
-
-def _cause_lines(cause: Cause) -> list[str]:
-    values = ', '.join(f'{name} {estimate_words(item)}' for name, item in cause.parameters.items())
-    part = ' (part of the cause only)' if cause.partial else ''
-    lines = [f'  {cause.effect}: {cause.definition.title}{part}', f'    {values}']
-    lines.append(
-        f'    misfit reduction {gain_words(cause.gain.fit, cause.gain.held_out)}; '
-        f'p {probability(cause.p_value)}'
-    )
-    if len(cause.group) > 1:
-        lines.append('    alternatives that explain these data equally well: '
-                     f'{", ".join(cause.group[1:])}')
-    return lines
-
-
-def gain_words(fitted: float, held_out: float | None) -> str:
-    """Misfit reductions as percentages."""
-    words = f'{percent(fitted)} on fitted runs'
-    return words if held_out is None else f'{words}, {percent(held_out)} on held-out runs'
-
-
-def estimate_words(item: Estimate) -> str:
-    """A value with its standard deviation and unit."""
-    return quantity(item.value, item.unit, item.std) if item.std or item.unit else (
-        compact(item.value))
-
-
-def parameter_lines(alone: Mapping[str, Estimate], found: Mapping[str, Estimate]) -> list[str]:
-    """One line per base parameter."""
-    return [
-        f'  {name}: {estimate_words(alone[name])} -> {estimate_words(item)}'
-        for name, item in found.items()
-    ]

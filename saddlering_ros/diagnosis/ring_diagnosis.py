@@ -1,0 +1,133 @@
+"""Runs in, verdict out: records, ring system and engine joined."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from saddlering_ros import discrepancy
+from saddlering_ros.diagnosis.next_test import next_test, propose, repeated_laws
+from saddlering_ros.diagnosis.records import (
+    build_record,
+    check_set,
+    DiagnosisError,
+    PreparedRecord,
+    rigs_of,
+)
+from saddlering_ros.diagnosis.ring_system import RingSystem
+from saddlering_ros.diagnosis.verdict import (
+    contact_law,
+    run_figures,
+    RunFigures,
+    signature_cosines,
+    Verdict,
+)
+from saddlering_ros.discrepancy import Settings
+from saddlering_ros.effects import catalogue, LawEffect
+from saddlering_ros.estimation.identifiability import distinct_elevations
+from saddlering_ros.identification import Identification, IdentificationError, identify
+from saddlering_ros.progress import Cancelled, IsCancelled, OnProgress, Progress
+from saddlering_ros.record import Record
+from saddlering_ros.rig import PARAMETER_NAMES, ParameterSet, Rig
+
+
+def diagnose(
+    runs: Sequence[Record],
+    hold_out: Sequence[Record] = (),
+    *,
+    rig: Rig,
+    parameters: ParameterSet | None = None,
+    seed: int = 0,
+    settings: Settings | None = None,
+    on_progress: OnProgress | None = None,
+    is_cancelled: IsCancelled | None = None,
+) -> Verdict:
+    """Diagnosis of the simulation of `rig` on runs, judged on `hold_out` if given.
+
+    parameters: start of the fit of the contact law (None: its identification from the runs). No
+    two runs may be one recording, which the reading of bags refuses.
+    """
+    if not runs:
+        raise DiagnosisError('no runs to diagnose: give at least one')
+    records = _with_different_names([
+        *(build_record(rig, run, held_out=False) for run in runs),
+        *(build_record(rig, run, held_out=True) for run in hold_out),
+    ])
+    fitted = [record.run for record in records if not record.run.held_out]
+    if on_progress is not None:
+        on_progress(Progress('diagnose', 'contact parameters', 0.0))
+    alone = identified(runs, rig, is_cancelled)
+    if parameters is None and isinstance(alone, Identification):
+        parameters = alone.parameters
+    start = None
+    if parameters is not None:
+        start = dict(zip(PARAMETER_NAMES, parameters.contact.to_array(), strict=True))
+    diagnosis = discrepancy.diagnose(
+        RingSystem(rig),
+        fitted,
+        hold_out=[record.run for record in records if record.run.held_out],
+        settings=settings or Settings(seed=seed),
+        start=start,
+        proposals=propose(rig, fitted),
+        on_progress=on_progress,
+        is_cancelled=is_cancelled,
+    )
+    figures = tuple(
+        run_figures(rig, diagnosis, record, prediction.before, prediction.after)
+        for record, prediction in zip(records, diagnosis.runs, strict=True)
+    )
+    law = contact_law(diagnosis, alone, distinct_elevations(run.elevation for run in runs))
+    named = {name for cause in diagnosis.causes for name in cause.group}
+    laws_of_user = sorted(
+        name for name in named if isinstance(catalogue().get(name), LawEffect))
+    notes = [*check_set(records, rig), *diagnosis.warnings, *law.notes]
+    notes += repeated_laws(laws_of_user, signature_cosines(diagnosis))
+    notes += [f'{record.run.name}: {note}' for record in records for note in record.test_run.notes]
+    if diagnosis.verdict == 'unknown' and _is_rounding(figures):
+        diagnosis = replace(diagnosis, verdict='none', causes=())
+        notes.append('the misfit does not exceed the noise, which includes the rounding of the '
+                     'coarse probes')
+    sentence = next_test(diagnosis, [*runs, *hold_out], rig)
+    rigs = rigs_of(records)
+    if len(rigs) > 1 and diagnosis.verdict != 'none':
+        # A difference between the rigs would be named as a cause.
+        diagnosis = replace(diagnosis, verdict='unknown')
+        sentence = f'Diagnose the bags of each rig separately: {", ".join(rigs)}.'
+    return Verdict(diagnosis, figures, tuple(notes), sentence, rig, seed, law)
+
+
+def identified(
+    runs: Sequence[Record], rig: Rig, is_cancelled: IsCancelled | None = None
+) -> Identification | str:
+    """The contact law of the fitted runs without causes, or the reason why there is none."""
+    try:
+        alone = identify(runs, rig, is_cancelled=is_cancelled)
+    except IdentificationError as refusal:
+        return str(refusal)
+    if alone.cancelled:
+        raise Cancelled('diagnose: cancelled')
+    return alone
+
+
+def _with_different_names(records: Sequence[PreparedRecord]) -> list[PreparedRecord]:
+    """Records whose runs have different names: 'static_50', 'static_50 (2)'."""
+    seen: dict[str, int] = {}
+    renamed = []
+    for record in records:
+        count = seen.get(record.run.name, 0)
+        seen[record.run.name] = count + 1
+        if count:
+            run = replace(record.run, name=f'{record.run.name} ({count + 1})')
+            record = replace(record, run=run)
+        renamed.append(record)
+    return renamed
+
+
+def _is_rounding(figures: Sequence[RunFigures]) -> bool:
+    """Whether probes are so coarse that the residual may be their rounding."""
+    is_coarse = any(
+        quality.is_coarse
+        for run in figures for quality in run.record.test_run.quality.values())
+    return is_coarse and all(
+        misfit.nrmse_before <= misfit.noise_floor
+        for run in figures for misfit in run.channels.values())

@@ -1,0 +1,86 @@
+"""Sentences of a verdict, for a ring and for a declared model alike, and the latter's summary."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from saddlering_ros.discrepancy.verdict.results import CauseEntry, Diagnosis, Estimate
+from saddlering_ros.quantities import (
+    CHANCE,
+    compact,
+    percent,
+    probability,
+    quantity,
+    VERDICT_WORDS,
+)
+
+PARTIAL = ' (explains part of the misfit only)'
+"""Words behind the title of a cause that is real beside something else that is wrong."""
+
+
+def verdict_line(verdict: str) -> str:
+    """The verdict and what it means."""
+    return f'verdict: {verdict} ({VERDICT_WORDS[verdict]})'
+
+
+def gain_words(fitted: float, held_out: float | None) -> str:
+    """Misfit reductions as percentages."""
+    words = f'{percent(fitted)} on fitted runs'
+    return words if held_out is None else f'{words}, {percent(held_out)} on held-out runs'
+
+
+def cause_lines(cause: CauseEntry, values: str) -> list[str]:
+    """A cause with its parameters, which are `values` in words, its gain and its alternatives."""
+    lines = [
+        f'  {cause["effect"]}: {cause["title"]}{PARTIAL if cause.get("partial") else ""}',
+        f'    {values}',
+        f'    misfit reduction {gain_words(cause["gain"]["fit"], cause["gain"]["held_out"])}; '
+        f'p {probability(cause["evidence"]["p_value"])}',
+    ]
+    if len(cause['group']) > 1:
+        lines.append('    alternatives that explain these data equally well: '
+                     f'{", ".join(cause["group"][1:])}')
+    return lines
+
+
+def estimate_words(estimate: Estimate) -> str:
+    """A value with its standard deviation and unit."""
+    if estimate.std or estimate.unit:
+        return quantity(estimate.value, estimate.unit, estimate.std)
+    return compact(estimate.value)
+
+
+def estimates_words(estimates: Mapping[str, Estimate]) -> str:
+    """Values by name, in one line."""
+    return ', '.join(f'{name} {estimate_words(one)}' for name, one in estimates.items())
+
+
+def summary_text(diagnosis: Diagnosis) -> str:
+    """Verdict, causes, misfit reduction, parameters, warnings of a declared model."""
+    lines = [verdict_line(diagnosis.verdict)]
+    for cause in diagnosis.causes:
+        lines += cause_lines(cause.entry(), estimates_words(cause.parameters))
+    if diagnosis.separations:
+        best = diagnosis.separations[0]
+        lines.append(f'next test: {best.proposal.sentence} It leaves the true cause alone in '
+                     f'{round(100 * best.share)} of 100 simulated draws.')
+    if diagnosis.causes:
+        gain = diagnosis.gain
+        lines.append(f'misfit reduction: {gain_words(gain.fit, gain.held_out)}')
+    if diagnosis.verdict == 'unknown':
+        after = diagnosis.residual_after
+        tests = sorted((*after.consistency, *after.shapes), key=lambda test: test.p_value)
+        shapes = [test for test in tests if test.p_value < CHANCE][:4]
+        lines += [
+            f'  residual: {shape.view} along {shape.coordinate}, {percent(shape.visible)} of range'
+            for shape in shapes
+        ]
+    lines += ['', 'base parameters (alone -> with the causes):']
+    lines += [
+        f'  {name}: {estimate_words(diagnosis.base_alone[name])} -> {estimate_words(estimate)}'
+        for name, estimate in diagnosis.base.items()
+    ]
+    lines += [f'warning: {warning}' for warning in diagnosis.warnings]
+    if not diagnosis.converged:
+        lines.append('not converged: a fit on which the verdict rests ended before its optimum')
+    return '\n'.join(lines)
