@@ -29,6 +29,7 @@ PACKAGE = 'saddlering_ros'
 ARGUMENTS = {
     'bag': ('', 'bag to replay; empty: none'),
     'elevation': ('', 'elevation of the load in degrees; empty: as the bag states'),
+    'test': ('', 'kind of test for record:=, static or dynamic; needs elevation:= too'),
     'parameters': ('', 'contact parameters to simulate with; empty: true to scale'),
     'bag_root': ('', 'folder of the bags that goals may name; empty: that of the bag replayed, or '
                  'the shipped ones'),
@@ -96,6 +97,7 @@ def start_nodes(context):
     nodes = []
     for node in (node for kind in kinds for node in NODES if node.kind == kind):
         own = [simulation(given)] if node.name == 'ring_simulator' else []
+        own += [elevation(given)] if node.name == 'ring_displacement' else []
         own += [alarm(given)] if node.kind == ALARM else []
         make = Node if node.kind == ACTION else LifecycleNode
         nodes.append(make(
@@ -111,12 +113,11 @@ def parameters_by_kind(given):
     every = {'hardware_id': given['hardware_id']}
     autostart = {'autostart': given['autostart'] == 'true'}
     replay = {'bag': bag, 'autostart': given['autostart'] == 'true' and bool(bag)}
-    clock = {'rate': number('rate', given), 'lockstep': given['lockstep'] == 'true'}
+    clock = {'rate': number('rate', given), 'lockstep': given['lockstep'] == 'true',
+             **elevation(given)}
     if given['alarm'] == 'true':
         clock['participants'] = [node.name for node in NODES
                                  if node.kind in (REPLAY, RING, ALARM)]
-    if given['elevation']:
-        clock['elevation_deg'] = number('elevation', given)
     sim_time = {'use_sim_time': given['use_sim_time'] == 'true' or (
         not given['use_sim_time'] and bool(bag))}
     roots = {
@@ -129,12 +130,15 @@ def parameters_by_kind(given):
 
 def simulation(given):
     """Return the parameters of the simulator alone."""
-    found = {'parameters_file': as_path(given['parameters'])}
-    if given['elevation']:
-        found['elevation_deg'] = number('elevation', given)
-    elif given['bag']:
+    found = {'parameters_file': as_path(given['parameters']), **elevation(given)}
+    if given['bag'] and not given['elevation']:
         found['bag'] = as_path(given['bag'])
     return found
+
+
+def elevation(given):
+    """Return the elevation as a parameter, if it is given."""
+    return {'elevation_deg': number('elevation', given)} if given['elevation'] else {}
 
 
 def alarm(given):
@@ -155,8 +159,21 @@ def recorder(given, namespace):
         return []
     program = PathJoinSubstitution([FindPackagePrefix(PACKAGE), 'lib', PACKAGE, 'saddlering'])
     return [ExecuteProcess(
-        cmd=[program, 'record', as_path(given['record']), '--namespace', namespace or '/'],
+        cmd=[program, 'record', as_path(given['record']), '--namespace', namespace or '/',
+             *test_arguments(given)],
         output='screen')]
+
+
+def test_arguments(given):
+    """Return the facts of the test for the recorder; the launch stops if one of two is missing."""
+    if not given['test']:
+        if given['elevation']:
+            raise RuntimeError(
+                'record:= with elevation:= needs test:=static or test:=dynamic too: commands '
+                'refuse a bag that states only one of the two')
+        return []
+    number('elevation', given)
+    return ['--test', given['test'], '--elevation', given['elevation']]
 
 
 def transforms(given, namespace):

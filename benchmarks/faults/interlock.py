@@ -51,9 +51,11 @@ LATCHED = QoSProfile(depth=50, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
 def drive(rate: float) -> None:
-    """A sound ring at rest, then under a load that swings; SIGUSR1 makes the probes slip."""
+    """A sound ring at rest; SIGUSR2 makes the load swing, SIGUSR1 makes the probes slip."""
     slips: list[int] = []
+    moves: list[int] = []
     signal.signal(signal.SIGUSR1, lambda *_: slips.append(1))
+    signal.signal(signal.SIGUSR2, lambda *_: moves.append(sent))
     rig, chance = default_rig(), np.random.default_rng(1)
     time_axis = np.arange(0.0, CYCLE, 1.0 / rate)
     cycle = rig.preload + 1e5 * np.sin(np.pi * time_axis / CYCLE)**2
@@ -69,7 +71,7 @@ def drive(rate: float) -> None:
         if due > sent:
             index = np.arange(sent, due)
             stamps = start + np.round(index / rate * 1e9).astype(np.int64)
-            place = np.maximum(index - round(REST * rate), 0) % cycle.size
+            place = np.maximum(index - moves[0], 0) % cycle.size if moves else 0 * index
             samples = Samples(stamps, cycle[place] + chance.normal(0.0, 20.0, index.size))
             load_flow.send(encode_samples(samples, LOAD), int(stamps[-1]))
             for number, flow in enumerate(flows):
@@ -151,9 +153,13 @@ def try_fault(fault: str, name: str, rate: float) -> tuple[float, float, str]:
     with everything(rate) as (listener, numbers):
         if not listener.enable(60.0):
             return float('nan'), float('nan'), 'never enabled'
+        time.sleep(REST)
+        os.kill(numbers['driver'], signal.SIGUSR2)
         deadline = time.monotonic() + 30.0
-        while listener.told[-1].state != RingAlarm.WATCHING and time.monotonic() < deadline:
+        while time.monotonic() < deadline and not (
+                listener.told and listener.told[-1].state == RingAlarm.WATCHING):
             time.sleep(0.02)
+        listener.enable(30.0)
         ended = threading.Event()
         began = time.monotonic()
         if name == 'driver' and fault != 'delayed':

@@ -42,9 +42,10 @@ def add_parser(subparsers: Any) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Record until a signal ends it."""
-    import contextlib
+    """Record until a signal ends it, which is how a recording ends: status 0."""
+    import signal
     import sys
+    import threading
     import time
 
     from saddlering_ros.live.recorder import recording
@@ -57,16 +58,17 @@ def run(args: argparse.Namespace) -> int:
         raise BagError(f'--duration {args.duration:g}: give seconds above 0')
     domain = domain_of(args)
     prepare_transport()
+    told_to_end = threading.Event()
+    for name in ('SIGINT', 'SIGTERM', 'SIGHUP'):  # heard, too, while the bag is being closed
+        signal.signal(getattr(signal, name), lambda *_: told_to_end.set())
     began = time.monotonic()
     with recording(args.out, domain, facts=facts, overwrite=args.overwrite,
                    namespace=namespace_of(args.namespace)) as node:
         if args.json != '-':
             print(f'recording ROS domain {domain} into {args.out}; Ctrl-C ends it', flush=True)
-        with contextlib.suppress(KeyboardInterrupt):
-            while not node.done:
-                if args.duration is not None and time.monotonic() - began >= args.duration:
-                    break
-                time.sleep(0.05)
+        while not node.done and not told_to_end.wait(0.05):
+            if args.duration is not None and time.monotonic() - began >= args.duration:
+                break
         counts = node.counts()
     told = {'bag': str(args.out), 'seconds': time.monotonic() - began, 'messages': counts}
     tell(args, told)

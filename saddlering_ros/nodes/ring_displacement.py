@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+import math
 import time
 
 from geometry_msgs.msg import WrenchStamped
@@ -53,6 +54,10 @@ class RingDisplacementNode(StreamingNode):
         NodeParameter(
             'parity_noise', 0.3e-6, 'noise of the parity [m]; a mean of more than five '
             'times this value is reported', low=1e-9, high=1e-3, changeable=True),
+        NodeParameter(
+            'elevation_deg', math.nan, 'elevation of the load [deg], which every displacement '
+            'carries; nan: that of the replayed bag, else that of rig/elevation', low=-10.0,
+            high=90.0, nan_allowed=True, while_inactive=True),
         NodeParameter(
             'lowest_rate', 0.0, 'rate of a topic [messages/s] below which diagnostics warn',
             low=0.0, high=1e5),
@@ -105,7 +110,8 @@ class RingDisplacementNode(StreamingNode):
         for watch, samples in zip(self._saturation, gaps, strict=True):
             watch.push(samples.values)
         self._arrived = time.monotonic()
-        self._stream.elevation = self._watch.resolve().value
+        self._stream.elevation = self._watch.resolve(
+            math.radians(self.settings['elevation_deg'])).value
         self._stream.recording = self._watch.recording
         rows = self._stream.rows
         self._send(self._stream.push(load, gaps))

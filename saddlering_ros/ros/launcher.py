@@ -78,6 +78,32 @@ def in_use(domain: int) -> bool:
     return False
 
 
+def participants(domain: int, table: str | None = None) -> int:
+    """How many ROS programs of `domain` this machine has, by their ports of discovery.
+
+    table: the text of /proc/net/udp. A participant of number n listens to port
+    7400 + 250 domain + 10 + 2 n (DDSI-RTPS 2.5, 9.6.2.3).
+    """
+    if table is None:
+        try:
+            table = Path('/proc/net/udp').read_text()
+        except OSError:
+            return 0
+    ports = {int(line.split()[1].rpartition(':')[2], 16) for line in table.splitlines()[1:]}
+    first = 7400 + 250 * domain + 10
+    return len(ports & set(range(first, first + 240, 2)))
+
+
+def crowded_words(count: int, domain: int) -> str:
+    """A warning if so many programs in a domain do not all find each other; '' if they do."""
+    if count <= MAX_LOCAL or os.environ.get(DISCOVERY_VARIABLES[0]) != 'LOCALHOST':
+        return ''
+    return (f'ROS domain {domain} has {count} programs on this machine, and with '
+            f'ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST only {MAX_LOCAL} find each other: some '
+            'nodes are invisible. Give each rig a ROS_DOMAIN_ID of its own, or set the range '
+            'to SUBNET')
+
+
 def environment(domain_id: int, extra: Mapping[str, str] | None = None) -> dict[str, str]:
     """The environment of nodes and clients of one group: own domain, this machine only."""
     return {**os.environ, **transport_environment(), 'ROS_DOMAIN_ID': str(domain_id),
@@ -315,6 +341,10 @@ def end_as_usual() -> None:
 
 DISCOVERY_VARIABLES = ('ROS_AUTOMATIC_DISCOVERY_RANGE', 'ROS_LOCALHOST_ONLY')
 PROFILE_VARIABLES = ('FASTRTPS_DEFAULT_PROFILES_FILE', 'FASTDDS_DEFAULT_PROFILES_FILE')
+MAX_LOCAL = 32
+"""Programs of a domain that find each other on one machine with the range LOCALHOST: the number
+of ports that rmw_fastrtps announces itself to, which no profile can raise."""
+
 PUBLICATION_VARIABLE = 'RMW_FASTRTPS_PUBLICATION_MODE'
 
 

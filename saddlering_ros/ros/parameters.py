@@ -287,8 +287,11 @@ def refuse_undeclared(node: Node) -> None:
     known = [*declared, *_rig_values(default_rig()),
              *(f'{section}.{key}' for section, keys in sections.items() for key in keys)]
     for name in sorted(overrides):
-        if name in known or name.startswith(('effects.', 'qos_overrides.')):
+        if name in known or name.startswith('effects.'):
             continue
+        if name.startswith('qos_overrides.'):
+            raise NodeError(f'{node.get_name()}: parameter {name} has no effect: the parameter '
+                            'input_reliability sets the QoS of inputs, and outputs are reliable')
         remedy = did_you_mean(name, known) or (
             ': remove it, or move it below the name of its node')
         raise NodeError(f'{node.get_name()}: parameter {name} is unknown{remedy}')

@@ -21,7 +21,7 @@ from saddlering_ros.record.samples import ANY_TIME
 from saddlering_ros.record.topics import ELEVATION
 from saddlering_ros.rig import Rig
 from saddlering_ros.rig.description import short_digest
-from saddlering_ros.rig.zeroing import ZeroReading
+from saddlering_ros.rig.zeroing import NEAR_PRELOAD_SHARE, ZeroReading
 from saddlering_ros.ros.diagnostics import ACTIVE, ERROR, Finding, OK, STATE_TASK, WARN
 from saddlering_ros.ros.messages import to_stamp
 from saddlering_ros.ros.names import DIAGNOSTICS, RIG, STATE
@@ -143,8 +143,11 @@ def zero_finding(
                        {'zero stamp': str(zero_stamp), 'zero load [N]': f'{zero.load:.1f}'})
     if not newest_stamp:
         return Finding(OK, 'waiting for samples')
-    return Finding(WARN, f'waiting for preload (load is {rig.force_words(load, 2)}): '
-                         'go to preload, or call ~/zero')
+    words = f'(load is {rig.force_words(load, 2)})'
+    if abs(load - rig.preload) <= NEAR_PRELOAD_SHARE * rig.full_scale_load:
+        return Finding(WARN, f'waiting for a steady half second at preload {words}: '
+                             'keep the load at rest')
+    return Finding(WARN, f'waiting for preload {words}: go to preload, or call ~/zero')
 
 
 SILENT = 3.0

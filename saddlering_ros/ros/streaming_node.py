@@ -27,9 +27,11 @@ from saddlering_interfaces.msg import ReplayProgress
 from saddlering_ros.errors import SaddleringError
 from saddlering_ros.ros.diagnostics import ACTIVE, ERROR, Finding, OK, STATE_TASK, Task, to_message
 from saddlering_ros.ros.launcher import (
+    crowded_words,
     end_as_usual,
     follow_lifeline,
     is_node_program,
+    participants,
     prepare_transport,
     sweep,
 )
@@ -248,8 +250,9 @@ class StreamingNode(LifecycleNode):
             return Finding(OK, ACTIVE)
         if self.problem is not None:
             return Finding(ERROR, f'not active: {self.problem}')
-        return Finding(OK, 'not active: ros2 lifecycle set '
-                       f'{self.get_fully_qualified_name()} configure, then activate')
+        steps = 'activate' if self.tasks else 'configure, then activate'
+        return Finding(
+            OK, f'not active: ros2 lifecycle set {self.get_fully_qualified_name()} {steps}')
 
 
 UNUSABLE = 2
@@ -284,6 +287,10 @@ def run(make: Callable[[], Any], spin: Callable[[Any], None],
                    else SignalHandlerOptions.ALL)
         node = make()
         refuse_undeclared(node)
+        domain = node.context.get_domain_id()
+        crowded = crowded_words(participants(domain), domain)
+        if crowded:
+            node.get_logger().error(crowded)
         spin(node)
         return 0
     except SaddleringError as problem:

@@ -33,10 +33,13 @@ def test_a_node_that_was_given_what_nobody_knows_or_reads_otherwise_ends(tmp_pat
     file, pipe = tmp_path / 'rig.yaml', tmp_path / 'pipe'
     file.write_text('/**:\n  ros__parameters:\n    rig.radial_row.rollers: 0110\n')
     os.mkfifo(pipe)
-    misspelt, otherwise, waiting = refusals(
-        ['-p', 'elevation:=70.0'], ['--params-file', str(file)], ['--params-file', str(pipe)])
+    misspelt, ignored, otherwise, waiting = refusals(
+        ['-p', 'elevation:=70.0'],
+        ['-p', 'qos_overrides./nothing.publisher.depth:=3'],
+        ['--params-file', str(file)], ['--params-file', str(pipe)])
     assert misspelt == (
         'ring_simulator: parameter elevation is unknown: did you mean elevation_deg?')
+    assert 'has no effect: the parameter input_reliability' in ignored
     assert 'line 3: the number 0110 is not' in otherwise
     assert 'a pipe or device' in waiting
 

@@ -251,11 +251,20 @@ def test_the_launch_file_hands_everything_on(launched):
                      for key, value in part.items()} for name, node in nodes.items()}
     assert merged['ring_simulator']['elevation_deg'] == 60.0
     assert merged['replay_clock']['elevation_deg'] == 60.0
+    assert merged['ring_displacement']['elevation_deg'] == 60.0
     assert merged['ring_residual']['autostart'] is False
     assert merged['ring_alarm'] == {**merged['ring_residual'], 'materiality': 2.0,
                                     'false_alarm_hours': 1000.0}
     assert 'ring_alarm' in merged['replay_clock']['participants']
     assert merged['hydraulic_load']['bag'] == '/bags/b'
+
+
+def test_a_recording_of_the_launch_file_states_its_test(launched):
+    words = launched(record='out', elevation='60', test='static')['record'].given['cmd']
+    assert words[-4:] == ['--test', 'static', '--elevation', '60']
+    assert '--test' not in launched(record='out')['record'].given['cmd']
+    with pytest.raises(RuntimeError, match='needs test:='):
+        launched(record='out', elevation='60')
 
 
 def test_the_launch_file_publishes_frames_and_groups_diagnostics_on_request(launched):
