@@ -37,10 +37,8 @@ def run(args: argparse.Namespace) -> int:
     import contextlib
     import sys
 
-    from saddlering_ros.demo.console import Console
     from saddlering_ros.demo.output import check_folder, numbers_of, write_all
-    from saddlering_ros.demo.plan import plan
-    from saddlering_ros.demo.story import STEPS, tell
+    from saddlering_ros.demo.story import Console, plan, STEPS, tell
     from saddlering_ros.files import share_directory
     check_folder(args.out)
     chosen = plan(args.bags or share_directory() / 'bags')
@@ -60,7 +58,7 @@ def run(args: argparse.Namespace) -> int:
 
 def summary(outcome: DemoOutcome) -> str:
     """The findings in at most one screen of lines."""
-    from saddlering_ros.demo import figures
+    from saddlering_ros.demo.story import JUDGED, misfit_table, overall_misfit
     from saddlering_ros.diagnosis.wording import (
         causes_of,
         gain_sentence,
@@ -74,17 +72,19 @@ def summary(outcome: DemoOutcome) -> str:
     if verdict.get('next_test'):
         lines.append(f'Next test: {verdict["next_test"]}')
     lines += [f'  {cause["effect"]}: {parameter_words(cause)}' for cause in causes_of(verdict)]
-    lines += [gain_sentence(verdict), '', "Misfit in % of the channel's range:",
+    lines += [gain_sentence(verdict), '',
+              "Misfit in % of the channel's range, from the zero of the live nodes (diagnose also "
+              'fits offsets):',
               f'  {"run":24s} {"channel":8s} {"identified":>11s} {"extended":>9s} {"noise":>7s}']
-    for entry in figures.misfit_table(outcome.curves):
-        for name in figures.JUDGED:
+    for entry in misfit_table(outcome.curves):
+        for name in JUDGED:
             item = entry['channels'][name]
             shares = (item['nrmse_before'], item['nrmse_after'], item['noise_floor'])
             shown = ['-' if share is None else f'{100.0 * share:.2f}' for share in shares]
             lines.append(f'  {entry["bag"]:24s} {name:8s} {shown[0]:>11s} {shown[1]:>9s} '
                          f'{shown[2]:>7s}')
     second = outcome.verified[0].elevation_deg
-    before, after = (figures.overall(outcome.verified, extended=item) for item in (False, True))
+    before, after = (overall_misfit(outcome.verified, extended=item) for item in (False, True))
     lines += ['', f'Misfit measured live at {second:g} deg, held out before: {percent(before)} '
                   f'-> {percent(after)}, reduced by {percent(outcome.gain)}.']
     return '\n'.join(line for line in lines if line is not None)

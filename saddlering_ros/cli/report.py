@@ -71,7 +71,7 @@ def _identification(path: Path | None) -> dict[str, Any] | None:
     """The JSON of an identification; ReportError if it is something else."""
     import json
 
-    from saddlering_ros.pages.html import ReportError
+    from saddlering_ros.pages import ReportError
     from saddlering_ros.plain_yaml import read_regular_text
 
     if path is None:

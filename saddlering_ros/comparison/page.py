@@ -9,10 +9,9 @@ import numpy as np
 
 from saddlering_ros.comparison.change import Change, change_words, name_of
 from saddlering_ros.discrepancy import RunBlocks
-from saddlering_ros.files import write_text
 from saddlering_ros.pages import html
 from saddlering_ros.pages.charts import AFTER, BEFORE, Chart, line, markers, Panel
-from saddlering_ros.pages.html import Cell, code, number, ReportError
+from saddlering_ros.pages.html import Cell, code, number
 from saddlering_ros.quantities import probability, quantity
 from saddlering_ros.rig import MICRO_UNITS, PARAMETER_UNITS
 
@@ -92,7 +91,7 @@ def write_change_page(change: Change, path: Path, command: str = '') -> None:
         [name_of(item.effect), number(quantity(item.limit, item.unit)),
          number(quantity(change.limits_alone.get(item.effect), item.unit))]
         for item in change.diagnosis.observability.limits if item.testable]
-    write_text(path, html.page('What changed', [
+    html.write_page(path, html.page('What changed', [
         f'<div class="verdict {change.verdict}">{html.paragraph(change.headline, "headline")}'
         + (html.paragraph(f'Next: {change.next_test}', 'next') if change.next_test else '')
         + '</div>',
@@ -107,7 +106,7 @@ def write_change_page(change: Change, path: Path, command: str = '') -> None:
             ['cause', number('change'), number('in the later session alone')], limits)),
         html.section('Notes', html.bullets(change.notes)),
         html.section('Command', html.commands([command])) if command else ''
-    ]), ReportError)
+    ]))
 
 
 def _maker_table(change: Change) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 import contextlib
+from dataclasses import dataclass
 from functools import partial
 import os
 from pathlib import Path
@@ -14,8 +15,11 @@ from types import TracebackType
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import WrenchStamped
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
+import numpy as np
+from numpy.typing import NDArray
 from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
 from rcl_interfaces.srv import SetParameters
 import rclpy
@@ -24,14 +28,17 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.signals import SignalHandlerOptions
 
 from saddlering_interfaces.action import DiagnoseRing, IdentifyRing
-from saddlering_interfaces.msg import ReplayState
-from saddlering_ros.demo.errors import DemoError
-from saddlering_ros.demo.recorder import DemoRecorder, ReplayRecording
-from saddlering_ros.demo.recorder import NAME as RECORDER
+from saddlering_interfaces.msg import ReplayState, RingDisplacement
+from saddlering_ros.bags.messages import decode_displacements
+from saddlering_ros.errors import SaddleringError
+from saddlering_ros.record import Record
+from saddlering_ros.record.samples import Displacements, join
+from saddlering_ros.record.topics import LOAD
 from saddlering_ros.ros.launcher import last_line, NodeGroup, REPLAY_NODES, RING_NODES
 from saddlering_ros.ros.messages import to_stamp
-from saddlering_ros.ros.names import DIAGNOSE, DIAGNOSTICS, IDENTIFY, STATE
-from saddlering_ros.ros.raw_topics import LATCHED, spin_streaming
+from saddlering_ros.ros.names import DIAGNOSE, DIAGNOSTICS, DISPLACEMENTS, IDENTIFY, STATE
+from saddlering_ros.ros.raw_topics import LATCHED, RawSubscription, spin_streaming
+from saddlering_ros.ros.streaming_node import StreamingNode
 
 SWITCHED = (*REPLAY_NODES, 'replay_clock')
 """Nodes that are given the next bag, the clock last: it starts the replay."""
@@ -287,8 +294,89 @@ class LiveRig:
         return result
 
 
-
 def _parameter_value(value: str | float) -> ParameterValue:
     if isinstance(value, str):
         return ParameterValue(type=ParameterType.PARAMETER_STRING, string_value=value)
     return ParameterValue(type=ParameterType.PARAMETER_DOUBLE, double_value=value)
+
+
+class DemoError(SaddleringError):
+    """Bags the demo cannot use, or nodes that do not do their part."""
+
+
+RECORDER = 'demo_recorder'
+
+
+@dataclass(frozen=True)
+class ReplayRecording:
+    """Messages received during one replay: the batch of each topic, and the number of loads."""
+
+    measured: Displacements
+    simulated: Displacements
+    residual: Displacements
+    loads: int
+
+    @property
+    def messages(self) -> int:
+        """Messages received."""
+        return len(self.measured) + len(self.simulated) + len(self.residual) + self.loads
+
+    def lost(self, run: Record) -> int:
+        """Messages that the replay of `run` should have given and that did not come.
+
+        Every load has a simulation, and every load at which a pair of probes reads has a
+        displacement and a residual.
+        """
+        read = np.isfinite(run.gaps)
+        known = int(((read[0] & read[2]) | (read[1] & read[3])).sum())
+        return 2 * (len(run.time) + known) - self.messages
+
+    def at(self, stamps: NDArray[np.int64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Measured and simulated channels (4, N) at `stamps` [ns], NaN where none came."""
+        return _placed(self.measured, stamps), _placed(self.simulated, stamps)
+
+
+class DemoRecorder(StreamingNode):
+    """Keeps displacements and loads; the clock in lockstep waits for it too."""
+
+    def __init__(self) -> None:
+        super().__init__(RECORDER)
+        self._lock = threading.Lock()
+        self._clear()
+
+    def connect(self) -> None:
+        """Subscribe to the load and to everything about the ring."""
+        self.inputs = [RawSubscription(self, topic, RingDisplacement) for topic in DISPLACEMENTS]
+        self.inputs.append(RawSubscription(self, LOAD.relative, WrenchStamped))
+
+    def process_batch(self) -> None:
+        """Keep one batch."""
+        with self._lock:
+            for topic, flow in zip(DISPLACEMENTS, self.inputs, strict=False):
+                batch = flow.take_as(decode_displacements)
+                if len(batch):
+                    flow.last_stamp = int(batch.stamps[-1])
+                    self._kept[topic].append(batch)
+            load = self.inputs[-1].take_samples(LOAD)
+            if len(load):
+                self.inputs[-1].last_stamp = int(load.stamps[-1])
+                self._loads += len(load)
+
+    def cut(self) -> ReplayRecording:
+        """The messages since the last cut."""
+        with self._lock:
+            kept, loads = self._kept, self._loads
+            self._clear()
+        measured, simulated, residual = (join(kept[topic]) for topic in DISPLACEMENTS)
+        return ReplayRecording(measured, simulated, residual, loads)
+
+    def _clear(self) -> None:
+        self._kept: dict[str, list[Displacements]] = {topic: [] for topic in DISPLACEMENTS}
+        self._loads = 0
+
+
+def _placed(batch: Displacements, stamps: NDArray[np.int64]) -> NDArray[np.float64]:
+    placed = np.full((4, len(stamps)), np.nan)
+    _, here, there = np.intersect1d(stamps, batch.stamps, return_indices=True)
+    placed[:, here] = batch.channels[:, there]
+    return placed

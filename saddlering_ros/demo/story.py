@@ -2,27 +2,28 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 import json
 from pathlib import Path
+import sys
 import tempfile
 import time
+from types import TracebackType
 from typing import Any
 
 import numpy as np
 
 from saddlering_interfaces.action import DiagnoseRing, IdentifyRing
-from saddlering_ros.demo import figures
-from saddlering_ros.demo.console import Console
-from saddlering_ros.demo.live import LiveRig
-from saddlering_ros.demo.plan import elevation_of, Plan
-from saddlering_ros.demo.recorder import ReplayRecording
+from saddlering_ros.bags import read_run
+from saddlering_ros.demo.live import DemoError, LiveRig, ReplayRecording
 from saddlering_ros.diagnosis.wording import headline, RunEntry, VerdictDocument
 from saddlering_ros.files import temporary_folder
 from saddlering_ros.quantities import percent
 from saddlering_ros.record import Record
-from saddlering_ros.report.curves import RunCurves
-from saddlering_ros.rig import default_rig, ParameterSet, Rig, write_parameters
+from saddlering_ros.report.curves import Array, curves_of_run, RunCurves
+from saddlering_ros.rig import CHANNELS, default_rig, ParameterSet, Rig, write_parameters
+from saddlering_ros.ring import simulate
 from saddlering_ros.ros.messages import parameters_from_message
 
 STEPS = 8
@@ -65,8 +66,8 @@ class DemoOutcome:
     @property
     def gain(self) -> float:
         """Share by which the misfit of the runs held out fell when they were replayed again."""
-        before = figures.overall(self.verified, extended=False)
-        return 1.0 - figures.overall(self.verified, extended=True) / max(before, 1e-300)
+        before = overall_misfit(self.verified, extended=False)
+        return 1.0 - overall_misfit(self.verified, extended=True) / max(before, 1e-300)
 
 
 def tell(plan: Plan, console: Console) -> DemoOutcome:
@@ -168,9 +169,9 @@ class _Story:
     def _compare(self, recordings: dict[str, ReplayRecording]) -> None:
         for run in self.plan.verify:
             measured, simulated = recordings[run.path.name].at(run.stamps)
-            seen = figures.curves(run, measured, simulated, simulated, None, held_out=True)
-            parts = [f'{name} {percent(figures.misfit(seen, name, extended=False))}'
-                     for name in figures.JUDGED]
+            seen = curves_of_replay(run, measured, simulated, simulated, None, held_out=True)
+            parts = [f'{name} {percent(misfit_of(seen, name, extended=False))}'
+                     for name in JUDGED]
             self.console.say(f'      {run.path.name} is missed by {", ".join(parts)} of range')
 
     def _live_curves(
@@ -180,7 +181,7 @@ class _Story:
         name = run.path.name
         measured, first = before[name].at(run.stamps)
         _, last = after[name].at(run.stamps)
-        return figures.curves(run, measured, first, last, _entry(verdict, run), held_out=True)
+        return curves_of_replay(run, measured, first, last, _entry(verdict, run), held_out=True)
 
     def _offline_curves(
         self, run: Record, first: dict[str, ReplayRecording], identified: ParameterSet,
@@ -188,8 +189,8 @@ class _Story:
     ) -> RunCurves:
         """Measured live, simulated here with both parameter sets: the same code as the node's."""
         measured, _ = first[run.path.name].at(run.stamps)
-        before, after = (figures.offline(run, self.rig, item) for item in (identified, extended))
-        return figures.curves(run, measured, before, after, _entry(verdict, run), held_out=False)
+        before, after = (simulated_offline(run, self.rig, item) for item in (identified, extended))
+        return curves_of_replay(run, measured, before, after, _entry(verdict, run), held_out=False)
 
 
 def _names(runs: tuple[Record, ...]) -> list[str]:
@@ -200,3 +201,167 @@ def _entry(verdict: VerdictDocument, run: Record) -> RunEntry | None:
     """The run's part of the verdict."""
     found = [item for item in verdict['runs'] if Path(item['bag']).name == run.path.name]
     return found[0] if found else None
+
+
+class Console:
+    """The steps of the demo, printed one after another."""
+
+    def __init__(self, steps: int) -> None:
+        self._steps, self._step = steps, 0
+        self._began = time.monotonic()
+        self._progress: Any = None
+        self._task: Any = None
+        self._said = ''
+
+    def __enter__(self) -> Console:
+        if sys.stderr.isatty():
+            from rich.console import Console as RichConsole
+            from rich.progress import Progress
+
+            self._progress = Progress(console=RichConsole(stderr=True), transient=True)
+            self._progress.start()
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, problem: BaseException | None,
+                 trace: TracebackType | None) -> None:
+        if self._progress is not None:
+            self._progress.stop()
+
+    @property
+    def seconds(self) -> float:
+        """Since the start."""
+        return time.monotonic() - self._began
+
+    def step(self, words: str) -> None:
+        """Go on to the next step."""
+        self._step += 1
+        self.say(f'[{self._step}/{self._steps}] {words}')
+
+    def say(self, words: str) -> None:
+        """One line on standard output."""
+        self._end_task()
+        if self._progress is not None and sys.stdout.isatty():
+            self._progress.console.file.flush()
+        print(f'{self.seconds:5.1f} s  {words}', flush=True)
+
+    def show(self, share: float, words: str) -> None:
+        """How far the present step is; on a terminal only."""
+        if self._progress is None:
+            return
+        if self._task is None:
+            self._task = self._progress.add_task('', total=1.0)
+        self._progress.update(self._task, completed=share, description=words)
+
+    def stage(self, stage: str, share: float, words: str) -> None:
+        """How far a stage is: a bar on a terminal; in a pipe one line when it begins."""
+        if self._progress is not None:
+            self.show(share, f'{stage}  {words}')
+        elif stage != self._said:
+            self._said = stage
+            print(f'{self.seconds:5.1f} s        {stage}', flush=True)
+
+    def _end_task(self) -> None:
+        self._said = ''
+        if self._task is not None:
+            self._progress.remove_task(self._task)
+            self._progress.refresh()
+            self._task = None
+
+
+IDENTIFY_AT = 50.0
+"""Elevation [deg] of the published identification; the others verify."""
+
+
+@dataclass(frozen=True)
+class Plan:
+    """Runs to identify and to verify with, each list at one elevation [deg], static ones first."""
+
+    folder: Path
+    identify: tuple[Record, ...]
+    verify: tuple[Record, ...]
+
+    @property
+    def runs(self) -> tuple[Record, ...]:
+        """All of them."""
+        return self.identify + self.verify
+
+
+def plan(folder: Path) -> Plan:
+    """Read the bags of `folder` and assign them to the steps; DemoError if one is missing."""
+    if not folder.is_dir():
+        raise DemoError(f'{folder}: no such folder: give one that holds bags (--bags)')
+    bags = sorted(path for path in folder.iterdir()
+                  if (path / 'metadata.yaml').is_file() or path.suffix == '.mcap')
+    if not bags:
+        raise DemoError(f'{folder}: holds no bags: give a folder that does (--bags)')
+    by_elevation: dict[float, list[Record]] = {}
+    for bag in bags:
+        run = read_run(bag)
+        by_elevation.setdefault(elevation_of(run), []).append(run)
+    first = IDENTIFY_AT if IDENTIFY_AT in by_elevation else min(by_elevation)
+    identify = by_elevation.pop(first)
+    missing = {'static', 'dynamic'} - {run.test for run in identify}
+    if missing:
+        raise DemoError(f'{folder}: no {missing.pop()} bag at {first:g} deg: add one')
+    if not by_elevation:
+        raise DemoError(f'{folder}: every bag is at {first:g} deg: add some at another elevation '
+                        'to verify on')
+    return Plan(folder.resolve(), _sorted(identify), _sorted(by_elevation[max(by_elevation)]))
+
+
+def elevation_of(run: Record) -> float:
+    """Elevation [deg] as a person writes it."""
+    return round(float(np.degrees(run.elevation)), 2)
+
+
+def _sorted(runs: list[Record]) -> tuple[Record, ...]:
+    return tuple(sorted(runs, key=lambda run: (run.test != 'static', -float(run.time[-1]))))
+
+
+JUDGED = CHANNELS[:3]
+
+
+def curves_of_replay(
+    run: Record, measured: Array, before: Array, after: Array, verdict: RunEntry | None,
+    *, held_out: bool,
+) -> RunCurves:
+    """A run's curves from its channels (4, samples) at the load's stamps."""
+    floors = {} if verdict is None else {
+        name: item['noise_floor'] for name, item in verdict['channels'].items()}
+    return curves_of_run(run, measured, before, after, floors, held_out=held_out)
+
+
+def simulated_offline(run: Record, rig: Rig, parameters: ParameterSet) -> Array:
+    """Simulated channels (4, samples) of a run, as published live; NaN before the zero."""
+    found = simulate(rig, parameters, run.elevation, run.time, run.load)
+    channels = np.full((len(CHANNELS), len(run.time)), np.nan)
+    stop = found.first + len(found.time)
+    for row, name in enumerate(CHANNELS):
+        channels[row, found.first:stop] = getattr(found.displacement, name)
+    return channels
+
+
+def misfit_of(run: RunCurves, channel: str, *, extended: bool) -> float:
+    """Rms misfit as a share of the channel's measured range."""
+    values = run.measured[CHANNELS.index(channel)]
+    residual = run.residual(channel, extended=extended)
+    return float(np.sqrt(np.mean(residual**2)) / max(float(np.ptp(values)), 1e-12))
+
+
+def overall_misfit(runs: Sequence[RunCurves], *, extended: bool) -> float:
+    """Root mean square of the misfits over runs and channels."""
+    parts = [misfit_of(run, name, extended=extended) ** 2 for run in runs for name in JUDGED]
+    return float(np.sqrt(np.mean(parts)))
+
+
+def misfit_table(runs: Sequence[RunCurves]) -> list[RunEntry]:
+    """The misfits as a verdict's `runs` have them."""
+    return [
+        {'bag': run.name, 'test': run.test, 'elevation_deg': run.elevation_deg,
+         'held_out': run.held_out, 'channels': {
+             name: {'nrmse_before': misfit_of(run, name, extended=False),
+                    'nrmse_after': misfit_of(run, name, extended=True),
+                    'noise_floor': run.noise[name] / max(float(np.ptp(run.measured[row])), 1e-12)}
+             for row, name in enumerate(CHANNELS)}}
+        for run in runs
+    ]

@@ -16,7 +16,7 @@ from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
-from matplotlib.ticker import FuncFormatter
+from matplotlib.ticker import FuncFormatter, LogLocator
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -36,6 +36,9 @@ FONT = {
     'legend.frameon': False, 'lines.linewidth': 1.2, 'xtick.color': '#3e4c59',
     'ytick.color': '#3e4c59', 'axes.unicode_minus': True,
 }
+
+FEW_DECADES = 2.5
+"""A logarithmic axis over no more decades than this has ticks at 2 and 5 as well."""
 
 MANY_COLUMNS = 3
 """Grids of more columns than this get smaller titles and ticks."""
@@ -212,6 +215,9 @@ def _draw_panel(axes: Any, panel: Panel, *, is_small: bool) -> None:
         _heat_map(axes, panel.heat)
     if panel.x_is_log:
         axes.set_xscale('log')
+        low, high = axes.get_xlim()
+        if high < 10.0**FEW_DECADES * low:
+            axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
         axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f'{value:g}'))
     if panel.y_is_log:
         axes.set_yscale('log')

@@ -14,8 +14,8 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from PIL import Image
 
-from saddlering_ros.errors import SaddleringError
-from saddlering_ros.pages import interactive
+from saddlering_ros.files import check_ending, PAGE_ENDINGS, write_text
+from saddlering_ros.pages import interactive, ReportError
 from saddlering_ros.pages.charts import Chart, draw
 
 RESOLUTION = 100
@@ -23,6 +23,12 @@ RESOLUTION = 100
 
 COLOURS = 128
 """Number of colours of a picture: a third of the bytes without a visible difference."""
+
+MIN_CHAPTERS = 4
+"""A page of fewer chapters needs no list of them."""
+
+NOTHING = ('', '–')
+"""Texts of cells without a value."""
 
 CSS = """
 :root { --ink: #1f2933; --soft: #52606d; --line: #dde3e9; --back: #f5f7fa; }
@@ -73,11 +79,17 @@ pre { background: #eef1f4; border-radius: 6px; padding: 10px 12px; margin: 8px 0
 .hash { overflow-wrap: anywhere; }
 .plot { width: 100%; }
 figure.drawn img { display: none; }
-@page { margin: 14mm; }
+.contents { columns: 2; column-gap: 32px; font-size: 14px; margin: 12px 0; padding-left: 20px; }
+.contents a { color: inherit; }
+@page { margin: 11mm; }
 @media print {
-  body { background: #fff; font-size: 12px; }
+  body { background: #fff; font-size: 11px; line-height: 1.35; }
   main { padding: 0; max-width: none; }
-  section, .verdict { border-color: #bbb; padding: 10px 14px; }
+  section, .verdict { border-color: #bbb; padding: 6px 12px; margin: 8px 0; }
+  .contents { columns: 3; }
+  figure { margin: 6px 0; }
+  figure img, details svg { max-height: 98mm; width: auto; margin: 0 auto; }
+  details svg { display: block; }
   figure, tr, .verdict, .scroll, table { break-inside: avoid; }
   thead { display: table-header-group; }
   h1, h2, h3, summary, caption { break-after: avoid; }
@@ -85,7 +97,8 @@ figure.drawn img { display: none; }
   .plot { display: none !important; }
   figure.drawn img { display: block; }
   .scroll { overflow: visible; }
-  table { font-size: 10.5px; }
+  table { font-size: 9.5px; margin: 4px 0; }
+  th, td { padding: 1px 8px 1px 0; }
   td.n, th, th.n { white-space: normal; }
 }
 """
@@ -93,8 +106,10 @@ figure.drawn img { display: none; }
 SCRIPT = Path(__file__).with_name('charts.js')
 
 
-class ReportError(SaddleringError):
-    """A report that cannot be drawn or written."""
+def write_page(path: Path | str, document: str) -> None:
+    """Write a page whole, or not at all."""
+    check_ending(path, PAGE_ENDINGS, ReportError)
+    write_text(path, document, ReportError)
 
 
 @dataclass(frozen=True)
@@ -124,7 +139,7 @@ def code(text: str) -> Cell:
 
 def page(title: str, parts: Sequence[str]) -> str:
     """The whole document; the plotting library is in it once, if there is a figure."""
-    inside = '\n'.join(part for part in parts if part)
+    inside = _with_contents('\n'.join(part for part in parts if part))
     scripts = ''
     if 'data-chart="' in inside:
         scripts = (f'<script type="application/octet-stream" id="plotly">{interactive.library()}'
@@ -138,10 +153,23 @@ def page(title: str, parts: Sequence[str]) -> str:
     )
 
 
+def _with_contents(inside: str) -> str:
+    """A page with links to its chapters before the first of them, if there are several."""
+    chapters = re.findall(r'<section id="([^"]+)"><h2>(.*?)</h2>', inside)
+    if len(chapters) < MIN_CHAPTERS:
+        return inside
+    links = ''.join(f'<li><a href="#{name}">{title}</a></li>' for name, title in chapters)
+    return inside.replace(
+        '<section', f'<nav aria-label="Contents"><ol class="contents">{links}</ol></nav>\n'
+        '<section', 1)
+
+
 def section(title: str, *parts: str) -> str:
     """A framed chapter; empty if it has no parts."""
     inside = '\n'.join(part for part in parts if part)
-    return f'<section><h2>{escape(title)}</h2>\n{inside}\n</section>' if inside else ''
+    name = re.sub(r'\W+', '-', title.lower()).strip('-')
+    return (f'<section id="{name}"><h2>{escape(title)}</h2>\n{inside}\n</section>' if inside
+            else '')
 
 
 def heading(text: str) -> str:
@@ -182,9 +210,13 @@ def tiles(items: Sequence[tuple[str, str]]) -> str:
 def table(
     head: Sequence[str | Cell], rows: Sequence[Sequence[str | Cell]], caption: str = ''
 ) -> str:
-    """A table; empty if there are no rows."""
+    """A table without its empty columns; empty if there are no rows."""
     if not rows:
         return ''
+    shown = [column for column in range(len(head))
+             if any(_text(row[column]) not in NOTHING for row in rows)]
+    head = [head[column] for column in shown]
+    rows = [[row[column] for column in shown] for row in rows]
     title = f'<caption>{escape(caption)}</caption>' if caption else ''
     top = ''.join(_cell(item, 'th') for item in head)
     body = ''.join('<tr>' + ''.join(_cell(item, 'td') for item in row) + '</tr>' for row in rows)
@@ -225,6 +257,10 @@ def png(figure: Figure) -> bytes:
     buffer = io.BytesIO()
     seen.quantize(COLOURS, method=Image.Quantize.FASTOCTREE).save(buffer, 'PNG', optimize=False)
     return buffer.getvalue()
+
+
+def _text(item: str | Cell) -> str:
+    return item.text if isinstance(item, Cell) else item
 
 
 def _cell(item: str | Cell, tag: str) -> str:

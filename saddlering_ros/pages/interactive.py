@@ -12,7 +12,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from saddlering_ros.pages.charts import Chart, HeatMap, NOISE, Panel, Series, ShadedBand, Ticks
+from saddlering_ros.pages.charts import (
+    Chart,
+    FEW_DECADES,
+    HeatMap,
+    NOISE,
+    Panel,
+    Series,
+    ShadedBand,
+    Ticks,
+)
 
 PIXELS_PER_INCH = 100.0
 DIGITS = 7
@@ -25,9 +34,6 @@ GRID, EDGE, INK = '#e4e8ec', '#7b8794', '#26323d'
 COLUMN_GAP, ROW_GAP, TITLED_GAP = 0.06, 0.035, 0.075
 BAR = 0.085
 """Share of the width that a colour bar takes."""
-
-FEW_DECADES = 2.0
-"""An axis over no more decades than this has ticks at 2 and 5 as well."""
 
 LEGEND_PIXELS = 60.0
 """Room below the panels for labels and legend."""

@@ -69,20 +69,15 @@ def head(title: str, rig: Rig, tests: Sequence[HeadLine]) -> str:
     """Title, rig with its hash, tests; the rig's dimensions folded below."""
     named = ', '.join(sorted({item.rig for item in tests if item.rig})) or 'not named in the bags'
     digest = rig.digest
-    columns: list[str | Cell] = [
-        'test', 'kind', number('elevation'), 'role', 'date', 'operator', 'run']
     rows: list[list[str | Cell]] = [
         [item.bag, item.test, number(f'{item.elevation_deg:g}°'),
          'held out' if item.held_out else 'fitted', item.date or '–', item.operator or '–',
          item.run or '–'] for item in tests]
-    shown = [place for place in range(len(columns)) if place < 4 or any(
-        row[place] != '–' for row in rows)]
     return '\n'.join([
         f'<h1>{html.escape(title)}</h1>',
         f'<p class="soft">Rig: {html.escape(named)}, hash <code title="{digest}">'
         f'{short_digest(digest)}</code></p>',
-        html.table([columns[place] for place in shown],
-                   [[row[place] for place in shown] for row in rows]),
+        html.table(['test', 'kind', number('elevation'), 'role', 'date', 'operator', 'run'], rows),
         html.folded('Dimensions of the rig', _picture(rig, tests) + html.table(
             ['dimension', number('value')],
             [(html.Cell(name), number(value)) for name, value in dimensions(rig)],

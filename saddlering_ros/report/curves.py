@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from saddlering_ros.diagnosis.verdict import RunFigures, Verdict
 from saddlering_ros.discrepancy import RunBlocks
 from saddlering_ros.files import whole_file
-from saddlering_ros.pages.html import ReportError
+from saddlering_ros.pages import ReportError
 from saddlering_ros.record import plateaus, Record
 from saddlering_ros.rig import CHANNELS, FORCE_UNITS
 

@@ -10,12 +10,12 @@ import numpy as np
 
 from saddlering_ros.diagnosis.verdict import Verdict
 from saddlering_ros.diagnosis.wording import VerdictDocument
-from saddlering_ros.files import check_ending, PAGE_ENDINGS, whole_file, write_text
+from saddlering_ros.files import whole_file
 from saddlering_ros.identification.figures import ChannelFigures, RunValidation
 from saddlering_ros.identification.validation import judge, Validation
-from saddlering_ros.pages import html
+from saddlering_ros.pages import html, ReportError
 from saddlering_ros.pages.charts import draw
-from saddlering_ros.pages.html import Cell, code, number, ReportError
+from saddlering_ros.pages.html import Cell, code, number
 from saddlering_ros.quantities import allowed_misfit, percent, quantity
 from saddlering_ros.record import Record
 from saddlering_ros.report import background, chapters, figures, parameters
@@ -40,7 +40,6 @@ def write_diagnosis_report(
 
     command: the command line that makes the page.
     """
-    check_ending(path, PAGE_ENDINGS, ReportError)
     known = Background(
         covariance=verdict.extended_parameters().source.covariance,
         quality=[quality_of(figures.record.test_run, verdict.rig) for figures in verdict.runs],
@@ -50,7 +49,7 @@ def write_diagnosis_report(
              for figures in verdict.runs]
     curves = curves_of(verdict)
     top = head(TITLE, verdict.rig, tests)
-    write_text(path, diagnosis_page(verdict.to_json(), curves, known, top), ReportError)
+    html.write_page(path, diagnosis_page(verdict.to_json(), curves, known, top))
     write_curves(curves_path(path), curves)
     return Path(path), curves_path(path)
 
@@ -100,11 +99,9 @@ def write_validation_report(
 
     `runs` are those validated, in order; `identification` is the JSON of an identification.
     """
-    check_ending(path, PAGE_ENDINGS, ReportError)
     beside = curves_path(path)
-    write_text(
-        path, validation_page(validation, runs, rig, identification, command, beside.name),
-        ReportError)
+    html.write_page(
+        path, validation_page(validation, runs, rig, identification, command, beside.name))
     write_curves(beside, curves_of_validation(validation, runs, rig.force_unit))
     return Path(path), beside
 

@@ -13,6 +13,7 @@ from shared_pictures import DRAWN, shared_drawn
 
 from saddlering_ros.bags import read_run, write_bag
 from saddlering_ros.diagnosis.wording import gain_sentence, headline
+from saddlering_ros.pages import html
 from saddlering_ros.pages.charts import draw
 from saddlering_ros.pages.html import pictures_of
 from saddlering_ros.pages.interactive import chart_of
@@ -50,7 +51,7 @@ def test_the_page_says_the_verdict_before_anything_else(page):
 def test_the_page_is_one_file_that_fetches_nothing(page):
     text = re.sub(r'<script type="application/octet-stream".*?</script>', '', page, flags=re.S)
     for source in re.findall(r'(?:src|href)="([^"]{0,40})', text):
-        assert source.startswith(('data:image/png;base64,', 'data:,'))
+        assert source.startswith(('data:image/png;base64,', 'data:,', '#'))
     assert '@import' not in text
     assert 'url(' not in text
 
@@ -248,3 +249,17 @@ def test_a_page_on_parameters_shows_the_interval_that_was_identified_not_one_of_
     shown = parameters.identified(found)
     assert '(1.2 to 1.5) × 10⁸' in shown
     assert '<td class="n">–</td><td>not determined by these data: why</td>' in shown
+
+
+def test_a_page_of_several_chapters_lists_them_with_links(page):
+    names = re.findall(r'<section id="([^"]+)">', page)
+    links = re.findall(r'<a href="#([^"]+)">', page)
+    assert links == names
+    assert len(names) == len(set(names)) > 5
+
+
+def test_a_column_without_a_value_is_left_out():
+    shown = html.table(['a', 'empty', html.number('b')], [['1', '', html.number('–')],
+                                                          ['2', '–', html.number('3')]])
+    assert 'empty' not in shown
+    assert '<td class="n">–</td>' in shown

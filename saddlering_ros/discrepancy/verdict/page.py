@@ -13,10 +13,9 @@ from saddlering_ros.discrepancy.verdict.wording import (
     gain_words,
     PARTIAL,
 )
-from saddlering_ros.files import check_ending, PAGE_ENDINGS, write_text
 from saddlering_ros.pages import html
 from saddlering_ros.pages.charts import AFTER, BEFORE, Chart, line, Panel, without_inner_labels
-from saddlering_ros.pages.html import code, number, ReportError
+from saddlering_ros.pages.html import code, number
 from saddlering_ros.quantities import probability, quantity, VERDICT_WORDS
 
 MAX_POINTS = 600
@@ -25,13 +24,12 @@ MAX_POINTS = 600
 
 def write_page(answer: Diagnosis, path: Path) -> None:
     """Write the page whole, or not at all."""
-    check_ending(path, PAGE_ENDINGS, ReportError)
     title = f'Verdict: {answer.verdict}'
-    write_text(path, html.page(title, [
+    html.write_page(path, html.page(title, [
         f'<div class="verdict {answer.verdict}">{html.paragraph(title, "headline")}'
         f'{html.paragraph(VERDICT_WORDS[answer.verdict].capitalize() + ".")}</div>',
         html.section('Warnings', html.bullets(answer.warnings)),
-        _causes(answer), _base(answer), _misfit(answer), _limits(answer)]), ReportError)
+        _causes(answer), _base(answer), _misfit(answer), _limits(answer)]))
 
 
 def _causes(answer: Diagnosis) -> str:
