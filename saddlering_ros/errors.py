@@ -25,6 +25,12 @@ class Cancelled(SaddleringError):
         self.partial = partial
 
 
+def printable(text: str) -> str:
+    """A text of a file for a terminal: characters that would control it are shown as codes."""
+    return ''.join(sign if sign.isprintable() or sign in '\n\t' else repr(sign)[1:-1]
+                   for sign in text)
+
+
 def did_you_mean(word: str, known: Collection[str]) -> str:
     """': did you mean X?' for the known name most like `word`; '' if none is like it."""
     by_lower = {name.lower(): name for name in known}

@@ -10,7 +10,7 @@ from pathlib import Path
 import re
 from typing import Any, NoReturn
 
-from saddlering_ros.errors import did_you_mean
+from saddlering_ros.errors import did_you_mean, SaddleringError
 from saddlering_ros.files import (
     BAG_FILES,
     bag_folder,
@@ -24,6 +24,9 @@ from saddlering_ros.files import (
 )
 
 UNUSABLE = 2
+MAX_DOMAIN = 232
+"""The ports of a higher domain do not exist (DDS wire protocol, 9.6.1)."""
+
 _CHOICE = re.compile(r"argument (\S+): invalid choice: '(.*?)' \(choose from (.*)\)", re.S)
 
 
@@ -288,8 +291,11 @@ def add_network_options(parser: argparse.ArgumentParser) -> None:
 
 def domain_of(args: argparse.Namespace) -> int:
     """The ROS domain of --domain, of the environment, or 0."""
-    given: int | None = args.domain
-    return given if given is not None else int(os.environ.get('ROS_DOMAIN_ID') or 0)
+    text = os.environ.get('ROS_DOMAIN_ID') or '0' if args.domain is None else str(args.domain)
+    if not text.isdecimal() or int(text) > MAX_DOMAIN:
+        name = 'ROS_DOMAIN_ID' if args.domain is None else '--domain'
+        raise SaddleringError(f'{name} is {text!r}: give a ROS domain from 0 to {MAX_DOMAIN}')
+    return int(text)
 
 
 def in_options(message: str) -> str:

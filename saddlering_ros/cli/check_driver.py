@@ -5,7 +5,12 @@ from __future__ import annotations
 import argparse
 from typing import Any, TYPE_CHECKING
 
-from saddlering_ros.cli._arguments import add_json_option, add_network_options, add_rig_option
+from saddlering_ros.cli._arguments import (
+    add_json_option,
+    add_network_options,
+    add_rig_option,
+    domain_of,
+)
 from saddlering_ros.cli._terminal import tell_json
 
 if TYPE_CHECKING:
@@ -56,7 +61,7 @@ def run(args: argparse.Namespace) -> int:
         raise BagError(f'--rate {args.rate:g}: give hertz above 0')
     rig, namespace = load_rig(args.rig), namespace_of(args.namespace)
     prepare_transport()
-    heard = listen(args.domain, namespace, args.seconds)
+    heard = listen(domain_of(args), namespace, args.seconds)
     found = check_driver(rig, heard, math.radians(args.elevation), args.rate)
     count = faults(found)
     document = {

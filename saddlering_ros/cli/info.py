@@ -14,6 +14,7 @@ from saddlering_ros.cli._arguments import (
     radians,
 )
 from saddlering_ros.cli._terminal import tell_json
+from saddlering_ros.errors import printable
 
 if TYPE_CHECKING:
     from saddlering_ros.bags import BagInfo, TopicInfo
@@ -67,7 +68,7 @@ def run(args: argparse.Namespace) -> int:
         return 0
     sys.stdout.flush()
     more = f' (and {len(problems) - 1} more unusable bags)' if len(problems) > 1 else ''
-    print(f'saddlering info: {in_options(problems[0])}{more}', file=sys.stderr)
+    print(f'saddlering info: {printable(in_options(problems[0]))}{more}', file=sys.stderr)
     return 2
 
 
@@ -85,7 +86,7 @@ def _print_summary(bag: str) -> bool:
     known = announced(bag) if summary is None else f'{summary} (from the summary of the file)'
     console = stdout_console()
     console.print(Text(bag, style='bold'))
-    console.print(Text(f'  {known}', style='dim'))
+    console.print(Text(f'  {printable(known)}', style='dim'))
     sys.stdout.flush()
     return summary is not None
 
@@ -111,9 +112,9 @@ def _print_info(info: BagInfo, rig: Rig, is_counted: bool) -> None:
         topics.add_row(*_topic_row(topic, rig))
     console.print(topics)
     for problem in info.problems:
-        console.print(Text(f'  wrong: {in_options(problem)}', style='red'))
+        console.print(Text(f'  wrong: {printable(in_options(problem))}', style='red'))
     for note in info.notes:
-        console.print(Text(f'  note: {note}', style='yellow'))
+        console.print(Text(f'  note: {printable(note)}', style='yellow'))
     if not info.problems:
         console.print(Text('  usable; read the notes' if info.notes else '  usable',
                            style='yellow' if info.notes else 'green'))
@@ -133,7 +134,7 @@ def _facts(info: BagInfo, rig: Rig, is_counted: bool) -> list[tuple[str, str]]:
     files = '1 file' if info.files == 1 else f'{info.files} files'
     counted = '' if is_counted else f'{info.message_count} messages, '
     rows.append(('storage', f'{files}, {info.size / 1e6:.2f} MB, {counted}'
-                 f'compression {", ".join(info.compressions) or "unknown"}'))
+                 f'compression {printable(", ".join(info.compressions)) or "unknown"}'))
     if not math.isnan(info.duration):
         rows.append(('duration', f'{info.duration:.3f} s'))
     if not math.isnan(high):
@@ -158,12 +159,13 @@ def _load_range(low: float, high: float, rig: Rig) -> str:
 def _topic_row(topic: TopicInfo, rig: Rig) -> tuple[str, ...]:
     import math
 
+    name = printable(topic.topic), printable(topic.type)
     if math.isnan(topic.rate):
-        return (topic.topic, topic.type, str(topic.count), *[''] * 6)
+        return (*name, str(topic.count), *[''] * 6)
     gaps = f'{topic.gaps} (<= {topic.longest_gap:.3f} s)' if topic.gaps else '0'
     if topic.type.startswith('geometry_msgs'):
         values = [rig.force_words(value, 3) for value in (topic.lowest, topic.highest)]
     else:
         values = [f'{value * 1e6:.2f} µm' for value in (topic.lowest, topic.highest)]
-    return (topic.topic, topic.type, str(topic.count), f'{topic.rate:.1f} Hz',
+    return (*name, str(topic.count), f'{topic.rate:.1f} Hz',
             f'{topic.start:.3f} s', f'{topic.start + topic.duration:.3f} s', gaps, *values)

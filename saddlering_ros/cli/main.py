@@ -25,7 +25,7 @@ from saddlering_ros.cli._arguments import (
     OneLineParser,
     UNUSABLE,
 )
-from saddlering_ros.errors import SaddleringError
+from saddlering_ros.errors import printable, SaddleringError
 
 DONE = 0
 OUR_FAILURE = 1
@@ -219,7 +219,7 @@ def _add_traceback(parser: argparse.ArgumentParser, default: object) -> None:
 
 
 def _one_line(message: str) -> str:
-    return ' '.join(message.split())
+    return printable(' '.join(message.split()))
 
 
 def _complain(message: str, status: int, args: argparse.Namespace) -> int:

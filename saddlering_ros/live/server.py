@@ -17,6 +17,7 @@ import hmac
 import ipaddress
 import json
 from pathlib import Path
+import re
 import secrets
 import threading
 from typing import Any
@@ -164,7 +165,9 @@ def _same(given: str, token: str) -> bool:
 
 
 def _name_of(host: str) -> str:
-    return host if host.endswith(']') else host.rpartition(':')[0] or host
+    """The name of a Host header, with or without a port; '' for another form."""
+    found = re.fullmatch(r'(\[[0-9A-Fa-f:.]+\]|[\w.-]+)(:\d+)?', host)
+    return found[1] if found else ''
 
 
 async def _file(data: bytes, kind: str, request: web.Request) -> web.Response:

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 import math
 
+from saddlering_ros.errors import printable
 from saddlering_ros.record.errors import BagError
 
 METADATA_RECORD = 'saddlering.test'
@@ -40,6 +41,10 @@ class TestMetadata:
     faults: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
+        for name in ('rig', 'run'):
+            object.__setattr__(self, name, printable(getattr(self, name)))
+        details = {key: printable(text) for key, text in self.details.items()}
+        object.__setattr__(self, 'details', details)
         if self.test is not None:
             check_kind(self.test, 'facts')
         if self.elevation_deg is not None:

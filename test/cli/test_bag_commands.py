@@ -206,3 +206,25 @@ def test_info_as_json_has_no_nan(bag, tmp_path, capsys):
     assert good['facts']['elevation_deg'] == 50.0
     assert not bad['usable']
     assert bad['problems']
+
+
+ESCAPES = '\x1b]0;renamed\x07\x1b[2J\u202e'
+
+
+def test_a_text_of_a_bag_cannot_control_the_terminal(bag, capsys, tmp_path):
+    made = TestMetadata('dynamic', 50.0, f'rig{ESCAPES}', ESCAPES, {'operator': ESCAPES})
+    file = bag / 'metadata.yaml'
+    file.write_text(file.read_text().replace('a run', '"\\e[2Ja run"'))
+    assert main(['info', str(bag)]) == 2
+    said = capsys.readouterr()
+    shown = said.out + said.err + ''.join(made.as_text().values())
+    assert not {'\x1b', '\x07', '\u202e'} & set(shown)
+    assert '\\x1b[2J' in shown
+
+
+@pytest.mark.parametrize('words', [
+    ['live', '--domain', '900'], ['record', 'out', '--domain', '-1'],
+    ['check-driver', '--domain', '233'], ['replay', 'BAG', '--domain', '300']])
+def test_a_domain_that_cannot_be_is_one_line(bag, words, capsys):
+    assert main([str(bag) if word == 'BAG' else word for word in words]) == 2
+    assert 'give a ROS domain from 0 to 232' in capsys.readouterr().err

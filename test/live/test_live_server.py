@@ -48,8 +48,10 @@ def test_the_page_shows_the_drawing_of_the_ring():
     assert 'src="rig.svg"' in page
 
 
-def test_a_name_that_points_here_by_trickery_is_refused():
-    assert asked(address('127.0.0.1', 0), ('GET', '/', {'Host': 'evil.example'}))[0] == [403]
+@pytest.mark.parametrize('host', [
+    'evil.example', '127.0.0.1:80@evil.com', 'localhost:1:2', '127.0.0.1.evil.com', '[::1].evil'])
+def test_a_name_that_points_here_by_trickery_is_refused(host):
+    assert asked(address('127.0.0.1', 0), ('GET', '/', {'Host': host}))[0] == [403]
 
 
 def test_another_site_cannot_cancel_but_the_page_can():
