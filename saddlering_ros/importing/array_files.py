@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+import os
 from pathlib import Path
+import struct
 from typing import Any
+import zlib
 
 import h5py
 import numpy as np
@@ -16,6 +19,12 @@ from saddlering_ros.importing.calibration import ImportingError
 from saddlering_ros.importing.source import as_numbers, Column, NUMBER, SlicedSource, TEXT
 
 MAX_COLUMNS = 4096
+
+MAX_UNPACKED = 1 << 30
+"""Most bytes of a MATLAB file of format 5, whose variables are read as a whole."""
+
+COMPRESSED = 15
+"""Type of a compressed element (miCOMPRESSED)."""
 _UNITS = ('unit', 'units', 'Unit', 'Units', 'UNITS', 'UNIT')
 
 
@@ -74,7 +83,7 @@ class Hdf5Source(SlicedSource):
         return _texts(values) if self.column(name).kind == TEXT else as_numbers(values)
 
     def _visit(self, name: str, item: Any, columns: list[Column]) -> None:
-        if not isinstance(item, h5py.Dataset) or name.startswith('#') or item.size < 2:
+        if not isinstance(item, h5py.Dataset) or name.startswith('#') or (item.size or 0) < 2:
             return
         unit = _unit_of(item)
         if item.dtype.names:
@@ -115,6 +124,34 @@ class Matlab73Source(Hdf5Source):
         super()._visit(name, item, columns)
 
 
+def _check_unpacked_size(path: Path) -> None:
+    """ImportingError if the elements of a MATLAB file unpack to more than MAX_UNPACKED bytes.
+
+    Elements follow the header of 128 bytes, each with its type and size (MAT-file format, level
+    5). SciPy judges what is no compressed element.
+    """
+    unpacked = 0
+    with path.open('rb') as file:
+        order = '<' if file.read(128)[126:128] == b'IM' else '>'
+        while len(head := file.read(8)) == 8:
+            kind, size = struct.unpack(f'{order}II', head)
+            if kind != COMPRESSED:
+                file.seek(size, os.SEEK_CUR)
+                continue
+            unzip, left = zlib.decompressobj(), size
+            while left > 0 and (piece := file.read(min(left, 1 << 16))):
+                left -= len(piece)
+                while piece:
+                    try:
+                        unpacked += len(unzip.decompress(piece, 1 << 24))
+                    except zlib.error:
+                        return
+                    piece = unzip.unconsumed_tail
+                    if unpacked > MAX_UNPACKED:
+                        raise ImportingError(f'{path}: unpacks to more than 1 GB, and this format '
+                                             'is only read as a whole: save it with -v7.3')
+
+
 def _others(name: str) -> tuple[str, ...]:
     """/path with a leading slash, path with dots as MATLAB writes it, and the last part."""
     return tuple(dict.fromkeys(
@@ -150,6 +187,7 @@ class MatlabSource(SlicedSource):
 
     def __init__(self, path: Path) -> None:
         super().__init__(path)
+        _check_unpacked_size(path)
         try:
             names = [name for name, _, kind in whosmat(path) if kind in _READ]
             held = loadmat(path, variable_names=names, struct_as_record=False, squeeze_me=True)

@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 from pathlib import Path
+import resource
+import struct
+import zlib
 
+import h5py
 from map_documents import convert, document, plain_table, readings, refusal, ROWS, stamps, TIME
 import numpy as np
 import pytest
+from scipy.io import savemat
 
-from saddlering_ros.importing import draft_map, open_sources
+from saddlering_ros.importing import draft_map, ImportingError, open_sources
 
 GROUPED = [f'{1 + i // 10}.{100 + i},5' for i in range(ROWS)]
 COMMA = {'t': [f'{i},25' for i in range(ROWS)], 'w': [f'1,{200 + i}' for i in range(ROWS)]}
@@ -115,3 +120,33 @@ def test_a_time_that_does_not_fit_its_format_is_shown_with_it(tmp_path: Path) ->
     map_ = document(time={'column': 't', 'format': '%m/%d/%Y %H:%M:%S', 'zone': 'UTC'})
     said = refusal(tmp_path, map_, plain_table(t=times), overwrite=True)
     assert "'20.11.2026 08:00:00' does not fit %m/%d/%Y %H:%M:%S" in said
+
+
+def test_a_dataset_without_a_place_for_values_is_no_column(tmp_path: Path) -> None:
+    path = tmp_path / 'a.h5'
+    with h5py.File(path, 'w') as file:
+        file['nothing'] = h5py.Empty('f8')
+        file['F'] = np.arange(5.0)
+    (source,) = open_sources([path])
+    assert [column.name for column in source.columns] == ['F']
+
+
+def test_a_matlab_file_that_unpacks_without_end_is_refused_in_bounded_memory(
+        tmp_path: Path) -> None:
+    path = tmp_path / 'a.mat'
+    savemat(path, {'small': np.arange(9.0)}, do_compression=True)
+    element = packed_zeros(3 << 30)
+    with path.open('ab') as file:
+        file.write(struct.pack('<II', 15, len(element)) + element)
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    with pytest.raises(ImportingError, match='unpacks to more than 1 GB') as caught:
+        open_sources([path])
+    assert '\n' not in str(caught.value)
+    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 1 << 18  # 256 MB
+
+
+def packed_zeros(size: int) -> bytes:
+    """A zlib stream of `size` zeros without its end; its blocks do not refer to each other."""
+    packer, block = zlib.compressobj(9), bytes(1 << 24)
+    first, next_one = (packer.compress(block) + packer.flush(zlib.Z_FULL_FLUSH) for _ in range(2))
+    return first + next_one * (size >> 24)
