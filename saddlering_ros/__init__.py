@@ -7,6 +7,7 @@ from typing import Any, TYPE_CHECKING
 
 if TYPE_CHECKING:
     from saddlering_ros.api.comparison import compare, ComparisonResult
+    from saddlering_ros.api.curves import Curves, displacement, residual, simulate
     from saddlering_ros.api.functions import diagnose, identify, validate
     from saddlering_ros.api.inputs import Bag, read_bag
     from saddlering_ros.api.results import (
@@ -15,6 +16,7 @@ if TYPE_CHECKING:
         ValidationResult,
     )
     from saddlering_ros.errors import Cancelled, SaddleringError
+    from saddlering_ros.identification import IdentificationSettings, SwarmSettings
     from saddlering_ros.progress import Progress
     from saddlering_ros.rig import load_rig, ParameterSet, read_parameters, Rig
 
@@ -23,6 +25,9 @@ __version__ = '0.1.0'
 _PLACES = {
     'compare': 'api.comparison', 'ComparisonResult': 'api.comparison',
     'diagnose': 'api.functions', 'identify': 'api.functions', 'validate': 'api.functions',
+    'Curves': 'api.curves', 'displacement': 'api.curves', 'residual': 'api.curves',
+    'simulate': 'api.curves', 'IdentificationSettings': 'identification',
+    'SwarmSettings': 'identification',
     'Bag': 'api.inputs', 'read_bag': 'api.inputs', 'Progress': 'progress',
     'DiagnosisResult': 'api.results', 'IdentificationResult': 'api.results',
     'ValidationResult': 'api.results', 'Cancelled': 'errors', 'SaddleringError': 'errors',
@@ -32,9 +37,11 @@ _PLACES = {
 itself cheap to import."""
 
 __all__ = [
-    'Bag', 'Cancelled', 'ComparisonResult', 'DiagnosisResult', 'IdentificationResult',
-    'ParameterSet', 'Progress', 'Rig', 'SaddleringError', 'ValidationResult', '__version__',
-    'compare', 'diagnose', 'identify', 'load_rig', 'read_bag', 'read_parameters', 'validate',
+    'Bag', 'Cancelled', 'ComparisonResult', 'Curves', 'DiagnosisResult',
+    'IdentificationResult', 'IdentificationSettings', 'ParameterSet', 'Progress', 'Rig',
+    'SaddleringError', 'SwarmSettings', 'ValidationResult', '__version__', 'compare',
+    'diagnose', 'displacement', 'identify', 'load_rig', 'read_bag', 'read_parameters',
+    'residual', 'simulate', 'validate',
 ]
 
 def names_on_first_use(package: str, places: Mapping[str, str]) -> Callable[[str], Any]:

@@ -320,7 +320,8 @@ def _kind(given: object) -> str:
     return 'None' if given is None else f'of type {type(given).__name__}'
 
 
-Columns = Mapping[str, Sequence[Any]]
+Columns = Mapping[str, Any]
+"""Lists or arrays of equal length by name."""
 
 
 def dataframe(columns: Columns) -> pandas.DataFrame:

@@ -127,6 +127,16 @@ def of_run(run: RunCurves, channels: Sequence[str] = SHOWN) -> Chart:
                  heights=(1.0,) * len(channels), columns=3, shares_x=True)
 
 
+def over_time(time: Array, channels: Mapping[str, Array], title: str) -> Chart:
+    """Channels (N,) [m, rad] over time [s], a panel each."""
+    panels = [Panel(row, 0, 'time / s', axis_label(name),
+                    (line(time, MICRO * values, MEASURED, width=0.9),), levels=(0.0,),
+                    title='' if row else title)
+              for row, (name, values) in enumerate(channels.items())]
+    return Chart(tuple(without_inner_labels(panels, len(panels))), width=9.4,
+                 height=1.0 + 1.8 * len(panels), heights=(1.0,) * len(panels), shares_x=True)
+
+
 def misfit(runs: Sequence[Mapping[str, Any]], channels: Sequence[str] = CHANNELS[:3]) -> Chart:
     """Misfit before and after against the noise floor, for the `runs` of a verdict's JSON."""
     height, heights, words, series = 0.0, [], [], []

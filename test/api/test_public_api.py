@@ -20,11 +20,14 @@ from saddlering_ros import (
     Bag,
     Cancelled,
     diagnose,
+    displacement,
     identify,
     Progress,
     read_bag,
     read_parameters,
+    residual,
     SaddleringError,
+    simulate,
     validate,
 )
 from saddlering_ros.api.inputs import dataframe
@@ -83,7 +86,8 @@ def test_names_for_type_checkers_are_the_names_that_are_loaded():
     assert typed == set(saddlering_ros._PLACES) == set(saddlering_ros.__all__) - {'__version__'}
 
 
-@pytest.mark.parametrize('name', ['identify', 'validate', 'diagnose', 'read_bag'])
+@pytest.mark.parametrize('name', ['identify', 'validate', 'diagnose', 'read_bag', 'displacement',
+                                  'simulate', 'residual'])
 def test_options_are_keywords_only(name):
     first, *rest = inspect.signature(getattr(saddlering_ros, name)).parameters.values()
     assert first.kind is inspect.Parameter.POSITIONAL_OR_KEYWORD
@@ -221,3 +225,34 @@ def test_a_message_names_the_arguments_and_not_the_options_of_a_command(bags, fo
 def test_options_of_an_identification_may_be_one_object(bags, found):
     settings = IdentificationSettings(swarm=SwarmSettings(particles=8, iterations=6), seed=1)
     assert identify(bags, settings=settings).parameters.contact == found.parameters.contact
+
+
+def test_the_residual_is_measured_minus_simulated_at_the_same_stamps(bags, found):
+    bag = bags[1]
+    measured, simulated = displacement(bag), simulate(bag, parameters=found)
+    left = residual(bag, parameters=found)
+    for name in ('delta_x', 'delta_y', 'gamma', 'parity'):
+        here, there = (getattr(one, name)[np.isin(one.stamp_ns, left.stamp_ns)]
+                       for one in (measured, simulated))
+        assert np.array_equal(getattr(left, name), here - there, equal_nan=True)
+    assert len(left) > 2000
+
+
+def test_curves_are_arrays_a_table_a_file_and_a_figure(bags, tmp_path):
+    curves = displacement(bags[1])
+    assert list(curves.columns()) == ['stamp_ns', 'time', 'load', 'delta_x', 'delta_y', 'gamma',
+                                      'parity', 'validity']
+    assert np.array_equal(curves.delta_x, bags[1].columns()['delta_x'])
+    curves.save(tmp_path / 'curves.csv')
+    assert len((tmp_path / 'curves.csv').read_text().splitlines()) == len(curves) + 1
+    assert curves.plot()._repr_png_().startswith(b'\x89PNG')
+    with pytest.raises(SaddleringError):
+        curves.save(bags[1].path / 'metadata.yaml')
+
+
+def test_curves_report_progress_and_can_be_cancelled(bags, found):
+    seen = []
+    simulate(bags[1], parameters=found, on_progress=seen.append)
+    assert seen[-1].share == 1.0
+    with pytest.raises(Cancelled):
+        simulate(bags[1], parameters=found, is_cancelled=lambda: True)

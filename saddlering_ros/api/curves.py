@@ -1,0 +1,187 @@
+"""Curves of a test as arrays, table and figure: measured, simulated, and the difference."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from saddlering_ros.api.inputs import (
+    as_parameters,
+    Bag,
+    BagLike,
+    dataframe,
+    Inputs,
+    inputs_of,
+    ParametersLike,
+    RigLike,
+)
+from saddlering_ros.bags.samples import displacement_columns, write_samples
+from saddlering_ros.files import bag_folder, Provenance, spare_bags
+from saddlering_ros.progress import check, IsCancelled, OnProgress, Progress
+from saddlering_ros.record.displacement import measured_blocks, zero_of_run
+from saddlering_ros.record.residual import residual_stretches
+from saddlering_ros.record.samples import Displacements, join
+from saddlering_ros.record.simulation import simulated_stretches
+from saddlering_ros.rig import CHANNELS, MICRO_UNITS, ParameterSet
+
+if TYPE_CHECKING:
+    import pandas
+
+    from saddlering_ros.api.results import Plot
+
+Array = NDArray[np.float64]
+
+MAX_DRAWN = 4000
+"""Largest number of samples of a curve that a figure shows."""
+
+
+@dataclass(frozen=True, repr=False)
+class Curves:
+    """The displacement of the ring in one test, sample by sample, as the live nodes give it.
+
+    kind: 'measured', 'simulated' or 'measured minus simulated'; stamp_ns (N,) [ns]; time (N,) [s]
+    since the first load of the record; load (N,) [N]; delta_x, delta_y, parity (N,) [m] and gamma
+    (N,) [rad], NaN where not known; validity (N,): 0 where all four are known from sound readings;
+    notes: what should make a reader doubt the curves.
+    """
+
+    bag: Bag
+    kind: str
+    stamp_ns: NDArray[np.int64]
+    time: Array
+    load: Array
+    delta_x: Array
+    delta_y: Array
+    gamma: Array
+    parity: Array
+    validity: NDArray[np.uint8]
+    notes: tuple[str, ...]
+    provenance: Provenance
+
+    def __repr__(self) -> str:
+        return f'<Curves {self.summary().splitlines()[0]}>'
+
+    def __len__(self) -> int:
+        return len(self.time)
+
+    def summary(self) -> str:
+        """The test, the number of samples, and the extent of each channel."""
+        lines = [f'{self.bag.name}: {self.kind} at {len(self)} load stamps']
+        for name in CHANNELS:
+            values = 1e6 * np.asarray(getattr(self, name))
+            if np.isfinite(values).any():
+                lines.append(f'  {name}: {np.nanmin(values):.2f} to {np.nanmax(values):.2f} '
+                             f'{MICRO_UNITS[name]}')
+        return '\n'.join([*lines, *(f'note: {note}' for note in self.notes)])
+
+    def columns(self) -> dict[str, NDArray[Any]]:
+        """The arrays by name, as the commands write them."""
+        return {name: getattr(self, name)
+                for name in ('stamp_ns', 'time', 'load', *CHANNELS, 'validity')}
+
+    def to_dataframe(self) -> pandas.DataFrame:
+        """The same as a pandas DataFrame, one row per sample."""
+        return dataframe(self.columns())
+
+    def save(self, path: Path | str) -> None:
+        """Write the table; the suffix selects .csv or .parquet."""
+        self._spare_bag(Path(path))
+        write_samples(Path(path), [self.columns()], self.provenance)
+
+    def plot(self) -> Plot:
+        """delta_x, delta_y and gamma over time."""
+        from saddlering_ros.api.results import Plot
+        from saddlering_ros.pages.charts import draw
+        from saddlering_ros.report.figures import over_time
+
+        kept = slice(None, None, max(1, len(self) // MAX_DRAWN))
+        channels = {name: np.asarray(getattr(self, name))[kept] for name in CHANNELS[:3]}
+        title = f'{self.bag.name}: {self.kind}'
+        return Plot(draw(over_time(self.time[kept], channels, title)), self._spare_bag)
+
+    def _spare_bag(self, output: Path) -> None:
+        spare_bags(output, str(output), [(bag_folder(self.bag.path), str(self.bag.path))])
+
+    def _repr_html_(self) -> str:
+        from saddlering_ros.pages import html
+
+        return html.commands(self.summary().splitlines())
+
+
+def displacement(
+    bag: BagLike, *, rig: RigLike = None, trust_rig: bool = False,
+    on_progress: OnProgress | None = None, is_cancelled: IsCancelled | None = None,
+) -> Curves:
+    """The measured displacement of the ring in a test.
+
+    The arguments are those of `identify`, for one bag.
+    """
+    given = inputs_of([bag], rig=rig, trust_rig=trust_rig, on_progress=on_progress,
+                      is_cancelled=is_cancelled)
+    run = given.bags[0].run
+    zero = zero_of_run(given.rig, run)
+    notes = [] if zero.reading.near_preload else [
+        'the record has no steady start near the preload; its zero is at another load']
+    shares = _shares('displacement', run.name, on_progress, is_cancelled)
+    return _curves('measured', given, measured_blocks(given.rig, run, zero, shares), notes)
+
+
+def simulate(
+    bag: BagLike, *, parameters: ParametersLike, rig: RigLike = None, trust_rig: bool = False,
+    on_progress: OnProgress | None = None, is_cancelled: IsCancelled | None = None,
+) -> Curves:
+    """The displacement that the model has under the load of a test.
+
+    parameters: a `ParameterSet`, a parameter file, or the result of `identify` or `diagnose`.
+    """
+    return _of_model('simulated', simulated_stretches, bag, parameters, rig, trust_rig,
+                     on_progress, is_cancelled)
+
+
+def residual(
+    bag: BagLike, *, parameters: ParametersLike, rig: RigLike = None, trust_rig: bool = False,
+    on_progress: OnProgress | None = None, is_cancelled: IsCancelled | None = None,
+) -> Curves:
+    """Measured minus simulated displacement of a test; the arguments are those of `simulate`."""
+    return _of_model('measured minus simulated', residual_stretches, bag, parameters, rig,
+                     trust_rig, on_progress, is_cancelled)
+
+
+def _of_model(
+    kind: str, stretches_of: Callable[..., Any], bag: BagLike, parameters: ParametersLike,
+    rig: RigLike, trust_rig: bool, on_progress: OnProgress | None,
+    is_cancelled: IsCancelled | None,
+) -> Curves:
+    law: ParameterSet = as_parameters(parameters)
+    given = inputs_of([bag], rig=rig, trust_rig=trust_rig, parameters=parameters,
+                      on_progress=on_progress, is_cancelled=is_cancelled)
+    run, notes = given.bags[0].run, list[str]()
+    stretches, _ = stretches_of(given.rig, run, law, notes,
+                                _shares('simulate', run.name, on_progress, is_cancelled))
+    return _curves(kind, given, stretches, notes)
+
+
+def _shares(
+    task: str, name: str, on_progress: OnProgress | None, is_cancelled: IsCancelled | None,
+) -> Callable[[float], None]:
+    """Callback of a share of the work that reports it and asks whether to stop."""
+    def share_is_done(share: float) -> None:
+        check(is_cancelled, task)
+        if on_progress is not None:
+            on_progress(Progress(task, name, share))
+
+    return share_is_done
+
+
+def _curves(
+    kind: str, given: Inputs, stretches: Iterable[Displacements], notes: list[str],
+) -> Curves:
+    bag = given.bags[0]
+    columns = displacement_columns(bag.run, join(list(stretches)))
+    return Curves(bag, kind, **columns, notes=(*bag.run.notes, *notes),
+                  provenance=Provenance((bag.run.origin,), given.files))
