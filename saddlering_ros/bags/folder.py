@@ -92,7 +92,8 @@ def open_directory(path: Path | str) -> BagDirectory:
         raise BagError(
             f'{path}: cannot be read ({problem.strerror}): check the path') from problem
     if not path.is_file() or not path.name.endswith(SUFFIXES):
-        raise BagError(f'{path}: is not a bag: give a rosbag2 directory or an .mcap file')
+        raise BagError(f'{path}: is not a bag: give a rosbag2 directory or an .mcap file, or make '
+                       f'one of measured files by: saddlering import {path} --draft')
     return _of_file(path)
 
 
@@ -135,13 +136,21 @@ def plain_file(path: Path) -> Iterator[Path]:
         yield plain
 
 
+def _without_files(path: Path) -> str:
+    below = sum(1 for _ in path.glob(f'*/{METADATA}'))
+    if below:
+        return (f'{path}: is not a bag, but a folder of {below}: give one of them, or all as '
+                f'{path}/*')
+    return f'{path}: holds no .mcap file: give a bag recorded with storage mcap'
+
+
 def _of_directory(path: Path) -> BagDirectory:
     found = sorted(
         (file for file in path.iterdir() if file.name.endswith(SUFFIXES) and file.is_file()),
         key=_natural)
     if not (path / METADATA).is_file():
         if not found:
-            raise BagError(f'{path}: holds no .mcap file: give a bag recorded with storage mcap')
+            raise BagError(_without_files(path))
         return BagDirectory(path, tuple(found))
     information = read_metadata(path / METADATA)
     storage = _word(information, 'storage_identifier') or 'mcap'

@@ -160,7 +160,8 @@ def check_target(path: Path, overwrite: bool) -> None:
     if not path.exists():
         return
     if not overwrite:
-        raise BagError(f'{path}: exists already: choose another name, or remove it first')
+        raise BagError(f'{path}: exists already: choose another name, or give '
+                       'overwrite=True')
     is_bag = path.is_dir() and all(
         file.name == 'metadata.yaml' or file.suffix == '.mcap' for file in path.iterdir())
     if not is_bag:

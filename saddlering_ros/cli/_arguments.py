@@ -300,8 +300,9 @@ def domain_of(args: argparse.Namespace) -> int:
 
 def in_options(message: str) -> str:
     """A message of the Python API with the options of the command line for its arguments."""
-    message = message.replace('trust_rig=True', '--trust-rig').replace('elevation_deg=',
-                                                                       'elevation=')
+    for argument, option in (('trust_rig=True', '--trust-rig'), ('overwrite=True', '--overwrite'),
+                             ('elevation_deg=', 'elevation=')):
+        message = message.replace(argument, option)
     return re.sub(r"\b(rig|test|elevation)=('?)(\w+)\2", r'--\1 \3', message)
 
 

@@ -119,7 +119,7 @@ def run(args: argparse.Namespace) -> int:
 def _check(args: argparse.Namespace) -> None:
     from saddlering_ros.campaign import CampaignError
 
-    if args.out is None:
+    if args.out is None and not args.plan:
         raise CampaignError('no --out: give the folder for the results')
     if args.store is not None:
         raise CampaignError(f'{args.store}: give one folder of bags only; --out is the folder '

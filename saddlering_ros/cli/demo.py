@@ -23,7 +23,10 @@ UNTRIED = 'test/cli/test_demo.py runs it'
 def add_parser(subparsers: Any) -> None:
     """Declare the subcommand."""
     parser = subparsers.add_parser(
-        'demo', help='run all steps with live nodes, and write a report')
+        'demo', help='run all steps with live nodes, and write a report',
+        description='Replay bags through live nodes, identify the parameters, diagnose what '
+                    'the simulation lacks, and verify the result on another test. The folder '
+                    'then holds a report that opens offline.')
     parser.add_argument('--out', type=folder_filled, default=Path('out'), metavar='DIR',
                         help='folder for report, pictures, numbers, parameters (default: out)')
     parser.add_argument('--bags', type=bags_below, metavar='DIR',

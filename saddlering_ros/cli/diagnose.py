@@ -30,7 +30,11 @@ EXAMPLES = (
 
 def add_parser(subparsers: Any) -> None:
     """Declare the subcommand."""
-    parser = subparsers.add_parser('diagnose', help='name the cause that the simulation lacks')
+    parser = subparsers.add_parser(
+        'diagnose', help='name the cause that the simulation lacks',
+        description='Fit the model to the bags, and search the catalogue of effects for the '
+                    'cause of what is left. The verdict names a cause, states that several '
+                    'explain the misfit, or that none is known.')
     parser.add_argument('bags', type=bag_read, nargs='+', metavar='BAG', help='runs to diagnose')
     parser.add_argument(
         '--hold-out', type=bag_read,

@@ -16,7 +16,9 @@ EXAMPLES = (
 def add_parser(subparsers: Any) -> None:
     """Declare the subcommand."""
     parser = subparsers.add_parser(
-        'displacement', help='compute the measured motion of the ring from a bag')
+        'displacement', help='compute the measured motion of the ring from a bag',
+        description='Compute the motion of the ring from the four probe gaps, at the stamps '
+                    'of the load, as the node ring_displacement does live.')
     add_bag_options(parser)
     add_output_options(parser)
 

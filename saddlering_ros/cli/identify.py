@@ -26,7 +26,11 @@ EXAMPLES = (
 
 def add_parser(subparsers: Any) -> None:
     """Declare the subcommand."""
-    parser = subparsers.add_parser('identify', help='identify the contact parameters from bags')
+    parser = subparsers.add_parser(
+        'identify', help='identify the contact parameters from bags',
+        description='Fit the six contact parameters to static and dynamic tests, and print '
+                    'them with their uncertainty. The parameter file is read by simulator, '
+                    'nodes and diagnosis.')
     parser.add_argument('bags', type=bag_read, nargs='+', metavar='BAG',
                         help='runs to fit, static and dynamic')
     add_rig_option(parser)
@@ -38,8 +42,10 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument('--seed', type=int, default=0, help='seed of the swarm (default 0)')
     parser.add_argument('--bounds', nargs='+', default=[], metavar='NAME=LOW:HIGH',
                         help='bounds of a parameter in SI units, e.g. K1=2e7:1e9')
-    parser.add_argument('--particles', type=int, default=20)
-    parser.add_argument('--iterations', type=int, default=50)
+    parser.add_argument('--particles', type=int, default=20,
+                        help='size of the swarm (default 20)')
+    parser.add_argument('--iterations', type=int, default=50,
+                        help='most steps of the swarm (default 50)')
     parser.add_argument('--accuracy', type=float, metavar='J',
                         help='the swarm stops when its best objective is at most this')
     parser.add_argument('--stagnation', type=int, metavar='N',

@@ -55,7 +55,7 @@ def _draft(args: argparse.Namespace) -> int:
 
     if args.map is not None and args.map.exists():
         raise ImportingError(f'{args.map}: exists already, and a draft does not replace it: '
-                             'choose another name, or remove it first')
+                             'choose another name')
     draft = draft_map(open_sources(args.files))
     if args.map is None:
         import sys

@@ -29,7 +29,10 @@ EXAMPLES = (
 
 def add_parser(subparsers: Any) -> None:
     """Declare the subcommand."""
-    parser = subparsers.add_parser('info', help='show the content of a bag and its faults')
+    parser = subparsers.add_parser(
+        'info', help='show the content of a bag and its faults',
+        description='Print the test, the topics with their rates and ranges, and every fault '
+                    'of each bag. Status 2 if a bag cannot be used.')
     parser.add_argument('bags', type=bag_read, nargs='+', metavar='BAG',
                         help='rosbag2 directory or .mcap file')
     add_fact_options(parser)

@@ -34,8 +34,8 @@ def add_parser(subparsers: Any) -> None:
     parser = subparsers.add_parser(
         'report', help='write a report on parameters and their predictions',
         description='Write one HTML file that opens offline: the parameters with their '
-        'uncertainty, and simulation beside measurement for the given bags. (saddlering diagnose '
-        '--report writes the report of a diagnosis.)')
+        'uncertainty, and simulation beside measurement for the given bags. saddlering diagnose '
+        '--report writes the report of a diagnosis.')
     parser.add_argument('bags', type=bag_read, nargs='+', metavar='BAG', help='runs to predict')
     add_parameter_options(parser)
     parser.add_argument('--identification', type=file_read, metavar='FILE.json',

@@ -20,7 +20,9 @@ EXAMPLES = (
 def add_parser(subparsers: Any) -> None:
     """Declare the subcommand."""
     parser = subparsers.add_parser(
-        'residual', help='compute measured minus simulated motion for a bag')
+        'residual', help='compute measured minus simulated motion for a bag',
+        description='Subtract the simulated motion of the ring from the measured one where '
+                    'both have a sample, as the node ring_residual does live.')
     add_bag_options(parser)
     add_parameter_options(parser)
     add_output_options(parser)

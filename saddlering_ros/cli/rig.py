@@ -86,7 +86,7 @@ def _draft(args: argparse.Namespace, rig: Rig) -> tuple[Rig, list[Path]]:
 
     if args.draft.exists():
         raise RigError(f'{args.draft}: exists already, and a draft does not replace it: choose '
-                       'another name, or remove it first')
+                       'another name')
     text, drafted = draft_rig_file(rig, args.set)
     write_text(args.draft, text, RigError)
     picture = args.draft.with_suffix('.svg')

@@ -20,7 +20,9 @@ EXAMPLES = (
 def add_parser(subparsers: Any) -> None:
     """Declare the subcommand."""
     parser = subparsers.add_parser(
-        'simulate', help='simulate the ring under the load of a bag')
+        'simulate', help='simulate the ring under the load of a bag',
+        description='Integrate the model of the ring under the load of a bag, as the node '
+                    'ring_simulator does live.')
     add_bag_options(parser)
     add_parameter_options(parser)
     add_output_options(parser)

@@ -27,7 +27,10 @@ EXAMPLES = (
 
 def add_parser(subparsers: Any) -> None:
     """Declare the subcommand."""
-    parser = subparsers.add_parser('validate', help='check how well parameters predict bags')
+    parser = subparsers.add_parser(
+        'validate', help='check how well parameters predict bags',
+        description='Simulate tests with given parameters, and compare the prediction with '
+                    'the measurement by figures of merit for each channel.')
     parser.add_argument('bags', type=bag_read, nargs='+', metavar='BAG', help='runs to predict')
     add_parameter_options(parser)
     add_rig_option(parser)

@@ -32,7 +32,10 @@ EXAMPLES = (
 def add_parser(subparsers: Any) -> None:
     """Declare the subcommand."""
     parser = subparsers.add_parser(
-        'watch', help='find the moment when a recorded ring leaves its model')
+        'watch', help='find the moment when a recorded ring leaves its model',
+        description='Replay the residual of each bag through the detector of the node '
+                    'ring_alarm, and print whether, when and in which channel it raises an '
+                    'alarm.')
     parser.add_argument('bags', type=bag_read, nargs='+', metavar='BAG',
                         help='rosbag2 directories or .mcap files; each bag is watched separately')
     add_rig_option(parser)

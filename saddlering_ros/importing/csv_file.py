@@ -313,7 +313,7 @@ class CsvSource(Source):
 
     def _check_read(self, read: int) -> None:
         """ImportingError unless every line of data was read as one row, or counted as left out."""
-        rows, unpaired = 0, 0
+        rows, unpaired, line = 0, 0, '\n'
         with self.path.open(encoding=self.shape.encoding, errors='replace') as file:
             for number, line in enumerate(file, 1):
                 if number < self.shape.first_line or line == '\n':
@@ -321,6 +321,9 @@ class CsvSource(Source):
                 rows += 1
                 if not unpaired and line.count('"') % 2:
                     unpaired = number
+        if not line.endswith('\n'):
+            self.warnings.add(f'{self.path}: its last line has no line end, so that the file may '
+                              'be cut off: check its last row')
         if rows != read:
             place = (f'line {unpaired} has a quotation mark without its partner: correct it'
                      if unpaired else 'the line ends are unclear: save the file again')

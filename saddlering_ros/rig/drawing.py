@@ -337,7 +337,7 @@ def draft_rig_file(rig: Rig, stated: Sequence[str]) -> tuple[str, Rig]:
         place[last] = value
     described = rig_from_parameters(
         {'rig': nested, 'bounds': {name: list(pair) for name, pair in rig.bounds.items()}},
-        'saddlering rig --set')
+        '--set')
     return _HEAD + '\n'.join(lines) + '\n', described
 
 

@@ -154,3 +154,31 @@ def test_help_and_info_do_not_import_what_they_do_not_need():
 
 _WITH_SITE = f'import sys\nsys.path[:0] = {sys.path!r}\n'
 """The packages without what the environment imports at every start of Python."""
+
+
+@pytest.mark.parametrize('name', COMMANDS)
+def test_the_help_of_every_command_says_what_it_does_and_explains_each_option(name):
+    action = next(one for one in PARSER._actions if one.dest == 'command')
+    parser = action.choices[name]
+    assert parser.description.endswith('.')
+    assert [one.dest for one in parser._actions if not one.help] == []
+
+
+@pytest.mark.parametrize(('words', 'hint'), [
+    (['info', 'bags'], 'all as bags/*'),
+    (['info', 'docs/data/static_30.csv'], 'saddlering import docs/data/static_30.csv --draft'),
+    (['generate', 'bags/static_50', '--test', 'static', '--elevation', '50'], 'give --overwrite'),
+    (['import', 'docs/data/static_30.csv', '--map', 'docs/data/map_static_30.yaml', '--rig',
+      'docs/data/rig.yaml', '--out', 'bags/static_50'], 'or give --overwrite'),
+    (['rig', '--draft', 'new.yaml', '--set', 'axial_rows.rollers=2'],
+     'saddlering rig: --set: rig.axial_rows.rollers is 2'),
+])
+def test_a_refusal_says_what_to_type(words, hint, capsys, monkeypatch):
+    monkeypatch.chdir(ROOT)
+    assert command.main(words) == 2
+    assert hint in capsys.readouterr().err
+
+
+def test_a_plan_needs_no_folder_for_results(capsys):
+    assert command.main(['campaign', str(ROOT / 'bags'), '--plan']) == 0
+    assert 'sessions of' in capsys.readouterr().out

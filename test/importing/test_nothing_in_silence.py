@@ -71,6 +71,12 @@ def test_a_mark_in_the_heading_lines_that_only_python_calls_a_line_end_costs_no_
     assert len(readings(tmp_path)) == ROWS
 
 
+def test_a_file_that_ends_within_a_line_is_said_to_be_cut_off(tmp_path: Path) -> None:
+    result = convert(tmp_path, plain_table()[:-3], document())
+    assert any('may be cut off' in line for line in result.warnings)
+    assert convert(tmp_path, plain_table(), document(), overwrite=True).warnings == ()
+
+
 def side_by_side() -> str:
     """A fast load and slow gaps in one table, each with a time; short columns end in blanks."""
     rows = [f'{i / 100:.2f};{i};' + (f'{i / 10:.1f};1.{i}' if i < 10 else ';')
