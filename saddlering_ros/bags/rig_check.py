@@ -15,7 +15,8 @@ from saddlering_ros.record.topics import PROBE_TOPICS
 from saddlering_ros.rig import Rig, short_digest
 
 MAX_ELEVATION_ERROR = math.radians(20.0)
-"""Accuracy [degrees] of the elevation from tilt over lift, on sound rings of 48 and 97 rollers."""
+"""Largest error [rad] of the elevation from tilt over lift, on sound rings of 48 and 97 rollers:
+20 degrees."""
 
 MAX_OVERLOAD, MIN_PEAK = 1.05, 0.5
 """Shares of the full scale between which the highest load of a test lies."""

@@ -75,11 +75,11 @@ def _for_residual(after: Residual) -> str:
 
 def outcome(effect_id: str, test: RigTest) -> str:
     """Outcome of a test if this effect is the cause; UNCLEAR if any outcome is possible."""
-    known = catalogue().get(effect_id)
-    if known is None:
+    effect = catalogue().get(effect_id)
+    if effect is None:
         return UNCLEAR
-    own: str | None = getattr(known.outcomes, test.id)
-    return test.otherwise if own is None else own
+    stated: str | None = getattr(effect.outcomes, test.id)
+    return test.otherwise if stated is None else stated
 
 
 def separated(test: RigTest, effects: Sequence[str]) -> int:
@@ -95,18 +95,18 @@ def for_group(effects: Sequence[str], separations: Sequence[Separation]) -> str 
     """
     table = _of_table(effects)
     best = separations[0] if separations else None
-    simulated = {item.proposal.kind for item in separations}
+    simulated = {one.proposal.kind for one in separations}
     if best is None or (best.share < ENOUGH and table is not None and table.id not in simulated):
         return between(effects)
-    known = [test for test in RIG_TESTS if test.id == best.proposal.kind]
-    meanings = _meanings(known[0], effects) if known and separated(known[0], effects) else ''
+    tests = [test for test in RIG_TESTS if test.id == best.proposal.kind]
+    meanings = _meanings(tests[0], effects) if tests and separated(tests[0], effects) else ''
     return ' '.join(filter(None, (best.proposal.sentence, meanings, share_words(best))))
 
 
 def share_words(separation: Separation) -> str:
     """The share of a test in words: 'In 87 of 100 simulated draws, ...'."""
     share, low, high = (
-        round(100.0 * item) for item in (separation.share, *separation.interval))
+        round(100.0 * value) for value in (separation.share, *separation.interval))
     return (f'In {share} of 100 simulated draws, this test leaves the true cause alone '
             f'(95 % interval {low} to {high}).')
 
@@ -121,7 +121,7 @@ def _of_table(effects: Sequence[str]) -> RigTest | None:
     """The test that separates most pairs; among equal ones, the first effect from most others."""
     scored = [(separated(test, effects), _first_separated(test, effects), test)
               for test in RIG_TESTS]
-    best = max(scored, key=lambda item: item[:2])
+    best = max(scored, key=lambda score: score[:2])
     return best[2] if best[0] else None
 
 
@@ -135,37 +135,37 @@ def confirming(effect_id: str, alternatives: Sequence[str]) -> str:
         if shown not in (UNCLEAR, test.otherwise):
             return (f'To confirm {lowered(title_of(effect_id))}: {test.instruction} '
                     f'{_capital(shown)} confirms it.')
-    known = catalogue().get(effect_id)
-    words = '' if known is None else known.settled_by
+    effect = catalogue().get(effect_id)
+    words = '' if effect is None else effect.settled_by
     return f'To confirm {lowered(title_of(effect_id))}: {words}'
 
 
 def look_alikes(effect_id: str, cosines: Mapping[str, Mapping[str, float]]) -> list[str]:
     """The effects with the most similar signatures, the most similar first."""
-    found: dict[str, float] = {}
+    alike: dict[str, float] = {}
     for label, row in cosines.items():
         if label.partition(':')[0] != effect_id:
             continue
         for other, value in row.items():
             name = other.partition(':')[0]
             if name != effect_id and value >= MIN_LIKENESS:
-                found[name] = max(value, found.get(name, 0.0))
-    return sorted(found, key=lambda name: -found[name])[:MAX_ALTERNATIVES]
+                alike[name] = max(value, alike.get(name, 0.0))
+    return sorted(alike, key=lambda name: -alike[name])[:MAX_ALTERNATIVES]
 
 
-def repeated_laws(own: Sequence[str], cosines: Mapping[str, Mapping[str, float]]) -> list[str]:
+def repeated_laws(laws: Sequence[str], cosines: Mapping[str, Mapping[str, float]]) -> list[str]:
     """One sentence for each law of the user that repeats an effect of the catalogue here."""
     sentences = []
-    for name in own:
+    for name in laws:
         rows = [row for label, row in cosines.items() if label.partition(':')[0] == name]
         alike: dict[str, float] = {}
         for row in rows:
             for label, value in row.items():
                 other = label.partition(':')[0]
-                if other not in own and value >= SAME:
+                if other not in laws and value >= SAME:
                     alike[other] = max(value, alike.get(other, 0.0))
         if alike:
-            others = ', '.join(sorted(alike, key=lambda item: -alike[item]))
+            others = ', '.join(sorted(alike, key=lambda other: -alike[other]))
             sentences.append(f'{name} changes these data in the same way as {others} of the '
                              'catalogue: the law and the effect are one cause in these data')
     return sentences
@@ -175,7 +175,7 @@ def for_unseen(effects: Sequence[str]) -> str | None:
     """The test that shows most of the effects that these data cannot show."""
     scored = [([name for name in effects if _shows(name, test)], test) for test in RIG_TESTS
               if test.otherwise]
-    best, test = max(scored, key=lambda item: len(item[0]), default=([], RIG_TESTS[0]))
+    best, test = max(scored, key=lambda score: len(score[0]), default=([], RIG_TESTS[0]))
     if not best:
         return None
     causes = ' or '.join(lowered(title_of(name)) for name in best)
@@ -230,8 +230,8 @@ def _meanings(test: RigTest, effects: Sequence[str]) -> str:
     for name in effects:
         causes.setdefault(outcome(name, test), []).append(lowered(title_of(name)))
     unclear = causes.pop(UNCLEAR, [])
-    parts = [f'{shown} means {" or ".join(names)}' for shown, names in causes.items()]
-    words = _capital('; '.join(parts)) + '.'
+    meanings = [f'{shown} means {" or ".join(names)}' for shown, names in causes.items()]
+    words = _capital('; '.join(meanings)) + '.'
     if unclear:
         words += f' The outcome for {" or ".join(unclear)} is open.'
     return words
@@ -272,17 +272,17 @@ MOVES = 'a misfit that moves with the probe'
 
 def propose(rig: Rig, runs: Sequence[RunBlocks]) -> list[Proposal]:
     """Possible tests of this rig at the elevations of the data and at others."""
-    known = sorted({round(float(np.degrees(run.payload.elevation)), 1) for run in runs})
-    answers = []
-    for degrees in sorted({*known, *ELEVATIONS}):
-        answers += _courses(rig, degrees)
-        if degrees not in known:
+    recorded = sorted({round(float(np.degrees(run.payload.elevation)), 1) for run in runs})
+    proposals = []
+    for degrees in sorted({*recorded, *ELEVATIONS}):
+        proposals += _courses(rig, degrees)
+        if degrees not in recorded:
             sentence = f'Repeat the static test at {degrees:g} deg.'
-            answers.append(Proposal(sentence, _staircase(rig, degrees), 'other_elevation'))
-    answers += _repeats(rig, known[0])
+            proposals.append(Proposal(sentence, _staircase(rig, degrees), 'other_elevation'))
+    proposals += _repeats(rig, recorded[0])
     return [
-        replace(item, run=replace(item.run, name=f'proposed {number}'))
-        for number, item in enumerate(answers)
+        replace(proposal, run=replace(proposal.run, name=f'proposed {number}'))
+        for number, proposal in enumerate(proposals)
     ]
 
 
@@ -324,7 +324,7 @@ def _repeats(rig: Rig, degrees: float) -> list[Proposal]:
         'heights': Proposal('', static, readings=heights),
         'zero_load': Proposal('', rest),
     }
-    return [replace(item, sentence=words[kind], kind=kind) for kind, item in made.items()]
+    return [replace(one, sentence=words[kind], kind=kind) for kind, one in made.items()]
 
 
 def with_swapped_probes(point: Point) -> Point:
@@ -332,8 +332,8 @@ def with_swapped_probes(point: Point) -> Point:
     effects = {}
     for name, values in point.effects.items():
         probe = values.get('probe', 0.0)
-        known = catalogue().get(name)
-        moves = known is not None and known.outcomes.swapped_probes == MOVES
+        effect = catalogue().get(name)
+        moves = effect is not None and effect.outcomes.swapped_probes == MOVES
         effects[name] = {**values, 'probe': OTHER_PROBE[probe]} if moves and probe else values
     return Point(point.base, effects)
 

@@ -52,9 +52,9 @@ def proposal_document(law: LawProposal | None, files: tuple[str, ...]) -> dict[s
         'effect_files': list(files),
         'terms': terms,
         'alternatives': [
-            {'channel': CHANNELS.get(item.target, item.target), 'coordinate': item.coordinate,
-             'share': item.share}
-            for item in law.alternatives
+            {'channel': CHANNELS.get(other.target, other.target), 'coordinate': other.coordinate,
+             'share': other.share}
+            for other in law.alternatives
         ],
     }
 
@@ -69,9 +69,9 @@ def _term_document(term: Term) -> dict[str, Any]:
         'law': term.law,
         'formula': term.words,
         'parameters': {
-            name: {'value': item.value, 'std': item.std, 'unit': units.get(item.unit, item.unit),
-                   'interval_95': [item.value - 1.96 * item.std, item.value + 1.96 * item.std]}
-            for name, item in term.parameters.items()
+            name: {'value': size.value, 'std': size.std, 'unit': units.get(size.unit, size.unit),
+                   'interval_95': [size.value - 1.96 * size.std, size.value + 1.96 * size.std]}
+            for name, size in term.parameters.items()
         },
         'curve': {
             'at': term.at.tolist(), 'at_unit': along, 'values': term.values.tolist(),

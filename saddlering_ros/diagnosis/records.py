@@ -140,14 +140,14 @@ def build_record(rig: Rig, test_run: Record, *, held_out: bool) -> PreparedRecor
 def _static(readings: _Readings) -> _Blocks:
     """Blocks within the plateaus of a static run."""
     test_run, time, load = readings.test_run, readings.time, readings.load
-    found = plateaus(test_run, errors=False)
+    levels = plateaus(test_run, errors=False)
     hold, branch = [], []
     blocks: list[Span] = []
     rest: list[RestSegment] = []
     step = readings.step
-    for number in range(len(found)):
-        begin = float(test_run.time[found.hold_start[number]])
-        end = float(test_run.time[found.hold_stop[number] - 1])
+    for number in range(len(levels)):
+        begin = float(test_run.time[levels.hold_start[number]])
+        end = float(test_run.time[levels.hold_stop[number] - 1])
         inside = np.flatnonzero((time >= begin + min(0.3, 0.1 * (end - begin))) & (time <= end))
         if inside.size < 4 or load[inside].mean() < readings.rig.limits.hold_min:
             continue
@@ -157,11 +157,11 @@ def _static(readings: _Readings) -> _Blocks:
             bins = max(1, math.ceil(block.size * step / HELD_GRID - 0.2))
             blocks.append(Span(int(block[0]), int(block[-1]) + 1, min(bins, block.size)))
             hold.append(float(number))
-            branch.append(float(found.branch[number]))
-        settled = inside[time[inside] >= test_run.time[found.start[number]]]
+            branch.append(float(levels.branch[number]))
+        settled = inside[time[inside] >= test_run.time[levels.start[number]]]
         if settled.size >= 8:
             rest.append(RestSegment(
-                readings.quiet[:, settled], step, f'{int(found.branch[number])}'))
+                readings.quiet[:, settled], step, f'{int(levels.branch[number])}'))
     between = max(1, round(STATIC_GRID / step))
     return _Blocks(blocks, rest, np.array(hold), np.array(branch), between)
 

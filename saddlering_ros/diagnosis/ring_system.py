@@ -16,13 +16,7 @@ from saddlering_ros.diagnosis.records import LoadGrid
 from saddlering_ros.discrepancy import Effect, Parameter, Point, RunBlocks
 from saddlering_ros.effects.extension import MOTION, NO_EXTENSION, RingExtension
 from saddlering_ros.effects.law import Law
-from saddlering_ros.rig import (
-    PARAMETER_NAMES,
-    PARAMETER_UNITS,
-    Rig,
-    size_factor,
-    TRUE_TO_SCALE,
-)
+from saddlering_ros.rig import PARAMETER_NAMES, PARAMETER_UNITS, Rig, size_factor, TRUE_TO_SCALE
 from saddlering_ros.ring.neighbours import has_tangent, Neighbourhoods
 from saddlering_ros.ring.roller_scatter import (
     compressed,
@@ -108,11 +102,11 @@ class RingNeighbourhood:
         """The same, NaN for a point that must be simulated."""
         grid: LoadGrid = run.payload
         seen = self.system.seen
-        found = self.passes.along(
+        responses = self.passes.along(
             grid.elevation, grid.time, grid.load, grid.zero_load, grid.max_step,
             (grid.first, grid.last))
         answers = []
-        for near, response in zip(self.near, found, strict=True):
+        for near, response in zip(self.near, responses, strict=True):
             answer = np.full((1 + len(near), *run.channels.shape), np.nan)
             answer[0] = response.centre[seen]
             answer[1:][near] = response.neighbours[:, seen]
@@ -157,9 +151,9 @@ class RingSystem:
     @cached_property
     def effects(self) -> tuple[Effect, ...]:
         return tuple(
-            item
+            one
             for effect in catalogue_of_effects.catalogue().values()
-            for item in engine_effects(effect, self.rig)
+            for one in engine_effects(effect, self.rig)
         )
 
     @cached_property
@@ -335,14 +329,14 @@ class RingSystem:
 
     def _read_point(self, point: Point) -> _ReadPoint:
         key = tuple((name, *values.items()) for name, values in point.effects.items())
-        known = self._kept.get(key)
-        if known is None:
+        point_read = self._kept.get(key)
+        if point_read is None:
             if len(self._kept) >= KEPT_POINTS:
                 self._kept.clear()
-            known = self._kept[key] = _ReadPoint(
+            point_read = self._kept[key] = _ReadPoint(
                 catalogue_of_effects.extension_of(point.effects, self.rig),
                 catalogue_of_effects.laws_of(point.effects))
-        return known
+        return point_read
 
 
 def _beside(per_newton: Array) -> Array:

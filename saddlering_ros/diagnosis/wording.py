@@ -279,22 +279,22 @@ def signature_words(label: str) -> str:
     return f'{effect_id}, {words}' if words else effect_id
 
 
-def why_lost(item: CandidateEntry, best: CandidateEntry, chosen: Collection[str],
+def why_lost(candidate: CandidateEntry, best: CandidateEntry, chosen: Collection[str],
              alike: Collection[str]) -> str:
     """Whether a candidate was chosen or dropped beside the best of its step, and why."""
-    effect_id = item['effects'][-1]
-    if item is best and effect_id in chosen:
+    effect_id = candidate['effects'][-1]
+    if candidate is best and effect_id in chosen:
         return 'chosen: it explains most'
-    if (item['p_value'] or 0.0) > CHANCE:
+    if (candidate['p_value'] or 0.0) > CHANCE:
         return 'dropped: no better than chance'
-    behind = (best['delta_bic'] or 0.0) - (item['delta_bic'] or 0.0)
+    behind = (best['delta_bic'] or 0.0) - (candidate['delta_bic'] or 0.0)
     if effect_id in chosen:
         return 'chosen in another step'
     if effect_id in alike:
         return f'alternative: {compact(behind)} less evidence, a similar signature'
-    if (item['share_of_range'] or 0.0) < MATERIAL:
+    if (candidate['share_of_range'] or 0.0) < MATERIAL:
         return 'dropped: too small to matter'
-    if item is best:
+    if candidate is best:
         return 'best of this step, but not enough to be named'
     return f'dropped: {compact(behind)} less evidence than the best'
 

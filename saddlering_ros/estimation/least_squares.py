@@ -242,8 +242,8 @@ def minimise(
                 negligible=negligible, damping=damping)
 
     def answer(unit: Array) -> _Lazily:
-        found = linearised(low + span * unit)
-        return _Lazily(found.residual, lambda: found.slopes() * span)
+        end = linearised(low + span * unit)
+        return _Lazily(end.residual, lambda: end.slopes() * span)
 
     descent: Generator[Array, _Lazily, Descent[_Lazily]] = descend(
         (start - low) / span, rule, range(span.size))
@@ -252,10 +252,10 @@ def minimise(
         try:
             asked = descent.send(answer(asked))
         except StopIteration as stop:
-            found: Descent[_Lazily] = stop.value
+            end: Descent[_Lazily] = stop.value
             break
-    point = low + span * found.point
-    return Minimum(point, found.cost, found.columns / span, on_bound(point, low, high))
+    point = low + span * end.point
+    return Minimum(point, end.cost, end.columns / span, on_bound(point, low, high))
 
 
 def on_bound(point: Array, low: Array, high: Array) -> NDArray[np.bool_]:

@@ -52,9 +52,9 @@ class ChannelNoise:
         start, stop = time - 0.5 * width, time + 0.5 * width
         for variance, tau in self.parts():
             shrink = mean_correlation(width / tau)
-            part = np.outer(shrink, shrink) * np.exp(-np.maximum(apart, 0.0) / tau)
-            part[overlap] = _of_overlapping(start, stop, overlap, tau)
-            matrix += variance * part
+            shared = np.outer(shrink, shrink) * np.exp(-np.maximum(apart, 0.0) / tau)
+            shared[overlap] = _of_overlapping(start, stop, overlap, tau)
+            matrix += variance * shared
         if self.held > 0.0:
             same = np.eye(time.size) if hold is None else (hold[:, None] == hold[None, :])
             matrix += self.held * same
@@ -80,8 +80,8 @@ class ChannelNoise:
         for variance, tau in self.parts():
             near = mean_correlation(width / tau) * mean_correlation(np.array([span / tau]))
             shared = shared + variance * near * np.exp(-gap / tau)
-        own = self.variances(np.append(span, width))
-        return np.asarray(np.sqrt(own[1:] + own[0] - 2.0 * shared))
+        alone = self.variances(np.append(span, width))
+        return np.asarray(np.sqrt(alone[1:] + alone[0] - 2.0 * shared))
 
     def deviation(self, width: float) -> float:
         """Standard deviation of one mean over `width` seconds."""

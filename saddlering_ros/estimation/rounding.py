@@ -30,8 +30,8 @@ def hidden_rounding(resolution: float, noise: float) -> float:
     """Rms rounding error that readings at rest hide, by a converter's step and their rms."""
     if not resolution > 0.0:
         return 0.0
-    own = math.sqrt(max(noise**2 - resolution**2 / 12.0, 0.0))
-    left = math.exp(-2.0 * (math.pi * own / resolution) ** 2)
+    dither = math.sqrt(max(noise**2 - resolution**2 / 12.0, 0.0))
+    left = math.exp(-2.0 * (math.pi * dither / resolution) ** 2)
     return resolution / math.sqrt(12.0) * left
 
 

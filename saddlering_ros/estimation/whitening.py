@@ -77,12 +77,12 @@ def build_whitener(
     if np.any(np.diff(time) < 0.0):
         raise EstimationError('noise: the samples of a run must be in order of time')
     parts = noise.parts()
-    variance = np.array([item[0] for item in parts])
-    tau = np.array([item[1] for item in parts])
+    variance = np.array([values[0] for values in parts])
+    tau = np.array([values[1] for values in parts])
     ratio = width[:, None] / tau
     edge = mean_correlation(ratio)
-    own = noise.white / width + noise.floor + jitter
-    own = own + mean_variance(ratio) @ variance
+    variances = noise.white / width + noise.floor + jitter
+    variances = variances + mean_variance(ratio) @ variance
     gap = np.diff(time, prepend=time[0]) - 0.5 * (width + np.append(width[0], width[:-1]))
     # Blocks may overlap by the jitter of their stamps; distances along the run stay exact.
     gap = np.maximum(gap, -OVERLAP * np.minimum(width, np.append(width[0], width[:-1])))
@@ -90,16 +90,16 @@ def build_whitener(
     inside = np.exp(-ratio)
     ahead, behind = variance * edge, edge
     if noise.held > 0.0:
-        own = own + noise.held
+        variances = variances + noise.held
         stays = _same_level(hold, time.size)
         ones = np.ones((time.size, 1))
         ahead, behind = np.hstack([ahead, noise.held * ones]), np.hstack([behind, ones])
         gaps, inside = np.hstack([gaps, stays[:, None]]), np.hstack([inside, ones])
     there = np.ones(time.size) if present is None else present.astype(np.float64)
     pivots, gains = np.empty(time.size), np.empty_like(ahead)
-    ahead, gaps, inside = (np.ascontiguousarray(item) for item in (ahead, gaps, inside))
+    ahead, gaps, inside = (np.ascontiguousarray(values) for values in (ahead, gaps, inside))
     bad = factorise_kernel(
-        own, ahead, np.ascontiguousarray(behind), gaps, inside, there, pivots, gains
+        variances, ahead, np.ascontiguousarray(behind), gaps, inside, there, pivots, gains
     )
     if bad:
         raise EstimationError(
@@ -126,10 +126,10 @@ kernel = Compiler(__file__)
 
 
 @kernel(nogil=True, error_model='numpy')
-def factorise_kernel(own, ahead, behind, gaps, inside, present, pivots, gains):  # type: ignore[no-untyped-def]
+def factorise_kernel(variances, ahead, behind, gaps, inside, present, pivots, gains):  # type: ignore[no-untyped-def]
     """Fill `pivots` (N,), squares of L's diagonal, and `gains` (N, T); 0 if all are positive.
 
-    own (N,): variances; ahead, behind (N, T): u and v; gaps, inside (N, T): decay over the gap
+    variances (N,); ahead, behind (N, T): u and v; gaps, inside (N, T): decay over the gap
     before a sample and over the sample itself; present (N,): 0 where a sample is missing. Returns
     1 + the place of a pivot that is not positive.
     """
@@ -140,7 +140,7 @@ def factorise_kernel(own, ahead, behind, gaps, inside, present, pivots, gains): 
         for i in range(parts):
             for j in range(parts):
                 state[i, j] *= gaps[n, i] * gaps[n, j]
-        pivot = own[n]
+        pivot = variances[n]
         for i in range(parts):
             total = 0.0
             for j in range(parts):

@@ -212,8 +212,8 @@ def _zero_error(
     residual: Array, noise: ChannelNoise, step: float, zero_noise: float
 ) -> float:
     """Error of the zero from the mean of a residual (N,), within the limits of its noise."""
-    own = noise.deviation(step * len(residual)) ** 2
-    share = zero_noise**2 / max(zero_noise**2 + own, 1e-300)
+    variance = noise.deviation(step * len(residual)) ** 2
+    share = zero_noise**2 / max(zero_noise**2 + variance, 1e-300)
     limit = MAX_ZERO_ERROR * zero_noise
     return float(np.clip(share * np.mean(residual), -limit, limit))
 

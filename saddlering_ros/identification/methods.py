@@ -39,12 +39,7 @@ from saddlering_ros.identification.settings import (
     IdentificationSettings,
     SwarmSettings,
 )
-from saddlering_ros.identification.uncertainty import (
-    assess,
-    Profile,
-    profile_likelihood,
-    stiffness_ellipse,
-)
+from saddlering_ros.identification.uncertainty import assess, profile_likelihood, stiffness_ellipse
 from saddlering_ros.progress import IsCancelled, one_blas_thread, OnProgress, Progress, SearchStep
 from saddlering_ros.record import Record
 from saddlering_ros.rig import (
@@ -95,10 +90,10 @@ class _Search:
     def observations(self, contact: ContactParameters | None = None) -> list[Observation]:
         """The fitted runs, with their noise from a first result."""
         rate = self.settings.fit_rate
-        found = (observe_prepared(self.prepared, rate) if contact is None
-                 else observe_with_cell(self.prepared, self.rig, rate, contact))
+        observations = (observe_prepared(self.prepared, rate) if contact is None
+                        else observe_with_cell(self.prepared, self.rig, rate, contact))
         # If no run shows D, plateaus count as equilibria, which do not depend on D.
-        return found if self.has_dynamic else [one.coarse() for one in found]
+        return observations if self.has_dynamic else [one.coarse() for one in observations]
 
     @cached_property
     def prepared(self) -> list[PreparedRun]:
@@ -136,6 +131,11 @@ class _Search:
             self.on_progress(Progress(
                 'identify', stage, share, f'best {step.best_objective:.4g}', step))
 
+    def report_refinement(self, step: int, bottom: Refinement) -> None:
+        """Report one of the three stages of least squares."""
+        contact = tuple(float(value) for value in bottom.contact)
+        self.report('refinement', SearchStep(step, 3, bottom.chi_square, contact, 0.0))
+
     def run_swarm(
         self, stage: str, objective: Objective, space: SearchSpace
     ) -> tuple[ContactParameters, float]:
@@ -143,20 +143,20 @@ class _Search:
         before = objective.evaluations
 
         def report_iteration(progress: swarm.SwarmProgress) -> None:
-            best = space.contacts(progress.best_position)[0]
+            lowest = space.contacts(progress.best_position)[0]
             self.report(stage, SearchStep(
                 progress.iteration, progress.iterations, progress.best_objective,
-                tuple(float(value) for value in best), progress.spread))
+                tuple(float(value) for value in lowest), progress.spread))
 
-        found = swarm.minimise(
+        best = swarm.minimise(
             lambda points: objective(space.contacts(points)), space.low, space.high,
             self.swarm_settings, seed=self.settings.seed, on_iteration=report_iteration,
             is_cancelled=self.is_cancelled,
         )
         self.evaluations += objective.evaluations - before
-        self.notes.append(f'{stage}: {found.iterations} iterations, {found.stopped.value}')
-        contact = ContactParameters.from_array(space.contacts(found.position)[0])
-        return contact, found.objective
+        self.notes.append(f'{stage}: {best.iterations} iterations, {best.stopped.value}')
+        contact = ContactParameters.from_array(space.contacts(best.position)[0])
+        return contact, best.objective
 
 
 @one_blas_thread()
@@ -180,12 +180,11 @@ def identify(
     observations = search.observations()
     search.notes += [warning for run in runs for warning in warnings_of(run, rig)]
     method = _by_paper if settings.method == 'paper' else _by_default
-    found = method(search, observations)
-    return _judged(search, found).made_from(runs)
+    return _judged(search, method(search, observations)).made_from(runs)
 
 
 @dataclass(frozen=True)
-class _Found:
+class _Outcome:
     """End of a method: the contact, its objective, the searched names, the observations.
 
     bottom: the descent that ended there, with its objective, if there was one.
@@ -214,7 +213,7 @@ def _start(bounds: Bounds) -> ContactParameters:
     return ContactParameters.from_array(np.clip(TRUE_TO_SCALE.to_array(), low, high))
 
 
-def _by_paper(search: _Search, observations: Sequence[Observation]) -> _Found:
+def _by_paper(search: _Search, observations: Sequence[Observation]) -> _Outcome:
     """The published method: static records give K and n, and then dynamic ones give D."""
     static, dynamic = _split(observations)
     if not static:
@@ -228,15 +227,15 @@ def _by_paper(search: _Search, observations: Sequence[Observation]) -> _Found:
         search.space(STATIC_NAMES, _start(search.bounds), log=False),
     )
     if not dynamic or search.cancelled:
-        return _Found(contact, objective, STATIC_NAMES, observations)
+        return _Outcome(contact, objective, STATIC_NAMES, observations)
     contact, objective = search.run_swarm(
         'dynamic step', PaperObjective(search.rig, [one.coarse() for one in dynamic], channels),
         search.space(DAMPING_NAMES, contact, log=False),
     )
-    return _Found(contact, objective, PARAMETER_NAMES, observations)
+    return _Outcome(contact, objective, PARAMETER_NAMES, observations)
 
 
-def _by_default(search: _Search, observations: Sequence[Observation]) -> _Found:
+def _by_default(search: _Search, observations: Sequence[Observation]) -> _Outcome:
     """Swarm for a start (statics first, if any), then joint least squares over all runs."""
     static, dynamic = _split(observations)
     channels = search.settings.channels
@@ -259,7 +258,7 @@ def _by_default(search: _Search, observations: Sequence[Observation]) -> _Found:
         )
     searched = PARAMETER_NAMES if dynamic else STATIC_NAMES
     if search.cancelled:
-        return _Found(contact, best, searched, observations)
+        return _Outcome(contact, best, searched, observations)
     return _refined(search, observations, contact, searched, best)
 
 
@@ -269,7 +268,7 @@ def _refined(
     contact: ContactParameters,
     searched: tuple[str, ...],
     best: float,
-) -> _Found:
+) -> _Outcome:
     """Joint least squares from two starts in long steps, then from the better one in short steps.
 
     The starts are the best point of the swarm and the true-to-scale parameters. A note reports
@@ -280,17 +279,17 @@ def _refined(
         search.rig, [one.coarse(SEARCH_STEP) for one in observations], channels)
     coarse = replace(rough, observations=[one.coarse() for one in observations], evaluations=0)
     space = search.space(searched, _start(search.bounds), log=True)
-    found = _Found(contact, best, searched, observations)
+    outcome = _Outcome(contact, best, searched, observations)
     evaluations = 0
     try:
         starts = [space.coordinates(one.to_array()) for one in (contact, _start(search.bounds))]
         bottoms = []
         for number, start in enumerate(starts, start=1):
             bottoms.append(refine(rough, space, start, search.is_cancelled, PROVISIONAL))
-            _report_refinement(search, number, bottoms[-1])
+            search.report_refinement(number, bottoms[-1])
         lowest = min(bottoms, key=lambda bottom: bottom.chi_square)
         lowest = refine(coarse, space, lowest.point, search.is_cancelled, PROVISIONAL, NEAR)
-        found = _Found(lowest.law, lowest.chi_square, searched, observations)
+        outcome = _Outcome(lowest.law, lowest.chi_square, searched, observations)
         _note_different_optima(search, bottoms)
         fine = WeightedObjective(search.rig, search.observations(lowest.law), channels)
         with_cell = replace(
@@ -302,13 +301,13 @@ def _refined(
             fine = fine.with_likely_loads(lowest.contact)
         lowest = refine(fine, space, lowest.point, search.is_cancelled, damping=NEAR)
         evaluations = with_cell.evaluations + fine.evaluations
-        found = _Found(
+        outcome = _Outcome(
             lowest.law, lowest.chi_square, searched, fine.observations, (fine, lowest))
-        _report_refinement(search, 3, lowest)
+        search.report_refinement(3, lowest)
     except Cancelled:
         pass
     search.evaluations += rough.evaluations + coarse.evaluations + evaluations
-    return found
+    return outcome
 
 
 def _note_different_optima(search: _Search, bottoms: Sequence[Refinement]) -> None:
@@ -320,40 +319,40 @@ def _note_different_optima(search: _Search, bottoms: Sequence[Refinement]) -> No
         )
 
 
-def _report_refinement(search: _Search, step: int, bottom: Refinement) -> None:
-    search.report('refinement', SearchStep(
-        step, 3, bottom.chi_square, tuple(float(value) for value in bottom.contact), 0.0))
-
-
-def _judged(search: _Search, found: _Found) -> Identification:
+def _judged(search: _Search, outcome: _Outcome) -> Identification:
     """Covariance and its consequences at the result; coarse if cancelled."""
-    observations = found.observations
-    space = search.space(found.searched, found.contact, log=True)
-    if found.bottom is not None and not search.cancelled:
-        objective, best = found.bottom
+    observations = outcome.observations
+    space = search.space(outcome.searched, outcome.contact, log=True)
+    if outcome.bottom is not None and not search.cancelled:
+        objective, best = outcome.bottom
     else:
         if search.cancelled:
             observations = [one.coarse() for one in observations]
         objective = WeightedObjective(search.rig, observations, search.settings.channels)
-        best = stay_at(objective, space, found.contact)
+        best = stay_at(objective, space, outcome.contact)
     advice = MISFIT_ADVICE[search.settings.method]
     trust = assess(objective, space, best, search.bounds, advice)
-    contact = found.contact
+    contact = outcome.contact
     cancelled = search.cancelled
     drawn = {}
     if search.settings.profiles and not cancelled:
-        drawn = _profiles(objective, space, best, trust.noise_std, trust.reduced_chi_square)
+        drawn = {
+            name: profile_likelihood(
+                objective, space, best, name, widening=max(1.0, trust.reduced_chi_square),
+                width=1.5 * WIDTH_95 * trust.noise_std[PARAMETER_NAMES.index(name)])
+            for name in space.names
+        }
     bags = tuple(one.name for one in observations)
     open_names = [name for name in PARAMETER_NAMES if not trust.determined[name]]
     status = _status(cancelled, trust.reduced_chi_square, open_names, advice)
     return Identification(
         parameters=ParameterSet(contact, source=ParameterSource(
-            method=search.settings.method, bags=bags, objective=found.objective,
-            covariance=trust.noise_covariance, note=_note(status, trust.reasons),
+            method=search.settings.method, bags=bags, objective=outcome.objective,
+            covariance=trust.noise_covariance, note='; '.join([status, *trust.reasons.values()]),
             undetermined=trust.reasons, rig_hash=search.rig.digest,
         )),
         method=search.settings.method,
-        objective=found.objective,
+        objective=outcome.objective,
         chi_square=best.chi_square,
         degrees_of_freedom=objective.size - len(space.free),
         covariance=trust.covariance,
@@ -381,22 +380,6 @@ def _judged(search: _Search, found: _Found) -> Identification:
     )
 
 
-def _profiles(
-    objective: WeightedObjective,
-    space: SearchSpace,
-    best: Refinement,
-    coordinate_std: Array,
-    reduced: float,
-) -> dict[str, Profile]:
-    profiles = {}
-    for name in space.names:
-        std = coordinate_std[PARAMETER_NAMES.index(name)]
-        profiles[name] = profile_likelihood(
-            objective, space, best, name, width=1.5 * WIDTH_95 * std, widening=max(1.0, reduced)
-        )
-    return profiles
-
-
 def _status(cancelled: bool, reduced: float, open_names: Sequence[str], advice: str) -> str:
     if cancelled:
         return 'cancelled: the best result so far'
@@ -409,8 +392,3 @@ def _status(cancelled: bool, reduced: float, open_names: Sequence[str], advice: 
     if open_names:
         parts.append(f'not determined by these data: {", ".join(open_names)}')
     return '; '.join(parts) or 'identified'
-
-
-def _note(status: str, reasons: dict[str, str]) -> str:
-    return '; '.join([status, *reasons.values()])
-

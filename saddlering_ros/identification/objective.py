@@ -150,31 +150,31 @@ class WeightedObjective:
         self.evaluations += 1
         followed: list[_Followed | None] = [None] * len(self.observations)
 
-        def follow(part: slice) -> None:
-            for index in range(part.start, part.stop):
+        def follow(span: slice) -> None:
+            for index in range(span.start, span.stop):
                 followed[index] = _follow(self.rig, contact, self.observations[index])
 
         in_parallel(follow, len(followed))
-        found = [one for one in followed if one is not None]
+        motions = [one for one in followed if one is not None]
         white = self.whiten([
             (one.increments - seen.displacement)[None]
-            for one, seen in zip(found, self.observations, strict=True)])
+            for one, seen in zip(motions, self.observations, strict=True)])
         residual = np.concatenate(white, axis=1)[0]
         if np.isnan(residual).any():
             raise IdentificationError(_not_a_number(contact))
-        fit = LinearisedFit(self, contact, residual, found)
+        fit = LinearisedFit(self, contact, residual, motions)
         if self._lowest is None or residual @ residual < self._lowest.chi_square:
             self._lowest = fit
         return fit
 
     def mean_squares(self, contact: Array) -> list[float]:
         """Mean square of the whitened residuals of each run at a contact law (6,)."""
-        return [float(np.mean(part**2)) for part in self._of_each_run(contact[None, :])]
+        return [float(np.mean(residual**2)) for residual in self._of_each_run(contact[None, :])]
 
     def _of_each_run(self, contacts: Array) -> list[Array]:
         return self.whiten([
-            found - one.displacement
-            for found, one in zip(self.increments(contacts), self.observations, strict=True)
+            increments - one.displacement
+            for increments, one in zip(self.increments(contacts), self.observations, strict=True)
         ])
 
     def increments(self, contacts: Array) -> list[Array]:
@@ -193,12 +193,12 @@ class WeightedObjective:
         parameters.
         """
         white = self._plainly_white([
-            found - one.displacement
-            for found, one in zip(
+            increments - one.displacement
+            for increments, one in zip(
                 self.increments(contact[None, :]), self.observations, strict=True)])
         corrected = [
-            one.with_load_less(shared.likely(part[0]))
-            for one, shared, part in zip(self.observations, self.shared, white, strict=True)
+            one.with_load_less(shared.likely(residual[0]))
+            for one, shared, residual in zip(self.observations, self.shared, white, strict=True)
         ]
         return replace(self, observations=corrected)
 
@@ -208,22 +208,23 @@ class WeightedObjective:
         The small difference between means of the moving ring and equilibria is that at the law
         `contact` (6,). A run in which this difference matters remains a moving one.
         """
-        found = self.increments(contact[None, :])
+        moving = self.increments(contact[None, :])
         settling = [
-            part if one.dynamic else part - predict(self.rig, contact[None, :], one.coarse())
-            for one, part in zip(self.observations, found, strict=True)
+            increments if one.dynamic
+            else increments - predict(self.rig, contact[None, :], one.coarse())
+            for one, increments in zip(self.observations, moving, strict=True)
         ]
         lengths = [float(np.linalg.norm(white)) for white in self.whiten(settling)]
         return replace(self, observations=[
-            one if one.dynamic or not length < SETTLED else one.at_rest(part[0])
-            for one, part, length in zip(self.observations, settling, lengths, strict=True)
+            one if one.dynamic or not length < SETTLED else one.at_rest(increments[0])
+            for one, increments, length in zip(self.observations, settling, lengths, strict=True)
         ])
 
     def whiten(self, raw: Sequence[Array]) -> list[Array]:
         """Residuals (B, R) of unit covariance, of each run, from raw ones (B, 3, N)."""
         return [
-            shared.apply(part.T).T
-            for part, shared in zip(self._plainly_white(raw), self.shared, strict=True)
+            shared.apply(residuals.T).T
+            for residuals, shared in zip(self._plainly_white(raw), self.shared, strict=True)
         ]
 
     def combined(self, weights: Array, raw: Sequence[Array]) -> Array:
@@ -242,8 +243,8 @@ class WeightedObjective:
         """The same without errors of load and zero."""
         channels = list(self.channels)
         return [
-            one.whiten(part[:, channels], self.channels)
-            for one, part in zip(self.observations, raw, strict=True)
+            one.whiten(residuals[:, channels], self.channels)
+            for one, residuals in zip(self.observations, raw, strict=True)
         ]
 
     def __call__(self, contacts: Array) -> Array:
@@ -273,8 +274,8 @@ class LinearisedFit:
         """Derivatives (6, R) of the whitened residuals by the contact parameters."""
         raw: list[Array] = [np.empty(0)] * len(self.followed)
 
-        def differentiate(part: slice) -> None:
-            for index in range(part.start, part.stop):
+        def differentiate(span: slice) -> None:
+            for index in range(span.start, span.stop):
                 raw[index] = self.followed[index].slopes()
 
         in_parallel(differentiate, len(raw))
@@ -423,9 +424,9 @@ def refine(
             raise Cancelled
         return _at(objective, space, point)
 
-    found = minimise(at, start, space.low, space.high, negligible, damping)
-    return Refinement(found.point, space.contacts(found.point)[0], found.chi_square,
-                      found.jacobian, found.at_bound)
+    lowest = minimise(at, start, space.low, space.high, negligible, damping)
+    return Refinement(lowest.point, space.contacts(lowest.point)[0], lowest.chi_square,
+                      lowest.jacobian, lowest.at_bound)
 
 
 def stay_at(
@@ -433,9 +434,9 @@ def stay_at(
 ) -> Refinement:
     """A `Refinement` at given contact parameters, without a step."""
     point = space.coordinates(contact.to_array())
-    found = _at(objective, space, point)
-    return Refinement(point, contact.to_array(), float(found.residual @ found.residual),
-                      found.slopes(), on_bound(point, space.low, space.high))
+    here = _at(objective, space, point)
+    return Refinement(point, contact.to_array(), float(here.residual @ here.residual),
+                      here.slopes(), on_bound(point, space.low, space.high))
 
 
 def _at(objective: WeightedObjective, space: SearchSpace, point: Array) -> _At:

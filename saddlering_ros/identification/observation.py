@@ -153,11 +153,11 @@ class Observation:
 
     def _unmixing(self, channels: tuple[int, ...]) -> Array:
         """Matrix (C, C) that makes whitened channels uncorrelated, computed once."""
-        known = self._unmixings.get(channels)
-        if known is None:
+        matrix = self._unmixings.get(channels)
+        if matrix is None:
             lower = cholesky(self.correlation[np.ix_(channels, channels)], lower=True)
-            known = self._unmixings[channels] = np.linalg.inv(lower)
-        return known
+            matrix = self._unmixings[channels] = np.linalg.inv(lower)
+        return matrix
 
     @cached_property
     def _unmixings(self) -> dict[tuple[int, ...], Array]:
@@ -320,16 +320,16 @@ def slow_cell_noise(
     loads, errors, weights = [], [], []
     for one in held:
         left = [one.explained[:, a:b] - one.displacement[:, a:b] for a, b in one.rests]
-        steps = np.concatenate([np.diff(part, axis=1) for part in left], axis=1)
+        steps = np.concatenate([np.diff(residual, axis=1) for residual in left], axis=1)
         precision = 1.0 / np.maximum(np.nanmean(steps**2, axis=1), MIN_NOISE**2)
         level = np.array([float(np.mean(one.measured.load[a:b])) for a, b in one.rests])
         slopes = static_slopes(rig, contact, float(one.run.elevation), level)
-        for (start, stop), part, slope in zip(one.rests, left, slopes.T, strict=True):
-            good = np.all(np.isfinite(part), axis=0)
+        for (start, stop), residual, slope in zip(one.rests, left, slopes.T, strict=True):
+            good = np.all(np.isfinite(residual), axis=0)
             if np.count_nonzero(good) < 4:
                 continue
             weights.append(float(precision @ slope**2))
-            errors.append((precision * slope / weights[-1]) @ part[:, good])
+            errors.append((precision * slope / weights[-1]) @ residual[:, good])
             loads.append(one.measured.load[start:stop][good])
     return common_noise(loads, errors, weights, held[0].interval) if loads else None
 

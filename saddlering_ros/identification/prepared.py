@@ -116,7 +116,7 @@ def prepare(run: Record, rig: Rig, fit_rate: float | None) -> PreparedRun:
     """
     name = run_name(run)
     run = run.without_spikes()
-    found = check_run(run, rig)
+    levels = check_run(run, rig)
     try:
         measured = displacement_of_run(rig, run)
     except BagError as problem:
@@ -129,9 +129,9 @@ def prepare(run: Record, rig: Rig, fit_rate: float | None) -> PreparedRun:
     load = _smoothed(measured.load, size)
     explained = _load_slope(displacement, load)[:, None] * load
     rounding, parity = _rounding(run, rig), parity_at_rest(measured)
-    if found is not None:
-        rests = list(zip(found.start.tolist(), found.stop.tolist(), strict=True))
-        branch = np.asarray(found.branch, dtype=float)
+    if levels is not None:
+        rests = list(zip(levels.start.tolist(), levels.stop.tolist(), strict=True))
+        branch = np.asarray(levels.branch, dtype=float)
         seen = [bool(np.mean(np.isfinite(displacement[0, a:b])) > 0.5) for a, b in rests]
         rests = [rest for rest, enough in zip(rests, seen, strict=True) if enough]
         if len(rests) < MIN_READINGS:
@@ -221,10 +221,10 @@ def noise_of(runs: Sequence[PreparedRun]) -> list[NoiseModel]:
     first = next(iter(learnt))
     models = {}
     for key in alike:
-        own = key if key in learnt else first
-        interval = alike[own][0].interval
-        channels = tuple(item.at_least(MIN_NOISE, interval) for item in learnt[own])
-        models[key] = NoiseModel(channels, channel_correlation(classes[own].segments))
+        source = key if key in learnt else first
+        interval = alike[source][0].interval
+        channels = tuple(noise.at_least(MIN_NOISE, interval) for noise in learnt[source])
+        models[key] = NoiseModel(channels, channel_correlation(classes[source].segments))
     return [models[sampling_class(one.interval)] for one in runs]
 
 
@@ -339,21 +339,21 @@ def check_run(run: Record, rig: Rig) -> Plateaus | None:
 
 def _check_static(run: Record, rig: Rig, name: str) -> Plateaus:
     try:
-        found = plateaus(run, errors=False)
+        readings = plateaus(run, errors=False)
     except BagError as problem:
         raise IdentificationError(f'{name}: {problem}') from problem
-    levels = np.unique(np.round(found.load / rig.limits.level_step))
+    levels = np.unique(np.round(readings.load / rig.limits.level_step))
     if len(levels) < 2:
         raise IdentificationError(
             f'{name}: a static run with one plateau only: '
             'identification needs readings at several loads'
         )
-    if not np.any(np.asarray(found.branch) < 0):
+    if not np.any(np.asarray(readings.branch) < 0):
         raise IdentificationError(
             f'{name}: there is no unloading branch in this static run: '
             'record the steps down to zero as well'
         )
-    return found
+    return readings
 
 
 def clipped_words(name: str) -> str:

@@ -74,6 +74,11 @@ class Identification:
         """Chi square per degree of freedom; 1 if the misfit equals the noise."""
         return self.chi_square / max(1, self.degrees_of_freedom)
 
+    @property
+    def noise_factor(self) -> float:
+        """Rms misfit over the noise; 1 if a law of this form explains the runs."""
+        return math.sqrt(self.reduced_chi_square)
+
     def to_json(self) -> dict[str, Any]:
         """Plain dictionaries, lists and numbers; null if the data do not determine a value."""
         contact = self.parameters.contact
@@ -86,6 +91,7 @@ class Identification:
             'chi_square': _number(self.chi_square),
             'degrees_of_freedom': self.degrees_of_freedom,
             'reduced_chi_square': _number(self.reduced_chi_square),
+            'noise_factor': _number(self.noise_factor),
             'evaluations': self.evaluations,
             'elapsed': self.elapsed,
             'parameters': {
@@ -158,31 +164,33 @@ INTERVALS = (
 """Sentence beside the intervals of an identification, in the text and in the report."""
 
 
-def identification_text(found: Identification) -> str:
+def identification_text(identification: Identification) -> str:
     """Method, evaluations, chi square, values with errors, bounds, correlations, notes."""
-    source = found.parameters.source
+    source, freedom = identification.parameters.source, identification.degrees_of_freedom
+    elapsed = identification.elapsed
     lines = [
         '[[Identification]]',
-        f'    method              = {found.method}',
+        f'    method              = {identification.method}',
         f'    bags                = {", ".join(source.bags)}',
-        f'    status              = {found.status}',
-        f'    evaluations         = {found.evaluations} in {found.elapsed:.2f} s',
-        f'    objective           = {quantity(found.objective, digits=6)}',
-        f'    chi square          = {quantity(found.chi_square, digits=6)}',
-        f'    reduced chi square  = {quantity(found.reduced_chi_square, digits=4)}'
-        f' ({found.degrees_of_freedom} degrees of freedom)',
+        f'    status              = {identification.status}',
+        f'    evaluations         = {identification.evaluations} in {elapsed:.2f} s',
+        f'    objective           = {quantity(identification.objective, digits=6)}',
+        f'    chi square          = {quantity(identification.chi_square, digits=6)}',
+        f'    reduced chi square  = {quantity(identification.reduced_chi_square, digits=4)}'
+        f' ({freedom} degrees of freedom)',
+        f'    rms misfit          = {identification.noise_factor:.2f} times the noise',
         '[[Parameters]]',
-        *(f'    {parameter_words(name, found.parameter_entry(index, name))}'
+        *(f'    {parameter_words(name, identification.parameter_entry(index, name))}'
           for index, name in enumerate(PARAMETER_NAMES)),
         f'    {INTERVALS}',
-        *_stiffness_lines(found),
-        *_systematic_lines(found),
-        *_correlation_lines(found),
+        *_stiffness_lines(identification),
+        *_systematic_lines(identification),
+        *_correlation_lines(identification),
     ]
-    if found.profiles:
-        lines += ['[[Profile likelihood, 95 %]]', *_profile_lines(found)]
-    if found.notes:
-        lines += ['[[Notes]]', *(f'    {note}' for note in found.notes)]
+    if identification.profiles:
+        lines += ['[[Profile likelihood, 95 %]]', *_profile_lines(identification)]
+    if identification.notes:
+        lines += ['[[Notes]]', *(f'    {note}' for note in identification.notes)]
     return '\n'.join(lines)
 
 
@@ -197,8 +205,8 @@ def parameter_words(name: str, entry: Mapping[str, Any]) -> str:
             f'95 % interval {span(low, high)}')
 
 
-def _stiffness_lines(found: Identification) -> list[str]:
-    contact = found.parameters.contact
+def _stiffness_lines(identification: Identification) -> list[str]:
+    contact = identification.parameters.contact
     ratios = line_contact_ratios(contact)
     lines = ['[[Stiffness in N/mm^n, as in ADAMS]]']
     for row, name in ((1, 'axial'), (2, 'radial')):
@@ -212,40 +220,40 @@ def _stiffness_lines(found: Identification) -> list[str]:
     return lines
 
 
-def _systematic_lines(found: Identification) -> list[str]:
+def _systematic_lines(identification: Identification) -> list[str]:
     """How much each imperfection, which no fit can see, would change the free parameters."""
-    known = {one.name: one.words for one in IMPERFECTIONS}
+    words_of = {one.name: one.words for one in IMPERFECTIONS}
     lines = ['[[Effect of small imperfections of the rig]]']
-    for name, shift in found.systematic.items():
+    for name, shift in identification.systematic.items():
         words = [
             f'{parameter} {value:+.3f}' if parameter[0] == 'n'
             else f'{parameter} {100.0 * np.expm1(np.clip(value, -9, 9)):+.1f} %'
             for parameter, value in zip(PARAMETER_NAMES, shift, strict=True)
             if np.isfinite(value) and abs(value) >= 5e-4
         ]
-        lines.append(f'    {known.get(name, name)}: {", ".join(words) or "no change"}')
+        lines.append(f'    {words_of.get(name, name)}: {", ".join(words) or "no change"}')
     return lines
 
 
-def _correlation_lines(found: Identification) -> list[str]:
+def _correlation_lines(identification: Identification) -> list[str]:
     pairs = [
-        (first, second, float(found.correlation[i, j]))
+        (first, second, float(identification.correlation[i, j]))
         for i, first in enumerate(PARAMETER_NAMES)
         for j, second in enumerate(PARAMETER_NAMES)
-        if i < j and abs(found.correlation[i, j]) >= CORRELATION_THRESHOLD
+        if i < j and abs(identification.correlation[i, j]) >= CORRELATION_THRESHOLD
     ]
     lines = [f'[[Correlations]] (below {CORRELATION_THRESHOLD} not shown)']
     lines += [
         f'    C({first}, {second}) = {value:+.4f}, '
-        f'collinearity {found.collinearity.get(f"{first},{second}", np.nan):.1f}'
+        f'collinearity {identification.collinearity.get(f"{first},{second}", np.nan):.1f}'
         for first, second, value in sorted(pairs, key=lambda pair: -abs(pair[2]))
     ]
     return lines
 
 
-def _profile_lines(found: Identification) -> list[str]:
+def _profile_lines(identification: Identification) -> list[str]:
     lines = []
-    for name, profile in found.profiles.items():
+    for name, profile in identification.profiles.items():
         low, high = profile.interval
         if low is not None and high is not None:
             lines.append(f'    {name}: {span(low, high)}')

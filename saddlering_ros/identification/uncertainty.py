@@ -53,16 +53,17 @@ class Imperfection:
         return self.load(load, full_scale)
 
 
-def _bent(load: Array, full_scale: float) -> Array:
+def _nonlinear(load: Array, full_scale: float) -> Array:
+    """A load [N] whose error is a parabola over its range, 0.1 % of full scale in the middle."""
     return load + 0.001 * 4.0 * load * (full_scale - load) / full_scale
 
 
-def _wider_axial(rig: Rig) -> Rig:
+def _with_axial_clearance(rig: Rig) -> Rig:
     row = rig.axial_rows
     return replace(rig, axial_rows=replace(row, clearance=row.clearance + 5e-6))
 
 
-def _wider_middle(rig: Rig) -> Rig:
+def _with_radial_clearance(rig: Rig) -> Rig:
     row = rig.radial_row
     return replace(rig, radial_row=replace(row, clearance=row.clearance + 5e-6))
 
@@ -71,9 +72,9 @@ DELAY = 1e-3
 """Delay [s] of the probes whose effect is reported."""
 
 IMPERFECTIONS = (
-    Imperfection('load_nonlinearity', '0.1 % of full scale load nonlinearity', load=_bent),
-    Imperfection('axial_clearance', '5 µm of axial clearance', rig=_wider_axial),
-    Imperfection('radial_clearance', '5 µm of radial clearance', rig=_wider_middle),
+    Imperfection('load_nonlinearity', '0.1 % of full scale load nonlinearity', load=_nonlinear),
+    Imperfection('axial_clearance', '5 µm of axial clearance', rig=_with_axial_clearance),
+    Imperfection('radial_clearance', '5 µm of radial clearance', rig=_with_radial_clearance),
     Imperfection('elevation', '0.1 deg of elevation', elevation=float(np.radians(0.1))),
     Imperfection('load_gain', '0.5 % of load gain', load=lambda load, _: 1.005 * load),
     Imperfection('delay', '1 ms between the clocks of load and probes', delay=DELAY),
@@ -318,9 +319,9 @@ def profile_likelihood(
                 space.free[rest], space.logarithmic, space.low[rest], space.high[rest],
                 space.contacts(point)[0],
             )
-            found = refine(objective, reduced, start)
-            start = found.point
-            rise[place] = max(0.0, (found.chi_square - best.chi_square) / widening)
+            lowest = refine(objective, reduced, start)
+            start = lowest.point
+            rise[place] = max(0.0, (lowest.chi_square - best.chi_square) / widening)
     values = np.exp(held_at) if space.logarithmic[space.free[position]] else held_at
     return Profile(name, values, rise, _crossings(values, rise))
 

@@ -97,7 +97,8 @@ def validate(
         compared.append(_compare(run, rig, parameters))
     noise = _noise_of(compared)
     return Validation(
-        tuple(one.judged(rig, parameters, own) for one, own in zip(compared, noise, strict=True)),
+        tuple(one.judged(rig, parameters, processes)
+              for one, processes in zip(compared, noise, strict=True)),
         parameters)
 
 

@@ -84,6 +84,7 @@ def test_the_result_is_plain_json_and_plain_text(found):
     assert set(document['parameters']) == set(PARAMETER_NAMES)
     text = identification_text(found)
     assert 'reduced chi square' in text
+    assert f'= {np.sqrt(found.reduced_chi_square):.2f} times the noise' in text
     assert 'Palmgren' in text
 
 
