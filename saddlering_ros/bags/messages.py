@@ -18,6 +18,8 @@ from saddlering_ros.record.samples import (
 from saddlering_ros.record.topics import RigTopic
 from saddlering_ros.rig import CHANNELS
 
+COVARIANCE_BYTES = 128
+
 _OTHER_FIELDS = ('zero_stamp.sec', 'zero_stamp.nanosec', 'zero_load', 'elevation', 'validity',
                  'zero_duration')
 
@@ -56,14 +58,28 @@ def decode_displacements(messages: Sequence[bytes]) -> Displacements:
         fields['validity'].astype(np.uint8), fields['zero_duration'].astype(np.float64))
 
 
-def encode_displacements(batch: Displacements, frame_id: str) -> list[bytes]:
-    """saddlering_interfaces/RingDisplacement messages of `batch`."""
+def encode_displacements(batch: Displacements, frame_id: str,
+                         covariance: NDArray[np.float64] | None = None) -> list[bytes]:
+    """saddlering_interfaces/RingDisplacement messages of `batch`, all with one covariance (4, 4).
+
+    Without one, all its numbers are 0, which stands for not known.
+    """
+    noise = {} if covariance is None else {
+        f'covariance.{place}': value for place, value in enumerate(covariance.ravel().tolist())}
     second, nanosecond = np.divmod(batch.zero_stamps, SECOND)
     channels = dict(zip(CHANNELS, batch.channels, strict=True))
     return encode_list(DISPLACEMENT_TYPE, frame_id, batch.stamps, {
         **channels, 'zero_stamp.sec': second, 'zero_stamp.nanosec': nanosecond,
         'zero_load': batch.zero_loads, 'elevation': batch.elevations,
-        'validity': batch.validity, 'zero_duration': batch.zero_durations})
+        'validity': batch.validity, 'zero_duration': batch.zero_durations, **noise})
+
+
+def covariance_of(message: bytes) -> NDArray[np.float64]:
+    """The covariance (4, 4) of a RingDisplacement message, which ends with it; 0: not known."""
+    little_endian = len(message) > COVARIANCE_BYTES and message[1] & 1
+    if not little_endian:
+        return np.zeros((4, 4))
+    return np.frombuffer(message, '<f8', 16, len(message) - COVARIANCE_BYTES).reshape(4, 4)
 
 
 def decode_clock(message: bytes) -> int:

@@ -11,8 +11,9 @@ from sensor_msgs.msg import Range
 from std_msgs.msg import Header
 from std_srvs.srv import Trigger
 
-from saddlering_interfaces.msg import RingDisplacement
+from saddlering_interfaces.msg import RingDisplacement, ZeroRequest
 from saddlering_ros.bags.messages import encode_displacements
+from saddlering_ros.monitoring.expected import ZeroNoise
 from saddlering_ros.record.displacement import DisplacementStream
 from saddlering_ros.record.samples import Displacements
 from saddlering_ros.record.topics import LOAD, PROBES
@@ -28,7 +29,7 @@ from saddlering_ros.ros.diagnostics import (
     StreamTask,
 )
 from saddlering_ros.ros.messages import to_time
-from saddlering_ros.ros.names import DISPLACEMENT, ZERO
+from saddlering_ros.ros.names import DISPLACEMENT, ZERO, ZERO_REQUEST
 from saddlering_ros.ros.parameters import declare_rig, NodeParameter
 from saddlering_ros.ros.raw_topics import RawPublisher, RawSubscription, ZERO_QOS
 from saddlering_ros.ros.rig_state import ElevationWatch, RigAgreement, zero_finding
@@ -72,12 +73,14 @@ class RingDisplacementNode(StreamingNode):
         self._awaited = 0
         self.create_service(Trigger, '~/zero', self._on_zero)
         self._zero = self.create_publisher(Header, ZERO, ZERO_QOS)
+        self._zero_request = self.create_publisher(ZeroRequest, ZERO_REQUEST, ZERO_QOS)
 
     def configure(self) -> None:
         """Make the stream and its diagnostics."""
         probes = self._rig.probes
         self._topics = (LOAD, *(PROBES[number - 1] for number in probes.present))
         self._stream = DisplacementStream(self._rig, max_gap=self.settings['max_gap'])
+        self._noise = ZeroNoise()
         lowest = self.settings['lowest_rate']
         names = [topic.name for topic in self._topics]
         self._streams = [StreamTask(topic, lowest_rate=lowest)
@@ -134,7 +137,9 @@ class RingDisplacementNode(StreamingNode):
     def _send(self, found: Displacements) -> None:
         if len(found):
             self._parity.push(found.channels[3])
-            self.outputs[0].send(encode_displacements(found, self.settings['frame_id']),
+            self._noise.push(found.zero_stamps, found.channels)
+            self.outputs[0].send(encode_displacements(found, self.settings['frame_id'],
+                                                      self._noise.covariance),
                                  int(found.stamps[-1]))
 
     def _on_zero(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
@@ -149,7 +154,10 @@ class RingDisplacementNode(StreamingNode):
             return response
         stamp = self._stream.newest_stamp
         self._stream.zero_after(stamp)
-        self._zero.publish(Header(stamp=to_time(stamp), frame_id=self.settings['frame_id']))
+        header = Header(stamp=to_time(stamp), frame_id=self.settings['frame_id'])
+        self._zero.publish(header)
+        self._zero_request.publish(
+            ZeroRequest(header=header, node=self.get_fully_qualified_name()))
         response.success = True
         response.message = ('zero is taken from the first steady stretch after '
                             f'{stamp / 1e9:.3f} s, at '

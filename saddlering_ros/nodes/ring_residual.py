@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saddlering_interfaces.msg import RingDisplacement
-from saddlering_ros.bags.messages import decode_displacements, encode_displacements
+from saddlering_ros.bags.messages import covariance_of, decode_displacements, encode_displacements
 from saddlering_ros.record.residual import ResidualStream
 from saddlering_ros.rig import CHANNELS
 from saddlering_ros.ros.diagnostics import (
@@ -90,7 +90,9 @@ class RingResidualNode(StreamingNode):
             self._awaited = missing.index(True) if any(missing) else 0
         if len(residual):
             self._kept.push(residual.channels.T)
-            self.outputs[0].send(encode_displacements(residual, self.settings['frame_id']),
+            covariance = sum(covariance_of(flow.newest) for flow in self.inputs)
+            self.outputs[0].send(encode_displacements(residual, self.settings['frame_id'],
+                                                      np.asarray(covariance)),
                                  int(residual.stamps[-1]))
 
     def _zero_finding(self) -> Finding:

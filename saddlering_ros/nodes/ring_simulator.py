@@ -7,12 +7,14 @@ import math
 import time
 
 from geometry_msgs.msg import WrenchStamped
+import numpy as np
 from std_msgs.msg import Header
 from std_srvs.srv import Trigger
 
-from saddlering_interfaces.msg import RingDisplacement, RingParameters
+from saddlering_interfaces.msg import RingDisplacement, RingExpected, RingParameters, ZeroRequest
 from saddlering_ros.bags.messages import encode_displacements
 from saddlering_ros.errors import SaddleringError
+from saddlering_ros.monitoring.expected import Expected, ExpectedMotion
 from saddlering_ros.nodes.ring_displacement import FLUSH_AFTER as GUARD_FLUSH_AFTER
 from saddlering_ros.record import LOAD_TOPIC
 from saddlering_ros.record.samples import Displacements
@@ -36,16 +38,25 @@ from saddlering_ros.ros.diagnostics import (
     WARN,
 )
 from saddlering_ros.ros.messages import (
+    expected_message,
     parameters_from_message,
     parameters_to_message,
     to_stamp,
     to_time,
 )
-from saddlering_ros.ros.names import NodeError, PARAMETERS_IN_FORCE, SIMULATED, ZERO
+from saddlering_ros.ros.names import (
+    EXPECTED,
+    NodeError,
+    PARAMETERS_IN_FORCE,
+    SIMULATED,
+    ZERO,
+    ZERO_REQUEST,
+)
 from saddlering_ros.ros.parameters import declare_rig, given_sections, NodeParameter
 from saddlering_ros.ros.raw_topics import (
     LATCHED,
     LATCHED_BY_SEVERAL,
+    promised_qos,
     RawPublisher,
     RawSubscription,
     ZERO_QOS,
@@ -106,9 +117,16 @@ class RingSimulatorNode(StreamingNode):
         self.create_service(Trigger, '~/zero', self._on_zero)
         if self.settings['follow_zero']:
             self.create_subscription(Header, ZERO, self._on_zero_message, ZERO_QOS)
+            self.create_subscription(ZeroRequest, ZERO_REQUEST,
+                                     lambda message: self._on_zero_message(message.header),
+                                     ZERO_QOS)
         self._in_force: ParameterSet | None = None
         self._offered: RingParameters | None = None
         self._teller = self.create_publisher(RingParameters, PARAMETERS_IN_FORCE, LATCHED)
+        self._in_force_message = RingParameters()
+        self._zero_asked = 0
+        self._expected: ExpectedMotion | None = None
+        self._expectation = self.create_publisher(RingExpected, EXPECTED, promised_qos())
         if self.settings['follow_parameters']:
             self.create_subscription(RingParameters, PARAMETERS_IN_FORCE, self._on_parameters,
                                      LATCHED_BY_SEVERAL)
@@ -195,6 +213,7 @@ class RingSimulatorNode(StreamingNode):
         message.in_force_in = message.applied_by = self.get_fully_qualified_name()
         message.elevation, message.rig_hash = self._elevation, self._agreement.digest
         self._teller.publish(message)
+        self._in_force_message, self._expected = message, None
 
     def _warm_up(self) -> None:
         """Load the compiled kernels before the first sample needs them."""
@@ -229,9 +248,29 @@ class RingSimulatorNode(StreamingNode):
         return FLUSH_AFTER / 2
 
     def _send(self, states: Displacements) -> None:
-        if len(states):
-            self.outputs[0].send(encode_displacements(states, self.settings['frame_id']),
-                                 int(states.stamps[-1]))
+        if not len(states):
+            return
+        covariance = None
+        expected = self._expect(float(states.zero_loads[-1]))
+        if expected is not None:
+            covariance = np.zeros((4, 4))
+            covariance[:3, :3] = expected.covariance
+            self._expectation.publish(expected_message(
+                expected, int(states.stamps[-1]), self._stream.load, self._in_force_message,
+                self.settings['frame_id']))
+        self.outputs[0].send(
+            encode_displacements(states, self.settings['frame_id'], covariance),
+            int(states.stamps[-1]))
+
+    def _expect(self, zero_load: float) -> Expected | None:
+        """The motion expected at the load now; None if nobody could use it."""
+        assert self._in_force is not None
+        if self._in_force.source.covariance is None \
+                and not self._expectation.get_subscription_count():
+            return None
+        if self._expected is None:
+            self._expected = ExpectedMotion(self._rig, self._in_force, self._elevation)
+        return self._expected.at(self._stream.load, zero_load)
 
     def _on_restart(self, request: Trigger.Request, response: Trigger.Response,
                     ) -> Trigger.Response:
@@ -253,8 +292,10 @@ class RingSimulatorNode(StreamingNode):
         return response
 
     def _on_zero_message(self, message: Header) -> None:
-        if self.active:
-            self._stream.zero_after(to_stamp(message.stamp))
+        stamp = to_stamp(message.stamp)
+        if self.active and stamp != self._zero_asked:  # each request comes on two topics
+            self._zero_asked = stamp
+            self._stream.zero_after(stamp)
 
     def _on_parameters(self, message: RingParameters) -> None:
         if message.in_force_in or message.applied_by:

@@ -15,10 +15,12 @@ from saddlering_interfaces.msg import (
     DiagnosisRemainder,
     ReplayProgress,
     RingAlarm,
+    RingExpected,
     RingParameters,
 )
 from saddlering_ros.bags.wire import SECOND
 from saddlering_ros.monitoring import Monitor
+from saddlering_ros.monitoring.expected import Expected
 from saddlering_ros.rig import (
     ContactParameters,
     PARAMETER_NAMES,
@@ -164,6 +166,19 @@ def alarm_message(monitor: Monitor, words: str, frame_id: str) -> RingAlarm:
         message.channel, message.size, message.follows = alarm.channel, alarm.size, alarm.follows
         message.since, message.raised = to_time(alarm.since), to_time(alarm.stamp)
         message.first_guess, message.log_evidence = alarm.first_guess, alarm.evidence
+    return message
+
+
+def expected_message(expected: Expected, stamp: int, load: float, parameters: RingParameters,
+                     frame_id: str) -> RingExpected:
+    """The message of ring/expected at the stamp [ns] of a load [N]."""
+    x, y, gamma = expected.motion.tolist()
+    x_by_load, y_by_load, gamma_by_load = expected.by_load.tolist()
+    message = RingExpected(
+        load=load, delta_x=x, delta_y=y, gamma=gamma, delta_x_by_load=x_by_load,
+        delta_y_by_load=y_by_load, gamma_by_load=gamma_by_load, parameters=parameters,
+        covariance=expected.covariance.ravel(), validity=expected.validity)
+    message.header.stamp, message.header.frame_id = to_time(stamp), frame_id
     return message
 
 

@@ -52,10 +52,10 @@ NODES = (
     NodeEntry('eddy_current', 'ProbeReplay', REPLAY, '/clock, a bag',
               'rig/eddy_current_1 to rig/eddy_current_4'),
     NodeEntry('ring_displacement', 'RingDisplacementNode', RING, 'load and probes',
-              'ring/displacement, ring/zero', '~/zero'),
+              'ring/displacement, ring/zero_request', '~/zero'),
     NodeEntry('ring_simulator', 'RingSimulatorNode', RING,
-              'rig/hydraulic_load, ring/parameters, ring/zero',
-              'ring/simulated_displacement, ring/parameters', '~/restart, ~/zero'),
+              'rig/hydraulic_load, ring/parameters, ring/zero_request',
+              'ring/simulated_displacement, ring/expected, ring/parameters', '~/restart, ~/zero'),
     NodeEntry('ring_residual', 'RingResidualNode', RING, 'both displacements', 'ring/residual'),
     NodeEntry('ring_alarm', 'RingAlarmNode', ALARM,
               'ring/residual, rig/hydraulic_load, ring/parameters',
@@ -86,14 +86,17 @@ RESIDUAL = 'ring/residual'
 DISPLACEMENTS = (DISPLACEMENT, SIMULATED, RESIDUAL)
 PARAMETERS_IN_FORCE = 'ring/parameters'
 ZERO = 'ring/zero'
+ZERO_REQUEST = 'ring/zero_request'
+EXPECTED = 'ring/expected'
+INCLINOMETER = 'rig/inclinometer'
 PROGRESS = 'replay/progress'
 STATE = 'replay/state'
 CLOCK = 'clock'
 DIAGNOSTICS = '/diagnostics'
 """Absolute, as every tool expects it; statuses there carry the full name of their node."""
 
-RIG = 'ring/rig'
-"""Kept for late joiners: the hash of each node's rig."""
+RIG, RIG_IDENTITY = 'ring/rig', 'ring/rig_identity'
+"""Kept for late joiners: the hash of each node's rig; the former as a DiagnosticStatus."""
 
 RING_ALARM = 'ring/alarm'
 WITHIN_LIMITS = 'ring/within_limits'

@@ -125,6 +125,7 @@ class RawSubscription:
         self.topic = node.resolve_topic_name(topic)
         self.reliable = reliability != 'best_effort'
         self.received = 0
+        self.newest = b''
         self.malformed = 0
         self.last_stamp = 0
         self._open()
@@ -163,6 +164,7 @@ class RawSubscription:
             taken = handle.take_message(kind, True)
             if taken is None:
                 self.received += len(messages)
+                self.newest = messages[-1] if messages else self.newest
                 return messages
             messages.append(taken[0])
 

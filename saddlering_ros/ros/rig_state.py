@@ -13,10 +13,11 @@ import math
 import time
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from geometry_msgs.msg import Vector3Stamped
+from geometry_msgs.msg import Vector3, Vector3Stamped
 from rclpy.node import Node
 
-from saddlering_interfaces.msg import ReplayState
+from saddlering_interfaces.msg import Elevation as ElevationMessage
+from saddlering_interfaces.msg import ReplayState, RigIdentity
 from saddlering_ros.record.samples import ANY_TIME
 from saddlering_ros.record.topics import ELEVATION
 from saddlering_ros.rig import Rig
@@ -24,7 +25,7 @@ from saddlering_ros.rig.description import short_digest
 from saddlering_ros.rig.zeroing import NEAR_PRELOAD_SHARE, ZeroReading
 from saddlering_ros.ros.diagnostics import ACTIVE, ERROR, Finding, OK, STATE_TASK, WARN
 from saddlering_ros.ros.messages import to_stamp
-from saddlering_ros.ros.names import DIAGNOSTICS, RIG, STATE
+from saddlering_ros.ros.names import DIAGNOSTICS, INCLINOMETER, RIG, RIG_IDENTITY, STATE
 from saddlering_ros.ros.raw_topics import LATCHED, LATCHED_BY_SEVERAL, OF_ANY_SENSOR
 
 SAME_BAG = math.radians(0.01)
@@ -61,6 +62,8 @@ class ElevationWatch:
         node.create_subscription(ReplayState, STATE, self._on_state, LATCHED)
         node.create_subscription(Vector3Stamped, ELEVATION.relative, self._on_measured,
                                  OF_ANY_SENSOR)
+        node.create_subscription(ElevationMessage, INCLINOMETER, self._on_inclinometer,
+                                 OF_ANY_SENSOR)
 
     def resolve(self, given: float = math.nan, started_with: float = math.nan) -> Elevation:
         """The elevation that counts; given, started_with: setting and first bag [rad], or NaN."""
@@ -87,6 +90,10 @@ class ElevationWatch:
             self.of_bag = value
             self._on_news()
 
+    def _on_inclinometer(self, message: ElevationMessage) -> None:
+        self._on_measured(Vector3Stamped(
+            header=message.header, vector=Vector3(x=message.elevation)))
+
     def _on_measured(self, message: Vector3Stamped) -> None:
         value = float(message.vector.x)
         if not LOWEST <= value <= HIGHEST:
@@ -107,9 +114,12 @@ class RigAgreement:
         self.digest = rig.digest
         self._others: dict[str, str] = {}
         self._publisher = node.create_publisher(DiagnosticStatus, RIG, LATCHED)
+        self._identity = node.create_publisher(RigIdentity, RIG_IDENTITY, LATCHED)
         node.create_subscription(DiagnosticStatus, RIG, self._hear, LATCHED_BY_SEVERAL)
         self._publisher.publish(DiagnosticStatus(
             name=node.get_fully_qualified_name(), message=self.digest))
+        self._identity.publish(RigIdentity(
+            node=node.get_fully_qualified_name(), rig_hash=self.digest))
         node.get_logger().info(f'rig {short_digest(self.digest)}')
 
     def _hear(self, message: DiagnosticStatus) -> None:

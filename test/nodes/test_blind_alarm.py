@@ -12,10 +12,11 @@ import numpy as np
 import pytest
 from rclpy.duration import Duration
 from rclpy.qos import DurabilityPolicy, QoSProfile
+from rclpy.serialization import deserialize_message
 from rosnet import ACTIVATE, Client, client, DEACTIVATE, Driver, lead, wait_until
 from std_msgs.msg import Bool
 
-from saddlering_interfaces.msg import RingAlarm
+from saddlering_interfaces.msg import RingAlarm, RingDisplacement, RingExpected
 from saddlering_ros.rig import default_rig
 from saddlering_ros.ros.launcher import ALARM_NODES, NodeGroup, RING_NODES
 
@@ -68,6 +69,8 @@ def test_the_alarm_is_blind_without_its_streams_and_nothing_is_then_within_limit
     told: list[RingAlarm] = listen(heard, RingAlarm, 'ring/alarm')
     limits: list[Bool] = listen(heard, Bool, 'ring/within_limits')
     demanding = QoSProfile(depth=5, deadline=Duration(seconds=0.2))
+    expected: list[RingExpected] = listen(heard, RingExpected, 'ring/expected',
+                                          QoSProfile(depth=5))
     by_deadline = listen(heard, Bool, 'ring/within_limits', demanding)
     for name in (*RING_NODES, *ALARM_NODES):
         group.start(name, {'elevation_deg': 50.0} if name == 'ring_simulator' else {})
@@ -91,6 +94,15 @@ def test_the_alarm_is_blind_without_its_streams_and_nothing_is_then_within_limit
     assert not limits[0].data, 'nothing is watched yet'
     sees()
     wait_until(lambda: by_deadline[-1].data, what='a reader that asks for a deadline is served')
+
+    wait_until(lambda: bool(expected) and len(heard.raw['/ring/residual']) > 200, what='motion')
+    assert (expected[-1].validity, abs(expected[-1].delta_x) < 1e-6) == (
+        RingExpected.NO_COVARIANCE, True)
+    assert expected[-1].parameters.applied_by == '/ring_simulator'
+    assert expected[-1].delta_x_by_load != 0.0
+    residual = deserialize_message(heard.raw['/ring/residual'][-1], RingDisplacement)
+    deviation = np.sqrt(residual.covariance.reshape(4, 4).diagonal())
+    assert deviation[0] == pytest.approx(3e-7 / np.sqrt(2.0), rel=0.5), 'of two probes'
 
     lead(heard, 'ring_simulator', DEACTIVATE)
     is_blind('/ring/simulated_displacement')

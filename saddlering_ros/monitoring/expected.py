@@ -1,0 +1,123 @@
+"""The motion that the model expects at a load, and the noise that a displacement has.
+
+Both give followers of the topics a covariance: of the model by that of its parameters, of the
+measurement by its readings at the zero.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from saddlering_ros.rig import ParameterSet, Rig
+from saddlering_ros.ring.simulator import static_response
+
+Array = NDArray[np.float64]
+
+LOADS = 41
+"""Loads from preload to full scale between which the motion is interpolated."""
+
+STEP = 1e-3
+"""Relative step of a parameter in the derivatives by it."""
+
+MIN_ROWS = 32
+MAX_ROWS = 256
+"""Rows after a zero from which its noise is read."""
+
+NO_ZERO, OUTSIDE, NO_COVARIANCE, WITHOUT_EFFECTS, NO_EQUILIBRIUM = 1, 2, 4, 8, 16
+"""Bits of validity, as in RingExpected.msg."""
+
+
+@dataclass(frozen=True)
+class Expected:
+    """Motion from the zero (3,) [m, m, rad], its derivative by the load (3,) [1/N of these].
+
+    covariance (3, 3): by the parameters, 0 where not known; validity: sum of bits, 0 if all hold.
+    """
+
+    motion: Array
+    by_load: Array
+    covariance: Array
+    validity: int
+
+
+class ExpectedMotion:
+    """The static equilibrium of a ring over the load, with its derivatives."""
+
+    def __init__(self, rig: Rig, parameters: ParameterSet, elevation: float) -> None:
+        """Compute the curves for one elevation [rad]."""
+        self._loads = np.linspace(rig.preload, rig.full_scale_load, LOADS)
+        values = parameters.contact.to_array()
+        self._motion = static_response(rig, values, elevation, self._loads)
+        self._slope = np.gradient(self._motion, self._loads, axis=1)
+        self._covariance = parameters.source.covariance
+        self._bits = WITHOUT_EFFECTS if parameters.effects else 0
+        self._by_parameter = np.zeros((len(values), 3, LOADS))
+        if self._covariance is None or not np.isfinite(self._covariance).all():
+            self._covariance = None
+            return
+        for place, value in enumerate(values):
+            step = np.zeros(len(values))
+            step[place] = STEP * abs(value)
+            if step[place] > 0.0:
+                upper, lower = (static_response(rig, values + sign * step, elevation, self._loads)
+                                for sign in (1.0, -1.0))
+                self._by_parameter[place] = (upper - lower) / (2.0 * step[place])
+
+    def at(self, load: float, zero_load: float | None) -> Expected:
+        """The motion at a load [N] from that at the load of the zero; None: from preload."""
+        validity = self._bits | (NO_ZERO if zero_load is None else 0)
+        inside = float(np.clip(load, self._loads[0], self._loads[-1]))
+        validity |= OUTSIDE if inside != load else 0
+        begin = self._loads[0] if zero_load is None else zero_load
+        motion = self._between(self._motion, inside) - self._between(self._motion, begin)
+        if not np.isfinite(motion).all():
+            validity |= NO_EQUILIBRIUM
+        covariance = np.zeros((3, 3))
+        if self._covariance is None:
+            validity |= NO_COVARIANCE
+        else:
+            slopes = (self._between(self._by_parameter, inside)
+                      - self._between(self._by_parameter, begin))
+            covariance = slopes.T @ self._covariance @ slopes
+        return Expected(motion, self._between(self._slope, inside), covariance, validity)
+
+    def _between(self, curves: Array, load: float) -> Array:
+        """Curves (..., LOADS) at a load, linear between two loads."""
+        place = float(np.interp(load, self._loads, np.arange(LOADS)))
+        low = min(int(place), LOADS - 2)
+        share = place - low
+        return np.asarray((1.0 - share) * curves[..., low] + share * curves[..., low + 1])
+
+
+class ZeroNoise:
+    """Covariance (4, 4) of the noise of delta_x, delta_y, gamma, parity, read after each zero.
+
+    The second differences of white noise have six times its variance, and a load that moves
+    adds nothing to them that counts. 0 where a channel is not known.
+    """
+
+    def __init__(self) -> None:
+        self.covariance = np.zeros((4, 4))
+        self._zero = 0
+        self._rows: list[Array] = []
+        self._count = 0
+
+    def push(self, zero_stamps: NDArray[np.int64], channels: Array) -> None:
+        """Take displacements: stamps of their zeros (N,) [ns], channels (4, N)."""
+        if not len(zero_stamps):
+            return
+        if int(zero_stamps[-1]) != self._zero:
+            self._zero, self._rows, self._count = int(zero_stamps[-1]), [], 0
+        if self._count >= MAX_ROWS:
+            return
+        self._rows.append(channels[:, zero_stamps == self._zero])
+        self._count += self._rows[-1].shape[1]
+        if self._count < MIN_ROWS:
+            return
+        rows = np.concatenate(self._rows, axis=1)
+        known = np.isfinite(rows).all(axis=1, keepdims=True)
+        curves = np.diff(np.where(known, rows, 0.0), n=2, axis=1)
+        self.covariance = curves @ curves.T / (6.0 * curves.shape[1])
