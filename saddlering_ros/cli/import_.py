@@ -6,13 +6,23 @@ import argparse
 from pathlib import Path
 from typing import Any, TYPE_CHECKING
 
-from saddlering_ros.cli._arguments import add_json_option, add_rig_option, file_read, file_written
+from saddlering_ros.cli._arguments import (
+    add_json_option,
+    add_rig_option,
+    file_read,
+    file_written,
+    in_options,
+)
 from saddlering_ros.cli._terminal import tell_json
+from saddlering_ros.errors import printable
 
 if TYPE_CHECKING:
-    from saddlering_ros.importing import ImportResult
+    from saddlering_ros.importing import ImportedRun, ImportResult
     from saddlering_ros.rig import Rig
 
+
+MIN_MOTION = 0.5e-6
+"""The noise of an eddy-current probe alone spans more than this [m] in a test (0.3 um rms)."""
 
 EXAMPLES = (
     ('saddlering import docs/data/static_30.csv --draft',
@@ -87,9 +97,10 @@ def _import(args: argparse.Namespace) -> int:
                           on_progress=_counter())
     if args.preview is not None:
         save_preview(args.preview, result.runs, shown)
-    for line in result.warnings:
-        print(f'saddlering import: warning: {line}', file=sys.stderr)
-    if tell_json(args, result.as_dict()):
+    warnings = [*result.warnings, *_doubts(args, result, shown)]
+    for line in warnings:
+        print(f'saddlering import: warning: {printable(line)}', file=sys.stderr)
+    if tell_json(args, {**result.as_dict(), 'warnings': warnings}):
         return 0
     _print_runs(result, shown)
     if args.preview is not None:
@@ -97,6 +108,34 @@ def _import(args: argparse.Namespace) -> int:
     print(f'next: saddlering info {result.runs[0].path}'
           + (f' --rig {args.rig}' if args.rig is not None else ''))
     return 0
+
+
+def _doubts(args: argparse.Namespace, result: ImportResult, rig: Rig) -> list[str]:
+    """Findings of `info` on the bags, and of `rig --check` where a rig file is given."""
+    from saddlering_ros.bags import bag_info
+    from saddlering_ros.cli.rig import contradictions
+
+    lines = []
+    for run in result.runs:
+        info = bag_info(run.path, rig=rig)
+        found = [in_options(line) for line in (*info.problems, *info.notes)]
+        if args.rig is not None and not info.problems:
+            found += contradictions(run.path, rig)
+        found += _still_probes(run, rig)
+        lines += [line if line.startswith(str(run.path)) else f'{run.path}: {line}'
+                  for line in dict.fromkeys(found)]
+    return lines
+
+
+def _still_probes(run: ImportedRun, rig: Rig) -> list[str]:
+    """A doubt about gaps that move less than the noise of any probe while the load does."""
+    spans = {name: max(course.highest) - min(course.lowest)
+             for name, course in run.envelopes.items()}
+    gaps = max(span for name, span in spans.items() if name.startswith('eddy'))
+    if spans['hydraulic_load'] < rig.limits.identification_min or gaps >= MIN_MOTION:
+        return []
+    return [f'no gap changes by more than {gaps * 1e6:.2g} µm under a load of '
+            f'{rig.force_words(spans["hydraulic_load"])}: check unit and scale of the probes']
 
 
 def _spare_tables(args: argparse.Namespace, tables: list[Path]) -> None:

@@ -66,7 +66,8 @@ def run(args: argparse.Namespace) -> int:
 
         save_drawing(args.drawing, rig, 50.0 if args.elevation is None else args.elevation)
         written.append(args.drawing)
-    found = {bag: _check(args, bag, rig) for bag in args.check}
+    found = {bag: contradictions(bag, rig, args.test, radians(args.elevation))
+             for bag in args.check}
     doubts = sum(len(lines) for lines in found.values())
     if not tell_json(args, {'rig_hash': rig.digest, 'written': [str(path) for path in written],
                             'checked': found}):
@@ -94,12 +95,15 @@ def _draft(args: argparse.Namespace, rig: Rig) -> tuple[Rig, list[Path]]:
     return drafted, [args.draft, picture]
 
 
-def _check(args: argparse.Namespace, bag: str, rig: Rig) -> list[str]:
+def contradictions(
+    bag: Path | str, rig: Rig, test: str | None = None, elevation: float | None = None,
+) -> list[str]:
+    """Contradictions between a bag and a rig, a line each; elevation [rad]."""
     from saddlering_ros.bags import read_raw, read_run
     from saddlering_ros.bags.rig_check import check_rig
     from saddlering_ros.record import condensed
 
-    test_run = read_run(bag, test=args.test, elevation=radians(args.elevation), rig=rig)
+    test_run = read_run(bag, test=test, elevation=elevation, rig=rig)
     return check_rig(rig, read_raw(bag, rig=rig), condensed(test_run, rig))
 
 

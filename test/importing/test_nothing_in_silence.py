@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 import resource
 import struct
@@ -13,6 +14,7 @@ import numpy as np
 import pytest
 from scipy.io import savemat
 
+from saddlering_ros.cli.main import main
 from saddlering_ros.importing import draft_map, ImportingError, open_sources
 
 GROUPED = [f'{1 + i // 10}.{100 + i},5' for i in range(ROWS)]
@@ -156,3 +158,24 @@ def packed_zeros(size: int) -> bytes:
     packer, block = zlib.compressobj(9), bytes(1 << 24)
     first, next_one = (packer.compress(block) + packer.flush(zlib.Z_FULL_FLUSH) for _ in range(2))
     return first + next_one * (size >> 24)
+
+
+@pytest.mark.parametrize(('wrong', 'said'), [
+    ('scale: 0.0002, ', 'check unit and scale of the probes'),
+    ('piston_area: 0.0000123}', 'looks like kilonewtons'),
+    ('scale: -0.2, ', 'polarity'),
+])
+def test_an_import_says_what_info_and_the_rig_file_say(
+        tmp_path: Path, capsys, wrong: str, said: str) -> None:
+    data = Path(__file__).resolve().parents[2] / 'docs' / 'data'
+    key = wrong.partition(':')[0]
+    text = (data / 'map_static_30.yaml').read_text()
+    right = next(piece for piece in ('scale: 0.2, ', 'piston_area: 0.0123}')
+                 if piece.startswith(key))
+    (tmp_path / 'map.yaml').write_text(text.replace(right, wrong))
+    arguments = ['import', str(data / 'static_30.csv'), '--rig', str(data / 'rig.yaml'), '--map',
+                 str(tmp_path / 'map.yaml'), '--out', str(tmp_path / 'bag'), '--json', '-']
+    assert main(arguments) == 0
+    printed = capsys.readouterr()
+    assert said in printed.err
+    assert any(said in line for line in json.loads(printed.out)['warnings'])
