@@ -123,14 +123,14 @@ def read_bag(
     """
     check_path('path', path)
     check_calls(on_progress, None)
-    known = as_rig(rig)
+    in_use = as_rig(rig)
     if elevation_deg is not None:
         check_number('elevation_deg', elevation_deg)
     elevation = None if elevation_deg is None else math.radians(elevation_deg)
     report = on_progress or (lambda progress: None)
     name = Path(path).name
-    return Bag(read_run(path, test=test, elevation=elevation, rig=known,
-                        on_progress=lambda share: report(Progress('read', name, share))), known)
+    return Bag(read_run(path, test=test, elevation=elevation, rig=in_use,
+                        on_progress=lambda share: report(Progress('read', name, share))), in_use)
 
 
 @dataclass(frozen=True)

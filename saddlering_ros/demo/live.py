@@ -328,8 +328,8 @@ class ReplayRecording:
         displacement and a residual.
         """
         read = np.isfinite(run.gaps)
-        known = int(((read[0] & read[2]) | (read[1] & read[3])).sum())
-        return 2 * (len(run.time) + known) - self.messages
+        published = int(((read[0] & read[2]) | (read[1] & read[3])).sum())
+        return 2 * (len(run.time) + published) - self.messages
 
     def at(self, stamps: NDArray[np.int64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Measured and simulated channels (4, N) at `stamps` [ns], NaN where none came."""

@@ -333,11 +333,11 @@ def curves_of_replay(
 
 def simulated_offline(run: Record, rig: Rig, parameters: ParameterSet) -> Array:
     """Simulated channels (4, samples) of a run, as published live; NaN before the zero."""
-    found = simulate(rig, parameters, run.elevation, run.time, run.load)
+    simulated = simulate(rig, parameters, run.elevation, run.time, run.load)
     channels = np.full((len(CHANNELS), len(run.time)), np.nan)
-    stop = found.first + len(found.time)
+    stop = simulated.first + len(simulated.time)
     for row, name in enumerate(CHANNELS):
-        channels[row, found.first:stop] = getattr(found.displacement, name)
+        channels[row, simulated.first:stop] = getattr(simulated.displacement, name)
     return channels
 
 

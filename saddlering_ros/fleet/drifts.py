@@ -96,7 +96,7 @@ def histories_of(ring: str, sessions: Sequence[SessionFigures]) -> RingHistory:
     hours = np.array([session.service_hours for session in sessions])
     by_hours = bool(np.isfinite(hours).all()) and len(sessions) > 1 and np.ptp(hours) > 0.0
     times = hours if by_hours else np.array([session.time for session in sessions]) / YEAR
-    found: dict[str, History] = {}
+    histories: dict[str, History] = {}
     readings = {
         name: (np.array([session.value[number] for session in sessions]),
                np.array([session.covariance[number, number] for session in sessions]))
@@ -109,8 +109,9 @@ def histories_of(ring: str, sessions: Sequence[SessionFigures]) -> RingHistory:
         series = _series(sessions, times, values, spread)
         history = None if series is None else follow(series)
         if history is not None:
-            found[name] = history
-    return RingHistory(ring, sessions[-1].bench, 'service_hours' if by_hours else 'years', found)
+            histories[name] = history
+    clock = 'service_hours' if by_hours else 'years'
+    return RingHistory(ring, sessions[-1].bench, clock, histories)
 
 
 def _series(
@@ -135,22 +136,22 @@ def significant_drifts(
     """
     rigs = _rig_drifts(histories, level)
     common = {drift.owner: drift.slopes for drift in rigs}
-    tests = [(item, *_joint_test(item, common.get(item.bench, {}))) for item in histories]
+    tests = [(ring, *_joint_test(ring, common.get(ring.bench, {}))) for ring in histories]
     stands = benjamini_hochberg([p_value for _, _, p_value in tests], level)
     rings = [
-        _ring_drift(item, slopes, p_value)
-        for (item, slopes, p_value), found in zip(tests, stands, strict=True) if found
+        _ring_drift(ring, slopes, p_value)
+        for (ring, slopes, p_value), stands_out in zip(tests, stands, strict=True) if stands_out
     ]
     return rings, rigs
 
 
 def _joint_test(
-    item: RingHistory, common: Mapping[str, tuple[float, float]]
+    ring: RingHistory, common: Mapping[str, tuple[float, float]]
 ) -> tuple[dict[str, tuple[float, float]], float]:
     """Slopes of a ring beyond its rig's, and the p-value of none (Bonferroni over coordinates)."""
     slopes: dict[str, tuple[float, float]] = {}
     p_values = []
-    for name, history in item.of.items():
+    for name, history in ring.of.items():
         slope, std = history.slope, history.slope_std
         p_value = history.drift_p_value
         if name in common and math.isfinite(std):
@@ -164,13 +165,13 @@ def _joint_test(
 
 
 def _ring_drift(
-    item: RingHistory, slopes: dict[str, tuple[float, float]], p_value: float
+    ring: RingHistory, slopes: dict[str, tuple[float, float]], p_value: float
 ) -> Drift:
     if scales_alike(slopes):
-        return Drift(item.ring, 'ring', item.clock, slopes, p_value,
+        return Drift(ring.ring, 'ring', ring.clock, slopes, p_value,
                      ('contact_stiffness', 'load_gain'), DEAD_WEIGHT)
     strongest = max(slopes, key=lambda name: abs(slopes[name][0] / slopes[name][1]))
-    return Drift(item.ring, 'ring', item.clock, slopes, p_value, (strongest,),
+    return Drift(ring.ring, 'ring', ring.clock, slopes, p_value, (strongest,),
                  'Repeat the test after the next service. A drift that starts again is wear.')
 
 
@@ -179,36 +180,37 @@ def scales_alike(slopes: Mapping[str, tuple[float, float]]) -> bool:
 
     Their common slope must be there, and none may differ from it.
     """
-    known = [slopes[name] for name in SCALED if name in slopes and math.isfinite(slopes[name][1])]
-    if len(known) < 2:
+    measured = [slopes[name] for name in SCALED
+                if name in slopes and math.isfinite(slopes[name][1])]
+    if len(measured) < 2:
         return False
-    values, deviations = np.array(known).T
+    values, deviations = np.array(measured).T
     weight = 1.0 / deviations**2
     mean = float((weight * values).sum() / weight.sum())
     apart = float((weight * (values - mean) ** 2).sum())
-    alike = chi2.sf(apart, len(known) - 1) > EQUAL_LEVEL
+    alike = chi2.sf(apart, len(measured) - 1) > EQUAL_LEVEL
     return bool(alike and abs(mean) * math.sqrt(weight.sum()) > MIN_COMMON)
 
 
 def _rig_drifts(histories: Sequence[RingHistory], level: float) -> list[Drift]:
     """Rigs most of whose rings drift the same way by a like amount."""
     benches: dict[str, list[RingHistory]] = {}
-    for item in histories:
-        benches.setdefault(item.bench, []).append(item)
-    found: list[tuple[str, str, dict[str, tuple[float, float]], float]] = []
-    for bench, items in sorted(benches.items()):
-        if bench and len(items) >= MIN_RINGS_OF_RIG:
-            slopes, p_value = _common_slopes(items)
-            found.append((bench, items[0].clock, slopes, p_value))
-    stands = benjamini_hochberg([p_value for *_, p_value in found], level)
+    for ring in histories:
+        benches.setdefault(ring.bench, []).append(ring)
+    candidates: list[tuple[str, str, dict[str, tuple[float, float]], float]] = []
+    for bench, rings in sorted(benches.items()):
+        if bench and len(rings) >= MIN_RINGS_OF_RIG:
+            slopes, p_value = _common_slopes(rings)
+            candidates.append((bench, rings[0].clock, slopes, p_value))
+    stands = benjamini_hochberg([p_value for *_, p_value in candidates], level)
     return [
         Drift(bench, 'rig', clock, slopes, p_value,
               ('load_gain',) if scales_alike(slopes) else tuple(slopes), RIG_CHECK)
-        for (bench, clock, slopes, p_value), real in zip(found, stands, strict=True) if real
+        for (bench, clock, slopes, p_value), real in zip(candidates, stands, strict=True) if real
     ]
 
 
-def _common_slopes(items: Sequence[RingHistory]) -> tuple[dict[str, tuple[float, float]], float]:
+def _common_slopes(rings: Sequence[RingHistory]) -> tuple[dict[str, tuple[float, float]], float]:
     """Median slope of a rig's rings in every scaled coordinate, and the p-value of none.
 
     A load cell moves all scaled coordinates alike, so one number a ring is tested: their mean.
@@ -217,11 +219,11 @@ def _common_slopes(items: Sequence[RingHistory]) -> tuple[dict[str, tuple[float,
     """
     slopes: dict[str, tuple[float, float]] = {}
     for name in SCALED:
-        values = np.array([item.of[name].slope for item in items if _sloped(item, name)])
+        values = np.array([ring.of[name].slope for ring in rings if _sloped(ring, name)])
         if values.size >= MIN_RINGS_OF_RIG:
             spread = 1.4826 * float(np.median(np.abs(values - np.median(values))))
             slopes[name] = (float(np.median(values)), 1.2533 * spread / math.sqrt(values.size))
-    gains = np.array([_gain_slope(item) for item in items])
+    gains = np.array([_gain_slope(ring) for ring in rings])
     gains = gains[np.isfinite(gains)]
     if gains.size < MIN_RINGS_OF_RIG:
         return slopes, 1.0
@@ -229,14 +231,14 @@ def _common_slopes(items: Sequence[RingHistory]) -> tuple[dict[str, tuple[float,
     return slopes, float(ttest_1samp(gains, 0.0).pvalue) if together >= MAX_RINGS else 1.0
 
 
-def _sloped(item: RingHistory, name: str) -> bool:
-    return name in item.of and math.isfinite(item.of[name].slope_std)
+def _sloped(ring: RingHistory, name: str) -> bool:
+    return name in ring.of and math.isfinite(ring.of[name].slope_std)
 
 
-def _gain_slope(item: RingHistory) -> float:
+def _gain_slope(ring: RingHistory) -> float:
     """Weighted mean slope of a ring's scaled coordinates, NaN where none is known."""
-    known = [item.of[name] for name in SCALED if _sloped(item, name)]
-    if not known:
+    histories = [ring.of[name] for name in SCALED if _sloped(ring, name)]
+    if not histories:
         return math.nan
-    weight = np.array([1.0 / history.slope_std**2 for history in known])
-    return float(weight @ np.array([history.slope for history in known]) / weight.sum())
+    weight = np.array([1.0 / history.slope_std**2 for history in histories])
+    return float(weight @ np.array([history.slope for history in histories]) / weight.sum())

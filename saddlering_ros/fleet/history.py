@@ -206,7 +206,7 @@ def _filtered(series: TimeSeries, level_noise: float, slope_noise: float) -> _Pa
     level, slope = float(series.value[0]), 0.0
     p_level, p_both, p_slope = DIFFUSE**2, 0.0, DIFFUSE**2
     levels, deviations, surprises = [], [], []
-    likelihood, known, before = 0.0, 0, float(series.time[0])
+    likelihood, readings_seen, before = 0.0, 0, float(series.time[0])
     readings = zip(series.time.tolist(), series.value.tolist(), series.std.tolist(),
                    series.renewed.tolist(), strict=True)
     for index, (now, value, std, renewed) in enumerate(readings):
@@ -218,9 +218,9 @@ def _filtered(series: TimeSeries, level_noise: float, slope_noise: float) -> _Pa
             p_both += step * p_slope + 0.5 * slope_noise * step**2
             p_slope += slope_noise * step
         if index and renewed:
-            p_level, p_both, known = DIFFUSE**2, 0.0, min(known, 1)
+            p_level, p_both, readings_seen = DIFFUSE**2, 0.0, min(readings_seen, 1)
         variance, apart = p_level + std**2, value - level
-        predicted = known >= 2 and variance < 0.01 * DIFFUSE**2
+        predicted = readings_seen >= 2 and variance < 0.01 * DIFFUSE**2
         surprises.append(apart / math.sqrt(variance) if predicted else math.nan)
         if predicted:
             likelihood -= 0.5 * (math.log(variance) + apart**2 / variance)
@@ -228,7 +228,7 @@ def _filtered(series: TimeSeries, level_noise: float, slope_noise: float) -> _Pa
         level, slope = level + gain * apart, slope + slope_gain * apart
         p_level, p_both, p_slope = (
             (1.0 - gain) * p_level, (1.0 - gain) * p_both, p_slope - slope_gain * p_both)
-        known += 1
+        readings_seen += 1
         levels.append(level)
         deviations.append(math.sqrt(max(p_level, 0.0)))
     return _Pass(np.array(levels), np.array(deviations), np.array(surprises), (level, slope),

@@ -133,27 +133,28 @@ def judge_fleet(
 
 def _measured(sessions: Sequence[SessionFigures]) -> tuple[list[Array], list[Array]]:
     """Values and covariances of the sessions that measured every coordinate."""
-    good = [item for item in sessions if np.isfinite(item.covariance).all()]
-    return [item.value for item in good], [item.covariance for item in good]
+    good = [session for session in sessions if np.isfinite(session.covariance).all()]
+    return [session.value for session in good], [session.covariance for session in good]
 
 
 def _inflated(sessions: Sequence[SessionFigures], inflation: float) -> list[SessionFigures]:
-    return [replace(item, covariance=inflation * item.covariance) for item in sessions]
+    return [replace(session, covariance=inflation * session.covariance) for session in sessions]
 
 
 def _compared(
     rings: Mapping[str, Sequence[SessionFigures]], inflation: float, level: float
 ) -> tuple[dict[str, Unlikeness], Population | None]:
-    known = {ring: _measured(own) for ring, own in rings.items()}
-    known = {ring: found for ring, found in known.items() if found[0]}
-    if len(known) < MIN_RINGS:
+    measured = {ring: _measured(sessions) for ring, sessions in rings.items()}
+    measured = {ring: pair for ring, pair in measured.items() if pair[0]}
+    if len(measured) < MIN_RINGS:
         return {}, None
-    pairs = [combined(values, covariances, inflation) for values, covariances in known.values()]
+    pairs = [combined(values, covariances, inflation) for values, covariances in measured.values()]
     means = np.array([mean for mean, _ in pairs])
     covariances = np.array([covariance for _, covariance in pairs])
-    found = unlike_sisters(means, covariances, level)
-    usual = np.array([not item.stands for item in found])
-    return dict(zip(known, found, strict=True)), fit_population(means[usual], covariances[usual])
+    unlike = unlike_sisters(means, covariances, level)
+    usual = np.array([not one.stands for one in unlike])
+    population = fit_population(means[usual], covariances[usual])
+    return dict(zip(measured, unlike, strict=True)), population
 
 
 def _lives(
@@ -223,44 +224,44 @@ def fleet_document(fleet: Fleet) -> dict[str, Any]:
     return document
 
 
-def _ring_document(item: RingJudgement) -> dict[str, Any]:
+def _ring_document(ring: RingJudgement) -> dict[str, Any]:
     return {
-        'ring': item.ring, 'rig': item.bench, 'reasons': list(item.reasons),
-        'sessions': [session.key for session in item.sessions],
-        'e_value': item.e_value, 'finding': item.finding,
-        'unlike_sisters': None if item.unlike is None else {
-            'p_value': item.unlike.p_value, 'stands': item.unlike.stands,
-            'z_scores': dict(zip(COORDINATES, item.unlike.z_scores.tolist(), strict=True)),
+        'ring': ring.ring, 'rig': ring.bench, 'reasons': list(ring.reasons),
+        'sessions': [session.key for session in ring.sessions],
+        'e_value': ring.e_value, 'finding': ring.finding,
+        'unlike_sisters': None if ring.unlike is None else {
+            'p_value': ring.unlike.p_value, 'stands': ring.unlike.stands,
+            'z_scores': dict(zip(COORDINATES, ring.unlike.z_scores.tolist(), strict=True)),
         },
-        'drift': None if item.drift is None else _drift_document(item.drift),
+        'drift': None if ring.drift is None else _drift_document(ring.drift),
         'history': {
-            'clock': item.history.clock,
-            'coordinates': {name: _history_document(found)
-                            for name, found in item.history.of.items()},
+            'clock': ring.history.clock,
+            'coordinates': {name: _history_document(history)
+                            for name, history in ring.history.of.items()},
         },
         'remaining_life': {
             name: {'median': life.median, 'low': life.low, 'high': life.high,
-                   'clock': item.history.clock}
-            for name, life in item.life.items()
+                   'clock': ring.history.clock}
+            for name, life in ring.life.items()
         },
     }
 
 
-def _history_document(found: Any) -> dict[str, Any]:
+def _history_document(history: Any) -> dict[str, Any]:
     return {
-        'time': found.series.time.tolist(), 'value': found.series.value.tolist(),
-        'std': found.series.std.tolist(), 'renewed': found.series.renewed.tolist(),
-        'level': found.level.tolist(), 'level_std': found.level_std.tolist(),
-        'slope': found.slope, 'slope_std': found.slope_std,
-        'drift_p_value': found.drift_p_value, 'predictions': found.predictions,
-        'coverage': found.coverage,
+        'time': history.series.time.tolist(), 'value': history.series.value.tolist(),
+        'std': history.series.std.tolist(), 'renewed': history.series.renewed.tolist(),
+        'level': history.level.tolist(), 'level_std': history.level_std.tolist(),
+        'slope': history.slope, 'slope_std': history.slope_std,
+        'drift_p_value': history.drift_p_value, 'predictions': history.predictions,
+        'coverage': history.coverage,
     }
 
 
-def _drift_document(item: Drift) -> dict[str, Any]:
+def _drift_document(drift: Drift) -> dict[str, Any]:
     return {
-        'owner': item.owner, 'kind': item.kind, 'clock': item.clock,
+        'owner': drift.owner, 'kind': drift.kind, 'clock': drift.clock,
         'slopes': {name: {'value': value, 'std': std}
-                   for name, (value, std) in item.slopes.items()},
-        'p_value': item.p_value, 'group': list(item.group), 'next_test': item.next_test,
+                   for name, (value, std) in drift.slopes.items()},
+        'p_value': drift.p_value, 'group': list(drift.group), 'next_test': drift.next_test,
     }

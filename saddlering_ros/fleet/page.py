@@ -43,7 +43,7 @@ UNLIKE_TEST = (
 
 def fleet_page(fleet: Fleet, failures: Sequence[tuple[str, str]]) -> str:
     """The page; failures: name of a session without a verdict, and the reason."""
-    flagged = [item for item in fleet.rings if item.reasons]
+    flagged = [ring for ring in fleet.rings if ring.reasons]
     return html.page('Fleet of rings', [
         '<h1>Rings and rigs of this campaign</h1>', _tiles(fleet, flagged, failures),
         _needs_a_person(fleet, flagged), _verdicts(fleet.sessions),
@@ -54,7 +54,7 @@ def fleet_page(fleet: Fleet, failures: Sequence[tuple[str, str]]) -> str:
 def _tiles(
     fleet: Fleet, flagged: Sequence[RingJudgement], failures: Sequence[tuple[str, str]]
 ) -> str:
-    verdicts = Counter(item.verdict for item in fleet.sessions)
+    verdicts = Counter(session.verdict for session in fleet.sessions)
     words = ', '.join(f'{count} {name}' for name, count in verdicts.most_common())
     return html.tiles([
         (str(len(fleet.rings)), 'rings'), (str(len(fleet.sessions)), f'sessions: {words}'),
@@ -67,9 +67,9 @@ def _tiles(
 def _needs_a_person(fleet: Fleet, flagged: Sequence[RingJudgement]) -> str:
     rigs = [_rig_line(drift) for drift in fleet.rigs]
     rows: list[list[str | html.Cell]] = [
-        [item.ring, item.bench, '; '.join(item.reasons), _next_test(item), _life(item),
-         _links(item)]
-        for item in flagged
+        [ring.ring, ring.bench, '; '.join(ring.reasons), _next_test(ring), _life(ring),
+         _links(ring)]
+        for ring in flagged
     ]
     head = ['ring', 'rig', 'why', 'next test', 'remaining life', 'reports']
     nothing = '' if rows or rigs else html.paragraph('No ring and no rig needs attention.')
@@ -82,21 +82,21 @@ def _rig_line(drift: Drift) -> str:
             f'rig is at fault, not the rings. {drift.next_test}')
 
 
-def _next_test(item: RingJudgement) -> str:
-    if item.drift is not None:
-        return item.drift.next_test
-    found = next((session.next_test for session in reversed(item.sessions) if session.next_test),
-                 '')
-    if not found and item.unlike is not None and item.unlike.stands:
+def _next_test(ring: RingJudgement) -> str:
+    if ring.drift is not None:
+        return ring.drift.next_test
+    proposed = next(
+        (session.next_test for session in reversed(ring.sessions) if session.next_test), '')
+    if not proposed and ring.unlike is not None and ring.unlike.stands:
         return UNLIKE_TEST
-    return found
+    return proposed
 
 
-def _life(item: RingJudgement) -> str:
-    unit = 'h' if item.history.clock == 'service_hours' else 'years'
+def _life(ring: RingJudgement) -> str:
+    unit = 'h' if ring.history.clock == 'service_hours' else 'years'
     return '; '.join(
         f'{name}: {_long(life.median)} {unit} ({_long(life.low)} to {_long(life.high)})'
-        for name, life in item.life.items())
+        for name, life in ring.life.items())
 
 
 def _long(time: float) -> str:
@@ -104,10 +104,10 @@ def _long(time: float) -> str:
     return 'beyond the horizon' if math.isinf(time) else f'{float(f"{time:.3g}"):g}'
 
 
-def _links(item: RingJudgement) -> html.Cell:
+def _links(ring: RingJudgement) -> html.Cell:
     links = [
         f'<a href="{html.escape(session.report)}">{html.escape(session.name)}</a>'
-        for session in item.sessions if session.report
+        for session in ring.sessions if session.report
     ]
     return html.Cell(', '.join(links), is_html=True)
 
@@ -115,18 +115,18 @@ def _links(item: RingJudgement) -> html.Cell:
 def _verdicts(sessions: Sequence[SessionFigures]) -> str:
     """Sessions a month by verdict; '' where no session has a date."""
     months: dict[str, Counter[str]] = {}
-    for item in sorted(sessions, key=lambda one: one.time):
-        if np.isfinite(item.time):
-            month = datetime.fromtimestamp(item.time, timezone.utc).strftime('%Y-%m')
-            months.setdefault(month, Counter())[item.verdict] += 1
+    for session in sorted(sessions, key=lambda one: one.time):
+        if np.isfinite(session.time):
+            month = datetime.fromtimestamp(session.time, timezone.utc).strftime('%Y-%m')
+            months.setdefault(month, Counter())[session.verdict] += 1
     if not months:
         return ''
     names = list(months)
     step = math.ceil(len(names) / MAX_MONTHS_NAMED)
     places = np.arange(float(len(names)))
     series = [part for verdict, colour in VERDICT_COLOURS.items() for part in (
-        line(places, [found[verdict] for found in months.values()], colour),
-        markers(places, [found[verdict] for found in months.values()], 'o', colour, verdict))]
+        line(places, [counts[verdict] for counts in months.values()], colour),
+        markers(places, [counts[verdict] for counts in months.values()], 'o', colour, verdict))]
     panel = Panel(0, 0, 'month', 'sessions', tuple(series), x_ticks=Ticks(
         tuple(places[::step].tolist()), tuple(names[::step])))
     return html.section('Verdicts over time', html.picture(
@@ -151,8 +151,8 @@ def _history_chart(ring: RingJudgement) -> Chart:
     """
     unit = 'h' if ring.history.clock == 'service_hours' else 'years'
     panels = []
-    for column, (name, found) in enumerate(ring.history.of.items()):
-        series, first = found.series, found.level[0]
+    for column, (name, history) in enumerate(ring.history.of.items()):
+        series, first = history.series, history.level[0]
         is_relative = name.startswith(('stiffness', 'damping'))
 
         def shown(numbers: Array, first: float = first, is_relative: bool = is_relative) -> Array:
@@ -164,7 +164,7 @@ def _history_chart(ring: RingJudgement) -> Chart:
         drawn = (
             _strokes(renewed, np.full(renewed.size, ends[0]), np.full(renewed.size, ends[1]),
                      '--'),
-            _strokes(series.time, low, high), line(series.time, shown(found.level), AFTER),
+            _strokes(series.time, low, high), line(series.time, shown(history.level), AFTER),
             markers(series.time, shown(series.value), 'o', MEASURED, size=3.0))
         panels.append(Panel(
             0, column, f'time / {unit}', 'change / %' if is_relative else 'value', drawn,
@@ -183,13 +183,13 @@ def _all_rings(fleet: Fleet) -> str:
     head: list[str | html.Cell] = ['ring', 'rig', html.number('sessions'), html.number('e-value'),
             *(html.number(f'z {name.replace("_", " ")}') for name in COORDINATES), 'concern']
     rows: list[list[str | html.Cell]] = []
-    for item in fleet.rings:
-        scores = ['' if item.unlike is None else f'{value:+.1f}'
-                  for value in (item.unlike.z_scores if item.unlike else [0.0] * 6)]
+    for ring in fleet.rings:
+        scores = ['' if ring.unlike is None else f'{value:+.1f}'
+                  for value in (ring.unlike.z_scores if ring.unlike else [0.0] * 6)]
         rows.append([
-            item.ring, item.bench, html.number(str(len(item.sessions))),
-            html.number(f'{item.e_value:.3g}'), *map(html.number, scores),
-            '; '.join(item.reasons)])
+            ring.ring, ring.bench, html.number(str(len(ring.sessions))),
+            html.number(f'{ring.e_value:.3g}'), *map(html.number, scores),
+            '; '.join(ring.reasons)])
     return html.section('All rings by concern', html.table(
         head, rows, 'z: distance from the other rings in standard deviations'))
 

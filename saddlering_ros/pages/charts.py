@@ -158,13 +158,13 @@ class Chart:
     @property
     def named(self) -> list[Series | ShadedBand]:
         """Entries of the legend: the first series or band of each name."""
-        found: dict[str, Series | ShadedBand] = {}
+        entries: dict[str, Series | ShadedBand] = {}
         for panel in self.panels:
             items: list[Series | ShadedBand] = [*panel.series, *panel.bands]
             for item in items:
                 if item.name:
-                    found.setdefault(item.name, item)
-        return list(found.values())
+                    entries.setdefault(item.name, item)
+        return list(entries.values())
 
 
 def line(x: ArrayLike, y: ArrayLike, colour: str, name: str = '', dash: str = '-',

@@ -124,31 +124,31 @@ def _x_axis(panel: Panel, domain: Span, suffix: str) -> Plotly:
 
 def _y_axis(panel: Panel, domain: Span, suffix: str) -> Plotly:
     label = panel.y_label if panel.shows_y and panel.shows_y_label else ''
-    found = {**_axis(domain, f'x{suffix}', label, panel.y_ticks, is_log=panel.y_is_log,
+    axis = {**_axis(domain, f'x{suffix}', label, panel.y_ticks, is_log=panel.y_is_log,
                      decades=_decades([item.y for item in panel.series])),
              'showticklabels': panel.shows_y,
              'showgrid': panel.heat is None and panel.has_y_grid}
     if panel.y_range is not None:
-        found['range'] = list(panel.y_range)
+        axis['range'] = list(panel.y_range)
     elif panel.heat is not None:
-        found['autorange'] = 'reversed'
-    return found
+        axis['autorange'] = 'reversed'
+    return axis
 
 
 def _axis(
     domain: Span, anchor: str, label: str, ticks: Ticks | None, *, is_log: bool, decades: float,
 ) -> Plotly:
-    found: Plotly = {
+    axis: Plotly = {
         'domain': list(domain), 'anchor': anchor, 'gridcolor': GRID, 'linecolor': EDGE,
         'showline': True, 'zeroline': False, 'ticks': 'outside', 'ticklen': 3,
         'type': 'log' if is_log else 'linear',
         'title': {'text': label.replace('\n', '<br>'), 'standoff': 4, 'font': {'size': 12}}}
     if is_log:
-        found |= {'dtick': 1 if decades > FEW_DECADES else 'D2', 'exponentformat': 'none'}
+        axis |= {'dtick': 1 if decades > FEW_DECADES else 'D2', 'exponentformat': 'none'}
     if ticks is not None:
-        found |= {'tickvals': list(ticks.at), 'ticktext': list(ticks.words),
+        axis |= {'tickvals': list(ticks.at), 'ticktext': list(ticks.words),
                   'tickfont': {'size': 11}}
-    return found
+    return axis
 
 
 def _decades(values: Sequence[NDArray[np.float64]]) -> float:
@@ -179,12 +179,12 @@ def _trace(series: Series, panel: Panel, suffix: str, *, is_first: bool) -> Plot
 
 def _marker(series: Series) -> Plotly:
     is_open = series.is_open or series.marker == '|'
-    found: Plotly = {
+    marker: Plotly = {
         'symbol': MARKERS[series.marker] + ('-open' if is_open else ''), 'color': series.colour,
         'size': round(1.3 * series.size * (0.7 if series.marker == '.' else 1.0), 1)}
     if series.marker == '|':
-        found['line'] = {'width': 2}
-    return found
+        marker['line'] = {'width': 2}
+    return marker
 
 
 def _heat_map(heat: HeatMap, suffix: str) -> Plotly:

@@ -112,24 +112,24 @@ def _look_alike_rows(cause: CauseEntry, document: VerdictDocument) -> list[list[
         document.get('candidates') or []) if item['effects']}
     rows: list[list[str | Cell]] = []
     for effect_id in cause['group']:
-        known = catalogue().get(effect_id)
-        found = evidence.get(effect_id)
+        effect = catalogue().get(effect_id)
+        delta_bic = evidence.get(effect_id)
         rows.append([
-            title_of(effect_id), code(effect_id), number(compact(found, 4)),
-            '' if known is None else known.settled_by])
+            title_of(effect_id), code(effect_id), number(compact(delta_bic, 4)),
+            '' if effect is None else effect.settled_by])
     return rows
 
 
 def _cause(cause: CauseEntry, document: VerdictDocument) -> str:
     effect_id = cause['effect']
-    known = catalogue().get(effect_id)
+    effect = catalogue().get(effect_id)
     rows = _cause_parameters(cause)
     evidence, gain = cause['evidence'], cause['gain']
     partial = ' – explains part of the misfit only' if cause.get('partial') else ''
     return '\n'.join([
         f'<h3>{html.escape(title_of(effect_id))} <code>{html.escape(effect_id)}</code>'
         f'{html.escape(partial)}</h3>',
-        html.paragraph('' if known is None else known.words),
+        html.paragraph('' if effect is None else effect.words),
         html.table(['parameter', number('value ± standard deviation'), ''], rows),
         html.table(
             ['', number('')],
@@ -147,18 +147,18 @@ def _cause(cause: CauseEntry, document: VerdictDocument) -> str:
 
 def _confirmation(cause: CauseEntry, document: VerdictDocument) -> str:
     """The measurement that confirms a cause, unless it is the next test."""
-    known = catalogue().get(cause['effect'])
+    effect = catalogue().get(cause['effect'])
     is_next = lowered(title_of(cause['effect'])) in (document.get('next_test') or '')
-    if known is None or len(cause['group']) > 1 or is_next:
+    if effect is None or len(cause['group']) > 1 or is_next:
         return ''
-    return f'To confirm it: {known.settled_by}'
+    return f'To confirm it: {effect.settled_by}'
 
 
 def _cause_parameters(cause: CauseEntry) -> list[list[str | Cell]]:
     """Where the cause acts, and each fitted parameter with its meaning."""
     effect_id = cause['effect']
-    known = catalogue().get(effect_id)
-    words = {} if known is None else {item.name: item.words for item in known.parameters}
+    effect = catalogue().get(effect_id)
+    words = {} if effect is None else {item.name: item.words for item in effect.parameters}
     choices = choices_of(effect_id)
     rows: list[list[str | Cell]] = []
     if place_of(cause):
@@ -261,7 +261,7 @@ def shape_tests(document: VerdictDocument) -> str:
     coordinates = sorted({coordinate for _, coordinate in before})
     rows: list[list[str | Cell]] = []
     for channel in CHANNELS:
-        if not any(known == channel for known, _ in before):
+        if not any(channel_of_test == channel for channel_of_test, _ in before):
             continue  # The parity, if a probe is absent.
         pairs = [(before.get((channel, name)), after.get((channel, name)))
                  for name in coordinates]
@@ -328,8 +328,8 @@ def _candidate(item: CandidateEntry) -> list[str | Cell]:
 
 
 def _fitted_words(effect_id: str, values: Mapping[str, float]) -> str:
-    known = catalogue().get(effect_id)
-    units = {} if known is None else {item.name: item.unit for item in known.parameters}
+    effect = catalogue().get(effect_id)
+    units = {} if effect is None else {item.name: item.unit for item in effect.parameters}
     choices = {name: value for name, value in values.items() if name not in units}
     parts = [variant_words(effect_id, choices)] if choices else []
     return ', '.join(parts + [f'{name} {value_words(effect_id, name, value, units[name])}'
@@ -347,11 +347,11 @@ def _found_from(limits: LimitEntry) -> str:
 
 def _limit(limits: LimitEntry, key: Literal['limit', 'best_limit', 'material_limit']) -> str:
     """A size of an effect's first parameter as people read it."""
-    known = catalogue().get(limits['effect'])
+    effect = catalogue().get(limits['effect'])
     size = limits[key]
-    if size is None or known is None:
+    if size is None or effect is None:
         return quantity(size, limits['unit'])
-    return value_words(limits['effect'], known.parameters[0].name, size, limits['unit'])
+    return value_words(limits['effect'], effect.parameters[0].name, size, limits['unit'])
 
 
 def detection_limits(document: VerdictDocument) -> str:

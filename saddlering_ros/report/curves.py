@@ -135,8 +135,8 @@ def _mean(values: Array) -> Array:
 def means_of(run: Record) -> Means:
     """Plateaus of a static run, equal blocks of a dynamic one."""
     if run.test == 'static':
-        found = plateaus(run)
-        return Means(found.start, found.stop, _carried(found.branch.astype(float)))
+        holds = plateaus(run)
+        return Means(holds.start, holds.stop, _carried(holds.branch.astype(float)))
     edges = np.linspace(0, len(run.time), min(BLOCKS, len(run.time) // 4) + 1).astype(int)
     load = np.array([run.load[a:b].mean() for a, b in pairwise(edges.tolist())])
     top = int(np.argmax(load))

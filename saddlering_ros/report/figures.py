@@ -100,7 +100,7 @@ def _compared(
     versions = [(before, BEFORE, '-', alone)]
     if run.is_extended:
         versions.append((after, AFTER, '--', 'simulated, extended model'))
-    role = 'verification' if run.held_out else 'identification'
+    role = 'held out' if run.held_out else 'fitted'
     size = 2.0 * MICRO * run.noise[channel]
     return [
         Panel(row, column, across, axis_label(channel),

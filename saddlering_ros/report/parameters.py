@@ -122,9 +122,9 @@ def of_file(parameters: ParameterSet) -> str:
         value = float(getattr(parameters.contact, name))
         unit = PARAMETER_UNITS[name]
         reason = parameters.source.undetermined.get(name)
-        known = std if reason is None else None
-        rows.append([code(name), number(quantity(value, '' if unit == '1' else unit, known)),
-                     number(interval(value, known)),
+        shown_std = std if reason is None else None
+        rows.append([code(name), number(quantity(value, '' if unit == '1' else unit, shown_std)),
+                     number(interval(value, shown_std)),
                      '' if reason is None else f'not determined by these data: {reason}'])
     contact = parameters.contact
     for name, value, power in (('K1', contact.K1, contact.n1), ('K2', contact.K2, contact.n2)):

@@ -40,7 +40,7 @@ def write_diagnosis_report(
 
     command: the command line that makes the page.
     """
-    known = Background(
+    surroundings = Background(
         covariance=verdict.extended_parameters().source.covariance,
         quality=[quality_of(figures.record.test_run, verdict.rig) for figures in verdict.runs],
         command=command, curves_file=curves_path(path).name,
@@ -49,7 +49,7 @@ def write_diagnosis_report(
              for figures in verdict.runs]
     curves = curves_of(verdict)
     top = head(TITLE, verdict.rig, tests)
-    html.write_page(path, diagnosis_page(verdict.to_json(), curves, known, top))
+    html.write_page(path, diagnosis_page(verdict.to_json(), curves, surroundings, top))
     write_curves(curves_path(path), curves)
     return Path(path), curves_path(path)
 
@@ -58,36 +58,36 @@ TITLE = 'What the ring simulation lacks'
 
 
 def diagnosis_page(
-    document: VerdictDocument, curves: Sequence[RunCurves], known: Background = NOTHING,
+    document: VerdictDocument, curves: Sequence[RunCurves], surroundings: Background = NOTHING,
     top: str = f'<h1>{TITLE}</h1>',
 ) -> str:
     """The page of a verdict's JSON and the curves of its runs, below a head."""
     return html.page('Diagnosis of the ring simulation', [
         top, chapters.verdict_banner(document, curves),
-        *diagnosis_chapters(document, curves, known),
+        *diagnosis_chapters(document, curves, surroundings),
     ])
 
 
 def diagnosis_chapters(
-    document: VerdictDocument, curves: Sequence[RunCurves], known: Background = NOTHING,
+    document: VerdictDocument, curves: Sequence[RunCurves], surroundings: Background = NOTHING,
 ) -> list[str]:
     """Everything below the verdict, most important first."""
     return [
         chapters.causes(document),
-        chapters.proposal(document, known.force_unit),
+        chapters.proposal(document, surroundings.force_unit),
         background.misfit_reductions(document),
         chapters.misfit(document),
         chapters.paper_split(curves),
         chapters.residual_map(curves),
-        parameters.before_and_after(document, covariance=known.covariance),
+        parameters.before_and_after(document, covariance=surroundings.covariance),
         chapters.candidates(document),
         chapters.shape_tests(document),
         chapters.residuals(curves),
         chapters.look_alikes(document),
         chapters.detection_limits(document),
-        background.data_quality(known.quality),
+        background.data_quality(surroundings.quality),
         chapters.notes(document),
-        background.reproduction(document, known.command, known.curves_file),
+        background.reproduction(document, surroundings.command, surroundings.curves_file),
     ]
 
 
@@ -138,12 +138,12 @@ def curves_of_validation(
 
 
 def _curves(
-    found: RunValidation, run: Record, parameters: ParameterSet, force_unit: str,
+    validated: RunValidation, run: Record, parameters: ParameterSet, force_unit: str,
 ) -> RunCurves:
-    known = {Path(bag).name for bag in parameters.source.bags}
-    floors = {name: item.noise_floor for name, item in found.channels.items()}
-    return curves_of_run(run, found.measured, found.simulated, found.simulated, floors,
-                         held_out=run.path.name not in known, force_unit=force_unit)
+    fitted_bags = {Path(bag).name for bag in parameters.source.bags}
+    floors = {name: item.noise_floor for name, item in validated.channels.items()}
+    return curves_of_run(run, validated.measured, validated.simulated, validated.simulated, floors,
+                         held_out=run.path.name not in fitted_bags, force_unit=force_unit)
 
 
 def _worst(validation: Validation) -> tuple[RunValidation, str, ChannelFigures]:

@@ -263,3 +263,15 @@ def test_a_column_without_a_value_is_left_out():
                                                           ['2', '–', html.number('3')]])
     assert 'empty' not in shown
     assert '<td class="n">–</td>' in shown
+
+
+def test_measured_and_simulated_are_told_apart_in_the_pictures_of_a_validation():
+    for run in (RUNS[0], RUNS[2]):
+        plain = replace(run, after=run.before)
+        over_load, over_time, left = figures.of_run(plain).panels[:3]
+        for panel in (over_load, over_time):
+            simulated = panel.series[-1]
+            for measured in panel.series[:-1]:
+                assert measured.colour != simulated.colour
+                assert measured.marker or measured.width > simulated.width
+        assert left.bands
