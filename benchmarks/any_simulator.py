@@ -167,7 +167,7 @@ def behind_truth(machine: Machine, effect: str, found: Diagnosis, runs: list[Run
         machine.model, effects={effect: machine.model.effects[effect]},
         simulate=lambda values, run: machine.model.simulate({**others, **values}, run))
     true, metric = diagnose(only, runs).fits.after, found.fits.metric
-    left = metric.whiten(true.prediction - metric.experiment.measured)
+    left = metric.whiten(true.prediction - metric.problem.measured)
     return found.fits.after.misfit - float(left @ left)
 
 

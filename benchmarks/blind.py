@@ -161,7 +161,7 @@ def best_gain(verdict: Verdict, names: Sequence[str]) -> float | None:
     """Gain on the held-out run of the extension by the true effects, fitted as causes are."""
     found = verdict.diagnosis
     metric = found.fits.metric
-    system = metric.experiment.system
+    system = metric.problem.system
     effects = {item.id: item for item in system.effects}
     if not names or any(effects[name].line for name in names):
         return None
@@ -177,7 +177,7 @@ def best_gain(verdict: Verdict, names: Sequence[str]) -> float | None:
             for start in starts[:: max(1, len(starts) // 3)]
         ])
         best = min(fits, key=lambda fit: fit.misfit)
-    return held_out_gain(metric.experiment, held, found.fits.before, best)
+    return held_out_gain(metric.problem, held, found.fits.before, best)
 
 
 # -- the campaign ------------------------------------------------------------------------------

@@ -141,10 +141,10 @@ def held_residual(verdict: Verdict) -> tuple[Any, np.ndarray]:
 
 def true_reduction(faulty: Verdict, sound: Verdict) -> float:
     """Reduction on the held-out run if the model knew the fault: what the sound twin leaves."""
-    experiment = faulty.diagnosis.fits.metric.experiment
+    problem = faulty.diagnosis.fits.metric.problem
     run, before = held_residual(faulty)
     _, after = held_residual(sound)
-    ratio = mean_square(experiment, [run], [after]) / mean_square(experiment, [run], [before])
+    ratio = mean_square(problem, [run], [after]) / mean_square(problem, [run], [before])
     return float(1.0 - np.sqrt(ratio))
 
 

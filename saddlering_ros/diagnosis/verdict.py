@@ -199,7 +199,7 @@ def run_figures(
     run = record.run
     curves = [_displacement(rig, values) for values in (run.channels, before, after)]
     channels = {}
-    views = diagnosis.fits.metric.experiment.system.views
+    views = diagnosis.fits.metric.problem.system.views
     for index, name in enumerate(CHANNELS):
         if name not in views:
             continue  # A probe is absent.
@@ -221,7 +221,7 @@ def _noise_floor(diagnosis: Diagnosis, run: RunBlocks, weights: Array) -> float:
     width, start = float(np.median(run.width)), float(run.time[0])
     name = run.name
     if (name, 0) not in noise:
-        fitted = diagnosis.fits.metric.experiment.runs
+        fitted = diagnosis.fits.metric.problem.runs
         name = min(fitted, key=lambda one: abs(np.log(np.median(one.width) / width))).name
     power = 0.0
     for channel, weight in enumerate(weights):

@@ -11,16 +11,18 @@ from saddlering_ros.discrepancy.engine import diagnose_system
 from saddlering_ros.discrepancy.law.families import direction_of
 from saddlering_ros.discrepancy.law.matching import Term
 from saddlering_ros.discrepancy.law.proposal import describe, LawProposal
-from saddlering_ros.discrepancy.next_test import Proposal, Reading, Separation
+from saddlering_ros.discrepancy.next_test import Separation
 from saddlering_ros.discrepancy.noise import Noise
-from saddlering_ros.discrepancy.problem.experiment import Assumptions
 from saddlering_ros.discrepancy.problem.model import Channel, Model, Run
+from saddlering_ros.discrepancy.problem.problem import Assumptions
 from saddlering_ros.discrepancy.problem.system import (
     DiscrepancyError,
     Effect,
     ModelErrorPrior,
     Parameter,
     Point,
+    Proposal,
+    Reading,
     RunBlocks,
     Settings,
     System,

@@ -8,30 +8,36 @@ import time as clock
 
 import numpy as np
 
-from saddlering_ros.discrepancy.engine import diagnose_system
-from saddlering_ros.discrepancy.next_test import Proposal
+from saddlering_ros.discrepancy.engine import diagnose_problem
 from saddlering_ros.discrepancy.noise import (
     overestimated,
     overestimated_sentence,
     underestimated,
     underestimated_sentence,
 )
-from saddlering_ros.discrepancy.problem.experiment import (
-    Experiment,
+from saddlering_ros.discrepancy.problem.fits import Candidate, Fit, fit_base, tangent
+from saddlering_ros.discrepancy.problem.model import Model, Run
+from saddlering_ros.discrepancy.problem.model_system import ModelSystem
+from saddlering_ros.discrepancy.problem.problem import (
+    Assumptions,
     JITTER,
     Metric,
     noise_metric,
     offset_columns,
+    Problem,
     refuse_repeats,
 )
-from saddlering_ros.discrepancy.problem.fits import Candidate, Fit, fit_base, tangent
-from saddlering_ros.discrepancy.problem.model import Model, Run
-from saddlering_ros.discrepancy.problem.model_system import ModelSystem
-from saddlering_ros.discrepancy.problem.system import DiscrepancyError, RunBlocks, Settings, System
+from saddlering_ros.discrepancy.problem.system import (
+    DiscrepancyError,
+    Proposal,
+    RunBlocks,
+    Settings,
+    System,
+)
 from saddlering_ros.discrepancy.search.signatures import effect_starts, MIN_SHARE, orthonormal
 from saddlering_ros.discrepancy.verdict.results import Diagnosis, RunPrediction
 from saddlering_ros.estimation.process import ChannelNoise
-from saddlering_ros.progress import IsCancelled, OnProgress
+from saddlering_ros.progress import IsCancelled, OnProgress, Watch
 
 MODEL_SETTINGS = Settings(form_error=0.02, rounds=20, max_rounds=100)
 """Strictness of a diagnosis of a declared model: its laws are assumed to be nearly exact."""
@@ -55,26 +61,45 @@ def diagnose(
     of which one is chosen if causes cannot be told apart; on_progress and is_cancelled:
     docs/python_api.md.
     """
+    problem = problem_of(
+        model, runs, hold_out, settings=settings, start=start, proposals=proposals,
+        watch=Watch('diagnose', on_progress, is_cancelled))
+    diagnosis = diagnose_problem(problem)
+    if isinstance(problem.system, ModelSystem):
+        return _finished(diagnosis, problem.system)
+    return diagnosis
+
+
+def problem_of(
+    model: Model | System,
+    runs: Sequence[Run] | Sequence[RunBlocks],
+    hold_out: Sequence[Run] | Sequence[RunBlocks] = (),
+    *,
+    settings: Settings | None = None,
+    start: Mapping[str, float] | None = None,
+    proposals: Sequence[Proposal] = (),
+    watch: Watch | None = None,
+) -> Problem:
+    """The problem of a declared model, or of a `System`, with runs in its form."""
     if isinstance(runs, (Run, RunBlocks)):
         raise DiscrepancyError('diagnose: runs is a single run: give a list of runs')
     if not runs:
         raise DiscrepancyError('diagnose: no runs: give at least one')
-    if isinstance(model, Model):
-        system: System = ModelSystem(model, _declared(runs))
-        usual = MODEL_SETTINGS
-    else:
-        system, usual = model, Settings()
-    found = diagnose_system(
-        system,
-        _blocks(system, runs, hold_out),
-        settings or usual,
-        assumptions=system.assumptions() if isinstance(system, ModelSystem) else None,
-        start=start,
-        proposals=proposals,
-        on_progress=on_progress,
-        is_cancelled=is_cancelled,
-    )
-    return _finished(found, system) if isinstance(system, ModelSystem) else found
+    system: System = model if not isinstance(model, Model) else ModelSystem(model, _declared(runs))
+    blocks = []
+    for part, held_out in ((runs, False), (hold_out, True)):
+        for run in part:
+            if isinstance(run, RunBlocks):
+                blocks.append(replace(run, held_out=held_out))
+            elif isinstance(system, ModelSystem):
+                blocks.append(system.blocks(run, held_out=held_out))
+            else:
+                raise DiscrepancyError('diagnose: a System takes runs of the class RunBlocks')
+    assumptions, usual = Assumptions(), Settings()
+    if isinstance(system, ModelSystem):
+        assumptions, usual = system.assumptions(), MODEL_SETTINGS
+    return Problem(system, blocks, settings or usual, assumptions, start, proposals,
+                   watch or Watch('diagnose'))
 
 
 def _finished(found: Diagnosis, system: ModelSystem) -> Diagnosis:
@@ -98,52 +123,24 @@ def _declared(runs: Sequence[Run] | Sequence[RunBlocks]) -> list[Run]:
     return declared
 
 
-def _blocks(
-    system: System,
-    runs: Sequence[Run] | Sequence[RunBlocks],
-    hold_out: Sequence[Run] | Sequence[RunBlocks],
-) -> list[RunBlocks]:
-    """All runs in the form of the engine."""
-    blocks = []
-    for part, held_out in ((runs, False), (hold_out, True)):
-        for run in part:
-            if isinstance(run, RunBlocks):
-                blocks.append(replace(run, held_out=held_out))
-            elif isinstance(system, ModelSystem):
-                blocks.append(system.blocks(run, held_out=held_out))
-            else:
-                raise DiscrepancyError('diagnose: a System takes runs of the class RunBlocks')
-    return blocks
-
-
-def prepared(
-    model: Model, runs: Sequence[Run], hold_out: Sequence[Run] = ()
-) -> tuple[ModelSystem, list[RunBlocks]]:
-    """The model as a `System`, and its runs in the form of the engine."""
-    if not runs:
-        raise DiscrepancyError('diagnose: no runs: give at least one')
-    system = ModelSystem(model, runs)
-    return system, _blocks(system, runs, hold_out)
-
-
 def _with_noise_doubts(found: Diagnosis) -> Diagnosis:
     """The same with a warning, and without a name, if the misfit does not agree with the noise."""
     metric, fit = found.fits.metric, found.fits.after
-    experiment = metric.experiment
-    residual = fit.prediction - experiment.measured
+    problem = metric.problem
+    residual = fit.prediction - problem.measured
     white = metric.whiten(residual)
     under, over = [], []
-    for index, channel, part in experiment.slices:
-        run, name = experiment.runs[index], experiment.system.channel_names[channel]
+    for index, channel, part in problem.slices:
+        run, name = problem.runs[index], problem.system.channel_names[channel]
         there = slice(None) if run.present is None else run.present[channel]
         left = residual[part][there]
         free = max(left.size - fit.theta_unit.size - 1, 1)
         statistic = float(white[part] @ white[part])
         noise = metric.noise[run.name, channel]
-        if overestimated(statistic, free, noise.pairs) and not _is_exact(experiment, noise, run):
+        if overestimated(statistic, free, noise.pairs) and not _is_exact(problem, noise, run):
             over.append(overestimated_sentence(statistic, free, f'{name} in {run.name}'))
         beyond = float(np.mean(left**2)) * (1.0 - free / max(statistic, free))
-        material = beyond >= (MODEL_SETTINGS.materiality * experiment.view_ranges[name]) ** 2
+        material = beyond >= (MODEL_SETTINGS.materiality * problem.view_ranges[name]) ** 2
         if material and underestimated(statistic, free, noise.pairs):
             under.append(underestimated_sentence(statistic, free, f'{name} in {run.name}'))
     if found.verdict == 'unknown':
@@ -159,9 +156,9 @@ def _with_noise_doubts(found: Diagnosis) -> Diagnosis:
     )
 
 
-def _is_exact(experiment: Experiment, noise: ChannelNoise, run: RunBlocks) -> bool:
+def _is_exact(problem: Problem, noise: ChannelNoise, run: RunBlocks) -> bool:
     """Whether the noise is only the rounding that every metric contains."""
-    limit = (JITTER * float(experiment.channel_ranges.max())) ** 2
+    limit = (JITTER * float(problem.channel_ranges.max())) ** 2
     return float(noise.variances(run.width).max()) <= limit
 
 
@@ -197,16 +194,13 @@ class CheckReport(list[str]):
 
 def check(model: Model, runs: Sequence[Run]) -> CheckReport:
     """Units, sensitivities, invisible effects, residual over noise, estimated time."""
-    system, blocks = prepared(model, runs)
-    refuse_repeats(blocks)
-    experiment = Experiment(system, blocks, system.assumptions())
-    learn = experiment.assumptions.learn_noise
-    metric = noise_metric(experiment, learn(experiment.runs, None))
-    fit = fit_base(metric.marginalise(offset_columns(experiment)), None, 0)
-    residual = experiment.by_run(fit.prediction - experiment.measured)
-    metric = noise_metric(experiment, learn(experiment.runs, residual))
-    metric = metric.marginalise(offset_columns(experiment))
-    each = _seconds_each(experiment, fit)
+    problem = problem_of(model, runs)
+    system = problem.system
+    assert isinstance(system, ModelSystem)
+    refuse_repeats(problem.all_runs)
+    fit = fit_base(noise_metric(problem).marginalise(offset_columns(problem)))
+    metric = noise_metric(problem, fit.prediction).marginalise(offset_columns(problem))
+    each = _seconds_each(problem, fit)
     report = CheckReport()
     for name, scale in zip(system.channel_names, system.scales, strict=True):
         unit = model.channels[name].unit or 'no unit'
@@ -222,10 +216,10 @@ def check(model: Model, runs: Sequence[Run]) -> CheckReport:
     return report
 
 
-def _seconds_each(experiment: Experiment, fit: Fit) -> float:
+def _seconds_each(problem: Problem, fit: Fit) -> float:
     """Time of one simulation of all runs, after compilation [s]."""
     began = clock.monotonic()
-    experiment.predict([fit.point] * TIMED)
+    problem.predict([fit.point] * TIMED)
     return (clock.monotonic() - began) / TIMED
 
 
@@ -233,7 +227,7 @@ def _base_lines(metric: Metric, fit: Fit) -> list[str]:
     """Standard deviation of each base parameter by itself."""
     white = tangent(metric, fit).white
     lines = []
-    parameters = metric.experiment.system.base_parameters
+    parameters = metric.problem.system.base_parameters
     for number, item in enumerate(parameters):
         others = orthonormal(np.delete(white, number, axis=1))
         own = white[:, number] - others @ (others.T @ white[:, number])
@@ -253,17 +247,17 @@ def _base_lines(metric: Metric, fit: Fit) -> list[str]:
 
 def _effect_lines(metric: Metric, fit: Fit) -> list[str]:
     """Whether each effect shows beside the base parameters."""
-    experiment = metric.experiment
-    base = experiment.system.base_parameters
+    problem = metric.problem
+    base = problem.system.base_parameters
     orthogonal = orthonormal(tangent(metric, fit).white)
     lines = []
-    for effect in experiment.system.effects:
+    for effect in problem.system.effects:
         starts = effect_starts(effect)
         points = [
             Candidate(((effect, 0),)).point(base, np.concatenate([fit.theta_unit, start]))
             for start in starts
         ]
-        change = metric.whiten(experiment.predict(points) - fit.prediction[:, None])
+        change = metric.whiten(problem.predict(points) - fit.prediction[:, None])
         change = change[:, np.isfinite(change).all(axis=0)]
         left = change - orthogonal @ (orthogonal.T @ change)
         lengths, whole = np.linalg.norm(left, axis=0), np.linalg.norm(change, axis=0)
@@ -279,12 +273,12 @@ def _effect_lines(metric: Metric, fit: Fit) -> list[str]:
 
 def _residual_lines(metric: Metric, fit: Fit) -> list[str]:
     """The residual of the base in units of the noise, by channel and run."""
-    experiment = metric.experiment
-    white = metric.whiten(fit.prediction - experiment.measured)
+    problem = metric.problem
+    white = metric.whiten(fit.prediction - problem.measured)
     lines = []
-    for index, channel, part in experiment.slices:
+    for index, channel, part in problem.slices:
         ratio = float(np.sqrt(np.mean(white[part] ** 2)))
-        name, run = experiment.system.channel_names[channel], experiment.runs[index].name
+        name, run = problem.system.channel_names[channel], problem.runs[index].name
         lines.append(f'{name} in {run}: the residual of the base fit is {ratio:.3g} times the '
                      'noise')
     return lines

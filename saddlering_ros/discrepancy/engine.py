@@ -10,19 +10,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 import time as clock
 
-import numpy as np
-
-from saddlering_ros.discrepancy.law.proposal import LawProposal, Proposer
-from saddlering_ros.discrepancy.next_test import Proposal, separate_open_models, Separation
-from saddlering_ros.discrepancy.problem.experiment import (
-    Assumptions,
-    Experiment,
-    Metric,
-    noise_metric,
-    nuisance_columns,
-    offset_columns,
-    refuse_repeats,
-)
+from saddlering_ros.discrepancy.law.proposal import Proposer
+from saddlering_ros.discrepancy.next_test import separate_open_models, Separation
 from saddlering_ros.discrepancy.problem.fits import (
     Candidate,
     declared_start,
@@ -32,14 +21,22 @@ from saddlering_ros.discrepancy.problem.fits import (
     run_refits,
     tangent,
 )
+from saddlering_ros.discrepancy.problem.problem import (
+    Assumptions,
+    Metric,
+    noise_metric,
+    nuisance_columns,
+    offset_columns,
+    Problem,
+    refuse_repeats,
+)
 from saddlering_ros.discrepancy.problem.system import (
-    Array,
-    DiscrepancyError,
+    Proposal,
     RunBlocks,
     Settings,
     System,
 )
-from saddlering_ros.discrepancy.search.comparison import Comparison, SearchLog
+from saddlering_ros.discrepancy.search.comparison import SearchLog
 from saddlering_ros.discrepancy.search.limits import observed
 from saddlering_ros.discrepancy.search.selection import (
     Alternatives,
@@ -55,8 +52,8 @@ from saddlering_ros.discrepancy.search.signatures import (
     whitened_by,
 )
 from saddlering_ros.discrepancy.search.space import ModelSpace, refit_full_jacobian
-from saddlering_ros.discrepancy.verdict.judgement import judge, Judgement, residual_of
-from saddlering_ros.discrepancy.verdict.publication import Publication
+from saddlering_ros.discrepancy.verdict.judgement import judge, residual_of
+from saddlering_ros.discrepancy.verdict.publication import publish
 from saddlering_ros.discrepancy.verdict.results import Cause, Diagnosis
 from saddlering_ros.discrepancy.verdict.steady_lines import find_steady_lines, find_swings
 from saddlering_ros.progress import IsCancelled, one_blas_thread, OnProgress, Watch
@@ -67,16 +64,6 @@ PARTIAL_SUBJECT = 0.5
 
 MAX_BASES = 3
 """Number of times that the search begins again about a better fit of the base."""
-
-
-@dataclass(frozen=True)
-class Subject:
-    """Runs without slow steady lines, their experiment and space, and the lines."""
-
-    runs: Sequence[RunBlocks]
-    experiment: Experiment
-    space: ModelSpace
-    lines: tuple[Cause, ...]
 
 
 @dataclass(frozen=True)
@@ -93,7 +80,6 @@ class Search:
     log: SearchLog
 
 
-@one_blas_thread()
 def diagnose_system(
     system: System,
     runs: Sequence[RunBlocks],
@@ -105,87 +91,84 @@ def diagnose_system(
     on_progress: OnProgress | None = None,
     is_cancelled: IsCancelled | None = None,
 ) -> Diagnosis:
-    """Differences between `system` and `runs`, and their causes. `start`: guesses of the base."""
-    settings, watch = settings or Settings(), Watch('diagnose', on_progress, is_cancelled)
-    began = clock.monotonic()
-    refuse_repeats(runs)
-    subject = _prepared(Experiment(system, _fitted(runs), assumptions), runs,
-                        first_guess(system, start), settings, watch)
-    experiment, runs = subject.experiment, subject.runs
-    search = _searched(subject)
-    observability = observed(search.begun)
+    """Differences between `system` and `runs`, and their causes. The arguments: see `Problem`."""
+    return diagnose_problem(Problem(
+        system, runs, settings or Settings(), assumptions or Assumptions(), start, proposals,
+        Watch('diagnose', on_progress, is_cancelled)))
+
+
+@one_blas_thread()
+def diagnose_problem(problem: Problem) -> Diagnosis:
+    """Differences between the system and the runs of a problem, and their causes."""
+    began, watch = clock.monotonic(), problem.watch
+    refuse_repeats(problem.all_runs)
+    start, slow_lines = _without_slow_lines(prepare(problem))
+    search = _searched(start)
     space, fit, alternatives, log = search.space, search.fit, search.alternatives, search.log
+    observability = observed(search.begun)
     before = residual_of(space, space.base)
     after = residual_of(space, fit) if fit.candidate.effects else before
     judgement = judge(space, fit, alternatives, before, after)
-    lines = find_steady_lines(experiment, runs, settings, space.trials)
+    lines = find_steady_lines(space.problem, space.trials)
     log.immaterial += lines.immaterial
 
-    watch.progress('misfit reduction', 0.85)
-    evidence = {name: Comparison(space, space.without(fit, name), fit).evidence()
-                for name in fit.candidate.ids}
     separations: tuple[Separation, ...] = ()
     if judgement.verdict == 'ambiguous':
-        watch.progress('next test', 0.88)
-        separations = separate_open_models(space, fit, alternatives, proposals)
-    published = Publication(space, fit, before, after, runs)
+        watch.progress('next test', 0.85)
+        separations = separate_open_models(space, fit, alternatives)
+    watch.progress('misfit reduction', 0.88)
+    published = publish(space, fit, alternatives, before, after)
     law = None
-    if judgement.verdict == 'unknown' and experiment.assumptions.proposes_law:
+    if judgement.verdict == 'unknown' and problem.assumptions.proposes_law:
         watch.progress('search for a law', 0.9)
-        law = _law(space, judgement, published)
-    steady = (*lines.causes, *subject.lines)
+        # Beside partial causes that explain much, else for all of the misfit. The published fits
+        # hold no nuisance parameters, which would take a share of the misfit from the law.
+        is_partial = judgement.explained >= PARTIAL_SUBJECT
+        subject = published.fits.after if is_partial else published.fits.before
+        law = Proposer(space.metric, space.max_pairs).law_for(subject)
+    steady = (*lines.causes, *slow_lines)
     verdict = 'named' if steady and judgement.verdict == 'none' else judgement.verdict
     causes = [replace(cause, partial=verdict == 'unknown')
-              for cause in (*published.causes(evidence, alternatives), *steady)]
+              for cause in (*published.causes, *steady)]
     return Diagnosis(
         verdict=verdict,
         causes=tuple(sorted(causes, key=lambda cause: -cause.visible)),
-        base=published.base_with_causes(),
-        base_alone=published.base_alone(),
-        gain=published.gain(),
+        base=published.base,
+        base_alone=published.base_alone,
+        gain=published.gain,
         explained=judgement.explained,
         next_test=separations[0].proposal.sentence if separations else None,
         separations=separations,
-        warnings=(*judgement.warnings, *published.sizes_at_bounds()),
+        warnings=(*judgement.warnings, *published.warnings),
         converged=space.base.converged and fit.converged and published.converged,
-        runs=published.predictions(),
-        fits=published.fits(),
+        runs=published.runs,
+        fits=published.fits,
         law=law,
         residual_before=before,
         residual_after=after,
         observability=replace(observability, limits=(*observability.limits, *lines.limits)),
         search=log,
-        simulations=experiment.simulations,
+        simulations=space.problem.simulations,
         seconds=clock.monotonic() - began,
     )
 
 
-def _fitted(runs: Sequence[RunBlocks]) -> list[RunBlocks]:
-    return [run for run in runs if not run.held_out]
-
-
-def _prepared(
-    experiment: Experiment, runs: Sequence[RunBlocks], start: Array | None, settings: Settings,
-    watch: Watch,
-) -> Subject:
-    """Noise, base fit and signatures, of runs without the slow steady lines that they have."""
-    space = prepare(experiment, start, settings, watch)
-    swings = find_swings(space.metric, space.base, runs, settings, space.trials)
+def _without_slow_lines(space: ModelSpace) -> tuple[ModelSpace, tuple[Cause, ...]]:
+    """The space about runs without their slow steady lines, and these lines."""
+    swings = find_swings(space.metric, space.base, space.trials)
     if swings is None:
-        return Subject(runs, experiment, space, ())
-    without = Experiment(experiment.system, _fitted(swings.runs), experiment.assumptions)
-    return Subject(swings.runs, without, prepare(without, start, settings, watch), swings.causes)
+        return space, ()
+    return prepare(space.problem.with_runs(swings.runs)), swings.causes
 
 
-def _searched(subject: Subject) -> Search:
+def _searched(start: ModelSpace) -> Search:
     """The search, begun again while the model that it found leads to a better base."""
-    search = _search(subject.space)
+    search = _search(start)
     for _ in range(MAX_BASES):
         deeper = better_base(search.space, search.fit)
         if deeper is None:
             break
-        space = subject.space
-        search = _search(space_about(subject.experiment, deeper, space.settings, space.watch))
+        search = _search(space_about(start.problem, deeper))
     return search
 
 
@@ -197,28 +180,12 @@ def _search(begun: ModelSpace) -> Search:
     space.watch.progress('check of alternatives', 0.75)
     if fit.candidate.effects:
         space, fit = moved_to(space, fit)
-        if space.metric.experiment.assumptions.relearns:  # With less noise, more effects may show.
+        if space.problem.assumptions.relearns:  # With less noise, more effects may show.
             fit = forward(space, fit, log)
         fit = prune(space, fit, log)
         fit, alternatives = check_alternatives(space, fit, log)
     return Search(begun, space, fit, alternatives, log)
 
-
-def _law(space: ModelSpace, judgement: Judgement, published: Publication) -> LawProposal | None:
-    """A law for the misfit that remains beside partial causes, or for all of it.
-
-    The law is looked for in the fits of the misfit reduction: where nuisance parameters take a
-    share of the misfit, it would predict only the remainder.
-    """
-    fits, settings = published.fits(), space.settings
-    proposer = Proposer(space.metric, published.runs, space.max_pairs, settings.error_rate,
-                        settings.max_rounds, space.watch)
-    is_partial = judgement.explained >= PARTIAL_SUBJECT
-    return proposer.law_for(fits.after if is_partial else fits.before)
-
-
-MIN_PAIRS = 12
-"""Smallest number of degrees of freedom of the level, whatever the length of the stretches."""
 
 BASE_ROUNDS = 25
 """Rounds of the fit of the base parameters alone."""
@@ -227,38 +194,28 @@ MIN_DEEPER, MIN_DEEPER_SHARE = 10.0, 0.01
 """A minimum is deeper if its misfit is smaller by more than this, and by more than this share."""
 
 
-def prepare(
-    experiment: Experiment, start: Array | None, settings: Settings, watch: Watch
-) -> ModelSpace:
+def prepare(problem: Problem) -> ModelSpace:
     """Learn the noise, marginalise nuisance parameters, fit the base, compute signatures."""
-    watch.progress('noise of the channels', 0.0)
-    metric = noise_metric(experiment, experiment.assumptions.learn_noise(experiment.runs, None))
-    metric = metric.marginalise(offset_columns(experiment))
-    watch.progress('fit without effects', 0.05)
-    rough = fit_base(metric, start, settings.seed, watch.check)
-    return space_about(experiment, rough, settings, watch)
+    problem.watch.progress('noise of the channels', 0.0)
+    metric = noise_metric(problem).marginalise(offset_columns(problem))
+    problem.watch.progress('fit without effects', 0.05)
+    return space_about(problem, fit_base(metric))
 
 
-def space_about(
-    experiment: Experiment, rough: Fit, settings: Settings, watch: Watch
-) -> ModelSpace:
+def space_about(problem: Problem, rough: Fit) -> ModelSpace:
     """Learn the noise from the residual of a rough fit, fit the base, compute signatures."""
-    residual = experiment.by_run(rough.prediction - experiment.measured)
-    metric = noise_metric(
-        experiment, experiment.assumptions.learn_noise(experiment.runs, residual)
-    )
-    metric = _with_nuisances(metric, rough)
-    base = _fit_base_again(metric, rough, watch)
-    watch.progress('sensitivity to each effect', 0.25)
-    watch.check()
+    metric = _with_nuisances(noise_metric(problem, rough.prediction), rough)
+    base = _fit_base_again(metric, rough)
+    problem.watch.progress('sensitivity to each effect', 0.25)
+    problem.watch.check()
     sensitivities = tangent(metric, base)
-    scale = ChangeScale(experiment, sensitivities.plain)
+    scale = ChangeScale(problem, sensitivities.plain)
     signatures = measure_signatures(metric, base, sensitivities, scale)
-    lines = sum(bool(effect.line) for effect in experiment.system.effects)
+    lines = sum(bool(effect.line) for effect in problem.system.effects)
     trials = max(1, shapes_tried(signatures) + lines)
     return ModelSpace(
         metric=metric, base=base, base_tangent=sensitivities, signatures=signatures, scale=scale,
-        trials=trials, settings=settings, watch=watch)
+        trials=trials)
 
 
 def better_base(space: ModelSpace, fit: Fit) -> Fit | None:
@@ -279,7 +236,7 @@ def better_base(space: ModelSpace, fit: Fit) -> Fit | None:
             full_jacobian=True,
         )
     ]
-    found = run_refits(space.metric, wanted, space.watch.check)[0]
+    found = run_refits(space.metric, wanted)[0]
     gain = space.base.misfit - found.misfit
     return found if gain > max(MIN_DEEPER, MIN_DEEPER_SHARE * found.misfit) else None
 
@@ -291,67 +248,35 @@ def moved_to(space: ModelSpace, fit: Fit) -> tuple[ModelSpace, Fit]:
     with it the contribution of unequal rollers. Seen from the model without the effects, this
     difference is evidence.
     """
-    metric = _with_nuisances(_relearnt(space.metric, fit), fit)
-    base, fit = refit_full_jacobian(
-        metric, [space.base, fit], space.settings.max_rounds, space.watch
-    )
+    metric, problem = space.metric, space.problem
+    if problem.assumptions.relearns:
+        metric = noise_metric(problem, fit.prediction)
+    metric = _with_nuisances(metric, fit)
+    base, fit = refit_full_jacobian(metric, [space.base, fit], space.settings.max_rounds)
     sensitivities = tangent(metric, base)
     signatures = whitened_by(metric, space.signatures, sensitivities)
     moved = ModelSpace(
         metric=metric, base=base, base_tangent=sensitivities, signatures=signatures,
-        scale=space.scale, trials=space.trials,
-        settings=space.settings, watch=space.watch)
+        scale=space.scale, trials=space.trials)
     return moved, moved.keep(fit)
 
 
 def _with_nuisances(metric: Metric, fit: Fit) -> Metric:
     """The metric with every nuisance parameter marginalised, evaluated at `fit`."""
-    return metric.marginalise(nuisance_columns(metric.experiment, fit.point, fit.prediction))
+    return metric.marginalise(nuisance_columns(metric.problem, fit.point, fit.prediction))
 
 
-def _relearnt(metric: Metric, fit: Fit) -> Metric:
-    """The noise, learnt again from the residual of a fit if its source is residuals."""
-    experiment = metric.experiment
-    if not experiment.assumptions.relearns:
-        return metric
-    residual = experiment.by_run(fit.prediction - experiment.measured)
-    return noise_metric(experiment, experiment.assumptions.learn_noise(experiment.runs, residual))
-
-
-def _fit_base_again(metric: Metric, rough: Fit, watch: Watch) -> Fit:
+def _fit_base_again(metric: Metric, rough: Fit) -> Fit:
     """The base refitted in a new metric, from the rough fit and from the declared start.
 
     A large misfit has several minima.
     """
     starts = [
         rough.theta_unit,
-        declared_start(metric.experiment.system.base_parameters),
+        declared_start(metric.problem.system.base_parameters),
     ]
     wanted = [
         refit(metric, Candidate(), start, rounds=BASE_ROUNDS, full_jacobian=True)
         for start in starts
     ]
-    return min(run_refits(metric, wanted, watch.check), key=lambda fit: fit.misfit)
-
-
-def first_guess(system: System, start: Mapping[str, float] | None) -> Array | None:
-    """First guesses of base parameters, bound-scaled; declared ones where none are given."""
-    if start is None:
-        return None
-    known = {item.name: item for item in system.base_parameters}
-    for name, value in start.items():
-        if name not in known:
-            raise DiscrepancyError(
-                f'start: there is no base parameter {name!r}; there are {", ".join(known)}')
-        item = known[name]
-        if not (np.isfinite(value) and (item.periodic or item.low <= value <= item.high)):
-            raise DiscrepancyError(
-                f'start: {name} = {value:g} is outside {item.low:g} to {item.high:g}')
-    return np.array(
-        [
-            item.to_unit(start[name]) if name in start else item.first_guess
-            for name, item in known.items()
-        ]
-    )
-
-
+    return min(run_refits(metric, wanted), key=lambda fit: fit.misfit)

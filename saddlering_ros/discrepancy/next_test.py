@@ -11,7 +11,7 @@ normal errors).
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 import math
 
@@ -19,19 +19,20 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_solve, cholesky, solve_triangular
 
-from saddlering_ros.discrepancy.problem.experiment import (
-    Experiment,
+from saddlering_ros.discrepancy.problem.fits import Fit, neighbours, Tangent
+from saddlering_ros.discrepancy.problem.problem import (
     Metric,
     model_error_columns,
     offset_columns,
+    Problem,
     system_columns,
     timing_columns,
 )
-from saddlering_ros.discrepancy.problem.fits import Fit, neighbours, Tangent
 from saddlering_ros.discrepancy.problem.system import (
     Array,
     Effect,
     Point,
+    Proposal,
     RunBlocks,
     Settings,
     System,
@@ -43,7 +44,7 @@ from saddlering_ros.discrepancy.search.space import ModelSpace
 
 
 def separate_open_models(
-    space: ModelSpace, fit: Fit, alternatives: Alternatives, proposals: Sequence[Proposal]
+    space: ModelSpace, fit: Fit, alternatives: Alternatives
 ) -> tuple[Separation, ...]:
     """The proposed tests, the best first, with their separation of a model and alternatives."""
     others = [
@@ -51,7 +52,7 @@ def separate_open_models(
         for name, found in alternatives.items()
         for other in found
     ]
-    if not others or not proposals:
+    if not others or not space.problem.proposals:
         return ()
     rule = JudgingRule(
         floor=alternative_floor(space.pairs, space.settings),
@@ -61,36 +62,12 @@ def separate_open_models(
     )
     open_models = [OpenModel(fit, others[0].less), *others]
     return tuple(simulate_tests(
-        space.metric, open_models, space.tangent_of, proposals, rule, seed=space.settings.seed))
+        space.metric, open_models, space.tangent_of, space.problem.proposals, rule,
+        seed=space.settings.seed))
 
 
 DRAWS = 100
 """Number of draws with each model as the truth."""
-
-
-@dataclass(frozen=True)
-class Reading:
-    """A direct measurement of the size of an effect, with its standard deviation."""
-
-    effect: str
-    std: float
-
-
-@dataclass(frozen=True)
-class Proposal:
-    """A possible test: its sentence, and a run with empty channels.
-
-    kind: the kind of test; as_made: how the effects act in it, if not as before; readings:
-    quantities that are measured directly; is_other_place: whether other units of the machine
-    carry the load, so that small errors of the units in the old data do not apply.
-    """
-
-    sentence: str
-    run: RunBlocks
-    kind: str = ''
-    as_made: Callable[[Point], Point] | None = field(default=None, compare=False)
-    readings: tuple[Reading, ...] = ()
-    is_other_place: bool = False
 
 
 @dataclass(frozen=True)
@@ -151,12 +128,11 @@ def simulate_tests(
     seed: int = 0,
 ) -> list[Separation]:
     """Each proposal with its separation of the models, the best first."""
-    old = metric.experiment
+    old = metric.problem
     fits = list({fit.candidate.key: fit for open_model in open_models
                  for fit in (open_model.fit, open_model.less)}.values())
     seen = [_seen_by(old.system, proposal, fits) for proposal in proposals]
-    joint = Experiment(old.system, [*old.runs, *(item.run for item in proposals)],
-                       old.assumptions)
+    joint = old.with_runs([*old.runs, *(item.run for item in proposals)])
     first = [own[0].values[: item.run.channels.size]
              for own, item in zip(seen, proposals, strict=True)]
     shared, local = _nuisances(joint, open_models[0].fit, first)
@@ -222,7 +198,7 @@ def _size(point: Point, effects: Mapping[str, Effect], name: str) -> float:
 
 
 def _nuisances(
-    joint: Experiment, fit: Fit, predicted: Sequence[Array]
+    joint: Problem, fit: Fit, predicted: Sequence[Array]
 ) -> tuple[Array, Array]:
     """Columns of old and proposed runs: those of the test stand, and those of its units."""
     prediction = np.concatenate([fit.prediction, *predicted])
@@ -273,7 +249,7 @@ def _whitener(metric: Metric, proposal: Proposal) -> Callable[[Array], Array]:
     run = proposal.run
     width = float(np.median(run.width))
     alike = min(
-        metric.experiment.runs,
+        metric.problem.runs,
         key=lambda item: abs(math.log(float(np.median(item.width)) / width)))
     lowers = [
         cholesky(_covariance(metric, alike.name, channel, run), lower=True)
@@ -312,7 +288,7 @@ class _Known:
     @classmethod
     def of(cls, metric: Metric, fit: Fit, tangent: Tangent, nuisances: Array) -> _Known:
         columns = metric.whiten_noise(np.hstack([tangent.plain, nuisances]))
-        left = metric.whiten_noise(metric.experiment.measured - fit.prediction)
+        left = metric.whiten_noise(metric.problem.measured - fit.prediction)
         root = cholesky(columns.T @ columns + np.eye(columns.shape[1]), lower=True)
         mean = cho_solve((root, True), columns.T @ left)
         return cls(mean, root)

@@ -10,12 +10,11 @@ import pytest
 from saddlering_ros.bags import read_run
 from saddlering_ros.diagnosis.records import build_record
 from saddlering_ros.diagnosis.ring_system import RingSystem
-from saddlering_ros.discrepancy import diagnose_system, Point, RunBlocks, Settings
+from saddlering_ros.discrepancy import diagnose_system, Point, RunBlocks
 from saddlering_ros.discrepancy.engine import prepare
-from saddlering_ros.discrepancy.problem.experiment import Experiment
 from saddlering_ros.discrepancy.problem.fits import Fit
+from saddlering_ros.discrepancy.problem.problem import Problem
 from saddlering_ros.discrepancy.search.selection import refitted
-from saddlering_ros.progress import Watch
 from saddlering_ros.rig import default_rig
 
 pytestmark = pytest.mark.slow
@@ -24,8 +23,8 @@ pytestmark = pytest.mark.slow
 def best_of(runs: list[RunBlocks], change) -> list[Fit]:
     """Fits of one effect to clean runs to which `change(run)` (4, N) is added, the best first."""
     changed = [replace(run, channels=run.channels + change(run)) for run in runs]
-    experiment = Experiment(RingSystem(default_rig()), changed)
-    space = prepare(experiment, None, Settings(), Watch('diagnose'))
+    problem = Problem(RingSystem(default_rig()), changed)
+    space = prepare(problem)
     return refitted(space, space.base)
 
 

@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from saddlering_ros.discrepancy import Channel, Model, Noise, Parameter, Run
-from saddlering_ros.discrepancy.diagnosis import prepared
-from saddlering_ros.discrepancy.problem.experiment import (
-    Experiment,
+from saddlering_ros.discrepancy.diagnosis import problem_of
+from saddlering_ros.discrepancy.problem.problem import (
     Metric,
     noise_metric,
     offset_columns,
@@ -31,23 +30,21 @@ def metric() -> Metric:
         'two': Channel(noise=Noise.spectrum(np.array([0.1, 1.0, 5.0]), np.array([1.0, 0.3, 0.1]))),
     }
     model = Model(lambda p, run: {}, {'a': Parameter(0.0, 1.0)}, channels=channels)
-    system, blocks = prepared(model, [run('first', 60), run('second', 90)])
-    experiment = Experiment(system, blocks, system.assumptions())
-    noise = system.learn_noise(blocks)
-    return noise_metric(experiment, noise).marginalise(offset_columns(experiment))
+    problem = problem_of(model, [run('first', 60), run('second', 90)])
+    return noise_metric(problem).marginalise(offset_columns(problem))
 
 
 def test_products_of_blocks_are_those_of_whole_columns(metric: Metric) -> None:
     random = np.random.default_rng(2)
-    experiment = metric.experiment
+    problem = metric.problem
     index = [np.array([0, 1, 2]), np.array([1, 3]), np.array([0, 4]), np.array([2])]
-    blocks, whole = [], np.zeros((experiment.size, 5))
-    for slot, (own, (_, _, part)) in enumerate(zip(index, experiment.slices, strict=True)):
+    blocks, whole = [], np.zeros((problem.size, 5))
+    for slot, (own, (_, _, part)) in enumerate(zip(index, problem.slices, strict=True)):
         plain = random.normal(size=(part.stop - part.start, own.size))
         blocks.append(Block(slot, own, plain))
         whole[part, own] += plain
     columns, white = BlockColumns(metric, blocks, 5), metric.whiten(whole)
-    others = random.normal(size=(experiment.size, 3))
+    others = random.normal(size=(problem.size, 3))
     assert np.allclose(columns.gram, white.T @ white, rtol=1e-9)
     assert np.allclose(columns.products(others), white.T @ others, rtol=1e-9)
     assert np.allclose(columns.products(others[:, 0]), white.T @ others[:, 0], rtol=1e-9)

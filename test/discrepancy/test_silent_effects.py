@@ -5,12 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from saddlering_ros.discrepancy import Channel, Effect, Model, Parameter, Run
-from saddlering_ros.discrepancy.diagnosis import MODEL_SETTINGS, prepared
-from saddlering_ros.discrepancy.engine import first_guess, prepare
-from saddlering_ros.discrepancy.problem.experiment import Experiment
+from saddlering_ros.discrepancy.diagnosis import problem_of
+from saddlering_ros.discrepancy.engine import prepare
 from saddlering_ros.discrepancy.search.comparison import SearchLog
 from saddlering_ros.discrepancy.search.selection import select, silent_effects
-from saddlering_ros.progress import Watch
 
 TIME = np.linspace(0.0, 20.0, 400)
 RIM = 10.0
@@ -40,9 +38,7 @@ def test_an_overflow_that_the_base_fit_does_not_reach_is_selected() -> None:
     run = Run('tank', TIME, {'pump': pump}, {'gauge': TIME})
     true = {'inflow': 15.0, 'gain': 1.0 / 15.0, 'overflow.share': 0.6, 'curve.size': 0.0}
     seen = simulate(true, run)['gauge'] + 0.005 * random.normal(size=TIME.size)
-    system, blocks = prepared(MODEL, [Run('tank', TIME, {'pump': pump}, {'gauge': seen})])
-    experiment = Experiment(system, blocks, system.assumptions())
-    start = first_guess(system, {'inflow': 2.0, 'gain': 0.5})
-    space = prepare(experiment, start, MODEL_SETTINGS, Watch('diagnose'))
+    run = Run('tank', TIME, {'pump': pump}, {'gauge': seen})
+    space = prepare(problem_of(MODEL, [run], start={'inflow': 2.0, 'gain': 0.5}))
     assert [effect.id for effect, _ in silent_effects(space.signatures)] == ['overflow']
     assert select(space, SearchLog()).candidate.ids == ('overflow',)

@@ -5,15 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from saddlering_ros.discrepancy import diagnose_system, Effect, Model, Noise, Parameter, Run
-from saddlering_ros.discrepancy.diagnosis import MODEL_SETTINGS, prepared
-from saddlering_ros.discrepancy.engine import better_base, prepare
-from saddlering_ros.discrepancy.problem.experiment import Experiment
+from saddlering_ros.discrepancy import Effect, Model, Noise, Parameter, Run
+from saddlering_ros.discrepancy.diagnosis import problem_of
+from saddlering_ros.discrepancy.engine import better_base, diagnose_problem, prepare
 from saddlering_ros.discrepancy.problem.fits import Candidate, refit, run_refits
 from saddlering_ros.discrepancy.problem.model import Channel
 from saddlering_ros.discrepancy.search.comparison import SearchLog
 from saddlering_ros.discrepancy.search.selection import select
-from saddlering_ros.progress import Watch
 
 TIME = np.linspace(0.0, 12.0, 400)
 TRUE, WRONG = 1.3, 2.6
@@ -39,11 +37,9 @@ def run() -> Run:
 
 
 def test_the_base_is_fitted_from_where_an_effect_has_led_it(run: Run) -> None:
-    system, blocks = prepared(MODEL, [run])
-    experiment = Experiment(system, blocks, system.assumptions())
     item = MODEL.base['rate']
-    space = prepare(experiment, np.array([item.to_unit(WRONG)]), MODEL_SETTINGS, Watch('diagnose'))
-    fade = Candidate(((system.effects[0], 0),))
+    space = prepare(problem_of(MODEL, [run], start={'rate': WRONG}))
+    fade = Candidate(((space.problem.system.effects[0], 0),))
     start = np.array([item.to_unit(TRUE), 0.5])
     fit = run_refits(space.metric, [refit(space.metric, fade, start)])[0]
     deeper = better_base(space, fit)
@@ -54,19 +50,16 @@ def test_the_base_is_fitted_from_where_an_effect_has_led_it(run: Run) -> None:
 
 
 def test_a_wrong_start_of_the_base_brings_no_cause(run: Run) -> None:
-    system, blocks = prepared(MODEL, [run])
-    found = diagnose_system(
-        system, blocks, MODEL_SETTINGS, assumptions=system.assumptions(), start={'rate': WRONG})
+    found = diagnose_problem(problem_of(MODEL, [run], start={'rate': WRONG}))
     assert found.verdict in ('none', 'unknown')
 
 
 def test_an_effect_that_a_wrong_valley_of_the_base_conceals_is_selected() -> None:
     noise = 0.01 * np.random.default_rng(1).normal(size=TIME.size)
     faded = (1.0 + 0.08 * TIME) * np.cos(TRUE * TIME) + noise
-    system, blocks = prepared(MODEL, [Run('swing', TIME, {}, {'seen': faded})])
-    experiment = Experiment(system, blocks, system.assumptions())
     item = MODEL.base['rate']
-    space = prepare(experiment, np.array([item.to_unit(WRONG)]), MODEL_SETTINGS, Watch('diagnose'))
+    run = Run('swing', TIME, {}, {'seen': faded})
+    space = prepare(problem_of(MODEL, [run], start={'rate': WRONG}))
     assert abs(item.from_unit(float(space.base.theta_unit[0])) - TRUE) > 0.5
     fit = select(space, SearchLog())
     assert fit.candidate.ids == ('fade',)

@@ -32,7 +32,6 @@ from saddlering_ros.discrepancy.law.families import (
     TIME,
 )
 from saddlering_ros.discrepancy.law.matching import match_law, Term
-from saddlering_ros.discrepancy.problem.experiment import Experiment, Metric
 from saddlering_ros.discrepancy.problem.fits import (
     Fit,
     mean_square,
@@ -40,8 +39,8 @@ from saddlering_ros.discrepancy.problem.fits import (
     plain_fits,
     tangent,
 )
+from saddlering_ros.discrepancy.problem.problem import Metric, Problem
 from saddlering_ros.discrepancy.problem.system import Array, Point, RunBlocks, System
-from saddlering_ros.progress import Watch
 
 MAX_BLOCKS = 2
 MIN_SHARE = 0.1
@@ -346,17 +345,10 @@ REFITS = 1
 
 @dataclass(frozen=True)
 class Proposer:
-    """The data in which a law is searched: the metric and all runs, fitted and held out.
-
-    degrees: of freedom of the noise's level; max_rounds: of the fits of base parameters.
-    """
+    """The metric in which a law is searched; degrees: of freedom of the noise's level."""
 
     metric: Metric
-    runs: Sequence[RunBlocks]
     degrees: int
-    error_rate: float
-    max_rounds: int
-    watch: Watch
 
     def law_for(self, subject: Fit) -> LawProposal | None:
         """The law that would explain the residual of `subject`.
@@ -379,44 +371,40 @@ class Proposer:
         return max(found, key=lambda item: item.fit)
 
     @property
-    def _experiment(self) -> Experiment:
-        return self.metric.experiment
+    def _problem(self) -> Problem:
+        return self.metric.problem
 
     def _law_about(self, fit: Fit) -> LawProposal | None:
         misfit = Misfit(tuple(self._fitted(fit)), self.metric.whiten, self.degrees)
-        held = [_with_slopes(self._experiment.system, run, fit) for run in self._held_out]
-        return propose_law(misfit, self._mean_square, held, self.error_rate)
-
-    @property
-    def _held_out(self) -> list[RunBlocks]:
-        return [run for run in self.runs if run.held_out]
+        held = [_with_slopes(self._problem.system, run, fit) for run in self._problem.held_out]
+        return propose_law(misfit, self._mean_square, held,
+                           self._problem.settings.error_rate)
 
     def _fitted(self, fit: Fit) -> Iterator[ObservedRun]:
         """Each fitted run with its residual and the slopes of its prediction."""
         plain = tangent(self.metric, fit).plain
-        residuals = self._experiment.by_run(self._experiment.measured - fit.prediction)
+        residuals = self._problem.by_run(self._problem.measured - fit.prediction)
         start = 0
-        for run, residual in zip(self._experiment.runs, residuals, strict=True):
+        for run, residual in zip(self._problem.runs, residuals, strict=True):
             slopes = plain[start : start + run.channels.size]
             start += run.channels.size
-            yield _observed(self._experiment.system, run, fit.point, residual,
+            yield _observed(self._problem.system, run, fit.point, residual,
                             slopes.reshape(*run.channels.shape, -1))
 
     def _beside(self, law: LawProposal, fit: Fit) -> Fit:
         """The model of `fit`, fitted to the runs minus the part of the law."""
-        experiment = self._experiment
+        problem = self._problem
         runs = [replace(run, channels=run.channels - law.addition(self._plain(run, fit)))
-                for run in experiment.runs]
-        without = Experiment(experiment.system, runs, experiment.assumptions)
-        return plain_fits(without, [fit], self.max_rounds, self.watch)[0]
+                for run in problem.runs]
+        return plain_fits(problem.with_runs(runs), [fit])[0]
 
     def _judged(self, law: LawProposal, subject: Fit, beside: Fit) -> LawProposal:
         """The law with the gains of both models' own predictions."""
         fitted: list[Outcome] = []
         held: list[Outcome] = []
-        for run in [*self._experiment.runs, *self._held_out]:
+        for run in [*self._problem.runs, *self._problem.held_out]:
             seen = self._plain(run, beside)
-            both = self._experiment.system.predict_many(run, [subject.point, beside.point])
+            both = self._problem.system.predict_many(run, [subject.point, beside.point])
             before, after = run.channels - both[0], run.channels - both[1] - law.addition(seen)
             (held if run.held_out else fitted).append(Outcome(seen, before, after))
         move = beside.theta_unit - subject.theta_unit
@@ -425,11 +413,11 @@ class Proposer:
     def _plain(self, run: RunBlocks, fit: Fit) -> ObservedRun:
         """A run with targets and coordinates only."""
         still = np.zeros((*run.channels.shape, 0))
-        return _observed(self._experiment.system, run, fit.point, run.channels, still)
+        return _observed(self._problem.system, run, fit.point, run.channels, still)
 
     def _mean_square(self, run: ObservedRun, residual: Array) -> float:
-        own = next(item for item in self.runs if item.name == run.name)
-        return mean_square(self._experiment, [own], [residual])
+        own = next(item for item in self._problem.all_runs if item.name == run.name)
+        return mean_square(self._problem, [own], [residual])
 
 
 def _with_slopes(system: System, run: RunBlocks, fit: Fit) -> ObservedRun:

@@ -14,12 +14,12 @@ are each fitted in this metric, on the fitted runs alone.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
+from collections.abc import Generator, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
-from saddlering_ros.discrepancy.problem.experiment import Experiment, Whitening
+from saddlering_ros.discrepancy.problem.problem import Problem, Whitening
 from saddlering_ros.discrepancy.problem.system import (
     Array,
     DiscrepancyError,
@@ -29,7 +29,6 @@ from saddlering_ros.discrepancy.problem.system import (
     RunBlocks,
 )
 from saddlering_ros.estimation.least_squares import descend, Descent, Rule
-from saddlering_ros.progress import Watch
 
 Key = tuple[tuple[str, int], ...]
 """Key of the fit of a candidate: its effects and variants, in any order."""
@@ -161,7 +160,7 @@ def refit(
     with differences at `start`, where an effect changes them). known_start: the fit in this
     metric that ended at `start`, with sensitivities to all differenced parameters.
     """
-    base = metric.experiment.system.base_parameters
+    base = metric.problem.system.base_parameters
     parameters = candidate.parameters(base)
     every = range(start.size)
     known = None if full_jacobian else base_columns
@@ -224,20 +223,16 @@ class Tangent:
 
 def tangent(metric: Whitening, fit: Fit) -> Tangent:
     """Sensitivities to every parameter at the fit."""
-    base = metric.experiment.system.base_parameters
+    base = metric.problem.system.base_parameters
     parameters = fit.candidate.parameters(base)
     thetas, steps = neighbours(parameters, fit.theta_unit, range(fit.theta_unit.size))
     points = [fit.candidate.point(base, item) for item in thetas]
-    answers = metric.experiment.predict_neighbours([points])[0]
+    answers = metric.problem.predict_neighbours([points])[0]
     plain = _differences((answers[:, 1:] - answers[:, :1]) / np.array(steps))
     return Tangent(plain, metric.whiten(plain))
 
 
-def run_refits(
-    metric: Whitening,
-    refits: Sequence[Asking],
-    check: Callable[[], None] = lambda: None,
-) -> list[Fit]:
+def run_refits(metric: Whitening, refits: Sequence[Asking]) -> list[Fit]:
     """Run refits together, with all their points in one batch per round."""
     done: dict[int, Fit] = {}
     waiting: dict[int, Asked] = {}
@@ -247,7 +242,7 @@ def run_refits(
         except StopIteration as stop:
             done[number] = stop.value
     while waiting:
-        check()
+        metric.problem.watch.check()
         order = list(waiting)
         answers = _told(metric, [waiting[key] for key in order])
         for number, told in zip(order, answers, strict=True):
@@ -261,13 +256,13 @@ def run_refits(
 
 def _told(metric: Whitening, asked: Sequence[Asked]) -> list[Told]:
     """Residual and sensitivities of each refit, simulated and whitened together."""
-    experiment = metric.experiment
-    answers = experiment.predict_neighbours([item.points for item in asked])
+    problem = metric.problem
+    answers = problem.predict_neighbours([item.points for item in asked])
     raw = []
     for item, answer in zip(asked, answers, strict=True):
         aside = (answer[:, 1:] - answer[:, :1]) / np.array(item.steps)
-        raw.append(np.column_stack([answer[:, 0] - experiment.measured, aside]))
-    together = max(1, WHITENED_AT_ONCE // experiment.size)
+        raw.append(np.column_stack([answer[:, 0] - problem.measured, aside]))
+    together = max(1, WHITENED_AT_ONCE // problem.size)
     told, start = [], 0
     while start < len(raw):
         stop, width = start + 1, raw[start].shape[1]
@@ -297,24 +292,20 @@ def spread_starts(base: Sequence[Parameter], seed: int) -> list[Array]:
     return [declared_start(base), *spread]
 
 
-def fit_base(
-    metric: Whitening,
-    start: Array | None,
-    seed: int,
-    check: Callable[[], None] = lambda: None,
-) -> Fit:
+def fit_base(metric: Whitening) -> Fit:
     """The model without effects: many starts, then bounded least squares from the best."""
-    base = metric.experiment.system.base_parameters
+    base = metric.problem.system.base_parameters
     empty = Candidate()
+    start = metric.problem.first_guess()
     starts: list[Fit | None]
     if start is not None:
         thetas, starts = [np.clip(start, 0.0, 1.0)], [None]
     else:
-        asked = spread_starts(base, seed)
-        check()
+        asked = spread_starts(base, metric.problem.settings.seed)
+        metric.problem.watch.check()
         whitened = metric.whiten(
-            metric.experiment.predict([empty.point(base, theta_unit) for theta_unit in asked])
-            - metric.experiment.measured[:, None]
+            metric.problem.predict([empty.point(base, theta_unit) for theta_unit in asked])
+            - metric.problem.measured[:, None]
         )
         order = np.argsort(np.nan_to_num((whitened**2).sum(axis=0), nan=np.inf))
         coarse = run_refits(
@@ -323,7 +314,6 @@ def fit_base(
                 refit(metric, empty, asked[int(number)], rounds=COARSE_BASE, full_jacobian=True)
                 for number in order[:MAX_BASE_STARTS]
             ],
-            check,
         )
         starts = [*sorted(coarse, key=lambda fit: fit.misfit)[:2]]
         thetas = [fit.theta_unit for fit in starts if fit is not None]
@@ -333,7 +323,6 @@ def fit_base(
             refit(metric, empty, item, rounds=25, full_jacobian=True, known_start=fit)
             for item, fit in zip(thetas, starts, strict=True)
         ],
-        check,
     )
     best = min(fits, key=lambda fit: fit.misfit)
     if not np.isfinite(best.misfit):
@@ -357,36 +346,34 @@ class Gain:
 class GainMetric:
     """The metric of the gain for refits: weighted residuals in every view, scaled to `unit`."""
 
-    experiment: Experiment
+    problem: Problem
     unit: float = 1.0
 
     def whiten(self, columns: Array) -> Array:
         """Stacked columns (n, B) or (n,) in their views, weighted by time, over the range."""
-        experiment = self.experiment
+        problem = self.problem
         parts = [
-            (seen.T * (experiment.root_weights(run, view) / experiment.view_ranges[view])).T
-            for view in experiment.system.views
+            (seen.T * (problem.root_weights(run, view) / problem.view_ranges[view])).T
+            for view in problem.system.views
             for run, seen in zip(
-                experiment.runs, experiment.view_residuals(columns, view), strict=True
+                problem.runs, problem.view_residuals(columns, view), strict=True
             )
         ]
         return np.concatenate(parts) / self.unit
 
 
-def plain_fits(
-    experiment: Experiment, fits: Sequence[Fit], rounds: int, watch: Watch
-) -> list[Fit]:
+def plain_fits(problem: Problem, fits: Sequence[Fit]) -> list[Fit]:
     """The same models, each fitted in the metric of the gain.
 
     A base without effects is also fitted from its declared start, because whitened and plain
     least squares can have different minima.
     """
-    base = experiment.system.base_parameters
+    base, rounds = problem.system.base_parameters, problem.settings.max_rounds
     answers = []
     for fit in fits:
-        start = GainMetric(experiment).whiten(fit.prediction - experiment.measured)
+        start = GainMetric(problem).whiten(fit.prediction - problem.measured)
         unit = max(float(np.sqrt(start @ start / start.size)), 1e-12)
-        metric = GainMetric(experiment, unit)
+        metric = GainMetric(problem, unit)
         starts = [fit.theta_unit]
         if not fit.candidate.effects:
             starts.append(declared_start(base))
@@ -394,20 +381,20 @@ def plain_fits(
             refit(metric, fit.candidate, item, rounds=rounds, full_jacobian=True)
             for item in starts
         ]
-        answers.append(min(run_refits(metric, wanted, watch.check), key=lambda item: item.misfit))
+        answers.append(min(run_refits(metric, wanted), key=lambda item: item.misfit))
     return answers
 
 
 def mean_square(
-    experiment: Experiment, runs: Sequence[RunBlocks], residuals: Sequence[Array]
+    problem: Problem, runs: Sequence[RunBlocks], residuals: Sequence[Array]
 ) -> float:
     """Mean over runs and views of squared residuals (C, N), relative to range."""
     parts = []
     for run, residual in zip(runs, residuals, strict=True):
-        for view, weights in experiment.system.views.items():
-            seen = experiment.freed(weights @ residual, run, view)
+        for view, weights in problem.system.views.items():
+            seen = problem.freed(weights @ residual, run, view)
             parts.append(
-                experiment.mean_square(seen, run, view) / experiment.view_ranges[view] ** 2
+                problem.mean_square(seen, run, view) / problem.view_ranges[view] ** 2
             )
     return float(np.mean(parts))
 
@@ -419,47 +406,47 @@ def ratio(before: float, after: float) -> float:
     return 1.0 - float(np.sqrt(after / before))
 
 
-def fitted_gain(experiment: Experiment, less: Fit, fit: Fit) -> float:
+def fitted_gain(problem: Problem, less: Fit, fit: Fit) -> float:
     """Gain on the runs that were fitted."""
     before, after = (
         mean_square(
-            experiment,
-            experiment.runs,
-            experiment.by_run(item.prediction - experiment.measured),
+            problem,
+            problem.runs,
+            problem.by_run(item.prediction - problem.measured),
         )
         for item in (less, fit)
     )
     return ratio(before, after)
 
 
-def held_out_gain(experiment: Experiment, held: Sequence[RunBlocks], less: Fit, fit: Fit) -> float:
+def held_out_gain(problem: Problem, held: Sequence[RunBlocks], less: Fit, fit: Fit) -> float:
     """Gain on held-out runs, without a refit."""
     before, after = [], []
     for run in held:
-        both = experiment.system.predict_many(run, [less.point, fit.point])
+        both = problem.system.predict_many(run, [less.point, fit.point])
         before.append(both[0] - run.channels)
         after.append(both[1] - run.channels)
-    return ratio(mean_square(experiment, held, before), mean_square(experiment, held, after))
+    return ratio(mean_square(problem, held, before), mean_square(problem, held, after))
 
 
-def left_out_gain(experiment: Experiment, less: Fit, more: Fit) -> float:
+def left_out_gain(problem: Problem, less: Fit, more: Fit) -> float:
     """Gain on each run, predicted from the others by one Gauss-Newton step without it."""
-    return ratio(_left_out(experiment, less), _left_out(experiment, more))
+    return ratio(_left_out(problem, less), _left_out(problem, more))
 
 
-def _left_out(experiment: Experiment, fit: Fit) -> float:
+def _left_out(problem: Problem, fit: Fit) -> float:
     """Mean square of each run, predicted from the others."""
-    start = GainMetric(experiment).whiten(fit.prediction - experiment.measured)
-    metric = GainMetric(experiment, max(float(np.sqrt(start @ start / start.size)), 1e-12))
-    residual = metric.whiten(fit.prediction - experiment.measured)
+    start = GainMetric(problem).whiten(fit.prediction - problem.measured)
+    metric = GainMetric(problem, max(float(np.sqrt(start @ start / start.size)), 1e-12))
+    residual = metric.whiten(fit.prediction - problem.measured)
     sensitivities = tangent(metric, fit)
-    lengths = [run.time.size for _ in experiment.system.views for run in experiment.runs]
+    lengths = [run.time.size for _ in problem.system.views for run in problem.runs]
     edges = np.concatenate([[0], np.cumsum(lengths)])
     totals, first = [], 0
-    for number, run in enumerate(experiment.runs):
+    for number, run in enumerate(problem.runs):
         rows = np.zeros(residual.size, bool)
-        for view in range(len(experiment.system.views)):
-            block = view * len(experiment.runs) + number
+        for view in range(len(problem.system.views)):
+            block = view * len(problem.runs) + number
             rows[edges[block] : edges[block + 1]] = True
         white = sensitivities.white[~rows]
         gram = white.T @ white + PRIOR**2 * np.eye(white.shape[1])
@@ -469,5 +456,5 @@ def _left_out(experiment: Experiment, fit: Fit) -> float:
         first = part.stop
         moved = fit.prediction[part] + sensitivities.plain[part] @ (theta_unit - fit.theta_unit)
         left = moved.reshape(run.channels.shape) - run.channels
-        totals.append(mean_square(experiment, [run], [left]))
+        totals.append(mean_square(problem, [run], [left]))
     return float(np.mean(totals))

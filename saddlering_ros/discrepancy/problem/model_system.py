@@ -11,8 +11,8 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from saddlering_ros.discrepancy.noise import KNOWN_EXACTLY
-from saddlering_ros.discrepancy.problem.experiment import Assumptions
 from saddlering_ros.discrepancy.problem.model import Model, Outputs, Run
+from saddlering_ros.discrepancy.problem.problem import Assumptions
 from saddlering_ros.discrepancy.problem.system import (
     Array,
     DiscrepancyError,

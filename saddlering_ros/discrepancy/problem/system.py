@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 import math
@@ -206,6 +206,31 @@ class RunBlocks:
             raise DiscrepancyError(f'run {self.name}: {self.time.size} samples are too few')
         if not np.isfinite(self.channels).all():
             raise DiscrepancyError(f'run {self.name}: a channel has a value that is not a number')
+
+
+@dataclass(frozen=True)
+class Reading:
+    """A direct measurement of the size of an effect, with its standard deviation."""
+
+    effect: str
+    std: float
+
+
+@dataclass(frozen=True)
+class Proposal:
+    """A possible test: its sentence, and a run with empty channels.
+
+    kind: the kind of test; as_made: how the effects act in it, if not as before; readings:
+    quantities that are measured directly; is_other_place: whether other units of the machine
+    carry the load, so that small errors of the units in the old data do not apply.
+    """
+
+    sentence: str
+    run: RunBlocks
+    kind: str = ''
+    as_made: Callable[[Point], Point] | None = field(default=None, compare=False)
+    readings: tuple[Reading, ...] = ()
+    is_other_place: bool = False
 
 
 class System(Protocol):

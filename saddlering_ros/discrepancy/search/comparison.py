@@ -16,8 +16,8 @@ from functools import cached_property
 
 import numpy as np
 
-from saddlering_ros.discrepancy.problem.experiment import Experiment, Metric
 from saddlering_ros.discrepancy.problem.fits import Fit
+from saddlering_ros.discrepancy.problem.problem import Metric, Problem
 from saddlering_ros.discrepancy.problem.system import Array, Point, RunBlocks, Settings
 from saddlering_ros.discrepancy.search.lack_of_fit import FastResidual, SlowResidual
 from saddlering_ros.discrepancy.search.space import FREE_SPREAD, ModelSpace
@@ -210,18 +210,18 @@ def _visible_falls(metric: Metric, less: Array, more: Array) -> dict[str, Array]
     parameters are fitted to both residuals first, so that small errors of a sound system do
     not count.
     """
-    experiment = metric.experiment
-    measured = experiment.measured
+    problem = metric.problem
+    measured = problem.measured
     less, more = (measured + metric.without_nuisances(item - measured) for item in (less, more))
     falls: dict[str, Array] = {}
-    for view in experiment.system.views:
-        seen = zip(experiment.runs, experiment.view_residuals(less - measured, view),
-                   experiment.view_residuals(more - measured, view), strict=True)
+    for view in problem.system.views:
+        seen = zip(problem.runs, problem.view_residuals(less - measured, view),
+                   problem.view_residuals(more - measured, view), strict=True)
         powers = [
-            experiment.mean_square(before, run, view) - experiment.mean_square(after, run, view)
+            problem.mean_square(before, run, view) - problem.mean_square(after, run, view)
             for run, before, after in seen
         ]
-        falls[view] = np.sqrt(np.maximum(powers, 0.0)) / experiment.view_ranges[view]
+        falls[view] = np.sqrt(np.maximum(powers, 0.0)) / problem.view_ranges[view]
     return falls
 
 
@@ -233,7 +233,7 @@ def _misfit_with_inflated_nuisances(space: ModelSpace, fit: Fit) -> float:
     def misfit() -> float:
         metric = space.metric
         columns = metric.inflated(INFLATION, FREE_SPREAD * space.tangent_of(fit).plain)
-        white = metric.whiten_noise(fit.prediction - metric.experiment.measured)
+        white = metric.whiten_noise(fit.prediction - metric.problem.measured)
         inner = columns.T @ white
         gram = np.eye(inner.size) + columns.T @ columns
         return float(white @ white - inner @ np.linalg.solve(gram, inner))
@@ -327,7 +327,7 @@ def with_forms(space: ModelSpace, fit: Fit, about: Fit) -> Fit:
     moved parameters by their prior spreads.
     """
     def columns() -> tuple[Array, Array]:
-        forms = form_columns(space.metric.experiment, about, space.settings.form_error)
+        forms = form_columns(space.problem, about, space.settings.form_error)
         return forms, space.metric.whiten(forms)
 
     forms, white_forms = space.once('forms', about, columns)
@@ -342,27 +342,27 @@ def with_forms(space: ModelSpace, fit: Fit, about: Fit) -> Fit:
         misfit=float(whitened @ whitened + steps @ steps))
 
 
-def form_columns(experiment: Experiment, fit: Fit, form_error: float) -> Array:
+def form_columns(problem: Problem, fit: Fit, form_error: float) -> Array:
     """Columns (n, k), each one standard deviation, for every effect of a fit.
 
     form_error: share of the square of the change of an effect by which its law errs in total.
     """
     columns = []
-    mixtures = _mixtures(experiment, fit)
-    for change, mixed in zip(changes_of_effects(experiment, fit).T, mixtures, strict=True):
+    mixtures = _mixtures(problem, fit)
+    for change, mixed in zip(changes_of_effects(problem, fit).T, mixtures, strict=True):
         bent = [
             np.concatenate([part.ravel() for part in item])
-            for item in _shapes(experiment, experiment.by_run(change))
+            for item in _shapes(problem, problem.by_run(change))
         ]
         shaped = [*bent, *mixed]
         scale = np.sqrt(form_error / len(shaped))
         columns += [scale * item for item in shaped]
-    return np.array(columns).reshape(-1, experiment.size).T
+    return np.array(columns).reshape(-1, problem.size).T
 
 
-def _mixtures(experiment: Experiment, fit: Fit) -> list[list[Array]]:
+def _mixtures(problem: Problem, fit: Fit) -> list[list[Array]]:
     """By effect, the changes (n,) if the law had other values of one of its shape parameters."""
-    base = experiment.system.base_parameters
+    base = problem.system.base_parameters
     owners, points = [], []
     for number, (effect, _, part) in enumerate(fit.candidate.slices(len(base))):
         shapes = range(part.start + 1, part.stop)
@@ -375,14 +375,14 @@ def _mixtures(experiment: Experiment, fit: Fit) -> list[list[Array]]:
                     points.append(fit.candidate.point(base, moved))
     found: list[list[Array]] = [[] for _ in fit.candidate.effects]
     if points:
-        changes = experiment.predict(points) - fit.prediction[:, None]
+        changes = problem.predict(points) - fit.prediction[:, None]
         for owner, change in zip(owners, changes.T, strict=True):
             if np.isfinite(change).all():
                 found[owner].append(change)
     return found
 
 
-def changes_of_effects(experiment: Experiment, fit: Fit) -> Array:
+def changes_of_effects(problem: Problem, fit: Fit) -> Array:
     """Change (n, E) by each effect of a fit; 0 where the simulator fails."""
     effects = fit.point.effects
     points = [
@@ -390,14 +390,14 @@ def changes_of_effects(experiment: Experiment, fit: Fit) -> Array:
         for less in effects
     ]
     if not points:
-        return np.zeros((experiment.size, 0))
-    changes = fit.prediction[:, None] - experiment.predict(points)
+        return np.zeros((problem.size, 0))
+    changes = fit.prediction[:, None] - problem.predict(points)
     return np.asarray(np.where(np.isfinite(changes), changes, 0.0))
 
 
-def _shapes(experiment: Experiment, change: list[Array]) -> list[list[Array]]:
+def _shapes(problem: Problem, change: list[Array]) -> list[list[Array]]:
     """The change of an effect (C, N) per run, times each shape."""
-    runs = experiment.runs
+    runs = problem.runs
     drives = [_drive(run) for run in runs]
     low = min(float(item.min()) for item in drives)
     high = max(float(item.max()) for item in drives)

@@ -15,7 +15,7 @@ from typing import Protocol
 import numpy as np
 from scipy.fft import dct, idct
 
-from saddlering_ros.discrepancy.problem.experiment import Metric
+from saddlering_ros.discrepancy.problem.problem import Metric
 from saddlering_ros.discrepancy.problem.system import Array, RunBlocks
 from saddlering_ros.estimation.whitening import Whitener
 
@@ -146,8 +146,8 @@ class _Octave:
 def fast_bands(metric: Metric, first: int) -> list[Band]:
     """Octaves from half wave `first` up to the limit of the samples of a run."""
     bands: list[Band] = []
-    slices = metric.experiment.slices
-    for index, run in enumerate(metric.experiment.runs):
+    slices = metric.problem.slices
+    for index, run in enumerate(metric.problem.runs):
         last = run.time.size // WAVE_SAMPLES
         pairs = zip(metric.whiteners, slices, strict=True)
         whiteners = [whitener for whitener, part in pairs if part[0] == index]

@@ -18,8 +18,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from saddlering_ros.discrepancy.problem.experiment import Assumptions, Metric, sample_weights
 from saddlering_ros.discrepancy.problem.fits import Fit
+from saddlering_ros.discrepancy.problem.problem import Assumptions, Metric
 from saddlering_ros.discrepancy.problem.system import Array, RunBlocks
 from saddlering_ros.discrepancy.search.fast_bands import fast_bands
 from saddlering_ros.discrepancy.search.signatures import orthonormal
@@ -32,7 +32,7 @@ Index = NDArray[np.intp]
 class Block:
     """Columns `index` (k,) in one channel of one run: `plain` (N, k).
 
-    `slot`: index in `Experiment.slices`.
+    `slot`: index in `Problem.slices`.
     """
 
     slot: int
@@ -65,9 +65,9 @@ class BlockColumns:
 
     def combined(self, weights: Array) -> Array:
         """The plain columns times `weights` (m,): stacked (n,)."""
-        total = np.zeros(self._metric.experiment.size)
+        total = np.zeros(self._metric.problem.size)
         for item in self.blocks:
-            part = self._metric.experiment.slices[item.slot][2]
+            part = self._metric.problem.slices[item.slot][2]
             total[part] += item.plain @ weights[item.index]
         return total
 
@@ -80,7 +80,7 @@ class BlockColumns:
         """Products (m, B) of the columns whitened by noise alone with stacked columns (n, B)."""
         total = np.zeros((self.count, columns.shape[1]))
         for item, white in zip(self.blocks, self._white, strict=True):
-            part = self._metric.experiment.slices[item.slot][2]
+            part = self._metric.problem.slices[item.slot][2]
             total[item.index] += white.T @ columns[part]
         return total
 
@@ -146,7 +146,7 @@ class LackOfFitTests:
 
     def __init__(self, metric: Metric, noise_pairs: int) -> None:
         self._metric = metric
-        self._ranges = metric.experiment.view_ranges
+        self._ranges = metric.problem.view_ranges
         self._pairs = noise_pairs
         self._structure = _structure_columns(metric)
         gram = self._structure.gram.copy()
@@ -157,7 +157,7 @@ class LackOfFitTests:
         self._dimensions = int(kept.sum())
         self._variances = {
             view: _view_variance(metric, self._structure, self._root, view)
-            for view in metric.experiment.system.views
+            for view in metric.problem.system.views
         }
         self._bands = fast_bands(metric, WAVES_PER_RUN + 1)
 
@@ -168,7 +168,7 @@ class LackOfFitTests:
         counts.
         """
         metric = self._metric
-        left = metric.without_nuisances(fit.prediction - metric.experiment.measured)
+        left = metric.without_nuisances(fit.prediction - metric.problem.measured)
         white = metric.whiten_noise(left)
         excess, found = 0.0, FastResidual(0.0, 1.0, 0.0, '', '', 0.0)
         for band in self._bands:
@@ -178,15 +178,15 @@ class LackOfFitTests:
             p_value = float(fisher_chance(statistic / free, free, self._pairs)) * len(self._bands)
             excess += max(statistic - free, 0.0)
             seen = band.seen(parts)
-            width = metric.experiment.runs[band.run].width
-            for view, weights in metric.experiment.system.views.items():
+            width = metric.problem.runs[band.run].width
+            for view, weights in metric.problem.system.views.items():
                 power = float(np.average((weights @ seen) ** 2, weights=width))
                 power -= float(weights**2 @ band.noise)
                 size = max(power, 0.0) ** 0.5 / self._ranges[view]
                 if p_value < MAX_CHANCE and size > found.visible:
                     strongest = int(np.argmax(np.sum([part**2 for part in parts], axis=0)))
                     frequency = 0.5 * (band.first + strongest) / band.duration
-                    name = metric.experiment.runs[band.run].name
+                    name = metric.problem.runs[band.run].name
                     found = FastResidual(0.0, p_value, size, view, name, frequency)
         return replace(found, excess=excess)
 
@@ -202,13 +202,13 @@ class LackOfFitTests:
         powers: dict[str, float] = {}
         sizes: dict[str, Array] = {}
         metric = self._metric
-        for view in metric.experiment.system.views:
-            seen = metric.experiment.view_residuals(shape, view)
+        for view in metric.problem.system.views:
+            seen = metric.problem.view_residuals(shape, view)
             expected = self._variances[view]
             own = []
             for run, part, variance, whole in zip(
-                    metric.experiment.runs, seen, expected, self._whole(fit, view), strict=True):
-                power = min(metric.experiment.mean_square(part, run, view), whole) - variance
+                    metric.problem.runs, seen, expected, self._whole(fit, view), strict=True):
+                power = min(metric.problem.mean_square(part, run, view), whole) - variance
                 size = float(np.sqrt(max(power, 0.0))) / self._ranges[view]
                 own.append(size)
                 powers[view] = max(powers.get(view, 0.0), size**2)
@@ -226,20 +226,20 @@ class LackOfFitTests:
         A structure that nuisance parameters can imitate has an estimate with a large error. The
         estimate may then be larger than the residual itself.
         """
-        experiment = self._metric.experiment
-        left = experiment.view_residuals(fit.prediction - experiment.measured, view)
-        return [experiment.mean_square(part, run, view)
-                for part, run in zip(left, experiment.runs, strict=True)]
+        problem = self._metric.problem
+        left = problem.view_residuals(fit.prediction - problem.measured, view)
+        return [problem.mean_square(part, run, view)
+                for part, run in zip(left, problem.runs, strict=True)]
 
     def _chances(self, slopes: Array) -> dict[tuple[str, str], float]:
         """Chance that noise alone leaves as much slow structure in each channel of each run."""
-        experiment = self._metric.experiment
-        names = experiment.system.channel_names
+        problem = self._metric.problem
+        names = problem.system.channel_names
         blocks = self._structure.blocks
         chances = {}
         for block in blocks:
-            number, channel, _ = experiment.slices[block.slot]
-            run = experiment.runs[number]
+            number, channel, _ = problem.slices[block.slot]
+            run = problem.runs[number]
             gram = self._structure.gram[np.ix_(block.index, block.index)]
             own = slopes[block.index]
             count = own.size
@@ -251,13 +251,13 @@ class LackOfFitTests:
 
     def shapes(self, fit: Fit, white_columns: Array) -> list[ShapeTest]:
         """Every family, the most significant first; the p-values count the number of families."""
-        experiment = self._metric.experiment
+        problem = self._metric.problem
         orthogonal = orthonormal(white_columns)
-        families = _families(experiment.runs, experiment.assumptions)
+        families = _families(problem.runs, problem.assumptions)
         tests = [
             self._shape_test(fit, orthogonal, coordinate, family, view)
             for coordinate, family in families.items()
-            for view in experiment.system.views
+            for view in problem.system.views
         ]
         total = len(tests)
         return sorted(
@@ -270,7 +270,7 @@ class LackOfFitTests:
     ) -> ShapeTest:
         """One family in one view, beside the sensitivities of the model."""
         metric = self._metric
-        columns = _spread(metric, family, metric.experiment.system.views[view])
+        columns = _spread(metric, family, metric.problem.system.views[view])
         shared = columns.products(orthogonal)
         gram = columns.gram - shared @ shared.T
         values, vectors = np.linalg.eigh(gram)
@@ -281,11 +281,11 @@ class LackOfFitTests:
         inner = root.T @ slopes
         count = int(kept.sum())
         statistic = float(inner @ inner)
-        seen = metric.experiment.view_residuals(columns.combined(root @ inner), view)
+        seen = metric.problem.view_residuals(columns.combined(root @ inner), view)
         sizes = [
-            min(metric.experiment.mean_square(part, run, view), whole) ** 0.5 / self._ranges[view]
+            min(metric.problem.mean_square(part, run, view), whole) ** 0.5 / self._ranges[view]
             for run, part, whole in zip(
-                metric.experiment.runs, seen, self._whole(fit, view), strict=True)
+                metric.problem.runs, seen, self._whole(fit, view), strict=True)
         ]
         p_value = 1.0
         if count:
@@ -295,19 +295,19 @@ class LackOfFitTests:
 
 def _view_variance(metric: Metric, columns: BlockColumns, root: Array, view: str) -> list[float]:
     """Mean square of the fitted structure under noise alone, per run, in one view."""
-    experiment = metric.experiment
-    weights = experiment.system.views[view]
+    problem = metric.problem
+    weights = problem.system.views[view]
     found = []
-    for number, run in enumerate(experiment.runs):
-        own = [item for item in columns.blocks if experiment.slices[item.slot][0] == number]
+    for number, run in enumerate(problem.runs):
+        own = [item for item in columns.blocks if problem.slices[item.slot][0] == number]
         seen, rows = [], []
         for item in own:
-            weight = weights[experiment.slices[item.slot][1]]
+            weight = weights[problem.slices[item.slot][1]]
             if weight:
                 seen.append(weight * item.plain)
                 rows.append(root[item.index])
-        joined = experiment.freed(np.hstack(seen), run, view)
-        share = sample_weights(experiment.system, run, view)
+        joined = problem.freed(np.hstack(seen), run, view)
+        share = problem.sample_weights(run, view)
         gram = joined.T @ (joined * (share / share.sum())[:, None])
         stacked = np.vstack(rows)
         found.append(float(np.sum(stacked * (gram @ stacked))))
@@ -316,11 +316,11 @@ def _view_variance(metric: Metric, columns: BlockColumns, root: Array, view: str
 
 def _structure_columns(metric: Metric) -> BlockColumns:
     """Cosines of time in every run and channel, with a constant if a constant is a misfit."""
-    experiment = metric.experiment
-    cosines = [_waves(run.time, min(WAVES_PER_RUN, run.time.size // 4)) for run in experiment.runs]
+    problem = metric.problem
+    cosines = [_waves(run.time, min(WAVES_PER_RUN, run.time.size // 4)) for run in problem.runs]
     blocks, start = [], 0
-    for slot, (number, channel, _) in enumerate(experiment.slices):
-        first = 1 if experiment.assumptions.frees_constant(channel) else 0
+    for slot, (number, channel, _) in enumerate(problem.slices):
+        first = 1 if problem.assumptions.frees_constant(channel) else 0
         plain = cosines[number][:, first:]
         blocks.append(Block(slot, np.arange(start, start + plain.shape[1]), plain))
         start += plain.shape[1]
@@ -391,7 +391,7 @@ def _spread(metric: Metric, family: Family, weights: Array) -> BlockColumns:
     """Shapes of a view as stacked columns: the smallest change of channels with 1 in the view."""
     pattern = weights / float(weights @ weights)
     blocks = []
-    for slot, (number, channel, _) in enumerate(metric.experiment.slices):
+    for slot, (number, channel, _) in enumerate(metric.problem.slices):
         if weights[channel]:
             index, part = family.by_run[number]
             blocks.append(Block(slot, index, pattern[channel] * part))

@@ -13,8 +13,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from saddlering_ros.discrepancy.problem.experiment import Experiment
 from saddlering_ros.discrepancy.problem.fits import Candidate, refit, run_refits
+from saddlering_ros.discrepancy.problem.problem import Problem
 from saddlering_ros.discrepancy.problem.system import Array, Effect
 from saddlering_ros.discrepancy.search.signatures import (
     angle_matrix,
@@ -209,7 +209,7 @@ def observed(space: ModelSpace) -> Observability:
     limits = detection_limits(
         space.signatures, settings.error_rate, settings.materiality, space.pairs
     )
-    if space.metric.experiment.assumptions.many_valleys:
+    if space.problem.assumptions.many_valleys:
         trials = max(shapes_tried(space.signatures), 1)
         limits = confirmed_limits(space, limits, trials)
     labels, cosines = angle_matrix(space.signatures)
@@ -228,7 +228,7 @@ def confirmed_limits(
     space: ModelSpace, limits: Sequence[DetectionLimit], trials: int
 ) -> list[DetectionLimit]:
     """The same limits, larger where the refitted base imitates more than its tangents do."""
-    effects = {effect.id: effect for effect in space.metric.experiment.system.effects}
+    effects = {effect.id: effect for effect in space.problem.system.effects}
     return [_confirmed(space, item, effects[item.effect], trials) for item in limits]
 
 
@@ -314,7 +314,7 @@ def _refitted(
 ) -> Shown | None:
     """Part of an effect that the base, fitted to the effect's prediction, does not imitate."""
     metric, base = space.metric, space.base
-    experiment = metric.experiment
+    problem = metric.problem
     variant = next(
         number
         for number, fixed in enumerate(effect.variants)
@@ -323,29 +323,29 @@ def _refitted(
     own = [effect.size.to_unit(size)]
     own += [item.to_unit(configuration.values[item.name]) for item in effect.ordered[1:]]
     point = Candidate(((effect, variant),)).point(
-        experiment.system.base_parameters, np.concatenate([base.theta_unit, own])
+        problem.system.base_parameters, np.concatenate([base.theta_unit, own])
     )
-    target = experiment.predict([point])[:, 0]
+    target = problem.predict([point])[:, 0]
     if not np.all(np.isfinite(target)):
         return None
-    other = _with_readings(experiment, target)
-    moved = replace(metric, experiment=other)
+    other = _with_readings(problem, target)
+    moved = replace(metric, problem=other)
     start = refit(moved, Candidate(), base.theta_unit, rounds=ROUNDS, full_jacobian=True)
-    fit = run_refits(moved, [start], space.watch.check)[0]
-    experiment.simulations += other.simulations
+    fit = run_refits(moved, [start])[0]
+    problem.simulations += other.simulations
     left = fit.prediction - target
     visible = max(
-        other.mean_square(seen, run, view) ** 0.5 / experiment.view_ranges[view]
-        for view in experiment.system.views
+        other.mean_square(seen, run, view) ** 0.5 / problem.view_ranges[view]
+        for view in problem.system.views
         for run, seen in zip(other.runs, other.view_residuals(left, view), strict=True)
     )
     return Shown(float(np.sqrt(fit.misfit)), visible)
 
 
-def _with_readings(experiment: Experiment, stacked: Array) -> Experiment:
-    """The same experiment with other readings (n,)."""
+def _with_readings(problem: Problem, stacked: Array) -> Problem:
+    """The same problem with other readings (n,), without held-out runs."""
     runs = [
         replace(run, channels=channels)
-        for run, channels in zip(experiment.runs, experiment.by_run(stacked), strict=True)
+        for run, channels in zip(problem.runs, problem.by_run(stacked), strict=True)
     ]
-    return Experiment(experiment.system, runs, experiment.assumptions)
+    return problem.with_runs(runs)

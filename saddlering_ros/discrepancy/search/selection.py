@@ -92,7 +92,7 @@ def _concealed(space: ModelSpace, fit: Fit, log: SearchLog) -> Fit:
         return fit
     found = fit_silent(space)
     best = min([fit, *found], key=space.penalised)
-    if space.metric.experiment.assumptions.many_valleys and _is_mostly_left(space, best):
+    if space.problem.assumptions.many_valleys and _is_mostly_left(space, best):
         found += fit_in_other_valleys(space)
     log.candidates += [Comparison(space, space.base, item).evidence(1) for item in found]
     return min([fit, *found], key=space.penalised)
@@ -316,7 +316,6 @@ def masked_pair(space: ModelSpace, fit: Fit, log: SearchLog) -> Fit:
                   full_jacobian=True)
             for candidate, start in (_start(space.base, pair) for pair in pairs)
         ],
-        space.watch.check,
     )
     log.candidates += [Comparison(space, space.base, item).evidence(1) for item in found]
     best = min(found, key=space.penalised)
@@ -457,16 +456,16 @@ def _fit_from_all_over(
 def _coarse(space: ModelSpace, candidate: Candidate, effect: Effect, count: int) -> list[Fit]:
     """A few rounds from those starts of base and effect at which the effect has influence."""
     metric = space.metric
-    base = metric.experiment.system.base_parameters
+    base = metric.problem.system.base_parameters
     thetas = spread_starts(base, space.settings.seed)
-    alone = metric.experiment.predict([Candidate().point(base, theta) for theta in thetas])
+    alone = metric.problem.predict([Candidate().point(base, theta) for theta in thetas])
     trials: list[tuple[float, Array]] = []
     for start in effect_starts(effect)[:count]:
         whole = [np.concatenate([theta, start]) for theta in thetas]
         space.watch.check()
-        seen = metric.experiment.predict([candidate.point(base, item) for item in whole])
+        seen = metric.problem.predict([candidate.point(base, item) for item in whole])
         change = np.linalg.norm(metric.whiten(seen - alone), axis=0)
-        left = metric.whiten(seen - metric.experiment.measured[:, None])
+        left = metric.whiten(seen - metric.problem.measured[:, None])
         misfit = (left**2).sum(axis=0)
         acts = np.isfinite(misfit) & (change > MIN_LENGTH)
         trials += [(float(misfit[number]), whole[number]) for number in np.flatnonzero(acts)]
@@ -477,5 +476,4 @@ def _coarse(space: ModelSpace, candidate: Candidate, effect: Effect, count: int)
             refit(metric, candidate, item, rounds=COARSE_BASE, full_jacobian=True)
             for _, item in trials[:MAX_BASE_STARTS]
         ],
-        space.watch.check,
     )

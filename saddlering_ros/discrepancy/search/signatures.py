@@ -14,8 +14,8 @@ from itertools import pairwise, product
 
 import numpy as np
 
-from saddlering_ros.discrepancy.problem.experiment import Experiment, Metric
 from saddlering_ros.discrepancy.problem.fits import Candidate, Fit, Tangent
+from saddlering_ros.discrepancy.problem.problem import Metric, Problem
 from saddlering_ros.discrepancy.problem.system import Array, Effect, Parameter, Point
 
 
@@ -26,10 +26,10 @@ class ChangeScale:
     is subtracted first, because it is no misfit.
     """
 
-    def __init__(self, experiment: Experiment, base_plain: Array) -> None:
-        self._experiment = experiment
+    def __init__(self, problem: Problem, base_plain: Array) -> None:
+        self._problem = problem
         self._edges = np.cumsum([
-            run.time.size for _ in experiment.system.views for run in experiment.runs])[:-1]
+            run.time.size for _ in problem.system.views for run in problem.runs])[:-1]
         self._base = orthonormal(self._seen(base_plain))
 
     def beyond_base(self, change: Array) -> float:
@@ -42,7 +42,7 @@ class ChangeScale:
 
     def by_run(self, change: Array) -> dict[str, Array]:
         """Rms of a stacked change (n,) as a share of range: per view one number per run."""
-        views = self._experiment.system.views
+        views = self._problem.system.views
         sizes = self._sizes(change[:, None])[:, 0].reshape(len(views), -1)
         return dict(zip(views, sizes, strict=True))
 
@@ -54,12 +54,12 @@ class ChangeScale:
 
     def _seen(self, changes: Array) -> Array:
         """Changes (n, B) in every view and run; their squares add up to a mean square share."""
-        experiment = self._experiment
+        problem = self._problem
         return np.concatenate([
-            seen * (experiment.root_weights(run, view) / experiment.view_ranges[view])[:, None]
-            for view in experiment.system.views
+            seen * (problem.root_weights(run, view) / problem.view_ranges[view])[:, None]
+            for view in problem.system.views
             for run, seen in zip(
-                experiment.runs, experiment.view_residuals(changes, view), strict=True
+                problem.runs, problem.view_residuals(changes, view), strict=True
             )
         ])
 
@@ -188,7 +188,7 @@ def measure_signatures(
     """
     starts: list[tuple[Effect, int, Array]] = [
         (effect, variant, start)
-        for effect in metric.experiment.system.effects
+        for effect in metric.problem.system.effects
         if not effect.line
         for variant in range(effect.first_variant, len(effect.variants))
         for start in effect_starts(effect)
@@ -211,14 +211,14 @@ def _measured(
     starts: Sequence[tuple[Effect, int, Array]],
 ) -> list[Signature]:
     """Signatures of effects in one variant at one start each."""
-    parameters = metric.experiment.system.base_parameters
+    parameters = metric.problem.system.base_parameters
     points: list[Point] = [
         Candidate(((effect, variant),)).point(
             parameters, np.concatenate([fit.theta_unit, theta_unit])
         )
         for effect, variant, theta_unit in starts
     ]
-    part = metric.experiment.predict(points) - fit.prediction[:, None]
+    part = metric.problem.predict(points) - fit.prediction[:, None]
     left, lengths, shares = _beyond(metric, part, orthogonal)
     visible = scale.beyond_base_of_each(part)
     shown = [bool(np.isfinite(column).all()) for column in part.T]

@@ -10,7 +10,6 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from saddlering_ros.discrepancy.problem.experiment import Metric
 from saddlering_ros.discrepancy.problem.fits import (
     Asking,
     Candidate,
@@ -22,7 +21,8 @@ from saddlering_ros.discrepancy.problem.fits import (
     Tangent,
     tangent,
 )
-from saddlering_ros.discrepancy.problem.system import Array, Settings
+from saddlering_ros.discrepancy.problem.problem import Metric
+from saddlering_ros.discrepancy.problem.system import Array
 from saddlering_ros.discrepancy.search.lack_of_fit import (
     FastResidual,
     LackOfFitTests,
@@ -36,7 +36,6 @@ from saddlering_ros.discrepancy.search.signatures import (
     testable,
 )
 from saddlering_ros.estimation.statistics import fisher_limit
-from saddlering_ros.progress import Watch
 
 COARSE_ROUNDS = 4
 """Rounds of a refit from each of several starts, before the best one is refined."""
@@ -76,11 +75,11 @@ class ModelSpace:
         signatures: Sequence[Signature],
         scale: ChangeScale,
         trials: int,
-        settings: Settings,
-        watch: Watch,
     ) -> None:
+        problem = self.problem = metric.problem
+        self.settings, self.watch = problem.settings, problem.watch
         self.metric, self.base, self.signatures, self.scale = metric, base, signatures, scale
-        self.trials, self.settings, self.watch = trials, settings, watch
+        self.trials = trials
         known_from = [noise.pairs for noise in metric.noise.values()]
         self.pairs = max(MIN_PAIRS, min(known_from))
         self.max_pairs = max(MIN_PAIRS, max(known_from))
@@ -150,7 +149,7 @@ class ModelSpace:
 
     def continued(self, fits: Sequence[Fit], rounds: int) -> list[Fit]:
         """The same fits after further rounds."""
-        count = len(self.metric.experiment.system.base_parameters)
+        count = len(self.problem.system.base_parameters)
         return self._run([
             refit(self.metric, item.candidate, item.theta_unit, item.jacobian[:, :count],
                   rounds=rounds, known_start=item)
@@ -169,7 +168,7 @@ class ModelSpace:
 
     def started(self, fit: Fit, trials: Sequence[Trial], rounds: int) -> list[Fit]:
         """The model of `fit` plus each candidate after so many rounds, from each of its starts."""
-        base = self.metric.experiment.system.base_parameters
+        base = self.problem.system.base_parameters
         stopped = self.stopped_base(fit)
         freed = fit.theta_unit.copy()
         freed[: len(base)][stopped] = declared_start(base)[stopped]
@@ -206,7 +205,7 @@ class ModelSpace:
 
         The way from there to the place where the effect shows can be long.
         """
-        theta_unit = fit.theta_unit[: len(self.metric.experiment.system.base_parameters)]
+        theta_unit = fit.theta_unit[: len(self.problem.system.base_parameters)]
         return np.asarray(np.minimum(theta_unit, 1.0 - theta_unit) < AT_BOUND)
 
     def refine(self, fits: Sequence[Fit]) -> list[Fit]:
@@ -221,7 +220,7 @@ class ModelSpace:
 
     def refit_full_jacobian(self, fits: Sequence[Fit]) -> list[Fit]:
         """The same fits continued, with every sensitivity differenced at every step."""
-        return refit_full_jacobian(self.metric, fits, self.settings.rounds, self.watch)
+        return refit_full_jacobian(self.metric, fits, self.settings.rounds)
 
     def without(self, fit: Fit, effect_id: str) -> Fit:
         """The model without one effect, refitted."""
@@ -229,7 +228,7 @@ class ModelSpace:
         if not candidate.effects:
             return self.base
         if not self.is_fitted(candidate):
-            count = len(self.metric.experiment.system.base_parameters)
+            count = len(self.problem.system.base_parameters)
             kept = [fit.theta_unit[:count]]
             kept += [
                 fit.theta_unit[part]
@@ -246,18 +245,16 @@ class ModelSpace:
         return self._fits[candidate.key]
 
     def _run(self, refits: Sequence[Asking]) -> list[Fit]:
-        return run_refits(self.metric, refits, self.watch.check)
+        return run_refits(self.metric, refits)
 
 
-def refit_full_jacobian(
-    metric: Metric, fits: Sequence[Fit], rounds: int, watch: Watch
-) -> list[Fit]:
+def refit_full_jacobian(metric: Metric, fits: Sequence[Fit], rounds: int) -> list[Fit]:
     """Fits continued in a metric, with every sensitivity differenced at every step."""
     wanted = [
         refit(metric, fit.candidate, fit.theta_unit, rounds=rounds, full_jacobian=True)
         for fit in fits
     ]
-    return run_refits(metric, wanted, watch.check)
+    return run_refits(metric, wanted)
 
 
 def best_fit_of_each(fits: Sequence[Fit]) -> list[Fit]:

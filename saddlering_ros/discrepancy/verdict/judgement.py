@@ -14,8 +14,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from saddlering_ros.discrepancy.problem.experiment import Experiment, Metric
 from saddlering_ros.discrepancy.problem.fits import Fit, PRIOR, Tangent
+from saddlering_ros.discrepancy.problem.problem import Metric, Problem
 from saddlering_ros.discrepancy.problem.system import Array, Parameter, RunBlocks
 from saddlering_ros.discrepancy.search.comparison import (
     alternative_floor,
@@ -54,7 +54,7 @@ def consistency_tests(
     metric: Metric, fit: Fit, tangent: Tangent, slow: SlowResidual, pairs: int
 ) -> list[ShapeTest]:
     """Every family of these runs; the number of families is counted in the p-values."""
-    families = _Families(metric.experiment, fit, tangent).all()
+    families = _Families(metric.problem, fit, tangent).all()
     tests = [
         test
         for name, columns in families.items()
@@ -66,12 +66,12 @@ def consistency_tests(
 class _Families:
     """Families of shapes about a fit, each evaluated for one channel of one run at a time."""
 
-    def __init__(self, experiment: Experiment, fit: Fit, tangent: Tangent) -> None:
-        self._experiment, self._plain = experiment, tangent.plain
-        self._runs, self._names = experiment.runs, experiment.system.channel_names
-        self._base = len(experiment.system.base_parameters)
-        self._changes = changes_of_effects(experiment, fit)
-        predicted = experiment.by_run(fit.prediction)
+    def __init__(self, problem: Problem, fit: Fit, tangent: Tangent) -> None:
+        self._problem, self._plain = problem, tangent.plain
+        self._runs, self._names = problem.runs, problem.system.channel_names
+        self._base = len(problem.system.base_parameters)
+        self._changes = changes_of_effects(problem, fit)
+        predicted = problem.by_run(fit.prediction)
         self._seen = [_places([run[row] for run in predicted]) for row in range(len(self._names))]
         shared = [
             name for name in self._runs[0].inputs if all(name in run.inputs for run in self._runs)
@@ -91,10 +91,10 @@ class _Families:
         }
         if len(self._runs) > 1:
             families['the runs, as the parameters act'] = lambda slot: self._one_of(
-                slot, self._experiment.slices[slot][0], len(self._runs))
+                slot, self._problem.slices[slot][0], len(self._runs))
         if len(self._names) > 1:
             families['the channels, as the parameters act'] = lambda slot: self._one_of(
-                slot, self._experiment.slices[slot][1], len(self._names))
+                slot, self._problem.slices[slot][1], len(self._names))
         if self._changes.size:
             families['state, as the cause acts'] = lambda slot: self._over_states(
                 slot, self._own(self._changes, slot), CAUSE_WAVES)
@@ -103,13 +103,13 @@ class _Families:
         return families
 
     def _own(self, stacked: Array, slot: int) -> Array:
-        return np.asarray(stacked[self._experiment.slices[slot][2]])
+        return np.asarray(stacked[self._problem.slices[slot][2]])
 
     def _sensitivities(self, slot: int) -> Array:
         return self._own(self._plain, slot)
 
     def _over_states(self, slot: int, shapes: Array, waves: int) -> Array:
-        run = self._experiment.slices[slot][0]
+        run = self._problem.slices[slot][0]
         return np.hstack([
             shapes * np.cos(wave * places[run])[:, None]
             for places in self._states
@@ -117,7 +117,7 @@ class _Families:
         ])
 
     def _over_time(self, slot: int, shapes: Array, waves: int) -> Array:
-        time = self._times[self._experiment.slices[slot][0]]
+        time = self._times[self._problem.slices[slot][0]]
         return np.hstack([
             shapes * np.cos(wave * time)[:, None] for wave in range(1, waves + 1)])
 
@@ -131,7 +131,7 @@ class _Families:
 
     def _of_channels(self, slot: int) -> Array:
         """Shapes over the predicted channels, in this channel of any run."""
-        run, channel, _ = self._experiment.slices[slot]
+        run, channel, _ = self._problem.slices[slot]
         waves = np.arange(1, STATE_WAVES + 1)
         own = np.hstack([np.cos(places[run][:, None] * waves) for places in self._seen])
         whole = np.zeros((own.shape[0], len(self._names), own.shape[1]))
@@ -193,17 +193,17 @@ class _Test:
 
     def _largest(self, weights: Array, imitated: Array) -> tuple[str, float]:
         """The view in which the fitted shapes are largest, and their rms share of its range."""
-        experiment = self._metric.experiment
-        shape = np.empty(experiment.size)
-        for slot, (_, _, part) in enumerate(experiment.slices):
+        problem = self._metric.problem
+        shape = np.empty(problem.size)
+        for slot, (_, _, part) in enumerate(problem.slices):
             shape[part] = self._columns(slot) @ weights - self._tangent.plain[part] @ imitated
         sizes = {
             view: max(
-                experiment.mean_square(seen, run, view) ** 0.5 / experiment.view_ranges[view]
+                problem.mean_square(seen, run, view) ** 0.5 / problem.view_ranges[view]
                 for run, seen in zip(
-                    experiment.runs, experiment.view_residuals(shape, view), strict=True)
+                    problem.runs, problem.view_residuals(shape, view), strict=True)
             )
-            for view in experiment.system.views
+            for view in problem.system.views
         }
         view = max(sizes, key=lambda name: sizes[name])
         return view, sizes[view]
@@ -216,7 +216,7 @@ def _products(metric: Metric, fit: Fit, tangent: Tangent, columns: Columns) -> _
     gram, residual = np.zeros((count, count)), np.zeros(count)
     tangents = np.zeros((count, tangent.white.shape[1]))
     along = np.zeros((count, shared.directions.shape[1]))
-    for slot, (_, _, part) in enumerate(metric.experiment.slices):
+    for slot, (_, _, part) in enumerate(metric.problem.slices):
         white = metric.whiteners[slot].whiten(columns(slot))
         gram += white.T @ white
         tangents += white.T @ tangent.white[part]
@@ -244,7 +244,7 @@ def residual_of(space: ModelSpace, fit: Fit) -> Residual:
     sensitivities, slow = space.tangent_of(fit), space.slow_residual(fit)
     shapes = space.tests.shapes(fit, sensitivities.white)
     consistency: list[ShapeTest] = []
-    if space.metric.experiment.assumptions.form_error == 0.0:
+    if space.problem.assumptions.form_error == 0.0:
         consistency = consistency_tests(
             space.metric, fit, sensitivities, slow, space.max_pairs)
     return Residual(slow, space.tests.fast(fit), tuple(shapes), tuple(consistency))
@@ -304,14 +304,14 @@ def _is_left(space: ModelSpace, after: Residual) -> bool:
 
 def _unexplained(space: ModelSpace, after: Residual) -> list[str]:
     """Channels and runs whose residual exceeds the noise and the declared model error."""
-    experiment = space.metric.experiment
-    if experiment.assumptions.form_error > 0.0:
+    problem = space.problem
+    if problem.assumptions.form_error > 0.0:
         return []  # Judged in each view, against the form error of the effects.
     found = [
         f'{channel} in {run}'
         for (channel, run), chance in after.slow.chances.items()
         if chance < space.settings.error_rate
-        and after.slow.sizes[channel][_number(experiment.runs, run)] >= space.settings.materiality
+        and after.slow.sizes[channel][_number(problem.runs, run)] >= space.settings.materiality
     ]
     found += [
         f'{item.view} along {item.coordinate}'
@@ -327,7 +327,7 @@ def _number(runs: Sequence[RunBlocks], name: str) -> int:
 
 def _doubts(space: ModelSpace, fit: Fit, after: Residual, share: float) -> list[str]:
     """Reasons why real causes are not named, one sentence each."""
-    settings, assumptions = space.settings, space.metric.experiment.assumptions
+    settings, assumptions = space.settings, space.problem.assumptions
     doubts = []
     if _is_left(space, after):
         where = ', '.join(_unexplained(space, after)) or after.slow.where or after.fast.view
@@ -361,21 +361,21 @@ def _shapes_at_bounds(space: ModelSpace, fit: Fit) -> list[str]:
     form error of the effect explain. A shape at its neutral value or at its start is not
     stopped.
     """
-    experiment, settings = space.metric.experiment, space.settings
+    problem, settings = space.problem, space.settings
     white = space.tangent_of(fit).white
     variances = np.diag(covariance(white, PRIOR))
     slopes = white.T @ fit.whitened
     floor = alternative_floor(space.pairs, settings)
     taken = max(space.base.misfit - fit.misfit, 0.0)
     sentences = []
-    for effect, _, part in fit.candidate.slices(len(experiment.system.base_parameters)):
+    for effect, _, part in fit.candidate.slices(len(problem.system.base_parameters)):
         shapes = zip(
             effect.ordered, fit.theta_unit[part], slopes[part], variances[part], strict=True
         )
         for item, theta_unit, slope, variance in list(shapes)[1:]:
             outward = slope if theta_unit < 0.5 else -slope
             beyond = max(float(outward), 0.0) ** 2 * variance
-            allowed = max(floor, experiment.assumptions.form_error * taken)
+            allowed = max(floor, problem.assumptions.form_error * taken)
             if beyond > allowed and _is_at_bound(item, float(theta_unit)):
                 sentences.append(
                     f'{effect.id}: its {item.name} is at the bound of '

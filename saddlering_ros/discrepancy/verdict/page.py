@@ -57,7 +57,7 @@ def _limits(answer: Diagnosis) -> str:
 
 
 def _misfit(answer: Diagnosis) -> str:
-    names = answer.fits.metric.experiment.system.channel_names
+    names = answer.fits.metric.problem.system.channel_names
     return html.section('Misfit by run and channel', *(
         html.picture(
             _curves(prediction, names), f'misfit_{place + 1}',

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
-from saddlering_ros.discrepancy.problem.experiment import Metric, offset_columns
 from saddlering_ros.discrepancy.problem.fits import (
     Fit,
     fitted_gain,
@@ -17,8 +17,9 @@ from saddlering_ros.discrepancy.problem.fits import (
     PRIOR,
     Tangent,
 )
-from saddlering_ros.discrepancy.problem.system import Array, Effect, Parameter, RunBlocks, System
-from saddlering_ros.discrepancy.search.comparison import Evidence
+from saddlering_ros.discrepancy.problem.problem import offset_columns, Problem
+from saddlering_ros.discrepancy.problem.system import Array, Effect, Parameter
+from saddlering_ros.discrepancy.search.comparison import Comparison
 from saddlering_ros.discrepancy.search.selection import Alternatives
 from saddlering_ros.discrepancy.search.space import AT_BOUND, ModelSpace, refit_full_jacobian
 from saddlering_ros.discrepancy.verdict.results import (
@@ -32,149 +33,115 @@ from saddlering_ros.estimation.least_squares import covariance
 from saddlering_ros.quantities import quantity
 
 
+@dataclass(frozen=True)
 class Publication:
-    """The selected models, refitted with no other freedom than the offsets of the runs.
+    """Numbers for the reader, of the selected model and of the base alone.
+
+    warnings: sentences on sizes at their bounds; converged: whether all fits converged.
+    """
+
+    causes: tuple[Cause, ...]
+    base: Mapping[str, Estimate]
+    base_alone: Mapping[str, Estimate]
+    gain: Gain
+    runs: tuple[RunPrediction, ...]
+    fits: PublishedFits
+    warnings: tuple[str, ...]
+    converged: bool
+
+
+def publish(
+    space: ModelSpace, fit: Fit, alternatives: Alternatives, before: Residual, after: Residual
+) -> Publication:
+    """Refit the selected models with no other freedom than the offsets of the runs.
 
     During naming, parameters and nuisance parameters share a misfit, but a parameter file
     holds parameters only. This fit therefore gives the published values, predictions and
     gains. The part that nuisance parameters would have explained adds to the uncertainty of
     the published values.
     """
+    problem, rate = space.problem, space.settings.error_rate
+    parameters = problem.system.base_parameters
+    is_persistent = problem.assumptions.is_persistent
+    metric = space.metric if is_persistent else space.metric.marginalise(offset_columns(problem))
+    less = {name: space.without(fit, name) for name in fit.candidate.ids}
+    judged = [space.base, fit, *less.values()]
+    base, model, *others = refit_full_jacobian(metric, judged, space.settings.max_rounds)
+    base_covariance = _covariance(
+        space.tangent_of(space.base), before, base.theta_unit - space.base.theta_unit, rate)
+    covariance = _covariance(
+        space.tangent_of(fit), after, model.theta_unit - fit.theta_unit, rate)
+    refitted = {item.candidate.key: item for item in (base, model, *others)}
+    plain = dict(zip(refitted, plain_fits(problem, list(refitted.values())), strict=True))
 
-    def __init__(
-        self,
-        space: ModelSpace,
-        fit: Fit,
-        before: Residual,
-        after: Residual,
-        runs: Sequence[RunBlocks],
-    ) -> None:
-        experiment = space.metric.experiment
-        self.experiment, self.runs = experiment, list(runs)
-        self.metric: Metric = (
-            space.metric if experiment.assumptions.is_persistent
-            else space.metric.marginalise(offset_columns(experiment)))
-        less = {name: space.without(fit, name) for name in fit.candidate.ids}
-        judged = [space.base, fit, *less.values()]
-        self.base, self.fit, *others = refit_full_jacobian(
-            self.metric, judged, space.settings.max_rounds, space.watch
-        )
-        self.less = dict(zip(less, others, strict=True))
-        self.base_covariance = _covariance(
-            space.tangent_of(space.base), before, self.base.theta_unit - space.base.theta_unit,
-            space.settings.error_rate,
-        )
-        self.covariance = _covariance(
-            space.tangent_of(fit), after, self.fit.theta_unit - fit.theta_unit,
-            space.settings.error_rate,
-        )
-        fitted = {item.candidate.key: item for item in (self.base, self.fit, *others)}
-        plain = plain_fits(
-            experiment, list(fitted.values()), space.settings.max_rounds, space.watch
-        )
-        self._plain = dict(zip(fitted, plain, strict=True))
-        self.converged = all(item.converged for item in [*fitted.values(), *plain])
+    def gain_over(other: Fit) -> Gain:
+        return _gain(problem, plain[other.candidate.key], plain[model.candidate.key])
 
-    @property
-    def parameters(self) -> tuple[Parameter, ...]:
-        """Base parameters."""
-        return self.experiment.system.base_parameters
-
-    def fits(self) -> PublishedFits:
-        """Base and model, with the covariance of the base parameters in their units."""
-        covariance = _in_units(self.parameters, self.fit.theta_unit, self.covariance)
-        return PublishedFits(self.metric, self.base, self.fit, covariance)
-
-    def base_alone(self) -> dict[str, Estimate]:
-        """Base parameters without the causes."""
-        return _base_estimates(self.parameters, self.base, self.base_covariance)
-
-    def base_with_causes(self) -> dict[str, Estimate]:
-        """Base parameters with the causes in."""
-        return _base_estimates(self.parameters, self.fit, self.covariance)
-
-    def gain(self) -> Gain:
-        """Gain of all causes together."""
-        return self._gain(self.base)
-
-    def causes(
-        self, evidence: Mapping[str, Evidence], alternatives: Alternatives
-    ) -> tuple[Cause, ...]:
-        """The fitted causes of the selected model."""
-        return tuple(
-            self._cause(effect, variant, part, evidence[effect.id], alternatives)
-            for effect, variant, part in self.fit.candidate.slices(len(self.parameters))
-        )
-
-    def _cause(
-        self,
-        effect: Effect,
-        variant: int,
-        part: slice,
-        evidence: Evidence,
-        alternatives: Alternatives,
-    ) -> Cause:
-        others = {
+    causes = []
+    for effect, variant, part in model.candidate.slices(len(parameters)):
+        evidence = Comparison(space, less[effect.id], fit).evidence()
+        others_named = {
             other
             for alternative in alternatives.get(effect.id, ())
             for other in alternative.candidate.ids
-            if other not in self.fit.candidate.ids
+            if other not in model.candidate.ids
         }
-        deviations = np.sqrt(np.diag(self.covariance)[part])
-        return Cause(
-            effect=effect.id,
-            definition=effect,
-            variant=variant,
-            group=(effect.id, *sorted(others)),
-            parameters=_effect_estimates(effect, variant, self.fit.theta_unit[part], deviations),
-            p_value=evidence.p_value,
-            delta_bic=evidence.delta_bic,
-            visible=evidence.visible,
-            gain=self._gain(self.less[effect.id]),
-        )
+        deviations = np.sqrt(np.diag(covariance)[part])
+        causes.append(Cause(
+            effect=effect.id, definition=effect, variant=variant,
+            group=(effect.id, *sorted(others_named)),
+            parameters=_effect_estimates(effect, variant, model.theta_unit[part], deviations),
+            p_value=evidence.p_value, delta_bic=evidence.delta_bic, visible=evidence.visible,
+            gain=gain_over(less[effect.id])))
+    return Publication(
+        causes=tuple(causes),
+        base=_base_estimates(parameters, model, covariance),
+        base_alone=_base_estimates(parameters, base, base_covariance),
+        gain=gain_over(base),
+        runs=_predictions(problem, base, model),
+        fits=PublishedFits(
+            metric, base, model, _in_units(parameters, model.theta_unit, covariance)),
+        warnings=tuple(_sizes_at_bounds(model, len(parameters))),
+        converged=all(item.converged for item in [*refitted.values(), *plain.values()]),
+    )
 
-    def _gain(self, less: Fit) -> Gain:
-        """Gain over `less` on the fitted runs, and on runs held out."""
-        if less is self.fit or not self.fit.candidate.effects:
-            return Gain(0.0, 0.0, 'none')
-        before, after = self._plain[less.candidate.key], self._plain[self.fit.candidate.key]
-        fitted = fitted_gain(self.experiment, before, after)
-        held = [run for run in self.runs if run.held_out]
-        if held:
-            value = held_out_gain(self.experiment, held, before, after)
-            if not np.isfinite(value):
-                return Gain(fitted, None, 'the simulator failed on a held-out run')
-            return Gain(fitted, value, 'held out')
-        if len(self.experiment.runs) < 2:
-            return Gain(fitted, None, 'one run only')
-        return Gain(fitted, left_out_gain(self.experiment, before, after), 'held out in turn')
 
-    def sizes_at_bounds(self) -> list[str]:
-        """A sentence for every effect whose size is at its bound."""
-        sentences = []
-        for effect, _, part in self.fit.candidate.slices(len(self.parameters)):
-            size, theta_unit = effect.size, float(self.fit.theta_unit[part.start])
-            value = size.from_unit(theta_unit)
-            present = abs(value - effect.neutral) / (size.high - size.low)
-            if min(theta_unit, 1.0 - theta_unit) < AT_BOUND < present:
-                sentences.append(
-                    f'{effect.id}: its {size.name} is at the bound of '
-                    f'{quantity(value, size.unit)}: the size exceeds the expected range, or '
-                    'another cause contributes'
-                )
-        return sentences
+def _gain(problem: Problem, less: Fit, more: Fit) -> Gain:
+    """Gain of `more` over `less` on the fitted runs, and on runs held out."""
+    if not more.candidate.effects:
+        return Gain(0.0, 0.0, 'none')
+    fitted = fitted_gain(problem, less, more)
+    if problem.held_out:
+        value = held_out_gain(problem, problem.held_out, less, more)
+        if not np.isfinite(value):
+            return Gain(fitted, None, 'the simulator failed on a held-out run')
+        return Gain(fitted, value, 'held out')
+    if len(problem.runs) < 2:
+        return Gain(fitted, None, 'one run only')
+    return Gain(fitted, left_out_gain(problem, less, more), 'held out in turn')
 
-    def predictions(self) -> tuple[RunPrediction, ...]:
-        """Predictions of base and model for every run, held out or not."""
-        return _predictions(self.experiment.system, self.runs, self.base, self.fit)
+
+def _sizes_at_bounds(fit: Fit, base_parameters: int) -> list[str]:
+    """A sentence for every effect whose size is at its bound."""
+    sentences = []
+    for effect, _, part in fit.candidate.slices(base_parameters):
+        size, theta_unit = effect.size, float(fit.theta_unit[part.start])
+        value = size.from_unit(theta_unit)
+        present = abs(value - effect.neutral) / (size.high - size.low)
+        if min(theta_unit, 1.0 - theta_unit) < AT_BOUND < present:
+            sentences.append(
+                f'{effect.id}: its {size.name} is at the bound of '
+                f'{quantity(value, size.unit)}: the size exceeds the expected range, or '
+                'another cause contributes')
+    return sentences
 
 
 def _covariance(
     sensitivities: Tangent, residual: Residual, moved: Array, error_rate: float
 ) -> Array:
     """Covariance in bound-scaled coordinates, widened by misfit and nuisance parameters."""
-    own = covariance(sensitivities.white, PRIOR) * residual.inflation(error_rate)
-    return np.asarray(own + np.diag(moved**2))
+    fitted = covariance(sensitivities.white, PRIOR) * residual.inflation(error_rate)
+    return np.asarray(fitted + np.diag(moved**2))
 
 
 def _in_units(parameters: Sequence[Parameter], theta_unit: Array, covariance: Array) -> Array:
@@ -213,11 +180,10 @@ def _effect_estimates(
     return estimates
 
 
-def _predictions(
-    system: System, runs: Sequence[RunBlocks], before: Fit, after: Fit
-) -> tuple[RunPrediction, ...]:
+def _predictions(problem: Problem, before: Fit, after: Fit) -> tuple[RunPrediction, ...]:
+    """Predictions of base and model for every run, held out or not."""
     answers = []
-    for run in runs:
-        both = system.predict_many(run, [before.point, after.point])
+    for run in problem.all_runs:
+        both = problem.system.predict_many(run, [before.point, after.point])
         answers.append(RunPrediction(run, both[0], both[1]))
     return tuple(answers)

@@ -9,8 +9,8 @@ from typing import Literal, TypedDict
 
 from saddlering_ros.discrepancy.law.proposal import LawProposal
 from saddlering_ros.discrepancy.next_test import Separation
-from saddlering_ros.discrepancy.problem.experiment import Metric
 from saddlering_ros.discrepancy.problem.fits import Fit, Gain
+from saddlering_ros.discrepancy.problem.problem import Metric
 from saddlering_ros.discrepancy.problem.system import Array, Effect, RunBlocks
 from saddlering_ros.discrepancy.search.comparison import SearchLog
 from saddlering_ros.discrepancy.search.lack_of_fit import FastResidual, ShapeTest, SlowResidual

@@ -16,9 +16,9 @@ from itertools import pairwise
 
 import numpy as np
 
-from saddlering_ros.discrepancy.problem.experiment import Experiment, Metric
 from saddlering_ros.discrepancy.problem.fits import Fit, Gain
-from saddlering_ros.discrepancy.problem.system import Array, Effect, RunBlocks, Settings
+from saddlering_ros.discrepancy.problem.problem import Metric, Problem
+from saddlering_ros.discrepancy.problem.system import Array, Effect, RunBlocks
 from saddlering_ros.discrepancy.search.comparison import Evidence
 from saddlering_ros.discrepancy.search.limits import DetectionLimit
 from saddlering_ros.discrepancy.verdict.lines import (
@@ -264,21 +264,20 @@ class SteadyLines:
     limits: tuple[DetectionLimit, ...]
 
 
-def find_steady_lines(
-    experiment: Experiment, runs: Sequence[RunBlocks], settings: Settings, trials: int
-) -> SteadyLines:
+def find_steady_lines(problem: Problem, trials: int) -> SteadyLines:
     """Lines in the stretches at rest of the fitted runs, for every effect that is a line."""
-    rest = [segment for run in experiment.runs for segment in run.rest]
-    held_out = [segment for run in runs if run.held_out for segment in run.rest]
+    rest = [segment for run in problem.runs for segment in run.rest]
+    held_out = [segment for run in problem.held_out for segment in run.rest]
+    settings = problem.settings
     causes, immaterial, limits = [], [], []
-    for effect in experiment.system.effects:
+    for effect in problem.system.effects:
         if not effect.line:
             continue
         search = find_line(rest, settings.error_rate / trials)
-        limits.append(_limit(effect, search.limit, _material_limit(experiment, settings)))
+        limits.append(_limit(effect, search.limit, _material_limit(problem)))
         if search.line is None:
             continue
-        cause = _cause(experiment, effect, search.line, rest, held_out)
+        cause = _cause(problem, effect, search.line, rest, held_out)
         if cause.visible >= settings.materiality:
             causes.append(cause)
         else:
@@ -294,40 +293,39 @@ class Swings:
     runs: tuple[RunBlocks, ...]
 
 
-def find_swings(
-    metric: Metric, base: Fit, runs: Sequence[RunBlocks], settings: Settings, trials: int
-) -> Swings | None:
+def find_swings(metric: Metric, base: Fit, trials: int) -> Swings | None:
     """The material slow lines in the residual of the base fit, in motion or not."""
-    experiment = metric.experiment
-    effect = next((item for item in experiment.system.effects if item.line), None)
+    problem = metric.problem
+    runs, settings = problem.all_runs, problem.settings
+    effect = next((item for item in problem.system.effects if item.line), None)
     if effect is None:
         return None
-    left = metric.without_nuisances(base.prediction - experiment.measured)
-    fitted = dict(zip([run.name for run in experiment.runs], experiment.by_run(left), strict=True))
+    left = metric.without_nuisances(base.prediction - problem.measured)
+    fitted = dict(zip([run.name for run in problem.runs], problem.by_run(left), strict=True))
     residuals = [
         fitted[run.name]
         if run.name in fitted
-        else experiment.system.predict_many(run, [base.point])[0] - run.channels
+        else problem.system.predict_many(run, [base.point])[0] - run.channels
         for run in runs
     ]
     found, cleaned = find_slow_lines(runs, residuals, settings.error_rate / trials)
-    causes = [_swing_cause(experiment, effect, item) for item in found]
+    causes = [_swing_cause(problem, effect, item) for item in found]
     material = tuple(cause for cause in causes if cause.visible >= settings.materiality)
     return Swings(material, cleaned) if material else None
 
 
-def _swing_cause(experiment: Experiment, effect: Effect, found: SlowLine) -> Cause:
-    cause = _cause(experiment, effect, found.line, found.segments, ())
+def _swing_cause(problem: Problem, effect: Effect, found: SlowLine) -> Cause:
+    cause = _cause(problem, effect, found.line, found.segments, ())
     return replace(cause, gain=replace(cause.gain, how='in the residual, its phase free'))
 
 
-def _material_limit(experiment: Experiment, settings: Settings) -> float:
+def _material_limit(problem: Problem) -> float:
     """Amplitude of a line with the smallest material rms in some view."""
     widest = max(
-        float(np.abs(weights).max()) / experiment.view_ranges[view]
-        for view, weights in experiment.system.views.items()
+        float(np.abs(weights).max()) / problem.view_ranges[view]
+        for view, weights in problem.system.views.items()
     )
-    return float(settings.materiality * np.sqrt(2.0) / widest)
+    return float(problem.settings.materiality * np.sqrt(2.0) / widest)
 
 
 def _limit(effect: Effect, limit: float, material: float) -> DetectionLimit:
@@ -336,7 +334,7 @@ def _limit(effect: Effect, limit: float, material: float) -> DetectionLimit:
 
 
 def _cause(
-    experiment: Experiment,
+    problem: Problem,
     effect: Effect,
     line: Line,
     rest: Sequence[RestSegment],
@@ -347,8 +345,8 @@ def _cause(
     variant = min(range(len(effect.line)), key=lambda item: len({*effect.line[item]} ^ hit))
     own = line.amplitude * line.own
     visible = max(
-        float(np.abs(weights) @ own) / experiment.view_ranges[view]
-        for view, weights in experiment.system.views.items()
+        float(np.abs(weights) @ own) / problem.view_ranges[view]
+        for view, weights in problem.system.views.items()
     ) / np.sqrt(2.0)
     gain = Gain(
         line_gain(rest, line.frequency, own),

@@ -23,12 +23,18 @@ from saddlering_ros.discrepancy.problem.system import (
     FREE_OFFSET,
     ModelErrorPrior,
     Point,
+    Proposal,
     RunBlocks,
+    Settings,
     System,
     SystemWithTangents,
 )
 from saddlering_ros.estimation.process import ChannelNoise
 from saddlering_ros.estimation.whitening import build_whitener, SharedErrors, Whitener
+from saddlering_ros.progress import Watch
+
+ROUNDING = 1e-9
+"""Share of its bounds by which a first guess may exceed them: it was rounded on its way."""
 
 EMPTY_VIEW = 0.1
 """A view is empty except for faults if its range is below this share of its neighbours' range."""
@@ -74,21 +80,64 @@ class Assumptions:
         return self.offsets is None or self.offsets[channel] >= FREE_OFFSET
 
 
-class Experiment:
-    """Fitted runs and their simulator; `simulations` counts the points that were simulated."""
+@dataclass(eq=False)
+class Problem:
+    """A system, its runs, and everything that a diagnosis assumes about them.
 
-    def __init__(
-        self,
-        system: System,
-        runs: Sequence[RunBlocks],
-        assumptions: Assumptions | None = None,
-    ) -> None:
-        if not runs:
+    all_runs: the fitted and the held-out runs; start: first guesses of base parameters by name,
+    in their units, None for the declared starts; proposals: tests of which one is chosen if
+    causes cannot be told apart; simulations: number of points that were simulated.
+    """
+
+    system: System
+    all_runs: Sequence[RunBlocks]
+    settings: Settings = field(default_factory=Settings)
+    assumptions: Assumptions = field(default_factory=Assumptions)
+    start: Mapping[str, float] | None = None
+    proposals: Sequence[Proposal] = ()
+    watch: Watch = field(default_factory=lambda: Watch('diagnose'))
+    simulations: int = field(default=0, init=False)
+
+    def __post_init__(self) -> None:
+        if not self.runs:
             raise DiscrepancyError('diagnose: every run is held out: leave at least one run to '
                                    'fit')
-        self.system, self.runs = system, tuple(runs)
-        self.assumptions = assumptions or Assumptions()
-        self.simulations = 0
+
+    def with_runs(self, runs: Sequence[RunBlocks]) -> Problem:
+        """The same problem with other runs."""
+        return replace(self, all_runs=runs)
+
+    @cached_property
+    def runs(self) -> tuple[RunBlocks, ...]:
+        """The fitted runs."""
+        return tuple(run for run in self.all_runs if not run.held_out)
+
+    @property
+    def held_out(self) -> list[RunBlocks]:
+        return [run for run in self.all_runs if run.held_out]
+
+    def first_guess(self) -> Array | None:
+        """First guesses of base parameters, bound-scaled; None if none are given.
+
+        A guess outside the bounds by rounding alone is the bound.
+        """
+        if self.start is None:
+            return None
+        parameters = {item.name: item for item in self.system.base_parameters}
+        for name, value in self.start.items():
+            if name not in parameters:
+                raise DiscrepancyError(f'start: there is no base parameter {name!r}; there are '
+                                       f'{", ".join(parameters)}')
+            item = parameters[name]
+            slack = ROUNDING * max(abs(item.low), abs(item.high))
+            inside = item.low - slack <= value <= item.high + slack
+            if not (np.isfinite(value) and (item.periodic or inside)):
+                raise DiscrepancyError(
+                    f'start: {name} = {value:g} is outside {item.low:g} to {item.high:g}')
+        return np.array([
+            item.to_unit(self.start[name]) if name in self.start else item.first_guess
+            for name, item in parameters.items()
+        ])
 
     @cached_property
     def size(self) -> int:
@@ -122,9 +171,26 @@ class Experiment:
         )
 
     @cached_property
-    def view_ranges(self) -> Mapping[str, float]:
-        """Range that a misfit in each view is compared with."""
-        return view_ranges(self.system, self.runs)
+    def view_ranges(self) -> dict[str, float]:
+        """Range that a misfit in each view is compared with.
+
+        A view that should be empty (parity) is compared with the widest view that uses its
+        channels.
+        """
+        ranges = {
+            name: max(float(np.ptp(weights @ run.channels)) for run in self.runs)
+            for name, weights in self.system.views.items()
+        }
+        scaled: dict[str, float] = {}
+        for name, weights in self.system.views.items():
+            alike = max(
+                ranges[other] * float(np.abs(weights).sum() / np.abs(vector).sum())
+                for other, vector in self.system.views.items()
+                if np.any((weights != 0) & (vector != 0))
+            )
+            empty = ranges[name] <= EMPTY_VIEW * alike
+            scaled[name] = alike if empty else max(ranges[name], MIN_VIEW_SHARE * alike)
+        return scaled
 
     def predict(self, points: Sequence[Point]) -> Array:
         """Stacked channels (n, B) at `points`."""
@@ -164,6 +230,13 @@ class Experiment:
             start += run.channels.size
         return blocks
 
+    def sample_weights(self, run: RunBlocks, view: str) -> Array:
+        """Weight (N,) of each sample in a view as a time; 0 if one of its channels is missing."""
+        if run.present is None:
+            return run.width
+        channels = np.flatnonzero(self.system.views[view])
+        return np.asarray(run.width * run.present[channels].all(axis=0))
+
     def view_residuals(self, residual: Array, view: str) -> list[Array]:
         """Stacked residuals (n,) or (n, B) in one view, run by run.
 
@@ -180,17 +253,17 @@ class Experiment:
         channels = np.flatnonzero(self.system.views[view])
         if not any(self.assumptions.frees_constant(int(channel)) for channel in channels):
             return seen
-        weights = sample_weights(self.system, run, view)
+        weights = self.sample_weights(run, view)
         return np.asarray(seen - weights @ seen / weights.sum())
 
     def root_weights(self, run: RunBlocks, view: str) -> Array:
         """Square roots (N,) of the weights of samples in a mean square over time."""
-        weights = sample_weights(self.system, run, view)
+        weights = self.sample_weights(run, view)
         return np.asarray(np.sqrt(weights / weights.sum()))
 
     def mean_square(self, seen: Array, run: RunBlocks, view: str) -> float:
         """Mean square over time of the values (N,) of a view, without missing samples."""
-        return float(np.average(seen**2, weights=sample_weights(self.system, run, view)))
+        return float(np.average(seen**2, weights=self.sample_weights(run, view)))
 
 
 def refuse_repeats(runs: Sequence[RunBlocks]) -> None:
@@ -228,36 +301,6 @@ def _shares_content(one: Array, other: Array) -> bool:
     return False
 
 
-def sample_weights(system: System, run: RunBlocks, view: str) -> Array:
-    """Weight (N,) of each sample in a view as a time; 0 if one of its channels is missing."""
-    if run.present is None:
-        return run.width
-    channels = np.flatnonzero(system.views[view])
-    return np.asarray(run.width * run.present[channels].all(axis=0))
-
-
-def view_ranges(system: System, runs: Sequence[RunBlocks]) -> dict[str, float]:
-    """Range that a misfit in each view is compared with.
-
-    A view that should be empty (parity) is compared with the widest view that uses its
-    channels.
-    """
-    ranges = {
-        name: max(float(np.ptp(weights @ run.channels)) for run in runs)
-        for name, weights in system.views.items()
-    }
-    scaled: dict[str, float] = {}
-    for name, weights in system.views.items():
-        alike = max(
-            ranges[other] * float(np.abs(weights).sum() / np.abs(vector).sum())
-            for other, vector in system.views.items()
-            if np.any((weights != 0) & (vector != 0))
-        )
-        empty = ranges[name] <= EMPTY_VIEW * alike
-        scaled[name] = alike if empty else max(ranges[name], MIN_VIEW_SHARE * alike)
-    return scaled
-
-
 MAX_SPREADS = 2.5
 """Largest size of a nuisance parameter, in its standard deviations."""
 
@@ -272,7 +315,7 @@ class Whitening(Protocol):
     """The interface of a metric for refits."""
 
     @property
-    def experiment(self) -> Experiment: ...
+    def problem(self) -> Problem: ...
 
     def whiten(self, columns: Array) -> Array:
         """Stacked columns (n, B) or (n,) in units of their usual size."""
@@ -287,7 +330,7 @@ class Metric:
     changed: `marginalise` makes another one.
     """
 
-    experiment: Experiment
+    problem: Problem
     noise: Mapping[tuple[str, int], ChannelNoise]
     whiteners: tuple[Whitener, ...]
     shared: SharedErrors
@@ -299,14 +342,14 @@ class Metric:
     def whiten_noise(self, columns: Array) -> Array:
         """L^-1 on stacked columns (n, B) or (n,): noise alone."""
         out = np.empty_like(columns)
-        for whitener, (_, _, part) in zip(self.whiteners, self.experiment.slices, strict=True):
+        for whitener, (_, _, part) in zip(self.whiteners, self.problem.slices, strict=True):
             out[part] = whitener.whiten(columns[part])
         return out
 
     def colour_noise(self, columns: Array) -> Array:
         """L on whitened columns (n, B) or (n,)."""
         out = np.empty_like(columns)
-        for whitener, (_, _, part) in zip(self.whiteners, self.experiment.slices, strict=True):
+        for whitener, (_, _, part) in zip(self.whiteners, self.problem.slices, strict=True):
             out[part] = whitener.colour(columns[part])
         return out
 
@@ -333,58 +376,63 @@ class Metric:
     @property
     def free_count(self) -> float:
         """Dimensions beside the nuisance parameters."""
-        return self.experiment.size - self.shared.dimensions
+        return self.problem.size - self.shared.dimensions
 
 
-def noise_metric(experiment: Experiment, noise: Mapping[tuple[str, int], ChannelNoise]) -> Metric:
-    """The metric of the noise alone, without nuisance parameters."""
-    jitter = float((JITTER * experiment.channel_ranges.max()) ** 2)
+def noise_metric(problem: Problem, prediction: Array | None = None) -> Metric:
+    """The metric of the noise alone, without nuisance parameters.
+
+    The noise is learnt from the runs and, if it is given, the residual of a prediction (n,).
+    """
+    residuals = None if prediction is None else problem.by_run(prediction - problem.measured)
+    noise = problem.assumptions.learn_noise(problem.runs, residuals)
+    jitter = float((JITTER * problem.channel_ranges.max()) ** 2)
     whiteners = []
-    for index, channel, _ in experiment.slices:
-        run = experiment.runs[index]
+    for index, channel, _ in problem.slices:
+        run = problem.runs[index]
         present = None if run.present is None else run.present[channel]
-        own = noise[run.name, channel]
-        whiteners.append(build_whitener(own, run.time, run.width, run.hold, present, jitter))
-    return Metric(experiment, noise, tuple(whiteners), SharedErrors.none(experiment.size))
+        learnt = noise[run.name, channel]
+        whiteners.append(build_whitener(learnt, run.time, run.width, run.hold, present, jitter))
+    return Metric(problem, noise, tuple(whiteners), SharedErrors.none(problem.size))
 
 
 RATE_SHAPES = 4
 """Shapes over the drive of the error that depends on its rate."""
 
 
-def nuisance_columns(experiment: Experiment, point: Point, prediction: Array) -> Array:
+def nuisance_columns(problem: Problem, point: Point, prediction: Array) -> Array:
     """Every nuisance parameter as a column (n, k) at the prediction (n,) of a point."""
-    columns = [offset_columns(experiment)]
-    prior = experiment.assumptions.model_error
+    columns = [offset_columns(problem)]
+    prior = problem.assumptions.model_error
     if prior is not None:
-        columns.append(model_error_columns(experiment, prior))
-        columns.append(timing_columns(experiment, prior, prediction))
-    columns.append(system_columns(experiment, point))
+        columns.append(model_error_columns(problem, prior))
+        columns.append(timing_columns(problem, prior, prediction))
+    columns.append(system_columns(problem, point))
     return np.hstack(columns)
 
 
-def offset_columns(experiment: Experiment) -> Array:
+def offset_columns(problem: Problem) -> Array:
     """A constant for every run and channel, with a very wide spread where it is free."""
-    declared = experiment.assumptions.offsets
+    declared = problem.assumptions.offsets
     columns = []
-    for _, channel, part in experiment.slices:
-        free = FREE_OFFSET * experiment.channel_ranges.max()
+    for _, channel, part in problem.slices:
+        free = FREE_OFFSET * problem.channel_ranges.max()
         spread = float(free) if declared is None else declared[channel]
         if spread > 0.0:
-            column = np.zeros(experiment.size)
+            column = np.zeros(problem.size)
             column[part] = spread
             columns.append(column)
-    return np.array(columns).reshape(-1, experiment.size).T
+    return np.array(columns).reshape(-1, problem.size).T
 
 
-def model_error_columns(experiment: Experiment, prior: ModelErrorPrior) -> Array:
+def model_error_columns(problem: Problem, prior: ModelErrorPrior) -> Array:
     """Smooth model error over the drive, shared inside a group, in every channel."""
-    widest = experiment.channel_ranges.max()
-    rates = [run.rate for run in experiment.runs if run.rate is not None]
+    widest = problem.channel_ranges.max()
+    rates = [run.rate for run in problem.runs if run.rate is not None]
     fastest = max([1e-300, *(float(np.abs(rate).max()) for rate in rates)])
     columns: list[Array] = []
-    for group in sorted({run.group for run in experiment.runs}):
-        members = [run for run in experiment.runs if run.group == group]
+    for group in sorted({run.group for run in problem.runs}):
+        members = [run for run in problem.runs if run.group == group]
         drives = {run.name: next(iter(run.inputs.values())) for run in members}
         low = min(float(drive.min()) for drive in drives.values())
         high = max(float(drive.max()) for drive in drives.values())
@@ -395,12 +443,12 @@ def model_error_columns(experiment: Experiment, prior: ModelErrorPrior) -> Array
             rate = (still if run.rate is None else run.rate) / fastest
             direction = still if run.direction is None else run.direction
             shapes[run.name] = _error_shapes(prior, place, direction, rate)
-        for channel, span in enumerate(experiment.channel_ranges):
+        for channel, span in enumerate(problem.channel_ranges):
             scale = max(float(span), 0.2 * float(widest))
             for number in range(prior.degree + 1 + RATE_SHAPES):
-                column = np.zeros(experiment.size)
-                for index, other, part in experiment.slices:
-                    run = experiment.runs[index]
+                column = np.zeros(problem.size)
+                for index, other, part in problem.slices:
+                    run = problem.runs[index]
                     if other == channel and run.group == group:
                         column[part] = scale * shapes[run.name][number]
                 columns.append(column)
@@ -417,21 +465,21 @@ def _error_shapes(
     return [*smooth, loop, *rates]
 
 
-def timing_columns(experiment: Experiment, prior: ModelErrorPrior, prediction: Array) -> Array:
+def timing_columns(problem: Problem, prior: ModelErrorPrior, prediction: Array) -> Array:
     """Changes (n, k) by a small delay of each channel, in runs whose drive has a rate."""
     columns = []
-    for index, _, part in experiment.slices:
-        run = experiment.runs[index]
+    for index, _, part in problem.slices:
+        run = problem.runs[index]
         if run.rate is not None and np.any(run.rate):
-            column = np.zeros(experiment.size)
+            column = np.zeros(problem.size)
             column[part] = prior.instants * np.gradient(prediction[part], run.time)
             columns.append(column)
-    return np.array(columns).reshape(-1, experiment.size).T
+    return np.array(columns).reshape(-1, problem.size).T
 
 
-def system_columns(experiment: Experiment, point: Point) -> Array:
+def system_columns(problem: Problem, point: Point) -> Array:
     """The system's own nuisance parameters as stacked columns (n, k)."""
-    parts = experiment.system.nuisances(experiment.runs, point)
+    parts = problem.system.nuisances(problem.runs, point)
     return np.concatenate(
         [part.reshape(part.shape[0] * part.shape[1], part.shape[2]) for part in parts]
     )
