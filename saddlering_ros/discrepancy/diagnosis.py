@@ -23,7 +23,6 @@ from saddlering_ros.discrepancy.problem.problem import (
     JITTER,
     Metric,
     noise_metric,
-    offset_columns,
     Problem,
     refuse_repeats,
 )
@@ -198,8 +197,8 @@ def check(model: Model, runs: Sequence[Run]) -> CheckReport:
     system = problem.system
     assert isinstance(system, ModelSystem)
     refuse_repeats(problem.all_runs)
-    fit = fit_base(noise_metric(problem).marginalise(offset_columns(problem)))
-    metric = noise_metric(problem, fit.prediction).marginalise(offset_columns(problem))
+    fit = fit_base(noise_metric(problem).with_offsets())
+    metric = noise_metric(problem, fit.prediction).with_offsets()
     each = _seconds_each(problem, fit)
     report = CheckReport()
     for name, scale in zip(system.channel_names, system.scales, strict=True):

@@ -13,20 +13,10 @@ import time as clock
 from saddlering_ros.discrepancy.law.proposal import Proposer
 from saddlering_ros.discrepancy.next_test import separate_open_models, Separation
 from saddlering_ros.discrepancy.problem.fits import (
-    Candidate,
-    declared_start,
     Fit,
-    fit_base,
-    refit,
-    run_refits,
-    tangent,
 )
 from saddlering_ros.discrepancy.problem.problem import (
     Assumptions,
-    Metric,
-    noise_metric,
-    nuisance_columns,
-    offset_columns,
     Problem,
     refuse_repeats,
 )
@@ -45,13 +35,13 @@ from saddlering_ros.discrepancy.search.selection import (
     prune,
     select,
 )
-from saddlering_ros.discrepancy.search.signatures import (
-    ChangeScale,
-    measure_signatures,
-    shapes_tried,
-    whitened_by,
+from saddlering_ros.discrepancy.search.space import (
+    better_base,
+    ModelSpace,
+    moved_to,
+    prepare,
+    space_about,
 )
-from saddlering_ros.discrepancy.search.space import ModelSpace, refit_full_jacobian
 from saddlering_ros.discrepancy.verdict.judgement import judge, residual_of
 from saddlering_ros.discrepancy.verdict.publication import publish
 from saddlering_ros.discrepancy.verdict.results import Cause, Diagnosis
@@ -125,7 +115,8 @@ def diagnose_problem(problem: Problem) -> Diagnosis:
         # hold no nuisance parameters, which would take a share of the misfit from the law.
         is_partial = judgement.explained >= PARTIAL_SUBJECT
         subject = published.fits.after if is_partial else published.fits.before
-        law = Proposer(space.metric, space.max_pairs).law_for(subject)
+        proposer = Proposer(space.metric, space.max_pairs)
+        law = proposer.law_for(subject)
     steady = (*lines.causes, *slow_lines)
     verdict = 'named' if steady and judgement.verdict == 'none' else judgement.verdict
     causes = [replace(cause, partial=verdict == 'unknown')
@@ -185,98 +176,3 @@ def _search(begun: ModelSpace) -> Search:
         fit = prune(space, fit, log)
         fit, alternatives = check_alternatives(space, fit, log)
     return Search(begun, space, fit, alternatives, log)
-
-
-BASE_ROUNDS = 25
-"""Rounds of the fit of the base parameters alone."""
-
-MIN_DEEPER, MIN_DEEPER_SHARE = 10.0, 0.01
-"""A minimum is deeper if its misfit is smaller by more than this, and by more than this share."""
-
-
-def prepare(problem: Problem) -> ModelSpace:
-    """Learn the noise, marginalise nuisance parameters, fit the base, compute signatures."""
-    problem.watch.progress('noise of the channels', 0.0)
-    metric = noise_metric(problem).marginalise(offset_columns(problem))
-    problem.watch.progress('fit without effects', 0.05)
-    return space_about(problem, fit_base(metric))
-
-
-def space_about(problem: Problem, rough: Fit) -> ModelSpace:
-    """Learn the noise from the residual of a rough fit, fit the base, compute signatures."""
-    metric = _with_nuisances(noise_metric(problem, rough.prediction), rough)
-    base = _fit_base_again(metric, rough)
-    problem.watch.progress('sensitivity to each effect', 0.25)
-    problem.watch.check()
-    sensitivities = tangent(metric, base)
-    scale = ChangeScale(problem, sensitivities.plain)
-    signatures = measure_signatures(metric, base, sensitivities, scale)
-    lines = sum(bool(effect.line) for effect in problem.system.effects)
-    trials = max(1, shapes_tried(signatures) + lines)
-    return ModelSpace(
-        metric=metric, base=base, base_tangent=sensitivities, signatures=signatures, scale=scale,
-        trials=trials)
-
-
-def better_base(space: ModelSpace, fit: Fit) -> Fit | None:
-    """The base refitted from its parameters in the model with effects, if that minimum is deeper.
-
-    Otherwise an effect without influence could be named because it leads the fit to another
-    minimum.
-    """
-    if not fit.candidate.effects:
-        return None
-    count = space.base.theta_unit.size
-    wanted = [
-        refit(
-            space.metric,
-            Candidate(),
-            fit.theta_unit[:count],
-            rounds=space.settings.rounds,
-            full_jacobian=True,
-        )
-    ]
-    found = run_refits(space.metric, wanted)[0]
-    gain = space.base.misfit - found.misfit
-    return found if gain > max(MIN_DEEPER, MIN_DEEPER_SHARE * found.misfit) else None
-
-
-def moved_to(space: ModelSpace, fit: Fit) -> tuple[ModelSpace, Fit]:
-    """Nuisance columns evaluated with the found effects, and base and model refitted.
-
-    A load that is wrong by some percent moves the point at which rollers begin to touch, and
-    with it the contribution of unequal rollers. Seen from the model without the effects, this
-    difference is evidence.
-    """
-    metric, problem = space.metric, space.problem
-    if problem.assumptions.relearns:
-        metric = noise_metric(problem, fit.prediction)
-    metric = _with_nuisances(metric, fit)
-    base, fit = refit_full_jacobian(metric, [space.base, fit], space.settings.max_rounds)
-    sensitivities = tangent(metric, base)
-    signatures = whitened_by(metric, space.signatures, sensitivities)
-    moved = ModelSpace(
-        metric=metric, base=base, base_tangent=sensitivities, signatures=signatures,
-        scale=space.scale, trials=space.trials)
-    return moved, moved.keep(fit)
-
-
-def _with_nuisances(metric: Metric, fit: Fit) -> Metric:
-    """The metric with every nuisance parameter marginalised, evaluated at `fit`."""
-    return metric.marginalise(nuisance_columns(metric.problem, fit.point, fit.prediction))
-
-
-def _fit_base_again(metric: Metric, rough: Fit) -> Fit:
-    """The base refitted in a new metric, from the rough fit and from the declared start.
-
-    A large misfit has several minima.
-    """
-    starts = [
-        rough.theta_unit,
-        declared_start(metric.problem.system.base_parameters),
-    ]
-    wanted = [
-        refit(metric, Candidate(), start, rounds=BASE_ROUNDS, full_jacobian=True)
-        for start in starts
-    ]
-    return min(run_refits(metric, wanted), key=lambda fit: fit.misfit)

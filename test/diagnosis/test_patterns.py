@@ -11,10 +11,10 @@ from saddlering_ros.bags import read_run
 from saddlering_ros.diagnosis.records import build_record
 from saddlering_ros.diagnosis.ring_system import RingSystem
 from saddlering_ros.discrepancy import diagnose_system, Point, RunBlocks
-from saddlering_ros.discrepancy.engine import prepare
 from saddlering_ros.discrepancy.problem.fits import Fit
 from saddlering_ros.discrepancy.problem.problem import Problem
 from saddlering_ros.discrepancy.search.selection import refitted
+from saddlering_ros.discrepancy.search.space import prepare
 from saddlering_ros.rig import default_rig
 
 pytestmark = pytest.mark.slow

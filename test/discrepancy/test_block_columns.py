@@ -10,7 +10,6 @@ from saddlering_ros.discrepancy.diagnosis import problem_of
 from saddlering_ros.discrepancy.problem.problem import (
     Metric,
     noise_metric,
-    offset_columns,
 )
 from saddlering_ros.discrepancy.search.lack_of_fit import Block, BlockColumns
 
@@ -31,7 +30,7 @@ def metric() -> Metric:
     }
     model = Model(lambda p, run: {}, {'a': Parameter(0.0, 1.0)}, channels=channels)
     problem = problem_of(model, [run('first', 60), run('second', 90)])
-    return noise_metric(problem).marginalise(offset_columns(problem))
+    return noise_metric(problem).with_offsets()
 
 
 def test_products_of_blocks_are_those_of_whole_columns(metric: Metric) -> None:

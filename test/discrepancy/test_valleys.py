@@ -7,11 +7,12 @@ import pytest
 
 from saddlering_ros.discrepancy import Effect, Model, Noise, Parameter, Run
 from saddlering_ros.discrepancy.diagnosis import problem_of
-from saddlering_ros.discrepancy.engine import better_base, diagnose_problem, prepare
+from saddlering_ros.discrepancy.engine import diagnose_problem
 from saddlering_ros.discrepancy.problem.fits import Candidate, refit, run_refits
 from saddlering_ros.discrepancy.problem.model import Channel
 from saddlering_ros.discrepancy.search.comparison import SearchLog
 from saddlering_ros.discrepancy.search.selection import select
+from saddlering_ros.discrepancy.search.space import better_base, prepare
 
 TIME = np.linspace(0.0, 12.0, 400)
 TRUE, WRONG = 1.3, 2.6

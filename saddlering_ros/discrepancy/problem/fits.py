@@ -406,6 +406,21 @@ def ratio(before: float, after: float) -> float:
     return 1.0 - float(np.sqrt(after / before))
 
 
+def gain_of(problem: Problem, less: Fit, more: Fit) -> Gain:
+    """Gain of `more` over `less` on the fitted runs, and on runs held out."""
+    if not more.candidate.effects:
+        return Gain(0.0, 0.0, 'none')
+    fitted = fitted_gain(problem, less, more)
+    if problem.held_out:
+        value = held_out_gain(problem, problem.held_out, less, more)
+        if not np.isfinite(value):
+            return Gain(fitted, None, 'the simulator failed on a held-out run')
+        return Gain(fitted, value, 'held out')
+    if len(problem.runs) < 2:
+        return Gain(fitted, None, 'one run only')
+    return Gain(fitted, left_out_gain(problem, less, more), 'held out in turn')
+
+
 def fitted_gain(problem: Problem, less: Fit, fit: Fit) -> float:
     """Gain on the runs that were fitted."""
     before, after = (

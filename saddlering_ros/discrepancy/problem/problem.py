@@ -261,6 +261,11 @@ class Problem:
         weights = self.sample_weights(run, view)
         return np.asarray(np.sqrt(weights / weights.sum()))
 
+    def view_sizes(self, residual: Array, view: str) -> list[float]:
+        """Rms of stacked residuals (n,) in one view, as shares of its range, run by run."""
+        return [self.mean_square(seen, run, view) ** 0.5 / self.view_ranges[view]
+                for run, seen in zip(self.runs, self.view_residuals(residual, view), strict=True)]
+
     def mean_square(self, seen: Array, run: RunBlocks, view: str) -> float:
         """Mean square over time of the values (N,) of a view, without missing samples."""
         return float(np.average(seen**2, weights=self.sample_weights(run, view)))
@@ -338,6 +343,14 @@ class Metric:
     def marginalise(self, nuisances: Array) -> Metric:
         """The same noise with these nuisance parameters: columns (n, k) times their spreads."""
         return replace(self, shared=SharedErrors.of(self.whiten_noise(nuisances)))
+
+    def with_offsets(self) -> Metric:
+        """The same noise with the offsets of every run and channel marginalised."""
+        return self.marginalise(offset_columns(self.problem))
+
+    def with_nuisances(self, point: Point, prediction: Array) -> Metric:
+        """The same noise with every nuisance parameter marginalised, evaluated at a point."""
+        return self.marginalise(nuisance_columns(self.problem, point, prediction))
 
     def whiten_noise(self, columns: Array) -> Array:
         """L^-1 on stacked columns (n, B) or (n,): noise alone."""

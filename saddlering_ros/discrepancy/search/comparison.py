@@ -19,7 +19,7 @@ import numpy as np
 from saddlering_ros.discrepancy.problem.fits import Fit
 from saddlering_ros.discrepancy.problem.problem import Metric, Problem
 from saddlering_ros.discrepancy.problem.system import Array, Point, RunBlocks, Settings
-from saddlering_ros.discrepancy.search.lack_of_fit import FastResidual, SlowResidual
+from saddlering_ros.discrepancy.search.lack_of_fit import SlowResidual
 from saddlering_ros.discrepancy.search.space import FREE_SPREAD, ModelSpace
 from saddlering_ros.estimation.statistics import fisher_chance, fisher_limit
 
@@ -164,6 +164,24 @@ class Comparison:
         rate = settings.error_rate if has_no_form else settings.error_rate**2
         return self._likelihood_ratio_test(gain) < rate
 
+    def is_another_cause(self, misfit_left: bool) -> bool:
+        """Whether the effect is a cause beside those in `less`; misfit_left: they leave some."""
+        if self.closes_misfit or self.exceeds_forms:
+            return True
+        return self.exceeds_form_error if misfit_left else self.adds_new_channel
+
+    @property
+    def share_of_member(self) -> float:
+        """Share of the misfit that the effect explains; 0 if it is no cause by itself."""
+        space, settings = self.space, self.space.settings
+        if not self.is_real or not self.is_material:
+            return 0.0
+        share = explained_share(
+            space.slow_residual(self.less), space.slow_residual(self.more), settings)
+        if self.closes_misfit or self.exceeds_forms:
+            return max(share, settings.min_partial)
+        return share if self.exceeds_form_error else 0.0
+
     @property
     def is_separate_cause(self) -> bool:
         """Whether the cause differs from those in `less`, for any form of their laws."""
@@ -247,11 +265,6 @@ def likelihood_ratio_test(gain: float, extra: int, pairs: int, trials: int) -> f
     The noise is known from `pairs` independent differences.
     """
     return min(1.0, trials * float(fisher_chance(max(gain, 0.0) / extra, extra, pairs)))
-
-
-def real_and_material(residual: SlowResidual | FastResidual, settings: Settings) -> bool:
-    """Whether a residual is more than noise, and large enough to matter."""
-    return residual.p_value < settings.error_rate and residual.visible >= settings.materiality
 
 
 def views_beyond_form_error(added: Sizes, explained: Sizes, settings: Settings) -> list[str]:

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from saddlering_ros.discrepancy.problem.fits import Fit
 from saddlering_ros.discrepancy.problem.problem import Assumptions, Metric
-from saddlering_ros.discrepancy.problem.system import Array, RunBlocks
+from saddlering_ros.discrepancy.problem.system import Array, RunBlocks, Settings
 from saddlering_ros.discrepancy.search.fast_bands import fast_bands
 from saddlering_ros.discrepancy.search.signatures import orthonormal
 from saddlering_ros.estimation.statistics import fisher_chance
@@ -125,6 +125,10 @@ class SlowResidual:
     sizes: Mapping[str, Array]
     chances: Mapping[tuple[str, str], float]
 
+    def is_real_and_material(self, settings: Settings) -> bool:
+        """Whether the structure is more than noise, and large enough to matter."""
+        return self.p_value < settings.error_rate and self.visible >= settings.materiality
+
 
 @dataclass(frozen=True)
 class FastResidual:
@@ -139,6 +143,10 @@ class FastResidual:
     view: str
     run: str
     frequency: float
+
+    def is_real_and_material(self, settings: Settings) -> bool:
+        """Whether the structure is more than noise, and large enough to matter."""
+        return self.p_value < settings.error_rate and self.visible >= settings.materiality
 
 
 class LackOfFitTests:

@@ -334,11 +334,7 @@ def _refitted(
     fit = run_refits(moved, [start])[0]
     problem.simulations += other.simulations
     left = fit.prediction - target
-    visible = max(
-        other.mean_square(seen, run, view) ** 0.5 / problem.view_ranges[view]
-        for view in problem.system.views
-        for run, seen in zip(other.runs, other.view_residuals(left, view), strict=True)
-    )
+    visible = max(max(problem.view_sizes(left, view)) for view in problem.system.views)
     return Shown(float(np.sqrt(fit.misfit)), visible)
 
 

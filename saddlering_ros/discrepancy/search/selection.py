@@ -40,7 +40,6 @@ from saddlering_ros.discrepancy.search.comparison import (
     explained_share,
     indistinguishable,
     likelihood_ratio_test,
-    real_and_material,
     SearchLog,
 )
 from saddlering_ros.discrepancy.search.signatures import (
@@ -88,7 +87,7 @@ def _concealed(space: ModelSpace, fit: Fit, log: SearchLog) -> Fit:
     Silent effects are tried. All effects are tried if `fit` leaves most of the misfit and the
     base may have several minima.
     """
-    if not _leaves_misfit(space, fit):
+    if not space.leaves_misfit(fit):
         return fit
     found = fit_silent(space)
     best = min([fit, *found], key=space.penalised)
@@ -121,8 +120,8 @@ def forward(space: ModelSpace, current: Fit, log: SearchLog) -> Fit:
         log.candidates += [item.evidence(step + 1) for item in tried]
         real = [item for item in tried if item.is_real]
         named = len(current.candidate.effects) - len(silent)
-        wanted = not named or real_and_material(space.slow_residual(current), settings)
-        best = next((item for item in real if _is_another_cause(item, wanted)), None)
+        wanted = not named or space.slow_residual(current).is_real_and_material(settings)
+        best = next((item for item in real if item.is_another_cause(wanted)), None)
         if best is None or named == settings.max_causes:
             log.immaterial += [item.evidence(step + 1) for item in real[:3]]
             break
@@ -137,13 +136,6 @@ def forward(space: ModelSpace, current: Fit, log: SearchLog) -> Fit:
     return current
 
 
-def _is_another_cause(item: Comparison, wanted: bool) -> bool:
-    """Whether an effect is a cause beside the found ones; `wanted`: a real residual remains."""
-    if item.closes_misfit or item.exceeds_forms:
-        return True
-    return item.exceeds_form_error if wanted else item.adds_new_channel
-
-
 def refitted(space: ModelSpace, current: Fit) -> list[Fit]:
     """The model of `current` plus every effect that the residual could show, the best first.
 
@@ -156,24 +148,11 @@ def refitted(space: ModelSpace, current: Fit) -> list[Fit]:
     least = max(MIN_GAIN, MIN_GAIN_SHARE * space.real_gain)
     listed = shortlist(scores, least, space.settings.refits)
     first = fit_each(space, current, listed)
-    if not (_is_much_left(space, current)
+    if not (space.conceals_effects(current)
             or any(Comparison(space, current, item).is_real for item in first)):
         return first
     others = [score for score in scores if all(score is not item for item in listed)]
     return fit_race(space, current, first, others)
-
-
-def _is_much_left(space: ModelSpace, fit: Fit) -> bool:
-    """Whether base parameters could conceal effects beside `fit`."""
-    if space.stopped_base(fit).any() and not fit.candidate.effects:
-        return True
-    return _leaves_misfit(space, fit)
-
-
-def _leaves_misfit(space: ModelSpace, fit: Fit) -> bool:
-    """Whether a fit leaves more than noise, and enough to matter."""
-    slow, fast = space.slow_residual(fit), space.fast_residual(fit)
-    return any(real_and_material(left, space.settings) for left in (slow, fast))
 
 
 def prune(space: ModelSpace, fit: Fit, log: SearchLog) -> Fit:
@@ -186,7 +165,7 @@ def prune(space: ModelSpace, fit: Fit, log: SearchLog) -> Fit:
     while len(fit.candidate.effects) > 1:
         members = [Comparison(space, space.without(fit, name), fit) for name in fit.candidate.ids]
         share, weakest = min(
-            ((_share_of_member(item), item) for item in members), key=lambda pair: pair[0]
+            ((item.share_of_member, item) for item in members), key=lambda pair: pair[0]
         )
         if share >= settings.min_partial:
             break
@@ -194,19 +173,6 @@ def prune(space: ModelSpace, fit: Fit, log: SearchLog) -> Fit:
             log.immaterial.append(weakest.evidence())
         fit = weakest.less
     return fit
-
-
-def _share_of_member(item: Comparison) -> float:
-    """Share of the misfit that a member explains; 0 if the member is no cause by itself."""
-    space, settings = item.space, item.space.settings
-    if not item.is_real or not item.is_material:
-        return 0.0
-    share = explained_share(
-        space.slow_residual(item.less), space.slow_residual(item.more), settings
-    )
-    if item.closes_misfit or item.exceeds_forms:
-        return max(share, settings.min_partial)
-    return share if item.exceeds_form_error else 0.0
 
 
 def simpler(space: ModelSpace, fit: Fit, log: SearchLog) -> Fit:

@@ -15,13 +15,14 @@ from saddlering_ros.discrepancy.problem.fits import (
     Candidate,
     declared_start,
     Fit,
+    fit_base,
     Key,
     refit,
     run_refits,
     Tangent,
     tangent,
 )
-from saddlering_ros.discrepancy.problem.problem import Metric
+from saddlering_ros.discrepancy.problem.problem import Metric, noise_metric, Problem
 from saddlering_ros.discrepancy.problem.system import Array
 from saddlering_ros.discrepancy.search.lack_of_fit import (
     FastResidual,
@@ -30,10 +31,13 @@ from saddlering_ros.discrepancy.search.lack_of_fit import (
 )
 from saddlering_ros.discrepancy.search.signatures import (
     ChangeScale,
+    measure_signatures,
     rank,
     Score,
+    shapes_tried,
     Signature,
     testable,
+    whitened_by,
 )
 from saddlering_ros.estimation.statistics import fisher_limit
 
@@ -51,6 +55,13 @@ AT_BOUND = 1e-3
 
 FREE_SPREAD = 10.0
 """Spread, in shares of the range, of a parameter that counts as free."""
+
+
+BASE_ROUNDS = 25
+"""Rounds of the fit of the base parameters alone."""
+
+MIN_DEEPER, MIN_DEEPER_SHARE = 10.0, 0.01
+"""A minimum is deeper if its misfit is smaller by more than this, and by more than this share."""
 
 
 Result = TypeVar('Result')
@@ -125,6 +136,17 @@ class ModelSpace:
     def fast_residual(self, fit: Fit) -> FastResidual:
         """The structure of the residual of a fit that is too fast for `slow_residual`."""
         return self.tests.fast(fit)
+
+    def leaves_misfit(self, fit: Fit) -> bool:
+        """Whether a fit leaves more than noise, and enough to matter."""
+        return any(residual.is_real_and_material(self.settings)
+                   for residual in (self.slow_residual(fit), self.fast_residual(fit)))
+
+    def conceals_effects(self, fit: Fit) -> bool:
+        """Whether base parameters could conceal effects beside `fit`."""
+        if self.stopped_base(fit).any() and not fit.candidate.effects:
+            return True
+        return self.leaves_misfit(fit)
 
     def scores(self, fit: Fit, skip: Sequence[str] = ()) -> list[Score]:
         """First-order gains beside `fit` of all testable effects that are not in it."""
@@ -386,3 +408,87 @@ def _split(
     going = [item for item, end in zip(fits, foreseen, strict=True) if end < highest]
     resting = [item for item, end in zip(fits, foreseen, strict=True) if not end < highest]
     return going, resting
+
+
+def prepare(problem: Problem) -> ModelSpace:
+    """Learn the noise, marginalise nuisance parameters, fit the base, compute signatures."""
+    problem.watch.progress('noise of the channels', 0.0)
+    metric = noise_metric(problem).with_offsets()
+    problem.watch.progress('fit without effects', 0.05)
+    return space_about(problem, fit_base(metric))
+
+
+def space_about(problem: Problem, rough: Fit) -> ModelSpace:
+    """Learn the noise from the residual of a rough fit, fit the base, compute signatures."""
+    metric = noise_metric(problem, rough.prediction)
+    metric = metric.with_nuisances(rough.point, rough.prediction)
+    base = _fit_base_again(metric, rough)
+    problem.watch.progress('sensitivity to each effect', 0.25)
+    problem.watch.check()
+    sensitivities = tangent(metric, base)
+    scale = ChangeScale(problem, sensitivities.plain)
+    signatures = measure_signatures(metric, base, sensitivities, scale)
+    lines = sum(bool(effect.line) for effect in problem.system.effects)
+    trials = max(1, shapes_tried(signatures) + lines)
+    return ModelSpace(
+        metric=metric, base=base, base_tangent=sensitivities, signatures=signatures, scale=scale,
+        trials=trials)
+
+
+def better_base(space: ModelSpace, fit: Fit) -> Fit | None:
+    """The base refitted from its parameters in the model with effects, if that minimum is deeper.
+
+    Otherwise an effect without influence could be named because it leads the fit to another
+    minimum.
+    """
+    if not fit.candidate.effects:
+        return None
+    count = space.base.theta_unit.size
+    wanted = [
+        refit(
+            space.metric,
+            Candidate(),
+            fit.theta_unit[:count],
+            rounds=space.settings.rounds,
+            full_jacobian=True,
+        )
+    ]
+    found = run_refits(space.metric, wanted)[0]
+    gain = space.base.misfit - found.misfit
+    return found if gain > max(MIN_DEEPER, MIN_DEEPER_SHARE * found.misfit) else None
+
+
+def moved_to(space: ModelSpace, fit: Fit) -> tuple[ModelSpace, Fit]:
+    """Nuisance columns evaluated with the found effects, and base and model refitted.
+
+    A load that is wrong by some percent moves the point at which rollers begin to touch, and
+    with it the contribution of unequal rollers. Seen from the model without the effects, this
+    difference is evidence.
+    """
+    metric, problem = space.metric, space.problem
+    if problem.assumptions.relearns:
+        metric = noise_metric(problem, fit.prediction)
+    metric = metric.with_nuisances(fit.point, fit.prediction)
+    base, fit = refit_full_jacobian(metric, [space.base, fit], space.settings.max_rounds)
+    sensitivities = tangent(metric, base)
+    signatures = whitened_by(metric, space.signatures, sensitivities)
+    moved = ModelSpace(
+        metric=metric, base=base, base_tangent=sensitivities, signatures=signatures,
+        scale=space.scale, trials=space.trials)
+    return moved, moved.keep(fit)
+
+
+def _fit_base_again(metric: Metric, rough: Fit) -> Fit:
+    """The base refitted in a new metric, from the rough fit and from the declared start.
+
+    A large misfit has several minima.
+    """
+    starts = [
+        rough.theta_unit,
+        declared_start(metric.problem.system.base_parameters),
+    ]
+    wanted = [
+        refit(metric, Candidate(), start, rounds=BASE_ROUNDS, full_jacobian=True)
+        for start in starts
+    ]
+    return min(run_refits(metric, wanted), key=lambda fit: fit.misfit)

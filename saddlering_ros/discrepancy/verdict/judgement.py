@@ -22,7 +22,6 @@ from saddlering_ros.discrepancy.search.comparison import (
     changes_of_effects,
     Comparison,
     crowded,
-    real_and_material,
     too_many,
     with_forms,
 )
@@ -198,12 +197,7 @@ class _Test:
         for slot, (_, _, part) in enumerate(problem.slices):
             shape[part] = self._columns(slot) @ weights - self._tangent.plain[part] @ imitated
         sizes = {
-            view: max(
-                problem.mean_square(seen, run, view) ** 0.5 / problem.view_ranges[view]
-                for run, seen in zip(
-                    problem.runs, problem.view_residuals(shape, view), strict=True)
-            )
-            for view in problem.system.views
+            view: max(problem.view_sizes(shape, view)) for view in problem.system.views
         }
         view = max(sizes, key=lambda name: sizes[name])
         return view, sizes[view]
@@ -270,14 +264,14 @@ def judge(
             doubts.append(_too_many_words(len(fit.candidate.effects), open_members))
         verdict = 'unknown' if doubts else 'ambiguous' if open_members else 'named'
         warnings += doubts
-        if real_and_material(after.slow, settings) and not doubts:
+        if after.slow.is_real_and_material(settings) and not doubts:
             warnings.append(
                 f'{100 * (1 - share):.0f} % of the misfit remains with the extension, most of it '
                 f'in {after.slow.where}: the law of the cause has another form, which explains it'
             )
     elif left:
         verdict = 'unknown'
-    if real_and_material(after.fast, settings):
+    if after.fast.is_real_and_material(settings):
         fast = after.fast
         warnings.append(
             f'{fast.view} oscillates at about {quantity(fast.frequency, "Hz", digits=2)} in '
@@ -297,7 +291,7 @@ def _too_many_words(effects: int, open_members: Sequence[str]) -> str:
 def _is_left(space: ModelSpace, after: Residual) -> bool:
     """Whether a real and material residual remains, in all or in one channel of one run."""
     settings = space.settings
-    if real_and_material(after.slow, settings) or real_and_material(after.fast, settings):
+    if after.slow.is_real_and_material(settings) or after.fast.is_real_and_material(settings):
         return True
     return bool(_unexplained(space, after))
 
@@ -351,7 +345,7 @@ def _doubts(space: ModelSpace, fit: Fit, after: Residual, share: float) -> list[
 def _exceeds_forms(space: ModelSpace, fit: Fit) -> bool:
     """Whether more remains than any form of the laws of a fit explains."""
     remaining = space.tests.slow(with_forms(space, fit, fit))
-    return real_and_material(remaining, space.settings)
+    return remaining.is_real_and_material(space.settings)
 
 
 def _shapes_at_bounds(space: ModelSpace, fit: Fit) -> list[str]:

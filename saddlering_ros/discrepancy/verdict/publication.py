@@ -9,15 +9,13 @@ import numpy as np
 
 from saddlering_ros.discrepancy.problem.fits import (
     Fit,
-    fitted_gain,
     Gain,
-    held_out_gain,
-    left_out_gain,
+    gain_of,
     plain_fits,
     PRIOR,
     Tangent,
 )
-from saddlering_ros.discrepancy.problem.problem import offset_columns, Problem
+from saddlering_ros.discrepancy.problem.problem import Problem
 from saddlering_ros.discrepancy.problem.system import Array, Effect, Parameter
 from saddlering_ros.discrepancy.search.comparison import Comparison
 from saddlering_ros.discrepancy.search.selection import Alternatives
@@ -63,7 +61,7 @@ def publish(
     problem, rate = space.problem, space.settings.error_rate
     parameters = problem.system.base_parameters
     is_persistent = problem.assumptions.is_persistent
-    metric = space.metric if is_persistent else space.metric.marginalise(offset_columns(problem))
+    metric = space.metric if is_persistent else space.metric.with_offsets()
     less = {name: space.without(fit, name) for name in fit.candidate.ids}
     judged = [space.base, fit, *less.values()]
     base, model, *others = refit_full_jacobian(metric, judged, space.settings.max_rounds)
@@ -75,7 +73,7 @@ def publish(
     plain = dict(zip(refitted, plain_fits(problem, list(refitted.values())), strict=True))
 
     def gain_over(other: Fit) -> Gain:
-        return _gain(problem, plain[other.candidate.key], plain[model.candidate.key])
+        return gain_of(problem, plain[other.candidate.key], plain[model.candidate.key])
 
     causes = []
     for effect, variant, part in model.candidate.slices(len(parameters)):
@@ -104,21 +102,6 @@ def publish(
         warnings=tuple(_sizes_at_bounds(model, len(parameters))),
         converged=all(item.converged for item in [*refitted.values(), *plain.values()]),
     )
-
-
-def _gain(problem: Problem, less: Fit, more: Fit) -> Gain:
-    """Gain of `more` over `less` on the fitted runs, and on runs held out."""
-    if not more.candidate.effects:
-        return Gain(0.0, 0.0, 'none')
-    fitted = fitted_gain(problem, less, more)
-    if problem.held_out:
-        value = held_out_gain(problem, problem.held_out, less, more)
-        if not np.isfinite(value):
-            return Gain(fitted, None, 'the simulator failed on a held-out run')
-        return Gain(fitted, value, 'held out')
-    if len(problem.runs) < 2:
-        return Gain(fitted, None, 'one run only')
-    return Gain(fitted, left_out_gain(problem, less, more), 'held out in turn')
 
 
 def _sizes_at_bounds(fit: Fit, base_parameters: int) -> list[str]:
