@@ -101,17 +101,17 @@ def problem_of(
                    watch or Watch('diagnose'))
 
 
-def _finished(found: Diagnosis, system: ModelSystem) -> Diagnosis:
+def _finished(diagnosis: Diagnosis, system: ModelSystem) -> Diagnosis:
     """The same in the units of the channels, with warnings for the reader."""
-    found = _with_noise_doubts(found)
-    warnings = [*found.warnings, *system.failure_sentences()]
-    if not found.converged:
+    diagnosis = _with_noise_doubts(diagnosis)
+    warnings = [*diagnosis.warnings, *system.failure_sentences()]
+    if not diagnosis.converged:
         warnings.append(
             'a fit on which the verdict rests had not converged: give more rounds by '
             'Settings(max_rounds=...), narrower bounds or better starts'
         )
-    predictions = tuple(_in_units(item, system) for item in found.runs)
-    return replace(found, warnings=tuple(warnings), runs=predictions)
+    predictions = tuple(_in_units(prediction, system) for prediction in diagnosis.runs)
+    return replace(diagnosis, warnings=tuple(warnings), runs=predictions)
 
 
 def _declared(runs: Sequence[Run] | Sequence[RunBlocks]) -> list[Run]:
@@ -122,9 +122,9 @@ def _declared(runs: Sequence[Run] | Sequence[RunBlocks]) -> list[Run]:
     return declared
 
 
-def _with_noise_doubts(found: Diagnosis) -> Diagnosis:
+def _with_noise_doubts(diagnosis: Diagnosis) -> Diagnosis:
     """The same with a warning, and without a name, if the misfit does not agree with the noise."""
-    metric, fit = found.fits.metric, found.fits.after
+    metric, fit = diagnosis.fits.metric, diagnosis.fits.after
     problem = metric.problem
     residual = fit.prediction - problem.measured
     white = metric.whiten(residual)
@@ -142,16 +142,16 @@ def _with_noise_doubts(found: Diagnosis) -> Diagnosis:
         material = beyond >= (MODEL_SETTINGS.materiality * problem.view_ranges[name]) ** 2
         if material and underestimated(statistic, free, noise.pairs):
             under.append(underestimated_sentence(statistic, free, f'{name} in {run.name}'))
-    if found.verdict == 'unknown':
+    if diagnosis.verdict == 'unknown':
         under = []  # The warning on a remaining misfit is given already.
     if not under and not over:
-        return found
-    causes = tuple(replace(cause, partial=True) for cause in found.causes)
+        return diagnosis
+    causes = tuple(replace(cause, partial=True) for cause in diagnosis.causes)
     return replace(
-        found,
-        verdict='unknown' if causes or under else found.verdict,
+        diagnosis,
+        verdict='unknown' if causes or under else diagnosis.verdict,
         causes=causes,
-        warnings=(*over, *under, *found.warnings),
+        warnings=(*over, *under, *diagnosis.warnings),
     )
 
 
@@ -161,14 +161,15 @@ def _is_exact(problem: Problem, noise: ChannelNoise, run: RunBlocks) -> bool:
     return float(noise.variances(run.width).max()) <= limit
 
 
-def _in_units(item: RunPrediction, system: ModelSystem) -> RunPrediction:
+def _in_units(prediction: RunPrediction, system: ModelSystem) -> RunPrediction:
     """A run and its predictions in the units of the channels."""
     scale = system.scales[:, None]
-    measured = item.run.channels * scale
-    if item.run.present is not None:
-        measured = np.where(item.run.present, measured, 0.0)
+    measured = prediction.run.channels * scale
+    if prediction.run.present is not None:
+        measured = np.where(prediction.run.present, measured, 0.0)
     return RunPrediction(
-        replace(item.run, channels=measured), item.before * scale, item.after * scale
+        replace(prediction.run, channels=measured), prediction.before * scale,
+        prediction.after * scale
     )
 
 
@@ -211,7 +212,7 @@ def check(model: Model, runs: Sequence[Run]) -> CheckReport:
     report.append(
         f'one simulation of all runs takes {each:.2g} s: about {count * each:.0f} s in all'
     )
-    report += [f'warning: {item}' for item in system.failure_sentences()]
+    report += [f'warning: {sentence}' for sentence in system.failure_sentences()]
     return report
 
 
@@ -227,7 +228,7 @@ def _base_lines(metric: Metric, fit: Fit) -> list[str]:
     white = tangent(metric, fit).white
     lines = []
     parameters = metric.problem.system.base_parameters
-    for number, item in enumerate(parameters):
+    for number, parameter in enumerate(parameters):
         others = orthonormal(np.delete(white, number, axis=1))
         own = white[:, number] - others @ (others.T @ white[:, number])
         alone, beside = float(np.linalg.norm(white[:, number])), float(np.linalg.norm(own))
@@ -236,11 +237,11 @@ def _base_lines(metric: Metric, fit: Fit) -> list[str]:
         elif beside < MIN_SENSITIVITY:
             seen = 'cannot be told from the other base parameters'
         else:
-            seen = f'determined to {item.slope(float(fit.theta_unit[number])) / beside:.2g}'
-        value = item.from_unit(float(fit.theta_unit[number]))
+            seen = f'determined to {parameter.slope(float(fit.theta_unit[number])) / beside:.2g}'
+        value = parameter.from_unit(float(fit.theta_unit[number]))
         edge = min(fit.theta_unit[number], 1.0 - fit.theta_unit[number])
         stopped = ', at its bound' if edge < 1e-3 else ''
-        lines.append(f'base {item.name}: {value:.5g} {item.unit}{stopped}, {seen}')
+        lines.append(f'base {parameter.name}: {value:.5g} {parameter.unit}{stopped}, {seen}')
     return lines
 
 

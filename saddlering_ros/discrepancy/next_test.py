@@ -49,8 +49,8 @@ def separate_open_models(
     """The proposed tests, the best first, with their separation of a model and alternatives."""
     others = [
         OpenModel(other, space.without(fit, name))
-        for name, found in alternatives.items()
-        for other in found
+        for name, models in alternatives.items()
+        for other in models
     ]
     if not others or not space.problem.proposals:
         return ()
@@ -132,9 +132,9 @@ def simulate_tests(
     fits = list({fit.candidate.key: fit for open_model in open_models
                  for fit in (open_model.fit, open_model.less)}.values())
     seen = [_seen_by(old.system, proposal, fits) for proposal in proposals]
-    joint = old.with_runs([*old.runs, *(item.run for item in proposals)])
-    first = [own[0].values[: item.run.channels.size]
-             for own, item in zip(seen, proposals, strict=True)]
+    joint = old.with_runs([*old.runs, *(proposal.run for proposal in proposals)])
+    first = [own[0].values[: proposal.run.channels.size]
+             for own, proposal in zip(seen, proposals, strict=True)]
     shared, local = _nuisances(joint, open_models[0].fit, first)
     nuisances = _Columns(np.hstack([shared, local]), shared.shape[1], old.size)
     known = [_Known.of(metric, fit, tangent_of(fit), nuisances.in_old_data) for fit in fits]
@@ -146,11 +146,11 @@ def simulate_tests(
         whiten = _whitener(metric, proposal)
         again, anew = nuisances.of(part, proposal)
         forecasts = [
-            _Forecast.of(item, view, again, anew, whiten)
-            for item, view in zip(known, own, strict=True)
+            _Forecast.of(knowledge, view, again, anew, whiten)
+            for knowledge, view in zip(known, own, strict=True)
         ]
         answers.append(_separation(proposal, open_models, fits, forecasts, rule, draws, random))
-    return sorted(answers, key=lambda item: (-item.alone, -item.kept))
+    return sorted(answers, key=lambda answer: (-answer.alone, -answer.kept))
 
 
 @dataclass(frozen=True)
@@ -250,7 +250,7 @@ def _whitener(metric: Metric, proposal: Proposal) -> Callable[[Array], Array]:
     width = float(np.median(run.width))
     alike = min(
         metric.problem.runs,
-        key=lambda item: abs(math.log(float(np.median(item.width)) / width)))
+        key=lambda run: abs(math.log(float(np.median(run.width)) / width)))
     lowers = [
         cholesky(_covariance(metric, alike.name, channel, run), lower=True)
         for channel in range(run.channels.shape[0])
@@ -340,8 +340,8 @@ def _separation(
 ) -> Separation:
     """Separation of the models by a test, with each model as the truth in turn."""
     number = {fit.candidate.key: index for index, fit in enumerate(fits)}
-    own_places = [number[item.fit.candidate.key] for item in open_models]
-    less_places = [number[item.less.candidate.key] for item in open_models]
+    own_places = [number[open_model.fit.candidate.key] for open_model in open_models]
+    less_places = [number[open_model.less.candidate.key] for open_model in open_models]
     alone, kept, by_truth = 0, 0, {}
     for truth, open_model in enumerate(open_models):
         results = forecasts[own_places[truth]].drawn(random, draws)
@@ -363,17 +363,17 @@ def _left(
     open_models: Sequence[OpenModel], misfits: Array, less: Array, rule: JudgingRule
 ) -> list[int]:
     """Models that stay in the group at these misfits, in order."""
-    price = [rule.log_size * item.fit.theta_unit.size for item in open_models]
+    price = [rule.log_size * open_model.fit.theta_unit.size for open_model in open_models]
     best = int(np.argmin(np.add(misfits, price)))
     left = []
-    for number, item in enumerate(open_models):
+    for number, open_model in enumerate(open_models):
         # The first model stands for no particular cause; the other names the cause in question.
         taken = (less[best] if number == 0 else less[number]) - misfits[best]
         stays = number == best or indistinguishable(
             distance=misfits[number] - misfits[best],
             taken=taken,
             excess=rule.excess,
-            fewer=open_models[best].fit.theta_unit.size - item.fit.theta_unit.size,
+            fewer=open_models[best].fit.theta_unit.size - open_model.fit.theta_unit.size,
             floor=rule.floor,
             settings=rule.settings,
         )

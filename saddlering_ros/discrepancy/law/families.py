@@ -321,8 +321,8 @@ def fit_block(misfit: Misfit, target: str, block: ShapeFamily, wanted: Array) ->
         penalty = _penalty(block, strength * unit, gram)
         predicted = 0.0
         for rows, (own_gram, own_slope) in zip(folds, parts, strict=True):
-            found = _solve(block, gram - own_gram, slope - own_slope, penalty)
-            left = wanted[rows] - white[rows] @ found
+            solution = _solve(block, gram - own_gram, slope - own_slope, penalty)
+            left = wanted[rows] - white[rows] @ solution
             predicted += float(wanted[rows] @ wanted[rows] - left @ left)
         if predicted > best:
             best, chosen = predicted, float(strength)
@@ -373,6 +373,6 @@ def _solve(block: ShapeFamily, gram: Array, slope: Array, penalty: Array) -> Arr
     target = (vectors[:, kept].T @ slope) / np.sqrt(values[kept])
     sides = []
     for sign in (1.0, -1.0):
-        found, left = nnls(root, sign * target)
-        sides.append((left, sign * found))
-    return np.asarray(min(sides, key=lambda item: item[0])[1])
+        solution, left = nnls(root, sign * target)
+        sides.append((left, sign * solution))
+    return np.asarray(min(sides, key=lambda side: side[0])[1])

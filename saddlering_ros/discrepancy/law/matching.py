@@ -115,7 +115,7 @@ def _scale_grid(low: float, high: float) -> list[tuple[float, ...]]:
 
 
 def _both_signs(low: float, high: float) -> list[tuple[float, ...]]:
-    return [(sign * item[0],) for item in _scale_grid(low, high) for sign in (1.0, -1.0)]
+    return [(sign * scale[0],) for scale in _scale_grid(low, high) for sign in (1.0, -1.0)]
 
 
 def _place_grid(low: float, high: float) -> list[tuple[float, ...]]:
@@ -250,8 +250,9 @@ class Term:
     def evaluate(self, coordinates: Coordinates) -> Array:
         """The addition (N,) along one run."""
         if self.form is not None:
-            shape = [item.value for item in self.parameters.values() if item.kind == 'shape']
-            sizes = [item.value for item in self.parameters.values() if item.kind == 'amplitude']
+            given = self.parameters.values()
+            shape = [number.value for number in given if number.kind == 'shape']
+            sizes = [number.value for number in given if number.kind == 'amplitude']
             return np.asarray(self.form.columns(coordinates, shape) @ np.array(sizes))
         if self.law == 'plays':
             return np.asarray(stop_operators(coordinates[LOAD], self.at) / self.at @ self.values)
@@ -294,8 +295,8 @@ def _left(columns: Array, wanted: Array) -> float:
     """Misfit with the best amplitudes of columns (n, m)."""
     gram = columns.T @ columns
     slope = columns.T @ wanted
-    found = np.linalg.pinv(gram, hermitian=True) @ slope
-    return float(wanted @ wanted - found @ slope)
+    amplitudes = np.linalg.pinv(gram, hermitian=True) @ slope
+    return float(wanted @ wanted - amplitudes @ slope)
 
 
 def _search(misfit: Misfit, fit: BlockFit, form: Form, wanted: Array) -> tuple[float, Array]:
@@ -325,7 +326,7 @@ def _search(misfit: Misfit, fit: BlockFit, form: Form, wanted: Array) -> tuple[f
     def cost(move: Array) -> float:
         return _left(_columns(misfit, fit.target, form, [moved_by(move)]), wanted)
 
-    found = minimize(
+    minimum = minimize(
         cost,
         np.zeros(len(free)),
         method='Nelder-Mead',
@@ -336,9 +337,9 @@ def _search(misfit: Misfit, fit: BlockFit, form: Form, wanted: Array) -> tuple[f
             'initial_simplex': np.vstack([np.zeros(len(free)), 0.1 * np.eye(len(free))]),
         },
     )
-    if found.fun >= lefts[best]:
+    if minimum.fun >= lefts[best]:
         return lefts[best], start
-    return float(found.fun), moved_by(found.x)
+    return float(minimum.fun), moved_by(minimum.x)
 
 
 def _searched(form: Form) -> list[int]:

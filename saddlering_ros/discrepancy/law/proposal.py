@@ -168,9 +168,9 @@ def propose_law(
     change = _changes(misfit, terms, chosen)
     move, white_left = _base_move(misfit, change)
     others = tuple(
-        Alternative(item.target, item.block.coordinate, item.predicted / total)
-        for item in ranked[1:6]
-        if item.predicted > 0.0
+        Alternative(fit.target, fit.block.coordinate, fit.predicted / total)
+        for fit in ranked[1:6]
+        if fit.predicted > 0.0
     )
     reasons = _reasons(misfit, ranked, terms, held_out)
     share = 1.0 - float(white_left @ white_left) / total
@@ -190,34 +190,34 @@ def propose_law(
 
 def _left(wanted: Array, fits: Sequence[BlockFit]) -> Array:
     left = wanted.copy()
-    for item in fits:
-        left -= item.white @ item.coefficients
+    for fit in fits:
+        left -= fit.white @ fit.coefficients
     return left
 
 
 def _backfitted(misfit: Misfit, fits: list[BlockFit], wanted: Array) -> list[BlockFit]:
     """Families fitted together, each to the residual of the other, in turn; the larger first."""
     for _ in range(BACKFITS):
-        for number, item in enumerate(fits):
+        for number, fit in enumerate(fits):
             rest = [other for place, other in enumerate(fits) if place != number]
-            fits[number] = fit_block(misfit, item.target, item.block, _left(wanted, rest))
-    return sorted(fits, key=lambda item: -item.taken)
+            fits[number] = fit_block(misfit, fit.target, fit.block, _left(wanted, rest))
+    return sorted(fits, key=lambda fit: -fit.taken)
 
 
 def _matched(misfit: Misfit, fits: list[BlockFit], wanted: Array) -> tuple[Term, ...]:
     terms = []
-    for number, item in enumerate(fits):
+    for number, fit in enumerate(fits):
         rest = [other for place, other in enumerate(fits) if place != number]
-        terms.append(match_law(misfit, item, _left(wanted, rest)))
+        terms.append(match_law(misfit, fit, _left(wanted, rest)))
     return tuple(terms)
 
 
 def _changes(misfit: Misfit, terms: tuple[Term, ...], fits: list[BlockFit]) -> list[Array]:
     """Plain change (C, N) of each run's channels by all terms."""
     total = np.zeros(misfit.size)
-    for term, item in zip(terms, fits, strict=True):
+    for term, fit in zip(terms, fits, strict=True):
         if term.law == 'own curve':
-            shapes = tuple((part @ item.coefficients)[:, None] for part in item.block.shapes)
+            shapes = tuple((part @ fit.coefficients)[:, None] for part in fit.block.shapes)
         else:
             shapes = tuple(term.evaluate(run.coordinates)[:, None] for run in misfit.runs)
         total += stacked(misfit.runs, term.target, shapes)[:, 0]
@@ -243,9 +243,9 @@ def _base_move(misfit: Misfit, change: list[Array]) -> tuple[Array, Array]:
 
 def _gain_of(outcomes: Sequence[Outcome], mean_square: MeanSquare) -> tuple[float, list[str]]:
     """Gain over some runs, and the names of those that get worse."""
-    before = [mean_square(item.run, item.before) for item in outcomes]
-    after = [mean_square(item.run, item.after) for item in outcomes]
-    worse = [item.run.name for item, old, new in zip(outcomes, before, after, strict=True)
+    before = [mean_square(outcome.run, outcome.before) for outcome in outcomes]
+    after = [mean_square(outcome.run, outcome.after) for outcome in outcomes]
+    worse = [outcome.run.name for outcome, old, new in zip(outcomes, before, after, strict=True)
              if new > old]
     gain = 1.0 - float(np.sqrt(np.mean(after) / max(float(np.mean(before)), 1e-300)))
     return gain, worse
@@ -266,14 +266,14 @@ def _reasons(
                 f'{term.target} follows a separate curve over time in each run, which predicts '
                 'no other run'
             )
-    as_good = [item for item in ranked
-               if item is not best and item.predicted >= ALIKE * best.predicted]
-    coordinates = {item.block.coordinate for item in as_good} - {best.block.coordinate}
+    as_good = [fit for fit in ranked
+               if fit is not best and fit.predicted >= ALIKE * best.predicted]
+    coordinates = {other.block.coordinate for other in as_good} - {best.block.coordinate}
     reasons += [
         f'{name} explains nearly as much as {best.block.coordinate} (within 10 %): these runs do '
         'not tell the two apart' for name in sorted(coordinates)]
-    targets = {item.target for item in as_good
-               if item.block.coordinate == best.block.coordinate}
+    targets = {other.target for other in as_good
+               if other.block.coordinate == best.block.coordinate}
     targets -= {best.target, *(term.target for term in terms)}
     reasons += [
         f'an addition to {name} explains nearly as much as an addition to {best.target} (within '
@@ -360,15 +360,15 @@ class Proposer:
         first = self._law_about(subject)
         if first is None or not first.predicts:
             return first
-        found, law, fit = [first], first, subject
+        candidates, law, fit = [first], first, subject
         for _ in range(REFITS):
             fit = self._beside(law, fit)
             again = self._law_about(fit)
             if again is None or not again.predicts:
                 break
             law = again
-            found.append(self._judged(law, subject, self._beside(law, fit)))
-        return max(found, key=lambda item: item.fit)
+            candidates.append(self._judged(law, subject, self._beside(law, fit)))
+        return max(candidates, key=lambda candidate: candidate.fit)
 
     @property
     def _problem(self) -> Problem:
@@ -416,7 +416,7 @@ class Proposer:
         return _observed(self._problem.system, run, fit.point, run.channels, still)
 
     def _mean_square(self, run: ObservedRun, residual: Array) -> float:
-        own = next(item for item in self._problem.all_runs if item.name == run.name)
+        own = next(given for given in self._problem.all_runs if given.name == run.name)
         return mean_square(self._problem, [own], [residual])
 
 
@@ -464,8 +464,8 @@ def coordinates_of(run: RunBlocks, begin: float) -> dict[str, Array]:
         direction = direction_of(drive, DIRECTION_BAND * float(np.ptp(drive)))
     if rate is None:
         rate = np.gradient(drive, run.time)
-    found = {name: run.inputs[name] for name in others}
-    return {**found, LOAD: drive, TIME: run.time - begin, DIRECTION: direction, RATE: rate}
+    further = {name: run.inputs[name] for name in others}
+    return {**further, LOAD: drive, TIME: run.time - begin, DIRECTION: direction, RATE: rate}
 
 
 def _alike(one: Array, other: Array) -> bool:

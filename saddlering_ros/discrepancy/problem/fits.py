@@ -56,7 +56,7 @@ class Candidate:
         return Candidate((*self.effects, (effect, variant)))
 
     def without(self, effect_id: str) -> Candidate:
-        return Candidate(tuple(item for item in self.effects if item[0].id != effect_id))
+        return Candidate(tuple(pair for pair in self.effects if pair[0].id != effect_id))
 
     def slices(self, fixed: int) -> Iterator[tuple[Effect, int, slice]]:
         """Each effect, its variant, and its parameters' indices after `fixed` base parameters."""
@@ -70,15 +70,15 @@ class Candidate:
         """Point at bound-scaled coordinates `theta_unit`."""
         values = np.array(
             [
-                item.from_unit(float(u))
-                for item, u in zip(base, theta_unit[: len(base)], strict=True)
+                one.from_unit(float(u))
+                for one, u in zip(base, theta_unit[: len(base)], strict=True)
             ]
         )
         effects: dict[str, Mapping[str, float]] = {}
         for effect, variant, part in self.slices(len(base)):
             own = {
-                item.name: item.from_unit(float(u))
-                for item, u in zip(effect.ordered, theta_unit[part], strict=True)
+                parameter.name: parameter.from_unit(float(u))
+                for parameter, u in zip(effect.ordered, theta_unit[part], strict=True)
             }
             effects[effect.id] = {**own, **effect.variants[variant]}
         return Point(values, effects)
@@ -165,7 +165,7 @@ def refit(
     every = range(start.size)
     known = None if full_jacobian else base_columns
     differenced = every if known is None else range(len(base), start.size)
-    periodic = np.array([item.periodic for item in parameters])
+    periodic = np.array([parameter.periodic for parameter in parameters])
     rule = Rule(periodic, PRIOR, rounds, QUIET_GAIN, QUIET_SHARE, negligible=NEGLIGIBLE_GAIN)
     first = None if known_start is None else Told(
         known_start.whitened, known_start.jacobian[:, list(differenced)], known_start.prediction)
@@ -177,17 +177,17 @@ def refit(
         try:
             asked = next(descent) if told is None else descent.send(told)
         except StopIteration as stop:
-            found: Descent[Told] = stop.value
+            end: Descent[Told] = stop.value
             break
         thetas, steps = neighbours(parameters, asked, aside)
-        told = yield Asked([candidate.point(base, item) for item in thetas], steps)
+        told = yield Asked([candidate.point(base, theta_unit) for theta_unit in thetas], steps)
         aside = differenced
-    residual = found.answer.residual
+    residual = end.answer.residual
     return Fit(
-        candidate=candidate, theta_unit=found.point,
-        misfit=float(residual @ residual) if np.isfinite(found.cost) else np.inf,
-        whitened=residual, jacobian=found.columns, prediction=found.answer.prediction,
-        point=candidate.point(base, found.point), history=found.costs, converged=found.converged)
+        candidate=candidate, theta_unit=end.point,
+        misfit=float(residual @ residual) if np.isfinite(end.cost) else np.inf,
+        whitened=residual, jacobian=end.columns, prediction=end.answer.prediction,
+        point=candidate.point(base, end.point), history=end.costs, converged=end.converged)
 
 
 def _differences(columns: Array) -> Array:
@@ -226,7 +226,7 @@ def tangent(metric: Whitening, fit: Fit) -> Tangent:
     base = metric.problem.system.base_parameters
     parameters = fit.candidate.parameters(base)
     thetas, steps = neighbours(parameters, fit.theta_unit, range(fit.theta_unit.size))
-    points = [fit.candidate.point(base, item) for item in thetas]
+    points = [fit.candidate.point(base, theta_unit) for theta_unit in thetas]
     answers = metric.problem.predict_neighbours([points])[0]
     plain = _differences((answers[:, 1:] - answers[:, :1]) / np.array(steps))
     return Tangent(plain, metric.whiten(plain))
@@ -236,9 +236,9 @@ def run_refits(metric: Whitening, refits: Sequence[Asking]) -> list[Fit]:
     """Run refits together, with all their points in one batch per round."""
     done: dict[int, Fit] = {}
     waiting: dict[int, Asked] = {}
-    for number, item in enumerate(refits):
+    for number, request in enumerate(refits):
         try:
-            waiting[number] = next(item)
+            waiting[number] = next(request)
         except StopIteration as stop:
             done[number] = stop.value
     while waiting:
@@ -257,10 +257,10 @@ def run_refits(metric: Whitening, refits: Sequence[Asking]) -> list[Fit]:
 def _told(metric: Whitening, asked: Sequence[Asked]) -> list[Told]:
     """Residual and sensitivities of each refit, simulated and whitened together."""
     problem = metric.problem
-    answers = problem.predict_neighbours([item.points for item in asked])
+    answers = problem.predict_neighbours([request.points for request in asked])
     raw = []
-    for item, answer in zip(asked, answers, strict=True):
-        aside = (answer[:, 1:] - answer[:, :1]) / np.array(item.steps)
+    for request, answer in zip(asked, answers, strict=True):
+        aside = (answer[:, 1:] - answer[:, :1]) / np.array(request.steps)
         raw.append(np.column_stack([answer[:, 0] - problem.measured, aside]))
     together = max(1, WHITENED_AT_ONCE // problem.size)
     told, start = [], 0
@@ -282,7 +282,7 @@ def _told(metric: Whitening, asked: Sequence[Asked]) -> list[Told]:
 
 def declared_start(base: Sequence[Parameter]) -> Array:
     """The declared start of each parameter, or the middle of its range."""
-    return np.array([item.first_guess for item in base])
+    return np.array([parameter.first_guess for parameter in base])
 
 
 def spread_starts(base: Sequence[Parameter], seed: int) -> list[Array]:
@@ -320,8 +320,8 @@ def fit_base(metric: Whitening) -> Fit:
     fits = run_refits(
         metric,
         [
-            refit(metric, empty, item, rounds=25, full_jacobian=True, known_start=fit)
-            for item, fit in zip(thetas, starts, strict=True)
+            refit(metric, empty, theta_start, rounds=25, full_jacobian=True, known_start=fit)
+            for theta_start, fit in zip(thetas, starts, strict=True)
         ],
     )
     best = min(fits, key=lambda fit: fit.misfit)
@@ -378,10 +378,10 @@ def plain_fits(problem: Problem, fits: Sequence[Fit]) -> list[Fit]:
         if not fit.candidate.effects:
             starts.append(declared_start(base))
         wanted = [
-            refit(metric, fit.candidate, item, rounds=rounds, full_jacobian=True)
-            for item in starts
+            refit(metric, fit.candidate, start, rounds=rounds, full_jacobian=True)
+            for start in starts
         ]
-        answers.append(min(run_refits(metric, wanted), key=lambda item: item.misfit))
+        answers.append(min(run_refits(metric, wanted), key=lambda refitted: refitted.misfit))
     return answers
 
 
@@ -427,9 +427,9 @@ def fitted_gain(problem: Problem, less: Fit, fit: Fit) -> float:
         mean_square(
             problem,
             problem.runs,
-            problem.by_run(item.prediction - problem.measured),
+            problem.by_run(model.prediction - problem.measured),
         )
-        for item in (less, fit)
+        for model in (less, fit)
     )
     return ratio(before, after)
 

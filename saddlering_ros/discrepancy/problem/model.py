@@ -100,10 +100,10 @@ def _refuse_other_types(name: str, given: object, wanted: type) -> None:
             f'model: {name} is a {type(given).__name__}: give a mapping from names to '
             f'{wanted.__name__}'
         )
-    for key, item in given.items():
-        if not isinstance(item, wanted):
+    for key, value in given.items():
+        if not isinstance(value, wanted):
             raise DiscrepancyError(
-                f'model: {name} {key} is {item!r}: give a {wanted.__name__}'
+                f'model: {name} {key} is {value!r}: give a {wanted.__name__}'
             )
 
 
@@ -154,7 +154,7 @@ class Model:
                     'does nothing'
                 )
         effects = {key: replace(effect, id=key) for key, effect in self.effects.items()}
-        base = {name: replace(item, name=name) for name, item in self.base.items()}
+        base = {name: replace(parameter, name=name) for name, parameter in self.base.items()}
         object.__setattr__(self, 'effects', effects)
         object.__setattr__(self, 'base', base)
 
@@ -162,11 +162,11 @@ class Model:
         """The parameters of every effect that is not in the model."""
         values = {}
         for key, effect in self.effects.items():
-            for number, item in enumerate(effect.ordered):
-                absent = item.neutral
+            for number, parameter in enumerate(effect.ordered):
+                absent = parameter.neutral
                 if absent is None:
-                    absent = 0.0 if number == 0 else item.from_unit(item.first_guess)
-                values[f'{key}.{item.name}'] = absent
+                    absent = 0.0 if number == 0 else parameter.from_unit(parameter.first_guess)
+                values[f'{key}.{parameter.name}'] = absent
             for name, value in effect.variants[0].items():
                 values[f'{key}.{name}'] = value
         return values

@@ -95,8 +95,8 @@ class ModelSystem:
     def values(self, point: Point) -> dict[str, float]:
         """All parameters by the names that `simulate` uses."""
         values = {
-            item.name: float(value)
-            for item, value in zip(self.base_parameters, point.base, strict=True)
+            parameter.name: float(value)
+            for parameter, value in zip(self.base_parameters, point.base, strict=True)
         }
         values.update(self._neutral)
         for effect, own in point.effects.items():
@@ -159,7 +159,7 @@ class ModelSystem:
                 left = [
                     _record(run, number, residual * self.scales[number])
                     for run, residual in zip(
-                        runs, (item[number] for item in residuals), strict=True
+                        runs, (residual[number] for residual in residuals), strict=True
                     )
                 ]
             scale = float(self.scales[number])
@@ -178,7 +178,7 @@ class ModelSystem:
                 ]
                 own = dict(channel.noise.resolve(readings))
                 if left is not None:
-                    own = {item.run: _at_least(own[item.run], item) for item in left}
+                    own = {record.run: _at_least(own[record.run], record) for record in left}
             for run in runs:
                 step = float(np.median(np.diff(run.time)))
                 span = float(np.ptp(run.time))
@@ -190,31 +190,31 @@ class ModelSystem:
         """Results of the simulator; None where it raises an error."""
         if self.model.simulate_many is not None:
             try:
-                found: list[Outputs | None] = list(
-                    self.model.simulate_many([dict(item) for item in asked], run)
+                batch: list[Outputs | None] = list(
+                    self.model.simulate_many([dict(one) for one in asked], run)
                 )
-                if len(found) == len(asked):
-                    for values, outputs in zip(asked, found, strict=True):
+                if len(batch) == len(asked):
+                    for values, outputs in zip(asked, batch, strict=True):
                         if outputs is None:
                             self._lost(run, values, 'it returned None')
                         else:
                             self._refuse_other_results(outputs, run)
-                    return found
-                raise ValueError(f'{len(found)} answers to {len(asked)} points')
+                    return batch
+                raise ValueError(f'{len(batch)} answers to {len(asked)} points')
             except DiscrepancyError:
                 raise
             except Exception as error:
                 if len(asked) == 1:
                     self._lost(run, asked[0], _words(error))
                     return [None]
-                return [self._simulated([item], run)[0] for item in asked]
+                return [self._simulated([one], run)[0] for one in asked]
         answers: list[Outputs | None] = []
-        for item in asked:
+        for one in asked:
             try:
                 with np.errstate(all='ignore'):
-                    outputs = self.model.simulate(dict(item), run)
+                    outputs = self.model.simulate(dict(one), run)
             except Exception as error:
-                self._lost(run, item, _words(error))
+                self._lost(run, one, _words(error))
                 answers.append(None)
                 continue
             self._refuse_other_results(outputs, run)
@@ -278,17 +278,17 @@ def _range(name: str, fitted: Sequence[Run]) -> float:
     values = [
         run.outputs[name][np.isfinite(run.outputs[name])] for run in fitted if name in run.outputs
     ]
-    values = [item for item in values if item.size]
-    span = max((float(np.ptp(item)) for item in values), default=0.0)
-    size = max((float(np.abs(item).max()) for item in values), default=0.0)
+    values = [readings for readings in values if readings.size]
+    span = max((float(np.ptp(readings)) for readings in values), default=0.0)
+    size = max((float(np.abs(readings).max()) for readings in values), default=0.0)
     return span if span > 1e-12 * size and span > 0.0 else size or 1.0
 
 
 def _varies(name: str, fitted: Sequence[Run]) -> bool:
     """Whether a recorded channel has two different values in a fitted run."""
     values = [run.outputs[name] for run in fitted if name in run.outputs]
-    seen = [item[np.isfinite(item)] for item in values]
-    ranges = [float(np.ptp(item)) for item in seen if item.size]
+    seen = [readings[np.isfinite(readings)] for readings in values]
+    ranges = [float(np.ptp(readings)) for readings in seen if readings.size]
     return not ranges or max(ranges) > 0.0
 
 
@@ -302,14 +302,14 @@ def _coordinates(run: Run) -> dict[str, Array]:
     """Declared coordinates, or the inputs that can serve as coordinates."""
     if run.coordinates:
         return dict(run.coordinates)
-    found = {}
+    coordinates = {}
     for name, values in run.inputs.items():
         array = np.asarray(values)
         if array.shape == run.time.shape and array.dtype.kind in 'fiu':
             array = array.astype(np.float64)
             if np.all(np.isfinite(array)) and np.ptp(array) > 0.0:
-                found[name] = array
-    return found
+                coordinates[name] = array
+    return coordinates
 
 
 def _record(run: RunBlocks, channel: int, values: Array) -> ChannelRecord:

@@ -123,20 +123,20 @@ class Problem:
         """
         if self.start is None:
             return None
-        parameters = {item.name: item for item in self.system.base_parameters}
+        parameters = {parameter.name: parameter for parameter in self.system.base_parameters}
         for name, value in self.start.items():
             if name not in parameters:
                 raise DiscrepancyError(f'start: there is no base parameter {name!r}; there are '
                                        f'{", ".join(parameters)}')
-            item = parameters[name]
-            slack = ROUNDING * max(abs(item.low), abs(item.high))
-            inside = item.low - slack <= value <= item.high + slack
-            if not (np.isfinite(value) and (item.periodic or inside)):
+            bounds = parameters[name]
+            slack = ROUNDING * max(abs(bounds.low), abs(bounds.high))
+            inside = bounds.low - slack <= value <= bounds.high + slack
+            if not (np.isfinite(value) and (bounds.periodic or inside)):
                 raise DiscrepancyError(
-                    f'start: {name} = {value:g} is outside {item.low:g} to {item.high:g}')
+                    f'start: {name} = {value:g} is outside {bounds.low:g} to {bounds.high:g}')
         return np.array([
-            item.to_unit(self.start[name]) if name in self.start else item.first_guess
-            for name, item in parameters.items()
+            given.to_unit(self.start[name]) if name in self.start else given.first_guess
+            for name, given in parameters.items()
         ])
 
     @cached_property

@@ -143,7 +143,7 @@ class Effect:
     @cached_property
     def ordered(self) -> tuple[Parameter, ...]:
         """The parameters with their names, the size first."""
-        return tuple(replace(item, name=name) for name, item in self.parameters.items())
+        return tuple(replace(parameter, name=name) for name, parameter in self.parameters.items())
 
     @property
     def size(self) -> Parameter:

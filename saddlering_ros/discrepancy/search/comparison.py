@@ -230,7 +230,8 @@ def _visible_falls(metric: Metric, less: Array, more: Array) -> dict[str, Array]
     """
     problem = metric.problem
     measured = problem.measured
-    less, more = (measured + metric.without_nuisances(item - measured) for item in (less, more))
+    less, more = (measured + metric.without_nuisances(prediction - measured)
+                  for prediction in (less, more))
     falls: dict[str, Array] = {}
     for view in problem.system.views:
         seen = zip(problem.runs, problem.view_residuals(less - measured, view),
@@ -364,12 +365,12 @@ def form_columns(problem: Problem, fit: Fit, form_error: float) -> Array:
     mixtures = _mixtures(problem, fit)
     for change, mixed in zip(changes_of_effects(problem, fit).T, mixtures, strict=True):
         bent = [
-            np.concatenate([part.ravel() for part in item])
-            for item in _shapes(problem, problem.by_run(change))
+            np.concatenate([part.ravel() for part in column])
+            for column in _shapes(problem, problem.by_run(change))
         ]
         shaped = [*bent, *mixed]
         scale = np.sqrt(form_error / len(shaped))
-        columns += [scale * item for item in shaped]
+        columns += [scale * column for column in shaped]
     return np.array(columns).reshape(-1, problem.size).T
 
 
@@ -379,20 +380,20 @@ def _mixtures(problem: Problem, fit: Fit) -> list[list[Array]]:
     owners, points = [], []
     for number, (effect, _, part) in enumerate(fit.candidate.slices(len(base))):
         shapes = range(part.start + 1, part.stop)
-        for index, item in zip(shapes, effect.ordered[1:], strict=True):
+        for index, parameter in zip(shapes, effect.ordered[1:], strict=True):
             for apart in OTHER_SHAPES:
                 moved = fit.theta_unit.copy()
                 moved[index] = moved[index] + apart
-                if item.periodic or 0.0 <= moved[index] <= 1.0:
+                if parameter.periodic or 0.0 <= moved[index] <= 1.0:
                     owners.append(number)
                     points.append(fit.candidate.point(base, moved))
-    found: list[list[Array]] = [[] for _ in fit.candidate.effects]
+    mixtures: list[list[Array]] = [[] for _ in fit.candidate.effects]
     if points:
         changes = problem.predict(points) - fit.prediction[:, None]
         for owner, change in zip(owners, changes.T, strict=True):
             if np.isfinite(change).all():
-                found[owner].append(change)
-    return found
+                mixtures[owner].append(change)
+    return mixtures
 
 
 def changes_of_effects(problem: Problem, fit: Fit) -> Array:
@@ -412,33 +413,33 @@ def _shapes(problem: Problem, change: list[Array]) -> list[list[Array]]:
     """The change of an effect (C, N) per run, times each shape."""
     runs = problem.runs
     drives = [_drive(run) for run in runs]
-    low = min(float(item.min()) for item in drives)
-    high = max(float(item.max()) for item in drives)
+    low = min(float(drive.min()) for drive in drives)
+    high = max(float(drive.max()) for drive in drives)
     places = [(drive - low) / max(high - low, 1e-300) for drive in drives]
-    found = [
+    shapes = [
         [part * np.cos(np.pi * wave * place) for part, place in zip(change, places, strict=True)]
         for wave in range(1, LOAD_WAVES + 1)
     ]
     highest = [np.maximum.accumulate(place) for place in places]
-    found += [
+    shapes += [
         [part * np.cos(np.pi * wave * place) for part, place in zip(change, highest, strict=True)]
         for wave in range(1, HIGHEST_WAVES + 1)
     ]
-    found.append([
+    shapes.append([
         part * (np.zeros(run.time.size) if run.direction is None else run.direction)
         for part, run in zip(change, runs, strict=True)
     ])
     for index in range(len(runs)):
-        found.append([part * (number == index) for number, part in enumerate(change)])
+        shapes.append([part * (number == index) for number, part in enumerate(change)])
     for channel in range(change[0].shape[0]):
         chosen = np.zeros((change[0].shape[0], 1))
         chosen[channel] = 1.0
-        found.append([part * chosen for part in change])
+        shapes.append([part * chosen for part in change])
     for lag in LAGS:
-        found.append([
+        shapes.append([
             _lagged(part, run, lag) - part for part, run in zip(change, runs, strict=True)
         ])
-    return found
+    return shapes
 
 
 def _drive(run: RunBlocks) -> Array:

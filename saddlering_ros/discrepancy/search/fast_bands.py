@@ -97,8 +97,8 @@ class TransformBand:
 
     def seen(self, coefficients: Sequence[Array]) -> Array:
         rows = []
-        for whitener, item in zip(self.whiteners, coefficients, strict=True):
-            rows.append(self._measured(whitener, item[:, None])[:, 0])
+        for whitener, coefficient in zip(self.whiteners, coefficients, strict=True):
+            rows.append(self._measured(whitener, coefficient[:, None])[:, 0])
         return np.array(rows)
 
     @cached_property

@@ -45,14 +45,14 @@ class BlockColumns:
 
     def __init__(self, metric: Metric, blocks: Sequence[Block], count: int) -> None:
         self._metric, self.blocks, self.count = metric, tuple(blocks), count
-        self._white = [metric.whiteners[item.slot].whiten(item.plain) for item in self.blocks]
+        self._white = [metric.whiteners[block.slot].whiten(block.plain) for block in self.blocks]
 
     @cached_property
     def gram(self) -> Array:
         """Products (m, m) of the whitened columns, nuisance parameters marginalised."""
         total = np.zeros((self.count, self.count))
-        for item, white in zip(self.blocks, self._white, strict=True):
-            total[np.ix_(item.index, item.index)] += white.T @ white
+        for block, white in zip(self.blocks, self._white, strict=True):
+            total[np.ix_(block.index, block.index)] += white.T @ white
         shrink = self._metric.shared.shrink
         return np.asarray(total - (self._along * (2.0 * shrink - shrink**2)) @ self._along.T)
 
@@ -66,9 +66,9 @@ class BlockColumns:
     def combined(self, weights: Array) -> Array:
         """The plain columns times `weights` (m,): stacked (n,)."""
         total = np.zeros(self._metric.problem.size)
-        for item in self.blocks:
-            part = self._metric.problem.slices[item.slot][2]
-            total[part] += item.plain @ weights[item.index]
+        for block in self.blocks:
+            part = self._metric.problem.slices[block.slot][2]
+            total[part] += block.plain @ weights[block.index]
         return total
 
     @cached_property
@@ -79,9 +79,9 @@ class BlockColumns:
     def _noise_products(self, columns: Array) -> Array:
         """Products (m, B) of the columns whitened by noise alone with stacked columns (n, B)."""
         total = np.zeros((self.count, columns.shape[1]))
-        for item, white in zip(self.blocks, self._white, strict=True):
-            part = self._metric.problem.slices[item.slot][2]
-            total[item.index] += white.T @ columns[part]
+        for block, white in zip(self.blocks, self._white, strict=True):
+            part = self._metric.problem.slices[block.slot][2]
+            total[block.index] += white.T @ columns[part]
         return total
 
 
@@ -178,7 +178,7 @@ class LackOfFitTests:
         metric = self._metric
         left = metric.without_nuisances(fit.prediction - metric.problem.measured)
         white = metric.whiten_noise(left)
-        excess, found = 0.0, FastResidual(0.0, 1.0, 0.0, '', '', 0.0)
+        excess, strongest_band = 0.0, FastResidual(0.0, 1.0, 0.0, '', '', 0.0)
         for band in self._bands:
             parts = band.coefficients(white)
             free = sum(part.size for part in parts)
@@ -191,12 +191,12 @@ class LackOfFitTests:
                 power = float(np.average((weights @ seen) ** 2, weights=width))
                 power -= float(weights**2 @ band.noise)
                 size = max(power, 0.0) ** 0.5 / self._ranges[view]
-                if p_value < MAX_CHANCE and size > found.visible:
+                if p_value < MAX_CHANCE and size > strongest_band.visible:
                     strongest = int(np.argmax(np.sum([part**2 for part in parts], axis=0)))
                     frequency = 0.5 * (band.first + strongest) / band.duration
                     name = metric.problem.runs[band.run].name
-                    found = FastResidual(0.0, p_value, size, view, name, frequency)
-        return replace(found, excess=excess)
+                    strongest_band = FastResidual(0.0, p_value, size, view, name, frequency)
+        return replace(strongest_band, excess=excess)
 
     def slow(self, fit: Fit) -> SlowResidual:
         """Slow structure of the residual as a whole."""
@@ -269,8 +269,8 @@ class LackOfFitTests:
         ]
         total = len(tests)
         return sorted(
-            (replace(item, p_value=min(1.0, item.p_value * total)) for item in tests),
-            key=lambda item: (item.p_value, -item.statistic / item.dimensions),
+            (replace(test, p_value=min(1.0, test.p_value * total)) for test in tests),
+            key=lambda test: (test.p_value, -test.statistic / test.dimensions),
         )
 
     def _shape_test(
@@ -305,21 +305,21 @@ def _view_variance(metric: Metric, columns: BlockColumns, root: Array, view: str
     """Mean square of the fitted structure under noise alone, per run, in one view."""
     problem = metric.problem
     weights = problem.system.views[view]
-    found = []
+    variances = []
     for number, run in enumerate(problem.runs):
-        own = [item for item in columns.blocks if problem.slices[item.slot][0] == number]
+        blocks = [block for block in columns.blocks if problem.slices[block.slot][0] == number]
         seen, rows = [], []
-        for item in own:
-            weight = weights[problem.slices[item.slot][1]]
+        for block in blocks:
+            weight = weights[problem.slices[block.slot][1]]
             if weight:
-                seen.append(weight * item.plain)
-                rows.append(root[item.index])
+                seen.append(weight * block.plain)
+                rows.append(root[block.index])
         joined = problem.freed(np.hstack(seen), run, view)
         share = problem.sample_weights(run, view)
         gram = joined.T @ (joined * (share / share.sum())[:, None])
         stacked = np.vstack(rows)
-        found.append(float(np.sum(stacked * (gram @ stacked))))
-    return found
+        variances.append(float(np.sum(stacked * (gram @ stacked))))
+    return variances
 
 
 def _structure_columns(metric: Metric) -> BlockColumns:
@@ -357,9 +357,10 @@ def _families(runs: tuple[RunBlocks, ...], assumptions: Assumptions) -> dict[str
     directions = [run.direction for run in runs if run.direction is not None]
     families: dict[str, Family] = {}
     for number, name in enumerate(names):
-        low = min(float(item[name].min()) for item in seen)
-        high = max(float(item[name].max()) for item in seen)
-        shares = [(item[name] - low)[:, None] / max(high - low, 1e-300) * np.pi for item in seen]
+        low = min(float(values[name].min()) for values in seen)
+        high = max(float(values[name].max()) for values in seen)
+        shares = [(values[name] - low)[:, None] / max(high - low, 1e-300) * np.pi
+                  for values in seen]
         waves = np.arange(1, (first if number == 0 else others) + 1)
         families[name] = _by_group(runs, [np.cos(share * waves) for share in shares])
         if number == 0 and len(directions) == len(runs):

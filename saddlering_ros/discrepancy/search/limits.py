@@ -87,10 +87,10 @@ def detection_limits(
     its parameters, and the noise known from `pairs` independent differences.
     """
     effects: dict[str, list[Signature]] = {}
-    for item in signatures:
-        if item.effect.first_variant:
+    for signature in signatures:
+        if signature.effect.first_variant:
             continue  # a wider form: the stated limit is that of the plain form
-        effects.setdefault(item.effect.id, []).append(item)
+        effects.setdefault(signature.effect.id, []).append(signature)
     rate = error_rate / max(shapes_tried(signatures), 1)
     answers = []
     for name, members in effects.items():
@@ -100,18 +100,19 @@ def detection_limits(
         share = testable_share(members)
         reach = max(abs(effect.size.low - effect.neutral), abs(effect.size.high - effect.neutral))
         shapes: dict[tuple[object, ...], list[Signature]] = {}
-        for item in members:
-            shapes.setdefault(item.shape, []).append(item)
-        configurations = [_limits_at(own, needed, materiality, reach) for own in shapes.values()]
-        limit = _nine_in_ten([item.limit for item in configurations])
+        for member in members:
+            shapes.setdefault(member.shape, []).append(member)
+        configurations = [_limits_at(shape, needed, materiality, reach)
+                          for shape in shapes.values()]
+        limit = _nine_in_ten([configuration.limit for configuration in configurations])
         answers.append(
             DetectionLimit(
                 effect=name, share=share, limit=_value(effect, limit),
-                best_limit=_value(effect, min(item.limit for item in configurations)),
+                best_limit=_value(effect, min(one.limit for one in configurations)),
                 material_limit=_value(
-                    effect, _nine_in_ten([item.material_limit for item in configurations])),
+                    effect, _nine_in_ten([one.material_limit for one in configurations])),
                 unit=effect.size.unit, testable=share >= MIN_SHARE and bool(np.isfinite(limit)),
-                configurations=tuple(_as_values(effect, item) for item in configurations))
+                configurations=tuple(_as_values(effect, one) for one in configurations))
         )
     return answers
 
@@ -147,18 +148,18 @@ def _limits_at(
     """Limits in one variant and shape, for sizes up to `reach` and the sign that shows less."""
     effect, shape = members[0].effect, members[0].theta_unit[1:]
     values = {
-        item.name: item.from_unit(float(u))
-        for item, u in zip(effect.ordered[1:], shape, strict=True)
+        parameter.name: parameter.from_unit(float(u))
+        for parameter, u in zip(effect.ordered[1:], shape, strict=True)
     }
     values.update(effect.variants[members[0].variant])
-    signs = {np.sign(item.size) for item in members} - {0.0}
+    signs = {np.sign(member.size) for member in members} - {0.0}
     limit = material = 0.0 if signs else np.inf
     for sign in signs:
-        own = [item for item in members if np.sign(item.size) == sign]
-        limit = max(limit, _size_at([(abs(item.size), item.length) for item in own], needed))
-        material = max(
-            material, _size_at([(abs(item.size), item.visible) for item in own], materiality)
-        )
+        same_sign = [member for member in members if np.sign(member.size) == sign]
+        lengths = [(abs(member.size), member.length) for member in same_sign]
+        visible = [(abs(member.size), member.visible) for member in same_sign]
+        limit = max(limit, _size_at(lengths, needed))
+        material = max(material, _size_at(visible, materiality))
     return Configuration(
         values, limit if limit <= reach else np.inf, material if material <= reach else np.inf
     )
@@ -166,7 +167,7 @@ def _limits_at(
 
 def _nine_in_ten(limits: Sequence[float]) -> float:
     """The size that is enough in nine of ten configurations that have a limit; inf if none has."""
-    finite = [item for item in limits if np.isfinite(item)]
+    finite = [limit for limit in limits if np.isfinite(limit)]
     return float(np.quantile(finite, 0.9, method='higher')) if finite else float(np.inf)
 
 
@@ -229,16 +230,16 @@ def confirmed_limits(
 ) -> list[DetectionLimit]:
     """The same limits, larger where the refitted base imitates more than its tangents do."""
     effects = {effect.id: effect for effect in space.problem.system.effects}
-    return [_confirmed(space, item, effects[item.effect], trials) for item in limits]
+    return [_confirmed(space, limit, effects[limit.effect], trials) for limit in limits]
 
 
 def _confirmed(
-    space: ModelSpace, item: DetectionLimit, effect: Effect, trials: int
+    space: ModelSpace, stated: DetectionLimit, effect: Effect, trials: int
 ) -> DetectionLimit:
-    if not np.isfinite(item.limit) or effect.neutral != 0.0 or not item.configurations:
-        return item
+    if not np.isfinite(stated.limit) or effect.neutral != 0.0 or not stated.configurations:
+        return stated
     settings, pairs = space.settings, space.pairs
-    configuration = _configuration(item)
+    configuration = _configuration(stated)
     needed = needed_length(len(effect.ordered), settings.error_rate / trials, pairs)
     reach = max(abs(effect.size.low), abs(effect.size.high))
 
@@ -246,28 +247,28 @@ def _confirmed(
         space.watch.check()
         return _shown(space, effect, configuration, size)
 
-    first = shown(item.limit)
+    first = shown(stated.limit)
     if first is None or first.length >= ENOUGH * needed:
-        return item
-    limit = _size_reaching(lambda size: _part(shown(size), 'length'), item.limit, needed, reach)
+        return stated
+    limit = _size_reaching(lambda size: _part(shown(size), 'length'), stated.limit, needed, reach)
     material = _size_reaching(
         lambda size: _part(shown(size), 'visible'),
-        item.material_limit,
+        stated.material_limit,
         settings.materiality,
         reach,
     )
     return replace(
-        item,
+        stated,
         limit=limit,
-        best_limit=max(item.best_limit, limit if item.best_limit == item.limit else 0.0),
+        best_limit=max(stated.best_limit, limit if stated.best_limit == stated.limit else 0.0),
         material_limit=material,
-        testable=item.testable and bool(np.isfinite(limit)),
+        testable=stated.testable and bool(np.isfinite(limit)),
     )
 
 
-def _configuration(item: DetectionLimit) -> Configuration:
+def _configuration(stated: DetectionLimit) -> Configuration:
     """The configuration with the stated limit."""
-    return min(item.configurations, key=lambda one: abs(one.limit - item.limit))
+    return min(stated.configurations, key=lambda one: abs(one.limit - stated.limit))
 
 
 def _part(shown: Shown | None, name: str) -> float:
@@ -304,9 +305,9 @@ def _shown(
         for sign in (1.0, -1.0)
         if effect.size.low <= sign * size <= effect.size.high
     ]
-    found = [_refitted(space, effect, configuration, sign * size) for sign in signs]
-    kept = [item for item in found if item is not None]
-    return min(kept, key=lambda item: item.length) if kept else None
+    refits = [_refitted(space, effect, configuration, sign * size) for sign in signs]
+    kept = [shown for shown in refits if shown is not None]
+    return min(kept, key=lambda shown: shown.length) if kept else None
 
 
 def _refitted(
@@ -320,10 +321,11 @@ def _refitted(
         for number, fixed in enumerate(effect.variants)
         if all(configuration.values.get(name) == value for name, value in fixed.items())
     )
-    own = [effect.size.to_unit(size)]
-    own += [item.to_unit(configuration.values[item.name]) for item in effect.ordered[1:]]
+    effect_unit = [effect.size.to_unit(size)]
+    effect_unit += [shape.to_unit(configuration.values[shape.name])
+                    for shape in effect.ordered[1:]]
     point = Candidate(((effect, variant),)).point(
-        problem.system.base_parameters, np.concatenate([base.theta_unit, own])
+        problem.system.base_parameters, np.concatenate([base.theta_unit, effect_unit])
     )
     target = problem.predict([point])[:, 0]
     if not np.all(np.isfinite(target)):

@@ -89,12 +89,12 @@ def _concealed(space: ModelSpace, fit: Fit, log: SearchLog) -> Fit:
     """
     if not space.leaves_misfit(fit):
         return fit
-    found = fit_silent(space)
-    best = min([fit, *found], key=space.penalised)
+    singles = fit_silent(space)
+    best = min([fit, *singles], key=space.penalised)
     if space.problem.assumptions.many_valleys and _is_mostly_left(space, best):
-        found += fit_in_other_valleys(space)
-    log.candidates += [Comparison(space, space.base, item).evidence(1) for item in found]
-    return min([fit, *found], key=space.penalised)
+        singles += fit_in_other_valleys(space)
+    log.candidates += [Comparison(space, space.base, single).evidence(1) for single in singles]
+    return min([fit, *singles], key=space.penalised)
 
 
 def _is_mostly_left(space: ModelSpace, fit: Fit) -> bool:
@@ -117,13 +117,13 @@ def forward(space: ModelSpace, current: Fit, log: SearchLog) -> Fit:
         space.watch.check()
         space.watch.progress('selection of causes', 0.35 + 0.4 * step / steps)
         tried = [Comparison(space, current, fit) for fit in refitted(space, current)]
-        log.candidates += [item.evidence(step + 1) for item in tried]
-        real = [item for item in tried if item.is_real]
+        log.candidates += [comparison.evidence(step + 1) for comparison in tried]
+        real = [comparison for comparison in tried if comparison.is_real]
         named = len(current.candidate.effects) - len(silent)
         wanted = not named or space.slow_residual(current).is_real_and_material(settings)
-        best = next((item for item in real if item.is_another_cause(wanted)), None)
+        best = next((one for one in real if one.is_another_cause(wanted)), None)
         if best is None or named == settings.max_causes:
-            log.immaterial += [item.evidence(step + 1) for item in real[:3]]
+            log.immaterial += [comparison.evidence(step + 1) for comparison in real[:3]]
             break
         if not best.is_material:
             log.immaterial.append(best.evidence(step + 1))
@@ -149,9 +149,9 @@ def refitted(space: ModelSpace, current: Fit) -> list[Fit]:
     listed = shortlist(scores, least, space.settings.refits)
     first = fit_each(space, current, listed)
     if not (space.conceals_effects(current)
-            or any(Comparison(space, current, item).is_real for item in first)):
+            or any(Comparison(space, current, tried).is_real for tried in first)):
         return first
-    others = [score for score in scores if all(score is not item for item in listed)]
+    others = [score for score in scores if all(score is not tried for tried in listed)]
     return fit_race(space, current, first, others)
 
 
@@ -165,7 +165,7 @@ def prune(space: ModelSpace, fit: Fit, log: SearchLog) -> Fit:
     while len(fit.candidate.effects) > 1:
         members = [Comparison(space, space.without(fit, name), fit) for name in fit.candidate.ids]
         share, weakest = min(
-            ((item.share_of_member, item) for item in members), key=lambda pair: pair[0]
+            ((member.share_of_member, member) for member in members), key=lambda pair: pair[0]
         )
         if share >= settings.min_partial:
             break
@@ -188,8 +188,8 @@ def simpler(space: ModelSpace, fit: Fit, log: SearchLog) -> Fit:
         for score in best_of_each(space.scores(space.base))
         if not space.is_fitted(Candidate().plus(score.effect, score.variant))
     ]
-    found = space.fit_best(space.base, untried)
-    log.candidates += [Comparison(space, space.base, item).evidence(1) for item in found]
+    singles = space.fit_best(space.base, untried)
+    log.candidates += [Comparison(space, space.base, single).evidence(1) for single in singles]
     return min([fit, *space.single_effect_fits()], key=space.penalised)
 
 
@@ -203,9 +203,9 @@ def check_alternatives(space: ModelSpace, fit: Fit, log: SearchLog) -> tuple[Fit
             less = space.without(fit, name)
             fits = _alternatives_to(space, name, less, fit, log)
             alternatives[name] = tuple(
-                item for item in fits if _is_indistinguishable(space, item, fit, less)
+                other for other in fits if _is_indistinguishable(space, other, fit, less)
             )
-            material = [item for item in fits if Comparison(space, less, item).is_material]
+            material = [fit for fit in fits if Comparison(space, less, fit).is_material]
             if material and space.penalised(material[0]) < space.penalised(fit) - 1.0:
                 better.append(material[0])
         if not better:
@@ -225,21 +225,21 @@ def _alternatives_to(
     listed += [score for score in best_of_each(scores) if score.effect.id in names]
     listed = [score for score in listed if name not in score.effect.contains]
     answers = []
-    for item in fit_each(space, less, listed, [fit]):
-        if name in item.candidate.ids:
+    for other in fit_each(space, less, listed, [fit]):
+        if name in other.candidate.ids:
             continue
-        comparison = Comparison(space, less, item)
+        comparison = Comparison(space, less, other)
         if comparison.is_separate_cause or comparison.closes_misfit:
-            answers.append(item)
+            answers.append(other)
     return answers
 
 
 def _competitors(less: Fit, log: SearchLog) -> set[str]:
     """Effects that were almost as good as the best one beside those of `less`."""
-    known = set(less.candidate.ids)
-    tried = [item for item in log.candidates if set(item.effects[:-1]) == known]
-    least = CLOSE_SHARE * max((item.delta_bic for item in tried), default=0.0)
-    return {item.effects[-1] for item in tried if item.delta_bic > least}
+    members = set(less.candidate.ids)
+    tried = [candidate for candidate in log.candidates if set(candidate.effects[:-1]) == members]
+    least = CLOSE_SHARE * max((candidate.delta_bic for candidate in tried), default=0.0)
+    return {candidate.effects[-1] for candidate in tried if candidate.delta_bic > least}
 
 
 def _is_indistinguishable(space: ModelSpace, other: Fit, best: Fit, less: Fit) -> bool:
@@ -275,7 +275,7 @@ def masked_pair(space: ModelSpace, fit: Fit, log: SearchLog) -> Fit:
     pairs = [pair for pair in _best_pairs(space) if pair.gain > least]
     if not pairs:
         return fit
-    found = run_refits(
+    refits = run_refits(
         space.metric,
         [
             refit(space.metric, candidate, start, rounds=space.settings.rounds,
@@ -283,8 +283,8 @@ def masked_pair(space: ModelSpace, fit: Fit, log: SearchLog) -> Fit:
             for candidate, start in (_start(space.base, pair) for pair in pairs)
         ],
     )
-    log.candidates += [Comparison(space, space.base, item).evidence(1) for item in found]
-    best = min(found, key=space.penalised)
+    log.candidates += [Comparison(space, space.base, pair_fit).evidence(1) for pair_fit in refits]
+    best = min(refits, key=space.penalised)
     return space.keep(best) if _is_better(space, fit, best) else fit
 
 
@@ -300,45 +300,48 @@ def _is_better(space: ModelSpace, fit: Fit, pair: Fit) -> bool:
 def _start(base: Fit, pair: _Pair) -> tuple[Candidate, Array]:
     """The model of a pair, and the parameters at which its refit begins."""
     candidate, parts = Candidate(), [base.theta_unit]
-    for item, factor in zip(pair.signatures, pair.factors, strict=True):
-        candidate = candidate.plus(item.effect, item.variant)
-        size = item.effect.size.to_unit(item.effect.neutral + factor * item.size)
-        parts.append(np.array([np.clip(size, 1e-3, 1.0 - 1e-3), *item.theta_unit[1:]]))
+    for signature, factor in zip(pair.signatures, pair.factors, strict=True):
+        candidate = candidate.plus(signature.effect, signature.variant)
+        size = signature.effect.size.to_unit(signature.effect.neutral + factor * signature.size)
+        parts.append(np.array([np.clip(size, 1e-3, 1.0 - 1e-3), *signature.theta_unit[1:]]))
     return candidate, np.concatenate(parts)
 
 
 def _best_pairs(space: ModelSpace) -> list[_Pair]:
     """The best pair of shapes of each pair of effects, those with the largest gain."""
-    items = _one_of_each_shape(space.usable)
-    if not items:
+    signatures = _one_of_each_shape(space.usable)
+    if not signatures:
         return []
-    stack = np.column_stack([item.white for item in items])
+    reaches = np.array([reach_of(signature) for signature in signatures])
+    stack = np.column_stack([signature.white for signature in signatures])
     gains, first, second = _pair_gains(
-        stack, -(stack.T @ space.base.whitened), np.array([reach_of(item) for item in items]))
-    names = np.array([item.effect.id for item in items])
+        stack, -(stack.T @ space.base.whitened), reaches)
+    names = np.array([signature.effect.id for signature in signatures])
     gains[names[:, None] == names] = -np.inf
-    found: dict[frozenset[str], _Pair] = {}
+    pairs: dict[frozenset[str], _Pair] = {}
     for flat in np.argsort(-gains, axis=None):
-        row, column = divmod(int(flat), len(items))
-        if len(found) == MAX_PAIRS or not np.isfinite(gains[row, column]):
+        row, column = divmod(int(flat), len(signatures))
+        if len(pairs) == MAX_PAIRS or not np.isfinite(gains[row, column]):
             break
         pair = _Pair(
-            (items[row], items[column]),
+            (signatures[row], signatures[column]),
             (float(first[row, column]), float(second[row, column])),
             float(gains[row, column]),
         )
-        found.setdefault(frozenset((names[row], names[column])), pair)
-    return list(found.values())
+        pairs.setdefault(frozenset((names[row], names[column])), pair)
+    return list(pairs.values())
 
 
 def _one_of_each_shape(signatures: Sequence[Signature]) -> list[Signature]:
     """Signatures with one size of every straight effect, and all sizes of the others."""
-    found: dict[tuple[object, ...], Signature] = {}
-    for item in signatures:
-        if item.length > 1e-9 and item.size != 0.0:
-            key = (*item.shape, item.size) if item.amplitude_dependent else item.shape
-            found.setdefault(key, item)
-    return list(found.values())
+    kept: dict[tuple[object, ...], Signature] = {}
+    for signature in signatures:
+        if signature.length > 1e-9 and signature.size != 0.0:
+            key = signature.shape
+            if signature.amplitude_dependent:
+                key = (*key, signature.size)
+            kept.setdefault(key, signature)
+    return list(kept.values())
 
 
 def _pair_gains(stack: Array, products: Array, reach: Array) -> tuple[Array, Array, Array]:
@@ -366,7 +369,7 @@ def _pair_gains(stack: Array, products: Array, reach: Array) -> tuple[Array, Arr
         for first, second in pairs
     ])
     best = gains.argmax(axis=0)[None]
-    first, second = (np.stack(item) for item in zip(*pairs, strict=True))
+    first, second = (np.stack(factors) for factors in zip(*pairs, strict=True))
     return (
         np.take_along_axis(gains, best, 0)[0],
         np.take_along_axis(first, best, 0)[0],
@@ -381,12 +384,12 @@ MAX_STARTS = 3
 def silent_effects(signatures: Sequence[Signature]) -> list[tuple[Effect, int]]:
     """Effects and variants whose starts change the prediction by less than the noise hides."""
     loudest: dict[tuple[str, int], float] = {}
-    known: dict[tuple[str, int], Effect] = {}
-    for item in signatures:
-        known[item.key] = item.effect
-        change = item.length / item.share if item.share > 0.0 else 0.0
-        loudest[item.key] = max(loudest.get(item.key, 0.0), change)
-    return [(known[key], key[1]) for key, change in loudest.items() if change < MIN_LENGTH]
+    effects: dict[tuple[str, int], Effect] = {}
+    for signature in signatures:
+        effects[signature.key] = signature.effect
+        change = signature.length / signature.share if signature.share > 0.0 else 0.0
+        loudest[signature.key] = max(loudest.get(signature.key, 0.0), change)
+    return [(effects[key], key[1]) for key, change in loudest.items() if change < MIN_LENGTH]
 
 
 def fit_silent(space: ModelSpace) -> list[Fit]:
@@ -399,8 +402,8 @@ def fit_in_other_valleys(space: ModelSpace) -> list[Fit]:
 
     Without its effect the base can be in a minimum from which no path leads to the true one.
     """
-    known = {item.key: (item.effect, item.variant) for item in space.signatures}
-    return _fit_from_all_over(space, list(known.values()), starts=1)
+    effects = {one.key: (one.effect, one.variant) for one in space.signatures}
+    return _fit_from_all_over(space, list(effects.values()), starts=1)
 
 
 def _fit_from_all_over(
@@ -410,13 +413,13 @@ def _fit_from_all_over(
 
     starts: first guesses of an effect for each start of the base.
     """
-    found = []
+    single_fits = []
     for effect, variant in effects:
         fits = _coarse(space, Candidate(((effect, variant),)), effect, starts)
         if fits:
             best = min(fits, key=lambda fit: fit.misfit)
-            found += [space.keep(fit) for fit in space.refine([best])]
-    return sorted(found, key=space.penalised)
+            single_fits += [space.keep(fit) for fit in space.refine([best])]
+    return sorted(single_fits, key=space.penalised)
 
 
 def _coarse(space: ModelSpace, candidate: Candidate, effect: Effect, count: int) -> list[Fit]:
@@ -429,7 +432,7 @@ def _coarse(space: ModelSpace, candidate: Candidate, effect: Effect, count: int)
     for start in effect_starts(effect)[:count]:
         whole = [np.concatenate([theta, start]) for theta in thetas]
         space.watch.check()
-        seen = metric.problem.predict([candidate.point(base, item) for item in whole])
+        seen = metric.problem.predict([candidate.point(base, theta_unit) for theta_unit in whole])
         change = np.linalg.norm(metric.whiten(seen - alone), axis=0)
         left = metric.whiten(seen - metric.problem.measured[:, None])
         misfit = (left**2).sum(axis=0)
@@ -439,7 +442,7 @@ def _coarse(space: ModelSpace, candidate: Candidate, effect: Effect, count: int)
     return run_refits(
         metric,
         [
-            refit(metric, candidate, item, rounds=COARSE_BASE, full_jacobian=True)
-            for _, item in trials[:MAX_BASE_STARTS]
+            refit(metric, candidate, theta_unit, rounds=COARSE_BASE, full_jacobian=True)
+            for _, theta_unit in trials[:MAX_BASE_STARTS]
         ],
     )

@@ -126,15 +126,13 @@ def effect_starts(effect: Effect) -> list[Array]:
     """First guesses of the parameters of an effect, bound-scaled."""
     if effect.starts:
         return [
-            np.array(
-                [
-                    item.to_unit(start[item.name]) if item.name in start else item.first_guess
-                    for item in effect.ordered
-                ]
-            )
+            np.array([
+                one.to_unit(start[one.name]) if one.name in start else one.first_guess
+                for one in effect.ordered
+            ])
             for start in effect.starts
         ]
-    usual = [item.first_guess for item in effect.ordered[1:]]
+    usual = [parameter.first_guess for parameter in effect.ordered[1:]]
     sizes = _sizes(effect)
     starts = [np.array([size, *usual]) for size in sizes]
     for shape in _other_shapes(effect.ordered[1:]):
@@ -160,20 +158,20 @@ def _other_shapes(shapes: Sequence[Parameter]) -> list[list[float]]:
     """Shapes besides the usual one: all combinations of a few, or one parameter at a time."""
     if not shapes:
         return []
-    usual = [item.first_guess for item in shapes]
+    usual = [shape.first_guess for shape in shapes]
     choices = [
-        [(u + turn) % 1.0 for turn in (0.0, 0.25, 0.5, 0.75)] if item.periodic else [u, *SHAPES]
-        for item, u in zip(shapes, usual, strict=True)
+        [(u + turn) % 1.0 for turn in (0.0, 0.25, 0.5, 0.75)] if shape.periodic else [u, *SHAPES]
+        for shape, u in zip(shapes, usual, strict=True)
     ]
-    if np.prod([len(item) for item in choices]) <= MAX_SHAPES:
-        found = [list(item) for item in product(*choices)]
+    if np.prod([len(choice) for choice in choices]) <= MAX_SHAPES:
+        combinations = [list(choice) for choice in product(*choices)]
     else:
-        found = [
+        combinations = [
             [*usual[:number], value, *usual[number + 1 :]]
             for number, values in enumerate(choices)
             for value in values
         ]
-    return [item for item in found if item != usual]
+    return [choice for choice in combinations if choice != usual]
 
 
 def measure_signatures(
@@ -194,13 +192,13 @@ def measure_signatures(
         for start in effect_starts(effect)
     ]
     orthogonal = orthonormal(base.white)
-    found: list[Signature] = []
+    signatures: list[Signature] = []
     for _ in range(1 + MAX_SMALLER):
         for begin in range(0, len(starts), BATCH):
-            found += _measured(metric, fit, orthogonal, scale, starts[begin : begin + BATCH])
-        found = with_amplitude_dependence(found)
-        starts = _smaller(found)
-    return found
+            signatures += _measured(metric, fit, orthogonal, scale, starts[begin : begin + BATCH])
+        signatures = with_amplitude_dependence(signatures)
+        starts = _smaller(signatures)
+    return signatures
 
 
 def _measured(
@@ -241,12 +239,12 @@ def _smaller(signatures: Sequence[Signature]) -> list[tuple[Effect, int, Array]]
     little.
     """
     sides: dict[tuple[str, int, bool], list[Signature]] = {}
-    for item in signatures:
-        if item.amplitude_dependent:
-            sides.setdefault((*item.key, item.size > 0.0), []).append(item)
+    for signature in signatures:
+        if signature.amplitude_dependent:
+            sides.setdefault((*signature.key, signature.size > 0.0), []).append(signature)
     starts = []
     for members in sides.values():
-        members.sort(key=lambda item: abs(item.size))
+        members.sort(key=lambda member: abs(member.size))
         least = members[0]
         if least.effect.neutral == 0.0 and least.length > STANDS_OUT:
             size = least.effect.size.to_unit(SMALLER * least.size)
@@ -266,17 +264,17 @@ def whitened_by(metric: Metric, signatures: Sequence[Signature], base: Tangent) 
     orthogonal = orthonormal(base.white)
     answers: list[Signature] = []
     for begin in range(0, len(signatures), BATCH):
-        items = signatures[begin : begin + BATCH]
-        part = np.column_stack([item.plain for item in items])
+        batch = signatures[begin : begin + BATCH]
+        part = np.column_stack([signature.plain for signature in batch])
         left, lengths, shares = _beyond(metric, part, orthogonal)
         answers += [
             replace(
-                item,
+                signature,
                 white=left[:, column],
                 share=float(shares[column]),
                 length=float(lengths[column]),
             )
-            for column, item in enumerate(items)
+            for column, signature in enumerate(batch)
         ]
     return answers
 
@@ -293,21 +291,21 @@ def _beyond(metric: Metric, changes: Array, orthogonal: Array) -> tuple[Array, A
 def with_amplitude_dependence(signatures: Sequence[Signature]) -> list[Signature]:
     """The same signatures, marked if sizes of their shape differ in more than height."""
     shapes: dict[tuple[object, ...], list[Signature]] = {}
-    for item in signatures:
-        shapes.setdefault(item.shape, []).append(item)
+    for signature in signatures:
+        shapes.setdefault(signature.shape, []).append(signature)
     dependent: dict[tuple[object, ...], bool] = {}
     for key, members in shapes.items():
-        shown = [item for item in members if item.length > MIN_LENGTH]
-        shown.sort(key=lambda item: item.size)
-        signs = {item.size > 0.0 for item in shown}
+        shown = [member for member in members if member.length > MIN_LENGTH]
+        shown.sort(key=lambda signature: signature.size)
+        signs = {signature.size > 0.0 for signature in shown}
         straight = [
             abs(float(one.white @ other.white)) / (one.length * other.length)
             for sign in signs
-            for one, other in pairwise([item for item in shown if (item.size > 0.0) is sign])
+            for one, other in pairwise([one for one in shown if (one.size > 0.0) is sign])
         ]
-        found = min(straight, default=1.0) < MIN_STRAIGHT
-        dependent[key[:2]] = dependent.get(key[:2], False) or found
-    return [replace(item, amplitude_dependent=dependent[item.key]) for item in signatures]
+        depends = min(straight, default=1.0) < MIN_STRAIGHT
+        dependent[key[:2]] = dependent.get(key[:2], False) or depends
+    return [replace(one, amplitude_dependent=dependent[one.key]) for one in signatures]
 
 
 def testable_share(members: Sequence[Signature]) -> float:
@@ -317,45 +315,46 @@ def testable_share(members: Sequence[Signature]) -> float:
     parameters would count as a remainder.
     """
     best = 0.0
-    for variant in {item.variant for item in members}:
-        own = [item for item in members if item.variant == variant]
-        shown = [item for item in own if item.length > MIN_LENGTH * item.share] or own
-        smallest = min(abs(item.size) for item in shown)
-        best = max(best, *(item.share for item in shown if abs(item.size) <= smallest))
+    for variant in {member.variant for member in members}:
+        of_variant = [member for member in members if member.variant == variant]
+        shown = [member for member in of_variant
+                 if member.length > MIN_LENGTH * member.share] or of_variant
+        smallest = min(abs(member.size) for member in shown)
+        best = max(best, *(member.share for member in shown if abs(member.size) <= smallest))
     return best
 
 
 def shapes_tried(signatures: Sequence[Signature]) -> int:
     """Number of signatures that differ in more than size: the number of trials of a name."""
-    return len({item.shape for item in signatures})
+    return len({signature.shape for signature in signatures})
 
 
 def testable(signatures: Sequence[Signature]) -> list[Signature]:
     """Signatures of the effects that these data can test at all."""
     effects: dict[str, list[Signature]] = {}
-    for item in signatures:
-        effects.setdefault(item.effect.id, []).append(item)
+    for signature in signatures:
+        effects.setdefault(signature.effect.id, []).append(signature)
     return [
-        item
+        member
         for members in effects.values()
         if testable_share(members) >= MIN_SHARE
-        for item in members
+        for member in members
     ]
 
 
 def angle_matrix(signatures: Sequence[Signature]) -> tuple[list[str], Array]:
     """Labels (effect:variant) and absolute cosines between the longest signature of each."""
     chosen: dict[tuple[str, int], Signature] = {}
-    for item in signatures:
-        if item.key not in chosen or item.length > chosen[item.key].length:
-            chosen[item.key] = item
-    kept = [item for item in chosen.values() if item.length > 1e-9 and item.share >= MIN_SHARE]
+    for signature in signatures:
+        if signature.key not in chosen or signature.length > chosen[signature.key].length:
+            chosen[signature.key] = signature
+    kept = [one for one in chosen.values() if one.length > 1e-9 and one.share >= MIN_SHARE]
     if not kept:
         return [], np.zeros((0, 0))
-    stack = np.column_stack([item.white / item.length for item in kept])
+    stack = np.column_stack([signature.white / signature.length for signature in kept])
     labels = [
-        item.effect.id if len(item.effect.variants) == 1 else f'{item.effect.id}:{item.variant}'
-        for item in kept
+        one.effect.id if len(one.effect.variants) == 1 else f'{one.effect.id}:{one.variant}'
+        for one in kept
     ]
     return labels, np.abs(stack.T @ stack)
 
@@ -400,49 +399,51 @@ def rank(
 ) -> list[Score]:
     """Candidates by the first-order gain of their signatures, each with its best start."""
     orthogonal = orthonormal(white_columns)
-    found: dict[tuple[str, int], list[tuple[float, Signature, Array]]] = {}
-    usable = [item for item in signatures if item.effect.id not in skip and item.length > 1e-9]
+    starts: dict[tuple[str, int], list[tuple[float, Signature, Array]]] = {}
+    usable = [one for one in signatures if one.effect.id not in skip and one.length > 1e-9]
     if not usable:
         return []
-    stack = np.column_stack([item.white for item in usable])
+    stack = np.column_stack([signature.white for signature in usable])
     stack = stack - orthogonal @ (orthogonal.T @ stack)
     lengths = (stack**2).sum(axis=0)
     inner = -(stack.T @ fit.whitened)
-    for item, squared, along in zip(usable, lengths, inner, strict=True):
-        if squared <= 1e-12 * item.length**2 or item.size == 0.0:
+    for signature, squared, along in zip(usable, lengths, inner, strict=True):
+        if squared <= 1e-12 * signature.length**2 or signature.size == 0.0:
             continue
-        neutral, (low, high) = item.effect.neutral, reach_of(item)
+        neutral, (low, high) = signature.effect.neutral, reach_of(signature)
         factor = float(np.clip(along / squared, low, high))
         gain = float(2.0 * factor * along - factor**2 * squared)
-        if item.amplitude_dependent:
+        if signature.amplitude_dependent:
             # Another size has another, unknown shape. The gain that this shape could reach at
             # its best height counts, or an effect seen too large would never be tried.
             gain = float(max(along, 0.0) ** 2 / squared)
             if 2.0 * along - squared > SEEN_ENOUGH * gain:
                 factor = 1.0
-        start = item.theta_unit.copy()
+        start = signature.theta_unit.copy()
         start[0] = np.clip(
-            item.effect.size.to_unit(neutral + item.size * factor), 1e-3, 1.0 - 1e-3
+            signature.effect.size.to_unit(neutral + signature.size * factor), 1e-3, 1.0 - 1e-3
         )
-        found.setdefault(item.key, []).append((gain, item, start))
+        starts.setdefault(signature.key, []).append((gain, signature, start))
     scores = []
-    for members in found.values():
-        gain, item, start = max(members, key=lambda member: member[0])
+    for members in starts.values():
+        gain, best, start = max(members, key=lambda member: member[0])
         others = _starts_of_other_shape(members, start, OTHER_SHARE * gain)
         scores.append(
-            Score(item.effect, item.variant, gain, start, others, item.amplitude_dependent)
+            Score(best.effect, best.variant, gain, start, others, best.amplitude_dependent)
         )
     return sorted(scores, key=lambda score: -score.gain)
 
 
-def reach_of(item: Signature) -> tuple[float, float]:
+def reach_of(signature: Signature) -> tuple[float, float]:
     """Factors of the size of a signature between which its shape and its bounds hold."""
-    neutral, size = item.effect.neutral, item.effect.size
+    neutral, size = signature.effect.neutral, signature.effect.size
     if neutral != 0.0:
         return 1.0, 1.0
-    low, high = sorted(((size.low - neutral) / item.size, (size.high - neutral) / item.size))
-    least, most = AMPLITUDE_DEPENDENT_REACH if item.amplitude_dependent else STRAIGHT_REACH
-    return max(low, least), min(high, most)
+    bounds = size.low - neutral, size.high - neutral
+    low, high = sorted(bound / signature.size for bound in bounds)
+    reach = AMPLITUDE_DEPENDENT_REACH if signature.amplitude_dependent else STRAIGHT_REACH
+    lowest, highest = reach
+    return max(low, lowest), min(high, highest)
 
 
 def best_of_each(scores: Sequence[Score]) -> list[Score]:
@@ -463,10 +464,10 @@ def _starts_of_other_shape(
     kept = [start]
     first = 0 if members[0][1].amplitude_dependent else 1
     for gain, _, other in sorted(members, key=lambda member: -member[0]):
-        apart = all(
-            np.abs(other[first:] - item[first:]).max(initial=0.0) > MIN_APART for item in kept
+        is_new = all(
+            np.abs(other[first:] - chosen[first:]).max(initial=0.0) > MIN_APART for chosen in kept
         )
-        if gain > least and apart and len(kept) <= MAX_OTHERS:
+        if gain > least and is_new and len(kept) <= MAX_OTHERS:
             kept.append(other)
     return tuple(kept[1:])
 

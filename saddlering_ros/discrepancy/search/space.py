@@ -166,16 +166,16 @@ class ModelSpace:
     def fit_best(self, fit: Fit, scores: Sequence[Score]) -> list[Fit]:
         """The model of `fit` plus each scored candidate by coarse fits; the best is refined."""
         coarse = sorted(self.coarse_fit(fit, starts_of_each(scores)), key=self.penalised)
-        found = self.refine(coarse[: self.settings.refits])
-        return sorted((self.keep(item) for item in found), key=self.penalised)
+        refined = self.refine(coarse[: self.settings.refits])
+        return sorted((self.keep(one) for one in refined), key=self.penalised)
 
     def continued(self, fits: Sequence[Fit], rounds: int) -> list[Fit]:
         """The same fits after further rounds."""
         count = len(self.problem.system.base_parameters)
         return self._run([
-            refit(self.metric, item.candidate, item.theta_unit, item.jacobian[:, :count],
-                  rounds=rounds, known_start=item)
-            for item in fits
+            refit(self.metric, fit.candidate, fit.theta_unit, fit.jacobian[:, :count],
+                  rounds=rounds, known_start=fit)
+            for fit in fits
         ])
 
     def foreseen(self, fit: Fit) -> float:
@@ -220,7 +220,7 @@ class ModelSpace:
                     )
                     for start in starts
                 ]
-        return [found for found in self._run(wanted) if np.isfinite(found.misfit)]
+        return [begun for begun in self._run(wanted) if np.isfinite(begun.misfit)]
 
     def stopped_base(self, fit: Fit) -> Array:
         """Mask (B,) of base parameters at a bound, which may imitate an effect.
@@ -233,9 +233,9 @@ class ModelSpace:
     def refine(self, fits: Sequence[Fit]) -> list[Fit]:
         """The same fits completed, the best of them with a full Jacobian."""
         refined = self.continued(fits, self.settings.rounds)
-        order = sorted(range(len(refined)), key=lambda item: self.penalised(refined[item]))
+        order = sorted(range(len(refined)), key=lambda index: self.penalised(refined[index]))
         best = order[:FULL_JACOBIANS]
-        refitted_fully = self.refit_full_jacobian([refined[item] for item in best])
+        refitted_fully = self.refit_full_jacobian([refined[index] for index in best])
         for number, fit in zip(best, refitted_fully, strict=True):
             refined[number] = fit
         return refined
@@ -282,10 +282,10 @@ def refit_full_jacobian(metric: Metric, fits: Sequence[Fit], rounds: int) -> lis
 def best_fit_of_each(fits: Sequence[Fit]) -> list[Fit]:
     """The best fit of each candidate, in their order."""
     best: dict[Key, Fit] = {}
-    for found in fits:
-        key = found.candidate.key
-        if key not in best or found.misfit < best[key].misfit:
-            best[key] = found
+    for fit in fits:
+        key = fit.candidate.key
+        if key not in best or fit.misfit < best[key].misfit:
+            best[key] = fit
     return list(best.values())
 
 
@@ -334,11 +334,11 @@ def fit_each(
         if not space.is_fitted(candidate)
     ]
     close, behind = _heats(space, fit, starts_of_each(wanted), beside)
-    for item in [*space.refine(close), *behind]:
-        space.keep(item)
+    for refitted_one in [*space.refine(close), *behind]:
+        space.keep(refitted_one)
     different = {candidate.key: candidate for candidate in candidates}.values()
-    found = [space.fit_of(candidate) for candidate in different if space.is_fitted(candidate)]
-    return sorted(found, key=space.penalised)
+    fits = [space.fit_of(candidate) for candidate in different if space.is_fitted(candidate)]
+    return sorted(fits, key=space.penalised)
 
 
 def fit_race(
@@ -362,11 +362,11 @@ def fit_race(
     coarse = sorted(_raced(space, fit, trials, first), key=space.foreseen)
     close, _ = _split(space, fit, coarse, first, CLOSE_SHARE)
     leading: dict[str, Fit] = {}
-    for item in close:
-        leading.setdefault(item.candidate.ids[-1], item)
+    for other in close:
+        leading.setdefault(other.candidate.ids[-1], other)
     joining = list(leading.values())[: space.settings.refits]
-    found = [space.keep(item) for item in space.refine(joining)]
-    return sorted([*first, *found], key=space.penalised)
+    refined = [space.keep(other) for other in space.refine(joining)]
+    return sorted([*first, *refined], key=space.penalised)
 
 
 def _raced(
@@ -390,8 +390,9 @@ def _heats(
     """Each candidate from its best start: the candidates close to the best one, and the others."""
     going, behind = _split(space, fit, _raced(space, fit, trials, beside), beside, CLOSE_SHARE)
     going = best_fit_of_each(space.continued(going, COARSE_ROUNDS - RACE_ROUNDS))
-    followed = {item.candidate.key for item in going}
-    behind = [item for item in best_fit_of_each(behind) if item.candidate.key not in followed]
+    followed = {fit.candidate.key for fit in going}
+    behind = [other for other in best_fit_of_each(behind)
+              if other.candidate.key not in followed]
     return going, behind
 
 
@@ -402,11 +403,11 @@ def _split(
 
     The slopes of a fit's residual give its promise.
     """
-    foreseen = [space.foreseen(item) for item in fits]
+    foreseen = [space.foreseen(fit) for fit in fits]
     lowest = min([*foreseen, *map(space.foreseen, beside)], default=np.inf)
     highest = space.penalised(fit) - share * (space.penalised(fit) - lowest)
-    going = [item for item, end in zip(fits, foreseen, strict=True) if end < highest]
-    resting = [item for item, end in zip(fits, foreseen, strict=True) if not end < highest]
+    going = [fit for fit, end in zip(fits, foreseen, strict=True) if end < highest]
+    resting = [fit for fit, end in zip(fits, foreseen, strict=True) if not end < highest]
     return going, resting
 
 
@@ -453,9 +454,9 @@ def better_base(space: ModelSpace, fit: Fit) -> Fit | None:
             full_jacobian=True,
         )
     ]
-    found = run_refits(space.metric, wanted)[0]
-    gain = space.base.misfit - found.misfit
-    return found if gain > max(MIN_DEEPER, MIN_DEEPER_SHARE * found.misfit) else None
+    other_base = run_refits(space.metric, wanted)[0]
+    gain = space.base.misfit - other_base.misfit
+    return other_base if gain > max(MIN_DEEPER, MIN_DEEPER_SHARE * other_base.misfit) else None
 
 
 def moved_to(space: ModelSpace, fit: Fit) -> tuple[ModelSpace, Fit]:

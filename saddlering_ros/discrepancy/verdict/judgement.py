@@ -59,7 +59,7 @@ def consistency_tests(
         for name, columns in families.items()
         if (test := _Test(metric, fit, tangent, columns).result(name, slow, pairs)) is not None
     ]
-    return [replace(item, p_value=min(1.0, item.p_value * len(tests))) for item in tests]
+    return [replace(test, p_value=min(1.0, test.p_value * len(tests))) for test in tests]
 
 
 class _Families:
@@ -140,9 +140,9 @@ class _Families:
 
 def _places(values: Sequence[Array]) -> list[Array]:
     """A state (N,) of each run, scaled to the interval from 0 to pi."""
-    low = min(float(item.min()) for item in values)
-    high = max(float(item.max()) for item in values)
-    return [np.pi * (item - low) / max(high - low, 1e-300) for item in values]
+    low = min(float(state.min()) for state in values)
+    high = max(float(state.max()) for state in values)
+    return [np.pi * (state - low) / max(high - low, 1e-300) for state in values]
 
 
 @dataclass(frozen=True)
@@ -301,18 +301,18 @@ def _unexplained(space: ModelSpace, after: Residual) -> list[str]:
     problem = space.problem
     if problem.assumptions.form_error > 0.0:
         return []  # Judged in each view, against the form error of the effects.
-    found = [
+    unexplained = [
         f'{channel} in {run}'
         for (channel, run), chance in after.slow.chances.items()
         if chance < space.settings.error_rate
         and after.slow.sizes[channel][_number(problem.runs, run)] >= space.settings.materiality
     ]
-    found += [
-        f'{item.view} along {item.coordinate}'
-        for item in (*after.consistency, *after.shapes)
-        if item.p_value < space.settings.error_rate and item.visible >= space.settings.materiality
+    unexplained += [
+        f'{test.view} along {test.coordinate}'
+        for test in (*after.consistency, *after.shapes)
+        if test.p_value < space.settings.error_rate and test.visible >= space.settings.materiality
     ]
-    return found
+    return unexplained
 
 
 def _number(runs: Sequence[RunBlocks], name: str) -> int:
@@ -366,15 +366,16 @@ def _shapes_at_bounds(space: ModelSpace, fit: Fit) -> list[str]:
         shapes = zip(
             effect.ordered, fit.theta_unit[part], slopes[part], variances[part], strict=True
         )
-        for item, theta_unit, slope, variance in list(shapes)[1:]:
+        for parameter, theta_unit, slope, variance in list(shapes)[1:]:
             outward = slope if theta_unit < 0.5 else -slope
             beyond = max(float(outward), 0.0) ** 2 * variance
             allowed = max(floor, problem.assumptions.form_error * taken)
-            if beyond > allowed and _is_at_bound(item, float(theta_unit)):
+            if beyond > allowed and _is_at_bound(parameter, float(theta_unit)):
+                value = parameter.from_unit(float(theta_unit))
                 sentences.append(
-                    f'{effect.id}: its {item.name} is at the bound of '
-                    f'{quantity(item.from_unit(float(theta_unit)), item.unit)}: the cause has '
-                    'another shape than the bounds allow, so that it is not named'
+                    f'{effect.id}: its {parameter.name} is at the bound of '
+                    f'{quantity(value, parameter.unit)}: the cause has another shape than the '
+                    'bounds allow, so that it is not named'
                 )
     return sentences
 
@@ -393,5 +394,5 @@ def explained_share_of(before: Residual, after: Residual) -> float:
     A small cause can be certain although all structures together are no more than noise.
     """
     remaining = max(after.slow.excess, 0.0) + after.fast.excess
-    found = max(before.slow.excess, 0.0) + before.fast.excess
-    return 1.0 - min(1.0, remaining / max(found, 1e-9))
+    misfit = max(before.slow.excess, 0.0) + before.fast.excess
+    return 1.0 - min(1.0, remaining / max(misfit, 1e-9))

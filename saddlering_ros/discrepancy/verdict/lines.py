@@ -70,20 +70,20 @@ def find_line(
     between: lowest and highest frequency [Hz] of the search. A channel that is still in a stretch
     has no level of noise, and is not searched.
     """
-    usable = [item for item in segments if item.values.shape[1] >= min_samples]
+    usable = [segment for segment in segments if segment.values.shape[1] >= min_samples]
     if not usable:
         return LineSearch(None, np.inf)
-    fastest = min(item.step for item in usable)
-    usable = [item for item in usable if item.step < 1.05 * fastest]
-    moving = np.all([_is_moving(item.values) for item in usable], axis=0)
+    fastest = min(segment.step for segment in usable)
+    usable = [segment for segment in usable if segment.step < 1.05 * fastest]
+    moving = np.all([_is_moving(segment.values) for segment in usable], axis=0)
     if not moving.any():
         return LineSearch(None, np.inf)
-    step = float(np.median([item.step for item in usable]))
-    size = 2 * 2 ** int(np.ceil(np.log2(max(item.values.shape[1] for item in usable))))
+    step = float(np.median([segment.step for segment in usable]))
+    size = 2 * 2 ** int(np.ceil(np.log2(max(segment.values.shape[1] for segment in usable))))
     frequency = np.fft.rfftfreq(size, step)
     power, ratio, freedom = _ratios(usable, size)
     ratio[~moving] = 0.0
-    edge = 4.0 / (step * min(item.values.shape[1] for item in usable))
+    edge = 4.0 / (step * min(segment.values.shape[1] for segment in usable))
     inside = (frequency >= between[0]) & (frequency <= min(between[1], frequency[-1] - edge))
     if not inside.any():
         return LineSearch(None, np.inf)
@@ -101,10 +101,10 @@ def find_line(
     around = np.log(power[channel, place - 1 : place + 2])
     bend = around[0] - 2.0 * around[1] + around[2]
     shift = 0.5 * (around[0] - around[2]) / bend if bend < 0.0 else 0.0
-    found = float(frequency[place] + shift / (size * step))
-    amplitude, deviation, worth = _measured(usable, found)
+    at = float(frequency[place] + shift / (size * step))
+    amplitude, deviation, worth = _measured(usable, at)
     own = chance[:, place - 1 : place + 2].min(axis=1) < error_rate
-    line = Line(found, amplitude, deviation, own, min(1.0, p_value), worth, step)
+    line = Line(at, amplitude, deviation, own, min(1.0, p_value), worth, step)
     return LineSearch(line, limit)
 
 
@@ -123,8 +123,8 @@ def _limit(
     times the power of the noise at its frequency.
     """
     unit = np.mean(
-        [item.values.shape[1] / (6.0 * _detrended(item.values[moving]).var(axis=1))
-         for item in segments],
+        [segment.values.shape[1] / (6.0 * _detrended(segment.values[moving]).var(axis=1))
+         for segment in segments],
         axis=0,
     ).max()
     beyond = max(threshold - 1.0, 0.0)
@@ -135,9 +135,9 @@ def _limit(
 def _ratios(segments: Sequence[RestSegment], size: int) -> tuple[Array, Array, float]:
     """Summed power (C, F), power over the local level (C, F), and its degrees of freedom."""
     powers, relative = [], []
-    for item in segments:
-        count = item.values.shape[1]
-        power = np.abs(np.fft.rfft(_detrended(item.values) * np.hanning(count), size)) ** 2
+    for segment in segments:
+        count = segment.values.shape[1]
+        power = np.abs(np.fft.rfft(_detrended(segment.values) * np.hanning(count), size)) ** 2
         width = 2 * int(np.ceil(NEIGHBOURS * WINDOW_WIDTH * size / count)) + 1
         level = median_filter(power, (1, width), mode='mirror') / np.log(2.0)
         level = np.maximum(level, 1e-300)
@@ -154,9 +154,9 @@ def _detrended(values: Array) -> Array:
     return np.asarray(level - np.outer(level @ place / (place @ place), place))
 
 
-def turns(item: RestSegment, frequency: float) -> Array:
+def turns(segment: RestSegment, frequency: float) -> Array:
     """Cosine and sine (n, 2) at a frequency."""
-    phase = 2.0 * np.pi * frequency * item.step * np.arange(item.values.shape[1])
+    phase = 2.0 * np.pi * frequency * segment.step * np.arange(segment.values.shape[1])
     return np.column_stack([np.cos(phase), np.sin(phase)])
 
 
@@ -164,10 +164,10 @@ def _measured(segments: Sequence[RestSegment], frequency: float) -> tuple[Array,
     """Amplitudes (C,) minus their bias by noise, their deviations (C,), and the delta BIC."""
     channels = segments[0].values.shape[0]
     total, noise, worth, weight = np.zeros(channels), np.zeros(channels), 0.0, 0
-    for item in segments:
-        count = item.values.shape[1]
-        values = _detrended(item.values)
-        parts, left = _fitted(values, turns(item, frequency))
+    for segment in segments:
+        count = segment.values.shape[1]
+        values = _detrended(segment.values)
+        parts, left = _fitted(values, turns(segment, frequency))
         total += count * (parts**2).sum(axis=0) - 4.0 * left
         noise += count * left
         weight += count
@@ -177,10 +177,10 @@ def _measured(segments: Sequence[RestSegment], frequency: float) -> tuple[Array,
     return amplitude, np.sqrt(2.0 * noise) / weight, worth
 
 
-def amplitudes(item: RestSegment, frequency: float) -> tuple[Array, Array]:
+def amplitudes(segment: RestSegment, frequency: float) -> tuple[Array, Array]:
     """Amplitude (C,) of a line in one stretch, and its standard deviation (C,)."""
-    parts, left = _fitted(_detrended(item.values), turns(item, frequency))
-    return np.hypot(*parts), np.sqrt(2.0 * left / item.values.shape[1])
+    parts, left = _fitted(_detrended(segment.values), turns(segment, frequency))
+    return np.hypot(*parts), np.sqrt(2.0 * left / segment.values.shape[1])
 
 
 def _fitted(values: Array, swings: Array) -> tuple[Array, Array]:
@@ -193,8 +193,8 @@ def line_gain(segments: Sequence[RestSegment], frequency: float, amplitude: Arra
     """1 - rms without / rms with the line, its phase free, over the channels with the line."""
     before = after = 0.0
     having = amplitude > 0.0
-    for item in segments:
-        values, swings = _detrended(item.values[having]), turns(item, frequency)
+    for segment in segments:
+        values, swings = _detrended(segment.values[having]), turns(segment, frequency)
         parts = np.linalg.lstsq(swings, values.T, rcond=None)[0]
         size = np.maximum(np.hypot(*parts), 1e-300)
         left = values.T - swings @ (parts * (amplitude[having] / size))

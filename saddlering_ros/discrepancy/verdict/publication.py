@@ -69,7 +69,7 @@ def publish(
         space.tangent_of(space.base), before, base.theta_unit - space.base.theta_unit, rate)
     covariance = _covariance(
         space.tangent_of(fit), after, model.theta_unit - fit.theta_unit, rate)
-    refitted = {item.candidate.key: item for item in (base, model, *others)}
+    refitted = {refit.candidate.key: refit for refit in (base, model, *others)}
     plain = dict(zip(refitted, plain_fits(problem, list(refitted.values())), strict=True))
 
     def gain_over(other: Fit) -> Gain:
@@ -100,7 +100,7 @@ def publish(
         fits=PublishedFits(
             metric, base, model, _in_units(parameters, model.theta_unit, covariance)),
         warnings=tuple(_sizes_at_bounds(model, len(parameters))),
-        converged=all(item.converged for item in [*refitted.values(), *plain.values()]),
+        converged=all(refit.converged for refit in [*refitted.values(), *plain.values()]),
     )
 
 
@@ -130,9 +130,8 @@ def _covariance(
 def _in_units(parameters: Sequence[Parameter], theta_unit: Array, covariance: Array) -> Array:
     """Covariance (B, B) of the base parameters in their units."""
     count = len(parameters)
-    slopes = np.array(
-        [item.slope(float(u)) for item, u in zip(parameters, theta_unit[:count], strict=True)]
-    )
+    slopes = np.array([parameter.slope(float(u)) for parameter, u in
+                       zip(parameters, theta_unit[:count], strict=True)])
     return np.asarray(covariance[:count, :count] * np.outer(slopes, slopes))
 
 
@@ -142,8 +141,8 @@ def _base_estimates(
     deviations = np.sqrt(np.diag(_in_units(parameters, fit.theta_unit, covariance)))
     base = fit.theta_unit[: len(parameters)]
     return {
-        item.name: Estimate(item.from_unit(float(u)), float(std), item.unit)
-        for item, u, std in zip(parameters, base, deviations, strict=True)
+        parameter.name: Estimate(parameter.from_unit(float(u)), float(std), parameter.unit)
+        for parameter, u, std in zip(parameters, base, deviations, strict=True)
     }
 
 
@@ -152,12 +151,12 @@ def _effect_estimates(
 ) -> dict[str, Estimate]:
     """An effect's parameters, and the fixed values of its variant."""
     estimates = {}
-    for item, u, deviation in zip(effect.ordered, theta_unit, deviations, strict=True):
-        value = item.from_unit(float(u))
-        std = float(deviation) * item.slope(float(u))
-        if item is effect.size:
+    for parameter, u, deviation in zip(effect.ordered, theta_unit, deviations, strict=True):
+        value = parameter.from_unit(float(u))
+        std = float(deviation) * parameter.slope(float(u))
+        if parameter is effect.size:
             std = float(np.hypot(std, effect.form * (value - effect.neutral)))
-        estimates[item.name] = Estimate(value, std, item.unit)
+        estimates[parameter.name] = Estimate(value, std, parameter.unit)
     for key, value in effect.variants[variant].items():
         estimates[key] = Estimate(float(value), 0.0, '')
     return estimates

@@ -156,9 +156,9 @@ class Residual:
         """
         ratios = [1.0 + self.slow.excess / self.slow.dimensions]
         ratios += [
-            item.statistic / item.dimensions
-            for item in self.consistency
-            if item.p_value < error_rate
+            test.statistic / test.dimensions
+            for test in self.consistency
+            if test.p_value < error_rate
         ]
         return max(1.0, *ratios)
 

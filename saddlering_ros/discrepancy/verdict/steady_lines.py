@@ -83,31 +83,31 @@ def find_slow_lines(
     runs: Sequence[RunBlocks], residuals: Sequence[Array], error_rate: float,
 ) -> tuple[list[SlowLine], tuple[RunBlocks, ...]]:
     """Steady lines in the residuals (C, N) of runs, the strongest first; the runs without them."""
-    found: list[SlowLine] = []
+    lines: list[SlowLine] = []
     left, kept = list(residuals), tuple(runs)
-    while len(found) < MAX_LINES:
+    while len(lines) < MAX_LINES:
         stretches = stretches_of(kept, left)
         line = (_in_whole_runs(kept, stretches, error_rate) if stretches
                 else _at_rest(kept, error_rate))
         if line is None:
             break
-        found.append(line)
+        lines.append(line)
         kept, left = _cleaned(kept, left, stretches, line)
-    return found, kept
+    return lines, kept
 
 
 def _in_whole_runs(
     runs: Sequence[RunBlocks], stretches: Sequence[Stretch], error_rate: float,
 ) -> SlowLine | None:
     """The strongest line of whole runs, if it is steady."""
-    usable = [item.segment for item in stretches]
-    longest = max(item.values.shape[1] * item.step for item in usable)
-    most = MAX_SHARE * 0.5 / min(item.step for item in usable)
+    usable = [stretch.segment for stretch in stretches]
+    longest = max(segment.values.shape[1] * segment.step for segment in usable)
+    most = MAX_SHARE * 0.5 / min(segment.step for segment in usable)
     line = find_line(usable, error_rate, (MIN_PERIODS / longest, most)).line
     if line is None or not line.own.any() or _is_driven(runs, line, error_rate):
         return None
-    shown = [item for item in usable if item.step * line.frequency <= 0.5 * MAX_SHARE
-             and item.values.shape[1] * item.step * line.frequency >= PIECE_PERIODS]
+    shown = [segment for segment in usable if segment.step * line.frequency <= 0.5 * MAX_SHARE
+             and segment.values.shape[1] * segment.step * line.frequency >= PIECE_PERIODS]
     at_rest = [segment for run in runs if not run.held_out for segment in run.rest]
     if not _is_steady(shown, line) or not _is_there_at_rest(at_rest, line):
         return None
@@ -122,7 +122,7 @@ def _at_rest(runs: Sequence[RunBlocks], error_rate: float) -> SlowLine | None:
               if segment.values.shape[1] >= MIN_HOLD_SAMPLES]
     if len(usable) < MIN_HOLDS:
         return None
-    longest = max(item.values.shape[1] * item.step for item in usable)
+    longest = max(segment.values.shape[1] * segment.step for segment in usable)
     least = PIECE_PERIODS / longest
     line = find_line(usable, error_rate, (least, MIN_FREQUENCY), MIN_HOLD_SAMPLES).line
     if line is None or not line.own.any() or not _is_steady(usable, line):
@@ -132,7 +132,7 @@ def _at_rest(runs: Sequence[RunBlocks], error_rate: float) -> SlowLine | None:
 
 def stretches_of(runs: Sequence[RunBlocks], values: Sequence[Array]) -> list[Stretch]:
     """Evenly spaced parts of runs (C, N) without a missing sample, each as a stretch."""
-    found = []
+    stretches = []
     for number, (run, own) in enumerate(zip(runs, values, strict=True)):
         steps = np.diff(run.time)
         step = float(np.median(steps))
@@ -142,12 +142,12 @@ def stretches_of(runs: Sequence[RunBlocks], values: Sequence[Array]) -> list[Str
             whole = np.asarray(run.present.all(axis=0))
             uneven |= ~(whole[:-1] & whole[1:])
         edges = [0, *(np.flatnonzero(uneven) + 1).tolist(), run.time.size]
-        found += [
+        stretches += [
             Stretch(number, first, last, RestSegment(own[:, first:last], step))
             for first, last in pairwise(edges)
             if last - first >= MIN_SAMPLES
         ]
-    return found
+    return stretches
 
 
 def _is_driven(runs: Sequence[RunBlocks], line: Line, error_rate: float) -> bool:
@@ -156,14 +156,14 @@ def _is_driven(runs: Sequence[RunBlocks], line: Line, error_rate: float) -> bool
     The corners of a load course that is cut short have a spectrum too, which is not steady.
     """
     drives = [next(iter(run.inputs.values()))[None, :] for run in runs]
-    usable = [item.segment for item in stretches_of(runs, drives)]
+    usable = [stretch.segment for stretch in stretches_of(runs, drives)]
     least = _least_swing(runs, drives, line)
     for part in range(1, HARMONICS + 1):
         wanted = line.frequency / part
-        found = find_line(usable, error_rate, (0.9 * wanted, 1.1 * wanted)).line
-        if found is None or abs(found.frequency - wanted) >= 0.05 * wanted:
+        swing = find_line(usable, error_rate, (0.9 * wanted, 1.1 * wanted)).line
+        if swing is None or abs(swing.frequency - wanted) >= 0.05 * wanted:
             continue
-        if float(found.amplitude[0]) >= least and _is_steady(usable, found):
+        if float(swing.amplitude[0]) >= least and _is_steady(usable, swing):
             return True
     return False
 
@@ -184,16 +184,16 @@ def _is_steady(segments: Sequence[RestSegment], line: Line) -> bool:
     if not segments:
         return False
     strengths, spreads, whole = [], [], []
-    for item in segments:
-        periods = item.values.shape[1] * item.step * line.frequency
+    for segment in segments:
+        periods = segment.values.shape[1] * segment.step * line.frequency
         pieces = max(1, min(PIECES, int(periods / PIECE_PERIODS)))
         own = []
-        for part in np.array_split(np.arange(item.values.shape[1]), pieces):
-            strength, spread = _strength(replace(item, values=item.values[:, part]), line)
+        for part in np.array_split(np.arange(segment.values.shape[1]), pieces):
+            strength, spread = _strength(replace(segment, values=segment.values[:, part]), line)
             own.append(strength)
             strengths.append(strength)
             spreads.append(spread)
-        together, _ = _strength(item, line)
+        together, _ = _strength(segment, line)
         whole.append(together / max(float(np.mean(own)), 1e-300))
     usual = float(np.median(strengths))
     off = np.abs(np.array(strengths) - usual) - NOISE_SPREAD * np.array(spreads)
@@ -205,11 +205,11 @@ def _is_there_at_rest(rest: Sequence[RestSegment], line: Line) -> bool:
     usual = float(np.linalg.norm(line.amplitude[line.own]))
     whole = float(np.sinc(line.frequency * line.step))
     strengths, spreads = [], []
-    for item in rest:
-        periods = item.values.shape[1] * item.step * line.frequency
-        if periods < PIECE_PERIODS or item.step * line.frequency > 0.4:
+    for segment in rest:
+        periods = segment.values.shape[1] * segment.step * line.frequency
+        if periods < PIECE_PERIODS or segment.step * line.frequency > 0.4:
             continue
-        strength, spread = _strength(item, line)
+        strength, spread = _strength(segment, line)
         strengths.append(strength * whole)
         spreads.append(spread)
     if not strengths:
@@ -218,40 +218,41 @@ def _is_there_at_rest(rest: Sequence[RestSegment], line: Line) -> bool:
     return abs(float(np.median(strengths)) - usual) <= MAX_UNSTEADY * usual + spread
 
 
-def _strength(item: RestSegment, line: Line) -> tuple[float, float]:
+def _strength(segment: RestSegment, line: Line) -> tuple[float, float]:
     """Amplitude over all channels with the line, and its standard deviation."""
-    size, deviation = amplitudes(item, line.frequency)
+    size, deviation = amplitudes(segment, line.frequency)
     own = line.own
     return float(np.linalg.norm(size[own])), float(np.linalg.norm(deviation[own]))
 
 
 def _cleaned(
     runs: Sequence[RunBlocks], residuals: Sequence[Array], stretches: Sequence[Stretch],
-    found: SlowLine,
+    slow_line: SlowLine,
 ) -> tuple[tuple[RunBlocks, ...], list[Array]]:
     """Runs and residuals minus the line, with a phase of its own in every channel and stretch."""
     channels = [run.channels.copy() for run in runs]
-    left = [item.copy() for item in residuals]
-    for item in stretches:
-        part = slice(item.first, item.last)
-        swing = _line_in(item.segment, found.line)
-        channels[item.run][:, part] += swing  # The residual is prediction minus measurement.
-        left[item.run][:, part] -= swing
+    left = [residual.copy() for residual in residuals]
+    for stretch in stretches:
+        part = slice(stretch.first, stretch.last)
+        swing = _line_in(stretch.segment, slow_line.line)
+        channels[stretch.run][:, part] += swing  # The residual is prediction minus measurement.
+        left[stretch.run][:, part] -= swing
     cleaned = []
     for run, own in zip(runs, channels, strict=True):
         rest = tuple(
-            replace(item, values=item.values - _line_in(item, found.line)) for item in run.rest
+            replace(segment, values=segment.values - _line_in(segment, slow_line.line))
+            for segment in run.rest
         )
         cleaned.append(replace(run, channels=own, rest=rest))
     return tuple(cleaned), left
 
 
-def _line_in(item: RestSegment, line: Line) -> Array:
+def _line_in(segment: RestSegment, line: Line) -> Array:
     """The line in a stretch (C, n): the best cosine and sine; 0 in channels without the line."""
-    swings = turns(item, line.frequency)
-    place = np.linspace(-1.0, 1.0, item.values.shape[1])
+    swings = turns(segment, line.frequency)
+    place = np.linspace(-1.0, 1.0, segment.values.shape[1])
     shapes = np.column_stack([swings, np.ones_like(place), place])
-    parts = np.linalg.lstsq(shapes, item.values.T, rcond=None)[0][:2]
+    parts = np.linalg.lstsq(shapes, segment.values.T, rcond=None)[0][:2]
     return np.asarray((swings @ (parts * line.own)).T)
 
 
@@ -297,7 +298,7 @@ def find_swings(metric: Metric, base: Fit, trials: int) -> Swings | None:
     """The material slow lines in the residual of the base fit, in motion or not."""
     problem = metric.problem
     runs, settings = problem.all_runs, problem.settings
-    effect = next((item for item in problem.system.effects if item.line), None)
+    effect = next((effect for effect in problem.system.effects if effect.line), None)
     if effect is None:
         return None
     left = metric.without_nuisances(base.prediction - problem.measured)
@@ -308,14 +309,14 @@ def find_swings(metric: Metric, base: Fit, trials: int) -> Swings | None:
         else problem.system.predict_many(run, [base.point])[0] - run.channels
         for run in runs
     ]
-    found, cleaned = find_slow_lines(runs, residuals, settings.error_rate / trials)
-    causes = [_swing_cause(problem, effect, item) for item in found]
+    slow_lines, cleaned = find_slow_lines(runs, residuals, settings.error_rate / trials)
+    causes = [_swing_cause(problem, effect, line) for line in slow_lines]
     material = tuple(cause for cause in causes if cause.visible >= settings.materiality)
     return Swings(material, cleaned) if material else None
 
 
-def _swing_cause(problem: Problem, effect: Effect, found: SlowLine) -> Cause:
-    cause = _cause(problem, effect, found.line, found.segments, ())
+def _swing_cause(problem: Problem, effect: Effect, slow_line: SlowLine) -> Cause:
+    cause = _cause(problem, effect, slow_line.line, slow_line.segments, ())
     return replace(cause, gain=replace(cause.gain, how='in the residual, its phase free'))
 
 
@@ -342,7 +343,8 @@ def _cause(
 ) -> Cause:
     """The line as a cause, in the variant whose channels are closest to those with the line."""
     hit = {int(channel) for channel in np.flatnonzero(line.own)}
-    variant = min(range(len(effect.line)), key=lambda item: len({*effect.line[item]} ^ hit))
+    variant = min(range(len(effect.line)),
+                  key=lambda number: len({*effect.line[number]} ^ hit))
     own = line.amplitude * line.own
     visible = max(
         float(np.abs(weights) @ own) / problem.view_ranges[view]
@@ -394,5 +396,5 @@ def _evidence(cause: Cause) -> Evidence:
         delta_bic=cause.delta_bic,
         p_value=cause.p_value,
         visible=cause.visible,
-        values={cause.effect: {name: item.value for name, item in cause.parameters.items()}},
+        values={cause.effect: {key: number.value for key, number in cause.parameters.items()}},
     )
