@@ -39,7 +39,8 @@ from saddlering_ros.estimation.process import ChannelNoise
 from saddlering_ros.progress import IsCancelled, OnProgress, Watch
 
 MODEL_SETTINGS = Settings(form_error=0.02, rounds=20, max_rounds=100)
-"""Strictness of a diagnosis of a declared model: its laws are assumed to be nearly exact."""
+"""Strictness of a diagnosis of a declared model: its laws are assumed to be nearly exact. Its
+fits get more rounds than those of a ring, because its parameters may be strongly correlated."""
 
 
 def diagnose(
@@ -174,15 +175,19 @@ def _in_units(prediction: RunPrediction, system: ModelSystem) -> RunPrediction:
 
 
 USUAL_SIMULATIONS = 900
-"""Number of simulations of a diagnosis, in addition to those of each effect."""
+"""Number of simulations of a diagnosis, in addition to PER_EFFECT for each effect: rough counts,
+for an estimate of the time only."""
 
 PER_EFFECT = 120
 
 TIMED = 3
-"""Number of simulations that are timed."""
+"""Number of simulations that are timed: enough for the first digit, which is all that is
+printed."""
 
 MIN_SENSITIVITY = 1.0
-"""Largest change of the misfit by the whole range of a parameter that cannot be seen."""
+"""Change of the residual by the whole range of a parameter, in standard deviations of the noise,
+below which the parameter cannot be seen: a smaller change is less than the noise of one
+number."""
 
 
 class CheckReport(list[str]):

@@ -49,11 +49,13 @@ from saddlering_ros.discrepancy.verdict.steady_lines import find_steady_lines, f
 from saddlering_ros.progress import IsCancelled, one_blas_thread, OnProgress, Watch
 
 PARTIAL_SUBJECT = 0.5
-"""A law is proposed beside partial causes that explain this share of the misfit, else alone."""
+"""A law is proposed beside partial causes that explain this share of the misfit, else alone: with
+less than half explained, the causes describe the misfit worse than the law might."""
 
 
 MAX_BASES = 3
-"""Number of times that the search begins again about a better fit of the base."""
+"""Number of times that the search begins again about a better fit of the base. Chosen for cost:
+each time is a whole search."""
 
 
 @dataclass(frozen=True)

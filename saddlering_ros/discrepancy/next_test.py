@@ -67,7 +67,7 @@ def separate_open_models(
 
 
 DRAWS = 100
-"""Number of draws with each model as the truth."""
+"""Number of draws with each model as the truth: a share is known to 10 % at worst (95 %)."""
 
 
 @dataclass(frozen=True)

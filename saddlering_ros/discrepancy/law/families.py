@@ -134,10 +134,19 @@ def stacked(runs: tuple[ObservedRun, ...], target: str, shapes: tuple[Array, ...
 
 
 LOAD_PIECES, DIRECTION_PIECES, RATE_PIECES, TIME_PIECES, ANGLE_WAVES = 32, 12, 10, 24, 8
+"""Pieces of the splines and waves of the harmonics. The penalty on roughness decides how smooth a
+curve is; the pieces only have to be finer than any structure that is described."""
+
 PLAYS = 10
+"""Number of plays, evenly spaced on a log scale between the REACHES."""
+
 REACHES = (0.004, 0.5)
-"""Smallest and largest half width of a play, as shares of the range of the load."""
+"""Smallest and largest half width of a play, as shares of the range of the load. A smaller play
+is a change of sign with the direction; a larger one hardly slips."""
+
 LAGS = 8
+"""Number of relaxations, evenly spaced on a log scale from two samples to half of the longest
+run."""
 
 
 @dataclass(frozen=True)
@@ -276,12 +285,15 @@ def _angle(runs: tuple[ObservedRun, ...]) -> ShapeFamily:
 
 
 STRENGTHS = np.geomspace(1e-6, 1e4, 11)
-"""Strengths of the regularisation, in shares of the size of the columns."""
+"""Strengths of the regularisation, in shares of the size of the columns: from a free curve to a
+straight line, by factors of ten."""
 
 FOLDS = 5
-"""Parts of a single run that are held out in turn."""
+"""Parts of a single run that are held out in turn: the usual five-fold cross-validation."""
 
 MIN_RIDGE = 1e-9
+"""Smallest regularisation, as a share of the mean square of the columns, for sums that stay
+invertible in double precision."""
 
 
 @dataclass(frozen=True)

@@ -43,22 +43,29 @@ from saddlering_ros.discrepancy.problem.problem import Metric, Problem
 from saddlering_ros.discrepancy.problem.system import Array, Point, RunBlocks, System
 
 MAX_BLOCKS = 2
+
 MIN_SHARE = 0.1
-"""Smallest share of the misfit that the first family must predict."""
+"""Smallest share of the misfit that the first family must predict. A law that predicts less is no
+description of the misfit, however significant it is."""
 
 MIN_SECOND_SHARE = 0.1
-"""Smallest share of the remaining misfit that a second family must predict."""
+"""Smallest share of the remaining misfit that a second family must predict, for the same
+reason."""
 
 OWN_CURVES = 0.3
-"""Predicted share below which a curve of its own is tried for each run."""
+"""Predicted share below which a curve of its own is tried for each run: the runs then have little
+in common."""
 
 ALIKE = 0.9
-"""Predicted share, relative to the best, at which another coordinate or target is a doubt."""
+"""Predicted share, relative to the best, at which another coordinate or target is a doubt. The
+sentence to the reader states it as within 10 %."""
 
 BEYOND = 0.02
-"""Share of the observed range by which a held-out run may exceed it."""
+"""Share of the observed range by which a held-out run may exceed it: tests to one full scale
+differ a little in their largest load."""
 
 BACKFITS = 3
+"""Rounds in which two families are fitted in turn. Chosen for cost."""
 
 MeanSquare = Callable[[ObservedRun, Array], float]
 """Mean square of a plain residual (C, N) of a run over the ranges, as in the gain."""
@@ -323,7 +330,8 @@ def describe(term: Term) -> str:
 
 
 DIRECTION_BAND = 0.01
-"""Smallest return of the drive that changes its direction, as a share of its range."""
+"""Smallest return of the drive that changes its direction, as a share of its range. Chosen
+between the ripple of a load and the smallest reversal of a test."""
 
 
 @runtime_checkable
@@ -340,7 +348,9 @@ class HasTargets(Protocol):
 
 
 REFITS = 1
-"""So many times the law is fitted again, about base parameters fitted beside the one before."""
+"""Number of times that the law is fitted again about base parameters fitted beside the law
+before. On two rings of the independent simulator one round raised the predicted share of a
+held-out run from 0.82 and 0.67 to 0.98."""
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,9 @@ from saddlering_ros.discrepancy.noise import Noise
 from saddlering_ros.discrepancy.problem.system import Array, DiscrepancyError, Effect, Parameter
 
 Outputs = Mapping[str, ArrayLike]
+
 MIN_SAMPLES = 8
+"""Smallest number of samples of a run: fewer cannot hold a trend, an offset and noise."""
 
 
 @dataclass(frozen=True)

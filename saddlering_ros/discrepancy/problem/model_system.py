@@ -26,16 +26,20 @@ from saddlering_ros.estimation.process import ChannelNoise
 from saddlering_ros.estimation.record_noise import ChannelRecord, widened, with_model_error
 
 PROVISIONAL_STD = 0.01
-"""Unknown noise as a share of range, with which the first fit is plain least squares."""
+"""Unknown noise as a share of range, with which the first fit is plain least squares. Any size
+gives the same fit, because all channels have the same."""
 
 COORDINATE_WAVES = 40
-"""Half waves along each coordinate. A residual that repeats along it is no noise."""
+"""Half waves along each coordinate, so that fine ripples such as cogging are seen. A residual
+that repeats along a coordinate is no noise."""
 
 EXACT = 1e-9
-"""Share of range below which a residual is rounding."""
+"""Share of range below which a residual is rounding: far above double precision, and far below
+the noise of any instrument."""
 
 DIVERGED = 1e6
-"""Distance, in ranges, of a prediction that has diverged."""
+"""Distance, in ranges, of a prediction that has diverged. No sound simulator between its bounds
+comes near it, and its square is still a finite number."""
 
 
 class ModelSystem:
@@ -270,7 +274,8 @@ class ModelSystem:
 
 
 MAX_LOST = 25
-"""Number of failed points after which a simulator without success is abandoned."""
+"""Number of failed points after which a simulator without success is abandoned: all starts of the
+base failed by then."""
 
 
 def _range(name: str, fitted: Sequence[Run]) -> float:

@@ -34,14 +34,19 @@ from saddlering_ros.estimation.whitening import build_whitener, SharedErrors, Wh
 from saddlering_ros.progress import Watch
 
 ROUNDING = 1e-9
-"""Share of its bounds by which a first guess may exceed them: it was rounded on its way."""
+"""Share of its bounds by which a first guess may exceed them: files hold ten digits."""
 
 EMPTY_VIEW = 0.1
-"""A view is empty except for faults if its range is below this share of its neighbours' range."""
+"""A view is empty except for faults if its range is below this share of its neighbours' range.
+Chosen for parity, which holds only noise and small errors in a sound ring."""
+
 MIN_SHARED, MIN_SHARED_PART = 8, 0.1
-"""Two runs share content if they share so many samples and this part of the shorter run."""
+"""Two runs share content if they share so many samples bit for bit, and this part of the shorter
+run. Noise does not repeat in eight samples by chance."""
+
 MIN_VIEW_SHARE = 0.2
-"""Smallest range of a view, as a share of its neighbours' range."""
+"""Smallest range of a view, as a share of its neighbours' range, so that a misfit in a view that
+hardly moves is not counted as large."""
 
 
 NoiseByRun = Mapping[tuple[str, int], ChannelNoise]
@@ -307,13 +312,16 @@ def _shares_content(one: Array, other: Array) -> bool:
 
 
 MAX_SPREADS = 2.5
-"""Largest size of a nuisance parameter, in its standard deviations."""
+"""Largest size of a nuisance parameter, in its standard deviations: 1 % of normal numbers are
+larger."""
 
 FREE_STRENGTH = 1e3
-"""Size of a nuisance parameter, in units of noise, above which it counts as free."""
+"""Size of a nuisance parameter, in units of noise, above which it counts as free: the prior then
+adds a millionth to its information."""
 
 JITTER = 1e-6
-"""Noise added to every sample, as a share of the range of the widest channel."""
+"""Noise added to every sample, as a share of the range of the widest channel: rounding of the
+simulator, below any instrument."""
 
 
 class Whitening(Protocol):
@@ -410,7 +418,8 @@ def noise_metric(problem: Problem, prediction: Array | None = None) -> Metric:
 
 
 RATE_SHAPES = 4
-"""Shapes over the drive of the error that depends on its rate."""
+"""Shapes over the drive of the error that depends on its rate: a mean and three half waves, as
+smooth as the error over the drive."""
 
 
 def nuisance_columns(problem: Problem, point: Point, prediction: Array) -> Array:

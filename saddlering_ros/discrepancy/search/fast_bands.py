@@ -20,13 +20,15 @@ from saddlering_ros.discrepancy.problem.system import Array, RunBlocks
 from saddlering_ros.estimation.whitening import Whitener
 
 WAVE_SAMPLES = 4
-"""Samples per half wave at the fastest structure."""
+"""Samples per half wave at the fastest structure. A faster wave has too few samples to be told
+from scatter."""
 
 MAX_BASIS = 512
-"""Largest number of half waves in a basis."""
+"""Largest number of half waves in a basis. Wider octaves are read from a cosine transform, whose
+cost does not grow with the square."""
 
 MAX_BASIS_NUMBERS = 2_000_000
-"""Largest number of values in a basis, which limits its cost."""
+"""Largest number of values in a basis, which limits its memory to 16 MB."""
 
 NOISE_DRAWS = 8
 """Number of draws that give the plain size of the noise of a wide octave, to a few percent."""

@@ -86,13 +86,15 @@ class BlockColumns:
 
 
 WAVES_PER_RUN = 20
-"""Half waves per run that are tested together as slow structure."""
+"""Half waves per run that are tested together as slow structure: enough for a ramp with a kink or
+a loop; anything faster is tested by octaves."""
 
 TIME_WAVES = 8
-"""Half waves along the time of each run, as one family of shapes."""
+"""Half waves along the time of each run, as one family of shapes: drifts and returns, fewer than
+the slow structure so that a small drift is significant."""
 
 MAX_CHANCE = 0.01
-"""Largest probability under noise alone at which a band counts."""
+"""Largest probability under noise alone at which a band counts: the default error rate."""
 
 
 @dataclass(frozen=True)

@@ -75,21 +75,32 @@ def orthonormal(columns: Array) -> Array:
     return np.asarray(scaled @ (vectors[:, kept] / np.sqrt(values[kept])))
 
 
-#: An effect cannot be tested if less than this share remains beside the base parameters.
 MIN_SHARE = 0.02
-#: A change shorter than this, in standard deviations before the projection, does not show.
+"""An effect cannot be tested if less than this share remains beside the base parameters: below
+it, the curvature of the base parameters counts as a remainder."""
+
 MIN_LENGTH = 1.0
-#: Signatures of two sizes with a smaller cosine than this differ in shape.
+"""A change shorter than this, in standard deviations before the projection, does not show."""
+
 MIN_STRAIGHT = 0.9
-#: An amplitude-dependent effect is looked at in ever smaller sizes, each this share of the last,
-#: while it stands out by more than this many standard deviations, so many times at most.
+"""Signatures of two sizes with a smaller cosine than this differ in shape: a fifth of their power
+lies in another direction."""
+
 SMALLER, STANDS_OUT, MAX_SMALLER = 0.3, 12.0, 4
-#: Number of simulations in one batch.
+"""An amplitude-dependent effect is looked at in ever smaller sizes, each this share of the last,
+while it stands out by more than this many standard deviations, so many times at most. Friction of
+250 N, a quarter of the smallest start, had no name without them."""
+
 BATCH = 64
-#: Sizes tried of an effect without starts, as shares of its reach, and shapes, of their range.
+"""Number of simulations in one batch, which limits the memory of their predictions."""
+
 SIZES, SHAPES, MAX_SHAPES = (0.03, 0.15, 0.6), (0.15, 0.85), 16
-#: The same for a limit, which does nothing over much of its reach.
+"""Sizes tried of an effect without starts, as shares of its reach, shapes as shares of their
+range, and the largest number of combinations of shapes. The sizes are a factor of four to five
+apart, so that one of them is near any true size."""
+
 FAR = 0.9
+"""A further size of a limit, which does nothing over much of its reach."""
 
 
 @dataclass(frozen=True)
@@ -359,20 +370,31 @@ def angle_matrix(signatures: Sequence[Signature]) -> tuple[list[str], Array]:
     return labels, np.abs(stack.T @ stack)
 
 
-#: A start of another shape is tried if its first-order gain is at least this share of the best.
 OTHER_SHARE = 0.3
+"""A start of another shape is tried if its first-order gain is at least this share of the best,
+because a first-order gain is a poor guide to a refit."""
+
 MAX_OTHERS = 2
-#: Shapes that differ by less than this share of their range count as one.
+"""Largest number of further starts of one effect, which limits the cost of a step."""
+
 MIN_APART = 0.05
-#: A start is scaled by so much at most: straight effects, and amplitude-dependent ones.
+"""Shapes that differ by less than this share of their range count as one: a refit covers such a
+distance by itself."""
+
 STRAIGHT_REACH, AMPLITUDE_DEPENDENT_REACH = (-5.0, 5.0), (0.7, 1.4)
-#: An amplitude-dependent effect starts at the size that was seen if that takes so much of what its
-#: shape could.
+"""Factors by which a start is scaled at most: of straight effects, and of amplitude-dependent
+ones, whose signature holds near its own size only."""
+
 SEEN_ENOUGH = 0.5
-#: Variants of one effect with first-order gains this close are equal in these data.
+"""An amplitude-dependent effect starts at the size that was simulated if that size takes this
+share of the misfit that its shape could take."""
+
 ALIKE = 1e-4
-#: A second variant of an effect is refitted if its gain is this share of the best gain.
+"""Variants of one effect with first-order gains this close are equal in these data."""
+
 MAX_VARIANTS, VARIANT_SHARE = 2, 0.6
+"""Number of variants of an effect that are refitted, and the share of the best gain that a second
+one needs. The other variants follow in the race of all candidates."""
 
 
 @dataclass(frozen=True)

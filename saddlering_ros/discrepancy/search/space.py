@@ -42,26 +42,33 @@ from saddlering_ros.discrepancy.search.signatures import (
 from saddlering_ros.estimation.statistics import fisher_limit
 
 COARSE_ROUNDS = 4
-"""Rounds of a refit from each of several starts, before the best one is refined."""
+"""Rounds of a refit from each of several starts, before the best one is refined: half of the
+rounds of a refinement on a ring."""
 
 FULL_JACOBIANS = 2
-"""Number of the best refits of a step that are repeated with a full Jacobian."""
+"""Number of the best refits of a step that are repeated with a full Jacobian. The decision is
+between the best and the second best."""
 
 MIN_PAIRS = 12
-"""Smallest number of degrees of freedom of the level, whatever the length of the stretches."""
+"""Smallest number of degrees of freedom of the level, whatever the length of the stretches. With
+fewer, one short stretch at rest would leave nothing certain."""
 
 AT_BOUND = 1e-3
-"""Distance from a bound, as a share of the range, within which a parameter is at the bound."""
+"""Distance from a bound, as a share of the range, within which a parameter is at the bound: half
+of the step of its sensitivity."""
 
 FREE_SPREAD = 10.0
 """Spread, in shares of the range, of a parameter that counts as free."""
 
 
 BASE_ROUNDS = 25
-"""Rounds of the fit of the base parameters alone."""
+"""Largest number of rounds of the fit of the base parameters alone. The fit ends earlier if its
+gain is negligible."""
 
 MIN_DEEPER, MIN_DEEPER_SHARE = 10.0, 0.01
-"""A minimum is deeper if its misfit is smaller by more than this, and by more than this share."""
+"""A minimum is deeper if its misfit is smaller by more than this, and by more than this share. A
+likelihood ratio of ten cannot come from an unfinished refit. In a wrong minimum of the base, an
+effect of no size was named with p = 1e-173."""
 
 
 Result = TypeVar('Result')
@@ -308,7 +315,8 @@ def _starts_of(score: Score, tries_smaller: bool) -> list[Array]:
 
 
 RACE_ROUNDS = 2
-"""Rounds of a refit that every candidate receives while much misfit remains."""
+"""Rounds of a refit that every candidate receives while much misfit remains. After them, the
+slopes of the residual state where the refit leads."""
 
 SCREENED_SHARE = 0.1
 """Smallest expected share of the gain of the best candidate for a candidate to receive these
@@ -317,7 +325,7 @@ value is a fifth of CLOSE_SHARE."""
 
 CLOSE_SHARE = 0.5
 """Smallest expected share of the gain of the best refit for a refit to continue after these
-rounds."""
+rounds. By the limits of Settings, alternatives that stay open explain more."""
 
 
 def fit_each(

@@ -34,16 +34,20 @@ from saddlering_ros.estimation.statistics import fisher_chance
 from saddlering_ros.quantities import percent, quantity
 
 CAUSE_WAVES, PARAMETER_WAVES, STATE_WAVES = 2, 1, 3
-"""Half waves over a state: for the change of a cause, the sensitivities, a channel."""
+"""Half waves over a state: for the change of a cause, the sensitivities, a channel. Families stay
+small, so that a small remainder is significant: no sound record of seven machines (seeds 201 to
+203) had a family under 1 %."""
 
 CAUSE_TIMES, PARAMETER_TIMES = 3, 2
-"""Half waves over the time of a run, for the same three."""
+"""Half waves over the time of a run, for the change of a cause and the sensitivities."""
 
 MIN_LEFT = 1e-4
-"""Smallest share of the square of a shape beside the parameters for the shape to count."""
+"""Smallest share of the square of a shape beside the parameters for the shape to count, the
+square of 1 %: with less, rounding and curvature would be tested."""
 
 MIN_LEVEL = 0.2
-"""Smallest share of the learnt noise that is assumed."""
+"""Smallest share of the learnt noise that is assumed, so that a residual far under the noise does
+not make every shape significant."""
 
 Columns = Callable[[int], Array]
 """Shapes (N, k) of a family in one channel of one run, by the index of the slice."""

@@ -20,17 +20,25 @@ from saddlering_ros.estimation.rest import RestSegment
 from saddlering_ros.estimation.statistics import fisher_chance, fisher_limit
 
 MIN_FREQUENCY = 8.0
-"""Frequency [Hz] below which the residual tests apply: slower swings may belong to the machine."""
+"""Frequency [Hz] below which the residual tests apply: slower swings may belong to the machine,
+and a stretch at rest has too few of their periods."""
+
 MIN_SAMPLES = 100
-"""Smallest number of samples of a stretch whose spectrum is used."""
+"""Smallest number of samples of a stretch whose spectrum is used: three times the frequencies
+that give the level of the noise."""
+
 NEIGHBOURS = 15
-"""Independent frequencies on each side that give the level of the noise."""
+"""Independent frequencies on each side that give the level of the noise, to a fifth."""
+
 POWER_QUANTILE = 1.2816
 """Normal quantile of 0.9: found nine times in ten."""
+
 WINDOW_WIDTH = 2.0
 """Independent frequencies that a Hann window combines into one."""
+
 ROUNDING = 1e-12
-"""Deviation from a straight line below which values are still, as a share of the largest one."""
+"""Deviation from a straight line below which values are still, as a share of the largest one:
+double precision."""
 
 
 @dataclass(frozen=True)
