@@ -18,17 +18,12 @@ from saddlering_ros.discrepancy.noise import (
 from saddlering_ros.discrepancy.problem.fits import Candidate, Fit, fit_base, tangent
 from saddlering_ros.discrepancy.problem.model import Model, Run
 from saddlering_ros.discrepancy.problem.model_system import ModelSystem
-from saddlering_ros.discrepancy.problem.problem import (
-    Assumptions,
-    JITTER,
-    Metric,
-    noise_metric,
-    Problem,
-    refuse_repeats,
-)
+from saddlering_ros.discrepancy.problem.problem import Assumptions, Metric, noise_metric, Problem
 from saddlering_ros.discrepancy.problem.system import (
     DiscrepancyError,
+    JITTER,
     Proposal,
+    refuse_repeats,
     RunBlocks,
     Settings,
     System,
@@ -215,8 +210,7 @@ def check(model: Model, runs: Sequence[Run]) -> CheckReport:
     report += _residual_lines(metric, fit)
     count = USUAL_SIMULATIONS + PER_EFFECT * len(model.effects)
     report.append(
-        f'one simulation of all runs takes {each:.2g} s: about {count * each:.0f} s in all'
-    )
+        f'one simulation of all runs takes {each:.2g} s: about {count * each:.0f} s in all')
     report += [f'warning: {sentence}' for sentence in system.failure_sentences()]
     return report
 

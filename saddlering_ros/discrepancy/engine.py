@@ -12,16 +12,11 @@ import time as clock
 
 from saddlering_ros.discrepancy.law.proposal import Proposer
 from saddlering_ros.discrepancy.next_test import separate_open_models, Separation
-from saddlering_ros.discrepancy.problem.fits import (
-    Fit,
-)
-from saddlering_ros.discrepancy.problem.problem import (
-    Assumptions,
-    Problem,
-    refuse_repeats,
-)
+from saddlering_ros.discrepancy.problem.fits import Fit
+from saddlering_ros.discrepancy.problem.problem import Assumptions, Problem
 from saddlering_ros.discrepancy.problem.system import (
     Proposal,
+    refuse_repeats,
     RunBlocks,
     Settings,
     System,

@@ -197,9 +197,7 @@ def _size(point: Point, effects: Mapping[str, Effect], name: str) -> float:
     return point.effects[name][effect.size.name] - effect.neutral
 
 
-def _nuisances(
-    joint: Problem, fit: Fit, predicted: Sequence[Array]
-) -> tuple[Array, Array]:
+def _nuisances(joint: Problem, fit: Fit, predicted: Sequence[Array]) -> tuple[Array, Array]:
     """Columns of old and proposed runs: those of the test stand, and those of its units."""
     prediction = np.concatenate([fit.prediction, *predicted])
     columns = [offset_columns(joint)]

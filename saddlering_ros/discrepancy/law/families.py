@@ -226,8 +226,7 @@ def _direction(runs: tuple[ObservedRun, ...]) -> ShapeFamily:
     low, high = span_of(runs, LOAD)
     spline = Spline(low, high, DIRECTION_PIECES)
     shapes = tuple(
-        run.coordinates[DIRECTION][:, None] * spline.values(run.coordinates[LOAD]) for run in runs
-    )
+        run.coordinates[DIRECTION][:, None] * spline.values(run.coordinates[LOAD]) for run in runs)
     return ShapeFamily(DIRECTION, 'curve', shapes, spline.roughness(), (low, high))
 
 

@@ -237,8 +237,7 @@ def _changes(misfit: Misfit, terms: tuple[Term, ...], fits: list[BlockFit]) -> l
 def _base_move(misfit: Misfit, change: list[Array]) -> tuple[Array, Array]:
     """Change of base parameters (P,) beside the law, and the whitened residual (n,)."""
     plain = np.concatenate(
-        [(run.residual - part).ravel() for run, part in zip(misfit.runs, change, strict=True)]
-    )
+        [(run.residual - part).ravel() for run, part in zip(misfit.runs, change, strict=True)])
     slopes = np.concatenate([run.slopes.reshape(-1, run.slopes.shape[2]) for run in misfit.runs])
     joined = misfit.whiten(np.column_stack([plain, slopes]))
     white, columns = joined[:, 0], joined[:, 1:]

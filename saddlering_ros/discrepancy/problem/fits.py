@@ -69,10 +69,7 @@ class Candidate:
     def point(self, base: Sequence[Parameter], theta_unit: Array) -> Point:
         """Point at bound-scaled coordinates `theta_unit`."""
         values = np.array(
-            [
-                one.from_unit(float(u))
-                for one, u in zip(base, theta_unit[: len(base)], strict=True)
-            ]
+            [one.from_unit(float(u)) for one, u in zip(base, theta_unit[: len(base)], strict=True)]
         )
         effects: dict[str, Mapping[str, float]] = {}
         for effect, variant, part in self.slices(len(base)):
@@ -201,9 +198,7 @@ def _differences(columns: Array) -> Array:
 
 
 def neighbours(
-    parameters: Sequence[Parameter],
-    theta_unit: Array,
-    differenced: Sequence[int],
+    parameters: Sequence[Parameter], theta_unit: Array, differenced: Sequence[int]
 ) -> tuple[list[Array], list[float]]:
     """`theta_unit`, its neighbours by one step in each of `differenced`, and the steps."""
     asked, steps = [theta_unit], []
@@ -360,9 +355,7 @@ class GainMetric:
         parts = [
             (seen.T * (problem.root_weights(run, view) / problem.view_ranges[view])).T
             for view in problem.system.views
-            for run, seen in zip(
-                problem.runs, problem.view_residuals(columns, view), strict=True
-            )
+            for run, seen in zip(problem.runs, problem.view_residuals(columns, view), strict=True)
         ]
         return np.concatenate(parts) / self.unit
 
@@ -390,17 +383,13 @@ def plain_fits(problem: Problem, fits: Sequence[Fit]) -> list[Fit]:
     return answers
 
 
-def mean_square(
-    problem: Problem, runs: Sequence[RunBlocks], residuals: Sequence[Array]
-) -> float:
+def mean_square(problem: Problem, runs: Sequence[RunBlocks], residuals: Sequence[Array]) -> float:
     """Mean over runs and views of squared residuals (C, N), relative to range."""
     parts = []
     for run, residual in zip(runs, residuals, strict=True):
         for view, weights in problem.system.views.items():
             seen = problem.freed(weights @ residual, run, view)
-            parts.append(
-                problem.mean_square(seen, run, view) / problem.view_ranges[view] ** 2
-            )
+            parts.append(problem.mean_square(seen, run, view) / problem.view_ranges[view] ** 2)
     return float(np.mean(parts))
 
 
@@ -429,11 +418,7 @@ def gain_of(problem: Problem, less: Fit, more: Fit) -> Gain:
 def fitted_gain(problem: Problem, less: Fit, fit: Fit) -> float:
     """Gain on the runs that were fitted."""
     before, after = (
-        mean_square(
-            problem,
-            problem.runs,
-            problem.by_run(model.prediction - problem.measured),
-        )
+        mean_square(problem, problem.runs, problem.by_run(model.prediction - problem.measured))
         for model in (less, fit)
     )
     return ratio(before, after)

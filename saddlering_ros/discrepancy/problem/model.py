@@ -35,18 +35,15 @@ class Channel:
     def __post_init__(self) -> None:
         if not isinstance(self.noise, Noise):
             raise DiscrepancyError(
-                f'channel: noise is {self.noise!r}: give Noise.white(std) or another Noise'
-            )
+                f'channel: noise is {self.noise!r}: give Noise.white(std) or another Noise')
         if isinstance(self.offset, str) and self.offset not in ('free', 'none'):
             raise DiscrepancyError(
-                f"channel: offset is {self.offset!r}: give 'free', 'none' or a standard deviation"
-            )
+                f"channel: offset is {self.offset!r}: give 'free', 'none' or a standard deviation")
         if not isinstance(self.offset, str) and not 0.0 <= self.offset < np.inf:
             raise DiscrepancyError(f'channel: offset {self.offset:g}: a standard deviation')
         if not 0.0 <= self.model_error < 1.0:
             raise DiscrepancyError(
-                f'channel: model_error is {self.model_error:g}: a share of the range, 0 to 1'
-            )
+                f'channel: model_error is {self.model_error:g}: a share of the range, 0 to 1')
 
 
 @dataclass(frozen=True)
@@ -67,8 +64,7 @@ class Run:
         time = np.asarray(self.time, dtype=np.float64)
         if time.ndim != 1 or time.size < MIN_SAMPLES:
             raise DiscrepancyError(
-                f'run {self.name}: {time.size} samples of time: give at least {MIN_SAMPLES}'
-            )
+                f'run {self.name}: {time.size} samples of time: give at least {MIN_SAMPLES}')
         if not np.all(np.isfinite(time)) or np.any(np.diff(time) <= 0.0):
             raise DiscrepancyError(f'run {self.name}: time must rise from sample to sample')
         if not self.outputs:
@@ -89,8 +85,7 @@ class Run:
                 )
             if kind == 'coordinates' and not np.all(np.isfinite(array)):
                 raise DiscrepancyError(
-                    f'run {self.name}: coordinate {name} has a value that is not a number'
-                )
+                    f'run {self.name}: coordinate {name} has a value that is not a number')
             answer[name] = array
         return answer
 
@@ -104,9 +99,7 @@ def _refuse_other_types(name: str, given: object, wanted: type) -> None:
         )
     for key, value in given.items():
         if not isinstance(value, wanted):
-            raise DiscrepancyError(
-                f'model: {name} {key} is {value!r}: give a {wanted.__name__}'
-            )
+            raise DiscrepancyError(f'model: {name} {key} is {value!r}: give a {wanted.__name__}')
 
 
 Simulate = Callable[[dict[str, float], Run], Outputs]
@@ -148,8 +141,7 @@ class Model:
         for key, effect in self.effects.items():
             size = effect.size
             if size.neutral is None and size.scale == 'linear' and (
-                size.low > 0.0 or size.high < 0.0
-            ):
+                size.low > 0.0 or size.high < 0.0):
                 raise DiscrepancyError(
                     f'effect {key}: its size {size.name} is never 0 between {size.low:g} and '
                     f'{size.high:g}: give Parameter(..., neutral=) the value at which the effect '

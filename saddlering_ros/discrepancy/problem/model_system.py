@@ -73,8 +73,7 @@ class ModelSystem:
         for name in self.channel_names:
             if name not in run.outputs:
                 raise DiscrepancyError(
-                    f'run {run.name}: no output {name}; it has {", ".join(run.outputs)}'
-                )
+                    f'run {run.name}: no output {name}; it has {", ".join(run.outputs)}')
             rows.append(run.outputs[name])
         readings = np.array(rows) / self.scales[:, None]
         present = np.isfinite(readings)
@@ -163,8 +162,7 @@ class ModelSystem:
                 left = [
                     _record(run, number, residual * self.scales[number])
                     for run, residual in zip(
-                        runs, (residual[number] for residual in residuals), strict=True
-                    )
+                        runs, (residual[number] for residual in residuals), strict=True)
                 ]
             scale = float(self.scales[number])
             if channel.noise.learns_from_residuals and left is None:
@@ -174,12 +172,10 @@ class ModelSystem:
                 for record in left:
                     exact = np.nanmax(np.abs(record.values)) < EXACT * scale
                     own.update(
-                        _nothing(record, scale) if exact else channel.noise.resolve([record])
-                    )
+                        _nothing(record, scale) if exact else channel.noise.resolve([record]))
             else:
                 readings = [
-                    _record(run, number, np.asarray(run.payload.outputs[name])) for run in runs
-                ]
+                    _record(run, number, np.asarray(run.payload.outputs[name])) for run in runs]
                 own = dict(channel.noise.resolve(readings))
                 if left is not None:
                     own = {record.run: _at_least(own[record.run], record) for record in left}
@@ -195,8 +191,7 @@ class ModelSystem:
         if self.model.simulate_many is not None:
             try:
                 batch: list[Outputs | None] = list(
-                    self.model.simulate_many([dict(one) for one in asked], run)
-                )
+                    self.model.simulate_many([dict(one) for one in asked], run))
                 if len(batch) == len(asked):
                     for values, outputs in zip(asked, batch, strict=True):
                         if outputs is None:
@@ -238,8 +233,7 @@ class ModelSystem:
         missing = [name for name in self.channel_names if name not in outputs]
         if missing:
             raise DiscrepancyError(
-                f'simulator: no channel {", ".join(missing)} in its result for run {run.name}'
-            )
+                f'simulator: no channel {", ".join(missing)} in its result for run {run.name}')
         try:
             rows = [np.asarray(outputs[name], dtype=np.float64) for name in self.channel_names]
         except (TypeError, ValueError) as error:
@@ -281,8 +275,7 @@ base failed by then."""
 def _range(name: str, fitted: Sequence[Run]) -> float:
     """Largest range of a channel in a fitted run; for a constant channel its size."""
     values = [
-        run.outputs[name][np.isfinite(run.outputs[name])] for run in fitted if name in run.outputs
-    ]
+        run.outputs[name][np.isfinite(run.outputs[name])] for run in fitted if name in run.outputs]
     values = [readings for readings in values if readings.size]
     span = max((float(np.ptp(readings)) for readings in values), default=0.0)
     size = max((float(np.abs(readings).max()) for readings in values), default=0.0)
@@ -331,8 +324,7 @@ def _nothing(record: ChannelRecord, scale: float) -> dict[str, ChannelNoise]:
 
 def _provisional(scale: float) -> ChannelNoise:
     return ChannelNoise(
-        0.0, np.zeros(0), 0.0, 1000, np.zeros(0), floor=(PROVISIONAL_STD * scale) ** 2
-    )
+        0.0, np.zeros(0), 0.0, 1000, np.zeros(0), floor=(PROVISIONAL_STD * scale) ** 2)
 
 
 def _at_least(noise: ChannelNoise, left: ChannelRecord) -> ChannelNoise:

@@ -21,6 +21,9 @@ from saddlering_ros.discrepancy.problem.system import (
     Array,
     DiscrepancyError,
     FREE_OFFSET,
+    FREE_STRENGTH,
+    JITTER,
+    MAX_SPREADS,
     ModelErrorPrior,
     Point,
     Proposal,
@@ -39,10 +42,6 @@ ROUNDING = 1e-9
 EMPTY_VIEW = 0.1
 """A view is empty except for faults if its range is below this share of its neighbours' range.
 Chosen for parity, which holds only noise and small errors in a sound ring."""
-
-MIN_SHARED, MIN_SHARED_PART = 8, 0.1
-"""Two runs share content if they share so many samples bit for bit, and this part of the shorter
-run. Noise does not repeat in eight samples by chance."""
 
 MIN_VIEW_SHARE = 0.2
 """Smallest range of a view, as a share of its neighbours' range, so that a misfit in a view that
@@ -276,54 +275,6 @@ class Problem:
         return float(np.average(seen**2, weights=self.sample_weights(run, view)))
 
 
-def refuse_repeats(runs: Sequence[RunBlocks]) -> None:
-    """Refuse the same name or the same content twice: no run is both fitted and held out."""
-    for number, run in enumerate(runs):
-        for other in runs[:number]:
-            if _shares_content(run.channels, other.channels):
-                same = run.channels.shape == other.channels.shape
-                what = 'one is held out' if run.held_out != other.held_out else 'it counts once'
-                raise DiscrepancyError(
-                    f'runs {other.name} and {run.name} '
-                    f'{"are the same recording" if same else "share a part of a recording"}: '
-                    f'give it once ({what})'
-                )
-            if run.name == other.name:
-                raise DiscrepancyError(f'two runs are called {run.name}: give each its own name')
-
-
-def _shares_content(one: Array, other: Array) -> bool:
-    """Whether a stretch of one run (C, N) is a stretch of the other, bit for bit.
-
-    One run then contains the other, or begins in it and continues beyond its end.
-    """
-    least = max(MIN_SHARED, round(MIN_SHARED_PART * min(one.shape[1], other.shape[1])))
-    for first, second in ((one, other), (other, one)):
-        for begin in np.flatnonzero((first == second[:, :1]).all(axis=0)):
-            length = min(first.shape[1] - int(begin), second.shape[1])
-            if length < least:
-                break
-            if all(
-                np.array_equal(first[:, begin : begin + end], second[:, :end])
-                for end in (MIN_SHARED, length)
-            ) and np.ptp(second[:, :length], axis=1).any():
-                return True
-    return False
-
-
-MAX_SPREADS = 2.5
-"""Largest size of a nuisance parameter, in its standard deviations: 1 % of normal numbers are
-larger."""
-
-FREE_STRENGTH = 1e3
-"""Size of a nuisance parameter, in units of noise, above which it counts as free: the prior then
-adds a millionth to its information."""
-
-JITTER = 1e-6
-"""Noise added to every sample, as a share of the range of the widest channel: rounding of the
-simulator, below any instrument."""
-
-
 class Whitening(Protocol):
     """The interface of a metric for refits."""
 
@@ -503,5 +454,4 @@ def system_columns(problem: Problem, point: Point) -> Array:
     """The system's own nuisance parameters as stacked columns (n, k)."""
     parts = problem.system.nuisances(problem.runs, point)
     return np.concatenate(
-        [part.reshape(part.shape[0] * part.shape[1], part.shape[2]) for part in parts]
-    )
+        [part.reshape(part.shape[0] * part.shape[1], part.shape[2]) for part in parts])

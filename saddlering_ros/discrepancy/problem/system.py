@@ -50,9 +50,7 @@ class Parameter:
                 f'{self.low:g} and {self.high:g}'
             )
         if self.scale not in ('linear', 'log'):
-            raise DiscrepancyError(
-                f'{label}: scale is {self.scale!r}: give linear or log'
-            )
+            raise DiscrepancyError(f'{label}: scale is {self.scale!r}: give linear or log')
         if self.scale == 'log' and self.low <= 0.0:
             raise DiscrepancyError(f'{label}: a log scale needs a low above zero')
         inside = self.start is None or self.low <= self.start <= self.high
@@ -334,3 +332,56 @@ class ModelErrorPrior:
     rate: float = 1.5e-3
     degree: int = 4
     instants: float = 7e-4
+
+
+MIN_SHARED, MIN_SHARED_PART = 8, 0.1
+"""Two runs share content if they share so many samples bit for bit, and this part of the shorter
+run. Noise does not repeat in eight samples by chance."""
+
+
+def refuse_repeats(runs: Sequence[RunBlocks]) -> None:
+    """Refuse the same name or the same content twice: no run is both fitted and held out."""
+    for number, run in enumerate(runs):
+        for other in runs[:number]:
+            if _shares_content(run.channels, other.channels):
+                same = run.channels.shape == other.channels.shape
+                what = 'one is held out' if run.held_out != other.held_out else 'it counts once'
+                raise DiscrepancyError(
+                    f'runs {other.name} and {run.name} '
+                    f'{"are the same recording" if same else "share a part of a recording"}: '
+                    f'give it once ({what})'
+                )
+            if run.name == other.name:
+                raise DiscrepancyError(f'two runs are called {run.name}: give each its own name')
+
+
+def _shares_content(one: Array, other: Array) -> bool:
+    """Whether a stretch of one run (C, N) is a stretch of the other, bit for bit.
+
+    One run then contains the other, or begins in it and continues beyond its end.
+    """
+    least = max(MIN_SHARED, round(MIN_SHARED_PART * min(one.shape[1], other.shape[1])))
+    for first, second in ((one, other), (other, one)):
+        for begin in np.flatnonzero((first == second[:, :1]).all(axis=0)):
+            length = min(first.shape[1] - int(begin), second.shape[1])
+            if length < least:
+                break
+            if all(
+                np.array_equal(first[:, begin : begin + end], second[:, :end])
+                for end in (MIN_SHARED, length)
+            ) and np.ptp(second[:, :length], axis=1).any():
+                return True
+    return False
+
+
+MAX_SPREADS = 2.5
+"""Largest size of a nuisance parameter, in its standard deviations: 1 % of normal numbers are
+larger."""
+
+FREE_STRENGTH = 1e3
+"""Size of a nuisance parameter, in units of noise, above which it counts as free: the prior then
+adds a millionth to its information."""
+
+JITTER = 1e-6
+"""Noise added to every sample, as a share of the range of the widest channel: rounding of the
+simulator, below any instrument."""

@@ -443,8 +443,7 @@ def _shapes(problem: Problem, change: list[Array]) -> list[list[Array]]:
         shapes.append([part * chosen for part in change])
     for lag in LAGS:
         shapes.append([
-            _lagged(part, run, lag) - part for part, run in zip(change, runs, strict=True)
-        ])
+            _lagged(part, run, lag) - part for part, run in zip(change, runs, strict=True)])
     return shapes
 
 

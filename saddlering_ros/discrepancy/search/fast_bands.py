@@ -111,8 +111,7 @@ class TransformBand:
             [
                 float(
                     np.average(
-                        (self._measured(whitener, drawn) ** 2).mean(axis=1), weights=self.width
-                    )
+                        (self._measured(whitener, drawn) ** 2).mean(axis=1), weights=self.width)
                 )
                 for whitener in self.whiteners
             ]

@@ -78,10 +78,7 @@ class DetectionLimit:
 
 
 def detection_limits(
-    signatures: Sequence[Signature],
-    error_rate: float,
-    materiality: float,
-    pairs: int,
+    signatures: Sequence[Signature], error_rate: float, materiality: float, pairs: int
 ) -> list[DetectionLimit]:
     """Limits of each effect in all its configurations.
 
@@ -163,8 +160,7 @@ def _limits_at(
         limit = max(limit, _size_at(lengths, needed))
         material = max(material, _size_at(visible, materiality))
     return Configuration(
-        values, limit if limit <= reach else np.inf, material if material <= reach else np.inf
-    )
+        values, limit if limit <= reach else np.inf, material if material <= reach else np.inf)
 
 
 def _nine_in_ten(limits: Sequence[float]) -> float:
@@ -213,8 +209,7 @@ def observed(space: ModelSpace) -> Observability:
     """Detection limits, and cosines between signatures, at the base fit."""
     settings = space.settings
     limits = detection_limits(
-        space.signatures, settings.error_rate, settings.materiality, space.pairs
-    )
+        space.signatures, settings.error_rate, settings.materiality, space.pairs)
     if space.problem.assumptions.many_valleys:
         trials = max(shapes_tried(space.signatures), 1)
         limits = confirmed_limits(space, limits, trials)
@@ -305,11 +300,7 @@ def _shown(
     space: ModelSpace, effect: Effect, configuration: Configuration, size: float
 ) -> Shown | None:
     """Visible part of one size beside the refitted base, for the sign with the smaller part."""
-    signs = [
-        sign
-        for sign in (1.0, -1.0)
-        if effect.size.low <= sign * size <= effect.size.high
-    ]
+    signs = [sign for sign in (1.0, -1.0) if effect.size.low <= sign * size <= effect.size.high]
     refits = [_refitted(space, effect, configuration, sign * size) for sign in signs]
     kept = [shown for shown in refits if shown is not None]
     return min(kept, key=lambda shown: shown.length) if kept else None
@@ -330,8 +321,7 @@ def _refitted(
     effect_unit += [shape.to_unit(configuration.values[shape.name])
                     for shape in effect.ordered[1:]]
     point = Candidate(((effect, variant),)).point(
-        problem.system.base_parameters, np.concatenate([base.theta_unit, effect_unit])
-    )
+        problem.system.base_parameters, np.concatenate([base.theta_unit, effect_unit]))
     target = problem.predict([point])[:, 0]
     if not np.all(np.isfinite(target)):
         return None

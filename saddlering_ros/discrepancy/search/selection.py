@@ -168,8 +168,7 @@ def prune(space: ModelSpace, fit: Fit, log: SearchLog) -> Fit:
     while len(fit.candidate.effects) > 1:
         members = [Comparison(space, space.without(fit, name), fit) for name in fit.candidate.ids]
         share, weakest = min(
-            ((member.share_of_member, member) for member in members), key=lambda pair: pair[0]
-        )
+            ((member.share_of_member, member) for member in members), key=lambda pair: pair[0])
         if share >= settings.min_partial:
             break
         if weakest.is_real:
@@ -206,8 +205,7 @@ def check_alternatives(space: ModelSpace, fit: Fit, log: SearchLog) -> tuple[Fit
             less = space.without(fit, name)
             fits = _alternatives_to(space, name, less, fit, log)
             alternatives[name] = tuple(
-                other for other in fits if _is_indistinguishable(space, other, fit, less)
-            )
+                other for other in fits if _is_indistinguishable(space, other, fit, less))
             material = [fit for fit in fits if Comparison(space, less, fit).is_material]
             if material and space.penalised(material[0]) < space.penalised(fit) - 1.0:
                 better.append(material[0])

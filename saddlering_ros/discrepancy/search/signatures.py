@@ -58,9 +58,7 @@ class ChangeScale:
         return np.concatenate([
             seen * (problem.root_weights(run, view) / problem.view_ranges[view])[:, None]
             for view in problem.system.views
-            for run, seen in zip(
-                problem.runs, problem.view_residuals(changes, view), strict=True
-            )
+            for run, seen in zip(problem.runs, problem.view_residuals(changes, view), strict=True)
         ])
 
 
@@ -186,10 +184,7 @@ def _other_shapes(shapes: Sequence[Parameter]) -> list[list[float]]:
 
 
 def measure_signatures(
-    metric: Metric,
-    fit: Fit,
-    base: Tangent,
-    scale: ChangeScale,
+    metric: Metric, fit: Fit, base: Tangent, scale: ChangeScale
 ) -> list[Signature]:
     """Signatures of every effect, variant and start at the base fit.
 
@@ -223,8 +218,7 @@ def _measured(
     parameters = metric.problem.system.base_parameters
     points: list[Point] = [
         Candidate(((effect, variant),)).point(
-            parameters, np.concatenate([fit.theta_unit, theta_unit])
-        )
+            parameters, np.concatenate([fit.theta_unit, theta_unit]))
         for effect, variant, theta_unit in starts
     ]
     part = metric.problem.predict(points) - fit.prediction[:, None]
@@ -265,8 +259,7 @@ def _smaller(signatures: Sequence[Signature]) -> list[tuple[Effect, int, Array]]
                 low, high = sorted((one.length, other.length))
                 if low < MIN_LENGTH and high > STANDS_OUT:
                     starts.append(
-                        (one.effect, one.variant, 0.5 * (one.theta_unit + other.theta_unit))
-                    )
+                        (one.effect, one.variant, 0.5 * (one.theta_unit + other.theta_unit)))
     return starts
 
 
@@ -414,10 +407,7 @@ class Score:
 
 
 def rank(
-    fit: Fit,
-    white_columns: Array,
-    signatures: Sequence[Signature],
-    skip: Sequence[str] = (),
+    fit: Fit, white_columns: Array, signatures: Sequence[Signature], skip: Sequence[str] = ()
 ) -> list[Score]:
     """Candidates by the first-order gain of their signatures, each with its best start."""
     orthogonal = orthonormal(white_columns)
@@ -443,16 +433,14 @@ def rank(
                 factor = 1.0
         start = signature.theta_unit.copy()
         start[0] = np.clip(
-            signature.effect.size.to_unit(neutral + signature.size * factor), 1e-3, 1.0 - 1e-3
-        )
+            signature.effect.size.to_unit(neutral + signature.size * factor), 1e-3, 1.0 - 1e-3)
         starts.setdefault(signature.key, []).append((gain, signature, start))
     scores = []
     for members in starts.values():
         gain, best, start = max(members, key=lambda member: member[0])
         others = _starts_of_other_shape(members, start, OTHER_SHARE * gain)
         scores.append(
-            Score(best.effect, best.variant, gain, start, others, best.amplitude_dependent)
-        )
+            Score(best.effect, best.variant, gain, start, others, best.amplitude_dependent))
     return sorted(scores, key=lambda score: -score.gain)
 
 
@@ -487,8 +475,7 @@ def _starts_of_other_shape(
     first = 0 if members[0][1].amplitude_dependent else 1
     for gain, _, other in sorted(members, key=lambda member: -member[0]):
         is_new = all(
-            np.abs(other[first:] - chosen[first:]).max(initial=0.0) > MIN_APART for chosen in kept
-        )
+            np.abs(other[first:] - chosen[first:]).max(initial=0.0) > MIN_APART for chosen in kept)
         if gain > least and is_new and len(kept) <= MAX_OTHERS:
             kept.append(other)
     return tuple(kept[1:])

@@ -492,10 +492,7 @@ def _fit_base_again(metric: Metric, rough: Fit) -> Fit:
 
     A large misfit has several minima.
     """
-    starts = [
-        rough.theta_unit,
-        declared_start(metric.problem.system.base_parameters),
-    ]
+    starts = [rough.theta_unit, declared_start(metric.problem.system.base_parameters)]
     wanted = [
         refit(metric, Candidate(), start, rounds=BASE_ROUNDS, full_jacobian=True)
         for start in starts

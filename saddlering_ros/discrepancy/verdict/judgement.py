@@ -77,8 +77,7 @@ class _Families:
         predicted = problem.by_run(fit.prediction)
         self._seen = [_places([run[row] for run in predicted]) for row in range(len(self._names))]
         shared = [
-            name for name in self._runs[0].inputs if all(name in run.inputs for run in self._runs)
-        ]
+            name for name in self._runs[0].inputs if all(name in run.inputs for run in self._runs)]
         given = [_places([run.inputs[name] for run in self._runs]) for name in shared]
         self._states = [*self._seen, *given]
         self._times = [np.pi * (run.time - run.time[0]) / np.ptp(run.time) for run in self._runs]
@@ -200,9 +199,7 @@ class _Test:
         shape = np.empty(problem.size)
         for slot, (_, _, part) in enumerate(problem.slices):
             shape[part] = self._columns(slot) @ weights - self._tangent.plain[part] @ imitated
-        sizes = {
-            view: max(problem.view_sizes(shape, view)) for view in problem.system.views
-        }
+        sizes = {view: max(problem.view_sizes(shape, view)) for view in problem.system.views}
         view = max(sizes, key=lambda name: sizes[name])
         return view, sizes[view]
 
@@ -249,11 +246,7 @@ def residual_of(space: ModelSpace, fit: Fit) -> Residual:
 
 
 def judge(
-    space: ModelSpace,
-    fit: Fit,
-    alternatives: Alternatives,
-    before: Residual,
-    after: Residual,
+    space: ModelSpace, fit: Fit, alternatives: Alternatives, before: Residual, after: Residual
 ) -> Judgement:
     """The verdict: whether the causes have alternatives, and whether they explain the misfit."""
     settings = space.settings
@@ -368,8 +361,7 @@ def _shapes_at_bounds(space: ModelSpace, fit: Fit) -> list[str]:
     sentences = []
     for effect, _, part in fit.candidate.slices(len(problem.system.base_parameters)):
         shapes = zip(
-            effect.ordered, fit.theta_unit[part], slopes[part], variances[part], strict=True
-        )
+            effect.ordered, fit.theta_unit[part], slopes[part], variances[part], strict=True)
         for parameter, theta_unit, slope, variance in list(shapes)[1:]:
             outward = slope if theta_unit < 0.5 else -slope
             beyond = max(float(outward), 0.0) ** 2 * variance

@@ -122,9 +122,7 @@ def _is_moving(values: Array) -> NDArray[np.bool_]:
     return np.asarray(swing > ROUNDING * np.abs(values).max(axis=1))
 
 
-def _limit(
-    segments: Sequence[RestSegment], moving: NDArray[np.bool_], threshold: float,
-) -> float:
+def _limit(segments: Sequence[RestSegment], moving: NDArray[np.bool_], threshold: float) -> float:
     """Amplitude in the quietest of the moving channels that passes a threshold nine times in ten.
 
     Under a Hann window a line of amplitude a over n samples of noise s has a^2 n / (6 s^2)

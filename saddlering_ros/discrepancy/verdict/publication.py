@@ -7,14 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from saddlering_ros.discrepancy.problem.fits import (
-    Fit,
-    Gain,
-    gain_of,
-    plain_fits,
-    PRIOR,
-    Tangent,
-)
+from saddlering_ros.discrepancy.problem.fits import Fit, Gain, gain_of, plain_fits, PRIOR, Tangent
 from saddlering_ros.discrepancy.problem.problem import Problem
 from saddlering_ros.discrepancy.problem.system import Array, Effect, Parameter
 from saddlering_ros.discrepancy.search.comparison import Comparison
