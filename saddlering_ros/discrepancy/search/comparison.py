@@ -370,11 +370,11 @@ def form_columns(problem: Problem, fit: Fit, form_error: float) -> Array:
     columns = []
     mixtures = _mixtures(problem, fit)
     for change, mixed in zip(changes_of_effects(problem, fit).T, mixtures, strict=True):
-        bent = [
+        modulated = [
             np.concatenate([part.ravel() for part in column])
             for column in _shapes(problem, problem.by_run(change))
         ]
-        shaped = [*bent, *mixed]
+        shaped = [*modulated, *mixed]
         scale = np.sqrt(form_error / len(shaped))
         columns += [scale * column for column in shaped]
     return np.array(columns).reshape(-1, problem.size).T
