@@ -26,10 +26,11 @@ from saddlering_ros.diagnosis.records import build_record, check_set, PreparedRe
 from saddlering_ros.diagnosis.ring_system import RingSystem
 from saddlering_ros.diagnosis.wording import title_of
 from saddlering_ros.discrepancy import Assumptions, Cause, Diagnosis, ModelErrorPrior, Settings
-from saddlering_ros.discrepancy.engine import diagnose_system, first_guess, prepare
-from saddlering_ros.discrepancy.problem.experiment import Experiment
+from saddlering_ros.discrepancy.engine import diagnose_system
 from saddlering_ros.discrepancy.problem.fits import tangent
+from saddlering_ros.discrepancy.problem.problem import Problem
 from saddlering_ros.discrepancy.search.limits import observed
+from saddlering_ros.discrepancy.search.space import prepare
 from saddlering_ros.errors import SaddleringError
 from saddlering_ros.files import Provenance
 from saddlering_ros.identification import identify
@@ -258,9 +259,8 @@ def _limits_alone(
     rig: Rig, later: Sequence[PreparedRecord], start: Mapping[str, float], seed: int, watch: Watch,
 ) -> dict[str, float]:
     """Detection limit of each effect in the later session without the earlier one."""
-    system = RingSystem(rig)
-    space = prepare(Experiment(system, [item.run for item in later], None),
-                    first_guess(system, start), Settings(seed=seed), watch)
+    space = prepare(Problem(RingSystem(rig), [record.run for record in later],
+                            Settings(seed=seed), start=start, watch=watch))
     return {item.effect: item.limit for item in observed(space).limits}
 
 
@@ -274,19 +274,19 @@ def contact_of_sessions(
     change of the contact law itself.
     """
     metric, fit = found.fits.metric, found.fits.after
-    experiment = metric.experiment
+    problem = metric.problem
     parameters = system.base_parameters
     count = len(parameters)
     changes = tangent(metric, fit).plain
-    is_later = np.zeros(experiment.size, dtype=bool)
-    for index, _, part in experiment.slices:
-        is_later[part] = system.session_of(experiment.runs[index]) == LATER
+    is_later = np.zeros(problem.size, dtype=bool)
+    for index, _, part in problem.slices:
+        is_later[part] = system.session_of(problem.runs[index]) == LATER
     shared = changes[:, :count]
     own = [changes[:, part] for effect, _, part in fit.candidate.slices(count)
            if effect.id != CONTACT_CHANGE]
     of_session = [np.where(there[:, None], shared, 0.0) for there in (~is_later, is_later)]
     columns = metric.whiten(np.hstack([*of_session, *own]))
-    residual = metric.whiten(experiment.measured - fit.prediction)
+    residual = metric.whiten(problem.measured - fit.prediction)
     # The whole range of a parameter is one standard deviation of its prior, as in every fit.
     precision = columns.T @ columns + np.eye(columns.shape[1])
     covariance = np.linalg.inv(precision)
@@ -319,20 +319,20 @@ def _seen(found: Diagnosis) -> dict[str, dict[str, dict[str, float]]]:
     rms values over the measured range of the channel, as in every verdict document.
     """
     metric = found.fits.metric
-    experiment = metric.experiment
-    residuals = [metric.without_nuisances(fit.prediction - experiment.measured)
+    problem = metric.problem
+    residuals = [metric.without_nuisances(fit.prediction - problem.measured)
                  for fit in (found.fits.before, found.fits.after)]
-    answers: dict[str, dict[str, dict[str, float]]] = {run.name: {} for run in experiment.runs}
-    for view, weights in experiment.system.views.items():
-        seen = [experiment.view_residuals(residual, view) for residual in residuals]
-        for run, before, after in zip(experiment.runs, *seen, strict=True):
+    answers: dict[str, dict[str, dict[str, float]]] = {run.name: {} for run in problem.runs}
+    for view, weights in problem.system.views.items():
+        seen = [problem.view_residuals(residual, view) for residual in residuals]
+        for run, before, after in zip(problem.runs, *seen, strict=True):
             span = max(float(np.ptp(weights @ run.channels)), 1e-12)
             noise = math.sqrt(sum(
                 weight**2 * float(np.mean(metric.noise[run.name, channel].variances(run.width)))
                 for channel, weight in enumerate(weights) if weight))
             answers[run.name][view] = {
-                'nrmse_before': math.sqrt(experiment.mean_square(before, run, view)) / span,
-                'nrmse_after': math.sqrt(experiment.mean_square(after, run, view)) / span,
+                'nrmse_before': math.sqrt(problem.mean_square(before, run, view)) / span,
+                'nrmse_after': math.sqrt(problem.mean_square(after, run, view)) / span,
                 'noise_floor': noise / span}
     return answers
 

@@ -53,16 +53,16 @@ def change_chart(change: Change) -> Chart:
     Errors that both sessions share are removed.
     """
     metric = change.diagnosis.fits.metric
-    experiment = metric.experiment
-    before, after = (metric.without_nuisances(experiment.measured - fit.prediction)
+    problem = metric.problem
+    before, after = (metric.without_nuisances(problem.measured - fit.prediction)
                      for fit in (change.diagnosis.fits.before, change.diagnosis.fits.after))
     later = {record.run.name for record in change.after}
-    runs = [run for run in experiment.runs if run.name in later]
-    views = list(experiment.system.views)
+    runs = [run for run in problem.runs if run.name in later]
+    views = list(problem.system.views)
     panels = []
     for row, view in enumerate(views):
-        seen = [dict(zip((run.name for run in experiment.runs),
-                         experiment.view_residuals(residual, view), strict=True))
+        seen = [dict(zip((run.name for run in problem.runs),
+                         problem.view_residuals(residual, view), strict=True))
                 for residual in (before, after)]
         panels += [
             Panel(row, column, 'load [kN]', f'{view} [{MICRO_UNITS[view]}]', (
