@@ -25,12 +25,18 @@ from saddlering_ros.diagnosis.next_test import confirming, for_group, propose
 from saddlering_ros.diagnosis.records import build_record, check_set, PreparedRecord
 from saddlering_ros.diagnosis.ring_system import RingSystem
 from saddlering_ros.diagnosis.wording import title_of
-from saddlering_ros.discrepancy import Assumptions, Cause, Diagnosis, ModelErrorPrior, Settings
-from saddlering_ros.discrepancy.engine import diagnose_system
-from saddlering_ros.discrepancy.problem.fits import tangent
-from saddlering_ros.discrepancy.problem.problem import Problem
-from saddlering_ros.discrepancy.search.limits import observed
-from saddlering_ros.discrepancy.search.space import prepare
+from saddlering_ros.discrepancy import (
+    Assumptions,
+    Cause,
+    diagnose_system,
+    Diagnosis,
+    ModelErrorPrior,
+    observed,
+    prepare,
+    Problem,
+    Settings,
+    tangent,
+)
 from saddlering_ros.errors import SaddleringError
 from saddlering_ros.files import Provenance
 from saddlering_ros.identification import identify

@@ -19,8 +19,15 @@ from saddlering_ros.bags import rig_in_words
 from saddlering_ros.diagnosis.records import LoadGrid, LONGEST_STEP
 from saddlering_ros.diagnosis.verdict import signature_cosines
 from saddlering_ros.diagnosis.wording import lowered, title_of
-from saddlering_ros.discrepancy import Diagnosis, Point, Proposal, Reading, RunBlocks, Separation
-from saddlering_ros.discrepancy.verdict.results import Residual
+from saddlering_ros.discrepancy import (
+    Diagnosis,
+    Point,
+    Proposal,
+    Reading,
+    Residual,
+    RunBlocks,
+    Separation,
+)
 from saddlering_ros.effects import catalogue
 from saddlering_ros.effects.base import RIG_TESTS, RigTest, UNCLEAR
 from saddlering_ros.quantities import is_left, MATERIAL

@@ -26,6 +26,7 @@ from saddlering_ros.diagnosis.wording import (
 )
 from saddlering_ros.discrepancy import (
     CauseEntry,
+    DetectionLimit,
     Diagnosis,
     Estimate,
     Evidence,
@@ -33,7 +34,6 @@ from saddlering_ros.discrepancy import (
     Separation,
     ShapeTest,
 )
-from saddlering_ros.discrepancy.search.limits import DetectionLimit
 from saddlering_ros.estimation.identifiability import still_open
 from saddlering_ros.files import Provenance
 from saddlering_ros.identification import Identification

@@ -9,8 +9,14 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping
 from typing import Any, cast, TypedDict
 
-from saddlering_ros.discrepancy import CauseEntry, ReductionEntry, SizeEntry
-from saddlering_ros.discrepancy.verdict.wording import cause_lines, gain_words, verdict_line
+from saddlering_ros.discrepancy import (
+    cause_lines,
+    CauseEntry,
+    gain_words,
+    ReductionEntry,
+    SizeEntry,
+    verdict_line,
+)
 from saddlering_ros.effects import catalogue
 from saddlering_ros.estimation.identifiability import undetermined_words
 from saddlering_ros.quantities import CHANCE, compact, MATERIAL, percent, quantity, signed_percent

@@ -13,8 +13,9 @@ from saddlering_ros.discrepancy.law.matching import Term
 from saddlering_ros.discrepancy.law.proposal import describe, LawProposal
 from saddlering_ros.discrepancy.next_test import Separation
 from saddlering_ros.discrepancy.noise import Noise
+from saddlering_ros.discrepancy.problem.fits import tangent
 from saddlering_ros.discrepancy.problem.model import Channel, Model, Run
-from saddlering_ros.discrepancy.problem.problem import Assumptions
+from saddlering_ros.discrepancy.problem.problem import Assumptions, Problem
 from saddlering_ros.discrepancy.problem.system import (
     DiscrepancyError,
     Effect,
@@ -30,14 +31,18 @@ from saddlering_ros.discrepancy.problem.system import (
 )
 from saddlering_ros.discrepancy.search.comparison import Evidence
 from saddlering_ros.discrepancy.search.lack_of_fit import ShapeTest
+from saddlering_ros.discrepancy.search.limits import DetectionLimit, observed
+from saddlering_ros.discrepancy.search.space import prepare
 from saddlering_ros.discrepancy.verdict.results import (
     Cause,
     CauseEntry,
     Diagnosis,
     Estimate,
     ReductionEntry,
+    Residual,
     SizeEntry,
 )
+from saddlering_ros.discrepancy.verdict.wording import cause_lines, gain_words, verdict_line
 from saddlering_ros.estimation.rest import RestSegment
 
 __all__ = [
@@ -45,6 +50,7 @@ __all__ = [
     'Cause',
     'CauseEntry',
     'Channel',
+    'DetectionLimit',
     'Diagnosis',
     'DiscrepancyError',
     'Effect',
@@ -56,9 +62,11 @@ __all__ = [
     'Noise',
     'Parameter',
     'Point',
+    'Problem',
     'Proposal',
     'Reading',
     'ReductionEntry',
+    'Residual',
     'RestSegment',
     'Run',
     'RunBlocks',
@@ -69,9 +77,15 @@ __all__ = [
     'System',
     'SystemWithTangents',
     'Term',
+    'cause_lines',
     'check',
     'describe',
     'diagnose',
     'diagnose_system',
     'direction_of',
+    'gain_words',
+    'observed',
+    'prepare',
+    'tangent',
+    'verdict_line',
 ]
