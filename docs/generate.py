@@ -25,7 +25,7 @@ TOPICS = {
     '/ring/displacement': 'measured motion of the ring, from the probes',
     '/ring/simulated_displacement': 'simulated motion of the ring, at the same stamps',
     '/ring/residual': 'measured minus simulated motion, at the same stamps',
-    '/ring/parameters': 'contact parameters in force (in_force_in names the node) or offered; '
+    '/ring/parameters': 'contact parameters in force (applied_by names the node) or offered; '
                         'kept for late joiners',
     '/ring/zero': 'the stamp from which a new zero counts',
     '/ring/alarm': 'state of the alarm, and the latched alarm; kept for late joiners',

@@ -184,18 +184,20 @@ def transforms(given, namespace):
     return [Node(
         package='tf2_ros', executable='static_transform_publisher',
         name=f'frame_{frame.name}', namespace=namespace,
-        arguments=transform_arguments(frame),
+        arguments=transform_arguments(frame, namespace.lstrip('/')),
         remappings=[('/tf_static', f'{namespace}/tf_static')] if namespace else [])
         for frame in frames_of(load_rig(given['rig']), elevation)]
 
 
-def transform_arguments(frame):
-    """Return a frame as static_transform_publisher takes it."""
+def transform_arguments(frame, prefix=''):
+    """Return a frame as static_transform_publisher takes it, its names below the rig's prefix."""
     names = ('x', 'y', 'z', 'qx', 'qy', 'qz', 'qw')
     values = (*frame.translation, *frame.rotation)
     numbers = [text for name, value in zip(names, values, strict=True)
                for text in (f'--{name}', repr(value))]
-    return [*numbers, '--frame-id', frame.parent, '--child-frame-id', frame.name]
+    parent, child = (f'{prefix}/{name}' if prefix else name
+                     for name in (frame.parent, frame.name))
+    return [*numbers, '--frame-id', parent, '--child-frame-id', child]
 
 
 def aggregator(given):

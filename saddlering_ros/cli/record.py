@@ -43,6 +43,7 @@ def add_parser(subparsers: Any) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Record until a signal ends it, which is how a recording ends: status 0."""
+    import atexit
     import signal
     import sys
     import threading
@@ -60,7 +61,10 @@ def run(args: argparse.Namespace) -> int:
     prepare_transport()
     told_to_end = threading.Event()
     for name in ('SIGINT', 'SIGTERM', 'SIGHUP'):  # heard, too, while the bag is being closed
-        signal.signal(getattr(signal, name), lambda *_: told_to_end.set())
+        number = getattr(signal, name)
+        signal.signal(number, lambda *_: told_to_end.set())
+        # At its end the interpreter restores the default, by which a repeated signal kills.
+        atexit.register(signal.signal, number, signal.SIG_IGN)
     began = time.monotonic()
     with recording(args.out, domain, facts=facts, overwrite=args.overwrite,
                    namespace=namespace_of(args.namespace)) as node:

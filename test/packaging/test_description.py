@@ -277,6 +277,9 @@ def test_the_launch_file_publishes_frames_and_groups_diagnostics_on_request(laun
     assert given['--child-frame-id'] == 'hydraulic_cylinder'
     assert (given['--x'], given['--y'], given['--z']) == ('0.15', '1.0', '0.0')
     assert float(given['--qz']) == pytest.approx(-0.5)
+    of_rig_1 = launched(rig=rig, transforms='true', elevation='60', namespace='rig1')
+    words = of_rig_1['static_transform_publisher'].given['arguments']
+    assert words[-4:] == ['--frame-id', 'rig1/ring', '--child-frame-id', 'rig1/hydraulic_cylinder']
     assert {'tf2_ros', 'diagnostic_aggregator'} <= {
         depend.text for depend in manifest().iter('exec_depend')}
 
@@ -302,6 +305,15 @@ def test_a_workspace_holds_both_packages_side_by_side(tmp_path):
     inside = subprocess.run([ROOT / 'tools' / 'workspace.sh', ROOT / 'out'], check=False,
                             capture_output=True, text=True)
     assert inside.returncode == 2
+
+
+def test_the_example_in_cpp_is_built_where_rclcpp_is(tmp_path):
+    prefixes = os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep)
+    if not any((Path(prefix) / 'share' / 'rclcpp').is_dir() for prefix in prefixes):
+        pytest.skip('rclcpp is not published as a wheel')
+    source = ROOT / 'examples' / 'interlock_cpp'
+    subprocess.run(['cmake', '-S', source, '-B', tmp_path], check=True)
+    subprocess.run(['cmake', '--build', tmp_path], check=True)
 
 
 def test_the_messages_are_those_of_this_version():
