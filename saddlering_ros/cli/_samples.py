@@ -6,15 +6,19 @@ import argparse
 from pathlib import Path
 from typing import Any, TYPE_CHECKING
 
-from saddlering_ros.cli._arguments import radians
+from saddlering_ros.cli._arguments import radians, take_effects
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Callable, Iterable, Iterator, Sequence
 
     from saddlering_ros import Bag, Rig
     from saddlering_ros.bags.samples import Columns, SamplesSummary
     from saddlering_ros.record import Record
-    from saddlering_ros.rig import ZeroReading
+    from saddlering_ros.record.samples import Displacements
+    from saddlering_ros.rig import ParameterSet, ZeroReading
+
+    StretchesOf = Callable[[Rig, Record, ParameterSet, list[str], Callable[[float], None]],
+                           tuple[Iterator[Displacements], ZeroReading]]
 
 PER_MILLION = 1e6
 
@@ -80,6 +84,25 @@ def deliver(
             print(f'saddlering {args.command}: note: {note}', file=sys.stderr)
     else:
         _print_summary(args, run, seen, zero, what, notes)
+
+
+def deliver_simulation(args: argparse.Namespace, stretches_of: StretchesOf, what: str) -> int:
+    """Read the bag, compute its samples stretch by stretch, and deliver them as `what`."""
+    from saddlering_ros.bags.samples import displacement_columns
+    from saddlering_ros.cli._terminal import Bar
+    from saddlering_ros.rig import load_rig, read_parameters
+
+    check_outputs(args)
+    take_effects(args)
+    rig, parameters = load_rig(args.rig), read_parameters(args.params)
+    run = read_shown(args, rig)
+    notes = list(run.notes)
+    with Bar() as bar:
+        stretches, zero = stretches_of(
+            rig, run, parameters, notes, lambda share: bar.show('simulate', share))
+        table = (displacement_columns(run, batch) for batch in stretches)
+        deliver(args, run, table, zero, what, notes)
+    return 0
 
 
 def _summary(

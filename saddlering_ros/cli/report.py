@@ -79,7 +79,7 @@ def _identification(path: Path | None) -> dict[str, Any] | None:
     text = read_regular_text(path, ReportError, MAX_IDENTIFICATION)
     try:
         found = json.loads(text)
-    except ValueError as problem:
+    except (ValueError, RecursionError) as problem:
         raise ReportError(f'{path}: is not JSON ({problem}): give the file of saddlering '
                           'identify --json') from problem
     if not isinstance(found, dict) or not {'parameters', 'evaluations', 'status'} <= set(found):

@@ -30,7 +30,7 @@ def add_parser(subparsers: Any) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Read, simulate, subtract and deliver stretch by stretch."""
-    from saddlering_ros.cli._simulated import deliver_simulation
+    from saddlering_ros.cli._samples import deliver_simulation
     from saddlering_ros.record.residual import residual_stretches
 
     return deliver_simulation(args, residual_stretches, 'measured minus simulated')

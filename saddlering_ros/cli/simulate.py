@@ -30,7 +30,7 @@ def add_parser(subparsers: Any) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Read, simulate and deliver stretch by stretch."""
-    from saddlering_ros.cli._simulated import deliver_simulation
+    from saddlering_ros.cli._samples import deliver_simulation
     from saddlering_ros.record.simulation import simulated_stretches
 
     return deliver_simulation(args, simulated_stretches, 'simulated')

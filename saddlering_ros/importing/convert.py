@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from saddlering_ros.bags.write import BagWriter, messages_of
 from saddlering_ros.errors import did_you_mean
+from saddlering_ros.files import resolved
 from saddlering_ros.importing.calibration import ImportingError
 from saddlering_ros.importing.clock import (
     CountedTime,
@@ -77,9 +78,9 @@ def open_sources(files: Sequence[Path], mapping: ImportMap | None = None) -> lis
     """Readers of the files; ImportingError for the same file twice."""
     seen: dict[Path, Path] = {}
     for file in files:
-        if file.resolve() in seen:
+        if resolved(file) in seen:
             raise ImportingError(f'{file}: is given twice: give each file once')
-        seen[file.resolve()] = file
+        seen[resolved(file)] = file
     return [open_source(file, mapping.csv if mapping else None) for file in files]
 
 

@@ -179,3 +179,12 @@ def test_a_pipe_given_as_a_file_is_refused_and_not_waited_for(
     options = [str(word) for pair in given.items() for word in pair]
     assert main(['report', str(bag), *options, '--out', str(tmp_path / 'r.html')]) == 2
     assert 'give the path of a regular file' in capsys.readouterr().err
+
+
+def test_an_identification_nested_without_end_is_refused_in_one_line(
+        bag: Path, tmp_path: Path, capsys) -> None:
+    (tmp_path / 'deep.json').write_text('[' * 100_000)
+    write_parameters(tmp_path / 'p.yaml', ParameterSet(TRUE_TO_SCALE))
+    assert main(['report', str(bag), '--params', str(tmp_path / 'p.yaml'), '--identification',
+                 str(tmp_path / 'deep.json'), '--out', str(tmp_path / 'r.html')]) == 2
+    assert 'is not JSON' in capsys.readouterr().err

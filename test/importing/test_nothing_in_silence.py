@@ -179,3 +179,9 @@ def test_an_import_says_what_info_and_the_rig_file_say(
     printed = capsys.readouterr()
     assert said in printed.err
     assert any(said in line for line in json.loads(printed.out)['warnings'])
+
+
+def test_a_link_to_itself_is_refused_in_one_line(tmp_path: Path) -> None:
+    (tmp_path / 'loop').symlink_to(tmp_path / 'loop')
+    with pytest.raises(ImportingError, match='cannot be read'):
+        open_sources([tmp_path / 'loop'])
