@@ -1,6 +1,7 @@
 """The record of a test, and the computations from its samples to displacements and plateaus."""
 
-from saddlering_ros.record.alignment import align, Aligner, seconds_array
+from saddlering_ros.record.aligner import Aligner
+from saddlering_ros.record.alignment import align, seconds_array
 from saddlering_ros.record.condense import condensed, fit_limit
 from saddlering_ros.record.displacement import displacement_of_run, MeasuredRun
 from saddlering_ros.record.errors import BagError

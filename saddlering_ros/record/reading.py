@@ -13,13 +13,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from saddlering_ros.record.alignment import (
-    align,
-    aligned_record,
-    GAP_HISTORY,
-    gap_mask,
-    seconds_array,
-)
+from saddlering_ros.record.aligner import aligned_record
+from saddlering_ros.record.alignment import align, GAP_HISTORY, gap_mask, seconds_array
 from saddlering_ros.record.checks import (
     check_load_unit,
     check_overlap,

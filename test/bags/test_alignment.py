@@ -9,11 +9,9 @@ from hypothesis import strategies as st
 import numpy as np
 import pytest
 
+from saddlering_ros.record.aligner import aligned_record, AlignedRows, Aligner
 from saddlering_ros.record.alignment import (
     align,
-    aligned_record,
-    AlignedRows,
-    Aligner,
     DEAD_AFTER_NS,
     gap_mask,
     JITTER_NS,

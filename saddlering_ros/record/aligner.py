@@ -1,0 +1,492 @@
+"""Alignment of the probes on the load's stamps: one class with a carry, for streams and records.
+
+A stream in batches of any size (`Aligner`) and a whole record, which is one batch
+(`aligned_record`), give the same bits.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, fields
+from itertools import zip_longest
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from saddlering_ros.record.alignment import (
+    DEAD_AFTER_NS,
+    Floats,
+    GAP_HISTORY,
+    gap_limit,
+    JITTER_NS,
+    Mask,
+    readings_at,
+    Stamps,
+)
+from saddlering_ros.record.samples import Rows, Samples
+from saddlering_ros.record.scratch import blocks, scratch_array, scratch_mask
+
+MAX_HOLD_NS = 50_000_000
+"""Largest time [ns] that a load sample is held back for an earlier one to overtake it."""
+
+NEVER = 2**63 - 1
+"""A silence [ns] that no probe reaches: the rows wait for all probes."""
+
+KEPT = 256
+"""Samples of a probe that are kept before those that no later stamp needs are discarded."""
+
+RECORD_BLOCK = 1 << 16
+"""Load samples of a record that are aligned together: they stay in the processor's cache."""
+
+SERVED, ABSENT, WAITS, IN_GAP, BEFORE = range(5)
+"""What a probe answers at a load stamp. The largest answer of all probes decides on the row."""
+
+
+def longer_hold(hold: int, delay: int) -> int:
+    """Time [ns] that samples are held back after one that came `delay` [ns] too late.
+
+    It is twice the delay, so that the next late samples are in time.
+    """
+    return min(max(hold, 2 * delay), MAX_HOLD_NS)
+
+
+@dataclass(frozen=True)
+class AlignedRows:
+    """Load samples in order of their stamps, with the readings of the C probes there.
+
+    stamps (N,) [ns]; time (N,) [s] since the first load stamp (after the last restart); loads
+    (N,) [N]; gaps (C, N) [m], NaN where a probe has no reading; given (N,): where every probe
+    reads or does not work, so that the row is used; restart: how often the load's stamps had
+    jumped back before these rows.
+    """
+
+    stamps: Stamps
+    time: Floats
+    loads: Floats
+    gaps: Floats
+    given: Mask
+    restart: int
+
+    def __len__(self) -> int:
+        return len(self.stamps)
+
+    def pick(self, rows: Rows) -> AlignedRows:
+        """Some of the rows."""
+        return AlignedRows(self.stamps[rows], self.time[rows], self.loads[rows],
+                           self.gaps[:, rows], self.given[rows], self.restart)
+
+    @staticmethod
+    def join(batches: Sequence[AlignedRows]) -> AlignedRows:
+        """Several batches of one test as one."""
+        if len(batches) == 1:
+            return batches[0]
+        return AlignedRows(
+            np.concatenate([batch.stamps for batch in batches]),
+            np.concatenate([batch.time for batch in batches]),
+            np.concatenate([batch.loads for batch in batches]),
+            np.concatenate([batch.gaps for batch in batches], axis=1),
+            np.concatenate([batch.given for batch in batches]), batches[-1].restart)
+
+
+@dataclass
+class AlignmentCounters:
+    """Counts of unused samples since the start, by reason; all zero on a healthy stream.
+
+    before_probes: load stamps older than a probe's first sample
+    in_gap:        load stamps inside a gap of a probe
+    timed_out:     load stamps given up since a probe fell silent (or more waited than allowed)
+    late_loads:    load samples that came after a row with a later stamp had gone out
+    duplicates:    samples with a stamp already taken, load and probes together
+    reordered:     samples that came late, and still in time to be put in order
+    degraded:      rows that went out without the reading of a probe that does not read
+    not_finite:    NaN or infinite samples
+    overflow:      probe samples thrown away since no load came for them
+    load_jumps:    times the load's stamps jumped back (each one restarts the aligner)
+    probe_jumps:   times a probe's stamps jumped back
+    """
+
+    before_probes: int = 0
+    in_gap: int = 0
+    timed_out: int = 0
+    late_loads: int = 0
+    duplicates: int = 0
+    reordered: int = 0
+    degraded: int = 0
+    not_finite: int = 0
+    overflow: int = 0
+    load_jumps: int = 0
+    probe_jumps: int = 0
+
+    @property
+    def dropped(self) -> int:
+        """Number of load stamps without a row."""
+        return self.before_probes + self.in_gap + self.timed_out + self.late_loads
+
+    def as_dict(self) -> dict[str, int]:
+        """Every counter by name, for diagnostics."""
+        return {field.name: getattr(self, field.name) for field in fields(self)}
+
+
+class _Part(NamedTuple):
+    """Samples of one topic without a jump back among them; jumped: they lie behind one."""
+
+    jumped: bool
+    stamps: Stamps
+    values: Floats
+
+
+class _Waiting:
+    """Samples of one topic that a later row may need, in stamp order, each stamp once."""
+
+    def __init__(self, counters: AlignmentCounters) -> None:
+        self._counters = counters
+        self.newest: int | None = None
+        self.jumped = False
+        self.clear()
+
+    def __len__(self) -> int:
+        return len(self.stamps)
+
+    def clear(self) -> None:
+        """Discard all samples."""
+        self.stamps: Stamps = np.empty(0, np.int64)
+        self.values: Floats = np.empty(0)
+
+    def forget(self, count: int) -> None:
+        """Discard the first `count` samples."""
+        self.stamps, self.values = self.stamps[count:], self.values[count:]
+
+    def parts(self, samples: Samples) -> Iterator[_Part]:
+        """The finite samples, cut where the stamps jump back.
+
+        Stamps jump back where one lies more than JITTER_NS behind the newest before it.
+        """
+        stamps, values = samples.stamps, samples.values
+        if not np.isfinite(values).all():
+            sound = np.isfinite(values)
+            self._counters.not_finite += len(values) - int(np.count_nonzero(sound))
+            stamps, values = stamps[sound], values[sound]
+        newest, jumped = self.newest, False
+        while len(stamps):
+            if self.rises_with(stamps):
+                yield _Part(jumped, stamps, values)
+                return
+            behind = _newest_before(stamps, newest) - stamps > JITTER_NS
+            end = int(behind.argmax()) if behind.any() else len(stamps)
+            if end:
+                yield _Part(jumped, stamps[:end], values[:end])
+            stamps, values = stamps[end:], values[end:]
+            newest, jumped = None, True
+
+    def is_continued(self, samples: Samples) -> bool:
+        """Whether the samples are finite, and their stamps rise from the newest one on."""
+        return not len(samples) or (
+            self.rises_with(samples.stamps) and math.isfinite(np.add.reduce(samples.values)))
+
+    def rises_with(self, stamps: Stamps) -> bool:
+        """Whether some stamps rise, from the newest one on."""
+        if self.newest is not None and stamps[0] <= self.newest:
+            return False
+        return len(stamps) == 1 or bool((stamps[1:] > stamps[:-1]).all())
+
+    def append(self, stamps: Stamps, values: Floats) -> None:
+        """Add samples whose stamps rise from the newest one on."""
+        self.stamps = np.concatenate((self.stamps, stamps))
+        self.values = np.concatenate((self.values, values))
+        self.newest = int(stamps[-1])
+
+    def take(self, stamps: Stamps, values: Floats) -> None:
+        """Put samples among the others by stamp; of two with one stamp the first counts."""
+        if self.rises_with(stamps):
+            self.append(stamps, values)
+            return
+        together = np.concatenate((self.stamps, stamps))
+        readings = np.concatenate((self.values, values))
+        late = int(np.count_nonzero(stamps <= _newest_before(stamps, self.newest)))
+        late -= self.newest is None
+        self.stamps, first = np.unique(together, return_index=True)
+        self.values = readings[first]
+        duplicates = len(together) - len(first)
+        self._counters.duplicates += duplicates
+        self._counters.reordered += late - duplicates
+        highest = int(stamps.max())
+        self.newest = highest if self.newest is None else max(self.newest, highest)
+
+
+def _newest_before(stamps: Stamps, newest: int | None) -> Stamps:
+    """For each of some stamps the newest that came before it; `newest`: before all of them."""
+    before = int(stamps[0]) if newest is None else newest
+    return np.asarray(np.maximum.accumulate(np.append(before, stamps[:-1])))
+
+
+class Aligner:
+    """Rows aligned on the load's stamps from batches of samples, in any interleaving.
+
+    A row comes out as soon as all probes can say what they read at its load stamp, in the order
+    of the stamps. Load samples that overtake each other inside a batch are put in order. Once one
+    has come too late, load samples are held back for twice its delay (at most MAX_HOLD_NS), so
+    that the next late ones are in time; `release` gives out those held. Load stamps that can never
+    be served come out as rows that are not `given`, and are counted (`counters`). Load stamps that
+    jump back (by more than `JITTER_NS`) restart the aligner: what waits is dropped, time counts
+    from the new first stamp, and `restarts` goes up, which the rows carry, so that a consumer can
+    zero anew. Stamps that jump ahead need no restart: the gap rule keeps anything from being
+    interpolated across.
+
+    A probe that has been silent for more than `dead_after` [ns] of the load's stamps does not
+    read: rows go out without it (NaN).
+
+    Memory is bounded: at most `max_pending` load samples spanning at most `max_wait` [ns] wait for
+    probes, and at most `max_samples` samples of each probe wait for the load.
+    """
+
+    def __init__(
+        self, *, channels: int = 4, dead_after: int = NEVER, max_wait: int = 5_000_000_000,
+        max_pending: int = 50_000, max_samples: int = 50_000,
+    ) -> None:
+        self.counters = AlignmentCounters()
+        self.restarts = 0
+        self._max_wait, self._dead_after = max_wait, dead_after
+        self._max_pending, self._max_samples = max_pending, max_samples
+        self._loads = _Waiting(self.counters)
+        self._probes = [_Waiting(self.counters) for _ in range(channels)]
+        self._run_start = self._hold = self._released = 0
+        self._epoch: int | None = None
+        self._last_out: int | None = None
+
+    @property
+    def pending(self) -> int:
+        """Load samples that wait for probes."""
+        return len(self._loads)
+
+    @property
+    def missing(self) -> list[int]:
+        """Probes (0 is the first) that the first waiting load sample needs a sample of."""
+        if not self.pending:
+            return []
+        stamp = self._loads.stamps[0]
+        return [place for place, probe in enumerate(self._probes)
+                if probe.newest is None or probe.newest < stamp]
+
+    @property
+    def holds(self) -> bool:
+        """Whether a load sample is held back in case an earlier one still comes."""
+        return bool(self.pending) and bool(self._loads.stamps[-1] > self._due_until())
+
+    def push(self, load: Samples, probes: Sequence[Samples]) -> list[AlignedRows]:
+        """Take a batch of the load and of each probe; the rows that are ready."""
+        topics, batches = [self._loads, *self._probes], [load, *probes]
+        if all(topic.is_continued(samples)
+               for topic, samples in zip(topics, batches, strict=True)):  # the usual case
+            for topic, samples in zip(topics, batches, strict=True):
+                if len(samples):
+                    topic.append(samples.stamps, samples.values)
+            if self._epoch is None and self.pending:
+                self._epoch = int(self._loads.stamps[0])
+            rows = self._drain()
+        else:
+            rows = self._push_apart(topics, batches)
+        self._tidy()
+        return rows
+
+    def _push_apart(
+        self, topics: Sequence[_Waiting], batches: Sequence[Samples],
+    ) -> list[AlignedRows]:
+        """Push a batch in which stamps go back, or with readings that are not finite."""
+        rows: list[AlignedRows] = []
+        # What lies before a jump of the stamps is aligned before anything behind one.
+        for of_load, *of_probes in zip_longest(*(
+                topic.parts(samples) for topic, samples in zip(topics, batches, strict=True))):
+            if (of_load and of_load.jumped) or any(part and part.jumped for part in of_probes):
+                rows += self.release()
+            for probe, part in zip(self._probes, of_probes, strict=True):
+                if part and part.jumped:
+                    self.counters.probe_jumps += 1
+                    probe.clear()
+                    probe.newest, probe.jumped = None, True
+                if part:
+                    probe.take(part.stamps, part.values)
+            if of_load and of_load.jumped:
+                self._restart()
+            if of_load:
+                self._take_loads(of_load.stamps, of_load.values)
+            rows += self._drain()
+        return rows
+
+    def release(self) -> list[AlignedRows]:
+        """Release all load samples that are held back; the rows that are ready."""
+        self._released = self._loads.newest or 0
+        return self._drain()
+
+    def finish(self) -> list[AlignedRows]:
+        """All rows that still wait: the stream has ended."""
+        self._released = self._loads.newest or 0
+        return self._drain(finish=True)
+
+    def reset(self) -> None:
+        """Drop all samples and begin anew, as after a jump; the counters continue."""
+        self.restarts += 1
+        for waiting in (self._loads, *self._probes):
+            waiting.clear()
+            waiting.newest, waiting.jumped = None, False
+        self._epoch = self._last_out = None
+        self._released = 0
+
+    def _restart(self) -> None:
+        """The load's stamps have jumped back: begin anew with what the probes sent behind it."""
+        self.counters.load_jumps += 1
+        self.restarts += 1
+        self.counters.timed_out += self.pending
+        self._loads.clear()
+        self._loads.newest = None
+        for probe in self._probes:
+            if not probe.jumped:
+                probe.clear()  # Its samples are from the time before the jump.
+            probe.jumped = False
+        self._epoch = self._last_out = None
+        self._released = 0
+
+    def _take_loads(self, stamps: Stamps, loads: Floats) -> None:
+        if self._epoch is None:
+            self._epoch = int(stamps[0])
+        if self._last_out is not None and stamps.min() <= self._last_out:
+            late = stamps <= self._last_out
+            self.counters.late_loads += int(np.count_nonzero(late))
+            overtaken = np.where(stamps < self._last_out,
+                                 _newest_before(stamps, self._loads.newest) - stamps, 0)
+            self._hold = longer_hold(self._hold, int(overtaken.max()))
+            stamps, loads = stamps[~late], loads[~late]
+        if len(stamps):
+            self._loads.take(stamps, loads)
+
+    def _due_until(self) -> int:
+        """Largest load stamp [ns] that is not held back."""
+        return max((self._loads.newest or 0) - self._hold, self._released)
+
+    def _drain(self, *, finish: bool = False) -> list[AlignedRows]:
+        """The rows up to the first that a probe may still answer (`finish`: all)."""
+        count = int(self._loads.stamps.searchsorted(self._due_until(), 'right'))
+        if not finish:
+            count = min(count, self._answered())
+        if not count:
+            return []
+        stamps = self._loads.stamps[:count]
+        starts = self._run_starts(stamps)
+        gaps = readings_at(stamps, self._probes)
+        missing = np.isnan(gaps)
+        given = np.ones(count, dtype=bool)
+        if missing.any():
+            given = self._given(stamps, starts, missing, finish)
+            count = len(given)
+        if not count:
+            return []
+        assert self._epoch is not None
+        rows = AlignedRows(stamps[:count], (stamps[:count] - self._epoch) / 1e9,
+                           self._loads.values[:count], gaps[:, :count], given, self.restarts)
+        self._loads.forget(count)
+        self._last_out, self._run_start = int(stamps[count - 1]), int(starts[count - 1])
+        if given.any():
+            for probe in self._probes:
+                probe.jumped = False
+        return [rows]
+
+    def _answered(self) -> int:
+        """How many waiting rows may be ready: all up to the last sample of the last probe."""
+        newest = self._loads.newest
+        last = [int(probe.stamps[-1]) for probe in self._probes if len(probe.stamps)]
+        if newest is None or self.pending > self._max_pending or len(last) < len(self._probes):
+            return self.pending
+        oldest = min(last)
+        if newest - oldest > min(self._dead_after, self._max_wait):
+            return self.pending
+        return int(self._loads.stamps.searchsorted(oldest, 'right'))
+
+    def _run_starts(self, stamps: Stamps) -> Stamps:
+        """For each load stamp (N,), that since which the load has gone on without a leap."""
+        last = self._last_out
+        if last is not None and stamps[-1] - last <= self._dead_after:  # the usual case
+            return np.full(len(stamps), self._run_start)
+        continues = last is not None and stamps[0] - last <= self._dead_after
+        starts = np.full(len(stamps), self._run_start if continues else stamps[0])
+        for leap in np.flatnonzero(stamps[1:] - stamps[:-1] > self._dead_after).tolist():
+            starts[leap + 1:] = stamps[leap + 1]
+        return starts
+
+    def _given(self, stamps: Stamps, starts: Stamps, missing: Mask, finish: bool) -> Mask:
+        """Which rows are used, from the readings (C, N) they lack; fewer if the rest must wait."""
+        answers = np.full(len(stamps), SERVED)
+        waits = np.zeros(len(stamps), dtype=bool)
+        for probe, lacks in zip(self._probes, missing, strict=True):
+            rows = np.flatnonzero(lacks)
+            if len(rows):
+                found = self._why_missing(probe, stamps[rows], starts[rows])
+                answers[rows] = np.maximum(answers[rows], found)
+                waits[rows] |= found == WAITS
+        if not finish and waits.any():
+            assert self._loads.newest is not None
+            is_due = self._loads.newest - stamps > self._max_wait
+            is_due |= self.pending - np.arange(len(stamps)) > self._max_pending
+            stops = waits & ~is_due
+            if stops.any():
+                answers = answers[:int(stops.argmax())]
+        counts = np.bincount(answers, minlength=5).tolist()
+        self.counters.degraded += counts[ABSENT]
+        self.counters.timed_out += counts[WAITS]
+        self.counters.in_gap += counts[IN_GAP]
+        self.counters.before_probes += counts[BEFORE]
+        return np.asarray(answers <= ABSENT)
+
+    def _why_missing(self, probe: _Waiting, stamps: Stamps, starts: Stamps) -> NDArray[np.int64]:
+        """Answers of a probe at stamps (N,) at which it has no reading."""
+        assert self._loads.newest is not None
+        newest, dead_after, last = self._loads.newest, self._dead_after, len(probe) - 1
+        if last < 0:
+            return np.where(newest - starts > dead_after, ABSENT, WAITS)
+        place = probe.stamps.searchsorted(stamps, 'right') - 1
+        silent_since = np.maximum(probe.stamps[np.maximum(place, 0)], starts)
+        next_sample = probe.stamps[np.minimum(place + 1, last)]
+        found = np.where(next_sample - silent_since > dead_after, ABSENT, IN_GAP)
+        head, tail = place < 0, place == last
+        found[head] = np.where(probe.stamps[0] - starts[head] > dead_after, ABSENT, BEFORE)
+        limit = max(dead_after, gap_limit(np.diff(probe.stamps[-GAP_HISTORY - 1:]).tolist()))
+        found[tail] = np.where(newest - silent_since[tail] > limit, ABSENT, WAITS)
+        return found
+
+    def _tidy(self) -> None:
+        """Discard samples of the probes that neither a later row nor the gap rule can need."""
+        for probe in self._probes:
+            if len(probe) <= min(KEPT, self._max_samples):
+                continue
+            if self._last_out is not None:
+                place = int(probe.stamps.searchsorted(self._last_out, 'right'))
+                probe.forget(max(place - 1 - 2 * GAP_HISTORY, 0))
+            if len(probe) > self._max_samples:
+                surplus = len(probe) // 2
+                self.counters.overflow += surplus
+                probe.forget(surplus)
+
+
+def aligned_record(load: Samples, probes: Sequence[Samples]) -> tuple[Floats, Mask]:
+    """Gaps (C, N) of the probes of a record on its load's stamps (N,), and which rows are given.
+
+    All stamps strictly increasing. A long record is pushed in stretches.
+    """
+    aligner = Aligner(channels=len(probes), dead_after=DEAD_AFTER_NS, max_wait=NEVER,
+                      max_pending=NEVER, max_samples=NEVER)
+    gaps: Floats = scratch_array((len(probes), len(load)), np.float64)
+    given = scratch_mask(len(load))
+    taken, row = [0] * len(probes), 0
+    arrays = [array for one in (load, *probes) for array in (one.stamps, one.values)]
+    for part in blocks(len(load), *arrays, gaps, given, size=RECORD_BLOCK):
+        ends = [len(probe) if part.stop == len(load) else
+                int(probe.stamps.searchsorted(load.stamps[part.stop], 'right'))
+                for probe in probes]
+        ready = aligner.push(load.pick(part), [
+            probe.pick(slice(*span)) for probe, span in zip(
+                probes, zip(taken, ends, strict=True), strict=True)])
+        taken = ends
+        for rows in ready if part.stop < len(load) else [*ready, *aligner.finish()]:
+            gaps[:, row:row + len(rows)], given[row:row + len(rows)] = rows.gaps, rows.given
+            row += len(rows)
+    return gaps, given
