@@ -61,7 +61,14 @@ from saddlering_ros.ros.raw_topics import (
     RawSubscription,
     ZERO_QOS,
 )
-from saddlering_ros.ros.rig_state import Elevation, ElevationWatch, RigAgreement, zero_finding
+from saddlering_ros.ros.rig_state import (
+    Elevation,
+    ElevationWatch,
+    MOVED,
+    RigAgreement,
+    SAME_MEASURED,
+    zero_finding,
+)
 from saddlering_ros.ros.streaming_node import (
     INPUT_RELIABILITY,
     leave,
@@ -193,14 +200,22 @@ class RingSimulatorNode(StreamingNode):
 
     def _on_elevation(self) -> None:
         """Simulate at an elevation that the bag or the inclinometer reports, if it counts."""
+        before = self._elevation_source
         if self._in_force is None or not self._take_elevation():
             return
-        hold = self._stream.hold
+        stream = self._stream
+        gave = abs(self._elevation - stream.zero_elevation)
+        words = f'elevation {math.degrees(self._elevation):.3f} deg, {self._elevation_source}'
+        if self._elevation_source == before == 'measured' and gave <= SAME_MEASURED:
+            stream.turn(self._elevation)
+            self._tell_in_force(self._in_force)
+            if gave > MOVED:
+                self.get_logger().warning(f'{words}: it is followed, and the zero stays')
+            return
         self._make(self._in_force)
-        self._stream.hold = hold
+        self._stream.hold = stream.hold
         self._tell_in_force(self._in_force)
-        self.get_logger().info(f'elevation {math.degrees(self._elevation):.3f} deg, '
-                               f'{self._elevation_source}: restarts')
+        self.get_logger().info(f'{words}: restarts')
 
     def _make(self, parameters: ParameterSet) -> None:
         self._stream = SimulationStream(
@@ -342,6 +357,10 @@ class RingSimulatorNode(StreamingNode):
         wrong = self._watch.contradiction(self._elevation)
         if wrong:
             return Finding(ERROR, f'nothing is simulated: {wrong}', figures)
+        gave = self._elevation - self._stream.zero_elevation
+        if abs(gave) > MOVED:
+            return Finding(WARN, f'has moved by {math.degrees(gave):+.3f} deg since the zero, and '
+                           'is followed: see to the elevating gear', figures)
         if self._elevation_source == 'assumed':
             return Finding(WARN, f'{ASSUMED_ELEVATION_DEG:g} deg is assumed: give elevation_deg',
                            figures)

@@ -63,7 +63,7 @@ class SimulationStream:
                  max_step: float = 1e-3, max_gap: float = 10.0) -> None:
         self._max_gap = round(max_gap * SECOND)
         self.simulator = RingSimulator(rig, parameters, elevation, max_step)
-        self.elevation = elevation
+        self.elevation = self.zero_elevation = elevation
         self.recording = ANY_TIME
         self.guard = SampleGuard(load_limits(rig))
         self.counters = SimulationCounters()
@@ -79,6 +79,7 @@ class SimulationStream:
         self._newest = 0
         self._pushed: deque[tuple[float, int]] = deque()
         self.zero_stamp = 0
+        self.zero_elevation = self.elevation
         self._zero_duration = 0.0
 
     def restart(self, *, zero_anywhere: bool = False) -> None:
@@ -86,6 +87,13 @@ class SimulationStream:
         self.simulator.reset(zero_anywhere=zero_anywhere)
         self._asked_after = None
         self._forget()
+
+    def turn(self, elevation: float) -> None:
+        """Go on at another elevation [rad]: the gun has moved a little within the test."""
+        self.simulator.turn(elevation)
+        self.elevation = elevation
+        if not self.zero_stamp:
+            self.zero_elevation = elevation
 
     def zero_after(self, stamp: int) -> None:
         """Restart with the first steady stretch after `stamp` [ns], at any load."""

@@ -29,6 +29,7 @@ from saddlering_ros.rig import (
 from saddlering_ros.ring.kernels import courses, equilibrium, integration
 from saddlering_ros.ring.kernels import layout as at
 from saddlering_ros.ring.model import (
+    at_elevation,
     build_model,
     Model,
     model_of,
@@ -108,6 +109,10 @@ class RingSimulator:
         self._state = np.zeros(at.STATE_SIZE)
         self._past: deque[tuple[float, Floats]] = deque()
         self._asked: deque[float] = deque()
+
+    def turn(self, elevation: float) -> None:
+        """Go on from the present state at another elevation [rad]; the zero stays."""
+        self._m = at_elevation(self._m, elevation)
 
     @property
     def failed_steps(self) -> int:

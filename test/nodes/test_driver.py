@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from geometry_msgs.msg import Vector3, Vector3Stamped
 import numpy as np
 import pytest
 from rosnet import Client, Driver, OUTPUTS, READERS, wait_until
@@ -161,3 +162,29 @@ def test_rubbish_is_refused_and_a_node_killed_beside_a_driver_measures_again(
     measured = heard.heard('/ring/displacement')
     assert np.array_equal(measured.stamps, expected.stamps)
     assert np.array_equal(measured.channels, expected.channels)
+
+
+def test_a_gear_that_gives_under_load_is_followed_with_a_warning_and_ends_nothing(
+        record, group: NodeGroup, heard: Client) -> None:
+    driver = Driver(heard, reliable=True)
+    with heard.lock:
+        inclinometer = heard.node.create_publisher(Vector3Stamped, '/rig/elevation', 10)
+
+    def incline(degrees: float, words: str) -> None:
+        def told() -> bool:
+            inclinometer.publish(Vector3Stamped(vector=Vector3(x=float(np.radians(degrees)))))
+            return words in heard.diagnostics.get('ring_simulator: elevation', (0, ''))[1]
+        wait_until(told, what=f'the simulator follows to {degrees} deg')
+
+    start(group, heard, driver)
+    incline(52.0, '52.000 deg, measured')
+    driver.send(record, slice(0, 900), RELIABLE_PORTION)
+    incline(52.13, 'has moved by +0.130 deg since the zero')
+    assert heard.diagnostics['ring_simulator: elevation'][0] == 1, 'a warning'
+    driver.send(record, slice(900, 1500), RELIABLE_PORTION)
+    wait_until(lambda: record.stamps[1495] in stamps_of(heard, '/ring/residual'),
+               what='residuals after the movement')
+    residual = heard.heard('/ring/residual')
+    assert set(record.stamps[900:1495].tolist()) <= set(residual.stamps.tolist())
+    assert len(set(residual.zero_stamps.tolist())) == 1
+    assert np.allclose(residual.elevations[-1], np.radians(52.13))

@@ -203,6 +203,26 @@ def test_a_zero_asked_for_restarts_the_simulation_at_that_load(record) -> None:
     assert np.array_equal(states.stamps, stamps)
 
 
+def test_an_elevation_that_gives_within_a_test_is_followed_and_keeps_the_zero(record) -> None:
+    def simulated(degrees: float, then: float | None = None) -> Displacements:
+        stream = SimulationStream(RIG, ParameterSet(TRUE_TO_SCALE), np.radians(degrees))
+        middle = len(record.stamps) // 3
+        parts = [stream.push(samples(record.stamps[:middle], record.load[:middle]))]
+        if then is not None:
+            stream.turn(np.radians(then))
+        parts.append(stream.push(samples(record.stamps[middle:], record.load[middle:])))
+        return join(parts)
+
+    turned, before, after = simulated(50.0, 50.3), simulated(50.0), simulated(50.3)
+    assert np.array_equal(turned.stamps, before.stamps)
+    assert set(turned.zero_stamps.tolist()) == set(before.zero_stamps.tolist())
+    assert set(turned.elevations.tolist()) == {np.radians(50.0), np.radians(50.3)}
+    peak = int(record.load[:len(turned)].argmax())
+    moved = np.abs(after.channels - before.channels)[:3, peak]
+    left = np.abs(turned.channels - after.channels)[:3, peak]
+    assert (left < 0.2 * moved).all()
+
+
 def pair(stamps, value: float, zero: int = 5, zero_load: float = 100.0) -> Displacements:
     stamps = np.asarray(stamps, np.int64)
     channels = np.full((4, len(stamps)), value) + stamps * 1e-12
