@@ -23,6 +23,7 @@ from saddlering_ros.record.alignment import (
     JITTER_NS,
     Mask,
     readings_at,
+    SILENT_AFTER_NS,
     Stamps,
 )
 from saddlering_ros.record.samples import Rows, Samples
@@ -34,13 +35,16 @@ MAX_HOLD_NS = 50_000_000
 NEVER = 2**63 - 1
 """A silence [ns] that no probe reaches: the rows wait for all probes."""
 
+STEPS_MISSED = 2
+"""A probe whose samples come by blocks is silent when it has missed so many blocks."""
+
+STEP_MEMORY = 0.95
+"""Share of the length of the longest recent block that counts at the next batch."""
+
 KEPT = 256
 """Samples of a probe that are kept before those that no later stamp needs are discarded."""
 
-RECORD_BLOCK = 1 << 16
-"""Load samples of a record that are aligned together: they stay in the processor's cache."""
-
-SERVED, ABSENT, WAITS, IN_GAP, BEFORE = range(5)
+SERVED, ABSENT, SILENT, WAITS, IN_GAP, BEFORE = range(6)
 """What a probe answers at a load stamp. The largest answer of all probes decides on the row."""
 
 
@@ -58,8 +62,9 @@ class AlignedRows:
 
     stamps (N,) [ns]; time (N,) [s] since the first load stamp (after the last restart); loads
     (N,) [N]; gaps (C, N) [m], NaN where a probe has no reading; given (N,): where every probe
-    reads or does not work, so that the row is used; restart: how often the load's stamps had
-    jumped back before these rows.
+    reads or does not work, so that the row serves for a zero; published (N,): also those during
+    a shorter silence of a probe, which are published once there is a zero; restart: how often
+    the load's stamps had jumped back before these rows.
     """
 
     stamps: Stamps
@@ -67,6 +72,7 @@ class AlignedRows:
     loads: Floats
     gaps: Floats
     given: Mask
+    published: Mask
     restart: int
 
     def __len__(self) -> int:
@@ -75,7 +81,8 @@ class AlignedRows:
     def pick(self, rows: Rows) -> AlignedRows:
         """Some of the rows."""
         return AlignedRows(self.stamps[rows], self.time[rows], self.loads[rows],
-                           self.gaps[:, rows], self.given[rows], self.restart)
+                           self.gaps[:, rows], self.given[rows], self.published[rows],
+                           self.restart)
 
     @staticmethod
     def join(batches: Sequence[AlignedRows]) -> AlignedRows:
@@ -87,7 +94,8 @@ class AlignedRows:
             np.concatenate([batch.time for batch in batches]),
             np.concatenate([batch.loads for batch in batches]),
             np.concatenate([batch.gaps for batch in batches], axis=1),
-            np.concatenate([batch.given for batch in batches]), batches[-1].restart)
+            np.concatenate([batch.given for batch in batches]),
+            np.concatenate([batch.published for batch in batches]), batches[-1].restart)
 
 
 @dataclass
@@ -148,6 +156,11 @@ class _Waiting:
 
     def __len__(self) -> int:
         return len(self.stamps)
+
+    @property
+    def last(self) -> int:
+        """The last stamp [ns]; 0 without samples."""
+        return int(self.stamps[-1]) if len(self.stamps) else 0
 
     def clear(self) -> None:
         """Discard all samples."""
@@ -235,7 +248,8 @@ class Aligner:
     interpolated across.
 
     A probe that has been silent for more than `dead_after` [ns] of the load's stamps does not
-    read: rows go out without it (NaN).
+    read: rows go out without it (NaN). With `hurries`, rows also go out without a probe that has
+    been silent for SILENT_AFTER_NS while the load and a pair of other probes went on.
 
     Memory is bounded: at most `max_pending` load samples spanning at most `max_wait` [ns] wait for
     probes, and at most `max_samples` samples of each probe wait for the load.
@@ -251,6 +265,8 @@ class Aligner:
         self._max_pending, self._max_samples = max_pending, max_samples
         self._loads = _Waiting(self.counters)
         self._probes = [_Waiting(self.counters) for _ in range(channels)]
+        self.hurries = False
+        self._longest_step = 0.0
         self._run_start = self._hold = self._released = 0
         self._epoch: int | None = None
         self._last_out: int | None = None
@@ -279,9 +295,13 @@ class Aligner:
         topics, batches = [self._loads, *self._probes], [load, *probes]
         if all(topic.is_continued(samples)
                for topic, samples in zip(topics, batches, strict=True)):  # the usual case
+            self._longest_step *= STEP_MEMORY
             for topic, samples in zip(topics, batches, strict=True):
                 if len(samples):
+                    last = topic.last
                     topic.append(samples.stamps, samples.values)
+                    if last:
+                        self._longest_step = max(self._longest_step, topic.last - last)
             if self._epoch is None and self.pending:
                 self._epoch = int(self._loads.stamps[0])
             rows = self._drain()
@@ -375,18 +395,19 @@ class Aligner:
         starts = self._run_starts(stamps)
         gaps = readings_at(stamps, self._probes)
         missing = np.isnan(gaps)
-        given = np.ones(count, dtype=bool)
+        given = published = np.ones(count, dtype=bool)
         if missing.any():
-            given = self._given(stamps, starts, missing, finish)
-            count = len(given)
+            answers = self._answers(stamps, starts, missing, finish)
+            given, published, count = answers <= ABSENT, answers <= SILENT, len(answers)
         if not count:
             return []
         assert self._epoch is not None
         rows = AlignedRows(stamps[:count], (stamps[:count] - self._epoch) / 1e9,
-                           self._loads.values[:count], gaps[:, :count], given, self.restarts)
+                           self._loads.values[:count], gaps[:, :count], given, published,
+                           self.restarts)
         self._loads.forget(count)
         self._last_out, self._run_start = int(stamps[count - 1]), int(starts[count - 1])
-        if given.any():
+        if published.any():
             for probe in self._probes:
                 probe.jumped = False
         return [rows]
@@ -398,7 +419,8 @@ class Aligner:
         if newest is None or self.pending > self._max_pending or len(last) < len(self._probes):
             return self.pending
         oldest = min(last)
-        if newest - oldest > min(self._dead_after, self._max_wait):
+        patience = min(self._dead_after, self._max_wait)
+        if newest - oldest > (min(patience, SILENT_AFTER_NS) if self.hurries else patience):
             return self.pending
         return int(self._loads.stamps.searchsorted(oldest, 'right'))
 
@@ -413,8 +435,10 @@ class Aligner:
             starts[leap + 1:] = stamps[leap + 1]
         return starts
 
-    def _given(self, stamps: Stamps, starts: Stamps, missing: Mask, finish: bool) -> Mask:
-        """Which rows are used, from the readings (C, N) they lack; fewer if the rest must wait."""
+    def _answers(
+        self, stamps: Stamps, starts: Stamps, missing: Mask, finish: bool,
+    ) -> NDArray[np.int64]:
+        """What becomes of rows (N,) that lack readings (C, N); fewer if the rest must wait."""
         answers = np.full(len(stamps), SERVED)
         waits = np.zeros(len(stamps), dtype=bool)
         for probe, lacks in zip(self._probes, missing, strict=True):
@@ -423,6 +447,8 @@ class Aligner:
                 found = self._why_missing(probe, stamps[rows], starts[rows])
                 answers[rows] = np.maximum(answers[rows], found)
                 waits[rows] |= found == WAITS
+                if not self.hurries:  # A later sample may show a shorter silence.
+                    waits[rows] |= (found == SILENT) & (stamps[rows] > probe.last)
         if not finish and waits.any():
             assert self._loads.newest is not None
             is_due = self._loads.newest - stamps > self._max_wait
@@ -430,12 +456,12 @@ class Aligner:
             stops = waits & ~is_due
             if stops.any():
                 answers = answers[:int(stops.argmax())]
-        counts = np.bincount(answers, minlength=5).tolist()
-        self.counters.degraded += counts[ABSENT]
+        counts = np.bincount(answers, minlength=BEFORE + 1).tolist()
+        self.counters.degraded += counts[ABSENT] + counts[SILENT]
         self.counters.timed_out += counts[WAITS]
         self.counters.in_gap += counts[IN_GAP]
         self.counters.before_probes += counts[BEFORE]
-        return np.asarray(answers <= ABSENT)
+        return answers
 
     def _why_missing(self, probe: _Waiting, stamps: Stamps, starts: Stamps) -> NDArray[np.int64]:
         """Answers of a probe at stamps (N,) at which it has no reading."""
@@ -446,12 +472,25 @@ class Aligner:
         place = probe.stamps.searchsorted(stamps, 'right') - 1
         silent_since = np.maximum(probe.stamps[np.maximum(place, 0)], starts)
         next_sample = probe.stamps[np.minimum(place + 1, last)]
-        found = np.where(next_sample - silent_since > dead_after, ABSENT, IN_GAP)
+        silence = next_sample - silent_since
+        found = np.where(silence > SILENT_AFTER_NS, SILENT, IN_GAP)
+        found[silence > dead_after] = ABSENT
         head, tail = place < 0, place == last
         found[head] = np.where(probe.stamps[0] - starts[head] > dead_after, ABSENT, BEFORE)
-        limit = max(dead_after, gap_limit(np.diff(probe.stamps[-GAP_HISTORY - 1:]).tolist()))
-        found[tail] = np.where(newest - silent_since[tail] > limit, ABSENT, WAITS)
+        limit = gap_limit(np.diff(probe.stamps[-GAP_HISTORY - 1:]).tolist())
+        silence = silent_since[tail]
+        hurried = self._pair_until() - silence > max(
+            SILENT_AFTER_NS, limit, STEPS_MISSED * self._longest_step)
+        found[tail] = np.where(hurried, SILENT, WAITS)
+        found[tail] = np.where(newest - silence > max(dead_after, limit), ABSENT, found[tail])
         return found
+
+    def _pair_until(self) -> int:
+        """The stamp up to which the load and a pair of facing probes have gone on."""
+        if len(self._probes) != 4 or self._loads.newest is None:
+            return 0
+        first, second, third, fourth = (probe.last for probe in self._probes)
+        return min(self._loads.newest, max(min(first, third), min(second, fourth)))
 
     def _tidy(self) -> None:
         """Discard samples of the probes that neither a later row nor the gap rule can need."""
@@ -467,18 +506,18 @@ class Aligner:
                 probe.forget(surplus)
 
 
-def aligned_record(load: Samples, probes: Sequence[Samples]) -> tuple[Floats, Mask]:
-    """Gaps (C, N) of the probes of a record on its load's stamps (N,), and which rows are given.
+def aligned_record(load: Samples, probes: Sequence[Samples]) -> tuple[Floats, Mask, Mask]:
+    """Gaps (C, N) of the probes of a record on its load's stamps (N,); rows given, and published.
 
     All stamps strictly increasing. A long record is pushed in stretches.
     """
     aligner = Aligner(channels=len(probes), dead_after=DEAD_AFTER_NS, max_wait=NEVER,
                       max_pending=NEVER, max_samples=NEVER)
     gaps: Floats = scratch_array((len(probes), len(load)), np.float64)
-    given = scratch_mask(len(load))
+    given, published = scratch_mask(len(load)), scratch_mask(len(load))
     taken, row = [0] * len(probes), 0
     arrays = [array for one in (load, *probes) for array in (one.stamps, one.values)]
-    for part in blocks(len(load), *arrays, gaps, given, size=RECORD_BLOCK):
+    for part in blocks(len(load), *arrays, gaps, given, published):
         ends = [len(probe) if part.stop == len(load) else
                 int(probe.stamps.searchsorted(load.stamps[part.stop], 'right'))
                 for probe in probes]
@@ -487,6 +526,8 @@ def aligned_record(load: Samples, probes: Sequence[Samples]) -> tuple[Floats, Ma
                 probes, zip(taken, ends, strict=True), strict=True)])
         taken = ends
         for rows in ready if part.stop < len(load) else [*ready, *aligner.finish()]:
-            gaps[:, row:row + len(rows)], given[row:row + len(rows)] = rows.gaps, rows.given
-            row += len(rows)
-    return gaps, given
+            end = row + len(rows)
+            gaps[:, row:end], given[row:end] = rows.gaps, rows.given
+            published[row:end] = rows.published
+            row = end
+    return gaps, given, published

@@ -41,7 +41,12 @@ back."""
 
 DEAD_AFTER_NS = 2_000_000_000
 """Time [ns] without a sample of a live probe, while the load continues, after which the probe does
-not read and rows are published without it. It is longer than any step of a replay in lockstep."""
+not read. The zero is taken from rows without such a probe."""
+
+SILENT_AFTER_NS = 250_000_000
+"""Time [ns] without a sample of a probe, while the load and a pair of other probes continue, after
+which rows are published without it, once there is a zero. It is longer than a step of a replay in
+lockstep (0.2 s), and shorter than the silence that an interlock takes for a fault (0.3 s)."""
 
 def seconds_array(stamps: Stamps, epoch: int) -> Floats:
     """Seconds from `epoch` to each of `stamps` (both ns)."""

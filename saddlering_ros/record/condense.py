@@ -72,7 +72,8 @@ def condensed(run: Record, rig: Rig, limit: int = FIT_ROWS) -> Record:
             'because the record is long')
     return replace(
         run, stamps=stamps, time=(stamps - stamps[0]) * 1e-9, load=load, gaps=gaps, others={},
-        notes=[*run.notes, note], spikes=None, published=None, probe_marks=None, load_marks=None)
+        notes=[*run.notes, note], spikes=None, used=None, published=None,
+        probe_marks=None, load_marks=None)
 
 
 def _sound_load(run: Record, samples: slice) -> Floats:

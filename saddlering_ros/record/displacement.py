@@ -54,11 +54,21 @@ Mask = NDArray[np.bool_]
 
 @dataclass(frozen=True)
 class Zero:
-    """What displacements count from: readings, their first stamp [ns], how long they took [s]."""
+    """What displacements count from: readings, and their first and last stamp [ns].
+
+    closed [ns]: the stamp that closed the window. Rows before it are not published during a short
+    silence of a probe.
+    """
 
     reading: ZeroReading
     stamp: int
-    duration: float
+    last_stamp: int
+    closed: int
+
+    @property
+    def duration(self) -> float:
+        """How long the samples took [s]."""
+        return (self.last_stamp - self.stamp) / SECOND
 
 
 def a_pair_reads(gaps: Floats) -> Mask:
@@ -143,24 +153,25 @@ def zero_of_run(rig: Rig, run: Record) -> Zero:
             yield run.time[part][rows], run.load[part][rows], run.gaps[:, part][:, rows]
 
     reading = zero_of_blocks(rig, given_blocks)
-    first, last = (int(run.stamps[_given_row(given, number)])
-                   for number in (reading.start, reading.end - 1))
-    return Zero(reading, first, (last - first) / SECOND)
+    return Zero(reading, *(int(run.stamps[_given_row(given, number)])
+                           for number in (reading.start, reading.end - 1, reading.end)))
 
 
 def _given_row(given: Mask, number: int) -> int:
-    """Index of the row that `number` others of a mask (N,) precede."""
+    """Index of the row that `number` others of a mask (N,) precede; the last one, if too few."""
     for part in blocks(len(given), given):
         count = int(np.count_nonzero(given[part]))
         if number < count:
             return part.start + int(np.flatnonzero(given[part])[number])
         number -= count
-    raise IndexError(number)
+    return len(given) - 1
 
 
 def measured_rows(rig: Rig, run: Record, zero: Zero, part: slice) -> Displacements:
     """Displacements at the rows of a stretch of a run that the live node gives."""
     rows = run.given[part]
+    if run.published is not None:  # During a short silence of a probe, but not in the zero.
+        rows = rows | (run.published[part] & (run.stamps[part] >= zero.closed))
     marks = None if run.probe_marks is None else run.probe_marks[part][rows]
     return displacements(rig, zero, run.stamps[part][rows], run.gaps[:, part][:, rows], marks,
                          run.elevation)
@@ -239,12 +250,14 @@ class DisplacementStream:
             other = gaps[probes.partner_row]
             mirrored = replace(other, values=mirrored_gap(probes, other.values))
             gaps = [*gaps[:probes.absent - 1], mirrored, *gaps[probes.absent - 1:]]
+        self.aligner.hurries = self.zero is not None
         return self._displacements(self.aligner.push(
             self._load_guard.push(load),
             [guard.push(samples) for guard, samples in zip(self._gap_guards, gaps, strict=True)]))
 
     def flush(self) -> Displacements:
         """Take the held samples after a time without data."""
+        self.aligner.hurries = self.zero is not None
         rows = self.aligner.push(self._load_guard.flush(),
                                  [guard.flush() for guard in self._gap_guards])
         return self._displacements(rows + self.aligner.release())
@@ -269,7 +282,7 @@ class DisplacementStream:
     def _displacements(self, aligned: list[AlignedRows]) -> Displacements:
         found = []
         for batch in aligned:
-            rows = batch if batch.given.all() else batch.pick(batch.given)
+            rows = batch if batch.given.all() else batch.pick(batch.published)
             if not len(rows):
                 continue
             self.rows += len(rows)
@@ -325,19 +338,20 @@ class DisplacementStream:
 
     def _after_zero(self, rows: AlignedRows) -> AlignedRows:
         """Offer rows to the zero window; all that waited from the zero on, once it is found."""
-        reading = self._window.push_batch(rows.time, rows.loads, rows.gaps)
-        self._waiting.append(rows)
+        offered = rows if rows.given.all() else rows.pick(rows.given)
+        reading = self._window.push_batch(offered.time, offered.loads, offered.gaps)
+        self._waiting.append(offered)
         if reading is None:
-            self._offered += len(rows)
-            self._kept += len(rows)
+            self._offered += len(offered)
+            self._kept += len(offered)
             while self._waiting and self._kept - len(self._waiting[0]) >= self._window.samples:
                 self._kept -= len(self._waiting.popleft())
             return rows
         waiting = AlignedRows.join(self._waiting)
         self._waiting.clear()
         # The window counts every row that it was offered.
-        first = len(waiting) - len(rows) + reading.start - self._offered
-        last = first + reading.end - reading.start - 1
-        stamp = int(waiting.stamps[first])
-        self.zero = Zero(reading, stamp, (int(waiting.stamps[last]) - stamp) / SECOND)
-        return waiting.pick(slice(first, None))
+        first = len(waiting) - len(offered) + reading.start - self._offered
+        stop = first + reading.end - reading.start
+        self.zero = Zero(reading, *waiting.stamps[[first, stop - 1, stop]].tolist())
+        return AlignedRows.join([waiting.pick(slice(first, stop)),
+                                 rows.pick(rows.stamps >= self.zero.closed)])

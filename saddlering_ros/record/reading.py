@@ -73,9 +73,11 @@ def run_of_record(
     load, *probes = topics
     for raw in probes:
         check_overlap(where, load.stamps, raw.topic, raw.stamps)
-    gaps, published = aligned_record(load.samples, [raw.samples for raw in probes])
-    for rows in blocks(len(load), gaps, published):
-        published[rows] &= a_pair_reads(gaps[:, rows])
+    gaps, used, published = aligned_record(load.samples, [raw.samples for raw in probes])
+    for rows in blocks(len(load), gaps, used, published):
+        is_paired = a_pair_reads(gaps[:, rows])
+        used[rows] &= is_paired
+        published[rows] &= is_paired
     notes = [*record.notes, *absence_notes(rig), *load.notes, *notes_on_load(load.stamps)]
     for raw, aligned in zip(probes, gaps, strict=True):
         if raw.topic == absent:
@@ -89,7 +91,7 @@ def run_of_record(
     possible = possible_record(record, rig or default_rig())
     found = record_quality(possible)
     notes += record_quality_notes(possible, found, absent)
-    if int(np.count_nonzero(published)) < MIN_SAMPLES:
+    if int(np.count_nonzero(used)) < MIN_SAMPLES:
         raise BagError(
             f'{where}: fewer than {MIN_SAMPLES} load stamps have readings of all four probes: '
             + _why_apart(probes))
@@ -104,7 +106,7 @@ def run_of_record(
         stamps=load.stamps, time=seconds_array(load.stamps, int(load.stamps[0])),
         load=load.values, gaps=gaps, notes=notes,
         spikes=_spikes(load, possible, found), quality=found, others=others,
-        details=facts.details, published=published,
+        details=facts.details, used=used, published=published,
         probe_marks=marks_of(guards[1:], load.stamps),
         load_marks=marks_of(guards[:1], load.stamps, to_next=True),
         absent=0 if rig is None else rig.probes.absent)

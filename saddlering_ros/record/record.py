@@ -85,9 +85,10 @@ class Record:
     for a run without a bag); others: readings (N,) of the optional topics of the rig in the
     bag, by name, aligned alike; details: further test metadata by key, such as rig_hash;
     spikes (5, N): spikes of the load and the four probes (None: nowhere); quality: properties
-    of the logger, by topic; published (N,): rows that live nodes publish (None: all complete
-    ones); probe_marks, load_marks (N,): bits of validity that refused or doubtful readings of the
-    probes and of the load leave (None: none); absent: number of the radial probe that the rig
+    of the logger, by topic; used (N,): rows from which a zero is taken (None: all complete ones);
+    published (N,): rows that live nodes publish behind the zero (None: the same); probe_marks,
+    load_marks (N,): bits of validity that refused or doubtful readings of the probes and of the
+    load leave (None: none); absent: number of the radial probe that the rig
     does not have (0: it has all), whose gaps mirror those of the other.
     """
 
@@ -109,6 +110,7 @@ class Record:
     quality: dict[str, TopicQuality] = field(default_factory=dict)
     others: dict[str, NDArray[np.float64]] = field(default_factory=dict)
     details: Mapping[str, str] = field(default_factory=dict)
+    used: NDArray[np.bool_] | None = None
     published: NDArray[np.bool_] | None = None
     probe_marks: Bits | None = None
     load_marks: Bits | None = None
@@ -132,8 +134,8 @@ class Record:
             load = load.copy()
             load[wrong_load] = np.interp(
                 self.time[wrong_load], self.time[~wrong_load], load[~wrong_load])
-        return replace(self, load=load, gaps=gaps, spikes=None, published=None, probe_marks=None,
-                       load_marks=None)
+        return replace(self, load=load, gaps=gaps, spikes=None, used=None, published=None,
+                       probe_marks=None, load_marks=None)
 
     def is_load_doubtful(self, rows: slice) -> NDArray[np.bool_]:
         """Mask of rows behind a step of the load that the hydraulics cannot make."""
@@ -148,8 +150,8 @@ class Record:
 
     @property
     def given(self) -> NDArray[np.bool_]:
-        """Mask (N,) of the load stamps at which the live nodes publish a displacement."""
-        return self.complete if self.published is None else self.published
+        """Mask (N,) of the load stamps from which a zero is taken."""
+        return self.complete if self.used is None else self.used
 
     @property
     def rig_hash(self) -> str:

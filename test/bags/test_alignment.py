@@ -104,7 +104,7 @@ def test_a_record_in_batches_of_any_size_gives_the_rows_of_the_whole(lists, seed
     random = np.random.default_rng(seed)
     load, *probes = (Samples(stamps_of(of_channel), random.normal(size=len(of_channel)))
                      for of_channel in lists)
-    gaps, is_given = aligned_record(load, probes)
+    gaps, is_given, is_published = aligned_record(load, probes)
     aligned = np.array([align(load.stamps, one.stamps, one.values) for one in probes])
     assert np.array_equal(gaps, aligned, equal_nan=True)
 
@@ -117,6 +117,7 @@ def test_a_record_in_batches_of_any_size_gives_the_rows_of_the_whole(lists, seed
     rows += aligner.finish()
     assert np.array_equal(np.concatenate([one.stamps for one in rows]), load.stamps)
     assert np.array_equal(np.concatenate([one.given for one in rows]), is_given)
+    assert np.array_equal(np.concatenate([one.published for one in rows]), is_published)
     assert np.array_equal(np.concatenate([one.gaps for one in rows], axis=1), gaps,
                           equal_nan=True)
 

@@ -68,14 +68,20 @@ def silent(recording, topic: str, since: float, until: float = np.inf):
 
 
 @pytest.mark.parametrize(('since', 'until'), [
-    (3.0, np.inf), (2.0, 4.5), (2.0, 3.0), (-1.0, 2.5)])
+    (3.0, np.inf), (2.0, 4.5), (2.0, 3.0), (2.0, 2.2), (-1.0, 2.5), (5.0, np.inf)])
 def test_a_probe_that_is_silent_costs_the_same_live_and_offline(
         long_recording, tmp_path: Path, since: float, until: float) -> None:
     bag = silent(long_recording, PROBE_TOPICS[1], since, until).write(tmp_path / 'bag')
     validity = assert_equal_live_and_offline(bag)
     degraded = NO_DELTA_Y | NO_GAMMA
-    is_dead = min(until, 6.0) - max(since, 0.0) > 2.0
-    assert bool((validity == degraded).any()) == is_dead
+    is_silent = min(until, 6.0) - max(since, 0.0) > 0.25
+    assert bool((validity == degraded).any()) == is_silent
+
+
+def test_a_short_silence_before_the_zero_costs_its_rows_and_no_channel_of_the_zero(
+        long_recording, tmp_path: Path) -> None:
+    bag = silent(long_recording, PROBE_TOPICS[1], 0.2, 0.9).write(tmp_path / 'bag')
+    assert set(assert_equal_live_and_offline(bag).tolist()) == {0}
 
 
 def test_refused_readings_cost_the_same_live_and_offline(long_recording, tmp_path: Path) -> None:

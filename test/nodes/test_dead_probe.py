@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from saddlering_ros.record.displacement import DisplacementStream
-from saddlering_ros.record.samples import Displacements, join, Samples
+from saddlering_ros.record.samples import Displacements, join, no_samples, Samples
 from saddlering_ros.rig import default_rig
 
 RIG = default_rig()
@@ -65,5 +65,43 @@ def test_a_probe_that_never_reads_is_missing_from_the_start(record) -> None:
 
 
 def test_a_short_gap_is_no_dead_probe(record) -> None:
-    _, found = measured(record, dead=0, since=600, until=800)
+    _, found = measured(record, dead=0, since=600, until=650)  # 0.2 s
+    assert set(found.validity.tolist()) == {0}
+
+
+@pytest.mark.parametrize(('probe', 'missing'), [
+    (0, NO_DELTA_X | NO_PARITY), (3, NO_DELTA_Y | NO_GAMMA)])
+def test_a_probe_that_falls_silent_holds_the_known_channels_back_for_no_longer_than_an_interlock(
+        record, probe: int, missing: int) -> None:
+    """0.3 s without a residual opens the interlock."""
+    start = int(record.stamps[0])
+    stream, behind = DisplacementStream(RIG), []
+    for row in range(len(record.stamps)):
+        stamp = start + 2 * (int(record.stamps[row]) - start)
+        gaps = [Samples(np.array([start + 2 * (int(record.probe_stamps[place][row]) - start)]),
+                        record.gaps[place][row:row + 1]) if place != probe or row < 900 else
+                no_samples() for place in range(4)]
+        found = stream.push(Samples(np.array([stamp]), record.load[row:row + 1]), gaps)
+        if len(found):
+            newest, validity = int(found.stamps[-1]), int(found.validity[-1])
+        if row > 600:
+            behind.append((stamp - newest) / 1e9)
+    assert max(behind) < 0.3
+    assert max(behind[-100:]) < 0.02, 'and then goes on at once'
+    assert validity == missing
+
+
+def test_a_topic_that_comes_by_blocks_is_not_silent_between_them(record) -> None:
+    """Blocks of 0.5 s, topic by topic, as a logger sends them; no row lacks a channel."""
+    stream, parts, size = DisplacementStream(RIG), [], 250
+    for first in range(0, len(record.stamps), size):
+        rows = slice(first, first + size)
+        for topic in range(5):
+            batches = [no_samples()] * 5
+            batches[topic] = (Samples(record.stamps[rows], record.load[rows]) if not topic else
+                              Samples(record.probe_stamps[topic - 1][rows],
+                                      record.gaps[topic - 1][rows]))
+            parts.append(stream.push(batches[0], batches[1:]))
+    found = join([part for part in parts if len(part)])
+    assert len(found) > len(record.stamps) - 10
     assert set(found.validity.tolist()) == {0}
