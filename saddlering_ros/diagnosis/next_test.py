@@ -285,7 +285,7 @@ def propose(rig: Rig, runs: Sequence[RunBlocks]) -> list[Proposal]:
         proposals += _courses(rig, degrees)
         if degrees not in recorded:
             sentence = f'Repeat the static test at {degrees:g} deg.'
-            proposals.append(Proposal(sentence, _staircase(rig, degrees), 'other_elevation'))
+            proposals.append(Proposal(sentence, staircase(rig, degrees), 'other_elevation'))
     proposals += _repeats(rig, recorded[0])
     return [
         replace(proposal, run=replace(proposal.run, name=f'proposed {number}'))
@@ -313,7 +313,7 @@ def _courses(rig: Rig, degrees: float) -> list[Proposal]:
 
 def _repeats(rig: Rig, degrees: float) -> list[Proposal]:
     """Tests of the table that repeat a test with something changed or measured beside it."""
-    static = _staircase(rig, degrees)
+    static = staircase(rig, degrees)
     low = rig.preload
     full = rig.full_scale_load
     rest = LoadCourse([0, REST_SECONDS], [low, low + SAG * full]).run(rig, degrees)
@@ -387,7 +387,7 @@ class LoadCourse:
                           rate=change)
 
 
-def _staircase(rig: Rig, degrees: float) -> RunBlocks:
+def staircase(rig: Rig, degrees: float) -> RunBlocks:
     """An empty static run: holds up to full scale and back, four blocks each."""
     rise = np.arange(1, STEPS + 1) * rig.full_scale_load / STEPS
     levels = np.concatenate([[rig.preload], rise, rise[-2::-1]])

@@ -1,0 +1,84 @@
+"""`saddlering plan`: what given tests could find, before they are made."""
+
+from __future__ import annotations
+
+import argparse
+from typing import Any, TYPE_CHECKING
+
+from saddlering_ros.cli._arguments import add_json_option, add_rig_option, file_read
+from saddlering_ros.cli._terminal import tell_json
+
+if TYPE_CHECKING:
+    from saddlering_ros.diagnosis.plan import Plan
+
+EXAMPLES = (
+    ('saddlering plan --test static:50 --test dynamic:50',
+     'what a static and a dynamic test could find, and the test to add'),
+)
+
+
+def add_parser(subparsers: Any) -> None:
+    """Declare the subcommand."""
+    parser = subparsers.add_parser(
+        'plan', help='compute what given tests could find, before they are made',
+        description='Compute what tests could find before they are made: the smallest size of '
+                    'each cause, its look-alikes, the accuracy of K, n and D, and the best '
+                    'further test. Without --test, the four tests that find most on this rig.')
+    parser.add_argument('--test', action='append', default=[], metavar='KIND:ELEVATION',
+                        help='a test, such as static:50; kinds: static, dynamic, fast, slow, '
+                             'cycles; may be given several times')
+    add_rig_option(parser)
+    parser.add_argument('--params', type=file_read,
+                        help='parameter file of the ring (default: the true-to-scale values)')
+    parser.add_argument('--noise', type=float, default=0.3, metavar='UM',
+                        help='standard deviation of a reading of a probe [um] (default 0.3)')
+    add_json_option(parser, 'write the plan as JSON; - for stdout')
+
+
+def run(args: argparse.Namespace) -> int:
+    """Compute and print, write or emit the plan."""
+    from saddlering_ros import load_rig, read_parameters
+    from saddlering_ros.cli._terminal import Bar
+    from saddlering_ros.diagnosis.plan import plan_tests, PlanError, planned_test
+    from saddlering_ros.rig import TRUE_TO_SCALE
+
+    tests = [planned_test(text) for text in args.test]
+    if len(set(tests)) < len(tests):
+        raise PlanError('--test is given twice for the same test: give each test once')
+    if not 1e-3 <= args.noise <= 100.0:
+        raise PlanError(f'--noise {args.noise:g}: give micrometres from 0.001 to 100')
+    contact = TRUE_TO_SCALE if args.params is None else read_parameters(args.params).contact
+    with Bar() as bar:
+        plan = plan_tests(load_rig(args.rig), tests, contact, noise=1e-6 * args.noise,
+                          on_progress=bar.tell)
+    if args.json is not None and tell_json(args, plan.to_json()):
+        return 0
+    _print(plan)
+    return 0
+
+
+def _print(plan: Plan) -> None:
+    from rich import box
+    from rich.table import Table
+
+    from saddlering_ros.cli._terminal import stdout_console
+    from saddlering_ros.quantities import quantity
+    from saddlering_ros.rig import PARAMETER_UNITS
+
+    console = stdout_console()
+    console.print(f'tests: {", ".join(test.name for test in plan.tests)}', highlight=False)
+    table = Table(box=box.SIMPLE_HEAD)
+    for title in ('cause', 'smallest size found', 'cannot be told from'):
+        table.add_column(title)
+    for cause in plan.causes:
+        table.add_row(cause.title,
+                      quantity(cause.limit, cause.unit) if cause.is_testable else 'not shown',
+                      ', '.join(cause.group[1:]))
+    console.print(table)
+    values = ', '.join(
+        f'{name} {quantity(getattr(plan.contact, name), PARAMETER_UNITS[name], std)}'
+        for name, std in plan.accuracy.items())
+    console.print(f'contact law: {values}', highlight=False)
+    if plan.further is not None:
+        console.print(f'best further test: {plan.further.name} (limits lower by a factor of '
+                      f'{10.0 ** plan.further_gain:.2f} in the geometric mean)', highlight=False)
