@@ -36,7 +36,7 @@ from mcap.writer import CompressionType, IndexType, Writer
 import numpy as np
 
 from saddlering_ros.bags import bag_info, read_run, write_bag
-from saddlering_ros.bags.wiring import wiring_notes
+from saddlering_ros.doubts.wiring import wiring_notes
 from saddlering_ros.record import BagError, Record, TestMetadata
 from saddlering_ros.rig import default_rig, TONNE
 

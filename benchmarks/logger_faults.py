@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from rigs import as_read
 
 from saddlering_ros.bags.reader import notes_on_rig
+from saddlering_ros.doubts.reading import run_of_record
 from saddlering_ros.errors import SaddleringError
 from saddlering_ros.identification import Identification, identify
 from saddlering_ros.record import (
@@ -32,7 +33,6 @@ from saddlering_ros.record import (
     RawTopic,
 )
 from saddlering_ros.record.metadata import TestMetadata
-from saddlering_ros.record.reading import run_of_record
 from saddlering_ros.record.record import Record
 from saddlering_ros.record.stamps import put_in_order
 from saddlering_ros.rig import default_rig, PARAMETER_NAMES, Rig, TONNE, TRUE_TO_SCALE

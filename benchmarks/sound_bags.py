@@ -17,9 +17,9 @@ import numpy as np
 from rigs import as_read, sized_rig
 
 from saddlering_ros.bags.reader import notes_on_rig
+from saddlering_ros.doubts.reading import run_of_record
 from saddlering_ros.record import RawRecord
 from saddlering_ros.record.metadata import TestMetadata
-from saddlering_ros.record.reading import run_of_record
 from saddlering_ros.rig import (
     ContactParameters,
     FULL_SCALE_LOAD,

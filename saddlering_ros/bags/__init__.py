@@ -1,4 +1,4 @@
-"""The format of bags: reading and writing, and the faults of a bag.
+"""The format of bags: reading and writing.
 
 Every name is imported when it is first used. A node that decodes topics imports `bags.wire` only,
 and no library of a file format.
@@ -13,16 +13,10 @@ from saddlering_ros import names_on_first_use
 if TYPE_CHECKING:
     from saddlering_ros.bags.info import bag_info, BagInfo, TopicInfo
     from saddlering_ros.bags.reader import read_raw, read_run
-    from saddlering_ros.bags.repeats import refuse_repeats
-    from saddlering_ros.bags.same_rig import refuse_other_rig, rig_in_words
     from saddlering_ros.bags.write import write_bag
 
-__all__ = [
-    'BagInfo', 'TopicInfo', 'bag_info', 'read_raw', 'read_run', 'refuse_other_rig',
-    'refuse_repeats', 'rig_in_words', 'write_bag',
-]
+__all__ = ['BagInfo', 'TopicInfo', 'bag_info', 'read_raw', 'read_run', 'write_bag']
 
 __getattr__ = names_on_first_use(__name__, {
     'BagInfo': 'info', 'TopicInfo': 'info', 'bag_info': 'info', 'read_raw': 'reader',
-    'read_run': 'reader', 'refuse_other_rig': 'same_rig', 'refuse_repeats': 'repeats',
-    'rig_in_words': 'same_rig', 'write_bag': 'write'})
+    'read_run': 'reader', 'write_bag': 'write'})

@@ -14,19 +14,19 @@ from saddlering_ros.bags.reader import (
     raw_topic,
 )
 from saddlering_ros.bags.scan import OnShare, Scan, scan
-from saddlering_ros.quantities import finite_json
-from saddlering_ros.record.alignment import gap_mask
-from saddlering_ros.record.checks import (
+from saddlering_ros.doubts.reading import absent_topic, mirrored_topic, run_of_record
+from saddlering_ros.doubts.readings import (
     check_load_unit,
     check_overlap,
     check_probe_unit,
     check_values,
 )
+from saddlering_ros.quantities import finite_json
+from saddlering_ros.record.alignment import gap_mask
 from saddlering_ros.record.errors import BagError
 from saddlering_ros.record.metadata import TestMetadata
 from saddlering_ros.record.plateaus import plateaus
 from saddlering_ros.record.quality import topic_quality, TopicQuality, UNKNOWN_QUALITY
-from saddlering_ros.record.reading import absent_topic, mirrored_topic, run_of_record
 from saddlering_ros.record.record import RawRecord, RawTopic, Record
 from saddlering_ros.record.scratch import count_where, extremes, spread_changes
 from saddlering_ros.record.topics import LOAD_TOPIC, PROBE_TOPICS, RIG_TOPICS

@@ -9,17 +9,16 @@ from pathlib import Path
 
 import numpy as np
 
-from saddlering_ros.bags.exchanges import exchange_notes
 from saddlering_ros.bags.folder import open_directory
-from saddlering_ros.bags.rig_notes import line_notes, parity_notes, rig_notes
 from saddlering_ros.bags.scan import OnShare, Scan, scan, ScannedTopic
-from saddlering_ros.bags.wiring import wiring_notes
-from saddlering_ros.record.checks import (
+from saddlering_ros.doubts.on_rig import line_notes, parity_notes, rig_notes
+from saddlering_ros.doubts.reading import absent_topic, mirrored_topic, run_of_record
+from saddlering_ros.doubts.readings import (
     MIN_SAMPLES,
 )
+from saddlering_ros.doubts.wiring import exchange_notes, wiring_notes
 from saddlering_ros.record.errors import BagError
 from saddlering_ros.record.metadata import TestMetadata
-from saddlering_ros.record.reading import absent_topic, mirrored_topic, run_of_record
 from saddlering_ros.record.record import RawRecord, RawTopic, Record
 from saddlering_ros.record.scratch import (
     scratch_copy,

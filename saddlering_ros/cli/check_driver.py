@@ -14,7 +14,7 @@ from saddlering_ros.cli._arguments import (
 from saddlering_ros.cli._terminal import tell_json
 
 if TYPE_CHECKING:
-    from saddlering_ros.streams.driver_check import DriverFinding, HeardTopic
+    from saddlering_ros.doubts.driver import DriverFinding, HeardTopic
 
 
 EXAMPLES = (
@@ -48,12 +48,12 @@ def run(args: argparse.Namespace) -> int:
     import math
     import sys
 
+    from saddlering_ros.doubts.driver import check_driver, faults
     from saddlering_ros.record import BagError
     from saddlering_ros.rig import load_rig
     from saddlering_ros.ros.driver_listener import listen
     from saddlering_ros.ros.launcher import prepare_transport
     from saddlering_ros.ros.names import namespace_of
-    from saddlering_ros.streams.driver_check import check_driver, faults
 
     if not 0.5 <= args.seconds <= 3600.0:
         raise BagError(f'--seconds {args.seconds:g}: give 0.5 to 3600')

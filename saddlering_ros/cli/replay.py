@@ -70,7 +70,7 @@ def run(args: argparse.Namespace) -> int:
     import time
 
     from saddlering_ros.bags import read_raw
-    from saddlering_ros.record.reading import absent_topic
+    from saddlering_ros.doubts.reading import absent_topic
     from saddlering_ros.rig import load_rig, read_parameters
     from saddlering_ros.ros.launcher import ALARM_NODES, REPLAY_NODES, RING_NODES, start_nodes
     from saddlering_ros.ros.names import namespace_of, NodeError

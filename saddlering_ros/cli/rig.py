@@ -100,7 +100,7 @@ def contradictions(
 ) -> list[str]:
     """Contradictions between a bag and a rig, a line each; elevation [rad]."""
     from saddlering_ros.bags import read_raw, read_run
-    from saddlering_ros.bags.rig_check import check_rig
+    from saddlering_ros.doubts.on_rig import check_rig
     from saddlering_ros.record import condensed
 
     test_run = read_run(bag, test=test, elevation=elevation, rig=rig)
@@ -108,7 +108,7 @@ def contradictions(
 
 
 def _print(rig: Rig, written: list[Path], found: dict[str, list[str]]) -> None:
-    from saddlering_ros.bags import rig_in_words
+    from saddlering_ros.doubts import rig_in_words
 
     print(f'rig: {rig_in_words(rig)}')
     for path in written:

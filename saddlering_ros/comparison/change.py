@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from saddlering_ros.bags import refuse_repeats
 from saddlering_ros.comparison.maker import common_loads, maker_figures, MakerFigures
 from saddlering_ros.comparison.sessions import (
     CONTACT_CHANGE,
@@ -37,6 +36,7 @@ from saddlering_ros.discrepancy import (
     Settings,
     tangent,
 )
+from saddlering_ros.doubts import refuse_repeats
 from saddlering_ros.errors import SaddleringError
 from saddlering_ros.files import Provenance
 from saddlering_ros.identification import identify

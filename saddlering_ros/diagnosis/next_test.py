@@ -15,7 +15,6 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from saddlering_ros.bags import rig_in_words
 from saddlering_ros.diagnosis.records import LoadGrid, LONGEST_STEP
 from saddlering_ros.diagnosis.verdict import signature_cosines
 from saddlering_ros.diagnosis.wording import lowered, title_of
@@ -28,6 +27,7 @@ from saddlering_ros.discrepancy import (
     RunBlocks,
     Separation,
 )
+from saddlering_ros.doubts import rig_in_words
 from saddlering_ros.effects import catalogue
 from saddlering_ros.effects.base import RIG_TESTS, RigTest, UNCLEAR
 from saddlering_ros.quantities import is_left, MATERIAL

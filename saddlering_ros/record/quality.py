@@ -13,7 +13,6 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from saddlering_ros.quantities import quantity
 from saddlering_ros.record.scratch import (
     blocks,
     count_where,
@@ -343,72 +342,15 @@ def _bandwidth(values: Floats, rate: float, resolution: float) -> float:
     return found if found > MIN_BANDWIDTH else math.nan
 
 
-# -- in words ------------------------------------------------------------------------------------
-
-
-def quality_notes(topic: str, found: TopicQuality, unit: str) -> list[str]:
-    """One line for each thing that makes a topic's readings doubtful."""
-    notes = []
-    if found.is_held:
-        notes.append(
-            f'{topic}: {100.0 * found.repeated:.0f} % of consecutive readings are equal: the '
-            f'sensor reads at about {found.update_rate:.3g} Hz and is published at '
-            f'{found.rate:.4g} Hz; readings are up to {1e3 / found.update_rate:.3g} ms old, '
-            'which shifts D1 and D2: record at the '
-            "sensor's own rate")
-    elif found.is_coarse:
-        notes.append(
-            f'{topic}: its resolution of {quantity(found.resolution, unit)} is coarser than its '
-            f'noise ({quantity(found.noise, unit)} rms): rounding counts as noise; use a '
-            'finer range of the converter')
-    if found.spikes.size:
-        notes.append(
-            f'{topic}: {found.spikes.size} of its readings are spikes, the first at sample '
-            f'{int(found.spikes[0])}: identification and diagnosis leave them out')
-    start, count = found.stall
-    if count:
-        notes.append(
-            f'{topic}: {count} equal readings in a row from {start / found.rate:.2f} s on: the '
-            'converter or the logger stopped')
-    value, often = found.limit
-    if often:
-        notes.append(
-            f'{topic}: {often} readings equal the {quantity(value, unit)} that no other reading '
-            'exceeds: the sensor or its amplifier is at a limit')
-    return notes
-
-
-def notes_between(
-    load: TopicQuality, probes: Sequence[TopicQuality], seconds: float
-) -> list[str]:
-    """Notes on load and probes together over a record of `seconds`."""
-    notes = []
-    lag = _filter_lag(load, probes)
-    if lag:
-        slow, name = ((load.bandwidth, 'the load seems') if lag > 0.0 else
-                      (_median([one.bandwidth for one in probes]), 'the probes seem'))
-        notes.append(
-            f'{name} low-passed at about {slow:.2g} Hz and the other readings are not, or less: '
-            f'a lag of about {1e3 * abs(lag):.1f} ms, which shifts D1 and D2: give all channels '
-            'the same filter')
-    share = _rate_share(load, probes, seconds)
-    if share:
-        notes.append(
-            f'load and probes are stamped at rates that differ by {100.0 * abs(share):.3g} %: '
-            'if both should have one rate, a clock drifts by '
-            f'{1e3 * abs(share) * seconds:.3g} ms over the record, which shifts D1 and D2')
-    return notes
-
-
 def doubtful_lag(load: TopicQuality, probes: Sequence[TopicQuality], seconds: float) -> float:
     """Largest possible delay [s] between readings of load and probes."""
     ages = [0.5 / one.update_rate if one.is_held else 0.0 for one in (load, *probes)]
-    age = ages[0] - _median(ages[1:])
-    drift = abs(_rate_share(load, probes, seconds)) * seconds
-    return abs(age + _filter_lag(load, probes)) + drift
+    age = ages[0] - median_of_known(ages[1:])
+    drift = abs(rate_share(load, probes, seconds)) * seconds
+    return abs(age + filter_lag(load, probes)) + drift
 
 
-def _filter_lag(load: TopicQuality, probes: Sequence[TopicQuality]) -> float:
+def filter_lag(load: TopicQuality, probes: Sequence[TopicQuality]) -> float:
     """Delay [s] of the load by a filter minus that of the probes; 0 if none shows."""
     if load.is_held or any(one.is_held for one in probes):
         return 0.0
@@ -416,7 +358,8 @@ def _filter_lag(load: TopicQuality, probes: Sequence[TopicQuality]) -> float:
     shares = []
     for bandwidth, rate in (
             (load.bandwidth, load.rate),
-            (_median([one.bandwidth for one in probes]), _median([one.rate for one in probes]))):
+            (median_of_known([one.bandwidth for one in probes]),
+             median_of_known([one.rate for one in probes]))):
         shares.append(bandwidth / rate)
         is_limited = bandwidth < BAND_LIMIT * rate
         lags.append(1.0 / (2.0 * math.pi * bandwidth) if is_limited else 0.0)
@@ -425,15 +368,16 @@ def _filter_lag(load: TopicQuality, probes: Sequence[TopicQuality]) -> float:
     return lags[0] - lags[1]
 
 
-def _rate_share(load: TopicQuality, probes: Sequence[TopicQuality], seconds: float) -> float:
+def rate_share(load: TopicQuality, probes: Sequence[TopicQuality], seconds: float) -> float:
     """Share by which the probes' rate exceeds the load's, if that may be a drift; else 0."""
-    share = _median([one.mean_rate for one in probes]) / load.mean_rate - 1.0
-    period = 1.0 / min(load.rate, _median([one.rate for one in probes]))
+    share = median_of_known([one.mean_rate for one in probes]) / load.mean_rate - 1.0
+    period = 1.0 / min(load.rate, median_of_known([one.rate for one in probes]))
     least = max(DRIFT_SECONDS, DRIFT_PERIODS * period)
     is_drift = DRIFT_MIN < abs(share) < DRIFT_MAX and abs(share) * seconds > least
     return share if is_drift else 0.0
 
 
-def _median(values: Sequence[float]) -> float:
+def median_of_known(values: Sequence[float]) -> float:
+    """The median of the finite values; NaN if there is none."""
     known = [value for value in values if math.isfinite(value)]
     return float(np.median(known)) if known else math.nan

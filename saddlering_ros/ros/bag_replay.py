@@ -15,10 +15,10 @@ from saddlering_ros.bags import read_raw
 from saddlering_ros.bags.messages import decode_clock, encode_samples
 from saddlering_ros.bags.reader import usable_facts
 from saddlering_ros.bags.wire import SECOND
+from saddlering_ros.doubts.reading import absent_topic
+from saddlering_ros.doubts.readings import check_values
 from saddlering_ros.files import share_directory
 from saddlering_ros.record import RawRecord, RawTopic
-from saddlering_ros.record.checks import check_values
-from saddlering_ros.record.reading import absent_topic
 from saddlering_ros.record.samples import Samples
 from saddlering_ros.record.scratch import BLOCK, forget
 from saddlering_ros.record.topics import TOPICS

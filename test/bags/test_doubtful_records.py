@@ -9,9 +9,10 @@ import shutil
 import numpy as np
 import pytest
 
-from saddlering_ros.bags import bag_info, read_run, refuse_repeats
-from saddlering_ros.bags.exchanges import exchange_notes
-from saddlering_ros.bags.rig_notes import line_notes, parity_notes, rig_notes
+from saddlering_ros.bags import bag_info, read_run
+from saddlering_ros.doubts import refuse_repeats
+from saddlering_ros.doubts.on_rig import line_notes, parity_notes, rig_notes
+from saddlering_ros.doubts.wiring import exchange_notes
 from saddlering_ros.record import BagError, LOAD_TOPIC, PROBE_TOPICS, Record
 from saddlering_ros.rig import default_rig, TONNE
 

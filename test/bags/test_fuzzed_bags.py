@@ -261,7 +261,7 @@ def sound():
 
 
 def said(load, gaps, rig=None) -> str:
-    from saddlering_ros.bags.wiring import wiring_notes
+    from saddlering_ros.doubts.wiring import wiring_notes
     return ' '.join(wiring_notes(rig or default_rig(), np.radians(50.0), load, gaps))
 
 

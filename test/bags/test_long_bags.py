@@ -9,11 +9,12 @@ import numpy as np
 from pyarrow import parquet
 import pytest
 
-from saddlering_ros.bags import bag_info, read_run, refuse_repeats, scan
+from saddlering_ros.bags import bag_info, read_run, scan
 from saddlering_ros.bags.samples import displacement_columns, write_samples
 from saddlering_ros.bags.summary import summary_of_bag
 from saddlering_ros.bags.write import BagWriter, messages_of
 from saddlering_ros.diagnosis.records import build_record
+from saddlering_ros.doubts import refuse_repeats
 from saddlering_ros.identification.prepared import prepare
 from saddlering_ros.record import (
     condensed,

@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
+from saddlering_ros.doubts.readings import notes_between, quality_notes
 from saddlering_ros.quantities import quantity
-from saddlering_ros.record.quality import notes_between, quality_notes, topic_quality
+from saddlering_ros.record.quality import topic_quality
 
 STEP, NOISE, RATE = 30.5e-9, 0.3e-6, 1000.0
 

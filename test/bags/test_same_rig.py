@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from saddlering_ros.bags import refuse_other_rig
 from saddlering_ros.cli.main import main
+from saddlering_ros.doubts import refuse_other_rig
 from saddlering_ros.record import BagError, Record
 from saddlering_ros.rig import default_rig
 

@@ -13,10 +13,10 @@ import pytest
 from rosnet import Client, wait_until
 from test_examples import ended, start
 
+from saddlering_ros.doubts.driver import check_driver, FAULT, HeardTopic, NOTE
 from saddlering_ros.record.topics import LOAD, LOAD_TOPIC, PROBE_TOPICS, PROBES
 from saddlering_ros.rig import default_rig
 from saddlering_ros.ros.launcher import NodeGroup
-from saddlering_ros.streams.driver_check import check_driver, FAULT, HeardTopic, NOTE
 
 RIG = default_rig()
 FIRST_PROBE = PROBE_TOPICS[0]

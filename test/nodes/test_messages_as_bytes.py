@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import fields
+import subprocess
+import sys
 
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import WrenchStamped
@@ -137,3 +139,15 @@ def test_messages_of_different_frames_are_read_in_their_order() -> None:
 def test_bytes_of_something_else_are_refused(raw: bytes) -> None:
     with pytest.raises(CdrError):
         decode_samples([raw], LOAD)
+
+
+def test_a_node_that_decodes_a_topic_imports_no_library_of_a_file_format() -> None:
+    nodes = ('ring_displacement', 'ring_simulator', 'ring_residual', 'ring_alarm')
+    code = (f'import importlib, sys\nfor node in {nodes}:\n'
+            '    importlib.import_module(f"saddlering_ros.nodes.{node}")\n'
+            'print(*sys.modules)')
+    done = subprocess.run([sys.executable, '-c', code], capture_output=True, text=True, check=True)
+    modules = set(done.stdout.split())
+    assert 'saddlering_ros.bags.wire' in modules
+    assert not modules & {'mcap', 'lz4', 'zstandard', 'rosbags', 'saddlering_ros.bags.mcap_read',
+                          'saddlering_ros.bags.scan'}

@@ -3,8 +3,6 @@
 import ast
 from pathlib import Path
 import re
-import subprocess
-import sys
 
 import pytest
 
@@ -75,15 +73,3 @@ def test_an_optional_room_computes_by_the_public_functions_alone(layer):
              'diagnosis', 'virtual_rig', 'report', 'streams', 'nodes'}
     seen = {name for path in PACKAGE.glob(f'{layer}/**/*.py') for name in imported(path)}
     assert not seen & inner
-
-
-def test_a_node_that_decodes_a_topic_imports_no_library_of_a_file_format():
-    nodes = ('ring_displacement', 'ring_simulator', 'ring_residual', 'ring_alarm')
-    code = (f'import importlib, sys\nfor node in {nodes}:\n'
-            '    importlib.import_module(f"saddlering_ros.nodes.{node}")\n'
-            'print(*sys.modules)')
-    done = subprocess.run([sys.executable, '-c', code], capture_output=True, text=True, check=True)
-    modules = set(done.stdout.split())
-    assert 'saddlering_ros.bags.wire' in modules
-    assert not modules & {'mcap', 'lz4', 'zstandard', 'rosbags', 'saddlering_ros.bags.mcap_read',
-                          'saddlering_ros.bags.scan'}

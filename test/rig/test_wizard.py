@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 
 from saddlering_ros.bags import read_raw, read_run
-from saddlering_ros.bags.rig_check import check_rig
 from saddlering_ros.cli.main import main
+from saddlering_ros.doubts.on_rig import check_rig
 from saddlering_ros.rig import default_rig, load_rig, Rig, RigError
 from saddlering_ros.rig.drawing import draft_rig_file, drawing_svg, ENTRIES, save_drawing
 

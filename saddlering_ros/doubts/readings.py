@@ -1,14 +1,17 @@
-"""Checks for impossible readings, and notes on doubtful ones."""
+"""Refusal of impossible readings, and notes on doubtful ones of a topic or of two clocks."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 import math
 
 import numpy as np
 from numpy.typing import NDArray
 
+from saddlering_ros.quantities import quantity
 from saddlering_ros.record.alignment import gap_mask
 from saddlering_ros.record.errors import BagError
+from saddlering_ros.record.quality import filter_lag, median_of_known, rate_share, TopicQuality
 from saddlering_ros.record.scratch import count_where, extremes, spread
 from saddlering_ros.rig import LoadLimits, TONNE
 
@@ -156,3 +159,57 @@ def _guess_unit(typical: float, low: float, high: float) -> str:
     inside = {abs(math.log(typical * factor / middle)): name
               for name, factor in LENGTH_UNITS.items() if low < typical * factor < high}
     return inside[min(inside)] if inside else 'another unit'
+
+
+def quality_notes(topic: str, found: TopicQuality, unit: str) -> list[str]:
+    """One line for each thing that makes a topic's readings doubtful."""
+    notes = []
+    if found.is_held:
+        notes.append(
+            f'{topic}: {100.0 * found.repeated:.0f} % of consecutive readings are equal: the '
+            f'sensor reads at about {found.update_rate:.3g} Hz and is published at '
+            f'{found.rate:.4g} Hz; readings are up to {1e3 / found.update_rate:.3g} ms old, '
+            'which shifts D1 and D2: record at the '
+            "sensor's own rate")
+    elif found.is_coarse:
+        notes.append(
+            f'{topic}: its resolution of {quantity(found.resolution, unit)} is coarser than its '
+            f'noise ({quantity(found.noise, unit)} rms): rounding counts as noise; use a '
+            'finer range of the converter')
+    if found.spikes.size:
+        notes.append(
+            f'{topic}: {found.spikes.size} of its readings are spikes, the first at sample '
+            f'{int(found.spikes[0])}: identification and diagnosis leave them out')
+    start, count = found.stall
+    if count:
+        notes.append(
+            f'{topic}: {count} equal readings in a row from {start / found.rate:.2f} s on: the '
+            'converter or the logger stopped')
+    value, often = found.limit
+    if often:
+        notes.append(
+            f'{topic}: {often} readings equal the {quantity(value, unit)} that no other reading '
+            'exceeds: the sensor or its amplifier is at a limit')
+    return notes
+
+
+def notes_between(
+    load: TopicQuality, probes: Sequence[TopicQuality], seconds: float
+) -> list[str]:
+    """Notes on load and probes together over a record of `seconds`."""
+    notes = []
+    lag = filter_lag(load, probes)
+    if lag:
+        slow, name = ((load.bandwidth, 'the load seems') if lag > 0.0 else
+                      (median_of_known([one.bandwidth for one in probes]), 'the probes seem'))
+        notes.append(
+            f'{name} low-passed at about {slow:.2g} Hz and the other readings are not, or less: '
+            f'a lag of about {1e3 * abs(lag):.1f} ms, which shifts D1 and D2: give all channels '
+            'the same filter')
+    share = rate_share(load, probes, seconds)
+    if share:
+        notes.append(
+            f'load and probes are stamped at rates that differ by {100.0 * abs(share):.3g} %: '
+            'if both should have one rate, a clock drifts by '
+            f'{1e3 * abs(share) * seconds:.3g} ms over the record, which shifts D1 and D2')
+    return notes

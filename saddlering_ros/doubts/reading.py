@@ -13,18 +13,20 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from saddlering_ros.record.aligner import aligned_record
-from saddlering_ros.record.alignment import align, GAP_HISTORY, gap_mask, seconds_array
-from saddlering_ros.record.checks import (
+from saddlering_ros.doubts.readings import (
     check_load_unit,
     check_overlap,
     check_probe_unit,
     check_values,
     MIN_SAMPLES,
+    notes_between,
     notes_on_load,
     notes_on_probe,
+    quality_notes,
     unit_outside,
 )
+from saddlering_ros.record.aligner import aligned_record
+from saddlering_ros.record.alignment import align, GAP_HISTORY, gap_mask, seconds_array
 from saddlering_ros.record.displacement import a_pair_reads
 from saddlering_ros.record.errors import BagError
 from saddlering_ros.record.guard import (
@@ -36,12 +38,7 @@ from saddlering_ros.record.guard import (
     sound_samples,
 )
 from saddlering_ros.record.metadata import TestMetadata
-from saddlering_ros.record.quality import (
-    notes_between,
-    quality_notes,
-    topic_quality,
-    TopicQuality,
-)
+from saddlering_ros.record.quality import topic_quality, TopicQuality
 from saddlering_ros.record.record import RawRecord, RawTopic, Record
 from saddlering_ros.record.samples import Bits
 from saddlering_ros.record.scratch import (

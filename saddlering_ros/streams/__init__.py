@@ -1,1 +1,0 @@
-"""Computations of the streaming nodes, batch by batch, without ROS."""
