@@ -31,8 +31,13 @@ from rosbags.typesys import get_types_from_msg, get_typestore, Stores
 import yaml
 
 from saddlering_ros.bags.mcap_write import McapWriter, MessageBlock
-from saddlering_ros.bags.wire import encode
-from saddlering_ros.files import exchange, settle, temporary_folder
+from saddlering_ros.bags.wire import encode, SECOND
+from saddlering_ros.files import (
+    exchange,
+    rename_without_replacing,
+    settle,
+    temporary_folder,
+)
 from saddlering_ros.record.errors import BagError
 from saddlering_ros.record.metadata import METADATA_RECORD, TestMetadata
 from saddlering_ros.record.topics import LOAD, PROBES, RigTopic, TOPICS
@@ -43,6 +48,9 @@ CHUNK_SIZE = 1 << 20
 
 RECORDED_CHUNK_SIZE = 1 << 16
 """The same of a recording: its largest loss by a crash, 6 s at 10 Hz. Bags are 2 % larger."""
+
+END_OF_STAMPS = 2 ** 31 * SECOND
+"""Stamp [ns] from which on the 32-bit seconds of a header overflow: in January 2038."""
 
 VERSION = 9
 """Of the form of metadata.yaml: that of Jazzy."""
@@ -162,22 +170,36 @@ def check_target(path: Path, overwrite: bool) -> None:
     if not overwrite:
         raise BagError(f'{path}: exists already: choose another name, or give '
                        'overwrite=True')
-    is_bag = path.is_dir() and all(
-        file.name == 'metadata.yaml' or file.suffix == '.mcap' for file in path.iterdir())
-    if not is_bag:
+    if not _is_bag(path):
         raise BagError(f'{path}: exists and is not a bag, so that it is not replaced: choose '
                        'another name')
 
 
-def put_in_place(written: Path, path: Path) -> None:
-    """Move the finished bag to `path` and remove an earlier one at the same moment."""
+def _is_bag(path: Path) -> bool:
+    return path.is_dir() and all(
+        file.name == 'metadata.yaml' or file.suffix == '.mcap' for file in path.iterdir())
+
+
+def put_in_place(written: Path, path: Path, overwrite: bool) -> Path:
+    """Move the finished bag to `path`, or beside it if that is taken by now; where it is.
+
+    An earlier bag is removed at the same moment if `overwrite` is set.
+    """
     for file in written.iterdir():
         settle(file)
-    if path.exists():
-        exchange(written, path)
-    else:
-        written.rename(path)
+    place, number = path, 1
+    while True:
+        try:
+            rename_without_replacing(written, place)
+            break
+        except FileExistsError:
+            if overwrite and place == path and _is_bag(path):
+                exchange(written, path)
+                break
+            number += 1
+            place = path.with_name(f'{path.name}.{number}')
     settle(path.parent)
+    return place
 
 
 class BagWriter:
@@ -263,8 +285,11 @@ class BagWriter:
                     'serialized_metadata': _text(information).strip()}})
                 (self._written / 'metadata.yaml').write_text(
                     _text({'rosbag2_bagfile_information': information}), 'utf-8')
-                put_in_place(self._written, self.path)
+                place = put_in_place(self._written, self.path, self._overwrite)
             self._stack.callback(shutil.rmtree, self._folder, ignore_errors=True)
+            if place != self.path:
+                raise BagError(f'{self.path}: appeared while this bag was written, and is not '
+                               f'replaced: this bag is at {place}')
         finally:
             self._file.abort()
             self._stack.close()
@@ -320,6 +345,10 @@ def messages_of(
     if stamps.ndim != 1 or stamps.shape != values.shape:
         raise BagError(f'{topic.name}: {stamps.shape} stamps and {values.shape} readings were '
                        'given to write: give one array of each, of equal length')
+    if stamps.size and not 0 <= stamps.min() <= stamps.max() < END_OF_STAMPS:
+        wrong = int(stamps.min() if stamps.min() < 0 else stamps.max())
+        raise BagError(f'{topic.name}: the stamp {wrong} ns is not from 1970 to 2038, the times '
+                       'that the header of a message holds: correct the date of the recording')
     fields: dict[str, ArrayLike] = {topic.field: values}
     if topic.low and span:
         fields |= {topic.low: span[0], topic.high: span[1]}

@@ -31,6 +31,9 @@ MISSING = np.iinfo(np.int64).min
 """The stamp of a row whose time cannot be read."""
 
 _FRACTION = re.compile(r'^(.*:\d{2})[.,](\d+)(.*)$', re.S)
+MAX_STAMP = 9.2e18
+"""Stamp [ns], in the year 2261, above which 64 bits overflow."""
+
 _EPOCH = datetime(1970, 1, 1, tzinfo=timezone.utc)
 
 
@@ -76,14 +79,14 @@ class CountedTime:
         with np.errstate(invalid='ignore'):
             nanoseconds = np.rint(numbers * float(scale)) if scale.denominator == 1 else \
                 np.rint(numbers / float(1 / scale))
-        good = np.isfinite(nanoseconds) & (np.abs(nanoseconds) < 9.2e18)
+        good = np.isfinite(nanoseconds) & (np.abs(nanoseconds) < MAX_STAMP)
         result = np.full(len(numbers), MISSING, dtype=np.int64)
         result[good] = nanoseconds[good].astype(np.int64) + self.start
         return result
 
     def _of_whole_numbers(self, numbers: NDArray[np.int64]) -> Stamps:
         scale = self.unit.factor * SECOND
-        if scale.denominator == 1 and np.abs(numbers).max(initial=0) < 9.2e18 / scale:
+        if scale.denominator == 1 and np.abs(numbers).max(initial=0) < MAX_STAMP / scale:
             return np.asarray(numbers * int(scale) + self.start, dtype=np.int64)
         return self._of_numbers(numbers.astype(np.float64))
 
@@ -94,7 +97,7 @@ class CountedTime:
         except (InvalidOperation, ValueError, OverflowError):
             return MISSING
         stamp = found + self.start
-        return stamp if abs(stamp) < 9.2e18 else MISSING
+        return stamp if abs(stamp) < MAX_STAMP else MISSING
 
 
 @dataclass(frozen=True)
@@ -134,7 +137,8 @@ class DatedTime:
                 raise ImportingError(f'the times of column {self.columns[-1]} ({text!r}) have no '
                                      'time zone: add zone: to time:, like UTC or Europe/Berlin')
             found = found.replace(tzinfo=self.zone)
-        return _nanoseconds(found)
+        stamp = _nanoseconds(found)
+        return stamp if abs(stamp) < MAX_STAMP else MISSING
 
 
 @dataclass(frozen=True)

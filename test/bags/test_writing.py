@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import ExitStack
 from pathlib import Path
 
 from mcap.reader import make_reader
@@ -11,8 +12,9 @@ from rosbags.highlevel import AnyReader
 import yaml
 
 from saddlering_ros.bags.mcap_write import McapWriter
-from saddlering_ros.bags.write import write_bag
+from saddlering_ros.bags.write import BagWriter, messages_of, write_bag
 from saddlering_ros.record import BagError, LOAD_TOPIC, PROBE_TOPICS, RIG_TOPICS, TestMetadata
+from saddlering_ros.record.topics import TOPICS
 from saddlering_ros.rig import Probes
 
 FACTS = {'test': 'dynamic', 'elevation_deg': '50', 'rig': 'a rig', 'run': 'a run'}
@@ -132,6 +134,31 @@ def test_an_interruption_leaves_nothing_half_written(
         recording.write(tmp_path / 'bag', chunk_size=10_000)
     assert written == 4
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize('recorded', [False, True])
+@pytest.mark.parametrize('overwrite', [False, True])
+def test_what_appears_at_the_place_of_a_bag_meanwhile_is_not_replaced(
+        tmp_path, recorded, overwrite):
+    topic, bag = TOPICS[LOAD_TOPIC], tmp_path / 'bag'
+    (tmp_path / 'bag.2').mkdir()
+    writing = ExitStack()
+    writer = writing.enter_context(BagWriter(
+        bag, {topic.name: topic.type}, FACTS, recorded=recorded, overwrite=overwrite))
+    writer.write([messages_of(topic, [1], [2.0])])
+    bag.mkdir()
+    (bag / 'notes.txt').write_text('precious')
+    with pytest.raises(BagError, match=r'not replaced: this bag is at .*bag\.3$'):
+        writing.close()
+    assert {file.name for file in tmp_path.iterdir()} == {'bag', 'bag.2', 'bag.3'}
+    assert (bag / 'notes.txt').read_text() == 'precious'
+    assert information(tmp_path / 'bag.3')['message_count'] == 1
+
+
+@pytest.mark.parametrize('second', [-1, 2 ** 31])
+def test_a_time_that_no_header_holds_is_refused(second):
+    with pytest.raises(BagError, match='from 1970 to 2038'):
+        messages_of(TOPICS[LOAD_TOPIC], [0, second * 10 ** 9], [1.0, 2.0])
 
 
 def test_an_interruption_keeps_the_old_bag(tmp_path, recording, bag, monkeypatch):

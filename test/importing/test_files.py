@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from datetime import timezone
 from pathlib import Path
 from typing import Any
 
@@ -28,6 +29,7 @@ from saddlering_ros.importing import (
     read_map,
     save_preview,
 )
+from saddlering_ros.importing.clock import DatedTime, MISSING
 from saddlering_ros.rig import default_rig
 
 
@@ -196,3 +198,10 @@ def test_a_bag_that_is_there_is_not_replaced_and_a_failed_import_leaves_nothing(
     words = refusal(tmp_path / 'other', empty, plain_table(v=['nan'] * ROWS))
     assert 'eddy_current_1 has no sample' in words
     assert sorted(path.name for path in (tmp_path / 'other').iterdir()) == ['a.csv', 'map.yaml']
+
+
+@pytest.mark.parametrize('year', ['1600', '2262', '9999'])
+def test_a_date_that_no_stamp_holds_is_a_cell_that_cannot_be_read(year):
+    clock = DatedTime(('time',), 'iso', timezone.utc)
+    found = clock.stamps([np.array([f'{year}-06-01T00:00:00', '2000-01-01T00:00:00'])])
+    assert found.tolist() == [MISSING, 946_684_800 * 10 ** 9]
